@@ -1,0 +1,113 @@
+"""libc calls and atomics for the loop: one name for compiled code, a plain twin when it runs interpreted.
+
+Compiled: `types.ExternalFunction` binds the symbol, not an address, so numba can cache the caller. Atomics
+are three-line intrinsics; on x86 an acquire load and a release store are plain moves, on ARM they are not.
+Pointers travel as integers (`address(a)`): the caller keeps the array alive.
+"""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from drivers.jit import LOOP_INTERPRETED, carray, loop_inline, types
+
+CLOCK_MONOTONIC = 1
+TIMER_ABSTIME = 1
+MSG_DONTWAIT = 0x40
+EINTR = 4
+EAGAIN = 11
+
+_i4, _i8 = types.int32, types.int64
+_SIGNATURES = {
+    "clock_nanosleep": (_i4, _i4, _i4, _i8, _i8),  # returns the error number itself
+    "clock_gettime": (_i4, _i4, _i8),
+    "recv": (_i8, _i4, _i8, _i8, _i4),
+    "send": (_i8, _i4, _i8, _i8, _i4),
+    "sched_yield": (_i4,),
+}
+
+if not LOOP_INTERPRETED:
+    from numba.extending import intrinsic
+
+    clock_nanosleep = types.ExternalFunction(
+        "clock_nanosleep", _i4(*_SIGNATURES["clock_nanosleep"][1:])
+    )
+    clock_gettime = types.ExternalFunction("clock_gettime", _i4(*_SIGNATURES["clock_gettime"][1:]))
+    recv = types.ExternalFunction("recv", _i8(*_SIGNATURES["recv"][1:]))
+    send = types.ExternalFunction("send", _i8(*_SIGNATURES["send"][1:]))
+    sched_yield = types.ExternalFunction("sched_yield", _i4())
+    _errno_location = types.ExternalFunction("__errno_location", types.CPointer(_i4)())
+
+    @loop_inline
+    def errno() -> Any:
+        """Return the calling thread's errno."""
+        return np.int64(carray(_errno_location(), 1)[0])
+
+    @intrinsic
+    def load_acquire(typing_context: Any, array: Any, index: Any) -> Any:
+        """Return array[index] (int64) with acquire order."""
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            data = context.make_array(signature.args[0])(context, builder, args[0]).data
+            return builder.load_atomic(builder.gep(data, [args[1]]), "acquire", 8)
+
+        return _i8(array, _i8), generate
+
+    @intrinsic
+    def store_release(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
+        """Set array[index] (int64) with release order."""
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            data = context.make_array(signature.args[0])(context, builder, args[0]).data
+            builder.store_atomic(args[2], builder.gep(data, [args[1]]), "release", 8)
+            return context.get_dummy_value()
+
+        return types.void(array, _i8, _i8), generate
+
+    @intrinsic
+    def fence_release(typing_context: Any) -> Any:
+        """Keep earlier stores before later ones."""
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            builder.fence("release")
+            return context.get_dummy_value()
+
+        return types.void(), generate
+
+    @loop_inline
+    def address(array: Any) -> Any:
+        """Return the address of the array's first element."""
+        return array.ctypes.data
+
+else:
+    _LIBC = ctypes.CDLL(None, use_errno=True)
+    _CTYPES = {_i4: ctypes.c_int, _i8: ctypes.c_int64}
+
+    def _bind(name: str) -> Any:
+        function = getattr(_LIBC, name)
+        result, *arguments = _SIGNATURES[name]
+        function.restype = _CTYPES[result]
+        function.argtypes = [_CTYPES[a] for a in arguments]
+        return function
+
+    clock_nanosleep = _bind("clock_nanosleep")
+    clock_gettime = _bind("clock_gettime")
+    recv = _bind("recv")
+    send = _bind("send")
+    sched_yield = _bind("sched_yield")
+    errno = ctypes.get_errno
+
+    def load_acquire(array: Any, index: int) -> int:
+        """Return array[index]."""
+        return int(array[index])
+
+    def store_release(array: Any, index: int, value: int) -> None:
+        """Set array[index]."""
+        array[index] = value
+
+    def fence_release() -> None:
+        """Do nothing: the interpreter does not reorder."""
+
+    def address(array: Any) -> int:
+        """Return the address of the array's first element."""
+        return int(array.ctypes.data)
