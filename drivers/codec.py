@@ -1,0 +1,150 @@
+"""Signals in and out of 8 data bytes, by the tables of `drivers.dbc`; allocates nothing.
+
+    value = float(raw) factor + offset                                              decode
+    raw   = round half even((value - offset) / factor), within the limits           encode
+
+The results equal cantools bit for bit. Where cantools uses integers beyond 2^53, int64 is used. NaN
+is sent as raw 0. The 8 bytes are one 64 bit word, little-endian for Intel and big-endian for
+Motorola signals, in which a signal is a shift and a mask. Bytes behind the frame's dlc are read by
+no signal and are written as 0.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers import dbc
+from drivers.jit import inline
+
+_TWO_52 = 2.0**52  # float64 from here on are integers
+_TWO_63 = 2.0**63
+_TOP_BIT = -(2**63)
+
+
+@inline
+def frame_of(can_id: int, extended: int, frames: NDArray[np.int64]) -> int:
+    """Return the row of this frame, -1 when the table has none."""
+    for row in range(frames.shape[0]):
+        if frames[row, dbc.CAN_ID] == can_id and frames[row, dbc.EXTENDED] == extended:
+            return row
+    return -1
+
+
+@inline
+def _little(data: NDArray[np.uint8]) -> np.int64:
+    word = np.int64(0)
+    for i in range(8):
+        word |= np.int64(data[i]) << np.int64(8 * i)
+    return word
+
+
+@inline
+def _big(data: NDArray[np.uint8]) -> np.int64:
+    word = np.int64(0)
+    for i in range(8):
+        word |= np.int64(data[i]) << np.int64(56 - 8 * i)
+    return word
+
+
+@inline
+def _round(x: float) -> float:
+    """Round half to even; adding 2^52 leaves no bits for a fraction."""
+    size = abs(x)
+    if size < _TWO_52:
+        size = (size + _TWO_52) - _TWO_52
+    return -size if x < 0.0 else size
+
+
+@inline
+def _unscale(
+    raw: np.int64, row: int, signals: NDArray[np.int64], scales: NDArray[np.float64]
+) -> float:
+    """Return the physical value of a raw word, already masked and sign-extended."""
+    kind, factor, offset = signals[row, dbc.KIND], scales[row, dbc.FACTOR], scales[row, dbc.OFFSET]
+    if kind == dbc.SCALED:
+        return np.float64(raw) * factor + offset
+    if kind == dbc.UNSIGNED_64:
+        return np.float64(np.int64(raw).view(np.uint64)) * factor + offset
+    if kind == dbc.FLOAT_32:
+        code = np.float64(np.int32(raw).view(np.float32))
+    elif kind == dbc.FLOAT_64:
+        code = np.int64(raw).view(np.float64)
+    else:
+        return np.float64(raw * signals[row, dbc.INT_FACTOR] + signals[row, dbc.INT_OFFSET])
+    if factor == 1.0 and offset == 0.0:
+        return code  # keeps the sign of -0.0
+    return code * factor + offset
+
+
+@inline
+def unpack(
+    data: NDArray[np.uint8],
+    frame: int,
+    frames: NDArray[np.int64],
+    signals: NDArray[np.int64],
+    scales: NDArray[np.float64],
+    values: NDArray[np.float64],
+) -> None:
+    """Decode `data` (8 bytes) by row `frame` of the tables into the signals' places in `values`."""
+    little, big = _little(data), _big(data)
+    for row in range(frames[frame, dbc.FIRST], frames[frame, dbc.END]):
+        word = big if signals[row, dbc.BIG_ENDIAN] != 0 else little
+        raw = (word >> signals[row, dbc.SHIFT]) & signals[row, dbc.MASK]
+        sign = signals[row, dbc.SIGN]
+        raw = (raw ^ sign) - sign
+        values[signals[row, dbc.VARIABLE]] = _unscale(raw, row, signals, scales)
+
+
+@inline
+def _bits(code: float, kind: int) -> np.int64:
+    """Return the int64 that holds this raw value, which lies within the range of its signal."""
+    if kind == dbc.FLOAT_32:
+        return np.int64(np.float32(code).view(np.int32))
+    if kind == dbc.FLOAT_64:
+        return np.float64(code).view(np.int64)
+    if code >= _TWO_63:
+        return np.int64(code - _TWO_63) ^ np.int64(_TOP_BIT)
+    return np.int64(code)
+
+
+@inline
+def pack(
+    data: NDArray[np.uint8],
+    frame: int,
+    frames: NDArray[np.int64],
+    signals: NDArray[np.int64],
+    scales: NDArray[np.float64],
+    values: NDArray[np.float64],
+) -> np.int64:
+    """Encode the signals of row `frame` from `values` into `data` (8 bytes, all written).
+
+    Returns how many signals saturated: the nearest raw value lies outside of its limits, or NaN.
+    """
+    little, big, saturated = np.int64(0), np.int64(0), np.int64(0)
+    for row in range(frames[frame, dbc.FIRST], frames[frame, dbc.END]):
+        kind = signals[row, dbc.KIND]
+        is_float = kind == dbc.FLOAT_32 or kind == dbc.FLOAT_64
+        low, high = scales[row, dbc.CODE_LOW], scales[row, dbc.CODE_HIGH]
+        value = values[signals[row, dbc.VARIABLE]]
+        code = (value - scales[row, dbc.OFFSET]) / scales[row, dbc.FACTOR]
+        if not is_float:
+            code = _round(code)
+        if code != code:
+            bits = np.int64(0)
+            saturated += 1
+        elif code < low:
+            bits = _bits(low, kind) if is_float else signals[row, dbc.BITS_LOW]
+            saturated += 1
+        elif code > high:
+            bits = _bits(high, kind) if is_float else signals[row, dbc.BITS_HIGH]
+            saturated += 1
+        else:
+            bits = _bits(code, kind)
+        placed = (bits & signals[row, dbc.MASK]) << signals[row, dbc.SHIFT]
+        if signals[row, dbc.BIG_ENDIAN] != 0:
+            big |= placed
+        else:
+            little |= placed
+    for i in range(8):
+        byte = (little >> np.int64(8 * i)) | (big >> np.int64(56 - 8 * i))
+        data[i] = byte & 255
+    return saturated

@@ -1,0 +1,328 @@
+"""Frames and signals of a DBC file, as plain records and as flat tables for the compiled loop.
+
+A DBC is the wire contract of a plant. Beyond the format, three signal names have a meaning here:
+`crc` (8 bits, last byte) with `counter` or `sequence` (within one byte) make a frame protected.
+They are filled and checked by `drivers.e2e` and are no variables. GenMsgSendType "EveryCycle" means
+once per cycle of the loop, at any rate; any other send type means every GenMsgCycleTime ms.
+
+    every_n  = max(1, round(GenMsgCycleTime rate))         cycles from one transmission to the next
+    bits     = 47 + 8 n + floor((34 + 8 n - 1) / 4)        worst case, 11-bit id, n data bytes
+    bus load = sum over frames of bits * frames per s / bitrate
+
+The 47 bits include 3 of interframe space; 34 + 8 n bits are subject to stuffing; with a 29-bit id
+they are 67 and 54. Source: Davis, Burns, Bril, Lukkien, Controller Area Network (CAN)
+schedulability analysis: refuted, revisited and revised, Real-Time Systems 35 (2007), section 2.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cantools
+import numpy as np
+from cantools.database.can import Database, Message
+from cantools.database.can.signal import Signal as DbcSignal
+from numpy.typing import NDArray
+
+# Columns of Table.frames, int64, a row per frame. Its signals are rows FIRST to END - 1.
+(CAN_ID, EXTENDED, DLC, FIRST, END, EVERY_N, PROTECTED, SEQUENCE, COUNTER_BYTE, COUNTER_SHIFT,
+ COUNTER_MASK, CRC_BYTE) = range(12)  # fmt: skip
+FRAME_COLUMNS = 12
+
+# Columns of Table.signals, int64, and of Table.scales, float64, a row per signal.
+(BIG_ENDIAN, SHIFT, MASK, SIGN, KIND, VARIABLE, INT_FACTOR, INT_OFFSET, BITS_LOW,
+ BITS_HIGH) = range(10)  # fmt: skip
+SIGNAL_COLUMNS = 10
+FACTOR, OFFSET, CODE_LOW, CODE_HIGH = range(4)
+SCALE_COLUMNS = 4
+
+# Values of KIND: integer computed in float64, integer computed in int64, IEEE 754 on the wire.
+SCALED, WIDE, UNSIGNED_64, FLOAT_32, FLOAT_64 = range(5)
+
+_EXACT = 2**53  # every integer up to here is a float64
+_FLOAT_MAX = {32: float(np.finfo(np.float32).max), 64: float(np.finfo(np.float64).max)}
+
+
+class BusError(Exception):
+    """A DBC, bus or frame that cannot be used; one line: where, what was expected, what to do."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One signal: value = raw factor + offset, in `unit`; it saturates at [low, high].
+
+    `start` counts as in a DBC. `codes` are the limits as raw numbers.
+    """
+
+    name: str
+    unit: str
+    help: str
+    low: float
+    high: float
+    factor: float
+    offset: float
+    start: int
+    nbits: int
+    big_endian: bool
+    signed: bool
+    is_float: bool
+    kind: int
+    codes: tuple[float, float]
+    choices: Mapping[int, str]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame. `signals` are its variables: in a protected frame all but counter and CRC.
+
+    `counter` is (byte, shift, mask), zeros without protection. `cycle_ms` is 0 for every cycle.
+    """
+
+    name: str
+    can_id: int
+    extended: bool
+    dlc: int
+    cycle_ms: float
+    protected: bool
+    has_sequence: bool
+    counter: tuple[int, int, int]
+    signals: tuple[Signal, ...]
+    help: str
+
+    def every_n(self, rate_hz: float) -> int:
+        """Return the number of cycles from one transmission to the next."""
+        return max(1, round(self.cycle_ms * rate_hz / 1000))
+
+
+@dataclass(frozen=True)
+class Table:
+    """What the compiled loop walks; `variables` are "FRAME.signal" in order of the signal rows."""
+
+    frames: NDArray[np.int64]
+    signals: NDArray[np.int64]
+    scales: NDArray[np.float64]
+    variables: tuple[str, ...]
+
+
+def load(path: str | Path) -> Database:
+    """Read a DBC file strictly: signals fit and do not overlap, ids and names are unique.
+
+    Raises BusError: path, line and column if known, what is wrong.
+    """
+    try:
+        database = cantools.database.load_file(str(path), database_format="dbc", strict=True)
+    except FileNotFoundError:
+        raise BusError(f"{path}: no such file; give the path of the plant's DBC file") from None
+    except OSError as error:
+        raise BusError(f"{path}: {error.strerror}; give a readable DBC file") from None
+    except Exception as error:  # cantools lets KeyError, ValueError, ... of its parser through
+        raise BusError(_explain(path, error)) from None
+    assert isinstance(database, Database)
+    seen: dict[object, str] = {}
+    for message in database.messages:
+        for key in (message.name, (message.frame_id, message.is_extended_frame)):
+            if key in seen:
+                raise BusError(
+                    f"{path}: frames {seen[key]} and {message.name} (id {message.frame_id:#x}) "
+                    "have the same id or name; make them differ"
+                )
+            seen[key] = message.name
+    return database
+
+
+def _explain(path: str | Path, error: Exception) -> str:
+    """Return one line: path:line:column when the parser tells, and what it says."""
+    text = " ".join(str(getattr(error, "e_dbc", None) or error).split())
+    found = re.match(r'Invalid syntax at line (\d+), column (\d+): "\s*(.*?)\s*"$', text)
+    if found:
+        line, column, near = found.groups()
+        return f"{path}:{line}:{column}: not DBC syntax at >>!<<: {near}"
+    return f"{path}: {text or type(error).__name__}; correct the DBC file"
+
+
+def frames(database: Database, node: str, direction: Literal["tx", "rx"]) -> tuple[Frame, ...]:
+    """Return the frames that `node` sends ("tx") or receives ("rx"), by ascending id."""
+    names = sorted(entry.name for entry in database.nodes)
+    if node not in names:
+        raise BusError(f"node {node}: not in the DBC file; it has {', '.join(names) or 'none'}")
+    messages = sorted(database.messages, key=lambda message: message.frame_id)
+    if direction == "tx":
+        return tuple(frame(message) for message in messages if node in message.senders)
+    return tuple(frame(message) for message in messages if node in message.receivers)
+
+
+def frame(message: Message) -> Frame:
+    """Return one message as a record; BusError if the loop cannot handle it."""
+    where = f"frame {message.name}"
+    if message.length > 8 or message.is_fd:
+        raise BusError(f"{where}: {message.length} bytes; only classic CAN, 8 bytes, is handled")
+    if message.is_multiplexed() or message.is_container:
+        raise BusError(f"{where}: multiplexed; give each layout a frame of its own")
+    every_cycle = message.send_type == "EveryCycle"
+    if not every_cycle and not message.cycle_time:
+        raise BusError(f'{where}: give a GenMsgCycleTime, or GenMsgSendType "EveryCycle"')
+    tail = _tail(message)
+    return Frame(
+        name=message.name,
+        can_id=message.frame_id,
+        extended=message.is_extended_frame,
+        dlc=message.length,
+        cycle_ms=0.0 if every_cycle else float(message.cycle_time or 0),
+        protected=bool(tail),
+        has_sequence="sequence" in tail,
+        counter=_counter(message.get_signal_by_name(tail[0]), where) if tail else (0, 0, 0),
+        signals=tuple(_signal(s, where) for s in message.signals if s.name not in tail),
+        help=message.comment or "",
+    )
+
+
+def _tail(message: Message) -> tuple[str, ...]:
+    """Return (counter or sequence, crc) of a protected frame, () of another."""
+    signals = {signal.name: signal for signal in message.signals}
+    crc = signals.get("crc")
+    if crc is None:
+        return ()
+    start = 8 * (message.length - 1) + (7 if crc.byte_order == "big_endian" else 0)
+    if crc.length != 8 or crc.start != start:
+        raise BusError(f"frame {message.name}: crc must be the 8 bits of the last byte")
+    for name in ("counter", "sequence"):
+        if name in signals:
+            return name, "crc"
+    raise BusError(f"frame {message.name}: has a crc but no counter or sequence; add one")
+
+
+def _counter(signal: DbcSignal, where: str) -> tuple[int, int, int]:
+    """Return (byte, shift, mask) of the counter."""
+    byte, bit = divmod(signal.start, 8)
+    shift = bit - signal.length + 1 if signal.byte_order == "big_endian" else bit
+    if shift < 0 or shift + signal.length > 8 or signal.is_signed:
+        raise BusError(f"{where}: {signal.name} must be unsigned and lie within one byte")
+    return byte, shift, (1 << signal.length) - 1
+
+
+def _signal(signal: DbcSignal, where: str) -> Signal:
+    where = f"{where}: {signal.name}"
+    factor, offset = float(signal.scale), float(signal.offset)
+    if factor == 0 or not math.isfinite(factor) or not math.isfinite(offset):
+        raise BusError(f"{where}: factor {factor}, offset {offset}; must be finite, factor not 0")
+    kind = _kind(signal, where)
+    full: tuple[float, float] = (0, (1 << signal.length) - 1)
+    if signal.is_float:
+        full = (-_FLOAT_MAX[signal.length], _FLOAT_MAX[signal.length])
+    elif signal.is_signed:
+        full = (-(1 << signal.length - 1), (1 << signal.length - 1) - 1)
+    codes, limits = full, sorted(float(code) * factor + offset for code in full)
+    if signal.minimum is not None and signal.maximum is not None:
+        limits = [float(signal.minimum), float(signal.maximum)]
+        raw = sorted((limit - offset) / factor for limit in limits)
+        low, high = raw if signal.is_float else map(round, raw)
+        codes = (max(full[0], low), min(full[1], high))
+    if limits[0] > limits[1] or codes[0] > codes[1]:
+        raise BusError(f"{where}: no raw value lies in [{limits[0]}|{limits[1]}]")
+    return Signal(
+        signal.name, signal.unit or "", signal.comment or "", limits[0], limits[1], factor, offset,
+        signal.start, signal.length, signal.byte_order == "big_endian", signal.is_signed,
+        signal.is_float, kind, codes, {int(k): str(v) for k, v in (signal.choices or {}).items()},
+    )  # fmt: skip
+
+
+def _kind(signal: DbcSignal, where: str) -> int:
+    """Return in what arithmetic the float64 value of this signal is the one of cantools.
+
+    cantools computes integer factors and offsets in integers of any size. Up to 2^53 float64
+    agrees; beyond, int64 does where it holds the result; the rest is refused.
+    """
+    if signal.is_float:
+        if signal.length not in (32, 64):
+            raise BusError(f"{where}: float of {signal.length} bits; use 32 or 64")
+        return FLOAT_32 if signal.length == 32 else FLOAT_64
+    unsigned_64 = signal.length == 64 and not signal.is_signed
+    in_floats = UNSIGNED_64 if unsigned_64 else SCALED
+    whole_offset = float(signal.offset).is_integer()
+    if not (isinstance(signal.scale, int) or (signal.scale.is_integer() and whole_offset)):
+        return in_floats
+    largest = abs(int(signal.scale)) << (signal.length - signal.is_signed)
+    if largest <= _EXACT and abs(signal.offset) <= _EXACT:
+        return in_floats
+    if abs(signal.scale) == 1 and (signal.offset == 0 or not whole_offset):
+        return in_floats
+    if not whole_offset or unsigned_64 or largest + abs(int(signal.offset)) >= 2**63:
+        raise BusError(f"{where}: scaled values exceed 64 bits; use fewer bits")
+    return WIDE
+
+
+def table(
+    selected: Sequence[Frame], rate_hz: float, index: Mapping[str, int] | None = None
+) -> Table:
+    """Return the tables of these frames.
+
+    `index` gives the place of each variable "FRAME.signal"; without, they are counted from 0.
+    """
+    rows = np.zeros((len(selected), FRAME_COLUMNS), np.int64)
+    signals: list[list[int]] = []
+    scales: list[list[float]] = []
+    names: list[str] = []
+    for row, entry in enumerate(selected):
+        first = len(signals)
+        for signal in entry.signals:
+            names.append(f"{entry.name}.{signal.name}")
+            place = len(signals) if index is None else index[names[-1]]
+            signals.append(_signal_row(signal, place))
+            scales.append([signal.factor, signal.offset, *_float_codes(signal)])
+        rows[row] = [
+            entry.can_id, entry.extended, entry.dlc, first, len(signals), entry.every_n(rate_hz),
+            entry.protected, entry.has_sequence, *entry.counter, entry.dlc - 1,
+        ]  # fmt: skip
+    return Table(
+        rows,
+        np.array(signals, np.int64).reshape(-1, SIGNAL_COLUMNS),
+        np.array(scales, np.float64).reshape(-1, SCALE_COLUMNS),
+        tuple(names),
+    )
+
+
+def _signal_row(signal: Signal, place: int) -> list[int]:
+    mask = (1 << signal.nbits) - 1
+    from_top = signal.start // 8 * 8 + 7 - signal.start % 8
+    shift = 64 - from_top - signal.nbits if signal.big_endian else signal.start
+    extends = (signal.signed or signal.is_float) and signal.nbits < 64
+    wide = signal.kind == WIDE
+    bits = [0, 0] if signal.is_float else [_wrap(int(code) & mask) for code in signal.codes]
+    return [
+        signal.big_endian, shift, _wrap(mask),
+        1 << (signal.nbits - 1) if extends else 0, signal.kind, place,
+        int(signal.factor) if wide else 0, int(signal.offset) if wide else 0, *bits,
+    ]  # fmt: skip
+
+
+def _wrap(word: int) -> int:
+    """Return the int64 of the same bits as an unsigned 64 bit word."""
+    return word - 2**64 if word >= 2**63 else word
+
+
+def _float_codes(signal: Signal) -> tuple[float, float]:
+    """Return the outermost float64 values within the raw limits."""
+    low, high = (float(code) for code in signal.codes)
+    if low < signal.codes[0]:
+        low = math.nextafter(low, math.inf)
+    if high > signal.codes[1]:
+        high = math.nextafter(high, -math.inf)
+    return low, high
+
+
+def worst_case_bits(dlc: int, extended: bool = False) -> int:
+    """Return the most bits of a data frame of `dlc` bytes, stuffing and interframe included."""
+    fixed, stuffed = (67, 54) if extended else (47, 34)
+    return fixed + 8 * dlc + (stuffed + 8 * dlc - 1) // 4
+
+
+def bus_load(database: Database, rate_hz: float, bitrate: float) -> float:
+    """Return the load by all frames as a fraction of `bitrate` in bit/s, worst case."""
+    bits_per_s = 0.0
+    for entry in map(frame, database.messages):
+        frames_per_s = 1000 / entry.cycle_ms if entry.cycle_ms else rate_hz
+        bits_per_s += worst_case_bits(entry.dlc, entry.extended) * frames_per_s
+    return bits_per_s / bitrate

@@ -1,0 +1,1 @@
+"""Plant models, one folder each, and the emulator process that runs them."""

@@ -1,0 +1,1 @@
+"""A flexible gun barrel of bench size on an elevation drive; all figures are chosen."""

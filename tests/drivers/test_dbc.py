@@ -1,0 +1,134 @@
+"""Reading a DBC: clear errors, the tables of the loop, and the load of the bus."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers import dbc
+from drivers.dbc import BusError
+
+HEAD = 'VERSION "1"\nBU_: A B\n'
+CYCLIC = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'
+
+SG = ' SG_ {} "" B\n'
+
+
+def written(folder: Path, body: str, attributes: str = CYCLIC) -> Path:
+    path = folder / "plant.dbc"
+    path.write_text(HEAD + body + attributes)
+    return path
+
+
+def refusal(path: Path, node: str = "A") -> str:
+    with pytest.raises(BusError) as caught:
+        dbc.frames(dbc.load(path), node, "tx")
+    text = str(caught.value)
+    assert "\n" not in text, f"more than one line: {text}"
+    return text
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    text = refusal(tmp_path / "no.dbc")
+    assert text == f"{tmp_path / 'no.dbc'}: no such file; give the path of the plant's DBC file"
+
+
+def test_a_folder_is_no_dbc(tmp_path: Path) -> None:
+    text = refusal(tmp_path)
+    assert "directory" in text, text
+
+
+def test_a_syntax_error_has_line_and_column(tmp_path: Path) -> None:
+    text = refusal(written(tmp_path, 'BO_ 1 M: 8 A\n SG_ q 0|8@1+ (1,0) [0|0] "" B\n'))
+    expected = (
+        f'{tmp_path}/plant.dbc:4:8: not DBC syntax at >>!<<: SG_ q >>!<<0|8@1+ (1,0) [0|0] "" B'
+    )
+    assert text == expected, text
+
+
+@pytest.mark.parametrize(
+    ("body", "part"),
+    [
+        ("8 A\nBO_ 1 N: 8 A\n", "frames M and N (id 0x1) have the same id"),
+        ("8 A\nBO_ 2 M: 8 A\n", "have the same id or name"),
+        ("1 A\n" + SG.format("a : 4|8@1+ (1,0) [0|0]"), "does not fit in message M"),
+        ("1 A\n" + SG.format("a : 0|8@1+ (1,0) [0|0]") + SG.format("b : 0|4@1+ (1,0) [0|0]"),
+         "are overlapping in message M"),
+        ("64 A\n", "frame M: 64 bytes; only classic CAN"),
+        ("2 A\n" + SG.format("m M : 0|8@1+ (1,0) [0|0]") + SG.format("a m0 : 8|8@1+ (1,0) [0|0]"),
+         "frame M: multiplexed"),
+        ("2 A\n" + SG.format("crc : 8|8@1+ (1,0) [0|0]"), "no counter or sequence"),
+        ("2 A\n" + SG.format("crc : 0|8@1+ (1,0) [0|0]"), "crc must be the 8 bits of the last"),
+        ("3 A\n" + SG.format("crc : 16|8@1+ (1,0) [0|0]")
+         + SG.format("counter : 6|4@1+ (1,0) [0|0]"), "unsigned and lie within one byte"),
+        ("1 A\n" + SG.format("a : 0|8@1+ (0,0) [0|0]"), "M: a: factor 0.0"),
+        ("1 A\n" + SG.format("a : 0|8@1+ (1,0) [300|400]"), "no raw value lies in [300.0|400.0]"),
+        ("8 A\n" + SG.format("a : 0|64@1+ (3,0) [0|0]"), "scaled values exceed 64 bits"),
+    ],
+)  # fmt: skip
+def test_a_frame_that_the_loop_cannot_handle_is_refused(
+    tmp_path: Path, body: str, part: str
+) -> None:
+    text = refusal(written(tmp_path, "BO_ 1 M: " + body))
+    assert part in text, text
+
+
+def test_a_frame_without_a_cycle_time_is_refused(tmp_path: Path) -> None:
+    text = refusal(written(tmp_path, "BO_ 1 M: 8 A\n", attributes=""))
+    assert text == 'frame M: give a GenMsgCycleTime, or GenMsgSendType "EveryCycle"', text
+
+
+def test_an_unknown_node_is_answered_with_the_known_ones(tmp_path: Path) -> None:
+    text = refusal(written(tmp_path, "BO_ 1 M: 8 A\n"), node="EXEC")
+    assert text == "node EXEC: not in the DBC file; it has A, B", text
+
+
+def test_sent_and_received_frames_are_those_of_the_node_by_id(tmp_path: Path) -> None:
+    body = (
+        'BO_ 7 U: 1 A\n SG_ a: 0|8@1+ (1,0) [0|0] "" B\n'
+        'BO_ 2 V: 1 A\n SG_ a: 0|8@1+ (1,0) [0|0] "" Vector__XXX\n'
+    )
+    database = dbc.load(written(tmp_path, body))
+    got = {
+        (node, way): [entry.name for entry in dbc.frames(database, node, way)]
+        for node in "AB"
+        for way in ("tx", "rx")
+    }
+    expected = {("A", "tx"): ["V", "U"], ("A", "rx"): [], ("B", "tx"): [], ("B", "rx"): ["U"]}
+    assert got == expected, f"{got}"
+
+
+def test_a_protected_frame_has_its_tail_in_the_frame_row_only(tmp_path: Path) -> None:
+    body = (
+        'BO_ 2147484000 M: 4 A\n SG_ a: 15|8@0- (0.5,1) [-10|10] "V" B\n'
+        ' SG_ counter: 7|4@0+ (1,0) [0|0] "" B\n SG_ crc: 31|8@0+ (1,0) [0|0] "" B\n'
+    )
+    entries = dbc.frames(dbc.load(written(tmp_path, body)), "A", "tx")
+    table = dbc.table(entries, 1000.0, {"M.a": 5})
+    row = table.frames[0].tolist()
+    assert row == [352, 1, 4, 0, 1, 10, 1, 0, 0, 4, 15, 3], f"{row}"
+    assert table.variables == ("M.a",), f"{table.variables}"
+    assert table.signals[0, dbc.VARIABLE] == 5, f"{table.signals}"
+    scales = table.scales[0].tolist()
+    assert scales == [0.5, 1.0, -22.0, 18.0], f"{scales}"
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "expected"), [(1000, 10), (500, 5), (1200, 12), (4000, 40), (50, 1), (1049, 10)]
+)
+def test_a_cyclic_frame_keeps_its_time_at_any_rate(
+    tmp_path: Path, rate_hz: int, expected: int
+) -> None:
+    (entry,) = dbc.frames(dbc.load(written(tmp_path, "BO_ 1 M: 8 A\n")), "A", "tx")
+    got = entry.every_n(rate_hz)
+    assert got == expected, f"every {got} cycles at {rate_hz} Hz"
+
+
+@pytest.mark.parametrize(("dlc", "bits"), [(8, 135), (4, 95), (2, 75), (1, 65)])
+def test_worst_case_length_is_the_published_one(dlc: int, bits: int) -> None:
+    got = dbc.worst_case_bits(dlc)
+    assert got == bits, f"{got} bits"
+
+
+def test_worst_case_length_of_an_extended_frame_is_the_published_one() -> None:
+    got = dbc.worst_case_bits(8, extended=True)
+    assert got == 160, f"{got} bits"

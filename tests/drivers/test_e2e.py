@@ -1,0 +1,202 @@
+"""Counter and CRC: reference vectors, detection of bit errors, exact counts under loss."""
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from drivers import dbc, e2e
+
+DBC = dbc.load(Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc")
+FRAMES = tuple(dbc.frame(message) for message in DBC.messages)
+TABLE = dbc.table(FRAMES, 1000.0)
+ROWS = {entry.name: row for row, entry in enumerate(FRAMES)}
+PROTECTED = [entry.name for entry in FRAMES if entry.protected]
+
+
+def sent(name: str, counter: int, fill: int = 0) -> NDArray[np.uint8]:
+    """Return a protected frame with `fill` in its other bytes."""
+    dlc = FRAMES[ROWS[name]].dlc
+    data = np.array([fill] * dlc + [0] * (8 - dlc), np.uint8)
+    e2e.protect(data, ROWS[name], TABLE.frames, counter)
+    return data
+
+
+def check(state: NDArray[np.int64], name: str, data: NDArray[np.uint8]) -> tuple[int, int]:
+    row = ROWS[name]
+    outcome, lost = e2e.check(data, FRAMES[row].dlc, row, TABLE.frames, state)
+    return int(outcome), int(lost)
+
+
+def counts(state: NDArray[np.int64], name: str) -> dict[str, int]:
+    values = state[ROWS[name]].tolist()
+    return dict(zip(e2e.STATE_COLUMNS, values, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("can_id", "data", "expected"),
+    [
+        (0x0A0, bytes(7), 0xB0),
+        (0x120, bytes(7), 0x1F),
+        (0x080, bytes(1), 0x31),
+        (0x3231, b"3456789", 0x4B),
+    ],
+)
+def test_crc_equals_the_published_vectors(can_id: int, data: bytes, expected: int) -> None:
+    got = e2e.crc8(can_id, np.frombuffer(data, np.uint8), len(data))
+    assert got == expected, f"{got:#04x}, not {expected:#04x}"
+
+
+def test_crc_equals_division_of_polynomials_bit_by_bit() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        data = rng.integers(0, 256, 7, dtype=np.uint8)
+        can_id = int(rng.integers(0, 2048))
+        crc = 0xFF
+        for byte in [can_id & 0xFF, can_id >> 8, *data.tolist()]:
+            for bit in range(7, -1, -1):
+                crc = (crc << 1 & 0xFF) ^ (0x1D if (crc >> 7 ^ byte >> bit) & 1 else 0)
+        got = e2e.crc8(can_id, data, 7)
+        assert got == crc ^ 0xFF, f"{got:#04x}, not {crc ^ 0xFF:#04x} for {data}"
+
+
+@pytest.mark.parametrize("name", PROTECTED)
+@pytest.mark.parametrize("n_flips", [1, 2])
+def test_every_flip_of_one_or_two_bits_is_an_error(name: str, n_flips: int) -> None:
+    dlc = FRAMES[ROWS[name]].dlc
+    good = sent(name, 9, fill=0x5A)
+    missed = []
+    for flips in combinations(range(8 * dlc), n_flips):
+        data = good.copy()
+        for bit in flips:
+            data[bit // 8] ^= 1 << bit % 8
+        if check(e2e.new_state(len(FRAMES)), name, data) != (e2e.ERROR, 0):
+            missed.append(flips)
+    assert not missed, f"{len(missed)} undetected, first {missed[0]}"
+
+
+def test_a_frame_under_the_id_of_another_is_an_error() -> None:
+    state = e2e.new_state(len(FRAMES))
+    got = check(state, "FB_B", sent("FB_A", 0))
+    assert got == (e2e.ERROR, 0), f"{got}"
+
+
+@pytest.mark.parametrize("length", [0, 1, 7])
+def test_a_frame_of_wrong_length_is_an_error(length: int) -> None:
+    state, row = e2e.new_state(len(FRAMES)), ROWS["CMD"]
+    outcome, _ = e2e.check(sent("CMD", 3), length, row, TABLE.frames, state)
+    assert outcome == e2e.ERROR, f"{e2e.STATE_NAMES[outcome]} with {length} bytes"
+
+
+@pytest.mark.parametrize("name", PROTECTED)
+def test_protection_changes_only_counter_and_crc(name: str) -> None:
+    entry = FRAMES[ROWS[name]]
+    byte, shift, mask = entry.counter
+    data = sent(name, 0x1234, fill=0xFF)
+    got = data[byte] >> shift & mask
+    assert got == 0x1234 & mask, f"counter {got:#x}"
+    data[byte] |= mask << shift
+    data[entry.dlc - 1] = 0xFF
+    rest = bytes(data[: entry.dlc])
+    assert rest == b"\xff" * entry.dlc, f"{rest.hex(' ')}"
+
+
+def test_an_unprotected_frame_is_left_alone_and_always_ok() -> None:
+    state = e2e.new_state(len(FRAMES))
+    data = sent("HB_PLANT", 7, fill=5)
+    got = [check(state, "HB_PLANT", data) for _ in range(3)]
+    assert data[0] == 5, f"first byte {data[0]}"
+    assert got == [(e2e.OK, 0)] * 3, f"{got}"
+
+
+@pytest.mark.parametrize(
+    ("counters", "expected"),
+    [
+        ([7], [("OK", 0)]),
+        ([15, 0, 1], [("OK", 0)] * 3),
+        ([3, 3, 4], [("OK", 0), ("REPEATED", 0), ("OK", 0)]),
+        ([3, 5, 6], [("OK", 0), ("OK_SOME_LOST", 1), ("OK", 0)]),
+        ([14, 2], [("OK", 0), ("OK_SOME_LOST", 3)]),
+        ([14, 3, 4], [("OK", 0), ("WRONG_SEQUENCE", 4), ("OK", 0)]),
+        ([5, 4, 5], [("OK", 0), ("WRONG_SEQUENCE", 14), ("OK", 0)]),
+    ],
+)
+def test_states_follow_the_step_of_the_counter(
+    counters: list[int], expected: list[tuple[str, int]]
+) -> None:
+    state = e2e.new_state(len(FRAMES))
+    outcomes = [check(state, "CMD", sent("CMD", counter)) for counter in counters]
+    got = [(e2e.STATE_NAMES[outcome], lost) for outcome, lost in outcomes]
+    assert got == expected, f"{got}"
+
+
+def test_the_sequence_of_sync_counts_to_256() -> None:
+    state = e2e.new_state(len(FRAMES))
+    outcomes = {check(state, "SYNC", sent("SYNC", n)) for n in range(1000)}
+    assert outcomes == {(e2e.OK, 0)}, f"{outcomes}"
+    got = check(state, "SYNC", sent("SYNC", 999 + 16))
+    assert got == (e2e.WRONG_SEQUENCE, 15), f"{got}"
+
+
+def test_a_corrupt_frame_leaves_the_counter_as_it_was() -> None:
+    state = e2e.new_state(len(FRAMES))
+    check(state, "CMD", sent("CMD", 4))
+    bad = sent("CMD", 5)
+    bad[0] ^= 1
+    got = [check(state, "CMD", data) for data in (bad, sent("CMD", 5))]
+    assert got == [(e2e.ERROR, 0), (e2e.OK, 0)], f"{got}"
+
+
+def test_nothing_heard_is_not_available_and_ages() -> None:
+    state = e2e.new_state(len(FRAMES))
+    for _ in range(3):
+        e2e.begin_cycle(state)
+    got = counts(state, "FB_A")
+    assert (got["state"], got["age_cycles"], got["fresh"]) == (e2e.NOT_AVAILABLE, 3, 0), f"{got}"
+
+
+def test_only_a_used_frame_is_fresh_and_resets_the_age() -> None:
+    state = e2e.new_state(len(FRAMES))
+    history = []
+    for counter in (1, 1, 2, 12, 13):
+        e2e.begin_cycle(state)
+        check(state, "FB_A", sent("FB_A", counter))
+        got = counts(state, "FB_A")
+        history.append((got["fresh"], got["age_cycles"]))
+    assert history == [(1, 0), (0, 1), (1, 0), (0, 1), (1, 0)], f"{history}"
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(1, 16), st.integers(0, 2), st.booleans()), max_size=60),
+    st.sampled_from(["CMD", "FB_A", "SYNC", "REF"]),
+)
+def test_counts_are_exact_under_loss_repetition_and_corruption(
+    pattern: list[tuple[int, int, bool]], name: str
+) -> None:
+    """Each entry: step of the counter (below one turn), extra copies, one corrupt copy before."""
+    state, counter = e2e.new_state(len(FRAMES)), 0
+    expected = dict.fromkeys(("received", "lost", "repeated", "wrong_sequence", "errors"), 0)
+    turn = FRAMES[ROWS[name]].counter[2] + 1
+    for step, copies, corrupt in [(1, 0, False), *pattern]:
+        step = min(step, turn - 1)
+        counter += step
+        data = sent(name, counter)
+        if corrupt:
+            bad = data.copy()
+            bad[0] ^= 0x10
+            check(state, name, bad)
+            expected["errors"] += 1
+        for _ in range(1 + copies):
+            check(state, name, data)
+        expected["repeated"] += copies
+        expected["lost"] += step - 1
+        expected["received" if step <= e2e.MAX_DELTA else "wrong_sequence"] += 1
+    got = counts(state, name)
+    assert {key: got[key] for key in expected} == expected, f"{got} not {expected}"
+    total = sum(expected.values()) - expected["errors"] - expected["repeated"]
+    assert total == counter, f"{total} accounted of {counter} sent"
