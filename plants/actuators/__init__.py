@@ -1,0 +1,1 @@
+"""Actuator nonlinearities as compiled functions: friction, gear play, drive limits."""
