@@ -1,0 +1,33 @@
+"""What a user gets to see instead of a traceback, and the suggestion at its end."""
+
+from collections.abc import Iterable
+from difflib import SequenceMatcher
+
+_CLOSE = 0.6  # difflib's own cutoff
+_LIST_AT_MOST = 8  # candidates that still fit in one line
+
+
+class RigError(Exception):
+    """A rig file, or an option that overrides it, is wrong.
+
+    The message is ready to print: `file:line:column: path: what; cure`.
+    """
+
+
+def did_you_mean(word: str, candidates: Iterable[str]) -> str:
+    """Return `; did you mean X?`, else `; known: A, B` if few are known, else nothing.
+
+    A candidate is also compared without its unit: `kvv` finds `kv_Nms_rad`.
+    """
+    known = list(dict.fromkeys(candidates))
+    best = max(known, key=lambda name: _likeness(word, name), default="")
+    if best and _likeness(word, best) >= _CLOSE:
+        return f"; did you mean {best}?"
+    return f"; known: {', '.join(known)}" if 0 < len(known) <= _LIST_AT_MOST else ""
+
+
+def _likeness(word: str, name: str) -> float:
+    parts = name.split("_")
+    stems = ["_".join(parts[:n]) for n in range(1, len(parts) + 1) if parts[0]] or [name]
+    scores = [SequenceMatcher(None, word.lower(), stem.lower()).ratio() for stem in stems]
+    return max(scores[-1], *(0.95 * score for score in scores))  # the whole name wins a tie

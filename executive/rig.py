@@ -1,0 +1,656 @@
+"""The rig file: one experiment, read by every process that takes part in it.
+
+    value of a setting = port's default  <  plant.parameters_file  <  rig file  <  --set
+
+`load_rig` checks all that can be known without the wiring (that is `executive.table`'s): keys,
+types, ranges, files, laws, settings and their units. Every message says where:
+`file:line:column: path: what; cure`.
+
+    law: pd              BLOCK of executive.controllers.pd
+    law: pkg.mod:NAME    NAME of a Python module
+    law: model.py:NAME   NAME of a file, relative to the YAML file that says so
+
+numba is imported with the first law, so that reading a rig with `resolve=False` is fast.
+"""
+
+import hashlib
+import importlib
+import importlib.util
+import math
+import os
+import pkgutil
+import re
+import sys
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, get_args, get_origin
+
+import msgspec
+from msgspec import Meta, Struct
+
+from executive import yamlfile
+from executive.errors import RigError, did_you_mean
+from executive.yamlfile import Document, Keys, Place, dotted
+
+if TYPE_CHECKING:
+    from executive.block import Block, Port
+
+_PROJECT = Path(__file__).resolve().parent.parent
+_CONTROLLERS = "executive.controllers"
+
+Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]+\Z")]
+BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]*\Z")]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
+Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
+class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A bus as python-can names it; `bitrate` null means that its load is not checked."""
+
+    interface: str = "auto"
+    channel: str | int | None = None
+    bitrate: Annotated[int, Meta(ge=1)] | None = None
+
+
+class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Reactions to missing frames, in cycles, and the ramp to zero."""
+
+    hold_cycles: Annotated[int, Meta(ge=0)] = 2
+    fault_after_cycles: Annotated[int, Meta(ge=2)] = 3
+    ramp_s: Annotated[float, Meta(gt=0, le=3600)] = 0.05
+
+
+class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Scheduling. `plant_phase`: fraction of a period by which the plant's cycle follows.
+
+    `late_fraction`: fraction of a period after which a wake-up counts as late.
+    """
+
+    priority: Priority = 80
+    plant_priority: Priority = 70
+    plant_phase: Fraction = 0.5
+    late_fraction: Fraction = 0.1
+
+
+class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A controller: a law with its settings and any wiring beyond that of block `controller`."""
+
+    law: str
+    parameters: dict[str, float] = {}
+    inputs: dict[str, str] = {}
+
+
+class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A block of a node; only the executive's `controller` has no law here."""
+
+    law: str | None = None
+    parameters: dict[str, float] = {}
+    inputs: dict[str, str] = {}
+
+
+class Limit(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Bounds of a sent signal, in its unit; `rate_per_s` null means no rate limit."""
+
+    low: float = float("-inf")
+    high: float = float("inf")
+    rate_per_s: Annotated[float, Meta(gt=0)] | None = None
+
+
+class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The controller node; the order of `blocks` is the schedule."""
+
+    node: str
+    blocks: dict[BlockName, Entry]
+    transmit: dict[str, str] = {}
+    limits: dict[str, Limit] = {}
+
+
+class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The plant node; `safe` are the values that its watchdog substitutes."""
+
+    node: str
+    blocks: dict[BlockName, Entry]
+    parameters_file: str | None = None
+    transmit: dict[str, str] = {}
+    safe: dict[str, float] = {}
+
+
+class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A rig file as it stands, with defaults filled in and options applied."""
+
+    rig: Name
+    title: str = ""
+    dbc: str
+    rate_hz: Annotated[float, Meta(ge=1, le=20000)]
+    duration_s: Annotated[float, Meta(gt=0, le=1e6)]  # 12 days: still exact in ns as a float
+    seed: Count = 1
+    pacing: Literal["real", "sync", "lockstep"] = "real"
+    bus: Bus = Bus()
+    controller: str
+    controllers: dict[Name, Law]
+    supervisor: Supervisor = Supervisor()
+    realtime: Realtime = Realtime()
+    executive: Executive
+    plant: Plant
+    evaluation: dict[str, Any] | None = None
+    watch: str | None = None
+    expect: dict[str, dict[str, tuple[float, float]]] = {}
+
+
+class Evaluation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What judges a run: a Python file, the part of the run it looks at, and numbers for it."""
+
+    file: str
+    window_s: tuple[float, float]
+    numbers: dict[str, float] = {}
+
+
+class Parameter(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One entry of a parameters file."""
+
+    value: float
+    unit: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class BlockSpec:
+    """A block of a node: its complete settings, its wiring, and where each was given."""
+
+    name: str
+    block: "Block"
+    settings: dict[str, float]
+    inputs: dict[str, str]
+    places: dict[str, str] = field(repr=False)
+
+    def where(self, path: str = "") -> str:
+        """Return the place of `law`, `inputs.x` or `parameters.x`, else that of the block."""
+        return self.places.get(path, self.places[""])
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One process of a rig: its DBC node name, what it computes, sends, limits, substitutes."""
+
+    name: str
+    blocks: list[BlockSpec]
+    transmit: dict[str, str]
+    limits: dict[str, Limit]
+    safe: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A checked rig; `config` holds its values, `document` their places."""
+
+    config: Config
+    document: Document
+
+    @property
+    def path(self) -> Path:
+        """The rig file."""
+        return self.document.path
+
+    @property
+    def source_text(self) -> str:
+        """The rig file as given, without its bases (`document.sources` has all files)."""
+        return self.document.text
+
+    @property
+    def dbc(self) -> Path:
+        """The DBC file."""
+        return _file(self.document, ("dbc",), self.config.dbc)
+
+    @property
+    def evaluation(self) -> Evaluation | None:
+        """How a run is judged; `file` is an absolute path."""
+        return _evaluation(self.document, self.config)
+
+    def where(self, path: str) -> str:
+        """Return `file:line:column` of a path such as `executive.transmit.CMD.motor_torque`."""
+        return self.document.where(path)
+
+    def error(self, path: str, what: str) -> RigError:
+        """Return the error `file:line:column: path: what` for the caller to raise."""
+        return self.document.error(path, what)
+
+    def nodes(self) -> tuple[NodeSpec, NodeSpec]:
+        """Return the executive and the plant, with laws imported and settings complete."""
+        return self._nodes
+
+    @cached_property
+    def _nodes(self) -> tuple[NodeSpec, NodeSpec]:
+        config, document = self.config, self.document
+        control, plant = config.executive, config.plant
+        return (
+            NodeSpec(
+                control.node, _blocks(document, config, "executive", {}), dict(control.transmit),
+                dict(control.limits), {},
+            ),
+            NodeSpec(
+                plant.node, _blocks(document, config, "plant", _parameters(document, plant)),
+                dict(plant.transmit), {}, dict(plant.safe),
+            ),
+        )  # fmt: skip
+
+    def resolved(self) -> str:
+        """Return the effective rig as YAML, for a log: no base, no parameters file, every setting.
+
+        Paths are relative to the rig file's folder: `load_rig(rig.path, text=...)` reads it back
+        with equal values. Imports the laws.
+        """
+        data = msgspec.to_builtins(self.config)
+        for keys in _file_keys(data):
+            _put(data, keys, _rebased(self.document, keys, _get(data, keys)))
+        for spec, section in zip(self.nodes(), ("executive", "plant"), strict=True):
+            for block in spec.blocks:
+                keys = _law_keys(self.config, section, block.name)
+                _put(data, (*keys, "parameters"), dict(block.settings))
+        data["plant"]["parameters_file"] = None
+        return yamlfile.dump(data)
+
+
+def load_rig(
+    path: str | Path, controller: str | None = None, settings: Sequence[str] = (), *,
+    resolve: bool = True, text: str | None = None,
+) -> Rig:  # fmt: skip
+    """Return the rig of file `path` with `--controller` and `--set NAME=VALUE` options applied.
+
+    NAME is a key of the rig (`rate_hz`, `bus.bitrate`) or `<block>.<setting>`. With `resolve` False
+    no law is imported and settings are unchecked until `nodes()`. `text` stands in for the file's
+    contents. Raises RigError.
+    """
+    document = yamlfile.load(path, text)
+    config = _convert(document, document.data, Config, ())
+    if controller is not None:
+        place = Place(document.path, option=f"--controller {controller}")
+        document.put(("controller",), controller, place)
+    _apply(document, config, settings)
+    config = _convert(document, document.data, Config, ())
+    _check(document, config)
+    rig = Rig(config, document)
+    if resolve:
+        rig.nodes()
+    return rig
+
+
+# Typed values with places
+
+
+def _convert(document: Document, data: Any, kind: Any, keys: Keys) -> Any:
+    """Return `data` as a `kind`; on failure descend, because msgspec does not name mapping keys."""
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        _descend(document, data, kind, keys)
+        raise document.error(keys, _reworded(str(error), data)) from None
+
+
+def _descend(document: Document, data: Any, kind: Any, keys: Keys) -> None:
+    """Raise the error of the first part of `data` that is not what `kind` says, if it is a part."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if isinstance(kind, type) and issubclass(kind, Struct) and isinstance(data, dict):
+        fields = {info.encode_name: info for info in msgspec.structs.fields(kind)}
+        for key in data:
+            if key not in fields:
+                raise document.error((*keys, key), f"unknown key{did_you_mean(key, fields)}")
+        for name, info in fields.items():
+            if name in data:
+                _convert(document, data[name], info.type, (*keys, name))
+            elif info.required:
+                raise document.error(keys, f"key {name} is missing")
+    elif origin is dict and isinstance(data, dict):
+        for key, child in data.items():
+            _convert(document, key, arguments[0], (*keys, key))
+            _convert(document, child, arguments[1], (*keys, key))
+    elif origin is tuple and isinstance(data, list) and len(data) == len(arguments):
+        for index, child in enumerate(data):
+            _convert(document, child, arguments[index], (*keys, index))
+    elif origin is Literal and isinstance(data, str):
+        raise document.error(keys, f"unknown value {data}{did_you_mean(data, arguments)}")
+
+
+_WORDS = {
+    "float": "a number", "int": "a whole number", "str": "text", "bool": "true or false",
+    "object": "a mapping", "array": "a list", "null": "null",
+}  # fmt: skip
+
+
+def _reworded(message: str, data: Any) -> str:
+    """Return msgspec's message in YAML's words, with the value that came."""
+    expected = re.sub(r"(, got .*)?( - at .*)?\Z", "", message)
+    expected = re.sub(r"matching regex '(.*)'\Z", r"of the form \1", expected)
+    expected = expected.replace("\\\\A", "").replace("\\\\Z", "")
+    kinds = re.sub(r"`([a-z |]+)`", lambda found: _in_words(found[1]), expected)
+    got = f"text {data!r}" if isinstance(data, str) else _short(data)
+    return f"{kinds[:1].lower()}{kinds[1:]}, got {got}"
+
+
+def _in_words(kinds: str) -> str:
+    return " or ".join(_WORDS.get(kind, kind) for kind in kinds.split(" | "))
+
+
+def _short(data: Any) -> str:
+    text = yamlfile.dump([data]).strip().removeprefix("- ") if data != {} else "{}"
+    line = " ".join(text.strip("[]").split()) if not isinstance(data, list) else str(data)
+    return line if len(line) <= 40 else f"{line[:37]}..."
+
+
+# Options
+
+
+def _apply(document: Document, config: Config, settings: Sequence[str]) -> None:
+    """Put the `--set` options into the data, keys of the rig first: one may be `controller`."""
+    keys_of = dict(_leaves(msgspec.to_builtins(config), ()))
+    blocks = [*config.executive.blocks, *config.plant.blocks]
+    rest: list[tuple[str, Any, Place]] = []
+    for setting in settings:
+        place = Place(document.path, option=f"--set {setting}")
+        name, equals, text = setting.partition("=")
+        if not equals:
+            raise RigError(f"{place}: expected NAME=VALUE")
+        value = yamlfile.value(text, place)
+        if name in keys_of:
+            document.put(keys_of[name], value, place)
+        else:
+            rest.append((name, value, place))
+    for name, value, place in rest:
+        block, _, setting = name.partition(".")
+        if block not in blocks or not setting:
+            names = [*keys_of, *(f"{known}.{setting or name}" for known in blocks)]
+            raise RigError(f"{place}: no such setting{did_you_mean(name, names)}")
+        section = "executive" if block in config.executive.blocks else "plant"
+        chosen = document.data["controller"]
+        if block == "controller" and chosen not in document.data["controllers"]:
+            _unknown_controller(document, chosen, config)
+        keys = ("controllers", chosen) if block == "controller" else (section, "blocks", block)
+        document.put((*keys, "parameters", setting), value, place)
+
+
+def _leaves(data: Mapping[str, Any], keys: Keys) -> Iterator[tuple[str, Keys]]:
+    for key, child in data.items():
+        if isinstance(child, dict):
+            yield from _leaves(child, (*keys, key))
+        else:
+            yield dotted((*keys, key)), (*keys, key)
+
+
+# Checks between keys
+
+
+def _check(document: Document, config: Config) -> None:
+    """Raise the first contradiction between the keys of a rig."""
+    if config.controller not in config.controllers:
+        _unknown_controller(document, config.controller, config)
+    _check_blocks(document, config)
+    for name, limit in config.executive.limits.items():
+        if not limit.low < limit.high:
+            what = f"low {limit.low:g} is not below high {limit.high:g}"
+            raise document.error(("executive", "limits", name), what)
+    for name, figures in config.expect.items():
+        if name not in config.controllers:
+            what = f"no such controller{did_you_mean(name, config.controllers)}"
+            raise document.error(("expect", name), what)
+        for figure, (low, high) in figures.items():
+            if not low <= high:
+                raise document.error(("expect", name, figure), f"{low:g} is above {high:g}")
+    _evaluation(document, config)
+    for keys in _file_keys(msgspec.to_builtins(config)):
+        if keys[-1] != "law":
+            _file(document, keys, _get(document.data, keys))
+
+
+def _check_blocks(document: Document, config: Config) -> None:
+    reserved = {*Config.__struct_fields__, "rx", "tx", "timing"} - {"controller"}
+    for section, node in (("executive", config.executive), ("plant", config.plant)):
+        for name, entry in node.blocks.items():
+            keys: Keys = (section, "blocks", name)
+            if name in reserved:
+                raise document.error(keys, "this name is taken; rename the block")
+            if section == "plant" and name in config.executive.blocks:
+                first = document.where(("executive", "blocks", name))
+                raise document.error(keys, f"the executive has this block, {first}; rename one")
+            if section == "executive" and name == "controller":
+                for key in ("law", "parameters"):
+                    if getattr(entry, key):
+                        where = f"controllers.{config.controller}.{key}"
+                        raise document.error((*keys, key), f"belongs at {where}")
+            elif entry.law is None:
+                raise document.error(keys, "key law is missing")
+    if "controller" not in config.executive.blocks:
+        raise document.error(("executive", "blocks"), "block controller is missing")
+
+
+def _unknown_controller(document: Document, name: Any, config: Config) -> NoReturn:
+    what = f"no controller {name}{did_you_mean(str(name), config.controllers)}"
+    raise document.error(("controller",), what)
+
+
+def _evaluation(document: Document, config: Config) -> Evaluation | None:
+    if config.evaluation is None:
+        return None
+    given = dict(config.evaluation)
+    named = {key: given.pop(key) for key in ("file", "window_s") if key in given}
+    named.setdefault("window_s", [0.0, config.duration_s])
+    evaluation = _convert(document, named, Evaluation, ("evaluation",))
+    if not 0 <= evaluation.window_s[0] < evaluation.window_s[1]:
+        raise document.error(("evaluation", "window_s"), "expected 0 <= begin < end")
+    return Evaluation(
+        file=str(_file(document, ("evaluation", "file"), evaluation.file)),
+        window_s=evaluation.window_s,
+        numbers=_convert(document, given, dict[str, float], ("evaluation",)),
+    )
+
+
+# Files
+
+
+def _file_keys(data: Mapping[str, Any]) -> list[Keys]:
+    """Return the paths of all values of a rig that name a file."""
+    keys: list[Keys] = [("dbc",), ("plant", "parameters_file"), ("evaluation", "file")]
+    keys += [("controllers", name, "law") for name in data["controllers"]]
+    for section in ("executive", "plant"):
+        keys += [(section, "blocks", name, "law") for name in data[section]["blocks"]]
+    return [key for key in keys if _get(data, key) is not None]
+
+
+def _file(document: Document, keys: Keys, text: str) -> Path:
+    file = (document.place(keys).folder / text).resolve()
+    if not file.is_file():
+        raise document.error(keys, f"no such file: {yamlfile.shown(file)}")
+    return file
+
+
+def _rebased(document: Document, keys: Keys, text: str) -> str:
+    """Return a file or law as the rig file's own folder names it."""
+    name, colon, attribute = text.partition(":") if keys[-1] == "law" else (text, "", "")
+    if keys[-1] == "law" and not name.endswith(".py"):
+        return text
+    file = os.path.normpath(document.place(keys).folder / name)
+    return Path(os.path.relpath(file, document.path.parent)).as_posix() + colon + attribute
+
+
+def _get(data: Any, keys: Keys) -> Any:
+    for key in keys:
+        data = data.get(key) if isinstance(data, Mapping) else None
+    return data
+
+
+def _put(data: Any, keys: Keys, value: Any) -> None:
+    for key in keys[:-1]:
+        data = data[key]
+    data[keys[-1]] = value
+
+
+def _parameters(document: Document, plant: Plant) -> dict[str, tuple[Parameter, Document, Keys]]:
+    """Return the parameters file by name, each with its document and path."""
+    if plant.parameters_file is None:
+        return {}
+    source = yamlfile.load(_file(document, ("plant", "parameters_file"), plant.parameters_file))
+    groups = _convert(source, source.data, dict[str, dict[str, Parameter]], ())
+    flat: dict[str, tuple[Parameter, Document, Keys]] = {}
+    for group, parameters in groups.items():
+        for name, parameter in parameters.items():
+            if name in flat:
+                first = source.where(flat[name][2])
+                raise source.error((group, name), f"given twice, first at {first}; rename one")
+            flat[name] = (parameter, source, (group, name))
+    return flat
+
+
+# Blocks
+
+
+def _law_keys(config: Config, section: str, name: str) -> Keys:
+    if section == "executive" and name == "controller":
+        return ("controllers", config.controller)
+    return (section, "blocks", name)
+
+
+def _blocks(
+    document: Document, config: Config, section: str,
+    shared: Mapping[str, tuple[Parameter, Document, Keys]],
+) -> list[BlockSpec]:  # fmt: skip
+    """Return the blocks of a node; `shared` goes to every block that has such a setting."""
+    specs: list[BlockSpec] = []
+    unused = dict(shared)
+    entries = config.executive.blocks if section == "executive" else config.plant.blocks
+    for name, entry in entries.items():
+        keys = _law_keys(config, section, name)
+        law = config.controllers[config.controller] if keys[0] == "controllers" else entry
+        block = _resolve(document, keys, str(law.law))
+        places = {"": document.where((section, "blocks", name))}
+        places |= {"law": document.where((*keys, "law"))}
+        for inputs, at in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):
+            places |= {f"inputs.{key}": document.where((*at, "inputs", key)) for key in inputs}
+        settings = _settings(document, keys, law.parameters, block, shared, places)
+        for used in settings:
+            unused.pop(used, None)
+        specs.append(BlockSpec(name, block, settings, {**entry.inputs, **law.inputs}, places))
+    for name, (_, source, at) in unused.items():
+        known = [setting for spec in specs for setting in spec.settings]
+        raise source.error(at, f"no block of the plant has {name}{did_you_mean(name, known)}")
+    return specs
+
+
+def _settings(
+    document: Document, keys: Keys, given: Mapping[str, float], block: "Block",
+    shared: Mapping[str, tuple[Parameter, Document, Keys]], places: dict[str, str],
+) -> dict[str, float]:  # fmt: skip
+    """Return all settings of a block in the order of its ports; their places go to `places`."""
+    ports = {name: port for port in block.settings or block.parameters for name in port.names()}
+    for name in given:
+        if name not in ports:
+            at = (*keys, "parameters", name)
+            raise document.error(at, f"unknown parameter{did_you_mean(name, ports)}")
+    settings: dict[str, float] = {}
+    for name, port in ports.items():
+        source, at = document, (*keys, "parameters", name)
+        if name in shared and shared[name][0].unit != port.unit:
+            parameter, source, at = shared[name]
+            what = f"unit '{parameter.unit}' where block {keys[-1]} has '{port.unit}'"
+            raise source.error((*at, "unit"), what)
+        if name in given:
+            settings[name] = given[name]
+        elif name in shared:
+            parameter, source, at = shared[name]
+            settings[name] = parameter.value
+        elif port.default is not None:
+            settings[name] = port.default
+            continue
+        else:
+            unit = f" [{port.unit}]" if port.unit else ""
+            raise document.error(keys, f"parameter {name}{unit} is missing: {port.help}")
+        places[f"parameters.{name}"] = source.where(at)
+        _check_range(source, at, name, port, settings[name])
+    return settings
+
+
+def _check_range(source: Document, at: Keys, name: str, port: "Port", value: float) -> None:
+    if not (port.low <= value <= port.high and math.isfinite(value)):
+        unit = f" {port.unit}" if port.unit else ""
+        what = f"{value:.12g} is outside {port.low:.12g}..{port.high:.12g}{unit}"
+        raise source.error(at, f"{name}: {what}" if source.place(at).option else what)
+
+
+def _resolve(document: Document, keys: Keys, law: str) -> "Block":
+    """Return the block that `law` names; any failure of its module is an error of the rig file."""
+    from executive.block import Block  # here, because it imports numba
+
+    at = (*keys, "law")
+    found = re.fullmatch(r"([^:]+)(?::(\w+))?", law)
+    if not found:
+        raise document.error(at, f"'{law}' is no law; expected NAME, pkg.mod:NAME or file.py:NAME")
+    module_name, name = found[1], found[2] or "BLOCK"
+    is_file, is_bare = module_name.endswith(".py"), "." not in module_name
+    full_name = f"{_CONTROLLERS}.{module_name}" if is_bare else module_name
+    file = _file(document, at, module_name) if is_file else Path()
+    try:
+        module = _import_file(file) if is_file else importlib.import_module(full_name)
+    except Exception as error:
+        absent = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
+        if absent and f"{full_name}.".startswith(f"{absent}."):
+            cure = did_you_mean(module_name, _controllers()) if is_bare else ""
+            raise document.error(at, f"no module {full_name}{cure}") from None
+        raise document.error(at, f"{module_name} cannot be imported: {_cause(error)}") from error
+    block = getattr(module, name, None)
+    if isinstance(block, Block):
+        return block
+    blocks = [key for key, known in vars(module).items() if isinstance(known, Block)]
+    kind = type(block).__name__
+    what = f"is of type {kind}, not Block" if hasattr(module, name) else "does not exist"
+    raise document.error(at, f"{name} of {module_name} {what}{did_you_mean(name, blocks)}")
+
+
+def _cause(error: Exception) -> str:
+    """Return `file:line: error`, in one line, of what went wrong in a module."""
+    text, name = " ".join(str(error).split()), type(error).__name__
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{yamlfile.shown(Path(error.filename))}:{error.lineno}: {name}: {error.msg}"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{yamlfile.shown(Path(last.filename))}:{last.lineno}: {name}: {text}"
+
+
+def _controllers() -> list[str]:
+    package = importlib.import_module(_CONTROLLERS)
+    return [module.name for module in pkgutil.iter_modules(package.__path__)]
+
+
+def _import_file(file: Path) -> ModuleType:
+    """Import a Python file, once per process.
+
+    A file of the project gets its dotted name, any other one a name made of its path: the compile
+    cache stores the module's name, so that it must be the same in every process.
+    """
+    if (own_name := _project_name(file)) is not None:
+        return importlib.import_module(own_name)
+    name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:16]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None and spec.loader is not None, "a .py file has a loader"
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _project_name(file: Path) -> str | None:
+    if not file.is_relative_to(_PROJECT):
+        return None
+    parts = file.relative_to(_PROJECT).with_suffix("").parts
+    if not all(part.isidentifier() for part in parts):
+        return None
+    try:
+        spec = importlib.util.find_spec(".".join(parts))
+    except ModuleNotFoundError:
+        return None
+    return spec.name if spec is not None and spec.origin == str(file) else None
