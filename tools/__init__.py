@@ -1,0 +1,1 @@
+"""The `pcpc` command and what only people run."""
