@@ -27,6 +27,21 @@ from cantools.database.can import Database, Message
 from cantools.database.can.signal import Signal as DbcSignal
 from numpy.typing import NDArray
 
+from drivers.errors import BusError
+
+__all__ = [
+    "BusError",
+    "Frame",
+    "Signal",
+    "Table",
+    "bus_load",
+    "frame",
+    "frames",
+    "load",
+    "table",
+    "worst_case_bits",
+]
+
 # Columns of Table.frames, int64, a row per frame. Its signals are rows FIRST to END - 1.
 (CAN_ID, EXTENDED, DLC, FIRST, END, EVERY_N, PROTECTED, SEQUENCE, COUNTER_BYTE, COUNTER_SHIFT,
  COUNTER_MASK, CRC_BYTE) = range(12)  # fmt: skip
@@ -44,10 +59,6 @@ SCALED, WIDE, UNSIGNED_64, FLOAT_32, FLOAT_64 = range(5)
 
 _EXACT = 2**53  # every integer up to here is a float64
 _FLOAT_MAX = {32: float(np.finfo(np.float32).max), 64: float(np.finfo(np.float64).max)}
-
-
-class BusError(Exception):
-    """A DBC, bus or frame that cannot be used; one line: where, what was expected, what to do."""
 
 
 @dataclass(frozen=True)

@@ -1,51 +1,28 @@
-"""How everything in this project is compiled: one set of numba options and a cache that cannot go stale.
+"""How everything here is compiled: one set of numba options and a cache that cannot go stale.
 
-numba's own cache checks only the file of the compiled function, so an edit in a file that it calls would
-go unnoticed. The cache folder is therefore named after a hash of all compiled sources and the numba
-version. The processor is `generic`, so that the cache also serves another machine or an emulated one.
+The cache folder is `drivers.compile_cache`'s. The processor is `generic`, so that the cache also
+serves another machine or an emulated one.
 
 Everything else gets numba from here, because numba reads its environment when it is first imported.
 
 Two switches, read once at import (they select what is compiled, so they cannot be arguments):
 
     NUMBA_DISABLE_JIT=1      everything runs interpreted: debugging, and the bit-identity tests
-    PCPC_LOOP=interpreted    only the loop runs interpreted: for buses that exist as python-can interfaces
+    PCPC_LOOP=interpreted    only the loop runs interpreted: for buses that only python-can has
 """
 
-import hashlib
-import importlib.metadata
 import os
 import platform
-import sys
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-_PROJECT = Path(__file__).resolve().parent.parent
+from drivers.compile_cache import cache_folder
+
 _FEATURES = {  # every machine of the kind has these; empty means what this one has
     "x86_64": "+64bit,+cmov,+cx8,+fxsr,+mmx,+sse,+sse2",
     "aarch64": "+fp-armv8,+neon",
 }
-_COMPILED_FOLDERS = ("drivers", "executive", "plants")
-
-
-def source_hash() -> str:
-    """Return 16 hex digits over all sources that can be compiled, numba's and Python's version."""
-    digest = hashlib.sha256(importlib.metadata.version("numba").encode())
-    digest.update(sys.version.encode())
-    for folder in _COMPILED_FOLDERS:
-        for path in sorted((_PROJECT / folder).rglob("*.py")):
-            digest.update(str(path.relative_to(_PROJECT)).encode() + path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def cache_folder() -> Path:
-    """Return the folder of compiled code for the present sources (not created here)."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "pcpc" / "compiled" / source_hash()
-
-
 os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder()))
 os.environ.setdefault("NUMBA_CPU_NAME", "generic")
 os.environ.setdefault("NUMBA_CPU_FEATURES", _FEATURES.get(platform.machine(), ""))
@@ -55,8 +32,9 @@ from numba import carray, from_dtype, types  # noqa: E402
 from numba.core.errors import NumbaExperimentalFeatureWarning  # noqa: E402
 
 __all__ = [
-    "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "STEP", "VIEW", "carray", "compiled", "f8", "from_dtype", "i8",
-    "inline", "loop", "loop_function", "loop_inline", "numba", "stage", "types", "u1",
+    "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "STEP", "VIEW", "carray", "compiled", "f8",
+    "from_dtype", "i8", "inline", "loop", "loop_function", "loop_inline", "numba", "stage",
+    "types", "u1",
 ]  # fmt: skip
 
 numba.config.reload_config()  # should somebody have imported numba before us
@@ -66,7 +44,11 @@ JIT_OFF = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
 LOOP_INTERPRETED = JIT_OFF or os.environ.get("PCPC_LOOP") == "interpreted"
 
 OPTIONS: dict[str, Any] = {
-    "nogil": True, "cache": True, "error_model": "numpy", "fastmath": False, "boundscheck": False,
+    "nogil": True,
+    "cache": True,
+    "error_model": "numpy",
+    "fastmath": False,
+    "boundscheck": False,
 }
 
 f8, i8, u1 = types.float64, types.int64, types.uint8
@@ -75,12 +57,12 @@ STEP = types.void(f8, f8, VIEW, VIEW, VIEW, VIEW)  # step(t, dt, p, x, u, y)
 
 
 def stage(function: Callable[..., None]) -> Any:
-    """Compile a block's `step(t, dt, p, x, u, y)`: t, dt in s; the rest float64 1-D views; returns nothing."""
+    """Compile a block's `step(t, dt, p, x, u, y)`: t, dt in s; float64 1-D views; no result."""
     return numba.njit(STEP, **OPTIONS)(function)
 
 
 def inline(function: Callable[..., Any]) -> Any:
-    """Compile a helper that stages and loops call; it is always inlined (worth 10 % in the stages)."""
+    """Compile a helper that stages and loops call; always inlined (worth 10 % in the stages)."""
     return numba.njit(forceinline=True, **OPTIONS)(function)
 
 
@@ -90,14 +72,14 @@ def compiled(*signature: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def loop(*signature: Any) -> Callable[[Callable[..., Any]], Any]:
-    """As `compiled`, for what must be plain Python when the loop runs interpreted (libc, bus, cycle)."""
+    """As `compiled`, for what is plain Python when the loop runs interpreted (libc, bus, cycle)."""
     if LOOP_INTERPRETED:
         return lambda function: function
     return numba.njit(*signature, **OPTIONS)
 
 
 def loop_function(function: Callable[..., Any]) -> Any:
-    """As `loop`, on first call: for the loop's larger parts, which stay functions (compile time)."""
+    """As `loop`, on first call: the loop's larger parts, which stay functions (compile time)."""
     return function if LOOP_INTERPRETED else numba.njit(**OPTIONS)(function)
 
 

@@ -1,14 +1,15 @@
-"""libc calls and atomics for the loop: one name for compiled code, a plain twin when it runs interpreted.
+"""libc calls and atomics for the loop: compiled, and a plain twin for when it runs interpreted.
 
-Compiled: `types.ExternalFunction` binds the symbol, not an address, so numba can cache the caller. Atomics
-are three-line intrinsics; on x86 an acquire load and a release store are plain moves, on ARM they are not.
-Pointers travel as integers (`address(a)`): the caller keeps the array alive.
+Compiled: `types.ExternalFunction` binds the symbol, not an address, so numba can cache the caller.
+Atomics are three-line intrinsics; on x86 an acquire load and a release store are plain moves, on
+ARM they are not. Pointers travel as integers (`address(a)`): the caller keeps the array alive.
 """
 
 import ctypes
 from typing import Any
 
 import numpy as np
+
 from drivers.jit import LOOP_INTERPRETED, carray, loop_inline, types
 
 CLOCK_MONOTONIC = 1
@@ -26,23 +27,34 @@ _SIGNATURES = {
     "sched_yield": (_i4,),
 }
 
-if not LOOP_INTERPRETED:
-    from numba.extending import intrinsic
 
-    clock_nanosleep = types.ExternalFunction(
-        "clock_nanosleep", _i4(*_SIGNATURES["clock_nanosleep"][1:])
-    )
-    clock_gettime = types.ExternalFunction("clock_gettime", _i4(*_SIGNATURES["clock_gettime"][1:]))
-    recv = types.ExternalFunction("recv", _i8(*_SIGNATURES["recv"][1:]))
-    send = types.ExternalFunction("send", _i8(*_SIGNATURES["send"][1:]))
-    sched_yield = types.ExternalFunction("sched_yield", _i4())
-    _errno_location = types.ExternalFunction("__errno_location", types.CPointer(_i4)())
+def _untyped(function: Any) -> Any:
+    """Return `function`: numba's intrinsics are called without their typing context."""
+    return function
+
+
+if not LOOP_INTERPRETED:
+    from numba import extending
+
+    intrinsic: Any = extending.intrinsic  # its callers do not pass the typing context
+
+    def _external(name: str) -> Any:
+        result, *arguments = _SIGNATURES[name]
+        return types.ExternalFunction(name, result(*arguments))
+
+    clock_nanosleep = _external("clock_nanosleep")
+    clock_gettime = _external("clock_gettime")
+    recv = _external("recv")
+    send = _external("send")
+    sched_yield = _external("sched_yield")
+    _errno_location: Any = types.ExternalFunction("__errno_location", types.CPointer(_i4)())
 
     @loop_inline
     def errno() -> Any:
         """Return the calling thread's errno."""
         return np.int64(carray(_errno_location(), 1)[0])
 
+    @_untyped
     @intrinsic
     def load_acquire(typing_context: Any, array: Any, index: Any) -> Any:
         """Return array[index] (int64) with acquire order."""
@@ -53,6 +65,7 @@ if not LOOP_INTERPRETED:
 
         return _i8(array, _i8), generate
 
+    @_untyped
     @intrinsic
     def store_release(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
         """Set array[index] (int64) with release order."""
@@ -64,6 +77,7 @@ if not LOOP_INTERPRETED:
 
         return types.void(array, _i8, _i8), generate
 
+    @_untyped
     @intrinsic
     def fence_release(typing_context: Any) -> Any:
         """Keep earlier stores before later ones."""

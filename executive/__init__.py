@@ -1,1 +1,1 @@
-"""The engine (cycle, table, blocks) and what steers it: rig file, supervisor, recorder, virtual time."""
+"""The engine (cycle, table, blocks) and what steers it: rig file, recorder, virtual time."""

@@ -1,11 +1,12 @@
-"""A block: parameters, state, inputs and outputs with names, units and meaning, and one pure `step` function.
+"""A block: parameters, state, inputs and outputs with names and units, and one pure `step`.
 
-    step(t, dt, p, x, u, y)     t, dt: float, s.  p, x, u, y: float64 views of the block's parameters,
-                                state, inputs and outputs.  Returns nothing.
+    step(t, dt, p, x, u, y)     t, dt: float, s.  p, x, u, y: float64 views of the block's
+                                parameters, state, inputs and outputs.  Returns nothing.
 
-Inside a step: + - * /, sqrt, abs, comparisons, `where(c, a, b)` for what depends on a state, written
-loops, and the functions of `executive.emath`. No libm, no numpy reductions, no `**` but x*x, no clock,
-bus, file, allocation or global. Then compiled and interpreted runs give the same bits on every machine.
+Inside a step: + - * /, sqrt, abs, comparisons, `where(c, a, b)` for what depends on a state,
+written loops, and the functions of `executive.emath`. No libm, no numpy reductions, no `**` but
+x*x, no clock, bus, file, allocation or global. Then compiled and interpreted runs give the same
+bits on every machine.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,9 +22,9 @@ __all__ = ["Block", "Port", "Prepared", "inline", "stage"]
 class Port:
     """One variable (or `size` of them, named name_0, name_1, ...) of a block.
 
-    `name` is snake_case and ends in its unit where that helps (`hub_rate_rad_s`); `unit` is the exact text
-    that wiring compares ("rad/s", "N m", "" for none); `default` None means that a rig file must give it
-    (settings) or that `prepare` does (parameters); a state starts at its default or at 0.
+    `name` is snake_case and ends in its unit where that helps (`hub_rate_rad_s`); `unit` is the
+    text that wiring compares ("rad/s", "N m", "" for none); `default` None means that a rig file
+    must give it (settings) or that `prepare` does (parameters); a state starts at its default or 0.
     """
 
     name: str
@@ -53,8 +54,9 @@ class Prepared:
 class Block:
     """A step function with its ports, in the order of its views.
 
-    `settings` is what a rig file may set. Where it is empty, the parameters are the settings. Otherwise
-    `prepare(settings, rate_hz, seed)` computes parameters and initial states from them, once, at set-up.
+    `settings` is what a rig file may set. Where it is empty, the parameters are the settings.
+    Otherwise `prepare(settings, rate_hz, seed)` computes parameters and initial states from them,
+    once, at set-up.
     `record` False keeps the state vector out of the log (scratch, random generators).
     """
 

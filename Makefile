@@ -1,0 +1,43 @@
+# make run, make test: everything else is made on the way. No compiler needed.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+RIG ?= plants/atb1000/rigs/slew10.yaml
+
+.PHONY: run test install lint test-vcan vcan-tools clean
+
+run: install ## the main job: emulator, executive and recorder close the loop; picture, log and verdict in runs/
+	$(BIN)/pcpc run $(RIG)
+
+test: install ## all tests that need no CAN in the kernel
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/pytest -n 2 --dist loadfile
+
+test-vcan: install ## the tests on a real vcan0, in a virtual machine where the kernel has none
+	bash tools/vcan_stage.sh
+
+install: $(VENV)/installed ## the virtual environment, with pcpc in it
+
+$(VENV)/installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "Python 3.11 or newer is needed, $(PYTHON) is $$($(PYTHON) -V 2>&1); set PYTHON=..." >&2; exit 4; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+		{ echo "the venv module is missing; run: sudo apt-get install python3-venv" >&2; exit 4; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[plot,test]'
+	touch $@
+
+vcan-tools: ## the packages that `pcpc vm` and the vcan tests need; uses sudo when you are not root
+	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
+	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends \
+		qemu-system-x86 busybox-static zstd iproute2 can-utils
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,263 @@
+"""Opening a bus: SocketCAN, python-can's udp_multicast, or any other python-can interface.
+
+`auto` is vcan0 if it exists or can be created, else udp_multicast on the loopback interface. Names
+are python-can's: interface, channel. As text `interface[:channel]`; for udp_multicast the channel
+is `group[:port]`.
+
+On the default group frames go out as loopback broadcasts, because python-can's default is an IPv6
+group: its socket takes IPv4 broadcasts, but no IPv4 multicast, and loopback has no IPv6 multicast.
+So `python -m can.viewer -i udp_multicast` sees them with and without `-c 239.74.163.2`. What such
+a tool sends reaches us on the IPv4 group only. Other groups are plain multicast.
+"""
+
+import ctypes
+import errno as codes
+import fcntl
+import os
+import re
+import socket
+import struct
+import subprocess
+from dataclasses import dataclass
+from typing import Any, TextIO
+
+from drivers import wire_layout
+from drivers.errors import BusError
+
+UDP_GROUP = "239.74.163.2"  # python-can's default IPv4 group and port
+UDP_PORT = 43113
+LOOPBACK = "127.0.0.1"
+LOOPBACK_BROADCAST = "127.255.255.255"
+RECEIVE_TIMEOUT_US = 100_000  # a blocking receive looks at the stop word ten times a second
+RECEIVE_BUFFER_BYTES = 4 << 20  # 5000 datagrams: four stalled seconds at 1 kHz
+_SO_RCVBUFFORCE = 33
+_SO_ATTACH_FILTER = 26
+
+
+@dataclass(frozen=True)
+class Bus:
+    """Which bus: python-can's interface name and channel."""
+
+    interface: str
+    channel: str
+
+    def __str__(self) -> str:
+        return f"{self.interface}:{self.channel}"
+
+    @property
+    def compiled(self) -> bool:
+        """True if the compiled loop speaks to this bus itself."""
+        return self.interface in ("socketcan", "udp_multicast")
+
+
+def choose(interface: str, channel: str | None) -> Bus:
+    """Return the bus for an interface name; `auto` looks at the machine."""
+    if interface == "auto":
+        if vcan_ready(channel or "vcan0"):
+            return Bus("socketcan", channel or "vcan0")
+        return Bus("udp_multicast", UDP_GROUP)
+    default = {"socketcan": "vcan0", "udp_multicast": UDP_GROUP}.get(interface, "")
+    return Bus(interface, channel or default)
+
+
+def parse(text: str) -> tuple[str, str | None]:
+    """Split `interface[:channel]`; an interface like `vcan0` or `can0` alone means socketcan."""
+    interface, _, channel = text.partition(":")
+    if channel or interface in ("auto", "socketcan", "udp_multicast"):
+        return interface, channel or None
+    if re.fullmatch(r"v?can\d+", interface) or os.path.exists(f"/sys/class/net/{interface}/flags"):
+        return "socketcan", interface
+    return interface, None
+
+
+def vcan_ready(name: str) -> bool:
+    """Return True if CAN interface `name` is up; a missing vcan is created if that is possible."""
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    if os.path.exists(f"/sys/class/net/{name}"):
+        with open(f"/sys/class/net/{name}/flags") as flags:
+            return int(flags.read(), 16) & 1 == 1
+    if not name.startswith("vcan") or os.geteuid() != 0:
+        return False
+    for command in (f"ip link add dev {name} type vcan", f"ip link set {name} up"):
+        try:
+            if subprocess.run(command.split(), capture_output=True, timeout=5).returncode:
+                return False
+        except (OSError, subprocess.TimeoutExpired):
+            return False
+    return True
+
+
+def open_bus(bus: Bus, receive_ids: list[int], end: Any) -> None:
+    """Open `bus` for one node that listens to `receive_ids` and put it into the WIRE record `end`.
+
+    `receive_ids` are SocketCAN's filter, above 0x7FF extended; other buses deliver every frame.
+    Raises BusError: what is missing and the cure.
+    """
+    from drivers import wire  # here, because it imports numba
+    from drivers.jit import LOOP_INTERPRETED
+
+    if bus.interface == "socketcan":
+        fd = _open_socketcan(bus.channel, receive_ids)
+        wire.prepare(end, wire_layout.SOCKETCAN, fd, fd)
+    elif bus.interface == "udp_multicast":
+        wire.prepare(end, wire_layout.UDP, *_open_udp(bus.channel))
+    elif LOOP_INTERPRETED:
+        wire.prepare(end, wire_layout.PYTHON_CAN, _open_python_can(bus), -1)
+    else:
+        raise BusError(
+            f"{bus}: the compiled loop speaks socketcan and udp_multicast; "
+            "any other python-can interface needs the interpreted loop (PCPC_LOOP=interpreted)"
+        )
+
+
+def _open_socketcan(name: str, receive_ids: list[int]) -> int:
+    cure = (
+        f"create it with `sudo ip link add dev {name} type vcan && sudo ip link set {name} up`, "
+        "run under `pcpc vm -- ...`, or use --bus udp_multicast"
+    )
+    try:
+        can = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    except OSError as error:
+        raise BusError(f"{name}: this kernel has no CAN ({error.strerror}); {cure}") from None
+    try:
+        can.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, _can_filters(receive_ids))
+        _receive_options(can)
+        can.bind((name,))
+    except OSError as error:
+        can.close()
+        what = "no such interface" if error.errno == codes.ENODEV else error.strerror or error
+        raise BusError(f"{name}: {what}; {cure}") from None
+    if not vcan_ready(name):
+        can.close()
+        raise BusError(f"{name}: the interface is down; run `sudo ip link set {name} up`")
+    return can.detach()
+
+
+def _can_filters(ids: list[int]) -> bytes:
+    """Return struct can_filter for each id: data frames with this id and no other."""
+    flags = socket.CAN_EFF_FLAG | socket.CAN_RTR_FLAG
+    filters = b""
+    for can_id in ids:
+        if can_id > socket.CAN_SFF_MASK:
+            filters += struct.pack("=II", can_id | socket.CAN_EFF_FLAG, flags | socket.CAN_EFF_MASK)
+        else:
+            filters += struct.pack("=II", can_id, flags | socket.CAN_SFF_MASK)
+    return filters
+
+
+def udp_address(channel: str) -> tuple[str, int]:
+    """Split `group[:port]`; BusError if it is not an IPv4 multicast group and a port."""
+    group, _, port = channel.partition(":")
+    try:
+        multicast = 224 <= socket.inet_pton(socket.AF_INET, group)[0] <= 239
+        number = int(port) if port else UDP_PORT
+    except (OSError, ValueError):
+        multicast, number = False, 0
+    if not multicast or not 0 < number < 65536:
+        raise BusError(
+            f"udp_multicast:{channel}: expected an IPv4 multicast group and perhaps a port, "
+            f"like {UDP_GROUP}:{UDP_PORT}"
+        )
+    return group, number
+
+
+def _open_udp(channel: str) -> tuple[int, int]:
+    """Return (sending, receiving) descriptor; the sender is connected: send() needs no address."""
+    group, port = udp_address(channel)
+    loopback = socket.inet_aton(LOOPBACK)
+    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        for sharing in (socket.SO_REUSEADDR, socket.SO_REUSEPORT):  # as python-can
+            receiver.setsockopt(socket.SOL_SOCKET, sharing, 1)
+        _receive_options(receiver)
+        if group == UDP_GROUP:
+            _hear_only(group, receiver)
+            receiver.bind(("", port))
+            sender.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+            sender.connect((LOOPBACK_BROADCAST, port))
+        else:
+            receiver.bind((group, port))
+            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
+            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
+            sender.connect((group, port))
+        membership = socket.inet_aton(group) + loopback
+        receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+    except OSError as error:
+        receiver.close()
+        sender.close()
+        if error.errno == codes.EADDRINUSE:
+            other = port + 1 if port < 65535 else UDP_PORT
+            raise BusError(
+                f"udp_multicast:{group}: port {port} is in use by a program that does not share "
+                f"it; end that program or choose another with --bus udp_multicast:{group}:{other}"
+            ) from None
+        raise BusError(
+            f"udp_multicast:{group}:{port}: {error.strerror}; is the loopback interface up?"
+        ) from None
+    return sender.detach(), receiver.detach()
+
+
+def _hear_only(group: str, sock: socket.socket) -> None:
+    """Let in what was sent to `group` or to the loopback broadcast, as binding to one of them does.
+
+    A classic BPF program of (code, jump if true, jump if false, operand). Without it a datagram
+    from the network to this host's own address would be a frame.
+    """
+    wanted = [int.from_bytes(socket.inet_aton(a), "big") for a in (group, LOOPBACK_BROADCAST)]
+    program = (
+        (0x20, 0, 0, 0xFFF00000 + 16),  # load the destination: byte 16 of the IP header
+        (0x15, 1, 0, wanted[0]),  # if equal, skip one
+        (0x15, 0, 1, wanted[1]),  # if not equal, skip one
+        (0x06, 0, 0, 0xFFFFFFFF),  # accept
+        (0x06, 0, 0, 0),  # drop
+    )
+    code = b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
+    memory = ctypes.create_string_buffer(code, len(code))
+    fprog = struct.pack("@HP", len(program), ctypes.addressof(memory))
+    sock.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, fprog)
+
+
+def _receive_options(sock: socket.socket) -> None:
+    timeout = struct.pack("@ll", 0, RECEIVE_TIMEOUT_US)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeout)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+    except PermissionError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+
+
+def _open_python_can(bus: Bus) -> int:
+    import can
+
+    from drivers import python_can_port
+
+    try:
+        port = can.Bus(interface=bus.interface, channel=bus.channel or None)
+    except (can.CanError, ValueError, OSError, ImportError) as error:
+        raise BusError(f"{bus}: python-can cannot open it: {error}") from None
+    return python_can_port.register(port)
+
+
+def lock(name: str) -> TextIO:
+    """Take lock `name` for the life of this process; BusError names the process that has it."""
+    path = f"/dev/shm/pcpc-{os.getuid()}-{name.replace('/', '_')}.lock"
+    file = open(path, "a+")  # noqa: SIM115  held open for the life of the process
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.seek(0)
+        holder = file.read().strip() or "unknown"
+        file.close()
+        raise BusError(
+            f"{name}: already in use by process {holder}; "
+            "end it first, or choose another bus with --bus"
+        ) from None
+    file.truncate(0)
+    file.write(str(os.getpid()))
+    file.flush()
+    return file

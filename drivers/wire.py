@@ -1,0 +1,247 @@
+"""One CAN frame out, one CAN frame in, on every kind of bus, compiled and without allocation.
+
+A frame is Linux' `struct can_frame`: 16 bytes, [0:4] id little-endian with the flags of SocketCAN
+in its upper bits, [4] length, [8:16] data. Three kinds of wire carry it:
+
+    SOCKETCAN   the struct itself on a raw CAN socket
+    UDP         python-can's udp_multicast format: one msgpack map a datagram, written from a
+                template and read by walking the map, so that python-can's own tools share the bus
+    MEMORY      an outbox and an inbox that `carry` connects (virtual time)
+
+A fourth, PYTHON_CAN, hands frames to a `can.Bus` and exists only where the loop runs interpreted.
+"""
+
+from typing import Any
+
+import msgpack
+import numpy as np
+
+from drivers import libc
+from drivers.jit import LOOP_INTERPRETED, loop_function
+from drivers.wire_layout import (
+    FRAME_BYTES,
+    MEMORY,
+    PACKET_BYTES,
+    PYTHON_CAN,
+    QUEUE_FRAMES,
+    SOCKETCAN,
+)
+
+ERROR_FLAGS = 0x60  # in the id's top byte: error and remote frames are not ours
+NOTHING, FRAME, FOREIGN, FAILED = 0, 1, 2, -1
+
+
+def _template() -> tuple[bytes, int, int, int]:
+    """Return python-can's message map with 8 data bytes; offsets of id, dlc and data."""
+    fields = {
+        "timestamp": 0.0, "arbitration_id": 0xFFFFFFFF, "is_extended_id": False,
+        "is_remote_frame": False, "is_error_frame": False, "channel": None, "dlc": 8,
+        "data": b"01234567", "is_fd": False, "bitrate_switch": False,
+        "error_state_indicator": False,
+    }  # fmt: skip
+    packed = msgpack.packb(fields, use_bin_type=True)
+    return (
+        packed,
+        packed.index(b"arbitration_id") + 14,
+        packed.index(b"dlc") + 3,
+        packed.index(b"data") + 6,
+    )
+
+
+TEMPLATE, _ID, _DLC, _DATA = _template()
+_EXTENDED = TEMPLATE.index(b"is_extended_id") + 14
+_TAIL = np.frombuffer(TEMPLATE[_DATA + 8 :], np.uint8).copy()
+_TAIL_BYTES = len(_TAIL)
+TEMPLATE_BYTES = len(TEMPLATE)
+
+
+def prepare(wire: Any, kind: int, fd_tx: int, fd_rx: int) -> None:
+    """Fill the zeroed WIRE record `wire`; descriptors are -1 where a kind has none."""
+    wire.kind, wire.fd_tx, wire.fd_rx = kind, fd_tx, fd_rx
+    wire.packet_tx[:TEMPLATE_BYTES] = np.frombuffer(TEMPLATE, np.uint8)
+
+
+@loop_function
+def _write_packet(frame: Any, packet: Any) -> Any:
+    """Write `frame` (16,) into the msgpack template `packet`; return the packet's length.
+
+    A length above 8 counts as 8, or the datagram would carry what lies behind the frame.
+    """
+    extended = frame[3] & 0x80 != 0
+    packet[_ID + 1] = frame[3] & 31
+    packet[_ID + 2] = frame[2]
+    packet[_ID + 3] = frame[1]
+    packet[_ID + 4] = frame[0]
+    packet[_EXTENDED] = 0xC3 if extended else 0xC2
+    n = min(np.int64(frame[4]), np.int64(8))
+    packet[_DLC] = n
+    packet[_DATA - 1] = n
+    for i in range(n):
+        packet[_DATA + i] = frame[8 + i]
+    for i in range(_TAIL_BYTES):
+        packet[_DATA + n + i] = _TAIL[i]
+    return _DATA + n + _TAIL_BYTES
+
+
+@loop_function
+def _value_end(b: Any, at: Any, end: Any) -> Any:
+    """Return the end of the msgpack scalar, string or bytes at `at`; -1 if cut or unknown."""
+    tag = np.int64(b[at])
+    length = np.int64(-1)
+    if tag <= 0x7F or tag >= 0xE0 or tag == 0xC0 or tag == 0xC2 or tag == 0xC3:
+        length = np.int64(0)
+    elif 0xA0 <= tag <= 0xBF:
+        length = tag & 31
+    elif tag == 0xCC or tag == 0xD0:
+        length = np.int64(1)
+    elif tag == 0xCD or tag == 0xD1:
+        length = np.int64(2)
+    elif tag == 0xCA or tag == 0xCE or tag == 0xD2:
+        length = np.int64(4)
+    elif tag == 0xCB or tag == 0xCF or tag == 0xD3:
+        length = np.int64(8)
+    elif (tag == 0xC4 or tag == 0xD9) and at + 1 < end:
+        length = np.int64(b[at + 1]) + 1
+    if length < 0 or at + 1 + length > end:
+        return np.int64(-1)
+    return at + 1 + length
+
+
+@loop_function
+def _unsigned(b: Any, at: Any, stop: Any) -> Any:
+    """Return the msgpack unsigned integer (or bool) in b[at:stop]; -1 if it is something else."""
+    tag = np.int64(b[at])
+    if tag <= 0x7F:
+        return tag
+    if tag == 0xC2 or tag == 0xC3:
+        return tag - 0xC2
+    value = np.int64(0)
+    if 0xCC <= tag <= 0xCE:
+        for i in range(at + 1, stop):
+            value = value * 256 + np.int64(b[i])
+        return value
+    return np.int64(-1)
+
+
+@loop_function
+def _read_packet(b: Any, end: Any, frame: Any) -> Any:
+    """Read a message map b[:end] into `frame`; return True if it is a classic data frame."""
+    if end < 2 or end > PACKET_BYTES - 1 or b[0] & 0xF0 != 0x80:
+        return False
+    can_id, data_at, data_n, flags = np.int64(-1), np.int64(0), np.int64(-1), np.int64(0)
+    at, other = np.int64(1), False
+    for _ in range(np.int64(b[0] & 15)):
+        if at >= end or b[at] < 0xA1 or b[at] > 0xBF:
+            return False
+        n = np.int64(b[at]) & 31
+        key = at + 1
+        value = key + n
+        if value >= end:
+            return False
+        stop = _value_end(b, value, end)
+        if stop < 0:
+            return False
+        first, fourth = np.int64(b[key]), np.int64(b[key + min(n - 1, np.int64(3))])
+        if n == 14 and first == 97:  # arbitration_id
+            can_id = _unsigned(b, value, stop)
+        elif n == 4 and first == 100:  # data
+            if b[value] != 0xC4:
+                return False
+            data_at, data_n = value + 2, np.int64(b[value + 1])
+        elif n == 14 and first == 105 and fourth == 101 and b[key + 4] == 120:  # is_extended_id
+            flags = np.int64(0x80 if _unsigned(b, value, stop) == 1 else 0)
+        elif (n == 15 and fourth == 114) or (n == 14 and fourth == 101) or n == 5:
+            other |= _unsigned(b, value, stop) != 0  # is_remote_frame, is_error_frame, is_fd
+        at = stop
+    highest = 0x1FFFFFFF if flags else 0x7FF
+    if other or at != end or not 0 <= can_id <= highest or not 0 <= data_n <= 8:
+        return False
+    for i in range(4):
+        frame[i] = (can_id >> (8 * i)) & 255
+    frame[3] |= flags
+    frame[4] = data_n
+    for i in range(8):
+        frame[8 + i] = b[data_at + i] if i < data_n else 0
+    return True
+
+
+if LOOP_INTERPRETED:
+    from drivers import python_can_port
+
+    _put_python_can, _get_python_can = python_can_port.put, python_can_port.get
+else:
+
+    @loop_function
+    def _put_python_can(wire: Any) -> Any:
+        return False
+
+    @loop_function
+    def _get_python_can(wire: Any, block: Any) -> Any:
+        return FAILED
+
+
+@loop_function
+def put_frame(wire: Any) -> Any:
+    """Send `wire.tx`; return True when the bus took it (never blocks)."""
+    if wire.kind == MEMORY:
+        if wire.outbox_put >= QUEUE_FRAMES:
+            return False
+        for i in range(FRAME_BYTES):
+            wire.outbox[wire.outbox_put, i] = wire.tx[i]
+        wire.outbox_put += 1
+        return True
+    if wire.kind == PYTHON_CAN:
+        return _put_python_can(wire)
+    if wire.kind == SOCKETCAN:
+        n, at = np.int64(FRAME_BYTES), libc.address(wire.tx)
+    else:
+        n, at = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
+    if libc.send(wire.fd_tx, at, n, libc.MSG_DONTWAIT) != n:
+        wire.errno = libc.errno()
+        return False
+    return True
+
+
+@loop_function
+def get_frame(wire: Any, block: Any) -> Any:
+    """Receive into `wire.rx`; return FRAME, NOTHING (none came), FOREIGN or FAILED.
+
+    With `block` the call waits at most the socket's receive time-out (set when the bus was opened).
+    """
+    if wire.kind == MEMORY:
+        if wire.inbox_taken == wire.inbox_put:
+            return NOTHING
+        for i in range(FRAME_BYTES):
+            wire.rx[i] = wire.inbox[wire.inbox_taken % QUEUE_FRAMES, i]
+        wire.inbox_taken += 1
+        return FRAME
+    if wire.kind == PYTHON_CAN:
+        return _get_python_can(wire, block)
+    flags = 0 if block else libc.MSG_DONTWAIT
+    if wire.kind == SOCKETCAN:
+        n = libc.recv(wire.fd_rx, libc.address(wire.rx), FRAME_BYTES, flags)
+        known = n == FRAME_BYTES and wire.rx[3] & ERROR_FLAGS == 0
+    else:
+        n = libc.recv(wire.fd_rx, libc.address(wire.packet_rx), PACKET_BYTES, flags)
+        known = n > 0 and _read_packet(wire.packet_rx, n, wire.rx)
+    if n < 0:
+        e = libc.errno()
+        if e == libc.EAGAIN or e == libc.EINTR:
+            return NOTHING
+        wire.errno = e
+        return FAILED
+    return FRAME if known else FOREIGN
+
+
+@loop_function
+def carry(source: Any, target: Any) -> None:
+    """Move `source`'s outbox into `target`'s inbox (kind MEMORY); what does not fit stays."""
+    moved = min(source.outbox_put, QUEUE_FRAMES - (target.inbox_put - target.inbox_taken))
+    for k in range(moved):
+        for i in range(FRAME_BYTES):
+            target.inbox[target.inbox_put % QUEUE_FRAMES, i] = source.outbox[k, i]
+        target.inbox_put += 1
+    for k in range(moved, source.outbox_put):
+        for i in range(FRAME_BYTES):
+            source.outbox[k - moved, i] = source.outbox[k, i]
+    source.outbox_put -= moved

@@ -1,0 +1,29 @@
+"""The memory of one end of a bus, as a structure that the compiled loop uses (no numba here)."""
+
+import numpy as np
+
+MEMORY, SOCKETCAN, UDP, PYTHON_CAN = 0, 1, 2, 3
+KIND_NAMES = ("memory", "socketcan", "udp_multicast", "python-can")
+
+FRAME_BYTES = 16  # struct can_frame: id and flags [0:4], length [4], data [8:16]
+QUEUE_FRAMES = 256  # one virtual-time exchange is about ten frames
+PACKET_BYTES = 512  # python-can writes at most 251 (CAN FD); a longer datagram is cut and refused
+
+WIRE = np.dtype(
+    [
+        ("kind", "<i8"),
+        ("fd_tx", "<i8"),
+        ("fd_rx", "<i8"),
+        ("errno", "<i8"),  # of the last call that failed
+        ("inbox_put", "<i8"),  # MEMORY: frames put into, and taken out of, the inbox
+        ("inbox_taken", "<i8"),
+        ("outbox_put", "<i8"),
+        ("tx", "u1", (FRAME_BYTES,)),  # the frame being sent
+        ("rx", "u1", (FRAME_BYTES,)),  # the frame last received
+        ("packet_tx", "u1", (PACKET_BYTES,)),  # UDP: the msgpack template
+        ("packet_rx", "u1", (PACKET_BYTES,)),
+        ("inbox", "u1", (QUEUE_FRAMES, FRAME_BYTES)),
+        ("outbox", "u1", (QUEUE_FRAMES, FRAME_BYTES)),
+    ],
+    align=True,
+)

@@ -1,0 +1,1 @@
+"""The control laws, one file each: pure mathematics, equations in the header."""

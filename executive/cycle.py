@@ -1,0 +1,435 @@
+"""The loop. One compiled cycle for executive and emulator; only what starts a cycle differs.
+
+    wait       until an absolute deadline (pacing real and sync), or not at all
+    receive    drain the bus: check counter and CRC, decode; or block until the frames are here
+    supervise  the state machine and its ramp
+    tune       take pending tunings, all or none
+    step       the blocks in the rig's order, each on its views of the table
+    limit      clamp, rate-limit and ramp what is sent
+    transmit   encode, protect, send: slow frames, frames of every cycle, SYNC last
+    publish    snapshot of the table for other processes, and one row for the recorder
+
+Time is t = k T. `k` counts periods, `passes` the cycles really done: after a stall whole periods
+are skipped and counted, deadlines keep their phase, nothing is made up in a burst. Counters on the
+wire count passes.
+
+Order on the wire in every cycle k:  SYNC(k) -> feedback(k) -> command(k) -> SYNC(k+1).  The plant
+samples at SYNC(k); the command computed from that sample acts from SYNC(k+1): always one sample of
+delay.
+
+`n` is the LOOP record of `executive.shared`, set up by `executive.node`. In here: no Python object,
+no allocation, no lock, no file.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from drivers import codec, dbc, e2e, libc
+from drivers.jit import STEP, from_dtype, i8, loop, loop_function, stage, types
+from drivers.wire import FAILED, FRAME, NOTHING, get_frame, put_frame
+from drivers.wire_layout import MEMORY
+from executive import shared as sh
+from executive import supervisor as sv
+from executive.rings import now, publish, push_event, push_frame, push_record, stopping
+
+CLOCKED, ON_FRAMES = 0, 1
+DRAIN_FRAMES = 1024  # at most this many in one pass
+
+N = from_dtype(sh.LOOP)
+STEPS = types.UniTuple(types.FunctionType(STEP), sh.MAX_BLOCKS)
+
+# The loop's own variables, at the head of every table.
+HEAD = (
+    ("time.t_s", "s", "time of the cycle, k T"),
+    ("supervisor.state", "", "0 INIT, 1 READY, 2 RUN, 3 HOLD, 4 FAULT, 5 STOP"),
+    ("supervisor.fault", "", "0 none, else the reason of FAULT"),
+    ("supervisor.gain", "", "share of the command that is sent: 1, or on the ramp of FAULT"),
+    ("supervisor.missing_cycles", "", "consecutive cycles without complete valid input"),
+    ("supervisor.nmt", "", "CANopen heartbeat state"),
+    ("supervisor.saturated", "", "1 if a value sent in the previous cycle was clamped"),
+)
+T_S, STATE, FAULT, GAIN, MISSING, NMT, CLAMPED = range(7)
+TIMING = (
+    ("timing.wake_late_us", "us", "start of the cycle behind its deadline"),
+    ("timing.receive_us", "us", "draining and decoding"),
+    ("timing.step_us", "us", "supervisor, tunings, blocks"),
+    ("timing.send_us", "us", "limits, encoding, sending"),
+    ("timing.publish_us", "us", "snapshot and record of the previous cycle"),
+    ("health.passes", "", "cycles done before this one"),
+    ("health.late_cycles", "", "cycles that started later than the rig's fraction of a period"),
+    ("health.skipped_cycles", "", "periods skipped because a cycle ran past its end"),
+    ("health.held_cycles", "", "cycles that ran on a held input"),
+    ("health.stale_cycles", "", "cycles whose input was held longer than the rig allows"),
+    ("health.frames_sent", "", "frames sent"),
+    ("health.frames_received", "", "frames received and used"),
+    ("health.frames_lost", "", "frames missing by their counters"),
+    ("health.crc_errors", "", "frames with a wrong CRC or length"),
+    ("health.frames_repeated", "", "frames received twice"),
+    ("health.saturated_values", "", "values clamped on sending"),
+)
+TIMING_AT = len(HEAD)
+COUNTERS = np.array(
+    [sh.PASSES, sh.LATE, sh.SKIPPED, sh.HELD, sh.STALE, sh.SENT, sh.RECEIVED, sh.LOST,
+     sh.CRC_ERRORS, sh.REPEATED, sh.SATURATED]
+)  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------- wait
+
+
+@loop_function
+def wait(n: Any) -> None:
+    """Sleep until the deadline and note how late the wake-up was."""
+    n.timespec[0] = n.deadline // 1_000_000_000
+    n.timespec[1] = n.deadline % 1_000_000_000
+    until = libc.address(n.timespec)
+    monotonic, absolute = libc.CLOCK_MONOTONIC, libc.TIMER_ABSTIME
+    while libc.clock_nanosleep(monotonic, absolute, until, 0) == libc.EINTR and not stopping(n):
+        pass
+    n.wake = now(n)
+    late = n.wake - n.deadline
+    if late > n.late_ns:
+        n.control[sh.LATE] += 1
+    n.control[sh.WAKE_MAX_NS] = max(n.control[sh.WAKE_MAX_NS], late)
+
+
+@loop_function
+def arm(n: Any) -> None:
+    """Put the first deadline on the common grid of whole periods, plus this node's phase."""
+    soonest = now(n) + n.period_ns // 8 - n.phase_ns
+    n.deadline = (soonest // n.period_ns + 1) * n.period_ns + n.phase_ns
+
+
+@loop_function
+def next_cycle(n: Any) -> None:
+    """Advance by one period, and by every period that is over already."""
+    n.passes += 1
+    n.k += 1
+    n.deadline += n.period_ns
+    n.behind = 0
+    if n.trigger == CLOCKED and n.passes > n.arm_pass and n.done > n.deadline:
+        n.behind = (n.done - n.deadline) // n.period_ns + 1
+        n.k += n.behind
+        n.deadline += n.behind * n.period_ns
+        n.control[sh.SKIPPED] += n.behind
+        push_event(n, sh.SKIP_EVENT, n.behind, 0.0)
+
+
+# ------------------------------------------------------------------------------------------ receive
+
+
+@loop_function
+def take_frame(n: Any) -> Any:
+    """Check and decode `wire.rx`; return its row in the frame table, -1 if it is not for us."""
+    frame = n.wire.rx
+    word = np.int64(0)
+    for i in range(4):
+        word |= np.int64(frame[i]) << (8 * i)
+    row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx[: n.n_rx])
+    if row < 0:
+        return row
+    data = frame[8:16]
+    used_before = n.rx_state[row, e2e.FRESH]
+    state, lost = e2e.check(data, np.int64(frame[4]), row, n.rx, n.rx_state)
+    push_frame(n, frame, 1, state)
+    n.control[sh.LOST] += lost
+    if state == e2e.OK or state == e2e.OK_SOME_LOST:
+        codec.unpack(data, row, n.rx, n.rx_signals, n.rx_scales, n.v)
+        n.control[sh.RECEIVED] += 1
+        if used_before == 0:
+            n.started += n.rx_role[row, sh.STARTS]
+            n.fresh += n.rx_role[row, sh.AWAITED]
+    elif state == e2e.ERROR:
+        n.control[sh.CRC_ERRORS] += 1
+    elif state == e2e.REPEATED:
+        n.control[sh.REPEATED] += 1
+    return row
+
+
+@loop_function
+def receive(n: Any) -> None:
+    """Drain what is there; before the clock runs, and in lockstep, block until all is here."""
+    gather = n.trigger != CLOCKED or n.passes <= n.arm_pass
+    waits = 0
+    for _ in range(DRAIN_FRAMES):
+        if gather and n.started >= n.n_starters:
+            break
+        result = get_frame(n.wire, gather)
+        if result == FRAME:
+            take_frame(n)
+            waits = 0
+        elif result == NOTHING:
+            if not gather or stopping(n):
+                break
+            waits += 1
+            if n.passes == 0 and n.wire.kind != MEMORY:
+                announce(n)
+                waits = 0
+            elif waits >= n.patience or n.wire.kind == MEMORY:
+                n.faulted = sv.PEER_SILENT
+                break
+        elif result == FAILED:
+            n.control[sh.BUS_ERRNO] = n.wire.errno
+            n.faulted = sv.BUS_FAILED
+            break
+    n.received = now(n)
+
+
+# ---------------------------------------------------------------------------------------- supervise
+
+
+@loop_function
+def supervise(n: Any) -> None:
+    """Count missing input, advance the state machine, ramp the gain in FAULT."""
+    before = np.int64(n.v[STATE])
+    running = before == sv.RUN or before == sv.HOLD
+    if n.fresh >= n.n_awaited:
+        n.missing = 0
+    else:
+        n.missing += 1
+        n.control[sh.HELD] += running
+        n.control[sh.STALE] += running and n.missing > n.hold_cycles
+    n.started = 0
+    n.fresh = 0
+    e2e.begin_cycle(n.rx_state[: n.n_rx])
+    if running and n.missing >= n.fault_after and n.faulted == sv.NO_FAULT:
+        n.faulted = sv.INPUT_MISSING
+    asked = stopping(n) or (n.mode_index >= 0 and n.v[n.mode_index] == sv.STOP)
+    state = sv.advance(before, n.missing == 0, n.faulted, asked, n.gain <= 0.0)
+    if before == sv.FAULT:
+        n.gain = max(n.gain - n.ramp_step, 0.0)
+    if state != before:
+        push_event(n, sh.STATE_EVENT, state, 0.0)
+        if state == sv.FAULT:
+            n.control[sh.FAULT] = n.faulted
+            push_event(n, sh.FAULT_EVENT, n.faulted, 0.0)
+    n.control[sh.STATE] = state
+    n.v[STATE] = state
+    n.v[FAULT] = n.faulted
+    n.v[GAIN] = n.gain
+    n.v[MISSING] = n.missing
+    n.v[NMT] = sv.NMT[state]
+    for i in range(n.n_safe):  # the watchdog: hold, then ramp from the held value to the safe one
+        j = n.safe_index[i]
+        if state < sv.FAULT:
+            n.safe[i, sh.LAST] = n.v[j]
+        else:
+            n.v[j] = n.safe[i, sh.SAFE] + n.gain * (n.safe[i, sh.LAST] - n.safe[i, sh.SAFE])
+
+
+@loop_function
+def tune(n: Any) -> None:
+    """Apply the tunings that wait in the mailbox and acknowledge them with the cycle."""
+    request = libc.load_acquire(n.mail, sh.REQUEST)
+    if request == n.mail[sh.ACK]:
+        return
+    for i in range(min(n.mail[sh.COUNT], sh.MAIL_SLOTS)):
+        j = n.mail_index[i]
+        if 0 <= j < n.n_variables:
+            n.v[j] = n.mail_value[i]
+            push_event(n, sh.TUNING_EVENT, j, n.mail_value[i])
+    n.mail[sh.ACK_CYCLE] = n.k
+    libc.store_release(n.mail, sh.ACK, request)
+
+
+# --------------------------------------------------------------------------------------------- step
+
+
+@loop_function
+def copy_inputs(n: Any, block: Any) -> None:
+    """Carry the wired variables into the inputs of `block` (MAX_BLOCKS: into what is sent)."""
+    first = n.copies_end[block - 1] if block > 0 else 0
+    for i in range(first, n.copies_end[block]):
+        n.v[n.copies[i, 1]] = n.v[n.copies[i, 0]]
+
+
+@loop_function
+def step_blocks(n: Any, steps: Any) -> None:
+    """Step every block at time k T; after a stall the emulator makes up the owed periods."""
+    dt = n.period_ns * 1e-9
+    owed = n.behind if n.is_plant != 0 else 0
+    v = n.v
+    for k in range(n.k - owed, n.k + 1):
+        v[T_S] = k * dt
+        for b in range(n.n_blocks):
+            copy_inputs(n, b)
+            at = n.views[b]
+            f = steps[b]
+            f(v[T_S], dt, v[at[0] : at[1]], v[at[2] : at[3]], v[at[4] : at[5]], v[at[6] : at[7]])
+    n.stepped = now(n)
+
+
+@loop_function
+def limit(n: Any) -> None:
+    """Carry the outputs into what is sent; clamp them, limit their rate, ramp them in FAULT."""
+    copy_inputs(n, sh.MAX_BLOCKS)
+    n.v[CLAMPED] = 0.0
+    for i in range(n.n_limits):
+        j = n.limit_index[i]
+        wanted, last = n.v[j], n.limits[i, sh.LAST]
+        if not abs(wanted) < 1e300:  # NaN or infinite
+            n.faulted = sv.COMMAND_NOT_FINITE
+            wanted = last
+        value = min(max(wanted, n.limits[i, sh.LOW]), n.limits[i, sh.HIGH])
+        value = min(max(value, last - n.limits[i, sh.RATE]), last + n.limits[i, sh.RATE])
+        if value != wanted:
+            n.v[CLAMPED] = 1.0
+            n.control[sh.SATURATED] += 1
+        if n.v[STATE] < sv.FAULT:
+            n.limits[i, sh.LAST] = value
+        else:
+            value = n.gain * last
+        n.v[j] = value
+
+
+# ----------------------------------------------------------------------------------------- transmit
+
+
+@loop_function
+def send_frame(n: Any, row: Any, counter: Any) -> None:
+    """Encode, protect and send the frame of one row of the transmit table."""
+    frame = n.wire.tx
+    word = n.tx[row, dbc.CAN_ID] | n.tx[row, dbc.EXTENDED] << 31
+    for i in range(4):
+        frame[i] = (word >> (8 * i)) & 255
+    frame[4] = n.tx[row, dbc.DLC]
+    data = frame[8:16]
+    clamped = codec.pack(data, row, n.tx, n.tx_signals, n.tx_scales, n.v)
+    if clamped > 0:
+        n.v[CLAMPED] = 1.0
+        n.control[sh.SATURATED] += clamped
+    e2e.protect(data, row, n.tx, counter)
+    if put_frame(n.wire):
+        n.control[sh.SENT] += 1
+    else:
+        n.control[sh.SEND_ERRORS] += 1
+        n.control[sh.BUS_ERRNO] = n.wire.errno
+    push_frame(n, frame, 0, 0)
+
+
+@loop_function
+def transmit(n: Any) -> None:
+    """Send what is due: slow frames, frames of every cycle, SYNC last (the rows' order)."""
+    for row in range(n.n_tx):
+        every = n.tx[row, dbc.EVERY_N]
+        if n.passes % every == 0:
+            send_frame(n, row, n.passes // every + n.tx_role[row, sh.IS_SYNC])
+    n.sent = now(n)
+
+
+@loop_function
+def announce(n: Any) -> None:
+    """Send the heartbeat while waiting for the other node, and at the end."""
+    n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
+    copy_inputs(n, sh.MAX_BLOCKS)
+    for row in range(n.n_tx):
+        if n.tx_role[row, sh.IS_HEARTBEAT] != 0:
+            send_frame(n, row, 0)
+
+
+@loop_function
+def request_first_sample(n: Any) -> None:
+    """Send SYNC(0): the plant answers with its sample of t = 0."""
+    for row in range(n.n_tx):
+        if n.tx_role[row, sh.IS_SYNC] != 0:
+            send_frame(n, row, 0)
+
+
+@loop_function
+def note_timing(n: Any) -> None:
+    """Write the stage times and the counters into the table."""
+    v = n.v
+    v[TIMING_AT] = 0.001 * (n.wake - n.deadline)
+    v[TIMING_AT + 1] = 0.001 * (n.received - n.wake)
+    v[TIMING_AT + 2] = 0.001 * (n.stepped - n.received)
+    v[TIMING_AT + 3] = 0.001 * (n.sent - n.stepped)
+    v[TIMING_AT + 4] = 0.001 * n.publish_ns
+    for i in range(COUNTERS.shape[0]):
+        v[TIMING_AT + 5 + i] = n.control[COUNTERS[i]]
+
+
+# ----------------------------------------------------------------------------------------- the loop
+
+
+@loop_function
+def one_pass(n: Any, steps: Any) -> Any:
+    """Run one cycle; return False when the node is to stop."""
+    if n.trigger == CLOCKED and n.passes > n.arm_pass:
+        wait(n)
+        receive(n)
+    else:
+        receive(n)
+        if n.trigger == CLOCKED and n.passes == n.arm_pass:
+            arm(n)
+            wait(n)
+        else:
+            n.deadline = n.wake = n.received
+        n.received = n.wake
+    supervise(n)
+    if n.v[STATE] == sv.STOP or n.faulted == sv.PEER_SILENT:
+        return False
+    tune(n)
+    step_blocks(n, steps)
+    limit(n)
+    transmit(n)
+    note_timing(n)
+    publish(n)
+    push_record(n)
+    n.control[sh.PASSES] = n.passes + 1
+    n.control[sh.CYCLE] = n.k
+    n.done = now(n)
+    n.publish_ns = n.done - n.sent
+    next_cycle(n)
+    return n.k < n.cycles
+
+
+@loop_function
+def finish(n: Any) -> None:
+    """Send the last frames, with state STOP and a safe command, and mark the node as done."""
+    if n.v[STATE] != sv.STOP:
+        push_event(n, sh.STATE_EVENT, sv.STOP, 0.0)
+    n.v[STATE] = sv.STOP
+    n.v[NMT] = sv.NMT[sv.STOP]
+    n.gain = 0.0
+    n.control[sh.STATE] = sv.STOP
+    if n.is_plant == 0:
+        limit(n)
+        transmit(n)
+    else:
+        announce(n)
+    publish(n)
+    libc.store_release(n.control, sh.DONE, 1)
+
+
+@loop_function
+def wait_for_peer(n: Any) -> Any:
+    """Block until a frame of the plant is seen, and answer; return False when the host stops us."""
+    while not stopping(n):
+        result = get_frame(n.wire, True)
+        if result == FRAME and take_frame(n) >= 0:
+            announce(n)
+            return True
+        if result == NOTHING:
+            announce(n)
+        if result == FAILED:
+            n.control[sh.BUS_ERRNO] = n.wire.errno
+            n.faulted = sv.BUS_FAILED
+            return False
+    return False
+
+
+@loop(i8(N, STEPS))
+def run(n: Any, steps: Any) -> Any:
+    """Run the node on its bus to the end; return the number of cycles done."""
+    if n.is_plant == 0 and wait_for_peer(n):
+        request_first_sample(n)
+    while one_pass(n, steps):
+        pass
+    finish(n)
+    return n.passes
+
+
+@stage
+def idle(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+    """Do nothing: the step of an unused place."""

@@ -1,0 +1,144 @@
+"""One real-time process: the executive or, started by `plants.emulator`, the emulator.
+
+The compiled loop runs in a worker thread without the GIL. The main thread only waits for signals;
+nothing else runs in this process. Ends by itself after the rig's duration, on SIGTERM or SIGINT, or
+on a fault.
+
+    executive.process ROLE RIG [--pacing P] [--bus B] [--controller C] [--set NAME=VALUE]...
+
+exit code: 0 ok; 2 rig file; 4 environment; 5 fault
+"""
+
+import signal
+
+# numpy starts threads of its own: the mask must stand before its import, or a signal could hit one
+# of them
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+
+import argparse  # noqa: E402
+import ctypes  # noqa: E402
+import os  # noqa: E402
+import sys  # noqa: E402
+import threading  # noqa: E402
+from collections.abc import Sequence  # noqa: E402
+from typing import Any  # noqa: E402
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np  # noqa: E402
+
+from drivers import bus as buses  # noqa: E402
+from drivers import realtime, wire  # noqa: E402
+from drivers.dbc import BusError  # noqa: E402
+from drivers.wire_layout import MEMORY  # noqa: E402
+from executive import shared as sh  # noqa: E402
+from executive.cycle import run  # noqa: E402
+from executive.emath_selftest import selftest  # noqa: E402
+from executive.errors import RigError  # noqa: E402
+from executive.facts import facts  # noqa: E402
+from executive.node import Plan, Role, check_rate, describe, install, plan  # noqa: E402
+from executive.rig import Rig, load_rig  # noqa: E402
+
+OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
+_PR_SET_PDEATHSIG = 1
+_WARM_UP_CYCLES = 3
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run one node; print errors; return the exit code."""
+    options = _arguments().parse_args(argv)
+    if options.with_parent:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    try:
+        return Process(options).run()
+    except RigError as error:
+        print(error, file=sys.stderr)
+        return BAD_RIG
+    except (BusError, sh.SharedError) as error:
+        print(error, file=sys.stderr)
+        return NO_ENVIRONMENT
+
+
+def _arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("executive.process")
+    parser.add_argument("role", choices=("executive", "plant"))
+    parser.add_argument("rig")
+    parser.add_argument("--pacing", choices=("real", "sync", "lockstep"))
+    parser.add_argument("--bus")
+    parser.add_argument("--controller")
+    parser.add_argument("--set", action="append", default=[])
+    parser.add_argument("--with-parent", action="store_true", help="end when the parent dies")
+    return parser
+
+
+class Process:
+    """A node between its set-up and its end."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.role: Role = options.role
+        self.rig: Rig = load_rig(options.rig, options.controller, options.set)
+        self.pacing: str = options.pacing or self.rig.config.pacing
+        check_rate(self.rig, self.pacing)
+        configured = self.rig.config.bus
+        channel = None if configured.channel is None else str(configured.channel)
+        named = (configured.interface, channel) if options.bus is None else buses.parse(options.bus)
+        self.bus = buses.choose(*named)
+        self.plan: Plan = plan(self.rig, self.role, self.pacing)
+        self.report = realtime.Report(())
+
+    def run(self) -> int:
+        """Set up, warm up, run the loop in its thread, wait; return the exit code."""
+        name = sh.block_name(self.rig.config.rig, str(self.bus), self.role)
+        held = buses.lock(name)
+        metadata = facts() | {
+            "pacing": self.pacing,
+            "bus": str(self.bus),
+            "controller": self.rig.config.controller,
+            "seed": str(self.rig.config.seed),
+            "rate_hz": repr(self.rig.config.rate_hz),
+        }
+        warm_up(self.plan)
+        self.report = realtime.prepare_process()
+        block = sh.create(name, describe(self.plan, metadata))
+        buses.open_bus(self.bus, self.plan.receive_ids, block.loop.wire)
+        install(self.plan, block.loop)
+        block["control"][sh.PID] = os.getpid()
+        loop = threading.Thread(target=self._loop, args=(block,))
+        loop.start()
+        while loop.is_alive():
+            if signal.sigtimedwait({signal.SIGINT, signal.SIGTERM}, 0.05):
+                block["control"][sh.STOP] = 1
+        held.close()
+        return SAFETY_STOP if block["control"][sh.FAULT] else OK
+
+    def _loop(self, block: sh.Shared) -> None:
+        """Be the loop's thread: real-time settings, self-test, then the compiled loop."""
+        settings = self.rig.config.realtime
+        plant = self.role == "plant"
+        priority = settings.plant_priority if plant else settings.priority
+        self.report += realtime.prepare_thread(priority, None)
+        selftest()
+        warning = self.report.warning()
+        if warning and self.pacing != "lockstep":
+            print(f"{self.role}: {warning}", file=sys.stderr, flush=True)
+        block["control"][sh.REALTIME] = self.report.is_realtime
+        block["control"][sh.READY] = 1
+        run(block.loop, self.plan.steps)
+
+
+def warm_up(made: Plan) -> None:
+    """Run a few cycles on scratch memory, so that the loop is compiled and touched."""
+    scratch = np.recarray(1, sh.LOOP)
+    scratch.view(np.uint8)[:] = 0
+    loop: Any = scratch[0]
+    wire.prepare(loop.wire, MEMORY, -1, -1)
+    install(made, loop)
+    loop.trigger = 0  # clocked, in memory: every deadline is over already
+    loop.arm_pass = -1
+    loop.is_plant = 1  # waits for nobody
+    loop.cycles = _WARM_UP_CYCLES
+    run(loop, made.steps)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,67 @@
+"""The supervisor of a node: six states, one pure transition table, one ramp.
+
+    INIT   waiting for the other node          READY  the first valid sample is here
+    RUN    the loop is closed                  HOLD   a cycle ran on the last valid sample
+    FAULT  the command ramps to its safe value STOP   the command is safe, the node ends
+
+               NONE   FRESH  MISSED  LOSS   STOP_REQUEST  RAMPED
+      INIT     INIT   READY  INIT    FAULT  STOP          INIT
+      READY    READY  RUN    READY   FAULT  STOP          READY
+      RUN      RUN    RUN    HOLD    FAULT  STOP          RUN
+      HOLD     HOLD   RUN    HOLD    FAULT  STOP          HOLD
+      FAULT    FAULT  FAULT  FAULT   FAULT  STOP          STOP
+      STOP     STOP   STOP   STOP    STOP   STOP          STOP
+
+FAULT is latched: only a new start leaves it. The same table serves the executive (fresh = a
+complete valid set of feedback) and the emulator (fresh = a valid command), whose FAULT is its
+watchdog.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from drivers.jit import loop_inline
+
+INIT, READY, RUN, HOLD, FAULT, STOP = range(6)
+STATE_NAMES = ("INIT", "READY", "RUN", "HOLD", "FAULT", "STOP")
+
+NONE, FRESH, MISSED, LOSS, STOP_REQUEST, RAMPED = range(6)
+
+NEXT = np.array(
+    [
+        [INIT, READY, INIT, FAULT, STOP, INIT],
+        [READY, RUN, READY, FAULT, STOP, READY],
+        [RUN, RUN, HOLD, FAULT, STOP, RUN],
+        [HOLD, RUN, HOLD, FAULT, STOP, HOLD],
+        [FAULT, FAULT, FAULT, FAULT, STOP, STOP],
+        [STOP, STOP, STOP, STOP, STOP, STOP],
+    ],
+    np.int64,
+)
+
+NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED = range(5)
+FAULT_NAMES = (
+    "none",
+    "no valid input frame for the rig's limit of cycles",
+    "a command was not a finite number",
+    "the other node fell silent",
+    "the bus failed",
+)
+
+NMT = np.array([127.0, 127.0, 5.0, 5.0, 4.0, 4.0])  # CANopen heartbeat state of each state
+
+
+@loop_inline
+def advance(state: Any, fresh: Any, fault: Any, stopping: Any, ramped: Any) -> Any:
+    """Return the next state. `fresh`: this cycle's input is complete; `fault`: a fault code."""
+    event = MISSED
+    if stopping:
+        event = STOP_REQUEST
+    elif state == FAULT:
+        event = RAMPED if ramped else NONE
+    elif fault != NO_FAULT:
+        event = LOSS
+    elif fresh:
+        event = FRESH
+    return NEXT[state, event]

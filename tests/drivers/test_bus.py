@@ -1,0 +1,306 @@
+"""Real buses: our sockets among themselves and with python-can, refusals with their cure, locks."""
+
+import inspect
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from can.interfaces.udp_multicast import UdpMulticastBus
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers import bus, wire, wire_layout
+from drivers.bus import Bus
+from drivers.dbc import BusError
+from drivers.jit import LOOP_INTERPRETED
+
+ROOT = Path(__file__).resolve().parents[2]
+PORT = 47000 + os.getpid() % 1000
+DEFAULT = f"{bus.UDP_GROUP}:{PORT}"
+OTHER_GROUP = "239.74.163.9"
+OTHER = f"{OTHER_GROUP}:{PORT}"
+PYTHON_CAN_WAIT_S = 2.0  # only waited for when a frame is lost
+
+Open = Callable[[str], Any]
+
+
+def new_wire() -> Any:
+    """Return a zeroed WIRE record."""
+    records = np.recarray(1, wire_layout.WIRE)
+    records.view(np.uint8)[:] = 0
+    return records[0]
+
+
+@pytest.fixture
+def open_udp() -> Iterator[Open]:
+    """Open udp_multicast wires that are closed after the test."""
+    wires = []
+
+    def opener(channel: str) -> Any:
+        end = new_wire()
+        bus.open_bus(Bus("udp_multicast", channel), [], end)
+        wires.append(end)
+        return end
+
+    yield opener
+    for end in wires:
+        os.close(end.fd_tx)
+        os.close(end.fd_rx)
+
+
+@pytest.fixture
+def open_python_can() -> Iterator[Callable[..., can.BusABC]]:
+    """Open python-can buses that are shut down after the test."""
+    buses = []
+
+    def opener(**options: Any) -> can.BusABC:
+        buses.append(can.Bus(interface="udp_multicast", **options))
+        return buses[-1]
+
+    yield opener
+    for python_can in buses:
+        python_can.shutdown()
+
+
+def send(end: Any, can_id: int, data: bytes, extended: bool = False) -> None:
+    word = can_id | int(extended) << 31
+    packed = word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
+    end.tx[:] = np.frombuffer(packed, np.uint8)
+    assert wire.put_frame(end), f"errno {end.errno}"
+
+
+def receive(end: Any) -> tuple[int, bytes] | int:
+    """Return word and data of the next frame, or what else `get_frame` returned."""
+    outcome = wire.get_frame(end, True)
+    if outcome != wire.FRAME:
+        return int(outcome)
+    return int.from_bytes(end.rx[:4].tobytes(), "little"), end.rx[8 : 8 + end.rx[4]].tobytes()
+
+
+@pytest.mark.parametrize("channel", [DEFAULT, OTHER])
+def test_two_wires_exchange_frames_and_a_sender_hears_itself(open_udp: Open, channel: str) -> None:
+    a, b = open_udp(channel), open_udp(channel)
+    send(a, 0x123, b"from a")
+    send(b, 0x1ABCDEF0, b"", extended=True)
+    expected = [(0x123, b"from a"), (0x9ABCDEF0, b""), wire.NOTHING]
+    for name, end in (("a", a), ("b", b)):
+        got = [receive(end) for _ in expected]
+        assert got == expected, f"{name} received {got}"
+
+
+@pytest.mark.parametrize("channel", [DEFAULT, OTHER])
+def test_a_burst_waits_in_the_socket_in_order(open_udp: Open, channel: str) -> None:
+    a, b = open_udp(channel), open_udp(channel)
+    for k in range(200):
+        send(a, k, bytes([k]))
+    got = [receive(b) for _ in range(200)]
+    assert got == [(k, bytes([k])) for k in range(200)], f"{got}"
+
+
+@pytest.mark.parametrize("group", [bus.UDP_GROUP, OTHER_GROUP])
+def test_python_can_on_the_group_and_we_hear_each_other(
+    open_udp: Open, open_python_can: Callable[..., can.BusABC], group: str
+) -> None:
+    ours, theirs = open_udp(f"{group}:{PORT}"), open_python_can(channel=group, port=PORT)
+    send(ours, 0x1ABCDEF0, b"12345678", extended=True)
+    message = theirs.recv(PYTHON_CAN_WAIT_S)
+    assert message is not None, "python-can received nothing"
+    got = (message.arbitration_id, message.is_extended_id, bytes(message.data))
+    assert got == (0x1ABCDEF0, True, b"12345678"), f"python-can received {message}"
+    theirs.send(can.Message(arbitration_id=0x55, data=b"hi", is_extended_id=False))
+    heard = [receive(ours), receive(ours), receive(ours)]
+    assert heard == [(0x9ABCDEF0, b"12345678"), (0x55, b"hi"), wire.NOTHING], f"{heard}"
+
+
+def test_python_can_without_a_channel_hears_each_of_our_frames_once(
+    open_udp: Open, open_python_can: Callable[..., can.BusABC]
+) -> None:
+    ours, viewer = open_udp(DEFAULT), open_python_can(port=PORT)
+    named = open_python_can(channel=bus.UDP_GROUP, port=PORT)
+    for k in range(3):
+        send(ours, 0x100 + k, b"")
+    for name, theirs in (("no channel", viewer), ("named group", named)):
+        got = [theirs.recv(PYTHON_CAN_WAIT_S) for _ in range(3)] + [theirs.recv(0.0)]
+        ids = [message and message.arbitration_id for message in got]
+        assert ids == [0x100, 0x101, 0x102, None], f"{name}: {ids}"
+
+
+def test_our_default_is_python_cans_group_and_port() -> None:
+    port = inspect.signature(UdpMulticastBus.__init__).parameters["port"].default
+    address = bus.udp_address(bus.choose("udp_multicast", None).channel)
+    assert address == (UdpMulticastBus.DEFAULT_GROUP_IPv4, port), f"{address}"
+
+
+def test_groups_on_one_port_are_separate_and_unicasts_are_not_heard(open_udp: Open) -> None:
+    ends = {channel: open_udp(channel) for channel in (DEFAULT, OTHER, f"239.74.163.10:{PORT}")}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.sendto(wire.TEMPLATE, (bus.LOOPBACK, PORT))
+    for k, end in enumerate(ends.values()):
+        send(end, k, b"")
+    for k, (channel, end) in enumerate(ends.items()):
+        got = [receive(end), receive(end)]
+        assert got == [(k, b""), wire.NOTHING], f"{channel} heard {got}"
+
+
+@pytest.mark.parametrize(
+    "datagram",
+    [b"", b"x", b"\x8b" + bytes(50), wire.TEMPLATE[:-1], wire.TEMPLATE + bytes(600), bytes(3000)],
+    ids=len,
+)
+def test_a_strange_datagram_is_foreign_and_the_next_frame_is_read(
+    open_udp: Open, datagram: bytes
+) -> None:
+    end = open_udp(DEFAULT)
+    sender = socket.socket(fileno=os.dup(end.fd_tx))
+    with sender:
+        sender.send(datagram)
+    send(end, 1, b"next")
+    got = [receive(end), receive(end)]
+    assert got == [wire.FOREIGN, (1, b"next")], f"{got}"
+
+
+def test_an_empty_bus_gives_nothing_with_and_without_blocking(open_udp: Open) -> None:
+    end = open_udp(DEFAULT)
+    got = [wire.get_frame(end, False), wire.get_frame(end, True)]
+    assert got == [wire.NOTHING, wire.NOTHING], f"{got}"
+
+
+@pytest.mark.parametrize("channel", [DEFAULT, OTHER])
+def test_a_port_of_a_program_that_does_not_share_is_named(channel: str) -> None:
+    descriptors = len(os.listdir("/proc/self/fd"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as selfish:
+        selfish.bind(("", PORT))
+        with pytest.raises(BusError, match=rf"port {PORT} is in use .* --bus udp_multicast:239"):
+            bus.open_bus(Bus("udp_multicast", channel), [], new_wire())
+    left = len(os.listdir("/proc/self/fd"))
+    assert left == descriptors, f"{left - descriptors} descriptors left open"
+
+
+@pytest.mark.parametrize(
+    "channel",
+    ["vcan0", "10.0.0.1", "240.0.0.1", "ff15::1", "239.1", "239.1.1.1 x", "239.1.1.1:x",
+     "239.1.1.1:0", "239.1.1.1:65536", "239.1.1.1:-1", "239.1.1.1\0", "", ":43113"],
+)  # fmt: skip
+def test_a_bad_channel_is_refused_with_an_example(channel: str) -> None:
+    with pytest.raises(BusError, match=rf"expected an IPv4 multicast group .* {bus.UDP_GROUP}:"):
+        bus.open_bus(Bus("udp_multicast", channel), [], new_wire())
+
+
+@given(st.text() | st.from_regex(r"\d{1,4}(\.\d{1,4}){0,4}(:\d{0,6})?", fullmatch=True))
+@settings(deadline=None)
+def test_any_channel_text_is_an_address_or_a_bus_error(channel: str) -> None:
+    try:
+        group, port = bus.udp_address(channel)
+    except BusError:
+        return
+    assert re.fullmatch(r"2[23]\d(\.\d{1,3}){3}", group) and 0 < port < 65536, f"{group} {port}"
+
+
+def test_a_missing_can_interface_is_refused_with_the_cure() -> None:
+    with pytest.raises(BusError) as refused:
+        bus.open_bus(Bus("socketcan", "vcan77"), [0x80], new_wire())
+    text = str(refused.value)
+    for part in ("vcan77: ", "ip link add dev vcan77 type vcan", "pcpc vm", "udp_multicast"):
+        assert part in text, f"{part!r} is not in {text!r}"
+
+
+@pytest.mark.parametrize("name", ["a" * 16, "b" * 300])
+def test_an_impossible_interface_name_is_a_bus_error(name: str) -> None:
+    with pytest.raises(BusError, match=rf"^{name}: "):
+        bus.open_bus(Bus("socketcan", name), [], new_wire())
+
+
+def test_another_interface_of_python_can_needs_the_interpreted_loop() -> None:
+    end, wanted = new_wire(), Bus("virtual", "test")
+    if not LOOP_INTERPRETED:
+        with pytest.raises(BusError, match="PCPC_LOOP=interpreted"):
+            bus.open_bus(wanted, [], end)
+        return
+    bus.open_bus(wanted, [], end)
+    with can.Bus(interface="virtual", channel="test") as theirs:
+        send(end, 0x1ABCDEF0, b"123", extended=True)
+        message = theirs.recv(PYTHON_CAN_WAIT_S)
+        assert message is not None and message.arbitration_id == 0x1ABCDEF0, f"{message}"
+        assert bytes(message.data) == b"123" and message.is_extended_id, f"{message}"
+        for sent in (
+            can.Message(arbitration_id=0x7FF, data=b"hi", is_extended_id=False),
+            can.Message(arbitration_id=1, data=bytes(12), is_fd=True),
+            can.Message(arbitration_id=1, is_remote_frame=True),
+            can.Message(arbitration_id=1, data=bytes(12), check=False),
+        ):
+            theirs.send(sent)
+        got = [receive(end) for _ in range(5)]
+        foreign = [wire.FOREIGN] * 3
+        assert got == [(0x7FF, b"hi"), *foreign, wire.NOTHING], f"{got}"
+
+
+def test_a_bus_that_python_can_cannot_open_is_a_bus_error() -> None:
+    with pytest.raises(BusError, match=r"^no_such_interface:x: "):
+        bus.open_bus(Bus("no_such_interface", "x"), [], new_wire())
+
+
+@pytest.mark.parametrize(
+    ("text", "interface", "channel"),
+    [
+        ("auto", "auto", None), ("udp_multicast", "udp_multicast", None),
+        ("udp_multicast:239.1.1.1:47000", "udp_multicast", "239.1.1.1:47000"),
+        ("vcan0", "socketcan", "vcan0"), ("can7", "socketcan", "can7"),
+        ("socketcan:vcan1", "socketcan", "vcan1"), ("socketcan", "socketcan", None),
+        ("canalystii", "canalystii", None), ("cantact:0", "cantact", "0"),
+        ("virtual", "virtual", None), ("pcan:PCAN_USBBUS1", "pcan", "PCAN_USBBUS1"),
+    ],
+)  # fmt: skip
+def test_a_bus_text_is_split_as_written(text: str, interface: str, channel: str | None) -> None:
+    got = bus.parse(text)
+    assert got == (interface, channel), f"{text} became {got}"
+
+
+def test_auto_is_a_bus_that_opens() -> None:
+    chosen = bus.choose("auto", None)
+    end = new_wire()
+    bus.open_bus(chosen, [], end)
+    for descriptor in {int(end.fd_tx), int(end.fd_rx)}:
+        os.close(descriptor)
+    assert chosen.compiled and end.kind in (wire_layout.SOCKETCAN, wire_layout.UDP), f"{chosen}"
+
+
+HOLDER = """
+import sys
+from drivers import bus
+held = bus.lock(sys.argv[1])
+print("locked", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_lock_names_its_holder_and_dies_with_it() -> None:
+    name = f"test/{os.getpid()}"
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, name],
+        cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    ) as holder:  # fmt: skip
+        assert holder.stdout is not None and holder.stdout.readline() == "locked\n"
+        with pytest.raises(BusError, match=f"^{name}: already in use by process {holder.pid};"):
+            bus.lock(name)
+        holder.send_signal(signal.SIGKILL)
+        holder.wait()
+        own = f"by process {os.getpid()};"
+        with bus.lock(name) as held, pytest.raises(BusError, match=own):
+            bus.lock(name)
+        os.unlink(held.name)
+
+
+def test_locks_of_different_names_do_not_meet() -> None:
+    with bus.lock(f"test-a-{os.getpid()}") as a, bus.lock(f"test-b-{os.getpid()}") as b:
+        assert a.name != b.name
+    os.unlink(a.name)
+    os.unlink(b.name)

@@ -1,0 +1,288 @@
+"""The wire formats: python-can datagrams both ways, hostile buffers, virtual-time queues.
+
+Packets lie directly before an unreadable page: one byte read behind the end is a crash when
+compiled, an IndexError when interpreted.
+"""
+
+import ctypes
+import math
+import mmap
+import os
+import random
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from can.interfaces.udp_multicast.utils import pack_message, unpack_message
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from drivers import libc, wire, wire_layout
+from drivers.jit import LOOP_INTERPRETED
+
+ROOT = Path(__file__).resolve().parents[2]
+HOSTILE_BUFFERS = 500 if LOOP_INTERPRETED else 20_000
+EXAMPLES = 40 if LOOP_INTERPRETED else 300
+PAGE = mmap.PAGESIZE
+PROT_NONE = 0
+
+Bytes = NDArray[np.uint8]
+
+
+def guarded_page() -> Bytes:
+    """Return one page whose next page cannot be touched."""
+    pages = mmap.mmap(-1, 2 * PAGE)
+    memory = np.frombuffer(pages, np.uint8)
+    mprotect = ctypes.CDLL(None, use_errno=True).mprotect
+    mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+    assert mprotect(memory.ctypes.data + PAGE, PAGE, PROT_NONE) == 0, os.strerror(
+        ctypes.get_errno()
+    )
+    return memory[:PAGE]
+
+
+GUARDED = guarded_page()
+PACKET = np.zeros(wire_layout.PACKET_BYTES, np.uint8)
+PACKET[: wire.TEMPLATE_BYTES] = np.frombuffer(wire.TEMPLATE, np.uint8)
+
+
+def new_wire(kind: int = wire_layout.MEMORY) -> Any:
+    """Return a zeroed WIRE record, prepared for `kind`."""
+    records = np.recarray(1, wire_layout.WIRE)
+    records.view(np.uint8)[:] = 0
+    wire.prepare(records[0], kind, -1, -1)
+    return records[0]
+
+
+def frame(can_id: int, data: bytes, extended: bool = False) -> Bytes:
+    """Return struct can_frame."""
+    word = can_id | int(extended) << 31
+    packed = word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
+    return np.frombuffer(packed, np.uint8).copy()
+
+
+def content(received: Bytes) -> tuple[int, bool, bytes]:
+    """Return id, extended and data of a struct can_frame; fail if it is not a clean classic one."""
+    word, n = int.from_bytes(received[:4].tobytes(), "little"), int(received[4])
+    can_id, extended = word & 0x1FFFFFFF, bool(word >> 31)
+    assert can_id <= (0x1FFFFFFF if extended else 0x7FF), f"id {can_id:#x}, extended {extended}"
+    assert word >> 29 in (0, 4), f"flags in {word:#010x}"
+    assert n <= 8 and not received[8 + n :].any(), f"length {n}, data {received[8:]}"
+    return can_id, extended, received[8 : 8 + n].tobytes()
+
+
+def read(packet: bytes) -> tuple[int, bool, bytes] | None:
+    """Return what `_read_packet` makes of a packet that ends where the readable memory ends."""
+    view = GUARDED[PAGE - len(packet) :]
+    view[:] = np.frombuffer(packet, np.uint8)
+    received = np.full(wire_layout.FRAME_BYTES, 0xEE, np.uint8)
+    return content(received) if wire._read_packet(view, len(packet), received) else None
+
+
+IDS = st.one_of(
+    st.tuples(st.integers(0, 0x7FF), st.just(False)),
+    st.tuples(st.integers(0, 0x1FFFFFFF), st.just(True)),
+)
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> can.Message:
+    """Draw any message that python-can can put on a bus."""
+    can_id, extended = draw(IDS)
+    kind = draw(st.sampled_from(["data", "data", "remote", "error", "fd"]))
+    longest = {"remote": 0, "fd": 64}.get(kind, 8)
+    data = draw(st.binary(max_size=8) | st.sampled_from([12, 16, 20, 24, 32, 48, 64]).map(bytes))
+    return can.Message(
+        timestamp=draw(st.floats(0, 1e12) | st.integers(0, 2**63)),
+        arbitration_id=can_id,
+        is_extended_id=extended,
+        is_remote_frame=kind == "remote",
+        is_error_frame=kind == "error",
+        is_fd=kind == "fd",
+        bitrate_switch=kind == "fd" and draw(st.booleans()),
+        channel=draw(st.none() | st.text(max_size=40) | st.integers(0, 300)),
+        data=data[:longest],
+        check=True,
+    )
+
+
+@given(IDS, st.binary(max_size=8))
+@settings(max_examples=EXAMPLES, deadline=None)
+def test_python_can_reads_what_we_write(identity: tuple[int, bool], data: bytes) -> None:
+    can_id, extended = identity
+    n = wire._write_packet(frame(can_id, data, extended), PACKET)
+    message = unpack_message(PACKET[:n].tobytes(), check=True)
+    got = (message.arbitration_id, message.is_extended_id, bytes(message.data), message.dlc)
+    assert got == (can_id, extended, data, len(data)), f"{got}"
+    assert not (message.is_remote_frame or message.is_error_frame or message.is_fd), f"{message}"
+    back = read(PACKET[:n].tobytes())
+    assert back == (can_id, extended, data), f"read back as {back}"
+
+
+@given(messages())
+@settings(max_examples=EXAMPLES, deadline=None)
+def test_we_read_the_classic_data_frames_of_python_can_and_no_others(message: can.Message) -> None:
+    classic = not (message.is_remote_frame or message.is_error_frame or message.is_fd)
+    sent = (message.arbitration_id, message.is_extended_id, bytes(message.data))
+    got = read(pack_message(message))
+    assert got == (sent if classic else None), f"{message} read as {got}"
+
+
+@pytest.mark.parametrize(
+    ("can_id", "extended", "length"),
+    [(0x800, False, 8), (0x20000000, True, 8), (0x123, False, 9), (0x123, False, 64)],
+)
+def test_impossible_ids_and_lengths_are_refused(can_id: int, extended: bool, length: int) -> None:
+    message = can.Message(
+        arbitration_id=can_id, is_extended_id=extended, data=bytes(length), check=False
+    )
+    got = read(pack_message(message))
+    assert got is None, f"{message} read as {got}"
+
+
+def test_a_frame_that_claims_more_than_eight_bytes_carries_no_memory_behind_it() -> None:
+    view = GUARDED[PAGE - wire_layout.FRAME_BYTES :]
+    for length in range(9, 256):
+        view[:] = frame(0x123, b"abcdefgh")
+        view[4] = length
+        n = wire._write_packet(view, PACKET)
+        got = read(PACKET[:n].tobytes())
+        assert got == (0x123, False, b"abcdefgh"), f"length {length} read as {got}"
+
+
+def test_no_truncation_of_a_packet_is_a_frame() -> None:
+    n = int(wire._write_packet(frame(0x12345678, b"abcdefgh", True), PACKET))
+    packet = PACKET[:n].tobytes()
+    for length in range(n):
+        assert read(packet[:length]) is None, f"{length} of {n} bytes taken for a frame"
+    assert read(packet + b"\0") is None, "a byte too many taken for a frame"
+
+
+def test_random_buffers_are_survived_and_refused() -> None:
+    rng = random.Random(1)
+    taken = 0
+    for _ in range(HOSTILE_BUFFERS):
+        body = rng.randbytes(rng.randrange(wire_layout.PACKET_BYTES))
+        taken += read(bytes([0x80 | rng.randrange(16)]) + body) is not None
+    assert taken == 0, f"{taken} of {HOSTILE_BUFFERS} taken for frames"
+
+
+def mutated(rng: random.Random, packet: bytes) -> bytes:
+    """Return `packet` with some bytes changed and perhaps a piece cut out, doubled or cut off."""
+    changed = bytearray(packet)
+    for _ in range(rng.randrange(4)):
+        changed[rng.randrange(len(changed))] = rng.choice(
+            [rng.randrange(256), 0xC4, 0xD9, 0xFF, 0xCE, 0xCF, 0xC3, 0xA4]
+        )
+    at, n = rng.randrange(len(changed)), rng.randrange(1, 12)
+    what = rng.randrange(6)
+    if what == 0:
+        del changed[at : at + n]
+    elif what == 1:
+        changed[at:at] = changed[at : at + n]
+    elif what == 2:
+        del changed[at:]
+    return bytes(changed)
+
+
+def test_mutated_packets_are_survived_and_read_as_python_can_reads_them() -> None:
+    rng = random.Random(2)
+    taken = compared = 0
+    for _ in range(HOSTILE_BUFFERS):
+        data = rng.randbytes(rng.randrange(9))
+        message = can.Message(arbitration_id=rng.randrange(0x800), data=data, is_extended_id=False)
+        packet = mutated(rng, pack_message(message))
+        got = read(packet)
+        if got is None:
+            continue
+        taken += 1
+        try:
+            theirs = unpack_message(packet, check=True)
+        except (ValueError, TypeError):
+            continue
+        compared += 1
+        assert got[0] == theirs.arbitration_id, f"{got} is not {theirs}: {packet!r}"
+        assert got[2] == bytes(theirs.data), f"{got} is not {theirs}: {packet!r}"
+    assert compared > HOSTILE_BUFFERS / 20, f"only {compared} compared, {taken} taken"
+
+
+def test_frames_in_memory_arrive_in_order_and_unchanged_over_many_turns_of_the_queue() -> None:
+    source, target = new_wire(), new_wire()
+    sent, received = [], []
+    for turn in range(60):
+        for k in range(turn % 11):
+            source.tx[:] = frame(turn, bytes([turn, k]))
+            sent.append(source.tx.tobytes())
+            assert wire.put_frame(source), f"refused at turn {turn}"
+        wire.carry(source, target)
+        while wire.get_frame(target, True) == wire.FRAME:
+            received.append(target.rx.tobytes())
+    assert received == sent, f"{len(sent)} sent, {len(received)} received"
+    assert len(sent) > wire_layout.QUEUE_FRAMES, f"only {len(sent)} frames"
+    assert wire.get_frame(source, True) == wire.NOTHING, "a sender must not hear itself"
+
+
+def test_a_full_memory_wire_refuses_and_overwrites_nothing() -> None:
+    source, target = new_wire(), new_wire()
+    accepted = 0
+    for k in range(3 * wire_layout.QUEUE_FRAMES):
+        source.tx[:] = frame(accepted, b"")
+        accepted += wire.put_frame(source)
+        if k % 100 == 0:
+            wire.carry(source, target)
+    received = []
+    for _ in range(2):
+        while wire.get_frame(target, False) == wire.FRAME:
+            received.append(content(target.rx)[0])
+        wire.carry(source, target)
+    capacity = 2 * wire_layout.QUEUE_FRAMES
+    assert accepted == capacity, f"{accepted} accepted, room for {capacity}"
+    assert received == list(range(accepted)), f"{len(received)} of {accepted} in order"
+
+
+def test_a_closed_descriptor_fails_with_its_error_number() -> None:
+    closed = new_wire(wire_layout.UDP)
+    assert not wire.put_frame(closed)
+    assert closed.errno == 9, f"errno {closed.errno}, not EBADF"
+    closed.errno = 0
+    got = wire.get_frame(closed, False)
+    assert got == wire.FAILED and closed.errno == 9, f"{got}, errno {closed.errno}"
+
+
+def test_a_wire_holds_what_its_numbers_promise() -> None:
+    assert math.log2(wire_layout.QUEUE_FRAMES).is_integer()
+    longest = pack_message(
+        can.Message(arbitration_id=0x1FFFFFFF, data=bytes(64), is_fd=True, channel="udp_multicast")
+    )
+    assert len(longest) < wire_layout.PACKET_BYTES, f"python-can writes {len(longest)} bytes"
+    assert len(wire_layout.KIND_NAMES) == wire_layout.PYTHON_CAN + 1
+    assert libc.EAGAIN == 11
+
+
+if not LOOP_INTERPRETED:
+
+    def test_all_of_this_holds_interpreted() -> None:
+        runs = {
+            "PCPC_LOOP=interpreted": ["test_wire.py", "test_bus.py", "test_libc.py"],
+            "NUMBA_DISABLE_JIT=1": ["test_wire.py", "test_libc.py"],
+        }
+        pytest_command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+        processes = {
+            switch: subprocess.Popen(
+                [*pytest_command, *(f"tests/drivers/{file}" for file in files)],
+                cwd=ROOT,
+                env={**os.environ, **dict([switch.split("=")])},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+            )
+            for switch, files in runs.items()
+        }
+        for switch, process in processes.items():
+            output, _ = process.communicate(timeout=120)
+            assert process.returncode == 0, f"{switch}\n{output[-3000:]}"

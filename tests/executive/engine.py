@@ -1,0 +1,223 @@
+"""Both nodes of a rig over a bus in memory whose frames a test may lose, repeat or corrupt.
+
+    cycle k:  plant's frames -> executive's pass, late by what the test says -> its frames -> plant's pass
+
+The passes are the engine's own compiled `one_pass`; only the carrying of frames and the clock are the
+test's. With pacing "sync" the executive has a clock, so that a missing frame does not end the run.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers import wire
+from drivers.jit import i8, loop, u1
+from drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES
+from executive import shared as sh
+from executive import supervisor as sv
+from executive.cycle import STEPS, N, announce, one_pass, request_first_sample, wait_for_peer
+from executive.node import Plan, install, plan
+from executive.rig import Rig
+
+ROOT = Path(__file__).resolve().parents[2]
+ATB1000 = ROOT / "plants" / "atb1000"
+SLEW10 = ATB1000 / "rigs" / "slew10.yaml"
+
+ARRIVES, LOST, CORRUPT, TWICE, SHORT = range(5)  # what can happen to a frame
+PLANT_LAG_NS = 200_000  # the plant's pass behind the executive's
+
+PUPPET = """\
+from executive.block import Block, Port, stage
+from executive.controllers import pd
+
+
+@stage
+def step(t, dt, p, x, u, y):
+    y[0] = p[0]
+    y[1] = p[1]
+    y[2] = u[0]
+    y[3] = 0.0
+
+
+BLOCK = Block(
+    step,
+    inputs=pd.INPUTS,
+    outputs=pd.OUTPUTS,
+    settings=(
+        Port("torque_Nm", "N m", "what is sent as the motor's torque", 0.0, -1e9, 1e9),
+        Port("other_Nm", "N m", "what is sent as the output's torque", 0.0, -1e9, 1e9),
+    ),
+)
+"""
+
+
+@loop(i8(N, N))
+def _meet(executive: Any, plant: Any) -> Any:
+    """Greet each other and ask for the first sample, as `executive.virtual` does."""
+    announce(plant)
+    wire.carry(plant.wire, executive.wire)
+    wait_for_peer(executive)
+    request_first_sample(executive)
+    wire.carry(executive.wire, plant.wire)
+    return 0
+
+
+@loop(i8(N, N, i8[::1], u1[::1]))
+def _carry(source: Any, target: Any, ids: Any, fates: Any) -> Any:
+    """Move the frames of `source`'s outbox; frame `ids[i]` meets `fates[i]`."""
+    a, b = source.wire, target.wire
+    for k in range(a.outbox_put):
+        fate = np.int64(0)
+        for i in range(ids.shape[0]):
+            if np.int64(a.outbox[k, 0]) | np.int64(a.outbox[k, 1]) << 8 == ids[i]:
+                fate = np.int64(fates[i])
+        for _ in range(0 if fate == 1 else 2 if fate == 3 else 1):
+            at = b.inbox_put % QUEUE_FRAMES
+            for i in range(FRAME_BYTES):
+                b.inbox[at, i] = a.outbox[k, i]
+            if fate == 2:
+                b.inbox[at, 9] ^= 16
+            if fate == 4:
+                b.inbox[at, 4] = 7
+            b.inbox_put += 1
+    a.outbox_put = 0
+    return 0
+
+
+@loop(i8(N, STEPS, N, STEPS, i8[::1], u1[:, ::1], i8[::1], i8[::1]))
+def _drive(
+    executive: Any, laws: Any, plant: Any, models: Any, ids: Any, fates: Any, late: Any, alive: Any
+) -> Any:
+    """Do a cycle for each row of `fates`; return how many the executive did."""
+    for c in range(fates.shape[0]):
+        _carry(plant, executive, ids, fates[c])
+        executive.virtual_now = max(executive.virtual_now, executive.deadline) + late[c]
+        if not one_pass(executive, laws):
+            alive[0] = 0
+            return c
+        _carry(executive, plant, ids, fates[c])
+        plant.virtual_now = executive.virtual_now + PLANT_LAG_NS
+        if alive[1] != 0 and not one_pass(plant, models):
+            alive[1] = 0
+    return fates.shape[0]
+
+
+@loop(i8(N, STEPS, i8))
+def _passes(n: Any, steps: Any, count: Any) -> Any:
+    """Do passes of one node alone; return how many it did."""
+    for c in range(count):
+        if not one_pass(n, steps):
+            return c
+    return count
+
+
+def puppet_rig(folder: Path, *lines: str) -> Path:
+    """Write a rig outside of the project whose controller sends what its parameters say."""
+    (folder / "puppet.py").write_text(PUPPET)
+    path = folder / "puppet.yaml"
+    head = (
+        f"base: {SLEW10}",
+        "rig: puppet",
+        "controller: puppet",
+        "controllers: {puppet: {law: puppet.py}}",
+    )
+    path.write_text("\n".join([*head, *lines]) + "\n")
+    return path
+
+
+class Node:
+    """One node of a rig: its plan and its LOOP record, the bus in memory."""
+
+    def __init__(self, rig: Rig, role: Any, pacing: str) -> None:
+        self.plan: Plan = plan(rig, role, pacing)
+        scratch = np.recarray(1, sh.LOOP)
+        scratch.view(np.uint8)[:] = 0
+        self.loop: Any = scratch[0]
+        wire.prepare(self.loop.wire, MEMORY, -1, -1)
+        install(self.plan, self.loop)
+        self.loop.wait_recorder = 0
+        self.frames = {f.name: f.can_id for f in (*self.plan.rx_frames, *self.plan.tx_frames)}
+
+    def place(self, name: str) -> int:
+        """Return the place of a variable in the table."""
+        return self.plan.table.index[name]
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.loop.v[self.place(name)])
+
+    def __setitem__(self, name: str, value: float) -> None:
+        self.loop.v[self.place(name)] = value
+
+    @property
+    def state(self) -> str:
+        """Name of the supervisor's state."""
+        return sv.STATE_NAMES[int(self["supervisor.state"])]
+
+    def count(self, word: int) -> int:
+        """Return one word of `control`."""
+        return int(self.loop.control[word])
+
+    def events(self, code: int) -> list[tuple[int, int, float]]:
+        """Return (cycle, argument, value) of all events with this code."""
+        rows = self.loop.event[: int(self.loop.event_ends[sh.PUT])]
+        values = rows.view(np.float64)[:, 4].tolist()
+        return [
+            (row[1], row[3], value)
+            for row, value in zip(rows.tolist(), values, strict=True)
+            if row[2] == code
+        ]
+
+    def records(self) -> NDArray[np.int64]:
+        """Return the rows of the record ring that nobody has taken, oldest first."""
+        columns = sh.RECORD_HEAD + int(self.loop.n_state) + 1 + int(self.loop.n_timing)
+        rows = int(self.loop.record_rows)
+        ring = self.loop.record[: rows * columns].reshape(rows, columns)
+        ends = self.loop.record_ends
+        return ring[np.arange(int(ends[sh.TAKEN]), int(ends[sh.PUT])) % rows]
+
+    def series(self, name: str) -> NDArray[np.float64]:
+        """Return the recorded values of a state or timing variable, a value a pass."""
+        state, timing = self.plan.columns(False), self.plan.columns(True)
+        place = self.place(name)
+        at = sh.RECORD_HEAD + (
+            state.index(place) if place in state else len(state) + 1 + timing.index(place)
+        )
+        return self.records()[:, at].copy().view(np.float64)
+
+    def go(self, passes: int = 1) -> int:
+        """Do passes of this node alone; return how many it did."""
+        return int(_passes(self.loop, self.plan.steps, passes))
+
+
+class Bench:
+    """Executive and plant of a rig, and the bus between them, after the plant's sample of t = 0."""
+
+    def __init__(self, rig: Rig, pacing: str = "sync") -> None:
+        self.executive = Node(rig, "executive", pacing)
+        self.plant = Node(rig, "plant", pacing)
+        self.frames = self.executive.frames | self.plant.frames
+        self.alive = np.ones(2, np.int64)
+        _meet(self.executive.loop, self.plant.loop)
+        self.plant.go()
+
+    def run(
+        self, cycles: int, fates: Mapping[str, int] | None = None, late_ns: Sequence[int] = ()
+    ) -> int:
+        """Do `cycles` cycles in which the frames named in `fates` meet their fate; return cycles done."""
+        table = np.zeros((cycles, len(self.frames)), np.uint8)
+        for name, fate in (fates or {}).items():
+            table[:, list(self.frames).index(name)] = fate
+        return self.run_table(table, late_ns)
+
+    def run_table(self, table: NDArray[np.uint8], late_ns: Sequence[int] = ()) -> int:
+        """Do a cycle for each row of `table` (cycles, frames): the fate of each frame in it."""
+        late = np.zeros(len(table), np.int64)
+        late[: len(late_ns)] = late_ns
+        a, b = self.executive, self.plant
+        ids = np.array(list(self.frames.values()), np.int64)
+        return int(
+            _drive(a.loop, a.plan.steps, b.loop, b.plan.steps, ids, table, late, self.alive)
+        )

@@ -1,0 +1,174 @@
+"""Our frames on a real SocketCAN interface, alone and with python-can; `pcpc vm` has vcan0."""
+
+import errno
+import os
+import subprocess
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+from drivers import bus, wire, wire_layout
+from drivers.bus import Bus
+from drivers.dbc import BusError
+
+pytestmark = pytest.mark.vcan
+
+CHANNEL = "vcan0"
+WAIT_S = 5.0  # only waited for when a frame is lost
+
+Open = Callable[[list[int]], Any]
+
+
+def new_wire() -> Any:
+    """Return a zeroed WIRE record."""
+    records = np.recarray(1, wire_layout.WIRE)
+    records.view(np.uint8)[:] = 0
+    return records[0]
+
+
+@pytest.fixture
+def open_can() -> Iterator[Open]:
+    """Open wires on vcan0 that are closed after the test."""
+    wires = []
+
+    def opener(receive_ids: list[int]) -> Any:
+        end = new_wire()
+        bus.open_bus(Bus("socketcan", CHANNEL), receive_ids, end)
+        wires.append(end)
+        return end
+
+    yield opener
+    for end in wires:
+        os.close(end.fd_rx)
+
+
+@pytest.fixture
+def python_can() -> Iterator[can.BusABC]:
+    """python-can's own SocketCAN bus, with CAN FD off."""
+    with can.Bus(interface="socketcan", channel=CHANNEL) as opened:
+        yield opened
+
+
+def send(end: Any, can_id: int, data: bytes, extended: bool = False) -> None:
+    word = can_id | int(extended) << 31
+    packed = word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
+    end.tx[:] = np.frombuffer(packed, np.uint8)
+    assert wire.put_frame(end), f"errno {end.errno}"
+
+
+def receive(end: Any) -> tuple[int, bytes] | int:
+    """Return word and data of the next frame, or what else `get_frame` returned."""
+    outcome = wire.get_frame(end, True)
+    if outcome != wire.FRAME:
+        return int(outcome)
+    return int.from_bytes(end.rx[:4].tobytes(), "little"), end.rx[8 : 8 + end.rx[4]].tobytes()
+
+
+def test_two_wires_exchange_frames_and_hear_only_each_other(open_can: Open) -> None:
+    a, b = open_can([0x123, 0x124]), open_can([0x123, 0x124])
+    send(a, 0x123, b"from a")
+    send(b, 0x124, b"12345678")
+    got = [receive(a), receive(a), receive(b), receive(b)]
+    expected = [(0x124, b"12345678"), wire.NOTHING, (0x123, b"from a"), wire.NOTHING]
+    assert got == expected, f"{got}"
+
+
+def test_a_burst_waits_in_the_socket_in_order(open_can: Open) -> None:
+    a, b = open_can([]), open_can(list(range(200)))
+    for k in range(200):
+        send(a, k, bytes([k]))
+    got = [receive(b) for _ in range(200)]
+    assert got == [(k, bytes([k])) for k in range(200)], f"{got}"
+
+
+def test_python_can_and_we_read_each_other(open_can: Open, python_can: can.BusABC) -> None:
+    ours = open_can([0x55, 0x1ABCDEF0])
+    send(ours, 0x1ABCDEF1, b"12345678", extended=True)
+    send(ours, 0x7FF, b"")
+    for expected in ((0x1ABCDEF1, True, b"12345678"), (0x7FF, False, b"")):
+        message = python_can.recv(WAIT_S)
+        assert message is not None, f"python-can did not receive {expected}"
+        got = (message.arbitration_id, message.is_extended_id, bytes(message.data))
+        assert got == expected, f"python-can received {got}"
+    python_can.send(can.Message(arbitration_id=0x55, data=b"hi", is_extended_id=False))
+    python_can.send(can.Message(arbitration_id=0x1ABCDEF0, data=b"", is_extended_id=True))
+    heard = [receive(ours), receive(ours), receive(ours)]
+    assert heard == [(0x55, b"hi"), (0x9ABCDEF0, b""), wire.NOTHING], f"{heard}"
+
+
+def test_only_data_frames_with_the_wanted_ids_arrive(
+    open_can: Open, python_can: can.BusABC
+) -> None:
+    ours = open_can([0x123])
+    for message in (
+        can.Message(arbitration_id=0x122, is_extended_id=False),
+        can.Message(arbitration_id=0x123, is_extended_id=True),
+        can.Message(arbitration_id=0x123, is_extended_id=False, is_remote_frame=True),
+        can.Message(arbitration_id=0x123, is_extended_id=False, data=b"wanted"),
+    ):
+        python_can.send(message)
+    got = [receive(ours), receive(ours)]
+    assert got == [(0x123, b"wanted"), wire.NOTHING], f"{got}"
+
+
+def test_a_wire_without_ids_hears_nothing(open_can: Open, python_can: can.BusABC) -> None:
+    ours = open_can([])
+    python_can.send(can.Message(arbitration_id=0x123, is_extended_id=False))
+    got = [wire.get_frame(ours, False), wire.get_frame(ours, True)]
+    assert got == [wire.NOTHING, wire.NOTHING], f"{got}"
+
+
+def test_candump_reads_what_we_send(open_can: Open) -> None:
+    ours = open_can([0x321])
+    with subprocess.Popen(
+        ["candump", "-L", "-n", "1", "-T", "10000", CHANNEL], stdout=subprocess.PIPE, text=True
+    ) as candump:
+        assert candump.stdout is not None
+        while candump.poll() is None and not listening(candump.pid):
+            pass
+        send(ours, 0x123, b"\xc0\xff\xee")
+        line = candump.stdout.readline()
+    assert line.split()[1:] == [CHANNEL, "123#C0FFEE"], f"candump printed {line!r}"
+
+
+def listening(pid: int) -> bool:
+    """Return True if the process waits for its socket."""
+    with open(f"/proc/{pid}/wchan") as wchan:
+        return "poll" in wchan.read()
+
+
+def test_a_missing_interface_is_named_with_the_cure() -> None:
+    with pytest.raises(BusError, match=r"^vcan77: no such interface; .*ip link add dev vcan77"):
+        bus.open_bus(Bus("socketcan", "vcan77"), [], new_wire())
+
+
+def test_an_interface_that_is_down_is_named_with_the_cure() -> None:
+    name = f"vcan{os.getpid() % 100000}"
+    subprocess.run(["ip", "link", "add", "dev", name, "type", "vcan"], check=True)
+    try:
+        with pytest.raises(BusError, match=rf"^{name}: the interface is down; .*set {name} up"):
+            bus.open_bus(Bus("socketcan", name), [], new_wire())
+    finally:
+        subprocess.run(["ip", "link", "del", name], check=True)
+
+
+def test_an_interface_taken_down_fails_with_its_error_number() -> None:
+    name = f"vcan{os.getpid() % 100000}"
+    assert bus.vcan_ready(name), f"{name} cannot be created"
+    try:
+        end = new_wire()
+        bus.open_bus(Bus("socketcan", name), [1], end)
+        subprocess.run(["ip", "link", "set", name, "down"], check=True)
+        got = wire.get_frame(end, True)
+        assert got == wire.FAILED and end.errno == errno.ENETDOWN, f"{got}, errno {end.errno}"
+        assert not wire.put_frame(end) and end.errno == errno.ENETDOWN, f"errno {end.errno}"
+        os.close(end.fd_rx)
+    finally:
+        subprocess.run(["ip", "link", "del", name], check=True)
+
+
+def test_auto_is_vcan0() -> None:
+    assert bus.choose("auto", None) == Bus("socketcan", CHANNEL)

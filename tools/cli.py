@@ -1,0 +1,145 @@
+"""The `pcpc` command: arguments only; each subcommand lives in a module of its own."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+_RIG = "plants/atb1000/rigs/slew10.yaml"
+_CODES = (
+    "exit code: 0 ok, 1 expectation not met, 2 wrong input, 3 loss, 4 environment, "
+    "5 safety stop, 130 Ctrl-C"
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand and return its exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if words[:1] == ["vm"]:  # has its own arguments, up to --
+        from tools.vm import run as run_vm
+
+        return run_vm(words[1:])
+    options = _parser().parse_args(words)
+    if options.command in ("run", "exec", "plant", "simulate"):
+        from tools.run import command
+
+        return command(options)
+    if options.command == "doctor":
+        from tools.doctor import command as doctor
+
+        return doctor(options)
+    if options.command == "check":
+        from tools.check import command as check
+
+        return check(options)
+    from tools.watch import command as watch
+
+    return watch(options)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        "pcpc",
+        description="hardware-in-the-loop: a real-time executive and a plant emulator on CAN",
+        epilog=f"example: pcpc run {_RIG}\n{_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_runs(commands)
+    _add_table(commands)
+    one = _command(
+        commands,
+        "check",
+        "check a rig file and print its wiring and bus load",
+        f"pcpc check {_RIG}",
+    )
+    _add_rig(one)
+    one.add_argument("--json", action="store_true", help="print one JSON object")
+    one = _command(commands, "doctor", "what this machine offers, and how to get the rest",
+                   "pcpc doctor")  # fmt: skip
+    one.add_argument("--json", action="store_true", help="print one JSON object")
+    _command(
+        commands, "vm", "run a command on a kernel with vcan, in QEMU", "pcpc vm -- candump vcan0"
+    )
+    return parser
+
+
+def _command(
+    commands: "argparse._SubParsersAction[argparse.ArgumentParser]",
+    name: str,
+    help: str,
+    example: str,
+) -> argparse.ArgumentParser:
+    return commands.add_parser(
+        name, help=help, description=help, epilog=f"example: {example}\n{_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+
+
+def _add_rig(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("rig", metavar="RIG", help="rig file")
+    parser.add_argument("--controller", metavar="NAME", help="controller, instead of the rig's")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="any value of the rig or a block, as controller.kv_Nms_rad=130",
+    )
+
+
+def _add_runs(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    for name, help, example in (
+        ("run", "start emulator, executive and recorder, end with a verdict", f"pcpc run {_RIG}"),
+        ("exec", "start executive and recorder only", f"pcpc exec {_RIG} --bus vcan0"),
+        ("plant", "start the emulator only", f"pcpc plant {_RIG} --bus vcan0"),
+        ("simulate", "run the same in virtual time, in one process, without a bus",
+         f"pcpc simulate {_RIG} --controller pid"),
+    ):  # fmt: skip
+        one = _command(commands, name, help, example)
+        _add_rig(one)
+        one.add_argument(
+            "-o", "--output", metavar="DIR", help="run folder, instead of runs/<UTC time>-<rig>"
+        )
+        one.add_argument(
+            "--pacing", choices=("real", "sync", "lockstep"),
+            help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock",
+        )  # fmt: skip
+        one.add_argument(
+            "--bus", metavar="INTERFACE[:CHANNEL]",
+            help="auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one",
+        )  # fmt: skip
+        one.add_argument("--json", action="store_true", help="print the summary as one JSON object")
+        one.add_argument("--quiet", action="store_true", help="no progress")
+        one.add_argument("--no-figure", action="store_true", help="do not draw figure.png")
+
+
+def _add_table(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    for name, help, example in (
+        ("list", "list the variables of a running node", "pcpc list 'controller.*'"),
+        ("get", "print values of a running node", "pcpc get controller.e_rad"),
+        (
+            "set",
+            "tune parameters of a running node, all at once",
+            "pcpc set controller.kv_Nms_rad=120",
+        ),
+        ("watch", "print values again and again", "pcpc watch 'controller.*' --every 500ms"),
+        ("lock", "forbid tunings (tune, all), or allow them again (none)", "pcpc lock tune"),
+    ):
+        one = _command(commands, name, help, example)
+        many: str | int = {"list": "*"}.get(name, "+") if name != "lock" else 1
+        one.add_argument("names", nargs=many, metavar="LEVEL" if name == "lock" else "NAME")
+        one.add_argument(
+            "--node",
+            default="executive",
+            metavar="NODE",
+            help="executive, plant, or a block's name",
+        )
+        one.add_argument("--json", action="store_true", help="print JSON")
+        if name == "watch":
+            one.add_argument(
+                "--every", default="200ms", metavar="TIME", help="interval: 500us, 5ms, 10s"
+            )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,241 @@
+"""A running node from outside: found in /dev/shm, read without disturbing it, tuned, locked.
+
+    find      a node by role or name, among the blocks whose process lives
+    read      a consistent copy of the whole table (seqlock: the node never waits)
+    tune      values into the mailbox, all or none; returns the cycle from which they hold
+    set_lock  none: tunings allowed; tune, all: refused
+
+One host at a time: the block's own file is the lock (flock), and the kernel frees it when a host
+dies. No numba in here: a command starts in a quarter of a second.
+"""
+
+import fcntl
+import math
+import os
+import re
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from executive import shared as sh
+from executive.errors import did_you_mean
+
+OK, WRONG_INPUT, NO_NODE, INTERRUPTED = 0, 2, 4, 130
+ROLES = ("executive", "plant")
+LEVELS = ("none", "tune", "all")  # by the value of the control word LOCK
+_PATIENCE_S = 2.0  # a node that runs takes tunings within a period
+_POLL_S = 0.001
+_GLOB = re.compile(r"[*?\[]")
+
+
+class HostError(Exception):
+    """One line for the user, and the exit code."""
+
+    def __init__(self, message: str, code: int = WRONG_INPUT) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+# Nodes
+
+
+def find(node: str) -> sh.Shared:
+    """Return the block of the running node `node`: a role or a block's full name.
+
+    Raises HostError: none runs (exit code 4), or several match (2).
+    """
+    running = {name: block for name, block in _blocks() if is_running(block)}
+    found = [name for name in running if node == name or node == name.rpartition(".")[2]]
+    if len(found) > 1:
+        raise HostError(
+            f"{node}: {len(found)} run here; choose one with --node {' or '.join(found)}"
+        )
+    if found:
+        return running[found[0]]
+    others = f"; running: {', '.join(running)}" if running else ""
+    other_users = {path.name.split("-")[1] for path in sh.FOLDER.glob("pcpc-*-*.executive")}
+    other_users.discard(str(os.getuid()))
+    if other_users and not running:
+        others = (
+            f"; user {' and '.join(sorted(other_users))} has nodes, which only that user reaches"
+        )
+    raise HostError(
+        f"{node}: no such node is running{others}; start one with `pcpc run RIG`", NO_NODE
+    )
+
+
+def _blocks() -> Iterator[tuple[str, sh.Shared]]:
+    """Yield name and block of every node of this user, dead ones too."""
+    prefix = sh.path_of("").name
+    for path in sorted(sh.FOLDER.glob(f"{prefix}*")):
+        if path.name.rpartition(".")[2] in ROLES:
+            try:
+                yield path.name.removeprefix(prefix), sh.attach_path(path)
+            except (sh.SharedError, OSError, ValueError):
+                continue  # ended just now, or no block
+
+
+def is_running(block: sh.Shared) -> bool:
+    """Return True while the block's process lives; a recycled process id does not count."""
+    if block["control"][sh.DONE]:
+        return False
+    maps = Path(f"/proc/{int(block['control'][sh.PID])}/maps")
+    try:
+        return str(block.path) in maps.read_text()
+    except PermissionError:  # python with file capabilities hides its memory map
+        return maps.exists()
+    except OSError:
+        return False
+
+
+# Values
+
+
+def read(block: sh.Shared) -> NDArray[np.float64]:
+    """Return a consistent copy of all variables, in the order of the description.
+
+    Raises HostError when the node stands still in the middle of writing one.
+    """
+    if block["control"][sh.PASSES] == 0:  # nothing published: the initial values stand still
+        return np.array(block.loop.v[: len(block["snapshot"])])
+    torn = np.empty(0)
+    deadline_s = time.monotonic() + _PATIENCE_S
+    while time.monotonic() < deadline_s:
+        values: NDArray[np.float64] = sh.snapshot(block, torn)
+        if values is not torn:
+            return values
+        time.sleep(_POLL_S)
+    raise HostError(f"{block.path.name}: stands still in the middle of a cycle", NO_NODE)
+
+
+def names_of(block: sh.Shared) -> dict[str, int]:
+    """Return the place of every variable by name."""
+    return {variable[0]: place for place, variable in enumerate(block.description["variables"])}
+
+
+def select(places: Mapping[str, int], words: Sequence[str]) -> dict[str, int]:
+    """Return the places that names or glob patterns choose, in the order of `words`, each once."""
+    chosen: dict[str, int] = {}
+    for word in words:
+        if _GLOB.search(word):
+            found = {name: at for name, at in places.items() if fnmatchcase(name, word)}
+            if not found:
+                raise HostError(f"{word}: matches no variable; `pcpc list` shows all")
+            chosen |= found
+        else:
+            chosen[word] = exactly(places, word)
+    return chosen
+
+
+def exactly(places: Mapping[str, int], name: str) -> int:
+    """Return the place of a variable; HostError with the likeliest name if there is none."""
+    if name not in places:
+        raise HostError(f"{name}: no such variable{did_you_mean(name, places)}")
+    return places[name]
+
+
+# Tuning
+
+
+def tune(block: sh.Shared, changes: Mapping[str, float]) -> int:
+    """Set parameters, all between the same two cycles or none; return the first cycle with them.
+
+    Raises HostError: unknown, not a parameter, out of range, too many, locked, no answer.
+    """
+    indices, values = _checked(block, changes)
+    with _one_host(block):
+        level = LEVELS[int(block["control"][sh.LOCK])]
+        if level != "none":
+            raise HostError(f"{block.path.name}: locked ({level}); `pcpc lock none` allows tunings")
+        if block["control"][sh.PASSES] == 0:
+            raise HostError(
+                f"{block.path.name}: no cycle yet, it waits for the other node", NO_NODE
+            )
+        _acknowledged(block, int(block["mail"][sh.REQUEST]))  # of a host that died waiting
+        block["mail_index"][: len(indices)] = indices
+        block["mail_value"][: len(values)] = values
+        block["mail"][sh.COUNT] = len(indices)
+        _release()
+        request = int(block["mail"][sh.REQUEST]) + 1
+        block["mail"][sh.REQUEST] = request
+        return _acknowledged(block, request)
+
+
+def set_lock(block: sh.Shared, level: str) -> None:
+    """Forbid tunings (`tune`, `all`) or allow them (`none`); no tuning is under way on return."""
+    if level not in LEVELS:
+        raise HostError(f"{level}: no such lock level{did_you_mean(level, LEVELS)}")
+    with _one_host(block):
+        block["control"][sh.LOCK] = LEVELS.index(level)
+
+
+def _checked(block: sh.Shared, changes: Mapping[str, float]) -> tuple[list[int], list[float]]:
+    places, ranges = names_of(block), block.description["ranges"]
+    if len(changes) > sh.MAIL_SLOTS:
+        raise HostError(f"{len(changes)} values; at most {sh.MAIL_SLOTS} apply at once")
+    for name, value in changes.items():
+        _, unit, kind, writer, _ = block.description["variables"][exactly(places, name)]
+        if kind != "parameter":
+            raise HostError(
+                f"{name}: {kind}, written by {writer} every cycle; only parameters can be set"
+            )
+        low, high = ranges[name]
+        if not (low <= value <= high and math.isfinite(value)):
+            raise HostError(
+                f"{name}: {value:.12g} is outside {low:.12g}..{high:.12g} {unit}".rstrip()
+            )
+    return [places[name] for name in changes], list(changes.values())
+
+
+@contextmanager
+def _one_host(block: sh.Shared) -> Iterator[None]:
+    """Keep other hosts out of the mailbox; HostError if one stays in it or the node ended."""
+    try:
+        descriptor = os.open(block.path, os.O_RDONLY)
+    except FileNotFoundError:
+        raise HostError(f"{block.path.name}: ended", NO_NODE) from None
+    deadline_s = time.monotonic() + 2 * _PATIENCE_S  # the other one waits as long for its answer
+    try:
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > deadline_s:
+                    raise HostError(
+                        f"{block.path.name}: another host holds the mailbox; end it", NO_NODE
+                    ) from None
+                time.sleep(_POLL_S)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _release() -> None:
+    """Make the slots visible before the request that is stored next, also on ARM.
+
+    Releasing a lock orders what is before it, taking it again what follows.
+    """
+    barrier = threading.Lock()
+    for _ in range(2):
+        barrier.acquire()
+        barrier.release()
+
+
+def _acknowledged(block: sh.Shared, request: int) -> int:
+    """Wait for the node's acknowledgement; return its cycle, or withdraw and raise HostError."""
+    mail = block["mail"]
+    deadline_s = time.monotonic() + _PATIENCE_S
+    while int(mail[sh.ACK]) != request:
+        if not is_running(block) or time.monotonic() > deadline_s:
+            mail[sh.COUNT] = 0  # the loop looks at it once: all or none also here
+            why = "took no tunings for 2 s" if is_running(block) else "ended"
+            raise HostError(f"{block.path.name}: {why}; nothing was set", NO_NODE)
+        time.sleep(_POLL_S)
+    return int(mail[sh.ACK_CYCLE])
