@@ -1,0 +1,1 @@
+"""Function approximators of the book, as compiled functions on views."""
