@@ -25,6 +25,7 @@ class Port:
     `name` is snake_case and ends in its unit where that helps (`hub_rate_rad_s`); `unit` is the
     text that wiring compares ("rad/s", "N m", "" for none); `default` None means that a rig file
     must give it (settings) or that `prepare` does (parameters); a state starts at its default or 0.
+    `recorded` False keeps it out of the log: scratch, random generators, weights.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Port:
     low: float = float("-inf")
     high: float = float("inf")
     size: int = 1
+    recorded: bool = True
 
     def names(self) -> list[str]:
         """Return the table names of this port's elements."""
@@ -57,7 +59,6 @@ class Block:
     `settings` is what a rig file may set. Where it is empty, the parameters are the settings.
     Otherwise `prepare(settings, rate_hz, seed)` computes parameters and initial states from them,
     once, at set-up.
-    `record` False keeps the state vector out of the log (scratch, random generators).
     """
 
     step: Callable[..., None]
@@ -67,7 +68,6 @@ class Block:
     states: tuple[Port, ...] = ()
     settings: tuple[Port, ...] = ()
     prepare: Callable[[Mapping[str, float], float, int], Prepared] | None = None
-    record: bool = True
 
     def size(self, ports: Sequence[Port]) -> int:
         """Return the number of float64 values of these ports."""

@@ -4,7 +4,7 @@
     receive    drain the bus: check counter and CRC, decode; or block until the frames are here
     supervise  the state machine and its ramp
     tune       take pending tunings, all or none
-    step       the blocks in the rig's order, each on its views of the table
+    step       the blocks in the rig's order, each on its views of the table; note changes
     limit      clamp, rate-limit and ramp what is sent
     transmit   encode, protect, send: slow frames, frames of every cycle, SYNC last
     publish    snapshot of the table for other processes, and one row for the recorder
@@ -32,6 +32,16 @@ from drivers.wire_layout import MEMORY
 from executive import shared as sh
 from executive import supervisor as sv
 from executive.rings import now, publish, push_event, push_frame, push_record, stopping
+from executive.variables import (
+    CLAMPED,
+    FAULT,
+    GAIN,
+    MISSING,
+    NMT,
+    STATE,
+    T_S,
+    TIMING_AT,
+)
 
 CLOCKED, ON_FRAMES = 0, 1
 DRAIN_FRAMES = 1024  # at most this many in one pass
@@ -39,36 +49,6 @@ DRAIN_FRAMES = 1024  # at most this many in one pass
 N = from_dtype(sh.LOOP)
 STEPS = types.UniTuple(types.FunctionType(STEP), sh.MAX_BLOCKS)
 
-# The loop's own variables, at the head of every table.
-HEAD = (
-    ("time.t_s", "s", "time of the cycle, k T"),
-    ("supervisor.state", "", "0 INIT, 1 READY, 2 RUN, 3 HOLD, 4 FAULT, 5 STOP"),
-    ("supervisor.fault", "", "0 none, else the reason of FAULT"),
-    ("supervisor.gain", "", "share of the command that is sent: 1, or on the ramp of FAULT"),
-    ("supervisor.missing_cycles", "", "consecutive cycles without complete valid input"),
-    ("supervisor.nmt", "", "CANopen heartbeat state"),
-    ("supervisor.saturated", "", "1 if a value sent in the previous cycle was clamped"),
-)
-T_S, STATE, FAULT, GAIN, MISSING, NMT, CLAMPED = range(7)
-TIMING = (
-    ("timing.wake_late_us", "us", "start of the cycle behind its deadline"),
-    ("timing.receive_us", "us", "draining and decoding"),
-    ("timing.step_us", "us", "supervisor, tunings, blocks"),
-    ("timing.send_us", "us", "limits, encoding, sending"),
-    ("timing.publish_us", "us", "snapshot and record of the previous cycle"),
-    ("health.passes", "", "cycles done before this one"),
-    ("health.late_cycles", "", "cycles that started later than the rig's fraction of a period"),
-    ("health.skipped_cycles", "", "periods skipped because a cycle ran past its end"),
-    ("health.held_cycles", "", "cycles that ran on a held input"),
-    ("health.stale_cycles", "", "cycles whose input was held longer than the rig allows"),
-    ("health.frames_sent", "", "frames sent"),
-    ("health.frames_received", "", "frames received and used"),
-    ("health.frames_lost", "", "frames missing by their counters"),
-    ("health.crc_errors", "", "frames with a wrong CRC or length"),
-    ("health.frames_repeated", "", "frames received twice"),
-    ("health.saturated_values", "", "values clamped on sending"),
-)
-TIMING_AT = len(HEAD)
 COUNTERS = np.array(
     [sh.PASSES, sh.LATE, sh.SKIPPED, sh.HELD, sh.STALE, sh.SENT, sh.RECEIVED, sh.LOST,
      sh.CRC_ERRORS, sh.REPEATED, sh.SATURATED]
@@ -193,7 +173,7 @@ def supervise(n: Any) -> None:
     n.started = 0
     n.fresh = 0
     e2e.begin_cycle(n.rx_state[: n.n_rx])
-    if running and n.missing >= n.fault_after and n.faulted == sv.NO_FAULT:
+    if before != sv.INIT and n.missing >= n.fault_after and n.faulted == sv.NO_FAULT:
         n.faulted = sv.INPUT_MISSING
     asked = stopping(n) or (n.mode_index >= 0 and n.v[n.mode_index] == sv.STOP)
     state = sv.advance(before, n.missing == 0, n.faulted, asked, n.gain <= 0.0)
@@ -220,7 +200,12 @@ def supervise(n: Any) -> None:
 
 @loop_function
 def tune(n: Any) -> None:
-    """Apply the tunings that wait in the mailbox and acknowledge them with the cycle."""
+    """Apply the tunings whose time has come, and those in the mailbox, which are acknowledged."""
+    while n.scheduled < n.n_schedule and n.schedule[n.scheduled, 0] <= n.k:
+        j, value = n.schedule[n.scheduled, 1], n.schedule_value[n.scheduled]
+        n.v[j] = value
+        push_event(n, sh.TUNING_EVENT, j, value)
+        n.scheduled += 1
     request = libc.load_acquire(n.mail, sh.REQUEST)
     if request == n.mail[sh.ACK]:
         return
@@ -257,6 +242,11 @@ def step_blocks(n: Any, steps: Any) -> None:
             at = n.views[b]
             f = steps[b]
             f(v[T_S], dt, v[at[0] : at[1]], v[at[2] : at[3]], v[at[4] : at[5]], v[at[6] : at[7]])
+    for i in range(n.n_noted):
+        value = v[n.noted_index[i]]
+        if value != n.noted[i]:
+            push_event(n, sh.CHANGE_EVENT, n.noted_index[i], value)
+            n.noted[i] = value
     n.stepped = now(n)
 
 
@@ -269,18 +259,18 @@ def limit(n: Any) -> None:
         j = n.limit_index[i]
         wanted, last = n.v[j], n.limits[i, sh.LAST]
         if not abs(wanted) < 1e300:  # NaN or infinite
-            n.faulted = sv.COMMAND_NOT_FINITE
+            if n.faulted == sv.NO_FAULT:
+                n.faulted = sv.COMMAND_NOT_FINITE
             wanted = last
         value = min(max(wanted, n.limits[i, sh.LOW]), n.limits[i, sh.HIGH])
         value = min(max(value, last - n.limits[i, sh.RATE]), last + n.limits[i, sh.RATE])
+        if n.v[STATE] >= sv.FAULT:
+            n.v[j] = n.gain * last
+            continue
         if value != wanted:
             n.v[CLAMPED] = 1.0
             n.control[sh.SATURATED] += 1
-        if n.v[STATE] < sv.FAULT:
-            n.limits[i, sh.LAST] = value
-        else:
-            value = n.gain * last
-        n.v[j] = value
+        n.limits[i, sh.LAST] = n.v[j] = value
 
 
 # ----------------------------------------------------------------------------------------- transmit

@@ -1,5 +1,6 @@
 """What a log says about where it was made: versions, machine, clock."""
 
+import functools
 import importlib.metadata
 import os
 import platform
@@ -13,6 +14,15 @@ _PACKAGES = ("pcpc", "numba", "llvmlite", "numpy", "cantools", "python-can", "mc
 
 def facts() -> dict[str, str]:
     """Return versions, source state and machine as text, and one reading of both clocks."""
+    return _lasting() | {
+        "clock_monotonic_ns": str(time.monotonic_ns()),
+        "clock_wall_ns": str(time.time_ns()),
+    }
+
+
+@functools.cache
+def _lasting() -> dict[str, str]:
+    """Return what does not change while a process lives."""
     found = {
         "python": platform.python_version(),
         "kernel": f"{platform.system()} {platform.release()}",
@@ -20,8 +30,6 @@ def facts() -> dict[str, str]:
         "processor": _processor(),
         "cpus": str(os.cpu_count()),
         "git": _git(),
-        "clock_monotonic_ns": str(time.monotonic_ns()),
-        "clock_wall_ns": str(time.time_ns()),
     }
     for package in _PACKAGES:
         try:

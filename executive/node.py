@@ -1,10 +1,9 @@
-"""From a rig to one runnable node: its table, its wiring, the LOOP record of the compiled loop.
+"""From a rig to the plan of one node: its table, its wiring, its frames; every mistake has a place.
 
-plan(rig, role, ...)    checks the wiring and lays out the table        (nothing is opened or
-compiled) install(plan, loop)     writes a plan into a zeroed LOOP record
+plan(rig, role, ...)      checks the wiring and lays out the table; opens and compiles nothing
+install(plan, loop)       in `executive.install`: writes it into a zeroed LOOP record
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,18 +11,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from drivers import dbc, e2e
+from drivers import dbc
 from executive import shared as sh
 from executive.block import Block, Port
-from executive.cycle import CLOCKED, HEAD, ON_FRAMES, TIMING, idle
+from executive.cycle import idle
 from executive.errors import RigError, did_you_mean
 from executive.rig import BlockSpec, NodeSpec, Rig
 from executive.supervisor import FAULT_NAMES, STATE_NAMES
 from executive.table import Table, Variable, Views, add_block
+from executive.variables import HEAD, TIMING
 
 Role = Literal["executive", "plant"]
-RECEIVE_TIMEOUT_S = 0.1  # of a blocking receive; see drivers.bus
-PATIENCE_S = 5.0  # lockstep and sync: silence after which the other node is given up
 
 
 @dataclass
@@ -40,6 +38,8 @@ class Plan:
     rx_frames: list[dbc.Frame] = field(default_factory=list)
     tx_frames: list[dbc.Frame] = field(default_factory=list)
     values: dict[int, float] = field(default_factory=dict)
+    schedule: list[tuple[int, int, float]] = field(default_factory=list)
+    noted: list[int] = field(default_factory=list)
 
     @property
     def steps(self) -> tuple[Any, ...]:
@@ -77,6 +77,7 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     _lay_out(made)
     _wire_blocks(made)
     _wire_frames(made)
+    _plan_schedule(made)
     _check_sizes(made)
     return made
 
@@ -108,18 +109,20 @@ def _check_protocol(made: Plan) -> None:
             "dbc",
             "no SYNC frame from executive to plant; give one frame the signals sequence and crc",
         )
-    if not any(_awaited(made.role, frame) for frame in made.rx_frames):
+    if not any(awaited(made.role, frame) for frame in made.rx_frames):
         raise made.rig.error(
             "dbc", f'{made.spec.name} receives no frame with send type "EveryCycle"'
         )
 
 
-def _awaited(role: Role, frame: dbc.Frame) -> bool:
+def awaited(role: Role, frame: dbc.Frame) -> bool:
+    """Return True if a cycle without this frame counts as missing input."""
     return frame.cycle_ms == 0.0 and not frame.has_sequence
 
 
-def _starts(role: Role, frame: dbc.Frame) -> bool:
-    return frame.has_sequence if role == "plant" else _awaited(role, frame)
+def starts(role: Role, frame: dbc.Frame) -> bool:
+    """Return True if this frame starts a cycle where no clock does."""
+    return frame.has_sequence if role == "plant" else awaited(role, frame)
 
 
 def _lay_out(made: Plan) -> None:
@@ -230,6 +233,33 @@ def _wire_frames(made: Plan) -> None:
                 )
 
 
+def _plan_schedule(made: Plan) -> None:
+    """Resolve the rig's scheduled tunings and noted variables; only the executive has them."""
+    if made.role != "executive":
+        return
+    table, config = made.table, made.rig.config
+    tunable = [v.name for v in table.variables if v.kind == "parameter"]
+    for i, tuning in enumerate(config.schedule):
+        for name, value in tuning.set.items():
+            path = f"schedule[{i}].set.{name}"
+            if name not in tunable:
+                raise made.rig.error(path, f"no parameter {name}{did_you_mean(name, tunable)}")
+            variable = table.variables[table.index[name]]
+            if not variable.low <= value <= variable.high:
+                raise made.rig.error(
+                    path,
+                    f"{value:g} is outside {variable.low:g}..{variable.high:g} {variable.unit}",
+                )
+            cycle = round(tuning.at_s * config.rate_hz)
+            made.schedule.append((cycle, table.index[name], value))
+    made.schedule.sort(key=lambda row: row[0])
+    for i, name in enumerate(config.note):
+        if name not in table.index:
+            what = f"no variable {name}{did_you_mean(name, table.index)}"
+            raise made.rig.error(f"note[{i}]", what)
+        made.noted.append(table.index[name])
+
+
 def _check_sizes(made: Plan) -> None:
     rx, tx = dbc.table(made.rx_frames, 1.0), dbc.table(made.tx_frames, 1.0)
     for what, size, limit in (
@@ -239,6 +269,8 @@ def _check_sizes(made: Plan) -> None:
         ("frames", max(len(made.rx_frames), len(made.tx_frames)), sh.MAX_FRAMES),
         ("signals", max(len(rx.variables), len(tx.variables)), sh.MAX_SIGNALS),
         ("limits", max(len(made.spec.limits), len(made.spec.safe)), sh.MAX_LIMITS),
+        ("scheduled values", len(made.schedule), sh.MAX_LIMITS),
+        ("noted variables", len(made.noted), sh.MAX_LIMITS),
     ):
         if size > limit:
             raise made.rig.error(
@@ -250,91 +282,6 @@ def _check_sizes(made: Plan) -> None:
 def cycles_of(rig: Rig) -> int:
     """Return the number of cycles of a run."""
     return max(1, round(rig.config.duration_s * rig.config.rate_hz))
-
-
-def install(made: Plan, loop: Any) -> None:
-    """Write `made` into the zeroed LOOP record `loop`; its wire stays as it is."""
-    config = made.rig.config
-    _install_schedule(made, loop)
-    period_s = loop.period_ns * 1e-9
-    loop.hold_cycles = config.supervisor.hold_cycles
-    loop.fault_after = config.supervisor.fault_after_cycles
-    loop.ramp_step = period_s / config.supervisor.ramp_s
-    loop.gain = 1.0
-    loop.v[:] = 0.0
-    for place, value in made.values.items():
-        loop.v[place] = value
-    _install_frames(made, loop)
-    _install_wiring(made, loop)
-    loop.mode_index = -1
-    if made.role == "plant":
-        modes = [
-            f"rx.{f.name}.mode" for f in made.rx_frames if any(s.name == "mode" for s in f.signals)
-        ]
-        loop.mode_index = made.table.index[modes[0]] if modes else -1
-    for i, (name, limit) in enumerate(made.spec.limits.items()):
-        rate = math.inf if limit.rate_per_s is None else limit.rate_per_s * period_s
-        loop.limit_index[i] = made.table.index[f"tx.{name}"]
-        loop.limits[i] = (limit.low, limit.high, rate, 0.0, 0.0)
-    for i, (name, value) in enumerate(made.spec.safe.items()):
-        loop.safe_index[i] = made.table.index[f"rx.{name}"]
-        loop.safe[i] = (0.0, 0.0, 0.0, 0.0, value)
-    loop.n_limits, loop.n_safe = len(made.spec.limits), len(made.spec.safe)
-
-
-def _install_schedule(made: Plan, loop: Any) -> None:
-    config = made.rig.config
-    plant = made.role == "plant"
-    loop.is_plant = plant
-    clocked = made.pacing == "real" or (made.pacing == "sync" and not plant)
-    loop.trigger = CLOCKED if clocked else ON_FRAMES
-    loop.period_ns = round(1e9 / config.rate_hz)
-    loop.phase_ns = round(loop.period_ns * config.realtime.plant_phase) if plant else 0
-    loop.late_ns = round(loop.period_ns * config.realtime.late_fraction)
-    loop.cycles = 2**62 if plant else cycles_of(made.rig)
-    loop.arm_pass = 1 if plant else 0
-    loop.patience = round(PATIENCE_S / RECEIVE_TIMEOUT_S)
-    loop.wait_recorder = made.pacing == "lockstep"
-    loop.n_blocks, loop.n_variables = len(made.spec.blocks), len(made.table.variables)
-
-
-def _install_frames(made: Plan, loop: Any) -> None:
-    rate = made.rig.config.rate_hz
-    for prefix, frames in (("rx", made.rx_frames), ("tx", made.tx_frames)):
-        index = {
-            v.name[3:]: i
-            for i, v in enumerate(made.table.variables)
-            if v.name.startswith(prefix + ".")
-        }
-        table = dbc.table(frames, rate, index)
-        loop[prefix][: len(frames)] = table.frames
-        loop[f"{prefix}_signals"][: len(table.signals)] = table.signals
-        loop[f"{prefix}_scales"][: len(table.scales)] = table.scales
-    loop.n_rx, loop.n_tx = len(made.rx_frames), len(made.tx_frames)
-    loop.rx_state[: loop.n_rx] = e2e.new_state(loop.n_rx)
-    for i, frame in enumerate(made.rx_frames):
-        loop.rx_role[i] = (_starts(made.role, frame), _awaited(made.role, frame))
-    loop.n_starters, loop.n_awaited = loop.rx_role[: loop.n_rx].sum(axis=0)
-    for i, frame in enumerate(made.tx_frames):
-        loop.tx_role[i] = (frame.has_sequence, 0x700 <= frame.can_id < 0x780)
-
-
-def _install_wiring(made: Plan, loop: Any) -> None:
-    at = 0
-    for i, copies in enumerate(made.copies):
-        for pair in copies:
-            loop.copies[at] = pair
-            at += 1
-        loop.copies_end[i] = at
-    for i, views in enumerate(made.views):
-        ranges = (views.parameters, views.states, views.inputs, views.outputs)
-        loop.views[i] = [edge for r in ranges for edge in (r.start, r.stop)]
-    for name, timing in (("state", False), ("timing", True)):
-        places = made.columns(timing)
-        loop[f"{name}_columns"][: len(places)] = places
-        loop[f"n_{name}"] = len(places)
-    columns = sh.RECORD_HEAD + loop.n_state + 1 + loop.n_timing
-    loop.record_rows = sh.RECORD_RING_WORDS // columns
 
 
 def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:

@@ -36,7 +36,8 @@ from executive.cycle import run  # noqa: E402
 from executive.emath_selftest import selftest  # noqa: E402
 from executive.errors import RigError  # noqa: E402
 from executive.facts import facts  # noqa: E402
-from executive.node import Plan, Role, check_rate, describe, install, plan  # noqa: E402
+from executive.install import install  # noqa: E402
+from executive.node import Plan, Role, check_rate, describe, plan  # noqa: E402
 from executive.rig import Rig, load_rig  # noqa: E402
 
 OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
@@ -67,7 +68,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--bus")
     parser.add_argument("--controller")
     parser.add_argument("--set", action="append", default=[])
-    parser.add_argument("--with-parent", action="store_true", help="end when the parent dies")
+    parser.add_argument("--with-parent", type=int, metavar="PID", help="end when this one dies")
     return parser
 
 
@@ -76,6 +77,7 @@ class Process:
 
     def __init__(self, options: argparse.Namespace) -> None:
         self.role: Role = options.role
+        self.host: int | None = options.with_parent
         self.rig: Rig = load_rig(options.rig, options.controller, options.set)
         self.pacing: str = options.pacing or self.rig.config.pacing
         check_rate(self.rig, self.pacing)
@@ -100,7 +102,11 @@ class Process:
         warm_up(self.plan)
         self.report = realtime.prepare_process()
         block = sh.create(name, describe(self.plan, metadata))
-        buses.open_bus(self.bus, self.plan.receive_ids, block.loop.wire)
+        try:
+            buses.open_bus(self.bus, self.plan.receive_ids, block.loop.wire)
+        except BusError:
+            block.unlink()
+            raise
         install(self.plan, block.loop)
         block["control"][sh.PID] = os.getpid()
         loop = threading.Thread(target=self._loop, args=(block,))
@@ -108,8 +114,14 @@ class Process:
         while loop.is_alive():
             if signal.sigtimedwait({signal.SIGINT, signal.SIGTERM}, 0.05):
                 block["control"][sh.STOP] = 1
+        if self.orphaned():  # nobody else would remove the block
+            block.unlink()
         held.close()
         return SAFETY_STOP if block["control"][sh.FAULT] else OK
+
+    def orphaned(self) -> bool:
+        """Return whether the host that started this process, if it named itself, is dead."""
+        return self.host is not None and os.getppid() != self.host
 
     def _loop(self, block: sh.Shared) -> None:
         """Be the loop's thread: real-time settings, self-test, then the compiled loop."""

@@ -24,16 +24,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.data_stream import RecordBuilder
-from mcap.opcode import Opcode
-from mcap.records import MessageIndex
-from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from executive import logs, shared
+from executive.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
 from executive.shared import Shared, SharedError
 
-CHUNK_BYTES = 1 << 20
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
 POLL_S = 0.02
 RINGS = ("record", "frame", "event")
@@ -57,10 +53,6 @@ JSON_SCHEMAS = {
 }
 
 
-class RecordError(Exception):
-    """The log cannot be written. One line, ready to print."""
-
-
 def field_names(names: Sequence[str]) -> list[str]:
     """Return a unique ROS 2 field name for each dotted name: rx.FB_A.rate -> rx_fb_a_rate."""
     fields: dict[str, None] = {}
@@ -72,82 +64,6 @@ def field_names(names: Sequence[str]) -> list[str]:
             unique, number = f"{plain}_{number}", number + 1
         fields[unique] = None
     return list(fields)
-
-
-class _Index(MessageIndex):
-    """A message index whose (log time, offset) pairs are arrays."""
-
-    def __init__(self, channel_id: int) -> None:
-        super().__init__(channel_id, [])
-        self.pairs: list[NDArray[np.uint64]] = []
-
-    def write(self, stream: RecordBuilder) -> None:
-        body = np.concatenate(self.pairs).tobytes()
-        stream.start_record(Opcode.MESSAGE_INDEX)
-        stream.write2(self.channel_id)
-        stream.write4(len(body))
-        stream.write(body)
-        stream.finish_record()
-
-
-class BulkWriter(Writer):
-    """mcap's Writer that also takes many messages at once: 2 us each with zstd instead of 7.
-
-    The one place that uses private parts of mcap (1.6): the chunk in the making and the statistics.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.file = path.open("wb")
-        super().__init__(self.file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._chunk = vars(self)["_Writer__chunk_builder"]
-        self._statistics = vars(self)["_Writer__statistics"]
-
-    def add(self, messages: Sequence[NDArray[Any]]) -> None:
-        """Append message records (`logs.message_dtype`) to one chunk, an array a channel."""
-        if self._chunk.count + sum(array.nbytes for array in messages) > CHUNK_BYTES:
-            self.flush()
-        for array in messages:
-            if len(array):
-                self._add(int(array["channel"][0]), array)
-
-    def _add(self, channel: int, array: NDArray[Any]) -> None:
-        chunk, statistics, times = self._chunk, self._statistics, array["log_time"]
-        first, last = int(times.min()), int(times.max())
-        pairs = np.empty((len(array), 2), np.uint64)
-        pairs[:, 0] = times
-        pairs[:, 1] = chunk.count + array.dtype.itemsize * np.arange(len(array), dtype=np.uint64)
-        if channel not in chunk.message_indices:
-            chunk.message_indices[channel] = _Index(channel)
-        chunk.message_indices[channel].pairs.append(pairs)
-        chunk.record_writer.write(array.tobytes())
-        start = min(chunk.message_start_time, first) if chunk.num_messages else first
-        chunk.message_start_time = start
-        chunk.message_end_time = max(chunk.message_end_time, last)
-        chunk.num_messages += len(array)
-        start = min(statistics.message_start_time, first) if statistics.message_count else first
-        statistics.message_start_time = start
-        statistics.message_end_time = max(statistics.message_end_time, last)
-        statistics.message_count += len(array)
-        statistics.channel_message_counts[channel] += len(array)
-
-    def register(self, name: str, schema: str, text: str, encoding: str) -> int:
-        """Register a topic with its schema (`encoding` cdr or json); return the channel id."""
-        kind = {"cdr": "ros2msg", "json": "jsonschema"}[encoding]
-        schema_id = self.register_schema(schema, kind, text.encode())
-        return self.register_channel(name, encoding, schema_id)
-
-
-def _messages(
-    channel: int, cycle: NDArray[np.int64], log_ns: NDArray[np.int64], data: NDArray[np.uint8]
-) -> NDArray[Any]:
-    """Return message records; `data` (n, payload bytes)."""
-    out = np.empty(len(data), logs.message_dtype(data.shape[1]))
-    out["opcode"], out["channel"] = Opcode.MESSAGE, channel
-    out["length"] = out.dtype.itemsize - 9
-    out["sequence"] = cycle & 0xFFFFFFFF
-    out["log_time"] = out["publish_time"] = log_ns
-    out["data"] = data
-    return out
 
 
 class _Node:
@@ -232,12 +148,12 @@ class _Node:
             state, timing = cells[:, head:end], cells[:, end + 8 - logs.CDR_BYTES :]
             ids = self.channels
             return [
-                _messages(ids["state"], cycle, log_ns, state),
-                _messages(ids["timing"], cycle, log_ns, timing),
+                message_records(ids["state"], cycle, log_ns, state),
+                message_records(ids["timing"], cycle, log_ns, timing),
             ]
         if ring == "frame":
             log_ns, data = rows[:, 1] + self.wall_ns, cells[:, 8 - logs.CDR_BYTES :]
-            return [_messages(self.channels["can/frames"], rows[:, 2], log_ns, data)]
+            return [message_records(self.channels["can/frames"], rows[:, 2], log_ns, data)]
         return [self._event(row) for row in rows]
 
     def _event(self, row: NDArray[np.int64]) -> NDArray[Any]:
@@ -248,6 +164,8 @@ class _Node:
         about = self.block.description
         if code == shared.TUNING_EVENT:
             entry |= {"name": about["variables"][argument][0], "value": value}
+        elif code == shared.CHANGE_EVENT:
+            entry |= {"event": "change", "name": about["variables"][argument][0], "value": value}
         else:
             kinds = {
                 shared.FAULT_EVENT: "fault",
@@ -261,7 +179,7 @@ class _Node:
                 entry["name"] = names[argument]
         data = np.frombuffer(json.dumps(entry).encode(), np.uint8)[None, :]
         channel = self.channels["tunings" if code == shared.TUNING_EVENT else "events"]
-        return _messages(channel, row[1:2], row[0:1] + self.wall_ns, data)
+        return message_records(channel, row[1:2], row[0:1] + self.wall_ns, data)
 
 
 def _birth(pid: int) -> str:
@@ -335,18 +253,25 @@ class Recorder:
         self.nodes.append(node)
 
     def _attach_late(self) -> None:
-        """Take up late blocks whose file is there, except what a dead process left."""
+        """Take up late blocks whose file is there, except what an earlier run left."""
         for name in list(self.late):
             with suppress(SharedError, FileNotFoundError):
                 inode = shared.path_of(name).stat().st_ino
                 if inode == self._refused[name]:
                     continue
                 block = shared.attach(name)
-                if (pid := int(block["control"][shared.PID])) and not _birth(pid):
+                pid = int(block["control"][shared.PID])
+                if pid and not _birth(pid) and not self._in_this_run(block):
                     self._refused[name] = inode
                     continue
                 self._add(block)
                 self.late.remove(name)
+
+    def _in_this_run(self, block: Shared) -> bool:
+        """Return whether the dead node of `block` still ran when the first node had started."""
+        put, rows = int(block["record_ends"][shared.PUT]), block["record"]
+        started_ns = int(self.nodes[0].block.description["metadata"]["clock_monotonic_ns"])
+        return put > 0 and int(rows[(put - 1) % len(rows), 1]) > started_ns
 
     def drain(self) -> bool:
         """Move what is in the rings to the file; end the chunk when it is 0.5 s old.
@@ -401,40 +326,6 @@ class Recorder:
         self.writer.add_metadata("run", {key: str(n) for key, n in counts.items()})
         self.writer.finish()
         self.writer.file.close()
-
-
-def recover(path: Path, out: Path) -> list[str]:
-    """Write what is readable of a damaged log to `out` as a whole file; return what is missing.
-
-    Raises logs.LogError, RecordError.
-    """
-    found = logs.scan(path)
-    try:
-        writer = BulkWriter(out)
-        writer.start(profile="ros2")
-        schemas = {0: 0}
-        for i, schema in found.schemas.items():
-            schemas[i] = writer.register_schema(schema.name, schema.encoding, schema.data)
-        ids = {
-            i: writer.register_channel(c.topic, c.message_encoding, schemas[c.schema_id])
-            for i, c in found.channels.items()
-            if c.schema_id in schemas
-        }
-        for note in found.metadata:
-            writer.add_metadata(note.name, note.metadata)
-        for file in found.attachments:
-            writer.add_attachment(
-                file.create_time, file.log_time, file.name, file.media_type, file.data
-            )
-        for i, piece in ((i, piece) for i, piece in found.pieces if i in ids):
-            messages = piece.copy().view(logs.message_dtype(piece.shape[1] - 31))[:, 0]
-            messages["channel"] = ids[i]
-            writer.add([messages])
-        writer.finish()
-        writer.file.close()
-    except OSError as error:
-        raise RecordError(f"{out}: {error.strerror}") from None
-    return found.missing
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -13,149 +13,25 @@ types, ranges, files, laws, settings and their units. Every message says where:
 numba is imported with the first law, so that reading a rig with `resolve=False` is fast.
 """
 
-import hashlib
-import importlib
-import importlib.util
 import math
 import os
-import pkgutil
-import re
-import sys
-import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, get_args, get_origin
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import msgspec
-from msgspec import Meta, Struct
 
 from executive import yamlfile
 from executive.errors import RigError, did_you_mean
+from executive.laws import resolve
+from executive.rig_schema import Config, Evaluation, Limit, Parameter, Plant
+from executive.typed import convert
 from executive.yamlfile import Document, Keys, Place, dotted
 
 if TYPE_CHECKING:
     from executive.block import Block, Port
-
-_PROJECT = Path(__file__).resolve().parent.parent
-_CONTROLLERS = "executive.controllers"
-
-Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]+\Z")]
-BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]*\Z")]
-Fraction = Annotated[float, Meta(ge=0, le=1)]
-Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
-Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-
-
-class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A bus as python-can names it; `bitrate` null means that its load is not checked."""
-
-    interface: str = "auto"
-    channel: str | int | None = None
-    bitrate: Annotated[int, Meta(ge=1)] | None = None
-
-
-class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Reactions to missing frames, in cycles, and the ramp to zero."""
-
-    hold_cycles: Annotated[int, Meta(ge=0)] = 2
-    fault_after_cycles: Annotated[int, Meta(ge=2)] = 3
-    ramp_s: Annotated[float, Meta(gt=0, le=3600)] = 0.05
-
-
-class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Scheduling. `plant_phase`: fraction of a period by which the plant's cycle follows.
-
-    `late_fraction`: fraction of a period after which a wake-up counts as late.
-    """
-
-    priority: Priority = 80
-    plant_priority: Priority = 70
-    plant_phase: Fraction = 0.5
-    late_fraction: Fraction = 0.1
-
-
-class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A controller: a law with its settings and any wiring beyond that of block `controller`."""
-
-    law: str
-    parameters: dict[str, float] = {}
-    inputs: dict[str, str] = {}
-
-
-class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A block of a node; only the executive's `controller` has no law here."""
-
-    law: str | None = None
-    parameters: dict[str, float] = {}
-    inputs: dict[str, str] = {}
-
-
-class Limit(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Bounds of a sent signal, in its unit; `rate_per_s` null means no rate limit."""
-
-    low: float = float("-inf")
-    high: float = float("inf")
-    rate_per_s: Annotated[float, Meta(gt=0)] | None = None
-
-
-class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The controller node; the order of `blocks` is the schedule."""
-
-    node: str
-    blocks: dict[BlockName, Entry]
-    transmit: dict[str, str] = {}
-    limits: dict[str, Limit] = {}
-
-
-class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The plant node; `safe` are the values that its watchdog substitutes."""
-
-    node: str
-    blocks: dict[BlockName, Entry]
-    parameters_file: str | None = None
-    transmit: dict[str, str] = {}
-    safe: dict[str, float] = {}
-
-
-class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A rig file as it stands, with defaults filled in and options applied."""
-
-    rig: Name
-    title: str = ""
-    dbc: str
-    rate_hz: Annotated[float, Meta(ge=1, le=20000)]
-    duration_s: Annotated[float, Meta(gt=0, le=1e6)]  # 12 days: still exact in ns as a float
-    seed: Count = 1
-    pacing: Literal["real", "sync", "lockstep"] = "real"
-    bus: Bus = Bus()
-    controller: str
-    controllers: dict[Name, Law]
-    supervisor: Supervisor = Supervisor()
-    realtime: Realtime = Realtime()
-    executive: Executive
-    plant: Plant
-    evaluation: dict[str, Any] | None = None
-    watch: str | None = None
-    expect: dict[str, dict[str, tuple[float, float]]] = {}
-
-
-class Evaluation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What judges a run: a Python file, the part of the run it looks at, and numbers for it."""
-
-    file: str
-    window_s: tuple[float, float]
-    numbers: dict[str, float] = {}
-
-
-class Parameter(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One entry of a parameters file."""
-
-    value: float
-    unit: str
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -204,7 +80,7 @@ class Rig:
     @property
     def dbc(self) -> Path:
         """The DBC file."""
-        return _file(self.document, ("dbc",), self.config.dbc)
+        return self.document.file(("dbc",), self.config.dbc)
 
     @property
     def evaluation(self) -> Evaluation | None:
@@ -229,7 +105,8 @@ class Rig:
         control, plant = config.executive, config.plant
         return (
             NodeSpec(
-                control.node, _blocks(document, config, "executive", {}), dict(control.transmit),
+                control.node, _blocks(document, config, "executive", {}),
+                {**control.transmit, **config.controllers[config.controller].transmit},
                 dict(control.limits), {},
             ),
             NodeSpec(
@@ -266,79 +143,17 @@ def load_rig(
     contents. Raises RigError.
     """
     document = yamlfile.load(path, text)
-    config = _convert(document, document.data, Config, ())
+    config = convert(document, document.data, Config, ())
     if controller is not None:
         place = Place(document.path, option=f"--controller {controller}")
         document.put(("controller",), controller, place)
     _apply(document, config, settings)
-    config = _convert(document, document.data, Config, ())
+    config = convert(document, document.data, Config, ())
     _check(document, config)
     rig = Rig(config, document)
     if resolve:
         rig.nodes()
     return rig
-
-
-# Typed values with places
-
-
-def _convert(document: Document, data: Any, kind: Any, keys: Keys) -> Any:
-    """Return `data` as a `kind`; on failure descend, because msgspec does not name mapping keys."""
-    try:
-        return msgspec.convert(data, kind)
-    except msgspec.ValidationError as error:
-        _descend(document, data, kind, keys)
-        raise document.error(keys, _reworded(str(error), data)) from None
-
-
-def _descend(document: Document, data: Any, kind: Any, keys: Keys) -> None:
-    """Raise the error of the first part of `data` that is not what `kind` says, if it is a part."""
-    origin, arguments = get_origin(kind), get_args(kind)
-    if isinstance(kind, type) and issubclass(kind, Struct) and isinstance(data, dict):
-        fields = {info.encode_name: info for info in msgspec.structs.fields(kind)}
-        for key in data:
-            if key not in fields:
-                raise document.error((*keys, key), f"unknown key{did_you_mean(key, fields)}")
-        for name, info in fields.items():
-            if name in data:
-                _convert(document, data[name], info.type, (*keys, name))
-            elif info.required:
-                raise document.error(keys, f"key {name} is missing")
-    elif origin is dict and isinstance(data, dict):
-        for key, child in data.items():
-            _convert(document, key, arguments[0], (*keys, key))
-            _convert(document, child, arguments[1], (*keys, key))
-    elif origin is tuple and isinstance(data, list) and len(data) == len(arguments):
-        for index, child in enumerate(data):
-            _convert(document, child, arguments[index], (*keys, index))
-    elif origin is Literal and isinstance(data, str):
-        raise document.error(keys, f"unknown value {data}{did_you_mean(data, arguments)}")
-
-
-_WORDS = {
-    "float": "a number", "int": "a whole number", "str": "text", "bool": "true or false",
-    "object": "a mapping", "array": "a list", "null": "null",
-}  # fmt: skip
-
-
-def _reworded(message: str, data: Any) -> str:
-    """Return msgspec's message in YAML's words, with the value that came."""
-    expected = re.sub(r"(, got .*)?( - at .*)?\Z", "", message)
-    expected = re.sub(r"matching regex '(.*)'\Z", r"of the form \1", expected)
-    expected = expected.replace("\\\\A", "").replace("\\\\Z", "")
-    kinds = re.sub(r"`([a-z |]+)`", lambda found: _in_words(found[1]), expected)
-    got = f"text {data!r}" if isinstance(data, str) else _short(data)
-    return f"{kinds[:1].lower()}{kinds[1:]}, got {got}"
-
-
-def _in_words(kinds: str) -> str:
-    return " or ".join(_WORDS.get(kind, kind) for kind in kinds.split(" | "))
-
-
-def _short(data: Any) -> str:
-    text = yamlfile.dump([data]).strip().removeprefix("- ") if data != {} else "{}"
-    line = " ".join(text.strip("[]").split()) if not isinstance(data, list) else str(data)
-    return line if len(line) <= 40 else f"{line[:37]}..."
 
 
 # Options
@@ -402,7 +217,7 @@ def _check(document: Document, config: Config) -> None:
     _evaluation(document, config)
     for keys in _file_keys(msgspec.to_builtins(config)):
         if keys[-1] != "law":
-            _file(document, keys, _get(document.data, keys))
+            document.file(keys, _get(document.data, keys))
 
 
 def _check_blocks(document: Document, config: Config) -> None:
@@ -437,13 +252,13 @@ def _evaluation(document: Document, config: Config) -> Evaluation | None:
     given = dict(config.evaluation)
     named = {key: given.pop(key) for key in ("file", "window_s") if key in given}
     named.setdefault("window_s", [0.0, config.duration_s])
-    evaluation = _convert(document, named, Evaluation, ("evaluation",))
+    evaluation = convert(document, named, Evaluation, ("evaluation",))
     if not 0 <= evaluation.window_s[0] < evaluation.window_s[1]:
         raise document.error(("evaluation", "window_s"), "expected 0 <= begin < end")
     return Evaluation(
-        file=str(_file(document, ("evaluation", "file"), evaluation.file)),
+        file=str(document.file(("evaluation", "file"), evaluation.file)),
         window_s=evaluation.window_s,
-        numbers=_convert(document, given, dict[str, float], ("evaluation",)),
+        numbers=convert(document, given, dict[str, float], ("evaluation",)),
     )
 
 
@@ -457,13 +272,6 @@ def _file_keys(data: Mapping[str, Any]) -> list[Keys]:
     for section in ("executive", "plant"):
         keys += [(section, "blocks", name, "law") for name in data[section]["blocks"]]
     return [key for key in keys if _get(data, key) is not None]
-
-
-def _file(document: Document, keys: Keys, text: str) -> Path:
-    file = (document.place(keys).folder / text).resolve()
-    if not file.is_file():
-        raise document.error(keys, f"no such file: {yamlfile.shown(file)}")
-    return file
 
 
 def _rebased(document: Document, keys: Keys, text: str) -> str:
@@ -491,8 +299,8 @@ def _parameters(document: Document, plant: Plant) -> dict[str, tuple[Parameter, 
     """Return the parameters file by name, each with its document and path."""
     if plant.parameters_file is None:
         return {}
-    source = yamlfile.load(_file(document, ("plant", "parameters_file"), plant.parameters_file))
-    groups = _convert(source, source.data, dict[str, dict[str, Parameter]], ())
+    source = yamlfile.load(document.file(("plant", "parameters_file"), plant.parameters_file))
+    groups = convert(source, source.data, dict[str, dict[str, Parameter]], ())
     flat: dict[str, tuple[Parameter, Document, Keys]] = {}
     for group, parameters in groups.items():
         for name, parameter in parameters.items():
@@ -523,7 +331,7 @@ def _blocks(
     for name, entry in entries.items():
         keys = _law_keys(config, section, name)
         law = config.controllers[config.controller] if keys[0] == "controllers" else entry
-        block = _resolve(document, keys, str(law.law))
+        block = resolve(document, keys, str(law.law))
         places = {"": document.where((section, "blocks", name))}
         places |= {"law": document.where((*keys, "law"))}
         for inputs, at in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):
@@ -576,81 +384,3 @@ def _check_range(source: Document, at: Keys, name: str, port: "Port", value: flo
         unit = f" {port.unit}" if port.unit else ""
         what = f"{value:.12g} is outside {port.low:.12g}..{port.high:.12g}{unit}"
         raise source.error(at, f"{name}: {what}" if source.place(at).option else what)
-
-
-def _resolve(document: Document, keys: Keys, law: str) -> "Block":
-    """Return the block that `law` names; any failure of its module is an error of the rig file."""
-    from executive.block import Block  # here, because it imports numba
-
-    at = (*keys, "law")
-    found = re.fullmatch(r"([^:]+)(?::(\w+))?", law)
-    if not found:
-        raise document.error(at, f"'{law}' is no law; expected NAME, pkg.mod:NAME or file.py:NAME")
-    module_name, name = found[1], found[2] or "BLOCK"
-    is_file, is_bare = module_name.endswith(".py"), "." not in module_name
-    full_name = f"{_CONTROLLERS}.{module_name}" if is_bare else module_name
-    file = _file(document, at, module_name) if is_file else Path()
-    try:
-        module = _import_file(file) if is_file else importlib.import_module(full_name)
-    except Exception as error:
-        absent = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
-        if absent and f"{full_name}.".startswith(f"{absent}."):
-            cure = did_you_mean(module_name, _controllers()) if is_bare else ""
-            raise document.error(at, f"no module {full_name}{cure}") from None
-        raise document.error(at, f"{module_name} cannot be imported: {_cause(error)}") from error
-    block = getattr(module, name, None)
-    if isinstance(block, Block):
-        return block
-    blocks = [key for key, known in vars(module).items() if isinstance(known, Block)]
-    kind = type(block).__name__
-    what = f"is of type {kind}, not Block" if hasattr(module, name) else "does not exist"
-    raise document.error(at, f"{name} of {module_name} {what}{did_you_mean(name, blocks)}")
-
-
-def _cause(error: Exception) -> str:
-    """Return `file:line: error`, in one line, of what went wrong in a module."""
-    text, name = " ".join(str(error).split()), type(error).__name__
-    if isinstance(error, SyntaxError) and error.filename:
-        return f"{yamlfile.shown(Path(error.filename))}:{error.lineno}: {name}: {error.msg}"
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{yamlfile.shown(Path(last.filename))}:{last.lineno}: {name}: {text}"
-
-
-def _controllers() -> list[str]:
-    package = importlib.import_module(_CONTROLLERS)
-    return [module.name for module in pkgutil.iter_modules(package.__path__)]
-
-
-def _import_file(file: Path) -> ModuleType:
-    """Import a Python file, once per process.
-
-    A file of the project gets its dotted name, any other one a name made of its path: the compile
-    cache stores the module's name, so that it must be the same in every process.
-    """
-    if (own_name := _project_name(file)) is not None:
-        return importlib.import_module(own_name)
-    name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:16]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, file)
-    assert spec is not None and spec.loader is not None, "a .py file has a loader"
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
-
-
-def _project_name(file: Path) -> str | None:
-    if not file.is_relative_to(_PROJECT):
-        return None
-    parts = file.relative_to(_PROJECT).with_suffix("").parts
-    if not all(part.isidentifier() for part in parts):
-        return None
-    try:
-        spec = importlib.util.find_spec(".".join(parts))
-    except ModuleNotFoundError:
-        return None
-    return spec.name if spec is not None and spec.origin == str(file) else None

@@ -52,7 +52,7 @@ RECORD_HEAD = 3  # cycle, stamp, CDR header
 FRAME_WORDS = 5
 EVENT_WORDS = 5
 
-FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT = 1, 2, 3, 4
+FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT, CHANGE_EVENT = 1, 2, 3, 4, 5
 
 # Sizes are fixed, so that one compiled loop serves every rig; `executive.node` checks the fit.
 MAX_VARIABLES = 4096
@@ -97,6 +97,8 @@ LOOP = np.dtype(
         ("n_tx", "<i8"),
         ("n_starters", "<i8"),  # frames that start a cycle, and frames awaited in it
         ("n_awaited", "<i8"),
+        ("n_schedule", "<i8"),
+        ("n_noted", "<i8"),
         ("n_state", "<i8"),
         ("n_timing", "<i8"),
         ("record_rows", "<i8"),
@@ -114,6 +116,10 @@ LOOP = np.dtype(
         ("limits", "<f8", (MAX_LIMITS, 5)),
         ("safe_index", "<i8", (MAX_LIMITS,)),
         ("safe", "<f8", (MAX_LIMITS, 5)),
+        ("schedule", "<i8", (MAX_LIMITS, 2)),  # cycle, variable of a scheduled tuning, by cycle
+        ("schedule_value", "<f8", (MAX_LIMITS,)),
+        ("noted_index", "<i8", (MAX_LIMITS,)),  # variables whose changes are events
+        ("noted", "<f8", (MAX_LIMITS,)),  # their last values
         ("state_columns", "<i8", (MAX_VARIABLES,)),
         ("timing_columns", "<i8", (MAX_VARIABLES,)),
         ("rx", "<i8", (MAX_FRAMES, 12)),  # tables of drivers.dbc
@@ -140,6 +146,7 @@ LOOP = np.dtype(
         ("started", "<i8"),  # frames of this cycle so far: starters, awaited
         ("fresh", "<i8"),
         ("faulted", "<i8"),
+        ("scheduled", "<i8"),  # tunings of the schedule that were applied
         ("gain", "<f8"),  # 1, or how far the ramp of FAULT has come down
         ("v", "<f8", (MAX_VARIABLES,)),  # the table
         ("rx_state", "<i8", (MAX_FRAMES, 9)),  # receivers, see drivers.e2e
@@ -248,7 +255,10 @@ def attach_path(path: Path) -> Shared:
 
 
 def snapshot(block: Shared, into: NDArray[np.float64] | None = None, tries: int = 100) -> Any:
-    """Return a consistent copy of all variables, or the old `into` when the writer never paused."""
+    """Return a consistent copy of all variables; the old `into` when the writer never paused.
+
+    Raises SharedError if there is no old copy either.
+    """
     seq, values = block["seq"], block["snapshot"]
     for _ in range(tries):
         before = int(seq[0])
@@ -257,4 +267,6 @@ def snapshot(block: Shared, into: NDArray[np.float64] | None = None, tries: int 
         copy = values.copy()
         if int(seq[0]) == before:
             return copy
-    return into if into is not None else values.copy()
+    if into is None:
+        raise SharedError(f"{block.path.name}: the writer died or never pauses")
+    return into

@@ -52,7 +52,7 @@ class Table:
         first = len(self.variables)
         for port in ports:
             for name in port.names():
-                keep = recorded and port.name not in ("scratch", "rng")
+                keep = recorded and port.recorded
                 self.add(
                     Variable(
                         f"{block}.{name}",
@@ -98,7 +98,7 @@ def add_block(table: Table, name: str, block: Block) -> Views:
     """Append all variables of `block` under `name`."""
     return Views(
         table.add_ports(name, block.parameters or block.settings, "parameter", False),
-        table.add_ports(name, block.states, "state", block.record),
+        table.add_ports(name, block.states, "state", True),
         table.add_ports(name, block.inputs, "input", False),
         table.add_ports(name, block.outputs, "output", True),
     )

@@ -5,13 +5,17 @@ same; so the records of a virtual run and of a lockstep run on a bus are equal b
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers import wire
 from drivers.jit import i8, loop
 from drivers.wire_layout import MEMORY
+from executive import logs
 from executive import shared as sh
 from executive.cycle import (
     STEPS,
@@ -24,7 +28,8 @@ from executive.cycle import (
 )
 from executive.emath_selftest import selftest
 from executive.facts import facts
-from executive.node import describe, install, plan
+from executive.install import install
+from executive.node import describe, plan
 from executive.recorder import Recorder
 from executive.rig import Rig
 
@@ -57,10 +62,51 @@ def run_virtual(executive: Any, laws: Any, plant: Any, models: Any, cycles: Any)
     return 1
 
 
+class Memory:
+    """Takes the records of virtual nodes into memory; frames and events are let go."""
+
+    def __init__(self, blocks: list[sh.Shared]) -> None:
+        self._blocks = blocks
+        self._rows: list[list[NDArray[np.int64]]] = [[] for _ in blocks]
+
+    def drain(self) -> None:
+        """Take the rows that are there."""
+        for block, rows in zip(self._blocks, self._rows, strict=True):
+            ends, ring = block["record_ends"], block["record"]
+            put, taken = int(ends[sh.PUT]), int(ends[sh.TAKEN])
+            rows.append(ring[np.arange(taken, put) % len(ring)])
+            for name in ("record", "frame", "event"):
+                block[f"{name}_ends"][sh.TAKEN] = block[f"{name}_ends"][sh.PUT]
+
+    def forget(self) -> None:
+        """Let the records so far go: of a long run only the latest values matter."""
+        self._rows = [[] for _ in self._blocks]
+
+    def log(self) -> logs.Log:
+        """Return the run as it would be read back from a file."""
+        nodes = {}
+        for block, rows in zip(self._blocks, self._rows, strict=True):
+            about = block.description
+            table = np.concatenate(rows)
+            values = table.view(np.float64).T
+            n = len(about["state_columns"])
+            columns = dict(zip(about["state_columns"], values[sh.RECORD_HEAD :], strict=False))
+            timing = dict(
+                zip(about["timing_columns"], values[sh.RECORD_HEAD + n + 1 :], strict=True)
+            )
+            nodes[about["node"]] = logs.Node(
+                table[:, 0], table[:, 1], columns, timing, np.empty(0, logs.FRAME), [], [], about
+            )
+        first = self._blocks[0].description
+        metadata = {name: node.description["metadata"] for name, node in nodes.items()}
+        return logs.Log(Path(), nodes, first["attachments"], metadata, [])
+
+
 class VirtualRun:
     """A rig in virtual time; `advance` runs it piece by piece, `close` completes the log."""
 
-    def __init__(self, rig: Rig, log: Path) -> None:
+    def __init__(self, rig: Rig, log: Path | None) -> None:
+        """`log` None keeps the records in memory (`memory.log()`)."""
         selftest()
         made = [plan(rig, role, "lockstep") for role in ("executive", "plant")]
         metadata = facts() | {
@@ -72,9 +118,8 @@ class VirtualRun:
         }
         self.blocks: list[sh.Shared] = []
         for p in made:
-            block = sh.create(
-                f"{rig.config.rig}.virtual.{p.role}.{os.getpid()}", describe(p, metadata)
-            )
+            name = sh.block_name(rig.config.rig, f"virtual-{os.getpid()}", p.role)
+            block = sh.create(name, describe(p, metadata))
             block.unlink()
             wire.prepare(block.loop.wire, MEMORY, -1, -1)
             install(p, block.loop)
@@ -82,7 +127,8 @@ class VirtualRun:
             block["control"][sh.PID] = os.getpid()
             self.blocks.append(block)
         self.steps = [p.steps for p in made]
-        self.recorder = Recorder(log, self.blocks, clock=lambda: 0)
+        self.memory = Memory(self.blocks)
+        self.recorder = None if log is None else Recorder(log, self.blocks, clock=lambda: 0)
 
     def advance(self) -> Iterator[int]:
         """Run to the end in pieces; yield the cycles done after each."""
@@ -91,7 +137,7 @@ class VirtualRun:
         more = 1
         while more:
             more = run_virtual(executive, laws, plant, models, CYCLES_BETWEEN_DRAINS)
-            self.recorder.drain()
+            (self.recorder or self.memory).drain()
             yield int(executive.passes)
 
     def stop(self) -> None:
@@ -100,17 +146,25 @@ class VirtualRun:
             block["control"][sh.STOP] = 1
 
     def close(self) -> None:
-        """Finish the log."""
-        self.recorder.finish()
+        """Finish the log file."""
+        if self.recorder is not None:
+            self.recorder.finish()
 
 
-def simulate(rig: Rig, log: Path, progress: Callable[[int], None] | None = None) -> VirtualRun:
-    """Run `rig` in virtual time into `log`; RigError, BusError, RecordError as on a bus."""
+def simulate(rig: Rig, log: Path) -> VirtualRun:
+    """Run `rig` in virtual time into the file `log`; RigError, BusError, RecordError."""
     run = VirtualRun(rig, log)
     try:
-        for cycles in run.advance():
-            if progress is not None:
-                progress(cycles)
+        for _ in run.advance():
+            pass
     finally:
         run.close()
     return run
+
+
+def in_memory(rig: Rig) -> logs.Log:
+    """Run `rig` in virtual time without a file and return its records; RigError, BusError."""
+    run = VirtualRun(rig, None)
+    for _ in run.advance():
+        pass
+    return run.memory.log()

@@ -90,6 +90,13 @@ class Document:
             f"{place}: {what}" if place.option or not name else f"{place}: {name}: {what}"
         )
 
+    def file(self, keys: Keys, text: str) -> Path:
+        """Return the file that the value `text` at `keys` names, from where it was written."""
+        file = (self.place(keys).folder / text).resolve()
+        if not file.is_file():
+            raise self.error(keys, f"no such file: {shown(file)}")
+        return file
+
     def put(self, keys: Keys, value: Any, place: Place) -> None:
         """Set the value at `keys` (texts only), as given at `place`."""
         target: Any = self.data

@@ -131,8 +131,10 @@ STATES = (
     Port("x_strain_ue", "ue", "root strain after its lag"),
     Port("x_shaft_torque_Nm", "N m", "shaft torque after its lag"),
     Port("x_held_Nm", "N m", "motor torque command in force until the next tick"),
-    Port("rng", "", "noise streams", size=NOISY_CHANNELS * STREAM_SIZE),
-    Port("scratch", "", "Runge-Kutta stages, external inputs, hull sines", size=112),
+    Port("rng", "", "noise streams", size=NOISY_CHANNELS * STREAM_SIZE, recorded=False),
+    Port(
+        "scratch", "", "Runge-Kutta stages, external inputs, hull sines", size=112, recorded=False
+    ),
 )
 
 INPUTS = (Port("motor_command_Nm", "N m", "newest valid motor torque command", default=0.0),)

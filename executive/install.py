@@ -1,0 +1,103 @@
+"""A plan written into the LOOP record of a node: schedule, frames, wiring, limits."""
+
+import math
+from typing import Any
+
+from drivers import dbc, e2e
+from executive import shared as sh
+from executive.cycle import CLOCKED, ON_FRAMES
+from executive.node import Plan, awaited, cycles_of, starts
+
+RECEIVE_TIMEOUT_S = 0.1  # of a blocking receive; see drivers.bus
+PATIENCE_S = 5.0  # lockstep and sync: silence after which the other node is given up
+
+
+def install(made: Plan, loop: Any) -> None:
+    """Write `made` into the zeroed LOOP record `loop`; its wire stays as it is."""
+    config = made.rig.config
+    _install_schedule(made, loop)
+    period_s = loop.period_ns * 1e-9
+    loop.hold_cycles = config.supervisor.hold_cycles
+    loop.fault_after = config.supervisor.fault_after_cycles
+    loop.ramp_step = period_s / config.supervisor.ramp_s
+    loop.gain = 1.0
+    loop.v[:] = 0.0
+    for place, value in made.values.items():
+        loop.v[place] = value
+    _install_frames(made, loop)
+    _install_wiring(made, loop)
+    loop.mode_index = -1
+    if made.role == "plant":
+        modes = [
+            f"rx.{f.name}.mode" for f in made.rx_frames if any(s.name == "mode" for s in f.signals)
+        ]
+        loop.mode_index = made.table.index[modes[0]] if modes else -1
+    for i, (name, limit) in enumerate(made.spec.limits.items()):
+        rate = math.inf if limit.rate_per_s is None else limit.rate_per_s * period_s
+        loop.limit_index[i] = made.table.index[f"tx.{name}"]
+        loop.limits[i] = (limit.low, limit.high, rate, 0.0, 0.0)
+    for i, (name, value) in enumerate(made.spec.safe.items()):
+        loop.safe_index[i] = made.table.index[f"rx.{name}"]
+        loop.safe[i] = (0.0, 0.0, 0.0, 0.0, value)
+    loop.n_limits, loop.n_safe = len(made.spec.limits), len(made.spec.safe)
+    for i, (cycle, place, value) in enumerate(made.schedule):
+        loop.schedule[i] = (cycle, place)
+        loop.schedule_value[i] = value
+    for i, place in enumerate(made.noted):
+        loop.noted_index[i] = place
+    loop.n_schedule, loop.n_noted = len(made.schedule), len(made.noted)
+
+
+def _install_schedule(made: Plan, loop: Any) -> None:
+    config = made.rig.config
+    plant = made.role == "plant"
+    loop.is_plant = plant
+    clocked = made.pacing == "real" or (made.pacing == "sync" and not plant)
+    loop.trigger = CLOCKED if clocked else ON_FRAMES
+    loop.period_ns = round(1e9 / config.rate_hz)
+    loop.phase_ns = round(loop.period_ns * config.realtime.plant_phase) if plant else 0
+    loop.late_ns = round(loop.period_ns * config.realtime.late_fraction)
+    loop.cycles = 2**62 if plant else cycles_of(made.rig)
+    loop.arm_pass = 1 if plant else 0
+    loop.patience = round(PATIENCE_S / RECEIVE_TIMEOUT_S)
+    loop.wait_recorder = made.pacing == "lockstep"
+    loop.n_blocks, loop.n_variables = len(made.spec.blocks), len(made.table.variables)
+
+
+def _install_frames(made: Plan, loop: Any) -> None:
+    rate = made.rig.config.rate_hz
+    for prefix, frames in (("rx", made.rx_frames), ("tx", made.tx_frames)):
+        index = {
+            v.name[3:]: i
+            for i, v in enumerate(made.table.variables)
+            if v.name.startswith(prefix + ".")
+        }
+        table = dbc.table(frames, rate, index)
+        loop[prefix][: len(frames)] = table.frames
+        loop[f"{prefix}_signals"][: len(table.signals)] = table.signals
+        loop[f"{prefix}_scales"][: len(table.scales)] = table.scales
+    loop.n_rx, loop.n_tx = len(made.rx_frames), len(made.tx_frames)
+    loop.rx_state[: loop.n_rx] = e2e.new_state(loop.n_rx)
+    for i, frame in enumerate(made.rx_frames):
+        loop.rx_role[i] = (starts(made.role, frame), awaited(made.role, frame))
+    loop.n_starters, loop.n_awaited = loop.rx_role[: loop.n_rx].sum(axis=0)
+    for i, frame in enumerate(made.tx_frames):
+        loop.tx_role[i] = (frame.has_sequence, 0x700 <= frame.can_id < 0x780)
+
+
+def _install_wiring(made: Plan, loop: Any) -> None:
+    at = 0
+    for i, copies in enumerate(made.copies):
+        for pair in copies:
+            loop.copies[at] = pair
+            at += 1
+        loop.copies_end[i] = at
+    for i, views in enumerate(made.views):
+        ranges = (views.parameters, views.states, views.inputs, views.outputs)
+        loop.views[i] = [edge for r in ranges for edge in (r.start, r.stop)]
+    for name, timing in (("state", False), ("timing", True)):
+        places = made.columns(timing)
+        loop[f"{name}_columns"][: len(places)] = places
+        loop[f"n_{name}"] = len(places)
+    columns = sh.RECORD_HEAD + loop.n_state + 1 + loop.n_timing
+    loop.record_rows = sh.RECORD_RING_WORDS // columns

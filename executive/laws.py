@@ -1,0 +1,103 @@
+"""From the text of a law to its block: `pd`, `pkg.mod:NAME` or `model.py:NAME`.
+
+numba is imported with the first law.
+"""
+
+import hashlib
+import importlib
+import importlib.util
+import pkgutil
+import re
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from executive import yamlfile
+from executive.errors import did_you_mean
+from executive.yamlfile import Document, Keys
+
+if TYPE_CHECKING:
+    from executive.block import Block
+
+_PROJECT = Path(__file__).resolve().parent.parent
+_CONTROLLERS = "executive.controllers"
+
+
+def resolve(document: Document, keys: Keys, law: str) -> "Block":
+    """Return the block that `law` names; any failure of its module is an error of the rig file."""
+    from executive.block import Block  # here, because it imports numba
+
+    at = (*keys, "law")
+    found = re.fullmatch(r"([^:]+)(?::(\w+))?", law)
+    if not found:
+        raise document.error(at, f"'{law}' is no law; expected NAME, pkg.mod:NAME or file.py:NAME")
+    module_name, name = found[1], found[2] or "BLOCK"
+    is_file, is_bare = module_name.endswith(".py"), "." not in module_name
+    full_name = f"{_CONTROLLERS}.{module_name}" if is_bare else module_name
+    file = document.file(at, module_name) if is_file else Path()
+    try:
+        module = _import_file(file) if is_file else importlib.import_module(full_name)
+    except Exception as error:
+        absent = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
+        if absent and f"{full_name}.".startswith(f"{absent}."):
+            cure = did_you_mean(module_name, _controllers()) if is_bare else ""
+            raise document.error(at, f"no module {full_name}{cure}") from None
+        raise document.error(at, f"{module_name} cannot be imported: {_cause(error)}") from error
+    block = getattr(module, name, None)
+    if isinstance(block, Block):
+        return block
+    blocks = [key for key, known in vars(module).items() if isinstance(known, Block)]
+    kind = type(block).__name__
+    what = f"is of type {kind}, not Block" if hasattr(module, name) else "does not exist"
+    raise document.error(at, f"{name} of {module_name} {what}{did_you_mean(name, blocks)}")
+
+
+def _cause(error: Exception) -> str:
+    """Return `file:line: error`, in one line, of what went wrong in a module."""
+    text, name = " ".join(str(error).split()), type(error).__name__
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{yamlfile.shown(Path(error.filename))}:{error.lineno}: {name}: {error.msg}"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{yamlfile.shown(Path(last.filename))}:{last.lineno}: {name}: {text}"
+
+
+def _controllers() -> list[str]:
+    package = importlib.import_module(_CONTROLLERS)
+    return [module.name for module in pkgutil.iter_modules(package.__path__)]
+
+
+def _import_file(file: Path) -> ModuleType:
+    """Import a Python file, once per process.
+
+    A file of the project gets its dotted name, any other one a name made of its path: the compile
+    cache stores the module's name, so that it must be the same in every process.
+    """
+    if (own_name := _project_name(file)) is not None:
+        return importlib.import_module(own_name)
+    name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:16]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None and spec.loader is not None, "a .py file has a loader"
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _project_name(file: Path) -> str | None:
+    if not file.is_relative_to(_PROJECT):
+        return None
+    parts = file.relative_to(_PROJECT).with_suffix("").parts
+    if not all(part.isidentifier() for part in parts):
+        return None
+    try:
+        spec = importlib.util.find_spec(".".join(parts))
+    except ModuleNotFoundError:
+        return None
+    return spec.name if spec is not None and spec.origin == str(file) else None

@@ -1,0 +1,130 @@
+"""The keys of a rig file and of a plant's parameters file, with types and ranges."""
+
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, Struct
+
+Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]+\Z")]
+BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]*\Z")]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
+Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
+class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A bus as python-can names it; `bitrate` null means that its load is not checked."""
+
+    interface: str = "auto"
+    channel: str | int | None = None
+    bitrate: Annotated[int, Meta(ge=1)] | None = None
+
+
+class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Reactions to missing frames, in cycles, and the ramp to zero."""
+
+    hold_cycles: Annotated[int, Meta(ge=0)] = 2
+    fault_after_cycles: Annotated[int, Meta(ge=2)] = 3
+    ramp_s: Annotated[float, Meta(gt=0, le=3600)] = 0.05
+
+
+class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Scheduling. `plant_phase`: fraction of a period by which the plant's cycle follows.
+
+    `late_fraction`: fraction of a period after which a wake-up counts as late.
+    """
+
+    priority: Priority = 80
+    plant_priority: Priority = 70
+    plant_phase: Fraction = 0.5
+    late_fraction: Fraction = 0.1
+
+
+class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A controller: a law with its settings, and wiring beyond that of all controllers."""
+
+    law: str
+    parameters: dict[str, float] = {}
+    inputs: dict[str, str] = {}
+    transmit: dict[str, str] = {}
+
+
+class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A block of a node; only the executive's `controller` has no law here."""
+
+    law: str | None = None
+    parameters: dict[str, float] = {}
+    inputs: dict[str, str] = {}
+
+
+class Limit(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Bounds of a sent signal, in its unit; `rate_per_s` null means no rate limit."""
+
+    low: float = float("-inf")
+    high: float = float("inf")
+    rate_per_s: Annotated[float, Meta(gt=0)] | None = None
+
+
+class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The controller node; the order of `blocks` is the schedule."""
+
+    node: str
+    blocks: dict[BlockName, Entry]
+    transmit: dict[str, str] = {}
+    limits: dict[str, Limit] = {}
+
+
+class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The plant node; `safe` are the values that its watchdog substitutes."""
+
+    node: str
+    blocks: dict[BlockName, Entry]
+    parameters_file: str | None = None
+    transmit: dict[str, str] = {}
+    safe: dict[str, float] = {}
+
+
+class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Parameters that change at a time of the run, all in the same cycle."""
+
+    at_s: Annotated[float, Meta(ge=0)]
+    set: dict[str, float]
+
+
+class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A rig file as it stands, with defaults filled in and options applied."""
+
+    rig: Name
+    title: str = ""
+    dbc: str
+    rate_hz: Annotated[float, Meta(ge=1, le=20000)]
+    duration_s: Annotated[float, Meta(gt=0, le=1e6)]  # 12 days: still exact in ns as a float
+    seed: Count = 1
+    pacing: Literal["real", "sync", "lockstep"] = "real"
+    bus: Bus = Bus()
+    controller: str
+    controllers: dict[Name, Law]
+    supervisor: Supervisor = Supervisor()
+    realtime: Realtime = Realtime()
+    executive: Executive
+    plant: Plant
+    evaluation: dict[str, Any] | None = None
+    watch: str | None = None
+    schedule: list[Tuning] = []
+    note: list[str] = []
+    expect: dict[str, dict[str, tuple[float, float]]] = {}
+
+
+class Evaluation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What judges a run: a Python file, the part of the run it looks at, and numbers for it."""
+
+    file: str
+    window_s: tuple[float, float]
+    numbers: dict[str, float] = {}
+
+
+class Parameter(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One entry of a parameters file."""
+
+    value: float
+    unit: str
+    reason: str

@@ -1,0 +1,31 @@
+"""The variables that the loop itself writes, at the head of every table."""
+
+HEAD = (
+    ("time.t_s", "s", "time of the cycle, k T"),
+    ("supervisor.state", "", "0 INIT, 1 READY, 2 RUN, 3 HOLD, 4 FAULT, 5 STOP"),
+    ("supervisor.fault", "", "0 none, else the reason of FAULT"),
+    ("supervisor.gain", "", "share of the command that is sent: 1, or on the ramp of FAULT"),
+    ("supervisor.missing_cycles", "", "consecutive cycles without complete valid input"),
+    ("supervisor.nmt", "", "CANopen heartbeat state"),
+    ("supervisor.saturated", "", "1 if a value sent in the previous cycle was clamped"),
+)
+T_S, STATE, FAULT, GAIN, MISSING, NMT, CLAMPED = range(7)
+TIMING = (
+    ("timing.wake_late_us", "us", "start of the cycle behind its deadline"),
+    ("timing.receive_us", "us", "draining and decoding"),
+    ("timing.step_us", "us", "supervisor, tunings, blocks"),
+    ("timing.send_us", "us", "limits, encoding, sending"),
+    ("timing.publish_us", "us", "snapshot and record of the previous cycle"),
+    ("health.passes", "", "cycles done before this one"),
+    ("health.late_cycles", "", "cycles that started later than the rig's fraction of a period"),
+    ("health.skipped_cycles", "", "periods skipped because a cycle ran past its end"),
+    ("health.held_cycles", "", "cycles that ran on a held input"),
+    ("health.stale_cycles", "", "cycles whose input was held longer than the rig allows"),
+    ("health.frames_sent", "", "frames sent"),
+    ("health.frames_received", "", "frames received and used"),
+    ("health.frames_lost", "", "frames missing by their counters"),
+    ("health.crc_errors", "", "frames with a wrong CRC or length"),
+    ("health.frames_repeated", "", "frames received twice"),
+    ("health.saturated_values", "", "values clamped on sending"),
+)
+TIMING_AT = len(HEAD)
