@@ -4,6 +4,8 @@
     muzzle error  q_d - (theta + slope'q - droop(q_d))                                      (2)
     droop(q_d)    static muzzle slope, droop(theta) cos q_d / cos theta; calibrated out     (3)
     u             motor torque command, saturated, times the gear ratio                     (4)
+    r             (q_d' - theta') + Lam (q_d - theta), from the true state                  (5)
+    |r| < (sup|w| + kappa Z_B^2/4)/Kv,  w = M r' + Kv r: what the network left over         (6)
 
 A window holds the cycles k with from <= k T < to: a run as long as `to` ends with its last cycle.
 The plant's record of the same instant belongs to an executive cycle: that of the same cycle where
@@ -32,6 +34,7 @@ Mask = NDArray[np.bool_]
 OLDEST_PERIODS = 2.0  # a paced plant's record is up to 1 period old, and later by its jitter
 EDGE_PERIODS = 1e-6  # rounding of a window's edge
 SETTLED_RAD = 2e-3
+MOVED_INERTIA_KG_M2 = 3.580  # nominal: hub, straight barrel, rotor through the gear
 MRAD = 1e3
 
 # Okabe and Ito's colours, which colour-blind readers tell apart
@@ -144,7 +147,27 @@ def metrics(
     if (part := _part(run, numbers, "vibration")) is not None:
         found["vibration_mrad"] = MRAD * _over_finite(run.elastic_rad[part], np.std)
         found["vibration1_mrad"] = MRAD * _over_finite(run.slope1_rad[part], np.std)
+    if "controller.norm_z" in log.node["executive"].columns:
+        found |= _bound(log, run, window)
     return {name: value for name, value in found.items() if not math.isnan(value)}
+
+
+def _bound(log: Log, run: Signals, window: Mask) -> dict[str, float]:
+    """Return the largest filtered error and the bound of the theory (6), from the window."""
+    lam, kv = setting(log, "lam_per_s"), setting(log, "kv_Nms_rad")
+    rows = plant_rows(log, run.period_s)
+    plant = log.node.get("plant")
+    if plant is None or not (rows >= 0).any():
+        return {}
+    rate = np.where(rows < 0, math.nan, plant.columns["barrel.theta_rate_rad_s"][rows])
+    desired = log.node["executive"].columns["reference.q_d_rate_rad_s"]
+    r = (desired - rate) + lam * run.hub_error_rad  # (5)
+    w = MOVED_INERTIA_KG_M2 * np.gradient(r, run.period_s) + kv * r
+    leak = setting(log, "kappa") * setting(log, "z_bound") ** 2 / 4.0
+    return {
+        "filtered_error_max_rad_s": _peak(r[window]),
+        "filtered_error_bound_rad_s": (_peak(w[window]) + leak) / kv,  # (6)
+    }
 
 
 def _part(run: Signals, numbers: Mapping[str, float], name: str) -> Mask | None:
@@ -219,6 +242,7 @@ def figure(
         _line(axes[2], run.t_s, MRAD * run.elastic_rad, "elastic slope at the muzzle", GREEN)
         _draw_command(axes[3], run, setting(log, "gear_ratio"), setting(log, "tau_max_Nm"))
         _draw_timing(axes[4], run, log)
+        _mark_tunings(axes, run.period_s, log)
     axes[2].set_ylabel("slope [mrad]")
     axes[4].set_xlabel("time [s]")
     for ax in axes:
@@ -226,6 +250,19 @@ def figure(
     axes[0].set_xlim(0.0, end_s)
     page.align_ylabels(axes)
     page.savefig(path, format="png")
+
+
+def _mark_tunings(axes: Any, period_s: float, log: Log) -> None:
+    """Draw a line through all axes where parameters were tuned, and name them in the second."""
+    for cycle in sorted({int(tuning["cycle"]) for tuning in log.node["executive"].tunings}):
+        names = [t for t in log.node["executive"].tunings if t["cycle"] == cycle]
+        words = ", ".join(f"{t['name']} = {t['value']:g}" for t in names[:2])
+        for ax in axes:
+            ax.axvline(cycle * period_s, color=BLACK, linewidth=0.8, linestyle=":")
+        axes[1].annotate(
+            words, (cycle * period_s, 0.04), xycoords=("data", "axes fraction"), fontsize=7,
+            xytext=(3, 0), textcoords="offset points",
+        )  # fmt: skip
 
 
 _SUMMARY = (  # of the two lines under the title; what is not known is left out
