@@ -1,6 +1,7 @@
 """The processes of a run: started together, watched, ended in order."""
 
 import contextlib
+import ctypes
 import os
 import signal
 import subprocess
@@ -9,22 +10,36 @@ import tempfile
 from collections.abc import Sequence
 from typing import IO
 
+_PR_SET_PDEATHSIG = 1
+_libc = ctypes.CDLL(None)
+
 
 class Child:
-    """A Python module in a process of its own; its stderr is kept for `complaint`."""
+    """A Python module in a process of its own; its stderr is kept for `complaint`.
+
+    `survives`: it lives on when the host dies, else it is asked to end.
+    """
 
     def __init__(
-        self, name: str, module: str, arguments: Sequence[str], interpreted: bool = False
-    ) -> None:
+        self, name: str, module: str, arguments: Sequence[str], *,
+        interpreted: bool = False, survives: bool = False,
+    ) -> None:  # fmt: skip
         self.name = name
+        host = os.getpid()
+
+        def end_with_host() -> None:
+            _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+            if os.getppid() != host:  # it died before the request stood
+                os._exit(1)
+
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         if interpreted:
             environment["PCPC_LOOP"] = "interpreted"
         self._stderr: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the child
         self.process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            [sys.executable, "-P", "-m", module, *arguments],  # -P: the user's folder has no say
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._stderr,
-            env=environment,
+            env=environment, preexec_fn=None if survives else end_with_host,
             start_new_session=True,  # Ctrl-C is for the host, which ends them in order
         )  # fmt: skip
 
@@ -56,3 +71,14 @@ class Child:
         """Ask the child to end, without waiting."""
         if not self.ended:
             self.process.send_signal(signal.SIGTERM)
+
+
+def complain(children: Sequence[Child]) -> None:
+    """Print on stderr what the children said; what two of them say is printed once."""
+    said: dict[str, list[str]] = {}  # a sentence and the children that name themselves before it
+    for child in children:
+        for line in child.complaint():
+            text = line.removeprefix(f"{child.name}: ")
+            said.setdefault(text, []).extend([child.name] if text != line else [])
+    for text, names in said.items():
+        print(f"{' and '.join(names)}: {text}" if names else text, file=sys.stderr)

@@ -27,6 +27,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from tools.doctor import command as doctor
 
         return doctor(options)
+    if options.command == "experiment":
+        from tools.experiment import command as experiment
+
+        return experiment(options)
     if options.command == "check":
         from tools.check import command as check
 
@@ -57,6 +61,18 @@ def _parser() -> argparse.ArgumentParser:
     one = _command(commands, "doctor", "what this machine offers, and how to get the rest",
                    "pcpc doctor")  # fmt: skip
     one.add_argument("--json", action="store_true", help="print one JSON object")
+    one = _command(
+        commands,
+        "experiment",
+        "run a whole study in virtual time: tables and figures",
+        "pcpc experiment chapter9 -o results",
+    )
+    one.add_argument("name", choices=("chapter9",), metavar="NAME", help="chapter9")
+    one.add_argument(
+        "-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME"
+    )
+    one.add_argument("--jobs", type=int, metavar="N", help="processes; all processors")
+    one.add_argument("--quiet", action="store_true", help="no progress")
     _command(
         commands, "vm", "run a command on a kernel with vcan, in QEMU", "pcpc vm -- candump vcan0"
     )
@@ -114,6 +130,7 @@ def _add_runs(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 
 def _add_table(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    many: dict[str, str | int] = {"list": "*", "lock": 1}
     for name, help, example in (
         ("list", "list the variables of a running node", "pcpc list 'controller.*'"),
         ("get", "print values of a running node", "pcpc get controller.e_rad"),
@@ -126,8 +143,9 @@ def _add_table(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         ("lock", "forbid tunings (tune, all), or allow them again (none)", "pcpc lock tune"),
     ):
         one = _command(commands, name, help, example)
-        many: str | int = {"list": "*"}.get(name, "+") if name != "lock" else 1
-        one.add_argument("names", nargs=many, metavar="LEVEL" if name == "lock" else "NAME")
+        one.add_argument(
+            "names", nargs=many.get(name, "+"), metavar="LEVEL" if name == "lock" else "NAME"
+        )
         one.add_argument(
             "--node",
             default="executive",

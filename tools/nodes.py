@@ -85,13 +85,16 @@ def is_running(block: sh.Shared) -> bool:
     """Return True while the block's process lives; a recycled process id does not count."""
     if block["control"][sh.DONE]:
         return False
-    maps = Path(f"/proc/{int(block['control'][sh.PID])}/maps")
-    try:
-        return str(block.path) in maps.read_text()
-    except PermissionError:  # python with file capabilities hides its memory map
-        return maps.exists()
-    except OSError:
-        return False
+    process = Path(f"/proc/{int(block['control'][sh.PID])}")
+    proofs = {"maps": str(block.path), "status": f"\nUid:\t{os.getuid()}\t"}
+    for file, proof in proofs.items():
+        try:
+            return proof in (process / file).read_text()
+        except PermissionError:  # python with file capabilities hides its maps, not its user
+            continue
+        except OSError:
+            break
+    return False
 
 
 # Values

@@ -3,6 +3,8 @@
 import sys
 import time
 
+from executive import shared as sh
+
 _IN_PLACE_S = 0.1
 _LINES_S = 2.0
 
@@ -43,3 +45,35 @@ class Progress:
         if self._open:
             print(file=sys.stderr, flush=True)
             self._open = False
+
+
+def node_line(block: sh.Shared, total: str) -> str:
+    """Return state, cycle, rate and the rig's watched variable of a running node, in one line."""
+    control = block["control"]
+    state = block.description["state_names"][int(control[sh.STATE])]
+    done, late = int(control[sh.CYCLE]) + 1, int(control[sh.LATE])
+    rate = _rate_hz(block)
+    return f"{state:5} cycle {done}{total}  {rate:.0f} Hz{_watched(block)}  late {late}"
+
+
+def _watched(block: sh.Shared) -> str:
+    name = block.description["watch"]
+    names = [v[0] for v in block.description["variables"]]
+    if name not in names:
+        return ""
+    try:
+        value = sh.snapshot(block)[names.index(name)]
+    except sh.SharedError:  # it died in mid-write; the host will say so
+        return ""
+    return f"  {name} {value:+.6f}"
+
+
+def _rate_hz(block: sh.Shared) -> float:
+    """Return the mean rate over the newest thousand records."""
+    ends, rows = block["record_ends"], block["record"]
+    put = int(ends[sh.PUT])
+    count = min(put - 1, 1000)
+    if count < 1:
+        return 0.0
+    stamps = [int(rows[(put - 1 - back) % len(rows), 1]) for back in (0, count)]
+    return 1e9 * count / max(stamps[0] - stamps[1], 1)

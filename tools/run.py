@@ -5,9 +5,13 @@ ends all of them in order, and then reads the log back: what the summary says is
 """
 
 import argparse
+import contextlib
+import itertools
+import os
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,17 +19,22 @@ from typing import Any
 from drivers import bus as buses
 from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
+from executive import logs
 from executive import shared as sh
 from executive.errors import RigError
+from executive.mcap_writer import RecordError
 from executive.rig import Rig, load_rig
 from tools import summary as summaries
-from tools.children import Child
-from tools.progress import Progress
+from tools.children import Child, complain
+from tools.progress import Progress, node_line
 
-USAGE, NO_ENVIRONMENT = 2, 4
+USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
+SAFETY_STOP = 5
+LOG = "log.mcap"
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
-_LOG = "log.mcap"
+_SHORT_END_S = 0.5  # and its death within this, or it is asked
+_DRAIN_S = 30.0
 
 
 class Host:
@@ -35,10 +44,7 @@ class Host:
         self, options: argparse.Namespace, rig: Rig, roles: tuple[str, ...], folder: Path
     ) -> None:
         self.options, self.rig, self.roles, self.folder = options, rig, roles, folder
-        configured = rig.config.bus
-        channel = None if configured.channel is None else str(configured.channel)
-        named = (configured.interface, channel) if options.bus is None else buses.parse(options.bus)
-        self.bus = buses.choose(*named)
+        self.bus = choose_bus(options, rig)
         self.pacing = options.pacing or rig.config.pacing
         self.progress = Progress(options.quiet)
         self.outcome = summaries.Outcome(self.pacing, str(self.bus), changed=changed(options))
@@ -47,25 +53,23 @@ class Host:
         self.started_s = time.monotonic()
 
     def run(self) -> int:
-        """Start, watch and end the processes; return an exit code if nothing was run, else -1."""
+        """Start, watch and end the processes; return an exit code if one was refused, else -1."""
         self._greet()
+        signal.signal(signal.SIGINT, self._interrupt)
+        signal.signal(signal.SIGTERM, self._interrupt)
         for role in self.roles:
             module = "plants.emulator" if role == "plant" else "executive.process"
             role_word = [] if role == "plant" else ["executive"]
             arguments = [*role_word, *_child_arguments(self.options, str(self.bus))]
-            self.children[role] = Child(role, module, arguments, not self.bus.compiled)
-        signal.signal(signal.SIGINT, self._interrupt)
-        signal.signal(signal.SIGTERM, self._interrupt)
+            self.children[role] = Child(role, module, arguments, interpreted=not self.bus.compiled)
         try:
             self._watch()
         finally:
             self._end()
             self.progress.close()
-        for child in self.children.values():
-            for line in child.complaint():
-                print(line, file=sys.stderr)
-        refused = [c.code for c in self.children.values() if c.code in (USAGE, NO_ENVIRONMENT)]
-        return refused[0] if refused else -1
+        refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
+        complain(refused[:1] or list(self.children.values()))
+        return refused[0].code if refused else -1
 
     def _greet(self) -> None:
         self.progress.say(f"{self.rig.config.rig} on {self.bus}, pacing {self.pacing}")
@@ -87,110 +91,119 @@ class Host:
     def _watch(self) -> None:
         """Attach to what appears, start the recorder, show progress, until a node ends."""
         while not any(child.ended for child in self.children.values()):
-            for role in self.roles:
-                if role not in self.blocks:
-                    self._attach(role, sh.block_name(self.rig.config.rig, str(self.bus), role))
+            if self.outcome.interrupted and not self._under_way():
+                break
+            self._attach()
             self._start_recorder()
             if self.progress.due():
                 self.progress.show(self._state())
             time.sleep(_POLL_S)
 
-    def _attach(self, role: str, name: str) -> None:
-        try:
-            block = sh.attach(name)
-        except (sh.SharedError, ValueError):
-            return
-        if int(block["control"][sh.PID]) == self.children[role].process.pid:
-            self.blocks[role] = block
+    def _attach(self) -> None:
+        """Map the blocks of our own nodes that have appeared since."""
+        for role in self.roles:
+            if role not in self.blocks:
+                with contextlib.suppress(sh.SharedError, ValueError):
+                    block = sh.attach(self._block_name(role))
+                    if int(block["control"][sh.PID]) == self.children[role].process.pid:
+                        self.blocks[role] = block
+
+    def _block_name(self, role: str) -> str:
+        return sh.block_name(self.rig.config.rig, str(self.bus), role)
 
     def _start_recorder(self) -> None:
         if "recorder" in self.children or "executive" not in self.blocks:
             return
-        names = [
-            sh.block_name(self.rig.config.rig, str(self.bus), role)
-            for role in ("executive", "plant")
-        ]
+        names = [self._block_name(role) for role in ("executive", "plant")]
+        log = str(self.folder / LOG)
         self.children["recorder"] = Child(
-            "recorder", "executive.recorder", [str(self.folder / _LOG), *names]
+            "recorder", "executive.recorder", [log, *names], survives=True
         )
+
+    def _leader(self) -> str:
+        return "executive" if "executive" in self.roles else self.roles[0]
+
+    def _under_way(self) -> bool:
+        block = self.blocks.get(self._leader())
+        return block is not None and bool(block["control"][sh.PASSES])
 
     def _state(self) -> str:
         """Return the progress line from the leading node's block."""
-        role = "executive" if "executive" in self.roles else self.roles[0]
         waited = time.monotonic() - self.started_s
-        block = self.blocks.get(role)
+        block = self.blocks.get(self._leader())
         if block is None or not block["control"][sh.READY]:
             return f"starting, {waited:.0f} s"
-        control = block["control"]
-        if not control[sh.PASSES]:
+        if not self._under_way():
             return f"waiting for the other node on {self.bus}, {waited:.0f} s"
         if self.outcome.start_s is None:
             self.outcome.start_s = round(waited, 2)
-        done, late = int(control[sh.CYCLE]) + 1, int(control[sh.LATE])
-        total = f"/{block.description['cycles']}" if role == "executive" else ""
-        rate = _rate_hz(block)
-        state = block.description["state_names"][int(control[sh.STATE])]
-        return f"{state:5} cycle {done}{total}  {rate:.0f} Hz{self._watched(block)}  late {late}"
-
-    def _watched(self, block: sh.Shared) -> str:
-        name = block.description["watch"]
-        names = [v[0] for v in block.description["variables"]]
-        if name not in names:
-            return ""
-        value = sh.snapshot(block)[names.index(name)]
-        return f"  {name} {value:+.6f}"
+        known = self._leader() == "executive"  # the plant runs until it is told to stop
+        return node_line(block, f"/{block.description['cycles']}" if known else "")
 
     def _end(self) -> None:
         """Let the nodes end by themselves, then ask; then the recorder, which drains the rings."""
-        lost = self.children.get("recorder")
-        if (
-            lost is not None
-            and lost.ended
-            and not all(b["control"][sh.DONE] for b in self.blocks.values())
-        ):
-            self.outcome.faults.append("the recorder ended before the nodes")
         nodes = [self.children[role] for role in self.roles]
+        self._attach()
+        over = all(block["control"][sh.DONE] for block in self.blocks.values())
+        recorder_first = (
+            "recorder" in self.children and self.children["recorder"].ended and not over
+        )
+        codes = [child.code for child in nodes if child.ended]
         patience = _END_S
-        if any(child.ended and child.code not in (0, 5) for child in nodes) or self.outcome.faults:
-            patience = 0.2  # one never came up, or died: the others need not wait
+        if recorder_first or any(code not in (0, SAFETY_STOP) for code in codes):
+            patience = _SHORT_END_S
+        unborn = self.outcome.interrupted and not self._under_way()
+        if unborn or any(code in REFUSALS for code in codes):
+            patience = 0.0
         for child in nodes:
             child.end(patience)
-        if lost is not None:
-            lost.end(30.0)
-        for role, block in self.blocks.items():
-            self._judge(role, block)
+        self._attach()
+        if not any(child.code in REFUSALS for child in nodes):
+            self._start_recorder()  # a run may be shorter than our look at it
+        if "recorder" in self.children:
+            recorder = self.children["recorder"]
+            recorder.end(_DRAIN_S)
+            if recorder_first and recorder.code > 0:
+                self.outcome.faults.append("the recorder ended before the nodes")
+        elif "plant" in self.blocks:
+            self._await_other_recorder()
+        for name, child in self.children.items():
+            self.outcome.judge(name, child.code, self.blocks.get(name))
+        for block in self.blocks.values():
             block.unlink()
 
-    def _judge(self, role: str, block: sh.Shared) -> None:
-        """Note a node's fault or death, and what its rings dropped."""
-        control = block["control"]
-        child = self.children[role]
-        if control[sh.FAULT]:
-            reason = block.description["fault_names"][int(control[sh.FAULT])]
-            self.outcome.faults.append(f"{role}: {reason}, cycle {int(control[sh.CYCLE])}")
-        elif child.code < 0:
-            name = signal.Signals(-child.code).name
-            self.outcome.faults.append(f"{role}: ended by {name} in cycle {int(control[sh.CYCLE])}")
-        self.outcome.dropped += sum(
-            int(block[f"{ring}_ends"][sh.DROPPED]) for ring in ("record", "frame", "event")
-        )
-        if role == "executive" or self.outcome.realtime is None:
-            self.outcome.realtime = bool(control[sh.REALTIME])
+    def _await_other_recorder(self) -> None:
+        """Keep the emulator's block until the executive's host on this machine is done with it."""
+        until = time.monotonic() + _END_S
+        while sh.path_of(self._block_name("executive")).exists() and time.monotonic() < until:
+            time.sleep(_POLL_S)
 
 
-def _rate_hz(block: sh.Shared) -> float:
-    """Return the mean rate over the newest thousand records."""
-    ends, rows = block["record_ends"], block["record"]
-    put = int(ends[sh.PUT])
-    count = min(put - 1, 1000)
-    if count < 1:
-        return 0.0
-    stamps = [int(rows[(put - 1 - back) % len(rows), 1]) for back in (0, count)]
-    return 1e9 * count / max(stamps[0] - stamps[1], 1)
+def choose_bus(options: argparse.Namespace, rig: Rig) -> buses.Bus:
+    """Return the run's bus; RigError if there can be none of its name on any machine."""
+    configured = rig.config.bus
+    channel = None if configured.channel is None else str(configured.channel)
+    named = (configured.interface, channel) if options.bus is None else buses.parse(options.bus)
+    bus = buses.choose(*named)
+    if bus.interface == "udp_multicast":
+        try:
+            buses.udp_address(bus.channel)
+        except BusError as error:
+            raise RigError(str(error)) from None
+    elif not bus.compiled:
+        from can.interfaces import VALID_INTERFACES  # here, because it takes a while
+
+        if bus.interface not in VALID_INTERFACES:
+            place = f"--bus {options.bus}" if options.bus else rig.where("bus.interface")
+            raise RigError(
+                f"{place}: no bus interface {bus.interface}; expected auto, vcan0, socketcan, "
+                f"udp_multicast or another one of python-can"
+            )
+    return bus
 
 
 def _child_arguments(options: argparse.Namespace, bus: str) -> list[str]:
-    arguments = [options.rig, "--with-parent", "--bus", bus]
+    arguments = [options.rig, "--with-parent", str(os.getpid()), "--bus", bus]
     if options.pacing:
         arguments += ["--pacing", options.pacing]
     if options.controller:
@@ -205,19 +218,35 @@ def changed(options: argparse.Namespace) -> bool:
     return any(setting.partition("=")[0] != "seed" for setting in options.set)
 
 
-def run_folder(options: argparse.Namespace, rig: Rig) -> Path:
-    """Make and return the run's folder; RigError if it holds a log already or cannot be made."""
+@contextlib.contextmanager
+def run_folder(options: argparse.Namespace, rig: Rig) -> Iterator[Path]:
+    """Make the run's folder with an empty log, which claims it; RigError if that cannot be.
+
+    At the end what is still empty is removed.
+    """
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    folder = Path(options.output or Path("runs") / f"{stamp}-{rig.config.rig}")
-    if (folder / _LOG).exists():
-        raise RigError(
-            f"{folder}: holds a log already; choose another folder with -o, or remove it"
-        )
+    for number in itertools.count(1):  # of the runs that start in the same second
+        name = f"{stamp}-{rig.config.rig}" + (f"-{number}" if number > 1 else "")
+        folder = Path(options.output or Path("runs") / name)
+        made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / LOG).touch(exist_ok=False)
+            break
+        except FileExistsError:
+            if options.output:
+                what = "holds a log already" if folder.is_dir() else "is no folder"
+                raise RigError(f"{folder}: {what}; choose another folder with -o") from None
+        except OSError as error:
+            raise RigError(f"{folder}: {error.strerror}; choose another folder with -o") from None
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RigError(f"{folder}: {error.strerror}; choose another folder with -o") from None
-    return folder
+        yield folder
+    finally:
+        if not (folder / LOG).stat().st_size:
+            (folder / LOG).unlink()
+        with contextlib.suppress(OSError):  # not empty: it stays
+            for path in made:
+                path.rmdir()
 
 
 def on_bus(options: argparse.Namespace, roles: tuple[str, ...]) -> int:
@@ -225,15 +254,13 @@ def on_bus(options: argparse.Namespace, roles: tuple[str, ...]) -> int:
     rig = load_rig(options.rig, options.controller, options.set, resolve=False)
     if "executive" not in roles:
         return plant_alone(options, rig)
-    folder = run_folder(options, rig)
-    host = Host(options, rig, roles, folder)
-    code = host.run()
-    if code >= 0:
-        _remove_if_empty(folder)
+    with run_folder(options, rig) as folder:
+        host = Host(options, rig, roles, folder)
+        code = host.run()
+        if code < 0:
+            return conclude(rig, folder, host.outcome, options)
+        os.truncate(folder / LOG, 0)  # of the other node, which waited in vain
         return code
-    if not (folder / _LOG).exists():
-        return summaries.CODES["interrupted" if host.outcome.interrupted else "safety stop"]
-    return conclude(rig, folder, host.outcome, options)
 
 
 def plant_alone(options: argparse.Namespace, rig: Rig) -> int:
@@ -247,53 +274,49 @@ def plant_alone(options: argparse.Namespace, rig: Rig) -> int:
     return code if code >= 0 else summaries.CODES["safety stop" if host.outcome.faults else "ok"]
 
 
-def _remove_if_empty(folder: Path) -> None:
-    if not any(folder.iterdir()):
-        folder.rmdir()
-
-
 def simulate(options: argparse.Namespace) -> int:
     """Run a rig in virtual time and sum up; return the exit code."""
     from executive.virtual import VirtualRun
 
     rig = load_rig(options.rig, options.controller, options.set)
-    folder = run_folder(options, rig)
     progress = Progress(options.quiet)
     outcome = summaries.Outcome("virtual", "memory", changed=changed(options))
-    run = VirtualRun(rig, folder / _LOG)
+    with run_folder(options, rig) as folder:
+        run = VirtualRun(rig, folder / LOG)
 
-    def interrupt(number: int, frame: Any) -> None:
-        outcome.interrupted = True
-        run.stop()
+        def interrupt(number: int, frame: Any) -> None:
+            outcome.interrupted = True
+            run.stop()
 
-    signal.signal(signal.SIGINT, interrupt)
-    begin, total = time.monotonic(), run.blocks[0].description["cycles"]
-    for cycles in run.advance():
-        speed = cycles / rig.config.rate_hz / max(time.monotonic() - begin, 1e-9)
-        progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
-    run.close()
-    progress.close()
-    for role, block in zip(("executive", "plant"), run.blocks, strict=True):
-        if block["control"][sh.FAULT]:
-            reason = block.description["fault_names"][int(block["control"][sh.FAULT])]
-            outcome.faults.append(f"{role}: {reason}, cycle {int(block['control'][sh.CYCLE])}")
-    return conclude(rig, folder, outcome, options)
+        signal.signal(signal.SIGINT, interrupt)
+        signal.signal(signal.SIGTERM, interrupt)
+        begin, total = time.monotonic(), run.blocks[0].description["cycles"]
+        for cycles in run.advance():
+            speed = cycles / rig.config.rate_hz / max(time.monotonic() - begin, 1e-9)
+            progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
+        run.close()
+        progress.close()
+        for block in run.blocks:
+            outcome.judge(block.description["node"], 0, block)
+        outcome.realtime = None
+        return conclude(rig, folder, outcome, options)
 
 
 def conclude(
     rig: Rig, folder: Path, outcome: summaries.Outcome, options: argparse.Namespace
 ) -> int:
     """Read the log back, write summary and figure, print; return the exit code of the verdict."""
-    from executive import logs
-
-    log = logs.read(folder / _LOG)
+    try:
+        log = logs.read(folder / LOG)
+    except logs.LogError as error:
+        if outcome.interrupted:  # before there was anything to record
+            return summaries.CODES["interrupted"]
+        print(*outcome.faults, error, sep="\n", file=sys.stderr)
+        return summaries.CODES["safety stop" if outcome.faults else "loss"]
     summary = summaries.summarise(rig, log, outcome)
     text = summaries.write_json(summary, folder / "summary.json")
-    reason = (
-        ""
-        if options.no_figure
-        else summaries.draw(rig, log, summary["metrics"], folder / "figure.png")
-    )
+    drawn = folder / "figure.png"
+    reason = "" if options.no_figure else summaries.draw(rig, log, summary["metrics"], drawn)
     if reason:
         print(f"no figure: {reason}", file=sys.stderr)
     if options.json:
@@ -313,6 +336,8 @@ def command(options: argparse.Namespace) -> int:
     except RigError as error:
         print(error, file=sys.stderr)
         return USAGE
-    except (BusError, sh.SharedError) as error:
+    except (BusError, sh.SharedError, RecordError) as error:
         print(error, file=sys.stderr)
         return NO_ENVIRONMENT
+    except KeyboardInterrupt:  # before the run had its handler
+        return summaries.CODES["interrupted"]

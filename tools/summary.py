@@ -3,7 +3,7 @@
 verdict              exit code
 ok                   0
 expectation not met  1    a metric is outside the rig's two-sided limits
-loss                 3    frames lost or stale, or records dropped
+loss                 3    frames lost or stale, records dropped, or a part of the log missing
 safety stop          5    a node faulted or died
 interrupted          130  Ctrl-C
 """
@@ -12,6 +12,7 @@ import importlib.util
 import json
 import math
 import shutil
+import signal
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,6 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from executive import logs
+from executive import shared as sh
 from executive.rig import Rig
 
 CODES = {"ok": 0, "expectation not met": 1, "loss": 3, "safety stop": 5, "interrupted": 130}
@@ -46,6 +48,25 @@ class Outcome:
     realtime: bool | None = None
     start_s: float | None = None
     dropped: int = 0
+    nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
+
+    def judge(self, name: str, code: int, block: sh.Shared | None) -> None:
+        """Note the fault or death of process `name`, and what a node's rings dropped."""
+        cycle = "" if block is None else f"cycle {int(block['control'][sh.CYCLE])}"
+        if block is not None and block["control"][sh.FAULT]:
+            reason = block.description["fault_names"][int(block["control"][sh.FAULT])]
+            self.faults.append(f"{name}: {reason}, {cycle}")
+        elif code < 0:
+            killer = f"{name}: ended by {signal.Signals(-code).name}"
+            self.faults.append(f"{killer} in {cycle}" if cycle else killer)
+        elif code == 1:
+            self.faults.append(f"{name}: failed, see its traceback above")
+        if block is not None:
+            self.nodes.append(name)
+            rings = [block[f"{ring}_ends"] for ring in ("record", "frame", "event")]
+            self.dropped += sum(int(ends[sh.DROPPED]) for ends in rings)
+            if name == "executive":
+                self.realtime = bool(block["control"][sh.REALTIME])
 
 
 def summarise(rig: Rig, log: logs.Log, outcome: Outcome) -> dict[str, Any]:
@@ -54,6 +75,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome) -> dict[str, Any]:
     health = _health(log)
     metrics = _metrics(rig, log)
     failed = [] if outcome.changed else _failed(rig, metrics)
+    absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
     summary: dict[str, Any] = {
         "rig": rig.config.rig,
         "title": rig.config.title,
@@ -71,12 +93,12 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome) -> dict[str, Any]:
         "metrics": metrics,
         "timing_us": _timing(executive, outcome),
         "frames": health,
-        "records": {"written": _written(log), "dropped": outcome.dropped},
+        "records": {"written": _written(log), "dropped": _dropped(log, outcome)},
         "faults": outcome.faults,
         "expectations_failed": failed,
         "realtime": outcome.realtime,
         "start_to_first_cycle_s": outcome.start_s,
-        "log_missing": list(log.missing),
+        "log_missing": [*log.missing, *absent],
     }
     summary["verdict"] = _verdict(summary, outcome)
     return summary
@@ -88,7 +110,8 @@ def _verdict(summary: Mapping[str, Any], outcome: Outcome) -> str:
     if outcome.faults:
         return "safety stop"
     frames = summary["frames"]
-    if frames["lost"] or frames["stale"] or summary["records"]["dropped"]:
+    lost = frames["lost"] or frames["stale"] or summary["records"]["dropped"]
+    if lost or summary["log_missing"]:
         return "loss"
     return "expectation not met" if summary["expectations_failed"] else "ok"
 
@@ -129,6 +152,12 @@ def _timing(executive: logs.Node | None, outcome: Outcome) -> dict[str, dict[str
         found[stage] = {f"p{p:g}" if p < 100 else "max": round(float(v), 2)
                         for p, v in zip(_PERCENTILES, points, strict=True)}  # fmt: skip
     return found
+
+
+def _dropped(log: logs.Log, outcome: Outcome) -> int:
+    """Return the rows that found a ring full: as the recorder counted, if it came to its end."""
+    counts = {k: int(v) for k, v in log.metadata.get("run", {}).items() if k.startswith("dropped.")}
+    return max(sum(counts.values()), outcome.dropped)
 
 
 def _written(log: logs.Log) -> int:

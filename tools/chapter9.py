@@ -1,0 +1,269 @@
+"""`pcpc experiment chapter9`: all barrel controllers on all scenarios, variations, Monte Carlo.
+
+Writes results.md, results.csv and figures/ into the folder. All runs are virtual; 1 kHz and sensor
+noise seed 1 unless a table says otherwise.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tools.experiment import Case, Result, markdown, run_cases, write_csv
+from tools.progress import Progress
+
+RIGS = Path(__file__).resolve().parent.parent / "plants" / "atb1000" / "rigs"
+SCENARIOS = ("slew10", "slew25", "bang10", "step10", "step25", "sin0.2", "sin0.5", "sin1.0", "hull",
+             "hullrand", "lowspeed", "fire", "firetrack")  # fmt: skip
+CONTROLLERS = ("pd", "pd_star", "pid", "pd_fast", "pd_nn", "pd_nn_fast", "nn_backstepping")
+DRAWN = ("pd", "pid", "pd_nn_fast", "nn_backstepping")
+CORE = ("slew10", "sin0.5", "hull")
+VARIED = ("pd", "pid", "pd_fast", "pd_nn_fast", "nn_backstepping")
+
+FRICTION = (
+    "coulomb_Nm",
+    "breakaway_Nm",
+    "sig2_Nms_rad",
+    "motor_coulomb_Nm",
+    "motor_viscous_Nms_rad",
+)
+NOMINAL = {
+    "coulomb_Nm": 2.0, "breakaway_Nm": 3.0, "sig2_Nms_rad": 0.8, "motor_coulomb_Nm": 0.020,
+    "motor_viscous_Nms_rad": 1e-4, "tip_mass_kg": 0.15, "gap_rad": 1e-3, "ks_Nm_rad": 6e4,
+    "cs_Nms_rad": 40.0, "hub_inertia_kg_m2": 1.2, "unbalance_Nm": 2.5, "young_Pa": 205e9,
+    "zeta1": 0.008, "zeta2": 0.008, "zeta3": 0.010, "mesh_loss": 0.06,
+}  # fmt: skip
+DRAWS, DRAW_SEED, NOISE_SEED = 50, 2024, 1000
+SEEDS = range(1, 11)  # a gap limit cycle makes one seed worthless
+
+TRACES = (
+    "executive:reference.q_d_rad", "plant:barrel.theta_rad", "plant:barrel.muzzle_rad",
+    "plant:barrel.droop_rad", "plant:barrel.elastic_slope_rad",
+    "executive:controller.motor_torque_Nm",
+    "executive:controller.e_rad", "executive:controller.r_rad_s", "executive:controller.network_Nm",
+    "executive:controller.norm_z", "executive:controller.inner_Nm", "executive:controller.norm_z2",
+    "plant:barrel.theta_rate_rad_s", "executive:reference.q_d_rate_rad_s",
+)  # fmt: skip
+
+
+def scaled(**factors: float) -> tuple[str, ...]:
+    """Return settings: nominal plant values times factors."""
+    return tuple(f"barrel.{name}={NOMINAL[name] * factor!r}" for name, factor in factors.items())
+
+
+VARIATIONS: dict[str, tuple[str, ...]] = {
+    "friction x2": scaled(**dict.fromkeys(FRICTION, 2.0)),
+    "muzzle mass +50 %": scaled(tip_mass_kg=1.5),
+    "backlash x3": scaled(gap_rad=3.0),
+    "all three": scaled(**dict.fromkeys(FRICTION, 2.0), tip_mass_kg=1.5, gap_rad=3.0),
+    "static Stribeck": ("barrel.friction_model=1.0",),
+}
+ABLATIONS: dict[str, tuple[str, ...]] = {
+    "pd_nn_fast": (),
+    "no jump nodes": ("controller.fj_rate=0.0",),
+    "jump nodes only": ("controller.f_rate=1.0",),
+    "first layer fixed": ("controller.g_rate=0.0",),
+    "no e-modification": ("controller.kappa=0.0",),
+    "e-modification x10": ("controller.kappa=0.1",),
+    "no shaft damping": ("controller.km_Nms_rad=0.0",),
+}
+
+
+def _case(
+    group: str, scenario: str, controller: str, label: str, *settings: str, **more: object
+) -> Case:
+    return Case(group, str(RIGS / f"{scenario}.yaml"), controller, label, settings, **more)  # type: ignore[arg-type]
+
+
+def cases() -> Iterator[Case]:
+    """Yield all runs of the experiment."""
+    for scenario in SCENARIOS:
+        for controller in CONTROLLERS:
+            traces = TRACES if controller in DRAWN else ()
+            yield _case("main", scenario, controller, controller, traces=traces)
+    for label, settings in ABLATIONS.items():
+        for scenario in ("slew10", "sin0.2", "sin0.5", "hull", "lowspeed", "fire"):
+            yield _case("ablation", scenario, "pd_nn_fast", label, *settings)
+    for scenario in CORE:
+        for controller in VARIED:
+            for label, settings in VARIATIONS.items():
+                yield _case("variation", scenario, controller, label, *settings)
+            for rate in (500, 1000, 2000, 4000):
+                yield _case("rate", scenario, controller, str(rate), f"rate_hz={rate}.0")
+    for seed in SEEDS:
+        for scenario in ("hull", "sin0.2", "sin0.5"):
+            for controller in ("pd", "pd_nn_fast", "nn_backstepping"):
+                yield _case("seeds", scenario, controller, str(seed), f"seed={seed}")
+    yield from monte_carlo()
+
+
+def monte_carlo() -> Iterator[Case]:
+    """Yield 50 draws of ten plant factors, in two scenarios, for four controllers."""
+    rng = np.random.default_rng(DRAW_SEED)
+    low = (-1, 0.7, -1, 0.7, 0.5, 0.8, -1, 0.85, 0.5, 0.5)
+    high = (1, 1.5, 1, 1.3, 2, 1.2, 2, 1.15, 2, 2)
+    for i in range(DRAWS):
+        u = [float(rng.uniform(a, b)) for a, b in zip(low, high, strict=True)]
+        settings = scaled(
+            **dict.fromkeys(FRICTION, 2.0 ** u[0]), tip_mass_kg=u[1], gap_rad=3.0 ** u[2],
+            ks_Nm_rad=u[3], cs_Nms_rad=u[4], hub_inertia_kg_m2=u[5], unbalance_Nm=u[6],
+            young_Pa=u[7],
+            zeta1=u[8], zeta2=u[8], zeta3=u[8], mesh_loss=u[9],
+        )  # fmt: skip
+        seed = f"seed={NOISE_SEED + i}"
+        for controller in ("pd", "pid", "pd_nn_fast", "nn_backstepping"):
+            yield _case("monte carlo", "slew10", controller, str(i), seed, *settings)
+            first = (seed, "duration_s=8.0", *settings)
+            yield _case("monte carlo", "hull", controller, str(i), *first, window_s=(4.0, 8.0))
+
+
+def run(folder: Path, progress: Progress, jobs: int | None) -> int:
+    """Run everything and write tables and figures; return 0, or 1 if a run failed."""
+    from tools.chapter9_figures import draw_all
+
+    results = run_cases(list(cases()), progress, jobs)
+    write_csv(results, folder / "results.csv")
+    (folder / "results.md").write_text(tables(results))
+    progress.say("drawing")
+    draw_all([r for r in results if r.traces], folder / "figures")
+    failed = [r for r in results if r.failed]
+    for result in failed:
+        progress.say(f"{result.case.label} on {result.case.rig}: {result.failed}")
+    return 1 if failed else 0
+
+
+def _of(results: Sequence[Result], group: str) -> dict[tuple[str, str, str], Result]:
+    """Return the results of a group by (scenario, controller, label)."""
+    return {
+        (Path(r.case.rig).stem, r.case.controller, r.case.label): r
+        for r in results
+        if r.case.group == group
+    }
+
+
+def _rms(result: Result) -> float:
+    return (
+        float("inf")
+        if result.diverged
+        else result.metrics.get("muzzle_error_rms_mrad", float("nan"))
+    )
+
+
+def _short(result: Result) -> str:
+    return f"{_rms(result):.3g} \\| {result.metrics.get('command_step_rms_Nm', float('nan')):.2g}"
+
+
+def tables(results: Sequence[Result]) -> str:
+    """Return results.md."""
+    parts = ["# Chapter 9: the flexible barrel\n"]
+    parts.append("Muzzle error rms in mrad, window of each scenario, 1 kHz, seed 1.\n")
+    main = _of(results, "main")
+    rows = [[s, *(f"{_rms(main[s, c, c]):.3g}" for c in CONTROLLERS)] for s in SCENARIOS]
+    parts.append(markdown(("scenario", *CONTROLLERS), rows))
+    parts.append("Largest muzzle error in mrad.\n")
+    rows = [
+        [s, *(f"{main[s, c, c].metrics['muzzle_error_max_mrad']:.3g}" for c in CONTROLLERS)]
+        for s in SCENARIOS
+    ]
+    parts.append(markdown(("scenario", *CONTROLLERS), rows))
+    parts.append(
+        "Step of the command from cycle to cycle, rms, N m at the output: what the gear feels.\n"
+    )
+    rows = [
+        [s, *(f"{main[s, c, c].metrics['command_step_rms_Nm']:.2g}" for c in CONTROLLERS)]
+        for s in SCENARIOS
+    ]
+    parts.append(markdown(("scenario", *CONTROLLERS), rows))
+    parts.append(_bounds(main))
+    parts.append(_ablations(results))
+    parts.append(
+        _grid(results, "variation", "Variations: rms mrad | command step N m", list(VARIATIONS))
+    )
+    parts.append(
+        _grid(
+            results,
+            "rate",
+            "Rates in Hz: rms mrad | command step N m",
+            ["500", "1000", "2000", "4000"],
+        )
+    )
+    parts.append(_seeds(results))
+    parts.append(_draws(results))
+    return "\n".join(parts)
+
+
+def _bounds(main: dict[tuple[str, str, str], Result]) -> str:
+    """Return the filtered error against the bound of the theory, for the neural laws."""
+    rows = []
+    for scenario in SCENARIOS:
+        row = [scenario]
+        for name in ("pd_nn", "pd_nn_fast", "nn_backstepping"):
+            metrics = main[scenario, name, name].metrics
+            row.append(
+                f"{metrics.get('filtered_error_max_rad_s', float('nan')):.3g} / "
+                f"{metrics.get('filtered_error_bound_rad_s', float('nan')):.3g}"
+            )
+        rows.append(row)
+    text = "Filtered error |r|, largest in the window / bound of the theory on this log, rad/s.\n\n"
+    return text + markdown(("scenario", "pd_nn", "pd_nn_fast", "nn_backstepping"), rows)
+
+
+def _ablations(results: Sequence[Result]) -> str:
+    found = _of(results, "ablation")
+    scenarios = list(dict.fromkeys(key[0] for key in found))
+    rows = [
+        [label, *(_short(found[s, "pd_nn_fast", label]) for s in scenarios)] for label in ABLATIONS
+    ]
+    return "Ablations of pd_nn_fast: rms mrad | command step N m\n\n" + markdown(
+        ("", *scenarios), rows
+    )
+
+
+def _grid(results: Sequence[Result], group: str, title: str, labels: Sequence[str]) -> str:
+    found = _of(results, group)
+    rows = [
+        [label, scenario, *(_short(found[scenario, c, label]) for c in VARIED)]
+        for label in labels
+        for scenario in CORE
+    ]
+    return f"{title}\n\n" + markdown((group, "scenario", *VARIED), rows)
+
+
+def _spread(values: Sequence[float]) -> str:
+    points = np.percentile(values, (0, 50, 95, 100))
+    return " / ".join(f"{p:.3g}" for p in points)
+
+
+def _seeds(results: Sequence[Result]) -> str:
+    found = _of(results, "seeds")
+    rows = []
+    for scenario in ("hull", "sin0.2", "sin0.5"):
+        row = [scenario]
+        for c in ("pd", "pd_nn_fast", "nn_backstepping"):
+            row.append(_spread([_rms(found[scenario, c, str(seed)]) for seed in SEEDS]))
+        rows.append(row)
+    text = "Ten noise seeds: rms mrad min / median / p95 / max\n\n"
+    return text + markdown(("scenario", "pd", "pd_nn_fast", "nn_backstepping"), rows)
+
+
+def _draws(results: Sequence[Result]) -> str:
+    found = _of(results, "monte carlo")
+    rows = []
+    for scenario in ("slew10", "hull"):
+        base = [_rms(found[scenario, "pd", str(i)]) for i in range(DRAWS)]
+        for c in ("pd", "pid", "pd_nn_fast", "nn_backstepping"):
+            own = [_rms(found[scenario, c, str(i)]) for i in range(DRAWS)]
+            ratio = [a / b for a, b in zip(own, base, strict=True)]
+            better = sum(a < b for a, b in zip(own, base, strict=True))
+            diverged = sum(not np.isfinite(a) for a in own)
+            rows.append(
+                [scenario, c, _spread(own), f"{np.median(ratio):.3f} (worst {max(ratio):.3f})",
+                 f"{better} of {DRAWS}", str(diverged)]
+            )  # fmt: skip
+    text = (
+        f"Monte Carlo, {DRAWS} draws of ten plant factors (hull: first 8 s): rms mrad "
+        "min / median / p95 / max\n\n"
+    )
+    return text + markdown(
+        ("scenario", "controller", "rms", "ratio to pd", "better than pd", "diverged"), rows
+    )

@@ -1,0 +1,105 @@
+"""The figures of `pcpc experiment chapter9`: signals, networks and phase plane of each scenario."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.experiment import Result
+
+COLOURS = {"pd": "#7f7f7f", "pid": "#0072b2", "pd_nn_fast": "#d55e00", "nn_backstepping": "#009e73"}
+MRAD, DEG = 1e3, 180.0 / np.pi
+GEAR = 60.0
+
+
+def draw_all(results: Sequence[Result], folder: Path) -> None:
+    """Draw all scenarios that `results` hold traces of."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    folder.mkdir(parents=True, exist_ok=True)
+    scenarios = list(dict.fromkeys(Path(r.case.rig).stem for r in results))
+    for scenario in scenarios:
+        own = [r for r in results if Path(r.case.rig).stem == scenario]
+        _signals(scenario, own, folder / f"{scenario}.png")
+        _networks(scenario, own, folder / f"{scenario}-networks.png")
+
+
+def _muzzle_error(traces: Any) -> NDArray[np.float64]:
+    """Return q_d - (muzzle - droop(q_d)) in rad."""
+    q_d = traces["executive:reference.q_d_rad"]
+    theta = traces["plant:barrel.theta_rad"]
+    droop = traces["plant:barrel.droop_rad"] / np.cos(theta) * np.cos(q_d)
+    return np.asarray(q_d - (traces["plant:barrel.muzzle_rad"] - droop))
+
+
+def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(4, 1, figsize=(9, 10), sharex=True, layout="constrained")
+    for result in results:
+        x, name = result.traces, result.case.controller
+        style: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}
+        t = x["t"]
+        axes[0].plot(t, DEG * x["plant:barrel.theta_rad"], **style)
+        axes[1].plot(t, MRAD * _muzzle_error(x), **style)
+        axes[2].plot(t, MRAD * x["plant:barrel.elastic_slope_rad"], **style)
+        axes[3].plot(t, GEAR * x["executive:controller.motor_torque_Nm"], **style)
+    first = results[0].traces
+    axes[0].plot(
+        first["t"],
+        DEG * first["executive:reference.q_d_rad"],
+        "k--",
+        linewidth=0.8,
+        label="reference",
+    )
+    labels = ("hub [deg]", "muzzle error [mrad]", "elastic slope [mrad]", "command [N m]")
+    _finish(figure, axes, labels, f"{scenario}: reference, error, bending, command", path)
+
+
+def _networks(scenario: str, results: Sequence[Result], path: Path) -> None:
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    for result in results:
+        x, name = result.traces, result.case.controller
+        style: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}
+        if "executive:controller.network_Nm" in x:
+            axes[0].plot(x["t"], x["executive:controller.network_Nm"], **style)
+            axes[1].plot(x["t"], x["executive:controller.norm_z"], **style)
+        rate = x["executive:reference.q_d_rate_rad_s"] - x["plant:barrel.theta_rate_rad_s"]
+        error = x["executive:reference.q_d_rad"] - x["plant:barrel.theta_rad"]
+        axes[2].plot(MRAD * error, MRAD * rate, **style)
+    for ax, (below, beside) in zip(
+        axes,
+        (
+            ("time [s]", "network [N m]"),
+            ("time [s]", "norm of weights"),
+            ("e [mrad]", "e' [mrad/s]"),
+        ),
+        strict=True,
+    ):
+        ax.set_xlabel(below)
+        ax.set_ylabel(beside)
+        ax.grid(alpha=0.3)
+    axes[2].legend(frameon=False, fontsize=8)
+    figure.suptitle(f"{scenario}: network output, weight norm, phase plane of the hub", fontsize=11)
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
+
+
+def _finish(figure: Any, axes: Any, labels: Sequence[str], title: str, path: Path) -> None:
+    from matplotlib import pyplot
+
+    for ax, label in zip(axes, labels, strict=True):
+        ax.set_ylabel(label)
+        ax.grid(alpha=0.3)
+    axes[0].legend(
+        frameon=False, fontsize=8, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0)
+    )
+    axes[-1].set_xlabel("time [s]")
+    figure.suptitle(title, fontsize=12)
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)

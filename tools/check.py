@@ -1,0 +1,190 @@
+"""`pcpc check RIG`: every check of both nodes without starting them, and what they would do.
+
+Prints nodes and schedules, the wiring (input <- source [unit]), the frames both ways, the bus load.
+A signal that is sent but wired to nothing carries 0: a warning.
+
+exit code: 0 ok, perhaps with warnings; 2 rig file; 4 DBC file or bus
+"""
+
+import argparse
+import json
+import sys
+from typing import Any
+
+from drivers import dbc
+from drivers.errors import BusError
+from executive import shared as sh
+from executive.errors import RigError
+from executive.node import Plan, Role, check_rate, cycles_of, plan
+from executive.rig import Rig, load_rig
+
+OK, BAD_RIG, NO_ENVIRONMENT = 0, 2, 4
+ROLES: tuple[Role, Role] = ("executive", "plant")
+_RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Check and describe a rig; print errors; return the exit code."""
+    try:
+        rig = load_rig(options.rig, options.controller, options.set)
+        plans = [plan(rig, role, rig.config.pacing) for role in ROLES]
+        check_rate(rig, rig.config.pacing)
+        report = describe(rig, plans)
+    except RigError as error:
+        print(error, file=sys.stderr)
+        return BAD_RIG
+    except BusError as error:
+        print(error, file=sys.stderr)
+        return NO_ENVIRONMENT
+    if options.json:
+        print(json.dumps(report, indent=2))
+    else:
+        show(report)
+    return OK
+
+
+def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:
+    """Return what `--json` prints, from the checked plans of executive and plant."""
+    config = rig.config
+    return {
+        "rig": config.rig,
+        "title": config.title,
+        "file": str(rig.path),
+        "dbc": str(rig.dbc),
+        "controller": config.controller,
+        "pacing": config.pacing,
+        "rate_hz": config.rate_hz,
+        "duration_s": config.duration_s,
+        "cycles": cycles_of(rig),
+        "nodes": {made.role: _node(made) for made in plans},
+        "bus": _bus(rig),
+        "warnings": [warning for made in plans for warning in _unwired(made)],
+    }
+
+
+def _node(made: Plan) -> dict[str, Any]:
+    return {
+        "node": made.spec.name,
+        "schedule": [
+            {"block": spec.name, "law": _law(made, spec.name)} for spec in made.spec.blocks
+        ],
+        "wiring": _wiring(made),
+        "sends": [_frame(frame, made.rig.config.rate_hz) for frame in made.tx_frames],
+        "receives": [frame.name for frame in made.rx_frames],
+        "variables": len(made.table.variables),
+    }
+
+
+def _law(made: Plan, block: str) -> str:
+    config = made.rig.config
+    if made.role == "executive" and block == "controller":
+        return config.controllers[config.controller].law
+    section = config.executive if made.role == "executive" else config.plant
+    return section.blocks[block].law or ""
+
+
+def _wiring(made: Plan) -> list[dict[str, str]]:
+    """Return the copies in the loop's order: block by block, then what is sent."""
+    variables = made.table.variables
+    return [
+        {"input": variables[target].name, "source": variables[source].name,
+         "unit": variables[target].unit}
+        for copies in made.copies for source, target in copies
+    ]  # fmt: skip
+
+
+def _frame(frame: dbc.Frame, rate_hz: float) -> dict[str, Any]:
+    every = frame.every_n(rate_hz)
+    return {
+        "id": frame.can_id,
+        "extended": frame.extended,
+        "name": frame.name,
+        "bytes": frame.dlc,
+        "every_cycles": every,
+        "period_ms": 1000.0 * every / rate_hz,
+        "protected": frame.protected,
+        "signals": [signal.name for signal in frame.signals],
+    }
+
+
+def _bus(rig: Rig) -> dict[str, Any]:
+    """Return the worst-case load at several rates, and the highest rate that fits the bus."""
+    config = rig.config
+    found: dict[str, Any] = {
+        "interface": config.bus.interface, "channel": config.bus.channel,
+        "bitrate": config.bus.bitrate,
+    }  # fmt: skip
+    if config.bus.bitrate is None:
+        return found | {"load": [], "highest_rate_hz": None}
+    database = dbc.load(rig.dbc)
+    rates = sorted({*_RATES_HZ, config.rate_hz})
+    load = {rate: dbc.bus_load(database, rate, config.bus.bitrate) for rate in rates}
+    slow = dbc.bus_load(database, 0.0, config.bus.bitrate)  # frames with a time of their own
+    per_hz = (load[config.rate_hz] - slow) / config.rate_hz
+    return found | {
+        "load": [{"rate_hz": rate, "load": round(share, 6)} for rate, share in load.items()],
+        "highest_rate_hz": int((1.0 - slow) / per_hz) if per_hz > 0.0 else None,
+    }
+
+
+def _unwired(made: Plan) -> list[str]:
+    """Return a line for each frame with signals that are sent but wired to nothing."""
+    place = made.rig.where(f"{made.role}.transmit")
+    lines = []
+    for frame in made.tx_frames:
+        names = [f"{frame.name}.{signal.name}" for signal in frame.signals]
+        bare = [name for name in names if name not in made.spec.transmit]
+        if bare:
+            lines.append(
+                f"{place}: {made.spec.name} sends 0 in {', '.join(bare)}: wired to nothing"
+            )
+    return lines
+
+
+def show(report: dict[str, Any]) -> None:
+    """Print a report as text."""
+    title = f": {report['title']}" if report["title"] else ""
+    print(f"{report['rig']}{title}")
+    print(f"  file {report['file']}\n  dbc {report['dbc']}")
+    print(
+        f"  {report['rate_hz']:g} Hz, {report['duration_s']:g} s, {report['cycles']} cycles, "
+        f"pacing {report['pacing']}, controller {report['controller']}"
+    )
+    for role, node in report["nodes"].items():
+        _show_node(role, node)
+    _show_bus(report)
+    for warning in report["warnings"]:
+        print(f"warning: {warning}")
+
+
+def _show_node(role: str, node: dict[str, Any]) -> None:
+    blocks = ", then ".join(f"{entry['block']} ({entry['law']})" for entry in node["schedule"])
+    print(f"\n{role} {node['node']}, {node['variables']} of {sh.MAX_VARIABLES} variables")
+    print(f"  schedule  {blocks}\n  wiring")
+    width = max((len(wire["input"]) for wire in node["wiring"]), default=0)
+    for wire in node["wiring"]:
+        unit = f" [{wire['unit']}]" if wire["unit"] else ""
+        print(f"    {wire['input']:{width}} <- {wire['source']}{unit}")
+    print(f"  receives  {', '.join(node['receives'])}\n  sends")
+    width = max((len(frame["name"]) for frame in node["sends"]), default=0)
+    for frame in node["sends"]:
+        digits = 8 if frame["extended"] else 3
+        when = "every cycle" if frame["every_cycles"] == 1 else f"every {frame['period_ms']:g} ms"
+        guard = "  counter, crc" if frame["protected"] else ""
+        print(
+            f"    0x{frame['id']:0{digits}X}  {frame['name']:{width}}  {frame['bytes']} bytes  "
+            f"{when:13}{guard}".rstrip()
+        )
+
+
+def _show_bus(report: dict[str, Any]) -> None:
+    bus = report["bus"]
+    if not bus["load"]:
+        print("\nbus load: not checked, the rig gives no bus.bitrate")
+        return
+    print(f"\nbus load, worst case at {bus['bitrate']} bit/s")
+    for entry in bus["load"]:
+        this = "  <- this rig" if entry["rate_hz"] == report["rate_hz"] else ""
+        print(f"  {entry['rate_hz']:5g} Hz {entry['load']:7.1%}{this}")
+    if bus["highest_rate_hz"]:
+        print(f"  {bus['highest_rate_hz']} Hz is the highest rate that fits the bus")

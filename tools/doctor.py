@@ -1,0 +1,180 @@
+"""`pcpc doctor`: what this machine offers for real time and CAN, and the command for the rest.
+
+    ok        as it should be
+    warn      a rig runs, at the stated cost
+    missing   no rig runs without it
+
+Changes nothing and needs no root. What a node does is tried as a node does it: real-time settings
+in a child process, the bus with one datagram. The rest is read from /proc, /sys and /dev.
+
+exit code: 0 a rig can run; 4 it cannot
+"""
+
+import argparse
+import importlib.metadata
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+from tools.doctor_machine import Row, machine_rows
+
+OK, CANNOT_RUN = 0, 4
+_PROJECT = Path(__file__).resolve().parent.parent
+_PYTHON = (3, 11)
+_SHM = Path("/dev/shm")
+SHM_BYTES = 24 << 20  # the blocks of two nodes
+_IMPORTS = {  # what every subcommand but `vm` needs: distribution, module
+    "numpy": "numpy", "numba": "numba", "python-can": "can", "cantools": "cantools",
+    "PyYAML": "yaml", "msgspec": "msgspec", "msgpack": "msgpack", "mcap": "mcap",
+    "zstandard": "zstandard", "rich": "rich",
+}  # fmt: skip
+_STYLES = {"ok": "green", "warn": "yellow", "missing": "bold red"}
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print a row for each thing looked at; return 0 if a rig can run at all, else 4."""
+    found = list(rows())
+    missing = [row for row in found if row.state == "missing"]
+    if options.json:
+        print(
+            json.dumps({"can_run": not missing, "rows": [asdict(row) for row in found]}, indent=2)
+        )
+    else:
+        show(found)
+    if missing:
+        names = ", ".join(row.name for row in missing)
+        print(f"no rig can run on this machine: missing {names}", file=sys.stderr)
+    return CANNOT_RUN if missing else OK
+
+
+def rows() -> Iterator[Row]:
+    """Yield all rows in the order of printing."""
+    yield python_row()
+    packages = packages_row()
+    yield packages
+    yield figures_row()
+    yield from machine_rows(_PROJECT)
+    if packages.state == "ok":
+        from tools.doctor_bus import bus_rows  # here, because it needs the packages
+
+        yield from bus_rows()
+    else:
+        yield Row("buses", "warn", "not looked at", "see packages")
+    yield shared_memory_row()
+    yield compile_cache_row()
+    yield c_compiler_row()
+
+
+def show(found: list[Row]) -> None:
+    """Print a table, and below it the commands, each on one line to copy."""
+    try:
+        from rich.console import Console
+        from rich.table import Table
+        from rich.text import Text
+    except ImportError:
+        for row in found:
+            print(f"{row.state:8}{row.name}: {row.found}")
+    else:
+        table = Table(box=None, pad_edge=False, header_style="bold")
+        for title in ("", "what", "found", "costs"):
+            table.add_column(title)
+        for row in found:
+            state = Text(row.state, _STYLES[row.state])
+            table.add_row(state, *map(Text, (row.name, row.found, row.cost)))
+        width = max(shutil.get_terminal_size().columns, 120)
+        Console(highlight=False, width=width).print(table)
+    cures = [row for row in found if row.cure]
+    print("\nto mend:" if cures else "\nnothing to mend")
+    for row in cures:
+        print(f"  # {row.name}\n  {row.cure}")
+
+
+def python_row() -> Row:
+    """Return whether this Python is new enough."""
+    found = f"{platform.python_version()}, {platform.machine()}, {sys.executable}"
+    if sys.version_info[:2] >= _PYTHON:
+        return Row("python", "ok", found)
+    wanted = ".".join(map(str, _PYTHON))
+    return Row("python", "missing", found, f"needs {wanted}", f"python{wanted} -m venv .venv")
+
+
+def packages_row() -> Row:
+    """Import every package in a child: one that is broken must not break the doctor."""
+    lines = [f"try:\n import {m}\nexcept Exception as e:\n print({d!r}, e, sep=': ')"
+             for d, m in _IMPORTS.items()]  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, cwd=_PROJECT
+    )
+    broken = done.stdout.splitlines()
+    if done.returncode:
+        broken.append(f"the import ended with code {done.returncode}")
+    if broken:
+        cure = f"{sys.executable} -m pip install -e {_PROJECT}"
+        return Row("packages", "missing", "; ".join(broken), "nothing runs without them", cure)
+    versions = (f"{name} {importlib.metadata.version(name)}" for name in _IMPORTS)
+    return Row("packages", "ok", ", ".join(versions))
+
+
+def figures_row() -> Row:
+    """Return whether runs can draw their figure."""
+    try:
+        return Row("matplotlib", "ok", importlib.metadata.version("matplotlib"))
+    except importlib.metadata.PackageNotFoundError:
+        cure = f"{sys.executable} -m pip install -e '{_PROJECT}[plot]'"
+        return Row("matplotlib", "warn", "not installed", "no figure.png of a run", cure)
+
+
+def shared_memory_row() -> Row:
+    """Return whether the tables of two nodes have room."""
+    try:
+        stat = os.statvfs(_SHM)
+    except OSError as error:
+        cure = "sudo mount -t tmpfs -o size=256m,mode=1777 tmpfs /dev/shm"
+        found = f"{_SHM}: {error.strerror}"
+        return Row("/dev/shm", "missing", found, "the nodes' tables lie there", cure)
+    free = stat.f_bavail * stat.f_frsize
+    found = f"{free >> 20} MiB free"
+    if not os.access(_SHM, os.W_OK | os.X_OK):
+        cost = "the nodes' tables lie there"
+        return Row("/dev/shm", "missing", "not writable", cost, "sudo chmod 1777 /dev/shm")
+    if free < SHM_BYTES:
+        cost = f"two nodes need {SHM_BYTES >> 20} MiB"
+        cure = "sudo mount -o remount,size=256m /dev/shm    # docker: --shm-size=256m"
+        return Row("/dev/shm", "missing", found, cost, cure)
+    return Row("/dev/shm", "ok", found)
+
+
+def compile_cache_row() -> Row:
+    """Return whether the next start finds compiled code."""
+    from drivers.compile_cache import cache_folder
+
+    try:
+        folder = cache_folder()
+    except importlib.metadata.PackageNotFoundError:
+        return Row("compile cache", "warn", "no numba", "see packages")
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
+        cure = "export XDG_CACHE_HOME=/var/tmp/cache-$USER"
+        found = f"{existing} is no writable folder"
+        return Row("compile cache", "missing", found, "compiled code is kept there", cure)
+    if any(folder.rglob("*.nbi")):
+        return Row("compile cache", "ok", f"warm, {folder}")
+    rig = _PROJECT / "plants/atb1000/rigs/slew10.yaml"
+    cure = f"pcpc simulate {rig} --set duration_s=0.1 --no-figure -o $(mktemp -d)"
+    cost = "the first start compiles for about half a minute"
+    return Row("compile cache", "warn", f"cold, {folder}", cost, cure)
+
+
+def c_compiler_row() -> Row:
+    """Return the compiler that only `pcpc bench` uses."""
+    for name in ("cc", "gcc", "clang"):
+        if path := shutil.which(name):
+            return Row("C compiler", "ok", path)
+    cost = "no comparison with C in `pcpc bench`; nothing else needs it"
+    return Row("C compiler", "warn", "none", cost, "sudo apt-get install -y gcc libc6-dev")

@@ -1,0 +1,171 @@
+"""What `pcpc doctor` says about real time: kernel, permissions, CPUs, clocks, hypervisor.
+
+The costs are measured figures of `drivers.realtime`, or of the cause named.
+"""
+
+import json
+import os
+import platform
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+_CPUS = Path("/sys/devices/system/cpu")
+_CLOCKS = Path("/sys/devices/system/clocksource/clocksource0")
+_IN_USER_SPACE = ("tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page")
+_TRY = """
+import json
+from drivers import realtime
+report = realtime.prepare_process() + realtime.prepare_thread(80, None)
+print(json.dumps({s.name: [s.granted, s.detail] for s in report}))
+"""
+_GROUP = "sudo groupadd -f realtime && sudo usermod -aG realtime $USER"
+_LIMITS = (
+    r"printf '@realtime - rtprio 90\n@realtime - memlock unlimited\n' | "
+    f"sudo tee /etc/security/limits.d/99-realtime.conf && {_GROUP}    # then log in again"
+)
+_CONTAINER = (
+    "docker run --cap-add SYS_NICE --cap-add IPC_LOCK --ulimit rtprio=90 --ulimit memlock=-1"
+)
+_DMA_RULE = (
+    """echo 'KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"' | """
+    f"sudo tee /etc/udev/rules.d/99-realtime.rules && {_GROUP} && sudo udevadm control --reload "
+    "&& sudo udevadm trigger --name-match=cpu_dma_latency    # then log in again"
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One thing looked at; `state` is ok, warn or missing; `cost` and `cure` where it is not ok."""
+
+    name: str
+    state: str
+    found: str
+    cost: str = ""
+    cure: str = ""
+
+
+def machine_rows(project: Path) -> Iterator[Row]:
+    """Yield the rows about real time; `project` is the folder to import `drivers` from."""
+    yield kernel_row(platform.version(), text(Path("/sys/kernel/realtime")) == "1")
+    yield from permission_rows(project)
+    yield _isolated()
+    yield _governor()
+    yield clock_row(*(text(_CLOCKS / f"{which}_clocksource") for which in ("current", "available")))
+    yield _hypervisor()
+
+
+def text(path: Path) -> str:
+    """Return the stripped content of a small file, "" if it cannot be read."""
+    try:
+        return path.read_text().strip()
+    except OSError:
+        return ""
+
+
+def kernel_row(version: str, realtime: bool) -> Row:
+    """Return the row for a kernel by the text of `uname -v` and its /sys/kernel/realtime."""
+    words = version.split()
+    if realtime or "PREEMPT_RT" in words:
+        return Row("kernel", "ok", f"{platform.release()}, PREEMPT_RT")
+    model = next((word for word in words if word.startswith("PREEMPT")), "no PREEMPT in uname -v")
+    distribution = text(Path("/etc/os-release"))
+    cure = "# boot a kernel with PREEMPT_RT"
+    if "ID=debian" in distribution.splitlines():
+        architecture = {"x86_64": "amd64", "aarch64": "arm64"}.get(platform.machine(), "amd64")
+        cure = f"sudo apt-get install -y linux-image-rt-{architecture} && sudo reboot"
+    elif "ID=ubuntu" in distribution.splitlines():
+        cure = "sudo pro enable realtime-kernel && sudo reboot"
+    cost = "a kernel path can delay a wake-up by milliseconds"
+    return Row("kernel", "warn", f"{platform.release()}, {model}", cost, cure)
+
+
+def permission_rows(project: Path) -> Iterator[Row]:
+    """Yield what a node's real-time settings came to in a child process."""
+    done = subprocess.run(
+        [sys.executable, "-c", _TRY], capture_output=True, text=True, cwd=project, timeout=60
+    )
+    if done.returncode:
+        why = (done.stderr.splitlines() or [f"exit code {done.returncode}"])[-1]
+        yield Row("real-time set-up", "missing", why, "a node does the same and fails", "")
+        return
+    settings = json.loads(done.stdout)
+    limits = _CONTAINER if os.geteuid() == 0 else _LIMITS
+    yield _setting("SCHED_FIFO", settings, "p99 wake-up under load 37 times later", limits)
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    memory = _setting("mlockall", settings, "page faults in the loop", limits)
+    size = "unlimited" if limit == resource.RLIM_INFINITY else f"{limit >> 10} KiB"
+    yield Row(memory.name, memory.state, f"{memory.found}; limit {size}", memory.cost, memory.cure)
+    yield _setting(
+        "cpu_dma_latency", settings, "wake-up from idle 45 instead of 21 us", _dma_cure()
+    )
+    yield _setting("timer slack", settings, "wake-up 48 us later without SCHED_FIFO", "")
+
+
+def _setting(name: str, settings: dict[str, tuple[bool, str]], cost: str, cure: str) -> Row:
+    granted, detail = settings[name]
+    if granted:
+        return Row(name, "ok", detail)
+    return Row(name, "warn", detail.partition(";")[0], cost, cure)
+
+
+def _dma_cure() -> str:
+    if not os.path.exists("/dev/cpu_dma_latency"):
+        return "docker run --device /dev/cpu_dma_latency    # in a container; else a kernel with it"
+    return _DMA_RULE
+
+
+def _isolated() -> Row:
+    isolated, count = text(_CPUS / "isolated"), os.cpu_count() or 1
+    if isolated:
+        return Row("isolated CPUs", "ok", f"{isolated} (use with `taskset -c {isolated}`)")
+    if count < 4:
+        return Row("isolated CPUs", "ok", f"none; {count} CPUs leave none to spare")
+    cpus = f"{count - 2},{count - 1}"
+    cost = "other programs share the loops' CPUs"
+    options = f"isolcpus={cpus} nohz_full={cpus} rcu_nocbs={cpus}"
+    cure = (
+        f"sudo sed -i 's/^GRUB_CMDLINE_LINUX=\"/&{options} /' /etc/default/grub && "
+        f"sudo update-grub && sudo reboot    # then taskset -c {cpus} pcpc run RIG"
+    )
+    return Row("isolated CPUs", "warn", f"none of {count}", cost, cure)
+
+
+def _governor() -> Row:
+    files = _CPUS.glob("cpu[0-9]*/cpufreq/scaling_governor")
+    governors = sorted({text(file) for file in files})
+    if not governors:
+        return Row("CPU governor", "ok", "no frequency scaling in the kernel's hands")
+    if governors == ["performance"]:
+        return Row("CPU governor", "ok", "performance")
+    cure = f"echo performance | sudo tee {_CPUS}/cpu*/cpufreq/scaling_governor"
+    cost = "a loop that sleeps a lot runs at a low clock"
+    return Row("CPU governor", "warn", ", ".join(governors), cost, cure)
+
+
+def clock_row(current: str, available: str) -> Row:
+    """Return the row for the kernel's clock source; `available` is the list to choose from."""
+    if current in _IN_USER_SPACE:
+        return Row("clock source", "ok", current)
+    better = next((name for name in _IN_USER_SPACE if name in available.split()), "")
+    cure = f"echo {better} | sudo tee {_CLOCKS}/current_clocksource" if better else ""
+    found = f"{current or 'unknown'}, of {available or 'unknown'}"
+    return Row("clock source", "warn", found, "a system call for each look at the clock", cure)
+
+
+def _hypervisor() -> Row:
+    kind = ""
+    if program := shutil.which("systemd-detect-virt"):
+        done = subprocess.run([program, "--vm"], capture_output=True, text=True)
+        kind = "" if done.stdout.strip() == "none" else done.stdout.strip()
+    cpu_flags = text(Path("/proc/cpuinfo")).split()
+    if not kind and "hypervisor" in cpu_flags:
+        kind = "unknown kind"
+    if not kind:
+        return Row("hypervisor", "ok", "none")
+    cost = "its host can take a CPU away for milliseconds, whatever is set here"
+    return Row("hypervisor", "warn", kind, cost, "# run on a machine without a hypervisor")
