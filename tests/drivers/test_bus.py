@@ -86,7 +86,7 @@ def receive(end: Any) -> tuple[int, bytes] | int:
     return int.from_bytes(end.rx[:4].tobytes(), "little"), end.rx[8 : 8 + end.rx[4]].tobytes()
 
 
-@pytest.mark.parametrize("channel", [DEFAULT, OTHER])
+@pytest.mark.parametrize("channel", [DEFAULT, OTHER], ids=["default group", "other group"])
 def test_two_wires_exchange_frames_and_a_sender_hears_itself(open_udp: Open, channel: str) -> None:
     a, b = open_udp(channel), open_udp(channel)
     send(a, 0x123, b"from a")
@@ -97,7 +97,7 @@ def test_two_wires_exchange_frames_and_a_sender_hears_itself(open_udp: Open, cha
         assert got == expected, f"{name} received {got}"
 
 
-@pytest.mark.parametrize("channel", [DEFAULT, OTHER])
+@pytest.mark.parametrize("channel", [DEFAULT, OTHER], ids=["default group", "other group"])
 def test_a_burst_waits_in_the_socket_in_order(open_udp: Open, channel: str) -> None:
     a, b = open_udp(channel), open_udp(channel)
     for k in range(200):
@@ -174,7 +174,7 @@ def test_an_empty_bus_gives_nothing_with_and_without_blocking(open_udp: Open) ->
     assert got == [wire.NOTHING, wire.NOTHING], f"{got}"
 
 
-@pytest.mark.parametrize("channel", [DEFAULT, OTHER])
+@pytest.mark.parametrize("channel", [DEFAULT, OTHER], ids=["default group", "other group"])
 def test_a_port_of_a_program_that_does_not_share_is_named(channel: str) -> None:
     descriptors = len(os.listdir("/proc/self/fd"))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as selfish:

@@ -1,9 +1,9 @@
 """Both nodes of a rig over a bus in memory whose frames a test may lose, repeat or corrupt.
 
-    cycle k:  plant's frames -> executive's pass, late by what the test says -> its frames -> plant's pass
+    plant's frames -> executive's pass, late if a test says so -> its frames -> plant's pass
 
-The passes are the engine's own compiled `one_pass`; only the carrying of frames and the clock are the
-test's. With pacing "sync" the executive has a clock, so that a missing frame does not end the run.
+The passes are the engine's own compiled `one_pass`; only the carrying of frames and the clock are
+the test's. With pacing "sync" the executive has a clock: a missing frame does not end the run.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,14 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import wire
+from drivers import libc, wire
 from drivers.jit import i8, loop, u1
 from drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES
 from executive import shared as sh
 from executive import supervisor as sv
 from executive.cycle import STEPS, N, announce, one_pass, request_first_sample, wait_for_peer
-from executive.node import Plan, install, plan
+from executive.install import install
+from executive.node import Plan, plan
 from executive.rig import Rig
+from executive.rings import publish, stopping
 
 ROOT = Path(__file__).resolve().parents[2]
 ATB1000 = ROOT / "plants" / "atb1000"
@@ -40,6 +42,7 @@ def step(t, dt, p, x, u, y):
     y[1] = p[1]
     y[2] = u[0]
     y[3] = 0.0
+    x[0] = x[0] + 1.0
 
 
 BLOCK = Block(
@@ -50,6 +53,7 @@ BLOCK = Block(
         Port("torque_Nm", "N m", "what is sent as the motor's torque", 0.0, -1e9, 1e9),
         Port("other_Nm", "N m", "what is sent as the output's torque", 0.0, -1e9, 1e9),
     ),
+    states=(Port("steps", "", "how often it was stepped"),),
 )
 """
 
@@ -114,6 +118,20 @@ def _passes(n: Any, steps: Any, count: Any) -> Any:
     return count
 
 
+@loop(i8(N, i8))
+def write_until_stopped(n: Any, pause: Any) -> Any:
+    """Publish 1, 2, 3, ... in all variables, with a pause of clock readings; return how often."""
+    k = 0
+    while not stopping(n):
+        k += 1
+        for i in range(n.n_variables):
+            n.v[i] = k
+        publish(n)
+        for _ in range(pause):
+            libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.timespec))
+    return k
+
+
 def puppet_rig(folder: Path, *lines: str) -> Path:
     """Write a rig outside of the project whose controller sends what its parameters say."""
     (folder / "puppet.py").write_text(PUPPET)
@@ -128,18 +146,28 @@ def puppet_rig(folder: Path, *lines: str) -> Path:
     return path
 
 
-class Node:
-    """One node of a rig: its plan and its LOOP record, the bus in memory."""
+def zeroed() -> Any:
+    """Return an empty LOOP record in this process's own memory."""
+    scratch = np.recarray(1, sh.LOOP)
+    scratch.view(np.uint8)[:] = 0
+    return scratch[0]
 
-    def __init__(self, rig: Rig, role: Any, pacing: str) -> None:
-        self.plan: Plan = plan(rig, role, pacing)
-        scratch = np.recarray(1, sh.LOOP)
-        scratch.view(np.uint8)[:] = 0
-        self.loop: Any = scratch[0]
+
+def both(rig: Rig, pacing: str = "sync") -> tuple[Plan, Plan]:
+    """Return the plans of executive and plant."""
+    return plan(rig, "executive", pacing), plan(rig, "plant", pacing)
+
+
+class Node:
+    """One node of a rig: its plan and its LOOP record (zeroed, an own one if not given)."""
+
+    def __init__(self, made: Plan, loop: Any = None) -> None:
+        self.plan = made
+        self.loop = zeroed() if loop is None else loop
         wire.prepare(self.loop.wire, MEMORY, -1, -1)
-        install(self.plan, self.loop)
+        install(made, self.loop)
         self.loop.wait_recorder = 0
-        self.frames = {f.name: f.can_id for f in (*self.plan.rx_frames, *self.plan.tx_frames)}
+        self.frames = {f.name: f.can_id for f in (*made.rx_frames, *made.tx_frames)}
 
     def place(self, name: str) -> int:
         """Return the place of a variable in the table."""
@@ -187,17 +215,25 @@ class Node:
         )
         return self.records()[:, at].copy().view(np.float64)
 
+    def post(self, values: Mapping[str, float]) -> None:
+        """Ask for tunings, as the host does."""
+        n = self.loop
+        for i, (name, value) in enumerate(values.items()):
+            n.mail_index[i], n.mail_value[i] = self.place(name), value
+        n.mail[sh.COUNT] = len(values)
+        n.mail[sh.REQUEST] += 1
+
     def go(self, passes: int = 1) -> int:
         """Do passes of this node alone; return how many it did."""
         return int(_passes(self.loop, self.plan.steps, passes))
 
 
 class Bench:
-    """Executive and plant of a rig, and the bus between them, after the plant's sample of t = 0."""
+    """Executive (in `block`, if given) and plant, and the bus between them."""
 
-    def __init__(self, rig: Rig, pacing: str = "sync") -> None:
-        self.executive = Node(rig, "executive", pacing)
-        self.plant = Node(rig, "plant", pacing)
+    def __init__(self, plans: tuple[Plan, Plan], block: sh.Shared | None = None) -> None:
+        self.executive = Node(plans[0], None if block is None else block.loop)
+        self.plant = Node(plans[1])
         self.frames = self.executive.frames | self.plant.frames
         self.alive = np.ones(2, np.int64)
         _meet(self.executive.loop, self.plant.loop)
@@ -206,7 +242,7 @@ class Bench:
     def run(
         self, cycles: int, fates: Mapping[str, int] | None = None, late_ns: Sequence[int] = ()
     ) -> int:
-        """Do `cycles` cycles in which the frames named in `fates` meet their fate; return cycles done."""
+        """Do cycles in which the frames named in `fates` meet their fate; return how many."""
         table = np.zeros((cycles, len(self.frames)), np.uint8)
         for name, fate in (fates or {}).items():
             table[:, list(self.frames).index(name)] = fate
@@ -218,6 +254,4 @@ class Bench:
         late[: len(late_ns)] = late_ns
         a, b = self.executive, self.plant
         ids = np.array(list(self.frames.values()), np.int64)
-        return int(
-            _drive(a.loop, a.plan.steps, b.loop, b.plan.steps, ids, table, late, self.alive)
-        )
+        return int(_drive(a.loop, a.plan.steps, b.loop, b.plan.steps, ids, table, late, self.alive))

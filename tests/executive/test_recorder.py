@@ -19,7 +19,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from executive import logs, recorder, shared
+from executive import logs, mcap_writer, recorder, shared
 from executive.recorder import Recorder
 
 PROJECT = Path(__file__).parents[2]
@@ -306,7 +306,7 @@ def test_kill_9_costs_less_than_a_second_and_the_log_can_be_recovered(
     assert np.array_equal(node.cycle, np.arange(len(node.cycle)))
     assert len(log.missing) == 1 and "nothing is readable after byte" in log.missing[0], log.missing
     assert node.description["rig"] == "bench" and log.attachments["rig.yaml"]
-    recorder.recover(path, whole)
+    mcap_writer.recover(path, whole)
     assert logs.digest(path, "/state") == logs.digest(whole, "/state")
     assert logs.read(whole).missing == []
     with whole.open("rb") as file:
@@ -434,12 +434,24 @@ def test_process_ends_when_its_node_was_killed_and_not_yet_reaped(
     assert len(logs.read(tmp_path / "log.mcap").node["executive"].cycle) == 1
 
 
+def test_late_block_of_a_node_that_ended_in_this_run_is_recorded(name: str, tmp_path: Path) -> None:
+    block, plant = block_of(name), block_of(f"{name}-plant", "plant")
+    node = subprocess.Popen([sys.executable, "-c", ""])
+    node.wait()
+    plant["control"][shared.PID] = node.pid
+    put_cycle(plant, 1)
+    log = Recorder(tmp_path / "log.mcap", [block], late=[f"{name}-plant"])
+    log.finish()
+    assert logs.read(tmp_path / "log.mcap").node["plant"].cycle.tolist() == [1]
+
+
 def test_late_block_that_a_dead_process_left_is_not_recorded(name: str, tmp_path: Path) -> None:
     block, old = block_of(name), block_of(f"{name}-plant", "plant")
     node = subprocess.Popen([sys.executable, "-c", ""])
     node.wait()
     old["control"][shared.PID] = node.pid
     put_cycle(old, 1)
+    old["record"][0, 1] = MONOTONIC_NS - 1  # before the executive came
     log = Recorder(tmp_path / "log.mcap", [block], late=[f"{name}-plant"])
     log.drain()
     assert len(log.nodes) == 1
@@ -563,7 +575,7 @@ def test_no_damage_is_a_crash_neither_in_reading_nor_in_recovery(
     path.write_bytes(damaged)
     try:
         log = logs.read(path)
-        recorder.recover(path, intact.with_name("recovered.mcap"))
+        mcap_writer.recover(path, intact.with_name("recovered.mcap"))
         recovered = logs.read(intact.with_name("recovered.mcap"))
         for name, node in log.node.items():
             assert np.array_equal(recovered.node[name].cycle, node.cycle), f"{log.missing}"

@@ -1,0 +1,249 @@
+"""The shared block: rings that drop and count or wait, snapshots that are never torn."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from engine import ROOT, SLEW10, Bench, both
+
+from executive import shared as sh
+from executive.node import Plan, describe
+from executive.rig import load_rig
+
+PATIENCE_S = 60.0  # until a test gives up on a thread or process that should have ended
+ROWS = 8
+
+WRITER = """
+import sys
+from executive import shared
+from engine import write_until_stopped
+block = shared.attach(sys.argv[1])
+print("ready", flush=True)
+print(write_until_stopped(block.loop, int(sys.argv[2])))
+"""
+
+
+@pytest.fixture(scope="module")
+def plans() -> tuple[Plan, Plan]:
+    """Return the plans of a shipped rig."""
+    return both(load_rig(SLEW10))
+
+
+@pytest.fixture
+def block(plans: tuple[Plan, Plan]) -> Iterator[sh.Shared]:
+    """Return an executive's block, with its name in /dev/shm."""
+    made = sh.create(f"test-shared.{os.getpid()}", describe(plans[0], {}))
+    yield made
+    made["control"][sh.STOP] = 1  # for a writer that a failed test left behind
+    made.unlink()
+
+
+def bench_with_small_ring(plans: tuple[Plan, Plan], waits: bool) -> Bench:
+    """Return a closed loop whose executive has a record ring of a few rows that nobody empties."""
+    bench = Bench(plans)
+    bench.executive.loop.record_rows = ROWS
+    bench.executive.loop.wait_recorder = waits
+    return bench
+
+
+# ------------------------------------------------------------------------------------------- rings
+
+
+def test_a_full_ring_drops_new_rows_and_counts_them(plans: tuple[Plan, Plan]) -> None:
+    bench = bench_with_small_ring(plans, waits=False)
+    assert bench.run(20) == 20
+    node, ends = bench.executive, bench.executive.loop.record_ends
+    assert (int(ends[sh.PUT]), int(ends[sh.DROPPED])) == (ROWS, 20 - ROWS), ends
+    assert node.records()[:, 0].tolist() == list(range(ROWS)), node.records()[:, 0]
+
+
+def test_a_ring_that_is_emptied_again_takes_new_rows(plans: tuple[Plan, Plan]) -> None:
+    bench = bench_with_small_ring(plans, waits=False)
+    bench.run(20)
+    ends = bench.executive.loop.record_ends
+    ends[sh.TAKEN] = ends[sh.PUT] - 3
+    bench.run(4)
+    cycles = bench.executive.records()[:, 0].tolist()
+    assert cycles == [5, 6, 7, 20, 21, 22, 23], cycles
+    assert int(ends[sh.DROPPED]) == 20 - ROWS, int(ends[sh.DROPPED])
+
+
+def test_the_event_ring_drops_and_counts_too(plans: tuple[Plan, Plan]) -> None:
+    bench = Bench(plans)
+    node, ends = bench.executive, bench.executive.loop.event_ends
+    gain = dict.fromkeys(["controller.kv_Nms_rad"], 110.0)
+    node.post(gain)
+    node.loop.mail_index[:] = node.place("controller.kv_Nms_rad")
+    for _ in range(20):
+        node.loop.mail[sh.COUNT] = sh.MAIL_SLOTS
+        bench.run(1)
+        node.loop.mail[sh.REQUEST] += 1
+    pushed = 2 + 20 * sh.MAIL_SLOTS  # READY, RUN
+    assert int(ends[sh.PUT]) == sh.EVENT_RING_ROWS, int(ends[sh.PUT])
+    assert int(ends[sh.DROPPED]) == pushed - sh.EVENT_RING_ROWS, int(ends[sh.DROPPED])
+
+
+def test_a_full_mailbox_is_applied_and_no_more_than_that(plans: tuple[Plan, Plan]) -> None:
+    bench = Bench(plans)
+    node = bench.executive
+    node.post({"controller.kv_Nms_rad": 120.0})
+    node.loop.mail[sh.COUNT] = 10**6
+    node.loop.mail_index[:] = node.place("controller.kv_Nms_rad")
+    bench.run(1)
+    assert len(node.events(sh.TUNING_EVENT)) == sh.MAIL_SLOTS
+
+
+def test_without_a_clock_the_loop_waits_for_the_recorder(plans: tuple[Plan, Plan]) -> None:
+    bench = bench_with_small_ring(plans, waits=True)
+    ends, seen = bench.executive.loop.record_ends, []
+    driver = threading.Thread(target=bench.run, args=(300,), daemon=True)
+    driver.start()
+    give_up = time.monotonic() + PATIENCE_S
+    while driver.is_alive() and time.monotonic() < give_up:
+        rows = bench.executive.records()
+        seen += rows[:1, 0].tolist()
+        ends[sh.TAKEN] += len(rows[:1])
+        os.sched_yield()
+    seen += bench.executive.records()[:, 0].tolist()
+    assert not driver.is_alive(), f"stuck after {len(seen)} cycles"
+    assert seen == list(range(300)), f"{len(seen)} records"
+    assert int(ends[sh.DROPPED]) == 0
+
+
+def test_a_loop_that_waits_for_a_dead_recorder_still_stops(plans: tuple[Plan, Plan]) -> None:
+    bench = bench_with_small_ring(plans, waits=True)
+    driver = threading.Thread(target=bench.run, args=(300,), daemon=True)
+    driver.start()
+    ends, give_up = bench.executive.loop.record_ends, time.monotonic() + PATIENCE_S
+    while int(ends[sh.PUT]) < ROWS and time.monotonic() < give_up:
+        os.sched_yield()
+    bench.executive.loop.control[sh.STOP] = 1
+    driver.join(PATIENCE_S)
+    assert not driver.is_alive(), "it waits for ever"
+    assert int(ends[sh.PUT]) == ROWS and int(ends[sh.DROPPED]) <= 1, ends
+
+
+# --------------------------------------------------------------------------------------- snapshots
+
+
+def writer(block: sh.Shared, pause: int) -> subprocess.Popen[str]:
+    """Start a process that publishes 1, 2, 3, ... in all variables; return it once it has begun.
+
+    It writes the largest table, of which a reader takes the begin: most likely to be torn.
+    """
+    block.loop.n_variables = sh.MAX_VARIABLES
+    name = block.path.name.removeprefix(f"pcpc-{os.getuid()}-")
+    here = os.pathsep.join([str(ROOT), str(Path(__file__).parent)])
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, name, str(pause)],
+        stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": here},
+    )  # fmt: skip
+    assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    return process
+
+
+def end(block: sh.Shared, process: subprocess.Popen[str]) -> int:
+    """End a writer; return how often it has published."""
+    block["control"][sh.STOP] = 1
+    return int(process.communicate(timeout=PATIENCE_S)[0])
+
+
+def test_a_snapshot_under_a_running_writer_in_another_process_is_never_torn(
+    block: sh.Shared,
+) -> None:
+    process = writer(block, pause=1000)
+    give_up, newest = time.monotonic() + PATIENCE_S, 0.0
+    seen: set[float] = set()
+    nothing = np.full(len(block["snapshot"]), -1.0)
+    while len(seen) < 300 and time.monotonic() < give_up:
+        values = sh.snapshot(block, nothing)
+        assert (values == values[0]).all(), f"torn: {np.unique(values)}"
+        if values is not nothing:
+            assert values[0] >= newest, f"{values[0]} after {newest}"
+            newest = float(values[0])
+            seen.add(newest)
+    published = end(block, process)
+    assert len(seen) == 300, f"{len(seen)} different snapshots of {published}"
+
+
+def test_a_writer_that_never_pauses_cannot_make_a_reader_take_a_torn_copy(
+    block: sh.Shared,
+) -> None:
+    process = writer(block, pause=0)
+    old, give_up = np.full(len(block["snapshot"]), -1.0), time.monotonic() + PATIENCE_S
+    while int(block["seq"][0]) < 2 * 100_000 and time.monotonic() < give_up:
+        values = sh.snapshot(block, old, tries=3)
+        assert (values == values[0]).all(), f"torn: {np.unique(values)}"
+    published = end(block, process)
+    assert published >= 100_000, f"{published} published in {PATIENCE_S} s"
+
+
+def test_a_writer_killed_in_mid_write_is_noticed_and_the_next_one_repairs_it(
+    block: sh.Shared, plans: tuple[Plan, Plan]
+) -> None:
+    block["seq"][0] = 7
+    block["snapshot"][:] = np.arange(len(block["snapshot"]))
+    old = np.zeros(len(block["snapshot"]))
+    assert sh.snapshot(block, old) is old, "a half-written table was taken"
+    Bench(plans, block).run(1)
+    assert int(block["seq"][0]) % 2 == 0, int(block["seq"][0])
+    assert (sh.snapshot(block, old) == block.loop.v[: len(old)]).all()
+
+
+def test_the_snapshot_holds_the_table_as_it_was_sent(
+    block: sh.Shared, plans: tuple[Plan, Plan]
+) -> None:
+    bench = Bench(plans, block)
+    bench.run(5)
+    names = [variable[0] for variable in block.description["variables"]]
+    values = dict(zip(names, sh.snapshot(block).tolist(), strict=True))
+    assert values["time.t_s"] == 0.004 and values["supervisor.state"] == 2.0
+    assert values["tx.CMD.motor_torque"] == bench.executive["tx.CMD.motor_torque"]
+
+
+# ------------------------------------------------------------------------------------------- files
+
+
+def test_another_process_finds_description_and_arrays_by_name(block: sh.Shared) -> None:
+    other = sh.attach(block.path.name.removeprefix(f"pcpc-{os.getuid()}-"))
+    assert other.description == block.description
+    other["control"][sh.STOP] = 5
+    block["record"][3, 2] = 77
+    assert int(block["control"][sh.STOP]) == 5 and int(other["record"][3, 2]) == 77
+    assert block.path.stat().st_mode & 0o777 == 0o600, oct(block.path.stat().st_mode)
+
+
+def test_an_unlinked_block_lives_on_in_those_who_mapped_it(block: sh.Shared) -> None:
+    block.unlink()
+    block["control"][sh.STOP] = 1
+    with pytest.raises(sh.SharedError, match="no such node is running here"):
+        sh.attach_path(block.path)
+
+
+def test_a_file_that_is_no_block_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "other"
+    file.write_bytes(b"something else" * 1000)
+    with pytest.raises(sh.SharedError, match="not a block of this version"):
+        sh.attach_path(file)
+
+
+def test_a_new_block_replaces_the_one_of_a_dead_process(
+    block: sh.Shared, plans: tuple[Plan, Plan]
+) -> None:
+    block["control"][sh.PASSES] = 9
+    name = block.path.name.removeprefix(f"pcpc-{os.getuid()}-")
+    fresh = sh.create(name, describe(plans[0], {}))
+    assert int(fresh["control"][sh.PASSES]) == 0 and int(block["control"][sh.PASSES]) == 9
+    assert int(sh.attach(name)["control"][sh.PASSES]) == 0
+
+
+def test_the_words_that_two_processes_write_lie_on_lines_of_their_own() -> None:
+    for words in ((sh.STOP, sh.STATE), (sh.PUT, sh.TAKEN, sh.DROPPED), (sh.REQUEST, sh.ACK)):
+        lines = [word // 8 for word in words]
+        assert len(set(lines)) == len(lines), f"words {words} share a cache line"

@@ -1,0 +1,119 @@
+"""The state-variable table: one writer each, contiguous views, wiring by name and unit."""
+
+import pytest
+
+from executive.block import Block, Port
+from executive.errors import RigError
+from executive.table import KINDS, Table, Variable, add_block
+
+
+def nothing(t: float, dt: float, p: object, x: object, u: object, y: object) -> None:
+    """Do nothing: a table never steps."""
+
+
+BLOCK = Block(
+    nothing,
+    inputs=(Port("angle_rad", "rad", "measured"), Port("rates", "rad/s", "of two gyros", size=2)),
+    outputs=(Port("torque_Nm", "N m", "command"),),
+    parameters=(Port("kv", "N m s/rad", "gain", 1.0, 0.0, 9.0), Port("w", "", "weights", size=3)),
+    states=(
+        Port("s_Nm", "N m", "integral"),
+        Port("rng", "", "noise", recorded=False),
+        Port("scratch", "", "tmp", recorded=False),
+    ),
+)
+PLACE = "rig.yaml:3:5"
+
+
+def filled() -> Table:
+    table = Table()
+    table.add(Variable("time.t_s", "s", "health", "loop", "time"))
+    add_block(table, "law", BLOCK)
+    return table
+
+
+def test_a_blocks_views_are_contiguous_disjoint_and_complete() -> None:
+    table = Table()
+    table.add(Variable("time.t_s", "s", "health", "loop", "time"))
+    views = add_block(table, "law", BLOCK)
+    ranges = (views.parameters, views.states, views.inputs, views.outputs)
+    assert [len(r) for r in ranges] == [4, 3, 3, 1], ranges
+    assert [i for r in ranges for i in r] == list(range(1, len(table.variables)))
+    kinds = [{table.variables[i].kind for i in r} for r in ranges]
+    assert kinds == [{"parameter"}, {"state"}, {"input"}, {"output"}], kinds
+
+
+def test_elements_of_a_port_are_named_by_number() -> None:
+    names = [v.name for v in filled().variables if v.name.startswith("law.w")]
+    assert names == ["law.w_0", "law.w_1", "law.w_2"], names
+
+
+def test_every_variable_has_name_unit_kind_writer_and_meaning() -> None:
+    table = filled()
+    for variable in table.variables:
+        assert variable.name and variable.writer and variable.help, variable
+        assert variable.kind in KINDS, variable
+        assert table.variables[table.index[variable.name]] is variable
+    gain = table.variables[table.index["law.kv"]]
+    assert (gain.unit, gain.low, gain.high) == ("N m s/rad", 0.0, 9.0), gain
+
+
+def test_states_and_outputs_are_recorded_but_not_scratch_and_noise() -> None:
+    recorded = [v.name for v in filled().variables if v.recorded]
+    assert recorded == ["time.t_s", "law.s_Nm", "law.torque_Nm"], recorded
+
+
+def test_settings_are_the_parameters_of_a_block_that_has_no_others() -> None:
+    table = Table()
+    add_block(table, "law", Block(nothing, settings=(Port("kv", "", "gain"),)))
+    assert [v.kind for v in table.variables] == ["parameter"]
+
+
+def test_a_second_writer_of_a_variable_is_refused() -> None:
+    table = filled()
+    with pytest.raises(RigError, match=r"law\.kv: two writers: law and other"):
+        table.add(Variable("law.kv", "", "output", "other", ""))
+
+
+def test_two_ports_of_a_block_cannot_share_a_name() -> None:
+    clash = Block(nothing, inputs=(Port("a", "", "in"),), outputs=(Port("a", "", "out"),))
+    with pytest.raises(RigError, match=r"law\.a: two writers"):
+        add_block(Table(), "law", clash)
+
+
+def test_a_port_of_several_collides_with_one_of_the_same_element_name() -> None:
+    clash = Block(nothing, states=(Port("w", "", "all", size=2), Port("w_1", "", "one")))
+    with pytest.raises(RigError, match=r"law\.w_1: two writers"):
+        add_block(Table(), "law", clash)
+
+
+@pytest.mark.parametrize("name", ["law.torque_Nm", "law.s_Nm", "law.kv", "time.t_s"])
+def test_anything_with_the_right_unit_is_a_source(name: str) -> None:
+    table = filled()
+    unit = table.variables[table.index[name]].unit
+    assert table.source(name, unit, PLACE, "law.angle_rad") == table.index[name]
+
+
+def test_an_unknown_source_says_where_and_suggests() -> None:
+    with pytest.raises(RigError) as caught:
+        filled().source("law.torqe", "N m", PLACE, "law.angle_rad")
+    expected = "law.angle_rad: no variable 'law.torqe'; did you mean law.torque_Nm?"
+    assert str(caught.value) == f"{PLACE}: {expected}"
+
+
+def test_an_input_is_never_suggested_as_a_source() -> None:
+    with pytest.raises(RigError) as caught:
+        filled().source("law.angle", "rad", PLACE, "x")
+    assert "angle_rad?" not in str(caught.value), caught.value
+
+
+def test_another_unit_says_both() -> None:
+    with pytest.raises(RigError) as caught:
+        filled().source("law.torque_Nm", "rad", PLACE, "law.angle_rad")
+    expected = "law.angle_rad is in 'rad' but law.torque_Nm is in 'N m'"
+    assert str(caught.value).startswith(f"{PLACE}: {expected}"), caught.value
+
+
+def test_no_unit_is_shown_as_one() -> None:
+    with pytest.raises(RigError, match=r"is in '1' but time\.t_s is in 's'"):
+        filled().source("time.t_s", "", PLACE, "law.w_0")

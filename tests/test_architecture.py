@@ -1,0 +1,217 @@
+"""Who may import whom, and what the sources never do, checked on their syntax trees.
+
+`drivers` imports nothing of ours; `executive` imports drivers; its `controllers` import blocks,
+elementary functions, approximators and each other; `plants` import drivers and the engine, never a
+controller; `tools` import everything.
+"""
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+AREAS = ("drivers", "executive", "plants", "tools")
+FILES = sorted(path for area in AREAS for path in (ROOT / area).rglob("*.py"))
+NAMES = {path: path.relative_to(ROOT).as_posix() for path in FILES}
+TREES = {NAMES[path]: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+MODULES = {name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in TREES}
+
+ENGINE = [name for name in TREES if not name.startswith("tools/")]
+
+MAY_IMPORT = {
+    "drivers": ("drivers",),
+    "executive": ("drivers", "executive"),
+    "executive/controllers": (
+        "drivers.jit", "executive.block", "executive.emath", "executive.controllers",
+        "executive.approximators",
+    ),
+    "executive/approximators": ("drivers.jit", "executive.emath", "executive.approximators"),
+    "plants": ("drivers", "executive", "plants"),
+    "tools": AREAS,
+}  # fmt: skip
+NEVER = {"plants": ("executive.controllers",)}
+INSTALLED = {  # what pyproject.toml declares, by the names that are imported
+    "can", "cantools", "llvmlite", "mcap", "msgpack", "msgspec", "numba", "numpy", "rich", "yaml",
+    "zstandard",
+}  # fmt: skip
+LINES = 400
+LONGER = {  # with the reason: one thing that would be harder to read in two files
+    "executive/cycle.py": 450,  # the loop, stage by stage in the order of its docstring
+}
+NOT_IN_A_STEP = {"math", "np", "numpy", "time", "random", "os", "open", "print"}
+
+
+def imports(tree: ast.AST) -> Iterator[tuple[str, int]]:
+    """Yield (module, line) of all imports; `from a import b` gives a.b if that is our module."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, node.lineno) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"line {node.lineno}: a relative import"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield (whole if whole in MODULES else str(node.module)), node.lineno
+
+
+def within(module: str, parents: tuple[str, ...]) -> bool:
+    """Return whether `module` is one of `parents` or lies below one."""
+    return any(f"{module}.".startswith(f"{parent}.") for parent in parents)
+
+
+def area_of(name: str) -> str:
+    """Return the most specific area of a file."""
+    return max((area for area in MAY_IMPORT if name.startswith(f"{area}/")), key=len)
+
+
+def wrong_imports(name: str, tree: ast.AST) -> list[str]:
+    """Return the imports of our own modules that the file's area does not allow."""
+    allowed, never = MAY_IMPORT[area_of(name)], NEVER.get(area_of(name), ())
+    ours = [(module, line) for module, line in imports(tree) if within(module, (*AREAS, "tests"))]
+    return [
+        f"{name}:{line}: {module}"
+        for module, line in ours
+        if not within(module, allowed) or within(module, never)
+    ]
+
+
+def test_every_module_imports_only_in_the_allowed_direction() -> None:
+    wrong = [line for name, tree in TREES.items() for line in wrong_imports(name, tree)]
+    assert not wrong, wrong
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "allowed"),
+    [
+        ("drivers/a.py", "from drivers import libc", True),
+        ("drivers/a.py", "from executive import shared", False),
+        ("executive/a.py", "import drivers.wire", True),
+        ("executive/a.py", "def f():\n    from plants.atb1000 import model", False),
+        ("executive/a.py", "import tools.run", False),
+        ("plants/a.py", "from executive import cycle", True),
+        ("plants/a.py", "from executive import controllers", False),
+        ("plants/a.py", "from executive.controllers.pd import BLOCK", False),
+        ("executive/controllers/a.py", "from executive.block import Block", True),
+        ("executive/controllers/a.py", "from executive import shared", False),
+        ("executive/controllers/a.py", "from drivers import bus", False),
+        ("tools/a.py", "from tests import engine", False),
+    ],
+)
+def test_the_direction_check_itself_works(name: str, line: str, allowed: bool) -> None:
+    assert (not wrong_imports(name, ast.parse(line))) is allowed
+
+
+def test_no_module_is_imported_by_its_name_against_the_direction() -> None:
+    wrong = []
+    for name in ENGINE:
+        others = "tools" if name.startswith("plants/") else "plants|tools"
+        for node in ast.walk(TREES[name]):
+            text = node.value if isinstance(node, ast.Constant) else None
+            if isinstance(text, str) and re.fullmatch(rf"({others})(\.\w+)+", text):
+                wrong.append(f"{name}: {text!r}")
+    assert not wrong, wrong
+
+
+def test_only_declared_packages_are_imported_at_the_start() -> None:
+    known = {*AREAS, *INSTALLED, *sys.stdlib_module_names}
+    wrong = []
+    for name, tree in TREES.items():
+        start = ast.Module([n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)], [])
+        wrong += [f"{name}:{n}: {m}" for m, n in imports(start) if m.split(".")[0] not in known]
+    assert not wrong, wrong
+
+
+def test_a_law_imports_nothing_but_numpy_beside_its_block() -> None:
+    allowed = {"drivers", "executive", "numpy", "typing", "collections"}
+    laws = {name: tree for name, tree in TREES.items() if name.startswith("executive/controllers/")}
+    found = {name: {module.split(".")[0] for module, _ in imports(laws[name])} for name in laws}
+    wrong = {name: modules - allowed for name, modules in found.items() if modules - allowed}
+    assert len(laws) > 2 and not wrong, wrong
+
+
+def marked(function: ast.stmt, *marks: str) -> bool:
+    """Return whether this is a function with one of these decorators."""
+    decorators = function.decorator_list if isinstance(function, ast.FunctionDef) else []
+    return any(isinstance(d, ast.Name) and d.id in marks for d in decorators)
+
+
+def impurities(tree: ast.Module) -> list[str]:
+    """Return what would make the bits or the time of a step depend on the machine."""
+    found = []
+    for node in (n for f in tree.body if marked(f, "stage", "inline") for n in ast.walk(f)):
+        if isinstance(node, ast.Name) and node.id in NOT_IN_A_STEP:
+            found.append(f"{node.lineno}: {node.id}")
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+            found.append(f"{node.lineno}: **")
+        if isinstance(node, ast.Global | ast.Try | ast.With | ast.ListComp | ast.Dict):
+            found.append(f"{node.lineno}: {type(node).__name__}")
+    return found
+
+
+def test_a_step_uses_no_libm_no_power_no_clock_and_no_file() -> None:
+    pure = [n for n in ENGINE if not n.startswith("drivers/")]
+    with_steps = [n for n in pure if any(marked(f, "stage", "inline") for f in TREES[n].body)]
+    assert len(with_steps) >= 8, f"only {with_steps} have steps"
+    wrong = [f"{name}:{line}" for name in with_steps for line in impurities(TREES[name])]
+    assert not wrong, wrong
+
+
+def test_the_purity_check_itself_works() -> None:
+    source = "@stage\ndef step(t, dt, p, x, u, y):\n    y[0] = math.sin(t) + x[0] ** 2"
+    assert impurities(ast.parse(source)) == ["3: **", "3: math"]
+
+
+def test_every_module_begins_by_saying_what_it_is() -> None:
+    first = {name: (ast.get_docstring(tree) or "").split("\n")[0] for name, tree in TREES.items()}
+    wrong = {name: line for name, line in first.items() if not line.endswith((".", ":"))}
+    assert not wrong, wrong
+
+
+def test_every_file_is_short_enough_to_be_read() -> None:
+    lines = {name: len((ROOT / name).read_text("utf-8").splitlines()) for name in TREES}
+    wrong = {name: n for name, n in lines.items() if n > LONGER.get(name, LINES)}
+    assert not wrong, wrong
+    needless = [name for name in LONGER if lines.get(name, 0) <= LINES]
+    assert not needless, f"these need no exception any more: {needless}"
+
+
+def catches_all(kind: ast.expr | None) -> bool:
+    """Return whether an except clause of this kind, or a suppress of it, takes every error."""
+    everything = ("Exception", "BaseException")
+    return kind is None or (isinstance(kind, ast.Name) and kind.id in everything)
+
+
+def swallowed(tree: ast.AST) -> list[int]:
+    """Return the lines where errors of every kind disappear without a word."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ExceptHandler) and catches_all(node.type):
+            speaks = any(isinstance(n, ast.Raise | ast.Return | ast.Call) for n in ast.walk(node))
+            found += [] if speaks else [node.lineno]
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "suppress":
+            found += [node.lineno for kind in node.args if catches_all(kind)]
+    return found
+
+
+def test_no_error_of_every_kind_is_swallowed() -> None:
+    wrong = [f"{name}:{line}" for name, tree in TREES.items() for line in swallowed(tree)]
+    assert not wrong, wrong
+    assert swallowed(ast.parse("try:\n    f()\nexcept Exception:\n    pass")) == [3]
+
+
+def test_nothing_sleeps_but_the_recorders_poll() -> None:
+    found = [
+        name
+        for name in ENGINE
+        for node in ast.walk(TREES[name])
+        if getattr(node, "attr", getattr(node, "id", "")) == "sleep"
+    ]
+    assert found == ["executive/recorder.py"], found
+
+
+def test_there_is_no_swamp() -> None:
+    swamp = r"(^|/)(utils?|common|helpers?|misc)(/|\.py$)"
+    assert not [name for name in TREES if re.search(swamp, name)]

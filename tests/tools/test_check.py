@@ -1,0 +1,137 @@
+"""`pcpc check`: what it says about a rig is what the rig and its DBC file say."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers import dbc
+from executive.node import plan
+from executive.rig import load_rig
+from tools import check
+from tools.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+RIGS = ROOT / "plants/atb1000/rigs"
+HULL = str(RIGS / "hull.yaml")
+Screen = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def hull() -> dict[str, Any]:
+    """Return the report of a rig as it is shipped."""
+    rig = load_rig(HULL)
+    return check.describe(rig, [plan(rig, role, rig.config.pacing) for role in check.ROLES])
+
+
+def report(screen: Screen, *words: str) -> dict[str, Any]:
+    code = main(["check", *words, "--json"])
+    out, err = screen.readouterr()
+    assert code == 0, err
+    found: dict[str, Any] = json.loads(out)
+    return found
+
+
+@pytest.mark.parametrize("rig", sorted(RIGS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_shipped_rig_passes(rig: Path, capsys: Screen) -> None:
+    code = main(["check", str(rig)])
+    out, err = capsys.readouterr()
+    assert (code, err) == (0, ""), err
+    assert out.startswith(f"{rig.stem}: "), out
+
+
+def test_the_schedule_is_in_the_order_of_the_rig_file(capsys: Screen) -> None:
+    nodes = report(capsys, HULL, "--controller", "pid")["nodes"]
+    assert nodes["executive"]["schedule"] == [
+        {"block": "reference", "law": "executive.references:step"},
+        {"block": "controller", "law": "pid"},
+    ]
+    assert [entry["block"] for entry in nodes["plant"]["schedule"]] == ["barrel"]
+
+
+def test_the_wiring_names_input_source_and_unit(hull: dict[str, Any]) -> None:
+    wiring = hull["nodes"]["executive"]["wiring"]
+    sources = {wire["input"]: (wire["source"], wire["unit"]) for wire in wiring}
+    assert sources["controller.hub_rate_rad_s"] == ("rx.FB_A.hub_rate", "rad/s")
+    assert sources["tx.CMD.motor_torque"] == ("controller.motor_torque_Nm", "N m")
+
+
+def test_the_text_shows_wiring_frames_and_load(capsys: Screen) -> None:
+    assert main(["check", HULL]) == 0
+    words = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    for line in (
+        "controller.encoder_rad <- rx.FB_A.encoder [rad]",
+        "schedule reference (executive.references:step), then controller (pd)",
+        "0x0A0 CMD 8 bytes every cycle counter, crc",
+        "0x701 HB_EXEC 1 bytes every 100 ms",
+    ):
+        assert line in words, f"{line!r} is not in {words}"
+    assert [line for line in words if line.endswith("<- this rig")], words
+
+
+def test_the_frames_both_ways_are_those_of_the_dbc_file(hull: dict[str, Any]) -> None:
+    database = dbc.load(hull["dbc"])
+    for role in ("executive", "plant"):
+        node = hull["nodes"][role]
+        expected = {m.name: m.frame_id for m in database.messages if node["node"] in m.senders}
+        sent = {frame["name"]: frame["id"] for frame in node["sends"]}
+        assert sent == expected, f"{role}: {sent}"
+    names = {frame["name"] for frame in hull["nodes"]["plant"]["sends"]}
+    received = set(hull["nodes"]["executive"]["receives"])
+    assert received <= names, f"received, never sent: {received - names}"
+
+
+def test_a_bus_that_is_just_fast_enough_passes_and_a_slower_one_is_refused(
+    hull: dict[str, Any], capsys: Screen
+) -> None:
+    bus = hull["bus"]
+    load = next(entry["load"] for entry in bus["load"] if entry["rate_hz"] == 1000.0)
+    bits_per_s = round(load * bus["bitrate"])
+    tight = report(capsys, HULL, "--set", f"bus.bitrate={bits_per_s + 1}")["bus"]
+    assert tight["highest_rate_hz"] == 1000, f"{tight['highest_rate_hz']} Hz at {bits_per_s} bit/s"
+    code = main(["check", HULL, "--set", f"bus.bitrate={bits_per_s - 100}"])
+    out, err = capsys.readouterr()
+    assert (code, out) == (2, ""), out
+    assert "rate_hz: 1000 Hz loads the bus with 100.0% of" in err, err
+
+
+def test_without_a_bitrate_no_load_is_claimed(capsys: Screen) -> None:
+    assert main(["check", HULL, "--set", "bus.bitrate=null", "--set", "rate_hz=4000"]) == 0
+    out = capsys.readouterr().out
+    assert "bus load: not checked, the rig gives no bus.bitrate" in out, out
+
+
+def test_a_sent_signal_that_is_wired_to_nothing_is_a_warning_with_its_place(
+    hull: dict[str, Any],
+) -> None:
+    wired = {wire["input"] for node in hull["nodes"].values() for wire in node["wiring"]}
+    bare = [
+        f"{frame['name']}.{signal}"
+        for node in hull["nodes"].values()
+        for frame in node["sends"]
+        for signal in frame["signals"]
+        if f"tx.{frame['name']}.{signal}" not in wired
+    ]
+    warned = " ".join(hull["warnings"])
+    assert bare, "the shipped rig has such signals"
+    assert [name for name in bare if name not in warned] == [], hull["warnings"]
+    assert "CMD.motor_torque" not in warned, hull["warnings"]
+    assert all(".yaml:" in warning for warning in hull["warnings"]), hull["warnings"]
+
+
+@pytest.mark.parametrize(
+    ("setting", "code", "message"),
+    [
+        ("controller.kvv=1", 2, "did you mean kv_Nms_rad?"),
+        ("executive.transmit.CTL.e=controller.r_rad_s", 2, "is in 'rad'"),
+        ("executive.node=NOBODY", 4, "node NOBODY: not in the DBC file; it has EXEC, PLANT"),
+    ],
+)
+def test_an_error_is_one_line_on_stderr(
+    capsys: Screen, setting: str, code: int, message: str
+) -> None:
+    given = main(["check", HULL, "--set", setting])
+    out, err = capsys.readouterr()
+    assert (given, out) == (code, ""), f"exit code {given}: {err}"
+    assert err.count("\n") == 1 and message in err, err

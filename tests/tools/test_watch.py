@@ -1,0 +1,405 @@
+"""`pcpc list|get|set|watch|lock` on a real run: two nodes, a recorder, one bus of their own.
+
+200 Hz and a patient supervisor: these tests are about the table, on a machine that may be busy.
+"""
+
+import json
+import math
+import os
+import pty
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from executive import logs
+from executive import shared as sh
+from tools import nodes
+from tools.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+RIG = ROOT / "plants/atb1000/rigs/hull.yaml"
+KV, LAM, ERROR = "controller.kv_Nms_rad", "controller.lam_per_s", "controller.e_rad"
+START_S = 180.0  # on a machine that compiles first
+ANSWER_S = 10.0
+PAIRS = 25
+
+
+def until(what: str, holds: Callable[[], bool], within_s: float = ANSWER_S) -> None:
+    """Return once `holds`; fail after `within_s`."""
+    deadline_s = time.monotonic() + within_s
+    while not holds():
+        assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {what}"
+        time.sleep(0.005)
+
+
+def pcpc(*words: str) -> subprocess.Popen[str]:
+    """Start the command with its output in pipes."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "tools.cli", *words],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+@dataclass
+class Run:
+    """A run that goes on until it is told to stop."""
+
+    host: "subprocess.Popen[str]"
+    folder: Path
+    node: str
+    watcher: "subprocess.Popen[str]"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    folder = tmp_path_factory.mktemp("run")
+    bus = f"udp_multicast:239.74.163.9:{20000 + os.getpid() % 20000}"
+    settings = ("duration_s=600", "rate_hz=200", "supervisor.fault_after_cycles=400")
+    words = [word for setting in settings for word in ("--set", setting)]
+    host = pcpc("run", str(RIG), "--bus", bus, *words, "-o", str(folder), "--no-figure", "--quiet")
+    node = sh.block_name("hull", bus, "executive")
+
+    def is_up() -> bool:
+        assert host.poll() is None, f"the run ended: {host.communicate()}"
+        try:
+            return int(sh.attach(node)["control"][sh.PASSES]) > 0
+        except sh.SharedError:
+            return False
+
+    try:
+        until("first cycle", is_up, START_S)
+        watcher = pcpc("watch", ERROR, "--json", "--every", "100ms", "--node", node)
+        yield Run(host, folder, node, watcher)
+    finally:
+        host.send_signal(signal.SIGINT)
+        host.communicate(timeout=30)
+        for role in nodes.ROLES:
+            sh.path_of(sh.block_name("hull", bus, role) + ".lock").unlink(missing_ok=True)
+
+
+@pytest.fixture(scope="module")
+def finished(run: Run) -> logs.Log:
+    """End the run with Ctrl-C and return its log."""
+    run.host.send_signal(signal.SIGINT)
+    output = run.host.communicate(timeout=30)
+    assert run.host.returncode == 130, f"exit code {run.host.returncode}: {output}"
+    return logs.read(run.folder / "log.mcap")
+
+
+Screen = pytest.CaptureFixture[str]
+
+
+def said(screen: Screen, run: Run, *words: str) -> tuple[int, str, str]:
+    """Return exit code, stdout and stderr of a subcommand on the run's executive."""
+    code = main([*words, "--node", run.node])
+    return code, *screen.readouterr()
+
+
+def value(screen: Screen, run: Run, name: str) -> float:
+    code, out, err = said(screen, run, "get", name, "--json")
+    assert code == 0, err
+    return float(json.loads(out)[name])
+
+
+# Reading
+
+
+def test_list_shows_value_unit_kind_writer_and_help(run: Run, capsys: Screen) -> None:
+    code, out, err = said(capsys, run, "list", "controller.k*")
+    assert code == 0, err
+    assert [line.split()[0] for line in out.splitlines()] == [KV, "controller.km_Nms_rad"]
+    words = out.splitlines()[1].split()
+    assert words[1:6] == ["60", "N", "m", "s/rad", "parameter"], out
+    assert out.splitlines()[1].endswith("controller  drive-shaft damping"), out
+
+
+def test_list_without_a_pattern_shows_the_whole_table(run: Run, capsys: Screen) -> None:
+    code, out, _ = said(capsys, run, "list", "--json")
+    rows = {row["name"]: row for row in json.loads(out)}
+    assert code == 0
+    assert len(rows) == len(sh.attach(run.node).description["variables"]), len(rows)
+    assert rows[ERROR]["kind"] == "output", rows[ERROR]
+    assert rows["rx.FB_A.encoder"]["unit"] == "rad", rows["rx.FB_A.encoder"]
+    assert rows["rx.FB_A.encoder"]["writer"] == "FB_A", rows["rx.FB_A.encoder"]
+
+
+def test_a_pattern_that_matches_nothing_is_wrong_input(run: Run, capsys: Screen) -> None:
+    code, out, err = said(capsys, run, "list", "nothing.*")
+    assert (code, out) == (2, ""), out
+    assert err == "nothing.*: matches no variable; `pcpc list` shows all\n", err
+
+
+def test_get_prints_value_and_unit(run: Run, capsys: Screen) -> None:
+    code, out, _ = said(capsys, run, "get", "controller.gear_ratio", "controller.km_Nms_rad")
+    assert code == 0
+    assert out == "controller.gear_ratio = 60\ncontroller.km_Nms_rad = 60 N m s/rad\n", out
+
+
+def test_get_of_an_unknown_name_suggests_the_likely_one(run: Run, capsys: Screen) -> None:
+    code, out, err = said(capsys, run, "get", KV, "controller.e_rat")
+    assert (code, out) == (2, ""), out
+    assert err == "controller.e_rat: no such variable; did you mean controller.e_rad?\n", err
+
+
+def test_snapshots_never_mix_two_cycles(run: Run) -> None:
+    block = nodes.find(run.node)
+    places = nodes.names_of(block)
+    time_at, encoder, copied = (
+        places[name] for name in ("time.t_s", "rx.FB_A.encoder", "controller.encoder_rad")
+    )
+    times: set[float] = set()
+    deadline_s = time.monotonic() + ANSWER_S
+    while len(times) < 60 and time.monotonic() < deadline_s:
+        table = nodes.read(block)
+        assert table[encoder] == table[copied], f"{table[encoder]} became {table[copied]}"
+        times.add(table[time_at])
+    assert len(times) == 60, f"only {len(times)} cycles seen"
+
+
+def test_the_plant_of_the_same_run_has_a_table_of_its_own(run: Run, capsys: Screen) -> None:
+    plant = run.node.replace(".executive", ".plant")
+    assert main(["get", "barrel.fire", "--node", plant]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("barrel.fire = 0"), out
+
+
+# Tuning
+
+
+def test_a_tuning_is_acknowledged_with_its_cycle(run: Run, capsys: Screen) -> None:
+    before = value(capsys, run, KV)
+    code, out, err = said(capsys, run, "set", f"{KV}=121.5", "--json")
+    assert code == 0, err
+    answer = json.loads(out)
+    block = nodes.find(run.node)
+    assert 0 < answer["cycle"] <= int(block["control"][sh.CYCLE]) + 1, out
+    assert answer["values"] == {KV: 121.5}
+    assert answer["before"] == {KV: before}
+    until("the value is in the table", lambda: value(capsys, run, KV) == 121.5)
+
+
+def test_set_says_old_value_new_value_and_cycle(run: Run, capsys: Screen) -> None:
+    code, out, err = said(capsys, run, "set", f"{LAM}=15")
+    assert code == 0, err
+    assert out.startswith(f"{LAM} = 15 1/s (was "), out
+    assert int(out.split(" from cycle ")[1]) > 0, out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([f"{KV}=1000.5"], f"{KV}: 1000.5 is outside 0..1000 N m s/rad"),
+        ([f"{KV}=nan"], f"{KV}: nan is outside 0..1000 N m s/rad"),
+        ([f"{KV}=high"], f"{KV}=high: 'high' is not a number"),
+        ([KV], f"{KV}: expected NAME=VALUE"),
+        ([f"{KV}=99", f"{KV}=98"], f"{KV}: given twice"),
+        (["controller.kv=99"], f"controller.kv: no such variable; did you mean {KV}?"),
+        (
+            [f"{ERROR}=0"],
+            f"{ERROR}: output, written by controller every cycle; only parameters can be set",
+        ),
+        (
+            ["rx.FB_A.encoder=0"],
+            "rx.FB_A.encoder: received, written by FB_A every cycle; only parameters can be set",
+        ),
+    ],
+)
+def test_a_wrong_tuning_is_refused_with_all_that_came_with_it(
+    run: Run, capsys: Screen, words: list[str], message: str
+) -> None:
+    requests = int(nodes.find(run.node)["mail"][sh.REQUEST])
+    code, out, err = said(capsys, run, "set", "controller.km_Nms_rad=61", *words)
+    assert (code, out, err) == (2, "", message + "\n")
+    posted = int(nodes.find(run.node)["mail"][sh.REQUEST]) - requests
+    assert posted == 0, f"{posted} requests in the mailbox"
+    assert value(capsys, run, "controller.km_Nms_rad") == 60.0
+
+
+def test_more_values_than_the_mailbox_holds_are_refused(run: Run) -> None:
+    changes = {f"controller.p_{i}": 0.0 for i in range(sh.MAIL_SLOTS + 1)}
+    with pytest.raises(nodes.HostError, match="65 values; at most 64 apply at once"):
+        nodes.tune(nodes.find(run.node), changes)
+
+
+@pytest.mark.parametrize("level", ["tune", "all"])
+def test_a_lock_forbids_tunings_until_it_is_lifted(run: Run, capsys: Screen, level: str) -> None:
+    before = value(capsys, run, KV)
+    assert said(capsys, run, "lock", level) == (0, f"lock {level}\n", "")
+    code, out, err = said(capsys, run, "set", f"{KV}=77")
+    assert (code, out) == (2, ""), out
+    assert f"locked ({level}); `pcpc lock none` allows tunings" in err, err
+    assert value(capsys, run, KV) == before
+    assert said(capsys, run, "lock", "none")[0] == 0
+    assert said(capsys, run, "set", f"{KV}={before}")[0] == 0
+
+
+def test_an_unknown_lock_level_is_wrong_input(run: Run, capsys: Screen) -> None:
+    code, out, err = said(capsys, run, "lock", "tunes")
+    assert (code, out, err) == (2, "", "tunes: no such lock level; did you mean tune?\n")
+
+
+def test_two_hosts_at_once_both_get_their_tunings_through(run: Run) -> None:
+    cycles: dict[int, list[int]] = {0: [], 1: []}
+
+    def tune_pairs(host: int) -> None:
+        block = nodes.find(run.node)
+        for i in range(PAIRS):
+            gain = 100.0 + 2 * i + host
+            cycles[host].append(nodes.tune(block, {KV: gain, LAM: gain / 10.0}))
+
+    hosts = [threading.Thread(target=tune_pairs, args=(host,)) for host in cycles]
+    for host in hosts:
+        host.start()
+    for host in hosts:
+        host.join(60.0)
+    counts = [len(acknowledged) for acknowledged in cycles.values()]
+    assert counts == [PAIRS, PAIRS], f"{counts} of {PAIRS} acknowledged"
+    every = [cycle for acknowledged in cycles.values() for cycle in acknowledged]
+    assert len(set(every)) == len(every), "two requests were answered with one cycle"
+
+
+# Watching
+
+
+def test_watch_prints_a_line_an_interval_and_ends_on_ctrl_c_with_130(run: Run) -> None:
+    watching = pcpc("watch", "controller.q_d_*", ERROR, "--every", "10ms", "--node", run.node)
+    assert watching.stdout is not None
+    lines = [watching.stdout.readline() for _ in range(5)]
+    watching.send_signal(signal.SIGINT)
+    _, err = watching.communicate(timeout=ANSWER_S)
+    assert (watching.returncode, err) == (130, ""), f"{watching.returncode}: {err}"
+    cycles = [int(line.split()[1]) for line in lines]
+    assert cycles == sorted(set(cycles)), f"cycles {cycles}"
+    names = [word.partition("=")[0] for word in lines[0].split()[2:]]
+    assert names == ["controller.q_d_rad", "controller.q_d_rate_rad_s", ERROR], lines[0]
+
+
+def test_watch_on_a_terminal_rewrites_its_lines_in_place(run: Run) -> None:
+    ours, theirs = pty.openpty()
+    watching = subprocess.Popen(
+        [sys.executable, "-m", "tools.cli", "watch", ERROR, "--every", "10ms", "--node", run.node],
+        cwd=ROOT, stdout=theirs,
+    )  # fmt: skip
+    os.close(theirs)
+    seen = b""
+    while seen.count(b"\x1b[2A") < 3:
+        seen += os.read(ours, 4096)
+    watching.send_signal(signal.SIGINT)
+    assert watching.wait(ANSWER_S) == 130
+    os.close(ours)
+    assert seen.count(f"{ERROR} = ".encode()) >= 3, seen
+
+
+def test_watch_refuses_an_interval_that_is_none(run: Run, capsys: Screen) -> None:
+    code, out, err = said(capsys, run, "watch", ERROR, "--every", "5x")
+    assert (code, out) == (2, ""), out
+    assert err == "5x: not a duration above 0; expected like 500us, 5ms, 10s\n", err
+
+
+# Finding
+
+
+def test_reading_and_tuning_need_no_numba() -> None:
+    code = "import sys, tools.cli, tools.watch; print('numba' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout == "False\n", done.stdout + done.stderr
+
+
+def test_an_unknown_node_is_a_missing_environment(run: Run, capsys: Screen) -> None:
+    code = main(["get", ERROR, "--node", "hull.nowhere.executive"])
+    out, err = capsys.readouterr()
+    assert (code, out) == (4, ""), out
+    assert err.startswith("hull.nowhere.executive: no such node is running; running: "), err
+    assert run.node in err, err
+
+
+def make_block(name: str, pid: int) -> sh.Shared:
+    head: dict[str, object] = {
+        "variables": [],
+        "ranges": {},
+        "state_columns": [],
+        "timing_columns": [],
+    }
+    block = sh.create(name, head)
+    block["control"][sh.PID] = pid
+    return block
+
+
+def test_a_role_that_several_nodes_have_is_refused_with_their_names(
+    run: Run, capsys: Screen
+) -> None:
+    name = f"twin.{os.getpid()}.executive"
+    twin = make_block(name, os.getpid())
+    try:
+        code = main(["get", ERROR])
+    finally:
+        twin.unlink()
+    err = capsys.readouterr().err
+    assert code == 2, err
+    assert name in err and run.node in err and "--node" in err, err
+
+
+def test_what_a_dead_node_left_behind_is_no_node() -> None:
+    gone = subprocess.Popen(["true"])
+    gone.wait()
+    name = f"dead.{os.getpid()}.plant"
+    with subprocess.Popen(["cat"], stdin=subprocess.PIPE) as other:  # ends with its stdin
+        for pid in (gone.pid, other.pid, 0):  # ended; its id used again; not up yet
+            block = make_block(name, pid)
+            try:
+                with pytest.raises(nodes.HostError, match="no such node is running") as caught:
+                    nodes.find(name)
+            finally:
+                block.unlink()
+            assert caught.value.code == 4, f"pid {pid}: exit code {caught.value.code}"
+
+
+def test_a_node_that_takes_no_tunings_keeps_none_of_them() -> None:
+    name = f"stuck.{os.getpid()}.executive"
+    head: dict[str, object] = {
+        "variables": [["a.gain", "", "parameter", "a", ""]], "ranges": {"a.gain": [0.0, math.inf]},
+        "state_columns": [], "timing_columns": [],
+    }  # fmt: skip
+    block = sh.create(name, head)
+    block["control"][[sh.PID, sh.PASSES]] = os.getpid(), 1
+    try:
+        with pytest.raises(nodes.HostError, match="took no tunings for 2 s; nothing was set"):
+            nodes.tune(nodes.find(name), {"a.gain": 1.0})
+        assert int(block["mail"][sh.COUNT]) == 0, "the request would still apply later"
+    finally:
+        block.unlink()
+
+
+# The end of the run and its log: these come last, they end it
+
+
+def test_watch_ends_with_the_node(run: Run, finished: logs.Log) -> None:
+    out, err = run.watcher.communicate(timeout=ANSWER_S)
+    assert (run.watcher.returncode, err) == (0, ""), f"{run.watcher.returncode}: {err}"
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert len(lines) > 3, out
+    executive = finished.node["executive"]
+    at = {int(cycle): i for i, cycle in enumerate(executive.cycle)}
+    for line in lines[1:-1]:
+        logged = float(executive.columns[ERROR][at[line["cycle"]]])
+        assert line[ERROR] == logged, f"cycle {line['cycle']}: {line[ERROR]} shown, {logged} logged"
+
+
+def test_the_log_holds_every_tuning_whole(finished: logs.Log) -> None:
+    by_cycle: dict[int, dict[str, float]] = {}
+    for entry in finished.node["executive"].tunings:
+        by_cycle.setdefault(entry["cycle"], {})[entry["name"]] = entry["value"]
+    assert {KV: 121.5} in by_cycle.values(), by_cycle
+    assert {LAM: 15.0} in by_cycle.values(), by_cycle
+    assert not any("controller.km_Nms_rad" in entry for entry in by_cycle.values()), by_cycle
+    pairs = [entry for entry in by_cycle.values() if len(entry) == 2]
+    assert len(pairs) == 2 * PAIRS, f"{len(pairs)} pairs"
+    torn = [entry for entry in pairs if entry[LAM] != entry[KV] / 10.0]
+    assert not torn, f"values of two hosts in one cycle: {torn}"
