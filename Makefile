@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-RIG ?= plants/atb1000/rigs/slew10.yaml
+RIG ?= plants/atb1000/rigs/engage.yaml
 
 .PHONY: run test install lint test-vcan vcan-tools clean
 
