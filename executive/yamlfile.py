@@ -271,6 +271,7 @@ def _tree(node: yaml.Node, file: Path, place: Place | None = None) -> _Node:
         return _Node(_pairs(node, file, place), place or _at(node, file))
     if isinstance(node, yaml.SequenceNode):
         return _Node([_tree(item, file, place) for item in node.value], place or _at(node, file))
+    assert isinstance(node, yaml.ScalarNode), "YAML has three kinds of nodes"
     if node.style is not None:
         return _Node(node.value, place or _at(node, file))
     try:

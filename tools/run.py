@@ -30,6 +30,7 @@ from tools.progress import Progress, node_line
 
 USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
 SAFETY_STOP = 5
+BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
 LOG = "log.mcap"
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
@@ -47,10 +48,12 @@ class Host:
         self.bus = choose_bus(options, rig)
         self.pacing = options.pacing or rig.config.pacing
         self.progress = Progress(options.quiet)
-        self.outcome = summaries.Outcome(self.pacing, str(self.bus), changed=changed(options))
+        self.outcome = summaries.Outcome(
+            self.pacing, str(self.bus), changed=changed(options), begin_ns=BEGIN_NS
+        )
         self.children: dict[str, Child] = {}
         self.blocks: dict[str, sh.Shared] = {}
-        self.started_s = time.monotonic()
+        self.begin_ns = BEGIN_NS
 
     def run(self) -> int:
         """Start, watch and end the processes; return an exit code if one was refused, else -1."""
@@ -129,14 +132,12 @@ class Host:
 
     def _state(self) -> str:
         """Return the progress line from the leading node's block."""
-        waited = time.monotonic() - self.started_s
+        waited = 1e-9 * (time.monotonic_ns() - self.begin_ns)
         block = self.blocks.get(self._leader())
         if block is None or not block["control"][sh.READY]:
             return f"starting, {waited:.0f} s"
         if not self._under_way():
             return f"waiting for the other node on {self.bus}, {waited:.0f} s"
-        if self.outcome.start_s is None:
-            self.outcome.start_s = round(waited, 2)
         known = self._leader() == "executive"  # the plant runs until it is told to stop
         return node_line(block, f"/{block.description['cycles']}" if known else "")
 

@@ -46,7 +46,7 @@ class Outcome:
         False  # values were set on the command line: the rig's expectations do not apply
     )
     realtime: bool | None = None
-    start_s: float | None = None
+    begin_ns: int | None = None  # monotonic, of the command; None in virtual time
     dropped: int = 0
     nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
 
@@ -97,11 +97,18 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome) -> dict[str, Any]:
         "faults": outcome.faults,
         "expectations_failed": failed,
         "realtime": outcome.realtime,
-        "start_to_first_cycle_s": outcome.start_s,
+        "start_to_first_cycle_s": _start_s(executive, outcome),
         "log_missing": [*log.missing, *absent],
     }
     summary["verdict"] = _verdict(summary, outcome)
     return summary
+
+
+def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
+    """Return the time from the command to the executive's first cycle."""
+    if executive is None or outcome.begin_ns is None or not len(executive.stamp_ns):
+        return None
+    return round(1e-9 * (int(executive.stamp_ns[0]) - outcome.begin_ns), 2)
 
 
 def _verdict(summary: Mapping[str, Any], outcome: Outcome) -> str:
