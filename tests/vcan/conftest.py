@@ -10,11 +10,15 @@ Nothing is judged here.
 """
 
 import itertools
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from live import (
     CMD,
+    DBC,
     FB_A,
     N_CORRUPT,
     N_HEARD,
@@ -52,7 +56,7 @@ def simulated(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     made = request.config.getoption("--simulated", default=None)
     if made is not None:
         return Path(made)
-    done = Command(tmp_path_factory.mktemp("simulated"), "simulate", ONE_SECOND).done()
+    done = Command(tmp_path_factory.mktemp("simulated") / "run", "simulate", ONE_SECOND).done()
     assert done.code == 0, f"{done}"
     return done.folder
 
@@ -60,7 +64,7 @@ def simulated(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 @pytest.fixture(scope="session")
 def started_vcan7(tmp_path_factory: pytest.TempPathFactory) -> Command:
     """Return the command on vcan7, started beside the lockstep run, where time plays no part."""
-    folder = tmp_path_factory.mktemp("vcan7")
+    folder = tmp_path_factory.mktemp("vcan7") / "run"
     return Command(folder, "exec", ONE_SECOND, "--bus", "socketcan:vcan7", "--pacing", "lockstep")
 
 
@@ -69,10 +73,26 @@ def lockstep(tmp_path_factory: pytest.TempPathFactory, started_vcan7: Command) -
     folder = tmp_path_factory.mktemp("lockstep")
     options = ("--bus", "socketcan:vcan0", "--pacing", "lockstep")
     with candump_into(folder / "candump.log"), python_can(CMD, FB_A) as bus:
-        command = Command(folder, "run", ONE_SECOND, *options)
+        command = Command(folder / "run", "run", ONE_SECOND, *options)
         first = list(itertools.islice(heard(bus, command), N_HEARD))
         done = command.done()
     return Observed(done, folder / "candump.log", first)
+
+
+@pytest.fixture(scope="session")
+def decoding(
+    lockstep: Observed, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[subprocess.Popen[str], Path]]:
+    """Return cantools at work on candump's log beside the next run's start, and its output."""
+    out = tmp_path_factory.mktemp("decoded") / "decoded.txt"
+    command = [sys.executable, "-m", "cantools", "decode", "--single-line", str(DBC)]
+    with (
+        lockstep.candump.open() as stdin,
+        out.open("w") as stdout,
+        subprocess.Popen(command, stdin=stdin, stdout=stdout, text=True) as process,
+    ):
+        yield process, out
+        process.kill()
 
 
 @pytest.fixture(scope="session")
@@ -81,9 +101,11 @@ def vcan7(started_vcan7: Command, lockstep: Observed) -> Done:
 
 
 @pytest.fixture(scope="session")
-def real(tmp_path_factory: pytest.TempPathFactory) -> Done:
-    """Return a run into which N_CORRUPT copies of one feedback frame with a wrong CRC were sent."""
-    folder = tmp_path_factory.mktemp("real")
+def real(
+    tmp_path_factory: pytest.TempPathFactory, decoding: tuple[subprocess.Popen[str], Path]
+) -> Done:
+    """Return a run into which N_CORRUPT copies of a feedback frame with a wrong CRC were sent."""
+    folder = tmp_path_factory.mktemp("real") / "run"
     with python_can(CMD, FB_A) as bus:
         command = Command(folder, "run", SLOW, "--bus", "auto", "--pacing", "real")
         latest = dict(itertools.islice(heard(bus, command), 40))  # of twenty cycles
@@ -98,8 +120,9 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Done:
 def sync(tmp_path_factory: pytest.TempPathFactory) -> Pair:
     """Return both executives, which ask for the rig at the same time, and the plant."""
     options = ("--bus", "vcan0", "--pacing", "sync")
-    plant = Command(tmp_path_factory.mktemp("plant"), "plant", SLOW, *options)
-    both = [Command(tmp_path_factory.mktemp("exec"), "exec", SLOW, *options) for _ in range(2)]
+    plant = Command(tmp_path_factory.mktemp("plant") / "run", "plant", SLOW, *options)
+    folders = [tmp_path_factory.mktemp("exec") / "run" for _ in range(2)]
+    both = [Command(folder, "exec", SLOW, *options) for folder in folders]
     until(lambda: not all(command.running for command in both), "one executive is refused")
     pids = [command.children[0] for command in both if command.running and command.children]
     first, second = sorted((command.done() for command in both), key=lambda done: done.code)

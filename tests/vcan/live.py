@@ -19,6 +19,7 @@ from executive import logs
 ROOT = Path(__file__).resolve().parents[2]
 PCPC = str(Path(sys.executable).with_name("pcpc"))
 RIG = "plants/atb1000/rigs/slew10.yaml"
+DBC = ROOT / "plants" / "atb1000" / "atb1000.dbc"
 CHANNEL = "vcan0"
 CMD, FB_A = 0x0A0, 0x120
 N_HEARD, N_CORRUPT = 200, 3  # frames read by python-can, corrupt frames sent

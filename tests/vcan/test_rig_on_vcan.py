@@ -2,7 +2,6 @@
 
 import itertools
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -10,14 +9,13 @@ import cantools
 import numpy as np
 import pytest
 from cantools.database.can import Database
-from live import CMD, FB_A, N_CORRUPT, N_HEARD, ROOT, Done, Frame, Observed, Pair
+from live import CMD, DBC, FB_A, N_CORRUPT, N_HEARD, PATIENCE_S, Done, Frame, Observed, Pair
 
 from drivers import e2e
 from executive import logs
 
 pytestmark = pytest.mark.vcan
 
-DBC = ROOT / "plants" / "atb1000" / "atb1000.dbc"
 SENT, RECEIVED = 0, 1
 PROTECTED = {"sequence", "counter"}  # what counts, beside `crc`
 
@@ -123,18 +121,6 @@ def test_every_protected_frame_has_its_crc_and_the_next_counter(
     assert checked > 5000, f"{checked} protected frames"
 
 
-def test_cantools_decodes_every_line_of_candump(lockstep: Observed, database: Database) -> None:
-    with lockstep.candump.open() as text:
-        done = subprocess.run(
-            [sys.executable, "-m", "cantools", "decode", "--single-line", str(DBC)],
-            stdin=text, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-    assert done.returncode == 0, f"{done.stderr}"
-    names = [line.split(" :: ")[1].partition("(")[0] for line in done.stdout.splitlines()]
-    expected = [database.get_message_by_frame_id(can_id).name for can_id, _ in lockstep.frames]
-    assert names == expected, f"{len(names)} of {len(expected)} frames decoded"
-
-
 def test_python_can_reads_the_bus_beside_the_loop(lockstep: Observed) -> None:
     seen = [frame for frame in lockstep.frames if frame[0] in (CMD, FB_A)]
     assert len(lockstep.python_can) == N_HEARD, f"{len(lockstep.python_can)} frames"
@@ -170,6 +156,16 @@ def test_corrupt_feedback_is_counted_and_the_run_goes_on(real: Done) -> None:
     assert counted == N_CORRUPT, f"{counted} counted"
     after = executive.columns["supervisor.state"][executive.cycle > errors["cycle"].max()]
     assert len(after) > 0 and np.isin(after, [2.0, 3.0]).all(), f"states {after} after the last"
+
+
+def test_cantools_decodes_every_line_of_candump(
+    lockstep: Observed, decoding: tuple[subprocess.Popen[str], Path], database: Database
+) -> None:
+    process, decoded = decoding
+    assert process.wait(PATIENCE_S) == 0, f"exit code {process.returncode}"
+    names = [line.split(" :: ")[1].partition("(")[0] for line in decoded.read_text().splitlines()]
+    expected = [database.get_message_by_frame_id(can_id).name for can_id, _ in lockstep.frames]
+    assert names == expected, f"{len(names)} of {len(expected)} frames decoded"
 
 
 def test_one_of_two_executives_is_refused(sync: Pair) -> None:
