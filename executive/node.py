@@ -158,11 +158,19 @@ def _initial_values(made: Plan, spec: BlockSpec) -> None:
             prepared = block.prepare(spec.settings, config.rate_hz, config.seed)
         except ValueError as error:
             raise RigError(f"{spec.where()}: {spec.name}: {error}") from None
-        parameters, states = dict(prepared.parameters), dict(prepared.states)
+        parameters = {name: _portable(value) for name, value in prepared.parameters.items()}
+        states = {name: _portable(value) for name, value in prepared.states.items()}
     for ports, given in ((block.parameters or block.settings, parameters), (block.states, states)):
         for port in ports:
             for name, value in _elements(port, given):
                 made.values[table.index[f"{spec.name}.{name}"]] = value
+
+
+def _portable(value: Any) -> Any:
+    """Return prepared numbers to 12 digits: numpy's last bits depend on the processor."""
+    if np.ndim(value):
+        return [_portable(element) for element in value]
+    return float(f"{value:.12g}")
 
 
 def _elements(port: Port, given: dict[str, Any]) -> list[tuple[str, float]]:

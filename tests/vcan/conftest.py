@@ -35,10 +35,10 @@ from live import (
 )  # fmt: skip
 
 ONE_SECOND = ("duration_s=1.0",)
-# An emulated processor on a busy host stalls for 0.1 s and more: 40 ms a cycle and 0.8 s of held
-# input ride over it; the gains go with that rate.
+# An emulated processor is 50 times slower, and on a busy host it stalls for 0.1 s and more: 40 ms a
+# cycle, 0.8 s of held input and coarse integration leave room; the gains go with that rate.
 SLOW = (
-    "rate_hz=25", "duration_s=5.0", "supervisor.hold_cycles=20",
+    "rate_hz=25", "duration_s=5.0", "barrel.integrator_hz=2000", "supervisor.hold_cycles=20",
     "supervisor.fault_after_cycles=40", "controller.kv_Nms_rad=20", "controller.lam_per_s=2",
     "controller.km_Nms_rad=0",
 )  # fmt: skip
