@@ -6,7 +6,7 @@ from typing import Any
 from drivers import dbc, e2e
 from executive import shared as sh
 from executive.cycle import CLOCKED, ON_FRAMES
-from executive.node import Plan, awaited, cycles_of, starts
+from executive.node import Plan, awaited, cycles_of, heartbeat, starts
 
 RECEIVE_TIMEOUT_S = 0.1  # of a blocking receive; see drivers.bus
 PATIENCE_S = 5.0  # lockstep and sync: silence after which the other node is given up
@@ -82,7 +82,7 @@ def _install_frames(made: Plan, loop: Any) -> None:
         loop.rx_role[i] = (starts(made.role, frame), awaited(made.role, frame))
     loop.n_starters, loop.n_awaited = loop.rx_role[: loop.n_rx].sum(axis=0)
     for i, frame in enumerate(made.tx_frames):
-        loop.tx_role[i] = (frame.has_sequence, 0x700 <= frame.can_id < 0x780)
+        loop.tx_role[i] = (frame.has_sequence, heartbeat(frame))
 
 
 def _install_wiring(made: Plan, loop: Any) -> None:

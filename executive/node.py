@@ -6,6 +6,7 @@ install(plan, loop)       in `executive.install`: writes it into a zeroed LOOP r
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -70,7 +71,7 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     """Check the wiring of one node and lay out its table; RigError, BusError say what is wrong."""
     spec = rig.nodes()[0 if role == "executive" else 1]
     made = Plan(rig, role, spec, pacing)
-    database = dbc.load(rig.dbc)
+    database = _database(rig.dbc, rig.dbc.stat().st_mtime_ns)
     made.rx_frames = list(dbc.frames(database, spec.name, "rx"))
     made.tx_frames = sorted(dbc.frames(database, spec.name, "tx"), key=_sending_order)
     _check_protocol(made)
@@ -80,6 +81,11 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     _plan_schedule(made)
     _check_sizes(made)
     return made
+
+
+@lru_cache(maxsize=8)  # both nodes of a rig, and a thousand runs of an experiment, share it
+def _database(path: Path, changed_ns: int) -> dbc.Database:
+    return dbc.load(path)
 
 
 def check_rate(rig: Rig, pacing: str) -> float:
@@ -123,6 +129,11 @@ def awaited(role: Role, frame: dbc.Frame) -> bool:
 def starts(role: Role, frame: dbc.Frame) -> bool:
     """Return True if this frame starts a cycle where no clock does."""
     return frame.has_sequence if role == "plant" else awaited(role, frame)
+
+
+def heartbeat(frame: dbc.Frame) -> bool:
+    """Return True for CANopen's heartbeat, which nodes also send while they look for each other."""
+    return 0x700 <= frame.can_id < 0x780
 
 
 def _lay_out(made: Plan) -> None:

@@ -121,6 +121,10 @@ class Rig:
         Paths are relative to the rig file's folder: `load_rig(rig.path, text=...)` reads it back
         with equal values. Imports the laws.
         """
+        return self._resolved
+
+    @cached_property
+    def _resolved(self) -> str:
         data = msgspec.to_builtins(self.config)
         for keys in _file_keys(data):
             _put(data, keys, _rebased(self.document, keys, _get(data, keys)))

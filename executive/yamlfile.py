@@ -14,6 +14,7 @@ A path such as `a.b[2].c` names a value; its place is that of its key, in the fi
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -233,8 +234,9 @@ def _read_file(
             reason = getattr(error, "strerror", None) or "not UTF-8 text"
             raise RigError(f"{at}{shown(file)}: cannot be read: {reason}") from None
     sources[file] = text
-    root = _parse(file, text)
-    base = root.value.pop("base", None)
+    parsed = _parse(file, text)
+    base = parsed.value.get("base")
+    root = _Node({key: node for key, node in parsed.value.items() if key != "base"}, parsed.place)
     if base is None:
         return root
     if not isinstance(base.value, str):
@@ -245,7 +247,9 @@ def _read_file(
     return _merge(below, root)
 
 
+@lru_cache(maxsize=64)  # an experiment loads the same few files a thousand times
 def _parse(file: Path, text: str) -> _Node:
+    """Return the tree of a file, which nobody changes."""
     try:
         node = _Loader(text).get_single_node()
         if not isinstance(node, yaml.MappingNode):

@@ -27,6 +27,40 @@ def draw_all(results: Sequence[Result], folder: Path) -> None:
         _networks(scenario, own, folder / f"{scenario}-networks.png")
 
 
+def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
+    """Draw every draw's error against that of plain PD, with lines of equal ratio."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    scenarios = list(dict.fromkeys(Path(r.case.rig).stem for r in results))
+    figure, axes = pyplot.subplots(1, len(scenarios), figsize=(12, 4.2), layout="constrained")
+    for ax, scenario in zip(axes, scenarios, strict=True):
+        own = [r for r in results if Path(r.case.rig).stem == scenario]
+        base = {r.case.label: _rms(r) for r in own if r.case.controller == "pd"}
+        for name in (n for n in COLOURS if n != "pd"):
+            mine = [r for r in own if r.case.controller == name]
+            x, y = [base[r.case.label] for r in mine], [_rms(r) for r in mine]
+            ax.scatter(x, y, s=12, color=COLOURS[name], label=name)
+        ends = np.array((0.9 * min(base.values()), 1.1 * max(base.values())))
+        for times in (1.0, 2.3, 5.0):
+            ax.plot(ends, ends / times, "k:", linewidth=0.8)
+            ax.annotate(f"{times:g}x", (ends[1], ends[1] / times), fontsize=8)
+        ax.set_title(f"{scenario}: muzzle error rms", fontsize=10)
+        ax.set_xlabel("pd [mrad]")
+        ax.set_yscale("log")
+        ax.grid(alpha=0.3, which="both")
+    axes[0].set_ylabel("controller [mrad]")
+    axes[0].legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
+
+
+def _rms(result: Result) -> float:
+    return result.metrics.get("muzzle_error_rms_mrad", float("nan"))
+
+
 def _muzzle_error(traces: Any) -> NDArray[np.float64]:
     """Return q_d - (muzzle - droop(q_d)) in rad."""
     q_d = traces["executive:reference.q_d_rad"]
@@ -84,7 +118,8 @@ def _networks(scenario: str, results: Sequence[Result], path: Path) -> None:
         ax.set_xlabel(below)
         ax.set_ylabel(beside)
         ax.grid(alpha=0.3)
-    axes[2].legend(frameon=False, fontsize=8)
+    handles, names = axes[2].get_legend_handles_labels()
+    figure.legend(handles, names, frameon=False, fontsize=8, ncols=5, loc="outside lower center")
     figure.suptitle(f"{scenario}: network output, weight norm, phase plane of the hub", fontsize=11)
     figure.savefig(path, dpi=110)
     pyplot.close(figure)

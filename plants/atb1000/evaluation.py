@@ -16,6 +16,7 @@ Inside rad, s, N m; metrics in mrad, s, N m at the output. The definitions are t
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -214,7 +215,12 @@ def setting(log: Log, name: str) -> float:
 def _rig(log: Log) -> dict[str, Any]:
     """Return the effective rig; {} if the log has none."""
     texts = [text for file, text in log.attachments.items() if file.endswith("rig-resolved.yaml")]
-    return yaml.safe_load(texts[0]) if texts else {}
+    return _parsed(texts[0]) if texts else {}
+
+
+@lru_cache(maxsize=4)  # every metric asks
+def _parsed(rig: str) -> Any:
+    return yaml.load(rig, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 def figure(
