@@ -5,10 +5,10 @@
     u  = ((s1 - s2) mod m1, 0 read as m1) / (m1 + 1)       in (0, 1), never 0 or 1         (3)
     w  = u_1 + ... + u_12 - 6                              standard deviate, |w| < 6       (4)
 
-All states are whole numbers below 2^32 and all products below 2^53, so every operation is exact;
-the quotient of (1) and (2) needs no correction, because 1/m exceeds half the spacing of doubles
-below 2^21. The period is about 2^191. (4) has mean 0, variance 1 and kurtosis 2.9 instead of 3
-(thin tails) and needs no logarithm. A stream is six consecutive states.
+All states are whole numbers below 2^32 and all products below 2^53, so every operation is exact.
+The quotient a/m is rounded to a whole number q, at most one too large, and a - q m is corrected by
+m where it is negative. The period is about 2^191. (4) has mean 0, variance 1 and kurtosis 2.9
+instead of 3 (thin tails) and needs no logarithm. A stream is six consecutive states.
 Source: L'Ecuyer, Good parameters and implementations for combined multiple recursive random number
 generators, Operations Research 47 (1999), 159-164.
 """
@@ -16,7 +16,7 @@ generators, Operations Research 47 (1999), 159-164.
 from typing import Any
 
 from drivers.jit import inline
-from executive.emath import floor, where
+from executive.emath import ROUND, where
 
 STREAM_SIZE = 6
 M1, M2 = 4294967087.0, 4294944443.0
@@ -47,10 +47,12 @@ def _splitmix(value: int) -> int:
 def uniform(x: Any, at: int) -> float:
     """Advance the stream x[at] ... x[at + 5] and return its next number in (0, 1)."""
     a = 1403580.0 * x[at + 1] - 810728.0 * x[at]
-    a = a - floor(a / M1) * M1  # (1)
+    a = a - (a * (1.0 / M1) + ROUND - ROUND) * M1
+    a = where(a < 0.0, a + M1, a)  # (1)
     x[at], x[at + 1], x[at + 2] = x[at + 1], x[at + 2], a
     b = 527612.0 * x[at + 5] - 1370589.0 * x[at + 3]
-    b = b - floor(b / M2) * M2  # (2)
+    b = b - (b * (1.0 / M2) + ROUND - ROUND) * M2
+    b = where(b < 0.0, b + M2, b)  # (2)
     x[at + 3], x[at + 4], x[at + 5] = x[at + 4], x[at + 5], b
     return where(a <= b, a - b + M1, a - b) / (M1 + 1.0)  # (3)
 

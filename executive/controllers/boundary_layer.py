@@ -10,11 +10,11 @@
     gate: lp += (T/0.03)(|w| - lp), w hub against hull; u_F *= clip((lp - g)/g, 0, 1),
           g = 1.5 mrad/s: no authority while friction holds the hub                          (7)
 
-k1, k2 are computed from T in every period: a rig may change its rate. Slow and fast part are
-separated as in singular perturbation, xi = K q/eps^2, with the slow subsystem's quasi-static
-deflection as manifold; with Kv/M = 31 rad/s against w_f = 75 rad/s, eps is not small and the
-separation is approximate. Modal coordinate in sqrt(kg) m, rad/s, N m. Source: own design after the
-boundary-layer method of Lewis, Campos, Selmic (SIAM 2002), chapter 9.
+k1, k2 follow from T and the tuned values in every period, sine and cosine only when their argument
+has changed. Slow and fast part are separated as in singular perturbation, xi = K q/eps^2, with the
+slow subsystem's quasi-static deflection as manifold; with Kv/M = 31 rad/s against w_f = 75 rad/s,
+eps is not small and the separation is approximate. Modal coordinate in sqrt(kg) m, rad/s, N m.
+Source: own design after the boundary-layer method of Lewis, Campos, Selmic (SIAM 2002), chapter 9.
 """
 
 from typing import Any
@@ -44,9 +44,11 @@ STATES = (
     Port("mode_x1", "", "its rate"),
     Port("fast_held_Nm", "N m", "u_F of the previous period"),
     Port("gate_rad_s", "rad/s", "smoothed speed of the hub against the hull"),
+    Port("lead_rad", "rad", "w_f t_p, and its sine and cosine", size=3, recorded=False),
 )
 (W_F, H_F, Z_O, SCALE, C_G, C_A, L1, L2, ZD, T_A) = range(len(PARAMETERS))
-X0, X1, U_F, LP = range(len(STATES))
+X0, X1, U_F, LP, LEAD = range(len(STATES))
+SIZE = LEAD + 3
 GATE_LAG_S, GATE_RAD_S = 0.03, 0.0015
 
 
@@ -62,8 +64,11 @@ def fast(
     x[X1] = x[X1] + dt * (drive + p[L2] * innovation)  # (3)
     x[X0] = x[X0] + dt * (x[X1] + p[L1] * innovation)
     k = -2.0 * (p[ZD] - 0.02) * w_f / abs(h_f)  # (5)
-    s, c = sincos(w_f * (1.5 * dt + p[T_A]))  # (6)
-    u = k * w_f * s * x[X0] - k * c * x[X1]  # (4): -(k1 x0 + k2 x1)
+    lead = w_f * (1.5 * dt + p[T_A])  # (6)
+    if x[LEAD] != lead:
+        x[LEAD] = lead
+        x[LEAD + 1], x[LEAD + 2] = sincos(lead)
+    u = k * w_f * x[LEAD + 1] * x[X0] - k * x[LEAD + 2] * x[X1]  # (4): -(k1 x0 + k2 x1)
     x[LP] = x[LP] + dt / GATE_LAG_S * (abs(speed) - x[LP])  # (7)
     x[U_F] = u * clip((x[LP] - GATE_RAD_S) / GATE_RAD_S, 0.0, 1.0)
     return x[U_F]

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.jit import inline
+from drivers.jit import inline, tail
 from executive.approximators.two_layer import hidden, jump_pair, output, scaled, square_sum, tune
 from executive.block import Block, Port, Prepared, stage
 from executive.controllers import boundary_layer, pd, pd_nn_fast, tracking_network
@@ -59,7 +59,7 @@ _FAST = _NETWORK + len(tracking_network.PARAMETERS)
 _KB = _FAST + len(boundary_layer.PARAMETERS)
 _Z_MAX = _NETWORK + tracking_network.Z_MAX
 _X_FAST = tracking_network.SIZE
-_X_INNER = _X_FAST + len(boundary_layer.STATES)
+_X_INNER = _X_FAST + boundary_layer.SIZE
 INTEGRAL, TDF, FAULT, FADED, W2 = 0, 1, 2, 3, 4
 V2 = W2 + PHI
 XI = V2 + INPUTS * NODES
@@ -73,8 +73,8 @@ def inner_loop(
     z_max: float, p: Any, x: Any, y: Any,
 ) -> float:  # fmt: skip
     """Return y_2 + I of (7); `p` = (Kb, F2, FJ2, G2, kappa2); `y` gets y_2 and the norm."""
-    w, v = x[W2:V2], x[V2:XI]
-    xi, a, phi = x[XI:A2], x[A2:PHI2], x[PHI2 : PHI2 + PHI]
+    w, v = tail(x, W2), tail(x, V2)
+    xi, a, phi = tail(x, XI), tail(x, A2), tail(x, PHI2)
     tt = tau_d - tau  # (2)
     ttc = clip(tt, -ERROR_MAX_NM, ERROR_MAX_NM)
     tdd = SMOOTHING_PER_S * (tau_d - x[TDF])  # (3)
@@ -119,13 +119,13 @@ def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     r = e_rate + lam * e
     w = hub_rate - hull_rate
     learned = learned_torque(
-        dt, e, r, (e_rate, q_d, q_d_rate, q_d_acc, w, hull_rate), p[_NETWORK:], x, y[4:]
+        dt, e, r, (e_rate, q_d, q_d_rate, q_d_acc, w, hull_rate), tail(p, _NETWORK), x, tail(y, 4)
     )
-    u_f = fast(dt, q_d, q_d_acc, strain, w, p[_FAST:], x[_X_FAST:])
+    u_f = fast(dt, q_d, q_d_acc, strain, w, tail(p, _FAST), tail(x, _X_FAST))
     tau_d = clip(kv * r + learned + u_f, -tau_max, tau_max)  # (1)
     added = inner_loop(
         dt, r, tau_d, tau, q_d_rate - hull_rate, y[6], tau_max, p[_Z_MAX],
-        p[_KB:], x[_X_INNER:], y[8:],
+        tail(p, _KB), tail(x, _X_INNER), tail(y, 8),
     )  # fmt: skip
     y[6] = x[_X_INNER + FAULT]
     shaft = km * (motor_speed / gear - w)

@@ -10,6 +10,7 @@ rad, rad/s, N m; positive torque raises q.
 
 from typing import Any
 
+from drivers.jit import tail
 from executive.block import Block, Port, stage
 from executive.controllers import boundary_layer, pd
 from executive.controllers.boundary_layer import fast
@@ -29,7 +30,7 @@ def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     e = q_d - (encoder + hull_pitch)  # (1)
     r = (q_d_rate - hub_rate) + lam * e
     w = hub_rate - hull_rate
-    u_f = fast(dt, q_d, q_d_acc, strain, w, p[_FAST:], x)
+    u_f = fast(dt, q_d, q_d_acc, strain, w, tail(p, _FAST), x)
     tau = clip(kv * r + u_f, -tau_max, tau_max)  # (2)
     y[0] = clip(tau - km * (motor_speed / gear - w), -tau_max, tau_max) / gear  # (3) (4)
     y[1] = tau

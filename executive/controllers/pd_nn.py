@@ -13,6 +13,7 @@ Source: filtered-error neural control after Lewis, Campos, Selmic (SIAM 2002), c
 from collections.abc import Mapping
 from typing import Any
 
+from drivers.jit import tail
 from executive.block import Block, Port, Prepared, stage
 from executive.controllers import pd, tracking_network
 from executive.controllers.tracking_network import first_layer, learned_torque
@@ -35,7 +36,7 @@ def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     r = e_rate + lam * e
     w = hub_rate - hull_rate
     learned = learned_torque(
-        dt, e, r, (e_rate, q_d, q_d_rate, q_d_acc, w, hull_rate), p[_NETWORK:], x, y[4:]
+        dt, e, r, (e_rate, q_d, q_d_rate, q_d_acc, w, hull_rate), tail(p, _NETWORK), x, tail(y, 4)
     )
     tau = clip(kv * r + learned, -tau_max, tau_max)  # (2)
     y[0] = clip(tau - km * (motor_speed / gear - w), -tau_max, tau_max) / gear  # (3) (4)

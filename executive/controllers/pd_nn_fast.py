@@ -13,6 +13,7 @@ neural slow part after Lewis, Campos, Selmic (SIAM 2002), chapters 3 and 9; numb
 from collections.abc import Mapping
 from typing import Any
 
+from drivers.jit import tail
 from executive.block import Block, Port, Prepared, stage
 from executive.controllers import boundary_layer, pd, tracking_network
 from executive.controllers.boundary_layer import fast
@@ -37,9 +38,9 @@ def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     r = e_rate + lam * e
     w = hub_rate - hull_rate
     learned = learned_torque(
-        dt, e, r, (e_rate, q_d, q_d_rate, q_d_acc, w, hull_rate), p[_NETWORK:], x, y[4:]
+        dt, e, r, (e_rate, q_d, q_d_rate, q_d_acc, w, hull_rate), tail(p, _NETWORK), x, tail(y, 4)
     )
-    u_f = fast(dt, q_d, q_d_acc, strain, w, p[_FAST:], x[_X_FAST:])
+    u_f = fast(dt, q_d, q_d_acc, strain, w, tail(p, _FAST), tail(x, _X_FAST))
     tau = clip(kv * r + learned + u_f, -tau_max, tau_max)  # (2)
     y[0] = clip(tau - km * (motor_speed / gear - w), -tau_max, tau_max) / gear  # (3) (4)
     y[1] = tau

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.jit import inline
+from drivers.jit import inline, tail
 from executive.approximators.two_layer import (
     hidden,
     jump_pair,
@@ -94,8 +94,8 @@ def learned_torque(dt: float, e: float, r: float, u: Any, p: Any, x: Any, y: Any
 
     `u` = (e', q_d, q_d', q_d'', w, hull rate); `p`, `x`, `y` begin with this file's ports.
     """
-    w, v = x[_W:_V], x[_V:_FAULT]
-    xi, a, phi = x[_X:_A], x[_A:_PHI], x[_PHI:SIZE]
+    w, v = tail(x, _W), tail(x, _V)
+    xi, a, phi = tail(x, _X), tail(x, _A), tail(x, _PHI)
     xi[0] = 1.0
     xi[1] = scaled(e, 0.02)
     xi[2] = scaled(u[0], 0.2)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.jit import inline
+from drivers.jit import inline, tail
 from executive.block import Block, Prepared, stage
 from executive.emath import clip, cos, sin, sincos, where
 from plants.atb1000 import dynamics as dyn
@@ -74,9 +74,9 @@ def external(t: float, p: Any, sines: Any, w: Any) -> None:
 @inline
 def integrate(start: float, h: float, p: Any, x: Any) -> None:
     """Advance the first 16 states by steps of `h` from `start`, where the inputs `w` stand."""
-    s, k = x[:INTEGRATED], x[SLOPES:TOTAL]
-    total, at_stage = x[TOTAL:STAGE_STATE], x[STAGE_STATE:EXTERNAL]
-    w, sines = x[EXTERNAL:SINES], x[SINES:]
+    s, k = tail(x, 0), tail(x, SLOPES)
+    total, at_stage = tail(x, TOTAL), tail(x, STAGE_STATE)
+    w, sines = tail(x, EXTERNAL), tail(x, SINES)
     for n in range(int(p[SUBSTEPS])):
         for i in range(INTEGRATED):
             total[i] = 0.0
@@ -96,7 +96,7 @@ def integrate(start: float, h: float, p: Any, x: Any) -> None:
 @inline
 def sample_sensors(p: Any, x: Any, y: Any) -> None:
     """Write the ten sensor samples to `y`, one noise draw per noisy channel."""
-    s, w = x[:INTEGRATED], x[EXTERNAL:SINES]
+    s, w = tail(x, 0), tail(x, EXTERNAL)
     y[at.ENCODER] = s[dyn.THETA] - w[dyn.PITCH]
     y[at.HUB_RATE] = s[dyn.HUB_GYRO]
     y[at.MUZZLE_RATE] = s[dyn.MUZZLE_GYRO]
@@ -115,7 +115,7 @@ def sample_sensors(p: Any, x: Any, y: Any) -> None:
 @inline
 def report_truth(p: Any, x: Any, y: Any) -> None:
     """Write the noiseless outputs to `y`, after the ten sensors."""
-    s, w = x[:INTEGRATED], x[EXTERNAL:SINES]
+    s, w = tail(x, 0), tail(x, EXTERNAL)
     q1, q2, q3 = s[dyn.Q], s[dyn.Q + 1], s[dyn.Q + 2]
     elastic = dyn.dot3(p, dyn.SLOPE, q1, q2, q3)
     torque, pen = dyn.gear_state(p, s, w)
@@ -133,7 +133,7 @@ def report_truth(p: Any, x: Any, y: Any) -> None:
 @stage
 def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     """Advance the plant from t - dt to t, latch the command, sample; at t = 0 only sample."""
-    w, sines = x[EXTERNAL:SINES], x[SINES:]
+    w, sines = tail(x, EXTERNAL), tail(x, SINES)
     start = 0.0
     if t > 0.0:
         start = t - dt

@@ -1,0 +1,79 @@
+"""The steps in C: another derivation of the same laws, which must give the same bits."""
+
+import shutil
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from executive.rig import load_rig
+from executive.virtual import in_memory
+from plants.atb1000.ports import HUB_RATE
+from tools.bench import steps
+from tools.bench.steps import LAWS, LIBM, PERIODS, SAME, Case, CompilerError, build, in_c, in_python
+from tools.progress import Progress
+
+STEPS = (*LAWS, "barrel")
+FEW = 200
+LOGGED = dict.fromkeys(LAWS, ("executive", "controller.motor_torque_Nm", 0))
+LOGGED |= {"barrel": ("plant", "barrel.hub_rate_rad_s", HUB_RATE)}
+LIBM_RELATIVE = 1e-9  # of each output's largest value; libm differs in last bits, the laws amplify
+
+
+@pytest.fixture
+def compiler(request: pytest.FixtureRequest) -> None:
+    if shutil.which("cc") is None:
+        request.applymarker(pytest.mark.xfail(reason="no C compiler", raises=CompilerError))
+
+
+@cache
+def recorded(name: str) -> Case:
+    return steps.record(name if name in LAWS else "pd")[name]
+
+
+def trace(case: Case, drive: steps.Drive) -> np.ndarray:
+    """Return outputs and state after each of growing numbers of periods, the whole run last."""
+    counts = [*range(1, FEW + 1), PERIODS]
+    rows = []
+    for count in counts:
+        drive(1, count)
+        rows.append(np.concatenate([case.outputs(), case.state()]))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_c_with_the_same_functions_gives_the_bits_of_python(name: str, compiler: None) -> None:
+    case = recorded(name)
+    ours, c = (trace(case, drive) for drive in (in_python(case), in_c(case, build(SAME))))
+    assert np.ptp(ours[:, 0]) > 0.0 and np.isfinite(ours).all()
+    differ = np.flatnonzero((ours.view(np.int64) != c.view(np.int64)).any(axis=0))
+    assert not len(differ), f"outputs, then states {differ.tolist()} differ from C"
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_c_with_libm_agrees_with_python_over_200_periods(name: str, compiler: None) -> None:
+    case = recorded(name)
+    ours, c = (trace(case, drive)[:FEW] for drive in (in_python(case), in_c(case, build(LIBM))))
+    largest = np.abs(ours).max(axis=0)
+    worst = np.max(np.abs(ours - c) / np.where(largest > 0.0, largest, 1.0))
+    assert worst < LIBM_RELATIVE, f"{name}: {worst:.1e} of an output's or a state's largest value"
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_the_recorded_inputs_give_the_commands_of_the_run(name: str) -> None:
+    case = recorded(name)
+    node, variable, column = LOGGED[name]
+    run = in_memory(load_rig(steps.RIG, name if name in LAWS else "pd", ["duration_s=0.3"]))
+    logged = run.node[node].columns[variable][:FEW]
+    ours = trace(case, in_python(case))[:FEW, column]
+    wrong = np.flatnonzero(ours != logged)
+    assert np.ptp(logged) > 0.0 and not len(wrong), f"other {variable} in cycles {wrong[:5]}"
+
+
+def test_without_a_compiler_the_cure_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(CompilerError, match="no C compiler on PATH; `apt-get install gcc`"):
+        steps.measure(Progress(quiet=True), rounds=1)

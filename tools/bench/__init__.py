@@ -1,0 +1,84 @@
+"""`pcpc bench [NAME...]`: ratios against a yardstick, measured interleaved in one run.
+
+A ratio is taken within a round, in which product and yardstick follow each other, and its spread is
+the quartiles over rounds: on a machine that others use too, times mean little and ratios stay.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from tools.progress import Progress
+
+SUITES = {"steps": "one step of controllers and plant against C at -O2"}
+NO_ENVIRONMENT = 4
+
+
+class BenchError(Exception):
+    """The yardstick is missing. One line, ready to print."""
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """`own` and `base` are medians in `unit`; `ratio` = own/base: quartile, median, quartile."""
+
+    suite: str
+    what: str
+    against: str
+    own: float
+    base: float
+    unit: str
+    ratio: tuple[float, float, float]
+
+
+def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register `bench`."""
+    text = "measure ratios against C and others, interleaved in one run"
+    one = commands.add_parser(
+        "bench", help=text, description=text,
+        epilog="suites:\n" + "".join(f"  {name:9}{about}\n" for name, about in SUITES.items())
+        + "example: pcpc bench steps --json steps.json",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    one.add_argument("names", nargs="*", metavar="NAME", help="suites; default: all")
+    one.add_argument("--rounds", type=int, default=15, metavar="N", help="default 15")
+    one.add_argument("--json", metavar="FILE", help="write the ratios there too")
+    one.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run suites and print their ratios; 2 for wrong input, 4 where a yardstick is missing."""
+    unknown = [name for name in options.names if name not in SUITES]
+    if unknown or options.rounds < 1:
+        wrong = f"--rounds {options.rounds}: expected 1 or more"
+        known = f"{' '.join(unknown)}: no such suite; known: {', '.join(SUITES)}"
+        print(known if unknown else wrong, file=sys.stderr)
+        return 2
+    progress, found, code = Progress(options.quiet), [], 0
+    for name in options.names or SUITES:
+        try:
+            ratios = import_module(f"tools.bench.{name}").measure(progress, options.rounds)
+        except BenchError as error:
+            progress.close()
+            print(f"{name}: {error}", file=sys.stderr)
+            code = NO_ENVIRONMENT
+            continue
+        progress.close()
+        for ratio in ratios:
+            show(ratio)
+        found += ratios
+    if options.json:
+        Path(options.json).write_text(json.dumps([vars(r) for r in found], indent=1) + "\n")
+    return code
+
+
+def show(r: Ratio) -> None:
+    """Print a ratio in a line."""
+    low, median, high = r.ratio
+    print(
+        f"{r.what:16} {r.own:10.4g} {r.unit:5} {r.against:28} {r.base:10.4g} {r.unit:5}"
+        f"  ratio {median:6.3f}  ({low:.3f} to {high:.3f})"
+    )

@@ -1,0 +1,281 @@
+"""The compiled steps against plain C: `steps.c` built twice, the same arrays, the same inputs.
+
+    Python         the block's own step, called through its function pointer as the loop calls it
+    C libm         steps.c as it is                          cc -O2
+    C same         steps.c with the functions of emath.py    cc -O2 -ffp-contract=off: same bits
+
+Inputs are those of a virtual run of the hull rig. Each measurement repeats the run's first
+PERIODS control periods from the initial state, in a native loop on both sides, for ROUND_S; a round
+is Python, C libm, C same. Times are processor time of the thread, ns per step.
+"""
+
+import ctypes
+import hashlib
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.compile_cache import cache_folder
+from drivers.jit import STEP, VIEW, compiled, f8, from_dtype, i8, types
+from executive.block import Block, Port
+from executive.controllers import boundary_layer, nn_backstepping, pd, pd_nn_fast, tracking_network
+from executive.cycle import idle
+from executive.node import plan
+from executive.rig import load_rig
+from executive.virtual import in_memory
+from plants.atb1000 import model
+from plants.atb1000.ports import HULL_COMPONENTS, INTEGRATED
+from tools.bench import BenchError, Ratio
+from tools.progress import Progress
+
+SOURCE = Path(__file__).with_name("steps.c")
+RIG = Path(model.__file__).with_name("rigs") / "hull.yaml"
+LAWS = ("pd", "pd_nn_fast", "nn_backstepping")
+EMPTY = "empty step"  # the loop and the call, in all other figures too
+PERIODS = 2000
+ROUNDS = 15
+ROUND_S = 0.02
+PROBE = 3  # runs of the recording that tell how many fill ROUND_S
+
+LIBM = ("-O2",)
+SAME = ("-O2", "-ffp-contract=off", "-DPORTABLE_MATH")
+
+# As the loop's own record: its table `v` holds parameters, state, inputs and outputs of the step,
+# which end at `at`.
+TABLE = np.dtype([("v", "<f8", (1024,)), ("at", "<i8", (4,))])
+
+Vector = NDArray[np.float64]
+Drive = Callable[[int, int], None]
+
+
+class CompilerError(BenchError):
+    """There is no C compiler, or it refuses steps.c. One line, ready to print."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One step with its recorded run.
+
+    `n`: a record of TABLE; `x0` the initial state; `inputs` (periods, inputs); `function` its name
+    in steps.c.
+    """
+
+    name: str
+    function: str
+    step: Any
+    block: Block | None
+    dt: float
+    n: Any
+    x0: Vector
+    inputs: Vector
+
+    def outputs(self) -> Vector:
+        """Return a view of the outputs of the last step."""
+        return self.n["v"][self.n["at"][2] : self.n["at"][3]]
+
+    def state(self) -> Vector:
+        """Return a copy of the state after the last step, without scratch space."""
+        ports = self.block.states if self.block else ()
+        kept = [not port.name.startswith("scratch") for port in ports for _ in range(port.size)]
+        return self.n["v"][self.n["at"][0] : self.n["at"][1]][np.array(kept, bool)]
+
+
+@compiled(types.void(types.FunctionType(STEP), i8, i8, f8, from_dtype(TABLE), VIEW, f8[:, ::1]))
+def drive(step: Any, repeats: Any, periods: Any, dt: Any, n: Any, x0: Any, inputs: Any) -> None:
+    """Do `periods` steps from the state `x0`, `repeats` times; `drive` of steps.c does the same."""
+    v, at = n.v, n.at
+    for _ in range(repeats):
+        for i in range(at[1] - at[0]):
+            v[at[0] + i] = x0[i]
+        for k in range(periods):
+            for i in range(at[2] - at[1]):
+                v[at[1] + i] = inputs[k, i]
+            step(k * dt, dt, v[: at[0]], v[at[0] : at[1]], v[at[1] : at[2]], v[at[2] : at[3]])
+
+
+def in_python(case: Case) -> Drive:
+    """Return the compiled Python step in its loop, (repeats, periods) -> None."""
+    return lambda repeats, periods: drive(
+        case.step, repeats, periods, case.dt, case.n, case.x0, case.inputs
+    )
+
+
+def in_c(case: Case, library: ctypes.CDLL) -> Drive:
+    """Return the step of a build of steps.c in its loop, on the same arrays as Python's."""
+    step = ctypes.cast(getattr(library, case.function), ctypes.c_void_p)
+    views = [
+        ctypes.c_void_p(a.ctypes.data) for a in (case.n["v"], case.n["at"], case.x0, case.inputs)
+    ]
+    dt = ctypes.c_double(case.dt)
+    call = library.drive
+    call.restype = None
+    return lambda repeats, periods: call(
+        step, ctypes.c_longlong(repeats), ctypes.c_longlong(periods), dt, *views
+    )
+
+
+# The recorded runs
+
+
+def record(controller: str, periods: int = PERIODS) -> dict[str, Case]:
+    """Return the law's and the plant's step of a virtual run of the hull rig, by name."""
+    duration = f"duration_s={periods / 1000.0 + 0.1}"
+    rig = load_rig(RIG, controller, [duration])
+    log = in_memory(rig)
+    law = _case(controller, rig, "executive", "controller", log.node["executive"].columns, periods)
+    plant = _case("barrel", rig, "plant", "barrel", log.node["plant"].columns, periods)
+    return {controller: law, "barrel": plant}
+
+
+def _case(
+    name: str, rig: Any, role: Any, block_name: str, columns: Mapping[str, Vector], periods: int
+) -> Case:
+    made = plan(rig, role, "lockstep")
+    i = [spec.name for spec in made.spec.blocks].index(block_name)
+    spec, views = made.spec.blocks[i], made.views[i]
+    sources = [spec.inputs[n] for port in spec.block.inputs for n in port.names()]
+    groups = (views.parameters, views.states, views.inputs, views.outputs)
+    n = _table([made.values.get(place, 0.0) for group in groups for place in group])
+    n["at"] = np.cumsum([len(group) for group in groups])
+    x0 = n["v"][n["at"][0] : n["at"][1]].copy()
+    inputs = np.stack([columns[source][:periods] for source in sources], axis=1)
+    dt = 1e-9 * round(1e9 / rig.config.rate_hz)
+    return Case(name, name, spec.block.step, spec.block, dt, n, x0, inputs)
+
+
+def _table(values: Sequence[float]) -> Any:
+    n = np.zeros(1, TABLE)[0]
+    n["v"][: len(values)] = values
+    return n
+
+
+def cases() -> list[Case]:
+    """Return every step of the table; the plant's is that of the run with PD."""
+    runs = {name: case for law in reversed(LAWS) for name, case in record(law).items()}
+    n = _table([])
+    n["at"] = (1, 2, 3, 4)
+    nothing = Case(EMPTY, "idle", idle, None, 1e-3, n, np.zeros(1), np.zeros((PERIODS, 1)))
+    return [nothing, *(runs[name] for name in LAWS), runs["barrel"]]
+
+
+# The C side
+
+
+def build(flags: Sequence[str]) -> ctypes.CDLL:
+    """Return steps.c compiled with `flags`, from the cache folder if it is there; CompilerError."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        raise CompilerError("cc: no C compiler on PATH; `apt-get install gcc` brings one")
+    version = subprocess.run([compiler, "--version"], capture_output=True, check=False).stdout
+    header = layout()
+    parts = (SOURCE.read_bytes(), header.encode(), " ".join(flags).encode(), version)
+    digest = hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+    folder = cache_folder() / f"bench-{digest}"
+    library = folder / "steps.so"
+    if not library.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "layout.h").write_text(header, encoding="utf-8")
+        _compile(compiler, [*flags, f"-I{folder}"], library)
+    return ctypes.CDLL(str(library))
+
+
+def _compile(compiler: str, flags: Sequence[str], library: Path) -> None:
+    """Compile under another name first: a reader never sees half a library."""
+    part = library.with_suffix(f".{os.getpid()}")
+    command = [compiler, "-std=gnu11", *flags, "-shared", "-fPIC", str(SOURCE), "-lm"]
+    result = subprocess.run(
+        [*command, "-o", str(part)], capture_output=True, text=True, check=False
+    )
+    if result.returncode != 0:
+        first = next((line for line in result.stderr.splitlines() if "error" in line), "no message")
+        raise CompilerError(f"{compiler} cannot compile {SOURCE.name}: {first}")
+    part.replace(library)
+
+
+def layout() -> str:
+    """Return layout.h: the ports of the blocks as structs of doubles, and the views' sizes."""
+    inner, outer, plant = nn_backstepping.BLOCK, pd_nn_fast.BLOCK, model.BLOCK
+    split = _ports_within(plant.states, INTEGRATED)
+    groups: dict[str, Sequence[Port]] = {
+        "pd_parameters": pd.GAINS,
+        "pd_inputs": pd.INPUTS,
+        "pd_outputs": pd.OUTPUTS,
+        "network_parameters": tracking_network.PARAMETERS,
+        "network_states": tracking_network.STATES,
+        "network_outputs": tracking_network.OUTPUTS,
+        "fast_parameters": boundary_layer.PARAMETERS,
+        "fast_states": boundary_layer.STATES,
+        "fast_inputs": boundary_layer.INPUTS,
+        "inner_parameters": inner.parameters[len(outer.parameters) :],
+        "inner_states": inner.states[len(outer.states) :],
+        "inner_inputs": inner.inputs[len(outer.inputs) :],
+        "inner_outputs": inner.outputs[len(outer.outputs) :],
+        "motion": plant.states[:split],
+        "barrel_rest": plant.states[split:],
+        "barrel_parameters": plant.parameters,
+        "barrel_outputs": plant.outputs,
+    }
+    lines = [_struct(name, ports) for name, ports in groups.items()]
+    for name, block in (("pd_nn_fast", outer), ("nn_backstepping", inner), ("barrel", plant)):
+        for view in ("parameters", "states", "inputs", "outputs"):
+            size = block.size(getattr(block, view))
+            lines.append(f"#define {name.upper()}_{view.upper()} {size}")
+    return "\n".join([*lines, f"#define HULL_COMPONENTS {HULL_COMPONENTS}", ""])
+
+
+def _struct(name: str, ports: Sequence[Port]) -> str:
+    members = [f"{p.name}[{p.size}]" if p.size > 1 else p.name for p in ports]
+    return f"struct {name} {{ double {', '.join(members)}; }};"
+
+
+def _ports_within(ports: Sequence[Port], size: int) -> int:
+    """Return how many leading ports have `size` elements together."""
+    return int(np.cumsum([port.size for port in ports]).tolist().index(size)) + 1
+
+
+# The table
+
+
+def measure(progress: Progress, rounds: int = ROUNDS) -> list[Ratio]:
+    """Measure every step in `rounds` rounds of three times ROUND_S; CompilerError, RigError."""
+    libraries = {"C -O2, libm": build(LIBM), "C -O2, the same functions": build(SAME)}
+    progress.show("recording the inputs: three virtual runs")
+    found = []
+    for case in cases():
+        drives = [in_python(case), *(in_c(case, library) for library in libraries.values())]
+        repeats = [_repeats(once) for once in drives]
+        times = np.empty((rounds, len(drives)))
+        for i in range(rounds):
+            progress.show(f"{case.name}: round {i + 1} of {rounds}")
+            for j, once in enumerate(drives):
+                times[i, j] = _time_s(once, repeats[j]) / (repeats[j] * PERIODS)
+        medians = 1e9 * np.median(times, axis=0)
+        for j, against in enumerate(libraries, 1):
+            ratio = _quartiles(times[:, 0] / times[:, j])
+            found.append(Ratio("steps", case.name, against, medians[0], medians[j], "ns", ratio))
+    return found
+
+
+def _time_s(once: Drive, repeats: int) -> float:
+    start = time.thread_time_ns()
+    once(repeats, PERIODS)
+    return 1e-9 * (time.thread_time_ns() - start)
+
+
+def _repeats(once: Drive) -> int:
+    """Return how often the recording must be run for ROUND_S; also warms up."""
+    shortest = min(_time_s(once, 1) for _ in range(PROBE))
+    return int(ROUND_S / shortest) + 1
+
+
+def _quartiles(values: Vector) -> tuple[float, float, float]:
+    low, middle, high = (float(q) for q in np.percentile(values, (25.0, 50.0, 75.0)))
+    return low, middle, high
