@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 RIG ?= plants/atb1000/rigs/engage.yaml
 
-.PHONY: run test install lint test-vcan vcan-tools clean
+.PHONY: run test install lint bless test-vcan vcan-tools clean
 
 run: install ## the main job: emulator, executive and recorder close the loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -38,6 +38,9 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+bless: install ## the golden runs written anew, after a change that is meant; prints old and new figures
+	cd tests/golden && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python golden.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -74,7 +74,7 @@ def _import_file(file: Path) -> ModuleType:
     A file of the project gets its dotted name, any other one a name made of its path: the compile
     cache stores the module's name, so that it must be the same in every process.
     """
-    if (own_name := _project_name(file)) is not None:
+    if (own_name := project_name(file)) is not None:
         return importlib.import_module(own_name)
     name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:16]}"
     if name in sys.modules:
@@ -90,7 +90,8 @@ def _import_file(file: Path) -> ModuleType:
     return module
 
 
-def _project_name(file: Path) -> str | None:
+def project_name(file: Path) -> str | None:
+    """Return the dotted name of a module of this project, given its file; None for another file."""
     if not file.is_relative_to(_PROJECT):
         return None
     parts = file.relative_to(_PROJECT).with_suffix("").parts

@@ -309,12 +309,15 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
     attachments = {str(_short(path, rig.path)): text for path, text in rig.document.sources.items()}
     attachments["rig-resolved.yaml"] = rig.resolved()
     attachments[rig.dbc.name] = rig.dbc.read_text()
+    attachments |= rig.law_files()
     return {
         "node": made.role,
         "rig": rig.config.rig,
         "period_ns": round(1e9 / rig.config.rate_hz),
         "cycles": cycles_of(rig),
         "watch": rig.config.watch,
+        "keep_ns": rig.config.record.keep_ns,
+        "keep_on": rig.config.record.events,
         "variables": [[v.name, v.unit, v.kind, v.writer, v.help] for v in table.variables],
         "ranges": {v.name: [v.low, v.high] for v in table.variables if v.kind == "parameter"},
         "state_columns": [table.variables[i].name for i in made.columns(False)],

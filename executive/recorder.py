@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from executive import logs, shared
+from executive.keep import Everything, Keep
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
 from executive.shared import Shared, SharedError
 
@@ -120,8 +121,12 @@ class _Node:
         ends = [self.block[f"{ring}_ends"] for ring in RINGS]
         return all(end[shared.PUT] == end[shared.TAKEN] for end in ends)
 
-    def drain(self, writer: BulkWriter) -> bool:
-        """Move the rows that are now in the rings to the file; return whether one was 1/8 full."""
+    def died(self) -> bool:
+        """Return whether the loop ended without good order."""
+        return bool(self.block["control"][shared.PID]) and not self.block["control"][shared.DONE]
+
+    def drain(self, sink: Everything) -> bool:
+        """Move the rows that are now in the rings on; return whether one was 1/8 full."""
         full = False
         for ring in RINGS:
             ends, rows = self.block[f"{ring}_ends"], self.block[ring]
@@ -135,8 +140,11 @@ class _Node:
                 messages = self._convert(ring, rows[start : start + count])
                 taken += count
                 ends[shared.TAKEN] = taken
-                writer.add(messages)
+                sink.add(messages)
                 self.written[ring] += count
+                if ring == "event":
+                    for row in rows[start : start + count]:
+                        sink.happened(int(row[2]), int(row[0]) + self.wall_ns)
         return full
 
     def _convert(self, ring: str, rows: NDArray[np.int64]) -> list[NDArray[Any]]:
@@ -217,9 +225,13 @@ class Recorder:
     def _open(self, blocks: Sequence[Shared]) -> None:
         self.writer = BulkWriter(self.path)
         self.writer.start(profile="ros2")
+        self.sink = Everything(self.writer)
         for block in blocks:
             self._add(block)
         self._attach_late()
+        about = blocks[0].description
+        if about.get("keep_ns"):
+            self.sink = Keep(self.writer, about["keep_ns"], about["keep_on"])
         self.writer.flush()
 
     def _writing(self, action: Callable[[], None]) -> None:
@@ -287,7 +299,7 @@ class Recorder:
 
     def _drain(self, now_ns: int) -> None:
         self._attach_late()
-        full = [node.drain(self.writer) for node in self.nodes]
+        full = [node.drain(self.sink) for node in self.nodes]
         self._full = any(full)
         if now_ns - self.flushed_ns >= FLUSH_NS:
             self.writer.flush()
@@ -315,12 +327,19 @@ class Recorder:
             self._writing(self._finish)
 
     def _finish(self) -> None:
+        if any(node.died() for node in self.nodes):
+            self.sink.happened(shared.FAULT_EVENT, time.time_ns())
+        self.sink.close()
         counts: dict[str, int] = {f"dropped.{key}": n for key, n in self.dropped().items()}
         for node in self.nodes:
             for ring in RINGS:
                 counts[f"written.{node.name}.{ring}"] = node.written[ring]
                 counts[f"backlog_max.{node.name}.{ring}"] = node.backlog[ring]
-        counts |= {"drains": self.drains, "busy_us": self.busy_ns // 1000}
+        counts |= {
+            "discarded": self.sink.discarded,
+            "drains": self.drains,
+            "busy_us": self.busy_ns // 1000,
+        }
         counts["longest_drain_us"] = self.longest_ns // 1000
         self.writer.flush()
         self.writer.add_metadata("run", {key: str(n) for key, n in counts.items()})

@@ -15,20 +15,21 @@ numba is imported with the first law, so that reading a rig with `resolve=False`
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from executive import yamlfile
 from executive.errors import RigError, did_you_mean
-from executive.laws import resolve
+from executive.laws import project_name, resolve
+from executive.rig_options import apply, unknown_controller
 from executive.rig_schema import Config, Evaluation, Limit, Parameter, Plant
 from executive.typed import convert
-from executive.yamlfile import Document, Keys, Place, dotted
+from executive.yamlfile import Document, Keys, Place
 
 if TYPE_CHECKING:
     from executive.block import Block, Port
@@ -123,6 +124,21 @@ class Rig:
         """
         return self._resolved
 
+    def law_files(self) -> dict[str, str]:
+        """Return the text of each law in use from outside the project, by its path in `resolved`.
+
+        With them a log explains itself. Other files that a law imports are not in it.
+        """
+        found = {}
+        for spec, section in zip(self.nodes(), ("executive", "plant"), strict=True):
+            for block in spec.blocks:
+                keys = (*_law_keys(self.config, section, block.name), "law")
+                name = _rebased(self.document, keys, str(_get(self.document.data, keys)))
+                file = name.partition(":")[0]
+                if file.endswith(".py"):
+                    found[file] = (self.path.parent / file).read_text(encoding="utf-8")
+        return found
+
     @cached_property
     def _resolved(self) -> str:
         data = msgspec.to_builtins(self.config)
@@ -151,7 +167,7 @@ def load_rig(
     if controller is not None:
         place = Place(document.path, option=f"--controller {controller}")
         document.put(("controller",), controller, place)
-    _apply(document, config, settings)
+    apply(document, config, settings)
     config = convert(document, document.data, Config, ())
     _check(document, config)
     rig = Rig(config, document)
@@ -160,52 +176,13 @@ def load_rig(
     return rig
 
 
-# Options
-
-
-def _apply(document: Document, config: Config, settings: Sequence[str]) -> None:
-    """Put the `--set` options into the data, keys of the rig first: one may be `controller`."""
-    keys_of = dict(_leaves(msgspec.to_builtins(config), ()))
-    blocks = [*config.executive.blocks, *config.plant.blocks]
-    rest: list[tuple[str, Any, Place]] = []
-    for setting in settings:
-        place = Place(document.path, option=f"--set {setting}")
-        name, equals, text = setting.partition("=")
-        if not equals:
-            raise RigError(f"{place}: expected NAME=VALUE")
-        value = yamlfile.value(text, place)
-        if name in keys_of:
-            document.put(keys_of[name], value, place)
-        else:
-            rest.append((name, value, place))
-    for name, value, place in rest:
-        block, _, setting = name.partition(".")
-        if block not in blocks or not setting:
-            names = [*keys_of, *(f"{known}.{setting or name}" for known in blocks)]
-            raise RigError(f"{place}: no such setting{did_you_mean(name, names)}")
-        section = "executive" if block in config.executive.blocks else "plant"
-        chosen = document.data["controller"]
-        if block == "controller" and chosen not in document.data["controllers"]:
-            _unknown_controller(document, chosen, config)
-        keys = ("controllers", chosen) if block == "controller" else (section, "blocks", block)
-        document.put((*keys, "parameters", setting), value, place)
-
-
-def _leaves(data: Mapping[str, Any], keys: Keys) -> Iterator[tuple[str, Keys]]:
-    for key, child in data.items():
-        if isinstance(child, dict):
-            yield from _leaves(child, (*keys, key))
-        else:
-            yield dotted((*keys, key)), (*keys, key)
-
-
 # Checks between keys
 
 
 def _check(document: Document, config: Config) -> None:
     """Raise the first contradiction between the keys of a rig."""
     if config.controller not in config.controllers:
-        _unknown_controller(document, config.controller, config)
+        unknown_controller(document, config.controller, config)
     _check_blocks(document, config)
     for name, limit in config.executive.limits.items():
         if not limit.low < limit.high:
@@ -245,11 +222,6 @@ def _check_blocks(document: Document, config: Config) -> None:
         raise document.error(("executive", "blocks"), "block controller is missing")
 
 
-def _unknown_controller(document: Document, name: Any, config: Config) -> NoReturn:
-    what = f"no controller {name}{did_you_mean(str(name), config.controllers)}"
-    raise document.error(("controller",), what)
-
-
 def _evaluation(document: Document, config: Config) -> Evaluation | None:
     if config.evaluation is None:
         return None
@@ -284,6 +256,8 @@ def _rebased(document: Document, keys: Keys, text: str) -> str:
     if keys[-1] == "law" and not name.endswith(".py"):
         return text
     file = os.path.normpath(document.place(keys).folder / name)
+    if keys[-1] == "law" and (own := project_name(Path(file))) is not None:
+        return f"{own}{colon}{attribute}"
     return Path(os.path.relpath(file, document.path.parent)).as_posix() + colon + attribute
 
 

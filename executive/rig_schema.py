@@ -90,6 +90,29 @@ class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     set: dict[str, float]
 
 
+Happening = Literal["fault", "change", "skip", "tuning"]
+
+
+class Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the log keeps: all, or with `keep` what lies around an event; see `executive.keep`."""
+
+    keep: Annotated[str, Meta(pattern=r"\A[0-9]+(\.[0-9]+)?(ms|s|min)\Z")] | None = None
+    on: Happening | list[Happening] = "fault"
+
+    @property
+    def keep_ns(self) -> int:
+        """`keep` in ns; 0 for all."""
+        if self.keep is None:
+            return 0
+        number = self.keep.rstrip("msin")
+        return round(float(number) * {"ms": 1e6, "s": 1e9, "min": 60e9}[self.keep[len(number) :]])
+
+    @property
+    def events(self) -> list[str]:
+        """`on` as a list."""
+        return [self.on] if isinstance(self.on, str) else list(self.on)
+
+
 class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A rig file as it stands, with defaults filled in and options applied."""
 
@@ -109,6 +132,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     plant: Plant
     evaluation: dict[str, Any] | None = None
     watch: str | None = None
+    record: Record = Record()
     schedule: list[Tuning] = []
     note: list[str] = []
     expect: dict[str, dict[str, tuple[float, float]]] = {}

@@ -29,3 +29,12 @@ TIMING = (
     ("health.saturated_values", "", "values clamped on sending"),
 )
 TIMING_AT = len(HEAD)
+COUNTED = (  # of these, what follows from the frames alone, not from clocks
+    "health.held_cycles",
+    "health.stale_cycles",
+    "health.frames_received",
+    "health.frames_lost",
+    "health.crc_errors",
+    "health.frames_repeated",
+    "health.saturated_values",
+)

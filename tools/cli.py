@@ -3,12 +3,20 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 _RIG = "plants/atb1000/rigs/slew10.yaml"
 _CODES = (
     "exit code: 0 ok, 1 expectation not met, 2 wrong input, 3 loss, 4 environment, "
     "5 safety stop, 130 Ctrl-C"
 )
+_HELP = {  # of the commands that bring their own arguments
+    "replay": "recompute a recorded run and compare it bit by bit",
+    "play": "put recorded frames on a bus",
+    "log": "look into logs, compare, draw, convert and repair them",
+    "bench": "measure ratios against C and others, interleaved in one run",
+}
+_MODULES = {name: f"tools.{name}" for name in _HELP}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -18,7 +26,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         from tools.vm import run as run_vm
 
         return run_vm(words[1:])
-    options = _parser().parse_args(words)
+    options = _parser(words[:1]).parse_args(words)
+    if options.command in _MODULES:
+        return int(import_module(_MODULES[options.command]).command(options))
     if options.command in ("run", "exec", "plant", "simulate"):
         from tools.run import command
 
@@ -40,7 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return watch(options)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(chosen: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser; of `_MODULES` only the `chosen` one is imported, for its arguments."""
     parser = argparse.ArgumentParser(
         "pcpc",
         description="hardware-in-the-loop: a real-time executive and a plant emulator on CAN",
@@ -73,6 +84,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     one.add_argument("--jobs", type=int, metavar="N", help="processes; all processors")
     one.add_argument("--quiet", action="store_true", help="no progress")
+    for name, module in _MODULES.items():
+        if name in chosen:
+            import_module(module).add_arguments(commands)
+        else:
+            commands.add_parser(name, help=_HELP[name], add_help=False)
     _command(
         commands, "vm", "run a command on a kernel with vcan, in QEMU", "pcpc vm -- candump vcan0"
     )

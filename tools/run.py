@@ -32,6 +32,7 @@ USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
 SAFETY_STOP = 5
 BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
 LOG = "log.mcap"
+SUMMED_CYCLES = 300_000  # metrics and figure look at no more of a run: half a gigabyte
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
 _SHORT_END_S = 0.5  # and its death within this, or it is asked
@@ -308,13 +309,13 @@ def conclude(
 ) -> int:
     """Read the log back, write summary and figure, print; return the exit code of the verdict."""
     try:
-        log = logs.read(folder / LOG)
+        log, end = logs.beginning(folder / LOG, SUMMED_CYCLES)
     except logs.LogError as error:
         if outcome.interrupted:  # before there was anything to record
             return summaries.CODES["interrupted"]
         print(*outcome.faults, error, sep="\n", file=sys.stderr)
         return summaries.CODES["safety stop" if outcome.faults else "loss"]
-    summary = summaries.summarise(rig, log, outcome)
+    summary = summaries.summarise(rig, log, outcome, end)
     text = summaries.write_json(summary, folder / "summary.json")
     drawn = folder / "figure.png"
     reason = "" if options.no_figure else summaries.draw(rig, log, summary["metrics"], drawn)

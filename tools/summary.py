@@ -11,6 +11,7 @@ interrupted          130  Ctrl-C
 import importlib.util
 import json
 import math
+import re
 import shutil
 import signal
 import sys
@@ -48,6 +49,7 @@ class Outcome:
     realtime: bool | None = None
     begin_ns: int | None = None  # monotonic, of the command; None in virtual time
     dropped: int = 0
+    cycles: int = 0
     nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
 
     def judge(self, name: str, code: int, block: sh.Shared | None) -> None:
@@ -66,15 +68,20 @@ class Outcome:
             rings = [block[f"{ring}_ends"] for ring in ("record", "frame", "event")]
             self.dropped += sum(int(ends[sh.DROPPED]) for ends in rings)
             if name == "executive":
+                self.cycles = int(block["control"][sh.CYCLE]) + 1
                 self.realtime = bool(block["control"][sh.REALTIME])
 
 
-def summarise(rig: Rig, log: logs.Log, outcome: Outcome) -> dict[str, Any]:
-    """Return the content of summary.json."""
+def summarise(
+    rig: Rig, log: logs.Log, outcome: Outcome, end: logs.Log | None = None
+) -> dict[str, Any]:
+    """Return the content of summary.json; `end`: the last piece, where `log` does not reach it."""
     executive = log.node.get("executive")
-    health = _health(log)
+    end = end or log
+    health = _health(end)
     metrics = _metrics(rig, log)
-    failed = [] if outcome.changed else _failed(rig, metrics)
+    kept_back = rig.config.record.keep is not None
+    failed = [] if outcome.changed or kept_back else _failed(rig, metrics)
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
     summary: dict[str, Any] = {
         "rig": rig.config.rig,
@@ -84,16 +91,18 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome) -> dict[str, Any]:
         "bus": outcome.bus,
         "seed": rig.config.seed,
         "rate_hz": rig.config.rate_hz,
-        "cycles": int(executive.cycle[-1]) + 1
-        if executive is not None and len(executive.cycle)
-        else 0,
+        "cycles": max(_cycles(end.node.get("executive")), outcome.cycles),
         "late_cycles": health.pop("late_cycles"),
         "skipped_cycles": health.pop("skipped_cycles"),
         "held_cycles": health.pop("held_cycles"),
         "metrics": metrics,
         "timing_us": _timing(executive, outcome),
         "frames": health,
-        "records": {"written": _written(log), "dropped": _dropped(log, outcome)},
+        "records": {
+            "written": _written(log),
+            "dropped": _dropped(log, outcome),
+            **({"kept_back": True} if kept_back else {}),
+        },
         "faults": outcome.faults,
         "expectations_failed": failed,
         "realtime": outcome.realtime,
@@ -102,6 +111,10 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome) -> dict[str, Any]:
     }
     summary["verdict"] = _verdict(summary, outcome)
     return summary
+
+
+def _cycles(executive: logs.Node | None) -> int:
+    return 0 if executive is None or not len(executive.cycle) else int(executive.cycle[-1]) + 1
 
 
 def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
@@ -168,6 +181,11 @@ def _dropped(log: logs.Log, outcome: Outcome) -> int:
 
 
 def _written(log: logs.Log) -> int:
+    """Return the cycles in the log: as the recorder counted, if it came to its end."""
+    run = log.metadata.get("run", {})
+    counts = [int(n) for k, n in run.items() if re.fullmatch(r"written\..*\.record", k)]
+    if counts and run.get("discarded", "0") == "0":
+        return sum(counts)
     return sum(len(node.cycle) for node in log.node.values())
 
 

@@ -1,0 +1,207 @@
+"""A recorded node recomputed: what it received is fed to the same cycle, in the same cycles.
+
+    frames    those received in cycle k are checked and decoded again before the pass of cycle k
+    tunings   those of cycle k are written before that pass; the rig's schedule is among them
+    clock     k, passes, wake-up and stage times are the record's: laws and frames may use them
+    bus       a failure of the bus is an input too: it is taken from the recorded fault
+    result    every recorded variable, every counter that follows from frames, every frame sent
+
+Nothing else enters a cycle, so the result is bit-identical whatever the pacing and the bus were.
+Not compared, because they were measured: stage times, late and skipped cycles, and the frames that
+a node sends while it looks for the other one or ends.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers import wire
+from drivers.jit import f8, i8, loop, u1
+from drivers.wire_layout import FRAME_BYTES, MEMORY
+from executive import logs
+from executive import shared as sh
+from executive import supervisor as sv
+from executive.cycle import STEPS, N, one_pass, request_first_sample, take_frame
+from executive.emath_selftest import selftest
+from executive.facts import facts
+from executive.install import install
+from executive.node import Role, describe, heartbeat, plan
+from executive.rig import Rig
+from executive.variables import COUNTED
+
+CYCLES_AT_ONCE = 1000  # the rings hold several thousand
+K, PASSES, STAMP = range(3)  # first columns of Slice.rows
+HEAD = 3
+BUS_FAILED, FRAMES_END, TUNINGS_END = range(3, 6)  # further columns of the compiled loop's rows
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Consecutive cycles of a node as recorded, with their frames and tunings.
+
+    `rows` (cycles, HEAD + variables) int64: cycle, passes, stamp ns, then the variables' bits;
+    `tunings`: cycle, name, value.
+    """
+
+    rows: NDArray[np.int64]
+    frames: NDArray[Any]
+    tunings: Sequence[tuple[int, str, float]]
+
+
+@dataclass(frozen=True)
+class Computed:
+    """The same cycles recomputed, fewer if the node stopped; `values` (cycles, variables) bits."""
+
+    values: NDArray[np.int64]
+    sent: NDArray[Any]
+
+
+class Assembler:
+    """Orders the pieces of a node's log into slices whose frames and tunings are complete.
+
+    The recorder drains the ring of cycles before those of frames and events, so that what belongs
+    to a cycle is in the log at most one full ring of cycles later.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """`names`: the recorded variables, state and timing."""
+        self.names = names
+        self._lag = sh.RECORD_RING_WORDS // (sh.RECORD_HEAD + len(names))
+        self._rows = np.empty((0, HEAD + len(names)), np.int64)
+        self._frames = np.empty(0, logs.FRAME)
+        self._tunings: list[tuple[int, str, float]] = []
+
+    def add(self, node: logs.Node) -> None:
+        """Append a further piece of the log."""
+        both = node.columns | node.timing
+        rows = np.empty((len(node.cycle), HEAD + len(self.names)), np.int64)
+        rows[:, K], rows[:, STAMP] = node.cycle, node.stamp_ns
+        rows[:, PASSES] = both.get("health.passes", node.cycle)
+        for i, name in enumerate(self.names):
+            rows[:, HEAD + i] = both[name].view(np.int64)
+        self._rows = np.concatenate((self._rows, rows))
+        self._frames = np.concatenate((self._frames, node.frames))
+        self._tunings += [(t["cycle"], t["name"], float(t["value"])) for t in node.tunings]
+
+    def take(self, end: bool) -> Iterator[Slice]:
+        """Yield the slices that are complete; with `end` all that is left."""
+        while len(self._rows) > (0 if end else self._lag + CYCLES_AT_ONCE):
+            rows, self._rows = self._rows[:CYCLES_AT_ONCE], self._rows[CYCLES_AT_ONCE:]
+            last = rows[-1, K]
+            n = int(np.searchsorted(self._frames["cycle"], last, side="right"))
+            frames, self._frames = self._frames[:n], self._frames[n:]
+            tunings = [t for t in self._tunings if t[0] <= last]
+            self._tunings = [t for t in self._tunings if t[0] > last]
+            yield Slice(rows, frames, tunings)
+
+
+@loop(i8(N, STEPS, i8[:, ::1], u1[:, ::1], i8[::1], f8[::1], i8[::1], f8[:, ::1]))
+def recompute(
+    n: Any, steps: Any, rows: Any, frames: Any, tuned: Any, values: Any, clocks: Any, clocked: Any
+) -> Any:
+    """Run the cycles of `rows`; return how many were done before the node stopped of itself.
+
+    `clocked` (cycles, clocks): what was measured in the cycle before, for the places `clocks`.
+    """
+    frame, tuning = 0, 0
+    for i in range(rows.shape[0]):
+        n.behind = rows[i, K] - n.k
+        n.k = rows[i, K]
+        n.passes = rows[i, PASSES]
+        n.virtual_now = n.deadline = rows[i, STAMP]
+        if n.passes == 0 and n.is_plant == 0:
+            request_first_sample(n)
+        while frame < rows[i, FRAMES_END]:
+            for j in range(FRAME_BYTES):
+                n.wire.rx[j] = frames[frame, j]
+            take_frame(n)
+            frame += 1
+        while tuning < rows[i, TUNINGS_END]:
+            n.v[tuned[tuning]] = values[tuning]
+            tuning += 1
+        for j in range(clocks.shape[0]):
+            n.v[clocks[j]] = clocked[i, j]
+        if rows[i, BUS_FAILED] != 0:
+            n.faulted = sv.BUS_FAILED
+        one_pass(n, steps)
+        n.wire.outbox_put = 0
+        if n.passes == rows[i, PASSES]:
+            return i
+    return rows.shape[0]
+
+
+class Replay:
+    """One node of a rig, recomputed slice by slice."""
+
+    def __init__(self, rig: Rig, role: Role, pacing: str) -> None:
+        """`pacing` is the recorded run's. Raises RigError, BusError."""
+        selftest()
+        made = plan(rig, role, "lockstep" if pacing == "virtual" else pacing)
+        name = sh.block_name(rig.config.rig, f"replay-{os.getpid()}", role)
+        self.block = sh.create(name, describe(made, facts()))
+        self.block.unlink()
+        loop = self.block.loop
+        wire.prepare(loop.wire, MEMORY, -1, -1)
+        install(made, loop)
+        loop.n_schedule, loop.wait_recorder = 0, 0
+        self.steps = made.steps
+        about = self.block.description
+        self.names = [*about["state_columns"], *COUNTED]
+        counters = [about["timing_columns"].index(name) for name in COUNTED]
+        states = sh.RECORD_HEAD + np.arange(len(about["state_columns"]))
+        self._columns = [*states, *(states[-1] + 2 + i for i in counters)]
+        self._index = made.table.index
+        self._clocks = [name for name in about["timing_columns"] if name not in COUNTED]
+        self._clock_places = np.array([self._index[name] for name in self._clocks], np.int64)
+        self._clocked = np.zeros((1, len(self._clocks)))  # of the cycle before the next slice
+        self._heartbeats = [f.can_id for f in made.tx_frames if heartbeat(f)]
+
+    def advance(self, part: Slice, names: Sequence[str]) -> Computed:
+        """Recompute the cycles of `part`, whose variables are `names`."""
+        received = part.frames[part.frames["direction"] == 1]
+        raw = np.zeros((len(received), FRAME_BYTES), np.uint8)
+        raw[:, 0:4] = np.ascontiguousarray(received["id"]).view(np.uint8).reshape(-1, 4)
+        raw[:, 4] = received["dlc"]
+        raw[:, 8:16] = received["data"]
+        tunings = [t for t in part.tunings if t[1] in self._index]
+        tuned = np.array([self._index[t[1]] for t in tunings], np.int64)
+        values = np.array([t[2] for t in tunings], np.float64)
+        rows = np.zeros((len(part.rows), 6), np.int64)
+        rows[:, :HEAD] = part.rows[:, :HEAD]
+        fault = part.rows[:, HEAD + names.index("supervisor.fault")].view(np.float64)
+        rows[:, BUS_FAILED] = fault == sv.BUS_FAILED
+        times = np.array([t[0] for t in tunings], np.int64)
+        for column, ends in ((FRAMES_END, received["cycle"]), (TUNINGS_END, times)):
+            rows[:, column] = np.searchsorted(ends, rows[:, K], side="right")
+        clocked = self._clocked_before(part, names)
+        recompute(
+            self.block.loop, self.steps, rows, raw, tuned, values, self._clock_places, clocked
+        )
+        self._taken("event")
+        return Computed(self._taken("record")[:, self._columns], self.sent(self._frames()))
+
+    def _clocked_before(self, part: Slice, names: Sequence[str]) -> NDArray[np.float64]:
+        """Return what was measured in the cycle before each of `part`; keep that of the last."""
+        bits = part.rows[:, [HEAD + names.index(name) for name in self._clocks]]
+        clocked = np.concatenate((self._clocked, bits.view(np.float64)))
+        self._clocked = clocked[-1:]
+        return np.ascontiguousarray(clocked[:-1])
+
+    def sent(self, frames: NDArray[Any]) -> NDArray[Any]:
+        """Return those of `frames` that a cycle sent: not the heartbeats of the first meeting."""
+        meeting = (frames["cycle"] == 0) & np.isin(frames["id"], self._heartbeats)
+        return frames[(frames["direction"] == 0) & ~meeting]
+
+    def _frames(self) -> NDArray[Any]:
+        return np.ascontiguousarray(self._taken("frame")[:, 1:]).view(logs.FRAME)[:, 0]
+
+    def _taken(self, ring: str) -> NDArray[np.int64]:
+        """Take what the loop put into a ring."""
+        ends, rows = self.block[f"{ring}_ends"], self.block[ring]
+        put, taken = int(ends[sh.PUT]), int(ends[sh.TAKEN])
+        ends[sh.TAKEN] = put
+        return np.asarray(rows[np.arange(taken, put) % len(rows)])

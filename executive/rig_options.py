@@ -1,0 +1,53 @@
+"""`--set NAME=VALUE` put into a rig's data: a key of the rig, or a setting of one of its blocks."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NoReturn
+
+import msgspec
+
+from executive import yamlfile
+from executive.errors import RigError, did_you_mean
+from executive.rig_schema import Config
+from executive.yamlfile import Document, Keys, Place, dotted
+
+
+def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
+    """Put the `--set` options into the data, keys of the rig first: one may be `controller`."""
+    keys_of = dict(_leaves(msgspec.to_builtins(config), ()))
+    blocks = [*config.executive.blocks, *config.plant.blocks]
+    rest: list[tuple[str, Any, Place]] = []
+    for setting in settings:
+        place = Place(document.path, option=f"--set {setting}")
+        name, equals, text = setting.partition("=")
+        if not equals:
+            raise RigError(f"{place}: expected NAME=VALUE")
+        value = yamlfile.value(text, place)
+        if name in keys_of:
+            document.put(keys_of[name], value, place)
+        else:
+            rest.append((name, value, place))
+    for name, value, place in rest:
+        block, _, setting = name.partition(".")
+        if block not in blocks or not setting:
+            names = [*keys_of, *(f"{known}.{setting or name}" for known in blocks)]
+            raise RigError(f"{place}: no such setting{did_you_mean(name, names)}")
+        section = "executive" if block in config.executive.blocks else "plant"
+        chosen = document.data["controller"]
+        if block == "controller" and chosen not in document.data["controllers"]:
+            unknown_controller(document, chosen, config)
+        keys = ("controllers", chosen) if block == "controller" else (section, "blocks", block)
+        document.put((*keys, "parameters", setting), value, place)
+
+
+def _leaves(data: Mapping[str, Any], keys: Keys) -> Iterator[tuple[str, Keys]]:
+    for key, child in data.items():
+        if isinstance(child, dict):
+            yield from _leaves(child, (*keys, key))
+        else:
+            yield dotted((*keys, key)), (*keys, key)
+
+
+def unknown_controller(document: Document, name: Any, config: Config) -> NoReturn:
+    """Raise the error about a controller that the rig does not have."""
+    what = f"no controller {name}{did_you_mean(str(name), config.controllers)}"
+    raise document.error(("controller",), what)

@@ -1,0 +1,34 @@
+"""Today's code against the golden runs: every bit of short logs and of whole runs."""
+
+import argparse
+from pathlib import Path
+
+import pytest
+import yaml
+import zstandard
+from golden import FIGURES, LOG_BYTES, changes, packed_log, rigs, whole
+
+from tools.progress import Progress
+from tools.replay import replay
+
+RUNS = {name: (file, controller) for name, file, controller in rigs()}
+BLESS = "if this is meant, `make bless` and say why in the commit"
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_golden_log_is_recomputed_bit_for_bit(name: str, tmp_path: Path) -> None:
+    packed = packed_log(name).read_bytes()
+    assert len(packed) < LOG_BYTES, f"{name}: {len(packed)} bytes"
+    log = tmp_path / "log.mcap"
+    log.write_bytes(zstandard.ZstdDecompressor().decompress(packed, max_output_size=1 << 24))
+    options = argparse.Namespace(controller=None, set=[], node="both")
+    for verdict in replay(log, options, Progress(quiet=True)):
+        assert verdict.cycles >= 30, verdict.cycles
+        assert verdict.identical, f"{name}: {verdict.first()} {verdict.incomplete}; {BLESS}"
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_whole_run_has_the_blessed_bits(name: str) -> None:
+    blessed = yaml.safe_load(FIGURES.read_text())[name]
+    found = changes(name, blessed, whole(*RUNS[name]))
+    assert not found, "\n".join((*found, BLESS))

@@ -1,0 +1,44 @@
+"""A sub-command of `pcpc log` as its module offers it, and a log of the barrel to use it on."""
+
+import argparse
+import contextlib
+import io
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from executive.rig import load_rig
+from executive.virtual import simulate
+
+PLANT = Path(__file__).resolve().parents[2] / "plants" / "atb1000"
+DBC = PLANT / "atb1000.dbc"
+_FOLDER = tempfile.TemporaryDirectory()
+
+
+@dataclass(frozen=True)
+class Done:
+    """What came of a command."""
+
+    code: int
+    out: str
+    err: str
+
+
+def run(module: ModuleType, *words: str | Path) -> Done:
+    """Run a sub-command; the first word is its name."""
+    parser = argparse.ArgumentParser()
+    module.add_arguments(parser.add_subparsers())
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = module.command(parser.parse_args([str(word) for word in words]))
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+@cache
+def barrel_log(controller: str = "nn_backstepping") -> Path:
+    """Return a log of 0.3 s of the barrel, made once; that of nn_backstepping has two networks."""
+    path = Path(_FOLDER.name) / f"{controller}.mcap"
+    simulate(load_rig(PLANT / "rigs" / "slew10.yaml", controller, ["duration_s=0.3"]), path)
+    return path

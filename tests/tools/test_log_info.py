@@ -1,0 +1,140 @@
+"""`pcpc log info`: what it tells is what the log holds, also of a log that is cut or not ours."""
+
+import argparse
+import json
+import os
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from logcommand import PLANT, Done, barrel_log, run
+from mcap.writer import Writer
+
+from drivers import e2e
+from executive import logs
+from executive.rig import load_rig
+from executive.virtual import VirtualRun, simulate
+from tools import log
+from tools.log import info, tally
+
+
+def told(path: Path, code: int = 0) -> dict[str, Any]:
+    """Return what `--json` says of a log."""
+    done = run(info, "info", path, "--json")
+    assert done.code == code, done
+    return json.loads(done.out)
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a log of 50 cycles in which a parameter is tuned after 20."""
+    folder = tmp_path_factory.mktemp("tuned")
+    base = os.path.relpath(PLANT / "rigs" / "slew10.yaml", folder)
+    (folder / "tuned.yaml").write_text(
+        f"base: {base}\nrig: tuned\nduration_s: 0.05\n"
+        "schedule:\n  - {at_s: 0.02, set: {controller.kv_Nms_rad: 77.5}}\n"
+    )
+    simulate(load_rig(folder / "tuned.yaml", "pd"), folder / "log.mcap")
+    return folder
+
+
+def test_counts_and_facts_are_those_of_the_log() -> None:
+    report, whole = told(barrel_log("pd")), logs.read(barrel_log("pd"))
+    for name, node in whole.node.items():
+        cycles = {"cycles": len(node.cycle), "first": int(node.cycle[0]),
+                  "last": int(node.cycle[-1]), "lost": 0}  # fmt: skip
+        assert report["nodes"][name] == cycles, f"{report['nodes']}"
+    names, frames = logs.frame_names(whole), whole.node["executive"].frames
+    counted = Counter((names[int(f["id"])], int(f["direction"])) for f in frames)
+    expected = {(name, tally.DIRECTIONS[i]): n for (name, i), n in counted.items()}
+    found = {(f["name"], f["direction"]): f["count"] for f in report["frames"]}
+    assert found == expected, f"{found}"
+    topics = {row["topic"]: row["messages"] for row in report["topics"]}
+    assert topics["/state"] == 300 and topics["/plant/can/frames"] == len(
+        whole.node["plant"].frames
+    )
+    assert (report["rig"], report["controller"], report["pacing"]) == ("slew10", "pd", "virtual")
+    assert report["bytes"] == barrel_log("pd").stat().st_size and report["missing"] == []
+    assert set(report["attachments"]) == set(whole.attachments), f"{report['attachments']}"
+    assert report["versions"]["mcap"] and report["start"].startswith("20"), report["start"]
+
+
+def test_tunings_and_events_carry_time_name_and_value(tuned: Path) -> None:
+    report = told(tuned)  # a run folder is as good as its log
+    (tuning,) = report["tunings"]
+    found = (tuning["node"], tuning["name"], tuning["value"], tuning["cycle"])
+    assert found == ("executive", "controller.kv_Nms_rad", 77.5, 20), f"{tuning}"
+    assert tuning["time_s"] == pytest.approx(0.02, abs=1.1e-3), f"{tuning}"
+    states = [e["name"] for e in report["events"] if e["node"] == "executive"]
+    assert states == ["READY", "RUN", "STOP"], f"{states}"
+    screen = run(info, "info", tuned).out
+    assert "controller.kv_Nms_rad 77.5" in screen and len(screen.splitlines()) < 50, screen
+
+
+def test_cut_log_is_described_as_far_as_it_goes(tmp_path: Path) -> None:
+    whole = barrel_log("pd").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) - 30])
+    report = told(tmp_path / "cut.mcap", code=3)
+    assert report["nodes"]["executive"]["cycles"] == 300
+    assert "damaged or cut" in report["missing"][0], f"{report['missing']}"
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])  # within the only chunk
+    report = told(tmp_path / "cut.mcap", code=3)
+    assert report["nodes"]["executive"] == {"cycles": 0, "lost": 0}, f"{report['nodes']}"
+    assert report["rig"] == "slew10" and report["attachments"], f"{report}"
+    assert "missing" in run(info, "info", tmp_path / "cut.mcap").out
+
+
+def test_log_without_a_cycle_is_valid(tmp_path: Path) -> None:
+    empty = VirtualRun(load_rig(PLANT / "rigs" / "slew10.yaml", "pd"), tmp_path / "log.mcap")
+    empty.close()
+    report = told(tmp_path / "log.mcap")
+    assert report["nodes"]["plant"]["cycles"] == 0 and report["bytes_per_hour"] is None
+    assert "0 cycles" in run(info, "info", tmp_path / "log.mcap").out
+
+
+def test_recordings_of_others_are_listed_and_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "another library")
+        schema = writer.register_schema("std_msgs/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/chatter", "cdr", schema)
+        for i in range(7):
+            writer.add_message(channel, i, b"\0\1\0\0", i)
+        writer.add_metadata("rosbag2", {"x": "y"})
+        writer.finish()
+    done = run(info, "info", path)
+    assert done.code == 2 and "/chatter  7 messages" in done.out, done
+    assert "not a log of pcpc" in done.err and done.err.count("\n") == 1, done.err
+    assert told(path, code=2)["topics"] == {"/chatter": 7}
+
+
+@pytest.mark.parametrize("content", [None, b"", b"hello, this is text", b"\x89MCAP0\r\n"])
+def test_what_is_no_log_is_one_line(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    done: Done = run(info, "info", path)
+    assert done.code == 2 and done.err.count("\n") == 1 and str(path) in done.err, done
+
+
+def test_names_of_the_check_of_frames_are_those_of_the_drivers() -> None:
+    assert e2e.STATE_NAMES == tally.E2E_STATES
+
+
+def test_every_sub_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    log.add_arguments(parser.add_subparsers())
+    for name in ("info", "cat", "diff", "recover", "export", "import", "plot"):
+        with pytest.raises(SystemExit):
+            parser.parse_args(["log", name, "--help"])
+        text = capsys.readouterr().out
+        assert f"example: pcpc log {name}" in text and "exit code: 0" in text, text
+
+
+def test_command_carries_out_the_sub_command(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    log.add_arguments(parser.add_subparsers())
+    assert log.command(parser.parse_args(["log", "info", str(barrel_log("pd"))])) == 0
+    assert "slew10, controller pd" in capsys.readouterr().out

@@ -1,0 +1,150 @@
+"""Recorded runs recomputed from their log alone, bit for bit, through the command."""
+
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pcpc import RIGS, ROOT, Running, own_bus, pcpc, until
+
+from executive import logs
+from executive import shared as sh
+from executive.rig import load_rig
+from executive.virtual import simulate
+
+ENGAGED = ("duration_s=0.5", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]")
+
+
+def replay(log: Path, *words: str) -> tuple[int, dict[str, dict[str, Any]]]:
+    """Return exit code and verdict by node of `pcpc replay --json`."""
+    done = pcpc("replay", str(log), "--json", "--quiet", *words)
+    assert done.code in (0, 1), done
+    return done.code, {verdict["node"]: verdict for verdict in json.loads(done.out)}
+
+
+@pytest.fixture(scope="module")
+def engaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the log of a virtual run in which a scheduled tuning engages the network."""
+    path = tmp_path_factory.mktemp("engaged") / "log.mcap"
+    simulate(load_rig(RIGS / "engage.yaml", settings=ENGAGED), path)
+    return path
+
+
+def test_a_virtual_run_is_recomputed_bit_for_bit(engaged: Path) -> None:
+    code, nodes = replay(engaged)
+    assert code == 0, nodes
+    assert nodes["executive"]["cycles"] == 500
+    assert nodes["plant"]["cycles"] == 501
+    assert nodes["executive"]["variables"] > 60
+    assert nodes["executive"]["frames"] > 2 * 500, "SYNC and CMD of every cycle"
+    assert nodes["plant"]["frames"] > 3 * 500
+
+
+def test_the_log_alone_is_enough(engaged: Path, tmp_path: Path) -> None:
+    alone = shutil.copy(engaged, tmp_path / "alone.mcap")
+    done = pcpc("replay", str(alone), cwd=tmp_path)
+    assert done.code == 0, done
+    assert done.out.count("bit-identical") == 2, done
+
+
+def test_a_gain_a_billionth_off_is_found_in_the_first_cycles(engaged: Path) -> None:
+    change = "controller.kv_Nms_rad=110.0000001"
+    code, nodes = replay(engaged, "--node", "executive", "--set", change)
+    assert code == 1
+    first = nodes["executive"]["first"]
+    assert first["name"] == "controller.motor_torque_Nm", first
+    assert first["cycle"] < 10, first
+    assert 0 < first["ulp"] < 1e8, first
+    assert {d["name"] for d in nodes["executive"]["differences"]} >= {
+        "controller.tau_Nm", "tx.CMD.motor_torque",
+    }  # fmt: skip
+    assert "reference.q_d_rad" not in {d["name"] for d in nodes["executive"]["differences"]}
+
+
+def test_another_controller_is_recomputed_in_open_loop(engaged: Path) -> None:
+    done = pcpc("replay", str(engaged), "--controller", "pid", "--node", "executive")
+    assert done.code == 1, done
+    assert "changed, in open loop" in done.out
+    assert "controller.motor_torque_Nm" in done.out
+
+
+@pytest.mark.parametrize("pacing", ["real", "sync", "lockstep"])
+def test_a_run_on_a_bus_is_recomputed_with_tunings_that_came_while_it_ran(
+    pacing: str, tmp_path: Path
+) -> None:
+    bus, log = own_bus(), tmp_path / "r" / "log.mcap"
+    with Running(
+        "run", str(RIGS / "engage.yaml"), "--bus", bus, "--pacing", pacing, "--no-figure",
+        "--set", "duration_s=60.0", "--quiet", "-o", str(log.parent),
+        "--set", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]",
+    ) as run:  # fmt: skip
+        block = run.in_the_middle("engage", bus)
+        name = block.path.name.partition("-")[2].partition("-")[2]
+        tuned = pcpc("set", "controller.kv_Nms_rad=117", "controller.lam_per_s=15", "--node", name)
+        assert tuned.code == 0, tuned
+        acknowledged = int(block["mail"][sh.ACK_CYCLE])
+        until(lambda: block["control"][sh.CYCLE] > acknowledged + 300, "300 cycles more")
+        os.kill(run.process.pid, signal.SIGINT)
+        assert run.done().code == 130
+    tunings = {t["name"]: t["value"] for t in logs.read(log).node["executive"].tunings}
+    assert tunings["controller.kv_Nms_rad"] == 117.0, tunings
+    code, nodes = replay(log)
+    assert code == 0, nodes
+    assert nodes["executive"]["cycles"] > acknowledged + 300
+
+
+def test_the_fault_after_the_death_of_the_plant_is_recomputed(tmp_path: Path) -> None:
+    bus, log = own_bus(), tmp_path / "r" / "log.mcap"
+    with Running(
+        "run", str(RIGS / "slew10.yaml"), "--bus", bus, "--no-figure", "--quiet", "-o",
+        str(log.parent),
+    ) as run:  # fmt: skip
+        run.in_the_middle("slew10", bus)
+        os.kill(run.pid("plant"), signal.SIGKILL)
+        assert run.done().code == 5
+    ends = logs.read(log).node["executive"].columns["supervisor.state"][-1]
+    assert ends == 4.0, f"the last cycle of the record is in state {ends}, not in FAULT"
+    code, nodes = replay(log, "--node", "executive")
+    assert code == 0, nodes
+
+
+def test_a_controller_from_outside_the_project_comes_from_the_log(tmp_path: Path) -> None:
+    outside = tmp_path / "elsewhere"
+    outside.mkdir()
+    shutil.copy(ROOT / "executive" / "controllers" / "pd.py", outside / "mine.py")
+    (outside / "rig.yaml").write_text(
+        f"base: {RIGS / 'slew10.yaml'}\nrig: mine\nduration_s: 0.1\n"
+        "controllers: {pd: {law: mine.py}}\n"
+    )
+    log = tmp_path / "log.mcap"
+    simulate(load_rig(outside / "rig.yaml"), log)
+    shutil.rmtree(outside)
+    code, nodes = replay(log)
+    assert code == 0, nodes
+    assert nodes["executive"]["cycles"] == 100
+
+
+def test_a_log_that_begins_later_is_refused_with_the_reason(tmp_path: Path) -> None:
+    settings = ("duration_s=1.0", "record.keep=200ms", "record.on=tuning",
+                "schedule=[{at_s: 0.6, set: {controller.network_on: 1.0}}]")  # fmt: skip
+    log = tmp_path / "log.mcap"
+    simulate(load_rig(RIGS / "engage.yaml", settings=settings), log)
+    done = pcpc("replay", str(log))
+    assert done.code == 1, done
+    assert "not with the start of the run" in done.out, done
+
+
+def test_wrong_input_is_answered_in_a_line(engaged: Path, tmp_path: Path) -> None:
+    for words, said in (
+        ((str(tmp_path / "absent.mcap"),), "No such file"),
+        ((str(RIGS / "slew10.yaml"),), "not an MCAP file"),
+        ((str(engaged), "--controller", "nn_backsteping"), "did you mean nn_backstepping"),
+        ((str(engaged), "--set", "controller.kv=1"), "did you mean kv_Nms_rad"),
+    ):
+        done = pcpc("replay", *words)
+        assert done.code == 2, done
+        assert said in done.err, done
+        assert done.err.count("\n") == 1, done

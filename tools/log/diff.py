@@ -1,0 +1,297 @@
+"""`pcpc log diff`: where two runs part, variable by variable, sorted by the first difference.
+
+    differs    |a - b| > absolute + relative |a|; by default both are 0, and every bit counts;
+               NaN equals NaN
+    ULP        how many float64 lie between the two values at the first difference
+
+Runs are compared cycle by cycle; a cycle, variable or frame that only one log has is a difference.
+Frames are compared by id and direction, without their stamps; their data only when every bit
+counts. The timing of a run is compared only where a pattern names it, as 'timing.*'.
+"""
+
+import argparse
+import json
+import math
+import shutil
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from executive import logs
+from tools.log import series, source
+from tools.log.outfile import LOSS, LogCommandError
+from tools.log.tally import DIRECTIONS
+from tools.progress import Progress
+
+SAME, DIFFERENT = 0, 1
+_SHOWN = 40  # rows of the table; all of them with --json
+
+
+@dataclass
+class Difference:
+    """How a variable or frame of two logs differs; `time_s` from the first cycle of A.
+
+    `largest` is None for what has no size: a frame, a NaN or an infinity in one log only.
+    """
+
+    name: str
+    time_s: float
+    cycle: int
+    a: str
+    b: str
+    count: int
+    ulp: int | None = None
+    largest: float | None = None
+    largest_time_s: float | None = None
+
+
+@dataclass
+class Report:
+    """What `--json` prints. `only`: what one of the logs has and the other has not, in words."""
+
+    a: str
+    b: str
+    cycles: dict[str, int] = field(default_factory=dict)  # compared, by node
+    variables: int = 0
+    frames: int = 0
+    differences: list[Difference] = field(default_factory=list)
+    only: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+
+    @property
+    def equal(self) -> bool:
+        """Nothing differs."""
+        return not (self.differences or self.only)
+
+
+def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register `diff`."""
+    one = source.add_parser(
+        commands, "diff", "compare two logs, variable by variable and frame by frame",
+        "pcpc log diff runs/A/log.mcap runs/B/log.mcap 'controller.*' --absolute 1e-9",
+        "exit code: 0 equal, 1 they differ, 2 wrong input, 3 equal as far as they are readable, "
+        "130 Ctrl-C",
+    )  # fmt: skip
+    one.add_argument("a", type=Path, metavar="A", help="log file or run folder")
+    one.add_argument("b", type=Path, metavar="B", help="the other one")
+    one.add_argument(
+        "variables", nargs="*", metavar="VAR",
+        help="names or patterns as 'controller.*', without frames; default: all but timing",
+    )  # fmt: skip
+    one.add_argument("--tolerance", type=float, default=0.0, metavar="REL", help="relative")
+    one.add_argument("--absolute", type=float, default=0.0, metavar="ABS", help="absolute")
+    one.add_argument("--json", action="store_true", help="print one JSON object")
+    one.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `diff`; return the exit code."""
+    return source.guarded(lambda progress: _diff(options, progress), options.quiet)
+
+
+def _diff(options: argparse.Namespace, progress: Progress) -> int:
+    for name in ("tolerance", "absolute"):
+        value = getattr(options, name)
+        if not (math.isfinite(value) and value >= 0.0):
+            raise LogCommandError(f"--{name} {value:g}: not a tolerance; expected 0 or more")
+    paths = [source.file_of(path) for path in (options.a, options.b)]
+    watch, read = source.Watch(paths[0], progress), []
+    for path in paths:
+        watch.say(f"reading {path}")
+        read.append(series.read_log(path, progress))
+    watch.say(f"comparing with {paths[1]}")
+    report = compare(read[0], read[1], options.variables, options.tolerance, options.absolute)
+    progress.close()
+    if options.json:
+        print(json.dumps({"equal": report.equal, **asdict(report)}, indent=2))
+    else:
+        show(report)
+    if not report.equal:
+        return DIFFERENT
+    return LOSS if report.missing else SAME
+
+
+def compare(
+    a: logs.Log, b: logs.Log, patterns: Sequence[str] = (), relative: float = 0.0,
+    absolute: float = 0.0,
+) -> Report:  # fmt: skip
+    """Compare two logs; LogCommandError for a pattern that matches no variable of either."""
+    report = Report(str(a.path), str(b.path))
+    report.missing = [f"{log.path}: {line}" for log in (a, b) for line in log.missing]
+    ours, theirs = series.all_series(a), series.all_series(b)
+    known = [*ours, *(name for name in theirs if name not in ours)]
+    where = f"{a.path}, {b.path}"
+    chosen = series.choose(known, patterns, where) if patterns else [
+        name for name in known if (ours.get(name) or theirs[name]).topic.endswith("/state")
+    ]  # fmt: skip
+    _only(report, "variable", *({n for n in chosen if n in s} for s in (ours, theirs)))
+    zero_ns = series.start_ns(a)
+    for name, rows in _shared_cycles(report, a, b).items():
+        both = [n for n in chosen if n in ours and n in theirs]
+        for variable in (n for n in both if _node_of(ours[n]) == name):
+            one, other = ours[variable], theirs[variable]
+            found = _values(one, other, rows, relative, absolute, zero_ns)
+            report.variables += 1
+            if found is not None:
+                report.differences.append(found)
+    if not patterns:
+        _frames(report, a, b, exact=relative == absolute == 0.0)
+    report.differences.sort(key=lambda d: (d.time_s, d.cycle))
+    return report
+
+
+def _node_of(one: series.Series) -> str:
+    return "plant" if one.topic.startswith("/plant/") else "executive"
+
+
+def _only(report: Report, what: str, a: set[str], b: set[str]) -> None:
+    for path, names in ((report.a, a - b), (report.b, b - a)):
+        if names:
+            listed = ", ".join(sorted(names)[:8]) + (", ..." if len(names) > 8 else "")
+            report.only.append(f"only {path} has {len(names)} {what}(s): {listed}")
+
+
+def _shared_cycles(
+    report: Report, a: logs.Log, b: logs.Log
+) -> dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Return the rows of the cycles that both logs have, by node; note the others."""
+    shared = {}
+    _only(report, "node", set(a.node), set(b.node))
+    for name in (name for name in a.node if name in b.node):
+        ours, theirs = a.node[name].cycle, b.node[name].cycle
+        common, i, j = np.intersect1d(ours, theirs, return_indices=True)
+        shared[name], report.cycles[name] = (i, j), len(common)
+        for path, own in ((report.a, ours), (report.b, theirs)):
+            rest = np.setdiff1d(own, common)
+            if len(rest):
+                report.only.append(
+                    f"only {path} has {len(rest)} cycle(s) of {name}: {rest[0]} to {rest[-1]}"
+                )
+    return shared
+
+
+def _values(
+    one: series.Series, other: series.Series, rows: tuple[NDArray[np.int64], NDArray[np.int64]],
+    relative: float, absolute: float, zero_ns: int,
+) -> Difference | None:  # fmt: skip
+    """Return how two series differ in the given rows of each; None if they do not."""
+    a, b = one.values[rows[0]], other.values[rows[1]]
+    with np.errstate(invalid="ignore", over="ignore"):
+        distance = np.abs(a - b)
+        within = (a.view(np.int64) == b.view(np.int64)) | (np.isnan(a) & np.isnan(b))
+        if relative or absolute:
+            within |= (a == b) | (distance <= absolute + relative * np.abs(a))
+    at = np.flatnonzero(~within)
+    if not len(at):
+        return None
+    first, row = int(at[0]), rows[0]
+    time_s = (one.time_ns - zero_ns) / 1e9
+    found = Difference(
+        one.name, float(time_s[row[first]]), int(one.cycle[row[first]]),
+        repr(float(a[first])), repr(float(b[first])), len(at),
+        ulp_distance(float(a[first]), float(b[first])),
+    )  # fmt: skip
+    sized = at[np.isfinite(distance[at])]
+    if len(sized):
+        largest = int(sized[np.argmax(distance[sized])])
+        found.largest = float(distance[largest])
+        found.largest_time_s = float(time_s[row[largest]])
+    return found
+
+
+def ulp_distance(a: float, b: float) -> int | None:
+    """Return how many float64 lie between two numbers; None if one is NaN."""
+    if math.isnan(a) or math.isnan(b):
+        return None
+    ordered = []
+    for value in (a, b):
+        bits = int(np.float64(value).view(np.int64))
+        ordered.append(bits if bits >= 0 else -(1 << 63) - bits)
+    return abs(ordered[0] - ordered[1])
+
+
+def _frames(report: Report, a: logs.Log, b: logs.Log, exact: bool) -> None:
+    """Compare the frames of each node, id and direction; `exact`: also their data."""
+    names = logs.frame_names(a) | logs.frame_names(b)
+    parts = ("cycle", "dlc", "e2e", "data") if exact else ("cycle", "dlc")
+    for node in (name for name in a.node if name in b.node):
+        ours, theirs = (_by_id(log.node[node].frames) for log in (a, b))
+        begin = a.node[node].stamp_ns[:1]
+        for key in sorted(ours.keys() | theirs.keys()):
+            name = f"{names.get(key[1], f'{key[1]:03X}')} {DIRECTIONS[key[0]]}"
+            name = name if node == "executive" else f"{node}.{name}"
+            none = np.empty(0, logs.FRAME)
+            one, other = ours.get(key, none), theirs.get(key, none)
+            report.frames += max(len(one), len(other))
+            found = _frame_difference(f"frame {name}", one, other, parts, begin)
+            if found is not None:
+                report.differences.append(found)
+
+
+def _by_id(frames: NDArray[Any]) -> Mapping[tuple[int, int], NDArray[Any]]:
+    """Return the frames of each (direction, id), in order."""
+    keys = frames["direction"].astype(np.int64) << 32 | frames["id"]
+    return {(int(k) >> 32, int(k) & 0xFFFFFFFF): frames[keys == k] for k in np.unique(keys)}
+
+
+def _frame_difference(
+    name: str, a: NDArray[Any], b: NDArray[Any], parts: Sequence[str], begin: NDArray[np.int64]
+) -> Difference | None:
+    n = min(len(a), len(b))
+    differs = np.zeros(n, bool)
+    for part in parts:
+        unequal = a[part][:n] != b[part][:n]
+        differs |= unequal.any(axis=1) if unequal.ndim > 1 else unequal
+    count = int(differs.sum()) + abs(len(a) - len(b))
+    if not count:
+        return None
+    at = int(differs.argmax()) if differs.any() else n
+    longer = a if len(a) > at else b
+    zero_ns = int(begin[0]) if len(begin) else int(longer["stamp_ns"][0])
+    time_s = (int(longer["stamp_ns"][at]) - zero_ns) / 1e9
+    texts = (_frame_text(a, at), _frame_text(b, at))
+    return Difference(name, time_s, int(longer["cycle"][at]), texts[0], texts[1], count)
+
+
+def _frame_text(frames: NDArray[Any], at: int) -> str:
+    if len(frames) <= at:
+        return "none"
+    return bytes(frames["data"][at][: int(frames["dlc"][at])]).hex().upper()
+
+
+def show(report: Report) -> None:
+    """Print a report."""
+    size = f"{report.variables} variables, {report.frames} frames"
+    cycles = ", ".join(f"{name} {n} cycles" for name, n in report.cycles.items())
+    verdict = "equal" if report.equal else f"{len(report.differences)} differ"
+    print(f"{cycles or 'no cycles'}, {size}: {verdict}")
+    for line in report.only:
+        print(line)
+    if not report.differences:
+        return
+    table = Table(box=None, pad_edge=False)
+    for title in ("variable", "first at", "cycle", "A", "B", "ULP", "largest", "at", "cycles"):
+        table.add_column(title, justify="left" if title == "variable" else "right", no_wrap=True)
+    for row in _rows(report.differences[:_SHOWN]):
+        table.add_row(*row)
+    width = max(shutil.get_terminal_size().columns, 160)
+    Console(highlight=False, markup=False, width=width).print(table)
+    if len(report.differences) > _SHOWN:
+        print(f"and {len(report.differences) - _SHOWN} more, see --json", file=sys.stderr)
+
+
+def _rows(differences: Sequence[Difference]) -> Iterator[tuple[str, ...]]:
+    for d in differences:
+        yield (
+            d.name, f"{d.time_s:.3f} s", str(d.cycle), d.a, d.b,
+            "" if d.ulp is None else f"{d.ulp:.3g}" if d.ulp > 10**6 else str(d.ulp),
+            "" if d.largest is None else f"{d.largest:.3g}",
+            "" if d.largest_time_s is None else f"{d.largest_time_s:.3f} s", str(d.count),
+        )  # fmt: skip

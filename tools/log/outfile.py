@@ -1,0 +1,38 @@
+"""Output files that are whole or not there, and the one-line errors of `pcpc log`."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 2, 3, 4, 130
+
+
+class LogCommandError(Exception):
+    """What a user gets to see in one line; `code` is the exit code."""
+
+    def __init__(self, text: str, code: int = USAGE) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+@contextmanager
+def new_file(path: Path, force: bool) -> Iterator[Path]:
+    """Give a file to write beside `path` that takes its place at the end, if there was no error.
+
+    Raises LogCommandError if `path` exists and not `force`, or cannot be written.
+    """
+    if path.exists() and not (force and path.is_file()):
+        cure = "choose another name, or overwrite it with --force"
+        what = "exists" if path.is_file() else "is no file"
+        raise LogCommandError(f"{path}: {what}; {cure}")
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")
+    try:
+        unfinished.touch(exist_ok=False)
+        yield unfinished
+        os.replace(unfinished, path)
+    except OSError as error:
+        what = f"{path}: cannot be written: {error.strerror}; choose another place with -o"
+        raise LogCommandError(what, NO_ENVIRONMENT) from None
+    finally:
+        unfinished.unlink(missing_ok=True)

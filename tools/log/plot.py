@@ -1,0 +1,198 @@
+"""`pcpc log plot`: variables of one log or several over time, as a picture.
+
+    one log        an axis for each unit, at most 8 lines on it
+    several logs   an axis for each variable, a line for each log
+    no variables   the plant's own figure of a log, else what the controller works with
+
+Every pixel column shows the first, last, lowest and highest value that falls into it, so a spike of
+one cycle stays visible in a log of an hour. Time is s from the first record of each log.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+
+from executive import logs
+from executive.errors import RigError
+from tools.log import series
+from tools.log.drawing import DPI, Source, page_of
+from tools.log.outfile import INTERRUPTED, LOSS, NO_ENVIRONMENT, LogCommandError, new_file
+from tools.log.series import Series
+from tools.progress import Progress
+
+SUFFIXES = (".png", ".svg", ".pdf")
+MOST_AXES, MOST_LINES = 12, 8
+_DEFAULT_AXES = 6  # of several logs, where no variable is named
+_DEFAULTS = ("reference.*", "controller.*", "rx.*", "*")
+_PLANTS = Path(__file__).resolve().parents[2] / "plants"
+
+
+def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register `plot`."""
+    text = "draw variables over time, of one log or several"
+    one = commands.add_parser(
+        "plot", help=text, description=text,
+        epilog="example: pcpc log plot a.mcap b.mcap controller.e_rad 'barrel.*slope*' -o e.png\n"
+        "exit code: 0 ok, 2 wrong input, 3 a log is damaged and what is readable was drawn, "
+        "4 something is not installed or cannot be written, 130 Ctrl-C",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    one.add_argument(
+        "words", nargs="+", metavar="LOG|VARIABLE",
+        help="logs, and variables (* ? [] as in the shell, in quotes); "
+        "no variables: the plant's own figure",
+    )  # fmt: skip
+    one.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.png", help="picture")
+    one.add_argument(
+        "--rig", type=Path, metavar="RIG",
+        help="where the log's rig file lies, if it is none of the project's",
+    )  # fmt: skip
+    one.add_argument("--start", metavar="TIME", help="from here on: 1.5 or 500ms after the start")
+    one.add_argument("--end", metavar="TIME", help="up to here")
+    one.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `plot`; return the exit code."""
+    progress = Progress(options.quiet)
+    try:
+        return plot(options, progress)
+    except (LogCommandError, RigError) as error:
+        progress.close()
+        print(error, file=sys.stderr)
+        return error.code if isinstance(error, LogCommandError) else 2
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def plot(options: argparse.Namespace, progress: Progress) -> int:
+    """As `command`; raises LogCommandError, RigError."""
+    if options.output.suffix.lower() not in SUFFIXES:
+        raise LogCommandError(f"{options.output}: no picture; expected {', '.join(SUFFIXES)}")
+    paths, patterns = sorted_out(options.words)
+    read = [series.read_log(path, progress) for path in paths]
+    loss = LOSS if any(log.missing for log in read) else 0
+    window = (options.start, options.end) != (None, None)
+    if len(read) == 1 and not patterns and not window and _own_figure(read[0], options):
+        return loss
+    names = names_of(paths)
+    sources = [
+        Source(name, log, series.all_series(log), series.start_ns(log))
+        for name, log in zip(names, read, strict=True)
+    ]
+    groups = groups_of(sources, patterns)
+    start_s = series.seconds(options.start, -np.inf, "--start")
+    end_s = series.seconds(options.end, np.inf, "--end")
+    for source in sources:
+        absent = [name for group in groups for name in group if name not in source.series]
+        if absent:
+            progress.say(f"{source.log.path}: no {', '.join(absent)}")
+    progress.show(f"drawing {sum(map(len, groups))} variables")
+    page = page_of(sources, groups, (start_s, end_s))
+    with new_file(options.output, force=True) as path:
+        page.savefig(path, dpi=DPI, format=options.output.suffix[1:].lower())
+    progress.close()
+    print(f"{options.output}: {', '.join(name for group in groups for name in group)}")
+    return loss
+
+
+def sorted_out(words: Sequence[str]) -> tuple[list[Path], list[str]]:
+    """Return logs and patterns; a run folder stands for its log."""
+    paths, patterns = [], []
+    for word in words:
+        path = Path(word)
+        path = path / "log.mcap" if path.is_dir() else path
+        if path.is_file():
+            paths.append(path)
+        elif "/" in word or word.endswith(".mcap"):
+            raise LogCommandError(f"{word}: no such log; give a file as runs/RUN/log.mcap")
+        else:
+            patterns.append(word)
+    if not paths:
+        raise LogCommandError(f"{words[0]}: no such log; the first word is a log file")
+    return paths, patterns
+
+
+def names_of(paths: Sequence[Path]) -> list[str]:
+    """Return the shortest ends of the paths that tell them apart, without log.mcap."""
+    parts = [path.absolute().parts for path in paths]
+    parts = [p[:-1] if p[-1] == "log.mcap" else (*p[:-1], Path(p[-1]).stem) for p in parts]
+    for length in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(p[-length:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{path} ({number})" for number, path in enumerate(paths, 1)]
+
+
+# What to draw
+
+
+def _own_figure(log: logs.Log, options: argparse.Namespace) -> bool:
+    """Draw the figure of the log's plant; return False if there is none to be found."""
+    from executive.rig import load_rig
+    from tools import summary
+
+    text = log.attachments.get("rig-resolved.yaml")
+    rig_name = next((log.metadata[node].get("rig", "") for node in log.node), "")
+    place = options.rig or next(iter(sorted(_PLANTS.glob(f"*/rigs/{rig_name}.yaml"))), None)
+    if text is None or place is None:
+        return False
+    rig = load_rig(place, text=text, resolve=False)
+    if rig.evaluation is None or not Path(rig.evaluation.file).is_file():
+        return False
+    metrics = summary.summarise(rig, log, summary.Outcome("", ""))["metrics"]
+    with new_file(options.output, force=True) as path:
+        reason = summary.draw(rig, log, metrics, path)
+        if "pip install" in reason:
+            raise LogCommandError(reason, NO_ENVIRONMENT)
+        if reason:
+            return False
+    print(
+        f"{options.output}: the figure of {Path(rig.evaluation.file).parent.name}, rig {rig_name}"
+    )
+    return True
+
+
+def groups_of(sources: Sequence[Source], patterns: Sequence[str]) -> list[list[str]]:
+    """Return the names on each axis; LogCommandError for an unknown one or too many."""
+    known = {name: one for source in sources for name, one in source.series.items()}
+    where = sources[0].log.path if len(sources) == 1 else f"{len(sources)} logs"
+    if not known:
+        raise LogCommandError(f"{where}: no variables recorded")
+    names = series.choose(known, patterns, str(where)) if patterns else _default(sources, known)
+    groups: list[list[str]] = []
+    if len(sources) > 1:
+        groups = [[name] for name in names]
+    else:
+        for name in names:
+            unit = known[name].unit
+            mine = [g for g in groups if known[g[0]].unit == unit and len(g) < MOST_LINES]
+            if mine:
+                mine[-1].append(name)
+            else:
+                groups.append([name])
+    if not patterns:
+        return groups[: _DEFAULT_AXES if len(sources) > 1 else MOST_AXES]
+    if len(groups) > MOST_AXES:
+        raise LogCommandError(
+            f"{where}: {len(names)} variables need {len(groups)} axes; a picture has at most "
+            f"{MOST_AXES}: choose fewer variables"
+        )
+    return groups
+
+
+def _default(sources: Sequence[Source], known: dict[str, Series]) -> list[str]:
+    """Return the watched variable, then the first kind of variables of which some change."""
+    watched = [s.log.node[n].description.get("watch", "") for s in sources for n in s.log.node]
+    chosen = dict.fromkeys(name for name in watched if name in known)
+    for pattern in _DEFAULTS:
+        names = [name for name in known if fnmatchcase(name, pattern)]
+        moving = [n for n in names if len(v := known[n].values) and (v != v[0]).any()]
+        chosen |= dict.fromkeys(moving)
+        if pattern != "reference.*" and moving:
+            break
+    return list(chosen) or list(known)[:1]

@@ -1,0 +1,86 @@
+"""`pcpc log recover`: a damaged log written anew, as far as it is readable.
+
+The new file is a whole one that every MCAP tool opens; it says in its metadata `recovered` what is
+missing. The damaged file is not changed.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from executive import logs
+from executive.mcap_writer import RecordError, Recovered, recover
+from tools.log import source
+from tools.log.outfile import NO_ENVIRONMENT, LogCommandError, new_file
+from tools.progress import Progress
+
+
+def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register `recover`."""
+    one = source.add_parser(
+        commands, "recover", "write what is readable of a damaged log to a new file",
+        "pcpc log recover runs/RUN/log.mcap",
+        "exit code: 0 something was recovered, 2 nothing was, 4 cannot be written, 130 Ctrl-C",
+    )  # fmt: skip
+    one.add_argument("log", type=Path, metavar="LOG", help="log file or run folder")
+    one.add_argument(
+        "-o", "--output", type=Path, metavar="OUT", help="new file, instead of LOG-recovered.mcap"
+    )
+    one.add_argument("--json", action="store_true", help="print one JSON object")
+    one.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `recover`; return the exit code."""
+    return source.guarded(lambda progress: _recover(options, progress), options.quiet)
+
+
+def _recover(options: argparse.Namespace, progress: Progress) -> int:
+    path = source.file_of(options.log)
+    out = options.output or path.with_name(f"{path.stem}-recovered.mcap")
+    with new_file(out, force=False) as unfinished:
+        try:
+            done = recover(path, unfinished, source.Watch(path, progress))
+        except RecordError as error:
+            what = str(error).replace(str(unfinished), str(out))
+            raise LogCommandError(what, NO_ENVIRONMENT) from None
+        if not sum(done.messages.values()):
+            reason = done.missing[0] if done.missing else "the log is whole, and empty"
+            raise LogCommandError(f"{path}: nothing to recover: {reason}")
+        report = _report(path, out, done, _nodes(unfinished, done))
+    progress.close()
+    if options.json:
+        print(json.dumps(report, indent=2))
+        return 0
+    for line in done.missing or ["nothing: the log is whole"]:
+        print(f"missing: {line}", file=sys.stderr)
+    nodes = report["nodes"].items()
+    kept = [f"{name}: {n['cycles']} cycles, {n['seconds']:g} s" for name, n in nodes]
+    print(f"{out}: {'; '.join([*kept, f'{sum(done.messages.values())} messages'])}")
+    return 0
+
+
+def _nodes(out: Path, done: Recovered) -> dict[str, dict[str, float]]:
+    """Return cycles and seconds of each node that was recovered."""
+    try:
+        log = logs.head(out)
+    except logs.LogError:  # messages of a log that lost its head
+        return {}
+    nodes = {}
+    for name in log.node:
+        cycles = done.messages.get(logs.topic(name, "state"), 0)
+        period_ns = int(log.metadata[name].get("period_ns", 0))
+        nodes[name] = {"cycles": cycles, "seconds": cycles * period_ns / 1e9}
+    return nodes
+
+
+def _report(
+    path: Path, out: Path, done: Recovered, nodes: dict[str, dict[str, float]]
+) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return {
+        "log": str(path), "file": str(out), "nodes": nodes, "messages": done.messages,
+        "missing": done.missing,
+    }  # fmt: skip

@@ -1,0 +1,85 @@
+"""A log as the sub-commands of `pcpc log` get it: named on the command line, read as a stream."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from executive import logs
+from executive.mcap_reader import Piece, Scan, walk
+from executive.mcap_records import message_dtype
+from executive.mcap_writer import RecordError
+from tools.log.outfile import INTERRUPTED, NO_ENVIRONMENT, USAGE, LogCommandError
+from tools.progress import Progress
+
+_PATIENCE_S = 1.0
+CODES = "exit code: 0 ok, 2 wrong input, 3 the log is damaged, 130 Ctrl-C"
+
+
+def add_parser(
+    commands: "argparse._SubParsersAction[argparse.ArgumentParser]",
+    name: str, help: str, example: str, codes: str = CODES,
+) -> argparse.ArgumentParser:  # fmt: skip
+    """Register a sub-command; return its parser."""
+    return commands.add_parser(
+        name, help=help, description=help, epilog=f"example: {example}\n{codes}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+
+
+def file_of(path: Path) -> Path:
+    """Return the log in a run folder, or the file itself."""
+    return path / "log.mcap" if path.is_dir() else path
+
+
+def guarded(action: Callable[[Progress], int], quiet: bool = False) -> int:
+    """Return the exit code of `action`; print what is wrong in one line."""
+    progress = Progress(quiet)
+    try:
+        return action(progress)
+    except LogCommandError as error:
+        code, text = error.code, str(error)
+    except logs.LogError as error:
+        code, text = USAGE, str(error)
+    except RecordError as error:
+        code, text = NO_ENVIRONMENT, str(error)
+    except KeyboardInterrupt:
+        code, text = INTERRUPTED, "interrupted"
+    finally:
+        progress.close()
+    print(text, file=sys.stderr)
+    return code
+
+
+def stream(path: Path, found: Scan, progress: Progress) -> Iterator[Piece]:
+    """Yield the messages of a log as they come, and show how far it is; LogError."""
+    watch = Watch(path, progress)
+    for piece in walk(path, found):
+        watch(found)
+        yield piece
+
+
+class Watch:
+    """Shows how much of a file is read, once that has taken a second."""
+
+    def __init__(self, path: Path, progress: Progress) -> None:
+        self._path, self._progress = path, progress
+        self._from_s = time.monotonic() + _PATIENCE_S
+
+    def __call__(self, found: Scan) -> None:
+        """Show how far `found` is."""
+        self.say(f"{found.place >> 20} of {found.size >> 20} MiB")
+
+    def say(self, text: str) -> None:
+        """Show `text` behind the name of the file."""
+        if self._progress.due() and time.monotonic() > self._from_s:
+            self._progress.show(f"{self._path}: {text}")
+
+
+def messages(piece: NDArray[Any]) -> NDArray[Any]:
+    """Return a piece as one structured array (n,) of `message_dtype`."""
+    return piece.view(message_dtype(piece.shape[1] - message_dtype(0).itemsize))[:, 0]

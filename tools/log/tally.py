@@ -1,0 +1,131 @@
+"""What the messages of a log add up to, without keeping them: cycles, frames, events, bytes."""
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from executive import logs
+from executive.mcap_reader import Scan
+
+E2E_STATES = ("OK", "OK_SOME_LOST", "REPEATED", "WRONG_SEQUENCE", "ERROR", "NOT_AVAILABLE")
+DIRECTIONS = ("sent", "received")
+_AT_ONCE = 100_000  # frames counted at once
+
+
+@dataclass
+class Tally:
+    """Sums by topic; `first_ns`, `last_ns` are wall times."""
+
+    found: Scan
+    first_ns: dict[str, int] = field(default_factory=dict)
+    last_ns: dict[str, int] = field(default_factory=dict)
+    messages: Counter[str] = field(default_factory=Counter)
+    bytes: Counter[str] = field(default_factory=Counter)
+    _steps: dict[str, list[int]] = field(default_factory=dict)  # first, last, 2^32 passed
+    _entries: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
+    _frames: Counter[tuple[str, int]] = field(default_factory=Counter)  # topic, key
+    _keys: dict[str, list[NDArray[np.uint64]]] = field(default_factory=dict)
+    _waiting: int = 0
+
+    def add(self, channel: int, rows: NDArray[Any]) -> None:
+        """Take messages (n,) of one channel."""
+        topic = self.found.topic(channel)
+        if not topic:
+            return
+        self.first_ns.setdefault(topic, int(rows["log_time"][0]))
+        self.last_ns[topic] = int(rows["log_time"][-1])
+        self.messages[topic] += len(rows)
+        self.bytes[topic] += rows["data"].size
+        kind = topic.rpartition("/")[2]
+        if kind == "state":
+            self._step(topic, rows["sequence"].astype(np.int64))
+        elif kind == "frames" and rows["data"].shape[1] == logs.CDR_BYTES + logs.FRAME.itemsize:
+            self._take_frames(topic, rows)
+        elif self.found.channels[channel].message_encoding == "json":
+            entries = self._entries.setdefault(topic, [])
+            for at_ns, row in zip(rows["log_time"].tolist(), rows["data"], strict=True):
+                entries.append((at_ns, json.loads(row.tobytes())))
+
+    def _step(self, topic: str, sequence: NDArray[np.int64]) -> None:
+        step = self._steps.setdefault(topic, [int(sequence[0]), int(sequence[0]), 0])
+        step[2] += int(np.count_nonzero(np.diff(sequence, prepend=step[1]) < 0))
+        step[1] = int(sequence[-1])
+
+    def _take_frames(self, topic: str, rows: NDArray[Any]) -> None:
+        data = np.ascontiguousarray(rows["data"][:, logs.CDR_BYTES :]).view(logs.FRAME)[:, 0]
+        key = data["id"].astype(np.uint64) | data["direction"].astype(np.uint64) << np.uint64(32)
+        self._keys.setdefault(topic, []).append(
+            key | data["e2e"].astype(np.uint64) << np.uint64(40)
+        )
+        self._waiting += len(rows)
+        if self._waiting >= _AT_ONCE:
+            self._settle()
+
+    def _settle(self) -> None:
+        for topic, keys in self._keys.items():
+            for key, n in zip(*np.unique(np.concatenate(keys), return_counts=True), strict=True):
+                self._frames[topic, int(key)] += int(n)
+        self._keys, self._waiting = {}, 0
+
+    def _counted(self) -> Iterator[tuple[str, int, int, int, int]]:
+        """Yield (topic, id, direction, e2e, count)."""
+        self._settle()
+        for (topic, key), n in self._frames.items():
+            yield topic, key & 0xFFFFFFFF, key >> 32 & 1, key >> 40, n
+
+    def cycles(self, topic: str) -> dict[str, int]:
+        """Return count, first and last of a node's cycles, and how many between are not there."""
+        if topic not in self._steps:
+            return {"cycles": 0, "lost": 0}
+        first, last, wraps = self._steps[topic]
+        last += wraps << 32
+        count = self.messages[topic]
+        return {"cycles": count, "first": first, "last": last, "lost": last - first + 1 - count}
+
+    def duration_s(self, topic: str) -> float:
+        """Return the time from the first message of a topic to its last."""
+        return (self.last_ns.get(topic, 0) - self.first_ns.get(topic, 0)) / 1e9
+
+    def frames(self, names: Mapping[int, str], duration_s: float) -> list[dict[str, Any]]:
+        """Return the executive's frames by direction and id; in a log without one, the plant's."""
+        topics = [logs.topic(node, "can/frames") for node in logs.NODES]
+        heard = next((topic for topic in topics if self.messages[topic]), topics[0])
+        total: Counter[tuple[int, int]] = Counter()
+        for topic, number, direction, _, n in self._counted():
+            if topic == heard:
+                total[direction, number] += n
+        return [
+            {"name": names.get(number, ""), "id": f"{number & 0x1FFFFFFF:03X}",
+             "direction": DIRECTIONS[direction], "count": n,
+             "rate_hz": round(n / duration_s, 1) if duration_s else None}
+            for (direction, number), n in sorted(total.items())
+        ]  # fmt: skip
+
+    def e2e(self, nodes: Iterable[str]) -> dict[str, dict[str, int]]:
+        """Return how many received frames were not OK, by node and state of the check."""
+        bad: dict[str, dict[str, int]] = {name: {} for name in nodes}
+        for topic, _, direction, state, n in self._counted():
+            for name in bad:
+                if topic == logs.topic(name, "can/frames") and direction == 1 and state:
+                    what = E2E_STATES[state] if state < len(E2E_STATES) else str(state)
+                    bad[name][what] = bad[name].get(what, 0) + n
+        return bad
+
+    def entries(self, kind: str, zero_ns: int) -> list[dict[str, Any]]:
+        """Return the events or tunings of both nodes by time, `time_s` after `zero_ns`."""
+        found = [
+            (at_ns, {"time_s": (at_ns - zero_ns) / 1e9, "node": node, **entry})
+            for node in logs.NODES
+            for at_ns, entry in self._entries.get(logs.topic(node, kind), [])
+        ]
+        return [entry for _, entry in sorted(found, key=lambda pair: pair[0])]
+
+    def topics(self) -> list[dict[str, Any]]:
+        """Return messages and bytes, as they were before compression, of all topics."""
+        names = [channel.topic for channel in self.found.channels.values()]
+        return [{"topic": n, "messages": self.messages[n], "bytes": self.bytes[n]} for n in names]

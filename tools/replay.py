@@ -1,0 +1,311 @@
+"""`pcpc replay LOG`: recompute a recorded run from its log alone, compare it bit by bit.
+
+Frames, tunings and the rig come from the log; the laws are those installed, or the log's own
+copies where they came from outside the project. With --controller or --set it recomputes what the
+node would have done with the recorded input (open loop: the plant does not answer) and shows how
+far that is from the record.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import BusError
+from executive import logs, yamlfile
+from executive.errors import RigError
+from executive.replay import HEAD, PASSES, Assembler, K, Replay
+from executive.rig import Rig, load_rig
+from tools.progress import Progress
+
+DIFFERS, USAGE = 1, 2
+ROWS_SHOWN = 20
+SENT = "frames sent"
+
+
+@dataclass
+class Difference:
+    """Of one variable, or of the frames sent: where it began, how often, how large it became."""
+
+    name: str
+    cycle: int
+    recorded: str
+    recomputed: str
+    ulp: int
+    count: int = 0
+    largest: float = 0.0
+
+
+@dataclass
+class Verdict:
+    """What came of one node."""
+
+    role: str
+    rate_hz: float
+    cycles: int = 0
+    variables: int = 0
+    frames: int = 0
+    spent_s: float = 0.0
+    incomplete: str = ""  # why not all could be recomputed
+    missing: list[str] = field(default_factory=list)  # damage of the log
+    differences: dict[str, Difference] = field(default_factory=dict)
+
+    @property
+    def identical(self) -> bool:
+        """All that was recorded is recomputed, bit for bit."""
+        return not (self.differences or self.incomplete)
+
+    @property
+    def speed(self) -> float:
+        """Recomputed time over time spent."""
+        return self.cycles / self.rate_hz / max(self.spent_s, 1e-9)
+
+    def ordered(self) -> list[Difference]:
+        """Return the differences, earliest first, in one cycle in the order of its stages."""
+
+        def stage(d: Difference) -> tuple[int, bool, bool]:
+            return d.cycle, d.name == SENT, d.name.startswith("tx.")
+
+        return sorted(self.differences.values(), key=stage)
+
+    def first(self) -> Difference | None:
+        """Return the earliest difference."""
+        return next(iter(self.ordered()), None)
+
+
+def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register `replay`."""
+    text = "recompute a recorded run and compare it bit by bit"
+    one = commands.add_parser(
+        "replay", help=text, description=text,
+        epilog="example: pcpc replay runs/RUN/log.mcap\n"
+        "exit code: 0 bit-identical, 1 different or incomplete, 2 wrong input",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    one.add_argument("log", metavar="LOG", help="log of a run; nothing else is needed")
+    one.add_argument(
+        "--node", choices=("executive", "plant", "both"), default="both", help="default: both"
+    )
+    one.add_argument("--controller", metavar="NAME", help="another controller of the log's rig")
+    one.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE",
+        help="recompute with a change, in open loop: the recorded frames stay what they were",
+    )  # fmt: skip
+    one.add_argument("--json", action="store_true", help="print one JSON list")
+    one.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Replay `options.log`; return 0 if bit-identical, 1 if not, 2 for wrong input."""
+    progress = Progress(options.quiet)
+    try:
+        verdicts = replay(Path(options.log), options, progress)
+    except (logs.LogError, RigError, BusError) as error:
+        progress.close()
+        print(error, file=sys.stderr)
+        return USAGE
+    except KeyboardInterrupt:
+        progress.close()
+        return 130
+    progress.close()
+    if options.json:
+        print(json.dumps([_plain(v) for v in verdicts], indent=1))
+    else:
+        for verdict in verdicts:
+            show(verdict, changed=bool(options.controller or options.set))
+    return 0 if all(verdict.identical for verdict in verdicts) else DIFFERS
+
+
+def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[Verdict]:
+    """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError."""
+    head = logs.head(path)
+    with tempfile.TemporaryDirectory(prefix="pcpc-replay-") as folder:
+        rig = rig_of(head, Path(folder), options.controller, options.set)
+        roles = [r for r in logs.NODES if r in head.node and options.node in (r, "both")]
+        if not roles:
+            raise logs.LogError(f"{path}: no record of node {options.node}")
+        nodes = [Comparison(head, rig, role) for role in roles]
+    for piece, last in logs.pieces(path):
+        for node in nodes:
+            node.take(piece, last)
+        done = min(node.verdict.cycles for node in nodes)
+        progress.show(f"cycle {done}, {min(node.verdict.speed for node in nodes):.0f} x real time")
+    return [node.verdict for node in nodes]
+
+
+def rig_of(head: logs.Log, folder: Path, controller: str | None = None, settings: Any = ()) -> Rig:
+    """Return the rig of a log, its files unpacked below `folder`; LogError, RigError."""
+    texts = head.attachments
+    names = [name for name in texts if name.endswith("rig-resolved.yaml")]
+    if not names:
+        raise logs.LogError(f"{head.path}: holds no rig, so it cannot be replayed")
+    text = texts[names[0]]
+    data = yamlfile.load(folder / "rig.yaml", text).data
+    place = folder / "/".join("abcdefghijkl") / "rig.yaml"  # room for ../../.. of its paths
+    database = str(data.get("dbc", ""))
+    files = {database: texts.get(PurePosixPath(database).name, "")}
+    files |= {name: text for name, text in texts.items() if name.endswith(".py")}
+    for name, content in files.items():
+        file = (place.parent / name).resolve()
+        if not file.is_relative_to(folder.resolve()):
+            raise logs.LogError(f"{head.path}: attachment {name} lies too far from its rig")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(content, encoding="utf-8")
+    data["evaluation"] = None
+    data["schedule"], data["note"] = [], []  # its tunings are in the log
+    return load_rig(place, controller, settings, text=yamlfile.dump(data))
+
+
+class Comparison:
+    """One node recomputed and compared piece by piece, until the end or a gap in the log."""
+
+    def __init__(self, head: logs.Log, rig: Rig, role: Any) -> None:
+        about = head.node[role].description
+        if not {"state_columns", "timing_columns", "period_ns"} <= about.keys():
+            raise logs.LogError(f"{head.path}: the description of the {role} is damaged")
+        self.role = role
+        self.replay = Replay(rig, role, head.metadata[role].get("pacing", "lockstep"))
+        self.recorded = Assembler([*about["state_columns"], *about["timing_columns"]])
+        theirs, ours = self.recorded.names, self.replay.names
+        self.both = [name for name in theirs if name in ours]
+        self._theirs = [HEAD + theirs.index(name) for name in self.both]
+        self._ours = [ours.index(name) for name in self.both]
+        self.verdict = Verdict(role, 1e9 / about["period_ns"], variables=len(self.both))
+        self._begin_s = time.monotonic()
+
+    def take(self, piece: logs.Log, last: bool) -> None:
+        """Recompute what `piece` of the log completes."""
+        verdict = self.verdict
+        verdict.missing += piece.missing
+        if self.role in piece.node and not verdict.incomplete:
+            self.recorded.add(piece.node[self.role])
+        for part in self.recorded.take(last):
+            verdict.incomplete = verdict.incomplete or _gap(part.rows, verdict.cycles)
+            if verdict.incomplete:
+                return
+            computed = self.replay.advance(part, self.recorded.names)
+            done = len(computed.values)
+            old, new = part.rows[:done, self._theirs], computed.values[:, self._ours]
+            _compare(verdict, self.both, part.rows[:done, K], old, new)
+            _compare_frames(verdict, self.replay.sent(part.frames), computed.sent)
+            verdict.cycles += done
+            if done < len(part.rows):
+                cycle = part.rows[done, K]
+                verdict.incomplete = f"recomputed, the node stops before cycle {cycle}"
+        verdict.spent_s = time.monotonic() - self._begin_s
+
+
+def _gap(rows: NDArray[np.int64], before: int) -> str:
+    """Return why `rows` cannot be recomputed after `before` passes; "" if they can."""
+    wrong = np.flatnonzero(rows[:, PASSES] != before + np.arange(len(rows)))
+    if not len(wrong):
+        return ""
+    first = int(rows[wrong[0], K])
+    if before == 0 and wrong[0] == 0:
+        return (
+            f"the log begins with cycle {first}, not with the start of the run: "
+            "what the node had learned by then is not in it"
+        )
+    return f"cycles before {first} are missing in the log; nothing after them can be recomputed"
+
+
+def _compare(
+    verdict: Verdict, names: Sequence[str], cycle: NDArray[np.int64],
+    recorded: NDArray[np.int64], computed: NDArray[np.int64],
+) -> None:  # fmt: skip
+    """Note every variable whose bits differ; both are (cycles, variables)."""
+    if np.array_equal(recorded, computed):
+        return
+    for j in map(int, np.flatnonzero((recorded != computed).any(axis=0))):
+        at = np.flatnonzero(recorded[:, j] != computed[:, j])
+        old, new = (x[at, j].copy().view(np.float64) for x in (recorded, computed))
+        if names[j] not in verdict.differences:
+            verdict.differences[names[j]] = Difference(
+                names[j], int(cycle[at[0]]), repr(float(old[0])), repr(float(new[0])),
+                _ulp(int(recorded[at[0], j]), int(computed[at[0], j])),
+            )  # fmt: skip
+        difference = verdict.differences[names[j]]
+        difference.count += len(at)
+        distance = np.abs(old - new)
+        difference.largest = max(difference.largest, float(np.nanmax(distance, initial=0.0)))
+
+
+def _ulp(a: int, b: int) -> int:
+    """Return how many float64 lie between two, given their bits as int64."""
+    ordered = [x if x >= 0 else -(2**63) - x for x in (a, b)]
+    return abs(ordered[0] - ordered[1])
+
+
+def _compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[Any]) -> None:
+    """Note the first frame that differs; `count` counts all."""
+    n = min(len(recorded), len(computed))
+    parts = ("cycle", "id", "dlc", "data")
+    differs = np.zeros(n, bool)
+    for part in parts:
+        unequal = recorded[part][:n] != computed[part][:n]
+        differs |= unequal.any(axis=1) if unequal.ndim > 1 else unequal
+    verdict.frames += n
+    count = int(differs.sum()) + abs(len(recorded) - len(computed))
+    if not count:
+        return
+    at = int(differs.argmax()) if differs.any() else n
+    old, new = (_frame_text(frames, at) for frames in (recorded, computed))
+    longer = recorded if len(recorded) > at else computed
+    first = Difference(SENT, int(longer["cycle"][at]), old, new, 0)
+    verdict.differences.setdefault(first.name, first).count += count
+
+
+def _frame_text(frames: NDArray[Any], at: int) -> str:
+    """Return a frame as candump writes it."""
+    if at >= len(frames):
+        return "none"
+    frame = frames[at]
+    return f"{int(frame['id']):03X}#{bytes(frame['data'][: int(frame['dlc'])]).hex().upper()}"
+
+
+def _plain(verdict: Verdict) -> dict[str, Any]:
+    """Return a verdict for JSON."""
+    first = verdict.first()
+    return {
+        "node": verdict.role, "identical": verdict.identical, "cycles": verdict.cycles,
+        "variables": verdict.variables, "frames": verdict.frames, "speed": verdict.speed,
+        "incomplete": verdict.incomplete, "missing": verdict.missing,
+        "first": None if first is None else vars(first),
+        "differences": [vars(d) for d in verdict.ordered()],
+    }  # fmt: skip
+
+
+def show(verdict: Verdict, changed: bool) -> None:
+    """Print one node's verdict: a line, and what differs."""
+    size = f"{verdict.cycles} cycles, {verdict.variables} variables, {verdict.frames} frames"
+    state = "bit-identical" if verdict.identical else "DIFFERENT"
+    if changed:
+        state = "no difference" if verdict.identical else "changed, in open loop"
+    print(f"{verdict.role:10} {size}: {state}  ({verdict.speed:.0f} x real time)")
+    for line in (*verdict.missing, verdict.incomplete):
+        if line:
+            print(f"  {line}")
+    first = verdict.first()
+    if first is None:
+        return
+    print(
+        f"  first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
+        f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}, {first.ulp} ULP"
+    )
+    rows = [("variable", "first cycle", "cycles", "largest", "recorded", "recomputed")]
+    for d in verdict.ordered()[:ROWS_SHOWN]:
+        largest = f"{d.largest:.3g}" if d.largest else "-"
+        rows.append((d.name, str(d.cycle), str(d.count), largest, d.recorded, d.recomputed))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("   ", "  ".join(map(str.ljust, row, widths)).rstrip())
+    if len(verdict.differences) > ROWS_SHOWN:
+        print(f"  and {len(verdict.differences) - ROWS_SHOWN} more; --json prints all")
