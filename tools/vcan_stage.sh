@@ -7,7 +7,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
 out=build/vcan
-least=24                 # tests; a stage that collects fewer has lost some
+least=29                 # tests; a stage that collects fewer has lost some
 limit=30min              # an idle machine needs 5
 rig=plants/atb1000/rigs/slew10.yaml
 
@@ -26,6 +26,7 @@ once=(--set duration_s=1.0 --no-figure --quiet)
 quietly "$bin/pcpc" simulate "$rig" "${once[@]}" -o "$out/simulated"
 quietly "$bin/pcpc" run "$rig" "${once[@]}" -o "$out/warm" --pacing lockstep \
     --bus udp_multicast:239.74.163.3:43119
+quietly "$bin/pcpc" play "$out/simulated/log.mcap" -r 0 --quiet --bus udp_multicast:239.74.163.3:43119
 quietly "$bin/python" - <<'PY'
 from drivers import wire, wire_layout
 from drivers.jit import numba
@@ -67,4 +68,9 @@ if count["skipped"]:
     sys.exit("vcan stage: nothing may be skipped here")
 sys.exit(bool(count["failures"] or count["errors"]))
 PY
-exit "$code"
+[ "$code" = 0 ] || exit "$code"
+for log in "$out"/runs/*/*/log.mcap "$out"/runs/*/log.mcap; do
+    [ -e "$log" ] || continue
+    "$bin/pcpc" replay "$log" --quiet || { echo "vcan stage: $log is not recomputed" >&2; exit 1; }
+done
+say "logs of vcan0 recomputed bit for bit"

@@ -14,13 +14,17 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from drivers import bus as buses
 from executive import logs
 from tools import play_frames
-from tools.play import PRIORITY, words_of
+from tools.play import PRIORITY, add_arguments, words_of
 from tools.play_frames import Frames
 from tools.progress import Progress
 
@@ -67,22 +71,37 @@ def run_c(program: Path, text: Path, bus: buses.Bus) -> dict[str, Any]:
     return dict(json.loads(subprocess.run(words, capture_output=True, text=True).stdout))
 
 
-def run_python(log: Path, bus: buses.Bus) -> dict[str, Any]:
+def run_python(log: Path, bus: buses.Bus, words: Sequence[str] = ()) -> dict[str, Any]:
     """Play once with `pcpc play` and return its figures."""
-    words = [*words_of(str(log)), "--bus", str(bus), "--json", "--quiet"]
-    return dict(json.loads(subprocess.run(words, capture_output=True, text=True).stdout))
+    line = [*words_of(str(log)), "--bus", str(bus), "--json", "--quiet", *words]
+    return dict(json.loads(subprocess.run(line, capture_output=True, text=True).stdout))
 
 
-def compare(log: Path, bus: buses.Bus, rounds: int, progress: Progress) -> dict[str, list[Any]]:
-    """Play `rounds` times with each, in turn; return the figures of all rounds by player."""
+def scheduled(log: Path, words: Sequence[str]) -> Frames:
+    """Return the frames that `pcpc play LOG WORDS` sends, at the times at which it does."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser.add_subparsers())
+    options = parser.parse_args(["play", str(log), *words])
+    frames = play_frames.choose(play_frames.of(logs.read(log)), options, str(log))
+    since = frames.stamp_ns - frames.stamp_ns[0]
+    return replace(frames, stamp_ns=np.rint(since / options.rate).astype(np.int64))
+
+
+def compare(
+    log: Path, bus: buses.Bus, rounds: int, progress: Progress, words: Sequence[str] = ()
+) -> dict[str, list[Any]]:
+    """Play `rounds` times with each, in turn; return the figures of all rounds by player.
+
+    `words` are options of `pcpc play` that choose frames or a rate above 0.
+    """
     out: dict[str, list[Any]] = {"C": [], "Python": []}
     with tempfile.TemporaryDirectory() as folder:
         program, text = build(Path(folder)), Path(folder) / "log"
-        text.write_text(candump_text(play_frames.of(logs.read(log))))
+        text.write_text(candump_text(scheduled(log, words)))
         for number in range(rounds):
             progress.show(f"round {number + 1} of {rounds}")
             out["C"].append(run_c(program, text, bus))
-            out["Python"].append(run_python(log, bus))
+            out["Python"].append(run_python(log, bus, words))
     progress.close()
     return out
 

@@ -1,0 +1,232 @@
+"""The frames of a log in the order of the bus, each once, and the choice of those to play.
+
+Both nodes of a run record what they send and what they receive, so most frames stand in a log
+twice. A frame counts at the stamp of its sender; what only a receiver has (the sender's record is
+lost, the sender was no node of the run) counts at the receiver's stamp.
+
+    a received record is a copy of the first sent one with the same id, length and data that is not
+    used yet and not later than SLACK_NS behind it
+
+Equal stamps, as virtual time has them, keep the order in which the recording node (the executive,
+or the only one) had the frames.
+"""
+
+import argparse
+from collections import defaultdict, deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.wire_layout import FRAME_BYTES
+from executive import logs
+from executive.errors import did_you_mean
+
+SLACK_NS = 1_000_000  # a sender stamps after sending, so the receiver may be earlier
+PEER = {"executive": "plant", "plant": "executive"}
+EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29  # SocketCAN's flags in an id
+_ROW = np.dtype(
+    [
+        ("stamp_ns", "<i8"), ("cycle", "<i8"), ("place", "<i8"), ("sender", "u1"),
+        ("frame", "u1", (FRAME_BYTES,)),
+    ]
+)  # fmt: skip
+
+
+class PlayError(Exception):
+    """There is nothing to play. One line, ready to print."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames in the order of the bus: `stamp_ns`, `cycle` (n,) int64, `sender` (n,), `raw` (n, 16).
+
+    `raw` is Linux' struct can_frame, `sender` an index into `senders`, `cycle` the recording
+    node's, never falling. `names`: id -> name. `left_out`: remote and error frames of the log.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    cycle: NDArray[np.int64]
+    sender: NDArray[np.uint8]
+    raw: NDArray[np.uint8]
+    senders: tuple[str, ...]
+    names: Mapping[int, str]
+    period_ns: int
+    left_out: int
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    @property
+    def words(self) -> NDArray[np.int64]:
+        """Return the ids with SocketCAN's flags, (n,)."""
+        return self.raw[:, :4].copy().view("<u4")[:, 0].astype(np.int64)
+
+    @property
+    def span_ns(self) -> int:
+        """Return the time from the first frame to the last."""
+        return int(self.stamp_ns[-1] - self.stamp_ns[0]) if len(self) else 0
+
+    def sent_by(self, name: str) -> NDArray[np.bool_]:
+        """Return which frames node `name` sent, (n,)."""
+        return np.array([one == name for one in self.senders])[self.sender]
+
+    def keep(self, chosen: NDArray[np.bool_]) -> "Frames":
+        """Return the chosen frames only."""
+        return replace(
+            self, stamp_ns=self.stamp_ns[chosen], cycle=self.cycle[chosen],
+            sender=self.sender[chosen], raw=self.raw[chosen],
+        )  # fmt: skip
+
+    def label(self, i: int) -> str:
+        """Return the name of frame i, or its id as candump writes it."""
+        word = int(self.words[i])
+        number = f"{word & 0x1FFFFFFF:08X}" if word & EXTENDED else f"{word:03X}"
+        return self.names.get(word & 0x1FFFFFFF, number)
+
+
+def of(log: logs.Log) -> Frames:
+    """Return all data frames of a log, each once; PlayError if there is none."""
+    nodes = [name for name in log.node if len(log.node[name].frames)]
+    if not nodes:
+        lost = f" ({'; '.join(log.missing)})" if log.missing else ""
+        raise PlayError(f"{log.path}: holds no frames{lost}; play another log")
+    senders = tuple(dict.fromkeys([*nodes, *(PEER.get(name, "the bus") for name in nodes)]))
+    rows = _rows(log, nodes[0], senders)
+    if len(nodes) > 1:
+        rows = _merged(rows, _rows(log, nodes[1], senders))
+    rows = rows[np.lexsort((rows["place"], rows["stamp_ns"]))]
+    flags = rows["frame"][:, 3] & ((REMOTE | ERROR) >> 24)
+    data = rows[flags == 0]
+    if not len(data):
+        raise PlayError(f"{log.path}: holds only remote and error frames; play another log")
+    names: dict[int, str] = {}
+    for name in nodes:
+        known = log.node[name].description.get("frames", {})
+        names |= {int(number): str(text) for number, text in known.items()}
+    return Frames(
+        data["stamp_ns"].copy(), np.maximum.accumulate(data["cycle"]), data["sender"].copy(),
+        data["frame"].copy(), senders, names, _period_ns(log, data["stamp_ns"]),
+        len(rows) - len(data),
+    )  # fmt: skip
+
+
+def _rows(log: logs.Log, node: str, senders: Sequence[str]) -> NDArray[np.void]:
+    """Return a node's frames in file order."""
+    frames = log.node[node].frames
+    rows = np.zeros(len(frames), _ROW)
+    rows["stamp_ns"], rows["cycle"] = frames["stamp_ns"], frames["cycle"]
+    rows["place"] = np.arange(len(frames))
+    peer = senders.index(PEER.get(node, "the bus"))
+    rows["sender"] = np.where(frames["direction"] == 0, senders.index(node), peer)
+    rows["frame"][:, :4] = frames["id"][:, None].copy().view(np.uint8)
+    rows["frame"][:, 4] = frames["dlc"]
+    rows["frame"][:, 8:] = frames["data"]
+    return rows
+
+
+def _merged(own: NDArray[np.void], other: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the frames of two nodes, each once; `own` (sender 0) gives place and cycle."""
+    own_sent, other_sent = own[own["sender"] == 0], other[other["sender"] == 1]
+    received, other_received = own[own["sender"] == 1], other[other["sender"] == 0]
+    source = copies(other_sent, received)
+    known = source >= 0
+    received["stamp_ns"][known] = other_sent["stamp_ns"][source[known]]
+    unheard = np.ones(len(other_sent), bool)
+    unheard[source[known]] = False
+    unrecorded = copies(own_sent, other_received) < 0
+    extra = np.concatenate([other_sent[unheard], other_received[unrecorded]])
+    extra["place"] += len(own)
+    return np.concatenate([own_sent, received, extra])
+
+
+def copies(sent: NDArray[np.void], received: NDArray[np.void]) -> NDArray[np.int64]:
+    """Return for each received row the sent row that it is a copy of, -1 for none."""
+    waiting: dict[bytes, deque[int]] = defaultdict(deque)
+    for i, key in enumerate(_keys(sent)):
+        waiting[key].append(i)
+    stamps = sent["stamp_ns"].tolist()
+    found = np.full(len(received), -1, np.int64)
+    latest = (received["stamp_ns"] + SLACK_NS).tolist()
+    for k, (key, until) in enumerate(zip(_keys(received), latest, strict=True)):
+        queue = waiting.get(key)
+        if queue and stamps[queue[0]] <= until:
+            found[k] = queue.popleft()
+    return found
+
+
+def _keys(rows: NDArray[np.void]) -> list[bytes]:
+    text = rows["frame"].tobytes()
+    return [text[i : i + FRAME_BYTES] for i in range(0, len(text), FRAME_BYTES)]
+
+
+def _period_ns(log: logs.Log, stamp_ns: NDArray[np.int64]) -> int:
+    """Return the period of the log's rig; without one the mean distance of its frames."""
+    for facts in log.metadata.values():
+        text = facts.get("period_ns", "")
+        if text.isdigit() and int(text) > 0:
+            return int(text)
+    return max(int(stamp_ns[-1] - stamp_ns[0]) // max(len(stamp_ns) - 1, 1), 1)
+
+
+def choose(frames: Frames, options: argparse.Namespace, log: str) -> Frames:
+    """Return the frames that --as, --only, --start and --duration ask for; PlayError if none."""
+    begin_ns, recorded_s = int(frames.stamp_ns[0]), 1e-9 * frames.span_ns
+    if options.role is not None:
+        frames = frames.keep(frames.sent_by(options.role))
+        if not len(frames):
+            raise PlayError(f"{log}: holds no frames of the {options.role}; leave out --as")
+    if options.only:
+        frames = frames.keep(_named(frames, options.only, log))
+    since_ns = frames.stamp_ns - begin_ns
+    start_ns = round(1e9 * options.start)
+    chosen = since_ns >= start_ns
+    if options.duration is not None:
+        chosen &= since_ns < start_ns + round(1e9 * options.duration)
+    if not chosen.any():
+        raise PlayError(
+            f"{log}: no such frame from {options.start:g} s on; the recording lasts "
+            f"{recorded_s:.3f} s: change --start or --duration"
+        )
+    return frames.keep(chosen)
+
+
+def _named(frames: Frames, wanted: Sequence[str], log: str) -> NDArray[np.bool_]:
+    """Return which frames have one of the names or hexadecimal ids; PlayError for an unknown."""
+    words = frames.words
+    ids = {name: number for number, name in frames.names.items()}
+    chosen = np.zeros(len(frames), bool)
+    for text in wanted:
+        if text in ids:
+            these = words & 0x1FFFFFFF == ids[text]
+        else:
+            these = words == _id_word(text, frames, log)
+        if not these.any():
+            there = ", ".join(sorted({frames.label(int(i)) for i in _firsts(words)}))
+            raise PlayError(f"{log}: --only {text}: no such frame to play; there are {there}")
+        chosen |= these
+    return chosen
+
+
+def _id_word(text: str, frames: Frames, log: str) -> int:
+    """Return a hexadecimal id with its flag; as with candump eight digits mean an extended one."""
+    try:
+        number = int(text, 16)
+    except ValueError:
+        hint = did_you_mean(text, frames.names.values())
+        raise PlayError(
+            f"{log}: --only {text}: neither a frame nor a hexadecimal id{hint}"
+        ) from None
+    digits = text.lower().removeprefix("0x")
+    return number | EXTENDED if len(digits) == 8 or number > 0x7FF else number
+
+
+def _firsts(words: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.unique(words, return_index=True)[1]
+
+
+def cycles(frames: Frames) -> NDArray[np.int64]:
+    """Return where each cycle begins, and the end, (cycles + 1,)."""
+    begins = np.flatnonzero(np.diff(frames.cycle)) + 1
+    return np.concatenate([[0], begins, [len(frames)]]).astype(np.int64)
