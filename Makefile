@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 RIG ?= plants/atb1000/rigs/engage.yaml
 
-.PHONY: run test install lint bless test-vcan vcan-tools clean
+.PHONY: run test test-quiet install lint bless test-vcan vcan-tools clean
 
 run: install ## the main job: emulator, executive and recorder close the loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -17,6 +17,9 @@ test: install ## all tests that need no CAN in the kernel
 
 test-vcan: install ## the tests on a real vcan0, in a virtual machine where the kernel has none
 	bash tools/vcan_stage.sh
+
+test-quiet: install ## absolute gates of timing, for a machine that does nothing else
+	$(BIN)/pytest tests/quiet -m quiet
 
 install: $(VENV)/installed ## the virtual environment, with pcpc in it
 

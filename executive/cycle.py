@@ -3,6 +3,7 @@
     wait       until an absolute deadline (pacing real and sync), or not at all
     receive    drain the bus: check counter and CRC, decode; or block until the frames are here
     supervise  the state machine and its ramp
+    overrun    after a cycle that ran past its end: go on, fault, or fall back
     tune       take pending tunings, all or none
     step       the blocks in the rig's order, each on its views of the table; note changes
     limit      clamp, rate-limit and ramp what is sent
@@ -31,9 +32,11 @@ from drivers.wire import FAILED, FRAME, NOTHING, get_frame, put_frame
 from drivers.wire_layout import MEMORY
 from executive import shared as sh
 from executive import supervisor as sv
+from executive import timing
 from executive.rings import now, publish, push_event, push_frame, push_record, stopping
 from executive.variables import (
     CLAMPED,
+    FALLBACK,
     FAULT,
     GAIN,
     MISSING,
@@ -60,7 +63,7 @@ COUNTERS = np.array(
 
 @loop_function
 def wait(n: Any) -> None:
-    """Sleep until the deadline and note how late the wake-up was; virtual time is already there."""
+    """Sleep until the deadline (virtual time is there); note how late the wake-up was."""
     n.timespec[0] = n.deadline // 1_000_000_000
     n.timespec[1] = n.deadline % 1_000_000_000
     until = libc.address(n.timespec)
@@ -200,6 +203,20 @@ def supervise(n: Any) -> None:
 
 
 @loop_function
+def judge_overrun(n: Any) -> None:
+    """Count cycles in a row that ran past their end; do what the rig says about too many."""
+    n.overruns = n.overruns + 1 if n.behind > 0 and n.passes > n.grace_passes else 0
+    if n.overrun_policy == sh.SKIP or n.overruns < n.overrun_after:
+        return
+    if n.overrun_policy == sh.FAULT_AFTER:
+        if n.faulted == sv.NO_FAULT:
+            n.faulted = sv.OVERRUN
+    elif n.v[FALLBACK] == 0.0:
+        n.v[FALLBACK] = 1.0
+        push_event(n, sh.FALLBACK_EVENT, n.behind, 0.0)
+
+
+@loop_function
 def tune(n: Any) -> None:
     """Apply the tunings whose time has come, and those in the mailbox, which are acknowledged."""
     while n.scheduled < n.n_schedule and n.schedule[n.scheduled, 0] <= n.k:
@@ -239,6 +256,8 @@ def step_blocks(n: Any, steps: Any) -> None:
     for k in range(n.k - owed, n.k + 1):
         v[T_S] = k * dt
         for b in range(n.n_blocks):
+            if b == (n.controller_block if v[FALLBACK] > 0.0 else n.fallback_block):
+                continue
             copy_inputs(n, b)
             at = n.views[b]
             f = steps[b]
@@ -357,6 +376,7 @@ def one_pass(n: Any, steps: Any) -> Any:
         else:
             n.deadline = n.wake = n.received
         n.received = n.wake
+    judge_overrun(n)
     supervise(n)
     if n.v[STATE] == sv.STOP or n.faulted == sv.PEER_SILENT:
         return False
@@ -371,6 +391,8 @@ def one_pass(n: Any, steps: Any) -> Any:
     n.control[sh.CYCLE] = n.k
     n.done = now(n)
     n.publish_ns = n.done - n.sent
+    if n.wire.kind != MEMORY:
+        timing.count(n)
     next_cycle(n)
     return n.k < n.cycles
 

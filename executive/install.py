@@ -7,6 +7,7 @@ from drivers import dbc, e2e
 from executive import shared as sh
 from executive.cycle import CLOCKED, ON_FRAMES
 from executive.node import Plan, awaited, cycles_of, heartbeat, starts
+from executive.rig_schema import FALLBACK
 
 RECEIVE_TIMEOUT_S = 0.1  # of a blocking receive; see drivers.bus
 PATIENCE_S = 5.0  # lockstep and sync: silence after which the other node is given up
@@ -61,7 +62,25 @@ def _install_schedule(made: Plan, loop: Any) -> None:
     loop.arm_pass = 1 if plant else 0
     loop.patience = round(PATIENCE_S / RECEIVE_TIMEOUT_S)
     loop.wait_recorder = made.pacing == "lockstep"
+    _install_overrun(made, loop)
     loop.n_blocks, loop.n_variables = len(made.spec.blocks), len(made.table.variables)
+
+
+def _install_overrun(made: Plan, loop: Any) -> None:
+    """Only the executive has a policy: the emulator makes up what it owes."""
+    config, names = made.rig.config, [block.name for block in made.spec.blocks]
+    overrun = config.overrun
+    loop.controller_block = loop.fallback_block = -1
+    loop.overrun_policy = sh.SKIP
+    if made.role == "plant":
+        return
+    loop.grace_passes = round(overrun.grace_s * config.rate_hz)
+    if overrun.fault_after is not None:
+        loop.overrun_policy, loop.overrun_after = sh.FAULT_AFTER, overrun.fault_after
+    if overrun.fallback is not None:
+        loop.overrun_policy, loop.overrun_after = sh.FALL_BACK, overrun.fallback_after
+        loop.controller_block = names.index("controller")
+        loop.fallback_block = names.index(FALLBACK)
 
 
 def _install_frames(made: Plan, loop: Any) -> None:

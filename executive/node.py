@@ -18,9 +18,10 @@ from executive.block import Block, Port
 from executive.cycle import idle
 from executive.errors import RigError, did_you_mean
 from executive.rig import BlockSpec, NodeSpec, Rig
+from executive.rig_schema import FALLBACK
 from executive.supervisor import FAULT_NAMES, STATE_NAMES
 from executive.table import Table, Variable, Views, add_block
-from executive.variables import HEAD, TIMING
+from executive.variables import HEAD, RESETS, TIMING
 
 Role = Literal["executive", "plant"]
 
@@ -143,6 +144,8 @@ def _lay_out(made: Plan) -> None:
         table.add(Variable(name, unit, "health", "loop", help))
     for name, unit, help in TIMING:
         table.add(Variable(name, unit, "timing", "loop", help))
+    for name, unit, help in RESETS:
+        table.add(Variable(name, unit, "parameter", "loop", help, 0.0, 1.0, recorded=False))
     for kind, prefix, frames in (
         ("received", "rx", made.rx_frames),
         ("sent", "tx", made.tx_frames),
@@ -153,10 +156,34 @@ def _lay_out(made: Plan) -> None:
                 table.add(Variable(name, s.unit, kind, frame.name, s.help, s.low, s.high))
     for spec in made.spec.blocks:
         try:
-            made.views.append(add_block(table, spec.name, spec.block))
+            made.views.append(_views(made, spec))
         except RigError as error:
             raise RigError(f"{spec.where()}: {error}") from None
         _initial_values(made, spec)
+
+
+def _views(made: Plan, spec: BlockSpec) -> Views:
+    """Add a block's variables; a fallback writes the first outputs of the controller."""
+    if spec.name != FALLBACK:
+        return add_block(made.table, spec.name, spec.block)
+    names = [block.name for block in made.spec.blocks]
+    controller = made.spec.blocks[names.index("controller")].block
+    outputs = [name for port in spec.block.outputs for name in port.names()]
+    known = [name for port in controller.outputs for name in port.names()]
+    if outputs != known[: len(outputs)]:
+        raise made.rig.error(
+            "overrun.fallback",
+            f"its outputs ({', '.join(outputs)}) are not the first of the controller's "
+            f"({', '.join(known)}); choose another law",
+        )
+    table = made.table
+    first = made.views[names.index("controller")].outputs.start
+    return Views(
+        table.add_ports(FALLBACK, spec.block.parameters or spec.block.settings, "parameter", False),
+        table.add_ports(FALLBACK, spec.block.states, "state", True),
+        table.add_ports(FALLBACK, spec.block.inputs, "input", False),
+        range(first, first + len(outputs)),
+    )
 
 
 def _initial_values(made: Plan, spec: BlockSpec) -> None:
@@ -316,6 +343,7 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
         "period_ns": round(1e9 / rig.config.rate_hz),
         "cycles": cycles_of(rig),
         "watch": rig.config.watch,
+        "timing": {"warn": rig.config.timing.warn, "error": rig.config.timing.error},
         "keep_ns": rig.config.record.keep_ns,
         "keep_on": rig.config.record.events,
         "variables": [[v.name, v.unit, v.kind, v.writer, v.help] for v in table.variables],

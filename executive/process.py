@@ -112,7 +112,7 @@ class Process:
         loop = threading.Thread(target=self._loop, args=(block,))
         loop.start()
         while loop.is_alive():
-            if signal.sigtimedwait({signal.SIGINT, signal.SIGTERM}, 0.05):
+            if _asked_to_end():
                 block["control"][sh.STOP] = 1
         if self.orphaned():  # nobody else would remove the block
             block.unlink()
@@ -128,7 +128,8 @@ class Process:
         settings = self.rig.config.realtime
         plant = self.role == "plant"
         priority = settings.plant_priority if plant else settings.priority
-        self.report += realtime.prepare_thread(priority, None)
+        cpu = settings.plant_cpu if plant else settings.cpu
+        self.report += realtime.prepare_thread(priority, cpu)
         selftest()
         warning = self.report.warning()
         if warning and self.pacing != "lockstep":
@@ -136,6 +137,15 @@ class Process:
         block["control"][sh.REALTIME] = self.report.is_realtime
         block["control"][sh.READY] = 1
         run(block.loop, self.plan.steps)
+
+
+def _asked_to_end() -> bool:
+    """Wait a moment for SIGINT or SIGTERM; return whether one came.
+
+    After SIGSTOP and SIGCONT some versions of Python return a signal that never was.
+    """
+    found = signal.sigtimedwait({signal.SIGINT, signal.SIGTERM}, 0.05)
+    return found is not None and found.si_signo in (signal.SIGINT, signal.SIGTERM)
 
 
 def warm_up(made: Plan) -> None:

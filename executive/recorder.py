@@ -179,6 +179,8 @@ class _Node:
                 shared.FAULT_EVENT: "fault",
                 shared.STATE_EVENT: "state",
                 shared.SKIP_EVENT: "skip",
+                shared.LATE_EVENT: "late",
+                shared.FALLBACK_EVENT: "fallback",
             }
             kind = kinds.get(code, f"code_{code}")
             entry |= {"event": kind, "argument": argument, "value": value}

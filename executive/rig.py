@@ -15,7 +15,7 @@ numba is imported with the first law, so that reading a rig with `resolve=False`
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +27,7 @@ from executive import yamlfile
 from executive.errors import RigError, did_you_mean
 from executive.laws import project_name, resolve
 from executive.rig_options import apply, unknown_controller
-from executive.rig_schema import Config, Evaluation, Limit, Parameter, Plant
+from executive.rig_schema import FALLBACK, Config, Entry, Evaluation, Limit, Parameter, Plant
 from executive.typed import convert
 from executive.yamlfile import Document, Keys, Place
 
@@ -184,6 +184,7 @@ def _check(document: Document, config: Config) -> None:
     if config.controller not in config.controllers:
         unknown_controller(document, config.controller, config)
     _check_blocks(document, config)
+    _check_overrun(document, config)
     for name, limit in config.executive.limits.items():
         if not limit.low < limit.high:
             what = f"low {limit.low:g} is not below high {limit.high:g}"
@@ -201,8 +202,21 @@ def _check(document: Document, config: Config) -> None:
             document.file(keys, _get(document.data, keys))
 
 
+def _check_overrun(document: Document, config: Config) -> None:
+    overrun, at = config.overrun, ("overrun", "fallback")
+    if overrun.fallback is None:
+        return
+    if overrun.fault_after is not None:
+        raise document.error(at, "fault_after is given too; choose one of the two")
+    if overrun.fallback not in config.controllers:
+        cure = did_you_mean(overrun.fallback, config.controllers)
+        raise document.error(at, f"no controller {overrun.fallback}{cure}")
+    if overrun.fallback == config.controller:
+        raise document.error(at, f"{overrun.fallback} is the controller itself; name another one")
+
+
 def _check_blocks(document: Document, config: Config) -> None:
-    reserved = {*Config.__struct_fields__, "rx", "tx", "timing"} - {"controller"}
+    reserved = {*Config.__struct_fields__, FALLBACK, "rx", "tx", "timing"} - {"controller"}
     for section, node in (("executive", config.executive), ("plant", config.plant)):
         for name, entry in node.blocks.items():
             keys: Keys = (section, "blocks", name)
@@ -293,6 +307,8 @@ def _parameters(document: Document, plant: Plant) -> dict[str, tuple[Parameter, 
 
 
 def _law_keys(config: Config, section: str, name: str) -> Keys:
+    if section == "executive" and name == FALLBACK and config.overrun.fallback is not None:
+        return ("controllers", config.overrun.fallback)
     if section == "executive" and name == "controller":
         return ("controllers", config.controller)
     return (section, "blocks", name)
@@ -305,10 +321,9 @@ def _blocks(
     """Return the blocks of a node; `shared` goes to every block that has such a setting."""
     specs: list[BlockSpec] = []
     unused = dict(shared)
-    entries = config.executive.blocks if section == "executive" else config.plant.blocks
-    for name, entry in entries.items():
+    for name, entry in _entries(config, section):
         keys = _law_keys(config, section, name)
-        law = config.controllers[config.controller] if keys[0] == "controllers" else entry
+        law = config.controllers[str(keys[1])] if keys[0] == "controllers" else entry
         block = resolve(document, keys, str(law.law))
         places = {"": document.where((section, "blocks", name))}
         places |= {"law": document.where((*keys, "law"))}
@@ -322,6 +337,15 @@ def _blocks(
         known = [setting for spec in specs for setting in spec.settings]
         raise source.error(at, f"no block of the plant has {name}{did_you_mean(name, known)}")
     return specs
+
+
+def _entries(config: Config, section: str) -> Iterator[tuple[str, Entry]]:
+    """Yield the blocks of a node; a fallback follows its controller and is wired alike."""
+    blocks = config.executive.blocks if section == "executive" else config.plant.blocks
+    for name, entry in blocks.items():
+        yield name, entry
+        if section == "executive" and name == "controller" and config.overrun.fallback is not None:
+            yield FALLBACK, entry
 
 
 def _settings(

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
+FALLBACK = "fallback"  # name of the block that waits for `overrun.fallback`
 Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]+\Z")]
 BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]*\Z")]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
@@ -30,13 +31,39 @@ class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Scheduling. `plant_phase`: fraction of a period by which the plant's cycle follows.
 
-    `late_fraction`: fraction of a period after which a wake-up counts as late.
+    `late_fraction`: fraction of a period after which a wake-up counts as late. `cpu`, `plant_cpu`:
+    the processor to stay on, with SCHED_FIFO only.
     """
 
     priority: Priority = 80
     plant_priority: Priority = 70
     plant_phase: Fraction = 0.5
     late_fraction: Fraction = 0.1
+    cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
+    plant_cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
+
+
+class Overrun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What follows when cycles run past their end, besides skipped periods: nothing, by default.
+
+    After `fault_after` of them in a row the node faults; or after `fallback_after` the controller
+    `fallback` takes over for good. Those in the first `grace_s` do not count.
+    """
+
+    fault_after: Annotated[int, Meta(ge=1)] | None = None
+    fallback: Name | None = None
+    fallback_after: Annotated[int, Meta(ge=1)] = 1
+    grace_s: Annotated[float, Meta(ge=0, le=3600)] = 0.1
+
+
+class Timing(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Judges lateness plus work at p99.9, as fractions of a period; null: not judged.
+
+    WARN is told, ERROR is an expectation that is not met.
+    """
+
+    warn: Annotated[float, Meta(gt=0)] | None = 0.5
+    error: Annotated[float, Meta(gt=0)] | None = None
 
 
 class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -128,6 +155,8 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     controllers: dict[Name, Law]
     supervisor: Supervisor = Supervisor()
     realtime: Realtime = Realtime()
+    overrun: Overrun = Overrun()
+    timing: Timing = Timing()
     executive: Executive
     plant: Plant
     evaluation: dict[str, Any] | None = None

@@ -53,6 +53,7 @@ FRAME_WORDS = 5
 EVENT_WORDS = 5
 
 FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT, CHANGE_EVENT = 1, 2, 3, 4, 5
+LATE_EVENT, FALLBACK_EVENT = 6, 7
 
 # Sizes are fixed, so that one compiled loop serves every rig; `executive.node` checks the fit.
 MAX_VARIABLES = 4096
@@ -68,6 +69,10 @@ EVENT_RING_ROWS = 1 << 10
 # columns of `limits` (low, high, change a cycle, last value) and `safe` (last value, safe value)
 LOW, HIGH, RATE, LAST, SAFE = range(5)
 STARTS, AWAITED = 0, 1  # columns of `rx_role`
+SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `overrun_policy`
+STAGES, BUCKETS, LATEST = 6, 320, 8  # sizes of `executive.timing`
+COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
+LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
 IS_SYNC, IS_HEARTBEAT = 0, 1  # columns of `tx_role`
 
 LOOP = np.dtype(
@@ -82,6 +87,9 @@ LOOP = np.dtype(
         ("frame_ends", "<i8", (END_WORDS,)),
         ("event_ends", "<i8", (END_WORDS,)),
         ("snapshot", "<f8", (MAX_VARIABLES,)),
+        ("stages", "<i8", (STAGES, 4)),  # count, sum, least, most of each stage's ns
+        ("histogram", "<i8", (STAGES, BUCKETS)),
+        ("latest", "<i8", (LATEST, LATE_USAGE + 4)),  # cycle, stages, faults and switches
         # set once
         ("trigger", "<i8"),  # what starts a cycle: CLOCKED, ON_FRAMES
         ("is_plant", "<i8"),
@@ -108,6 +116,11 @@ LOOP = np.dtype(
         ("fault_after", "<i8"),
         ("mode_index", "<i8"),  # the received variable that asks for STOP, or -1
         ("wait_recorder", "<i8"),  # lockstep: a full ring delays instead of dropping
+        ("overrun_policy", "<i8"),
+        ("overrun_after", "<i8"),  # overruns in a row that count
+        ("grace_passes", "<i8"),  # cycles at the start in which none does
+        ("controller_block", "<i8"),  # and the one that replaces it on FALL_BACK, or -1
+        ("fallback_block", "<i8"),
         ("ramp_step", "<f8"),  # change of the gain a cycle in FAULT
         ("views", "<i8", (MAX_BLOCKS, 8)),  # p0 p1 x0 x1 u0 u1 y0 y1
         ("copies", "<i8", (MAX_COPIES, 2)),  # source, target of the wiring
@@ -150,6 +163,11 @@ LOOP = np.dtype(
         ("gain", "<f8"),  # 1, or how far the ramp of FAULT has come down
         ("v", "<f8", (MAX_VARIABLES,)),  # the table
         ("rx_state", "<i8", (MAX_FRAMES, 9)),  # receivers, see drivers.e2e
+        ("overruns", "<i8"),  # in a row
+        ("counted", "<i8"),
+        ("times", "<i8", (STAGES,)),
+        ("usage", "<i8", (18,)),  # struct rusage
+        ("usage_before", "<i8", (4,)),
         ("timespec", "<i8", (2,)),
         ("wire", WIRE),
         ("record", "<i8", (RECORD_RING_WORDS,)),
@@ -251,7 +269,10 @@ def attach_path(path: Path) -> Shared:
     if memory[:8] != MAGIC:
         raise SharedError(f"{path}: not a block of this version of pcpc")
     size = int.from_bytes(memory[8:16], "little")
-    return Shared(path, memory, json.loads(memory[16 : 16 + size]))
+    description = json.loads(memory[16 : 16 + size])
+    if len(memory) != description["loop_offset"] + LOOP.itemsize:
+        raise SharedError(f"{path}: a block of another version of pcpc")
+    return Shared(path, memory, description)
 
 
 def snapshot(block: Shared, into: NDArray[np.float64] | None = None, tries: int = 100) -> Any:

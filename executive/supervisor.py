@@ -40,13 +40,14 @@ NEXT = np.array(
     np.int64,
 )
 
-NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED = range(5)
+NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED, OVERRUN = range(6)
 FAULT_NAMES = (
     "none",
     "no valid input frame for the rig's limit of cycles",
     "a command was not a finite number",
     "the other node fell silent",
     "the bus failed",
+    "cycles ran past their end, more in a row than the rig allows",
 )
 
 NMT = np.array([127.0, 127.0, 5.0, 5.0, 4.0, 4.0])  # CANopen heartbeat state of each state

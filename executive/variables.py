@@ -7,9 +7,10 @@ HEAD = (
     ("supervisor.gain", "", "share of the command that is sent: 1, or on the ramp of FAULT"),
     ("supervisor.missing_cycles", "", "consecutive cycles without complete valid input"),
     ("supervisor.nmt", "", "CANopen heartbeat state"),
+    ("supervisor.fallback", "", "1 once the rig's fallback controller has taken over"),
     ("supervisor.saturated", "", "1 if a value sent in the previous cycle was clamped"),
 )
-T_S, STATE, FAULT, GAIN, MISSING, NMT, CLAMPED = range(7)
+T_S, STATE, FAULT, GAIN, MISSING, NMT, FALLBACK, CLAMPED = range(8)
 TIMING = (
     ("timing.wake_late_us", "us", "start of the cycle behind its deadline"),
     ("timing.receive_us", "us", "draining and decoding"),
@@ -27,8 +28,16 @@ TIMING = (
     ("health.crc_errors", "", "frames with a wrong CRC or length"),
     ("health.frames_repeated", "", "frames received twice"),
     ("health.saturated_values", "", "values clamped on sending"),
+    *(
+        (f"timing.{stage}_{figure}_us", "us", f"{what}: {figure} so far, renewed now and then")
+        for stage, what in (("wake_late", "lateness"), ("work", "wake-up to end of cycle"))
+        for figure in ("min", "mean", "max", "p50", "p99", "p999")
+    ),
 )
+RESETS = (("timing.reset", "", "set to 1: timing statistics start anew"),)
 TIMING_AT = len(HEAD)
+RESET = TIMING_AT + len(TIMING)
+STATISTICS_AT = RESET - 12
 COUNTED = (  # of these, what follows from the frames alone, not from clocks
     "health.held_cycles",
     "health.stale_cycles",

@@ -176,9 +176,11 @@ class Host:
 
     def _await_other_recorder(self) -> None:
         """Keep the emulator's block until the executive's host on this machine is done with it."""
-        until = time.monotonic() + _END_S
+        until, ends = time.monotonic() + _DRAIN_S, self.blocks["plant"]["record_ends"]
         while sh.path_of(self._block_name("executive")).exists() and time.monotonic() < until:
             time.sleep(_POLL_S)
+            if int(ends[sh.PUT]) == int(ends[sh.TAKEN]):  # it knows the block, which may go
+                return
 
 
 def choose_bus(options: argparse.Namespace, rig: Rig) -> buses.Bus:

@@ -29,9 +29,11 @@ from rich.table import Table
 from executive import logs
 from executive import shared as sh
 from executive.rig import Rig
+from tools.latest import latest_cycles, level
 
 CODES = {"ok": 0, "expectation not met": 1, "loss": 3, "safety stop": 5, "interrupted": 130}
 _PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
+LATEST_SHOWN = 3  # of those in summary.json
 _STAGES = ("wake_late", "receive", "step", "send", "publish")
 
 
@@ -50,6 +52,7 @@ class Outcome:
     begin_ns: int | None = None  # monotonic, of the command; None in virtual time
     dropped: int = 0
     cycles: int = 0
+    latest: list[dict[str, Any]] = field(default_factory=list)
     nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
 
     def judge(self, name: str, code: int, block: sh.Shared | None) -> None:
@@ -68,6 +71,7 @@ class Outcome:
             rings = [block[f"{ring}_ends"] for ring in ("record", "frame", "event")]
             self.dropped += sum(int(ends[sh.DROPPED]) for ends in rings)
             if name == "executive":
+                self.latest = latest_cycles(block)
                 self.cycles = int(block["control"][sh.CYCLE]) + 1
                 self.realtime = bool(block["control"][sh.REALTIME])
 
@@ -79,9 +83,14 @@ def summarise(
     executive = log.node.get("executive")
     end = end or log
     health = _health(end)
-    metrics = _metrics(rig, log)
+    metrics, limits = _metrics(rig, log), rig.config.timing
     kept_back = rig.config.record.keep is not None
     failed = [] if outcome.changed or kept_back else _failed(rig, metrics)
+    timing, share = level(executive.timing if executive else {}, rig.config.rate_hz, limits)
+    if timing == "ERROR":
+        failed.append(
+            f"lateness and work at p99.9 are {share:.2f} of a period, limit {limits.error}"
+        )
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
     summary: dict[str, Any] = {
         "rig": rig.config.rig,
@@ -97,6 +106,9 @@ def summarise(
         "held_cycles": health.pop("held_cycles"),
         "metrics": metrics,
         "timing_us": _timing(executive, outcome),
+        "timing_level": timing,
+        "timing_share": round(share, 4),
+        "latest_cycles": outcome.latest,
         "frames": health,
         "records": {
             "written": _written(log),
@@ -276,6 +288,12 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         table.add_row(
             f"{stage} us", "  ".join(f"{name} {value:g}" for name, value in points.items())
         )
+    if summary["timing_us"]:
+        share = f"lateness and work at p99.9: {summary['timing_share']:.1%} of a period"
+        table.add_row("timing", f"{summary['timing_level']}; {share}")
+    for worst in summary["latest_cycles"][:LATEST_SHOWN]:
+        at = f"cycle {worst['cycle']}, {worst['wake_late_us']:g} us: {worst['cause']}"
+        table.add_row("latest", at)
     table.add_row(
         "frames", "  ".join(f"{name} {value}" for name, value in summary["frames"].items())
     )

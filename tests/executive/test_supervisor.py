@@ -95,5 +95,6 @@ def test_every_fault_has_a_name() -> None:
         sv.COMMAND_NOT_FINITE,
         sv.PEER_SILENT,
         sv.BUS_FAILED,
+        sv.OVERRUN,
     )
     assert codes == tuple(range(len(sv.FAULT_NAMES))), codes

@@ -1,0 +1,58 @@
+"""The executive's latest cycles and what its timing comes to, for the summary."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from executive import shared as sh
+from executive.rig_schema import Timing
+
+STAGES = ("wake_late", "receive", "step", "send", "publish", "work")
+USAGE = ("minor_faults", "major_faults", "switches", "forced_switches")
+LEVEL_PERCENTILE = 99.9
+
+
+def latest_cycles(block: sh.Shared) -> list[dict[str, Any]]:
+    """Return the cycles that woke latest, the latest first, with stages in us and a cause."""
+    found = []
+    for row in np.array(block.loop.latest):
+        if row[sh.LATE_NS] == 0:
+            continue
+        times = row[sh.LATE_NS : sh.LATE_USAGE]
+        cycle: dict[str, Any] = {"cycle": int(row[sh.LATE_CYCLE])}
+        cycle |= {f"{s}_us": round(int(t) / 1e3, 1) for s, t in zip(STAGES, times, strict=True)}
+        cycle |= dict(zip(USAGE, map(int, row[sh.LATE_USAGE :]), strict=True))
+        cycle["cause"] = cause(cycle, block.description["period_ns"] / 1e3)
+        found.append(cycle)
+    return sorted(found, key=lambda c: -c["wake_late_us"])
+
+
+def cause(cycle: Mapping[str, Any], period_us: float) -> str:
+    """Return in words what is known about why a cycle woke late."""
+    if cycle["major_faults"]:
+        return "pages were read from disk: lock memory (pcpc doctor)"
+    if cycle["forced_switches"]:
+        return "another process took the processor: raise the priority, or isolate a processor"
+    if cycle["minor_faults"]:
+        return f"{cycle['minor_faults']} page faults"
+    if cycle["wake_late_us"] > period_us:
+        return "the cycle before ran past its end, or the machine stood still"
+    return "woken late by timer, interrupts or hypervisor"
+
+
+def level(timing: Mapping[str, Any], rate_hz: float, limits: Timing) -> tuple[str, float]:
+    """Return OK, WARN or ERROR, and lateness plus work at p99.9 as a fraction of the period.
+
+    `timing`: the executive's columns by name; without any, OK and 0.
+    """
+    names = [f"timing.{stage}_us" for stage in STAGES[:4]]
+    if not all(name in timing and len(timing[name]) for name in names):
+        return "OK", 0.0
+    total = np.sum([timing[name] for name in names], axis=0)
+    share = float(np.percentile(total, LEVEL_PERCENTILE)) * 1e-6 * rate_hz
+    if limits.error is not None and share >= limits.error:
+        return "ERROR", share
+    if limits.warn is not None and share >= limits.warn:
+        return "WARN", share
+    return "OK", share
