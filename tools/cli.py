@@ -14,6 +14,7 @@ _HELP = {  # of the commands that bring their own arguments
     "replay": "recompute a recorded run and compare it bit by bit",
     "play": "put recorded frames on a bus",
     "log": "look into logs, compare, draw, convert and repair them",
+    "jitter": "measure the timing of the loop, beside cyclictest, C and plain Python",
     "bench": "measure ratios against C and others, interleaved in one run",
 }
 _MODULES = {name: f"tools.{name}" for name in _HELP}

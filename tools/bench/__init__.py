@@ -11,10 +11,24 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from drivers.errors import BusError
 from tools.progress import Progress
 
-SUITES = {"steps": "one step of controllers and plant against C at -O2"}
-NO_ENVIRONMENT = 4
+SUITES = {
+    "steps": "one step of controllers and plant against C at -O2",
+    "cycle": "one cycle of the executive, in memory and on a bus, against C",
+    "frame": "one frame sent and received against C and python-can",
+    "codec": "packing and unpacking of all frames of the DBC against cantools and C",
+    "recorder": "the recorder's throughput against mcap, its effect on the loop",
+    "simulate": "a virtual run against C and scipy",
+    "rate": "the highest closed-loop rate of two processes against C",
+    "startup": "the time from command to first cycle, warm and cold",
+}
+ON_REQUEST = ("rate", "startup")  # one to three minutes each
+NO_ENVIRONMENT, INTERRUPTED = 4, 130
 
 
 class BenchError(Exception):
@@ -33,6 +47,15 @@ class Ratio:
     unit: str
     ratio: tuple[float, float, float]
 
+    @classmethod
+    def of(
+        cls, suite: str, what: str, against: str, own: ArrayLike, base: ArrayLike, unit: str
+    ) -> "Ratio":
+        """Return the ratio of `own` to `base`, both (rounds,) and measured in turn."""
+        low, median, high = np.percentile(np.divide(own, base), (25.0, 50.0, 75.0)).tolist()
+        ours, theirs = (float(np.median(np.asarray(a))) for a in (own, base))
+        return cls(suite, what, against, ours, theirs, unit, (low, median, high))
+
 
 def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Register `bench`."""
@@ -43,7 +66,9 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         + "example: pcpc bench steps --json steps.json",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    one.add_argument("names", nargs="*", metavar="NAME", help="suites; default: all")
+    one.add_argument(
+        "names", nargs="*", metavar="NAME", help="suites; default: all but rate and startup"
+    )
     one.add_argument("--rounds", type=int, default=15, metavar="N", help="default 15")
     one.add_argument("--json", metavar="FILE", help="write the ratios there too")
     one.add_argument("--quiet", action="store_true", help="no progress")
@@ -58,10 +83,13 @@ def command(options: argparse.Namespace) -> int:
         print(known if unknown else wrong, file=sys.stderr)
         return 2
     progress, found, code = Progress(options.quiet), [], 0
-    for name in options.names or SUITES:
+    for name in options.names or [name for name in SUITES if name not in ON_REQUEST]:
         try:
             ratios = import_module(f"tools.bench.{name}").measure(progress, options.rounds)
-        except BenchError as error:
+        except KeyboardInterrupt:
+            progress.close()
+            return INTERRUPTED
+        except (BenchError, BusError) as error:
             progress.close()
             print(f"{name}: {error}", file=sys.stderr)
             code = NO_ENVIRONMENT
@@ -79,6 +107,6 @@ def show(r: Ratio) -> None:
     """Print a ratio in a line."""
     low, median, high = r.ratio
     print(
-        f"{r.what:16} {r.own:10.4g} {r.unit:5} {r.against:28} {r.base:10.4g} {r.unit:5}"
+        f"{r.what:16} {r.own:10.4g} {r.unit:5} {r.against:32} {r.base:10.4g} {r.unit:5}"
         f"  ratio {median:6.3f}  ({low:.3f} to {high:.3f})"
     )

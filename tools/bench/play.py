@@ -9,7 +9,6 @@ medians over the rounds.
 
 import argparse
 import json
-import shutil
 import statistics
 import subprocess
 import sys
@@ -24,6 +23,7 @@ import numpy as np
 from drivers import bus as buses
 from executive import logs
 from tools import play_frames
+from tools.bench.compiler import CompilerError, compile_to
 from tools.play import PRIORITY, add_arguments, words_of
 from tools.play_frames import Frames
 from tools.progress import Progress
@@ -33,22 +33,10 @@ BUS = "udp_multicast:239.74.163.7:43117"
 FIGURES = ("p50", "p99", "max")
 
 
-class CompilerError(Exception):
-    """There is no C compiler, or it refuses play.c. One line, ready to print."""
-
-
 def build(folder: Path) -> Path:
     """Compile play.c into `folder`; CompilerError."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        raise CompilerError("no C compiler; run: sudo apt-get install -y gcc libc6-dev")
-    out = folder / "play"
-    done = subprocess.run(
-        [compiler, "-O2", "-o", str(out), str(SOURCE)], capture_output=True, text=True
-    )
-    if done.returncode:
-        raise CompilerError(f"{SOURCE}: {done.stderr.strip().splitlines()[-1]}")
-    return out
+    compile_to(folder / "play", [SOURCE], ["-O2"])
+    return folder / "play"
 
 
 def candump_text(frames: Frames) -> str:

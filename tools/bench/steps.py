@@ -10,10 +10,6 @@ is Python, C libm, C same. Times are processor time of the thread, ns per step.
 """
 
 import ctypes
-import hashlib
-import os
-import shutil
-import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.compile_cache import cache_folder
 from drivers.jit import STEP, VIEW, compiled, f8, from_dtype, i8, types
 from executive.block import Block, Port
 from executive.controllers import boundary_layer, nn_backstepping, pd, pd_nn_fast, tracking_network
@@ -33,7 +28,9 @@ from executive.rig import load_rig
 from executive.virtual import in_memory
 from plants.atb1000 import model
 from plants.atb1000.ports import HULL_COMPONENTS, INTEGRATED
-from tools.bench import BenchError, Ratio
+from tools.bench import Ratio
+from tools.bench.compiler import CompilerError as CompilerError
+from tools.bench.compiler import library
 from tools.progress import Progress
 
 SOURCE = Path(__file__).with_name("steps.c")
@@ -54,10 +51,6 @@ TABLE = np.dtype([("v", "<f8", (1024,)), ("at", "<i8", (4,))])
 
 Vector = NDArray[np.float64]
 Drive = Callable[[int, int], None]
-
-
-class CompilerError(BenchError):
-    """There is no C compiler, or it refuses steps.c. One line, ready to print."""
 
 
 @dataclass(frozen=True)
@@ -170,34 +163,8 @@ def cases() -> list[Case]:
 
 
 def build(flags: Sequence[str]) -> ctypes.CDLL:
-    """Return steps.c compiled with `flags`, from the cache folder if it is there; CompilerError."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        raise CompilerError("cc: no C compiler on PATH; `apt-get install gcc` brings one")
-    version = subprocess.run([compiler, "--version"], capture_output=True, check=False).stdout
-    header = layout()
-    parts = (SOURCE.read_bytes(), header.encode(), " ".join(flags).encode(), version)
-    digest = hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-    folder = cache_folder() / f"bench-{digest}"
-    library = folder / "steps.so"
-    if not library.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "layout.h").write_text(header, encoding="utf-8")
-        _compile(compiler, [*flags, f"-I{folder}"], library)
-    return ctypes.CDLL(str(library))
-
-
-def _compile(compiler: str, flags: Sequence[str], library: Path) -> None:
-    """Compile under another name first: a reader never sees half a library."""
-    part = library.with_suffix(f".{os.getpid()}")
-    command = [compiler, "-std=gnu11", *flags, "-shared", "-fPIC", str(SOURCE), "-lm"]
-    result = subprocess.run(
-        [*command, "-o", str(part)], capture_output=True, text=True, check=False
-    )
-    if result.returncode != 0:
-        first = next((line for line in result.stderr.splitlines() if "error" in line), "no message")
-        raise CompilerError(f"{compiler} cannot compile {SOURCE.name}: {first}")
-    part.replace(library)
+    """Return steps.c compiled with `flags`; CompilerError."""
+    return library([SOURCE], flags, {"layout.h": layout()})
 
 
 def layout() -> str:
@@ -256,11 +223,9 @@ def measure(progress: Progress, rounds: int = ROUNDS) -> list[Ratio]:
         for i in range(rounds):
             progress.show(f"{case.name}: round {i + 1} of {rounds}")
             for j, once in enumerate(drives):
-                times[i, j] = _time_s(once, repeats[j]) / (repeats[j] * PERIODS)
-        medians = 1e9 * np.median(times, axis=0)
+                times[i, j] = 1e9 * _time_s(once, repeats[j]) / (repeats[j] * PERIODS)
         for j, against in enumerate(libraries, 1):
-            ratio = _quartiles(times[:, 0] / times[:, j])
-            found.append(Ratio("steps", case.name, against, medians[0], medians[j], "ns", ratio))
+            found.append(Ratio.of("steps", case.name, against, times[:, 0], times[:, j], "ns"))
     return found
 
 
@@ -274,8 +239,3 @@ def _repeats(once: Drive) -> int:
     """Return how often the recording must be run for ROUND_S; also warms up."""
     shortest = min(_time_s(once, 1) for _ in range(PROBE))
     return int(ROUND_S / shortest) + 1
-
-
-def _quartiles(values: Vector) -> tuple[float, float, float]:
-    low, middle, high = (float(q) for q in np.percentile(values, (25.0, 50.0, 75.0)))
-    return low, middle, high

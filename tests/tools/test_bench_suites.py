@@ -1,0 +1,212 @@
+"""The suites of `pcpc bench`: C does the work of Python; ratios are there; nothing is silent."""
+
+import ctypes
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers import bus as buses
+from drivers.wire import FRAME, get_frame, put_frame
+from executive import shared as sh
+from tools.bench import (
+    ON_REQUEST,
+    SUITES,
+    Ratio,
+    codec,
+    cycle,
+    frame,
+    rate,
+    recorder,
+    simulate,
+    startup,
+)  # fmt: skip
+from tools.bench.compiler import CompilerError
+from tools.progress import Progress
+
+QUIET = Progress(quiet=True)
+CYCLES = 300
+SCRATCH = "the plant's scratch space, which C does not need"
+
+
+def of(ratios: list[Ratio]) -> dict[tuple[str, str], float]:
+    """Return the medians by name, after a look at every number."""
+    for r in ratios:
+        numbers = np.array([r.own, r.base, *r.ratio])
+        assert np.isfinite(numbers).all() and (numbers > 0.0).all(), f"{r}"
+        assert r.ratio[0] <= r.ratio[1] <= r.ratio[2] and r.unit and r.suite in SUITES, f"{r}"
+    return {(r.what, r.against): r.ratio[1] for r in ratios}
+
+
+def differing(ours: Any, theirs: Any, skip: tuple[str, ...] = ()) -> list[str]:
+    """Return the fields of two LOOP records whose bytes differ."""
+    names = [name for name in sh.LOOP.names or () if name not in skip]
+    return [n for n in names if np.asarray(ours[n]).tobytes() != np.asarray(theirs[n]).tobytes()]
+
+
+@pytest.fixture(scope="module")
+def recording() -> cycle.Recording:
+    return cycle.record(cycles=CYCLES)
+
+
+def test_a_cycle_in_c_leaves_the_bytes_of_a_cycle_in_python(recording: cycle.Recording) -> None:
+    made, c = recording.plan, cycle.library()
+    ours, theirs = cycle.new_loop(made), cycle.new_loop(made)
+    at, table = cycle.address(theirs), cycle.in_c(made.steps, c)
+    frames, ends = recording.frames, recording.ends
+    cycle.drive_memory(ours, made.steps, frames, ends, 1)
+    views = cycle.pointer(frames), cycle.pointer(ends)
+    c.drive_memory(at, table, *views, ctypes.c_int64(CYCLES), ctypes.c_int64(1))
+    assert ours.control[sh.RECEIVED] == len(frames) and ours.control[sh.PASSES] == CYCLES
+    assert ours.control[sh.SENT] > 2 * CYCLES and not ours.control[sh.CRC_ERRORS]
+    differ = differing(ours, theirs)
+    assert not differ, f"after {CYCLES} cycles C differs in {differ}"
+
+
+def test_a_virtual_run_in_c_leaves_the_bytes_of_one_in_python() -> None:
+    ours, theirs = simulate.nodes(0.3), simulate.nodes(0.3)
+    simulate.in_python(ours)
+    simulate.in_plain_c(theirs, cycle.library())
+    assert ours.loops[0].control[sh.DONE] == 1 and ours.loops[0].k == CYCLES
+    differ = differing(ours.loops[0], theirs.loops[0])
+    assert not differ, f"the executive in C differs in {differ}"
+    differ = differing(ours.loops[1], theirs.loops[1], skip=("v", "snapshot"))
+    assert not differ, f"the plant in C differs in {differ} ({SCRATCH} left out)"
+
+
+def test_a_restored_run_gives_the_same_bytes_again() -> None:
+    n = simulate.nodes(0.1)
+    simulate.in_python(n)
+    before = n.loops[0].record.copy()
+    n.restore()
+    n.loops[0].record[:] = 0
+    simulate.in_python(n)
+    assert (n.loops[0].record == before).all()
+
+
+def test_a_frame_of_c_is_read_by_python_and_the_reverse() -> None:
+    c = cycle.library()
+    bus = buses.choose(*buses.parse("udp_multicast:239.74.163.66:43166"))
+    ends = frame.open_end(bus), frame.open_end(bus)
+    ours, theirs = ends[0][0], ends[1][0]
+    theirs.packet_tx[:] = 0
+    c.prepare_packet(cycle.pointer(ends[1]))
+    for length in (0, 3, 8):
+        for extended in (0, 0x80):
+            head = np.array([0x21, 0x01, 0, extended, length, 0, 0, 0], np.uint8)
+            data = np.arange(8, dtype=np.uint8) * (np.arange(8) < length)
+            ours.tx[:] = np.concatenate([head, data])
+            assert put_frame(ours) and get_frame(ours, True) == FRAME
+            received = ours.rx.copy()
+            theirs.tx[:] = ours.tx
+            assert c.drive_frames(cycle.pointer(ends[1]), ctypes.c_int64(1)) == 1
+            assert get_frame(ours, True) == FRAME
+            ours.rx[8], theirs.rx[8] = received[8], received[8]  # the driver numbers its frames
+            assert bytes(ours.rx) == bytes(received) == bytes(theirs.rx), f"{length} bytes"
+            get_frame(theirs, True)
+    for end in ends:
+        frame.close_end(end)
+
+
+def test_python_c_and_cantools_pack_the_same_bytes_and_read_the_same_values() -> None:
+    ours, theirs = codec.frames_of(), codec.frames_of()
+    codec.in_python(ours, 1)
+    codec.in_c(theirs, 1, cycle.library())
+    assert ours.data.any() and (ours.data == theirs.data).all()
+    assert (ours.found.view(np.int64) == theirs.found.view(np.int64)).all()
+    known = dict(zip(ours.table.variables, ours.found.tolist(), strict=True))
+    for data, (message, values) in zip(ours.data, ours.messages(), strict=True):
+        encoded = message.encode(values, strict=False)
+        assert bytes(data[: len(encoded)]) == encoded, f"{message.name}: cantools {encoded.hex()}"
+        for name, value in message.decode(encoded, decode_choices=False).items():
+            assert known.get(f"{message.name}.{name}", value) == value, f"{message.name}.{name}"
+
+
+def test_cycle_gives_its_ratios() -> None:
+    found = of(cycle.measure(QUIET, rounds=2))
+    assert {what for what, _ in found} == {"in memory", "on the bus", "publish 256"}
+
+
+def test_a_compiled_frame_is_three_times_faster_than_with_python_can(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = of(frame.measure(QUIET, rounds=2))
+    ratio = found["udp_multicast", "python-can"]
+    assert ratio < 1 / 3, f"{ratio:.3f} of python-can's time"
+    assert ("udp_multicast", frame.AGAINST) in found
+    if not buses.vcan_ready(frame.VCAN):
+        assert "no vcan0 here" in capsys.readouterr().err
+
+
+def test_the_codec_is_twenty_times_faster_than_cantools() -> None:
+    found = of(codec.measure(QUIET, rounds=2))
+    ratio = found["all 14 frames", "cantools"]
+    assert len(found) == 2 and ratio < 1 / 20, f"{ratio:.4f} of cantools' time"
+
+
+def test_the_virtual_run_gives_its_ratios_at_matched_accuracy() -> None:
+    s = simulate.segment()
+    exact = simulate.by_scipy(s, "DOP853", simulate.REFERENCE)
+    own = np.abs(simulate.own_muzzle(s) - exact).max()
+    assert np.ptp(exact) > 1e-3 and own < 1e-9, f"{own:.1e} rad from the reference"
+    for method, tolerance in simulate.matched(s):
+        error = np.abs(simulate.by_scipy(s, method, tolerance) - exact).max()
+        assert error <= own, f"{method} at {tolerance:.0e}: {error:.1e}, the plant {own:.1e} rad"
+    found = of(simulate.measure(QUIET, rounds=1))
+    assert len(found) == 2 and ("slew10", "C -O2, both nodes") in found
+
+
+def test_the_recorder_gives_its_ratios() -> None:
+    found = of([recorder.throughput(QUIET, rounds=1)])
+    assert found["throughput", "mcap.Writer.add_message"] > 1.0, f"{found}"
+    late_us, work_us = recorder.one_run(recorder.Unrecorded, seconds=0.4)
+    assert 0.0 < late_us < 1e6 and 0.0 < work_us < 1e6, f"{late_us}, {work_us} us"
+
+
+def test_two_processes_with_the_loop_in_c_close_it() -> None:
+    held = rate.run("C", 500, 0.5)
+    assert held.p999_us > 0.0 and not held.lost and not held.fault, f"{held}"
+
+
+@pytest.mark.parametrize(
+    "held, ok",
+    [
+        (rate.Held(1000, 900.0, 0, 0, 0), True),
+        (rate.Held(1000, 1100.0, 0, 0, 0), False),
+        (rate.Held(1000, 900.0, 1, 0, 0), False),
+        (rate.Held(1000, 900.0, 0, 1, 0), False),
+        (rate.Held(1000, 900.0, 0, 0, 1), False),
+    ],
+)
+def test_a_rate_is_held_in_time_and_without_loss_only(held: rate.Held, ok: bool) -> None:
+    assert held.ok is ok, f"{held}"
+
+
+def test_the_start_is_timed() -> None:
+    found = of(startup.measure(QUIET, rounds=1, cold=False))
+    (what, _), *rest = found
+    assert what == "warm" and not rest
+
+
+@pytest.mark.parametrize(
+    "measure", [cycle.measure, frame.measure, codec.measure, simulate.measure, rate.measure]
+)
+def test_without_a_compiler_the_cure_is_named(
+    measure: Callable[..., list[Ratio]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(CompilerError, match="no C compiler on PATH; `apt-get install gcc`"):
+        measure(QUIET, 1)
+
+
+def test_suites_of_minutes_run_only_when_asked_by_name() -> None:
+    assert set(ON_REQUEST) == {"rate", "startup"} and set(ON_REQUEST) < set(SUITES)
+
+
+def test_without_scipy_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "scipy.integrate", None)
+    with pytest.raises(simulate.BenchError, match="no scipy; `pip install scipy`"):
+        simulate.by_scipy(simulate.segment(), "RK45", 1e-3)

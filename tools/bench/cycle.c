@@ -1,0 +1,727 @@
+/* The loop in plain C: the yardstick of `tools.bench`. The functions of executive/cycle.py and
+ * rings.py on the same LOOP record, with the wire, codec and protection of frame.c and the steps of
+ * steps.c; the same bits, so that the records of a run are equal.
+ */
+#include "frame.c"
+
+#include <sched.h>
+#include <sys/resource.h>
+#include <time.h>
+
+typedef void step_function(double, double, double *, double *, double *, double *);
+typedef struct loop loop;
+
+static int stopping(loop *n)
+{
+    return __atomic_load_n(&n->control[SH_STOP], __ATOMIC_ACQUIRE) != 0;
+}
+
+static int64_t now(loop *n)
+{
+    struct timespec t;
+    if (n->wire.kind == WIRE_MEMORY)
+        return n->virtual_now;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec * 1000000000LL + t.tv_nsec;
+}
+
+/* ------------------------------------------------------------------ executive/rings.py -------- */
+
+static int64_t bits_of(double value)
+{
+    int64_t bits;
+    if (value != value)
+        return 0x7FF8000000000000LL;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+static int64_t free_row(loop *n, int64_t *ends, int64_t rows)
+{
+    int64_t put = ends[SH_PUT];
+    while (put - __atomic_load_n(&ends[SH_TAKEN], __ATOMIC_ACQUIRE) >= rows) {
+        if (!n->wait_recorder || stopping(n)) {
+            ends[SH_DROPPED]++;
+            return -1;
+        }
+        sched_yield();
+    }
+    return put % rows;
+}
+
+static void was_put(int64_t *ends)
+{
+    __atomic_store_n(&ends[SH_PUT], ends[SH_PUT] + 1, __ATOMIC_RELEASE);
+}
+
+static void push_frame(loop *n, const uint8_t *frame, int64_t received, int64_t state)
+{
+    int64_t at = free_row(n, n->frame_ends, SH_FRAME_RING_ROWS);
+    if (at < 0)
+        return;
+    uint32_t word;
+    int64_t *row = n->frame[at];
+    memcpy(&word, frame, sizeof word);
+    row[0] = SH_CDR_HEADER;
+    row[1] = now(n);
+    row[2] = n->k;
+    row[3] = word | (int64_t)frame[4] << 32 | received << 40 | state << 48;
+    memcpy(&row[4], frame + 8, 8);
+    was_put(n->frame_ends);
+}
+
+static void push_event(loop *n, int64_t code, int64_t argument, double value)
+{
+    int64_t at = free_row(n, n->event_ends, SH_EVENT_RING_ROWS);
+    if (at < 0)
+        return;
+    int64_t row[5] = {now(n), n->k, code, argument, bits_of(value)};
+    memcpy(n->event[at], row, sizeof row);
+    was_put(n->event_ends);
+}
+
+static void push_record(loop *n)
+{
+    int64_t columns = SH_RECORD_HEAD + n->n_state + 1 + n->n_timing;
+    int64_t at = free_row(n, n->record_ends, n->record_rows);
+    if (at < 0)
+        return;
+    int64_t *row = n->record + at * columns;
+    row[0] = n->k;
+    row[1] = n->wake;
+    row[2] = SH_CDR_HEADER;
+    row += SH_RECORD_HEAD;
+    for (int64_t i = 0; i < n->n_state; i++)
+        row[i] = bits_of(n->v[n->state_columns[i]]);
+    row += n->n_state;
+    row[0] = SH_CDR_HEADER;
+    for (int64_t i = 0; i < n->n_timing; i++)
+        row[1 + i] = bits_of(n->v[n->timing_columns[i]]);
+    was_put(n->record_ends);
+}
+
+static void publish(loop *n)
+{
+    int64_t s = n->seq[0] | 1;
+    __atomic_store_n(&n->seq[0], s, __ATOMIC_RELEASE);
+    __atomic_thread_fence(__ATOMIC_RELEASE);
+    memcpy(n->snapshot, n->v, n->n_variables * sizeof *n->v);
+    __atomic_store_n(&n->seq[0], s + 1, __ATOMIC_RELEASE);
+}
+
+/* ------------------------------------------------------------------ executive/cycle.py -------- */
+
+static void wait(loop *n)
+{
+    struct timespec until = {n->deadline / 1000000000, n->deadline % 1000000000};
+    if (n->wire.kind == WIRE_MEMORY)
+        n->virtual_now = n->virtual_now > n->deadline ? n->virtual_now : n->deadline;
+    else
+        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL) == EINTR
+               && !stopping(n))
+            ;
+    n->wake = now(n);
+    int64_t late = n->wake - n->deadline;
+    n->control[SH_LATE] += late > n->late_ns;
+    if (late > n->control[SH_WAKE_MAX_NS])
+        n->control[SH_WAKE_MAX_NS] = late;
+}
+
+static void arm(loop *n)
+{
+    int64_t soonest = now(n) + n->period_ns / 8 - n->phase_ns;
+    n->deadline = (soonest / n->period_ns + 1) * n->period_ns + n->phase_ns;
+}
+
+static void next_cycle(loop *n)
+{
+    n->passes++;
+    n->k++;
+    n->deadline += n->period_ns;
+    n->behind = 0;
+    if (n->trigger == CYCLE_CLOCKED && n->passes > n->arm_pass && n->done > n->deadline) {
+        n->behind = (n->done - n->deadline) / n->period_ns + 1;
+        n->k += n->behind;
+        n->deadline += n->behind * n->period_ns;
+        n->control[SH_SKIPPED] += n->behind;
+        push_event(n, SH_SKIP_EVENT, n->behind, 0.0);
+    }
+}
+
+static int64_t take_frame(loop *n)
+{
+    const uint8_t *frame = n->wire.rx;
+    uint32_t word;
+    int64_t row = 0, lost;
+    memcpy(&word, frame, sizeof word);
+    while (row < n->n_rx
+           && (n->rx[row][DBC_CAN_ID] != (word & 0x1FFFFFFF) || n->rx[row][DBC_EXTENDED] != word >> 31))
+        row++;
+    if (row == n->n_rx)
+        return -1;
+    int64_t *receiver = n->rx_state[row], fresh = receiver[E2E_FRESH];
+    int64_t state = check(frame + 8, frame[4], n->rx[row], receiver, &lost);
+    push_frame(n, frame, 1, state);
+    n->control[SH_LOST] += lost;
+    if (state == E2E_OK || state == E2E_OK_SOME_LOST) {
+        unpack(frame + 8, n->rx[row], n->rx_signals, n->rx_scales, n->v);
+        n->control[SH_RECEIVED]++;
+        if (!fresh) {
+            n->started += n->rx_role[row][SH_STARTS];
+            n->fresh += n->rx_role[row][SH_AWAITED];
+        }
+    } else if (state == E2E_ERROR) {
+        n->control[SH_CRC_ERRORS]++;
+    } else if (state == E2E_REPEATED) {
+        n->control[SH_REPEATED]++;
+    }
+    return row;
+}
+
+static void announce(loop *n);
+
+static void receive(loop *n)
+{
+    int gather = n->trigger != CYCLE_CLOCKED || n->passes <= n->arm_pass;
+    int64_t waits = 0;
+    for (int i = 0; i < CYCLE_DRAIN_FRAMES; i++) {
+        if (gather && n->started >= n->n_starters)
+            break;
+        int result = get_frame(&n->wire, gather);
+        if (result == WIRE_FRAME) {
+            take_frame(n);
+            waits = 0;
+        } else if (result == WIRE_NOTHING) {
+            if (!gather || stopping(n))
+                break;
+            waits++;
+            if (n->passes == 0 && n->wire.kind != WIRE_MEMORY) {
+                announce(n);
+                waits = 0;
+            } else if (waits >= n->patience || n->wire.kind == WIRE_MEMORY) {
+                n->faulted = SV_PEER_SILENT;
+                break;
+            }
+        } else if (result == WIRE_FAILED) {
+            n->control[SH_BUS_ERRNO] = n->wire.errno_;
+            n->faulted = SV_BUS_FAILED;
+            break;
+        }
+    }
+    n->received = now(n);
+}
+
+static int64_t advance(int64_t state, int fresh, int64_t fault, int asked, int ramped)
+{
+    int64_t event = fresh ? SV_FRESH : SV_MISSED;
+    if (asked)
+        event = SV_STOP_REQUEST;
+    else if (state == SV_FAULT)
+        event = ramped ? SV_RAMPED : SV_NONE;
+    else if (fault != SV_NO_FAULT)
+        event = SV_LOSS;
+    return NEXT[state][event];
+}
+
+static void watchdog(loop *n, int64_t state)
+{
+    for (int64_t i = 0; i < n->n_safe; i++) {
+        double *value = &n->v[n->safe_index[i]], *safe = n->safe[i];
+        if (state < SV_FAULT)
+            safe[SH_LAST] = *value;
+        else
+            *value = safe[SH_SAFE] + n->gain * (safe[SH_LAST] - safe[SH_SAFE]);
+    }
+}
+
+static void supervise(loop *n)
+{
+    int64_t before = (int64_t)n->v[V_STATE];
+    int running = before == SV_RUN || before == SV_HOLD;
+    if (n->fresh >= n->n_awaited) {
+        n->missing = 0;
+    } else {
+        n->missing++;
+        n->control[SH_HELD] += running;
+        n->control[SH_STALE] += running && n->missing > n->hold_cycles;
+    }
+    n->started = n->fresh = 0;
+    for (int64_t i = 0; i < n->n_rx; i++) {
+        n->rx_state[i][E2E_AGE_CYCLES]++;
+        n->rx_state[i][E2E_FRESH] = 0;
+    }
+    if (before != SV_INIT && n->missing >= n->fault_after && n->faulted == SV_NO_FAULT)
+        n->faulted = SV_INPUT_MISSING;
+    int asked = stopping(n) || (n->mode_index >= 0 && n->v[n->mode_index] == SV_STOP);
+    int64_t state = advance(before, n->missing == 0, n->faulted, asked, n->gain <= 0.0);
+    if (before == SV_FAULT)
+        n->gain = n->gain > n->ramp_step ? n->gain - n->ramp_step : 0.0;
+    if (state != before) {
+        push_event(n, SH_STATE_EVENT, state, 0.0);
+        if (state == SV_FAULT) {
+            n->control[SH_FAULT] = n->faulted;
+            push_event(n, SH_FAULT_EVENT, n->faulted, 0.0);
+        }
+    }
+    n->control[SH_STATE] = state;
+    n->v[V_STATE] = state;
+    n->v[V_FAULT] = n->faulted;
+    n->v[V_GAIN] = n->gain;
+    n->v[V_MISSING] = n->missing;
+    n->v[V_NMT] = NMT[state];
+    watchdog(n, state);
+}
+
+static void judge_overrun(loop *n)
+{
+    n->overruns = n->behind > 0 && n->passes > n->grace_passes ? n->overruns + 1 : 0;
+    if (n->overrun_policy == SH_SKIP || n->overruns < n->overrun_after)
+        return;
+    if (n->overrun_policy == SH_FAULT_AFTER) {
+        if (n->faulted == SV_NO_FAULT)
+            n->faulted = SV_OVERRUN;
+    } else if (n->v[V_FALLBACK] == 0.0) {
+        n->v[V_FALLBACK] = 1.0;
+        push_event(n, SH_FALLBACK_EVENT, n->behind, 0.0);
+    }
+}
+
+static void tune(loop *n)
+{
+    while (n->scheduled < n->n_schedule && n->schedule[n->scheduled][0] <= n->k) {
+        int64_t j = n->schedule[n->scheduled][1];
+        n->v[j] = n->schedule_value[n->scheduled++];
+        push_event(n, SH_TUNING_EVENT, j, n->v[j]);
+    }
+    int64_t request = __atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE);
+    if (request == n->mail[SH_ACK])
+        return;
+    for (int64_t i = 0; i < n->mail[SH_COUNT] && i < SH_MAIL_SLOTS; i++) {
+        int64_t j = n->mail_index[i];
+        if (j >= 0 && j < n->n_variables) {
+            n->v[j] = n->mail_value[i];
+            push_event(n, SH_TUNING_EVENT, j, n->mail_value[i]);
+        }
+    }
+    n->mail[SH_ACK_CYCLE] = n->k;
+    __atomic_store_n(&n->mail[SH_ACK], request, __ATOMIC_RELEASE);
+}
+
+static void copy_inputs(loop *n, int64_t block)
+{
+    int64_t first = block > 0 ? n->copies_end[block - 1] : 0;
+    for (int64_t i = first; i < n->copies_end[block]; i++)
+        n->v[n->copies[i][1]] = n->v[n->copies[i][0]];
+}
+
+static void step_blocks(loop *n, step_function **steps)
+{
+    double dt = n->period_ns * 1e-9, *v = n->v;
+    int64_t owed = n->is_plant ? n->behind : 0;
+    for (int64_t k = n->k - owed; k <= n->k; k++) {
+        v[V_T_S] = k * dt;
+        for (int64_t b = 0; b < n->n_blocks; b++) {
+            if (b == (v[V_FALLBACK] > 0.0 ? n->controller_block : n->fallback_block))
+                continue;
+            copy_inputs(n, b);
+            const int64_t *at = n->views[b];
+            steps[b](v[V_T_S], dt, v + at[0], v + at[2], v + at[4], v + at[6]);
+        }
+    }
+    for (int64_t i = 0; i < n->n_noted; i++) {
+        double value = v[n->noted_index[i]];
+        if (value != n->noted[i]) {
+            push_event(n, SH_CHANGE_EVENT, n->noted_index[i], value);
+            n->noted[i] = value;
+        }
+    }
+    n->stepped = now(n);
+}
+
+static double within(double value, double low, double high)
+{
+    value = value > low ? value : low;
+    return value < high ? value : high;
+}
+
+static void limit(loop *n)
+{
+    copy_inputs(n, SH_MAX_BLOCKS);
+    n->v[V_CLAMPED] = 0.0;
+    for (int64_t i = 0; i < n->n_limits; i++) {
+        double *limits = n->limits[i], *sent = &n->v[n->limit_index[i]];
+        double wanted = *sent, last = limits[SH_LAST];
+        if (!(__builtin_fabs(wanted) < 1e300)) {
+            if (n->faulted == SV_NO_FAULT)
+                n->faulted = SV_COMMAND_NOT_FINITE;
+            wanted = last;
+        }
+        double value = within(wanted, limits[SH_LOW], limits[SH_HIGH]);
+        value = within(value, last - limits[SH_RATE], last + limits[SH_RATE]);
+        if (n->v[V_STATE] >= SV_FAULT) {
+            *sent = n->gain * last;
+            continue;
+        }
+        if (value != wanted) {
+            n->v[V_CLAMPED] = 1.0;
+            n->control[SH_SATURATED]++;
+        }
+        limits[SH_LAST] = *sent = value;
+    }
+}
+
+static void send_frame(loop *n, int64_t row, int64_t counter)
+{
+    uint8_t *frame = n->wire.tx;
+    const int64_t *about = n->tx[row];
+    uint32_t word = about[DBC_CAN_ID] | about[DBC_EXTENDED] << 31;
+    memcpy(frame, &word, sizeof word);
+    frame[4] = about[DBC_DLC];
+    int64_t clamped = pack(frame + 8, about, n->tx_signals, n->tx_scales, n->v);
+    if (clamped > 0) {
+        n->v[V_CLAMPED] = 1.0;
+        n->control[SH_SATURATED] += clamped;
+    }
+    protect(frame + 8, about, counter);
+    if (put_frame(&n->wire)) {
+        n->control[SH_SENT]++;
+    } else {
+        n->control[SH_SEND_ERRORS]++;
+        n->control[SH_BUS_ERRNO] = n->wire.errno_;
+    }
+    push_frame(n, frame, 0, 0);
+}
+
+static void transmit(loop *n)
+{
+    for (int64_t row = 0; row < n->n_tx; row++) {
+        int64_t every = n->tx[row][DBC_EVERY_N];
+        if (n->passes % every == 0)
+            send_frame(n, row, n->passes / every + n->tx_role[row][SH_IS_SYNC]);
+    }
+    n->sent = now(n);
+}
+
+static void announce(loop *n)
+{
+    n->v[V_NMT] = NMT[(int64_t)n->v[V_STATE]];
+    copy_inputs(n, SH_MAX_BLOCKS);
+    for (int64_t row = 0; row < n->n_tx; row++)
+        if (n->tx_role[row][SH_IS_HEARTBEAT])
+            send_frame(n, row, 0);
+}
+
+static void request_first_sample(loop *n)
+{
+    for (int64_t row = 0; row < n->n_tx; row++)
+        if (n->tx_role[row][SH_IS_SYNC])
+            send_frame(n, row, 0);
+}
+
+static void note_timing(loop *n)
+{
+    double *v = n->v + V_TIMING_AT;
+    v[0] = 0.001 * (n->wake - n->deadline);
+    v[1] = 0.001 * (n->received - n->wake);
+    v[2] = 0.001 * (n->stepped - n->received);
+    v[3] = 0.001 * (n->sent - n->stepped);
+    v[4] = 0.001 * n->publish_ns;
+    for (size_t i = 0; i < sizeof COUNTERS / sizeof *COUNTERS; i++)
+        v[5 + i] = n->control[COUNTERS[i]];
+}
+
+/* ----------------------------------------------------------------- executive/timing.py -------- */
+
+static const double POINTS[] = {0.5, 0.99, 0.999};
+
+static int64_t bucket(int64_t v)
+{
+    if (v < 16)
+        return v > 0 ? v : 0;
+    int64_t e = 63 - __builtin_clzll(v), i = 16 + 8 * (e - 4) + ((v >> (e - 3)) & 7);
+    return e <= 40 && i < SH_BUCKETS ? i : SH_BUCKETS - 1;
+}
+
+static int64_t bucket_end(int64_t i)
+{
+    return i < 16 ? i : ((8 + (i - 16) % 8 + 1) << (4 + (i - 16) / 8 - 3)) - 1;
+}
+
+static void note_latest(loop *n)
+{
+    int64_t late = n->times[TIMING_WAKE_LATE], row = 0;
+    for (int64_t i = 0; i < SH_LATEST; i++)
+        if (n->latest[i][SH_LATE_NS] < n->latest[row][SH_LATE_NS])
+            row = i;
+    int64_t *latest = n->latest[row];
+    if (late <= n->late_ns || late <= latest[SH_LATE_NS])
+        return;
+    latest[SH_LATE_CYCLE] = n->k;
+    memcpy(latest + SH_LATE_NS, n->times, sizeof n->times);
+    for (int i = 0; i < 4; i++)
+        latest[SH_LATE_USAGE + i] = n->usage[USAGE[i]] - n->usage_before[i];
+    push_event(n, SH_LATE_EVENT, late, 0.0);
+}
+
+static int64_t percentile(loop *n, int64_t stage, double share)
+{
+    double wanted = share * n->stages[stage][SH_COUNTED];
+    int64_t seen = 0, most = n->stages[stage][SH_MOST];
+    for (int64_t i = 0; i < SH_BUCKETS; i++) {
+        seen += n->histogram[stage][i];
+        if (seen >= wanted)
+            return bucket_end(i) < most ? bucket_end(i) : most;
+    }
+    return most;
+}
+
+static void show(loop *n)
+{
+    static const int64_t shown[] = {TIMING_WAKE_LATE, TIMING_WORK};
+    double *v = n->v + V_STATISTICS_AT;
+    for (int j = 0; j < 2; j++) {
+        const int64_t *stage = n->stages[shown[j]];
+        *v++ = 0.001 * stage[SH_LEAST];
+        *v++ = 0.001 * stage[SH_TOTAL] / (stage[SH_COUNTED] ? stage[SH_COUNTED] : 1);
+        *v++ = 0.001 * stage[SH_MOST];
+        for (int i = 0; i < 3; i++)
+            *v++ = 0.001 * percentile(n, shown[j], POINTS[i]);
+    }
+}
+
+static void count(loop *n)
+{
+    if (n->v[V_RESET] >= 0.5 || n->counted == 0) {
+        n->v[V_RESET] = 0.0;
+        memset(n->stages, 0, sizeof n->stages);
+        memset(n->histogram, 0, sizeof n->histogram);
+        memset(n->latest, 0, sizeof n->latest);
+        for (int64_t s = 0; s < SH_STAGES; s++)
+            n->stages[s][SH_LEAST] = 1LL << 62;
+    }
+    n->counted++;
+    int64_t times[SH_STAGES] = {
+        n->wake - n->deadline, n->received - n->wake, n->stepped - n->received,
+        n->sent - n->stepped, n->done - n->sent, n->done - n->wake,
+    };
+    memcpy(n->times, times, sizeof times);
+    for (int64_t s = 0; s < SH_STAGES; s++) {
+        int64_t t = times[s], *stage = n->stages[s];
+        stage[SH_COUNTED]++;
+        stage[SH_TOTAL] += t;
+        stage[SH_LEAST] = t < stage[SH_LEAST] ? t : stage[SH_LEAST];
+        stage[SH_MOST] = t > stage[SH_MOST] ? t : stage[SH_MOST];
+        n->histogram[s][bucket(t)]++;
+    }
+    getrusage(RUSAGE_THREAD, (struct rusage *)n->usage);
+    note_latest(n);
+    for (int i = 0; i < 4; i++)
+        n->usage_before[i] = n->usage[USAGE[i]];
+    if (n->passes % TIMING_UPDATE_PASSES == 0)
+        show(n);
+}
+
+/* ------------------------------------------------------------------ executive/cycle.py -------- */
+
+static int one_pass(loop *n, step_function **steps)
+{
+    if (n->trigger == CYCLE_CLOCKED && n->passes > n->arm_pass) {
+        wait(n);
+        receive(n);
+    } else {
+        receive(n);
+        if (n->trigger == CYCLE_CLOCKED && n->passes == n->arm_pass) {
+            arm(n);
+            wait(n);
+        } else {
+            n->deadline = n->wake = n->received;
+        }
+        n->received = n->wake;
+    }
+    judge_overrun(n);
+    supervise(n);
+    if (n->v[V_STATE] == SV_STOP || n->faulted == SV_PEER_SILENT)
+        return 0;
+    tune(n);
+    step_blocks(n, steps);
+    limit(n);
+    transmit(n);
+    note_timing(n);
+    publish(n);
+    push_record(n);
+    n->control[SH_PASSES] = n->passes + 1;
+    n->control[SH_CYCLE] = n->k;
+    n->done = now(n);
+    n->publish_ns = n->done - n->sent;
+    if (n->wire.kind != WIRE_MEMORY)
+        count(n);
+    next_cycle(n);
+    return n->k < n->cycles;
+}
+
+static void finish(loop *n)
+{
+    if (n->v[V_STATE] != SV_STOP)
+        push_event(n, SH_STATE_EVENT, SV_STOP, 0.0);
+    n->v[V_STATE] = SV_STOP;
+    n->v[V_NMT] = NMT[SV_STOP];
+    n->gain = 0.0;
+    n->control[SH_STATE] = SV_STOP;
+    if (n->is_plant) {
+        announce(n);
+    } else {
+        limit(n);
+        transmit(n);
+    }
+    publish(n);
+    __atomic_store_n(&n->control[SH_DONE], 1, __ATOMIC_RELEASE);
+}
+
+static int wait_for_peer(loop *n)
+{
+    while (!stopping(n)) {
+        int result = get_frame(&n->wire, 1);
+        if (result == WIRE_FAILED) {
+            n->control[SH_BUS_ERRNO] = n->wire.errno_;
+            n->faulted = SV_BUS_FAILED;
+            return 0;
+        }
+        int known = result == WIRE_FRAME && take_frame(n) >= 0;
+        if (known || result == WIRE_NOTHING)
+            announce(n);
+        if (known)
+            return 1;
+    }
+    return 0;
+}
+
+int64_t run(loop *n, step_function **steps)
+{
+    if (!n->is_plant && wait_for_peer(n))
+        request_first_sample(n);
+    while (one_pass(n, steps))
+        ;
+    finish(n);
+    return n->passes;
+}
+
+/* ---------------------------------------------------------------- executive/virtual.py -------- */
+
+static void carry(struct wire *from, struct wire *to)
+{
+    int64_t room = WIRE_QUEUE_FRAMES - (to->inbox_put - to->inbox_taken);
+    int64_t moved = from->outbox_put < room ? from->outbox_put : room;
+    for (int64_t i = 0; i < moved; i++)
+        memcpy(to->inbox[to->inbox_put++ % WIRE_QUEUE_FRAMES], from->outbox[i], WIRE_FRAME_BYTES);
+    memmove(from->outbox, from->outbox[moved], (from->outbox_put - moved) * WIRE_FRAME_BYTES);
+    from->outbox_put -= moved;
+}
+
+int64_t run_virtual(loop *executive, step_function **laws, loop *plant, step_function **models,
+                    int64_t cycles)
+{
+    if (executive->passes == 0) {
+        announce(plant);
+        carry(&plant->wire, &executive->wire);
+        wait_for_peer(executive);
+        request_first_sample(executive);
+        carry(&executive->wire, &plant->wire);
+        one_pass(plant, models);
+    }
+    for (int64_t i = 0; i < cycles; i++) {
+        carry(&plant->wire, &executive->wire);
+        executive->virtual_now = executive->k * executive->period_ns;
+        int more = one_pass(executive, laws);
+        carry(&executive->wire, &plant->wire);
+        plant->virtual_now = plant->k * plant->period_ns;
+        one_pass(plant, models);
+        if (!more) {
+            finish(executive);
+            carry(&executive->wire, &plant->wire);
+            one_pass(plant, models);
+            finish(plant);
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* -------------------------------------------------------- executive/references.py ------------- */
+
+struct rise { double value, first, second; };
+
+static struct rise rise(double s)
+{
+    s = s < 0.0 ? 0.0 : s > 1.0 ? 1.0 : s;
+    double s2 = s * s;
+    return (struct rise){s2 * s * (10.0 + s * (6.0 * s - 15.0)),
+                         30.0 * s2 * (1.0 + s * (s - 2.0)),
+                         s * (60.0 + s * (120.0 * s - 180.0))};
+}
+
+void quintic(double t, double dt, double *p, double *x, double *u, double *y)
+{
+    double amplitude = p[0], move = p[1];
+    struct rise up = rise((t - p[2]) / move), back = rise((t - p[3]) / move);
+    y[0] = amplitude * (up.value - back.value);
+    y[1] = amplitude * (up.first - back.first) / move;
+    y[2] = amplitude * (up.second - back.second) / (move * move);
+}
+
+/* ------------------------------------------------- the drivers, as in tools/bench/cycle.py ---- */
+
+static void put_back(loop *n)
+{
+    n->record_ends[SH_TAKEN] = n->record_ends[SH_PUT];
+    n->frame_ends[SH_TAKEN] = n->frame_ends[SH_PUT];
+    n->event_ends[SH_TAKEN] = n->event_ends[SH_PUT];
+}
+
+void drive_memory(loop *n, step_function **steps, const uint8_t (*frames)[16], const int64_t *ends,
+                  int64_t cycles, int64_t repeats)
+{
+    for (int64_t r = 0; r < repeats; r++) {
+        int64_t first = 0;
+        put_back(n);
+        for (int64_t k = 0; k < cycles; k++) {
+            for (int64_t i = first; i < ends[k]; i++)
+                memcpy(n->wire.inbox[n->wire.inbox_put++ % WIRE_QUEUE_FRAMES], frames[i], 16);
+            first = ends[k];
+            n->virtual_now = n->k * n->period_ns;
+            n->wire.outbox_put = 0;
+            one_pass(n, steps);
+        }
+    }
+}
+
+void drive_bus(loop *n, step_function **steps, struct wire *peer, const uint8_t (*frames)[16],
+               const int64_t *ends, int64_t cycles, int64_t *took_ns)
+{
+    int64_t first = 0;
+    put_back(n);
+    for (int64_t k = 0; k < cycles; k++) {
+        for (int64_t i = first; i < ends[k]; i++) {
+            memcpy(peer->tx, frames[i], 16);
+            put_frame(peer);
+        }
+        first = ends[k];
+        int64_t began = now(n);
+        n->deadline = began - n->period_ns / 2;
+        one_pass(n, steps);
+        took_ns[k] = now(n) - began;
+    }
+}
+
+void drive_publish(loop *n, int64_t repeats)
+{
+    for (int64_t i = 0; i < repeats; i++)
+        publish(n);
+}
+
+void drive_copy(loop *n, int64_t repeats)
+{
+    for (int64_t i = 0; i < repeats; i++) {
+        memcpy(n->snapshot, n->v, n->n_variables * sizeof *n->v);
+        __asm__ volatile("" ::: "memory");
+    }
+}

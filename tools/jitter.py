@@ -1,0 +1,230 @@
+"""`pcpc jitter`: how late the executive's own loop wakes, side by side with other loops.
+
+What is measured is the product: plants/probe with emulator, executive, bus and recorder, run as
+`pcpc run` does; every cycle's figures come from the log. Options and first line are cyclictest's.
+With --against, rounds of equal length, interval and priority follow each other, ABCABC: a slow
+moment of the machine falls on all, so ratios mean more than times.
+
+exit code: 0 measured; 2 wrong input; 3 the log is not whole; 4 environment; 130 Ctrl-C, with the
+statistics so far
+"""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+
+from drivers.compile_cache import cache_folder
+from drivers.errors import BusError
+from executive.errors import RigError
+from executive.shared import SharedError
+from tools import jitter_loops as loops
+from tools import jitter_probe as probe
+from tools import jitter_report as report
+from tools.jitter_figures import LEAST_CYCLES, Result, as_json
+from tools.jitter_loops import JitterError, Setup
+from tools.progress import Progress
+
+OK, USAGE, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 4, 130
+ROUNDS = 5  # with --against
+LEAST_INTERVAL_US, MOST_INTERVAL_US = 50, 1_000_000
+MOST_HISTOGRAM_US = 1_000_000  # cyclictest's
+_UNITS_NS = {"us": 10**3, "ms": 10**6, "s": 10**9, "m": 60 * 10**9, "h": 3600 * 10**9}
+_EXAMPLES = """example: pcpc jitter -i 1000us -D 60s -p 80 -h 400 --json=jitter.json
+         pcpc jitter -D 25s --against cyclictest,c,python --plot jitter.png
+exit code: 0 measured, 2 wrong input, 3 the log is not whole, 4 environment, 130 Ctrl-C"""
+
+
+def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register `jitter`."""
+    text = "measure the timing of the loop, beside cyclictest, C and plain Python"
+    one = commands.add_parser(
+        "jitter", help=text, description=text, epilog=_EXAMPLES, add_help=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    add = one.add_argument
+    add("--help", action="help", help="show this help; -h is cyclictest's")
+    add("-i", "--interval", default="1000us", metavar="TIME", help="period; 1000us; 50us to 1s")
+    add("-D", "--duration", default="10s", metavar="TIME", help="of all rounds of a loop; 10s")
+    add("-p", "--priority", type=int, default=80, metavar="1..99",
+        help="of SCHED_FIFO, where that is allowed; 80; the plant's is 10 less")  # fmt: skip
+    add("-h", "--histogram", type=int, metavar="US", help="cyclictest's histogram, up to US")
+    add("-q", "--quiet", action="store_true", help="no progress")
+    add("-a", "--affinity", metavar="CPU[,CPU]",
+        help="processors of executive and plant; other loops: the first one")  # fmt: skip
+    add("--bus", metavar="INTERFACE[:CHANNEL]",
+        help="auto, vcan0, udp_multicast[:GROUP[:PORT]]; one that nobody else uses")  # fmt: skip
+    add("--against", metavar="NAME,...", help=f"compare with {', '.join(loops.NAMES)}")
+    add("--rounds", type=int, metavar="N", help=f"parts of the duration; {ROUNDS} with --against")
+    add("--json", type=Path, metavar="FILE", help="write all figures there")
+    add("--plot", type=Path, metavar="FILE.png", help="draw the histograms of all loops")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Measure; print errors in one line; return the exit code."""
+    progress = Progress(options.quiet)
+    try:
+        setup, rounds, names = parse(options)
+        with _interruptible(), tempfile.TemporaryDirectory(prefix="pcpc-jitter-") as folder:
+            result = measure(setup, rounds, names, Path(folder), progress)
+        progress.close()
+        return conclude(result, options)
+    except (RigError, JitterError) as error:
+        progress.close()
+        if str(error):
+            print(error, file=sys.stderr)
+        return error.code if isinstance(error, JitterError) else USAGE
+    except (BusError, SharedError) as error:
+        progress.close()
+        print(error, file=sys.stderr)
+        return NO_ENVIRONMENT
+    except KeyboardInterrupt:  # before there was anything to tell
+        progress.close()
+        return INTERRUPTED
+
+
+def parse(options: argparse.Namespace) -> tuple[Setup, int, list[str]]:
+    """Return what to measure, in how many rounds, against what; JitterError."""
+    interval_ns = duration_ns(options.interval, "-i", "us")
+    interval_us = interval_ns / 1000
+    if not LEAST_INTERVAL_US <= interval_us <= MOST_INTERVAL_US or interval_us % 1:
+        raise JitterError(f"-i {options.interval}: expected whole us from 50us to 1s")
+    names = [] if options.against is None else list(dict.fromkeys(options.against.split(",")))
+    if unknown := [name for name in names if name not in loops.NAMES]:
+        known = ", ".join(loops.NAMES)
+        raise JitterError(f"--against {unknown[0]}: no such loop; expected some of {known}")
+    rounds = options.rounds or (ROUNDS if names else 1)
+    if options.rounds is not None and options.rounds < 1:
+        raise JitterError(f"--rounds {options.rounds}: expected 1 or more")
+    periods = round(duration_ns(options.duration, "-D", "s") / rounds / interval_ns)
+    if periods < LEAST_CYCLES:
+        raise JitterError(
+            f"-D {options.duration}: {periods} cycles a round of {rounds}; expected "
+            f"{LEAST_CYCLES} or more, -D {float(LEAST_CYCLES * rounds * interval_us / 1000):g}ms"
+        )
+    if not 1 <= options.priority <= 99:
+        raise JitterError(f"-p {options.priority}: expected a priority of 1 to 99")
+    wrong = options.histogram is not None and not 1 <= options.histogram <= MOST_HISTOGRAM_US
+    if wrong:
+        raise JitterError(f"-h {options.histogram}: expected 1 to {MOST_HISTOGRAM_US} us")
+    _check_outputs(options)
+    cpus = _cpus(options.affinity)
+    return Setup(int(interval_ns), periods, options.priority, cpus, options.bus), rounds, names
+
+
+def duration_ns(text: str, option: str, unit: str) -> Fraction:
+    """Return the ns of `500us`, `5ms`, `10s`, `2m`, `1h`, or a number of `unit`; JitterError."""
+    number = text.rstrip("umsh")
+    try:
+        found = Fraction(number) * _UNITS_NS[text[len(number) :] or unit]
+    except (ValueError, KeyError, ZeroDivisionError):
+        found = Fraction(0)
+    if found <= 0:
+        raise JitterError(f"{option} {text}: not a time above 0; expected like 500us, 5ms, 10s, 2m")
+    return found
+
+
+def _cpus(text: str | None) -> tuple[int, ...]:
+    """Return the processors of -a; JitterError for one that this process may not use."""
+    usable = sorted(os.sched_getaffinity(0))
+    words = [] if text is None else text.split(",")
+    for word in words:
+        if not word.isdecimal() or int(word) not in usable:
+            known = ", ".join(map(str, usable))
+            raise JitterError(f"-a {word}: no such processor here; expected some of {known}")
+    return tuple(map(int, words))
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Raise JitterError for a file that cannot be written, before anything is measured."""
+    for option, path in (("--json", options.json), ("--plot", options.plot)):
+        if path is not None and (path.is_dir() or not path.parent.is_dir()):
+            what = "is a folder" if path.is_dir() else f"there is no folder {path.parent}"
+            raise JitterError(f"{option} {path}: {what}; choose another file")
+    if options.plot is not None:
+        report.check_plot(options.plot)
+
+
+def measure(
+    setup: Setup, rounds: int, names: Sequence[str], folder: Path, progress: Progress
+) -> Result:
+    """Run all rounds; after Ctrl-C what there is. `folder` is empty and holds the logs meanwhile.
+
+    Raises JitterError, RigError, BusError, SharedError. What a loop of `names` lacks is an error
+    only if it is the only one, else a line in `absent`.
+    """
+    missing = loops.prepare(names, setup, folder)
+    if missing and len(names) == 1:
+        raise missing[names[0]]
+    for error in missing.values():
+        progress.close()
+        print(error, file=sys.stderr)
+    result = Result(setup, rounds, absent={name: str(e) for name, e in missing.items()})
+    result.yardsticks = {name: [] for name in names if name not in missing}
+    if not cache_folder().exists():
+        progress.say("first start: compiling for this machine, about half a minute")
+    try:
+        for number in range(rounds):
+            if not _round(result, number, folder, progress):
+                break
+    except KeyboardInterrupt:  # between two loops
+        result.interrupted = True
+    return result
+
+
+def _round(result: Result, number: int, folder: Path, progress: Progress) -> bool:
+    """Run every loop once, ours first; return False after Ctrl-C."""
+    at = f"round {number + 1} of {result.rounds},"
+    with tempfile.TemporaryDirectory(dir=folder) as run_folder:
+        found = probe.run(result.setup, Path(run_folder), progress, f"{at} pcpc:")
+    _take_signals()  # the host had them
+    result.probes.append(found)
+    result.interrupted = found.interrupted
+    for name, rounds in result.yardsticks.items():
+        if result.interrupted:
+            break
+        loop = loops.run(name, result.setup, folder, progress, f"{at} {name}:")
+        rounds.append(loop)
+        result.interrupted = loop.interrupted
+    return not result.interrupted
+
+
+def _take_signals() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Make SIGINT and SIGTERM a KeyboardInterrupt in here."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    _take_signals()
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def conclude(result: Result, options: argparse.Namespace) -> int:
+    """Print, write and draw the result; return the exit code."""
+    if result.node("executive") is None:
+        return INTERRUPTED
+    print(report.text_of(result, options.histogram))
+    path = options.json
+    try:
+        if options.json is not None:
+            options.json.write_text(json.dumps(as_json(result), indent=1) + "\n")
+        path = options.plot
+        if options.plot is not None:
+            report.draw(result, options.plot)
+    except OSError as error:
+        what = f"{path}: cannot be written: {error.strerror}; choose another file"
+        raise JitterError(what, NO_ENVIRONMENT) from None
+    return INTERRUPTED if result.interrupted else OK
