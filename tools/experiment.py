@@ -138,7 +138,7 @@ def command(options: argparse.Namespace) -> int:
     except OSError as error:
         print(f"{folder}: {error.strerror}; choose another folder with -o", file=sys.stderr)
         return 2
-    experiment = importlib.import_module(f"tools.{options.name}")
+    experiment = importlib.import_module(f"tools.experiments.{options.name}")
     progress = Progress(options.quiet)
     try:
         code = int(experiment.run(folder, progress, options.jobs))

@@ -11,8 +11,10 @@ import pytest
 
 from drivers import bus
 from executive import shared as sh
-from tools import doctor, doctor_bus, doctor_machine
+from tools import doctor
 from tools.cli import main
+from tools.doctor import bus as doctor_bus
+from tools.doctor import machine as doctor_machine
 
 ROOT = Path(__file__).resolve().parents[2]
 Screen = pytest.CaptureFixture[str]
@@ -159,6 +161,6 @@ def test_a_slow_clock_source_is_a_warning_with_the_better_one() -> None:
 
 
 def test_the_doctor_needs_no_numba() -> None:
-    code = "import sys; from tools import doctor, doctor_bus; print('numba' in sys.modules)"
+    code = "import sys; import tools.doctor.bus; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout == "False\n", done.stdout + done.stderr

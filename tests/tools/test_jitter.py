@@ -28,9 +28,13 @@ from executive import shared as sh
 from executive.node import cycles_of
 from executive.rig import load_rig
 from executive.virtual import in_memory
-from tools import jitter, jitter_figures, jitter_loops, jitter_probe, jitter_report
-from tools.jitter_figures import LEAST_CYCLES, PCPC, Result, percentiles
-from tools.jitter_loops import JitterError, Setup
+from tools import jitter
+from tools.jitter import figures as jitter_figures
+from tools.jitter import loops as jitter_loops
+from tools.jitter import probe as jitter_probe
+from tools.jitter import report as jitter_report
+from tools.jitter.figures import LEAST_CYCLES, PCPC, Result, percentiles
+from tools.jitter.loops import JitterError, Setup
 from tools.progress import Progress
 
 QUIET = Progress(quiet=True)

@@ -2,7 +2,7 @@
 
     cyclictest   of rt-tests; -v -N gives each latency in ns, its loop is the usual one
     c            tools/bench/wake.c, compiled with cc
-    python       tools/jitter_wake.py, CPython without numba
+    python       tools/jitter/wake.py, CPython without numba
 
 All wait for absolute deadlines of CLOCK_MONOTONIC, under SCHED_FIFO where that is allowed.
 """
@@ -24,7 +24,7 @@ from tools.bench.compiler import CompilerError, compile_to
 from tools.progress import Progress
 
 USAGE, NO_ENVIRONMENT = 2, 4
-SOURCE = Path(__file__).with_name("bench") / "wake.c"
+SOURCE = Path(__file__).parent.with_name("bench") / "wake.c"
 NAMES = ("cyclictest", "c", "python")
 _PR_SET_PDEATHSIG = 1
 _POLL_S = 0.1
@@ -123,7 +123,7 @@ def _c(setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
 
 
 def _python(setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
-    return _wake([sys.executable, "-P", "-m", "tools.jitter_wake"], setup, folder, show)
+    return _wake([sys.executable, "-P", str(Path(__file__).with_name("wake.py"))], setup, folder, show)
 
 
 def _cyclictest_words(setup: Setup, loops: int) -> list[str]:

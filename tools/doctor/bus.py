@@ -14,7 +14,7 @@ from pathlib import Path
 
 from drivers import bus
 from drivers.errors import BusError
-from tools.doctor_machine import Row, text
+from tools.doctor.machine import Row, text
 from tools.vm import APT_PACKAGES, VmError, accelerator, kernel, programs
 
 _NET = Path("/sys/class/net")

@@ -12,7 +12,7 @@ import numpy as np
 from tools.experiment import Case, Result, markdown, run_cases, write_csv
 from tools.progress import Progress
 
-RIGS = Path(__file__).resolve().parent.parent / "plants" / "atb1000" / "rigs"
+RIGS = Path(__file__).resolve().parents[2] / "plants" / "atb1000" / "rigs"
 SCENARIOS = ("slew10", "slew25", "bang10", "step10", "step25", "sin0.2", "sin0.5", "sin1.0", "hull",
              "hullrand", "lowspeed", "fire", "firetrack")  # fmt: skip
 CONTROLLERS = ("pd", "pd_star", "pid", "pd_fast", "pd_nn", "pd_nn_fast", "nn_backstepping")
@@ -125,7 +125,7 @@ def monte_carlo() -> Iterator[Case]:
 
 def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     """Run everything and write tables and figures; return 0, or 1 if a run failed."""
-    from tools.chapter9_figures import draw_all, draw_monte_carlo
+    from tools.experiments.chapter9_figures import draw_all, draw_monte_carlo
 
     results = run_cases(list(cases()), progress, jobs)
     write_csv(results, folder / "results.csv")

@@ -24,11 +24,9 @@ from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
 from executive.errors import RigError
 from executive.shared import SharedError
-from tools import jitter_loops as loops
-from tools import jitter_probe as probe
-from tools import jitter_report as report
-from tools.jitter_figures import LEAST_CYCLES, Result, as_json
-from tools.jitter_loops import JitterError, Setup
+from tools.jitter import loops, probe, report
+from tools.jitter.figures import LEAST_CYCLES, Result, as_json
+from tools.jitter.loops import JitterError, Setup
 from tools.progress import Progress
 
 OK, USAGE, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 4, 130

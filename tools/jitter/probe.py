@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from executive import logs
 from executive import shared as sh
 from executive.rig import load_rig
-from tools.jitter_loops import JitterError, Setup
+from tools.jitter.loops import JitterError, Setup
 from tools.progress import Progress
 from tools.run import LOG, Host
 
-RIG = Path(__file__).resolve().parents[1] / "plants" / "probe" / "rig.yaml"
+RIG = Path(__file__).resolve().parents[2] / "plants" / "probe" / "rig.yaml"
 STAGES = ("wake_late", "receive", "step", "send", "publish")
 LOSS = 3
 _PLANT_BELOW = 10  # of the executive's priority, as in every rig

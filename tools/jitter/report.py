@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tools.jitter_figures import COMPARED, PCPC, PERCENTILES, Result, Vector, percentiles, ratios
-from tools.jitter_loops import NO_ENVIRONMENT, JitterError
-from tools.jitter_probe import STAGES, Node
+from tools.jitter.figures import COMPARED, PCPC, PERCENTILES, Result, Vector, percentiles, ratios
+from tools.jitter.loops import NO_ENVIRONMENT, JitterError
+from tools.jitter.probe import STAGES, Node
 
 _BAR = 50
 _STEPS = np.outer(10.0 ** np.arange(7), (1.0, 2.0, 5.0)).ravel()  # us, edges of the short histogram

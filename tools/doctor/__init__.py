@@ -22,10 +22,10 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from tools.doctor_machine import Row, machine_rows
+from tools.doctor.machine import Row, machine_rows
 
 OK, CANNOT_RUN = 0, 4
-_PROJECT = Path(__file__).resolve().parent.parent
+_PROJECT = Path(__file__).resolve().parents[2]
 _PYTHON = (3, 11)
 _SHM = Path("/dev/shm")
 SHM_BYTES = 24 << 20  # the blocks of two nodes
@@ -61,7 +61,7 @@ def rows() -> Iterator[Row]:
     yield figures_row()
     yield from machine_rows(_PROJECT)
     if packages.state == "ok":
-        from tools.doctor_bus import bus_rows  # here, because it needs the packages
+        from tools.doctor.bus import bus_rows  # here, because it needs the packages
 
         yield from bus_rows()
     else:

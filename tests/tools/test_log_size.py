@@ -1,0 +1,22 @@
+"""A log's size an hour: what the README says, to 10 %."""
+
+import re
+from pathlib import Path
+
+from pcpc import RIGS, ROOT
+
+from executive.rig import load_rig
+from executive.virtual import simulate
+
+
+def test_the_readme_states_the_size_of_a_log_an_hour(tmp_path: Path) -> None:
+    sizes = {}
+    for seconds in (1, 4):
+        log = tmp_path / f"{seconds}.mcap"
+        simulate(load_rig(RIGS / "hull.yaml", settings=[f"duration_s={seconds}.0"]), log)
+        sizes[seconds] = log.stat().st_size
+    measured = 3600 * (sizes[4] - sizes[1]) / 3 / 1e9
+    text = " ".join((ROOT / "README.md").read_text().split())
+    stated = re.search(r"A log takes about ([0-9.]+) GB an hour", text)
+    assert stated is not None
+    assert abs(measured / float(stated[1]) - 1.0) < 0.1, f"{measured:.2f} GB/h, README {stated[1]}"
