@@ -12,33 +12,34 @@ exit code: 0 ok; 2 rig file; 4 environment; 5 fault
 import signal
 
 # numpy starts threads of its own: the mask must stand before its import, or a signal could hit one
-# of them
-signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+# of them. Whoever only imports this module keeps its signals.
+if __name__ == "__main__":
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
 
-import argparse  # noqa: E402
-import ctypes  # noqa: E402
-import os  # noqa: E402
-import sys  # noqa: E402
-import threading  # noqa: E402
-from collections.abc import Sequence  # noqa: E402
-from typing import Any  # noqa: E402
+import argparse
+import ctypes
+import os
+import sys
+import threading
+from collections.abc import Sequence
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from drivers import bus as buses  # noqa: E402
-from drivers import realtime, wire  # noqa: E402
-from drivers.dbc import BusError  # noqa: E402
-from drivers.wire_layout import MEMORY  # noqa: E402
-from executive import shared as sh  # noqa: E402
-from executive.cycle import run  # noqa: E402
-from executive.emath_selftest import selftest  # noqa: E402
-from executive.errors import RigError  # noqa: E402
-from executive.facts import facts  # noqa: E402
-from executive.install import install  # noqa: E402
-from executive.node import Plan, Role, check_rate, describe, plan  # noqa: E402
-from executive.rig import Rig, load_rig  # noqa: E402
+from drivers import bus as buses
+from drivers import realtime, wire
+from drivers.dbc import BusError
+from drivers.wire_layout import MEMORY
+from executive import shared as sh
+from executive.cycle import run
+from executive.emath_selftest import selftest
+from executive.errors import RigError
+from executive.facts import facts
+from executive.install import install
+from executive.node import Plan, Role, check_rate, describe, plan
+from executive.rig import Rig, load_rig
 
 OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
 _PR_SET_PDEATHSIG = 1

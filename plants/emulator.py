@@ -1,6 +1,10 @@
 """The plant emulator: the same engine as the executive, started by SYNC or by its own clock."""
 
+import signal
 import sys
+
+if __name__ == "__main__":  # before numpy is imported, as in executive.process
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
 
 from executive.process import main
 

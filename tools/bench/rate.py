@@ -13,8 +13,13 @@ held rate is searched upwards, each rate with both in turn, until neither holds;
 is tried again.
 """
 
-import ctypes
+import signal
 import sys
+
+if __name__ == "__main__":  # a node: before numpy is imported, as in executive.process
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+
+import ctypes
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

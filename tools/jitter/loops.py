@@ -123,7 +123,8 @@ def _c(setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
 
 
 def _python(setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
-    return _wake([sys.executable, "-P", str(Path(__file__).with_name("wake.py"))], setup, folder, show)
+    script = str(Path(__file__).with_name("wake.py"))
+    return _wake([sys.executable, "-P", script], setup, folder, show)
 
 
 def _cyclictest_words(setup: Setup, loops: int) -> list[str]:
