@@ -1,7 +1,7 @@
 """Absolute gates for a machine of one's own, with nothing else on it: `make test-quiet`.
 
-Never run by `make test`: on a shared machine these numbers say something about the neighbours.
-Limits are twice what a plain kernel without load gave on two virtual cores.
+Never run by `make test`: on a shared or virtual machine these numbers say something about the
+neighbours, and fail.
 """
 
 import json
