@@ -29,7 +29,9 @@ from drivers import realtime
 from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
 from executive import logs
+from executive.errors import RigError
 from tools import play_frames
+from tools.interface import named_bus
 from tools.play_frames import Frames, PlayError
 from tools.progress import Progress
 
@@ -93,7 +95,7 @@ def command(options: argparse.Namespace) -> int:
         for line in log.missing:
             print(f"{path}: missing: {line}", file=sys.stderr)
         return Session(options, bus, everything, frames, log.missing, progress).run()
-    except (PlayError, logs.LogError) as error:
+    except (PlayError, RigError, logs.LogError) as error:
         progress.close()
         print(error, file=sys.stderr)
         return USAGE
@@ -131,21 +133,9 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _choose_bus(text: str) -> buses.Bus:
-    """Return the bus; PlayError if there can be none of its name on any machine."""
-    bus = buses.choose(*buses.parse(text))
-    if bus.interface == "udp_multicast":
-        try:
-            buses.udp_address(bus.channel)
-        except BusError as error:
-            raise PlayError(str(error)) from None
-    elif not bus.compiled:
-        from can.interfaces import VALID_INTERFACES  # here, because it takes a while
-
-        if bus.interface not in VALID_INTERFACES:
-            raise PlayError(
-                f"--bus {text}: no bus interface {bus.interface}; expected auto, vcan0, "
-                "socketcan, udp_multicast or another one of python-can"
-            )
+    """Return the bus; RigError if there can be none of its name on any machine."""
+    bus = named_bus(buses.parse(text), f"--bus {text}")
+    if not bus.compiled:
         os.environ["PCPC_LOOP"] = "interpreted"  # before numba is imported
     return bus
 

@@ -26,6 +26,7 @@ from executive.mcap_writer import RecordError
 from executive.rig import Rig, load_rig
 from tools import summary as summaries
 from tools.children import Child, complain
+from tools.interface import named_bus
 from tools.progress import Progress, node_line
 
 USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
@@ -188,22 +189,7 @@ def choose_bus(options: argparse.Namespace, rig: Rig) -> buses.Bus:
     configured = rig.config.bus
     channel = None if configured.channel is None else str(configured.channel)
     named = (configured.interface, channel) if options.bus is None else buses.parse(options.bus)
-    bus = buses.choose(*named)
-    if bus.interface == "udp_multicast":
-        try:
-            buses.udp_address(bus.channel)
-        except BusError as error:
-            raise RigError(str(error)) from None
-    elif not bus.compiled:
-        from can.interfaces import VALID_INTERFACES  # here, because it takes a while
-
-        if bus.interface not in VALID_INTERFACES:
-            place = f"--bus {options.bus}" if options.bus else rig.where("bus.interface")
-            raise RigError(
-                f"{place}: no bus interface {bus.interface}; expected auto, vcan0, socketcan, "
-                f"udp_multicast or another one of python-can"
-            )
-    return bus
+    return named_bus(named, f"--bus {options.bus}" if options.bus else rig.where("bus.interface"))
 
 
 def _child_arguments(options: argparse.Namespace, bus: str) -> list[str]:

@@ -19,6 +19,7 @@ from tools.progress import Progress
 
 SUITES = {
     "steps": "one step of controllers and plant against C at -O2",
+    "wake": "how late the executive wakes, against cyclictest and C",
     "cycle": "one cycle of the executive, in memory and on a bus, against C",
     "frame": "one frame sent and received against C and python-can",
     "codec": "packing and unpacking of all frames of the DBC against cantools and C",

@@ -491,7 +491,7 @@ static void show(loop *n)
 
 static void count(loop *n)
 {
-    if (n->v[V_RESET] >= 0.5 || n->counted == 0) {
+    if (n->v[V_RESET] >= 0.5) {
         n->v[V_RESET] = 0.0;
         memset(n->stages, 0, sizeof n->stages);
         memset(n->histogram, 0, sizeof n->histogram);
@@ -499,7 +499,6 @@ static void count(loop *n)
         for (int64_t s = 0; s < SH_STAGES; s++)
             n->stages[s][SH_LEAST] = 1LL << 62;
     }
-    n->counted++;
     int64_t times[SH_STAGES] = {
         n->wake - n->deadline, n->received - n->wake, n->stepped - n->received,
         n->sent - n->stepped, n->done - n->sent, n->done - n->wake,

@@ -19,7 +19,6 @@ import argparse
 import csv
 import json
 import math
-import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,8 +29,8 @@ from numpy.typing import NDArray
 
 from executive import logs
 from executive.errors import did_you_mean
-from tools.log import series
-from tools.log.outfile import INTERRUPTED, LOSS, NO_ENVIRONMENT, LogCommandError, new_file
+from tools.log import series, source
+from tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
 from tools.progress import Progress
 
 if TYPE_CHECKING:
@@ -72,15 +71,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `export`; return the exit code."""
-    progress = Progress(options.quiet)
-    try:
-        return export(options, progress)
-    except LogCommandError as error:
-        progress.close()
-        print(error, file=sys.stderr)
-        return error.code
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    return source.guarded(lambda progress: export(options, progress), options.quiet)
 
 
 def export(options: argparse.Namespace, progress: Progress) -> int:

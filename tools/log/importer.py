@@ -15,7 +15,6 @@ record `import` of what was counted. It has no rig, so it cannot be recomputed.
 
 import argparse
 import json
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +27,8 @@ from executive.errors import did_you_mean
 from executive.facts import facts
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 from executive.recorder import FRAME_SCHEMA, JSON_SCHEMAS, field_names
-from tools.log.outfile import INTERRUPTED, LogCommandError, new_file
+from tools.log import source
+from tools.log.outfile import LogCommandError, new_file
 from tools.log.recording import Recording, read
 from tools.progress import Progress
 
@@ -63,15 +63,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `import`; return the exit code."""
-    progress = Progress(options.quiet)
-    try:
-        return import_recording(options, progress)
-    except LogCommandError as error:
-        progress.close()
-        print(error, file=sys.stderr)
-        return error.code
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    return source.guarded(lambda progress: import_recording(options, progress), options.quiet)
 
 
 def import_recording(options: argparse.Namespace, progress: Progress) -> int:

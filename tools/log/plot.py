@@ -9,7 +9,6 @@ one cycle stays visible in a log of an hour. Time is s from the first record of 
 """
 
 import argparse
-import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -17,10 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from executive import logs
-from executive.errors import RigError
-from tools.log import series
+from tools.log import series, source
 from tools.log.drawing import DPI, Source, page_of
-from tools.log.outfile import INTERRUPTED, LOSS, NO_ENVIRONMENT, LogCommandError, new_file
+from tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
 from tools.log.series import Series
 from tools.progress import Progress
 
@@ -58,15 +56,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `plot`; return the exit code."""
-    progress = Progress(options.quiet)
-    try:
-        return plot(options, progress)
-    except (LogCommandError, RigError) as error:
-        progress.close()
-        print(error, file=sys.stderr)
-        return error.code if isinstance(error, LogCommandError) else 2
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    return source.guarded(lambda progress: plot(options, progress), options.quiet)
 
 
 def plot(options: argparse.Namespace, progress: Progress) -> int:
@@ -87,10 +77,10 @@ def plot(options: argparse.Namespace, progress: Progress) -> int:
     groups = groups_of(sources, patterns)
     start_s = series.seconds(options.start, -np.inf, "--start")
     end_s = series.seconds(options.end, np.inf, "--end")
-    for source in sources:
-        absent = [name for group in groups for name in group if name not in source.series]
+    for one in sources:
+        absent = [name for group in groups for name in group if name not in one.series]
         if absent:
-            progress.say(f"{source.log.path}: no {', '.join(absent)}")
+            progress.say(f"{one.log.path}: no {', '.join(absent)}")
     progress.show(f"drawing {sum(map(len, groups))} variables")
     page = page_of(sources, groups, (start_s, end_s))
     with new_file(options.output, force=True) as path:

@@ -10,6 +10,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from executive import logs
+from executive.errors import RigError
 from executive.mcap_reader import Piece, Scan, walk
 from executive.mcap_records import message_dtype
 from executive.mcap_writer import RecordError
@@ -43,7 +44,7 @@ def guarded(action: Callable[[Progress], int], quiet: bool = False) -> int:
         return action(progress)
     except LogCommandError as error:
         code, text = error.code, str(error)
-    except logs.LogError as error:
+    except (logs.LogError, RigError) as error:
         code, text = USAGE, str(error)
     except RecordError as error:
         code, text = NO_ENVIRONMENT, str(error)
