@@ -8,6 +8,7 @@ from executive import shared as sh
 from executive.cycle import CLOCKED, ON_FRAMES
 from executive.node import Plan, awaited, cycles_of, heartbeat, starts
 from executive.rig_schema import FALLBACK
+from executive.timing import reset
 
 RECEIVE_TIMEOUT_S = 0.1  # of a blocking receive; see drivers.bus
 PATIENCE_S = 5.0  # lockstep and sync: silence after which the other node is given up
@@ -17,6 +18,7 @@ def install(made: Plan, loop: Any) -> None:
     """Write `made` into the zeroed LOOP record `loop`; its wire stays as it is."""
     config = made.rig.config
     _install_schedule(made, loop)
+    reset(loop)
     period_s = loop.period_ns * 1e-9
     loop.hold_cycles = config.supervisor.hold_cycles
     loop.fault_after = config.supervisor.fault_after_cycles

@@ -29,7 +29,7 @@ CODES = {
 }
 
 
-class Everything:
+class Sink:
     """Hands all messages on."""
 
     discarded = 0
@@ -48,7 +48,7 @@ class Everything:
         """End."""
 
 
-class Keep(Everything):
+class SnapshotRing(Sink):
     """Holds the messages of the last `keep_ns` back until an event of the kinds `on`."""
 
     def __init__(self, writer: BulkWriter, keep_ns: int, on: Sequence[str]) -> None:

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from executive import logs, shared
-from executive.keep import Everything, Keep
+from executive.keep import Sink, SnapshotRing
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
 from executive.shared import Shared, SharedError
 
@@ -125,7 +125,7 @@ class _Node:
         """Return whether the loop ended without good order."""
         return bool(self.block["control"][shared.PID]) and not self.block["control"][shared.DONE]
 
-    def drain(self, sink: Everything) -> bool:
+    def drain(self, sink: Sink) -> bool:
         """Move the rows that are now in the rings on; return whether one was 1/8 full."""
         full = False
         for ring in RINGS:
@@ -227,13 +227,13 @@ class Recorder:
     def _open(self, blocks: Sequence[Shared]) -> None:
         self.writer = BulkWriter(self.path)
         self.writer.start(profile="ros2")
-        self.sink = Everything(self.writer)
+        self.sink = Sink(self.writer)
         for block in blocks:
             self._add(block)
         self._attach_late()
         about = blocks[0].description
         if about.get("keep_ns"):
-            self.sink = Keep(self.writer, about["keep_ns"], about["keep_on"])
+            self.sink = SnapshotRing(self.writer, about["keep_ns"], about["keep_on"])
         self.writer.flush()
 
     def _writing(self, action: Callable[[], None]) -> None:

@@ -164,7 +164,6 @@ LOOP = np.dtype(
         ("v", "<f8", (MAX_VARIABLES,)),  # the table
         ("rx_state", "<i8", (MAX_FRAMES, 9)),  # receivers, see drivers.e2e
         ("overruns", "<i8"),  # in a row
-        ("counted", "<i8"),
         ("times", "<i8", (STAGES,)),
         ("usage", "<i8", (18,)),  # struct rusage
         ("usage_before", "<i8", (4,)),

@@ -62,10 +62,9 @@ def reset(n: Any) -> None:
 @loop_function
 def count(n: Any) -> None:
     """Count the cycle that has just been done; renew the table's statistics now and then."""
-    if n.v[RESET] >= 0.5 or n.counted == 0:
+    if n.v[RESET] >= 0.5:
         n.v[RESET] = 0.0
         reset(n)
-    n.counted += 1
     times = n.times
     times[WAKE_LATE] = n.wake - n.deadline
     times[RECEIVE] = n.received - n.wake

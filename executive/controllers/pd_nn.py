@@ -10,13 +10,12 @@ learns f along the reference. rad, rad/s, N m; positive torque raises q.
 Source: filtered-error neural control after Lewis, Campos, Selmic (SIAM 2002), chapter 3.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 from drivers.jit import tail
-from executive.block import Block, Port, Prepared, stage
+from executive.block import Block, Port, stage
 from executive.controllers import pd, tracking_network
-from executive.controllers.tracking_network import first_layer, learned_torque
+from executive.controllers.tracking_network import learned_torque
 from executive.emath import clip
 
 _NETWORK = len(pd.GAINS)
@@ -45,11 +44,6 @@ def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     y[3] = r
 
 
-def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
-    """Return the parameters as given and the drawn first layer."""
-    return Prepared(settings, first_layer(settings))
-
-
 BLOCK = Block(
     step,
     inputs=(*pd.INPUTS, Port("q_d_acc_rad_s2", "rad/s2", "desired acceleration")),
@@ -57,5 +51,5 @@ BLOCK = Block(
     settings=(*pd.GAINS, *tracking_network.SETTINGS),
     parameters=(*pd.GAINS, *tracking_network.PARAMETERS),
     states=tracking_network.STATES,
-    prepare=prepare,
+    prepare=tracking_network.prepare,
 )

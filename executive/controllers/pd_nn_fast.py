@@ -10,14 +10,13 @@ rad, rad/s, N m; positive torque raises q. Source: singular-perturbation composi
 neural slow part after Lewis, Campos, Selmic (SIAM 2002), chapters 3 and 9; numbers chosen.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 from drivers.jit import tail
-from executive.block import Block, Port, Prepared, stage
+from executive.block import Block, Port, stage
 from executive.controllers import boundary_layer, pd, tracking_network
 from executive.controllers.boundary_layer import fast
-from executive.controllers.tracking_network import first_layer, learned_torque
+from executive.controllers.tracking_network import learned_torque
 from executive.emath import clip
 
 _NETWORK = len(pd.GAINS)
@@ -49,11 +48,6 @@ def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     y[7] = u_f
 
 
-def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
-    """Return the parameters as given and the drawn first layer."""
-    return Prepared(settings, first_layer(settings))
-
-
 BLOCK = Block(
     step,
     inputs=(*pd.INPUTS, *boundary_layer.INPUTS),
@@ -65,5 +59,5 @@ BLOCK = Block(
     settings=(*pd.GAINS, *tracking_network.SETTINGS, *boundary_layer.PARAMETERS),
     parameters=(*pd.GAINS, *tracking_network.PARAMETERS, *boundary_layer.PARAMETERS),
     states=(*tracking_network.STATES, *boundary_layer.STATES),
-    prepare=prepare,
+    prepare=tracking_network.prepare,
 )

@@ -35,7 +35,7 @@ from executive.approximators.two_layer import (
     square_sum,
     tune,
 )
-from executive.block import Port
+from executive.block import Port, Prepared
 from executive.emath import clip, sqrt, where
 
 INPUTS = 7
@@ -86,6 +86,11 @@ def first_layer(settings: Mapping[str, float]) -> dict[str, Any]:
     """Return the initial state: V (7, 10) uniform in +-1, everything else 0."""
     draw = np.random.default_rng(int(settings["network_seed"])).uniform
     return {"v": draw(-1.0, 1.0, (INPUTS, NODES)).ravel()}
+
+
+def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
+    """Return the parameters as given and the drawn first layer."""
+    return Prepared(settings, first_layer(settings))
 
 
 @inline

@@ -117,6 +117,7 @@ def test_a_bucket_holds_its_value_and_is_an_eighth_wide(ns: int) -> None:
 def counted(lateness_ns: Any, work_ns: Any) -> Any:
     """Return a LOOP record that has counted cycles of these times."""
     n = zeroed()
+    timing.reset(n)
     n.wire.kind, n.late_ns, n.period_ns = SOCKETCAN, 100_000, PERIOD_NS
     for k, (late, work) in enumerate(zip(lateness_ns, work_ns, strict=True)):
         n.k = n.passes = k
