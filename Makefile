@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 RIG ?= plants/atb1000/rigs/engage.yaml
+PLANT ?= *
 
 .PHONY: run test test-quiet install lint bless test-vcan vcan-tools clean
 
@@ -42,8 +43,8 @@ lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bless: install ## the golden runs written anew, after a change that is meant; prints old and new figures
-	cd tests/golden && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python golden.py
+bless: install ## the golden runs (of PLANT) written anew, after a change that is meant; prints old and new figures
+	cd tests/golden && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python golden.py "$(PLANT)"
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,11 +1,11 @@
 """Golden runs: a short log of every rig, and the bits and figures of its whole run.
 
-    <rig>.mcap.zst   the first LOG_S of the rig in virtual time, motion from the start: replayed
-    figures.yaml     of the whole run: sha256 over all state records of both nodes, and metrics
+    <plant>/<rig>.mcap.zst  the first LOG_CYCLES in virtual time, motion from the start: replayed
+    <plant>/figures.yaml    of whole runs: sha256 over all state records of both nodes, and metrics
 
-`make bless` writes both anew and prints old and new figures, for the commit message that says why.
-The rigs' own two-sided limits (`expect`, with their reasons) bound what may be blessed. Controllers
-take turns over the rigs, so that each occurs twice.
+`make bless` writes both anew and prints old and new figures, for the commit message that says why;
+`make bless PLANT=atb1000` those of one plant. The rigs' own two-sided limits (`expect`, with their
+reasons) bound what may be blessed. The controllers of a plant take turns over its rigs.
 """
 
 import hashlib
@@ -24,34 +24,38 @@ from executive.virtual import in_memory, simulate
 from tools.summary import evaluation_module
 
 FOLDER = Path(__file__).resolve().parent
-FIGURES = FOLDER / "figures.yaml"
 ROOT = FOLDER.parents[1]
-CONTROLLERS = ("pd", "pd_star", "pid", "pd_fast", "pd_nn", "pd_nn_fast", "nn_backstepping")
-LOG_S = 0.03
+LOG_CYCLES = 30
 LOG_BYTES = 50_000
 
 
-def rigs() -> Iterator[tuple[str, Path, str]]:
-    """Yield (name, file, controller) of every golden run."""
-    files = sorted((ROOT / "plants").glob("*/rigs/*.yaml"))
-    for i, file in enumerate(files):
-        wanted, config = CONTROLLERS[i % len(CONTROLLERS)], load_rig(file, resolve=False).config
-        yield file.stem, file, wanted if wanted in config.expect else config.controller
+def rigs(plant: str = "*") -> Iterator[tuple[str, Path, str]]:
+    """Yield (plant/rig, file, controller) of every golden run."""
+    for folder in sorted((ROOT / "plants").glob(f"{plant}/rigs")):
+        for i, file in enumerate(sorted(folder.glob("*.yaml"))):
+            config = load_rig(file, resolve=False).config
+            turn = list(config.controllers)[i % len(config.controllers)]
+            name = f"{folder.parent.name}/{file.stem}"
+            yield name, file, turn if turn in config.expect else config.controller
 
 
 def packed_log(name: str) -> Path:
-    """Return the file of a golden log."""
+    """Return the file of a golden log; `name` as from `rigs`."""
     return FOLDER / f"{name}.mcap.zst"
+
+
+def figures_file(plant: str) -> Path:
+    """Return the file of digests and figures of a plant's rigs."""
+    return FOLDER / plant / "figures.yaml"
 
 
 def short(file: Path, controller: str) -> Rig:
     """Return the rig of a golden log: motion and network from the start."""
-    settings = [f"duration_s={LOG_S}", "schedule=[]"]
-    if controller in ("pd_nn", "pd_nn_fast", "nn_backstepping"):
-        settings.append("controller.network_on=1.0")
     plain = load_rig(file, controller)
-    if "start_s" in plain.nodes()[0].blocks[0].settings:
-        settings.append("reference.start_s=0.0")
+    settings = [f"duration_s={LOG_CYCLES / plain.config.rate_hz!r}", "schedule=[]"]
+    for block in plain.nodes()[0].blocks:
+        known = {"network_on": 1.0, "start_s": 0.0}
+        settings += [f"{block.name}.{k}={v}" for k, v in known.items() if k in block.settings]
     return load_rig(file, controller, settings)
 
 
@@ -84,23 +88,31 @@ def changes(name: str, old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     return lines
 
 
-def bless() -> int:
-    """Write all golden files anew; print what changed."""
-    known = yaml.safe_load(FIGURES.read_text()) if FIGURES.exists() else {}
-    found = {}
-    for name, file, controller in rigs():
-        with tempfile.TemporaryDirectory() as folder:
-            log = Path(folder) / "log.mcap"
+def bless(plant: str) -> int:
+    """Write the golden files of a plant (`*`: of all) anew; print what changed."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, file, controller in rigs(plant):
+        folder, _, rig = name.partition("/")
+        figures_file(folder).parent.mkdir(exist_ok=True)
+        with tempfile.TemporaryDirectory() as temporary:
+            log = Path(temporary) / "log.mcap"
             simulate(short(file, controller), log)
             packed = zstandard.ZstdCompressor(level=19).compress(log.read_bytes())
-        found[name] = whole(file, controller)
-        for line in changes(name, known.get(name, {}), found[name]):
+        new = found.setdefault(folder, {})[rig] = whole(file, controller)
+        for line in changes(name, blessed(folder).get(rig, {}), new):
             print(line)
         packed_log(name).write_bytes(packed)
         print(f"{name}: {len(packed)} bytes", file=sys.stderr)
-    FIGURES.write_text(yaml.safe_dump(found, sort_keys=False))
+    for folder, figures in found.items():
+        figures_file(folder).write_text(yaml.safe_dump(figures, sort_keys=False))
     return 0
 
 
+def blessed(plant: str) -> Any:
+    """Return the blessed figures of a plant's rigs; {} if there are none."""
+    file = figures_file(plant)
+    return yaml.safe_load(file.read_text()) if file.exists() else {}
+
+
 if __name__ == "__main__":
-    sys.exit(bless())
+    sys.exit(bless(*sys.argv[1:] or "*"))
