@@ -89,6 +89,19 @@ def _database(path: Path, changed_ns: int) -> dbc.Database:
     return dbc.load(path)
 
 
+def check_pacing(rig: Rig, pacing: str) -> None:
+    """Raise RigError if the controller cannot run on a clock and `pacing` is one."""
+    name = rig.config.controller
+    why = rig.config.controllers[name].lockstep_only
+    if why and pacing in ("real", "sync"):
+        others = [n for n, law in rig.config.controllers.items() if not law.lockstep_only]
+        cure = f", or --controller {' or '.join(others)}" if others else ""
+        raise rig.error(
+            f"controllers.{name}.lockstep_only",
+            f"{name} does not run in pacing {pacing}: {why}; use --pacing lockstep{cure}",
+        )
+
+
 def check_rate(rig: Rig, pacing: str) -> float:
     """Return the worst-case load of the rig's bus; RigError if frames on a clock would not fit."""
     bitrate = rig.config.bus.bitrate

@@ -38,7 +38,7 @@ from executive.emath_selftest import selftest
 from executive.errors import RigError
 from executive.facts import facts
 from executive.install import install
-from executive.node import Plan, Role, check_rate, describe, plan
+from executive.node import Plan, Role, check_pacing, check_rate, describe, plan
 from executive.rig import Rig, load_rig
 
 OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
@@ -81,6 +81,7 @@ class Process:
         self.host: int | None = options.with_parent
         self.rig: Rig = load_rig(options.rig, options.controller, options.set)
         self.pacing: str = options.pacing or self.rig.config.pacing
+        check_pacing(self.rig, self.pacing)
         check_rate(self.rig, self.pacing)
         configured = self.rig.config.bus
         channel = None if configured.channel is None else str(configured.channel)

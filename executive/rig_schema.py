@@ -67,9 +67,13 @@ class Timing(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A controller: a law with its settings, and wiring beyond that of all controllers."""
+    """A controller: a law with its settings, and wiring beyond that of all controllers.
+
+    `lockstep_only`: why a clock would break it (one sample more of delay); "" where it would not.
+    """
 
     law: str
+    lockstep_only: str = ""
     parameters: dict[str, float] = {}
     inputs: dict[str, str] = {}
     transmit: dict[str, str] = {}

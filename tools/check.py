@@ -15,7 +15,7 @@ from drivers import dbc
 from drivers.errors import BusError
 from executive import shared as sh
 from executive.errors import RigError
-from executive.node import Plan, Role, check_rate, cycles_of, plan
+from executive.node import Plan, Role, check_pacing, check_rate, cycles_of, plan
 from executive.rig import Rig, load_rig
 
 OK, BAD_RIG, NO_ENVIRONMENT = 0, 2, 4
@@ -28,6 +28,7 @@ def command(options: argparse.Namespace) -> int:
     try:
         rig = load_rig(options.rig, options.controller, options.set)
         plans = [plan(rig, role, rig.config.pacing) for role in ROLES]
+        check_pacing(rig, rig.config.pacing)
         check_rate(rig, rig.config.pacing)
         report = describe(rig, plans)
     except RigError as error:
