@@ -3,7 +3,7 @@
     quintic    q = A (10 s^3 - 15 s^4 + 6 s^5), s = (t - t0)/T: up at t_up, back at t_back    (1)
     bang_bang  constant acceleration +-4 A/T^2, each for half the move                        (2)
     step       q = A from t0 on, derivatives zero                                             (3)
-    sine       q = A sin(2 pi F t) from t = 0 without ramp                                    (4)
+    sine       q = A sin(2 pi F t + phase) from t = 0 without ramp                            (4)
     triangle   +-v, legs of T_leg, first up; v is 0 before t0 and passes linearly through zero
                from T_c before each corner to T_c after it                                    (5)
     ramp       v rises linearly from 0 to V in T_r, then stays                                (6)
@@ -80,7 +80,7 @@ def sine_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     """Equation (4)."""
     amplitude = p[0]
     omega = 6.283185307179586 * p[1]
-    s, c = sincos(omega * t)
+    s, c = sincos(omega * t + p[2])
     y[0] = amplitude * s
     y[1] = amplitude * omega * c
     y[2] = -amplitude * omega * omega * s
@@ -133,7 +133,11 @@ step = Block(
 sine = Block(
     sine_step,
     outputs=OUTPUTS,
-    settings=(_AMPLITUDE, Port("frequency_hz", "Hz", "frequency", None, 0.0, 100.0)),
+    settings=(
+        _AMPLITUDE,
+        Port("frequency_hz", "Hz", "frequency", None, 0.0, 100.0),
+        Port("phase_rad", "rad", "at t = 0", 0.0, -7.0, 7.0),
+    ),
 )
 triangle = Block(
     triangle_step,

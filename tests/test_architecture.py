@@ -27,8 +27,9 @@ MAY_IMPORT = {
     "executive": ("drivers", "executive"),
     "executive/controllers": (
         "drivers.jit", "executive.block", "executive.emath", "executive.controllers",
-        "executive.approximators",
+        "executive.approximators", "executive.models",
     ),
+    "executive/models": ("drivers.jit", "executive.emath", "executive.models"),
     "executive/approximators": ("drivers.jit", "executive.emath", "executive.approximators"),
     "plants": ("drivers", "executive", "plants"),
     "tools": AREAS,

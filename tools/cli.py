@@ -79,7 +79,9 @@ def _parser(chosen: Sequence[str]) -> argparse.ArgumentParser:
         "run a whole study in virtual time: tables and figures",
         "pcpc experiment chapter9 -o results",
     )
-    one.add_argument("name", choices=("chapter9",), metavar="NAME", help="chapter9")
+    one.add_argument(
+        "name", metavar="NAME", help="chapterN of the book, approximation, actuators, or a study.py"
+    )
     one.add_argument(
         "-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME"
     )

@@ -1,48 +1,35 @@
-"""Many virtual runs side by side: cases in, metrics and traces out, on all processors."""
+"""`pcpc experiment NAME`: a whole study in virtual time, on all processors.
+
+    chapterN           every plants/*/study.py of that chapter of the book, see plants/study.py
+    PATH/study.py      one such file, wherever it lies
+    any other name     the module of tools/experiments: what needs no rig
+
+Writes results.md, figures/ and, for studies of rigs, results.csv into a new folder.
+"""
 
 import argparse
 import importlib
+import importlib.util
 import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import plants
+from executive.errors import did_you_mean
+from plants.study import Case, Result
 from tools.progress import Progress
 
 TRACE_POINTS = 1500  # of a figure's line: more than its pixels
-
-
-@dataclass(frozen=True)
-class Case:
-    """One run: a rig file, a controller, settings as for `--set`, and where its result belongs."""
-
-    group: str
-    rig: str
-    controller: str
-    label: str
-    settings: tuple[str, ...] = ()
-    window_s: tuple[float, float] | None = None  # instead of the rig's
-    traces: tuple[str, ...] = ()  # variables to keep, `executive:` or `plant:` before the name
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a case came to; `failed`: why there are no metrics; `diverged`: it ended early."""
-
-    case: Case
-    metrics: Mapping[str, float] = field(default_factory=dict)
-    traces: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    diverged: bool = False
-    failed: str = ""
 
 
 def run_case(case: Case) -> Result:
@@ -117,20 +104,64 @@ def write_csv(results: Sequence[Result], path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table."""
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    lines += ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
+def names() -> list[str]:
+    """Return what can be given as NAME: chapters with a study, modules of tools/experiments."""
+    chapters = {f"chapter{study.CHAPTER}" for study in studies()}
+    modules = (module.stem for module in (Path(__file__).parent / "experiments").glob("[a-z]*.py"))
+    return sorted((*chapters, *modules))
+
+
+def studies() -> list[ModuleType]:
+    """Return the studies of the project's plants, by folder."""
+    files = sorted(Path(plants.__file__).parent.glob("*/study.py"))
+    return [importlib.import_module(f"plants.{file.parent.name}.study") for file in files]
+
+
+def chosen(name: str) -> list[ModuleType]:
+    """Return the studies of a chapter or of a file; none for another name."""
+    if not name.endswith(".py"):
+        return [study for study in studies() if f"chapter{study.CHAPTER}" == name]
+    spec = importlib.util.spec_from_file_location("pcpc_study", name)
+    assert spec is not None and spec.loader is not None, name  # it ends in .py
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return [module]
+
+
+def run_studies(
+    parts: Sequence[ModuleType], folder: Path, progress: Progress, jobs: int | None
+) -> int:
+    """Run the cases of all studies, write tables and figures; return 0, or 1 if a run failed."""
+    cases = [(study, case) for study in parts for case in study.cases()]
+    results = run_cases([case for _, case in cases], progress, jobs)
+    write_csv(results, folder / "results.csv")
+    figures = folder / "figures"
+    figures.mkdir()
+    texts = []
+    for study in parts:
+        own = [result for (of, _), result in zip(cases, results, strict=True) if of is study]
+        progress.say(f"tables and figures: {study.TITLE}")
+        texts.append(f"# {study.TITLE}\n\n{study.report(own)}")
+        study.draw(own, figures)
+    (folder / "results.md").write_text("\n".join(texts))
+    failed = [result for result in results if result.failed]
+    for result in failed:
+        progress.say(f"{result.case.label} on {result.case.rig}: {result.failed}")
+    return 1 if failed else 0
 
 
 def command(options: argparse.Namespace) -> int:
     """Run the experiment `options.name`; return 0, 1 if a run failed, 2 for wrong input."""
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    folder = Path(options.output or Path("runs") / f"{stamp}-{options.name}")
+    name = str(options.name)
+    if not (Path(name).is_file() if name.endswith(".py") else name in names()):
+        cure = did_you_mean(name, names()) or f"; expected {', '.join(names())}, or a study.py"
+        print(f"{name}: no such experiment{cure}", file=sys.stderr)
+        return 2
     if options.jobs is not None and options.jobs < 1:
         print(f"--jobs {options.jobs}: expected 1 or more", file=sys.stderr)
         return 2
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    folder = Path(options.output or Path("runs") / f"{stamp}-{Path(name).stem}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
@@ -138,10 +169,14 @@ def command(options: argparse.Namespace) -> int:
     except OSError as error:
         print(f"{folder}: {error.strerror}; choose another folder with -o", file=sys.stderr)
         return 2
-    experiment = importlib.import_module(f"tools.experiments.{options.name}")
     progress = Progress(options.quiet)
     try:
-        code = int(experiment.run(folder, progress, options.jobs))
+        parts = chosen(name)
+        if parts:
+            code = run_studies(parts, folder, progress, options.jobs)
+        else:
+            experiment = importlib.import_module(f"tools.experiments.{name}")
+            code = int(experiment.run(folder, progress, options.jobs))
     except KeyboardInterrupt:
         progress.close()
         return 130

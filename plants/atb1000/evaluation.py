@@ -7,43 +7,48 @@
     r             (q_d' - theta') + Lam (q_d - theta), from the true state                  (5)
     |r| < (sup|w| + kappa Z_B^2/4)/Kv,  w = M r' + Kv r: what the network left over         (6)
 
-A window holds the cycles k with from <= k T < to: a run as long as `to` ends with its last cycle.
-The plant's record of the same instant belongs to an executive cycle: that of the same cycle where
-no clock runs, else the newest one not stamped later; one older than 2 periods tells nothing.
+Windows, and which record of the plant belongs to a cycle: plants/judging.py.
 Inside rad, s, N m; metrics in mrad, s, N m at the output. The definitions are this project's.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from executive.logs import Log
+from plants.judging import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILION,
+    Mask,
+    Vector,
+    between,
+    draw_lateness,
+    draw_line,
+    dress,
+    new_page,
+    over_finite,
+    peak,
+    plant_rows,
+    rms,
+    setting,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Vector = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-OLDEST_PERIODS = 2.0  # a paced plant's record is up to 1 period old, and later by its jitter
-EDGE_PERIODS = 1e-6  # rounding of a window's edge
 SETTLED_RAD = 2e-3
 MOVED_INERTIA_KG_M2 = 3.580  # nominal: hub, straight barrel, rotor through the gear
 MRAD = 1e3
 
-# Okabe and Ito's colours, which colour-blind readers tell apart
-BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
-GREY, SHADE = "#707070", "#ECEFF3"
-POINTS = 3000  # of a drawn line: more than pixels
 ONE_DEGREE_RAD = math.pi / 180
-SMALLEST_LATE_US = 1.0  # on the logarithmic axis
 
 
 @dataclass(frozen=True)
@@ -69,21 +74,7 @@ class Signals:
 
     def between(self, begin_s: float, end_s: float) -> Mask:
         """Return which cycles are in the window [begin, end)."""
-        edges = np.array((begin_s, end_s)) / self.period_s - EDGE_PERIODS
-        first, past = np.ceil(edges)
-        return (self.cycle >= first) & (self.cycle < past)
-
-
-def plant_rows(log: Log, period_s: float) -> NDArray[np.int64]:
-    """Return the row of the plant's record that belongs to each executive cycle; -1 for none."""
-    executive, plant = log.node["executive"], log.node.get("plant")
-    if plant is None or not len(plant.cycle):
-        return np.full(len(executive.cycle), -1, np.int64)
-    ours, theirs, oldest = executive.stamp_ns, plant.stamp_ns, 1e9 * OLDEST_PERIODS * period_s
-    if log.metadata.get("executive", {}).get("pacing") in ("lockstep", "virtual"):
-        ours, theirs, oldest = executive.cycle, plant.cycle, 0.0
-    rows = np.searchsorted(theirs, ours, side="right").astype(np.int64) - 1
-    return np.where((rows >= 0) & (ours - theirs[rows] <= oldest), rows, -1)
+        return between(self.cycle, self.period_s, begin_s, end_s)
 
 
 def signals(log: Log, period_s: float) -> Signals:
@@ -134,20 +125,20 @@ def metrics(
     u = run.motor_torque_Nm * numbers.get("gear_ratio", setting(log, "gear_ratio"))  # (4)
     into = (np.diff(run.cycle) == 1) & window[1:]  # also from the cycle before the window
     found = {
-        "muzzle_error_rms_mrad": MRAD * _rms(run.muzzle_error_rad[window]),
-        "muzzle_error_max_mrad": MRAD * _peak(run.muzzle_error_rad[window]),
-        "hub_error_rms_mrad": MRAD * _rms(run.hub_error_rad[window]),
-        "hub_error_max_mrad": MRAD * _peak(run.hub_error_rad[window]),
-        "effort_rms_Nm": _rms(u[window]),
-        "command_step_rms_Nm": _rms(np.diff(u)[into]),
+        "muzzle_error_rms_mrad": MRAD * rms(run.muzzle_error_rad[window]),
+        "muzzle_error_max_mrad": MRAD * peak(run.muzzle_error_rad[window]),
+        "hub_error_rms_mrad": MRAD * rms(run.hub_error_rad[window]),
+        "hub_error_max_mrad": MRAD * peak(run.hub_error_rad[window]),
+        "effort_rms_Nm": rms(u[window]),
+        "command_step_rms_Nm": rms(np.diff(u)[into]),
     }
     if (part := _part(run, numbers, "rest")) is not None:
-        found["muzzle_rest_mrad"] = MRAD * _over_finite(np.abs(run.muzzle_error_rad[part]), np.mean)
+        found["muzzle_rest_mrad"] = MRAD * over_finite(np.abs(run.muzzle_error_rad[part]), np.mean)
     if (part := _part(run, numbers, "settle")) is not None:
         found["settle_2mrad_s"] = _settling(run, part, numbers["settle_from_s"])
     if (part := _part(run, numbers, "vibration")) is not None:
-        found["vibration_mrad"] = MRAD * _over_finite(run.elastic_rad[part], np.std)
-        found["vibration1_mrad"] = MRAD * _over_finite(run.slope1_rad[part], np.std)
+        found["vibration_mrad"] = MRAD * over_finite(run.elastic_rad[part], np.std)
+        found["vibration1_mrad"] = MRAD * over_finite(run.slope1_rad[part], np.std)
     if "controller.norm_z" in log.node["executive"].columns:
         found |= _bound(log, run, window)
     return {name: value for name, value in found.items() if not math.isnan(value)}
@@ -166,8 +157,8 @@ def _bound(log: Log, run: Signals, window: Mask) -> dict[str, float]:
     w = MOVED_INERTIA_KG_M2 * np.gradient(r, run.period_s) + kv * r
     leak = setting(log, "kappa") * setting(log, "z_bound") ** 2 / 4.0
     return {
-        "filtered_error_max_rad_s": _peak(r[window]),
-        "filtered_error_bound_rad_s": (_peak(w[window]) + leak) / kv,  # (6)
+        "filtered_error_max_rad_s": peak(r[window]),
+        "filtered_error_bound_rad_s": (peak(w[window]) + leak) / kv,  # (6)
     }
 
 
@@ -189,40 +180,6 @@ def _settling(run: Signals, part: Mask, from_s: float) -> float:
     return float(run.t_s[part][outside][-1]) + run.period_s - from_s if outside.any() else 0.0
 
 
-def _over_finite(values: Vector, statistic: Callable[[Vector], Any]) -> float:
-    finite = values[np.isfinite(values)]
-    with np.errstate(over="ignore"):  # of a run that diverged
-        return float(statistic(finite)) if finite.size else math.nan
-
-
-def _rms(values: Vector) -> float:
-    return math.sqrt(_over_finite(values, lambda v: np.mean(v * v)))
-
-
-def _peak(values: Vector) -> float:
-    return _over_finite(values, lambda v: np.max(np.abs(v)))
-
-
-def setting(log: Log, name: str) -> float:
-    """Return a setting of the controller, else of the plant, from the log's rig; NaN if unknown."""
-    rig = _rig(log)
-    laws = [rig.get("controllers", {}).get(rig.get("controller"), {})]
-    laws += rig.get("plant", {}).get("blocks", {}).values()
-    values = (law["parameters"][name] for law in laws if name in law.get("parameters", {}))
-    return float(next(values, math.nan))
-
-
-def _rig(log: Log) -> dict[str, Any]:
-    """Return the effective rig; {} if the log has none."""
-    texts = [text for file, text in log.attachments.items() if file.endswith("rig-resolved.yaml")]
-    return _parsed(texts[0]) if texts else {}
-
-
-@lru_cache(maxsize=4)  # every metric asks
-def _parsed(rig: str) -> Any:
-    return yaml.load(rig, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-
-
 def figure(
     log: Log, path: Path, title: str, metrics: Mapping[str, float], window_s: tuple[float, float]
 ) -> None:
@@ -231,28 +188,20 @@ def figure(
     Below elevation, errors, elastic slope and command: the wake-up of a paced run, the shaft torque
     of a run without clock. Raises ImportError, with the cure, where matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise ImportError("a figure needs matplotlib: pip install 'pcpc[plot]'") from None
-    page = Figure(figsize=(8.0, 10.0), dpi=150)
-    axes = page.subplots(5, 1, sharex=True, height_ratios=(5, 6, 4, 5, 4))
-    page.subplots_adjust(left=0.1, right=0.975, top=0.9, bottom=0.05, hspace=0.24)
-    page.text(0.018, 0.985, title, size=13, weight="bold", va="top")
-    page.text(0.018, 0.96, _summary(metrics, window_s), size=8, va="top", linespacing=1.5)
+    page, axes = new_page((5, 6, 4, 5, 4), title, _summary(metrics, window_s))
     end_s = window_s[1]
     if "executive" in log.node and len(log.node["executive"].cycle):
         run = signals(log, 1e-9 * float(log.metadata["executive"]["period_ns"]))
         end_s = float(run.t_s[-1]) + run.period_s
         _draw_pointing(axes[0], axes[1], run, "settle_2mrad_s" in metrics)
-        _line(axes[2], run.t_s, MRAD * run.elastic_rad, "elastic slope at the muzzle", GREEN)
+        draw_line(axes[2], run.t_s, MRAD * run.elastic_rad, "elastic slope at the muzzle", GREEN)
         _draw_command(axes[3], run, setting(log, "gear_ratio"), setting(log, "tau_max_Nm"))
         _draw_timing(axes[4], run, log)
         _mark_tunings(axes, run.period_s, log)
     axes[2].set_ylabel("slope [mrad]")
     axes[4].set_xlabel("time [s]")
     for ax in axes:
-        _dress(ax, window_s)
+        dress(ax, window_s)
     axes[0].set_xlim(0.0, end_s)
     page.align_ylabels(axes)
     page.savefig(path, format="png")
@@ -295,34 +244,17 @@ def _summary(metrics: Mapping[str, float], window_s: tuple[float, float]) -> str
     return text.replace("within 2 mrad after inf s", "not settled to 2 mrad")
 
 
-def thinned(t: Vector, y: Vector, points: int = POINTS) -> tuple[Vector, Vector]:
-    """Return a line of about `points` points that shows the lowest and highest of every piece."""
-    size = -(-len(y) // (points // 2))
-    if size <= 2:
-        return t, y
-    whole = len(y) // size * size
-    pieces = y[:whole].reshape(-1, size)
-    first = np.arange(0, whole, size)
-    low = first + np.where(np.isnan(pieces), math.inf, pieces).argmin(axis=1)
-    high = first + np.where(np.isnan(pieces), -math.inf, pieces).argmax(axis=1)
-    kept = np.unique(np.concatenate((low, high, np.arange(whole, len(y)))))
-    return t[kept], y[kept]
-
-
-def _line(ax: "Axes", t: Vector, y: Vector, label: str, colour: str, **style: Any) -> None:
-    if np.isfinite(y).any():
-        ax.plot(*thinned(t, y), color=colour, label=label, **{"linewidth": 1.1, **style})
-
-
 def _draw_pointing(angle: "Axes", error: "Axes", run: Signals, settles: bool) -> None:
     measured = "" if run.true.any() else ", measured"
-    in_degrees = _peak(run.q_d_rad) >= ONE_DEGREE_RAD
+    in_degrees = peak(run.q_d_rad) >= ONE_DEGREE_RAD
     scale = 1 / ONE_DEGREE_RAD if in_degrees else MRAD
-    _line(angle, run.t_s, scale * run.theta_rad, f"hub angle{measured}", BLUE)
-    _line(angle, run.t_s, scale * run.q_d_rad, "reference", BLACK, linewidth=0.9, linestyle="--")
+    draw_line(angle, run.t_s, scale * run.theta_rad, f"hub angle{measured}", BLUE)
+    draw_line(
+        angle, run.t_s, scale * run.q_d_rad, "reference", BLACK, linewidth=0.9, linestyle="--"
+    )
     angle.set_ylabel("elevation [deg]" if in_degrees else "elevation [mrad]")
-    _line(error, run.t_s, MRAD * run.muzzle_error_rad, "muzzle error", VERMILION, linewidth=1.5)
-    _line(error, run.t_s, MRAD * run.hub_error_rad, f"hub error{measured}", BLUE, linewidth=0.7)
+    draw_line(error, run.t_s, MRAD * run.muzzle_error_rad, "muzzle error", VERMILION, linewidth=1.5)
+    draw_line(error, run.t_s, MRAD * run.hub_error_rad, f"hub error{measured}", BLUE, linewidth=0.7)
     if settles:
         for bound in (-MRAD * SETTLED_RAD, MRAD * SETTLED_RAD):
             error.axhline(bound, color=GREY, linewidth=0.7, linestyle=":")
@@ -333,8 +265,8 @@ def _draw_command(ax: "Axes", run: Signals, ratio: float, limit_Nm: float) -> No
     """Draw the command; its limits where they are in sight, else their value."""
     place = "at the motor" if math.isnan(ratio) else "at the output"
     u = run.motor_torque_Nm * (1.0 if math.isnan(ratio) else ratio)
-    _line(ax, run.t_s, u, f"torque command {place}", BLACK, linewidth=0.8)
-    seen = limit_Nm <= 2.0 * _peak(u)
+    draw_line(ax, run.t_s, u, f"torque command {place}", BLACK, linewidth=0.8)
+    seen = limit_Nm <= 2.0 * peak(u)
     if seen:
         for bound in (-limit_Nm, limit_Nm):
             ax.axhline(bound, color=VERMILION, linewidth=0.9, linestyle="--")
@@ -346,36 +278,8 @@ def _draw_command(ax: "Axes", run: Signals, ratio: float, limit_Nm: float) -> No
 
 def _draw_timing(ax: "Axes", run: Signals, log: Log) -> None:
     """Draw how late a paced executive woke up; without a clock the torque on the hub."""
-    timing = log.node["executive"].timing
-    late_us = timing.get("timing.wake_late_us", np.zeros(len(run.cycle)))
-    if not late_us.any():
-        _line(ax, run.t_s, run.gear_torque_Nm, "shaft torque on the hub", BLUE, linewidth=0.8)
-        ax.set_ylabel("torque [N m]")
+    if draw_lateness(ax, run.t_s, log):
+        ax.set_ylabel("wake-up [us]")
         return
-    late_us = np.maximum(late_us, SMALLEST_LATE_US)
-    _line(ax, run.t_s, late_us, "wake-up behind the deadline", BLUE, linewidth=0.6)
-    for name, what, mark in (("late", "late", "x"), ("skipped", "after a skip", "v")):
-        count = timing.get(f"health.{name}_cycles", np.zeros(len(run.cycle)))
-        more = np.diff(count, prepend=0.0) > 0
-        if more.any():
-            label = f"{what} ({int(count[-1])})"
-            ax.plot(run.t_s[more], late_us[more], mark, color=VERMILION, markersize=5, label=label)
-    ax.set_yscale("log")
-    ax.set_ylabel("wake-up [us]")
-
-
-def _dress(ax: "Axes", window_s: tuple[float, float]) -> None:
-    ax.axvspan(*window_s, color=SHADE, linewidth=0, zorder=0)
-    ax.grid(color="#D0D0D0", linewidth=0.5)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(labelsize=8)
-    ax.yaxis.label.set_fontsize(9)
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=4, frameon=False, fontsize=8,
-            borderaxespad=0.0, handlelength=1.8,
-        )  # fmt: skip
-    else:
-        ax.set_yticks([])
-        ax.text(0.5, 0.5, "not in this log", transform=ax.transAxes, color=GREY, ha="center")
+    draw_line(ax, run.t_s, run.gear_torque_Nm, "shaft torque on the hub", BLUE, linewidth=0.8)
+    ax.set_ylabel("torque [N m]")

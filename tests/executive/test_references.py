@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from executive import references
+from executive import references, sequences
 from executive.block import Block
 from executive.rig import load_rig
 
@@ -32,7 +32,7 @@ CASES: dict[str, tuple[dict[str, float], list[float], list[float]]] = {
     ),
     "bang_bang": ({"amplitude_rad": 0.17, "move_s": 0.5, "start_s": 0.5}, [0.5, 0.75, 1.0], []),
     "step": ({"amplitude_rad": 0.17, "start_s": 0.5}, [0.5], [0.5]),
-    "sine": ({"amplitude_rad": 0.09, "frequency_hz": 0.5}, [], []),
+    "sine": ({"amplitude_rad": 0.09, "frequency_hz": 0.5, "phase_rad": 0.0}, [], []),
     "triangle": (LOWSPEED, TRIANGLE_EDGES, [0.2]),
     "ramp": ({"rate_rad_s": 0.05, "rise_s": 0.4}, [0.0, 0.4], []),
 }
@@ -160,6 +160,24 @@ def test_sine_has_its_amplitude_frequency_and_sign() -> None:
     v = at("sine", t)
     assert np.abs(v[:, 2] + omega * omega * v[:, 0]).max() < 1e-15
     assert np.abs(v[:, 0] ** 2 + (v[:, 1] / omega) ** 2 - 0.09**2).max() < 1e-16
+
+
+@given(st.floats(-7.0, 7.0))
+@DETERMINISTIC
+def test_a_phase_of_the_sine_is_a_shift_in_time(phase: float) -> None:
+    given = {"amplitude_rad": 0.09, "frequency_hz": 0.5, "phase_rad": phase}
+    t = np.linspace(7.0, 9.0, 21)
+    shifted = at("sine", t, given) - at("sine", t + phase / math.pi)
+    assert np.abs(shifted).max() < 1e-14, np.abs(shifted).max()
+
+
+def test_a_sequence_knows_its_neighbours_and_has_the_period_of_its_frequency() -> None:
+    p, y = np.array([2.0, 0.5, math.pi / 2]), np.empty((40, 3))
+    for k in range(40):
+        sequences.sine.step(0.1 * k, 0.1, p, np.empty(0), np.empty(0), y[k])
+    wanted = 2.0 * np.cos(0.05 * np.arange(-1, 41))
+    for i in range(3):
+        assert np.abs(y[:, i] - wanted[i : i + 40]).max() < 1e-14, f"output {i}"
 
 
 def test_triangle_turns_at_the_end_of_every_leg() -> None:

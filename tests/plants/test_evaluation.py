@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from executive.logs import FRAME, Log, Node
 from plants.atb1000 import ports
-from plants.atb1000.evaluation import figure, metrics, plant_rows, thinned
+from plants.atb1000.evaluation import figure, metrics
+from plants.judging import plant_rows, thinned
 
 Array = NDArray[Any]
 

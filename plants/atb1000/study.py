@@ -1,7 +1,6 @@
-"""`pcpc experiment chapter9`: all barrel controllers on all scenarios, variations, Monte Carlo.
+"""The study of the barrel: all controllers on all scenarios, variations, Monte Carlo.
 
-Writes results.md, results.csv and figures/ into the folder. All runs are virtual; 1 kHz and sensor
-noise seed 1 unless a table says otherwise.
+1 kHz and sensor noise seed 1 unless a table says otherwise.
 """
 
 from collections.abc import Iterator, Sequence
@@ -9,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tools.experiment import Case, Result, markdown, run_cases, write_csv
-from tools.progress import Progress
+from plants.study import Case, Result, markdown, of_group
 
-RIGS = Path(__file__).resolve().parents[2] / "plants" / "atb1000" / "rigs"
+CHAPTER = 9
+TITLE = "Chapter 9: the flexible barrel"
+RIGS = Path(__file__).resolve().parent / "rigs"
 SCENARIOS = ("slew10", "slew25", "bang10", "step10", "step25", "sin0.2", "sin0.5", "sin1.0", "hull",
              "hullrand", "lowspeed", "fire", "firetrack")  # fmt: skip
 CONTROLLERS = ("pd", "pd_star", "pid", "pd_fast", "pd_nn", "pd_nn_fast", "nn_backstepping")
@@ -123,21 +123,12 @@ def monte_carlo() -> Iterator[Case]:
             yield _case("monte carlo", "hull", controller, str(i), *first, window_s=(4.0, 8.0))
 
 
-def run(folder: Path, progress: Progress, jobs: int | None) -> int:
-    """Run everything and write tables and figures; return 0, or 1 if a run failed."""
-    from tools.experiments.chapter9_figures import draw_all, draw_monte_carlo
+def draw(results: Sequence[Result], folder: Path) -> None:
+    """Draw signals and networks of the main scenarios, and the random plants."""
+    from plants.atb1000.study_figures import draw_all, draw_monte_carlo
 
-    results = run_cases(list(cases()), progress, jobs)
-    write_csv(results, folder / "results.csv")
-    (folder / "results.md").write_text(tables(results))
-    progress.say("drawing")
-    draw_all([r for r in results if r.traces], folder / "figures")
-    draws = [r for r in results if r.case.group == "monte carlo"]
-    draw_monte_carlo(draws, folder / "figures" / "monte-carlo.png")
-    failed = [r for r in results if r.failed]
-    for result in failed:
-        progress.say(f"{result.case.label} on {result.case.rig}: {result.failed}")
-    return 1 if failed else 0
+    draw_all([r for r in results if r.traces], folder)
+    draw_monte_carlo(of_group(results, "monte carlo"), folder / "monte-carlo.png")
 
 
 def _of(results: Sequence[Result], group: str) -> dict[tuple[str, str, str], Result]:
@@ -161,10 +152,9 @@ def _short(result: Result) -> str:
     return f"{_rms(result):.3g} \\| {result.metrics.get('command_step_rms_Nm', float('nan')):.2g}"
 
 
-def tables(results: Sequence[Result]) -> str:
-    """Return results.md."""
-    parts = ["# Chapter 9: the flexible barrel\n"]
-    parts.append("Muzzle error rms in mrad, window of each scenario, 1 kHz, seed 1.\n")
+def report(results: Sequence[Result]) -> str:
+    """Return the tables."""
+    parts = ["Muzzle error rms in mrad, window of each scenario, 1 kHz, seed 1.\n"]
     main = _of(results, "main")
     rows = [[s, *(f"{_rms(main[s, c, c]):.3g}" for c in CONTROLLERS)] for s in SCENARIOS]
     parts.append(markdown(("scenario", *CONTROLLERS), rows))

@@ -1,0 +1,30 @@
+"""A deadzone: no output within a band, straight lines of their own slope outside.
+
+    D(u)    = m+ (u - d+)  u >= d+;   0;   m- (u + d-)  u <= -d-                             (1)
+    D(u)    = m(u) (u - sat_d(u)),  m(u) = m+ if u > 0 else m-,  sat_d = clip(u, -d-, d+)    (2)
+    Dinv(w) = w/m+ + d+  w > 0;   0;   w/m- - d-  w < 0                                      (3)
+
+d+, d- >= 0 are magnitudes, m+, m- > 0. Memoryless: evaluate it wherever u changes. D(Dinv(w)) = w;
+for slopes other than 1, u - D(u) is not bounded, only the form (2) keeps a bounded second path.
+Source: Lewis, Campos, Selmic (SIAM 2002), chapter 2.
+"""
+
+from drivers.jit import inline
+from executive.emath import clip, where
+
+
+@inline
+def deadzone(
+    u: float, d_plus: float, d_minus: float, m_plus: float = 1.0, m_minus: float = 1.0
+) -> float:
+    """Return D(u) of (2)."""
+    slope = where(u > 0.0, m_plus, m_minus)
+    return slope * (u - clip(u, -d_minus, d_plus))
+
+
+@inline
+def deadzone_inverse(
+    w: float, d_plus: float, d_minus: float, m_plus: float = 1.0, m_minus: float = 1.0
+) -> float:
+    """Return the u with D(u) = w (3)."""
+    return where(w > 0.0, w / m_plus + d_plus, where(w < 0.0, w / m_minus - d_minus, 0.0))
