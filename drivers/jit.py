@@ -13,6 +13,7 @@ Two switches, read once at import (they select what is compiled, so they cannot 
 
 import os
 import platform
+import sys
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -27,7 +28,11 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder()))
 os.environ.setdefault("NUMBA_CPU_NAME", "generic")
 os.environ.setdefault("NUMBA_CPU_FEATURES", _FEATURES.get(platform.machine(), ""))
 
-import numba  # noqa: E402  the environment above must stand before numba reads it
+# numba.np.arraymath looks for the BLAS of scipy, which is a quarter of the start; none is used here
+_HIDDEN = "scipy" not in sys.modules
+if _HIDDEN:
+    sys.modules["scipy"] = None  # type: ignore[assignment] # an import of it fails
+import numba.np.arraymath  # noqa: E402  the environment above must stand before numba reads it
 from numba import carray, from_dtype, types  # noqa: E402
 from numba.core.errors import NumbaExperimentalFeatureWarning  # noqa: E402
 from numba.extending import intrinsic  # noqa: E402
@@ -39,6 +44,8 @@ __all__ = [
     "tail", "types", "u1",
 ]  # fmt: skip
 
+if _HIDDEN:
+    del sys.modules["scipy"]  # from here on it can be imported
 numba.config.reload_config()  # should somebody have imported numba before us
 warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # blocks are first-class functions
 

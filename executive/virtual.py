@@ -63,7 +63,7 @@ def run_virtual(executive: Any, laws: Any, plant: Any, models: Any, cycles: Any)
 
 
 class Memory:
-    """Takes the records of virtual nodes into memory; frames and events are let go."""
+    """Takes the records of nodes into memory; frames and events are let go."""
 
     def __init__(self, blocks: list[sh.Shared]) -> None:
         self._blocks = blocks
@@ -75,7 +75,8 @@ class Memory:
             ends, ring = block["record_ends"], block["record"]
             put, taken = int(ends[sh.PUT]), int(ends[sh.TAKEN])
             rows.append(ring[np.arange(taken, put) % len(ring)])
-            for name in ("record", "frame", "event"):
+            ends[sh.TAKEN] = put
+            for name in ("frame", "event"):
                 block[f"{name}_ends"][sh.TAKEN] = block[f"{name}_ends"][sh.PUT]
 
     def forget(self) -> None:

@@ -20,7 +20,7 @@ from executive.rig import load_rig
 from executive.virtual import simulate
 
 SLEW10 = str(RIGS / "slew10.yaml")
-RIGS_OF_EACH_KIND = ("bang10", "firetrack", "hull", "lowspeed", "sin0.5", "slew25", "step10")
+RIGS_OF_EACH_KIND = ("firetrack", "hull")  # all others: tests/executive/test_every_rig.py
 SHORT = "duration_s=1.2"  # steps begin at 0.5 s, the gun fires at 1 s
 LONG = "duration_s=3600"
 STATES = ("/state", "/plant/state")
