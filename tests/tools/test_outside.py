@@ -1,0 +1,193 @@
+"""A plant, a law, a study in a folder of their own, outside the project: all four ways and back."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from pcpc import ROOT, Running, own_bus, pcpc
+
+from executive import logs
+
+MODEL = '''\
+"""A mass on a spring: m x'' = F - k x - c x'; one symplectic Euler step a cycle."""
+
+from executive.block import Block, Port, stage
+
+
+@stage
+def step(t, dt, p, x, u, y):
+    if t > 0.0:
+        x[1] += dt / p[0] * (u[0] - p[1] * x[0] - p[2] * x[1])
+        x[0] += dt * x[1]
+    y[0] = x[0]
+
+
+BLOCK = Block(
+    step,
+    inputs=(Port("force_N", "N", "newest command"),),
+    outputs=(Port("position_m", "m", "the sample"),),
+    states=(Port("x_m", "m", "position"), Port("v_m_s", "m/s", "velocity")),
+    settings=(
+        Port("mass_kg", "kg", "m", None, 0.1, 100.0),
+        Port("spring_N_m", "N/m", "k", None, 0.0, 1e4),
+        Port("damping_Ns_m", "N s/m", "c", None, 0.0, 1e3),
+    ),
+)
+'''
+LAW = '''\
+"""Integral control: F' = ki (target - x)."""
+
+from executive.block import Block, Port, stage
+
+
+@stage
+def step(t, dt, p, x, u, y):
+    x[0] += dt * p[0] * (p[1] - u[0])
+    y[0] = x[0]
+
+
+BLOCK = Block(
+    step,
+    inputs=(Port("position_m", "m", "measured"),),
+    outputs=(Port("force_N", "N", "command"),),
+    states=(Port("sum_N", "N", "integral"),),
+    settings=(
+        Port("ki_N_ms", "N/(m s)", "gain", None, 0.0, 1e4),
+        Port("target_m", "m", "where to", None, -10.0, 10.0),
+    ),
+)
+'''
+RIG = """\
+rig: spring
+dbc: spring.dbc
+rate_hz: 500.0
+duration_s: 3.0
+controller: integral
+controllers:
+  integral: {law: law.py:BLOCK, parameters: {ki_N_ms: 20.0, target_m: 0.5}}
+supervisor: {hold_cycles: 1000, fault_after_cycles: 1001}
+executive:
+  node: EXEC
+  blocks:
+    controller: {inputs: {position_m: rx.FB.position}}
+  transmit:
+    CMD.command: controller.force_N
+    CMD.mode: supervisor.state
+    HB_EXEC.nmt_state: supervisor.nmt
+plant:
+  node: PLANT
+  blocks:
+    spring:
+      law: model.py:BLOCK
+      parameters: {mass_kg: 1.0, spring_N_m: 20.0, damping_Ns_m: 9.0}
+      inputs: {force_N: rx.CMD.command}
+  transmit: {FB.position: spring.position_m, HB_PLANT.nmt_state: supervisor.nmt}
+  safe: {CMD.command: 0.0}
+evaluation: {file: evaluation.py, window_s: [2.5, 3.0]}
+expect:
+  integral: {end_m: [0.45, 0.55]}      # a hundredth of the way is left then
+"""
+EVALUATION = '''\
+def metrics(log, window_s, numbers, period_s):
+    """Return where the mass ends."""
+    return {"end_m": float(log.node["plant"].columns["spring.position_m"][-1])}
+'''
+STUDY = '''\
+from pathlib import Path
+
+from plants.study import Case, markdown
+
+CHAPTER = 0
+TITLE = "Stiffness of a spring"
+RIG = str(Path(__file__).with_name("spring.yaml"))
+
+
+def cases():
+    """Three springs."""
+    return [Case("k", RIG, "integral", str(k), (f"spring.spring_N_m={k}.0",)) for k in (10, 20, 40)]
+
+
+def report(results):
+    """A table."""
+    rows = [(r.case.label, f"{r.metric('end_m'):.2f}") for r in results]
+    return markdown(("k [N/m]", "end [m]"), rows)
+
+
+def draw(results, folder):
+    """Nothing to see."""
+'''
+
+
+@pytest.fixture(scope="module")
+def spring(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the rig file of a folder that the project does not know."""
+    folder = tmp_path_factory.mktemp("elsewhere") / "my spring"
+    folder.mkdir()
+    dbc = (ROOT / "plants" / "probe" / "probe.dbc").read_text(encoding="utf-8")
+    dbc = dbc.replace('2147.483647] "" PLANT', '2147.483647] "N" PLANT')
+    dbc = dbc.replace('2147.483647] "" EXEC', '2147.483647] "m" EXEC')
+    texts = {
+        "model.py": MODEL, "law.py": LAW, "spring.yaml": RIG, "spring.dbc": dbc,
+        "evaluation.py": EVALUATION, "study.py": STUDY,
+    }  # fmt: skip
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder / "spring.yaml"
+
+
+def states(folder: Path) -> list[list[bytes]]:
+    return [logs.payloads(folder / "log.mcap", name) for name in ("/state", "/plant/state")]
+
+
+def test_it_runs_all_four_ways_and_the_unclocked_three_have_the_same_bytes(
+    spring: Path, tmp_path: Path
+) -> None:
+    quiet = ("--quiet", "--no-figure", "--json")
+    rig = (str(spring), *quiet)
+    virtual = pcpc("simulate", *rig, "-o", str(tmp_path / "virtual"))
+    assert virtual.code == 0, str(virtual)
+    assert 0.45 < virtual.summary["metrics"]["end_m"] < 0.55, str(virtual)
+    bus = ("--bus", own_bus(), "--pacing", "lockstep")
+    one = pcpc("run", *rig, *bus, "-o", str(tmp_path / "bus"))
+    assert one.code == 0, str(one)
+    with Running("plant", str(spring), *bus) as plant:
+        two = pcpc("exec", *rig, *bus, "-o", str(tmp_path / "two"))
+        assert (two.code, plant.done().code) == (0, 0), f"{two}\n{plant}"
+    wanted = states(tmp_path / "virtual")
+    assert [len(topic) for topic in wanted] == [1500, 1501]
+    assert states(tmp_path / "bus") == wanted, "lockstep on the bus and virtual time differ"
+    assert states(tmp_path / "two")[0] == wanted[0], "two terminals and virtual time differ"
+    clocked = ("--bus", own_bus(), "--set", "duration_s=0.5", "-o", str(tmp_path / "real"))
+    real = pcpc("run", *rig, *clocked)
+    assert real.code == 0 and real.summary["pacing"] == "real", str(real)
+
+
+def test_its_log_is_recomputed_after_its_folder_is_gone(spring: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(spring.parent, folder)
+    done = pcpc("simulate", str(folder / "spring.yaml"), "-o", str(tmp_path / "run"), "--quiet")
+    assert done.code == 0, str(done)
+    shutil.rmtree(folder)
+    again = pcpc("replay", str(tmp_path / "run" / "log.mcap"), "--json", "--quiet")
+    assert again.code == 0, str(again)
+
+
+def test_its_study_runs_from_its_path(spring: Path, tmp_path: Path) -> None:
+    words = ("experiment", str(spring.with_name("study.py")), "--quiet", "-o", str(tmp_path / "s"))
+    done = pcpc(*words)
+    assert done.code == 0, str(done)
+    text = (tmp_path / "s" / "results.md").read_text()
+    assert "# Stiffness of a spring" in text and "| 20 | 0.51 |" in text, text
+
+
+def test_an_experiment_that_is_none_is_refused_with_the_names(tmp_path: Path) -> None:
+    for name in ("chapter12", str(tmp_path / "study.py")):
+        done = pcpc("experiment", name)
+        assert done.code == 2 and "no such experiment" in done.err, str(done)
+        assert len(done.err.splitlines()) == 1 and "chapter9" in done.err, str(done)
+
+
+def test_json_of_check_names_the_files_outside(spring: Path) -> None:
+    done = pcpc("check", str(spring), "--json")
+    assert done.code == 0 and json.loads(done.out)["rig"] == "spring", str(done)
