@@ -1,0 +1,91 @@
+"""The figures of the study: PD beside the network, and what twenty draws come to."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from plants.study import Result
+
+NAMES = {"pd": "PD", "nn": "PD and two networks a joint"}
+SMALLEST_RAD = 1e-5  # of the logarithmic axis
+SHOWN = ("rig", "rig + 1 sample", "rig + 2 samples", "L = 40", "no jump nodes", "S = 0",
+         "S = 240", "random signs S = 24", "random signs S = 0", "as in the book")  # fmt: skip
+
+
+def draw_beside(pair: Sequence[Result], path: Path) -> None:
+    """Draw PD in the left column, the network in the right: angles, errors, torques."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 10.0), dpi=120, layout="constrained")
+    axes = figure.subplots(4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 3, 3))
+    for column, result in zip(axes.T, pair, strict=True):
+        _draw_run(column, result.traces)
+        column[0].set_title(NAMES[result.case.controller], fontsize=11, loc="left")
+        column[-1].set_xlabel("time [s]")
+    labels = ("angle [rad]", "|error| [rad]", "joint 1 [N m]", "joint 2 [N m]")
+    for ax, label in zip(axes[:, 0], labels, strict=True):
+        ax.set_ylabel(label)
+    scenario = Path(pair[0].case.rig).stem.removeprefix("deadzone-")
+    figure.suptitle(f"Two-link arm behind deadzones: {scenario}", fontsize=13)
+    low, high = axes[0, 0].get_ylim()
+    axes[0, 0].set_ylim(low, high + 0.15 * (high - low))  # room for the legend
+    axes[1, 0].set_yscale("log")
+    axes[1, 0].set_ylim(SMALLEST_RAD, 10.0)
+    axes[2, 0].set_ylim(-160.0, 200.0)
+    axes[3, 0].set_ylim(-160.0, 200.0)
+    for ax in axes.flat:
+        ax.grid(color="#D0D0D0", linewidth=0.5)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.set_xlim(0.0, 10.0)
+    for ax in axes[:3, 1]:
+        ax.legend(fontsize=8, ncols=3, loc="upper right", framealpha=0.9)
+    figure.savefig(path)
+
+
+def _draw_run(axes: Any, x: Mapping[str, Any]) -> None:
+    t, q_d = x["t"], x["executive:reference_1.q_d_rad"]
+    for joint, colour in ((1, BLUE), (2, VERMILION)):
+        q = x[f"plant:arm.true_q{joint}_rad"]
+        axes[0].plot(t, q, color=colour, linewidth=1.1, label=f"joint {joint}")
+        size = np.maximum(np.abs(q_d - q), SMALLEST_RAD)
+        axes[1].plot(t, size, color=colour, linewidth=0.8, label=f"joint {joint}")
+        command, torque = x[f"executive:controller.u{joint}_Nm"], x[f"plant:arm.tau{joint}_Nm"]
+        ax = axes[1 + joint]
+        ax.axhspan(-20.0, 25.0, color="#F3E8D2", linewidth=0, zorder=0, label="deadzone of u")
+        ax.plot(t, command, color=GREEN, linewidth=0.8, label="command u")
+        ax.plot(t, torque, color=BLACK, linewidth=0.8, label="torque behind the deadzone")
+    axes[0].plot(t, q_d, color=BLACK, linewidth=0.9, linestyle="--", label="reference")
+    if np.ptp(q_d) == 0.0:
+        hang_off = 20.0 / 105.0
+        axes[1].axhline(hang_off, color=GREY, linewidth=0.8, linestyle=":", label="20/(Kv Lam)")
+
+
+def draw_seeds(
+    found: Mapping[tuple[str, str], np.ndarray], base: Mapping[str, np.ndarray], path: Path
+) -> None:
+    """Draw the worse joint's error over 8-10 s of each draw against PD's."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 5.2), dpi=120, layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    rng = np.random.default_rng(1)
+    for ax, scenario in zip(axes, base, strict=True):
+        for i, label in enumerate(reversed(SHOWN)):
+            worse = found[label, scenario][:, 2:].max(axis=1)
+            beats = worse < base[scenario][2:].max()
+            place = i + rng.uniform(-0.22, 0.22, len(worse))
+            for mine, colour in ((beats, BLUE), (~beats, VERMILION)):
+                ax.scatter(worse[mine], place[mine], s=14, color=colour, linewidths=0, alpha=0.8)
+            ax.plot([np.median(worse)] * 2, [i - 0.36, i + 0.36], color=BLACK, linewidth=1.6)
+        ax.axvline(base[scenario][2:].max(), color=ORANGE, linewidth=1.2)
+        ax.set_xscale("log")
+        ax.set_xlabel("error rms over 8-10 s, worse joint [rad]")
+        ax.set_title(f"{scenario}: 20 draws, median black, PD orange", fontsize=10, loc="left")
+        ax.grid(color="#D0D0D0", linewidth=0.5, which="both", axis="x", alpha=0.6)
+        ax.spines[["top", "right"]].set_visible(False)
+    axes[0].set_yticks(range(len(SHOWN)), list(reversed(SHOWN)))
+    figure.suptitle("Twenty draws of the networks; red ones are worse than PD", fontsize=13)
+    figure.savefig(path)
