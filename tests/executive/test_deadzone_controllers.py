@@ -1,0 +1,242 @@
+"""The deadzone laws: signs by finite differences, draws, guards; plain numpy beside them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from executive.block import Block
+from executive.controllers import deadzone_fuzzy as fuzzy
+from executive.controllers import deadzone_nn as nn
+
+Array = NDArray[np.float64]
+SETTINGS = {
+    "kv_Nms_rad": 15.0, "lam_per_s": 7.0, "u_max_Nm": 150.0, "a1_m": 1.0, "a2_m": 1.0,
+    "m1_kg": 1.8, "m2_kg": 1.3, "r_max_rad_s": 50.0, "network_on": 1.0, "t_rate": 500.0,
+    "s_rate": 24.0, "k1": 0.001, "k2": 0.0001, "jumps_on": 1.0, "nodes": 20.0,
+    "norm_max": 5000.0, "network_seed": 11.0, "positive_slope": 1.0,
+}  # fmt: skip
+FUZZY = {"lam": 0.2, "kv": 0.3, "cf": 0.15, "r_max": 20.0, "alpha": 0.1, "gam": 0.001}
+N = nn.MOST_NODES
+
+
+class Law:
+    """A law with its views; `u` in the order of its inputs."""
+
+    def __init__(self, block: Block, values: dict[str, float]) -> None:
+        self.block = block
+        self.names = [name for port in block.outputs for name in port.names()]
+        self.y, self.x = np.zeros(len(self.names)), np.zeros(block.size(block.states))
+        given: Any = values
+        states: Any = {}
+        if block.prepare is not None:
+            prepared = block.prepare(values, 1000.0, 1)
+            given, states = prepared.parameters, prepared.states
+        self.p = np.array([given[port.name] for port in (block.parameters or block.settings)])
+        at = 0
+        for port in block.states:
+            if port.name in states:
+                self.x[at : at + port.size] = states[port.name]
+            at += port.size
+
+    def step(self, u: Array, dt: float = 1e-3) -> dict[str, float]:
+        self.block.step(0.0, dt, self.p, self.x, np.asarray(u, float), self.y)
+        return dict(zip(self.names, self.y.tolist(), strict=True))
+
+    def part(self, at: int, column: int = N) -> Array:
+        """Return one kind of weights as (joints, column), a view."""
+        return self.x[at : at + 2 * column].reshape(2, column)
+
+
+def dual(**changed: float) -> Law:
+    return Law(nn.BLOCK, SETTINGS | changed)
+
+
+def random_input(seed: int) -> Array:
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, 10)
+
+
+def logistic(x: Array) -> Array:
+    return 1.0 / (1.0 + np.exp(-x))
+
+
+# The arm's law
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_with_the_exact_model_pd_leaves_the_linear_error_equation(seed: int) -> None:
+    """M r' + Vm r + Kv r = 0 under tau = w: the law's model against an independent arm."""
+    u = random_input(seed)
+    rate, acc, q, v = u[[1, 6]], u[[2, 7]], u[[3, 8]], u[[4, 9]]
+    found = Law(nn.PD, {k: SETTINGS[k] for k in [p.name for p in nn.GAINS]}).step(u)
+    far = 1.3 * np.cos(q[1])
+    inertia = np.array([[3.1 + 1.3 + 2 * far, 1.3 + far], [1.3 + far, 1.3]])
+    h = 1.3 * np.sin(q[1])
+    vm = np.array([[-h * v[1], -h * (v[0] + v[1])], [h * v[0], 0.0]])
+    w = np.array([found["w1_Nm"], found["w2_Nm"]])
+    r = np.array([found["r1_rad_s"], found["r2_rad_s"]])
+    v_rate = np.linalg.solve(inertia, w - vm @ v)
+    r_rate = (acc - v_rate) + 7.0 * (rate - v)
+    left = inertia @ r_rate + vm @ r + 15.0 * r
+    assert np.abs(left).max() < 1e-11, left
+
+
+def test_the_networks_are_drawn_in_the_specified_order() -> None:
+    law, draw = dual(positive_slope=0.0), np.random.default_rng(11)
+    for joint in range(2):
+        v = draw.uniform(0, 1, 20) * np.where(draw.random(20) < 0.5, -1, 1)
+        rest = [draw.uniform(-35, 35, 20), draw.uniform(-50, 50, 20)]
+        vi = draw.uniform(0, 1, 20) * np.where(draw.random(20) < 0.5, -1, 1)
+        expected = (v, *rest, vi, draw.uniform(-35, 35, 20))
+        for at, values in zip((nn._V, nn._V0, nn._W, nn._VI, nn._V0I), expected, strict=True):
+            wrong = np.abs(law.part(at)[joint, :20] - values).max()
+            assert wrong == 0.0 and not law.part(at)[joint, 20:].any(), (joint, at, wrong)
+    assert not law.part(nn._WI, nn.COLUMN).any()
+
+
+def test_the_positive_start_sees_a_deadzone_that_never_falls() -> None:
+    fixed, free = dual(), dual(positive_slope=0.0)
+    lowest = [1e9, 1e9]
+    for wanted in np.linspace(-150.0, 150.0, 301):
+        u = np.zeros(10)
+        u[1] = u[6] = wanted / 15.0  # at rest w is all in r
+        for i, law in enumerate((fixed, free)):
+            found = Law.step(law, u, 0.0)
+            lowest[i] = min(lowest[i], found["slope1"], found["slope2"])
+    assert lowest[0] >= 0.0 > lowest[1], f"lowest slopes {lowest}"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_slope_is_the_derivative_of_the_deadzone_as_seen(seed: int) -> None:
+    law = dual(network_seed=float(seed))
+    found = law.step(random_input(seed), 0.0)
+    for joint in (0, 1):
+        w, v, v0 = (law.part(at)[joint] for at in (nn._W, nn._V, nn._V0))
+        u = found[f"w{joint + 1}_Nm"]  # Wi = 0
+        h = 1e-4
+        seen = [float(np.sum(w * logistic(v * (u + d) + v0))) for d in (-h, h)]
+        slope = (seen[1] - seen[0]) / (2 * h)
+        assert abs(found[f"slope{joint + 1}"] - slope) < 1e-7, (found, slope)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_tuning_cancels_the_cross_terms_of_the_lyapunov_function(seed: int) -> None:
+    """d/dt of tr(W~'W~)/2S + tr(Wi~'Wi~)/2T is -r'(W~'b y) + r'(J Wi~'s) without decay.
+
+    These are the terms that the linearised throughput tau - w = -J Wi~'s + W~'b y adds to
+    d/dt r'Mr/2 = -r'(tau - w) + ..., with the other sign.
+    """
+    law, rng, dt = dual(k1=0.0, k2=0.0, network_seed=float(seed)), np.random.default_rng(seed), 1e-9
+    law.part(nn._WI, nn.COLUMN)[:] = rng.uniform(-3.0, 3.0, (2, nn.COLUMN))
+    law.part(nn._WI, nn.COLUMN)[:, 20:N] = 0.0
+    ideal_w, ideal_wi = rng.uniform(-50, 50, (2, N)), rng.uniform(-30, 30, (2, nn.COLUMN))
+
+    def distance() -> tuple[Array, Array]:
+        return ideal_w - law.part(nn._W), ideal_wi - law.part(nn._WI, nn.COLUMN)
+
+    w_error, wi_error = distance()
+    found = law.step(random_input(seed), dt)
+    after_w, after_wi = distance()
+    rate = float(
+        np.sum((after_w - w_error) * (after_w + w_error)) / (2 * 24.0 * dt)
+        + np.sum((after_wi - wi_error) * (after_wi + wi_error)) / (2 * 500.0 * dt)
+    )
+    cross = 0.0
+    for i in (0, 1):
+        r, y = found[f"r{i + 1}_rad_s"], found[f"y{i + 1}_Nm"]
+        w, total = found[f"w{i + 1}_Nm"], found[f"w{i + 1}_Nm"] + y
+        z = logistic(law.part(nn._V)[i] * total + law.part(nn._V0)[i])
+        b = z * (1 - z) * law.part(nn._V)[i]
+        s = np.zeros(nn.COLUMN)
+        s[:20] = logistic(law.part(nn._VI)[i, :20] * w + law.part(nn._V0I)[i, :20])
+        s[N:] = (1.0, 1.0 - np.exp(-w)) if w >= 0.0 else (0.0, 0.0)
+        slope = float((ideal_w[i] - w_error[i]) @ b)
+        throughput = -slope * float(wi_error[i] @ s) + float(w_error[i] @ b) * y
+        cross -= r * throughput
+    assert abs(rate + cross) < 1e-5 * abs(cross), f"{rate} does not cancel {cross}"
+
+
+def test_decay_never_carries_a_weight_through_zero() -> None:
+    law = dual(k1=10.0, k2=10.0, t_rate=1e5, s_rate=1e5, r_max_rad_s=1e6, norm_max=1e9)
+    law.part(nn._V)[:] = 0.0  # no slope and no gradient: decay alone
+    law.part(nn._WI, nn.COLUMN)[:] = 7.0
+    u = random_input(1)
+    u[0] = 1e3
+    before = law.x.copy()
+    law.step(u)
+    for at, column in ((nn._W, N), (nn._WI, nn.COLUMN)):
+        span = slice(at, at + 2 * column)
+        ratio = law.x[span][before[span] != 0.0] / before[span][before[span] != 0.0]
+        assert (ratio > 0.0).all() and (ratio < 1e-3).all(), (ratio.min(), ratio.max())
+
+
+@pytest.mark.parametrize(("wanted", "nodes"), [(0.0, (1.0, 0.0)), (-1e-300, (0.0, 0.0))])
+def test_the_jump_node_is_continuous_from_the_right(
+    wanted: float, nodes: tuple[float, ...]
+) -> None:
+    law, u = dual(), np.zeros(10)
+    u[1] = wanted / 15.0
+    law.step(u)
+    found = law.part(nn._HIDDEN, nn.COLUMN)[0, N:]
+    assert tuple(found) == nodes, found
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 8.0])
+def test_the_guard_ends_both_commands_for_good(bad: float) -> None:
+    law, u = dual(), random_input(1)
+    law.step(u)
+    weights = law.part(nn._WI, nn.COLUMN).copy()
+    worse = u.copy()
+    worse[3] = bad  # |r| beyond 50
+    found = law.step(worse)
+    assert (found["u1_Nm"], found["u2_Nm"], found["diverged"]) == (0.0, 0.0, 1.0), found
+    found = law.step(u)
+    assert (found["u1_Nm"], found["u2_Nm"], found["diverged"]) == (0.0, 0.0, 1.0), found
+    if np.isfinite(bad):
+        assert (law.part(nn._WI, nn.COLUMN) == weights).all(), "it went on learning"
+
+
+def test_the_network_off_is_pd_bit_for_bit_and_learns_nothing() -> None:
+    off, pd = dual(network_on=0.0), Law(nn.PD, {p.name: SETTINGS[p.name] for p in nn.GAINS})
+    weights = off.x[1 : nn._BACK].copy()
+    for seed in range(50):
+        u = 2.0 * random_input(seed)
+        a, b = off.step(u), pd.step(u)
+        assert all(a[name] == b[name] for name in b), (a, b)
+    assert (off.x[1 : nn._BACK] == weights).all()
+
+
+# The map's law
+
+
+def test_the_leak_is_the_spectral_norm_that_the_law_asks_for() -> None:
+    for alpha in (0.05, 0.5, 1.0, 1.7, 2.0):
+        for x in (np.array([1.0, 0.0]), np.array([0.0, -1.0])):
+            norm = np.linalg.norm(np.eye(2) - alpha * np.outer(x, x), 2)
+            assert max(1.0, abs(1.0 - alpha)) == pytest.approx(norm, abs=1e-15), (alpha, norm)
+
+
+@pytest.mark.parametrize(("wanted", "side"), [(0.4, 0), (-0.4, 1)])
+def test_a_wider_estimate_moves_the_next_error_as_tuning_assumes(wanted: float, side: int) -> None:
+    """dr(k+1)/dd = X beyond the deadzone, so that -alpha X r is gradient descent."""
+    following = []
+    for width in (0.1, 0.1 + 1e-6):
+        law = Law(fuzzy.BLOCK, FUZZY | {"gam": 0.0})
+        law.x[fuzzy.PLUS + side] = width
+        found = law.step(np.array([0.0, 0.0, 0.0, 0.0, wanted]))
+        tau = np.sign(found["u"]) * max(abs(found["u"]) - 0.05, 0.0)
+        following.append((0.0 + tau) - wanted)  # r(k+1) from x = 0, where F = 0
+    slope = (following[1] - following[0]) / 1e-6
+    assert slope == pytest.approx((1.0, -1.0)[side], abs=1e-6), slope
+
+
+@pytest.mark.parametrize("bad", [np.nan, 30.0])
+def test_the_guard_of_the_map_sends_zero_for_good(bad: float) -> None:
+    for block in (fuzzy.BLOCK, fuzzy.PD):
+        law = Law(block, FUZZY)
+        law.step(np.array([0.1, 0.2, 0.1, 0.1, 0.1]))
+        found = law.step(np.array([0.1, bad, 0.1, 0.1, 0.1]))
+        assert (found["u"], found["diverged"]) == (0.0, 1.0), found
+        found = law.step(np.array([0.1, 0.2, 0.1, 0.1, 0.1]))
+        assert (found["u"], found["diverged"]) == (0.0, 1.0), found
