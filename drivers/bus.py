@@ -70,6 +70,21 @@ def parse(text: str) -> tuple[str, str | None]:
     return interface, None
 
 
+def beside(bus: Bus) -> Bus:
+    """Return the bus next to `bus`: vcan1 to vcan0, the next port of udp_multicast; BusError."""
+    if bus.interface == "udp_multicast":
+        group, port = udp_address(bus.channel)
+        return Bus(bus.interface, f"{group}:{port + 1 if port < 65535 else UDP_PORT}")
+    name = re.fullmatch(r"(.*?)(\d+)", bus.channel)
+    if bus.interface != "socketcan" or name is None:
+        raise BusError(
+            f"{bus}: which bus is beside it is unknown; name it: --set local.bus.channel=can1"
+        )
+    next_one = f"{name[1]}{int(name[2]) + 1}"
+    vcan_ready(next_one)  # makes it where that is possible
+    return Bus(bus.interface, next_one)
+
+
 def vcan_ready(name: str) -> bool:
     """Return True if CAN interface `name` is up; a missing vcan is created if that is possible."""
     try:
@@ -110,6 +125,19 @@ def open_bus(bus: Bus, receive_ids: list[int], end: Any) -> None:
         raise BusError(
             f"{bus}: the compiled loop speaks socketcan and udp_multicast; "
             "any other python-can interface needs the interpreted loop (PCPC_LOOP=interpreted)"
+        )
+
+
+def open_second(bus: Bus, receive_ids: list[int], end: Any) -> None:
+    """Open a second bus of the same kind for a node whose WIRE record `end` is open; BusError."""
+    if bus.interface == "socketcan" and end.kind == wire_layout.SOCKETCAN:
+        end.fd_tx2 = end.fd_rx2 = _open_socketcan(bus.channel, receive_ids)
+    elif bus.interface == "udp_multicast" and end.kind == wire_layout.UDP:
+        end.fd_tx2, end.fd_rx2 = _open_udp(bus.channel)
+    else:
+        raise BusError(
+            f"{bus}: both buses of a local node are socketcan, or both udp_multicast; "
+            "choose it with --set local.bus.interface=..."
         )
 
 

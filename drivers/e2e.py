@@ -24,7 +24,11 @@ from drivers import dbc
 from drivers.jit import inline
 
 OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE, ERROR, NOT_AVAILABLE = range(6)
-STATE_NAMES = ("OK", "OK_SOME_LOST", "REPEATED", "WRONG_SEQUENCE", "ERROR", "NOT_AVAILABLE")
+ON_PURPOSE = 6  # not judged: a rig lets it be lost
+STATE_NAMES = (
+    "OK", "OK_SOME_LOST", "REPEATED", "WRONG_SEQUENCE", "ERROR", "NOT_AVAILABLE",
+    "LOST_ON_PURPOSE",
+)  # fmt: skip
 
 MAX_DELTA = 4  # 3 frames lost in a row: as many as trip the plant's watchdog
 

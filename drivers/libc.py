@@ -17,12 +17,14 @@ TIMER_ABSTIME = 1
 MSG_DONTWAIT = 0x40
 EINTR = 4
 EAGAIN = 11
+POLLIN = 1
 
 _i4, _i8 = types.int32, types.int64
 _SIGNATURES = {
     "clock_nanosleep": (_i4, _i4, _i4, _i8, _i8),  # returns the error number itself
     "clock_gettime": (_i4, _i4, _i8),
     "getrusage": (_i4, _i4, _i8),
+    "poll": (_i4, _i8, _i8, _i4),
     "recv": (_i8, _i4, _i8, _i8, _i4),
     "send": (_i8, _i4, _i8, _i8, _i4),
     "sched_yield": (_i4,),
@@ -46,6 +48,7 @@ if not LOOP_INTERPRETED:
     clock_nanosleep = _external("clock_nanosleep")
     clock_gettime = _external("clock_gettime")
     getrusage = _external("getrusage")
+    poll = _external("poll")
     recv = _external("recv")
     send = _external("send")
     sched_yield = _external("sched_yield")
@@ -109,6 +112,7 @@ else:
     clock_nanosleep = _bind("clock_nanosleep")
     clock_gettime = _bind("clock_gettime")
     getrusage = _bind("getrusage")
+    poll = _bind("poll")
     recv = _bind("recv")
     send = _bind("send")
     sched_yield = _bind("sched_yield")

@@ -8,7 +8,9 @@ in its upper bits, [4] length, [8:16] data. Three kinds of wire carry it:
                 template and read by walking the map, so that python-can's own tools share the bus
     MEMORY      an outbox and an inbox that `carry` connects (virtual time)
 
-A fourth, PYTHON_CAN, hands frames to a `can.Bus` and exists only where the loop runs interpreted.
+An end may lie on two buses of one kind: the ids in `second` go out on the second one, frames come
+in from both. A fourth kind, PYTHON_CAN, hands frames to a `can.Bus` and exists only where the loop
+runs interpreted.
 """
 
 from typing import Any
@@ -27,6 +29,7 @@ from drivers.wire_layout import (
     SOCKETCAN,
 )
 
+WAIT_MS = 100  # as the receive time-out of drivers.bus
 ERROR_FLAGS = 0x60  # in the id's top byte: error and remote frames are not ours
 NOTHING, FRAME, FOREIGN, FAILED = 0, 1, 2, -1
 
@@ -58,6 +61,7 @@ TEMPLATE_BYTES = len(TEMPLATE)
 def prepare(wire: Any, kind: int, fd_tx: int, fd_rx: int) -> None:
     """Fill the zeroed WIRE record `wire`; descriptors are -1 where a kind has none."""
     wire.kind, wire.fd_tx, wire.fd_rx = kind, fd_tx, fd_rx
+    wire.fd_tx2 = wire.fd_rx2 = -1
     wire.packet_tx[:TEMPLATE_BYTES] = np.frombuffer(TEMPLATE, np.uint8)
 
 
@@ -181,6 +185,20 @@ else:
 
 
 @loop_function
+def on_second(wire: Any, frame: Any) -> Any:
+    """Return whether `frame` (16,) goes out on the second bus."""
+    if wire.n_second == 0:
+        return False
+    word = np.int64(0)
+    for i in range(4):
+        word |= np.int64(frame[i]) << (8 * i)
+    found = False
+    for i in range(wire.n_second):
+        found |= wire.second[i] == word
+    return found
+
+
+@loop_function
 def put_frame(wire: Any) -> Any:
     """Send `wire.tx`; return True when the bus took it (never blocks)."""
     if wire.kind == MEMORY:
@@ -196,7 +214,8 @@ def put_frame(wire: Any) -> Any:
         n, at = np.int64(FRAME_BYTES), libc.address(wire.tx)
     else:
         n, at = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
-    if libc.send(wire.fd_tx, at, n, libc.MSG_DONTWAIT) != n:
+    fd = wire.fd_tx2 if on_second(wire, wire.tx) else wire.fd_tx
+    if libc.send(fd, at, n, libc.MSG_DONTWAIT) != n:
         wire.errno = libc.errno()
         return False
     return True
@@ -217,12 +236,26 @@ def get_frame(wire: Any, block: Any) -> Any:
         return FRAME
     if wire.kind == PYTHON_CAN:
         return _get_python_can(wire, block)
-    flags = 0 if block else libc.MSG_DONTWAIT
+    if wire.fd_rx2 < 0:
+        return _take(wire, wire.fd_rx, 0 if block else libc.MSG_DONTWAIT)
+    for attempt in range(2):
+        for fd in (wire.fd_rx, wire.fd_rx2):
+            result = _take(wire, fd, libc.MSG_DONTWAIT)
+            if result != NOTHING:
+                return result
+        if attempt == 1 or not block or _wait_for_either(wire) <= 0:
+            break
+    return NOTHING
+
+
+@loop_function
+def _take(wire: Any, fd: Any, flags: Any) -> Any:
+    """Receive from one descriptor; as `get_frame`."""
     if wire.kind == SOCKETCAN:
-        n = libc.recv(wire.fd_rx, libc.address(wire.rx), FRAME_BYTES, flags)
+        n = libc.recv(fd, libc.address(wire.rx), FRAME_BYTES, flags)
         known = n == FRAME_BYTES and wire.rx[3] & ERROR_FLAGS == 0
     else:
-        n = libc.recv(wire.fd_rx, libc.address(wire.packet_rx), PACKET_BYTES, flags)
+        n = libc.recv(fd, libc.address(wire.packet_rx), PACKET_BYTES, flags)
         known = n > 0 and _read_packet(wire.packet_rx, n, wire.rx)
     if n < 0:
         e = libc.errno()
@@ -231,6 +264,14 @@ def get_frame(wire: Any, block: Any) -> Any:
         wire.errno = e
         return FAILED
     return FRAME if known else FOREIGN
+
+
+@loop_function
+def _wait_for_either(wire: Any) -> Any:
+    """Sleep until one of both buses has a frame, at most the receive time-out; return poll's n."""
+    wire.waiting[0] = wire.fd_rx | libc.POLLIN << 32
+    wire.waiting[1] = wire.fd_rx2 | libc.POLLIN << 32
+    return libc.poll(libc.address(wire.waiting), 2, WAIT_MS)
 
 
 @loop_function
@@ -245,3 +286,24 @@ def carry(source: Any, target: Any) -> None:
         for i in range(FRAME_BYTES):
             source.outbox[k - moved, i] = source.outbox[k, i]
     source.outbox_put -= moved
+
+
+@loop_function
+def deal(source: Any, first: Any, second: Any) -> None:
+    """Move `source`'s outbox into the inboxes of the ends of its two buses (kind MEMORY)."""
+    for k in range(source.outbox_put):
+        if on_second(source, source.outbox[k]):
+            _deliver(source.outbox[k], second)
+        else:
+            _deliver(source.outbox[k], first)
+    source.outbox_put = 0
+
+
+@loop_function
+def _deliver(frame: Any, target: Any) -> None:
+    """Put `frame` into an inbox; one more than it holds is lost, as on a bus."""
+    if target.inbox_put - target.inbox_taken >= QUEUE_FRAMES:
+        return
+    for i in range(FRAME_BYTES):
+        target.inbox[target.inbox_put % QUEUE_FRAMES, i] = frame[i]
+    target.inbox_put += 1

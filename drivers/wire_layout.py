@@ -7,6 +7,7 @@ KIND_NAMES = ("memory", "socketcan", "udp_multicast", "python-can")
 
 FRAME_BYTES = 16  # struct can_frame: id and flags [0:4], length [4], data [8:16]
 QUEUE_FRAMES = 256  # one virtual-time exchange is about ten frames
+SECOND_IDS = 32
 PACKET_BYTES = 512  # python-can writes at most 251 (CAN FD); a longer datagram is cut and refused
 
 WIRE = np.dtype(
@@ -14,12 +15,17 @@ WIRE = np.dtype(
         ("kind", "<i8"),
         ("fd_tx", "<i8"),
         ("fd_rx", "<i8"),
+        ("fd_tx2", "<i8"),  # of a second bus, -1 without
+        ("fd_rx2", "<i8"),
+        ("n_second", "<i8"),  # how many ids go out on the second bus, and which
+        ("second", "<i8", (SECOND_IDS,)),
         ("errno", "<i8"),  # of the last call that failed
         ("inbox_put", "<i8"),  # MEMORY: frames put into, and taken out of, the inbox
         ("inbox_taken", "<i8"),
         ("outbox_put", "<i8"),
         ("tx", "u1", (FRAME_BYTES,)),  # the frame being sent
         ("rx", "u1", (FRAME_BYTES,)),  # the frame last received
+        ("waiting", "<i8", (2,)),  # two of struct pollfd: descriptor, events, what came
         ("packet_tx", "u1", (PACKET_BYTES,)),  # UDP: the msgpack template
         ("packet_rx", "u1", (PACKET_BYTES,)),
         ("inbox", "u1", (QUEUE_FRAMES, FRAME_BYTES)),

@@ -30,9 +30,10 @@ from drivers import codec, dbc, e2e, libc
 from drivers.jit import STEP, from_dtype, i8, loop, loop_function, stage, types
 from drivers.wire import FAILED, FRAME, NOTHING, get_frame, put_frame
 from drivers.wire_layout import MEMORY
+from executive import losses, timing
 from executive import shared as sh
 from executive import supervisor as sv
-from executive import timing
+from executive.losses import is_lost
 from executive.rings import now, publish, push_event, push_frame, push_record, stopping
 from executive.variables import (
     CLAMPED,
@@ -43,7 +44,6 @@ from executive.variables import (
     NMT,
     STATE,
     T_S,
-    TIMING_AT,
 )
 
 CLOCKED, ON_FRAMES = 0, 1
@@ -51,11 +51,6 @@ DRAIN_FRAMES = 1024  # at most this many in one pass
 
 N = from_dtype(sh.LOOP)
 STEPS = types.UniTuple(types.FunctionType(STEP), sh.MAX_BLOCKS)
-
-COUNTERS = np.array(
-    [sh.PASSES, sh.LATE, sh.SKIPPED, sh.HELD, sh.STALE, sh.SENT, sh.RECEIVED, sh.LOST,
-     sh.CRC_ERRORS, sh.REPEATED, sh.SATURATED]
-)  # fmt: skip
 
 
 # --------------------------------------------------------------------------------------------- wait
@@ -113,6 +108,11 @@ def take_frame(n: Any) -> Any:
     row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx[: n.n_rx])
     if row < 0:
         return row
+    after_loss = n.loss_state[row, losses.LOST]
+    if is_lost(n, row):
+        n.started += n.rx_role[row, sh.STARTS]  # nobody waits for it
+        push_frame(n, frame, 1, e2e.ON_PURPOSE)
+        return np.int64(-1)
     data = frame[8:16]
     used_before = n.rx_state[row, e2e.FRESH]
     state, lost = e2e.check(data, np.int64(frame[4]), row, n.rx, n.rx_state)
@@ -128,6 +128,9 @@ def take_frame(n: Any) -> Any:
         n.control[sh.CRC_ERRORS] += 1
     elif state == e2e.REPEATED:
         n.control[sh.REPEATED] += 1
+        n.started += n.rx_role[row, sh.STARTS] * after_loss  # of a whole turn of the counter
+    elif state == e2e.WRONG_SEQUENCE:
+        n.started += n.rx_role[row, sh.STARTS]  # it came; the next one will be trusted
     return row
 
 
@@ -346,19 +349,6 @@ def request_first_sample(n: Any) -> None:
             send_frame(n, row, 0)
 
 
-@loop_function
-def note_timing(n: Any) -> None:
-    """Write the stage times and the counters into the table."""
-    v = n.v
-    v[TIMING_AT] = 0.001 * (n.wake - n.deadline)
-    v[TIMING_AT + 1] = 0.001 * (n.received - n.wake)
-    v[TIMING_AT + 2] = 0.001 * (n.stepped - n.received)
-    v[TIMING_AT + 3] = 0.001 * (n.sent - n.stepped)
-    v[TIMING_AT + 4] = 0.001 * n.publish_ns
-    for i in range(COUNTERS.shape[0]):
-        v[TIMING_AT + 5 + i] = n.control[COUNTERS[i]]
-
-
 # ----------------------------------------------------------------------------------------- the loop
 
 
@@ -384,7 +374,7 @@ def one_pass(n: Any, steps: Any) -> Any:
     step_blocks(n, steps)
     limit(n)
     transmit(n)
-    note_timing(n)
+    timing.note(n)
     publish(n)
     push_record(n)
     n.control[sh.PASSES] = n.passes + 1
@@ -417,12 +407,14 @@ def finish(n: Any) -> None:
 
 @loop_function
 def wait_for_peer(n: Any) -> Any:
-    """Block until a frame of the plant is seen, and answer; return False when the host stops us."""
+    """Block until the node below is heard, and answer; return False when the host stops us."""
     while not stopping(n):
         result = get_frame(n.wire, True)
-        if result == FRAME and take_frame(n) >= 0:
-            announce(n)
-            return True
+        if result == FRAME:
+            row = take_frame(n)
+            if row >= 0 and n.rx_role[row, sh.PEER] != 0:
+                announce(n)
+                return True
         if result == NOTHING:
             announce(n)
         if result == FAILED:

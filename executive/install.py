@@ -4,9 +4,11 @@ import math
 from typing import Any
 
 from drivers import dbc, e2e
+from executive import losses
 from executive import shared as sh
 from executive.cycle import CLOCKED, ON_FRAMES
-from executive.node import Plan, awaited, cycles_of, heartbeat, starts
+from executive.node import Plan, cycles_of
+from executive.protocol import awaited, heartbeat, starts
 from executive.rig_schema import FALLBACK
 from executive.timing import reset
 
@@ -15,7 +17,7 @@ PATIENCE_S = 5.0  # lockstep and sync: silence after which the other node is giv
 
 
 def install(made: Plan, loop: Any) -> None:
-    """Write `made` into the zeroed LOOP record `loop`; its wire stays as it is."""
+    """Write `made` into the zeroed LOOP record `loop`; of its wire only what goes out where."""
     config = made.rig.config
     _install_schedule(made, loop)
     reset(loop)
@@ -30,9 +32,11 @@ def install(made: Plan, loop: Any) -> None:
     _install_frames(made, loop)
     _install_wiring(made, loop)
     loop.mode_index = -1
-    if made.role == "plant":
+    if made.role != "executive":
         modes = [
-            f"rx.{f.name}.mode" for f in made.rx_frames if any(s.name == "mode" for s in f.signals)
+            f"rx.{f.name}.mode"
+            for f in made.rx_frames
+            if f.name not in made.below and any(s.name == "mode" for s in f.signals)
         ]
         loop.mode_index = made.table.index[modes[0]] if modes else -1
     for i, (name, limit) in enumerate(made.spec.limits.items()):
@@ -52,16 +56,17 @@ def install(made: Plan, loop: Any) -> None:
 
 
 def _install_schedule(made: Plan, loop: Any) -> None:
-    config = made.rig.config
-    plant = made.role == "plant"
-    loop.is_plant = plant
-    clocked = made.pacing == "real" or (made.pacing == "sync" and not plant)
+    config, realtime = made.rig.config, made.rig.config.realtime
+    leads = made.role == "executive"
+    loop.is_plant = made.role == "plant"
+    clocked = made.pacing == "real" or (made.pacing == "sync" and leads)
     loop.trigger = CLOCKED if clocked else ON_FRAMES
     loop.period_ns = round(1e9 / config.rate_hz)
-    loop.phase_ns = round(loop.period_ns * config.realtime.plant_phase) if plant else 0
+    phase = {"executive": 0.0, "local": realtime.local_phase, "plant": realtime.plant_phase}
+    loop.phase_ns = round(loop.period_ns * phase[made.role])
     loop.late_ns = round(loop.period_ns * config.realtime.late_fraction)
-    loop.cycles = 2**62 if plant else cycles_of(made.rig)
-    loop.arm_pass = 1 if plant else 0
+    loop.cycles = cycles_of(made.rig) if leads else 2**62
+    loop.arm_pass = 0 if leads else 1
     loop.patience = round(PATIENCE_S / RECEIVE_TIMEOUT_S)
     loop.wait_recorder = made.pacing == "lockstep"
     _install_overrun(made, loop)
@@ -74,7 +79,7 @@ def _install_overrun(made: Plan, loop: Any) -> None:
     overrun = config.overrun
     loop.controller_block = loop.fallback_block = -1
     loop.overrun_policy = sh.SKIP
-    if made.role == "plant":
+    if made.role != "executive":
         return
     loop.grace_passes = round(overrun.grace_s * config.rate_hz)
     if overrun.fault_after is not None:
@@ -100,8 +105,13 @@ def _install_frames(made: Plan, loop: Any) -> None:
     loop.n_rx, loop.n_tx = len(made.rx_frames), len(made.tx_frames)
     loop.rx_state[: loop.n_rx] = e2e.new_state(loop.n_rx)
     for i, frame in enumerate(made.rx_frames):
-        loop.rx_role[i] = (starts(made.role, frame), awaited(made.role, frame))
-    loop.n_starters, loop.n_awaited = loop.rx_role[: loop.n_rx].sum(axis=0)
+        peer = made.role != "local" or frame.name in made.below
+        loop.rx_role[i] = (starts(made.role, frame, made.below), awaited(frame), peer)
+    loop.n_starters, loop.n_awaited, _ = loop.rx_role[: loop.n_rx].sum(axis=0)
+    losses.install(loop, made.rx_frames, made.rig.config.losses, made.rig.config.seed)
+    second = [f.can_id | f.extended << 31 for f in made.tx_frames if f.name in made.below]
+    loop.wire.n_second = len(second)
+    loop.wire.second[: len(second)] = second
     for i, frame in enumerate(made.tx_frames):
         loop.tx_role[i] = (frame.has_sequence, heartbeat(frame))
 

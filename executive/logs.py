@@ -4,12 +4,12 @@
     /can/frames         a message a frame: CDR header, then `FRAME`
     /events, /tunings   JSON
 
-Topics of the plant begin with /plant. `sequence` is the low half of the cycle number; `log_time` is
-wall time: stamp - clock_monotonic_ns + clock_wall_ns of the node's metadata, ns. Metadata records:
-`executive`, `plant` (versions, clock, machine), `variables:<topic>` (field -> name, unit, help),
-`run` (what the recorder counted), `recovered` (what was missing when the log was written anew).
-Attachments: rig, DBC, `<node>.json` (the block's description). A value whose checksum does not
-match is left out and told in `missing`: see `executive.mcap_reader`.
+Topics of the other nodes begin with their names: /plant, /local. `sequence` is the low half of the
+cycle number; `log_time` is wall time: stamp - clock_monotonic_ns + clock_wall_ns of the node's
+metadata, ns. Metadata records: one a node (versions, clock, machine), `variables:<topic>` (field ->
+name, unit, help), `run` (what the recorder counted), `recovered` (what was missing when the log was
+written anew). Attachments: rig, DBC, `<node>.json` (the block's description). A value whose
+checksum does not match is left out and told in `missing`: see `executive.mcap_reader`.
 """
 
 import hashlib
@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from executive.mcap_reader import LogError, Scan, scan, walk
 from executive.mcap_records import MESSAGE_HEAD, message_dtype
+from executive.roles import ROLES as NODES
 
-__all__ = ["LogError", "Scan", "message_dtype", "scan", "walk"]  # and what is defined here
+__all__ = ["NODES", "LogError", "Scan", "message_dtype", "scan", "walk"]  # and what is defined here
 
-NODES = ("executive", "plant")
 CDR_BYTES = 4  # the header of a CDR payload: 00 01 00 00, little-endian
 FRAME = np.dtype(
     [
@@ -208,7 +208,7 @@ def _descriptions(
     metadata: dict[str, dict[str, str]], attachments: Mapping[str, str], notes: list[str]
 ) -> dict[str, dict[str, Any]]:
     """Return the description of each node; add metadata that is damaged but repeated in there."""
-    found = {}
+    found: dict[str, dict[str, Any]] = {}
     for name in NODES:
         if name not in metadata and f"{name}.json" not in attachments:
             continue

@@ -8,22 +8,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from drivers import dbc
+from executive import protocol
 from executive import shared as sh
 from executive.block import Block, Port
 from executive.cycle import idle
 from executive.errors import RigError, did_you_mean
 from executive.rig import BlockSpec, NodeSpec, Rig
 from executive.rig_schema import FALLBACK
+from executive.roles import Role
 from executive.supervisor import FAULT_NAMES, STATE_NAMES
 from executive.table import Table, Variable, Views, add_block
 from executive.variables import HEAD, RESETS, TIMING
-
-Role = Literal["executive", "plant"]
 
 
 @dataclass
@@ -42,6 +42,7 @@ class Plan:
     values: dict[int, float] = field(default_factory=dict)
     schedule: list[tuple[int, int, float]] = field(default_factory=list)
     noted: list[int] = field(default_factory=list)
+    below: frozenset[str] = frozenset()  # of a local node: the frames on its bus to the plant
 
     @property
     def steps(self) -> tuple[Any, ...]:
@@ -51,8 +52,13 @@ class Plan:
 
     @property
     def receive_ids(self) -> list[int]:
-        """The ids this node listens to."""
-        return [frame.can_id for frame in self.rx_frames]
+        """The ids this node listens to; a local node: towards the executive."""
+        return [frame.can_id for frame in self.rx_frames if frame.name not in self.below]
+
+    @property
+    def receive_ids_below(self) -> list[int]:
+        """The ids a local node listens to on its bus to the plant."""
+        return [frame.can_id for frame in self.rx_frames if frame.name in self.below]
 
     def columns(self, timing: bool) -> list[int]:
         """Return the places of the recorded variables, of the timing or of the state record."""
@@ -70,12 +76,15 @@ class Plan:
 
 def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     """Check the wiring of one node and lay out its table; RigError, BusError say what is wrong."""
-    spec = rig.nodes()[0 if role == "executive" else 1]
+    spec = rig.nodes()[role]
     made = Plan(rig, role, spec, pacing)
     database = _database(rig.dbc, rig.dbc.stat().st_mtime_ns)
     made.rx_frames = list(dbc.frames(database, spec.name, "rx"))
-    made.tx_frames = sorted(dbc.frames(database, spec.name, "tx"), key=_sending_order)
-    _check_protocol(made)
+    made.tx_frames = sorted(dbc.frames(database, spec.name, "tx"), key=protocol.sending_order)
+    if role == "local":
+        made.below = protocol.towards_plant(rig, database)
+    protocol.check(rig, role, made.rx_frames, made.tx_frames)
+    protocol.check_losses(rig, database)
     _lay_out(made)
     _wire_blocks(made)
     _wire_frames(made)
@@ -115,39 +124,6 @@ def check_rate(rig: Rig, pacing: str) -> float:
             "lower rate_hz, use pacing lockstep, or --set bus.bitrate=null for no limit",
         )
     return load
-
-
-def _sending_order(frame: dbc.Frame) -> tuple[bool, bool, int]:
-    """Slow frames first, then the frames of every cycle, SYNC last; each by id."""
-    return frame.has_sequence, frame.cycle_ms == 0.0, frame.can_id
-
-
-def _check_protocol(made: Plan) -> None:
-    frames = made.rx_frames if made.role == "plant" else made.tx_frames
-    if not any(frame.has_sequence for frame in frames):
-        raise made.rig.error(
-            "dbc",
-            "no SYNC frame from executive to plant; give one frame the signals sequence and crc",
-        )
-    if not any(awaited(made.role, frame) for frame in made.rx_frames):
-        raise made.rig.error(
-            "dbc", f'{made.spec.name} receives no frame with send type "EveryCycle"'
-        )
-
-
-def awaited(role: Role, frame: dbc.Frame) -> bool:
-    """Return True if a cycle without this frame counts as missing input."""
-    return frame.cycle_ms == 0.0 and not frame.has_sequence
-
-
-def starts(role: Role, frame: dbc.Frame) -> bool:
-    """Return True if this frame starts a cycle where no clock does."""
-    return frame.has_sequence if role == "plant" else awaited(role, frame)
-
-
-def heartbeat(frame: dbc.Frame) -> bool:
-    """Return True for CANopen's heartbeat, which nodes also send while they look for each other."""
-    return 0x700 <= frame.can_id < 0x780
 
 
 def _lay_out(made: Plan) -> None:

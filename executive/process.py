@@ -38,8 +38,9 @@ from executive.emath_selftest import selftest
 from executive.errors import RigError
 from executive.facts import facts
 from executive.install import install
-from executive.node import Plan, Role, check_pacing, check_rate, describe, plan
+from executive.node import Plan, check_pacing, check_rate, describe, plan
 from executive.rig import Rig, load_rig
+from executive.roles import ROLES, Role
 
 OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
 _PR_SET_PDEATHSIG = 1
@@ -63,7 +64,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("executive.process")
-    parser.add_argument("role", choices=("executive", "plant"))
+    parser.add_argument("role", choices=ROLES)
     parser.add_argument("rig")
     parser.add_argument("--pacing", choices=("real", "sync", "lockstep"))
     parser.add_argument("--bus")
@@ -105,7 +106,7 @@ class Process:
         self.report = realtime.prepare_process()
         block = sh.create(name, describe(self.plan, metadata))
         try:
-            buses.open_bus(self.bus, self.plan.receive_ids, block.loop.wire)
+            open_buses(self.rig, self.bus, self.plan, block.loop.wire)
         except BusError:
             block.unlink()
             raise
@@ -128,9 +129,11 @@ class Process:
     def _loop(self, block: sh.Shared) -> None:
         """Be the loop's thread: real-time settings, self-test, then the compiled loop."""
         settings = self.rig.config.realtime
-        plant = self.role == "plant"
-        priority = settings.plant_priority if plant else settings.priority
-        cpu = settings.plant_cpu if plant else settings.cpu
+        priority = {
+            "executive": settings.priority, "local": settings.local_priority,
+            "plant": settings.plant_priority,
+        }[self.role]  # fmt: skip
+        cpu = settings.plant_cpu if self.role == "plant" else settings.cpu
         self.report += realtime.prepare_thread(priority, cpu)
         selftest()
         warning = self.report.warning()
@@ -139,6 +142,31 @@ class Process:
         block["control"][sh.REALTIME] = self.report.is_realtime
         block["control"][sh.READY] = 1
         run(block.loop, self.plan.steps)
+
+
+def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
+    """Open the bus of a node of `rig`, or both of a local node, into the WIRE `end`; BusError.
+
+    `bus` is the executive's.
+    """
+    below = bus_below(rig, bus)
+    if made.role == "plant" and below is not None:
+        buses.open_bus(below, made.receive_ids, end)
+        return
+    buses.open_bus(bus, made.receive_ids, end)
+    if made.role == "local" and below is not None:
+        buses.open_second(below, made.receive_ids_below, end)
+
+
+def bus_below(rig: Rig, bus: buses.Bus) -> buses.Bus | None:
+    """Return the bus between local node and plant; None for a rig of two nodes."""
+    local = rig.config.local
+    if local is None:
+        return None
+    if local.bus is None:
+        return buses.beside(bus)
+    channel = None if local.bus.channel is None else str(local.bus.channel)
+    return buses.choose(local.bus.interface, channel)
 
 
 def _asked_to_end() -> bool:

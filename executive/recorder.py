@@ -356,7 +356,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("out", type=Path)
     parser.add_argument("executive")
-    parser.add_argument("plant", nargs="?")
+    parser.add_argument("others", nargs="*", help="blocks that may appear later or never")
     options = parser.parse_args(argv)
     stopped: list[int] = []
     for number in (signal.SIGTERM, signal.SIGHUP):  # handlers: numpy's threads escape a signal mask
@@ -364,8 +364,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the nodes; it sees them end
     os.nice(10)
     try:
-        late = [options.plant] if options.plant else []
-        recorder = Recorder(options.out, [shared.attach(options.executive)], late)
+        recorder = Recorder(options.out, [shared.attach(options.executive)], options.others)
     except (RecordError, SharedError) as error:
         print(error, file=sys.stderr)
         return NO_ENVIRONMENT

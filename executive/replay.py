@@ -29,8 +29,10 @@ from executive.cycle import STEPS, N, one_pass, request_first_sample, take_frame
 from executive.emath_selftest import selftest
 from executive.facts import facts
 from executive.install import install
-from executive.node import Role, describe, heartbeat, plan
+from executive.node import describe, plan
+from executive.protocol import heartbeat
 from executive.rig import Rig
+from executive.roles import Role
 from executive.variables import COUNTED
 
 CYCLES_AT_ONCE = 1000  # the rings hold several thousand

@@ -1,7 +1,5 @@
 """The rig file: one experiment, read by every process that takes part in it.
 
-    value of a setting = port's default  <  plant.parameters_file  <  rig file  <  --set
-
 `load_rig` checks all that can be known without the wiring (that is `executive.table`'s): keys,
 types, ranges, files, laws, settings and their units. Every message says where:
 `file:line:column: path: what; cure`.
@@ -13,41 +11,24 @@ types, ranges, files, laws, settings and their units. Every message says where:
 numba is imported with the first law, so that reading a rig with `resolve=False` is fast.
 """
 
-import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
 from executive import yamlfile
 from executive.errors import RigError, did_you_mean
-from executive.laws import project_name, resolve
+from executive.laws import project_name
+from executive.rig_blocks import BlockSpec, blocks, law_keys, parameters_file
 from executive.rig_options import apply, unknown_controller
-from executive.rig_schema import FALLBACK, Config, Entry, Evaluation, Limit, Parameter, Plant
+from executive.rig_schema import FALLBACK, Config, Evaluation, Limit
+from executive.roles import ROLES, Role
 from executive.typed import convert
 from executive.yamlfile import Document, Keys, Place
-
-if TYPE_CHECKING:
-    from executive.block import Block, Port
-
-
-@dataclass(frozen=True)
-class BlockSpec:
-    """A block of a node: its complete settings, its wiring, and where each was given."""
-
-    name: str
-    block: "Block"
-    settings: dict[str, float]
-    inputs: dict[str, str]
-    places: dict[str, str] = field(repr=False)
-
-    def where(self, path: str = "") -> str:
-        """Return the place of `law`, `inputs.x` or `parameters.x`, else that of the block."""
-        return self.places.get(path, self.places[""])
 
 
 @dataclass(frozen=True)
@@ -96,25 +77,36 @@ class Rig:
         """Return the error `file:line:column: path: what` for the caller to raise."""
         return self.document.error(path, what)
 
-    def nodes(self) -> tuple[NodeSpec, NodeSpec]:
-        """Return the executive and the plant, with laws imported and settings complete."""
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        """The nodes that this rig has."""
+        return tuple(self.config.sections)
+
+    def nodes(self) -> dict[Role, NodeSpec]:
+        """Return the nodes by role, with laws imported and settings complete."""
         return self._nodes
 
     @cached_property
-    def _nodes(self) -> tuple[NodeSpec, NodeSpec]:
+    def _nodes(self) -> dict[Role, NodeSpec]:
         config, document = self.config, self.document
-        control, plant = config.executive, config.plant
-        return (
-            NodeSpec(
-                control.node, _blocks(document, config, "executive", {}),
+        control, local, plant = config.executive, config.local, config.plant
+        found: dict[Role, NodeSpec] = {
+            "executive": NodeSpec(
+                control.node, blocks(document, config, "executive", {}),
                 {**control.transmit, **config.controllers[config.controller].transmit},
                 dict(control.limits), {},
             ),
-            NodeSpec(
-                plant.node, _blocks(document, config, "plant", _parameters(document, plant)),
-                dict(plant.transmit), {}, dict(plant.safe),
-            ),
+        }  # fmt: skip
+        if local is not None:
+            found["local"] = NodeSpec(
+                local.node, blocks(document, config, "local", {}),
+                dict(local.transmit), dict(local.limits), dict(local.safe),
+            )  # fmt: skip
+        found["plant"] = NodeSpec(
+            plant.node, blocks(document, config, "plant", parameters_file(document, plant)),
+            dict(plant.transmit), {}, dict(plant.safe),
         )  # fmt: skip
+        return found
 
     def resolved(self) -> str:
         """Return the effective rig as YAML, for a log: no base, no parameters file, every setting.
@@ -130,9 +122,9 @@ class Rig:
         With them a log explains itself. Other files that a law imports are not in it.
         """
         found = {}
-        for spec, section in zip(self.nodes(), ("executive", "plant"), strict=True):
+        for section, spec in self.nodes().items():
             for block in spec.blocks:
-                keys = (*_law_keys(self.config, section, block.name), "law")
+                keys = (*law_keys(self.config, section, block.name), "law")
                 name = _rebased(self.document, keys, str(_get(self.document.data, keys)))
                 file = name.partition(":")[0]
                 if file.endswith(".py"):
@@ -144,9 +136,9 @@ class Rig:
         data = msgspec.to_builtins(self.config)
         for keys in _file_keys(data):
             _put(data, keys, _rebased(self.document, keys, _get(data, keys)))
-        for spec, section in zip(self.nodes(), ("executive", "plant"), strict=True):
+        for section, spec in self.nodes().items():
             for block in spec.blocks:
-                keys = _law_keys(self.config, section, block.name)
+                keys = law_keys(self.config, section, block.name)
                 _put(data, (*keys, "parameters"), dict(block.settings))
         data["plant"]["parameters_file"] = None
         return yamlfile.dump(data)
@@ -217,14 +209,17 @@ def _check_overrun(document: Document, config: Config) -> None:
 
 def _check_blocks(document: Document, config: Config) -> None:
     reserved = {*Config.__struct_fields__, FALLBACK, "rx", "tx", "timing"} - {"controller"}
-    for section, node in (("executive", config.executive), ("plant", config.plant)):
+    first: dict[str, str] = {}
+    for section, node in config.sections.items():
         for name, entry in node.blocks.items():
             keys: Keys = (section, "blocks", name)
             if name in reserved:
                 raise document.error(keys, "this name is taken; rename the block")
-            if section == "plant" and name in config.executive.blocks:
-                first = document.where(("executive", "blocks", name))
-                raise document.error(keys, f"the executive has this block, {first}; rename one")
+            if name in first:
+                where = document.where((first[name], "blocks", name))
+                what = f"the {first[name]} has this block, {where}; rename one"
+                raise document.error(keys, what)
+            first[name] = section
             if section == "executive" and name == "controller":
                 for key in ("law", "parameters"):
                     if getattr(entry, key):
@@ -259,7 +254,7 @@ def _file_keys(data: Mapping[str, Any]) -> list[Keys]:
     """Return the paths of all values of a rig that name a file."""
     keys: list[Keys] = [("dbc",), ("plant", "parameters_file"), ("evaluation", "file")]
     keys += [("controllers", name, "law") for name in data["controllers"]]
-    for section in ("executive", "plant"):
+    for section in (role for role in ROLES if data[role] is not None):
         keys += [(section, "blocks", name, "law") for name in data[section]["blocks"]]
     return [key for key in keys if _get(data, key) is not None]
 
@@ -285,104 +280,3 @@ def _put(data: Any, keys: Keys, value: Any) -> None:
     for key in keys[:-1]:
         data = data[key]
     data[keys[-1]] = value
-
-
-def _parameters(document: Document, plant: Plant) -> dict[str, tuple[Parameter, Document, Keys]]:
-    """Return the parameters file by name, each with its document and path."""
-    if plant.parameters_file is None:
-        return {}
-    source = yamlfile.load(document.file(("plant", "parameters_file"), plant.parameters_file))
-    groups = convert(source, source.data, dict[str, dict[str, Parameter]], ())
-    flat: dict[str, tuple[Parameter, Document, Keys]] = {}
-    for group, parameters in groups.items():
-        for name, parameter in parameters.items():
-            if name in flat:
-                first = source.where(flat[name][2])
-                raise source.error((group, name), f"given twice, first at {first}; rename one")
-            flat[name] = (parameter, source, (group, name))
-    return flat
-
-
-# Blocks
-
-
-def _law_keys(config: Config, section: str, name: str) -> Keys:
-    if section == "executive" and name == FALLBACK and config.overrun.fallback is not None:
-        return ("controllers", config.overrun.fallback)
-    if section == "executive" and name == "controller":
-        return ("controllers", config.controller)
-    return (section, "blocks", name)
-
-
-def _blocks(
-    document: Document, config: Config, section: str,
-    shared: Mapping[str, tuple[Parameter, Document, Keys]],
-) -> list[BlockSpec]:  # fmt: skip
-    """Return the blocks of a node; `shared` goes to every block that has such a setting."""
-    specs: list[BlockSpec] = []
-    unused = dict(shared)
-    for name, entry in _entries(config, section):
-        keys = _law_keys(config, section, name)
-        law = config.controllers[str(keys[1])] if keys[0] == "controllers" else entry
-        block = resolve(document, keys, str(law.law))
-        places = {"": document.where((section, "blocks", name))}
-        places |= {"law": document.where((*keys, "law"))}
-        for inputs, at in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):
-            places |= {f"inputs.{key}": document.where((*at, "inputs", key)) for key in inputs}
-        settings = _settings(document, keys, law.parameters, block, shared, places)
-        for used in settings:
-            unused.pop(used, None)
-        specs.append(BlockSpec(name, block, settings, {**entry.inputs, **law.inputs}, places))
-    for name, (_, source, at) in unused.items():
-        known = [setting for spec in specs for setting in spec.settings]
-        raise source.error(at, f"no block of the plant has {name}{did_you_mean(name, known)}")
-    return specs
-
-
-def _entries(config: Config, section: str) -> Iterator[tuple[str, Entry]]:
-    """Yield the blocks of a node; a fallback follows its controller and is wired alike."""
-    blocks = config.executive.blocks if section == "executive" else config.plant.blocks
-    for name, entry in blocks.items():
-        yield name, entry
-        if section == "executive" and name == "controller" and config.overrun.fallback is not None:
-            yield FALLBACK, entry
-
-
-def _settings(
-    document: Document, keys: Keys, given: Mapping[str, float], block: "Block",
-    shared: Mapping[str, tuple[Parameter, Document, Keys]], places: dict[str, str],
-) -> dict[str, float]:  # fmt: skip
-    """Return all settings of a block in the order of its ports; their places go to `places`."""
-    ports = {name: port for port in block.settings or block.parameters for name in port.names()}
-    for name in given:
-        if name not in ports:
-            at = (*keys, "parameters", name)
-            raise document.error(at, f"unknown parameter{did_you_mean(name, ports)}")
-    settings: dict[str, float] = {}
-    for name, port in ports.items():
-        source, at = document, (*keys, "parameters", name)
-        if name in shared and shared[name][0].unit != port.unit:
-            parameter, source, at = shared[name]
-            what = f"unit '{parameter.unit}' where block {keys[-1]} has '{port.unit}'"
-            raise source.error((*at, "unit"), what)
-        if name in given:
-            settings[name] = given[name]
-        elif name in shared:
-            parameter, source, at = shared[name]
-            settings[name] = parameter.value
-        elif port.default is not None:
-            settings[name] = port.default
-            continue
-        else:
-            unit = f" [{port.unit}]" if port.unit else ""
-            raise document.error(keys, f"parameter {name}{unit} is missing: {port.help}")
-        places[f"parameters.{name}"] = source.where(at)
-        _check_range(source, at, name, port, settings[name])
-    return settings
-
-
-def _check_range(source: Document, at: Keys, name: str, port: "Port", value: float) -> None:
-    if not (port.low <= value <= port.high and math.isfinite(value)):
-        unit = f" {port.unit}" if port.unit else ""
-        what = f"{value:.12g} is outside {port.low:.12g}..{port.high:.12g}{unit}"
-        raise source.error(at, f"{name}: {what}" if source.place(at).option else what)

@@ -14,7 +14,7 @@ from executive.yamlfile import Document, Keys, Place, dotted
 def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
     """Put the `--set` options into the data, keys of the rig first: one may be `controller`."""
     keys_of = dict(_leaves(msgspec.to_builtins(config), ()))
-    blocks = [*config.executive.blocks, *config.plant.blocks]
+    blocks = {name: role for role, node in config.sections.items() for name in node.blocks}
     rest: list[tuple[str, Any, Place]] = []
     for setting in settings:
         place = Place(document.path, option=f"--set {setting}")
@@ -31,11 +31,11 @@ def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
         if block not in blocks or not setting:
             names = [*keys_of, *(f"{known}.{setting or name}" for known in blocks)]
             raise RigError(f"{place}: no such setting{did_you_mean(name, names)}")
-        section = "executive" if block in config.executive.blocks else "plant"
         chosen = document.data["controller"]
         if block == "controller" and chosen not in document.data["controllers"]:
             unknown_controller(document, chosen, config)
-        keys = ("controllers", chosen) if block == "controller" else (section, "blocks", block)
+        own: Keys = (blocks[block], "blocks", block)
+        keys = ("controllers", chosen) if block == "controller" else own
         document.put((*keys, "parameters", setting), value, place)
 
 

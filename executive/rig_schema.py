@@ -4,6 +4,8 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
+from executive.roles import Role
+
 FALLBACK = "fallback"  # name of the block that waits for `overrun.fallback`
 Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]+\Z")]
 BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]*\Z")]
@@ -31,6 +33,7 @@ class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Scheduling. `plant_phase`: fraction of a period by which the plant's cycle follows.
 
+    `local_phase`, `local_priority`: the same of a local node, which rigs of three nodes have.
     `late_fraction`: fraction of a period after which a wake-up counts as late. `cpu`, `plant_cpu`:
     the processor to stay on, with SCHED_FIFO only.
     """
@@ -39,6 +42,8 @@ class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     plant_priority: Priority = 70
     plant_phase: Fraction = 0.5
     late_fraction: Fraction = 0.1
+    local_phase: Fraction = 0.3333
+    local_priority: Priority = 75
     cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
     plant_cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
 
@@ -114,6 +119,31 @@ class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     safe: dict[str, float] = {}
 
 
+class Local(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The node between executive and plant; `bus` is the one towards the plant.
+
+    `bus` null: beside the executive's, vcan1 to vcan0, the next port of udp_multicast. `safe` are
+    the values that its watchdog substitutes for what it receives.
+    """
+
+    node: str
+    blocks: dict[BlockName, Entry]
+    bus: Bus | None = None
+    transmit: dict[str, str] = {}
+    limits: dict[str, Limit] = {}
+    safe: dict[str, float] = {}
+
+
+class Loss(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Loss of a frame on purpose, at its receivers: `share` of all, in runs of `burst` on average.
+
+    The log holds what was lost; the receiver counts it by the counter that is missing.
+    """
+
+    share: Annotated[float, Meta(ge=0, lt=1)]
+    burst: Annotated[float, Meta(ge=1)] = 1.0
+
+
 class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Parameters that change at a time of the run, all in the same cycle."""
 
@@ -163,12 +193,22 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     timing: Timing = Timing()
     executive: Executive
     plant: Plant
+    local: Local | None = None
+    losses: dict[str, Loss] = {}
     evaluation: dict[str, Any] | None = None
     watch: str | None = None
     record: Record = Record()
     schedule: list[Tuning] = []
     note: list[str] = []
     expect: dict[str, dict[str, tuple[float, float]]] = {}
+
+    @property
+    def sections(self) -> dict[Role, Executive | Local | Plant]:
+        """The nodes that this rig has, by role."""
+        found: dict[Role, Executive | Local | Plant] = {"executive": self.executive}
+        if self.local is not None:
+            found["local"] = self.local
+        return found | {"plant": self.plant}
 
 
 class Evaluation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -68,7 +68,7 @@ EVENT_RING_ROWS = 1 << 10
 
 # columns of `limits` (low, high, change a cycle, last value) and `safe` (last value, safe value)
 LOW, HIGH, RATE, LAST, SAFE = range(5)
-STARTS, AWAITED = 0, 1  # columns of `rx_role`
+STARTS, AWAITED, PEER = 0, 1, 2  # columns of `rx_role`; PEER: of the node that is waited for
 SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `overrun_policy`
 STAGES, BUCKETS, LATEST = 6, 320, 8  # sizes of `executive.timing`
 COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
@@ -138,7 +138,8 @@ LOOP = np.dtype(
         ("rx", "<i8", (MAX_FRAMES, 12)),  # tables of drivers.dbc
         ("rx_signals", "<i8", (MAX_SIGNALS, 10)),
         ("rx_scales", "<f8", (MAX_SIGNALS, 4)),
-        ("rx_role", "<i8", (MAX_FRAMES, 2)),
+        ("rx_role", "<i8", (MAX_FRAMES, 3)),
+        ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.losses`
         ("tx", "<i8", (MAX_FRAMES, 12)),  # in the order of sending
         ("tx_signals", "<i8", (MAX_SIGNALS, 10)),
         ("tx_scales", "<f8", (MAX_SIGNALS, 4)),
@@ -163,6 +164,7 @@ LOOP = np.dtype(
         ("gain", "<f8"),  # 1, or how far the ramp of FAULT has come down
         ("v", "<f8", (MAX_VARIABLES,)),  # the table
         ("rx_state", "<i8", (MAX_FRAMES, 9)),  # receivers, see drivers.e2e
+        ("loss_state", "<i8", (MAX_FRAMES, 2)),
         ("overruns", "<i8"),  # in a row
         ("times", "<i8", (STAGES,)),
         ("usage", "<i8", (18,)),  # struct rusage

@@ -19,7 +19,7 @@ from drivers import libc
 from drivers.jit import loop_function
 from executive import shared as sh
 from executive.rings import push_event
-from executive.variables import RESET, STATISTICS_AT
+from executive.variables import RESET, STATISTICS_AT, TIMING_AT
 
 WAKE_LATE, RECEIVE, STEP, SEND, PUBLISH, WORK = range(sh.STAGES)
 UPDATE_PASSES = 128  # the table's percentiles are renewed this often
@@ -27,6 +27,25 @@ RUSAGE_THREAD = 1
 SHOWN = np.array([WAKE_LATE, WORK])
 POINTS = np.array([0.5, 0.99, 0.999])
 USAGE = np.array([8, 9, 16, 17])  # of struct rusage: minor, major faults, switches asked, forced
+
+
+COUNTERS = np.array(
+    [sh.PASSES, sh.LATE, sh.SKIPPED, sh.HELD, sh.STALE, sh.SENT, sh.RECEIVED, sh.LOST,
+     sh.CRC_ERRORS, sh.REPEATED, sh.SATURATED]
+)  # fmt: skip
+
+
+@loop_function
+def note(n: Any) -> None:
+    """Write the stage times and the counters of this cycle into the table."""
+    v = n.v
+    v[TIMING_AT] = 0.001 * (n.wake - n.deadline)
+    v[TIMING_AT + 1] = 0.001 * (n.received - n.wake)
+    v[TIMING_AT + 2] = 0.001 * (n.stepped - n.received)
+    v[TIMING_AT + 3] = 0.001 * (n.sent - n.stepped)
+    v[TIMING_AT + 4] = 0.001 * n.publish_ns
+    for i in range(COUNTERS.shape[0]):
+        v[TIMING_AT + 5 + i] = n.control[COUNTERS[i]]
 
 
 @loop_function

@@ -15,11 +15,10 @@ from drivers import dbc
 from drivers.errors import BusError
 from executive import shared as sh
 from executive.errors import RigError
-from executive.node import Plan, Role, check_pacing, check_rate, cycles_of, plan
+from executive.node import Plan, check_pacing, check_rate, cycles_of, plan
 from executive.rig import Rig, load_rig
 
 OK, BAD_RIG, NO_ENVIRONMENT = 0, 2, 4
-ROLES: tuple[Role, Role] = ("executive", "plant")
 _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 
 
@@ -27,7 +26,7 @@ def command(options: argparse.Namespace) -> int:
     """Check and describe a rig; print errors; return the exit code."""
     try:
         rig = load_rig(options.rig, options.controller, options.set)
-        plans = [plan(rig, role, rig.config.pacing) for role in ROLES]
+        plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
         check_pacing(rig, rig.config.pacing)
         check_rate(rig, rig.config.pacing)
         report = describe(rig, plans)

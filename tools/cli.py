@@ -30,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parser(words[:1]).parse_args(words)
     if options.command in _MODULES:
         return int(import_module(_MODULES[options.command]).command(options))
-    if options.command in ("run", "exec", "plant", "simulate"):
+    if options.command in ("run", "exec", "local", "plant", "simulate"):
         from tools.run import command
 
         return command(options)
@@ -127,6 +127,8 @@ def _add_runs(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
         ("run", "start emulator, executive and recorder, end with a verdict", f"pcpc run {_RIG}"),
         ("exec", "start executive and recorder only", f"pcpc exec {_RIG} --bus vcan0"),
         ("plant", "start the emulator only", f"pcpc plant {_RIG} --bus vcan0"),
+        ("local", "start the node between executive and plant only, of a rig with three",
+         "pcpc local plants/telerobot/rigs/telerobot-rnn.yaml --bus vcan0"),
         ("simulate", "run the same in virtual time, in one process, without a bus",
          f"pcpc simulate {_RIG} --controller pid"),
     ):  # fmt: skip

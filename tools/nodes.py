@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from executive import shared as sh
 from executive.errors import did_you_mean
+from executive.roles import ROLES
 
 OK, WRONG_INPUT, NO_NODE, INTERRUPTED = 0, 2, 4, 130
-ROLES = ("executive", "plant")
 LEVELS = ("none", "tune", "all")  # by the value of the control word LOCK
 _PATIENCE_S = 2.0  # a node that runs takes tunings within a period
 _POLL_S = 0.001

@@ -91,9 +91,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     one.add_argument("log", metavar="LOG", help="log of a run; nothing else is needed")
-    one.add_argument(
-        "--node", choices=("executive", "plant", "both"), default="both", help="default: both"
-    )
+    one.add_argument("--node", choices=(*logs.NODES, "all"), default="all", help="default: all")
     one.add_argument("--controller", metavar="NAME", help="another controller of the log's rig")
     one.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE",
@@ -129,7 +127,7 @@ def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[
     head = logs.head(path)
     with tempfile.TemporaryDirectory(prefix="pcpc-replay-") as folder:
         rig = rig_of(head, Path(folder), options.controller, options.set)
-        roles = [r for r in logs.NODES if r in head.node and options.node in (r, "both")]
+        roles = [r for r in logs.NODES if r in head.node and options.node in (r, "all")]
         if not roles:
             raise logs.LogError(f"{path}: no record of node {options.node}")
         nodes = [Comparison(head, rig, role) for role in roles]

@@ -64,7 +64,7 @@ class Host:
         signal.signal(signal.SIGTERM, self._interrupt)
         for role in self.roles:
             module = "plants.emulator" if role == "plant" else "executive.process"
-            role_word = [] if role == "plant" else ["executive"]
+            role_word = [] if role == "plant" else [role]
             arguments = [*role_word, *_child_arguments(self.options, str(self.bus))]
             self.children[role] = Child(role, module, arguments, interpreted=not self.bus.compiled)
         try:
@@ -119,7 +119,7 @@ class Host:
     def _start_recorder(self) -> None:
         if "recorder" in self.children or "executive" not in self.blocks:
             return
-        names = [self._block_name(role) for role in ("executive", "plant")]
+        names = [self._block_name(role) for role in self.rig.roles]
         log = str(self.folder / LOG)
         self.children["recorder"] = Child(
             "recorder", "executive.recorder", [log, *names], survives=True
@@ -168,16 +168,17 @@ class Host:
             recorder.end(_DRAIN_S)
             if recorder_first and recorder.code > 0:
                 self.outcome.faults.append("the recorder ended before the nodes")
-        elif "plant" in self.blocks:
-            self._await_other_recorder()
+        elif "executive" not in self.roles:
+            for block in self.blocks.values():
+                self._await_other_recorder(block)
         for name, child in self.children.items():
             self.outcome.judge(name, child.code, self.blocks.get(name))
         for block in self.blocks.values():
             block.unlink()
 
-    def _await_other_recorder(self) -> None:
-        """Keep the emulator's block until the executive's host on this machine is done with it."""
-        until, ends = time.monotonic() + _DRAIN_S, self.blocks["plant"]["record_ends"]
+    def _await_other_recorder(self, block: sh.Shared) -> None:
+        """Keep a node's block until the executive's host on this machine is done with it."""
+        until, ends = time.monotonic() + _DRAIN_S, block["record_ends"]
         while sh.path_of(self._block_name("executive")).exists() and time.monotonic() < until:
             time.sleep(_POLL_S)
             if int(ends[sh.PUT]) == int(ends[sh.TAKEN]):  # it knows the block, which may go
@@ -239,11 +240,10 @@ def run_folder(options: argparse.Namespace, rig: Rig) -> Iterator[Path]:
                 path.rmdir()
 
 
-def on_bus(options: argparse.Namespace, roles: tuple[str, ...]) -> int:
+def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[str, ...]) -> int:
     """Run `roles` of a rig on a bus and sum up; return the exit code."""
-    rig = load_rig(options.rig, options.controller, options.set, resolve=False)
     if "executive" not in roles:
-        return plant_alone(options, rig)
+        return without_executive(options, rig, roles)
     with run_folder(options, rig) as folder:
         host = Host(options, rig, roles, folder)
         code = host.run()
@@ -253,9 +253,9 @@ def on_bus(options: argparse.Namespace, roles: tuple[str, ...]) -> int:
         return code
 
 
-def plant_alone(options: argparse.Namespace, rig: Rig) -> int:
-    """Run the emulator for an executive elsewhere, which keeps the log; return the exit code."""
-    host = Host(options, rig, ("plant",), Path())
+def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[str, ...]) -> int:
+    """Run nodes for an executive elsewhere, which keeps the log; return the exit code."""
+    host = Host(options, rig, roles, Path())
     code = host.run()
     for line in host.outcome.faults:
         print(line, file=sys.stderr)
@@ -318,11 +318,15 @@ def conclude(
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `run`, `exec`, `plant` or `simulate`; print errors in one line."""
-    roles = {"run": ("plant", "executive"), "exec": ("executive",), "plant": ("plant",)}
+    alone = {"exec": "executive", "local": "local", "plant": "plant"}
     try:
         if options.command == "simulate":
             return simulate(options)
-        return on_bus(options, roles[options.command])
+        rig = load_rig(options.rig, options.controller, options.set, resolve=False)
+        role = alone.get(options.command)
+        if role == "local" and rig.config.local is None:
+            raise RigError(f"{rig.path}: has no local node; use exec and plant")
+        return on_bus(options, rig, rig.roles[::-1] if role is None else (role,))
     except RigError as error:
         print(error, file=sys.stderr)
         return USAGE

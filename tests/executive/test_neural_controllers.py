@@ -103,7 +103,7 @@ def test_e_modification_keeps_the_weights_bounded_for_ten_minutes() -> None:
 
 def test_the_nominal_constants_are_those_of_the_nominal_barrel() -> None:
     beam = modal_data(Tube(1.20, 0.020, 0.014, 205e9, 7850.0, 0.15))
-    p = load_rig(RIGS / "hull.yaml", "pd_fast").nodes()[0].blocks[1].settings
+    p = load_rig(RIGS / "hull.yaml", "pd_fast").nodes()["executive"].blocks[1].settings
     inertia = 3.580456  # hub, straight barrel and 60^2 times the rotor
     m = beam.coupling[0]
     w_f = beam.omega_rad_s[0] / np.sqrt(1 - m * m / inertia)

@@ -107,7 +107,7 @@ def test_a_generator_is_a_function_of_time_only(name: str) -> None:
 @pytest.mark.parametrize("path", sorted(RIGS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_shipped_reference_starts_at_rest_angle_zero(path: Path) -> None:
     rig = load_rig(path)
-    spec = next(s for s in rig.nodes()[0].blocks if s.name == "reference")
+    spec = next(s for s in rig.nodes()["executive"].blocks if s.name == "reference")
     y = np.full(3, np.nan)
     p = np.array(list(spec.settings.values()))
     spec.block.step(0.0, 1e-3, p, np.empty(0), np.empty(0), y)

@@ -135,7 +135,7 @@ def test_a_rig_has_its_values_and_defaults(write: Write, tmp_path: Path) -> None
 
 
 def test_nodes_are_complete_and_in_order(write: Write) -> None:
-    control, plant = load_rig(write()).nodes()
+    control, plant = load_rig(write()).nodes().values()
     assert (control.name, plant.name) == ("EXEC", "PLANT")
     assert [spec.name for spec in control.blocks] == ["reference", "controller"]
     assert control.blocks[1].settings == {"kv_Nms_rad": 110.0, "lam_per_s": 16.0}
@@ -150,9 +150,9 @@ def test_nodes_are_complete_and_in_order(write: Write) -> None:
 def test_a_setting_comes_from_the_last_that_gives_it(write: Write) -> None:
     path = write()
     gaps = [
-        load_rig(write("      parameters: {gap_rad: 0.003}\n", "")).nodes()[1].blocks[0],
-        load_rig(write()).nodes()[1].blocks[0],
-        load_rig(path, settings=["barrel.gap_rad=0.05"]).nodes()[1].blocks[0],
+        load_rig(write("      parameters: {gap_rad: 0.003}\n", "")).nodes()["plant"].blocks[0],
+        load_rig(write()).nodes()["plant"].blocks[0],
+        load_rig(path, settings=["barrel.gap_rad=0.05"]).nodes()["plant"].blocks[0],
     ]
     assert [spec.settings["gap_rad"] for spec in gaps] == [0.002, 0.003, 0.05]
     assert [spec.where("parameters.gap_rad") for spec in gaps] == [
@@ -162,7 +162,7 @@ def test_a_setting_comes_from_the_last_that_gives_it(write: Write) -> None:
 
 def test_blocks_and_paths_know_their_place(write: Write) -> None:
     rig = load_rig(write(), "nn")
-    controller = rig.nodes()[0].blocks[1]
+    controller = rig.nodes()["executive"].blocks[1]
     assert controller.settings == {"w_0": 0.5, "w_1": 0.5, "w_2": 0.5}
     assert controller.inputs["extra"] == "barrel.rate_rad_s"
     places = [controller.where(path) for path in ("", "law", "inputs.extra", "inputs.q_rad")]
@@ -179,7 +179,7 @@ def test_a_controller_and_settings_apply(write: Write) -> None:
     config = rig.config
     assert (config.rate_hz, config.supervisor.ramp_s, config.seed) == (2000.0, 1.0, 0)
     assert (config.bus.bitrate, config.bus.channel, config.controller) == (None, "can0", "nn")
-    assert rig.nodes()[0].blocks[1].settings == {"w_0": 0.5, "w_1": 7.0, "w_2": 0.5}
+    assert rig.nodes()["executive"].blocks[1].settings == {"w_0": 0.5, "w_1": 7.0, "w_2": 0.5}
     assert config.executive.limits["CMD.motor_torque"].high == 1.5
     assert rig.evaluation and rig.evaluation.window_s == (1.0, 2.0)
 
@@ -328,7 +328,7 @@ def test_paths_start_from_the_file_that_says_them(write: Write, tmp_path: Path) 
         "base: ../small.yaml\nrig: child\nplant: {blocks: {barrel: {law: 'model.py:BARREL'}}}\n"
     )
     rig = load_rig(child)
-    help_text = rig.nodes()[1].blocks[0].block.parameters[1].help
+    help_text = rig.nodes()["plant"].blocks[0].block.parameters[1].help
     assert (rig.config.rig, rig.dbc.name, help_text) == ("child", "small.dbc", "other")
     assert rig.where("rig") == "sub/child.yaml:2:1" and rig.where("dbc") == "small.yaml:3:1"
     again = load_rig(child, text=rig.resolved())
@@ -349,7 +349,7 @@ def test_laws_are_found_by_name_module_or_file(
     by_module = load_rig(write('"laws.py:PD"', "own.pd_of_this_test:PD"))
     by_file = load_rig(write())
     for rig in (by_name, by_module, by_file):
-        assert rig.nodes()[0].blocks[1].settings["lam_per_s"] == 16.0
+        assert rig.nodes()["executive"].blocks[1].settings["lam_per_s"] == 16.0
 
 
 def test_a_file_of_the_project_is_imported_under_its_own_name(write: Write) -> None:
@@ -386,7 +386,7 @@ def effective(rig: Rig) -> Any:
     config.pop("controllers")
     nodes = [
         (n.name, [(b.name, b.settings, b.inputs) for b in n.blocks], n.transmit, n.limits, n.safe)
-        for n in rig.nodes()
+        for n in rig.nodes().values()
     ]
     for name in ("dbc", "evaluation"):
         config.pop(name)

@@ -53,7 +53,7 @@ def short(file: Path, controller: str) -> Rig:
     """Return the rig of a golden log: motion and network from the start."""
     plain = load_rig(file, controller)
     settings = [f"duration_s={LOG_CYCLES / plain.config.rate_hz!r}", "schedule=[]"]
-    for block in plain.nodes()[0].blocks:
+    for block in plain.nodes()["executive"].blocks:
         known = {"network_on": 1.0, "start_s": 0.0}
         settings += [f"{block.name}.{k}={v}" for k, v in known.items() if k in block.settings]
     return load_rig(file, controller, settings)

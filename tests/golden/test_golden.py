@@ -20,7 +20,7 @@ def test_a_golden_log_is_recomputed_bit_for_bit(name: str, tmp_path: Path) -> No
     assert len(packed) < LOG_BYTES, f"{name}: {len(packed)} bytes"
     log = tmp_path / "log.mcap"
     log.write_bytes(zstandard.ZstdDecompressor().decompress(packed, max_output_size=1 << 24))
-    options = argparse.Namespace(controller=None, set=[], node="both")
+    options = argparse.Namespace(controller=None, set=[], node="all")
     for verdict in replay(log, options, Progress(quiet=True)):
         assert verdict.cycles >= 30, verdict.cycles
         assert verdict.identical, f"{name}: {verdict.first()} {verdict.incomplete}; {BLESS}"

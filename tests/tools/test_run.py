@@ -137,7 +137,7 @@ def test_settings_are_in_the_log_and_hold_on_the_bus(
     assert not different, f"{rate_hz} Hz: {different}\n{done}"
     log = logs.read(folder / "log.mcap")
     resolved = load_rig(SLEW10, text=log.attachments["rig-resolved.yaml"])
-    control, plant = resolved.nodes()
+    control, plant = resolved.nodes().values()
     found = {
         "rate_hz": resolved.config.rate_hz, "seed": resolved.config.seed,
         "duration_s": resolved.config.duration_s,

@@ -174,6 +174,8 @@ static int64_t take_frame(loop *n)
         n->control[SH_CRC_ERRORS]++;
     } else if (state == E2E_REPEATED) {
         n->control[SH_REPEATED]++;
+    } else if (state == E2E_WRONG_SEQUENCE) {
+        n->started += n->rx_role[row][SH_STARTS];
     }
     return row;
 }

@@ -85,7 +85,7 @@ def loop_header() -> str:
         compiler.array("NEXT", "int64_t", supervisor.NEXT),
         compiler.array("NMT", "double", supervisor.NMT),
         compiler.array("USAGE", "int64_t", timing.USAGE),
-        compiler.array("COUNTERS", "int64_t", engine.COUNTERS),
+        compiler.array("COUNTERS", "int64_t", timing.COUNTERS),
     ]
     return "".join(texts)
 

@@ -46,7 +46,7 @@ class Unrecorded(Host):
     def _start_recorder(self) -> None:
         return
 
-    def _await_other_recorder(self) -> None:
+    def _await_other_recorder(self, block: sh.Shared) -> None:
         return
 
 

@@ -1,0 +1,67 @@
+"""Virtual time of a rig with a local node: `run_virtual` of `executive.virtual` for three nodes.
+
+A cycle k of all nodes: the plant samples, the local node takes that sample and what the executive
+sent in k - 1, the executive takes what the local node passed on. That is the order of lockstep.
+"""
+
+from typing import Any
+
+from drivers import wire
+from drivers.jit import i8, loop, loop_function
+from executive.cycle import (
+    STEPS,
+    N,
+    announce,
+    finish,
+    one_pass,
+    request_first_sample,
+    wait_for_peer,
+)
+
+
+@loop_function
+def _meet(executive: Any, local: Any, plant: Any) -> None:
+    """Let the local node find the plant, then the executive the local node."""
+    announce(plant)
+    wire.carry(plant.wire, local.wire)
+    wait_for_peer(local)
+    request_first_sample(local)
+    wire.deal(local.wire, executive.wire, plant.wire)
+    wait_for_peer(executive)
+    request_first_sample(executive)
+    wire.carry(executive.wire, local.wire)
+
+
+@loop_function
+def _pass_below(executive: Any, local: Any, relays: Any, plant: Any, models: Any) -> None:
+    """Do a pass of the plant, then one of the local node on its sample."""
+    plant.virtual_now = plant.k * plant.period_ns
+    one_pass(plant, models)
+    wire.carry(plant.wire, local.wire)
+    local.virtual_now = local.k * local.period_ns
+    one_pass(local, relays)
+    wire.deal(local.wire, executive.wire, plant.wire)
+
+
+@loop(i8(N, STEPS, N, STEPS, N, STEPS, i8))
+def run_virtual_with_local(
+    executive: Any, laws: Any, local: Any, relays: Any, plant: Any, models: Any, cycles: Any
+) -> Any:
+    """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
+    if executive.passes == 0:
+        _meet(executive, local, plant)
+        _pass_below(executive, local, relays, plant, models)
+    for _ in range(cycles):
+        executive.virtual_now = executive.k * executive.period_ns
+        more = one_pass(executive, laws)
+        if not more:
+            finish(executive)
+        wire.carry(executive.wire, local.wire)
+        _pass_below(executive, local, relays, plant, models)
+        if not more:
+            finish(local)
+            wire.deal(local.wire, executive.wire, plant.wire)
+            one_pass(plant, models)
+            finish(plant)
+            return 0
+    return 1

@@ -1,0 +1,90 @@
+"""A rig of three nodes on two buses: who hears what, delays, losses on purpose."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from executive import logs
+from executive.errors import RigError
+from executive.node import plan
+from executive.rig import load_rig
+from executive.virtual import in_memory, simulate
+
+RELAY = Path(__file__).parent / "relay" / "rig.yaml"
+
+
+def run(*settings: str) -> logs.Log:
+    return in_memory(load_rig(RELAY, settings=settings))
+
+
+def test_the_loop_is_closed_through_the_local_node() -> None:
+    """The lag under gain 4 settles at 4/5; each bus adds a sample of delay."""
+    log = run()
+    assert list(log.node) == ["executive", "local", "plant"]
+    position = log.node["plant"].columns["lag.position"]
+    assert position[-1] == pytest.approx(0.8, abs=1e-5), position[-1]
+    seen = log.node["executive"].columns["rx.TELL.position"]
+    measured = log.node["local"].columns["rx.FB.position"]
+    assert np.array_equal(seen[:500], measured[:500]), "the executive sees the cycle's own sample"
+    assert np.flatnonzero(position > 0)[0] == 2, "ask in cycle 0, command in 1, motion from 2"
+
+
+def test_each_node_has_only_the_frames_of_its_buses() -> None:
+    rig = load_rig(RELAY)
+    plans = {role: plan(rig, role, "sync") for role in rig.roles}
+    local = plans["local"]
+    assert local.below == {"SYNC_LOCAL", "CMD", "FB", "HB_PLANT"}
+    assert {f.name for f in plans["executive"].rx_frames} == {"TELL", "HB_LOCAL"}
+    assert {f.name for f in plans["plant"].rx_frames} == {"SYNC_LOCAL", "CMD"}
+    assert sorted(local.receive_ids) == [128, 160, 1793]
+    assert sorted(local.receive_ids_below) == [288, 1794]
+
+
+@pytest.mark.parametrize("frame", ["ASK", "FB", "TELL"])
+@pytest.mark.parametrize(("share", "burst"), [(0.01, 1.0), (0.1, 1.0), (0.3, 5.0)])
+def test_losses_have_their_share_and_their_bursts(
+    frame: str, share: float, burst: float, tmp_path: Path
+) -> None:
+    settings = [f"losses.{frame}.share={share}", f"losses.{frame}.burst={burst}"]
+    rig = load_rig(RELAY, settings=[*settings, "duration_s=20.0"])
+    simulate(rig, tmp_path / "log.mcap")
+    log = logs.read(tmp_path / "log.mcap")
+    role = {"ASK": "local", "FB": "local", "TELL": "executive"}[frame]
+    names = logs.frame_names(log)
+    received = log.node[role].frames[log.node[role].frames["direction"] == 1]
+    own = received[[names[int(i)] == frame for i in received["id"]]]
+    lost = own["e2e"] == 6
+    sigma = np.sqrt(share * (1 - share) * (2 * burst - 1) / len(own))
+    assert abs(lost.mean() - share) < 5 * sigma, f"{lost.mean():.4f} of {len(own)} frames"
+    runs = np.diff(np.flatnonzero(np.diff(np.concatenate(([0], lost, [0])))))[::2]
+    assert runs.mean() == pytest.approx(burst, rel=0.15), f"runs of {runs.mean():.2f}"
+    counted = log.node[role].timing["health.frames_lost"][-1]
+    assert 0 < counted <= lost.sum(), f"{counted} counted of {lost.sum()}"
+
+
+def test_losses_are_the_same_in_every_run_and_others_with_another_seed() -> None:
+    lossy = ("losses.ASK.share=0.2", "losses.FB.share=0.2")
+    first, again, other = run(*lossy), run(*lossy), run(*lossy, "seed=2")
+    missed = [
+        log.node["local"].columns["supervisor.missing_cycles"] for log in (first, again, other)
+    ]
+    assert np.array_equal(missed[0], missed[1])
+    assert not np.array_equal(missed[0], missed[2])
+
+
+def test_a_loss_of_an_unknown_frame_is_refused_with_a_proposal(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text(f"base: {RELAY}\nrig: wrong\nlosses: {{TEL: {{share: 0.1}}}}\n")
+    with pytest.raises(RigError, match=r"losses\.TEL: no frame of every cycle TEL; did you mean"):
+        plan(load_rig(file), "executive", "sync")
+
+
+def test_a_frame_on_both_buses_is_refused(tmp_path: Path) -> None:
+    text = (RELAY.parent / "relay.dbc").read_text()
+    (tmp_path / "both.dbc").write_text(
+        text.replace('2147.483647] "" EXEC', '2147.483647] "" EXEC,PLANT')
+    )
+    (tmp_path / "rig.yaml").write_text(f"base: {RELAY}\nrig: both\ndbc: both.dbc\n")
+    with pytest.raises(RigError, match="frame TELL is on both buses"):
+        plan(load_rig(tmp_path / "rig.yaml"), "local", "sync")
