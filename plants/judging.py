@@ -33,6 +33,7 @@ ORANGE, PURPLE, SKY = "#E69F00", "#CC79A7", "#56B4E9"
 GREY, SHADE = "#707070", "#ECEFF3"
 POINTS = 3000  # of a drawn line: more than pixels
 SMALLEST_LATE_US = 1.0  # on the logarithmic axis
+TITLE_LETTERS = 60  # of 13 point across the page
 
 
 def plant_rows(log: Log, period_s: float) -> NDArray[np.int64]:
@@ -183,7 +184,8 @@ def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
     page = Figure(figsize=(8.0, 10.0), dpi=150)
     axes = page.subplots(len(panels), 1, sharex=True, height_ratios=panels, squeeze=False)[:, 0]
     page.subplots_adjust(left=0.1, right=0.975, top=0.9, bottom=0.05, hspace=0.24)
-    page.text(0.018, 0.985, title, size=13, weight="bold", va="top")
+    size = 13.0 * min(1.0, TITLE_LETTERS / max(len(title), 1))  # a longer one would run off
+    page.text(0.018, 0.985, title, size=size, weight="bold", va="top")
     page.text(0.018, 0.96, text, size=8, va="top", linespacing=1.5)
     return page, axes
 
@@ -197,17 +199,22 @@ def draw_page(
     `text`: the two lines under the title. The window is shaded. Raises ImportError, with the cure,
     where matplotlib is not installed.
     """
-    page, axes = new_page([*(panel.height for panel in panels), 3.0], title, text)
+    there = "executive" in log.node and len(log.node["executive"].cycle) > 0
+    clocked = there and was_clocked(log)
+    heights = [panel.height for panel in panels]
+    page, axes = new_page([*heights, 3.0] if clocked else heights, title, text)
     end_s = window_s[1]
-    if "executive" in log.node and len(log.node["executive"].cycle):
+    if there:
         run = Run(log, 1e-9 * float(log.metadata["executive"]["period_ns"]))
         end_s = float(run.t_s[-1]) + run.period_s
         for ax, panel in zip(axes, panels, strict=False):
             for line in panel.lines:
                 style = {"linewidth": line.width, "linestyle": line.style}
                 draw_line(ax, run.t_s, line.values(run), line.label, line.colour, **style)
-        draw_lateness(axes[-1], run.t_s, log)
-    for ax, label in zip(axes, [*(panel.label for panel in panels), "wake-up [us]"], strict=True):
+        if clocked:
+            draw_lateness(axes[-1], run.t_s, log)
+    labels = [*(panel.label for panel in panels), "wake-up [us]"]
+    for ax, label in zip(axes, labels, strict=False):
         ax.set_ylabel(label)
         dress(ax, window_s)
     axes[-1].set_xlabel("time [s]")
@@ -236,13 +243,16 @@ def draw_line(ax: "Axes", t: Vector, y: Vector, label: str, colour: str, **style
         ax.plot(*thinned(t, y), color=colour, label=label, **{"linewidth": 1.1, **style})
 
 
-def draw_lateness(ax: "Axes", t: Vector, log: Log) -> bool:
-    """Draw how late a paced executive woke up; return False where no clock ran."""
+def was_clocked(log: Log) -> bool:
+    """Return whether the executive woke by a clock."""
+    late_us = log.node["executive"].timing.get("timing.wake_late_us")
+    return late_us is not None and bool(late_us.any())
+
+
+def draw_lateness(ax: "Axes", t: Vector, log: Log) -> None:
+    """Draw how late a paced executive woke up."""
     timing = log.node["executive"].timing
-    late_us = timing.get("timing.wake_late_us", np.zeros(len(t)))
-    if not late_us.any():
-        return False
-    late_us = np.maximum(late_us, SMALLEST_LATE_US)
+    late_us = np.maximum(timing["timing.wake_late_us"], SMALLEST_LATE_US)
     draw_line(ax, t, late_us, "wake-up behind the deadline", BLUE, linewidth=0.6)
     for name, what, mark in (("late", "late", "x"), ("skipped", "after a skip", "v")):
         count = timing.get(f"health.{name}_cycles", np.zeros(len(t)))
@@ -251,7 +261,6 @@ def draw_lateness(ax: "Axes", t: Vector, log: Log) -> bool:
             label = f"{what} ({int(count[-1])})"
             ax.plot(t[more], late_us[more], mark, color=VERMILION, markersize=5, label=label)
     ax.set_yscale("log")
-    return True
 
 
 def dress(ax: "Axes", window_s: tuple[float, float]) -> None:

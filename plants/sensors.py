@@ -1,14 +1,16 @@
-"""Sensors: a first-order lag that the plant integrates, and white noise added to each sample.
+"""Sensors: a first-order lag that the plant integrates, white noise and a resolution of samples.
 
     l' = 2 pi f (s - l)                            bandwidth f, -3 dB           (1)
     y_k = l(t_k) + std w_k                         w_k of plants.noise          (2)
+    y_k = lsb floor(l(t_k)/lsb + 1/2)              coarser than the codec's     (3)
 
-The rounding to a quantum is not done here: the CAN codec does it, whose scale is the quantum.
+Where the scale of the CAN signal is the sensor's resolution, the codec rounds instead of (3).
 """
 
 from typing import Any
 
 from drivers.jit import inline
+from executive.emath import floor
 from plants.noise import normal
 
 TWO_PI = 6.283185307179586
@@ -24,3 +26,11 @@ def lag_rate(lagged: float, signal: float, bandwidth_hz: float) -> float:
 def noisy(value: float, std: float, x: Any, at: int) -> float:
     """Return the sample of (2), drawing once from the stream at x[at]."""
     return value + std * normal(x, at)
+
+
+@inline
+def rounded(value: float, lsb: float) -> float:
+    """Return the sample of (3); `value` itself where `lsb` is 0."""
+    if lsb > 0.0:
+        return lsb * floor(value / lsb + 0.5)
+    return value

@@ -8,6 +8,7 @@ Writes results.md, figures/ and, for studies of rigs, results.csv into a new fol
 """
 
 import argparse
+import csv
 import importlib
 import importlib.util
 import multiprocessing
@@ -25,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import plants
-from executive.errors import did_you_mean
 from plants.study import Case, Result
 from tools.progress import Progress
 
@@ -89,19 +89,14 @@ def run_cases(cases: Sequence[Case], progress: Progress, jobs: int | None = None
 def write_csv(results: Sequence[Result], path: Path) -> None:
     """Write one line a result: group, rig, label, settings and all metrics."""
     names = sorted({name for result in results for name in result.metrics})
-    lines = [",".join(("group", "rig", "controller", "label", "settings", "diverged", *names))]
-    for result in results:
-        case = result.case
-        values = (f"{result.metrics[name]:.6g}" if name in result.metrics else "" for name in names)
-        words = (
-            case.group,
-            Path(case.rig).stem,
-            case.controller,
-            case.label,
-            " ".join(case.settings),
-        )
-        lines.append(",".join((*words, str(result.diverged), *values)))
-    path.write_text("\n".join(lines) + "\n")
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(("group", "rig", "controller", "label", "settings", "ended_early", *names))
+        for result in results:
+            case = result.case
+            values = [f"{result.metrics[n]:.6g}" if n in result.metrics else "" for n in names]
+            first = (case.group, Path(case.rig).stem, case.controller, case.label)
+            rows.writerow((*first, " ".join(case.settings), str(result.diverged), *values))
 
 
 def names() -> list[str]:
@@ -154,8 +149,8 @@ def command(options: argparse.Namespace) -> int:
     """Run the experiment `options.name`; return 0, 1 if a run failed, 2 for wrong input."""
     name = str(options.name)
     if not (Path(name).is_file() if name.endswith(".py") else name in names()):
-        cure = did_you_mean(name, names()) or f"; expected {', '.join(names())}, or a study.py"
-        print(f"{name}: no such experiment{cure}", file=sys.stderr)
+        known = ", ".join(names())
+        print(f"{name}: no such experiment; expected {known}, or a study.py", file=sys.stderr)
         return 2
     if options.jobs is not None and options.jobs < 1:
         print(f"--jobs {options.jobs}: expected 1 or more", file=sys.stderr)

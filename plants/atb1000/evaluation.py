@@ -39,6 +39,7 @@ from plants.judging import (
     plant_rows,
     rms,
     setting,
+    was_clocked,
 )
 
 if TYPE_CHECKING:
@@ -278,7 +279,8 @@ def _draw_command(ax: "Axes", run: Signals, ratio: float, limit_Nm: float) -> No
 
 def _draw_timing(ax: "Axes", run: Signals, log: Log) -> None:
     """Draw how late a paced executive woke up; without a clock the torque on the hub."""
-    if draw_lateness(ax, run.t_s, log):
+    if was_clocked(log):
+        draw_lateness(ax, run.t_s, log)
         ax.set_ylabel("wake-up [us]")
         return
     draw_line(ax, run.t_s, run.gear_torque_Nm, "shaft torque on the hub", BLUE, linewidth=0.8)

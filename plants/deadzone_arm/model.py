@@ -18,9 +18,10 @@ from typing import Any
 
 from drivers.jit import inline, tail
 from executive.block import Block, Port, stage
-from executive.emath import floor, sincos
+from executive.emath import sincos
 from executive.models.two_link import inertia, velocity_torque
 from plants.actuators.deadzone import deadzone
+from plants.sensors import rounded
 from plants.transport import DELAY_SIZE, delayed
 
 SETTINGS = (
@@ -99,14 +100,6 @@ def integrate(p: Any, x: Any, h: float, tau1: float, tau2: float) -> None:
         x[1] = q2 + h / 6.0 * (v2 + 2.0 * w2 + 2.0 * y2 + z2)
         x[2] = v1 + h / 6.0 * (a1 + 2.0 * b1 + 2.0 * c1 + d1)
         x[3] = v2 + h / 6.0 * (a2 + 2.0 * b2 + 2.0 * c2 + d2)
-
-
-@inline
-def rounded(value: float, lsb: float) -> float:
-    """Return the whole multiple of `lsb` next to `value`; `value` itself where lsb is 0."""
-    if lsb > 0.0:
-        return lsb * floor(value / lsb + 0.5)
-    return value
 
 
 @inline

@@ -16,11 +16,10 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3; the map as in executive/
 
 from typing import Any
 
-from drivers.jit import inline
 from executive.block import Block, Port, stage
-from executive.emath import floor
 from executive.models.second_order_map import drift
 from plants.actuators.deadzone import deadzone
+from plants.sensors import rounded
 from plants.transport import DELAY_SIZE, delayed
 
 SETTINGS = (
@@ -43,14 +42,6 @@ STATES = (
     Port("sent", "", "commands on their way", size=DELAY_SIZE, recorded=False),
 )
 SENT = 2
-
-
-@inline
-def rounded(value: float, lsb: float) -> float:
-    """Return the whole multiple of `lsb` next to `value`; `value` itself where lsb is 0."""
-    if lsb > 0.0:
-        return lsb * floor(value / lsb + 0.5)
-    return value
 
 
 @stage

@@ -22,7 +22,7 @@ class Arm:
     """The compiled plant, called as the engine calls it."""
 
     def __init__(self, **changed: float) -> None:
-        spec = load_rig(RIGS / "deadzone-step.yaml").nodes()[1].blocks[0]
+        spec = load_rig(RIGS / "deadzone-step.yaml").nodes()["plant"].blocks[0]
         self.p = np.array([(spec.settings | changed)[port.name] for port in model.SETTINGS])
         self.x = np.zeros(model.BLOCK.size(model.STATES))
         self.y, self.k = np.zeros(len(model.OUTPUTS)), 0
@@ -37,7 +37,7 @@ class Loop:
     """The compiled law and plant hand to hand, without frames and their rounding."""
 
     def __init__(self, kind: str, law: str, delay: int = 0) -> None:
-        spec = load_rig(RIGS / f"deadzone-{kind}.yaml", law).nodes()[0].blocks[-1]
+        spec = load_rig(RIGS / f"deadzone-{kind}.yaml", law).nodes()["executive"].blocks[-1]
         self.block, self.kind = spec.block, kind
         parameters, states = spec.settings, {}
         if self.block.prepare is not None:
@@ -245,7 +245,7 @@ def test_the_guard_ends_a_run_and_no_good_run_comes_near_it() -> None:
     found = measured("step", "nn", "controller.r_max_rad_s=9.0")  # |r(0)| = 9.9
     assert found["ended"] == 1.0 and found["u1_rms_Nm"] == 0.0, found
     good = measured("step", "nn")
-    limits = load_rig(RIGS / "deadzone-step.yaml").nodes()[0].blocks[-1].settings
+    limits = load_rig(RIGS / "deadzone-step.yaml").nodes()["executive"].blocks[-1].settings
     assert good["r_max_rad_s"] < 0.2 * limits["r_max_rad_s"], good["r_max_rad_s"]
     assert good["norm_max"] < 0.2 * limits["norm_max"], good["norm_max"]
 
@@ -254,6 +254,9 @@ def test_the_law_knows_the_arm_and_not_its_deadzones() -> None:
     settings = {port.name for port in deadzone_nn.BLOCK.settings}
     assert not {name for name in settings if name.startswith("d_")}, settings
     rig = load_rig(RIGS / "deadzone-step.yaml")
-    law, plant = rig.nodes()[0].blocks[-1].settings, rig.nodes()[1].blocks[0].settings
+    law, plant = (
+        rig.nodes()["executive"].blocks[-1].settings,
+        rig.nodes()["plant"].blocks[0].settings,
+    )
     for name in ("a1_m", "a2_m", "m1_kg", "m2_kg"):
         assert law[name] == plant[name], f"{name}: {law[name]} against {plant[name]}"
