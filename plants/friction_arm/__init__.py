@@ -1,0 +1,1 @@
+"""The two-link arm with dry friction in both joints."""
