@@ -24,9 +24,10 @@ from typing import Any
 
 from drivers.jit import inline
 from executive.block import Block, Port, Prepared, stage
-from executive.emath import floor, sin, sincos
+from executive.emath import sin, sincos
 from executive.models.two_link import gravity_torque, inertia, velocity_torque
 from plants.actuators import lugre_implicit, sliding, stick_slip
+from plants.sensors import rounded
 from plants.transport import DELAY_SIZE, delayed
 
 _FRICTION = tuple(
@@ -99,14 +100,6 @@ LEVEL_1, LEVEL_2 = 6, 11  # a0, a1, a2, B1, B2 of each joint
 (Q1, Q2, RATE1, RATE2, Z1, Z2, F1, F2, HELD_1) = range(9)
 HELD_2 = HELD_1 + DELAY_SIZE
 NONE, SET_VALUED, LUGRE = 0.0, 1.0, 2.0
-
-
-@inline
-def rounded(value: float, lsb: float) -> float:
-    """Return the multiple of `lsb` next to `value`, or `value` where lsb is 0."""
-    if lsb > 0.0:
-        return lsb * floor(value / lsb + 0.5)
-    return value
 
 
 @inline
