@@ -1,0 +1,1 @@
+"""A pendulum driven through backlash: the continuous-time example of the book's chapter 5."""

@@ -1,0 +1,166 @@
+"""What judges and draws a run of the pendulum behind backlash.
+
+    e1 = q - q_d, e2 = q' - q_d'        from the plant's true state                          (1)
+    tt = tau_d - tau                    desired against true torque behind the gap           (2)
+
+Windows, and which record of the plant belongs to a cycle: plants/judging.py. Metrics in mrad,
+mrad/s, N m, s.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from executive.logs import Log
+from plants.judging import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    Line,
+    Panel,
+    Run,
+    Vector,
+    draw_page,
+    known,
+    peak,
+    rms,
+)
+
+MRAD = 1e3
+SETTLED_RAD = 0.01
+STARTED_S = 0.5  # the start would hide the rest in a panel
+
+
+def error_rad(run: Run) -> Vector:
+    """Return e1 of (1)."""
+    return run.plant("pendulum.true_angle_rad") - run.executive("reference.q_d_rad")
+
+
+def rate_error_rad_s(run: Run) -> Vector:
+    """Return e2 of (1)."""
+    return run.plant("pendulum.true_rate_rad_s") - run.executive("reference.q_d_rate_rad_s")
+
+
+def torque_error_Nm(run: Run) -> Vector:
+    """Return tt of (2)."""
+    return run.executive("controller.tau_d_Nm") - run.plant("pendulum.true_torque_Nm")
+
+
+def started(run: Run, values: Vector) -> Vector:
+    """Return `values` from 0.5 s on, NaN before."""
+    return np.where(run.t_s < STARTED_S, np.nan, values)
+
+
+def metrics(
+    log: Log, window_s: tuple[float, float], numbers: Mapping[str, float], period_s: float
+) -> dict[str, float]:
+    """Return what the log tells about a run; {} without a cycle in the window.
+
+    `numbers`: `transient_from_s` and `transient_to_s` ask for `error_transient_mrad`.
+    `settled_s` is the last time of the run with |e1| > 0.01 rad. Without the plant's record what
+    needs the true state is absent.
+    """
+    if "executive" not in log.node:
+        return {}
+    run = Run(log, period_s)
+    window = run.between(*window_s)
+    if not window.any():
+        return {}
+    e1, norm = error_rad(run), run.executive("controller.norm_w")
+    outside = run.t_s[np.abs(e1) > SETTLED_RAD]
+    found = {
+        "error_rms_mrad": MRAD * rms(e1[window]),
+        "error_max_mrad": MRAD * peak(e1[window]),
+        "rate_error_rms_mrad_s": MRAD * rms(rate_error_rad_s(run)[window]),
+        "torque_error_rms_Nm": rms(torque_error_Nm(run)[window]),
+        "command_max_Nm": peak(run.executive("controller.command_Nm")),
+        "settled_s": float(outside[-1]) if outside.size else float("nan"),
+        "norm_w_max": peak(norm),
+        "norm_w_end": float(norm[-1]),
+        "latched_off": peak(run.executive("controller.diverged")),
+    }
+    if "transient_from_s" in numbers:
+        part = run.between(numbers["transient_from_s"], numbers["transient_to_s"])
+        found["error_transient_mrad"] = MRAD * rms(e1[part])
+    return known(found)
+
+
+PANELS = (
+    Panel(
+        "angle [rad]",
+        (
+            Line("executive:reference.q_d_rad", "desired", BLACK, 1.6, "--"),
+            Line("plant:pendulum.true_angle_rad", "true", BLUE),
+        ),
+    ),
+    Panel(
+        "error [mrad]",
+        (
+            Line(
+                lambda run: started(run, MRAD * error_rad(run)), "q - q_d from 0.5 s on", VERMILION
+            ),
+        ),
+    ),
+    Panel(
+        "torque [N m]",
+        (
+            Line("plant:pendulum.acting_Nm", "command before the gap", GREY),
+            Line("executive:controller.tau_d_Nm", "desired", BLACK, 1.6, "--"),
+            Line("plant:pendulum.true_torque_Nm", "behind the gap", BLUE),
+        ),
+        6.0,
+    ),
+    Panel(
+        "torque error [N m]",
+        (
+            Line(
+                lambda run: started(run, torque_error_Nm(run)),
+                "desired - true from 0.5 s on",
+                VERMILION,
+            ),
+        ),
+    ),
+    Panel(
+        "terms of u' [N m/s]",
+        (
+            Line(
+                lambda run: started(run, run.executive("controller.robust_Nm_s")),
+                "robust from 0.5 s on",
+                ORANGE,
+            ),
+            Line(
+                lambda run: started(run, run.executive("controller.network_Nm_s")),
+                "network from 0.5 s on",
+                GREEN,
+            ),
+        ),
+    ),
+    Panel(
+        "weights",
+        (
+            Line("executive:controller.norm_w", "|W|", GREEN),
+            Line("executive:controller.norm_v", "|V|", PURPLE),
+        ),
+        4.0,
+    ),
+)
+
+
+def figure(
+    log: Log, path: Path, title: str, metrics: Mapping[str, float], window_s: tuple[float, float]
+) -> None:
+    """Write one PNG, 1200 x 1500 pixels; ImportError, with the cure, without matplotlib."""
+    text = (
+        f"shaded: {window_s[0]:g} to {window_s[1]:g} s; error rms "
+        f"{metrics.get('error_rms_mrad', float('nan')):.2f} mrad, largest "
+        f"{metrics.get('error_max_mrad', float('nan')):.2f} mrad; torque error rms "
+        f"{metrics.get('torque_error_rms_Nm', float('nan')):.3f} N m\n"
+        f"largest command {metrics.get('command_max_Nm', float('nan')):.1f} N m; |e| above 10 mrad "
+        f"for the last time at {metrics.get('settled_s', float('nan')):.2f} s"
+    )
+    draw_page(log, path, title, text, window_s, PANELS)
