@@ -21,11 +21,11 @@ that of chapter 4.3.
 
 from typing import Any
 
-from drivers.jit import inline
 from executive.block import Block, Port, stage
-from executive.emath import floor, where
+from executive.emath import where
 from executive.models.second_order_map import drift
 from plants.actuators.backlash import backlash
+from plants.sensors import rounded
 from plants.transport import DELAY_SIZE, delayed
 
 SETTINGS = (
@@ -59,14 +59,6 @@ OUTPUTS = (
     Port("true_tau", "", "truth: tau"),
     Port("acting", "", "truth: the command before the gap"),
 )
-
-
-@inline
-def rounded(value: float, lsb: float) -> float:
-    """Return the whole multiple of `lsb` next to `value`; `value` itself where lsb is 0."""
-    if lsb > 0.0:
-        return lsb * floor(value / lsb + 0.5)
-    return value
 
 
 @stage

@@ -24,8 +24,9 @@ from typing import Any
 
 from drivers.jit import inline
 from executive.block import Block, Port, stage
-from executive.emath import cos, floor, sin, where
+from executive.emath import cos, sin, where
 from plants.actuators.backlash import backlash
+from plants.sensors import rounded
 from plants.transport import DELAY_SIZE, delayed
 
 SETTINGS = (
@@ -64,14 +65,6 @@ OUTPUTS = (
     Port("flank", "", "truth: 1 pushed up, -1 pushed down, 0 in the gap"),
     Port("energy_J", "J", "truth: E (4)"),
 )
-
-
-@inline
-def rounded(value: float, lsb: float) -> float:
-    """Return the whole multiple of `lsb` next to `value`; `value` itself where lsb is 0."""
-    if lsb > 0.0:
-        return lsb * floor(value / lsb + 0.5)
-    return value
 
 
 @inline
