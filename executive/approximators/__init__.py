@@ -1,1 +1,1 @@
-"""Function approximators of the book, as compiled functions on views."""
+"""Function approximators of the book, as compiled functions on views; family.py: one interface."""
