@@ -70,7 +70,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         help="one frame, or the frames of one cycle, at each Enter")  # fmt: skip
     add("--only", action="append", default=[], metavar="NAME|ID",
         help="only this frame: its name, or its id in hexadecimal; may be repeated")  # fmt: skip
-    add("--as", dest="role", choices=logs.NODES,
+    add("--as", dest="role", choices=tuple(play_frames.PEER),
         help="only what this node sent, once the other node is heard")  # fmt: skip
     add("--no-wait", action="store_true", help="with --as: begin without the other node")
     add("-p", "--priority", type=int, default=PRIORITY, metavar="1..99",

@@ -22,7 +22,7 @@ Screen = pytest.CaptureFixture[str]
 def hull() -> dict[str, Any]:
     """Return the report of a rig as it is shipped."""
     rig = load_rig(HULL)
-    return check.describe(rig, [plan(rig, role, rig.config.pacing) for role in check.ROLES])
+    return check.describe(rig, [plan(rig, role, rig.config.pacing) for role in rig.roles])
 
 
 def report(screen: Screen, *words: str) -> dict[str, Any]:

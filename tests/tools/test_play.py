@@ -31,6 +31,7 @@ from executive.supervisor import RUN
 from executive.virtual import simulate
 from tools import play, play_frames
 from tools.bench import play as bench
+from tools.play_frames import PEER
 from tools.progress import Progress
 
 SLEW10 = str(RIGS / "slew10.yaml")
@@ -91,7 +92,7 @@ def with_frames(log: logs.Log, **changed: np.ndarray) -> logs.Log:
 def test_every_frame_that_was_sent_is_played_once(
     log: logs.Log, frames: play_frames.Frames
 ) -> None:
-    sent = [log.node[name].frames for name in logs.NODES]
+    sent = [log.node[name].frames for name in PEER]
     expected = Counter(f for rows in sent for f in recorded(rows[rows["direction"] == 0]))
     found = Counter(raw(frames))
     assert found == expected, f"{len(frames)} frames, differing: {found - expected}"
@@ -109,7 +110,7 @@ def test_frames_of_equal_stamps_keep_the_order_of_the_recording_node(
 def test_a_frame_counts_at_the_stamp_of_its_sender(
     log: logs.Log, frames: play_frames.Frames
 ) -> None:
-    late = {name: log.node[name].frames.copy() for name in logs.NODES}
+    late = {name: log.node[name].frames.copy() for name in PEER}
     for rows in late.values():
         rows["stamp_ns"][rows["direction"] == 1] += 300_000
     found = play_frames.of(with_frames(log, **late))
@@ -145,7 +146,7 @@ def test_of_one_node_alone_all_frames_are_played(log: logs.Log) -> None:
 
 
 def test_as_parts_the_frames_between_the_nodes(frames: play_frames.Frames) -> None:
-    parts = [chosen(frames, "--as", name) for name in logs.NODES]
+    parts = [chosen(frames, "--as", name) for name in PEER]
     assert sum(map(len, parts)) == len(frames), f"{[len(part) for part in parts]} frames"
     names = [{part.label(i) for i in range(len(part))} for part in parts]
     assert {"SYNC", "CMD", "HB_EXEC"} <= names[0] and {*FEEDBACK, "HB_PLANT"} <= names[1], names

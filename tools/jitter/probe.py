@@ -23,6 +23,7 @@ RIG = Path(__file__).resolve().parents[2] / "plants" / "probe" / "rig.yaml"
 STAGES = ("wake_late", "receive", "step", "send", "publish")
 LOSS = 3
 _PLANT_BELOW = 10  # of the executive's priority, as in every rig
+PROBED = ("executive", "plant")
 _UNPACED = {"executive": 0, "plant": 1}  # first cycles that a frame started, not the clock
 
 
@@ -130,7 +131,7 @@ def read(
     names = [f"timing.{stage}_us" for stage in STAGES]
     names += [f"health.{name}" for name in ("passes", "late_cycles", "skipped_cycles")]
     parts: dict[str, dict[str, list[NDArray[np.float64]]]] = {
-        node: {name: [] for name in names} for node in logs.NODES
+        node: {name: [] for name in names} for node in PROBED
     }
     missing: list[str] = []
     metadata: dict[str, str] = {}

@@ -1,0 +1,34 @@
+"""A rig of every plant in lockstep on real vcan buses: the bits of virtual time.
+
+A rig of three nodes takes vcan0 and vcan1. `tests/executive/test_every_rig.py` does the same with
+all rigs and controllers on udp_multicast: an emulated processor would need an hour for them.
+"""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "executive"))
+
+from test_every_rig import differing, one_of_each
+from two_processes import lockstep
+
+from executive.rig import load_rig
+from executive.virtual import in_memory
+
+pytestmark = pytest.mark.vcan
+CYCLES = 50
+ONE_OF_EACH_PLANT = {file.parents[1].name: (file, law) for file, law in reversed(one_of_each())}
+
+
+@pytest.mark.parametrize(
+    ("file", "controller"), ONE_OF_EACH_PLANT.values(), ids=list(ONE_OF_EACH_PLANT)
+)
+def test_lockstep_on_vcan_has_the_bits_of_virtual_time(file: Path, controller: str) -> None:
+    rate_hz = load_rig(file, resolve=False).config.rate_hz
+    rig = load_rig(file, controller, [f"duration_s={CYCLES / rate_hz!r}"])
+    ours, theirs = lockstep(rig, "vcan0"), in_memory(rig)
+    done = {role: len(ours.node[role].cycle) for role in ours.node}
+    assert done == dict.fromkeys(rig.roles, CYCLES) | {"plant": CYCLES + 1}, done
+    assert not differing(ours, theirs), differing(ours, theirs)[:5]
