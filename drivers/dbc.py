@@ -16,7 +16,7 @@ schedulability analysis: refuted, revisited and revised, Real-Time Systems 35 (2
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -330,10 +330,14 @@ def worst_case_bits(dlc: int, extended: bool = False) -> int:
     return fixed + 8 * dlc + (stuffed + 8 * dlc - 1) // 4
 
 
-def bus_load(database: Database, rate_hz: float, bitrate: float) -> float:
-    """Return the load by all frames as a fraction of `bitrate` in bit/s, worst case."""
+def bus_load(
+    database: Database, rate_hz: float, bitrate: float, names: Collection[str] | None = None
+) -> float:
+    """Return the worst-case load by all frames, or `names`, as a fraction of `bitrate` in bit/s."""
     bits_per_s = 0.0
     for entry in map(frame, database.messages):
+        if names is not None and entry.name not in names:
+            continue
         frames_per_s = 1000 / entry.cycle_ms if entry.cycle_ms else rate_hz
         bits_per_s += worst_case_bits(entry.dlc, entry.extended) * frames_per_s
     return bits_per_s / bitrate

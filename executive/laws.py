@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from executive.block import Block
 
 _PROJECT = Path(__file__).resolve().parent.parent
+_PACKAGES = ("drivers", "executive", "plants", "tools")
 _CONTROLLERS = "executive.controllers"
 
 
@@ -95,8 +96,8 @@ def project_name(file: Path) -> str | None:
     if not file.is_relative_to(_PROJECT):
         return None
     parts = file.relative_to(_PROJECT).with_suffix("").parts
-    if not all(part.isidentifier() for part in parts):
-        return None
+    if parts[0] not in _PACKAGES or not all(part.isidentifier() for part in parts):
+        return None  # a file beside the packages has a dotted name in some processes only
     try:
         spec = importlib.util.find_spec(".".join(parts))
     except ModuleNotFoundError:

@@ -116,7 +116,7 @@ def check_rate(rig: Rig, pacing: str) -> float:
     bitrate = rig.config.bus.bitrate
     if bitrate is None:
         return 0.0
-    load = dbc.bus_load(dbc.load(rig.dbc), rig.config.rate_hz, bitrate)
+    load = protocol.bus_load(rig, dbc.load(rig.dbc), rig.config.rate_hz, bitrate)
     if load > 1.0 and pacing in ("real", "sync"):
         raise rig.error(
             "rate_hz",

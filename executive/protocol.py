@@ -76,3 +76,12 @@ def _of(database: dbc.Database, node: str) -> set[str]:
     """Return the names of the frames that a node sends or receives."""
     both = (*dbc.frames(database, node, "rx"), *dbc.frames(database, node, "tx"))
     return {frame.name for frame in both}
+
+
+def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -> float:
+    """Return the worst-case load as a fraction of `bitrate`, of the fuller of a rig's two buses."""
+    if rig.config.local is None:
+        return dbc.bus_load(database, rate_hz, bitrate)
+    below = towards_plant(rig, database)
+    above = {message.name for message in database.messages} - below
+    return max(dbc.bus_load(database, rate_hz, bitrate, names) for names in (above, below))

@@ -16,6 +16,7 @@ from drivers.errors import BusError
 from executive import shared as sh
 from executive.errors import RigError
 from executive.node import Plan, check_pacing, check_rate, cycles_of, plan
+from executive.protocol import bus_load
 from executive.rig import Rig, load_rig
 
 OK, BAD_RIG, NO_ENVIRONMENT = 0, 2, 4
@@ -79,8 +80,7 @@ def _law(made: Plan, block: str) -> str:
     config = made.rig.config
     if made.role == "executive" and block == "controller":
         return config.controllers[config.controller].law
-    section = config.executive if made.role == "executive" else config.plant
-    return section.blocks[block].law or ""
+    return config.sections[made.role].blocks[block].law or ""
 
 
 def _wiring(made: Plan) -> list[dict[str, str]]:
@@ -118,8 +118,8 @@ def _bus(rig: Rig) -> dict[str, Any]:
         return found | {"load": [], "highest_rate_hz": None}
     database = dbc.load(rig.dbc)
     rates = sorted({*_RATES_HZ, config.rate_hz})
-    load = {rate: dbc.bus_load(database, rate, config.bus.bitrate) for rate in rates}
-    slow = dbc.bus_load(database, 0.0, config.bus.bitrate)  # frames with a time of their own
+    load = {rate: bus_load(rig, database, rate, config.bus.bitrate) for rate in rates}
+    slow = bus_load(rig, database, 0.0, config.bus.bitrate)  # frames with a time of their own
     per_hz = (load[config.rate_hz] - slow) / config.rate_hz
     return found | {
         "load": [{"rate_hz": rate, "load": round(share, 6)} for rate, share in load.items()],

@@ -5,9 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers import dbc
 from executive import logs
 from executive.errors import RigError
 from executive.node import plan
+from executive.protocol import bus_load
 from executive.rig import load_rig
 from executive.virtual import in_memory, simulate
 
@@ -39,6 +41,14 @@ def test_each_node_has_only_the_frames_of_its_buses() -> None:
     assert {f.name for f in plans["plant"].rx_frames} == {"SYNC_LOCAL", "CMD"}
     assert sorted(local.receive_ids) == [128, 160, 1793]
     assert sorted(local.receive_ids_below) == [288, 1794]
+
+
+def test_the_load_is_that_of_the_fuller_bus_not_of_both_together() -> None:
+    rig = load_rig(RELAY)
+    database = dbc.load(rig.dbc)
+    both = dbc.bus_load(database, 1000.0, 1e6)
+    fuller = bus_load(rig, database, 1000.0, 1e6)
+    assert 0.5 * both <= fuller < 0.52 * both, f"{fuller:.3f} of {both:.3f}"
 
 
 @pytest.mark.parametrize("frame", ["ASK", "FB", "TELL"])

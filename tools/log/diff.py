@@ -148,7 +148,8 @@ def compare(
 
 
 def _node_of(one: series.Series) -> str:
-    return "plant" if one.topic.startswith("/plant/") else "executive"
+    first = one.topic.split("/")[1]
+    return first if first in logs.NODES else "executive"
 
 
 def _only(report: Report, what: str, a: set[str], b: set[str]) -> None:

@@ -22,7 +22,7 @@ from tools.progress import Progress
 from tools.watch import duration_s
 
 LARGE_BYTES = 50_000_000  # takes about 2 s to read
-_PLANT = "plant."
+_PREFIXES = tuple(f"{role}." for role in logs.NODES if role != "executive")
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def all_series(log: logs.Log) -> dict[str, Series]:
     for name, node in log.node.items():
         about = {row[0]: row for row in node.description.get("variables", [])}
         time_ns = node.stamp_ns + wall_offset_ns(log, name)
-        prefix = _PLANT if name == "plant" else ""
+        prefix = "" if name == "executive" else f"{name}."
         for kind, columns in (("state", node.columns), ("timing", node.timing)):
             topic = logs.topic(name, kind)
             for column, values in columns.items():
@@ -89,19 +89,25 @@ def all_series(log: logs.Log) -> dict[str, Series]:
 def choose(known: Iterable[str], patterns: Iterable[str], where: str) -> list[str]:
     """Return the names that match, in the order of the patterns.
 
-    A name of the plant is also found without `plant.`, where nothing else matches. Raises
-    LogCommandError for a pattern that matches none.
+    A name of another node than the executive is also found without its prefix (`plant.`, `local.`),
+    where nothing else matches. Raises LogCommandError for a pattern that matches none.
     """
     names = list(known)
     chosen: dict[str, None] = {}
     for pattern in patterns:
         found = [name for name in names if fnmatchcase(name, pattern)]
-        found = found or [name for name in names if fnmatchcase(name, _PLANT + pattern)]
+        further = [prefix + pattern for prefix in _PREFIXES]
+        found = found or [n for n in names if any(fnmatchcase(n, other) for other in further)]
         if not found:
-            bare = [name.removeprefix(_PLANT) for name in names]
+            bare = [_bare(name) for name in names]
             raise LogCommandError(f"{where}: no variable {pattern}{did_you_mean(pattern, bare)}")
         chosen |= dict.fromkeys(found)
     return list(chosen)
+
+
+def _bare(name: str) -> str:
+    """Return a name without the prefix of its node."""
+    return next((name.removeprefix(p) for p in _PREFIXES if name.startswith(p)), name)
 
 
 def seconds(text: str | None, otherwise: float, option: str) -> float:
