@@ -1,0 +1,157 @@
+"""The adaptive critic: the Lyapunov identity of its proof, its bounds, its switches."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from executive.controllers import adaptive_critic as law
+from executive.controllers import arm_pd_inertia
+from executive.emath import cos
+
+GAINS = {
+    "kv_per_s": 30.0, "lam_per_s": 5.0, "a1_m": 1.0, "a2_m": 1.0, "m1_kg": 1.0, "m2_kg": 1.0,
+    "action_on": 1.0, "critic_on": 1.0, "gam": 100.0, "kap1": 1.0, "kap2": 0.01, "alpha": 1.0,
+    "beta": 5.0, "kz": 5.0, "delta_rad_s": 0.05, "network_seed": 7.0, "v2_size": 1.0,
+}  # fmt: skip
+SIZES = {"v1": (2, 10), "v2": (11, 10), "w1": (10, 2), "w2": (10, 2), "rho": (2,)}
+STARTS = dict(zip(SIZES, np.cumsum([0, *(np.prod(size) for size in SIZES.values())]), strict=False))
+
+
+@dataclass
+class Compiled:
+    """The compiled step with its views and weights by name."""
+
+    gains: dict[str, float]
+    p: np.ndarray = field(init=False)
+    x: np.ndarray = field(init=False)
+    y: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Draw V1 and V2."""
+        prepared = law.prepare(GAINS | self.gains, 1000.0, 1)
+        self.p = np.array([prepared.parameters[port.name] for port in law.PARAMETERS], float)
+        self.x = np.zeros(law.BLOCK.size(law.STATES))
+        self.y = np.zeros(law.BLOCK.size(law.OUTPUTS))
+        for name in ("v1", "v2"):
+            self.weights(name)[:] = np.reshape(prepared.states[name], SIZES[name])
+
+    def weights(self, name: str) -> np.ndarray:
+        """Return a view of V1, V2, W1, W2 or rho."""
+        size = SIZES[name]
+        return self.x[STARTS[name] :][: int(np.prod(size))].reshape(size)
+
+    def step(self, u: np.ndarray, dt: float) -> dict[str, np.ndarray]:
+        """Step once; return by how much W1, W2 and rho have changed."""
+        before = {name: self.weights(name).copy() for name in ("w1", "w2", "rho")}
+        law.step(0.0, dt, self.p, self.x, u, self.y)
+        return {name: self.weights(name) - old for name, old in before.items()}
+
+
+def sigma(x: np.ndarray) -> np.ndarray:
+    """Return the logistic function; real or complex."""
+    rest: np.ndarray = 1.0 / (1.0 + np.exp(-x))
+    return rest
+
+
+def random_law(rng: np.random.Generator, **gains: float) -> tuple[Compiled, np.ndarray]:
+    """Return a law with random weights, and random inputs."""
+    compiled = Compiled(gains)
+    for name in ("w1", "w2", "rho"):
+        compiled.weights(name)[:] = rng.normal(size=SIZES[name])
+    return compiled, np.append(rng.normal(size=10), 0.0)
+
+
+def test_the_derivative_of_the_lyapunov_function_has_the_form_of_the_proof() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        # powers of two: a step of 1 s changes the weights by their rates, all but exactly
+        compiled, u = random_law(rng, kap1=0.5, alpha=0.5, kap2=0.125)
+        g = GAINS | {"kap1": 0.5, "kap2": 0.125}
+        v1, w1, w2, rho = (compiled.weights(n).copy() for n in ("v1", "w1", "w2", "rho"))
+        rates = compiled.step(u, 1.0)
+        ideal1, ideal2, other = (rng.normal(size=s) for s in ((10, 2), (10, 2), 2))  # eps - d
+
+        e, de = u[:2] - u[4:6], u[2:4] - u[6:8]
+        r = de + g["lam_per_s"] * e
+        s1 = sigma(v1.T @ r)
+        s2 = sigma(compiled.weights("v2").T @ np.concatenate(([1.0], e, de, u[:4], u[8:10])))
+        learned, v = compiled.y[6:8], -compiled.y[8:10]
+        r_rate = ideal2.T @ s2 + other - (learned + g["kv_per_s"] * r - v)
+
+        h = 1e-30  # a complex step: the derivative without cancellation
+        r_c, w1_c, w2_c = r + 1j * h * r_rate, w1 + 1j * h * rates["w1"], w2 + 1j * h * rates["w2"]
+        signal_c = w1_c.T @ sigma(v1.T @ r_c) + rho + 1j * h * rates["rho"]
+        squares = (r_c**2).sum() + (signal_c**2).sum() + ((ideal1 - w1_c) ** 2).sum()
+        direct = 0.5 * (squares + ((ideal2 - w2_c) ** 2).sum() / g["gam"]).imag / h
+
+        signal = w1.T @ s1 + rho
+        sc = r + v1 @ (s1 * (1.0 - s1) * (w1 @ signal))
+        closed = (
+            -g["kv_per_s"] * r @ r + g["beta"] * signal @ r - (s1 @ s1) * (signal @ signal)
+            + signal @ (ideal1 - w1).T @ s1 + g["kap1"] * np.trace((ideal1 - w1).T @ w1)
+            + g["kap2"] * np.trace((ideal2 - w2).T @ w2) + sc @ (other + v)
+        )  # fmt: skip
+        assert direct == pytest.approx(closed, rel=1e-10, abs=1e-9), f"{direct} and {closed}"
+
+
+def test_the_robust_term_takes_what_a_bounded_disturbance_gives() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        compiled, u = random_law(rng, delta_rad_s=1e-6)
+        compiled.step(u, 0.0)
+        size = np.hypot(*compiled.y[8:10])
+        assert 4.99 < size <= 5.0, f"|v| {size}"
+        sc = compiled.x[law._SC :][:2]
+        assert sc @ compiled.y[8:10] > 0.99 * 5.0 * np.hypot(*sc), f"{compiled.y[8:10]} on {sc}"
+
+
+def test_the_first_layer_of_the_critic_allows_a_beta_of_13() -> None:
+    v1 = Compiled({}).weights("v1")
+    angles = np.linspace(0.0, 2.0 * np.pi, 181)
+    ring = np.array([np.cos(angles), np.sin(angles)])
+    least = min((sigma(v1.T @ (size * ring)) ** 2).sum(0).min() for size in np.linspace(0, 8, 81))
+    assert least == pytest.approx(2.015, abs=0.002), f"|s1|^2 {least:.4f}"
+    limit = np.sqrt(4.0 * 30.0 * least * (1.0 - 0.25))
+    assert limit == pytest.approx(13.4, abs=0.1), f"beta {limit:.2f}"
+
+
+def test_without_beta_the_critic_never_wakes() -> None:
+    rng = np.random.default_rng(3)
+    asleep, off = Compiled({"beta": 0.0}), Compiled({"critic_on": 0.0})
+    for _ in range(200):
+        u = np.append(rng.normal(size=10), 0.0)
+        asleep.step(u, 1e-3)
+        off.step(u, 1e-3)
+        assert not asleep.y[10:13].any(), f"R, |W1| {asleep.y[10:13]}"
+        assert np.array_equal(asleep.y, off.y), asleep.y - off.y
+    assert asleep.y[13] > 1.0, "the action network learns all the same"
+
+
+def test_all_parts_off_leave_the_pd_law() -> None:
+    rng = np.random.default_rng(4)
+    bare, u = random_law(rng, critic_on=0.0, action_on=0.0, kz=0.0)
+    y = np.zeros(6)
+    changes = bare.step(u, 1e-3)
+    arm_pd_inertia.step(0.0, 1e-3, bare.p[:6].copy(), np.zeros(0), u[:8].copy(), y)
+    assert np.array_equal(bare.y[:6], y), bare.y[:6] - y
+    assert not any(change.any() for change in changes.values()), "networks that are off rest"
+    r = u[2:4] - u[6:8] + 5.0 * (u[:2] - u[4:6])
+    c = float(cos(u[5]))
+    tau = np.array([[3.0 + 2.0 * c, 1.0 + c], [1.0 + c, 1.0]]) @ (30.0 * r)
+    assert y[:2] == pytest.approx(tau, rel=1e-13), y[:2] - tau
+
+
+def test_weights_rest_in_a_cycle_without_a_measurement() -> None:
+    compiled, u = random_law(np.random.default_rng(5))
+    u[10] = 1.0
+    changes = compiled.step(u, 1e-3)
+    assert not any(change.any() for change in changes.values()), changes
+
+
+def test_the_first_layers_are_drawn_in_the_order_v1_v2() -> None:
+    draw = np.random.default_rng(7)
+    first, second = draw.uniform(-1, 1, (2, 10)), draw.uniform(-1, 1, (11, 10))
+    compiled = Compiled({})
+    assert np.array_equal(compiled.weights("v1"), first)
+    assert np.array_equal(compiled.weights("v2"), second)
