@@ -1,0 +1,122 @@
+"""The figures of the study: PD beside the critic, what each part brings, the weights over 60 s."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from plants.study import Result
+
+NAMES = {"pd": "PD", "robust_only": "PD, robust term", "critic": "PD, robust term, both networks"}
+JOINTS = ((1, BLUE), (2, VERMILION))
+PAYLOAD_S = (5.0, 7.0)
+SHADE = "#F3E8D2"
+SMALLEST_RAD = 1e-4  # of the logarithmic axis
+
+
+def _dress(ax: Any) -> None:
+    ax.grid(color="#D0D0D0", linewidth=0.5, which="both", alpha=0.6)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def draw_beside(runs: Sequence[Result], path: Path) -> None:
+    """Draw a column a controller: angles, errors, torques; the payload is shaded."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.0, 9.0), dpi=120, layout="constrained")
+    axes = figure.subplots(3, len(runs), sharex=True, sharey="row", height_ratios=(4, 5, 3))
+    for column, result in zip(axes.T, runs, strict=True):
+        _draw_run(column, result.traces)
+        column[0].set_title(NAMES[result.case.controller], fontsize=11, loc="left")
+        column[-1].set_xlabel("time [s]")
+        for ax in column:
+            ax.axvspan(*PAYLOAD_S, color=SHADE, linewidth=0, zorder=0)
+            _dress(ax)
+    for ax, label in zip(
+        axes[:, 0], ("angle [rad]", "|error| [rad]", "torque [N m], start cut"), strict=True
+    ):
+        ax.set_ylabel(label)
+    axes[0, 0].set_ylim(-1.3, 1.9)
+    axes[0, 0].set_xlim(0.0, 10.0)
+    axes[1, 0].set_yscale("log")
+    axes[1, 0].set_ylim(SMALLEST_RAD, 3.0)
+    axes[2, 0].set_ylim(-80.0, 100.0)
+    for ax in axes[:, -1]:
+        ax.legend(fontsize=8, ncols=3, loc="upper right", framealpha=0.9)
+    figure.suptitle("sin t and cos t with a payload of 1.5 kg from 5 to 7 s (shaded)", fontsize=13)
+    figure.savefig(path)
+
+
+def _draw_run(axes: Any, x: Mapping[str, Any]) -> None:
+    t = x["t"]
+    for joint, colour in JOINTS:
+        q, q_d = x[f"plant:arm.q_{joint}_rad"], x[f"executive:reference_{joint}.q_d_rad"]
+        axes[0].plot(t, q, color=colour, linewidth=1.2, label=f"joint {joint}")
+        axes[0].plot(
+            t, q_d, color=BLACK, linewidth=0.8, linestyle="--",
+            label="references" if joint == 2 else None,
+        )  # fmt: skip
+        size = np.maximum(np.abs(q_d - q), SMALLEST_RAD)
+        axes[1].plot(t, size, color=colour, linewidth=0.9, label=f"joint {joint}")
+        tau = x[f"plant:arm.acting_{joint}_Nm"]
+        axes[2].plot(t, tau, color=colour, linewidth=0.9, label=f"joint {joint}")
+
+
+def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path) -> None:
+    """Draw the rms errors of each combination of parts before, under and after the payload."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.0, 5.0), dpi=120, layout="constrained")
+    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    windows = (("early_rms", "3 to 5 s, before the payload"),
+               ("payload_rms", "5 to 7 s, with the payload"),
+               ("error_rms", "8 to 10 s, after it"))  # fmt: skip
+    labels = list(shown)[::-1]
+    whole = labels.index(next(label for label in labels if label.startswith("all:")))
+    for ax, (metric, title) in zip(axes, windows, strict=True):
+        for joint, colour in JOINTS:
+            place = np.arange(len(labels)) - (0.12 if joint == 2 else -0.12)
+            values = [shown[label].metric(f"{metric}_{joint}_rad") for label in labels]
+            ax.plot(values, place, "o", color=colour, markersize=7, label=f"joint {joint}")
+            drawn = [result.metric(f"{metric}_{joint}_rad") for result in seeds]
+            at = np.full(len(drawn), place[whole])
+            name = "other first layers" if joint == 2 else None
+            ax.plot(drawn, at, "|", color=GREY, markersize=9, label=name, zorder=0)
+        ax.set_xscale("log")
+        ax.set_xlabel("rms error [rad]")
+        ax.set_title(title, fontsize=10, loc="left")
+        _dress(ax)
+    axes[0].set_yticks(range(len(labels)), labels)
+    axes[0].legend(fontsize=8, loc="upper right", framealpha=0.9)
+    figure.suptitle("What each part of the law brings", fontsize=13)
+    figure.savefig(path)
+
+
+def draw_long(result: Result, path: Path) -> None:
+    """Draw errors and norms of the run of 60 s with the payload in its beginning."""
+    from matplotlib.figure import Figure
+
+    x = result.traces
+    figure = Figure(figsize=(11.0, 7.0), dpi=120, layout="constrained")
+    axes = figure.subplots(3, 1, sharex=True)
+    for joint, colour in JOINTS:
+        e = x[f"executive:reference_{joint}.q_d_rad"] - x[f"plant:arm.q_{joint}_rad"]
+        axes[0].plot(x["t"], 1e3 * e, color=colour, linewidth=0.9, label=f"joint {joint}")
+    size = np.hypot(x["executive:controller.critic_1"], x["executive:controller.critic_2"])
+    axes[1].plot(x["t"], size, color=PURPLE, label="critic signal |R|")
+    axes[1].plot(x["t"], x["executive:controller.norm_w1"], color=GREEN, label="critic |W1|")
+    axes[1].plot(x["t"], x["executive:controller.norm_rho"], color=ORANGE, label="critic |rho|")
+    axes[2].plot(x["t"], x["executive:controller.norm_w2"], color=BLACK, label="action |W2|")
+    axes[0].set_ylim(-60.0, 60.0)
+    axes[0].set_xlim(0.0, x["t"][-1])
+    for ax, label in zip(axes, ("error [mrad]", "critic", "action network"), strict=True):
+        ax.set_ylabel(label)
+        ax.axvspan(*PAYLOAD_S, color=SHADE, linewidth=0, zorder=0)
+        _dress(ax)
+        ax.legend(fontsize=8, ncols=3, loc="upper right", framealpha=0.9)
+    axes[-1].set_xlabel("time [s]")
+    figure.suptitle("60 s: errors and weights stay bounded, payload from 5 to 7 s", fontsize=13)
+    figure.savefig(path)
