@@ -56,6 +56,10 @@ PARTS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {  # rig, setti
     "2 kz 0, kap2 1": ("none", ("kz=0.0", "kap2=1.0"), ("", "", "0.051 0.054")),
     "2 kz 0": ("none", ("kz=0.0",), ()),
 }  # fmt: skip
+QUANTA = {
+    "1e-4 rad, 1e-3 rad/s, 0.1 N m": (1e-4, 1e-3, 0.1),
+    "1e-3 rad, 1e-2 rad/s, 1 N m": (1e-3, 1e-2, 1.0),
+}
 DELAYS, SEEDS, LONG_S = range(1, 6), range(10), 60.0
 LONG: dict[str, tuple[str, tuple[str, ...], str]] = {  # rig, settings, expected
     "case 2": ("none", (), "0.0064 0.0103"),
@@ -87,6 +91,10 @@ def cases() -> Iterator[Case]:
     for samples in DELAYS:
         setting = f"arm.delay_samples={samples}.0"
         yield Case("delays", rig_of("on"), "critic", f"{samples}", (setting,))
+    for label, quanta in QUANTA.items():
+        names = ("position_lsb_rad", "rate_lsb_rad_s", "torque_lsb_Nm")
+        settings = tuple(f"arm.{name}={lsb}" for name, lsb in zip(names, quanta, strict=True))
+        yield Case("quanta", rig_of("on"), "critic", label, settings)
     for seed in SEEDS:
         setting = f"controller.network_seed={seed}.0"
         yield Case("seeds", rig_of("on"), "critic", f"{seed}", (setting,))
@@ -122,6 +130,8 @@ def report(results: Sequence[Result]) -> str:
     rows = [row(four, ()), *(row(r, ()) for r in of_group(results, "delays"))]
     rows[0][0] = "0"
     text.append("Case 4, age of the torque in samples\n\n" + markdown(("", *HEADS), rows))
+    rows = [row(r, ()) for r in of_group(results, "quanta")]
+    text.append("Case 4, quanta of angles, rates and torques\n\n" + markdown(("", *HEADS), rows))
     rows = [row(r, ()) for r in of_group(results, "seeds")]
     text.append(
         "Case 4, seed of V1 and V2; expected of 0 to 3 at 8-10 s: "
