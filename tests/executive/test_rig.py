@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 
 import executive.controllers
 from executive.errors import RigError
+from executive.laws import project_name
 from executive.rig import Rig, load_rig
 
+ROOT = Path(__file__).resolve().parents[2]
 RIG = """\
 rig: small
 title: one joint
@@ -419,3 +421,12 @@ def test_resolved_text_loads_to_equal_values(
     again = load_rig(path, text=rig.resolved())
     assert effective(again) == effective(rig), rig.resolved()
     assert again.resolved() == rig.resolved()
+
+
+def test_a_law_beside_the_packages_has_one_name_whatever_the_path(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """`python -m` puts the working folder on the path; the compile cache stores the name."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    assert project_name(ROOT / "tests" / "executive" / "relay" / "law.py") is None
+    assert project_name(ROOT / "plants" / "probe" / "law.py") == "plants.probe.law"

@@ -5,7 +5,8 @@
 
 `make bless` writes both anew and prints old and new figures, for the commit message that says why;
 `make bless PLANT=atb1000` those of one plant. The rigs' own two-sided limits (`expect`, with their
-reasons) bound what may be blessed. The controllers of a plant take turns over its rigs.
+reasons) bound what may be blessed. The controllers of a plant take turns over its rigs, and go on
+as <rig>+<controller> where there are more controllers than rigs.
 """
 
 import hashlib
@@ -32,11 +33,17 @@ LOG_BYTES = 50_000
 def rigs(plant: str = "*") -> Iterator[tuple[str, Path, str]]:
     """Yield (plant/rig, file, controller) of every golden run."""
     for folder in sorted((ROOT / "plants").glob(f"{plant}/rigs")):
-        for i, file in enumerate(sorted(folder.glob("*.yaml"))):
-            config = load_rig(file, resolve=False).config
-            turn = list(config.controllers)[i % len(config.controllers)]
+        files = sorted(folder.glob("*.yaml"))
+        configs = {file: load_rig(file, resolve=False).config for file in files}
+        controllers = list(configs[files[0]].controllers)
+        for i in range(max(len(files), len(controllers))):
+            file, turn = files[i % len(files)], controllers[i % len(controllers)]
+            known = turn in configs[file].expect
             name = f"{folder.parent.name}/{file.stem}"
-            yield name, file, turn if turn in config.expect else config.controller
+            if i < len(files):
+                yield name, file, turn if known else configs[file].controller
+            elif known:
+                yield f"{name}+{turn}", file, turn
 
 
 def packed_log(name: str) -> Path:
