@@ -29,7 +29,12 @@ import plants
 from plants.study import Case, Result
 from tools.progress import Progress
 
+STUDY_PARTS = ("CHAPTER", "TITLE", "cases", "report", "draw")
 TRACE_POINTS = 1500  # of a figure's line: more than its pixels
+
+
+class StudyError(Exception):
+    """A file that is no study."""
 
 
 def run_case(case: Case) -> Result:
@@ -119,7 +124,13 @@ def chosen(name: str) -> list[ModuleType]:
     spec = importlib.util.spec_from_file_location("pcpc_study", name)
     assert spec is not None and spec.loader is not None, name  # it ends in .py
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise StudyError(f"{name}: {type(error).__name__}: {error}") from None
+    absent = [part for part in STUDY_PARTS if not hasattr(module, part)]
+    if absent:
+        raise StudyError(f"{name}: no {', '.join(absent)}; plants/study.py says what a study holds")
     return [module]
 
 
@@ -155,6 +166,11 @@ def command(options: argparse.Namespace) -> int:
     if options.jobs is not None and options.jobs < 1:
         print(f"--jobs {options.jobs}: expected 1 or more", file=sys.stderr)
         return 2
+    try:
+        parts = chosen(name)
+    except StudyError as error:
+        print(error, file=sys.stderr)
+        return 2
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     folder = Path(options.output or Path("runs") / f"{stamp}-{Path(name).stem}")
     try:
@@ -166,7 +182,6 @@ def command(options: argparse.Namespace) -> int:
         return 2
     progress = Progress(options.quiet)
     try:
-        parts = chosen(name)
         if parts:
             code = run_studies(parts, folder, progress, options.jobs)
         else:

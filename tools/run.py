@@ -325,7 +325,7 @@ def command(options: argparse.Namespace) -> int:
         rig = load_rig(options.rig, options.controller, options.set, resolve=False)
         role = alone.get(options.command)
         if role == "local" and rig.config.local is None:
-            raise RigError(f"{rig.path}: has no local node; use exec and plant")
+            raise RigError(f"{options.rig}: has no local node; use exec and plant")
         return on_bus(options, rig, rig.roles[::-1] if role is None else (role,))
     except RigError as error:
         print(error, file=sys.stderr)

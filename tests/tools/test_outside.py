@@ -188,6 +188,16 @@ def test_an_experiment_that_is_none_is_refused_with_the_names(tmp_path: Path) ->
         assert len(done.err.splitlines()) == 1 and "chapter9" in done.err, str(done)
 
 
+@pytest.mark.parametrize(
+    ("text", "why"), [("1 +", "SyntaxError"), ("CHAPTER = 1", "no TITLE, cases, report, draw")]
+)
+def test_a_file_that_is_no_study_is_refused_in_a_line(text: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "study.py").write_text(text)
+    done = pcpc("experiment", str(tmp_path / "study.py"), "-o", str(tmp_path / "out"))
+    assert done.code == 2 and why in done.err and len(done.err.splitlines()) == 1, str(done)
+    assert not (tmp_path / "out").exists()
+
+
 def test_json_of_check_names_the_files_outside(spring: Path) -> None:
     done = pcpc("check", str(spring), "--json")
     assert done.code == 0 and json.loads(done.out)["rig"] == "spring", str(done)
