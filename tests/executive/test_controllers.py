@@ -3,6 +3,7 @@
 import importlib
 import math
 import pkgutil
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -211,7 +212,7 @@ def test_every_law_says_its_equations_and_has_a_block(module: str) -> None:
     law = importlib.import_module(f"executive.controllers.{module}")
     header = law.__doc__ or ""
     assert isinstance(law.BLOCK, Block), module
-    assert "N m" in header or "ithout unit" in header, f"{module} does not name its units"
+    assert re.search(r"\b(N|rad|m)\b|ithout unit", header), f"{module} does not name its units"
     assert "(1)" in header, f"{module}: no numbered equation in the header"
     for port in (*law.BLOCK.inputs, *law.BLOCK.outputs, *law.BLOCK.settings, *law.BLOCK.states):
         assert port.help, f"{module}.{port.name}: no meaning"
