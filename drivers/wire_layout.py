@@ -17,6 +17,7 @@ WIRE = np.dtype(
         ("fd_rx", "<i8"),
         ("fd_tx2", "<i8"),  # of a second bus, -1 without
         ("fd_rx2", "<i8"),
+        ("muted", "<i8"),  # 1: a blocking receive listens to the second bus only
         ("n_second", "<i8"),  # how many ids go out on the second bus, and which
         ("second", "<i8", (SECOND_IDS,)),
         ("errno", "<i8"),  # of the last call that failed

@@ -124,6 +124,8 @@ def take_frame(n: Any) -> Any:
         if used_before == 0:
             n.started += n.rx_role[row, sh.STARTS]
             n.fresh += n.rx_role[row, sh.AWAITED]
+            if n.wire.n_second > 0 and n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
+                n.wire.muted = 1  # what follows this SYNC belongs to the next cycle
     elif state == e2e.ERROR:
         n.control[sh.CRC_ERRORS] += 1
     elif state == e2e.REPEATED:
@@ -179,6 +181,7 @@ def supervise(n: Any) -> None:
         n.control[sh.STALE] += running and n.missing > n.hold_cycles
     n.started = 0
     n.fresh = 0
+    n.wire.muted = 0
     e2e.begin_cycle(n.rx_state[: n.n_rx])
     if before != sv.INIT and n.missing >= n.fault_after and n.faulted == sv.NO_FAULT:
         n.faulted = sv.INPUT_MISSING

@@ -1,7 +1,8 @@
 """Virtual time of a rig with a local node: `run_virtual` of `executive.virtual` for three nodes.
 
 A cycle k of all nodes: the plant samples, the local node takes that sample and what the executive
-sent in k - 1, the executive takes what the local node passed on. That is the order of lockstep.
+sent in k - 1, the executive takes what the local node passed on. That is the order of lockstep. At
+the end each node has done one cycle more than the one above it, as a plant always has.
 """
 
 from typing import Any
@@ -54,11 +55,12 @@ def run_virtual_with_local(
     for _ in range(cycles):
         executive.virtual_now = executive.k * executive.period_ns
         more = one_pass(executive, laws)
-        if not more:
-            finish(executive)
         wire.carry(executive.wire, local.wire)
         _pass_below(executive, local, relays, plant, models)
         if not more:
+            finish(executive)
+            wire.carry(executive.wire, local.wire)
+            _pass_below(executive, local, relays, plant, models)
             finish(local)
             wire.deal(local.wire, executive.wire, plant.wire)
             one_pass(plant, models)
