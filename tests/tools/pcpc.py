@@ -30,13 +30,16 @@ _number = itertools.count()
 
 
 def own_bus() -> str:
-    """Return a bus that no other test and no other test process uses; its locks go at the end."""
+    """Return a bus that no other test and no other test process uses; its files go at the end.
+
+    Also those of nodes that a test had to kill, before another run of the tests gets the port.
+    """
     port = 20000 + os.getpid() % 120 * 100 + next(_number) % 100
-    atexit.register(_remove_locks, f"pcpc-{os.getuid()}-*{GROUP}-{port}.*.lock")
+    atexit.register(_remove_files, f"pcpc-{os.getuid()}-*{GROUP}-{port}.*")
     return f"udp_multicast:{GROUP}:{port}"
 
 
-def _remove_locks(pattern: str) -> None:
+def _remove_files(pattern: str) -> None:
     for path in Path("/dev/shm").glob(pattern):
         path.unlink(missing_ok=True)
 
