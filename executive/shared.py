@@ -56,7 +56,7 @@ FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT, CHANGE_EVENT = 1, 2, 3, 4, 5
 LATE_EVENT, FALLBACK_EVENT = 6, 7
 
 # Sizes are fixed, so that one compiled loop serves every rig; `executive.node` checks the fit.
-MAX_VARIABLES = 4096
+MAX_VARIABLES = 8192
 MAX_BLOCKS = 8
 MAX_COPIES = 1024
 MAX_LIMITS = 64

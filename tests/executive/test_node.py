@@ -23,7 +23,7 @@ from executive.block import Block, Port
 def step(t, dt, p, x, u, y): pass
 
 PASSES = Block(step, outputs=(Port("passes", "", "an output"),))
-HUGE = Block(step, states=(Port("s", "", "too many", size=5000),))
+HUGE = Block(step, states=(Port("s", "", "too many", size=9000),))
 PAIR = Block(step, inputs=(Port("a", "", "in"),), outputs=(Port("a", "", "out"),))
 """
 REST = "{law: 'executive.references:step', parameters: {amplitude_rad: 0.0, start_s: 0.0}}"

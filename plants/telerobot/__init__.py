@@ -1,0 +1,1 @@
+"""A two-link arm behind a node of its own, steered over a delay."""
