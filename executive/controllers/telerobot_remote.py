@@ -17,9 +17,9 @@ it drives (1), because the robot gets what the wire carries. `local_law` and N g
 node with u, so that both sides always agree:
     1 double integrator (no As in (4))   2 As from a model   3 robust, without network   4 network
 
-rad, rad/s, rad/s2, s. The reference is soft_sine.py about the start, `aim` is it T ago: what the
-robot should do now. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 8; scenario and numbers are
-this project's.
+rad, rad/s, rad/s2, s; u becomes a torque, N m, at the robot. The reference is soft_sine.py about
+the start, `aim` is it T ago: what the robot should do now. Source: Lewis, Campos, Selmic (SIAM
+2002), chapter 8; scenario and numbers are this project's.
 """
 
 from collections.abc import Mapping
