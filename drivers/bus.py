@@ -81,7 +81,8 @@ def beside(bus: Bus) -> Bus:
             f"{bus}: which bus is beside it is unknown; name it: --set local.bus.channel=can1"
         )
     next_one = f"{name[1]}{int(name[2]) + 1}"
-    vcan_ready(next_one)  # makes it where that is possible
+    if not vcan_ready(next_one):
+        _make_vcan(next_one)  # there, but not up: another node is just making it
     return Bus(bus.interface, next_one)
 
 
@@ -94,15 +95,23 @@ def vcan_ready(name: str) -> bool:
     if os.path.exists(f"/sys/class/net/{name}"):
         with open(f"/sys/class/net/{name}/flags") as flags:
             return int(flags.read(), 16) & 1 == 1
+    return _make_vcan(name)
+
+
+def _make_vcan(name: str) -> bool:
+    """Make a vcan interface and bring it up, where root may; return whether it is up.
+
+    Two nodes may do so at once: that it is there already is no error.
+    """
     if not name.startswith("vcan") or os.geteuid() != 0:
         return False
+    code = 1
     for command in (f"ip link add dev {name} type vcan", f"ip link set {name} up"):
         try:
-            if subprocess.run(command.split(), capture_output=True, timeout=5).returncode:
-                return False
+            code = subprocess.run(command.split(), capture_output=True, timeout=20).returncode
         except (OSError, subprocess.TimeoutExpired):
             return False
-    return True
+    return code == 0
 
 
 def open_bus(bus: Bus, receive_ids: list[int], end: Any) -> None:
