@@ -110,6 +110,7 @@ def take_frame(n: Any) -> Any:
         return row
     after_loss = n.loss_state[row, losses.LOST]
     if is_lost(n, row):
+        n.control[sh.LOST_ON_PURPOSE] += 1
         n.started += n.rx_role[row, sh.STARTS]  # nobody waits for it
         push_frame(n, frame, 1, e2e.ON_PURPOSE)
         return np.int64(-1)

@@ -28,6 +28,7 @@ TIMING = (
     ("health.crc_errors", "", "frames with a wrong CRC or length"),
     ("health.frames_repeated", "", "frames received twice"),
     ("health.saturated_values", "", "values clamped on sending"),
+    ("health.frames_lost_on_purpose", "", "frames that the rig's losses took from this receiver"),
     *(
         (f"timing.{stage}_{figure}_us", "us", f"{what}: {figure} so far, renewed now and then")
         for stage, what in (("wake_late", "lateness"), ("work", "wake-up to end of cycle"))
@@ -46,4 +47,5 @@ COUNTED = (  # of these, what follows from the frames alone, not from clocks
     "health.crc_errors",
     "health.frames_repeated",
     "health.saturated_values",
+    "health.frames_lost_on_purpose",
 )

@@ -3,7 +3,8 @@
 verdict              exit code
 ok                   0
 expectation not met  1    a metric is outside the rig's two-sided limits
-loss                 3    frames lost or stale, records dropped, or a part of the log missing
+loss                 3    frames lost (but not on purpose) or stale, records dropped, or a part of
+                          the log missing
 safety stop          5    a node faulted or died
 interrupted          130  Ctrl-C
 """
@@ -142,7 +143,8 @@ def _verdict(summary: Mapping[str, Any], outcome: Outcome) -> str:
     if outcome.faults:
         return "safety stop"
     frames = summary["frames"]
-    lost = frames["lost"] or frames["stale"] or summary["records"]["dropped"]
+    astray = frames["lost"] > frames["lost_on_purpose"]  # counted when a later frame comes
+    lost = astray or frames["stale"] or summary["records"]["dropped"]
     if lost or summary["log_missing"]:
         return "loss"
     return "expectation not met" if summary["expectations_failed"] else "ok"
@@ -157,13 +159,13 @@ def _health(log: logs.Log) -> dict[str, int]:
     total = dict.fromkeys(
         ("late_cycles", "skipped_cycles", "held_cycles", "sent", "received", "lost", "stale",
          "crc_errors",
-         "repeated", "saturated_values"), 0)  # fmt: skip
+         "repeated", "saturated_values", "lost_on_purpose"), 0)  # fmt: skip
     names = {
         "late_cycles": "late_cycles", "skipped_cycles": "skipped_cycles",
         "held_cycles": "held_cycles",
         "sent": "frames_sent", "received": "frames_received", "lost": "frames_lost",
         "stale": "stale_cycles", "crc_errors": "crc_errors", "repeated": "frames_repeated",
-        "saturated_values": "saturated_values",
+        "saturated_values": "saturated_values", "lost_on_purpose": "frames_lost_on_purpose",
     }  # fmt: skip
     for role, node in log.node.items():
         for key, name in names.items():

@@ -1,5 +1,6 @@
 """A rig of three nodes on two buses: who hears what, delays, losses on purpose."""
 
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,9 @@ from executive.node import plan
 from executive.protocol import bus_load
 from executive.rig import load_rig
 from executive.virtual import in_memory, simulate
+from tools.progress import Progress
+from tools.replay import replay
+from tools.summary import Outcome, summarise
 
 RELAY = Path(__file__).parent / "relay" / "rig.yaml"
 
@@ -81,6 +85,21 @@ def test_losses_are_the_same_in_every_run_and_others_with_another_seed() -> None
     ]
     assert np.array_equal(missed[0], missed[1])
     assert not np.array_equal(missed[0], missed[2])
+
+
+def test_losses_on_purpose_are_replayed_and_no_fault_of_the_run(tmp_path: Path) -> None:
+    lossy = ["losses.ASK.share=0.2", "losses.FB.share=0.3", "losses.FB.burst=5", "duration_s=2.0"]
+    rig, path = load_rig(RELAY, settings=lossy), tmp_path / "log.mcap"
+    simulate(rig, path)
+    options = argparse.Namespace(controller=None, set=[], node="all")
+    for verdict in replay(path, options, Progress(quiet=True)):
+        assert verdict.identical, f"{verdict.first()} {verdict.incomplete}"
+    log = logs.read(path)
+    summary = summarise(rig, log, Outcome("virtual", "memory"))
+    frames = summary["frames"]
+    assert 700 < frames["lost_on_purpose"] < 1300, frames
+    assert 0 < frames["lost"] <= frames["lost_on_purpose"], frames
+    assert summary["verdict"] == ("loss" if frames["stale"] else "ok"), summary["verdict"]
 
 
 def test_a_loss_of_an_unknown_frame_is_refused_with_a_proposal(tmp_path: Path) -> None:
