@@ -20,6 +20,9 @@ ul is u of N ticks ago, by `playout.py`: held, and counted, where its frame is m
 first it is what holds the robot where it stands: -A21 q(0), or 0 for (8). The frames of a sample
 tell its tick and, as echo, that of the ul in use.
 
+Ticks are cycles, and where the operator skipped some that this node did not, as it may where SYNC
+starts its cycles, its ticks jump after those that come with u. Time, and so (5), goes on as it was.
+
 A joint faster than `speed_limit_rad_s` trips for good: tau = -brake q'.
 
 rad, rad/s, N m. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 8; numbers are this project's.
@@ -34,7 +37,7 @@ from drivers.jit import inline, tail
 from executive.block import Block, Port, Prepared, stage
 from executive.emath import clip, floor, sincos, sqrt, tanh, where
 from executive.models.double_pole import A21, A22, ENTRIES, advance, sampled
-from executive.models.playout import EMPTY, SLOTS, put, take, wire_tick
+from executive.models.playout import EMPTY, SLOTS, put, take, tick_of, wire_tick
 from executive.models.two_link import gravity_torque, inertia, velocity_torque
 
 JOINTS, NODES, NET_INPUTS = 2, 20, 5
@@ -98,6 +101,7 @@ STATES = (
     Port("begun", "", "1 after the first tick", recorded=False),
     Port("last_tick", "", "tick of xh", recorded=False),
     Port("u_tick", "", "tick of ul", recorded=False),
+    Port("ahead", "", "ticks by which the operator's are ahead of this node's", recorded=False),
     Port("played", "", "1 after the first u", recorded=False),
     Port("missed", "", "ticks without a new u", recorded=False),
     Port("trip", "", "1 once a joint was too fast", recorded=False),
@@ -107,8 +111,8 @@ STATES = (
 )  # fmt: skip
 (KR, KW, GAM, KAP, A1, A2, M1, M2, G, TAU_MAX, _, SPEED_LIMIT, BRAKE, AD) = range(14)
 V = AD + ENTRIES
-(_XH, _DRIVING, _UL, _START, _BEGUN, _LAST, _U_TICK, _PLAYED, _MISSED, _TRIP, _ST) = (
-    0, 4, 6, 8, 10, 11, 12, 13, 14, 15, 16,
+(_XH, _DRIVING, _UL, _START, _BEGUN, _LAST, _U_TICK, _AHEAD, _PLAYED, _MISSED, _TRIP, _ST) = (
+    0, 4, 6, 8, 10, 11, 12, 13, 14, 15, 16, 17,
 )  # fmt: skip
 _LEARNED = _ST + JOINTS
 _IN = _LEARNED + JOINTS
@@ -128,6 +132,15 @@ def begin(now: float, x: Any, u: Any) -> None:
         x[_XH + 2 * j + 1] = where(first, u[RATE + j], x[_XH + 2 * j + 1])
     x[_LAST] = where(first, now, x[_LAST])
     x[_BEGUN] = 1.0
+
+
+@inline
+def follow(now: float, x: Any, u: Any) -> float:
+    """Return the tick of this cycle, not behind that of the newest u."""
+    own = now + x[_AHEAD]
+    behind = where(u[2] > 0.5, tick_of(u[2], own) - own, 0.0)
+    x[_AHEAD] += where(behind > 0.0, behind, 0.0)
+    return now + x[_AHEAD]
 
 
 @inline
@@ -246,6 +259,7 @@ def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     now = floor(t / dt + 0.5)
     begin(now, x, u)
     identify(now, p, x)
+    now = follow(now, x, u)
     listen(now, x, u)
     prefill(x, u)
     norm = network(p, x, u)

@@ -163,6 +163,22 @@ def test_jitter_below_the_delay_disappears() -> None:
         assert now < n or held[0] == now - n, f"tick {now}: {held[0]}"
 
 
+def test_the_ticks_of_the_robot_follow_an_operator_that_skipped_some() -> None:
+    """7 ticks from 100 on: u keeps its delay of 20, and what was never sent is held and counted."""
+    law, sent, told = Law(local, **ARM), {}, {}
+    for k in range(200):
+        operator = k + (7 if k >= 100 else 0)
+        told = law.step(k, **sent)
+        if k > 140:
+            assert told["ul_1_rad_s2"] == operator - 1 - 20, f"{told['ul_1_rad_s2']} at {k}"
+            assert told["sample_tick"] == playout.wire_tick(operator - 1.0), told["sample_tick"]
+        sent = {
+            "u_1_rad_s2": float(operator), "tick": playout.wire_tick(float(operator)),
+            "law": local.NETWORK, "delay": 20.0,
+        }  # fmt: skip
+    assert told["held_u"] == 7.0, told["held_u"]
+
+
 def test_a_late_frame_is_refused_and_zero_is_no_tick() -> None:
     number = playout.wire_tick(100.0)
     assert playout.in_time(number, 120.0, 20.0) and not playout.in_time(number, 121.0, 20.0)
