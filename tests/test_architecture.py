@@ -8,6 +8,7 @@ controller; `tools` import everything.
 import ast
 import re
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -123,6 +124,17 @@ def test_only_declared_packages_are_imported_at_the_start() -> None:
         start = ast.Module([n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)], [])
         wrong += [f"{name}:{n}: {m}" for m, n in imports(start) if m.split(".")[0] not in known]
     assert not wrong, wrong
+
+
+def test_what_can_be_installed_is_used() -> None:
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    names = {"python-can": "can", "pyyaml": "yaml"}  # where package and module differ
+    extras = {n: e for n, e in declared["optional-dependencies"].items() if n != "test"}
+    wanted = [*declared["dependencies"], *(package for e in extras.values() for package in e)]
+    packages = [re.split("[^a-z-]", package.lower())[0] for package in wanted]
+    used = {module.split(".")[0] for tree in TREES.values() for module, _ in imports(tree)}
+    needless = [name for name in packages if names.get(name, name) not in used]
+    assert not needless, needless
 
 
 def test_a_law_imports_nothing_but_numpy_beside_its_block() -> None:

@@ -5,6 +5,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from tools.ending import ended
+
 _RIG = "plants/atb1000/rigs/slew10.yaml"
 _CODES = (
     "exit code: 0 ok, 1 expectation not met, 2 wrong input, 3 loss, 4 environment, "
@@ -18,15 +20,23 @@ _HELP = {  # of the commands that bring their own arguments
     "bench": "measure ratios against C and others, interleaved in one run",
 }
 _MODULES = {name: f"tools.{name}" for name in _HELP}
+_WITH_VERDICT = (  # which does not depend on whether somebody reads what is printed
+    "run", "exec", "local", "plant", "simulate", "check", "replay", "play", "jitter", "experiment",
+    "vm",
+)  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one subcommand and return its exit code."""
+    """Run one subcommand and return its exit code; see `tools.ending` for how it ends."""
     words = list(sys.argv[1:] if argv is None else argv)
+    return ended(lambda: _carry_out(words), goes_on=words[:1] != [] and words[0] in _WITH_VERDICT)
+
+
+def _carry_out(words: Sequence[str]) -> int:
     if words[:1] == ["vm"]:  # has its own arguments, up to --
         from tools.vm import run as run_vm
 
-        return run_vm(words[1:])
+        return run_vm(list(words[1:]))
     options = _parser(words[:1]).parse_args(words)
     if options.command in _MODULES:
         return int(import_module(_MODULES[options.command]).command(options))

@@ -157,7 +157,7 @@ def run_studies(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run the experiment `options.name`; return 0, 1 if a run failed, 2 for wrong input."""
+    """Run the experiment `options.name`; return 0, 1 if a run failed, 2 wrong input, 4."""
     name = str(options.name)
     if not (Path(name).is_file() if name.endswith(".py") else name in names()):
         known = ", ".join(names())
@@ -166,6 +166,12 @@ def command(options: argparse.Namespace) -> int:
     if options.jobs is not None and options.jobs < 1:
         print(f"--jobs {options.jobs}: expected 1 or more", file=sys.stderr)
         return 2
+    try:
+        import matplotlib.figure  # noqa: F401  the figures come last
+    except ImportError as error:
+        cure = "pip install 'pcpc[plot]'"
+        print(f"{name}: its figures need matplotlib: {cure} ({error})", file=sys.stderr)
+        return 4
     try:
         parts = chosen(name)
     except StudyError as error:

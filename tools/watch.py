@@ -6,7 +6,6 @@ exit code: 0 ok; 2 wrong input or locked; 4 no such node, or it does not answer;
 import argparse
 import json
 import math
-import os
 import shutil
 import sys
 import time
@@ -39,14 +38,11 @@ def command(options: argparse.Namespace) -> int:
     actions = {"list": _list, "get": _get, "set": _set, "watch": _watch, "lock": _lock}
     try:
         actions[options.command](find(options.node), options)
-        sys.stdout.flush()
     except HostError as error:
         print(error, file=sys.stderr)
         return error.code
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # `pcpc list | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return OK
 
 

@@ -91,12 +91,8 @@ def test_numbers_that_json_has_not_are_text() -> None:
 
 
 def test_closed_pipe_ends_quietly() -> None:
-    code = (
-        "import argparse, sys\nfrom tools.log import cat\nparser = argparse.ArgumentParser()\n"
-        "cat.add_arguments(parser.add_subparsers())\n"
-        "sys.exit(cat.command(parser.parse_args(sys.argv[1:])))"
-    )
-    words = [sys.executable, "-c", code, "cat", str(barrel_log("pd")), "--format", "ndjson"]
+    log = str(barrel_log("pd"))
+    words = [sys.executable, "-m", "tools.cli", "log", "cat", log, "--format", "ndjson"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT)
     assert process.stdout is not None and process.stderr is not None
     assert process.stdout.readline().startswith(b"{")

@@ -11,7 +11,6 @@ many digits as they need to come back bit for bit.
 import argparse
 import json
 import math
-import os
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -61,12 +60,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 def command(options: argparse.Namespace) -> int:
     """Carry out `cat`; return the exit code."""
     quiet = options.quiet or sys.stdout.isatty()  # there the text itself shows how far it is
-    try:
-        return source.guarded(lambda progress: cat(options, progress), quiet)
-    except BrokenPipeError:  # who reads has seen enough
-        with suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    return source.guarded(lambda progress: cat(options, progress), quiet)
 
 
 def cat(options: argparse.Namespace, progress: Progress) -> int:

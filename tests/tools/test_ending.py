@@ -1,0 +1,149 @@
+"""How commands end when nobody reads, nothing can be written, or somebody asks them to end."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from pcpc import PCPC, ROOT, pcpc
+
+from tools import ending
+
+PROBE = str(ROOT / "plants/probe/rig.yaml")
+Screen = pytest.CaptureFixture[str]
+IGNORING = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+ENDLESS = """
+import sys, time
+from tools.ending import ended
+def wait():
+    print("waiting", flush=True)
+    while True:
+        time.sleep(0.02)
+sys.exit(ended(wait, goes_on=True))
+"""
+
+
+def in_shell(words: str) -> tuple[list[int], str]:
+    """Return the exit codes of a pipe of `bash` and what it left on stderr."""
+    script = f'{words}; echo "${{PIPESTATUS[@]}}" >&3'
+    read, write = os.pipe()
+    done = subprocess.run(
+        ["bash", "-c", f"exec 3>&{write}; {script}"], cwd=ROOT, pass_fds=[write],
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    os.close(write)
+    with os.fdopen(read) as codes:
+        return [int(code) for code in codes.read().split()], done.stderr
+
+
+@pytest.mark.parametrize("words", [
+    "doctor | true", "doctor --json | head -1", "check PROBE | true", "check PROBE >&- 2>&- <&-",
+    "--help | true", "--help >&-", "--help 2>&-", "--help <&-",
+])  # fmt: skip
+def test_a_command_whose_words_nobody_reads_ends_well(words: str) -> None:
+    codes, said = in_shell(f"{PCPC} {words.replace('PROBE', PROBE)}")
+    assert set(codes) == {0} and said == "", f"{words}: {codes}\n{said}"
+
+
+@pytest.mark.parametrize("words", ["doctor", "--help"])
+def test_output_that_cannot_be_written_is_a_loss(words: str) -> None:
+    codes, said = in_shell(f"{PCPC} {words.replace('PROBE', PROBE)} >/dev/full")
+    lost = "standard output: No space left on device; what was printed there is lost\n"
+    assert (codes, said) == ([3], lost), said
+
+
+@pytest.mark.parametrize("where", ["2>/dev/full", "2>&-", ">/dev/full 2>&1", ">&- 2>&-"])
+def test_an_exit_code_does_not_depend_on_whether_its_words_arrive(where: str) -> None:
+    codes, said = in_shell(f"{PCPC} check nosuch.yaml {where}")
+    assert (codes, said) == ([2], ""), f"{where}: {said}"
+
+
+def test_what_is_opened_next_does_not_take_the_place_of_a_closed_stderr() -> None:
+    code = (
+        "from tools.ending import ended; import os;"
+        "raise SystemExit(ended(lambda: min(os.open('/dev/null', 0), 3), goes_on=True))"
+    )
+    done = subprocess.run(["bash", "-c", f'"{sys.executable}" -c "{code}" <&- >&- 2>&-'], cwd=ROOT)
+    assert done.returncode == 3, done.returncode
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_command_in_the_background_ends_when_asked(number: signal.Signals) -> None:
+    """A shell without job control ignores SIGINT for it, nohup SIGHUP too."""
+    words = [sys.executable, "-c", IGNORING, sys.executable, "-c", ENDLESS]
+    with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as one:
+        assert one.stdout is not None and one.stderr is not None
+        assert one.stdout.readline() == b"waiting\n"
+        one.send_signal(signal.SIGHUP)  # ignored from birth: it survives the terminal
+        one.send_signal(number)
+        assert one.wait(20.0) == 130
+        assert one.stderr.read() == b""
+
+
+def test_a_command_ends_with_its_terminal() -> None:
+    words = [sys.executable, "-c", ENDLESS]
+    with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE) as one:
+        assert one.stdout is not None and one.stdout.readline() == b"waiting\n"
+        one.send_signal(signal.SIGHUP)
+        assert one.wait(20.0) == 130
+
+
+def raising(error: BaseException) -> Callable[[], int]:
+    def command() -> int:
+        raise error
+
+    return command
+
+
+@pytest.mark.parametrize(("error", "code", "line"), [
+    (OSError(errno.ENOSPC, "No space left on device", "a/log.mcap"), 3,
+     "a/log.mcap: No space left on device; free space there, or choose another place"),
+    (OSError(errno.EROFS, "Read-only file system", "b"), 4, "b: Read-only file system"),
+    (PermissionError(errno.EACCES, "Not yours", b"c\xff"), 4, r"c\udcff: Not yours"),
+    (OSError("odd"), 4, "odd"),
+    (OSError(), 4, "OSError"),
+    (MemoryError(), 4, "out of memory; end other programs, or give this one more"),
+    (KeyboardInterrupt(), 130, ""),
+])  # fmt: skip
+def test_what_the_machine_refuses_is_a_line(
+    error: BaseException, code: int, line: str, capsys: Screen
+) -> None:
+    assert ending.ended(raising(error), goes_on=True) == code
+    out, err = capsys.readouterr()
+    assert (out, err.splitlines()) == ("", [line] if line else []), err
+
+
+def test_a_working_folder_that_is_gone_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Screen
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    os.rmdir(tmp_path / "gone")
+    assert ending.ended(lambda: len(os.getcwd()), goes_on=True) == 4
+    assert capsys.readouterr().err == "the working folder is gone; change to another one\n"
+
+
+def test_a_mistake_of_the_program_keeps_its_traceback() -> None:
+    with pytest.raises(ZeroDivisionError):
+        ending.ended(lambda: 1 // 0, goes_on=True)
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_an_experiment_without_matplotlib_runs_nothing(tmp_path: Path) -> None:
+    (tmp_path / "matplotlib.py").write_text("raise ImportError('no such thing')\n")
+    done = pcpc(
+        "experiment", "chapter4", "-o", str(tmp_path / "out"),
+        environment={"PYTHONPATH": str(tmp_path)},
+    )  # fmt: skip
+    said = "chapter4: its figures need matplotlib: pip install 'pcpc[plot]' (no such thing)\n"
+    assert (done.code, done.out, done.err) == (4, "", said), str(done)
+    assert not (tmp_path / "out").exists()
