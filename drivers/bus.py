@@ -1,8 +1,7 @@
 """Opening a bus: SocketCAN, python-can's udp_multicast, or any other python-can interface.
 
-`auto` is vcan0 if it exists or can be created, else udp_multicast on the loopback interface. Names
-are python-can's: interface, channel. As text `interface[:channel]`; for udp_multicast the channel
-is `group[:port]`.
+Names are python-can's: interface, channel. As text `interface[:channel]`; for udp_multicast the
+channel is `group[:port]`. `auto` is decided in `drivers.choice`.
 
 On the default group frames go out as loopback broadcasts, because python-can's default is an IPv6
 group: its socket takes IPv4 broadcasts, but no IPv4 multicast, and loopback has no IPv6 multicast.
@@ -51,13 +50,19 @@ class Bus:
 
 
 def choose(interface: str, channel: str | None) -> Bus:
-    """Return the bus for an interface name; `auto` looks at the machine."""
+    """Return the bus for an interface name; `auto` looks at the machine, not at who uses it.
+
+    A bus has one name: the default port of udp_multicast is left out.
+    """
     if interface == "auto":
         if vcan_ready(channel or "vcan0"):
             return Bus("socketcan", channel or "vcan0")
         return Bus("udp_multicast", UDP_GROUP)
     default = {"socketcan": "vcan0", "udp_multicast": UDP_GROUP}.get(interface, "")
-    return Bus(interface, channel or default)
+    channel = channel or default
+    if interface == "udp_multicast":
+        channel = channel.removesuffix(f":{UDP_PORT}")
+    return Bus(interface, channel)
 
 
 def parse(text: str) -> tuple[str, str | None]:
@@ -74,7 +79,7 @@ def beside(bus: Bus) -> Bus:
     """Return the bus next to `bus`: vcan1 to vcan0, the next port of udp_multicast; BusError."""
     if bus.interface == "udp_multicast":
         group, port = udp_address(bus.channel)
-        return Bus(bus.interface, f"{group}:{port + 1 if port < 65535 else UDP_PORT}")
+        return choose(bus.interface, f"{group}:{port + 1 if port < 65535 else UDP_PORT}")
     name = re.fullmatch(r"(.*?)(\d+)", bus.channel)
     if bus.interface != "socketcan" or name is None:
         raise BusError(

@@ -29,7 +29,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from drivers import bus as buses
-from drivers import realtime, wire
+from drivers import choice, realtime, wire
 from drivers.dbc import BusError
 from drivers.wire_layout import MEMORY
 from executive import shared as sh
@@ -40,6 +40,7 @@ from executive.facts import facts
 from executive.install import install
 from executive.node import Plan, check_pacing, check_rate, describe, plan
 from executive.rig import Rig, load_rig
+from executive.rig_bus import bus_wanted
 from executive.roles import ROLES, Role
 
 OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
@@ -84,10 +85,8 @@ class Process:
         self.pacing: str = options.pacing or self.rig.config.pacing
         check_pacing(self.rig, self.pacing)
         check_rate(self.rig, self.pacing)
-        configured = self.rig.config.bus
-        channel = None if configured.channel is None else str(configured.channel)
-        named = (configured.interface, channel) if options.bus is None else buses.parse(options.bus)
-        self.bus = buses.choose(*named)
+        self.choice = choice.take(bus_wanted(self.rig, (self.role,), options.bus))
+        self.bus = self.choice.bus
         self.plan: Plan = plan(self.rig, self.role, self.pacing)
         self.report = realtime.Report(())
 

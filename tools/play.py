@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers import bus as buses
-from drivers import realtime
+from drivers import choice, realtime
 from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
 from executive import logs
@@ -84,7 +84,7 @@ def command(options: argparse.Namespace) -> int:
     progress = Progress(options.quiet)
     try:
         _check(options)
-        bus = _choose_bus(options.bus)
+        _check_bus(options.bus)
         path = Path(options.log)
         if path.is_file() and path.stat().st_size > _LONG_READ_BYTES:
             progress.show(f"reading {path}")
@@ -94,7 +94,8 @@ def command(options: argparse.Namespace) -> int:
         progress.close()
         for line in log.missing:
             print(f"{path}: missing: {line}", file=sys.stderr)
-        return Session(options, bus, everything, frames, log.missing, progress).run()
+        held = _take_bus(options, log)
+        return Session(options, held.bus, everything, frames, log.missing, progress).run()
     except (PlayError, RigError, logs.LogError) as error:
         progress.close()
         print(error, file=sys.stderr)
@@ -132,12 +133,18 @@ def _check(options: argparse.Namespace) -> None:
         raise PlayError("--no-wait: only with --as, nothing is waited for otherwise")
 
 
-def _choose_bus(text: str) -> buses.Bus:
-    """Return the bus; RigError if there can be none of its name on any machine."""
-    bus = named_bus(buses.parse(text), f"--bus {text}")
-    if not bus.compiled:
+def _check_bus(text: str) -> None:
+    """Raise RigError if there can be no bus of its name on any machine."""
+    named = buses.parse(text)
+    if named[0] != "auto" and not named_bus(named, f"--bus {text}").compiled:
         os.environ["PCPC_LOOP"] = "interpreted"  # before numba is imported
-    return bus
+
+
+def _take_bus(options: argparse.Namespace, log: logs.Log) -> choice.Choice:
+    """Return the bus, held; with --as and no bus named, that of the node opposite."""
+    rig = next((facts["rig"] for facts in log.metadata.values() if "rig" in facts), "")
+    roles = () if options.role is None or not rig else (options.role,)
+    return choice.take(choice.Wanted(*buses.parse(options.bus), rig=rig, roles=roles))
 
 
 @dataclass

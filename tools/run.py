@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from drivers import bus as buses
+from drivers import choice
 from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
 from executive import logs
@@ -24,6 +24,8 @@ from executive import shared as sh
 from executive.errors import RigError
 from executive.mcap_writer import RecordError
 from executive.rig import Rig, load_rig
+from executive.rig_bus import bus_wanted
+from executive.roles import Role
 from tools import summary as summaries
 from tools.children import Child, complain
 from tools.interface import named_bus
@@ -44,10 +46,11 @@ class Host:
     """One run on a bus: its processes, from start to summary."""
 
     def __init__(
-        self, options: argparse.Namespace, rig: Rig, roles: tuple[str, ...], folder: Path
+        self, options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...], folder: Path
     ) -> None:
         self.options, self.rig, self.roles, self.folder = options, rig, roles, folder
-        self.bus = choose_bus(options, rig)
+        self.choice = choose_bus(options, rig, roles)
+        self.bus = self.choice.bus
         self.pacing = options.pacing or rig.config.pacing
         self.progress = Progress(options.quiet)
         self.outcome = summaries.Outcome(
@@ -71,6 +74,7 @@ class Host:
             self._watch()
         finally:
             self._end()
+            self.choice.release()
             self.progress.close()
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
         complain(refused[:1] or list(self.children.values()))
@@ -78,6 +82,8 @@ class Host:
 
     def _greet(self) -> None:
         self.progress.say(f"{self.rig.config.rig} on {self.bus}, pacing {self.pacing}")
+        if self.choice.note:
+            self.progress.say(f"{self.bus}: {self.choice.note}")
         if not self.bus.compiled:
             self.progress.say(
                 f"{self.bus.interface}: through python-can in the interpreted loop, 10 to 50 times "
@@ -185,12 +191,13 @@ class Host:
                 return
 
 
-def choose_bus(options: argparse.Namespace, rig: Rig) -> buses.Bus:
-    """Return the run's bus; RigError if there can be none of its name on any machine."""
-    configured = rig.config.bus
-    channel = None if configured.channel is None else str(configured.channel)
-    named = (configured.interface, channel) if options.bus is None else buses.parse(options.bus)
-    return named_bus(named, f"--bus {options.bus}" if options.bus else rig.where("bus.interface"))
+def choose_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> choice.Choice:
+    """Return the bus for `roles`, held; RigError if there can be none of its name anywhere."""
+    wanted = bus_wanted(rig, roles, options.bus)
+    if wanted.interface != "auto":
+        place = f"--bus {options.bus}" if options.bus else rig.where("bus.interface")
+        named_bus((wanted.interface, wanted.channel), place)
+    return choice.take(wanted)
 
 
 def _child_arguments(options: argparse.Namespace, bus: str) -> list[str]:
@@ -240,7 +247,7 @@ def run_folder(options: argparse.Namespace, rig: Rig) -> Iterator[Path]:
                 path.rmdir()
 
 
-def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[str, ...]) -> int:
+def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run `roles` of a rig on a bus and sum up; return the exit code."""
     if "executive" not in roles:
         return without_executive(options, rig, roles)
@@ -253,7 +260,7 @@ def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[str, ...]) -> int
         return code
 
 
-def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[str, ...]) -> int:
+def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run nodes for an executive elsewhere, which keeps the log; return the exit code."""
     host = Host(options, rig, roles, Path())
     code = host.run()
@@ -318,7 +325,7 @@ def conclude(
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `run`, `exec`, `plant` or `simulate`; print errors in one line."""
-    alone = {"exec": "executive", "local": "local", "plant": "plant"}
+    alone: dict[str, Role] = {"exec": "executive", "local": "local", "plant": "plant"}
     try:
         if options.command == "simulate":
             return simulate(options)
