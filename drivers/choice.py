@@ -128,7 +128,7 @@ def _vcans(wanted: Wanted) -> Iterator[tuple[Bus, str]]:
 
 def _udp_ports(wanted: Wanted) -> Iterator[tuple[Bus, str]]:
     """Yield the ports of the default group, each with why it is not free or nothing."""
-    used = _used_ports()
+    used = used_ports()
     for port in range(UDP_PORT, UDP_PORT + _PORTS):
         bus = choose("udp_multicast", f"{UDP_GROUP}:{port}")
         wanted_ports = (port, port + 1) if wanted.two else (port,)
@@ -136,7 +136,7 @@ def _udp_ports(wanted: Wanted) -> Iterator[tuple[Bus, str]]:
         yield bus, f"another program uses port {busy[0]}" if busy else ""
 
 
-def _used_ports() -> set[int]:
+def used_ports() -> set[int]:
     """Return the UDP ports to which a socket of this machine is bound."""
     ports = set()
     for name in ("udp", "udp6"):

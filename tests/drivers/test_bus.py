@@ -15,22 +15,26 @@ import can
 import numpy as np
 import pytest
 from can.interfaces.udp_multicast import UdpMulticastBus
+from free_bus import own_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers import bus, wire, wire_layout
+from drivers import bus, choice, wire, wire_layout
 from drivers.bus import Bus
 from drivers.dbc import BusError
 from drivers.jit import LOOP_INTERPRETED
 
 ROOT = Path(__file__).resolve().parents[2]
-PORT = 47000 + os.getpid() % 1000
-DEFAULT = f"{bus.UDP_GROUP}:{PORT}"
-OTHER_GROUP = "239.74.163.9"
-OTHER = f"{OTHER_GROUP}:{PORT}"
+OTHER_GROUP, THIRD_GROUP = "239.74.163.9", "239.74.163.10"
+GROUPS = (bus.UDP_GROUP, OTHER_GROUP)
 PYTHON_CAN_WAIT_S = 2.0  # only waited for when a frame is lost
 
 Open = Callable[[str], Any]
+
+
+def own_channel(group: str = bus.UDP_GROUP) -> str:
+    """Return a group and a port on which nobody else is."""
+    return f"{group}:{own_port(group)}"
 
 
 def new_wire() -> Any:
@@ -86,8 +90,9 @@ def receive(end: Any) -> tuple[int, bytes] | int:
     return int.from_bytes(end.rx[:4].tobytes(), "little"), end.rx[8 : 8 + end.rx[4]].tobytes()
 
 
-@pytest.mark.parametrize("channel", [DEFAULT, OTHER], ids=["default group", "other group"])
-def test_two_wires_exchange_frames_and_a_sender_hears_itself(open_udp: Open, channel: str) -> None:
+@pytest.mark.parametrize("group", GROUPS)
+def test_two_wires_exchange_frames_and_a_sender_hears_itself(open_udp: Open, group: str) -> None:
+    channel = own_channel(group)
     a, b = open_udp(channel), open_udp(channel)
     send(a, 0x123, b"from a")
     send(b, 0x1ABCDEF0, b"", extended=True)
@@ -97,8 +102,9 @@ def test_two_wires_exchange_frames_and_a_sender_hears_itself(open_udp: Open, cha
         assert got == expected, f"{name} received {got}"
 
 
-@pytest.mark.parametrize("channel", [DEFAULT, OTHER], ids=["default group", "other group"])
-def test_a_burst_waits_in_the_socket_in_order(open_udp: Open, channel: str) -> None:
+@pytest.mark.parametrize("group", GROUPS)
+def test_a_burst_waits_in_the_socket_in_order(open_udp: Open, group: str) -> None:
+    channel = own_channel(group)
     a, b = open_udp(channel), open_udp(channel)
     for k in range(200):
         send(a, k, bytes([k]))
@@ -106,11 +112,12 @@ def test_a_burst_waits_in_the_socket_in_order(open_udp: Open, channel: str) -> N
     assert got == [(k, bytes([k])) for k in range(200)], f"{got}"
 
 
-@pytest.mark.parametrize("group", [bus.UDP_GROUP, OTHER_GROUP])
+@pytest.mark.parametrize("group", GROUPS)
 def test_python_can_on_the_group_and_we_hear_each_other(
     open_udp: Open, open_python_can: Callable[..., can.BusABC], group: str
 ) -> None:
-    ours, theirs = open_udp(f"{group}:{PORT}"), open_python_can(channel=group, port=PORT)
+    port = own_port(group)
+    ours, theirs = open_udp(f"{group}:{port}"), open_python_can(channel=group, port=port)
     send(ours, 0x1ABCDEF0, b"12345678", extended=True)
     message = theirs.recv(PYTHON_CAN_WAIT_S)
     assert message is not None, "python-can received nothing"
@@ -124,8 +131,9 @@ def test_python_can_on_the_group_and_we_hear_each_other(
 def test_python_can_without_a_channel_hears_each_of_our_frames_once(
     open_udp: Open, open_python_can: Callable[..., can.BusABC]
 ) -> None:
-    ours, viewer = open_udp(DEFAULT), open_python_can(port=PORT)
-    named = open_python_can(channel=bus.UDP_GROUP, port=PORT)
+    port = own_port(bus.UDP_GROUP)
+    ours, viewer = open_udp(f"{bus.UDP_GROUP}:{port}"), open_python_can(port=port)
+    named = open_python_can(channel=bus.UDP_GROUP, port=port)
     for k in range(3):
         send(ours, 0x100 + k, b"")
     for name, theirs in (("no channel", viewer), ("named group", named)):
@@ -141,9 +149,11 @@ def test_our_default_is_python_cans_group_and_port() -> None:
 
 
 def test_groups_on_one_port_are_separate_and_unicasts_are_not_heard(open_udp: Open) -> None:
-    ends = {channel: open_udp(channel) for channel in (DEFAULT, OTHER, f"239.74.163.10:{PORT}")}
+    port = own_port(bus.UDP_GROUP)
+    channels = [f"{group}:{port}" for group in (*GROUPS, THIRD_GROUP)]
+    ends = {channel: open_udp(channel) for channel in channels}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        stranger.sendto(wire.TEMPLATE, (bus.LOOPBACK, PORT))
+        stranger.sendto(wire.TEMPLATE, (bus.LOOPBACK, port))
     for k, end in enumerate(ends.values()):
         send(end, k, b"")
     for k, (channel, end) in enumerate(ends.items()):
@@ -159,7 +169,7 @@ def test_groups_on_one_port_are_separate_and_unicasts_are_not_heard(open_udp: Op
 def test_a_strange_datagram_is_foreign_and_the_next_frame_is_read(
     open_udp: Open, datagram: bytes
 ) -> None:
-    end = open_udp(DEFAULT)
+    end = open_udp(own_channel())
     sender = socket.socket(fileno=os.dup(end.fd_tx))
     with sender:
         sender.send(datagram)
@@ -169,18 +179,19 @@ def test_a_strange_datagram_is_foreign_and_the_next_frame_is_read(
 
 
 def test_an_empty_bus_gives_nothing_with_and_without_blocking(open_udp: Open) -> None:
-    end = open_udp(DEFAULT)
+    end = open_udp(own_channel())
     got = [wire.get_frame(end, False), wire.get_frame(end, True)]
     assert got == [wire.NOTHING, wire.NOTHING], f"{got}"
 
 
-@pytest.mark.parametrize("channel", [DEFAULT, OTHER], ids=["default group", "other group"])
-def test_a_port_of_a_program_that_does_not_share_is_named(channel: str) -> None:
+@pytest.mark.parametrize("group", GROUPS)
+def test_a_port_of_a_program_that_does_not_share_is_named(group: str) -> None:
+    port = own_port(group)
     descriptors = len(os.listdir("/proc/self/fd"))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as selfish:
-        selfish.bind(("", PORT))
-        with pytest.raises(BusError, match=rf"port {PORT} is in use .* --bus udp_multicast:239"):
-            bus.open_bus(Bus("udp_multicast", channel), [], new_wire())
+        selfish.bind(("", port))
+        with pytest.raises(BusError, match=rf"port {port} is in use .* --bus udp_multicast:239"):
+            bus.open_bus(Bus("udp_multicast", f"{group}:{port}"), [], new_wire())
     left = len(os.listdir("/proc/self/fd"))
     assert left == descriptors, f"{left - descriptors} descriptors left open"
 
@@ -265,9 +276,10 @@ def test_a_bus_text_is_split_as_written(text: str, interface: str, channel: str 
 
 
 def test_auto_is_a_bus_that_opens() -> None:
-    chosen = bus.choose("auto", None)
-    end = new_wire()
+    taken = choice.take(choice.Wanted("auto", None, "test", ()))
+    chosen, end = taken.bus, new_wire()
     bus.open_bus(chosen, [], end)
+    taken.release()
     for descriptor in {int(end.fd_tx), int(end.fd_rx)}:
         os.close(descriptor)
     assert chosen.compiled and end.kind in (wire_layout.SOCKETCAN, wire_layout.UDP), f"{chosen}"

@@ -1,11 +1,11 @@
 """Every rig and every controller that the project ships: the same bits on a bus as without one."""
 
 import itertools
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from free_bus import own_bus
 from two_processes import lockstep
 
 from executive.logs import Log
@@ -16,8 +16,6 @@ ROOT = Path(__file__).resolve().parents[2]
 RIGS = sorted((ROOT / "plants").glob("*/rigs/*.yaml"))
 RELAY = Path(__file__).parent / "relay" / "rig.yaml"  # three nodes
 CYCLES = 400
-FIRST_PORT = 32000 + os.getpid() % 200 * 100
-_number = itertools.count()
 
 Case = tuple[Path, str]
 
@@ -57,8 +55,7 @@ def differing(a: Log, b: Log) -> list[str]:
 def test_lockstep_on_a_bus_has_the_bits_of_virtual_time(file: Path, controller: str) -> None:
     rate_hz = load_rig(file, resolve=False).config.rate_hz
     rig = load_rig(file, controller, [f"duration_s={CYCLES / rate_hz!r}"])
-    bus = f"udp_multicast:239.74.163.12:{FIRST_PORT + 2 * next(_number)}"
-    ours, theirs = lockstep(rig, bus), in_memory(rig)
+    ours, theirs = lockstep(rig, own_bus()), in_memory(rig)
     done = {role: len(ours.node[role].cycle) for role in ours.node}
     assert done == {role: CYCLES + below for below, role in enumerate(rig.roles)}, done
     assert not differing(ours, theirs), differing(ours, theirs)[:5]

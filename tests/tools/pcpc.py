@@ -1,7 +1,6 @@
 """The `pcpc` command as a user starts it, in real processes, each test on a bus of its own."""
 
 import atexit
-import itertools
 import json
 import os
 import signal
@@ -15,18 +14,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from free_bus import GROUP, own_port
+
 from executive import shared as sh
 
 ROOT = Path(__file__).resolve().parents[2]
 ATB1000 = ROOT / "plants" / "atb1000"
 RIGS = ATB1000 / "rigs"
 PCPC = str(Path(sys.executable).with_name("pcpc"))
-GROUP = "239.74.163.11"
 DEADLINE_S = 240.0  # the first start on a machine compiles
 _MODULES = {
     "executive.process": "executive", "plants.emulator": "plant", "executive.recorder": "recorder",
 }  # fmt: skip
-_number = itertools.count()
 
 
 def own_bus() -> str:
@@ -34,7 +33,7 @@ def own_bus() -> str:
 
     Also those of nodes that a test had to kill, before another run of the tests gets the port.
     """
-    port = 20000 + os.getpid() % 120 * 100 + next(_number) % 100
+    port = own_port()
     atexit.register(_remove_files, f"pcpc-{os.getuid()}-*{GROUP}-{port}.*")
     return f"udp_multicast:{GROUP}:{port}"
 

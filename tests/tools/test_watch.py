@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from free_bus import own_bus
 
 from executive import logs
 from executive import shared as sh
@@ -60,7 +61,7 @@ class Run:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     folder = tmp_path_factory.mktemp("run")
-    bus = f"udp_multicast:239.74.163.9:{20000 + os.getpid() % 20000}"
+    bus = own_bus()
     settings = ("duration_s=600", "rate_hz=200", "supervisor.fault_after_cycles=400")
     words = [word for setting in settings for word in ("--set", setting)]
     host = pcpc("run", str(RIG), "--bus", bus, *words, "-o", str(folder), "--no-figure", "--quiet")
