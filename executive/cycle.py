@@ -35,6 +35,7 @@ from executive import shared as sh
 from executive import supervisor as sv
 from executive.losses import is_lost
 from executive.rings import now, publish, push_event, push_frame, push_record, stopping
+from executive.tuning import tune
 from executive.variables import (
     CLAMPED,
     FALLBACK,
@@ -221,26 +222,6 @@ def judge_overrun(n: Any) -> None:
     elif n.v[FALLBACK] == 0.0:
         n.v[FALLBACK] = 1.0
         push_event(n, sh.FALLBACK_EVENT, n.behind, 0.0)
-
-
-@loop_function
-def tune(n: Any) -> None:
-    """Apply the tunings whose time has come, and those in the mailbox, which are acknowledged."""
-    while n.scheduled < n.n_schedule and n.schedule[n.scheduled, 0] <= n.k:
-        j, value = n.schedule[n.scheduled, 1], n.schedule_value[n.scheduled]
-        n.v[j] = value
-        push_event(n, sh.TUNING_EVENT, j, value)
-        n.scheduled += 1
-    request = libc.load_acquire(n.mail, sh.REQUEST)
-    if request == n.mail[sh.ACK]:
-        return
-    for i in range(min(n.mail[sh.COUNT], sh.MAIL_SLOTS)):
-        j = n.mail_index[i]
-        if 0 <= j < n.n_variables:
-            n.v[j] = n.mail_value[i]
-            push_event(n, sh.TUNING_EVENT, j, n.mail_value[i])
-    n.mail[sh.ACK_CYCLE] = n.k
-    libc.store_release(n.mail, sh.ACK, request)
 
 
 # --------------------------------------------------------------------------------------------- step

@@ -29,6 +29,10 @@ def install(made: Plan, loop: Any) -> None:
     loop.v[:] = 0.0
     for place, value in made.values.items():
         loop.v[place] = value
+    for place, variable in enumerate(made.table.variables):
+        tunable = variable.kind == "parameter"
+        loop.tunable_low[place] = variable.low if tunable else math.nan
+        loop.tunable_high[place] = variable.high if tunable else math.nan
     _install_frames(made, loop)
     _install_wiring(made, loop)
     loop.mode_index = -1

@@ -23,7 +23,7 @@ from executive.rig_schema import FALLBACK
 from executive.roles import Role
 from executive.supervisor import FAULT_NAMES, STATE_NAMES
 from executive.table import Table, Variable, Views, add_block
-from executive.variables import HEAD, RESETS, TIMING
+from executive.variables import HEAD, REFUSALS, RESETS, TIMING
 
 
 @dataclass
@@ -135,6 +135,8 @@ def _lay_out(made: Plan) -> None:
         table.add(Variable(name, unit, "timing", "loop", help))
     for name, unit, help in RESETS:
         table.add(Variable(name, unit, "parameter", "loop", help, 0.0, 1.0, recorded=False))
+    for name, unit, help in REFUSALS:
+        table.add(Variable(name, unit, "health", "loop", help, recorded=False))
     for kind, prefix, frames in (
         ("received", "rx", made.rx_frames),
         ("sent", "tx", made.tx_frames),

@@ -29,11 +29,10 @@ from numpy.typing import NDArray
 from executive import logs, shared
 from executive.keep import Sink, SnapshotRing
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
-from executive.shared import Shared, SharedError
+from executive.shared import RINGS, Shared, SharedError
 
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
 POLL_S = 0.02
-RINGS = ("record", "frame", "event")
 _OF_THE_MEMORY = ("attachments", "record_columns", "loop_offset")  # not part of a log's description
 LOSS, NO_ENVIRONMENT = 3, 4  # exit codes
 
@@ -77,6 +76,7 @@ class _Node:
         self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
         self.written = dict.fromkeys(RINGS, 0)
         self.backlog = dict.fromkeys(RINGS, 0)
+        self.taken = {ring: _taken(block, ring) for ring in RINGS}
         self.state_end = 8 * (shared.RECORD_HEAD + len(about["state_columns"]))
         self.channels = {
             "state": self._register_columns(writer, "state", about["state_columns"]),
@@ -118,8 +118,7 @@ class _Node:
 
     def empty(self) -> bool:
         """Return whether all that was put is taken."""
-        ends = [self.block[f"{ring}_ends"] for ring in RINGS]
-        return all(end[shared.PUT] == end[shared.TAKEN] for end in ends)
+        return all(self.block[f"{r}_ends"][shared.PUT] == self.taken[r] for r in RINGS)
 
     def died(self) -> bool:
         """Return whether the loop ended without good order."""
@@ -129,8 +128,8 @@ class _Node:
         """Move the rows that are now in the rings on; return whether one was 1/8 full."""
         full = False
         for ring in RINGS:
-            ends, rows = self.block[f"{ring}_ends"], self.block[ring]
-            put, taken = int(ends[shared.PUT]), int(ends[shared.TAKEN])
+            rows, taken = self.block[ring], self.taken[ring]
+            put = int(self.block[f"{ring}_ends"][shared.PUT])
             self.backlog[ring] = max(self.backlog[ring], put - taken)
             full = full or put - taken > len(rows) // 8
             most = CHUNK_BYTES // (8 * rows.shape[1] + 128)  # with the heads of two messages
@@ -139,7 +138,7 @@ class _Node:
                 count = min(put - taken, len(rows) - start, most)
                 messages = self._convert(ring, rows[start : start + count])
                 taken += count
-                ends[shared.TAKEN] = taken
+                self.taken[ring] = self.block[f"{ring}_taken"][0] = taken
                 sink.add(messages)
                 self.written[ring] += count
                 if ring == "event":
@@ -181,15 +180,28 @@ class _Node:
                 shared.SKIP_EVENT: "skip",
                 shared.LATE_EVENT: "late",
                 shared.FALLBACK_EVENT: "fallback",
+                shared.REFUSED_EVENT: "refused",
             }
             kind = kinds.get(code, f"code_{code}")
             entry |= {"event": kind, "argument": argument, "value": value}
             names = about.get(f"{kind}_names", ())
+            if code == shared.REFUSED_EVENT:
+                names = [variable[0] for variable in about["variables"]]
             if 0 <= argument < len(names):
                 entry["name"] = names[argument]
         data = np.frombuffer(json.dumps(entry).encode(), np.uint8)[None, :]
         channel = self.channels["tunings" if code == shared.TUNING_EVENT else "events"]
         return message_records(channel, row[1:2], row[0:1] + self.wall_ns, data)
+
+
+def _taken(block: Shared, ring: str) -> int:
+    """Return how many rows of a ring are taken already; a word that cannot be true counts as none.
+
+    From here on the recorder's own count holds: any client may write into that word.
+    """
+    put, rows = int(block[f"{ring}_ends"][shared.PUT]), len(block[ring])
+    taken = int(block[f"{ring}_taken"][0])
+    return taken if 0 <= put - taken <= rows else max(put - rows, 0)
 
 
 def _birth(pid: int) -> str:

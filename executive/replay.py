@@ -203,7 +203,7 @@ class Replay:
 
     def _taken(self, ring: str) -> NDArray[np.int64]:
         """Take what the loop put into a ring."""
-        ends, rows = self.block[f"{ring}_ends"], self.block[ring]
-        put, taken = int(ends[sh.PUT]), int(ends[sh.TAKEN])
-        ends[sh.TAKEN] = put
+        rows, taken_word = self.block[ring], self.block[f"{ring}_taken"]
+        put, taken = int(self.block[f"{ring}_ends"][sh.PUT]), int(taken_word[0])
+        taken_word[0] = put
         return np.asarray(rows[np.arange(taken, put) % len(rows)])

@@ -39,10 +39,13 @@ def _bits(value: Any) -> Any:
 
 
 @loop_function
-def _free_row(n: Any, ends: Any, rows: Any) -> Any:
-    """Return the row to fill, or -1 when the ring is full and the row is dropped."""
+def _free_row(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
+    """Return the row to fill, or -1 when the ring is full and the row is dropped.
+
+    The row follows from the loop's own words alone: `taken` may hold anything.
+    """
     put = ends[sh.PUT]
-    while put - libc.load_acquire(ends, sh.TAKEN) >= rows:
+    while put - libc.load_acquire(taken, 0) >= rows:
         if n.wait_recorder == 0 or stopping(n):
             ends[sh.DROPPED] += 1
             return np.int64(-1)
@@ -53,7 +56,7 @@ def _free_row(n: Any, ends: Any, rows: Any) -> Any:
 @loop_function
 def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
     """Append one frame (16 bytes), sent or received, with its receiver state."""
-    row = _free_row(n, n.frame_ends, sh.FRAME_RING_ROWS)
+    row = _free_row(n, n.frame_ends, n.frame_taken, sh.FRAME_RING_ROWS)
     if row < 0:
         return
     word, data = np.int64(0), np.int64(0)
@@ -72,7 +75,7 @@ def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
 @loop_function
 def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
     """Append one event."""
-    row = _free_row(n, n.event_ends, sh.EVENT_RING_ROWS)
+    row = _free_row(n, n.event_ends, n.event_taken, sh.EVENT_RING_ROWS)
     if row < 0:
         return
     n.event[row, 0] = now(n)
@@ -87,7 +90,7 @@ def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
 def push_record(n: Any) -> None:
     """Append the row of this cycle: the payloads of its state and timing messages."""
     columns = sh.RECORD_HEAD + n.n_state + 1 + n.n_timing
-    row = _free_row(n, n.record_ends, n.record_rows)
+    row = _free_row(n, n.record_ends, n.record_taken, n.record_rows)
     if row < 0:
         return
     at = row * columns

@@ -12,8 +12,8 @@ rig. Readers in other processes attach by name; nothing that they do can delay t
     events      one row an event: [stamp ns, cycle, code, argument, value as float64 bits]
     mailbox     tunings: indices and values, taken by the loop between two cycles, all or none
 
-Each ring has one writer (the loop) and one reader (the recorder): `ends` holds rows put, taken,
-dropped.
+Each ring has one writer (the loop) and one reader (the recorder): `ends` holds rows put and
+dropped, `taken` in the mailbox rows taken.
 """
 
 import json
@@ -38,23 +38,27 @@ PASSES, LATE, SKIPPED, HELD, STALE = 12, 13, 14, 15, 16
 SENT, RECEIVED, LOST, CRC_ERRORS, REPEATED = 17, 18, 19, 20, 21
 SATURATED, SEND_ERRORS, BUS_ERRNO, FOREIGN, WAKE_MAX_NS = 22, 23, 24, 25, 26
 PID, READY, REALTIME = 27, 28, 29
-LOST_ON_PURPOSE = 30
-LOCK = 40  # host: 0 none, 1 tune, 2 all
+LOST_ON_PURPOSE, REFUSED = 30, 31
 CONTROL_WORDS = 64
 
-PUT, TAKEN, DROPPED = 0, 8, 16  # words of a ring's `ends`
-END_WORDS = 24
+PUT, DROPPED = 0, 8  # words of a ring's `ends`; its `taken` is one word of the mailbox
+END_WORDS = 16
+LINE_WORDS = 8  # what two processes write lies on lines of its own
+PAGE_BYTES = 4096
 
-REQUEST, COUNT, ACK, ACK_CYCLE = 0, 1, 8, 9  # words of the mailbox
+REQUEST, COUNT, LOCK = 0, 1, 8  # words of `mail`; LOCK: 0 none, 1 tune, 2 all
 MAIL_WORDS = 16
 MAIL_SLOTS = 64
+ACK, ACK_CYCLE, REFUSAL, REFUSED_ENTRY = range(4)  # words of `answer`
+ACCEPTED, BAD_COUNT, NO_PARAMETER, OUT_OF_RANGE, LOCKED = range(5)  # values of REFUSAL
 
+RINGS = ("record", "frame", "event")
 RECORD_HEAD = 3  # cycle, stamp, CDR header
 FRAME_WORDS = 5
 EVENT_WORDS = 5
 
 FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT, CHANGE_EVENT = 1, 2, 3, 4, 5
-LATE_EVENT, FALLBACK_EVENT = 6, 7
+LATE_EVENT, FALLBACK_EVENT, REFUSED_EVENT = 6, 7, 8
 
 # Sizes are fixed, so that one compiled loop serves every rig; `executive.node` checks the fit.
 MAX_VARIABLES = 8192
@@ -76,108 +80,131 @@ COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
 LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
 IS_SYNC, IS_HEARTBEAT = 0, 1  # columns of `tx_role`
 
-LOOP = np.dtype(
-    [
-        # what other processes look at
-        ("control", "<i8", (CONTROL_WORDS,)),
-        ("seq", "<i8", (8,)),
-        ("mail", "<i8", (MAIL_WORDS,)),
-        ("mail_index", "<i8", (MAIL_SLOTS,)),
-        ("mail_value", "<f8", (MAIL_SLOTS,)),
-        ("record_ends", "<i8", (END_WORDS,)),
-        ("frame_ends", "<i8", (END_WORDS,)),
-        ("event_ends", "<i8", (END_WORDS,)),
-        ("snapshot", "<f8", (MAX_VARIABLES,)),
-        ("stages", "<i8", (STAGES, 4)),  # count, sum, least, most of each stage's ns
-        ("histogram", "<i8", (STAGES, BUCKETS)),
-        ("latest", "<i8", (LATEST, LATE_USAGE + 4)),  # cycle, stages, faults and switches
-        # set once
-        ("trigger", "<i8"),  # what starts a cycle: CLOCKED, ON_FRAMES
-        ("is_plant", "<i8"),
-        ("period_ns", "<i8"),
-        ("phase_ns", "<i8"),  # of the deadlines, on the common grid of whole periods
-        ("late_ns", "<i8"),  # a cycle that starts later than this counts as late
-        ("cycles", "<i8"),
-        ("n_blocks", "<i8"),
-        ("n_variables", "<i8"),
-        ("n_limits", "<i8"),
-        ("n_safe", "<i8"),
-        ("n_rx", "<i8"),
-        ("n_tx", "<i8"),
-        ("n_starters", "<i8"),  # frames that start a cycle, and frames awaited in it
-        ("n_awaited", "<i8"),
-        ("n_schedule", "<i8"),
-        ("n_noted", "<i8"),
-        ("n_state", "<i8"),
-        ("n_timing", "<i8"),
-        ("record_rows", "<i8"),
-        ("arm_pass", "<i8"),  # the pass after which the clock runs
-        ("patience", "<i8"),  # receive time-outs until the other node counts as silent
-        ("hold_cycles", "<i8"),
-        ("fault_after", "<i8"),
-        ("mode_index", "<i8"),  # the received variable that asks for STOP, or -1
-        ("wait_recorder", "<i8"),  # lockstep: a full ring delays instead of dropping
-        ("overrun_policy", "<i8"),
-        ("overrun_after", "<i8"),  # overruns in a row that count
-        ("grace_passes", "<i8"),  # cycles at the start in which none does
-        ("controller_block", "<i8"),  # and the one that replaces it on FALL_BACK, or -1
-        ("fallback_block", "<i8"),
-        ("ramp_step", "<f8"),  # change of the gain a cycle in FAULT
-        ("views", "<i8", (MAX_BLOCKS, 8)),  # p0 p1 x0 x1 u0 u1 y0 y1
-        ("copies", "<i8", (MAX_COPIES, 2)),  # source, target of the wiring
-        ("copies_end", "<i8", (MAX_BLOCKS + 1,)),  # end of each block's copies; last: what is sent
-        ("limit_index", "<i8", (MAX_LIMITS,)),
-        ("limits", "<f8", (MAX_LIMITS, 5)),
-        ("safe_index", "<i8", (MAX_LIMITS,)),
-        ("safe", "<f8", (MAX_LIMITS, 5)),
-        ("schedule", "<i8", (MAX_LIMITS, 2)),  # cycle, variable of a scheduled tuning, by cycle
-        ("schedule_value", "<f8", (MAX_LIMITS,)),
-        ("noted_index", "<i8", (MAX_LIMITS,)),  # variables whose changes are events
-        ("noted", "<f8", (MAX_LIMITS,)),  # their last values
-        ("state_columns", "<i8", (MAX_VARIABLES,)),
-        ("timing_columns", "<i8", (MAX_VARIABLES,)),
-        ("rx", "<i8", (MAX_FRAMES, 12)),  # tables of drivers.dbc
-        ("rx_signals", "<i8", (MAX_SIGNALS, 10)),
-        ("rx_scales", "<f8", (MAX_SIGNALS, 4)),
-        ("rx_role", "<i8", (MAX_FRAMES, 3)),
-        ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.losses`
-        ("tx", "<i8", (MAX_FRAMES, 12)),  # in the order of sending
-        ("tx_signals", "<i8", (MAX_SIGNALS, 10)),
-        ("tx_scales", "<f8", (MAX_SIGNALS, 4)),
-        ("tx_role", "<i8", (MAX_FRAMES, 2)),
-        # what the loop keeps
-        ("k", "<i8"),  # the cycle: time is k T
-        ("passes", "<i8"),  # cycles done; k minus passes were skipped
-        ("behind", "<i8"),  # periods skipped just before this cycle
-        ("deadline", "<i8"),
-        ("wake", "<i8"),
-        ("received", "<i8"),
-        ("stepped", "<i8"),
-        ("sent", "<i8"),
-        ("done", "<i8"),
-        ("publish_ns", "<i8"),
-        ("virtual_now", "<i8"),
-        ("missing", "<i8"),  # consecutive cycles without complete valid input
-        ("started", "<i8"),  # frames of this cycle so far: starters, awaited
-        ("fresh", "<i8"),
-        ("faulted", "<i8"),
-        ("scheduled", "<i8"),  # tunings of the schedule that were applied
-        ("gain", "<f8"),  # 1, or how far the ramp of FAULT has come down
-        ("v", "<f8", (MAX_VARIABLES,)),  # the table
-        ("rx_state", "<i8", (MAX_FRAMES, 9)),  # receivers, see drivers.e2e
-        ("loss_state", "<i8", (MAX_FRAMES, 2)),
-        ("overruns", "<i8"),  # in a row
-        ("times", "<i8", (STAGES,)),
-        ("usage", "<i8", (18,)),  # struct rusage
-        ("usage_before", "<i8", (4,)),
-        ("timespec", "<i8", (2,)),
-        ("wire", WIRE),
-        ("record", "<i8", (RECORD_RING_WORDS,)),
-        ("frame", "<i8", (FRAME_RING_ROWS, FRAME_WORDS)),
-        ("event", "<i8", (EVENT_RING_ROWS, EVENT_WORDS)),
-    ],
-    align=True,
-)
+# The record of a node, ordered by who may write it; each part begins on a page of its own.
+_PUBLISHED = [  # written by the node, read by all
+    ("control", "<i8", (CONTROL_WORDS,)),
+    ("seq", "<i8", (LINE_WORDS,)),
+    ("answer", "<i8", (LINE_WORDS,)),
+    ("record_ends", "<i8", (END_WORDS,)),
+    ("frame_ends", "<i8", (END_WORDS,)),
+    ("event_ends", "<i8", (END_WORDS,)),
+    ("snapshot", "<f8", (MAX_VARIABLES,)),
+    ("stages", "<i8", (STAGES, 4)),  # count, sum, least, most of each stage's ns
+    ("histogram", "<i8", (STAGES, BUCKETS)),
+    ("latest", "<i8", (LATEST, LATE_USAGE + 4)),  # cycle, stages, faults and switches
+    ("record", "<i8", (RECORD_RING_WORDS,)),
+    ("frame", "<i8", (FRAME_RING_ROWS, FRAME_WORDS)),
+    ("event", "<i8", (EVENT_RING_ROWS, EVENT_WORDS)),
+]
+_MAILBOX = [  # written by clients, which the loop does not trust
+    ("mail", "<i8", (MAIL_WORDS,)),
+    ("mail_index", "<i8", (MAIL_SLOTS,)),
+    ("mail_value", "<f8", (MAIL_SLOTS,)),
+    ("record_taken", "<i8", (LINE_WORDS,)),
+    ("frame_taken", "<i8", (LINE_WORDS,)),
+    ("event_taken", "<i8", (LINE_WORDS,)),
+]
+_PRIVATE = [  # of the loop alone
+    # set once
+    ("trigger", "<i8"),  # what starts a cycle: CLOCKED, ON_FRAMES
+    ("is_plant", "<i8"),
+    ("period_ns", "<i8"),
+    ("phase_ns", "<i8"),  # of the deadlines, on the common grid of whole periods
+    ("late_ns", "<i8"),  # a cycle that starts later than this counts as late
+    ("cycles", "<i8"),
+    ("n_blocks", "<i8"),
+    ("n_variables", "<i8"),
+    ("n_limits", "<i8"),
+    ("n_safe", "<i8"),
+    ("n_rx", "<i8"),
+    ("n_tx", "<i8"),
+    ("n_starters", "<i8"),  # frames that start a cycle, and frames awaited in it
+    ("n_awaited", "<i8"),
+    ("n_schedule", "<i8"),
+    ("n_noted", "<i8"),
+    ("n_state", "<i8"),
+    ("n_timing", "<i8"),
+    ("record_rows", "<i8"),
+    ("arm_pass", "<i8"),  # the pass after which the clock runs
+    ("patience", "<i8"),  # receive time-outs until the other node counts as silent
+    ("hold_cycles", "<i8"),
+    ("fault_after", "<i8"),
+    ("mode_index", "<i8"),  # the received variable that asks for STOP, or -1
+    ("wait_recorder", "<i8"),  # lockstep: a full ring delays instead of dropping
+    ("overrun_policy", "<i8"),
+    ("overrun_after", "<i8"),  # overruns in a row that count
+    ("grace_passes", "<i8"),  # cycles at the start in which none does
+    ("controller_block", "<i8"),  # and the one that replaces it on FALL_BACK, or -1
+    ("fallback_block", "<i8"),
+    ("ramp_step", "<f8"),  # change of the gain a cycle in FAULT
+    ("views", "<i8", (MAX_BLOCKS, 8)),  # p0 p1 x0 x1 u0 u1 y0 y1
+    ("copies", "<i8", (MAX_COPIES, 2)),  # source, target of the wiring
+    ("copies_end", "<i8", (MAX_BLOCKS + 1,)),  # end of each block's copies; last: what is sent
+    ("limit_index", "<i8", (MAX_LIMITS,)),
+    ("limits", "<f8", (MAX_LIMITS, 5)),
+    ("safe_index", "<i8", (MAX_LIMITS,)),
+    ("safe", "<f8", (MAX_LIMITS, 5)),
+    ("schedule", "<i8", (MAX_LIMITS, 2)),  # cycle, variable of a scheduled tuning, by cycle
+    ("schedule_value", "<f8", (MAX_LIMITS,)),
+    ("tunable_low", "<f8", (MAX_VARIABLES,)),  # of a parameter; nan for all other variables
+    ("tunable_high", "<f8", (MAX_VARIABLES,)),
+    ("noted_index", "<i8", (MAX_LIMITS,)),  # variables whose changes are events
+    ("noted", "<f8", (MAX_LIMITS,)),  # their last values
+    ("state_columns", "<i8", (MAX_VARIABLES,)),
+    ("timing_columns", "<i8", (MAX_VARIABLES,)),
+    ("rx", "<i8", (MAX_FRAMES, 12)),  # tables of drivers.dbc
+    ("rx_signals", "<i8", (MAX_SIGNALS, 10)),
+    ("rx_scales", "<f8", (MAX_SIGNALS, 4)),
+    ("rx_role", "<i8", (MAX_FRAMES, 3)),
+    ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.losses`
+    ("tx", "<i8", (MAX_FRAMES, 12)),  # in the order of sending
+    ("tx_signals", "<i8", (MAX_SIGNALS, 10)),
+    ("tx_scales", "<f8", (MAX_SIGNALS, 4)),
+    ("tx_role", "<i8", (MAX_FRAMES, 2)),
+    # what the loop keeps
+    ("k", "<i8"),  # the cycle: time is k T
+    ("passes", "<i8"),  # cycles done; k minus passes were skipped
+    ("behind", "<i8"),  # periods skipped just before this cycle
+    ("deadline", "<i8"),
+    ("wake", "<i8"),
+    ("received", "<i8"),
+    ("stepped", "<i8"),
+    ("sent", "<i8"),
+    ("done", "<i8"),
+    ("publish_ns", "<i8"),
+    ("virtual_now", "<i8"),
+    ("missing", "<i8"),  # consecutive cycles without complete valid input
+    ("started", "<i8"),  # frames of this cycle so far: starters, awaited
+    ("fresh", "<i8"),
+    ("faulted", "<i8"),
+    ("scheduled", "<i8"),  # tunings of the schedule that were applied
+    ("gain", "<f8"),  # 1, or how far the ramp of FAULT has come down
+    ("v", "<f8", (MAX_VARIABLES,)),  # the table
+    ("asked_index", "<i8", (MAIL_SLOTS,)),  # a request as it was when it was checked
+    ("asked_value", "<f8", (MAIL_SLOTS,)),
+    ("rx_state", "<i8", (MAX_FRAMES, 9)),  # receivers, see drivers.e2e
+    ("loss_state", "<i8", (MAX_FRAMES, 2)),
+    ("overruns", "<i8"),  # in a row
+    ("times", "<i8", (STAGES,)),
+    ("usage", "<i8", (18,)),  # struct rusage
+    ("usage_before", "<i8", (4,)),
+    ("timespec", "<i8", (2,)),
+    ("wire", WIRE),
+]
+
+
+def _whole_pages(fields: list[Any], name: str) -> list[Any]:
+    """Return `fields` with a last one that fills their page."""
+    rest = -np.dtype(fields, align=True).itemsize % PAGE_BYTES
+    return [*fields, (name, "u1", (rest or PAGE_BYTES,))]
+
+
+_PUBLISHED_PAGES = _whole_pages(_PUBLISHED, "end_of_published")
+_MAILBOX_PAGES = _whole_pages(_MAILBOX, "end_of_mailbox")
+PUBLISHED_BYTES = np.dtype(_PUBLISHED_PAGES, align=True).itemsize
+MAILBOX_BYTES = np.dtype(_MAILBOX_PAGES, align=True).itemsize
+MAILBOX_FIELDS = [name for name, *_ in _MAILBOX]
+LOOP = np.dtype([*_PUBLISHED_PAGES, *_MAILBOX_PAGES, *_PRIVATE], align=True)
 
 
 class SharedError(Exception):
@@ -211,10 +238,11 @@ class Shared:
             "event": self.loop.event,
             "snapshot": self.loop.snapshot[: len(description["variables"])],
         }
-        for name in ("control", "seq", "mail", "mail_index", "mail_value"):
-            self.arrays[name] = self.loop[name]
-        for ring in ("record", "frame", "event"):
-            self.arrays[f"{ring}_ends"] = self.loop[f"{ring}_ends"]
+        for name in LOOP.names or ():
+            field = self.loop[name]
+            if isinstance(field, np.ndarray):
+                self.arrays.setdefault(name, field)
+        for ring in RINGS:
             self.arrays[f"{ring}_values"] = self.arrays[ring].view(np.float64)
 
     def __getitem__(self, name: str) -> NDArray[Any]:

@@ -36,8 +36,10 @@ TIMING = (
     ),
 )
 RESETS = (("timing.reset", "", "set to 1: timing statistics start anew"),)
+REFUSALS = (("health.requests_refused", "", "requests for tunings that the loop refused"),)
 TIMING_AT = len(HEAD)
 RESET = TIMING_AT + len(TIMING)
+REFUSED = RESET + len(RESETS)
 STATISTICS_AT = RESET - 12
 COUNTED = (  # of these, what follows from the frames alone, not from clocks
     "health.held_cycles",

@@ -72,12 +72,12 @@ class Memory:
     def drain(self) -> None:
         """Take the rows that are there."""
         for block, rows in zip(self._blocks, self._rows, strict=True):
-            ends, ring = block["record_ends"], block["record"]
-            put, taken = int(ends[sh.PUT]), int(ends[sh.TAKEN])
+            ring = block["record"]
+            put, taken = int(block["record_ends"][sh.PUT]), int(block["record_taken"][0])
             rows.append(ring[np.arange(taken, put) % len(ring)])
-            ends[sh.TAKEN] = put
+            block["record_taken"][0] = put
             for name in ("frame", "event"):
-                block[f"{name}_ends"][sh.TAKEN] = block[f"{name}_ends"][sh.PUT]
+                block[f"{name}_taken"][0] = block[f"{name}_ends"][sh.PUT]
 
     def forget(self) -> None:
         """Let the records so far go: of a long run only the latest values matter."""

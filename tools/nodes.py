@@ -28,7 +28,13 @@ from executive.errors import did_you_mean
 from executive.roles import ROLES
 
 OK, WRONG_INPUT, NO_NODE, INTERRUPTED = 0, 2, 4, 130
-LEVELS = ("none", "tune", "all")  # by the value of the control word LOCK
+LEVELS = ("none", "tune", "all")  # by the value of the mailbox's word LOCK
+_REFUSALS = {
+    sh.BAD_COUNT: "the request was no request",
+    sh.NO_PARAMETER: "it is no parameter",
+    sh.OUT_OF_RANGE: "it is out of range",
+    sh.LOCKED: "it is locked",
+}
 _PATIENCE_S = 2.0  # a node that runs takes tunings within a period
 _POLL_S = 0.001
 _GLOB = re.compile(r"[*?\[]")
@@ -149,11 +155,13 @@ def exactly(places: Mapping[str, int], name: str) -> int:
 def tune(block: sh.Shared, changes: Mapping[str, float]) -> int:
     """Set parameters, all between the same two cycles or none; return the first cycle with them.
 
-    Raises HostError: unknown, not a parameter, out of range, too many, locked, no answer.
+    Raises HostError: unknown, not a parameter, out of range, too many, locked, no answer. The node
+    judges again by itself.
     """
     indices, values = _checked(block, changes)
     with _one_host(block):
-        level = LEVELS[int(block["control"][sh.LOCK])]
+        word = int(block["mail"][sh.LOCK])
+        level = LEVELS[word] if 0 <= word < len(LEVELS) else "all"
         if level != "none":
             raise HostError(f"{block.path.name}: locked ({level}); `pcpc lock none` allows tunings")
         if block["control"][sh.PASSES] == 0:
@@ -167,7 +175,12 @@ def tune(block: sh.Shared, changes: Mapping[str, float]) -> int:
         _release()
         request = int(block["mail"][sh.REQUEST]) + 1
         block["mail"][sh.REQUEST] = request
-        return _acknowledged(block, request)
+        cycle = _acknowledged(block, request)
+        refusal, entry = int(block["answer"][sh.REFUSAL]), int(block["answer"][sh.REFUSED_ENTRY])
+        if refusal != sh.ACCEPTED:
+            name, why = list(changes)[entry], _REFUSALS.get(refusal, f"reason {refusal}")
+            raise HostError(f"{name}: refused by the node: {why}; nothing was set")
+        return cycle
 
 
 def set_lock(block: sh.Shared, level: str) -> None:
@@ -175,7 +188,7 @@ def set_lock(block: sh.Shared, level: str) -> None:
     if level not in LEVELS:
         raise HostError(f"{level}: no such lock level{did_you_mean(level, LEVELS)}")
     with _one_host(block):
-        block["control"][sh.LOCK] = LEVELS.index(level)
+        block["mail"][sh.LOCK] = LEVELS.index(level)
 
 
 def _checked(block: sh.Shared, changes: Mapping[str, float]) -> tuple[list[int], list[float]]:
@@ -233,12 +246,11 @@ def _release() -> None:
 
 def _acknowledged(block: sh.Shared, request: int) -> int:
     """Wait for the node's acknowledgement; return its cycle, or withdraw and raise HostError."""
-    mail = block["mail"]
     deadline_s = time.monotonic() + _PATIENCE_S
-    while int(mail[sh.ACK]) != request:
+    while int(block["answer"][sh.ACK]) != request:
         if not is_running(block) or time.monotonic() > deadline_s:
-            mail[sh.COUNT] = 0  # the loop looks at it once: all or none also here
+            block["mail"][sh.COUNT] = 0  # the loop looks at it once: all or none also here
             why = "took no tunings for 2 s" if is_running(block) else "ended"
             raise HostError(f"{block.path.name}: {why}; nothing was set", NO_NODE)
         time.sleep(_POLL_S)
-    return int(mail[sh.ACK_CYCLE])
+    return int(block["answer"][sh.ACK_CYCLE])

@@ -184,10 +184,12 @@ class Host:
 
     def _await_other_recorder(self, block: sh.Shared) -> None:
         """Keep a node's block until the executive's host on this machine is done with it."""
-        until, ends = time.monotonic() + _DRAIN_S, block["record_ends"]
+        until = time.monotonic() + _DRAIN_S
         while sh.path_of(self._block_name("executive")).exists() and time.monotonic() < until:
             time.sleep(_POLL_S)
-            if int(ends[sh.PUT]) == int(ends[sh.TAKEN]):  # it knows the block, which may go
+            if (
+                block["record_ends"][sh.PUT] == block["record_taken"][0]
+            ):  # it knows the block, which may go
                 return
 
 

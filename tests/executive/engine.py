@@ -203,8 +203,9 @@ class Node:
         columns = sh.RECORD_HEAD + int(self.loop.n_state) + 1 + int(self.loop.n_timing)
         rows = int(self.loop.record_rows)
         ring = self.loop.record[: rows * columns].reshape(rows, columns)
-        ends = self.loop.record_ends
-        return ring[np.arange(int(ends[sh.TAKEN]), int(ends[sh.PUT])) % rows]
+        return ring[
+            np.arange(int(self.loop.record_taken[0]), int(self.loop.record_ends[sh.PUT])) % rows
+        ]
 
     def series(self, name: str) -> NDArray[np.float64]:
         """Return the recorded values of a state or timing variable, a value a pass."""

@@ -59,7 +59,7 @@ def block_of(name: str, node: str = "executive", states: Sequence[str] = STATES)
 def put(block: shared.Shared, ring: str, row: Sequence[int]) -> None:
     """Append a row as the loop does: drop and count it when the ring is full."""
     ends, rows = block[f"{ring}_ends"], block[ring]
-    if ends[shared.PUT] - ends[shared.TAKEN] == len(rows):
+    if ends[shared.PUT] - block[f"{ring}_taken"][0] == len(rows):
         ends[shared.DROPPED] += 1
         return
     rows[ends[shared.PUT] % len(rows)] = row
@@ -229,7 +229,8 @@ def test_events_and_tunings_keep_name_cycle_and_exact_value(
 
 def test_ring_that_wraps_around_loses_nothing(block: shared.Shared, tmp_path: Path) -> None:
     for ring in ("record", "frame"):  # as after seven rounds, shortly before the end of the eighth
-        block[f"{ring}_ends"][[shared.PUT, shared.TAKEN]] = 8 * len(block[ring]) - 130
+        block[f"{ring}_ends"][shared.PUT] = 8 * len(block[ring]) - 130
+        block[f"{ring}_taken"][0] = 8 * len(block[ring]) - 130
     log = Recorder(tmp_path / "log.mcap", [block])
     for cycle in range(500):
         put_cycle(block, cycle)

@@ -67,7 +67,7 @@ def test_a_ring_that_is_emptied_again_takes_new_rows(plans: tuple[Plan, Plan]) -
     bench = bench_with_small_ring(plans, waits=False)
     bench.run(20)
     ends = bench.executive.loop.record_ends
-    ends[sh.TAKEN] = ends[sh.PUT] - 3
+    bench.executive.loop.record_taken[0] = ends[sh.PUT] - 3
     bench.run(4)
     cycles = bench.executive.records()[:, 0].tolist()
     assert cycles == [5, 6, 7, 20, 21, 22, 23], cycles
@@ -80,6 +80,7 @@ def test_the_event_ring_drops_and_counts_too(plans: tuple[Plan, Plan]) -> None:
     gain = dict.fromkeys(["controller.kv_Nms_rad"], 110.0)
     node.post(gain)
     node.loop.mail_index[:] = node.place("controller.kv_Nms_rad")
+    node.loop.mail_value[:] = 110.0
     for _ in range(20):
         node.loop.mail[sh.COUNT] = sh.MAIL_SLOTS
         bench.run(1)
@@ -89,14 +90,17 @@ def test_the_event_ring_drops_and_counts_too(plans: tuple[Plan, Plan]) -> None:
     assert int(ends[sh.DROPPED]) == pushed - sh.EVENT_RING_ROWS, int(ends[sh.DROPPED])
 
 
-def test_a_full_mailbox_is_applied_and_no_more_than_that(plans: tuple[Plan, Plan]) -> None:
+def test_a_full_mailbox_is_applied_and_more_than_that_refused(plans: tuple[Plan, Plan]) -> None:
     bench = Bench(plans)
     node = bench.executive
     node.post({"controller.kv_Nms_rad": 120.0})
-    node.loop.mail[sh.COUNT] = 10**6
     node.loop.mail_index[:] = node.place("controller.kv_Nms_rad")
-    bench.run(1)
-    assert len(node.events(sh.TUNING_EVENT)) == sh.MAIL_SLOTS
+    node.loop.mail_value[:] = 120.0
+    for count, applied in ((10**6, 0), (sh.MAIL_SLOTS, sh.MAIL_SLOTS)):
+        node.loop.mail[sh.COUNT] = count
+        bench.run(1)
+        assert len(node.events(sh.TUNING_EVENT)) == applied, count
+        node.loop.mail[sh.REQUEST] += 1
 
 
 def test_without_a_clock_the_loop_waits_for_the_recorder(plans: tuple[Plan, Plan]) -> None:
@@ -108,7 +112,7 @@ def test_without_a_clock_the_loop_waits_for_the_recorder(plans: tuple[Plan, Plan
     while driver.is_alive() and time.monotonic() < give_up:
         rows = bench.executive.records()
         seen += rows[:1, 0].tolist()
-        ends[sh.TAKEN] += len(rows[:1])
+        bench.executive.loop.record_taken[0] += len(rows[:1])
         os.sched_yield()
     seen += bench.executive.records()[:, 0].tolist()
     assert not driver.is_alive(), f"stuck after {len(seen)} cycles"
@@ -244,6 +248,18 @@ def test_a_new_block_replaces_the_one_of_a_dead_process(
 
 
 def test_the_words_that_two_processes_write_lie_on_lines_of_their_own() -> None:
-    for words in ((sh.STOP, sh.STATE), (sh.PUT, sh.TAKEN, sh.DROPPED), (sh.REQUEST, sh.ACK)):
-        lines = [word // 8 for word in words]
-        assert len(set(lines)) == len(lines), f"words {words} share a cache line"
+    fields, line = sh.LOOP.fields or {}, 8 * sh.LINE_WORDS
+    for name in ("control", "seq", "answer", *(f"{ring}_ends" for ring in sh.RINGS)):
+        assert fields[name][1] + fields[name][0].itemsize <= sh.PUBLISHED_BYTES, name
+    for name in ("mail", *(f"{ring}_taken" for ring in sh.RINGS)):
+        begin, end = fields[name][1], fields[name][1] + fields[name][0].itemsize
+        assert begin % line == end % line == 0, f"{name} shares a cache line"
+        assert sh.PUBLISHED_BYTES <= begin < end <= sh.PUBLISHED_BYTES + sh.MAILBOX_BYTES, name
+
+
+def test_what_only_the_loop_needs_lies_beyond_what_clients_map() -> None:
+    shared_bytes, fields = sh.PUBLISHED_BYTES + sh.MAILBOX_BYTES, sh.LOOP.fields or {}
+    assert sh.PUBLISHED_BYTES % sh.PAGE_BYTES == sh.MAILBOX_BYTES % sh.PAGE_BYTES == 0
+    private = {name for name, field in fields.items() if field[1] >= shared_bytes}
+    wanted = {"v", "views", "copies", "limits", "schedule", "rx", "tx", "wire", "tunable_low", "k"}
+    assert wanted <= private, wanted - private

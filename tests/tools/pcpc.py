@@ -156,7 +156,7 @@ class Running:
         for role in ("executive", "plant", "recorder"):
             self.pid(role)
         block = self.block(rig, bus, "executive")
-        until(lambda: block["record_ends"][sh.TAKEN] > 100 or self.over(), f"records go\n{self}")
+        until(lambda: block["record_taken"][0] > 100 or self.over(), f"records go\n{self}")
         return block
 
     def done(self, within_s: float = DEADLINE_S) -> Done:

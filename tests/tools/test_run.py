@@ -323,7 +323,7 @@ def test_executive_gives_up_a_silent_plant_in_lockstep(tmp_path: Path) -> None:
         plant.pid("plant")
         control.pid("recorder")
         block = control.block("slew10", bus, "executive")
-        until(lambda: block["record_ends"][sh.TAKEN] > 100 or control.over(), f"it runs\n{control}")
+        until(lambda: block["record_taken"][0] > 100 or control.over(), f"it runs\n{control}")
         os.kill(plant.pid("plant"), signal.SIGKILL)
         ends = [plant.done(20.0), control.done(20.0)]
         left = plant.left() + control.left()

@@ -36,10 +36,10 @@ static int64_t bits_of(double value)
     return bits;
 }
 
-static int64_t free_row(loop *n, int64_t *ends, int64_t rows)
+static int64_t free_row(loop *n, int64_t *ends, int64_t *taken, int64_t rows)
 {
     int64_t put = ends[SH_PUT];
-    while (put - __atomic_load_n(&ends[SH_TAKEN], __ATOMIC_ACQUIRE) >= rows) {
+    while (put - __atomic_load_n(&taken[0], __ATOMIC_ACQUIRE) >= rows) {
         if (!n->wait_recorder || stopping(n)) {
             ends[SH_DROPPED]++;
             return -1;
@@ -56,7 +56,7 @@ static void was_put(int64_t *ends)
 
 static void push_frame(loop *n, const uint8_t *frame, int64_t received, int64_t state)
 {
-    int64_t at = free_row(n, n->frame_ends, SH_FRAME_RING_ROWS);
+    int64_t at = free_row(n, n->frame_ends, n->frame_taken, SH_FRAME_RING_ROWS);
     if (at < 0)
         return;
     uint32_t word;
@@ -72,7 +72,7 @@ static void push_frame(loop *n, const uint8_t *frame, int64_t received, int64_t 
 
 static void push_event(loop *n, int64_t code, int64_t argument, double value)
 {
-    int64_t at = free_row(n, n->event_ends, SH_EVENT_RING_ROWS);
+    int64_t at = free_row(n, n->event_ends, n->event_taken, SH_EVENT_RING_ROWS);
     if (at < 0)
         return;
     int64_t row[5] = {now(n), n->k, code, argument, bits_of(value)};
@@ -83,7 +83,7 @@ static void push_event(loop *n, int64_t code, int64_t argument, double value)
 static void push_record(loop *n)
 {
     int64_t columns = SH_RECORD_HEAD + n->n_state + 1 + n->n_timing;
-    int64_t at = free_row(n, n->record_ends, n->record_rows);
+    int64_t at = free_row(n, n->record_ends, n->record_taken, n->record_rows);
     if (at < 0)
         return;
     int64_t *row = n->record + at * columns;
@@ -288,6 +288,50 @@ static void judge_overrun(loop *n)
     }
 }
 
+static int64_t judge_request(loop *n, int64_t count, int64_t lock, int64_t *entry)
+{
+    *entry = 0;
+    if (count < 0 || count > SH_MAIL_SLOTS)
+        return SH_BAD_COUNT;
+    if (lock && count > 0)
+        return SH_LOCKED;
+    for (int64_t i = 0; i < count; i++) {
+        int64_t j = n->asked_index[i];
+        double value = n->asked_value[i];
+        *entry = i;
+        if (j < 0 || j >= n->n_variables || n->tunable_low[j] != n->tunable_low[j])
+            return SH_NO_PARAMETER;
+        int finite = __builtin_fabs(value) < __builtin_inf();
+        if (!(finite && n->tunable_low[j] <= value && value <= n->tunable_high[j]))
+            return SH_OUT_OF_RANGE;
+    }
+    *entry = 0;
+    return SH_ACCEPTED;
+}
+
+static void answer(loop *n, int64_t request)
+{
+    int64_t count = n->mail[SH_COUNT], lock = n->mail[SH_LOCK], entry;
+    memcpy(n->asked_index, n->mail_index, sizeof n->mail_index);
+    memcpy(n->asked_value, n->mail_value, sizeof n->mail_value);
+    if (__atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE) != request)
+        return;
+    int64_t refusal = judge_request(n, count, lock, &entry);
+    if (refusal == SH_ACCEPTED) {
+        for (int64_t i = 0; i < count; i++) {
+            n->v[n->asked_index[i]] = n->asked_value[i];
+            push_event(n, SH_TUNING_EVENT, n->asked_index[i], n->asked_value[i]);
+        }
+    } else {
+        n->control[SH_REFUSED]++;
+        push_event(n, SH_REFUSED_EVENT, n->asked_index[entry], n->asked_value[entry]);
+    }
+    n->answer[SH_ACK_CYCLE] = n->k;
+    n->answer[SH_REFUSAL] = refusal;
+    n->answer[SH_REFUSED_ENTRY] = entry;
+    __atomic_store_n(&n->answer[SH_ACK], request, __ATOMIC_RELEASE);
+}
+
 static void tune(loop *n)
 {
     while (n->scheduled < n->n_schedule && n->schedule[n->scheduled][0] <= n->k) {
@@ -296,17 +340,8 @@ static void tune(loop *n)
         push_event(n, SH_TUNING_EVENT, j, n->v[j]);
     }
     int64_t request = __atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE);
-    if (request == n->mail[SH_ACK])
-        return;
-    for (int64_t i = 0; i < n->mail[SH_COUNT] && i < SH_MAIL_SLOTS; i++) {
-        int64_t j = n->mail_index[i];
-        if (j >= 0 && j < n->n_variables) {
-            n->v[j] = n->mail_value[i];
-            push_event(n, SH_TUNING_EVENT, j, n->mail_value[i]);
-        }
-    }
-    n->mail[SH_ACK_CYCLE] = n->k;
-    __atomic_store_n(&n->mail[SH_ACK], request, __ATOMIC_RELEASE);
+    if (request != n->answer[SH_ACK])
+        answer(n, request);
 }
 
 static void copy_inputs(loop *n, int64_t block)
@@ -430,6 +465,7 @@ static void note_timing(loop *n)
     v[4] = 0.001 * n->publish_ns;
     for (size_t i = 0; i < sizeof COUNTERS / sizeof *COUNTERS; i++)
         v[5 + i] = n->control[COUNTERS[i]];
+    n->v[V_REFUSED] = n->control[SH_REFUSED];
 }
 
 /* ----------------------------------------------------------------- executive/timing.py -------- */
@@ -673,9 +709,9 @@ void quintic(double t, double dt, double *p, double *x, double *u, double *y)
 
 static void put_back(loop *n)
 {
-    n->record_ends[SH_TAKEN] = n->record_ends[SH_PUT];
-    n->frame_ends[SH_TAKEN] = n->frame_ends[SH_PUT];
-    n->event_ends[SH_TAKEN] = n->event_ends[SH_PUT];
+    n->record_taken[0] = n->record_ends[SH_PUT];
+    n->frame_taken[0] = n->frame_ends[SH_PUT];
+    n->event_taken[0] = n->event_ends[SH_PUT];
 }
 
 void drive_memory(loop *n, step_function **steps, const uint8_t (*frames)[16], const int64_t *ends,

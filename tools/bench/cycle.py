@@ -145,9 +145,9 @@ def address(n: Any) -> ctypes.c_void_p:
 @loop(types.void(N))
 def _put_back(n: Any) -> None:
     """Empty the rings, as a recorder would."""
-    n.record_ends[sh.TAKEN] = n.record_ends[sh.PUT]
-    n.frame_ends[sh.TAKEN] = n.frame_ends[sh.PUT]
-    n.event_ends[sh.TAKEN] = n.event_ends[sh.PUT]
+    n.record_taken[0] = n.record_ends[sh.PUT]
+    n.frame_taken[0] = n.frame_ends[sh.PUT]
+    n.event_taken[0] = n.event_ends[sh.PUT]
 
 
 @loop(types.void(N, STEPS, u1[:, ::1], i8[::1], i8))

@@ -161,13 +161,13 @@ def _attach(role: str, child: Child, blocks: dict[str, sh.Shared], names: dict[s
 
 
 def _take(block: sh.Shared, rows: list[Any] | None) -> None:
-    ends, ring = block["record_ends"], block["record_values"]
-    put, taken = int(ends[sh.PUT]), int(ends[sh.TAKEN])
+    ring = block["record_values"]
+    put, taken = int(block["record_ends"][sh.PUT]), int(block["record_taken"][0])
     if rows is not None and put > taken:
         rows.append(ring[np.arange(taken, put) % len(ring)])
-    ends[sh.TAKEN] = put
-    for name in ("frame_ends", "event_ends"):
-        block[name][sh.TAKEN] = block[name][sh.PUT]
+    block["record_taken"][0] = put
+    for name in ("frame", "event"):
+        block[f"{name}_taken"][0] = block[f"{name}_ends"][sh.PUT]
 
 
 def _judge(blocks: dict[str, sh.Shared], records: Any, rate_hz: int) -> Held:

@@ -113,9 +113,8 @@ def throughput(progress: Progress, rounds: int) -> Ratio:
         ids = [theirs.register_channel(str(c), "cdr", 0) for c in range(channels)]
 
         def drain() -> float:
-            for block in run.blocks:
-                for ring in ("record", "frame", "event"):
-                    block[f"{ring}_ends"][sh.TAKEN] = 0
+            for node in ours.nodes:
+                node.taken = dict.fromkeys(sh.RINGS, 0)
             return size / _seconds(ours.drain)
 
         def add() -> None:
