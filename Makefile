@@ -5,19 +5,22 @@ BIN := $(VENV)/bin
 RIG ?= plants/atb1000/rigs/engage.yaml
 PLANT ?= *
 
-.PHONY: run test test-quiet install lint compiled bless test-vcan vcan-tools clean
+.PHONY: run help test test-quiet install lint compiled bless test-vcan vcan-tools clean
 
-run: install ## the main job: emulator, executive and recorder close the loop; picture, log and verdict in runs/
+run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-13s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
 test: install ## all tests that need no CAN in the kernel
 	$(MAKE) --no-print-directory -j2 lint compiled
 	$(BIN)/pytest -n 2 --dist loadfile
 
-test-vcan: install ## the tests on a real vcan0, in a virtual machine where the kernel has none
+test-vcan: install ## the tests on a real vcan0, in a virtual machine if need be
 	bash tools/vcan_stage.sh
 
-test-quiet: install ## absolute gates of timing, for a machine that does nothing else
+test-quiet: install ## gates of timing, for a machine that does nothing else
 	$(BIN)/pytest tests/quiet -m quiet
 
 install: $(VENV)/installed ## the virtual environment, with pcpc in it
@@ -31,22 +34,22 @@ $(VENV)/installed: pyproject.toml
 	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[plot,test]'
 	touch $@
 
-vcan-tools: ## the packages that `pcpc vm` and the vcan tests need; uses sudo when you are not root
+vcan-tools: ## packages for `pcpc vm` and the vcan tests; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends \
 		qemu-system-x86 busybox-static zstd iproute2 can-utils
 
-lint: install
+lint: install ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-compiled: install ## the loop compiled once, so that two processes need not do it at the same time
+compiled: install ## the loop compiled, so that two processes need not do it
 	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --quiet --no-figure -o build/compiled >/dev/null
 	@rm -rf build/compiled
 
-bless: install ## the golden runs (of PLANT) written anew, after a change that is meant; prints old and new figures
+bless: install ## the golden runs (of PLANT) anew, after a change that is meant
 	cd tests/golden && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python golden.py "$(PLANT)"
 
-clean:
+clean: ## everything that can be made again, but not runs/
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

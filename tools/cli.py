@@ -1,25 +1,54 @@
-"""The `pcpc` command: arguments only; each subcommand lives in a module of its own."""
+"""The `pcpc` command: its subcommands and where each lives; see `tools.arguments`."""
 
 import argparse
+import importlib.metadata
+import platform
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
+from typing import Any
 
+from tools import arguments, screen
 from tools.ending import ended
 
-_RIG = "plants/atb1000/rigs/slew10.yaml"
-_CODES = (
-    "exit code: 0 ok, 1 expectation not met, 2 wrong input, 3 loss, 4 environment, "
-    "5 safety stop, 130 Ctrl-C"
-)
-_HELP = {  # of the commands that bring their own arguments
-    "replay": "recompute a recorded run and compare it bit by bit",
-    "play": "put recorded frames on a bus",
-    "log": "look into logs, compare, draw, convert and repair them",
-    "jitter": "measure the timing of the loop, beside cyclictest, C and plain Python",
-    "bench": "measure ratios against C and others, interleaved in one run",
+_GROUPS = {
+    "a rig, from choosing one to a verdict": {
+        "rigs": "list the rigs that come with pcpc",
+        "check": "check a rig file and print its wiring and bus load",
+        "run": "start emulator, executive and recorder, end with a verdict",
+        "simulate": "run the same in virtual time, in one process, without a bus",
+        "experiment": "run a whole study in virtual time: tables and figures",
+    },
+    "its nodes one by one, in several terminals or on several machines": {
+        "plant": "start the emulator only",
+        "exec": "start executive and recorder only",
+        "local": "start the node between the two only, of a rig with three",
+    },
+    "while it runs": {
+        "list": "list the variables of a node with values, units and ranges",
+        "get": "print values",
+        "set": "tune parameters, all at once",
+        "watch": "print values again and again",
+        "lock": "forbid tunings (tune, all), or allow them again (none)",
+    },
+    "afterwards": {
+        "log": "look into logs, compare, draw, convert and repair them",
+        "replay": "recompute a recorded run and compare it bit by bit",
+        "play": "put recorded frames on a bus",
+    },
+    "this machine": {
+        "doctor": "what it offers, and how to get the rest",
+        "jitter": "measure the timing of the loop, beside cyclictest and C",
+        "bench": "measure ratios against C and others, interleaved in one run",
+        "vm": "run a command on a kernel with vcan, in QEMU",
+    },
 }
-_MODULES = {name: f"tools.{name}" for name in _HELP}
+COMMANDS = {name: text for group in _GROUPS.values() for name, text in group.items()}
+_OWN_ARGUMENTS = ("replay", "play", "log", "jitter", "bench")
+_MODULE = dict.fromkeys(("run", "exec", "local", "plant", "simulate"), "run") | dict.fromkeys(
+    ("list", "get", "set", "watch", "lock"), "watch"
+)
 _WITH_VERDICT = (  # which does not depend on whether somebody reads what is printed
     "run", "exec", "local", "plant", "simulate", "check", "replay", "play", "jitter", "experiment",
     "vm",
@@ -33,161 +62,86 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _carry_out(words: Sequence[str]) -> int:
+    from executive.errors import RigError, did_you_mean
+
     if words[:1] == ["vm"]:  # has its own arguments, up to --
         from tools.vm import run as run_vm
 
         return run_vm(list(words[1:]))
-    options = _parser(words[:1]).parse_args(words)
-    if options.command in _MODULES:
-        return int(import_module(_MODULES[options.command]).command(options))
-    if options.command in ("run", "exec", "local", "plant", "simulate"):
-        from tools.run import command
-
-        return command(options)
-    if options.command == "doctor":
-        from tools.doctor import command as doctor
-
-        return doctor(options)
-    if options.command == "experiment":
-        from tools.experiment import command as experiment
-
-        return experiment(options)
-    if options.command == "check":
-        from tools.check import command as check
-
-        return check(options)
-    from tools.watch import command as watch
-
-    return watch(options)
+    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+        cure = did_you_mean(words[0], COMMANDS) or "; `pcpc --help` lists all"
+        print(f"pcpc {words[0]}: no such command{cure}", file=sys.stderr)
+        return arguments.USAGE
+    options = parser(words[:1]).parse_args(words)
+    try:
+        _name_files(options)
+    except RigError as error:
+        print(error, file=sys.stderr)
+        return arguments.USAGE
+    module = import_module(f"tools.{_MODULE.get(options.command, options.command)}")
+    return int(module.command(options))
 
 
-def _parser(chosen: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser; of `_MODULES` only the `chosen` one is imported, for its arguments."""
-    parser = argparse.ArgumentParser(
+def parser(chosen: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser; of `_OWN_ARGUMENTS` only the `chosen` one is imported."""
+    found = argparse.ArgumentParser(
         "pcpc",
+        usage="pcpc COMMAND ...",
         description="hardware-in-the-loop: a real-time executive and a plant emulator on CAN",
-        epilog=f"example: pcpc run {_RIG}\n{_CODES}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_runs(commands)
-    _add_table(commands)
-    one = _command(
-        commands,
-        "check",
-        "check a rig file and print its wiring and bus load",
-        f"pcpc check {_RIG}",
+        epilog="\n".join(_commands()),
+        formatter_class=screen.Help,
     )
-    _add_rig(one)
-    one.add_argument("--json", action="store_true", help="print one JSON object")
-    one = _command(commands, "doctor", "what this machine offers, and how to get the rest",
-                   "pcpc doctor")  # fmt: skip
-    one.add_argument("--json", action="store_true", help="print one JSON object")
-    one = _command(
-        commands,
-        "experiment",
-        "run a whole study in virtual time: tables and figures",
-        "pcpc experiment chapter9 -o results",
+    found.add_argument("--version", action=_Version, nargs=0, help="of pcpc, Python and numba")
+    commands = found.add_subparsers(
+        prog="pcpc", dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS
     )
-    one.add_argument(
-        "name", metavar="NAME", help="chapterN of the book, approximation, actuators, or a study.py"
-    )
-    one.add_argument(
-        "-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME"
-    )
-    one.add_argument("--jobs", type=int, metavar="N", help="processes; all processors")
-    one.add_argument("--quiet", action="store_true", help="no progress")
-    for name, module in _MODULES.items():
+    arguments.add_all(commands, COMMANDS)
+    for name in _OWN_ARGUMENTS:
         if name in chosen:
-            import_module(module).add_arguments(commands)
+            import_module(f"tools.{name}").add_arguments(commands)
         else:
-            commands.add_parser(name, help=_HELP[name], add_help=False)
-    _command(
-        commands, "vm", "run a command on a kernel with vcan, in QEMU", "pcpc vm -- candump vcan0"
-    )
-    return parser
+            commands.add_parser(name, add_help=False)
+    return found
 
 
-def _command(
-    commands: "argparse._SubParsersAction[argparse.ArgumentParser]",
-    name: str,
-    help: str,
-    example: str,
-) -> argparse.ArgumentParser:
-    return commands.add_parser(
-        name, help=help, description=help, epilog=f"example: {example}\n{_CODES}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+def _commands() -> list[str]:
+    """Return the help's list of commands, in the order of use."""
+    lines = []
+    for title, group in _GROUPS.items():
+        lines += [f"{title}:", *(f"  {name:12}{text}" for name, text in group.items()), ""]
+    return [
+        *lines,
+        "`pcpc COMMAND --help` tells the options of each, with an example.",
+        "RIG is a name (pcpc rigs) or a file; LOG a file, a run folder, or `latest`.",
+        arguments.CODES,
+    ]
 
 
-def _add_rig(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("rig", metavar="RIG", help="rig file")
-    parser.add_argument("--controller", metavar="NAME", help="controller, instead of the rig's")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="any value of the rig or a block, as controller.kv_Nms_rad=130",
-    )
+def _name_files(options: argparse.Namespace) -> None:
+    """Put the file in place of a rig's name, of a run folder and of `latest`; RigError."""
+    if getattr(options, "rig", None) is not None:
+        from tools.rigs import find
+
+        options.rig = type(options.rig)(find(str(options.rig)))
+    if options.command in ("log", "replay", "play"):
+        from tools.recorded import LATEST, log_of
+
+        for key in {"log", "a", "b"} & vars(options).keys():
+            value = getattr(options, key)
+            setattr(options, key, type(value)(log_of(str(value))))
+        if "words" in options:  # of `log plot`: logs and variables
+            options.words = [str(log_of(w)) if _is_log(w, LATEST) else w for w in options.words]
 
 
-def _add_runs(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    for name, help, example in (
-        ("run", "start emulator, executive and recorder, end with a verdict", f"pcpc run {_RIG}"),
-        ("exec", "start executive and recorder only", f"pcpc exec {_RIG} --bus vcan0"),
-        ("plant", "start the emulator only", f"pcpc plant {_RIG} --bus vcan0"),
-        ("local", "start the node between executive and plant only, of a rig with three",
-         "pcpc local plants/telerobot/rigs/telerobot-rnn.yaml --bus vcan0"),
-        ("simulate", "run the same in virtual time, in one process, without a bus",
-         f"pcpc simulate {_RIG} --controller pid"),
-    ):  # fmt: skip
-        one = _command(commands, name, help, example)
-        _add_rig(one)
-        one.add_argument(
-            "-o", "--output", metavar="DIR", help="run folder, instead of runs/<UTC time>-<rig>"
-        )
-        one.add_argument(
-            "--pacing", choices=("real", "sync", "lockstep"),
-            help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock",
-        )  # fmt: skip
-        one.add_argument(
-            "--bus", metavar="INTERFACE[:CHANNEL]",
-            help="auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one",
-        )  # fmt: skip
-        one.add_argument("--json", action="store_true", help="print the summary as one JSON object")
-        one.add_argument("--quiet", action="store_true", help="no progress")
-        one.add_argument("--no-figure", action="store_true", help="do not draw figure.png")
+def _is_log(word: str, latest: str) -> bool:
+    return word == latest or Path(word).is_dir()
 
 
-def _add_table(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    many: dict[str, str | int] = {"list": "*", "lock": 1}
-    for name, help, example in (
-        ("list", "list the variables of a running node", "pcpc list 'controller.*'"),
-        ("get", "print values of a running node", "pcpc get controller.e_rad"),
-        (
-            "set",
-            "tune parameters of a running node, all at once",
-            "pcpc set controller.kv_Nms_rad=120",
-        ),
-        ("watch", "print values again and again", "pcpc watch 'controller.*' --every 500ms"),
-        ("lock", "forbid tunings (tune, all), or allow them again (none)", "pcpc lock tune"),
-    ):
-        one = _command(commands, name, help, example)
-        one.add_argument(
-            "names", nargs=many.get(name, "+"), metavar="LEVEL" if name == "lock" else "NAME"
-        )
-        one.add_argument(
-            "--node",
-            default="executive",
-            metavar="NODE",
-            help="executive, plant, or a block's name",
-        )
-        one.add_argument("--json", action="store_true", help="print JSON")
-        if name == "watch":
-            one.add_argument(
-                "--every", default="200ms", metavar="TIME", help="interval: 500us, 5ms, 10s"
-            )
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        versions = [f"{name} {importlib.metadata.version(name)}" for name in ("pcpc", "numba")]
+        print(", ".join((versions[0], f"Python {platform.python_version()}", versions[1])))
+        parser.exit()
 
 
 if __name__ == "__main__":

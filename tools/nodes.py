@@ -1,6 +1,7 @@
 """A running node from outside: found in /dev/shm, read without disturbing it, tuned, locked.
 
     find      a node by role or name, among the blocks whose process lives
+    find_for  the node that has some variables
     read      a consistent copy of the whole table (seqlock: the node never waits)
     tune      values into the mailbox, all or none; returns the cycle from which they hold
     set_lock  none: tunings allowed; tune, all: refused
@@ -73,6 +74,38 @@ def find(node: str) -> sh.Shared:
         )
     raise HostError(
         f"{node}: no such node is running{others}; start one with `pcpc run RIG`", NO_NODE
+    )
+
+
+def find_for(words: Sequence[str]) -> sh.Shared:
+    """Return the running node that has the variables `words` (* ? []): the executive, if it does.
+
+    Raises HostError as `find`, and if no node or no single one has them all.
+    """
+    running = {name: block for name, block in _blocks() if is_running(block)}
+    if not words or not running:
+        return next(iter(running.values())) if len(running) == 1 else find("executive")
+    names = {node: names_of(block) for node, block in running.items()}
+    for word in words:
+        if not any(_has(known, word) for known in names.values()):
+            if _GLOB.search(word):
+                raise HostError(f"{word}: matches no variable; `pcpc list` shows all")
+            every = {name: 0 for known in names.values() for name in known}
+            raise HostError(f"{word}: no such variable{did_you_mean(word, every)}")
+    holders = [node for node, known in names.items() if all(_has(known, word) for word in words)]
+    found = [node for node in holders if node.endswith(".executive")] or holders
+    if len(found) > 1:
+        choice = " or ".join(found)
+        raise HostError(f"{words[0]}: {len(found)} nodes have it; choose one with --node {choice}")
+    if not found:
+        raise HostError(f"{' '.join(words)}: no node has all of them; ask for one node's at a time")
+    return running[found[0]]
+
+
+def _has(places: Mapping[str, int], word: str) -> bool:
+    """Return whether a node has the variable, or one that matches."""
+    return word in places or (
+        bool(_GLOB.search(word)) and any(fnmatchcase(name, word) for name in places)
     )
 
 

@@ -30,7 +30,7 @@ from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
 from executive import logs
 from executive.errors import RigError
-from tools import play_frames
+from tools import play_frames, screen
 from tools.interface import named_bus
 from tools.play_frames import Frames, PlayError
 from tools.progress import Progress
@@ -43,9 +43,9 @@ PRIORITY = 70  # that of an emulator, below the executive's 80
 _POLL_S = 0.1
 _LONG_READ_BYTES = 20 << 20  # about a second
 _EXAMPLES = """examples:
-  pcpc play runs/20260101T120000Z-slew10/log.mcap --bus vcan0
-  pcpc play log.mcap --start 2 --duration 1 --loop --only FB_A --only 0x080
-  pcpc play log.mcap --as plant --bus vcan0     beside: pcpc exec RIG --bus vcan0
+  pcpc play latest --bus vcan0
+  pcpc play latest --start 2 --duration 1 --loop --only FB_A --only 0x080
+  pcpc play latest --as plant --bus vcan0    # beside: pcpc exec RIG --bus vcan0
 exit code: 0 played, 2 wrong input, 3 send errors or damaged log, 4 environment, 130 Ctrl-C"""
 
 
@@ -54,10 +54,10 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     help = "put the frames of a log on a bus, at the recorded times"
     one = commands.add_parser(
         "play", help=help, description=help, epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=screen.Help,
     )  # fmt: skip
     add = one.add_argument
-    add("log", metavar="LOG", help="log.mcap of a run")
+    add("log", metavar="LOG", help="log file, run folder or latest")
     add("--bus", default="auto", metavar="INTERFACE[:CHANNEL]",
         help="auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one")  # fmt: skip
     add("-r", "--rate", type=float, default=1.0, metavar="FACTOR",

@@ -24,6 +24,7 @@ from executive import logs, yamlfile
 from executive.errors import RigError
 from executive.replay import HEAD, PASSES, Assembler, K, Replay
 from executive.rig import Rig, load_rig
+from tools import screen
 from tools.progress import Progress
 
 DIFFERS, USAGE = 1, 2
@@ -86,11 +87,11 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     text = "recompute a recorded run and compare it bit by bit"
     one = commands.add_parser(
         "replay", help=text, description=text,
-        epilog="example: pcpc replay runs/RUN/log.mcap\n"
+        epilog="example: pcpc replay latest\n"
         "exit code: 0 bit-identical, 1 different or incomplete, 2 wrong input",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=screen.Help,
     )  # fmt: skip
-    one.add_argument("log", metavar="LOG", help="log of a run; nothing else is needed")
+    one.add_argument("log", metavar="LOG", help="log file, run folder or latest")
     one.add_argument("--node", choices=(*logs.NODES, "all"), default="all", help="default: all")
     one.add_argument("--controller", metavar="NAME", help="another controller of the log's rig")
     one.add_argument(

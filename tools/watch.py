@@ -10,17 +10,20 @@ import shutil
 import sys
 import time
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from executive import shared as sh
+from tools import screen
 from tools.nodes import (
     INTERRUPTED,
     OK,
     HostError,
     exactly,
     find,
+    find_for,
     is_running,
     names_of,
     read,
@@ -29,6 +32,7 @@ from tools.nodes import (
     tune,
 )
 
+_CYCLE, _NUMBER = 8, 12  # columns of a cycle number and of a value
 _SLICE_S = 0.05  # how soon `watch` notices the end of the node
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "": 1.0}
 
@@ -37,7 +41,7 @@ def command(options: argparse.Namespace) -> int:
     """Run one of the five subcommands; print errors; return the exit code."""
     actions = {"list": _list, "get": _get, "set": _set, "watch": _watch, "lock": _lock}
     try:
-        actions[options.command](find(options.node), options)
+        actions[options.command](_node(options), options)
     except HostError as error:
         print(error, file=sys.stderr)
         return error.code
@@ -46,24 +50,39 @@ def command(options: argparse.Namespace) -> int:
     return OK
 
 
+def _node(options: argparse.Namespace) -> sh.Shared:
+    """Return the node that is named, else the one that has the variables."""
+    if options.node is not None:
+        return find(options.node)
+    words = [] if options.command == "lock" else options.names
+    return find_for([word.partition("=")[0] for word in words])
+
+
 def _list(block: sh.Shared, options: argparse.Namespace) -> None:
     variables, values = block.description["variables"], read(block)
     chosen = select(names_of(block), options.names or ["*"]).values()
-    rows = [(variables[at][0], float(values[at]), *variables[at][1:]) for at in chosen]
+    ranges = block.description["ranges"]
+    rows = [(float(values[at]), *variables[at]) for at in chosen]
     if options.json:
-        keys = ("name", "value", "unit", "kind", "writer", "help")
-        print(
-            json.dumps(
-                [dict(zip(keys, (row[0], _json(row[1]), *row[2:]), strict=True)) for row in rows]
-            )
-        )
+        print(json.dumps([_described(row, ranges.get(row[1])) for row in rows]))
         return
-    cells = [(name, f"{value:.9g}", *rest) for name, value, *rest in rows]
-    widths = [max(len(row[i]) for row in cells) for i in range(5)]
-    for row in cells:
-        padded = [text.ljust(width) for text, width in zip(row, widths, strict=False)]
-        padded[1] = row[1].rjust(widths[1])
-        print("  ".join((*padded, row[5])))
+    cells = [("name", "value", "unit", "kind and range")]
+    for value, name, unit, kind, writer, help in rows:
+        about = kind
+        if name in ranges:
+            about += " {:.9g}..{:.9g}".format(*ranges[name])
+        if options.long:
+            about += f", {writer}: {help}"
+        cells.append((name, f"{value:.9g}", unit, about))
+    print("\n".join(screen.table(cells, right=(1,))))
+
+
+def _described(row: tuple[Any, ...], bounds: list[float] | None) -> dict[str, Any]:
+    """Return one variable for `list --json`."""
+    value, name, unit, kind, writer, help = row
+    found = {"name": name, "value": _json(value), "unit": unit, "kind": kind, "writer": writer}
+    span = None if bounds is None else [_json(bound) for bound in bounds]
+    return found | {"help": help, "range": span}
 
 
 def _get(block: sh.Shared, options: argparse.Namespace) -> None:
@@ -131,13 +150,22 @@ def duration_s(text: str) -> float:
 
 
 class _Screen:
-    """Shows values: in place on a terminal, else one line a time, or one JSON object a line."""
+    """Shows values: in place on a terminal, else below a header, or one JSON object a line."""
 
     def __init__(self, block: sh.Shared, chosen: Mapping[str, int], as_json: bool) -> None:
         self._block, self._chosen, self._json = block, chosen, as_json
         self._time = names_of(block)["time.t_s"]
         self._in_place = sys.stdout.isatty()
         self._shown = 0
+        units = {name: block.description["variables"][at][1] for name, at in chosen.items()}
+        self._columns = {
+            name: max(_NUMBER, len(name), len(units[name]) + len("[]")) for name in chosen
+        }
+        self._fits = _CYCLE + sum(2 + size for size in self._columns.values()) <= screen.width()
+        if not (self._json or self._in_place) and self._fits:
+            print(self._row("cycle", {name: name for name in chosen}))
+            told = {name: f"[{unit}]" if unit else "" for name, unit in units.items()}
+            print(self._row("", told).rstrip(), flush=True)
 
     def show(self, values: NDArray[np.float64]) -> None:
         cycle = round(float(values[self._time]) * 1e9 / self._block.description["period_ns"])
@@ -145,17 +173,25 @@ class _Screen:
             line = {"cycle": cycle} | {name: _json(values[at]) for name, at in self._chosen.items()}
             print(json.dumps(line), flush=True)
         elif self._in_place:
-            width = max(map(len, self._chosen))
-            self._rewrite(
-                [f"{self._block.path.name}, cycle {cycle}"]
-                + [
-                    f"{name:{width}} = {_with_unit(self._block, at, values[at])}"
-                    for name, at in self._chosen.items()
-                ]
-            )
+            self._rewrite([f"{self._block.path.name}, cycle {cycle}", *self._named(values)])
+        elif self._fits:
+            row = {name: f"{values[at]:.9g}" for name, at in self._chosen.items()}
+            print(self._row(str(cycle), row), flush=True)
         else:
-            shown = "  ".join(f"{name}={values[at]:.9g}" for name, at in self._chosen.items())
-            print(f"cycle {cycle}  {shown}", flush=True)
+            print(f"cycle {cycle}", *(f"  {line}" for line in self._named(values)), sep="\n",
+                  flush=True)  # fmt: skip
+
+    def _row(self, cycle: str, cells: Mapping[str, str]) -> str:
+        padded = (f"  {cells[name]:>{size}}" for name, size in self._columns.items())
+        return f"{cycle:>{_CYCLE}}{''.join(padded)}"
+
+    def _named(self, values: NDArray[np.float64]) -> list[str]:
+        """Return a line for each variable: its name, its value, its unit."""
+        broad = max(map(len, self._chosen))
+        return [
+            f"{name:{broad}} = {_with_unit(self._block, at, values[at])}"
+            for name, at in self._chosen.items()
+        ]
 
     def _rewrite(self, lines: list[str]) -> None:
         columns, rows = shutil.get_terminal_size()

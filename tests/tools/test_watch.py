@@ -112,13 +112,24 @@ def value(screen: Screen, run: Run, name: str) -> float:
 # Reading
 
 
-def test_list_shows_value_unit_kind_writer_and_help(run: Run, capsys: Screen) -> None:
+def test_list_shows_value_unit_kind_and_range_below_a_header(run: Run, capsys: Screen) -> None:
     code, out, err = said(capsys, run, "list", "controller.k*")
     assert code == 0, err
-    assert [line.split()[0] for line in out.splitlines()] == [KV, "controller.km_Nms_rad"]
-    words = out.splitlines()[1].split()
-    assert words[1:6] == ["60", "N", "m", "s/rad", "parameter"], out
-    assert out.splitlines()[1].endswith("controller  drive-shaft damping"), out
+    firsts = [line.split()[0] for line in out.splitlines()]
+    assert firsts == ["name", KV, "controller.km_Nms_rad"], out
+    words = out.splitlines()[2].split()
+    assert words[1:] == ["60", "N", "m", "s/rad", "parameter", "0..1000"], out
+
+
+def test_long_list_adds_writer_and_help_within_80_columns(
+    run: Run, capsys: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for words in (["list"], ["list", "--long"]):
+        code, out, err = said(capsys, run, *words)
+        assert code == 0, err
+        assert [line for line in out.splitlines() if len(line) > 80] == []
+    assert "drive-shaft" in out and "controller:" in out, out
 
 
 def test_list_without_a_pattern_shows_the_whole_table(run: Run, capsys: Screen) -> None:
@@ -129,6 +140,7 @@ def test_list_without_a_pattern_shows_the_whole_table(run: Run, capsys: Screen) 
     assert rows[ERROR]["kind"] == "output", rows[ERROR]
     assert rows["rx.FB_A.encoder"]["unit"] == "rad", rows["rx.FB_A.encoder"]
     assert rows["rx.FB_A.encoder"]["writer"] == "FB_A", rows["rx.FB_A.encoder"]
+    assert rows[KV]["range"] == [0.0, 1000.0] and rows[ERROR]["range"] is None, rows[KV]
 
 
 def test_a_pattern_that_matches_nothing_is_wrong_input(run: Run, capsys: Screen) -> None:
@@ -169,6 +181,24 @@ def test_the_plant_of_the_same_run_has_a_table_of_its_own(run: Run, capsys: Scre
     assert main(["get", "barrel.fire", "--node", plant]) == 0
     out = capsys.readouterr().out
     assert out.startswith("barrel.fire = 0"), out
+
+
+@pytest.mark.parametrize(
+    ("names", "role"),
+    [
+        (["barrel.theta_rad"], "plant"), (["barrel.theta*"], "plant"), ([ERROR], "executive"),
+        (["time.t_s"], "executive"), (["time.t_s", "barrel.theta_rad"], "plant"), ([], "executive"),
+    ],
+)  # fmt: skip
+def test_the_node_that_has_a_variable_is_found(run: Run, names: list[str], role: str) -> None:
+    assert nodes.find_for(names).description["node"] == role
+
+
+def test_variables_of_no_single_node_are_refused(run: Run) -> None:
+    with pytest.raises(nodes.HostError, match="no node has all of them"):
+        nodes.find_for([ERROR, "barrel.theta_rad"])
+    with pytest.raises(nodes.HostError, match=r"did you mean barrel\.theta_rad\?"):
+        nodes.find_for(["barrel.teta_rad"])
 
 
 # Tuning
@@ -272,14 +302,26 @@ def test_two_hosts_at_once_both_get_their_tunings_through(run: Run) -> None:
 def test_watch_prints_a_line_an_interval_and_ends_on_ctrl_c_with_130(run: Run) -> None:
     watching = pcpc("watch", "controller.q_d_*", ERROR, "--every", "10ms", "--node", run.node)
     assert watching.stdout is not None
+    head = [watching.stdout.readline() for _ in range(2)]
     lines = [watching.stdout.readline() for _ in range(5)]
     watching.send_signal(signal.SIGINT)
     _, err = watching.communicate(timeout=ANSWER_S)
     assert (watching.returncode, err) == (130, ""), f"{watching.returncode}: {err}"
-    cycles = [int(line.split()[1]) for line in lines]
+    cycles = [int(line.split()[0]) for line in lines]
     assert cycles == sorted(set(cycles)), f"cycles {cycles}"
-    names = [word.partition("=")[0] for word in lines[0].split()[2:]]
-    assert names == ["controller.q_d_rad", "controller.q_d_rate_rad_s", ERROR], lines[0]
+    names = ["cycle", "controller.q_d_rad", "controller.q_d_rate_rad_s", ERROR]
+    assert head[0].split() == names and head[1].split() == ["[rad]", "[rad/s]", "[rad]"], head
+    assert {len(line) for line in (head[0], *lines)} == {len(head[0])}, (head, lines)
+
+
+def test_a_watch_that_is_too_wide_for_columns_has_a_line_for_each(run: Run) -> None:
+    watching = pcpc("watch", "controller.*_rad", "--every", "10ms", "--node", run.node)
+    assert watching.stdout is not None
+    lines = [watching.stdout.readline() for _ in range(40)]
+    watching.send_signal(signal.SIGINT)
+    watching.communicate(timeout=ANSWER_S)
+    assert lines[0].startswith("cycle ") and max(map(len, lines)) <= 80, lines
+    assert any(line.startswith(f"  {ERROR} ") and line.endswith(" rad\n") for line in lines), lines
 
 
 def test_watch_on_a_terminal_rewrites_its_lines_in_place(run: Run) -> None:
@@ -339,7 +381,8 @@ def test_a_role_that_several_nodes_have_is_refused_with_their_names(
     name = f"twin.{os.getpid()}.executive"
     twin = make_block(name, os.getpid())
     try:
-        code = main(["get", ERROR])
+        code = main(["list"])
+        assert nodes.find_for([ERROR]).path.name == nodes.find(run.node).path.name
     finally:
         twin.unlink()
     err = capsys.readouterr().err

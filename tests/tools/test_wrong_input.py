@@ -46,7 +46,7 @@ def refuse(
 ) -> Done:
     """Run `words` in `folder`; check exit code, what is `said` (patterns), and all else left."""
     bus = bus or own_bus()
-    given = list(words) if "--bus" in words else [*words, "--bus", bus]
+    given = [*words] if "--bus" in words or "simulate" in words else [*words, "--bus", bus]
     done = pcpc(*given, "--quiet", "--no-figure", cwd=folder)
     assert done.code == code, str(done)
     assert "Traceback" not in done.err and not done.out, str(done)

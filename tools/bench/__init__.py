@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from drivers.errors import BusError
+from tools import screen
 from tools.progress import Progress
 
 SUITES = {
@@ -65,7 +66,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         "bench", help=text, description=text,
         epilog="suites:\n" + "".join(f"  {name:9}{about}\n" for name, about in SUITES.items())
         + "example: pcpc bench steps --json steps.json",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=screen.Help,
     )  # fmt: skip
     one.add_argument(
         "names", nargs="*", metavar="NAME", help="suites; default: all but rate and startup"

@@ -24,6 +24,7 @@ from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
 from executive.errors import RigError
 from executive.shared import SharedError
+from tools import screen
 from tools.jitter import loops, probe, report
 from tools.jitter.figures import LEAST_CYCLES, Result, as_json
 from tools.jitter.loops import JitterError, Setup
@@ -44,7 +45,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     text = "measure the timing of the loop, beside cyclictest, C and plain Python"
     one = commands.add_parser(
         "jitter", help=text, description=text, epilog=_EXAMPLES, add_help=False,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=screen.Help,
     )  # fmt: skip
     add = one.add_argument
     add("--help", action="help", help="show this help; -h is cyclictest's")

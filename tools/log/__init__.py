@@ -3,6 +3,8 @@
 import argparse
 from importlib import import_module
 
+from tools import screen
+
 _MODULES = {
     "info": "info",
     "cat": "cat",
@@ -21,9 +23,9 @@ def add_arguments(
     text = "look into logs, compare, draw, convert and repair them"
     one = commands.add_parser(
         "log", help=text, description=text,
-        epilog="example: pcpc log info runs/RUN/log.mcap\n"
-        "pcpc log SUB --help tells the options and exit codes of each",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="example: pcpc log info latest\n"
+        "`pcpc log SUB --help` tells the options and exit codes of each",
+        formatter_class=screen.Help,
     )  # fmt: skip
     subs = one.add_subparsers(dest="log_command", required=True, metavar="SUB")
     for module in _MODULES.values() if whole else ():

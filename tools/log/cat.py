@@ -40,7 +40,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     """Register `cat`."""
     one = source.add_parser(
         commands, "cat", "print the messages of a log as text",
-        "pcpc log cat runs/RUN/log.mcap --topics /can/frames --end 500ms",
+        "pcpc log cat latest --topics /can/frames --end 500ms",
     )  # fmt: skip
     one.add_argument("log", type=Path, metavar="LOG", help="log file or run folder")
     one.add_argument(

@@ -75,7 +75,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     """Register `diff`."""
     one = source.add_parser(
         commands, "diff", "compare two logs, variable by variable and frame by frame",
-        "pcpc log diff runs/A/log.mcap runs/B/log.mcap 'controller.*' --absolute 1e-9",
+        "pcpc log diff runs/A runs/B 'controller.*' --absolute 1e-9",
         "exit code: 0 equal, 1 they differ, 2 wrong input, 3 equal as far as they are readable, "
         "130 Ctrl-C",
     )  # fmt: skip

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from executive import logs
 from executive.errors import did_you_mean
+from tools import screen
 from tools.log import series, source
 from tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
 from tools.progress import Progress
@@ -48,12 +49,12 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     text = "write frames as candump, BLF, ASC, or variables as CSV, Parquet"
     one = commands.add_parser(
         "export", help=text, description=text,
-        epilog="example: pcpc log export runs/RUN/log.mcap -o frames.blf\n"
+        epilog="example: pcpc log export latest -o frames.blf\n"
         "exit code: 0 ok, 2 wrong input, 3 the log is damaged and what is readable was written, "
         "4 something is not installed or cannot be written, 130 Ctrl-C",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=screen.Help,
     )  # fmt: skip
-    one.add_argument("log", type=Path, metavar="LOG", help="log file")
+    one.add_argument("log", type=Path, metavar="LOG", help="log file or run folder")
     one.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="output")
     one.add_argument(
         "--format", choices=tuple(FORMATS.values()), help="instead of what the suffix of FILE says"

@@ -27,6 +27,7 @@ from executive.errors import did_you_mean
 from executive.facts import facts
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 from executive.recorder import FRAME_SCHEMA, JSON_SCHEMAS, field_names
+from tools import screen
 from tools.log import source
 from tools.log.outfile import LogCommandError, new_file
 from tools.log.recording import Recording, read
@@ -49,7 +50,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         epilog="example: pcpc log import drive.blf --dbc car.dbc -o drive.mcap\n"
         "exit code: 0 ok, 2 wrong input, 4 something is not installed or cannot be written, "
         "130 Ctrl-C",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=screen.Help,
     )  # fmt: skip
     one.add_argument("recording", type=Path, metavar="FILE", help="recording of a CAN bus")
     one.add_argument("--dbc", type=Path, required=True, metavar="FILE.dbc", help="its frames")

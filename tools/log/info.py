@@ -34,7 +34,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     """Register `info`."""
     one = source.add_parser(
         commands, "info", "tell what a log holds and what is missing in it",
-        "pcpc log info runs/RUN/log.mcap",
+        "pcpc log info latest",
     )  # fmt: skip
     one.add_argument("log", type=Path, metavar="LOG", help="log file or run folder")
     one.add_argument("--json", action="store_true", help="print one JSON object")

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from executive import logs
+from tools import screen
 from tools.log import series, source
 from tools.log.drawing import DPI, Source, page_of
 from tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
@@ -34,10 +35,10 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     text = "draw variables over time, of one log or several"
     one = commands.add_parser(
         "plot", help=text, description=text,
-        epilog="example: pcpc log plot a.mcap b.mcap controller.e_rad 'barrel.*slope*' -o e.png\n"
+        epilog="example: pcpc log plot runs/A runs/B controller.e_rad 'barrel.*' -o e.png\n"
         "exit code: 0 ok, 2 wrong input, 3 a log is damaged and what is readable was drawn, "
         "4 something is not installed or cannot be written, 130 Ctrl-C",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=screen.Help,
     )  # fmt: skip
     one.add_argument(
         "words", nargs="+", metavar="LOG|VARIABLE",

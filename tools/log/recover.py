@@ -21,7 +21,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     """Register `recover`."""
     one = source.add_parser(
         commands, "recover", "write what is readable of a damaged log to a new file",
-        "pcpc log recover runs/RUN/log.mcap",
+        "pcpc log recover latest",
         "exit code: 0 something was recovered, 2 nothing was, 4 cannot be written, 130 Ctrl-C",
     )  # fmt: skip
     one.add_argument("log", type=Path, metavar="LOG", help="log file or run folder")

@@ -14,6 +14,7 @@ from executive.errors import RigError
 from executive.mcap_reader import Piece, Scan, walk
 from executive.mcap_records import message_dtype
 from executive.mcap_writer import RecordError
+from tools import screen
 from tools.log.outfile import INTERRUPTED, NO_ENVIRONMENT, USAGE, LogCommandError
 from tools.progress import Progress
 
@@ -28,7 +29,7 @@ def add_parser(
     """Register a sub-command; return its parser."""
     return commands.add_parser(
         name, help=help, description=help, epilog=f"example: {example}\n{codes}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=screen.Help,
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from tools import screen
 from tools.vm import accelerator, kernel, programs
 from tools.vm.errors import VmError
 from tools.vm.job import job_of_caller, script
@@ -20,16 +21,17 @@ from tools.vm.session import Limits, Session
 _UNIT_S = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 _GUESTS_OWN = ("/run", "/dev", "/proc", "/sys")
 _EPILOG = """example:
-  pcpc vm -- sh -c 'candump -n 1 vcan0 & sleep 1; cansend vcan0 123#C0FFEE; wait'
+  pcpc vm -- sh -c 'candump -n 1 vcan0 & sleep 1; cansend vcan0 123#C0; wait'
 
-The command runs as you, in this folder, with this environment, on the host's files (read and
-write); /run and /dev/shm are the guest's own. Its stdin, stdout and stderr are pipes, not a
-terminal. There is no network but loopback. The first run fetches about 70 MB with apt, no root
-needed. Ctrl-C goes to the command; twice, it ends the machine. Emulated time is not real time: use
-this for function, not for timing.
+The command runs as you, in this folder, with this environment, on the host's
+files (read and write); /run and /dev/shm are the guest's own. Its stdin,
+stdout and stderr are pipes, not a terminal. There is no network but loopback.
+The first run fetches about 70 MB with apt, no root needed. Ctrl-C goes to the
+command; twice, it ends the machine. Emulated time is not real time: use this
+for function, not for timing.
 
-exit code: the command's; 124 time limit, 127 no such command, 2 wrong usage, 4 the machine cannot
-be provided or broke"""
+exit code: the command's; 124 time limit, 127 no such command, 2 wrong usage,
+  4 the machine cannot be provided or broke"""
 
 
 def run(argv: list[str]) -> int:
@@ -84,7 +86,7 @@ def _options(argv: list[str]) -> Options:
         usage="pcpc vm [options] -- COMMAND [ARGUMENT ...]",
         description="Run a command in a virtual machine that has vcan0, on the host's files.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=screen.Help,
     )
     add = parser.add_argument
     add("--accel", choices=("auto", "kvm", "tcg"), default="auto", help="default: %(default)s")

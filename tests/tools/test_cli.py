@@ -1,0 +1,255 @@
+"""The command line itself: help that fits and is true, rigs by name, logs by folder."""
+
+import argparse
+import json
+import os
+import re
+import shlex
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pcpc import ROOT, pcpc
+
+from executive.errors import RigError
+from tools import cli, recorded, rigs
+from tools.cli import COMMANDS, main
+from tools.vm.cli import _options as vm_options
+
+LOG_COMMANDS = ("info", "cat", "diff", "recover", "export", "import", "plot")
+HELPS = [(), *((name,) for name in COMMANDS), *(("log", name) for name in LOG_COMMANDS)]
+Screen = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def narrow(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+def help_of(words: tuple[str, ...], screen: Screen) -> str:
+    assert main([*words, "--help"]) == 0
+    return screen.readouterr().out
+
+
+@pytest.mark.parametrize("words", HELPS, ids=" ".join)
+def test_help_fits_80_columns_and_its_examples_are_right(
+    words: tuple[str, ...], capsys: Screen
+) -> None:
+    text = help_of(words, capsys)
+    assert [line for line in text.splitlines() if len(line) > 80] == []
+    for example in examples(text):
+        said = check(example)
+        assert not said, f"{example}: {said}"
+    assert any(examples(text)) or words in ((), ("log",)), text
+
+
+def examples(text: str) -> Iterator[list[str]]:
+    """Yield the words of each example in a help, comments and pipes cut off."""
+    for found in re.finditer(
+        r"^(?:examples?:)? *(pcpc \S.*(?:\n {4,}(?!pcpc)\S.*)*)", text, re.MULTILINE
+    ):
+        yield shlex.split(" ".join(found[1].split()), comments=True)[1:]
+
+
+def check(words: list[str]) -> str:
+    """Return what is wrong with a command line; nothing is carried out."""
+    if words[0] == "vm":
+        return "" if vm_options(words[1:]).command else "no command"
+    try:
+        options = cli.parser(words[:1]).parse_args(words)
+    except SystemExit:
+        return "it does not parse"
+    if words[0] == "rigs":
+        return "" if rigs.command(options) == 0 else "matches none"
+    if (rig := getattr(options, "rig", None)) is not None:
+        data = rigs.yamlfile.load(rigs.find(rig)).data
+        controller = getattr(options, "controller", None)
+        if words[0] == "local" and "local" not in data:
+            return "this rig has no local node"
+        if controller is not None and controller not in data["controllers"]:
+            return f"no controller {controller}"
+    if words[0] == "experiment":
+        from tools.experiment import names
+
+        return "" if options.name in names() else "no such experiment"
+    return ""
+
+
+def test_every_command_is_in_the_help_and_parses(capsys: Screen) -> None:
+    text = help_of((), capsys)
+    registered = next(
+        action.choices
+        for action in cli.parser(())._actions
+        if isinstance(action, argparse._SubParsersAction)
+    )
+    assert set(registered) == set(COMMANDS)
+    assert [name for name in COMMANDS if f"\n  {name} " not in text] == []
+
+
+def test_version_names_pcpc_python_and_numba(capsys: Screen) -> None:
+    assert main(["--version"]) == 0
+    out = capsys.readouterr().out
+    assert re.fullmatch(r"pcpc \d+\.\d+\.\d+, Python 3\.\d+\.\d+\S*, numba \d\S+\n", out), out
+
+
+def test_an_unknown_command_is_refused_with_the_likely_one(capsys: Screen) -> None:
+    assert main(["rnu", "hull"]) == 2
+    assert capsys.readouterr().err == "pcpc rnu: no such command; did you mean run?\n"
+
+
+@pytest.mark.parametrize("option", ["--bus", "--pacing"])
+def test_simulate_refuses_what_has_no_effect_in_virtual_time(option: str, capsys: Screen) -> None:
+    assert main(["simulate", "hull", option, "lockstep"]) == 2
+    assert f"{option}: not in virtual time" in capsys.readouterr().err
+
+
+def test_make_help_lists_every_target_in_80_columns() -> None:
+    done = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    phony = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert phony and {line.split()[0] for line in lines} == set(phony[1].split()), lines
+    assert [line for line in lines if len(line) > 80] == []
+
+
+# Rigs by name
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("hull", "atb1000/rigs/hull.yaml"), ("atb1000/hull", "atb1000/rigs/hull.yaml"),
+        ("sin0.5", "atb1000/rigs/sin0.5.yaml"), ("probe", "probe/rig.yaml"),
+        ("telerobot/telerobot-u1", "telerobot/rigs/telerobot-u1.yaml"),
+    ],
+)  # fmt: skip
+def test_a_rig_is_found_by_name_from_any_folder(
+    name: str, file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert rigs.find(name) == str(ROOT / "plants" / file)
+
+
+def test_a_path_wins_over_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("hull").write_text("rig: own\n")
+    assert rigs.find("hull") == "hull"
+    Path("probe").mkdir()
+    assert rigs.find("probe") == str(ROOT / "plants/probe/rig.yaml"), "an empty folder hides it"
+    Path("probe/rig.yaml").write_text("rig: own\n")
+    assert rigs.find("probe") == "probe/rig.yaml"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("hul", "hul: no file and no rig of this name; did you mean hull?"),
+        ("atb1000/hul", "did you mean atb1000/hull?"),
+        ("hull.yaml", "hull.yaml: no such file; the rig that comes with pcpc is called hull"),
+        ("zzz.yaml", "zzz.yaml: no such file"),
+        ("a\0b", "no file and no rig"),
+    ],
+)
+def test_an_unknown_rig_is_refused_with_the_likely_one(
+    text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RigError, match=re.escape(said)):
+        rigs.find(text)
+
+
+def test_a_name_of_two_rigs_is_refused_with_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for plant in ("one", "two"):
+        (tmp_path / plant / "rigs").mkdir(parents=True)
+        (tmp_path / plant / "rig.yaml").write_text("rate_hz: 1.0\n")
+        (tmp_path / plant / "rigs/calm.yaml").write_text("base: ../rig.yaml\nrig: calm\n")
+    monkeypatch.setattr(rigs, "_PLANTS", tmp_path)
+    with pytest.raises(RigError, match="calm: 2 rigs have this name; say one/calm or two/calm"):
+        rigs.find("calm")
+    assert rigs.find("two/calm") == str(tmp_path / "two/rigs/calm.yaml")
+
+
+def test_names_of_the_shipped_rigs_are_unique() -> None:
+    names = [name for rig in rigs.shipped() for name in rig.names]
+    assert len(names) == len(set(names)), sorted(n for n in names if names.count(n) > 1)
+    assert {rig.path for rig in rigs.shipped()} >= set((ROOT / "plants").glob("*/rigs/*.yaml"))
+
+
+def test_rigs_are_listed_with_titles_in_80_columns(capsys: Screen) -> None:
+    assert main(["rigs"]) == 0
+    out = capsys.readouterr().out
+    assert [line for line in out.splitlines() if len(line) > 80] == []
+    assert re.search(r"^  hull +12 s  hold 0 deg while the hull pitches", out, re.MULTILINE), out
+    assert main(["rigs", "telerobot", "friction-?", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert {rig["plant"] for rig in listed} == {"telerobot", "friction_arm"}
+    assert all(Path(rig["file"]).is_file() and rig["title"] for rig in listed)
+    assert main(["rigs", "fricton-a"]) == 2
+    assert "did you mean friction-a?" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def user_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder outside of the project with one run in it."""
+    folder = tmp_path_factory.mktemp("user")
+    words = ["--set", "duration_s=0.05", "--no-figure", "--quiet", "-o", "runs/first"]
+    done = pcpc("simulate", "probe", *words, cwd=folder)
+    assert done.code == 0, str(done)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["check", "hull"], ["log", "info", "latest"], ["replay", "latest"], ["replay", "runs/first"]],
+    ids=" ".join,
+)
+def test_a_rig_by_name_and_the_latest_run_outside_of_the_project(
+    words: list[str], user_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(user_folder)
+    assert main(words) == 0
+
+
+# Logs by folder
+
+
+def test_a_log_is_a_file_a_run_folder_or_the_latest_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RigError, match=r"latest: no run below .*runs; name a log or a run folder"):
+        recorded.log_of("latest")
+    for age, name in enumerate(("20260102-b", "20260101-a")):
+        folder = Path("runs", name)
+        folder.mkdir(parents=True)
+        (folder / "log.mcap").write_bytes(b"log")
+        os.utime(folder / "log.mcap", ns=(0, 10**9 * (2 - age)))
+    Path("runs/20260103-c").mkdir()
+    Path("runs/20260103-c/log.mcap").touch()  # a run that has not begun
+    assert recorded.log_of("latest") == Path("runs/20260102-b/log.mcap")
+    assert recorded.log_of("runs/20260101-a") == Path("runs/20260101-a/log.mcap")
+    assert recorded.log_of("nowhere") == Path("nowhere")
+    with pytest.raises(RigError, match=r"runs: this folder holds no log.mcap"):
+        recorded.log_of("runs")
+    Path("latest").write_bytes(b"own")
+    assert recorded.log_of("latest") == Path("latest")
+
+
+def test_every_command_that_takes_a_log_takes_a_run_folder(
+    user_folder: Path, tmp_path: Path, capsys: Screen
+) -> None:
+    name = str(user_folder / "runs/first")
+    for words in (
+        ["replay", name, "--quiet"], ["play", name, "--duration", "0.001", "--bus", "nosuch"],
+        ["log", "info", name], ["log", "diff", name, name], ["log", "cat", name, "--quiet"],
+        ["log", "export", name, "-o", str(tmp_path / "a.csv")],
+        ["log", "recover", name, "-o", str(tmp_path / "b.mcap")],
+        ["log", "plot", name, "time.t_s", "-o", str(tmp_path / "a.png")],
+    ):  # fmt: skip
+        code = main(words)
+        err = capsys.readouterr().err
+        assert "no such file" not in err and "folder" not in err, f"{words}: {err}"
+        assert code == 0 or "nosuch" in err, f"{words}: {code} {err}"

@@ -1,0 +1,34 @@
+"""A log as a command line names it: a file, a run folder, or `latest`."""
+
+from pathlib import Path
+
+from executive.errors import RigError
+
+LATEST = "latest"
+RUNS = Path("runs")
+_LOG = "log.mcap"
+
+
+def log_of(text: str) -> Path:
+    """Return the log file that `text` names; RigError if that cannot be told.
+
+    `latest` is the newest run below runs/, unless something here has this name.
+    """
+    path = Path(text)
+    if text == LATEST and not path.exists():
+        return _newest()
+    if not path.is_dir() or (path / _LOG).exists():
+        return path / _LOG if path.is_dir() else path
+    logs = sorted(path.glob("*.mcap"))
+    if len(logs) == 1:
+        return logs[0]
+    what = f"holds {len(logs)} logs; name one of them" if logs else f"holds no {_LOG}"
+    raise RigError(f"{path}: this folder {what}")
+
+
+def _newest() -> Path:
+    """Return the log that was written last."""
+    logs = [log for log in RUNS.glob(f"*/{_LOG}") if log.is_file() and log.stat().st_size]
+    if not logs:
+        raise RigError(f"{LATEST}: no run below {RUNS.resolve()}; name a log or a run folder")
+    return max(logs, key=lambda log: log.stat().st_mtime_ns)
