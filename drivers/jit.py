@@ -1,6 +1,6 @@
 """How everything here is compiled: one set of numba options and a cache that cannot go stale.
 
-The cache folder is `drivers.compile_cache`'s. The processor is `generic`, so that the cache also
+Compiled code is kept by `drivers.kept_code`. The processor is `generic`, so that the cache also
 serves another machine or an emulated one.
 
 Everything else gets numba from here, because numba reads its environment when it is first imported.
@@ -18,13 +18,10 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-from drivers.compile_cache import cache_folder
-
 _FEATURES = {  # every machine of the kind has these; empty means what this one has
     "x86_64": "+64bit,+cmov,+cx8,+fxsr,+mmx,+sse,+sse2",
     "aarch64": "+fp-armv8,+neon",
 }
-os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder()))
 os.environ.setdefault("NUMBA_CPU_NAME", "generic")
 os.environ.setdefault("NUMBA_CPU_FEATURES", _FEATURES.get(platform.machine(), ""))
 
@@ -38,6 +35,8 @@ from numba.core.errors import NumbaExperimentalFeatureWarning  # noqa: E402
 from numba.extending import intrinsic  # noqa: E402
 from numba.np.arrayobj import populate_array  # noqa: E402
 
+from drivers import kept_code  # noqa: E402
+
 __all__ = [
     "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "STEP", "VIEW", "carray", "compiled", "f8",
     "from_dtype", "i8", "inline", "loop", "loop_function", "loop_inline", "numba", "stage",
@@ -46,6 +45,7 @@ __all__ = [
 
 if _HIDDEN:
     del sys.modules["scipy"]  # from here on it can be imported
+kept_code.install()
 numba.config.reload_config()  # should somebody have imported numba before us
 warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # blocks are first-class functions
 

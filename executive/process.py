@@ -14,6 +14,7 @@ import signal
 # numpy starts threads of its own: the mask must stand before its import, or a signal could hit one
 # of them. Whoever only imports this module keeps its signals.
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored ones never come
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
 
 import argparse

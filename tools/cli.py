@@ -54,6 +54,8 @@ _WITH_VERDICT = (  # which does not depend on whether somebody reads what is pri
     "vm",
 )  # fmt: skip
 
+_COMPILING = ("simulate", "check", "replay", "play", "experiment", "bench", "log")  # here
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return its exit code; see `tools.ending` for how it ends."""
@@ -78,6 +80,10 @@ def _carry_out(words: Sequence[str]) -> int:
     except RigError as error:
         print(error, file=sys.stderr)
         return arguments.USAGE
+    if options.command in _COMPILING:
+        from tools.progress import Compiling
+
+        Compiling().told(getattr(options, "quiet", False))
     module = import_module(f"tools.{_MODULE.get(options.command, options.command)}")
     return int(module.command(options))
 

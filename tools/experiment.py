@@ -16,7 +16,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 
 import plants
 from plants.study import Case, Result
-from tools.progress import Progress
+from tools.progress import Compiling, Progress
 
 STUDY_PARTS = ("CHAPTER", "TITLE", "cases", "report", "draw")
+_LOOK_S = 0.5
 TRACE_POINTS = 1500  # of a figure's line: more than its pixels
 
 
@@ -78,13 +79,18 @@ def run_cases(cases: Sequence[Case], progress: Progress, jobs: int | None = None
     """Run all cases on `jobs` processes (all processors); results in the order of the cases."""
     workers = min(jobs or os.cpu_count() or 1, len(cases))
     results: dict[int, Result] = {}
-    begin = time.monotonic()
+    begin, compiling = time.monotonic(), Compiling()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context) as pool:
         futures = {pool.submit(run_case, case): i for i, case in enumerate(cases)}
-        for future in as_completed(futures):
-            results[futures[future]] = future.result()
+        pending = set(futures)
+        while pending:
+            over, pending = wait(pending, _LOOK_S, FIRST_COMPLETED)
+            results |= {futures[future]: future.result() for future in over}
             done, spent = len(results), time.monotonic() - begin
+            if not done:
+                progress.show(compiling.text() or f"starting, {spent:.0f} s")
+                continue
             left = spent / done * (len(cases) - done)
             progress.show(f"run {done}/{len(cases)}, {spent:.0f} s, about {left:.0f} s left")
     progress.close()

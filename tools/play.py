@@ -26,7 +26,6 @@ import numpy as np
 
 from drivers import bus as buses
 from drivers import choice, realtime
-from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
 from executive import logs
 from executive.errors import RigError
@@ -185,8 +184,6 @@ class Session:
 
     def _make(self) -> "Player":
         """Return a player of the chosen frames with the bus open; BusError."""
-        if not cache_folder().exists():
-            self.progress.say("first start: compiling for this machine, some seconds")
         from executive.player import Player  # here, because it imports numba
 
         rate, stamps = self.options.rate, self.frames.stamp_ns

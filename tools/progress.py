@@ -3,10 +3,13 @@
 import sys
 import time
 
+from drivers import compile_cache
 from executive import shared as sh
 
 _IN_PLACE_S = 0.1
 _LINES_S = 2.0
+_COMPILING_S = 5.0
+_SHORT_S = 1.0  # a law of a user compiles within this: not worth a word
 
 
 class Progress:
@@ -45,6 +48,35 @@ class Progress:
         if self._open:
             print(file=sys.stderr, flush=True)
             self._open = False
+
+
+class Compiling:
+    """Says that code is compiled, by this process or by children, and how much of it is done."""
+
+    def __init__(self) -> None:
+        self._begin_s, self._had = time.monotonic(), compile_cache.count()
+
+    def text(self) -> str:
+        """Return what is said now; "" when nothing is compiled."""
+        done = compile_cache.count() - self._had
+        return self._words(done) if done or not self._had else ""
+
+    def told(self, quiet: bool) -> None:
+        """From here on say it when this process compiles, in lines that stay."""
+        progress, next_s = Progress(quiet), self._begin_s + _SHORT_S
+
+        def say(done: int) -> None:
+            nonlocal next_s
+            if time.monotonic() >= next_s:
+                next_s = time.monotonic() + _COMPILING_S
+                progress.say(self._words(done))
+
+        compile_cache.watch.listener = say
+
+    def _words(self, done: int) -> str:
+        total = f" of about {compile_cache.FUNCTIONS}" if not self._had else ""
+        spent = time.monotonic() - self._begin_s
+        return f"compiling for this machine, once: {done}{total} functions, {spent:.0f} s"
 
 
 def node_line(block: sh.Shared, total: str) -> str:

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from drivers import choice
-from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
 from executive import logs
 from executive import shared as sh
@@ -29,7 +28,7 @@ from executive.roles import Role
 from tools import summary as summaries
 from tools.children import Child, complain
 from tools.interface import named_bus
-from tools.progress import Progress, node_line
+from tools.progress import Compiling, Progress, node_line
 
 USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
 SAFETY_STOP = 5
@@ -52,7 +51,7 @@ class Host:
         self.choice = choose_bus(options, rig, roles)
         self.bus = self.choice.bus
         self.pacing = options.pacing or rig.config.pacing
-        self.progress = Progress(options.quiet)
+        self.progress, self.compiling = Progress(options.quiet), Compiling()
         self.outcome = summaries.Outcome(
             self.pacing, str(self.bus), changed=changed(options), begin_ns=BEGIN_NS
         )
@@ -89,8 +88,6 @@ class Host:
                 f"{self.bus.interface}: through python-can in the interpreted loop, 10 to 50 times "
                 "slower a frame; expect late cycles above 200 Hz"
             )
-        if not cache_folder().exists():
-            self.progress.say("first start: compiling for this machine, about half a minute")
 
     def _interrupt(self, number: int, frame: Any) -> None:
         self.outcome.interrupted = True
@@ -143,7 +140,7 @@ class Host:
         waited = 1e-9 * (time.monotonic_ns() - self.begin_ns)
         block = self.blocks.get(self._leader())
         if block is None or not block["control"][sh.READY]:
-            return f"starting, {waited:.0f} s"
+            return self.compiling.text() or f"starting, {waited:.0f} s"
         if not self._under_way():
             return f"waiting for the other node on {self.bus}, {waited:.0f} s"
         known = self._leader() == "executive"  # the plant runs until it is told to stop

@@ -15,7 +15,7 @@ from types import ModuleType
 
 import numpy as np
 
-from drivers.compile_cache import cache_folder
+from drivers.compile_cache import made
 from tools.bench import BenchError
 
 C_NAMES = {"errno": "errno_"}  # a macro of C
@@ -61,10 +61,9 @@ def library(
     parts = [*(source.read_bytes() for source in sources), " ".join(flags).encode(), version]
     parts += [text.encode() for text in headers.values()]
     digest = hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-    folder = cache_folder() / f"bench-{digest}"
+    folder = made(f"bench-{digest}")
     path = folder / f"{sources[0].stem}.so"
     if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
         for name, text in headers.items():
             (folder / name).write_text(text, encoding="utf-8")
         compile_to(path, sources, [*flags, "-shared", "-fPIC", f"-I{folder}"])

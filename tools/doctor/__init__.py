@@ -152,19 +152,23 @@ def shared_memory_row() -> Row:
 
 def compile_cache_row() -> Row:
     """Return whether the next start finds compiled code."""
-    from drivers.compile_cache import cache_folder
+    from drivers import compile_cache
 
     try:
-        folder = cache_folder()
+        folder = compile_cache.cache_folder()
     except importlib.metadata.PackageNotFoundError:
         return Row("compile cache", "warn", "no numba", "see packages")
+    why, places = compile_cache.distrust(folder), compile_cache.folders()
     existing = next(path for path in (folder, *folder.parents) if path.exists())
-    if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
+    if not (why or os.access(existing, os.W_OK | os.X_OK)):
+        why = f"{existing} is not writable"
+    warm = next((str(place) for place in places if any(place.rglob("*.nbi"))), "")
+    if why:
         cure = "export XDG_CACHE_HOME=/var/tmp/cache-$USER"
-        found = f"{existing} is no writable folder"
-        return Row("compile cache", "missing", found, "compiled code is kept there", cure)
-    if any(folder.rglob("*.nbi")):
-        return Row("compile cache", "ok", f"warm, {folder}")
+        cost = f"compiled code goes to {compile_cache.temporary_folder()}, if at all"
+        return Row("compile cache", "warn", why + (f"; warm, {warm}" if warm else ""), cost, cure)
+    if warm:
+        return Row("compile cache", "ok", f"warm, {warm}")
     rig = _PROJECT / "plants/atb1000/rigs/slew10.yaml"
     cure = f"pcpc simulate {rig} --set duration_s=0.1 --no-figure -o $(mktemp -d)"
     cost = "the first start compiles for about half a minute"

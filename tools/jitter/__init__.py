@@ -20,7 +20,6 @@ from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
-from drivers.compile_cache import cache_folder
 from drivers.errors import BusError
 from executive.errors import RigError
 from executive.shared import SharedError
@@ -166,8 +165,6 @@ def measure(
         print(error, file=sys.stderr)
     result = Result(setup, rounds, absent={name: str(e) for name, e in missing.items()})
     result.yardsticks = {name: [] for name in names if name not in missing}
-    if not cache_folder().exists():
-        progress.say("first start: compiling for this machine, about half a minute")
     try:
         for number in range(rounds):
             if not _round(result, number, folder, progress):

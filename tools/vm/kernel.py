@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.compile_cache import user_cache
 from tools.vm import initramfs
 from tools.vm.errors import VmError
 from tools.vm.programs import Programs
@@ -44,8 +45,8 @@ class Kernel:
 
 def cache_folder() -> Path:
     """Return the folder of everything this tool keeps (not created here)."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "pcpc" / "vm"
+    base = user_cache() or Path(tempfile.gettempdir(), f"pcpc-{os.geteuid()}")
+    return base / "pcpc" / "vm"
 
 
 def prepared(programs: Programs, cache: Path, update: bool, say: Say) -> Kernel:

@@ -1,0 +1,160 @@
+"""Compiled code on disk, under numba: checked when it is read, and never in the way of a run.
+
+    truncated, damaged or of another user    compiled again
+    cannot be kept (disk full, read-only)    kept in a temporary folder, else compiled at each start
+
+`install` puts it in the place of numba's own cache, whose errors end the program. A file is the
+SHA-256 of the rest and the rest, which is numba's: an index (source stamp, signature -> name) or
+the code of one function and signature. The one place that uses private parts of numba's cache.
+"""
+
+import hashlib
+import pickle
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from numba.core import caching, dispatcher
+
+from drivers import compile_cache
+
+_SEAL = hashlib.sha256().digest_size
+
+
+class _Place(caching.UserProvidedCacheLocator):
+    """A subfolder for the functions of a folder; nothing is made before there is what to keep."""
+
+    def __init__(self, function: Any, file: str) -> None:
+        self._py_file, self._lineno = file, function.__code__.co_firstlineno
+        self._cache_path = self.get_suitable_cache_subpath(file)
+
+    @classmethod
+    def from_function(cls, function: Any, file: str) -> "_Place | None":
+        return cls(function, file) if Path(file).exists() else None
+
+    def ensure_cache_path(self) -> None:
+        """Do nothing."""
+
+
+class _Files(caching.CompileResultCacheImpl):
+    _locator_classes = [_Place]  # noqa: RUF012  numba's name
+
+
+class _Sealed(caching.IndexDataCacheFile):
+    """The index and the code of one function in one folder.
+
+    Code says itself what it is of: of two processes that write at once one may take the other's
+    name for it.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep `data`; OSError."""
+        super().save(key, (self._index_name, key, data))
+
+    def load(self, key: Any) -> Any:
+        """Return what was kept; None if there is nothing, or nothing whole."""
+        found = super().load(key)
+        if found is None or found[:2] != (self._index_name, key):
+            return None
+        return found[2]
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            version, stamp, overloads = _unsealed(Path(self._index_path))
+        except OSError:
+            return {}
+        fresh = (version, stamp) == (self._version, self._source_stamp)
+        return dict(overloads) if fresh else {}
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._seal(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _load_data(self, name: str) -> Any:
+        return _unsealed(Path(self._data_path(name)))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._seal(self._data_path(name), data)
+
+    def _seal(self, path: str, content: Any) -> None:
+        rest = self._dump(content)
+        with self._open_for_write(path) as file:
+            file.write(hashlib.sha256(rest).digest() + rest)
+
+
+def _unsealed(path: Path) -> Any:
+    whole = path.read_bytes()
+    if hashlib.sha256(whole[_SEAL:]).digest() != whole[:_SEAL]:
+        raise OSError(f"{path}: damaged")
+    try:
+        return pickle.loads(whole[_SEAL:])
+    except Exception as error:
+        raise OSError(f"{path}: not readable here: {error}") from None
+
+
+class Kept(caching.Cache):
+    """The cache of one function: read from the first folder that has it, kept in the first one."""
+
+    _impl_class: Any = _Files
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        where, name = self._impl.locator.get_cache_path(), self._impl.filename_base
+        stamp = self._impl.locator.get_source_stamp()
+        self._folders = [folder / where for folder in compile_cache.folders()]
+        self._places = [_Sealed(str(folder), name, stamp) for folder in self._folders]
+
+    def _load_overload(self, signature: Any, context: Any) -> Any:
+        key = self._index_key(signature, context.codegen())
+        for place in self._places:
+            data = place.load(key)
+            if data is not None and self._enabled:
+                return self._impl.rebuild(context, data)
+        watch = compile_cache.watch
+        if watch.listener is not None:
+            watch.listener(watch.done)
+        return None
+
+    def _save_overload(self, signature: Any, data: Any) -> None:
+        compile_cache.watch.done += 1
+        if not (self._enabled and self._impl.check_cachable(data)):
+            return
+        key, content = self._index_key(signature, data.codegen), self._impl.reduce(data)
+        refused = ""
+        for folder, place in zip(self._folders, self._places, strict=True):
+            try:
+                compile_cache.make(folder)
+                place.save(key, content)
+            except OSError as error:
+                refused = refused or f"{error.strerror or error}"
+                continue
+            _tell(refused, folder.parent)
+            return
+        _tell(refused, None)
+
+    @contextmanager
+    def _guard_against_spurious_io_errors(self) -> Iterator[None]:
+        yield
+
+
+_told: list[str] = []  # once a process
+
+
+def _tell(refused: str, kept: Path | None) -> None:
+    """Say where compiled code went, if not where it belongs."""
+    wanted = compile_cache.cache_folder()
+    if _told or (kept == wanted and wanted != compile_cache.temporary_folder()):
+        return
+    why = compile_cache.distrust(wanted) or refused
+    instead = "it is compiled again at every start" if kept is None else f"it goes to {kept}"
+    what = f"compiled code cannot be kept in {wanted}: {why}; {instead}"
+    if kept == wanted:
+        what = f"this user has no home folder: compiled code goes to {kept}"
+    _told.append(what)
+    print(_told[0], file=sys.stderr, flush=True)
+
+
+def install() -> None:
+    """Let numba keep compiled code here."""
+    dispatcher.FunctionCache = Kept  # type: ignore[attr-defined]

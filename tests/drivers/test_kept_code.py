@@ -1,0 +1,135 @@
+"""Compiled code that is damaged, another's, or cannot be kept: compiled again, nothing worse."""
+
+import os
+import pwd
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from drivers import compile_cache
+
+ROOT = Path(__file__).resolve().parents[2]
+LAW = "from drivers.jit import compiled, f8\n" + "".join(
+    f"@compiled(f8(f8))\ndef times{i}(x):\n    return {i}.0 * x\n\n" for i in range(10)
+)
+MAIN = """
+from drivers import compile_cache
+import law
+print([getattr(law, f"times{i}")(1.5) / 1.5 for i in range(10)] == list(range(10)))
+print(compile_cache.watch.done)
+"""
+
+
+class Machine:
+    """Processes that import one module of ten compiled functions, with caches of their own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.cache, self.temporary = folder, folder / "cache", folder / "tmp"
+        self.temporary.mkdir()
+        (folder / "law.py").write_text(LAW)
+
+    def run(self, before: Sequence[str] = ()) -> tuple[int, str]:
+        """Return how many functions were compiled and what was said; the results are right."""
+        environment = os.environ | {
+            "PYTHONPATH": f"{ROOT}:{self.folder}", "PYTHONDONTWRITEBYTECODE": "1",
+            "XDG_CACHE_HOME": str(self.cache), "TMPDIR": str(self.temporary),
+        }  # fmt: skip
+        done = subprocess.run(
+            [*before, sys.executable, "-c", MAIN], capture_output=True, text=True,
+            cwd=self.folder, env=environment,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        right, compiled = done.stdout.split()
+        assert right == "True", done.stdout
+        return int(compiled), done.stderr
+
+    def files(self, pattern: str) -> list[Path]:
+        return sorted(self.cache.rglob(pattern))
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    """Return a machine with nothing compiled."""
+    return Machine(tmp_path)
+
+
+def flipped(whole: bytes) -> bytes:
+    return bytes([*whole[:-9], whole[-9] ^ 4, *whole[-8:]])
+
+
+DAMAGE: tuple[Callable[[bytes], bytes], ...] = (
+    lambda whole: b"", lambda whole: whole[: len(whole) // 2], lambda whole: whole + b"x",
+    lambda whole: b"garbage" * 99, flipped,
+)  # fmt: skip
+
+
+def test_damaged_files_are_compiled_again_and_mended(machine: Machine) -> None:
+    assert machine.run() == (10, "")
+    assert machine.run() == (0, "")
+    assert not list(machine.temporary.rglob("*")), "nothing is made where all is well"
+    for first, pattern in ((0, "*.nbi"), (5, "*.nbc")):
+        for damage, file in zip(DAMAGE, machine.files(pattern)[first:], strict=False):
+            file.write_bytes(damage(file.read_bytes()))
+    assert machine.run() == (10, "")
+    for file in machine.files("*.nbc")[:2]:  # what cannot even be overwritten
+        file.unlink()
+        file.mkdir()
+    first, second = machine.files("*.nbc")[-2:]
+    first.write_bytes(second.read_bytes())  # code of another function
+    compiled, said = machine.run()
+    assert compiled == 3 and "Is a directory; it goes to " in said, said
+    assert machine.run() == (0, "")
+
+
+def test_a_disk_without_room_costs_the_cache_and_nothing_else(machine: Machine) -> None:
+    compiled, said = machine.run(["prlimit", "--fsize=0"])
+    assert compiled == 10, said
+    assert said.count("\n") == 1, said
+    assert f"compiled code cannot be kept in {machine.cache}" in said, said
+    assert said.endswith(": File too large; it is compiled again at every start\n"), said
+
+
+def test_a_cache_that_is_no_folder_is_bypassed(machine: Machine) -> None:
+    machine.cache.touch()
+    compiled, said = machine.run()
+    place = machine.temporary / f"pcpc-{os.geteuid()}" / "compiled" / compile_cache.source_hash()
+    assert compiled == 10 and said.endswith(f"; it goes to {place}\n"), said
+    assert machine.run() == (0, "")
+    modes = {path.stat().st_mode & 0o777 for path in (place, *place.parents[:2])}
+    assert modes == {0o700}, modes
+
+
+def test_code_of_another_user_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    mine.mkdir()
+    theirs.mkdir()
+    if os.geteuid() == 0:
+        os.chown(theirs, 12345, 12345)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    assert compile_cache.distrust(theirs / "a" / "b") != ""
+    assert compile_cache.distrust(theirs).startswith(f"{theirs} belongs to user ")
+    with pytest.raises(PermissionError):
+        compile_cache.make(theirs / "a")
+    mine.chmod(0o777)
+    assert compile_cache.distrust(mine) != ""
+
+
+@pytest.mark.parametrize("home", [None, "not/absolute"])
+def test_a_user_without_a_home_has_a_cache(
+    home: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nobody(number: int) -> None:
+        raise KeyError(number)
+
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # the standard says: ignore it
+    monkeypatch.delenv("HOME", raising=False)
+    if home is not None:
+        monkeypatch.setenv("HOME", home)
+    monkeypatch.setattr(compile_cache.tempfile, "tempdir", str(tmp_path))
+    place = tmp_path / f"pcpc-{os.geteuid()}" / "compiled" / compile_cache.source_hash()
+    assert compile_cache.folders() == [place]
