@@ -15,22 +15,22 @@ schedulability analysis: refuted, revisited and revised, Real-Time Systems 35 (2
 """
 
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
-import cantools
 import numpy as np
 from cantools.database.can import Database, Message
 from cantools.database.can.signal import Signal as DbcSignal
 from numpy.typing import NDArray
 
-from drivers.errors import BusError
+from drivers.dbc_file import load, parse, printable, text
+from drivers.errors import BusError, DbcError
 
 __all__ = [
     "BusError",
+    "Database",
+    "DbcError",
     "Frame",
     "Signal",
     "Table",
@@ -38,7 +38,9 @@ __all__ = [
     "frame",
     "frames",
     "load",
+    "parse",
     "table",
+    "text",
     "worst_case_bits",
 ]
 
@@ -57,6 +59,8 @@ SCALE_COLUMNS = 4
 # Values of KIND: integer computed in float64, integer computed in int64, IEEE 754 on the wire.
 SCALED, WIDE, UNSIGNED_64, FLOAT_32, FLOAT_64 = range(5)
 
+_BREAKS = "\n\xa0"  # kept in comments
+_LONGEST_MS = 2**31  # between two transmissions of a frame; 25 days
 _EXACT = 2**53  # every integer up to here is a float64
 _FLOAT_MAX = {32: float(np.finfo(np.float32).max), 64: float(np.finfo(np.float64).max)}
 
@@ -118,47 +122,12 @@ class Table:
     variables: tuple[str, ...]
 
 
-def load(path: str | Path) -> Database:
-    """Read a DBC file strictly: signals fit and do not overlap, ids and names are unique.
-
-    Raises BusError: path, line and column if known, what is wrong.
-    """
-    try:
-        database = cantools.database.load_file(str(path), database_format="dbc", strict=True)
-    except FileNotFoundError:
-        raise BusError(f"{path}: no such file; give the path of the plant's DBC file") from None
-    except OSError as error:
-        raise BusError(f"{path}: {error.strerror}; give a readable DBC file") from None
-    except Exception as error:  # cantools lets KeyError, ValueError, ... of its parser through
-        raise BusError(_explain(path, error)) from None
-    assert isinstance(database, Database)
-    seen: dict[object, str] = {}
-    for message in database.messages:
-        for key in (message.name, (message.frame_id, message.is_extended_frame)):
-            if key in seen:
-                raise BusError(
-                    f"{path}: frames {seen[key]} and {message.name} (id {message.frame_id:#x}) "
-                    "have the same id or name; make them differ"
-                )
-            seen[key] = message.name
-    return database
-
-
-def _explain(path: str | Path, error: Exception) -> str:
-    """Return one line: path:line:column when the parser tells, and what it says."""
-    text = " ".join(str(getattr(error, "e_dbc", None) or error).split())
-    found = re.match(r'Invalid syntax at line (\d+), column (\d+): "\s*(.*?)\s*"$', text)
-    if found:
-        line, column, near = found.groups()
-        return f"{path}:{line}:{column}: not DBC syntax at >>!<<: {near}"
-    return f"{path}: {text or type(error).__name__}; correct the DBC file"
-
-
 def frames(database: Database, node: str, direction: Literal["tx", "rx"]) -> tuple[Frame, ...]:
     """Return the frames that `node` sends ("tx") or receives ("rx"), by ascending id."""
     names = sorted(entry.name for entry in database.nodes)
     if node not in names:
-        raise BusError(f"node {node}: not in the DBC file; it has {', '.join(names) or 'none'}")
+        known = ", ".join(names) or "none"
+        raise DbcError(f"node {node}: not in the DBC file; it has {printable(known)}")
     messages = sorted(database.messages, key=lambda message: message.frame_id)
     if direction == "tx":
         return tuple(frame(message) for message in messages if node in message.senders)
@@ -166,28 +135,40 @@ def frames(database: Database, node: str, direction: Literal["tx", "rx"]) -> tup
 
 
 def frame(message: Message) -> Frame:
-    """Return one message as a record; BusError if the loop cannot handle it."""
+    """Return one message as a record; DbcError if the loop cannot handle it."""
     where = f"frame {message.name}"
-    if message.length > 8 or message.is_fd:
-        raise BusError(f"{where}: {message.length} bytes; only classic CAN, 8 bytes, is handled")
-    if message.is_multiplexed() or message.is_container:
-        raise BusError(f"{where}: multiplexed; give each layout a frame of its own")
-    every_cycle = message.send_type == "EveryCycle"
-    if not every_cycle and not message.cycle_time:
-        raise BusError(f'{where}: give a GenMsgCycleTime, or GenMsgSendType "EveryCycle"')
+    if not 0 <= message.length <= 8 or message.is_fd:
+        kind = "CAN FD" if message.is_fd else f"{message.length} bytes"
+        raise DbcError(f"{where}: {kind}; only classic CAN, up to 8 bytes, is handled; split it")
+    layered = [s.name for s in message.signals if s.is_multiplexer or s.multiplexer_ids is not None]
+    if layered or message.is_container:
+        what = f"multiplexed ({', '.join(layered[:8])})"
+        raise DbcError(f"{where}: {what}; give each layout a frame of its own")
     tail = _tail(message)
     return Frame(
         name=message.name,
         can_id=message.frame_id,
         extended=message.is_extended_frame,
         dlc=message.length,
-        cycle_ms=0.0 if every_cycle else float(message.cycle_time or 0),
+        cycle_ms=_cycle_ms(message, where),
         protected=bool(tail),
         has_sequence="sequence" in tail,
         counter=_counter(message.get_signal_by_name(tail[0]), where) if tail else (0, 0, 0),
         signals=tuple(_signal(s, where) for s in message.signals if s.name not in tail),
-        help=message.comment or "",
+        help=printable(message.comment or "", _BREAKS),
     )
+
+
+def _cycle_ms(message: Message, where: str) -> float:
+    """Return the time from one transmission to the next, 0 for every cycle of the loop."""
+    if message.send_type == "EveryCycle":
+        return 0.0
+    if not message.cycle_time:
+        raise DbcError(f'{where}: give a GenMsgCycleTime, or GenMsgSendType "EveryCycle"')
+    if not isinstance(message.cycle_time, int | float) or not 0 < message.cycle_time <= _LONGEST_MS:
+        given = printable(repr(message.cycle_time)[:40])
+        raise DbcError(f"{where}: GenMsgCycleTime {given}; expected 1 to {_LONGEST_MS} ms")
+    return float(message.cycle_time)
 
 
 def _tail(message: Message) -> tuple[str, ...]:
@@ -198,11 +179,11 @@ def _tail(message: Message) -> tuple[str, ...]:
         return ()
     start = 8 * (message.length - 1) + (7 if crc.byte_order == "big_endian" else 0)
     if crc.length != 8 or crc.start != start:
-        raise BusError(f"frame {message.name}: crc must be the 8 bits of the last byte")
+        raise DbcError(f"frame {message.name}: crc must be the 8 bits of the last byte")
     for name in ("counter", "sequence"):
         if name in signals:
             return name, "crc"
-    raise BusError(f"frame {message.name}: has a crc but no counter or sequence; add one")
+    raise DbcError(f"frame {message.name}: has a crc but no counter or sequence; add one")
 
 
 def _counter(signal: DbcSignal, where: str) -> tuple[int, int, int]:
@@ -210,15 +191,16 @@ def _counter(signal: DbcSignal, where: str) -> tuple[int, int, int]:
     byte, bit = divmod(signal.start, 8)
     shift = bit - signal.length + 1 if signal.byte_order == "big_endian" else bit
     if shift < 0 or shift + signal.length > 8 or signal.is_signed:
-        raise BusError(f"{where}: {signal.name} must be unsigned and lie within one byte")
+        raise DbcError(f"{where}: {signal.name} must be unsigned and lie within one byte")
     return byte, shift, (1 << signal.length) - 1
 
 
 def _signal(signal: DbcSignal, where: str) -> Signal:
     where = f"{where}: {signal.name}"
-    factor, offset = float(signal.scale), float(signal.offset)
+    factor, offset = _real(signal.scale), _real(signal.offset)
     if factor == 0 or not math.isfinite(factor) or not math.isfinite(offset):
-        raise BusError(f"{where}: factor {factor}, offset {offset}; must be finite, factor not 0")
+        what = f"factor {factor}, offset {offset}; must be finite, factor not 0"
+        raise DbcError(f"{where}: {what}; correct (factor,offset)")
     kind = _kind(signal, where)
     full: tuple[float, float] = (0, (1 << signal.length) - 1)
     if signal.is_float:
@@ -226,18 +208,30 @@ def _signal(signal: DbcSignal, where: str) -> Signal:
     elif signal.is_signed:
         full = (-(1 << signal.length - 1), (1 << signal.length - 1) - 1)
     codes, limits = full, sorted(float(code) * factor + offset for code in full)
+    if not (signal.is_float or all(map(math.isfinite, limits))):
+        raise DbcError(f"{where}: factor {factor} gives infinite values; correct (factor,offset)")
     if signal.minimum is not None and signal.maximum is not None:
-        limits = [float(signal.minimum), float(signal.maximum)]
+        limits = [_real(signal.minimum), _real(signal.maximum)]
         raw = sorted((limit - offset) / factor for limit in limits)
-        low, high = raw if signal.is_float else map(round, raw)
+        low, high = (code if signal.is_float or math.isinf(code) else round(code) for code in raw)
         codes = (max(full[0], low), min(full[1], high))
-    if limits[0] > limits[1] or codes[0] > codes[1]:
-        raise BusError(f"{where}: no raw value lies in [{limits[0]}|{limits[1]}]")
+    if not limits[0] <= limits[1] or not codes[0] <= codes[1]:
+        what = f"no raw value lies in [{limits[0]}|{limits[1]}]"
+        raise DbcError(f"{where}: {what}; correct [minimum|maximum], [0|0] is no limit")
     return Signal(
-        signal.name, signal.unit or "", signal.comment or "", limits[0], limits[1], factor, offset,
-        signal.start, signal.length, signal.byte_order == "big_endian", signal.is_signed,
-        signal.is_float, kind, codes, {int(k): str(v) for k, v in (signal.choices or {}).items()},
+        signal.name, printable(signal.unit or ""), printable(signal.comment or "", _BREAKS),
+        limits[0], limits[1], factor, offset, signal.start, signal.length,
+        signal.byte_order == "big_endian", signal.is_signed, signal.is_float, kind, codes,
+        {int(k): str(v) for k, v in (signal.choices or {}).items()},
     )  # fmt: skip
+
+
+def _real(number: float) -> float:
+    """Return a number of a DBC file as float64; an integer beyond is infinite."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
 
 
 def _kind(signal: DbcSignal, where: str) -> int:
@@ -248,7 +242,7 @@ def _kind(signal: DbcSignal, where: str) -> int:
     """
     if signal.is_float:
         if signal.length not in (32, 64):
-            raise BusError(f"{where}: float of {signal.length} bits; use 32 or 64")
+            raise DbcError(f"{where}: float of {signal.length} bits; use 32 or 64")
         return FLOAT_32 if signal.length == 32 else FLOAT_64
     unsigned_64 = signal.length == 64 and not signal.is_signed
     in_floats = UNSIGNED_64 if unsigned_64 else SCALED
@@ -261,7 +255,7 @@ def _kind(signal: DbcSignal, where: str) -> int:
     if abs(signal.scale) == 1 and (signal.offset == 0 or not whole_offset):
         return in_floats
     if not whole_offset or unsigned_64 or largest + abs(int(signal.offset)) >= 2**63:
-        raise BusError(f"{where}: scaled values exceed 64 bits; use fewer bits")
+        raise DbcError(f"{where}: scaled values exceed 64 bits; use fewer bits")
     return WIDE
 
 

@@ -4,7 +4,8 @@ plan(rig, role, ...)      checks the wiring and lays out the table; opens and co
 install(plan, loop)       in `executive.install`: writes it into a zeroed LOOP record
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -79,18 +80,33 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     spec = rig.nodes()[role]
     made = Plan(rig, role, spec, pacing)
     database = _database(rig.dbc, rig.dbc.stat().st_mtime_ns)
-    made.rx_frames = list(dbc.frames(database, spec.name, "rx"))
-    made.tx_frames = sorted(dbc.frames(database, spec.name, "tx"), key=protocol.sending_order)
-    if role == "local":
-        made.below = protocol.towards_plant(rig, database)
-    protocol.check(rig, role, made.rx_frames, made.tx_frames)
-    protocol.check_losses(rig, database)
+    with _errors_named(rig):
+        _take_frames(made, database)
     _lay_out(made)
     _wire_blocks(made)
     _wire_frames(made)
     _plan_schedule(made)
     _check_sizes(made)
     return made
+
+
+def _take_frames(made: Plan, database: dbc.Database) -> None:
+    rig, role, name = made.rig, made.role, made.spec.name
+    made.rx_frames = list(dbc.frames(database, name, "rx"))
+    made.tx_frames = sorted(dbc.frames(database, name, "tx"), key=protocol.sending_order)
+    if role == "local":
+        made.below = protocol.towards_plant(rig, database)
+    protocol.check(rig, role, made.rx_frames, made.tx_frames)
+    protocol.check_losses(rig, database)
+
+
+@contextmanager
+def _errors_named(rig: Rig) -> Iterator[None]:
+    """Put the DBC file's name before what is wrong in it."""
+    try:
+        yield
+    except dbc.DbcError as error:
+        raise dbc.DbcError(f"{rig.dbc}: {error}") from None
 
 
 @lru_cache(maxsize=8)  # both nodes of a rig, and a thousand runs of an experiment, share it
@@ -116,7 +132,9 @@ def check_rate(rig: Rig, pacing: str) -> float:
     bitrate = rig.config.bus.bitrate
     if bitrate is None:
         return 0.0
-    load = protocol.bus_load(rig, dbc.load(rig.dbc), rig.config.rate_hz, bitrate)
+    database = dbc.load(rig.dbc)
+    with _errors_named(rig):
+        load = protocol.bus_load(rig, database, rig.config.rate_hz, bitrate)
     if load > 1.0 and pacing in ("real", "sync"):
         raise rig.error(
             "rate_hz",
@@ -326,7 +344,7 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
     rig, table = made.rig, made.table
     attachments = {str(_short(path, rig.path)): text for path, text in rig.document.sources.items()}
     attachments["rig-resolved.yaml"] = rig.resolved()
-    attachments[rig.dbc.name] = rig.dbc.read_text()
+    attachments[rig.dbc.name] = dbc.text(rig.dbc)
     attachments |= rig.law_files()
     return {
         "node": made.role,

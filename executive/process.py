@@ -31,7 +31,7 @@ import numpy as np
 
 from drivers import bus as buses
 from drivers import choice, realtime, wire
-from drivers.dbc import BusError
+from drivers.errors import BusError, DbcError
 from drivers.wire_layout import MEMORY
 from executive import shared as sh
 from executive.cycle import run
@@ -61,7 +61,7 @@ def main(argv: Sequence[str]) -> int:
         return BAD_RIG
     except (BusError, sh.SharedError) as error:
         print(error, file=sys.stderr)
-        return NO_ENVIRONMENT
+        return BAD_RIG if isinstance(error, DbcError) else NO_ENVIRONMENT
 
 
 def _arguments() -> argparse.ArgumentParser:

@@ -56,7 +56,11 @@ def check(rig: Rig, role: Role, rx: Sequence[dbc.Frame], tx: Sequence[dbc.Frame]
 
 def check_losses(rig: Rig, database: dbc.Database) -> None:
     """Raise RigError for losses of a frame that is not there, or that starts cycles."""
-    names = [frame.name for frame in map(dbc.frame, database.messages) if awaited(frame)]
+    if not rig.config.losses:
+        return
+    known = set[str]().union(*(_of(database, n.node) for n in rig.config.sections.values()))
+    frames = (dbc.frame(message) for message in database.messages if message.name in known)
+    names = [frame.name for frame in frames if awaited(frame)]
     for name in rig.config.losses:
         if name not in names:
             what = f"no frame of every cycle {name}{did_you_mean(name, names)}"
@@ -79,9 +83,13 @@ def _of(database: dbc.Database, node: str) -> set[str]:
 
 
 def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -> float:
-    """Return the worst-case load as a fraction of `bitrate`, of the fuller of a rig's two buses."""
+    """Return the worst-case load as a fraction of `bitrate`, of the fuller of a rig's two buses.
+
+    Only frames of the rig's nodes count: a DBC file may know more nodes than a rig has.
+    """
+    known = set[str]().union(*(_of(database, n.node) for n in rig.config.sections.values()))
     if rig.config.local is None:
-        return dbc.bus_load(database, rate_hz, bitrate)
+        return dbc.bus_load(database, rate_hz, bitrate, known)
     below = towards_plant(rig, database)
-    above = {message.name for message in database.messages} - below
+    above = known - below
     return max(dbc.bus_load(database, rate_hz, bitrate, names) for names in (above, below))

@@ -19,7 +19,7 @@ from executive.node import Plan, check_pacing, check_rate, cycles_of, plan
 from executive.protocol import bus_load
 from executive.rig import Rig, load_rig
 
-OK, BAD_RIG, NO_ENVIRONMENT = 0, 2, 4
+OK, BAD_RIG = 0, 2
 _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 
 
@@ -36,7 +36,7 @@ def command(options: argparse.Namespace) -> int:
         return BAD_RIG
     except BusError as error:
         print(error, file=sys.stderr)
-        return NO_ENVIRONMENT
+        return error.code
     if options.json:
         print(json.dumps(report, indent=2))
     else:

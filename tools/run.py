@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers import choice
-from drivers.errors import BusError
+from drivers.errors import BusError, DbcError
 from executive import logs
 from executive import shared as sh
 from executive.errors import RigError
@@ -338,6 +338,6 @@ def command(options: argparse.Namespace) -> int:
         return USAGE
     except (BusError, sh.SharedError, RecordError) as error:
         print(error, file=sys.stderr)
-        return NO_ENVIRONMENT
+        return USAGE if isinstance(error, DbcError) else NO_ENVIRONMENT
     except KeyboardInterrupt:  # before the run had its handler
         return summaries.CODES["interrupted"]

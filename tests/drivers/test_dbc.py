@@ -1,5 +1,6 @@
 """Reading a DBC: clear errors, the tables of the loop, and the load of the bus."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -54,8 +55,25 @@ def test_a_syntax_error_has_line_and_column(tmp_path: Path) -> None:
         ("1 A\n" + SG.format("a : 0|8@1+ (1,0) [0|0]") + SG.format("b : 0|4@1+ (1,0) [0|0]"),
          "are overlapping in message M"),
         ("64 A\n", "frame M: 64 bytes; only classic CAN"),
+        ("1000000000 A\n", "plant.dbc:3: frame M: 1000000000 bytes; classic CAN has 8"),
+        ("+1000000000 A\n", "plant.dbc:3: frame M: +1000000000 bytes"),
+        ("-1 A\n", "plant.dbc:3: frame M: -1 bytes"),
+        ("8 A\n" + SG.format("a : 1000000000|8@1+ (1,0) [0|0]"), ":4: frame M: a: 1000000000|8"),
+        ("8 A\n" + SG.format("a : 0|1000000000@1+ (1,0) [0|0]"), "a: 0|1000000000 lies in no"),
+        ("8 A\n" + SG.format("a : -1|8@1+ (1,0) [0|0]"), "a: -1|8 lies in no frame"),
+        ("8 A\n" + SG.format("a : 0|0@1+ (1,0) [0|0]"), "length 0 is not greater than 0"),
+        ("8 A\n" + SG.format("m M : 0|8@1+ (1,0) [0|0]") + SG.format("a m0 : 8|8@1+ (1,0) [0|0]")
+         + "SG_MUL_VAL_ 1 a m 0-5, 7+4000000000;\n", "a: 7-4000000000: more than 65536 values"),
+        ("8 A\n" + SG.format("a : 0|8@1+ (1,0) [0|0]") + SG.format("a : 8|8@1+ (1,0) [0|0]"),
+         "signals a and a are overlapping"),
+        ("1 A\n" + SG.format(f"a : 0|8@1+ (1{'0' * 400},0) [0|0]"), "M: a: factor inf"),
+        ("1 A\n" + SG.format("a : 0|8@1+ (1,1e999) [0|0]"), "offset inf"),
+        ("8 A\n" + SG.format("a : 0|8@1+ (1e308,0.5) [0|0]"), "gives infinite values"),
+        ("1 A\n" + SG.format("a : 0|8@1+ (1,0) [5|-5]"), "no raw value lies in [5.0|-5.0]"),
+        ("2 A\n" + SG.format("a : 0|16@1+ (1,0) [0|0]") + "SIG_VALTYPE_ 1 a : 1;\n",
+         "float of 16 bits; use 32 or 64"),
         ("2 A\n" + SG.format("m M : 0|8@1+ (1,0) [0|0]") + SG.format("a m0 : 8|8@1+ (1,0) [0|0]"),
-         "frame M: multiplexed"),
+         "frame M: multiplexed (m, a); give each layout a frame"),
         ("2 A\n" + SG.format("crc : 8|8@1+ (1,0) [0|0]"), "no counter or sequence"),
         ("2 A\n" + SG.format("crc : 0|8@1+ (1,0) [0|0]"), "crc must be the 8 bits of the last"),
         ("3 A\n" + SG.format("crc : 16|8@1+ (1,0) [0|0]")
@@ -132,3 +150,75 @@ def test_worst_case_length_is_the_published_one(dlc: int, bits: int) -> None:
 def test_worst_case_length_of_an_extended_frame_is_the_published_one() -> None:
     got = dbc.worst_case_bits(8, extended=True)
     assert got == 160, f"{got} bits"
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig", "utf-16"])
+def test_units_and_comments_are_read_in_the_encodings_of_the_world(
+    tmp_path: Path, encoding: str
+) -> None:
+    body = 'BO_ 1 M: 1 A\n SG_ a : 0|8@1+ (1,0) [0|0] "\u00b0C" B\n'
+    body += 'CM_ BO_ 1 "\u00fcber 5 \u00b5s\x07";\n'
+    path = tmp_path / "plant.dbc"
+    path.write_bytes((HEAD + body + CYCLIC).replace("\n", "\r\n").encode(encoding))
+    (entry,) = dbc.frames(dbc.load(path), "A", "tx")
+    got = entry.signals[0].unit, entry.help
+    assert got == ("\u00b0C", "\u00fcber 5 \u00b5s\\x07"), got
+    assert "\r" not in dbc.text(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "it is empty"), (b" \r\n", "it is empty"), (b"\0\1\2", "not text"),
+        (b'<?xml version="1.0"?><NetworkDefinition/>', "XML (KCD, ARXML?), not DBC"),
+        (b"FormatVersion=6.0 // SYM", "SYM, not DBC; convert it"),
+        (b'BU_: A\nBO_ 1 M: 8 A\n' + 8 * b' SG_ "' + b"\n", "not DBC syntax"),
+        (b"BU_: A\nBO_ 4294967295 M: 8 A\n", "more than 29 bits"),
+        (b"\x1b[2JVERSION", "not DBC syntax at"),
+    ],
+)  # fmt: skip
+def test_what_is_no_dbc_file_is_refused_in_a_printable_line(
+    tmp_path: Path, content: bytes, said: str
+) -> None:
+    path = tmp_path / "plant.dbc"
+    path.write_bytes(content)
+    text = refusal(path)
+    assert said in text and text.startswith(str(path)) and text.isprintable(), repr(text)
+
+
+def test_a_line_that_never_ends_its_signal_costs_no_time(tmp_path: Path) -> None:
+    """The look at the sizes goes through the text once, whatever is in it."""
+    begin_s = time.process_time()
+    for content in (
+        "SG_ a " * 40_000,
+        "SG_ " + "a" * 200_000,
+        'BO_ "' * 40_000,
+        "BO_ 1 M " * 40_000,
+    ):
+        path = tmp_path / "plant.dbc"
+        path.write_text(content)
+        refusal(path)
+    spent_s = time.process_time() - begin_s
+    assert spent_s < 30.0, f"{spent_s:.1f} s"
+
+
+def test_a_range_without_end_is_the_raw_range(tmp_path: Path) -> None:
+    body = "BO_ 1 M: 1 A\n" + SG.format("a : 0|8@1- (2,0) [-1e999|1e999]")
+    (entry,) = dbc.frames(dbc.load(written(tmp_path, body)), "A", "tx")
+    assert entry.signals[0].codes == (-128, 127), entry.signals[0]
+
+
+@pytest.mark.parametrize("given", ["-5", "99999999999", "1e400"])
+def test_a_cycle_time_that_is_none_is_refused(tmp_path: Path, given: str) -> None:
+    attributes = CYCLIC.replace("INT 0 65535", "FLOAT 0 1").replace("10;", f"{given};")
+    text = refusal(written(tmp_path, "BO_ 1 M: 8 A\n", attributes))
+    assert "GenMsgCycleTime" in text and "expected 1 to" in text, text
+
+
+def test_a_long_name_that_is_no_name_is_refused(tmp_path: Path) -> None:
+    body = (
+        'BO_ 1 M: 8 A\nBA_DEF_ BO_ "SystemMessageLongSymbol" STRING;\n'
+        'BA_ "SystemMessageLongSymbol" BO_ 1 "a.b\x1b[2J";\n'
+    )
+    text = refusal(written(tmp_path, body))
+    assert r"'a.b\x1b[2J' is no name" in text, text

@@ -125,7 +125,7 @@ def test_a_sent_signal_that_is_wired_to_nothing_is_a_warning_with_its_place(
     [
         ("controller.kvv=1", 2, "did you mean kv_Nms_rad?"),
         ("executive.transmit.CTL.e=controller.r_rad_s", 2, "is in 'rad'"),
-        ("executive.node=NOBODY", 4, "node NOBODY: not in the DBC file; it has EXEC, PLANT"),
+        ("executive.node=NOBODY", 2, "node NOBODY: not in the DBC file; it has EXEC, PLANT"),
     ],
 )
 def test_an_error_is_one_line_on_stderr(

@@ -24,6 +24,9 @@ from tools.progress import Progress
 
 _STEP = 20_000  # frames from one look at the progress to the next
 _EXTENDED, _ID = 1 << 31, 0x1FFFFFFF
+_NOT_DECODABLE = (  # what cantools raises for a frame that its message does not fit
+    cantools.database.Error, ValueError, TypeError, LookupError, AttributeError, ArithmeticError,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -50,11 +53,9 @@ def load(path: Path) -> Database:
         return dbc.load(path)
     except BusError as error:
         try:
-            database = cantools.database.load_file(path, database_format="dbc", strict=False)
-        except Exception:  # cantools lets everything of its parser through; said above
+            return dbc.parse(path, dbc.text(path), strict=False)
+        except BusError:  # said above
             raise LogCommandError(str(error)) from None
-    assert isinstance(database, Database)
-    return database
 
 
 @compiled()
@@ -120,7 +121,7 @@ def _by_cantools(
             found: Any = message.decode(row["data"][: row["dlc"]].tobytes(), decode_choices=False)
             for name, value in found.items():
                 last[index[name]] = value
-        except (cantools.database.Error, ValueError, TypeError, KeyError, AttributeError):
+        except _NOT_DECODABLE:
             state[i] = e2e.ERROR
         values[i] = last
     used = state != e2e.ERROR

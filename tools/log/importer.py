@@ -147,6 +147,8 @@ class _Imported:
 
     def _explain(self, writer: BulkWriter) -> None:
         """Write metadata and attachments as the recorder does."""
+        from drivers import dbc_file
+
         first_ns = int(self.frames["stamp_ns"][0])
         metadata = facts() | {
             "clock_monotonic_ns": str(first_ns), "clock_wall_ns": str(first_ns),
@@ -166,7 +168,7 @@ class _Imported:
             "state_names": [], "fault_names": [], "metadata": metadata,
         }  # fmt: skip
         for name, data in (
-            (self.options.dbc.name, self.options.dbc.read_bytes()),
+            (self.options.dbc.name, dbc_file.text(self.options.dbc).encode()),
             ("executive.json", json.dumps(description).encode()),
         ):
             writer.add_attachment(first_ns, first_ns, name, "text/plain", data)
