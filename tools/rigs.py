@@ -17,13 +17,12 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-import plants
 from executive import yamlfile
 from executive.errors import RigError, did_you_mean
 from tools import screen
 
 OK, USAGE = 0, 2
-_PLANTS = Path(plants.__file__).resolve().parent
+_PLANTS = Path(__file__).resolve().parents[1] / "plants"
 _SUFFIXES = (".yaml", ".yml")
 _RIG = re.compile(r"^rig:\s*([a-z0-9._-]+)", re.MULTILINE)
 
