@@ -1,17 +1,27 @@
 """What a user gets to see instead of a traceback, and the suggestion at its end."""
 
+import re
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 
 _CLOSE = 0.6  # difflib's own cutoff
+_CONTROL = re.compile("[\0-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 _LIST_AT_MOST = 8  # candidates that still fit in one line
 
 
 class RigError(Exception):
     """A rig file, or an option that overrides it, is wrong.
 
-    The message is ready to print: `file:line:column: path: what; cure`.
+    The message is ready to print: `file:line:column: path: what; cure`, in one line.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
+
+
+def one_line(text: str) -> str:
+    """Return `text` with what would break its line or hide a part of it in written form."""
+    return _CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def did_you_mean(word: str, candidates: Iterable[str]) -> str:

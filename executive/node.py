@@ -4,6 +4,7 @@ plan(rig, role, ...)      checks the wiring and lays out the table; opens and co
 install(plan, loop)       in `executive.install`: writes it into a zeroed LOOP record
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -300,7 +301,7 @@ def _plan_schedule(made: Plan) -> None:
             if name not in tunable:
                 raise made.rig.error(path, f"no parameter {name}{did_you_mean(name, tunable)}")
             variable = table.variables[table.index[name]]
-            if not variable.low <= value <= variable.high:
+            if not (variable.low <= value <= variable.high and math.isfinite(value)):
                 raise made.rig.error(
                     path,
                     f"{value:g} is outside {variable.low:g}..{variable.high:g} {variable.unit}",

@@ -12,6 +12,7 @@ numba is imported with the first law, so that reading a rig with `resolve=False`
 """
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,6 +30,9 @@ from executive.rig_schema import FALLBACK, Config, Evaluation, Limit
 from executive.roles import ROLES, Role
 from executive.typed import convert
 from executive.yamlfile import Document, Keys, Place
+
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")
+_LONGEST_KEEP_NS = 10**15  # the longest run
 
 
 @dataclass(frozen=True)
@@ -155,11 +159,13 @@ def load_rig(
     contents. Raises RigError.
     """
     document = yamlfile.load(path, text)
+    _check_texts(document, document.data, ())
     config = convert(document, document.data, Config, ())
     if controller is not None:
         place = Place(document.path, option=f"--controller {controller}")
         document.put(("controller",), controller, place)
     apply(document, config, settings)
+    _check_texts(document, document.data, ())
     config = convert(document, document.data, Config, ())
     _check(document, config)
     rig = Rig(config, document)
@@ -171,12 +177,25 @@ def load_rig(
 # Checks between keys
 
 
+def _check_texts(document: Document, data: Any, keys: Keys) -> None:
+    """Raise for a character that no file's name, no log and no terminal takes."""
+    if isinstance(data, dict | list):
+        for key, child in data.items() if isinstance(data, dict) else enumerate(data):
+            _check_texts(document, key, (*keys, key))
+            _check_texts(document, child, (*keys, key))
+    elif isinstance(data, str) and (found := _NO_TEXT.search(data)):
+        raise document.error(keys, f"character {found[0]!r} is not allowed")
+
+
 def _check(document: Document, config: Config) -> None:
     """Raise the first contradiction between the keys of a rig."""
     if config.controller not in config.controllers:
         unknown_controller(document, config.controller, config)
     _check_blocks(document, config)
     _check_overrun(document, config)
+    if config.record.keep is not None and not 0 < config.record.keep_ns <= _LONGEST_KEEP_NS:
+        what = f"{config.record.keep}: expected more than 0 and no more than 12 days"
+        raise document.error(("record", "keep"), what)
     for name, limit in config.executive.limits.items():
         if not limit.low < limit.high:
             what = f"low {limit.low:g} is not below high {limit.high:g}"

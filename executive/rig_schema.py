@@ -7,8 +7,9 @@ from msgspec import Meta, Struct
 from executive.roles import Role
 
 FALLBACK = "fallback"  # name of the block that waits for `overrun.fallback`
-Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]+\Z")]
-BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]*\Z")]
+Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]{1,64}\Z")]  # it becomes part of a file's name
+BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]{0,63}\Z")]
+Word = Annotated[str, Meta(max_length=200)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -17,9 +18,9 @@ Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A bus as python-can names it; `bitrate` null means that its load is not checked."""
 
-    interface: str = "auto"
-    channel: str | int | None = None
-    bitrate: Annotated[int, Meta(ge=1)] | None = None
+    interface: Word = "auto"
+    channel: Word | Annotated[int, Meta(ge=0, le=2**31)] | None = None
+    bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
 
 
 class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -141,13 +142,13 @@ class Loss(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """
 
     share: Annotated[float, Meta(ge=0, lt=1)]
-    burst: Annotated[float, Meta(ge=1)] = 1.0
+    burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
 
 
 class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Parameters that change at a time of the run, all in the same cycle."""
 
-    at_s: Annotated[float, Meta(ge=0)]
+    at_s: Annotated[float, Meta(ge=0, le=1e6)]
     set: dict[str, float]
 
 
@@ -157,7 +158,7 @@ Happening = Literal["fault", "change", "skip", "tuning"]
 class Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the log keeps: all, or with `keep` what lies around an event; see `executive.keep`."""
 
-    keep: Annotated[str, Meta(pattern=r"\A[0-9]+(\.[0-9]+)?(ms|s|min)\Z")] | None = None
+    keep: Annotated[str, Meta(pattern=r"\A[0-9]{1,9}(\.[0-9]{1,9})?(ms|s|min)\Z")] | None = None
     on: Happening | list[Happening] = "fault"
 
     @property

@@ -11,7 +11,9 @@ or 10?), `0o10`, `.nan`, numbers beyond 64 bits, tags, anchors, merge keys (`bas
 A path such as `a.b[2].c` names a value; its place is that of its key, in the file it comes from.
 """
 
+import os
 import re
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -26,6 +28,7 @@ __all__ = ["Document", "Keys", "Place", "did_you_mean", "dotted", "dump", "load"
 
 Keys = tuple[str | int, ...]
 
+MOST_BYTES = 1 << 20  # of a rig file, which has a few thousand; PyYAML takes 10 s for it
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _HEXADECIMAL = re.compile(r"0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -53,7 +56,7 @@ class Place:
     @property
     def folder(self) -> Path:
         """The folder that relative paths written at this place start from."""
-        return Path.cwd() if self.option else self.file.parent
+        return (_working_folder() or Path()) if self.option else self.file.parent
 
 
 @dataclass
@@ -93,10 +96,13 @@ class Document:
 
     def file(self, keys: Keys, text: str) -> Path:
         """Return the file that the value `text` at `keys` names, from where it was written."""
-        file = (self.place(keys).folder / text).resolve()
-        if not file.is_file():
-            raise self.error(keys, f"no such file: {shown(file)}")
-        return file
+        try:
+            file = (self.place(keys).folder / text).resolve()
+            if file.is_file():
+                return file
+        except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name too long
+            raise self.error(keys, f"{text[:60]} is no file: {_reason(error)}") from None
+        raise self.error(keys, f"no such file: {shown(file)}")
 
     def put(self, keys: Keys, value: Any, place: Place) -> None:
         """Set the value at `keys` (texts only), as given at `place`."""
@@ -140,7 +146,10 @@ def load(path: str | Path, text: str | None = None) -> Document:
 
     Raises RigError with the place of whatever is wrong.
     """
-    file = Path(path).resolve()
+    try:
+        file = Path(path).resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise RigError(f"{str(path)[:200]}: cannot be read: {_reason(error)}") from None
     sources: dict[Path, str] = {}
     root = _read_file(file, text, sources, (), None)
     document = Document(file, sources[file], _plain(root), dict(_places(root, ())), sources)
@@ -152,9 +161,11 @@ def value(text: str, place: Place) -> Any:
     """Return the value of a command line's NAME=`text`: a scalar or a flow list or mapping."""
     try:
         node = _Loader(text).get_single_node()
+        return None if node is None else _plain(_tree(node, place.file, place))
     except yaml.YAMLError as error:
         raise RigError(f"{place}: {getattr(error, 'problem', error)}") from None
-    return None if node is None else _plain(_tree(node, place.file, place))
+    except RecursionError:
+        raise RigError(f"--set {text[:40]}...: nested too deeply") from None
 
 
 def dump(data: Any) -> str:
@@ -195,8 +206,24 @@ def dotted(keys: Keys) -> str:
 
 def shown(file: Path) -> str:
     """Return the path of `file` as messages show it: relative below the working directory."""
-    cwd = Path.cwd()
-    return str(file.relative_to(cwd) if file.is_relative_to(cwd) else file)
+    cwd = _working_folder()
+    return str(file.relative_to(cwd) if cwd and file.is_relative_to(cwd) else file)
+
+
+def _working_folder() -> Path | None:
+    """Return the working folder; None where it is gone."""
+    try:
+        return Path.cwd()
+    except OSError:
+        return None
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, FileNotFoundError):
+        return "the working folder is gone"  # nothing else asks for it
+    if isinstance(error, OSError):
+        return error.strerror or "refused"
+    return "a loop of links" if isinstance(error, RuntimeError) else "no name of a file"
 
 
 class _Dumper(yaml.SafeDumper):
@@ -227,10 +254,10 @@ def _read_file(
         raise RigError(f"{at}the files build on each other: {chain}")
     if text is None:
         try:
-            text = file.read_text(encoding="utf-8-sig")
+            text = _text_of(file)
         except FileNotFoundError:
             raise RigError(f"{at}{shown(file)}: no such file") from None
-        except (OSError, UnicodeDecodeError) as error:
+        except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or "not UTF-8 text"
             raise RigError(f"{at}{shown(file)}: cannot be read: {reason}") from None
     sources[file] = text
@@ -241,10 +268,27 @@ def _read_file(
         return root
     if not isinstance(base.value, str):
         raise RigError(f"{base.place}: base: expected the path of a file")
-    below = _read_file(
-        (file.parent / base.value).resolve(), None, sources, (*above, file), base.place
-    )
-    return _merge(below, root)
+    try:
+        named = (file.parent / base.value).resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise RigError(f"{base.place}: base: is no file: {_reason(error)}") from None
+    return _merge(_read_file(named, None, sources, (*above, file), base.place), root)
+
+
+def _text_of(file: Path) -> str:
+    """Return the text of a regular file; OSError, UnicodeDecodeError."""
+    descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe: no waiting
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if not stat.S_ISREG(mode):
+            raise OSError(0, "Is a directory" if stat.S_ISDIR(mode) else "is no regular file")
+        with open(descriptor, "rb", closefd=False) as opened:
+            whole = opened.read(MOST_BYTES + 1)
+    finally:
+        os.close(descriptor)
+    if len(whole) > MOST_BYTES:
+        raise OSError(0, f"more than {MOST_BYTES >> 20} MiB")
+    return whole.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
 
 
 @lru_cache(maxsize=64)  # an experiment loads the same few files a thousand times
@@ -264,7 +308,8 @@ def _parse(file: Path, text: str) -> _Node:
     except yaml.reader.ReaderError as error:
         before = text[: int(error.position)]
         place = Place(file, before.count("\n") + 1, len(before) - before.rfind("\n"))
-        raise RigError(f"{place}: character {error.character!r} is not allowed") from None
+        character = chr(error.character) if isinstance(error.character, int) else error.character
+        raise RigError(f"{place}: character {character!r} is not allowed") from None
     except RecursionError:
         raise RigError(f"{Place(file)}: nested too deeply") from None
 

@@ -6,6 +6,7 @@
     its messages cannot be written     goes on in silence                       its own
     stdin, stdout or stderr closed     goes on with /dev/null in their place    its own
     a disk is full                     says which file                          3
+    a name that no file can have       says it                                  2
     the machine refuses otherwise      says which file and why                  4
     Ctrl-C, SIGTERM or SIGHUP          ends in order                            130
 
@@ -21,8 +22,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import IO, Any
 
-OK, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 3, 4, 130
+OK, USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 3, 4, 130
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of a disk: what was to be kept is missing
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # no machine could open it
 _ASK_TO_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -105,6 +107,8 @@ def said(error: OSError) -> str:
 
 def code_of(error: OSError) -> int:
     """Return the exit code for what the machine refused."""
+    if error.errno in NO_NAME:
+        return USAGE
     return LOSS if error.errno in FULL else NO_ENVIRONMENT
 
 

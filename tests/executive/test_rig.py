@@ -195,7 +195,7 @@ SCHEMA = [
     Case("rate_hz: 1000", "rate_hz: 0.5", "4:1: rate_hz: expected a number >= 1.0, got 0.5"),
     Case("rate_hz: 1000", "rate_hz: 1e9", "4:1: rate_hz: expected a number <= 20000.0, got 1"),
     Case("duration_s: 6.0", "duration_s: 0", "5:1: duration_s: expected a number > 0.0, got 0"),
-    Case("rig: small", "rig: Small One", "1:1: rig: expected text of the form [a-z0-9._-]+, got"),
+    Case("rig: small", "rig: Small", "1:1: rig: expected text of the form [a-z0-9._-]{1,64}, got"),
     Case("watch: ", "seed: 1.5\nwatch: ", "34:1: seed: expected a whole number, got 1.5"),
     Case("watch: ", "seed: -1\nwatch: ", "34:1: seed: expected a whole number >= 0, got -1"),
     Case("watch: ", "pacing: rael\nwatch: ", "34:1: pacing: unknown value rael; did you mean real"),

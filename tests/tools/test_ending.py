@@ -111,6 +111,7 @@ def raising(error: BaseException) -> Callable[[], int]:
      "a/log.mcap: No space left on device; free space there, or choose another place"),
     (OSError(errno.EROFS, "Read-only file system", "b"), 4, "b: Read-only file system"),
     (PermissionError(errno.EACCES, "Not yours", b"c\xff"), 4, r"c\udcff: Not yours"),
+    (OSError(errno.ENAMETOOLONG, "File name too long", "n"), 2, "n: File name too long"),
     (OSError("odd"), 4, "odd"),
     (OSError(), 4, "OSError"),
     (MemoryError(), 4, "out of memory; end other programs, or give this one more"),
