@@ -31,7 +31,8 @@ $(VENV)/installed: pyproject.toml
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 		{ echo "the venv module is missing; run: sudo apt-get install python3-venv" >&2; exit 4; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[plot,test]'
+	@$(PYTHON) -P tools/installing.py $(BIN)/pip install --disable-pip-version-check \
+		--progress-bar off -e '.[plot,test]'
 	touch $@
 
 vcan-tools: ## packages for `pcpc vm` and the vcan tests; uses sudo
@@ -45,7 +46,7 @@ lint: install ## ruff and mypy
 	$(BIN)/mypy
 
 compiled: install ## the loop compiled, so that two processes need not do it
-	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --quiet --no-figure -o build/compiled >/dev/null
+	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --no-figure -o build/compiled >/dev/null
 	@rm -rf build/compiled
 
 bless: install ## the golden runs (of PLANT) anew, after a change that is meant
