@@ -6,9 +6,9 @@
                                        skip    periods were skipped
                                        tuning  a parameter changed while running
 
-When it happens, what is held (the last `keep`) is written, and what follows for as long again. The
-rest of the run is not in the log. Such a log shows, plots and plays, but does not begin with the
-start of the run, so it cannot be recomputed.
+When it happens, what is held (the last `keep`) is written, and what follows for as long again. Of
+the rest of the run only events and tunings are in the log. Such a log shows, plots and plays, but
+does not begin with the start of the run, so it cannot be recomputed.
 """
 
 from collections import deque
@@ -39,6 +39,10 @@ class Sink:
 
     def add(self, messages: Sequence[NDArray[Any]]) -> None:
         """Take the messages of one batch."""
+        self._writer.add(messages)
+
+    def pass_on(self, messages: Sequence[NDArray[Any]]) -> None:
+        """Take messages that are never held back."""
         self._writer.add(messages)
 
     def happened(self, code: int, when_ns: int) -> None:

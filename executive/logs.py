@@ -15,7 +15,7 @@ checksum does not match is left out and told in `missing`: see `executive.mcap_r
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,8 +51,8 @@ class Node:
 
     cycle: NDArray[np.int64]
     stamp_ns: NDArray[np.int64]
-    columns: dict[str, NDArray[np.float64]]
-    timing: dict[str, NDArray[np.float64]]
+    columns: Mapping[str, NDArray[np.float64]]
+    timing: Mapping[str, NDArray[np.float64]]
     frames: NDArray[Any]
     events: list[dict[str, Any]]
     tunings: list[dict[str, Any]]
@@ -112,36 +112,8 @@ def pieces(path: Path, size: int = 1 << 23) -> Iterator[tuple[Log, bool]]:
     yield assemble(path, found, told), True
 
 
-def beginning(path: Path, cycles: int) -> tuple[Log, Log]:
-    """Return the first `cycles` of a log, without frames, and its last piece; LogError.
-
-    For what looks at a run of any length in bounded memory. Both hold all events and tunings.
-    """
-    first: dict[str, list[Node]] = {}
-    last: dict[str, Node] = {}
-    events: dict[str, list[dict[str, Any]]] = {name: [] for name in NODES}
-    tunings: dict[str, list[dict[str, Any]]] = {name: [] for name in NODES}
-    notes: list[str] = []
-    for piece, _ in pieces(path):
-        notes += piece.missing
-        for name, node in piece.node.items():
-            events[name] += node.events
-            tunings[name] += node.tunings
-            kept = first.setdefault(name, [])
-            if not kept or sum(len(part.cycle) for part in kept) < cycles:
-                kept.append(node)
-            if len(node.cycle) or name not in last:
-                last[name] = node
-    whole = {
-        name: _joined(parts, last[name].description, events[name], tunings[name])
-        for name, parts in first.items()
-    }
-    about = piece.attachments, piece.metadata, notes
-    return Log(path, whole, *about), Log(path, last, *about)
-
-
-def _joined(
-    parts: list[Node], about: dict[str, Any], events: list[Any], tunings: list[Any]
+def joined(
+    parts: Sequence[Node], about: dict[str, Any], events: list[Any], tunings: list[Any]
 ) -> Node:
     """Return consecutive pieces of a node as one, without frames."""
     columns, timing = (

@@ -14,7 +14,6 @@ import argparse
 import json
 import math
 import os
-import re
 import signal
 import sys
 import time
@@ -27,43 +26,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from executive import logs, shared
+from executive.beside import Beside
 from executive.keep import Sink, SnapshotRing
+from executive.long_logs import Wanted
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
+from executive.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
 from executive.shared import RINGS, Shared, SharedError
 
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
 POLL_S = 0.02
 _OF_THE_MEMORY = ("attachments", "record_columns", "loop_offset")  # not part of a log's description
 LOSS, NO_ENVIRONMENT = 3, 4  # exit codes
-
-FRAME_SCHEMA = """int64 stamp_ns  # monotonic
-int64 cycle
-uint32 id
-uint8 dlc
-uint8 direction  # 0 sent, 1 received
-uint8 e2e  # end-to-end check: receiver state
-uint8 reserved
-uint8[8] data
-"""
-_INTEGER, _NUMBER, _TEXT = {"type": "integer"}, {"type": ["number", "string"]}, {"type": "string"}
-_ENTRY = {"cycle": _INTEGER, "stamp_ns": _INTEGER, "name": _TEXT, "value": _NUMBER}
-JSON_SCHEMAS = {
-    "Event": {"type": "object", "properties": _ENTRY | {"event": _TEXT, "argument": _INTEGER}},
-    "Tuning": {"type": "object", "properties": _ENTRY},
-}
-
-
-def field_names(names: Sequence[str]) -> list[str]:
-    """Return a unique ROS 2 field name for each dotted name: rx.FB_A.rate -> rx_fb_a_rate."""
-    fields: dict[str, None] = {}
-    for name in names:
-        plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-        plain = plain if plain[:1].isalpha() else f"v_{plain}".rstrip("_")
-        unique, number = plain, 2
-        while unique in fields:
-            unique, number = f"{plain}_{number}", number + 1
-        fields[unique] = None
-    return list(fields)
 
 
 class _Node:
@@ -77,6 +50,7 @@ class _Node:
         self.written = dict.fromkeys(RINGS, 0)
         self.backlog = dict.fromkeys(RINGS, 0)
         self.taken = {ring: _taken(block, ring) for ring in RINGS}
+        self.beside = Beside(about)
         self.state_end = 8 * (shared.RECORD_HEAD + len(about["state_columns"]))
         self.channels = {
             "state": self._register_columns(writer, "state", about["state_columns"]),
@@ -137,9 +111,10 @@ class _Node:
                 start = taken % len(rows)
                 count = min(put - taken, len(rows) - start, most)
                 messages = self._convert(ring, rows[start : start + count])
+                self.beside.note(ring, rows[start : start + count])
                 taken += count
                 self.taken[ring] = self.block[f"{ring}_taken"][0] = taken
-                sink.add(messages)
+                (sink.pass_on if ring == "event" else sink.add)(messages)
                 self.written[ring] += count
                 if ring == "event":
                     for row in rows[start : start + count]:
@@ -216,7 +191,8 @@ def _birth(pid: int) -> str:
 class Recorder:
     """Writes the blocks' rings to `path`; call `drain` every 20 to 50 ms, at the end `finish`.
 
-    `late` names blocks that may appear later or never. `clock` (ns) only paces the flushes. Raises
+    `late` names blocks that may appear later or never. `judged`: columns by node that go whole into
+    tables beside a log that keeps a part of the run. `clock` (ns) only paces the flushes. Raises
     RecordError, once the file cannot be written any more.
     """
 
@@ -225,9 +201,10 @@ class Recorder:
         path: Path,
         blocks: Sequence[Shared],
         late: Sequence[str] = (),
+        judged: Wanted | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self.path, self.clock = path, clock
+        self.path, self.clock, self.judged = path, clock, judged or {}
         self.late, self._refused = list(late), dict.fromkeys(late, 0)
         self.nodes: list[_Node] = []
         self.drains = self.busy_ns = self.longest_ns = 0
@@ -265,6 +242,8 @@ class Recorder:
         """Take up a node; write what explains its messages first."""
         about = block.description
         node = _Node(block, self.writer)
+        if node.name in self.judged:
+            node.beside.judge_by(self.path, self.judged[node.name])
         facts = {str(key): str(value) for key, value in about["metadata"].items()}
         facts |= {"rig": str(about["rig"]), "period_ns": str(about["period_ns"])}
         self.writer.add_metadata(node.name, facts)
@@ -344,6 +323,8 @@ class Recorder:
         if any(node.died() for node in self.nodes):
             self.sink.happened(shared.FAULT_EVENT, time.time_ns())
         self.sink.close()
+        for node in self.nodes:
+            node.beside.close()
         counts: dict[str, int] = {f"dropped.{key}": n for key, n in self.dropped().items()}
         for node in self.nodes:
             for ring in RINGS:
@@ -357,6 +338,8 @@ class Recorder:
         counts["longest_drain_us"] = self.longest_ns // 1000
         self.writer.flush()
         self.writer.add_metadata("run", {key: str(n) for key, n in counts.items()})
+        frames = {key: n for node in self.nodes for key, n in node.beside.frame_counts().items()}
+        self.writer.add_metadata("frames", {key: str(n) for key, n in frames.items()})
         self.writer.finish()
         self.writer.file.close()
 
@@ -369,6 +352,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("executive")
     parser.add_argument("others", nargs="*", help="blocks that may appear later or never")
+    parser.add_argument("--judged", type=json.loads, default={}, help="columns by node, as JSON")
     options = parser.parse_args(argv)
     stopped: list[int] = []
     for number in (signal.SIGTERM, signal.SIGHUP):  # handlers: numpy's threads escape a signal mask
@@ -376,7 +360,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the nodes; it sees them end
     os.nice(10)
     try:
-        recorder = Recorder(options.out, [shared.attach(options.executive)], options.others)
+        block = shared.attach(options.executive)
+        recorder = Recorder(options.out, [block], options.others, options.judged)
     except (RecordError, SharedError) as error:
         print(error, file=sys.stderr)
         return NO_ENVIRONMENT

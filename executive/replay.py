@@ -79,7 +79,7 @@ class Assembler:
 
     def add(self, node: logs.Node) -> None:
         """Append a further piece of the log."""
-        both = node.columns | node.timing
+        both = {**node.columns, **node.timing}
         rows = np.empty((len(node.cycle), HEAD + len(self.names)), np.int64)
         rows[:, K], rows[:, STAMP] = node.cycle, node.stamp_ns
         rows[:, PASSES] = both.get("health.passes", node.cycle)

@@ -29,6 +29,7 @@ from executive.cycle import (
 from executive.emath_selftest import selftest
 from executive.facts import facts
 from executive.install import install
+from executive.long_logs import Wanted
 from executive.node import describe, plan
 from executive.recorder import Recorder
 from executive.rig import Rig
@@ -106,8 +107,8 @@ class Memory:
 class VirtualRun:
     """A rig in virtual time; `advance` runs it piece by piece, `close` completes the log."""
 
-    def __init__(self, rig: Rig, log: Path | None) -> None:
-        """`log` None keeps the records in memory (`memory.log()`)."""
+    def __init__(self, rig: Rig, log: Path | None, judged: Wanted | None = None) -> None:
+        """`log` None keeps the records in memory (`memory.log()`). `judged`: of the recorder."""
         selftest()
         made = [plan(rig, role, "lockstep") for role in rig.roles]
         metadata = facts() | {
@@ -129,7 +130,9 @@ class VirtualRun:
             self.blocks.append(block)
         self.steps = [p.steps for p in made]
         self.memory = Memory(self.blocks)
-        self.recorder = None if log is None else Recorder(log, self.blocks, clock=lambda: 0)
+        self.recorder = None if log is None else Recorder(
+            log, self.blocks, judged=judged, clock=lambda: 0
+        )  # fmt: skip
 
     def advance(self) -> Iterator[int]:
         """Run to the end in pieces; yield the cycles done after each."""

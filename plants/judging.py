@@ -6,34 +6,32 @@ no clock runs, else the newest one not stamped later; one older than 2 periods t
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from executive.errors import did_you_mean
 from executive.logs import Log
+from executive.long_logs import LongLog
+from plants.statistics import RMS, Statistic, over_finite, peak, rms
+
+__all__ = ["over_finite", "peak", "rms"]  # and what is defined here
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Made = TypeVar("Made")
 
 OLDEST_PERIODS = 2.0  # a paced plant's record is up to 1 period old, and later by its jitter
 EDGE_PERIODS = 1e-6  # rounding of a window's edge
-
-# Okabe and Ito's colours, which colour-blind readers tell apart
-BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
-ORANGE, PURPLE, SKY = "#E69F00", "#CC79A7", "#56B4E9"
-GREY, SHADE = "#707070", "#ECEFF3"
-POINTS = 3000  # of a drawn line: more than pixels
-SMALLEST_LATE_US = 1.0  # on the logarithmic axis
-TITLE_LETTERS = 60  # of 13 point across the page
 
 
 def plant_rows(log: Log, period_s: float) -> NDArray[np.int64]:
@@ -50,21 +48,40 @@ def plant_rows(log: Log, period_s: float) -> NDArray[np.int64]:
 
 def between(cycle: NDArray[np.int64], period_s: float, begin_s: float, end_s: float) -> Mask:
     """Return which cycles are in the window [begin, end)."""
-    first, past = np.ceil(np.array((begin_s, end_s)) / period_s - EDGE_PERIODS)
+    first, past = edges(period_s, begin_s, end_s)
     return (cycle >= first) & (cycle < past)
+
+
+def edges(period_s: float, begin_s: float, end_s: float) -> tuple[float, float]:
+    """Return the first cycle in a window, and the first behind it."""
+    first, past = np.ceil(np.array((begin_s, end_s)) / period_s - EDGE_PERIODS)
+    return float(first), float(past)
+
+
+class UnknownVariable(KeyError):
+    """A variable that the node has not, in one line with a proposal."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run by executive cycle; its columns are (n,), NaN where the log does not tell."""
+    """A run, or a stretch of it, by cycle of the executive or of another `leader`.
+
+    Its columns are (n,), NaN where the log does not tell. `first_row`: of the stretch in the run.
+    """
 
     log: Log
     period_s: float
+    leader: str = "executive"
+    first_row: int = 0
+    whole: Log | None = None  # of which this is a stretch
 
     @cached_property
     def cycle(self) -> NDArray[np.int64]:
-        """The cycles of the executive."""
-        return self.log.node["executive"].cycle
+        """The cycles."""
+        return self.log.node[self.leader].cycle
 
     @cached_property
     def t_s(self) -> Vector:
@@ -76,23 +93,53 @@ class Run:
         """The plant's row of each cycle, see `plant_rows`."""
         return plant_rows(self.log, self.period_s)
 
-    def executive(self, name: str) -> Vector:
-        """Return a variable of the executive."""
-        found = self.log.node["executive"].columns.get(name)
-        return np.full(len(self.cycle), math.nan) if found is None else found
+    @cached_property
+    def plant_tells(self) -> bool:
+        """Whether any cycle of the whole run has the plant's record."""
+        if self.whole is not None:
+            node = self.whole.node.get("plant")
+            return node is not None and len(node.cycle) > 0
+        return bool((self.rows >= 0).any())
 
-    def plant(self, name: str) -> Vector:
-        """Return a variable of the plant at the executive's cycles."""
+    def once(self, make: "Callable[[Run], Made]") -> "Made":
+        """Return what `make` makes of this run, made once."""
+        made: dict[Any, Any] = self.__dict__.setdefault("_made", {})
+        if make not in made:
+            made[make] = make(self)
+        found: Made = made[make]
+        return found
+
+    def executive(self, name: str, *, or_nan: bool = False) -> Vector:
+        """Return a variable of the executive; UnknownVariable, or NaN, if it has none."""
+        return self._column("executive", name, or_nan)
+
+    def plant(self, name: str, *, or_nan: bool = False) -> Vector:
+        """Return a variable of the plant at the executive's cycles; NaN without its record.
+
+        UnknownVariable, or NaN, if the plant's record does not have it.
+        """
         node = self.log.node.get("plant")
-        found = None if node is None else node.columns.get(name)
-        if found is None or not len(found):
+        if node is None or not len(node.cycle):
             return np.full(len(self.cycle), math.nan)
+        found = self._column("plant", name, or_nan)
+        if self.leader == "plant":
+            return found
         return np.where(self.rows < 0, math.nan, found[self.rows])
 
+    def _column(self, role: str, name: str, or_nan: bool) -> Vector:
+        node = self.log.node[role]
+        found = node.columns.get(name)
+        if found is not None:
+            return found
+        if or_nan or not len(node.columns):
+            return np.full(len(node.cycle), math.nan)
+        raise UnknownVariable(f"{role}: no variable {name}{did_you_mean(name, node.columns)}")
+
     def named(self, name: str) -> Vector:
-        """Return `executive:NAME` or `plant:NAME`."""
+        """Return `executive:NAME` or `plant:NAME`; NaN if there is none."""
         node, _, variable = name.partition(":")
-        return self.executive(variable) if node == "executive" else self.plant(variable)
+        which = self.executive if node == "executive" else self.plant
+        return which(variable, or_nan=True)
 
     def between(self, begin_s: float, end_s: float) -> Mask:
         """Return which cycles are in the window [begin, end)."""
@@ -125,157 +172,78 @@ def _parsed(rig: str) -> Any:
 
 # Figures of merit
 
-
-def over_finite(values: Vector, statistic: Callable[[Vector], Any]) -> float:
-    """Return the statistic of the finite values; NaN if there are none."""
-    finite = values[np.isfinite(values)]
-    with np.errstate(over="ignore"):  # of a run that diverged
-        return float(statistic(finite)) if finite.size else math.nan
+Signal = Callable[[Run], Vector]
 
 
-def rms(values: Vector) -> float:
-    """Return the root of the mean square."""
-    return math.sqrt(over_finite(values, lambda v: np.mean(v * v)))
+@dataclass(frozen=True)
+class Measure:
+    """A figure of a run: `scale` times a statistic of a signal, over a window or the whole run.
+
+    The signal is a function of a run, or of a stretch of it with a cycle more at both ends: what it
+    says of a cycle may depend on the neighbours.
+    """
+
+    signal: Signal
+    statistic: Statistic = RMS
+    window_s: tuple[float, float] | None = None
+    scale: float = 1.0
 
 
-def peak(values: Vector) -> float:
-    """Return the largest magnitude."""
-    return over_finite(values, lambda v: np.max(np.abs(v)))
+def measured(
+    log: Log, period_s: float, measures: Mapping[str, Measure], leader: str = "executive"
+) -> dict[str, float]:
+    """Return the figures of a run of any length by name; NaN where the log does not tell.
+
+    The signals are those of the cycles of `leader`. A short run is looked at as a whole, a long one
+    stretch by stretch.
+    """
+    if not isinstance(log, LongLog):
+        run = Run(log, period_s, leader)
+        return {
+            name: one.scale * one.statistic.whole(_own(run, one, slice(None)))
+            for name, one in measures.items()
+        }
+    left: dict[str, list[Any]] = {name: [] for name in measures}
+    for run, own in stretches(log, period_s, leader):
+        for name, one in measures.items():
+            values = _own(run, one, own)
+            if one.statistic.only_finite:
+                values = values[np.isfinite(values)]
+            if len(values):
+                with np.errstate(over="ignore"):  # of a run that diverged
+                    left[name].append(one.statistic.part(values))
+    return {name: one.scale * one.statistic.of(left[name]) for name, one in measures.items()}
+
+
+def reaches(log: Log, period_s: float, window_s: tuple[float, float], leader: str) -> bool:
+    """Return whether the log has a cycle of `leader` in the window."""
+    if leader not in log.node:
+        return False
+    cycle = log.node[leader].cycle
+    first, past = edges(period_s, *window_s)
+    row = bisect_left(cycle, first)
+    return row < len(cycle) and bool(cycle[row] < past)
+
+
+def _own(run: Run, one: Measure, own: slice) -> Vector:
+    """Return the signal of a measure in a run's own cycles, and of those in the window."""
+    values = one.signal(run)[own]
+    return values if one.window_s is None else values[run.between(*one.window_s)[own]]
+
+
+def stretches(log: LongLog, period_s: float, leader: str) -> Iterator[tuple[Run, slice]]:
+    """Yield stretches of a long run with the slice of their own cycles."""
+    row = 0
+    for part, begin, end in log.parts(leader):
+        yield Run(part, period_s, leader, row - begin, log), slice(begin, end)
+        row += end - begin
+
+
+def step(values: Vector) -> Vector:
+    """Return the change since the cycle before; NaN in the first."""
+    return np.diff(values, prepend=math.nan)
 
 
 def known(figures: Mapping[str, float]) -> dict[str, float]:
     """Return the figures without those that are NaN."""
     return {name: value for name, value in figures.items() if not math.isnan(value)}
-
-
-# Pages
-
-
-@dataclass(frozen=True)
-class Line:
-    """A drawn signal: `executive:NAME`, `plant:NAME`, or a function of the run."""
-
-    source: str | Callable[[Run], Vector]
-    label: str
-    colour: str = BLUE
-    width: float = 1.1
-    style: str = "-"
-
-    def values(self, run: Run) -> Vector:
-        """Return what to draw."""
-        return run.named(self.source) if isinstance(self.source, str) else self.source(run)
-
-
-@dataclass(frozen=True)
-class Panel:
-    """Axes of a page: label with unit, lines, relative height."""
-
-    label: str
-    lines: Sequence[Line]
-    height: float = 5.0
-
-
-def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
-    """Return a page of 1200 x 1500 pixels and its axes; ImportError, with the cure."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise ImportError("a figure needs matplotlib: pip install 'pcpc[plot]'") from None
-    page = Figure(figsize=(8.0, 10.0), dpi=150)
-    axes = page.subplots(len(panels), 1, sharex=True, height_ratios=panels, squeeze=False)[:, 0]
-    page.subplots_adjust(left=0.1, right=0.975, top=0.9, bottom=0.05, hspace=0.24)
-    size = 13.0 * min(1.0, TITLE_LETTERS / max(len(title), 1))  # a longer one would run off
-    page.text(0.018, 0.985, title, size=size, weight="bold", va="top")
-    page.text(0.018, 0.96, text, size=8, va="top", linespacing=1.5)
-    return page, axes
-
-
-def draw_page(
-    log: Log, path: Path, title: str, text: str, window_s: tuple[float, float],
-    panels: Sequence[Panel],
-) -> None:  # fmt: skip
-    """Write one PNG: `panels` above each other, below them how late a paced executive woke.
-
-    `text`: the two lines under the title. The window is shaded. Raises ImportError, with the cure,
-    where matplotlib is not installed.
-    """
-    there = "executive" in log.node and len(log.node["executive"].cycle) > 0
-    clocked = there and was_clocked(log)
-    heights = [panel.height for panel in panels]
-    page, axes = new_page([*heights, 3.0] if clocked else heights, title, text)
-    end_s = window_s[1]
-    if there:
-        run = Run(log, 1e-9 * float(log.metadata["executive"]["period_ns"]))
-        end_s = float(run.t_s[-1]) + run.period_s
-        for ax, panel in zip(axes, panels, strict=False):
-            for line in panel.lines:
-                style = {"linewidth": line.width, "linestyle": line.style}
-                draw_line(ax, run.t_s, line.values(run), line.label, line.colour, **style)
-        if clocked:
-            draw_lateness(axes[-1], run.t_s, log)
-    labels = [*(panel.label for panel in panels), "wake-up [us]"]
-    for ax, label in zip(axes, labels, strict=False):
-        ax.set_ylabel(label)
-        dress(ax, window_s)
-    axes[-1].set_xlabel("time [s]")
-    axes[0].set_xlim(0.0, end_s)
-    page.align_ylabels(axes)
-    page.savefig(path, format="png")
-
-
-def thinned(t: Vector, y: Vector, points: int = POINTS) -> tuple[Vector, Vector]:
-    """Return a line of about `points` points that shows the lowest and highest of every piece."""
-    size = -(-len(y) // (points // 2))
-    if size <= 2:
-        return t, y
-    whole = len(y) // size * size
-    pieces = y[:whole].reshape(-1, size)
-    first = np.arange(0, whole, size)
-    low = first + np.where(np.isnan(pieces), math.inf, pieces).argmin(axis=1)
-    high = first + np.where(np.isnan(pieces), -math.inf, pieces).argmax(axis=1)
-    kept = np.unique(np.concatenate((low, high, np.arange(whole, len(y)))))
-    return t[kept], y[kept]
-
-
-def draw_line(ax: "Axes", t: Vector, y: Vector, label: str, colour: str, **style: Any) -> None:
-    """Draw a signal where there is one."""
-    if np.isfinite(y).any():
-        ax.plot(*thinned(t, y), color=colour, label=label, **{"linewidth": 1.1, **style})
-
-
-def was_clocked(log: Log) -> bool:
-    """Return whether the executive woke by a clock."""
-    late_us = log.node["executive"].timing.get("timing.wake_late_us")
-    return late_us is not None and bool(late_us.any())
-
-
-def draw_lateness(ax: "Axes", t: Vector, log: Log) -> None:
-    """Draw how late a paced executive woke up."""
-    timing = log.node["executive"].timing
-    late_us = np.maximum(timing["timing.wake_late_us"], SMALLEST_LATE_US)
-    draw_line(ax, t, late_us, "wake-up behind the deadline", BLUE, linewidth=0.6)
-    for name, what, mark in (("late", "late", "x"), ("skipped", "after a skip", "v")):
-        count = timing.get(f"health.{name}_cycles", np.zeros(len(t)))
-        more = np.diff(count, prepend=0.0) > 0
-        if more.any():
-            label = f"{what} ({int(count[-1])})"
-            ax.plot(t[more], late_us[more], mark, color=VERMILION, markersize=5, label=label)
-    ax.set_yscale("log")
-
-
-def dress(ax: "Axes", window_s: tuple[float, float]) -> None:
-    """Shade the window, give axes their grid, their legend above them."""
-    ax.axvspan(*window_s, color=SHADE, linewidth=0, zorder=0)
-    ax.grid(color="#D0D0D0", linewidth=0.5)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(labelsize=8)
-    ax.yaxis.label.set_fontsize(9)
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=4, frameon=False, fontsize=8,
-            borderaxespad=0.0, handlelength=1.8,
-        )  # fmt: skip
-    else:
-        ax.set_yticks([])
-        ax.text(0.5, 0.5, "not in this log", transform=ax.transAxes, color=GREY, ha="center")

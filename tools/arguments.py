@@ -101,6 +101,10 @@ def _add_runs(commands: Any, texts: Mapping[str, str]) -> None:
         _add_json(one, "print the summary as one JSON object")
         one.add_argument("--quiet", action="store_true", help="no progress")
         one.add_argument("--no-figure", action="store_true", help="do not draw figure.png")
+        one.add_argument(
+            "--judge", action="store_true",
+            help="a limit that could not be judged, or nothing to judge, is exit code 1",
+        )  # fmt: skip
 
 
 def _add_table(commands: Any, texts: Mapping[str, str]) -> None:

@@ -43,18 +43,19 @@ def run_case(case: Case) -> Result:
     from executive.errors import RigError
     from executive.rig import load_rig
     from executive.virtual import in_memory
-    from tools.summary import evaluation_module
+    from tools.judge import EvaluationError, Judge
 
     try:
         rig = load_rig(case.rig, case.controller, case.settings)
         log = in_memory(rig)
     except RigError as error:
         return Result(case, failed=str(error))
-    module = evaluation_module(rig)
-    if module is None or rig.evaluation is None:
+    if rig.evaluation is None:
         return Result(case, failed=f"{case.rig}: names no evaluation file")
-    window = case.window_s or rig.evaluation.window_s
-    metrics = module.metrics(log, window, rig.evaluation.numbers, 1.0 / rig.config.rate_hz)
+    try:
+        metrics = Judge.of(rig).metrics_within(log, case.window_s or rig.evaluation.window_s)
+    except (RigError, EvaluationError) as error:
+        return Result(case, failed=str(error))
     done = len(log.node["executive"].cycle)
     expected = round(rig.config.duration_s * rig.config.rate_hz)
     return Result(case, metrics, _traces(log, case.traces), diverged=done < expected)

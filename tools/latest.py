@@ -41,16 +41,12 @@ def cause(cycle: Mapping[str, Any], period_us: float) -> str:
     return "woken late by timer, interrupts or hypervisor"
 
 
-def level(timing: Mapping[str, Any], rate_hz: float, limits: Timing) -> tuple[str, float]:
+def level(together: Mapping[str, float], rate_hz: float, limits: Timing) -> tuple[str, float]:
     """Return OK, WARN or ERROR, and lateness plus work at p99.9 as a fraction of the period.
 
-    `timing`: the executive's columns by name; without any, OK and 0.
+    `together`: percentiles of their sum, us; without any, OK and 0.
     """
-    names = [f"timing.{stage}_us" for stage in STAGES[:4]]
-    if not all(name in timing and len(timing[name]) for name in names):
-        return "OK", 0.0
-    total = np.sum([timing[name] for name in names], axis=0)
-    share = float(np.percentile(total, LEVEL_PERCENTILE)) * 1e-6 * rate_hz
+    share = together.get(f"p{LEVEL_PERCENTILE:g}", 0.0) * 1e-6 * rate_hz
     if limits.error is not None and share >= limits.error:
         return "ERROR", share
     if limits.warn is not None and share >= limits.warn:

@@ -7,6 +7,7 @@ ends all of them in order, and then reads the log back: what the summary says is
 import argparse
 import contextlib
 import itertools
+import json
 import os
 import signal
 import sys
@@ -18,7 +19,6 @@ from typing import Any
 
 from drivers import choice
 from drivers.errors import BusError, DbcError
-from executive import logs
 from executive import shared as sh
 from executive.errors import RigError
 from executive.mcap_writer import RecordError
@@ -27,14 +27,15 @@ from executive.rig_bus import bus_wanted
 from executive.roles import Role
 from tools import summary as summaries
 from tools.children import Child, complain
+from tools.conclude import LOG, conclude
 from tools.interface import named_bus
+from tools.judge import Judge, foreseen
 from tools.progress import Compiling, Progress, node_line
 
 USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
 SAFETY_STOP = 5
 BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
-LOG = "log.mcap"
-SUMMED_CYCLES = 300_000  # metrics and figure look at no more of a run: half a gigabyte
+UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
 _SHORT_END_S = 0.5  # and its death within this, or it is asked
@@ -52,8 +53,14 @@ class Host:
         self.bus = self.choice.bus
         self.pacing = options.pacing or rig.config.pacing
         self.progress, self.compiling = Progress(options.quiet), Compiling()
+        self.judge = Judge.of(rig)
+        self.judged = foreseen(self.judge, self.pacing, not options.no_figure)
         self.outcome = summaries.Outcome(
-            self.pacing, str(self.bus), changed=changed(options), begin_ns=BEGIN_NS
+            self.pacing,
+            str(self.bus),
+            changed=changed(options),
+            strict=options.judge,
+            begin_ns=BEGIN_NS,
         )
         self.children: dict[str, Child] = {}
         self.blocks: dict[str, sh.Shared] = {}
@@ -125,7 +132,10 @@ class Host:
         names = [self._block_name(role) for role in self.rig.roles]
         log = str(self.folder / LOG)
         self.children["recorder"] = Child(
-            "recorder", "executive.recorder", [log, *names], survives=True
+            "recorder",
+            "executive.recorder",
+            [log, *names, "--judged", json.dumps(self.judged)],
+            survives=True,
         )
 
     def _leader(self) -> str:
@@ -210,9 +220,13 @@ def _child_arguments(options: argparse.Namespace, bus: str) -> list[str]:
     return arguments
 
 
-def changed(options: argparse.Namespace) -> bool:
-    """Return True if an option changes what the rig's expectations are about."""
-    return any(setting.partition("=")[0] != "seed" for setting in options.set)
+def changed(options: argparse.Namespace) -> list[str]:
+    """Return the settings that change what the rig's expectations are about."""
+    return [
+        setting
+        for setting in options.set
+        if setting.partition("=")[0].partition(".")[0] not in UNJUDGED_KEYS
+    ]
 
 
 @contextlib.contextmanager
@@ -254,7 +268,7 @@ def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> in
         host = Host(options, rig, roles, folder)
         code = host.run()
         if code < 0:
-            return conclude(rig, folder, host.outcome, options)
+            return conclude(host.judge, folder, host.outcome, options, host.judged)
         os.truncate(folder / LOG, 0)  # of the other node, which waited in vain
         return code
 
@@ -276,9 +290,11 @@ def simulate(options: argparse.Namespace) -> int:
 
     rig = load_rig(options.rig, options.controller, options.set)
     progress = Progress(options.quiet)
-    outcome = summaries.Outcome("virtual", "memory", changed=changed(options))
+    judge = Judge.of(rig)
+    judged = foreseen(judge, "lockstep", not options.no_figure)
+    outcome = summaries.Outcome("virtual", "memory", changed=changed(options), strict=options.judge)
     with run_folder(options, rig) as folder:
-        run = VirtualRun(rig, folder / LOG)
+        run = VirtualRun(rig, folder / LOG, judged)
 
         def interrupt(number: int, frame: Any) -> None:
             outcome.interrupted = True
@@ -295,31 +311,7 @@ def simulate(options: argparse.Namespace) -> int:
         for block in run.blocks:
             outcome.judge(block.description["node"], 0, block)
         outcome.realtime = None
-        return conclude(rig, folder, outcome, options)
-
-
-def conclude(
-    rig: Rig, folder: Path, outcome: summaries.Outcome, options: argparse.Namespace
-) -> int:
-    """Read the log back, write summary and figure, print; return the exit code of the verdict."""
-    try:
-        log, end = logs.beginning(folder / LOG, SUMMED_CYCLES)
-    except logs.LogError as error:
-        if outcome.interrupted:  # before there was anything to record
-            return summaries.CODES["interrupted"]
-        print(*outcome.faults, error, sep="\n", file=sys.stderr)
-        return summaries.CODES["safety stop" if outcome.faults else "loss"]
-    summary = summaries.summarise(rig, log, outcome, end)
-    text = summaries.write_json(summary, folder / "summary.json")
-    drawn = folder / "figure.png"
-    reason = "" if options.no_figure else summaries.draw(rig, log, summary["metrics"], drawn)
-    if reason:
-        print(f"no figure: {reason}", file=sys.stderr)
-    if options.json:
-        print(text)
-    else:
-        summaries.show(summary, folder)
-    return summaries.CODES[summary["verdict"]]
+        return conclude(judge, folder, outcome, options, judged)
 
 
 def command(options: argparse.Namespace) -> int:

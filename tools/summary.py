@@ -1,41 +1,60 @@
-"""What a run came to: metrics, timing, frames, verdict; as a table, as summary.json, as a figure.
+"""What a run came to: metrics, timing, frames, verdict; as summary.json. As text: tools/report.py.
 
 verdict              exit code
 ok                   0
-expectation not met  1    a metric is outside the rig's two-sided limits
+expectation not met  1    a metric is outside the rig's two-sided limits, the evaluation failed, or
+                          somebody else ended the run before its last cycle
 loss                 3    frames lost (but not on purpose) or stale, records dropped, or a part of
                           the log missing
 safety stop          5    a node faulted or died
 interrupted          130  Ctrl-C
+
+Counters are those of the nodes at their end, not of what the log keeps.
 """
 
-import importlib.util
 import json
 import math
 import re
-import shutil
 import signal
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
 from executive import logs
 from executive import shared as sh
+from executive.distribution import Distribution
+from executive.long_logs import LongLog
 from executive.rig import Rig
+from tools.frames import frames_to
+from tools.judge import Judge, evaluation_module
 from tools.latest import latest_cycles, level
+
+__all__ = ["evaluation_module"]  # and what is defined here
 
 CODES = {"ok": 0, "expectation not met": 1, "loss": 3, "safety stop": 5, "interrupted": 130}
 _PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
-LATEST_SHOWN = 3  # of those in summary.json
 _STAGES = ("wake_late", "receive", "step", "send", "publish")
+
+
+Summary = dict[str, Any]
+
+_HEALTH = {  # key of the summary -> word of `control`, variable of the log
+    "late_cycles": (sh.LATE, "late_cycles"),
+    "skipped_cycles": (sh.SKIPPED, "skipped_cycles"),
+    "held_cycles": (sh.HELD, "held_cycles"),
+    "sent": (sh.SENT, "frames_sent"),
+    "received": (sh.RECEIVED, "frames_received"),
+    "lost": (sh.LOST, "frames_lost"),
+    "stale": (sh.STALE, "stale_cycles"),
+    "crc_errors": (sh.CRC_ERRORS, "crc_errors"),
+    "repeated": (sh.REPEATED, "frames_repeated"),
+    "saturated_values": (sh.SATURATED, "saturated_values"),
+    "lost_on_purpose": (sh.LOST_ON_PURPOSE, "frames_lost_on_purpose"),
+}
 
 
 @dataclass
@@ -46,15 +65,17 @@ class Outcome:
     bus: str
     interrupted: bool = False
     faults: list[str] = field(default_factory=list)
-    changed: bool = (
-        False  # values were set on the command line: the rig's expectations do not apply
-    )
+    changed: list[str] = field(default_factory=list)  # NAME=VALUE, on the command line
+    strict: bool = False  # what could not be judged is not met
     realtime: bool | None = None
     begin_ns: int | None = None  # monotonic, of the command; None in virtual time
     dropped: int = 0
     cycles: int = 0
+    short: str = ""  # how far the run came, where it ended early
     latest: list[dict[str, Any]] = field(default_factory=list)
     nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
+    kept: dict[str, int] = field(default_factory=dict)  # cycles of each node in the log
+    health: dict[str, dict[str, int]] = field(default_factory=dict)  # of the nodes seen here
 
     def judge(self, name: str, code: int, block: sh.Shared | None) -> None:
         """Note the fault or death of process `name`, and what a node's rings dropped."""
@@ -71,27 +92,50 @@ class Outcome:
             self.nodes.append(name)
             rings = [block[f"{ring}_ends"] for ring in ("record", "frame", "event")]
             self.dropped += sum(int(ends[sh.DROPPED]) for ends in rings)
+            counters = block["control"]
+            self.health[name] = {key: int(counters[word]) for key, (word, _) in _HEALTH.items()}
             if name == "executive":
+                self.short = _short(block)
                 self.latest = latest_cycles(block)
                 self.cycles = int(block["control"][sh.CYCLE]) + 1
                 self.realtime = bool(block["control"][sh.REALTIME])
 
 
-def summarise(
-    rig: Rig, log: logs.Log, outcome: Outcome, end: logs.Log | None = None
-) -> dict[str, Any]:
-    """Return the content of summary.json; `end`: the last piece, where `log` does not reach it."""
+def _short(block: sh.Shared) -> str:
+    """Return how far a run came that ended before its last cycle; "" if it did not."""
+    control, wanted = block["control"], int(block.description["cycles"])
+    if int(control[sh.PASSES]) + int(control[sh.SKIPPED]) >= wanted:
+        return ""
+    done = int(control[sh.CYCLE]) + 1 if control[sh.PASSES] else 0
+    asked = " asked to end (SIGTERM or SIGINT)" if control[sh.STOP] else " ended"
+    return f"{done:,} of {wanted:,} cycles: the executive was{asked} before"
+
+
+def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = None) -> Summary:
+    """Return the content of summary.json."""
     executive = log.node.get("executive")
-    end = end or log
-    health = _health(end)
-    metrics, limits = _metrics(rig, log), rig.config.timing
+    health = _health(log, outcome)
     kept_back = rig.config.record.keep is not None
-    failed = [] if outcome.changed or kept_back else _failed(rig, metrics)
-    timing, share = level(executive.timing if executive else {}, rig.config.rate_hz, limits)
-    if timing == "ERROR":
+    early = ""
+    if outcome.interrupted or outcome.faults or outcome.short:
+        early = "the run did not come to its end"
+    changed = [*outcome.changed, *_tuned(rig, log)]
+    found = (judge or Judge.of(rig)).judge(log, changed, early)
+    timing = _timing(log, outcome)
+    failed, limits = [*found.failed], rig.config.timing
+    if timing and limits.error is not None:
+        found.judged.append("timing")
+    worst_us = timing.pop("together", {})
+    timing_level, share = level(worst_us, rig.config.rate_hz, limits)
+    if timing_level == "ERROR":
         failed.append(
             f"lateness and work at p99.9 are {share:.2f} of a period, limit {limits.error}"
         )
+    if outcome.short and not (outcome.interrupted or outcome.faults):
+        failed.append(outcome.short)
+    if outcome.strict:
+        failed += [f"{name} was not judged: {why}" for name, why in found.not_judged.items()]
+        failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
     summary: dict[str, Any] = {
         "rig": rig.config.rig,
@@ -101,22 +145,26 @@ def summarise(
         "bus": outcome.bus,
         "seed": rig.config.seed,
         "rate_hz": rig.config.rate_hz,
-        "cycles": max(_cycles(end.node.get("executive")), outcome.cycles),
+        "cycles": max(_cycles(executive), outcome.cycles),
         "late_cycles": health.pop("late_cycles"),
         "skipped_cycles": health.pop("skipped_cycles"),
         "held_cycles": health.pop("held_cycles"),
-        "metrics": metrics,
-        "timing_us": _timing(executive, outcome),
-        "timing_level": timing,
+        "metrics": found.metrics,
+        "timing_us": timing,
+        "timing_level": timing_level,
         "timing_share": round(share, 4),
         "latest_cycles": outcome.latest,
         "frames": health,
+        "frames_to": frames_to(rig, log, _each_health(log, outcome)),
         "records": {
-            "written": _written(log),
+            "written": _written(log, outcome),
             "dropped": _dropped(log, outcome),
             **({"kept_back": True} if kept_back else {}),
         },
         "faults": outcome.faults,
+        "changed": changed,
+        "judged": found.judged,
+        "not_judged": found.not_judged,
         "expectations_failed": failed,
         "realtime": outcome.realtime,
         "start_to_first_cycle_s": _start_s(executive, outcome),
@@ -124,6 +172,20 @@ def summarise(
     }
     summary["verdict"] = _verdict(summary, outcome)
     return summary
+
+
+def _tuned(rig: Rig, log: logs.Log) -> list[str]:
+    """Return the live tunings of a run, NAME=VALUE; those of the rig's schedule are none."""
+    planned = [(name, value) for entry in rig.config.schedule for name, value in entry.set.items()]
+    last: dict[str, str] = {}
+    for node in log.node.values():
+        for tuning in node.tunings:
+            name, value = str(tuning.get("name")), float(tuning.get("value", math.nan))
+            if (name, value) in planned:
+                planned.remove((name, value))
+            else:
+                last[name] = f"{name}={value:g}"
+    return list(last.values())
 
 
 def _cycles(executive: logs.Node | None) -> int:
@@ -154,38 +216,69 @@ def _last(values: NDArray[np.float64] | None) -> int:
     return int(values[-1]) if values is not None and len(values) else 0
 
 
-def _health(log: logs.Log) -> dict[str, int]:
-    """Return the counters of both nodes; frames of both directions are added."""
-    total = dict.fromkeys(
-        ("late_cycles", "skipped_cycles", "held_cycles", "sent", "received", "lost", "stale",
-         "crc_errors",
-         "repeated", "saturated_values", "lost_on_purpose"), 0)  # fmt: skip
-    names = {
-        "late_cycles": "late_cycles", "skipped_cycles": "skipped_cycles",
-        "held_cycles": "held_cycles",
-        "sent": "frames_sent", "received": "frames_received", "lost": "frames_lost",
-        "stale": "stale_cycles", "crc_errors": "crc_errors", "repeated": "frames_repeated",
-        "saturated_values": "saturated_values", "lost_on_purpose": "frames_lost_on_purpose",
-    }  # fmt: skip
+def _each_health(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, int]]:
+    """Return the counters of each node: its own ones if it ran here, else the last in the log."""
+    found = dict(outcome.health)
     for role, node in log.node.items():
-        for key, name in names.items():
-            if key.endswith("_cycles") and role != "executive":
-                continue
-            total[key] += _last(node.timing.get(f"health.{name}"))
+        if role not in found:
+            timing = node.timing
+            found[role] = {k: _last(timing.get(f"health.{v}")) for k, (_, v) in _HEALTH.items()}
+    return found
+
+
+def _health(log: logs.Log, outcome: Outcome) -> dict[str, int]:
+    """Return the counters of all nodes added up; those of cycles are the executive's."""
+    total = dict.fromkeys(_HEALTH, 0)
+    for role, counters in _each_health(log, outcome).items():
+        for key, count in counters.items():
+            if role == "executive" or not key.endswith("_cycles"):
+                total[key] += count
     return total
 
 
-def _timing(executive: logs.Node | None, outcome: Outcome) -> dict[str, dict[str, float]]:
-    """Return percentiles of each stage, us; empty in virtual time."""
+def _timing(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, float]]:
+    """Return percentiles of each stage and of lateness and work `together`, us; {} without a clock.
+
+    Of a log too long to be read whole to one part in a million.
+    """
+    executive = log.node.get("executive")
     if executive is None or outcome.pacing == "virtual" or not len(executive.cycle):
         return {}
-    found: dict[str, dict[str, float]] = {}
-    for stage in _STAGES:
-        values = executive.timing[f"timing.{stage}_us"]
-        points = np.percentile(values, _PERCENTILES)
-        found[stage] = {f"p{p:g}" if p < 100 else "max": round(float(v), 2)
-                        for p, v in zip(_PERCENTILES, points, strict=True)}  # fmt: skip
-    return found
+    found: dict[str, Any] = {}
+    names = [f"timing.{stage}_us" for stage in _STAGES]
+    if not all(name in executive.timing for name in names):
+        return {}
+    for part in _parts(log):
+        timing = {stage: part.timing[f"timing.{stage}_us"] for stage in _STAGES}
+        timing["together"] = np.sum([timing[stage] for stage in _STAGES[:4]], axis=0)
+        for stage, values in timing.items():
+            if not isinstance(log, LongLog):
+                found[stage] = np.percentile(values, _PERCENTILES).tolist()
+                continue
+            found.setdefault(stage, Distribution()).add(values)
+    if isinstance(log, LongLog):
+        found = {k: [d.quantile(p / 100.0) for p in _PERCENTILES] for k, d in found.items()}
+    return {
+        stage: {
+            f"p{p:g}" if p < 100 else "max": value if stage == "together" else round(value, 2)
+            for p, value in zip(_PERCENTILES, points, strict=True)
+        }
+        for stage, points in found.items()
+    }
+
+
+def _parts(log: logs.Log) -> Iterator[logs.Node]:
+    """Yield the executive's record, of a long log piece by piece."""
+    if not isinstance(log, LongLog):
+        yield log.node["executive"]
+        return
+    for part, begin, end in log.parts("executive"):
+        node = part.node["executive"]
+        columns = {k: node.timing[f"timing.{k}_us"][begin:end] for k in _STAGES}
+        yield logs.Node(
+            node.cycle, node.stamp_ns, {}, {f"timing.{k}_us": v for k, v in columns.items()},
+            node.frames, [], [], {},
+        )  # fmt: skip
 
 
 def _dropped(log: logs.Log, outcome: Outcome) -> int:
@@ -194,46 +287,22 @@ def _dropped(log: logs.Log, outcome: Outcome) -> int:
     return max(sum(counts.values()), outcome.dropped)
 
 
-def _written(log: logs.Log) -> int:
+def _written(log: logs.Log, outcome: Outcome) -> int:
     """Return the cycles in the log: as the recorder counted, if it came to its end."""
     run = log.metadata.get("run", {})
     counts = [int(n) for k, n in run.items() if re.fullmatch(r"written\..*\.record", k)]
     if counts and run.get("discarded", "0") == "0":
         return sum(counts)
-    return sum(len(node.cycle) for node in log.node.values())
+    kept = outcome.kept or {name: len(node.cycle) for name, node in log.node.items()}
+    return sum(kept.values())
 
 
-def evaluation_module(rig: Rig) -> ModuleType | None:
-    """Import the rig's evaluation file, if it names one."""
-    if rig.evaluation is None:
-        return None
-    name = "pcpc_evaluation"
-    spec = importlib.util.spec_from_file_location(name, rig.evaluation.file)
-    assert spec is not None and spec.loader is not None, "a .py file has a loader"
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
-def _metrics(rig: Rig, log: logs.Log) -> dict[str, float]:
-    module = evaluation_module(rig)
-    if module is None or rig.evaluation is None:
-        return {}
-    found = module.metrics(
-        log, rig.evaluation.window_s, rig.evaluation.numbers, 1.0 / rig.config.rate_hz
-    )
-    return {name: float(value) for name, value in found.items()}
-
-
-def _failed(rig: Rig, metrics: Mapping[str, float]) -> list[str]:
-    """Return a line for each expectation that is not met; a metric that is missing is not met."""
-    lines = []
-    for name, (low, high) in rig.config.expect.get(rig.config.controller, {}).items():
-        value = metrics.get(name, math.nan)
-        if not low <= value <= high:
-            lines.append(f"{name} = {value:.4g} is outside {low:g}..{high:g}")
-    return lines
+def note_figure(summary: Summary, problem: str) -> None:
+    """Enter what is wrong with the figure, if anything is, into a summary and its verdict."""
+    if problem:
+        summary["expectations_failed"].append(problem)
+        if summary["verdict"] == "ok":
+            summary["verdict"] = "expectation not met"
 
 
 def write_json(summary: Mapping[str, Any], path: Path) -> str:
@@ -249,61 +318,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(child) for child in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def draw(rig: Rig, log: logs.Log, metrics: Mapping[str, float], path: Path) -> str:
-    """Draw the rig's figure; return "" or the reason why there is none."""
-    module = evaluation_module(rig)
-    if module is None or rig.evaluation is None or not hasattr(module, "figure"):
-        return "the rig names no evaluation file with a figure"
-    title = f"{rig.config.rig}: {rig.config.title}, controller {rig.config.controller}"
-    try:
-        module.figure(log, path, title, metrics, rig.evaluation.window_s)
-    except ImportError as error:
-        return str(error)
-    return ""
-
-
-def show(summary: Mapping[str, Any], folder: Path) -> None:
-    """Print the summary as a table on stdout."""
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold")
-    table.add_column()
-    kind = (
-        ""
-        if summary["realtime"] is None
-        else (", real-time" if summary["realtime"] else ", not real-time")
-    )
-    table.add_row("rig", f"{summary['rig']}: {summary['title']}")
-    table.add_row(
-        "run",
-        f"{summary['controller']}, {summary['pacing']}, {summary['bus']}, "
-        f"seed {summary['seed']}{kind}",
-    )
-    for name, value in summary["metrics"].items():
-        table.add_row(name, f"{value:.4g}")
-    cycles = f"{summary['cycles']} at {summary['rate_hz']:g} Hz; late {summary['late_cycles']}, "
-    table.add_row(
-        "cycles", f"{cycles}skipped {summary['skipped_cycles']}, held {summary['held_cycles']}"
-    )
-    for stage, points in summary["timing_us"].items():
-        table.add_row(
-            f"{stage} us", "  ".join(f"{name} {value:g}" for name, value in points.items())
-        )
-    if summary["timing_us"]:
-        share = f"lateness and work at p99.9: {summary['timing_share']:.1%} of a period"
-        table.add_row("timing", f"{summary['timing_level']}; {share}")
-    for worst in summary["latest_cycles"][:LATEST_SHOWN]:
-        at = f"cycle {worst['cycle']}, {worst['wake_late_us']:g} us: {worst['cause']}"
-        table.add_row("latest", at)
-    table.add_row(
-        "frames", "  ".join(f"{name} {value}" for name, value in summary["frames"].items())
-    )
-    table.add_row(
-        "records", "  ".join(f"{name} {value}" for name, value in summary["records"].items())
-    )
-    for line in (*summary["faults"], *summary["expectations_failed"], *summary["log_missing"]):
-        table.add_row("problem", line)
-    table.add_row("verdict", summary["verdict"])
-    table.add_row("folder", str(folder))
-    Console(highlight=False, width=max(shutil.get_terminal_size().columns, 120)).print(table)

@@ -4,8 +4,6 @@
     muzzle error  q_d - (theta + slope'q - droop(q_d))                                      (2)
     droop(q_d)    static muzzle slope, droop(theta) cos q_d / cos theta; calibrated out     (3)
     u             motor torque command, saturated, times the gear ratio                     (4)
-    r             (q_d' - theta') + Lam (q_d - theta), from the true state                  (5)
-    |r| < (sup|w| + kappa Z_B^2/4)/Kv,  w = M r' + Kv r: what the network left over         (6)
 
 Windows, and which record of the plant belongs to a cycle: plants/judging.py.
 Inside rad, s, N m; metrics in mrad, s, N m at the output. The definitions are this project's.
@@ -18,35 +16,39 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from executive.logs import Log
 from plants.judging import (
+    Mask,
+    Measure,
+    Run,
+    Signal,
+    Vector,
+    known,
+    measured,
+    reaches,
+    setting,
+    step,
+)
+from plants.pages import (
     BLACK,
     BLUE,
     GREEN,
     GREY,
     VERMILION,
-    Mask,
-    Vector,
-    between,
     draw_lateness,
     draw_line,
     dress,
     new_page,
-    over_finite,
-    peak,
-    plant_rows,
-    rms,
-    setting,
+    traces,
     was_clocked,
 )
+from plants.statistics import COUNT, HIGH, MEAN, PEAK, RMS, STD, peak
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SETTLED_RAD = 2e-3
-MOVED_INERTIA_KG_M2 = 3.580  # nominal: hub, straight barrel, rotor through the gear
 MRAD = 1e3
 
 ONE_DEGREE_RAD = math.pi / 180
@@ -54,10 +56,8 @@ ONE_DEGREE_RAD = math.pi / 180
 
 @dataclass(frozen=True)
 class Signals:
-    """A run by executive cycle, all (n,); NaN where the log does not tell."""
+    """A run, or a stretch of it, by executive cycle, all (n,); NaN where the log does not tell."""
 
-    period_s: float
-    cycle: NDArray[np.int64]
     true: Mask  # the plant's record is there
     q_d_rad: Vector
     theta_rad: Vector  # measured, as its error, if no cycle has the plant's record
@@ -68,42 +68,41 @@ class Signals:
     gear_torque_Nm: Vector
     motor_torque_Nm: Vector  # the command
 
-    @property
-    def t_s(self) -> Vector:
-        """Time of the cycles."""
-        return np.asarray(self.cycle * self.period_s, np.float64)
 
-    def between(self, begin_s: float, end_s: float) -> Mask:
-        """Return which cycles are in the window [begin, end)."""
-        return between(self.cycle, self.period_s, begin_s, end_s)
-
-
-def signals(log: Log, period_s: float) -> Signals:
-    """Pair the records of both nodes, form the errors (1) and (2). The log has an executive."""
-    executive, plant = log.node["executive"], log.node.get("plant")
-    rows = plant_rows(log, period_s)
-    unknown = np.full(len(rows), math.nan)
-    truths = plant.columns if plant and (rows >= 0).any() else {}
+def signals(run: Run) -> Signals:
+    """Pair the records of both nodes, form the errors (1) and (2)."""
 
     def told(name: str) -> Vector:
-        return executive.columns.get(name, unknown)
+        return run.executive(name, or_nan=True)
 
     def truth(name: str) -> Vector:
-        values = truths.get(f"barrel.{name}")
-        return unknown if values is None else np.where(rows < 0, math.nan, values[rows])
+        return run.plant(f"barrel.{name}", or_nan=True)
 
     q_d, theta, elastic = told("reference.q_d_rad"), truth("theta_rad"), truth("elastic_slope_rad")
-    true = (rows >= 0) if "barrel.theta_rad" in truths else rows < -1
-    if not true.any():
+    true = run.rows >= 0
+    if not run.plant_tells:
         theta = q_d - told("controller.e_rad")
     with np.errstate(invalid="ignore"):  # of an infinite theta
         droop = truth("droop_rad") * np.cos(q_d) / np.cos(theta)  # (3)
     return Signals(
-        period_s, executive.cycle, true, q_d, theta,
+        true, q_d, theta,
         q_d - theta,  # (1)
         q_d - (theta + elastic - droop),  # (2)
         elastic, truth("slope1_rad"), truth("gear_torque_Nm"), told("controller.motor_torque_Nm"),
     )  # fmt: skip
+
+
+def _signal(name: str) -> Signal:
+    """Return one of `Signals` as a function of a run."""
+
+    def of(run: Run) -> Vector:
+        found: Vector = getattr(run.once(signals), name)
+        return found
+
+    return of
+
+
+HUB_ERROR, MUZZLE_ERROR = _signal("hub_error_rad"), _signal("muzzle_error_rad")
 
 
 def metrics(
@@ -117,68 +116,66 @@ def metrics(
     but do not count as settled. Without the plant's record the hub error is the measured one, and
     what needs the true state is absent.
     """
-    if "executive" not in log.node:
+    if not reaches(log, period_s, window_s, "executive"):
         return {}
-    run = signals(log, period_s)
-    window = run.between(*window_s)
-    if not window.any():
-        return {}
-    u = run.motor_torque_Nm * numbers.get("gear_ratio", setting(log, "gear_ratio"))  # (4)
-    into = (np.diff(run.cycle) == 1) & window[1:]  # also from the cycle before the window
-    found = {
-        "muzzle_error_rms_mrad": MRAD * rms(run.muzzle_error_rad[window]),
-        "muzzle_error_max_mrad": MRAD * peak(run.muzzle_error_rad[window]),
-        "hub_error_rms_mrad": MRAD * rms(run.hub_error_rad[window]),
-        "hub_error_max_mrad": MRAD * peak(run.hub_error_rad[window]),
-        "effort_rms_Nm": rms(u[window]),
-        "command_step_rms_Nm": rms(np.diff(u)[into]),
+    ratio = numbers.get("gear_ratio", setting(log, "gear_ratio"))
+
+    def command_Nm(run: Run) -> Vector:
+        return run.once(signals).motor_torque_Nm * ratio  # (4)
+
+    def command_step_Nm(run: Run) -> Vector:  # also from the cycle before the window
+        return np.where(step(run.cycle.astype(float)) == 1, step(command_Nm(run)), math.nan)
+
+    measures = {
+        "muzzle_error_rms_mrad": Measure(MUZZLE_ERROR, RMS, window_s, MRAD),
+        "muzzle_error_max_mrad": Measure(MUZZLE_ERROR, PEAK, window_s, MRAD),
+        "hub_error_rms_mrad": Measure(HUB_ERROR, RMS, window_s, MRAD),
+        "hub_error_max_mrad": Measure(HUB_ERROR, PEAK, window_s, MRAD),
+        "effort_rms_Nm": Measure(command_Nm, RMS, window_s),
+        "command_step_rms_Nm": Measure(command_step_Nm, RMS, window_s),
     }
-    if (part := _part(run, numbers, "rest")) is not None:
-        found["muzzle_rest_mrad"] = MRAD * over_finite(np.abs(run.muzzle_error_rad[part]), np.mean)
-    if (part := _part(run, numbers, "settle")) is not None:
-        found["settle_2mrad_s"] = _settling(run, part, numbers["settle_from_s"])
-    if (part := _part(run, numbers, "vibration")) is not None:
-        found["vibration_mrad"] = MRAD * over_finite(run.elastic_rad[part], np.std)
-        found["vibration1_mrad"] = MRAD * over_finite(run.slope1_rad[part], np.std)
-    if "controller.norm_z" in log.node["executive"].columns:
-        found |= _bound(log, run, window)
-    return {name: value for name, value in found.items() if not math.isnan(value)}
+    if (part := _part(numbers, "rest")) is not None:
+        measures["muzzle_rest_mrad"] = Measure(
+            lambda run: np.abs(MUZZLE_ERROR(run)), MEAN, part, MRAD
+        )
+    if (part := _part(numbers, "settle")) is not None:
+        measures["seen_s"] = Measure(_seen_s, HIGH, part)
+        measures["outside_s"] = Measure(_outside_s, HIGH, part)
+    if (part := _part(numbers, "vibration")) is not None:
+        measures["vibration_mrad"] = Measure(_signal("elastic_rad"), STD, part, MRAD)
+        measures["vibration1_mrad"] = Measure(_signal("slope1_rad"), STD, part, MRAD)
+    found = measured(log, period_s, measures)
+    if "seen_s" in found:
+        ends = found.pop("seen_s"), found.pop("outside_s")
+        found["settle_2mrad_s"] = _settling(*ends, period_s, numbers["settle_from_s"])
+    return known(found)
 
 
-def _bound(log: Log, run: Signals, window: Mask) -> dict[str, float]:
-    """Return the largest filtered error and the bound of the theory (6), from the window."""
-    lam, kv = setting(log, "lam_per_s"), setting(log, "kv_Nms_rad")
-    rows = plant_rows(log, run.period_s)
-    plant = log.node.get("plant")
-    if plant is None or not (rows >= 0).any():
-        return {}
-    rate = np.where(rows < 0, math.nan, plant.columns["barrel.theta_rate_rad_s"][rows])
-    desired = log.node["executive"].columns["reference.q_d_rate_rad_s"]
-    r = (desired - rate) + lam * run.hub_error_rad  # (5)
-    w = MOVED_INERTIA_KG_M2 * np.gradient(r, run.period_s) + kv * r
-    leak = setting(log, "kappa") * setting(log, "z_bound") ** 2 / 4.0
-    return {
-        "filtered_error_max_rad_s": peak(r[window]),
-        "filtered_error_bound_rad_s": (peak(w[window]) + leak) / kv,  # (6)
-    }
-
-
-def _part(run: Signals, numbers: Mapping[str, float], name: str) -> Mask | None:
-    """Return the cycles of a metric's own window; None where `numbers` does not ask for it."""
+def _part(numbers: Mapping[str, float], name: str) -> tuple[float, float] | None:
+    """Return a metric's own window; None where `numbers` does not ask for it."""
     if f"{name}_from_s" not in numbers:
         return None
-    return run.between(numbers[f"{name}_from_s"], numbers.get(f"{name}_to_s", math.inf))
+    return numbers[f"{name}_from_s"], numbers.get(f"{name}_to_s", math.inf)
 
 
-def _settling(run: Signals, part: Mask, from_s: float) -> float:
+def _seen_s(run: Run) -> Vector:
+    """Return the times of the cycles with the plant's record, NaN else."""
+    return np.where(run.once(signals).true, run.t_s, math.nan)
+
+
+def _outside_s(run: Run) -> Vector:
+    """Return those of them that are not settled."""
+    outside = ~(np.abs(MUZZLE_ERROR(run)) <= SETTLED_RAD)  # so is NaN
+    return np.where(outside, _seen_s(run), math.nan)
+
+
+def _settling(seen_s: float, outside_s: float, period_s: float, from_s: float) -> float:
     """Return the time to the last cycle outside plus a period; inf if none comes after it."""
-    part = part & run.true
-    if not part.any():
+    if math.isnan(seen_s):
         return math.nan
-    outside = ~(np.abs(run.muzzle_error_rad[part]) <= SETTLED_RAD)  # so is NaN
-    if outside[-1]:
+    if outside_s == seen_s:
         return math.inf
-    return float(run.t_s[part][outside][-1]) + run.period_s - from_s if outside.any() else 0.0
+    return 0.0 if math.isnan(outside_s) else outside_s + period_s - from_s
 
 
 def figure(
@@ -192,13 +189,20 @@ def figure(
     page, axes = new_page((5, 6, 4, 5, 4), title, _summary(metrics, window_s))
     end_s = window_s[1]
     if "executive" in log.node and len(log.node["executive"].cycle):
-        run = signals(log, 1e-9 * float(log.metadata["executive"]["period_ns"]))
-        end_s = float(run.t_s[-1]) + run.period_s
-        _draw_pointing(axes[0], axes[1], run, "settle_2mrad_s" in metrics)
-        draw_line(axes[2], run.t_s, MRAD * run.elastic_rad, "elastic slope at the muzzle", GREEN)
-        _draw_command(axes[3], run, setting(log, "gear_ratio"), setting(log, "tau_max_Nm"))
-        _draw_timing(axes[4], run, log)
-        _mark_tunings(axes, run.period_s, log)
+        period_s = 1e-9 * float(log.metadata["executive"]["period_ns"])
+        end_s = period_s * (int(log.node["executive"].cycle[-1]) + 1)
+        lines = _lines(log, period_s)
+        _draw_pointing(axes[0], axes[1], lines, "settle_2mrad_s" in metrics)
+        _draw(axes[2], lines["elastic_rad"], MRAD, "elastic slope at the muzzle", GREEN)
+        _draw_command(axes[3], lines, setting(log, "gear_ratio"), setting(log, "tau_max_Nm"))
+        if was_clocked(log):
+            draw_lateness(axes[4], period_s, log)
+            axes[4].set_ylabel("wake-up [us]")
+        else:
+            style = {"linewidth": 0.8}
+            _draw(axes[4], lines["gear_torque_Nm"], 1.0, "shaft torque on the hub", BLUE, **style)
+            axes[4].set_ylabel("torque [N m]")
+        _mark_tunings(axes, period_s, log)
     axes[2].set_ylabel("slope [mrad]")
     axes[4].set_xlabel("time [s]")
     for ax in axes:
@@ -245,28 +249,57 @@ def _summary(metrics: Mapping[str, float], window_s: tuple[float, float]) -> str
     return text.replace("within 2 mrad after inf s", "not settled to 2 mrad")
 
 
-def _draw_pointing(angle: "Axes", error: "Axes", run: Signals, settles: bool) -> None:
-    measured = "" if run.true.any() else ", measured"
-    in_degrees = peak(run.q_d_rad) >= ONE_DEGREE_RAD
+@dataclass(frozen=True)
+class Lines:
+    """The drawn signals by name, each as (t, values); `true`: they are the plant's own."""
+
+    of: Mapping[str, tuple[Vector, Vector]]
+    true: bool
+
+    def __getitem__(self, name: str) -> tuple[Vector, Vector]:
+        return self.of[name]
+
+
+_DRAWN = (
+    "q_d_rad", "theta_rad", "hub_error_rad", "muzzle_error_rad", "elastic_rad", "gear_torque_Nm",
+    "motor_torque_Nm",
+)  # fmt: skip
+
+
+def _lines(log: Log, period_s: float) -> Lines:
+    found = traces(log, period_s, [_signal(name) for name in _DRAWN])
+    seen = Measure(_seen_s, COUNT)
+    true = measured(log, period_s, {"seen": seen})["seen"] > 0
+    return Lines(dict(zip(_DRAWN, found, strict=True)), true)
+
+
+def _draw(
+    ax: "Axes", line: tuple[Vector, Vector], scale: float, label: str, colour: str, **style: Any
+) -> None:
+    draw_line(ax, line[0], scale * line[1], label, colour, **style)
+
+
+def _draw_pointing(angle: "Axes", error: "Axes", lines: Lines, settles: bool) -> None:
+    measured = "" if lines.true else ", measured"
+    in_degrees = peak(lines["q_d_rad"][1]) >= ONE_DEGREE_RAD
     scale = 1 / ONE_DEGREE_RAD if in_degrees else MRAD
-    draw_line(angle, run.t_s, scale * run.theta_rad, f"hub angle{measured}", BLUE)
-    draw_line(
-        angle, run.t_s, scale * run.q_d_rad, "reference", BLACK, linewidth=0.9, linestyle="--"
-    )
+    _draw(angle, lines["theta_rad"], scale, f"hub angle{measured}", BLUE)
+    _draw(angle, lines["q_d_rad"], scale, "reference", BLACK, linewidth=0.9, linestyle="--")
     angle.set_ylabel("elevation [deg]" if in_degrees else "elevation [mrad]")
-    draw_line(error, run.t_s, MRAD * run.muzzle_error_rad, "muzzle error", VERMILION, linewidth=1.5)
-    draw_line(error, run.t_s, MRAD * run.hub_error_rad, f"hub error{measured}", BLUE, linewidth=0.7)
+    _draw(error, lines["muzzle_error_rad"], MRAD, "muzzle error", VERMILION, linewidth=1.5)
+    _draw(error, lines["hub_error_rad"], MRAD, f"hub error{measured}", BLUE, linewidth=0.7)
     if settles:
         for bound in (-MRAD * SETTLED_RAD, MRAD * SETTLED_RAD):
             error.axhline(bound, color=GREY, linewidth=0.7, linestyle=":")
     error.set_ylabel("error [mrad]")
 
 
-def _draw_command(ax: "Axes", run: Signals, ratio: float, limit_Nm: float) -> None:
+def _draw_command(ax: "Axes", lines: Lines, ratio: float, limit_Nm: float) -> None:
     """Draw the command; its limits where they are in sight, else their value."""
     place = "at the motor" if math.isnan(ratio) else "at the output"
-    u = run.motor_torque_Nm * (1.0 if math.isnan(ratio) else ratio)
-    draw_line(ax, run.t_s, u, f"torque command {place}", BLACK, linewidth=0.8)
+    t, u = lines["motor_torque_Nm"]
+    u = u * (1.0 if math.isnan(ratio) else ratio)
+    draw_line(ax, t, u, f"torque command {place}", BLACK, linewidth=0.8)
     seen = limit_Nm <= 2.0 * peak(u)
     if seen:
         for bound in (-limit_Nm, limit_Nm):
@@ -275,13 +308,3 @@ def _draw_command(ax: "Axes", run: Signals, ratio: float, limit_Nm: float) -> No
         label = f"limit ±{limit_Nm:g} N m{'' if seen else ', out of view'}"
         ax.plot([], [], color=VERMILION, linewidth=0.9, linestyle="--", label=label)
     ax.set_ylabel("command [N m]")
-
-
-def _draw_timing(ax: "Axes", run: Signals, log: Log) -> None:
-    """Draw how late a paced executive woke up; without a clock the torque on the hub."""
-    if was_clocked(log):
-        draw_lateness(ax, run.t_s, log)
-        ax.set_ylabel("wake-up [us]")
-        return
-    draw_line(ax, run.t_s, run.gear_torque_Nm, "shaft torque on the hub", BLUE, linewidth=0.8)
-    ax.set_ylabel("torque [N m]")

@@ -172,7 +172,6 @@ def report(results: Sequence[Result]) -> str:
         for s in SCENARIOS
     ]
     parts.append(markdown(("scenario", *CONTROLLERS), rows))
-    parts.append(_bounds(main))
     parts.append(_ablations(results))
     parts.append(
         _grid(results, "variation", "Variations: rms mrad | command step N m", list(VARIATIONS))
@@ -188,22 +187,6 @@ def report(results: Sequence[Result]) -> str:
     parts.append(_seeds(results))
     parts.append(_draws(results))
     return "\n".join(parts)
-
-
-def _bounds(main: dict[tuple[str, str, str], Result]) -> str:
-    """Return the filtered error against the bound of the theory, for the neural laws."""
-    rows = []
-    for scenario in SCENARIOS:
-        row = [scenario]
-        for name in ("pd_nn", "pd_nn_fast", "nn_backstepping"):
-            metrics = main[scenario, name, name].metrics
-            row.append(
-                f"{metrics.get('filtered_error_max_rad_s', float('nan')):.3g} / "
-                f"{metrics.get('filtered_error_bound_rad_s', float('nan')):.3g}"
-            )
-        rows.append(row)
-    text = "Filtered error |r|, largest in the window / bound of the theory on this log, rad/s.\n\n"
-    return text + markdown(("scenario", "pd_nn", "pd_nn_fast", "nn_backstepping"), rows)
 
 
 def _ablations(results: Sequence[Result]) -> str:

@@ -14,22 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from executive.logs import Log
-from plants.judging import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    VERMILION,
-    Line,
-    Panel,
-    Run,
-    Vector,
-    draw_page,
-    known,
-    over_finite,
-    peak,
-    rms,
-)
+from plants.judging import Measure, Run, Vector, known, measured, reaches, step
+from plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION, Line, Panel, draw_page
+from plants.statistics import HIGH, MEAN, MEDIAN, PEAK, RMS
 
 SETTLED = 0.05
 JUMP = 0.3
@@ -63,38 +50,44 @@ def metrics(
     largest |e| from 0.5 s to its end. `settled_s` is the last such time of the run. Without the
     plant's record what needs the true state is absent.
     """
-    if "executive" not in log.node:
+    if not reaches(log, period_s, window_s, "executive"):
         return {}
-    run = Run(log, period_s)
-    window = run.between(*window_s)
-    if not window.any():
-        return {}
-    e, jumps = error(run), np.abs(np.diff(run.executive("controller.command")))
-    found = {
-        "error_rms": rms(e[window]),
-        "error_max": peak(e[window]),
-        "tau_error_rms": rms(tau_error(run)[window]),
-        "x2_max": peak(run.plant("map.true_x2")),
-        "command_max": peak(run.executive("controller.command")),
-        "command_jump_median": over_finite(jumps, np.median),
-        "command_jumps_share": over_finite(jumps, lambda v: np.mean(v > JUMP)),
-        "settled_s": _last(run, e, float("inf")),
-        "latched_off": peak(run.executive("controller.diverged")),
+    measures = {
+        "error_rms": Measure(error, RMS, window_s),
+        "error_max": Measure(error, PEAK, window_s),
+        "tau_error_rms": Measure(tau_error, RMS, window_s),
+        "x2_max": Measure(lambda run: run.plant("map.true_x2"), PEAK),
+        "command_max": Measure(lambda run: run.executive("controller.command"), PEAK),
+        "command_jump_median": Measure(jump, MEDIAN),
+        "command_jumps_share": Measure(is_jump, MEAN),
+        "settled_s": Measure(unsettled_s, HIGH),
+        "latched_off": Measure(lambda run: run.executive("controller.diverged", or_nan=True), PEAK),
     }
     if "early_from_s" in numbers:
-        end_s = numbers["early_to_s"]
-        early = run.between(numbers["early_from_s"], end_s)
-        found["error_early_rms"] = rms(e[early])
-        found["error_early_max"] = peak(e[early])
-        found["error_half_max"] = peak(e[run.between(0.5, end_s)])
-        found["settled_early_s"] = _last(run, e, end_s)
-    return known(found)
+        early = numbers["early_from_s"], numbers["early_to_s"]
+        measures["error_early_rms"] = Measure(error, RMS, early)
+        measures["error_early_max"] = Measure(error, PEAK, early)
+        measures["error_half_max"] = Measure(error, PEAK, (0.5, early[1]))
+        measures["settled_early_s"] = Measure(
+            lambda run: np.where(run.t_s < early[1], unsettled_s(run), np.nan), HIGH
+        )
+    return known(measured(log, period_s, measures))
 
 
-def _last(run: Run, e: Vector, end_s: float) -> float:
-    """Return the last time before `end_s` with |e| beyond 0.05; NaN if there is none."""
-    outside = run.t_s[(np.abs(e) > SETTLED) & (run.t_s < end_s)]
-    return float(outside[-1]) if outside.size else float("nan")
+def jump(run: Run) -> Vector:
+    """Return du of (3)."""
+    return np.abs(step(run.executive("controller.command")))
+
+
+def is_jump(run: Run) -> Vector:
+    """Return 1 where the command jumps by more than `JUMP`, else 0; NaN where nothing is known."""
+    du = jump(run)
+    return np.where(np.isfinite(du), du > JUMP, np.nan)
+
+
+def unsettled_s(run: Run) -> Vector:
+    """Return the times with |e| beyond 0.05, NaN else."""
+    return np.where(np.abs(error(run)) > SETTLED, run.t_s, np.nan)
 
 
 PANELS = (

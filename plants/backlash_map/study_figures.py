@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from plants.study import Result
 
 NAMES = {

@@ -13,23 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from executive.logs import Log
-from plants.judging import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    VERMILION,
-    Line,
-    Panel,
-    Run,
-    Vector,
-    draw_page,
-    known,
-    peak,
-    rms,
-)
+from plants.judging import Measure, Run, Vector, known, measured, reaches
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, Line, Panel, draw_page
+from plants.statistics import HIGH, LAST, PEAK, RMS
 
 MRAD = 1e3
 SETTLED_RAD = 0.01
@@ -48,7 +34,8 @@ def rate_error_rad_s(run: Run) -> Vector:
 
 def torque_error_Nm(run: Run) -> Vector:
     """Return tt of (2)."""
-    return run.executive("controller.tau_d_Nm") - run.plant("pendulum.true_torque_Nm")
+    wanted = run.executive("controller.tau_d_Nm", or_nan=True)
+    return wanted - run.plant("pendulum.true_torque_Nm")
 
 
 def started(run: Run, values: Vector) -> Vector:
@@ -65,29 +52,33 @@ def metrics(
     `settled_s` is the last time of the run with |e1| > 0.01 rad. Without the plant's record what
     needs the true state is absent.
     """
-    if "executive" not in log.node:
+    if not reaches(log, period_s, window_s, "executive"):
         return {}
-    run = Run(log, period_s)
-    window = run.between(*window_s)
-    if not window.any():
-        return {}
-    e1, norm = error_rad(run), run.executive("controller.norm_w")
-    outside = run.t_s[np.abs(e1) > SETTLED_RAD]
-    found = {
-        "error_rms_mrad": MRAD * rms(e1[window]),
-        "error_max_mrad": MRAD * peak(e1[window]),
-        "rate_error_rms_mrad_s": MRAD * rms(rate_error_rad_s(run)[window]),
-        "torque_error_rms_Nm": rms(torque_error_Nm(run)[window]),
-        "command_max_Nm": peak(run.executive("controller.command_Nm")),
-        "settled_s": float(outside[-1]) if outside.size else float("nan"),
-        "norm_w_max": peak(norm),
-        "norm_w_end": float(norm[-1]),
-        "latched_off": peak(run.executive("controller.diverged")),
+    measures = {
+        "error_rms_mrad": Measure(error_rad, RMS, window_s, MRAD),
+        "error_max_mrad": Measure(error_rad, PEAK, window_s, MRAD),
+        "rate_error_rms_mrad_s": Measure(rate_error_rad_s, RMS, window_s, MRAD),
+        "torque_error_rms_Nm": Measure(torque_error_Nm, RMS, window_s),
+        "command_max_Nm": Measure(lambda run: run.executive("controller.command_Nm"), PEAK),
+        "settled_s": Measure(unsettled_s, HIGH),
+        "norm_w_max": Measure(norm_w, PEAK),
+        "norm_w_end": Measure(norm_w, LAST),
+        "latched_off": Measure(lambda run: run.executive("controller.diverged", or_nan=True), PEAK),
     }
     if "transient_from_s" in numbers:
-        part = run.between(numbers["transient_from_s"], numbers["transient_to_s"])
-        found["error_transient_mrad"] = MRAD * rms(e1[part])
-    return known(found)
+        part = numbers["transient_from_s"], numbers["transient_to_s"]
+        measures["error_transient_mrad"] = Measure(error_rad, RMS, part, MRAD)
+    return known(measured(log, period_s, measures))
+
+
+def norm_w(run: Run) -> Vector:
+    """Return |W|; NaN for a law without it."""
+    return run.executive("controller.norm_w", or_nan=True)
+
+
+def unsettled_s(run: Run) -> Vector:
+    """Return the times with |e1| > 0.01 rad, NaN else."""
+    return np.where(np.abs(error_rad(run)) > SETTLED_RAD, run.t_s, np.nan)
 
 
 PANELS = (
@@ -129,12 +120,12 @@ PANELS = (
         "terms of u' [N m/s]",
         (
             Line(
-                lambda run: started(run, run.executive("controller.robust_Nm_s")),
+                lambda run: started(run, run.executive("controller.robust_Nm_s", or_nan=True)),
                 "robust from 0.5 s on",
                 ORANGE,
             ),
             Line(
-                lambda run: started(run, run.executive("controller.network_Nm_s")),
+                lambda run: started(run, run.executive("controller.network_Nm_s", or_nan=True)),
                 "network from 0.5 s on",
                 GREEN,
             ),

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from plants.study import Result
 
 NAMES = {"pd": "PD (case 1)", "robust": "PD + robust term (2)", "nn": "PD + robust + network (3)"}

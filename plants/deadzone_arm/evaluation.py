@@ -14,22 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from executive.logs import Log
-from plants.judging import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    VERMILION,
-    Line,
-    Panel,
-    Run,
-    Vector,
-    draw_page,
-    known,
-    over_finite,
-    peak,
-    rms,
-)  # fmt: skip
+from plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
+from plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION, Line, Panel, draw_page
+from plants.statistics import HIGH, MEAN, PEAK, RMS
 
 SETTLED_RAD = 0.02
 JOINTS = (1, 2)
@@ -48,46 +35,76 @@ def metrics(
     `numbers`: NAME_from_s with NAME_to_s asks for the rms errors of a further window; `step_rad`,
     the size of a step, for settling (inf: never) and overshoot.
     """
-    if "executive" not in log.node:
-        return {}
-    run = Run(log, period_s)
-    window = run.between(*window_s)
-    if not window.any():
+    if not reaches(log, period_s, window_s, "executive"):
         return {}
     names = [key.removesuffix("_from_s") for key in numbers if key.endswith("_from_s")]
-    found: dict[str, float] = {}
-    for joint in JOINTS:
-        e, u = error(run, joint), run.executive(f"controller.u{joint}_Nm")
-        found[f"e{joint}_rms_rad"] = rms(e[window])
-        found[f"e{joint}_max_rad"] = peak(e[window])
-        found[f"e{joint}_mean_rad"] = over_finite(e[window], np.mean)
+    measures: dict[str, Measure] = {}
+    for j in JOINTS:
+        e, u = _error(j), _variable(f"controller.u{j}_Nm")
+        measures[f"e{j}_rms_rad"] = Measure(e, RMS, window_s)
+        measures[f"e{j}_max_rad"] = Measure(e, PEAK, window_s)
+        measures[f"e{j}_mean_rad"] = Measure(e, MEAN, window_s)
         for name in names:
-            part = run.between(numbers[f"{name}_from_s"], numbers[f"{name}_to_s"])
-            found[f"e{joint}_{name}_rms_rad"] = rms(e[part])
-        found[f"u{joint}_rms_Nm"] = rms(u[window])
-        found[f"u{joint}_step_rms_Nm"] = rms(np.diff(u)[window[1:]])
+            part = numbers[f"{name}_from_s"], numbers[f"{name}_to_s"]
+            measures[f"e{j}_{name}_rms_rad"] = Measure(e, RMS, part)
+        measures[f"u{j}_rms_Nm"] = Measure(u, RMS, window_s)
+        measures[f"u{j}_step_rms_Nm"] = Measure(_steps(u), RMS, window_s)
         if "step_rad" in numbers:
-            found[f"settle{joint}_s"] = settling(run, e)
-            found[f"overshoot{joint}_rad"] = over_finite(-e, np.max)
-    found["r_max_rad_s"] = peak(
-        np.hypot(run.executive("controller.r1_rad_s"), run.executive("controller.r2_rad_s"))
-    )
-    found["norm_max"] = peak(
-        np.hypot(run.executive("controller.norm_wi"), run.executive("controller.norm_w"))
-    )
-    found["ended"] = over_finite(run.executive("controller.diverged"), np.max)
+            measures[f"settle{j}_s"] = Measure(_seen_s(e, 0.0), HIGH)
+            measures[f"outside{j}_s"] = Measure(_seen_s(e, SETTLED_RAD), HIGH)
+            measures[f"overshoot{j}_rad"] = Measure(_negative(e), HIGH)
+    measures["r_max_rad_s"] = Measure(_size("controller.r1_rad_s", "controller.r2_rad_s"), PEAK)
+    measures["norm_max"] = Measure(_size("controller.norm_wi", "controller.norm_w"), PEAK)
+    measures["ended"] = Measure(_variable("controller.diverged"), HIGH)
+    found = measured(log, period_s, measures)
+    if "step_rad" in numbers:
+        for j in JOINTS:
+            outside_s = found.pop(f"outside{j}_s")
+            found[f"settle{j}_s"] = settling(found[f"settle{j}_s"], outside_s, period_s)
     return known(found)
 
 
-def settling(run: Run, e: Vector) -> float:
-    """Return the time from which on (2) holds, s; inf if not at the end, NaN without truth."""
-    seen = np.isfinite(e)
-    if not seen.any():
+def settling(seen_s: float, outside_s: float, period_s: float) -> float:
+    """Return the time from which on (2) holds, s; inf if not at the end, NaN without truth.
+
+    `seen_s`: when the error was seen last; `outside_s`: when it was last outside, NaN for never.
+    """
+    if math.isnan(seen_s):
         return math.nan
-    outside = np.abs(e[seen]) > SETTLED_RAD
-    if outside[-1]:
+    if outside_s == seen_s:
         return math.inf
-    return float(run.t_s[seen][outside][-1]) + run.period_s if outside.any() else 0.0
+    return 0.0 if math.isnan(outside_s) else outside_s + period_s
+
+
+def _error(joint: int) -> Signal:
+    return lambda run: error(run, joint)
+
+
+def _variable(name: str) -> Signal:
+    return lambda run: run.executive(name, or_nan=True)
+
+
+def _steps(signal: Signal) -> Signal:
+    return lambda run: step(signal(run))
+
+
+def _negative(signal: Signal) -> Signal:
+    return lambda run: -signal(run)
+
+
+def _size(first: str, second: str) -> Signal:
+    return lambda run: np.hypot(_variable(first)(run), _variable(second)(run))
+
+
+def _seen_s(signal: Signal, beyond: float) -> Signal:
+    """Return the times at which a signal is finite and, if `beyond` is above 0, beyond that."""
+
+    def times(run: Run) -> Vector:
+        values = signal(run)
+        seen = np.isfinite(values) & ((np.abs(values) > beyond) | (beyond == 0.0))
+        return np.where(seen, run.t_s, math.nan)
+
+    return times
 
 
 def figure(

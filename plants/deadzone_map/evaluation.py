@@ -11,23 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from executive.logs import Log
-from plants.judging import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    PURPLE,
-    VERMILION,
-    Line,
-    Panel,
-    Run,
-    Vector,
-    draw_page,
-    known,
-    over_finite,
-    peak,
-    rms,
-)  # fmt: skip
+from plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
+from plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION, Line, Panel, draw_page
+from plants.statistics import HIGH, LAST, PEAK, RMS
 
 
 def error(run: Run) -> Vector:
@@ -39,25 +25,23 @@ def metrics(
     log: Log, window_s: tuple[float, float], numbers: Mapping[str, float], period_s: float
 ) -> dict[str, float]:
     """Return what the log tells about a run; {} without a cycle in the window."""
-    if "executive" not in log.node:
+    if not reaches(log, period_s, window_s, "executive"):
         return {}
-    run = Run(log, period_s)
-    window = run.between(*window_s)
-    if not window.any():
-        return {}
-    e, u = error(run)[window], run.executive("controller.u")
-    return known(
-        {
-            "e_rms": rms(e),
-            "e_max": peak(e),
-            "d_plus": float(run.executive("controller.d_plus")[-1]),
-            "d_minus": float(run.executive("controller.d_minus")[-1]),
-            "u_rms": rms(u[window]),
-            "u_step_rms": rms(np.diff(u)[window[1:]]),
-            "r_max": peak(run.executive("controller.r")),
-            "ended": over_finite(run.executive("controller.diverged"), np.max),
-        }
-    )
+    measures = {
+        "e_rms": Measure(error, RMS, window_s),
+        "e_max": Measure(error, PEAK, window_s),
+        "d_plus": Measure(_variable("controller.d_plus"), LAST),
+        "d_minus": Measure(_variable("controller.d_minus"), LAST),
+        "u_rms": Measure(_variable("controller.u"), RMS, window_s),
+        "u_step_rms": Measure(lambda run: step(run.executive("controller.u")), RMS, window_s),
+        "r_max": Measure(_variable("controller.r"), PEAK),
+        "ended": Measure(_variable("controller.diverged"), HIGH),
+    }
+    return known(measured(log, period_s, measures))
+
+
+def _variable(name: str) -> Signal:
+    return lambda run: run.executive(name, or_nan=True)
 
 
 def figure(
@@ -94,7 +78,7 @@ def figure(
 
 
 def _true_width(run: Run) -> Vector:
-    learned = run.executive("controller.d_plus")
+    learned = run.executive("controller.d_plus", or_nan=True)
     return np.where(np.isfinite(learned), run.setting("d"), learned)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from plants.judging import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION
+from plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION
 from plants.study import Result
 
 NAMES = {"pd": "PD", "fuzzy": "PD and fuzzy precompensator"}

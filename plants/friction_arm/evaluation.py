@@ -19,30 +19,19 @@ from pathlib import Path
 import numpy as np
 
 from executive.logs import Log
-from plants.judging import (
-    BLACK,
-    BLUE,
-    GREEN,
-    VERMILION,
-    Line,
-    Panel,
-    Run,
-    Vector,
-    draw_page,
-    known,
-    over_finite,
-    peak,
-    rms,
-)
+from plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
+from plants.pages import BLACK, BLUE, GREEN, VERMILION, Line, Panel, draw_page
+from plants.statistics import COUNT, HIGH, MEAN, MEDIAN, PEAK, RMS, SUM, peak
 
 JOINTS = (1, 2)
 COLOURS = {1: BLUE, 2: VERMILION}
 
 
 def error(run: Run, joint: int) -> Vector:
-    """Return e_j (1), the measured one where the plant's record is missing, rad."""
-    true = run.executive(f"reference_{joint}.q_d_rad") - run.plant(f"arm.q_{joint}_rad")
-    return true if np.isfinite(true).any() else run.executive(f"controller.e_{joint}_rad")
+    """Return e_j (1), the measured one if the log has no plant, rad."""
+    if not run.plant_tells:
+        return run.executive(f"controller.e_{joint}_rad")
+    return run.executive(f"reference_{joint}.q_d_rad") - run.plant(f"arm.q_{joint}_rad")
 
 
 def metrics(
@@ -52,29 +41,53 @@ def metrics(
 
     `numbers`: `early_from_s`, `early_to_s` ask for the early means (2).
     """
-    if "executive" not in log.node:
+    if not reaches(log, period_s, window_s, "executive"):
         return {}
-    run = Run(log, period_s)
-    window = run.between(*window_s)
-    if not window.any():
-        return {}
-    early = run.between(numbers.get("early_from_s", 0.0), numbers.get("early_to_s", 0.0))
-    found: dict[str, float] = {}
-    torques = [run.plant(f"arm.acting_{j}_Nm") for j in JOINTS]
+    early = numbers.get("early_from_s", 0.0), numbers.get("early_to_s", 0.0)
+    gain = _variable("controller.tuning_gain_Nms_rad")
+    measures = {
+        "tuning_gain_median_Nms_rad": Measure(gain, MEDIAN),
+        "tuning_gain_max_Nms_rad": Measure(gain, PEAK),
+        "cycles": Measure(lambda run: run.t_s, COUNT),
+    }
     for j in JOINTS:
-        e = error(run, j)
-        found[f"error_mean_{j}_rad"] = over_finite(np.abs(e[window]), np.mean)
-        found[f"early_error_mean_{j}_rad"] = over_finite(np.abs(e[early]), np.mean)
-        found[f"error_rms_{j}_rad"] = rms(e[window])
-        found[f"error_max_{j}_rad"] = peak(e[window])
-        found[f"overshoot_{j}_rad"] = over_finite(-e, np.max)
-    found["torque_peak_Nm"] = peak(np.concatenate(torques))
-    steps = sum(over_finite(np.abs(np.diff(tau)), np.sum) for tau in torques)
-    found["torque_variation_Nm_s"] = steps / (len(run.cycle) * period_s)
-    gain = run.executive("controller.tuning_gain_Nms_rad")
-    found["tuning_gain_median_Nms_rad"] = over_finite(gain, np.median)
-    found["tuning_gain_max_Nms_rad"] = peak(gain)
+        e, tau = _error(j), _torque(j)
+        measures[f"error_mean_{j}_rad"] = Measure(_size(e), MEAN, window_s)
+        measures[f"early_error_mean_{j}_rad"] = Measure(_size(e), MEAN, early)
+        measures[f"error_rms_{j}_rad"] = Measure(e, RMS, window_s)
+        measures[f"error_max_{j}_rad"] = Measure(e, PEAK, window_s)
+        measures[f"overshoot_{j}_rad"] = Measure(_negative(e), HIGH)
+        measures[f"peak_{j}"] = Measure(tau, PEAK)
+        measures[f"steps_{j}"] = Measure(_steps(tau), SUM)
+    found = measured(log, period_s, measures)
+    peaks, steps = ([found.pop(f"{name}_{j}") for j in JOINTS] for name in ("peak", "steps"))
+    found["torque_peak_Nm"] = peak(np.array(peaks))
+    found["torque_variation_Nm_s"] = sum(steps) / (found.pop("cycles") * period_s)
     return known(found)
+
+
+def _variable(name: str) -> Signal:
+    return lambda run: run.executive(name, or_nan=True)
+
+
+def _error(joint: int) -> Signal:
+    return lambda run: error(run, joint)
+
+
+def _torque(joint: int) -> Signal:
+    return lambda run: run.plant(f"arm.acting_{joint}_Nm")
+
+
+def _size(signal: Signal) -> Signal:
+    return lambda run: np.abs(signal(run))
+
+
+def _negative(signal: Signal) -> Signal:
+    return lambda run: -signal(run)
+
+
+def _steps(signal: Signal) -> Signal:
+    return lambda run: np.abs(step(signal(run)))
 
 
 def figure(

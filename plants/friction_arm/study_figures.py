@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from plants.study import Result, of_group, statistic
 
 COLOURS = {

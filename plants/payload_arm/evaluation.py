@@ -16,23 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from executive.logs import Log
-from plants.judging import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    VERMILION,
-    Line,
-    Panel,
-    Run,
-    Vector,
-    draw_page,
-    known,
-    peak,
-    rms,
-)
+from plants.judging import Measure, Run, Signal, Vector, known, measured, reaches
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, Line, Panel, draw_page
+from plants.statistics import PEAK, RMS, peak
 
 JOINTS = (1, 2)
 COLOURS = {1: BLUE, 2: VERMILION}
@@ -40,14 +26,15 @@ WEIGHTS = ("w1", "w2", "rho")
 
 
 def error(run: Run, joint: int) -> Vector:
-    """Return e_j (1), the measured one where the plant's record is missing, rad."""
-    true = run.executive(f"reference_{joint}.q_d_rad") - run.plant(f"arm.q_{joint}_rad")
-    return true if np.isfinite(true).any() else run.executive(f"controller.e_{joint}_rad")
+    """Return e_j (1), the measured one if the log has no plant, rad."""
+    if not run.plant_tells:
+        return run.executive(f"controller.e_{joint}_rad")
+    return run.executive(f"reference_{joint}.q_d_rad") - run.plant(f"arm.q_{joint}_rad")
 
 
 def critic_size(run: Run) -> Vector:
     """Return |R|; NaN for a law without it."""
-    return np.hypot(run.executive("controller.critic_1"), run.executive("controller.critic_2"))
+    return np.hypot(*(_variable(f"controller.critic_{j}")(run) for j in JOINTS))
 
 
 def metrics(
@@ -57,27 +44,34 @@ def metrics(
 
     `numbers`: NAME_from_s with NAME_to_s asks for a further window (3).
     """
-    if "executive" not in log.node:
-        return {}
-    run = Run(log, period_s)
-    if not run.between(*window_s).any():
+    if not reaches(log, period_s, window_s, "executive"):
         return {}
     names = [key.removesuffix("_from_s") for key in numbers if key.endswith("_from_s")]
     windows = {name: (numbers[f"{name}_from_s"], numbers[f"{name}_to_s"]) for name in names}
     windows["error"] = window_s
-    found: dict[str, float] = {}
-    for joint in JOINTS:
-        e = error(run, joint)
+    measures = {"critic_max": Measure(critic_size, PEAK)}
+    for j in JOINTS:
         for name, window in windows.items():
-            part = e[run.between(*window)]
-            found[f"{name}_rms_{joint}_rad"] = rms(part)
-            found[f"{name}_max_{joint}_rad"] = peak(part)
-    torques = [run.plant(f"arm.acting_{joint}_Nm") for joint in JOINTS]
-    found["torque_peak_Nm"] = peak(np.concatenate(torques))
-    found["critic_max"] = peak(critic_size(run))
+            measures[f"{name}_rms_{j}_rad"] = Measure(_error(j), RMS, window)
+            measures[f"{name}_max_{j}_rad"] = Measure(_error(j), PEAK, window)
+        measures[f"peak_{j}"] = Measure(_torque(j), PEAK)
     for name in WEIGHTS:
-        found[f"{name}_max"] = peak(run.executive(f"controller.norm_{name}"))
+        measures[f"{name}_max"] = Measure(_variable(f"controller.norm_{name}"), PEAK)
+    found = measured(log, period_s, measures)
+    found["torque_peak_Nm"] = peak(np.array([found.pop(f"peak_{j}") for j in JOINTS]))
     return known(found)
+
+
+def _variable(name: str) -> Signal:
+    return lambda run: run.executive(name, or_nan=True)
+
+
+def _error(joint: int) -> Signal:
+    return lambda run: error(run, joint)
+
+
+def _torque(joint: int) -> Signal:
+    return lambda run: run.plant(f"arm.acting_{joint}_Nm")
 
 
 def figure(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from plants.study import Result
 
 NAMES = {"pd": "PD", "robust_only": "PD, robust term", "critic": "PD, robust term, both networks"}

@@ -16,32 +16,18 @@ period apart also where its clock is not the executive's. m, m/s, m/s^2, N, rad/
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from executive.logs import Log
-from plants.judging import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    PURPLE,
-    SKY,
-    VERMILION,
-    Line,
-    Mask,
-    Panel,
-    Run,
-    Vector,
-    between,
-    draw_page,
-    known,
-    over_finite,
-    peak,
-    rms,
-)
+from plants.judging import Measure, Run, Signal, Vector, edges, known, measured, reaches, setting
+from plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, SKY, VERMILION, Line, Panel, draw_page
+from plants.statistics import CORRELATION, COUNT, HIGH, LOW, MEAN, PEAK, RMS, STD
+
+SPEED = "car.body_rate_m_s"
 
 SMALLEST_OSCILLATION_M_S = 1e-3  # below it a crossing is no oscillation
 
@@ -53,25 +39,39 @@ def acceleration(rate: Vector, period_s: float) -> Vector:
     return found
 
 
-def oscillation(rate: Vector, period_s: float) -> float:
+def crossings(run: Run, mean: float, first_row: int) -> Vector:
+    """Return where the speed's deviation from its mean crosses 0 before the next sample.
+
+    In rows after `first_row`, interpolated; NaN for samples behind which it does not.
+    """
+    x = run.plant(SPEED) - mean
+    here, there = x[:-1], x[1:]
+    at = np.arange(len(here)) + (run.first_row - first_row)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = np.where((here < 0.0) != (there < 0.0), at + here / (here - there), math.nan)
+    return np.append(found, math.nan)
+
+
+def oscillation(log: Log, period_s: float, window_s: tuple[float, float]) -> float:
     """Return (7), interpolating between samples; NaN for fewer than three crossings."""
-    if not len(rate):
-        return math.nan
-    x = rate - np.mean(rate)
-    if not np.max(np.abs(x)) > SMALLEST_OSCILLATION_M_S:
-        return math.nan
-    at = np.flatnonzero((x[:-1] < 0.0) != (x[1:] < 0.0))
-    if len(at) < 3:
-        return math.nan
-    crossing = at + x[at] / (x[at] - x[at + 1])
-    return math.pi * (len(at) - 1) / float((crossing[-1] - crossing[0]) * period_s)
+    speed = Measure(lambda run: run.plant(SPEED), MEAN, window_s)
+    mean = measured(log, period_s, {"mean": speed}, "plant")["mean"]
+    cycle = log.node["plant"].cycle
+    first, past = (bisect_left(cycle, edge) for edge in edges(period_s, *window_s))
 
+    def inside(run: Run) -> Vector:
+        row = np.arange(len(run.cycle)) + run.first_row
+        return np.where((row >= first) & (row < past - 1), crossings(run, mean, first), math.nan)
 
-def correlation(a: Vector, b: Vector) -> float:
-    """Return the coefficient of correlation; NaN where one does not vary."""
-    if len(a) < 2 or not (np.std(a) > 0.0 and np.std(b) > 0.0):
+    away = Measure(lambda run: run.plant(SPEED) - mean, PEAK, window_s)
+    named = {"begin": LOW, "end": HIGH, "count": COUNT}
+    found = measured(
+        log, period_s, {"away": away} | {n: Measure(inside, one) for n, one in named.items()},
+        "plant",
+    )  # fmt: skip
+    if not found["away"] > SMALLEST_OSCILLATION_M_S or found["count"] < 3:
         return math.nan
-    return float(np.corrcoef(a, b)[0, 1])
+    return math.pi * (found["count"] - 1) / ((found["end"] - found["begin"]) * period_s)
 
 
 def metrics(
@@ -79,41 +79,46 @@ def metrics(
 ) -> dict[str, float]:
     """Return (1) to (8); {} without a cycle in the window."""
     found: dict[str, float] = {}
-    if "plant" in log.node:
-        plant = log.node["plant"]
-        window = between(plant.cycle, period_s, *window_s)
-        if window.any():
-            found |= _motion(plant.columns, window, period_s)
-    if "executive" in log.node:
-        run = Run(log, period_s)
-        window = run.between(*window_s)
-        if window.any():
-            found |= _control(run, window)
+    if reaches(log, period_s, window_s, "plant"):
+        found |= measured(log, period_s, _motion(window_s), "plant")
+        found["oscillation_rad_s"] = oscillation(log, period_s, window_s)
+    if reaches(log, period_s, window_s, "executive"):
+        found |= measured(log, period_s, _control(log, window_s))
     return known(found)
 
 
-def _motion(columns: Mapping[str, Vector], window: Mask, period_s: float) -> dict[str, float]:
-    rate = columns["car.body_rate_m_s"]
-    extension = columns["car.extension_m"][window]
+def _motion(window_s: tuple[float, float]) -> dict[str, Measure]:
+    def speed(run: Run) -> Vector:
+        return run.plant(SPEED)
+
+    def extension(run: Run) -> Vector:
+        return run.plant("car.extension_m")
+
     return {
-        "v_rms_m_s": rms(rate[window]),
-        "v_max_m_s": peak(rate[window]),
-        "a_rms_m_s2": rms(acceleration(rate, period_s)[window]),
-        "extension_min_m": over_finite(extension, np.min),
-        "extension_max_m": over_finite(extension, np.max),
-        "spool_max_m": peak(columns["car.spool_true_m"][window]),
-        "oscillation_rad_s": oscillation(rate[window], period_s),
+        "v_rms_m_s": Measure(speed, RMS, window_s),
+        "v_max_m_s": Measure(speed, PEAK, window_s),
+        "a_rms_m_s2": Measure(lambda run: acceleration(speed(run), run.period_s), RMS, window_s),
+        "extension_min_m": Measure(extension, LOW, window_s),
+        "extension_max_m": Measure(extension, HIGH, window_s),
+        "spool_max_m": Measure(lambda run: run.plant("car.spool_true_m"), PEAK, window_s),
     }
 
 
-def _control(run: Run, window: Mask) -> dict[str, float]:
-    norm, largest = (run.executive(f"controller.{n}_theta_m") for n in ("norm", "largest"))
-    found = {"theta_norm_max_m": peak(norm), "theta_max_m": peak(largest)}
-    if run.setting("strut") == 1.0:
-        desired, force = (run.executive(f"controller.{n}_N")[window] for n in ("desired", "force"))
-        found["ef_rms_N"] = rms(run.executive("controller.ef_N")[window])
-        found["desired_sd_N"] = over_finite(desired, np.std)
-        found["force_correlation"] = correlation(desired, force)
+def _control(log: Log, window_s: tuple[float, float]) -> dict[str, Measure]:
+    def law(name: str) -> Signal:
+        return lambda run: run.executive(f"controller.{name}", or_nan=True)
+
+    desired, force = law("desired_N"), law("force_N")
+    found = {
+        "theta_norm_max_m": Measure(law("norm_theta_m"), PEAK),
+        "theta_max_m": Measure(law("largest_theta_m"), PEAK),
+    }
+    if setting(log, "strut") == 1.0:
+        found["ef_rms_N"] = Measure(law("ef_N"), RMS, window_s)
+        found["desired_sd_N"] = Measure(desired, STD, window_s)
+        found["force_correlation"] = Measure(
+            lambda run: np.column_stack((desired(run), force(run))), CORRELATION, window_s
+        )
     return found
 
 
@@ -139,22 +144,20 @@ def figure(
             "force [kN]",
             [
                 Line(lambda run: 1e-3 * run.plant("car.strut_N"), "strut", VERMILION, 0.9),
-                Line(
-                    lambda run: 1e-3 * run.executive("controller.desired_N"), "desired", BLUE, 0.9
-                ),
+                Line(_of_law("desired_N", 1e-3), "desired", BLUE, 0.9),
                 Line(lambda run: 1e-3 * run.plant("car.bump_N"), "bump stops", GREY, 0.8),
             ],
             6.0,
         ),
     ]
-    if "executive" in log.node and Run(log, 1.0).setting("strut") == 1.0:
+    if "executive" in log.node and setting(log, "strut") == 1.0:
         panels += _valve_panels("controller.wanted_spool_m" in log.node["executive"].columns)
     draw_page(log, path, title, _summary(metrics, window_s), window_s, panels)
 
 
 def _valve_panels(learns: bool) -> list[Panel]:
     spool = Line(lambda run: 1e3 * run.plant("car.spool_true_m"), "spool", VERMILION, 0.9)
-    wanted = Line(lambda run: 1e3 * run.executive("controller.wanted_spool_m"), "wanted", SKY, 2.2)
+    wanted = Line(_of_law("wanted_spool_m", 1e3), "wanted", SKY, 2.2)
     p1 = Line(lambda run: 1e-6 * run.plant("car.p1_Pa"), "bore side", BLUE, 0.9)
     p2 = Line(lambda run: 1e-6 * run.plant("car.p2_Pa"), "rod side", GREEN, 0.8)
     panels = [
@@ -162,12 +165,14 @@ def _valve_panels(learns: bool) -> list[Panel]:
         Panel("pressure [MPa]", [p1, p2], 4.0),
     ]
     if learns:
-        drift = Line(lambda run: 1e3 * run.executive("controller.drift_m"), "drift", BLUE, 0.8)
-        norm = Line(
-            lambda run: 1e3 * run.executive("controller.norm_theta_m"), "norm of all rules", PURPLE
-        )
+        drift = Line(_of_law("drift_m", 1e3), "drift", BLUE, 0.8)
+        norm = Line(_of_law("norm_theta_m", 1e3), "norm of all rules", PURPLE)
         panels.append(Panel("fuzzy [mm]", [drift, norm], 4.0))
     return panels
+
+
+def _of_law(name: str, scale: float) -> Signal:
+    return lambda run: scale * run.executive(f"controller.{name}", or_nan=True)
 
 
 def _stop(run: Run, side: float) -> Vector:

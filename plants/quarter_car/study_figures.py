@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from plants.quarter_car import bode
 from plants.quarter_car.study_expected import ROADS
 from plants.study import Result, of_group

@@ -19,21 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from executive.logs import Log
-from plants.judging import (
-    BLACK,
-    BLUE,
-    GREEN,
-    VERMILION,
-    Line,
-    Panel,
-    Run,
-    Vector,
-    draw_page,
-    known,
-    over_finite,
-    peak,
-    rms,
-)
+from plants.judging import Measure, Run, Signal, Vector, known, measured, reaches
+from plants.pages import BLACK, BLUE, GREEN, VERMILION, Line, Panel, draw_page
+from plants.statistics import HIGH, LOW, PEAK, RMS, peak
 
 JOINTS = (1, 2)
 COLOURS = {1: BLUE, 2: VERMILION}
@@ -46,14 +34,12 @@ def error(run: Run, joint: int) -> Vector:
 
 
 def local(run: Run, name: str) -> Vector:
-    """Return a variable of the local node, row by row; NaN where the log has none."""
+    """Return a variable of the local node in the same cycles; NaN where the log has none."""
     node = run.log.node.get("local")
-    found = None if node is None else node.columns.get(name)
-    whole = np.full(len(run.cycle), math.nan)
-    if found is not None:
-        n = min(len(whole), len(found))
-        whole[:n] = found[:n]
-    return whole
+    if node is None or not len(node.cycle) or name not in node.columns:
+        return np.full(len(run.cycle), math.nan)
+    rows = np.minimum(np.searchsorted(node.cycle, run.cycle), len(node.cycle) - 1)
+    return np.where(node.cycle[rows] == run.cycle, node.columns[name][rows], math.nan)
 
 
 def metrics(
@@ -63,34 +49,45 @@ def metrics(
 
     `numbers`: `before_from_s`, `before_to_s`, `load_from_s`, `load_to_s` ask for more of (2).
     """
-    if "executive" not in log.node:
+    if not reaches(log, period_s, window_s, "executive"):
         return {}
-    run = Run(log, period_s)
-    window = run.between(*window_s)
-    if not window.any():
-        return {}
-    found: dict[str, float] = {}
     edges = {**numbers, "late_from_s": window_s[1], "late_to_s": math.inf}
     parts = {
-        part: run.between(edges.get(f"{part}_from_s", 0.0), edges.get(f"{part}_to_s", 0.0))
-        for part in PARTS
+        part: (edges.get(f"{part}_from_s", 0.0), edges.get(f"{part}_to_s", 0.0)) for part in PARTS
     }
+    measures: dict[str, Measure] = {}
     for j in JOINTS:
-        e = error(run, j)
-        found |= {f"{part}_rms_{j}_rad": rms(e[own]) for part, own in parts.items()}
-        found[f"error_rms_{j}_rad"] = rms(e[window])
-        found[f"error_max_{j}_rad"] = peak(e[window])
-    torques = [run.plant(f"arm.acting_{j}_Nm") for j in JOINTS]
-    found["torque_peak_Nm"] = peak(np.concatenate(torques))
-    norm = local(run, "servo.norm_w")
-    for name, own in (("norm_w", window), ("late_norm_w", parts["late"])):
-        found[f"{name}_low"] = over_finite(norm[own], np.min)
-        found[f"{name}_high"] = over_finite(norm[own], np.max)
-    found["held_u"] = over_finite(local(run, "servo.held_u"), np.max)
-    found["held_x"] = over_finite(run.executive("controller.held_x"), np.max)
-    trips = np.flatnonzero(local(run, "servo.tripped") > 0.5)
-    found["tripped_s"] = float(run.t_s[trips[0]]) if len(trips) else math.nan
+        for part, own in parts.items():
+            measures[f"{part}_rms_{j}_rad"] = Measure(_error(j), RMS, own)
+        measures[f"error_rms_{j}_rad"] = Measure(_error(j), RMS, window_s)
+        measures[f"error_max_{j}_rad"] = Measure(_error(j), PEAK, window_s)
+        measures[f"peak_{j}"] = Measure(_torque(j), PEAK)
+    norm = _local("servo.norm_w")
+    for name, own in (("norm_w", window_s), ("late_norm_w", parts["late"])):
+        measures[f"{name}_low"] = Measure(norm, LOW, own)
+        measures[f"{name}_high"] = Measure(norm, HIGH, own)
+    measures["held_u"] = Measure(_local("servo.held_u"), HIGH)
+    measures["held_x"] = Measure(lambda run: run.executive("controller.held_x", or_nan=True), HIGH)
+    measures["tripped_s"] = Measure(_tripped_s, LOW)
+    found = measured(log, period_s, measures)
+    found["torque_peak_Nm"] = peak(np.array([found.pop(f"peak_{j}") for j in JOINTS]))
     return known(found)
+
+
+def _error(joint: int) -> Signal:
+    return lambda run: error(run, joint)
+
+
+def _torque(joint: int) -> Signal:
+    return lambda run: run.plant(f"arm.acting_{joint}_Nm")
+
+
+def _local(name: str) -> Signal:
+    return lambda run: local(run, name)
+
+
+def _tripped_s(run: Run) -> Vector:
+    return np.where(local(run, "servo.tripped") > 0.5, run.t_s, math.nan)
 
 
 def figure(

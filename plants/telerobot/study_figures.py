@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from plants.study import Result, of_group
 from plants.telerobot import study
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from executive.logs import FRAME, Log, Node
 from plants.atb1000 import ports
 from plants.atb1000.evaluation import figure, metrics
-from plants.judging import plant_rows, thinned
+from plants.judging import plant_rows
+from plants.pages import thinned
 
 Array = NDArray[Any]
 

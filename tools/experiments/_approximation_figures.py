@@ -8,7 +8,7 @@ import numpy as np
 
 from executive.approximators import jumps
 from executive.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
-from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from tools.experiments._approximation_training import CASES, Array, Net, Trained, output
 
 DPI = 110

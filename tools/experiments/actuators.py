@@ -21,7 +21,7 @@ from plants.actuators import (
     sliding,
     stick_slip,
 )
-from plants.judging import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from plants.study import markdown
 from tools.progress import Progress
 

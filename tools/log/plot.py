@@ -125,7 +125,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 def _own_figure(log: logs.Log, options: argparse.Namespace) -> bool:
     """Draw the figure of the log's plant; return False if there is none to be found."""
     from executive.rig import load_rig
-    from tools import summary
+    from tools.judge import EvaluationError, Judge
 
     text = log.attachments.get("rig-resolved.yaml")
     rig_name = next((log.metadata[node].get("rig", "") for node in log.node), "")
@@ -135,9 +135,13 @@ def _own_figure(log: logs.Log, options: argparse.Namespace) -> bool:
     rig = load_rig(place, text=text, resolve=False)
     if rig.evaluation is None or not Path(rig.evaluation.file).is_file():
         return False
-    metrics = summary.summarise(rig, log, summary.Outcome("", ""))["metrics"]
+    judge = Judge.of(rig)
+    title = f"{rig.config.rig}: {rig.config.title}, controller {rig.config.controller}"
     with new_file(options.output, force=True) as path:
-        reason = summary.draw(rig, log, metrics, path)
+        try:
+            reason = judge.draw(log, title, judge.metrics(log), path)
+        except EvaluationError as error:
+            raise LogCommandError(str(error)) from None
         if "pip install" in reason:
             raise LogCommandError(reason, NO_ENVIRONMENT)
         if reason:

@@ -1,0 +1,59 @@
+"""The end of a run: the log is read back, judged, drawn, and summed up on disk and screen."""
+
+import argparse
+import contextlib
+import sys
+from pathlib import Path
+
+from executive import logs, long_logs
+from tools import report
+from tools import summary as summaries
+from tools.judge import EvaluationError, Judge
+
+LOG = "log.mcap"
+
+
+def conclude(
+    judge: Judge, folder: Path, outcome: summaries.Outcome, options: argparse.Namespace,
+    judged: long_logs.Wanted,
+) -> int:  # fmt: skip
+    """Read the log back, write summary and figure, print; return the exit code of the verdict.
+
+    `judged`: the columns that lie whole beside a log that keeps a part of the run.
+    """
+    path, drawn = folder / LOG, not options.no_figure
+    try:
+        log = long_logs.read(path, lambda log: judge.asked(log, drawn))
+        outcome.kept = {name: len(node.cycle) for name, node in log.node.items()}
+        log = long_logs.whole(log, judged) if judged else log
+    except logs.LogError as error:
+        if outcome.interrupted:  # before there was anything to record
+            return summaries.CODES["interrupted"]
+        print(*outcome.faults, error, sep="\n", file=sys.stderr)
+        return summaries.CODES["safety stop" if outcome.faults else "loss"]
+    finally:
+        for name in judged:
+            with contextlib.suppress(OSError):
+                long_logs.sidecar(path, name).unlink()
+    summary = summaries.summarise(judge.rig, log, outcome, judge)
+    if drawn:
+        summaries.note_figure(summary, _figure(judge, log, summary, folder / "figure.png"))
+    text = summaries.write_json(summary, folder / "summary.json")
+    if options.json:
+        print(text)
+    else:
+        report.show(summary, folder)
+    return summaries.CODES[summary["verdict"]]
+
+
+def _figure(judge: Judge, log: logs.Log, summary: summaries.Summary, path: Path) -> str:
+    """Draw the run; return what is wrong with the evaluation's figure, "" for nothing."""
+    config = judge.rig.config
+    title = f"{config.rig}: {config.title}, controller {config.controller}"
+    try:
+        reason = judge.draw(log, title, summary["metrics"], path)
+    except EvaluationError as error:
+        return f"no figure: {error}"
+    if reason:
+        print(f"no figure: {reason}", file=sys.stderr)
+    return ""

@@ -1,0 +1,67 @@
+"""Where the frames of a run went: what was sent to each node, and what became of it.
+
+    sent = used + lost + lost_on_purpose + repeated + crc_errors + wrong_sequence + unread
+
+`sent` are the frames that the other nodes here put on the bus and that the DBC has this node
+listen to; `unread` are those that it never took: sent before it listened, or on the way when it
+ended. The recorder counts them, also where the log keeps only a part.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+
+from drivers import dbc
+from drivers.errors import BusError
+from executive.logs import Log
+from executive.rig import Rig
+
+STATES = {  # of drivers.e2e, which imports numba; lost frames are those between two that came
+    0: "used", 1: "used", 2: "repeated", 3: "wrong_sequence", 4: "crc_errors", 6: "lost_on_purpose",
+}  # fmt: skip
+
+
+def frames_to(
+    rig: Rig, log: Log, health: Mapping[str, Mapping[str, int]]
+) -> dict[str, dict[str, int]]:
+    """Return the account of each node, and of the frames that none of them listens to.
+
+    {} of a log that does not tell, or of which a node is elsewhere: its frames are not known.
+    """
+    counts = log.metadata.get("frames", {})
+    sent: dict[str, Counter[int]] = {role: Counter() for role in rig.roles}
+    came: dict[str, Counter[str]] = {role: Counter() for role in rig.roles}
+    for key, text in counts.items():
+        role, direction, number, *state = key.split(".")
+        if role not in sent:
+            continue
+        if direction == "sent":
+            sent[role][int(number, 16)] += int(text)
+        else:
+            came[role][STATES.get(int(state[0]), "unread")] += int(text)
+    if not all(role in log.node and sum(sent[role].values()) for role in rig.roles):
+        return {}
+    listens = _listens(rig)
+    found: dict[str, dict[str, int]] = {}
+    for role in rig.roles:
+        others = [sent[other] for other in rig.roles if other != role]
+        total = sum(count for own in others for i, count in own.items() if i in listens[role])
+        row = {name: came[role][name] for name in dict.fromkeys(STATES.values())}
+        lost = max(health.get(role, {}).get("lost", 0) - row["lost_on_purpose"], 0)
+        found[role] = {"sent": total, **row, "lost": lost}
+        found[role]["unread"] = total - sum(row.values()) - lost
+    heard = set().union(*listens.values())
+    none = sum(n for own in sent.values() for i, n in own.items() if i not in heard)
+    return found | {"nobody": {"sent": none}}
+
+
+def _listens(rig: Rig) -> dict[str, set[int]]:
+    """Return the ids, with SocketCAN's flag of extended ones, that each node listens to."""
+    try:
+        database = dbc.load(rig.dbc)
+    except BusError:
+        return {role: set() for role in rig.roles}
+    found = {}
+    for role, section in rig.config.sections.items():
+        frames = dbc.frames(database, section.node, "rx")
+        found[str(role)] = {f.can_id | (f.extended << 31) for f in frames}
+    return found
