@@ -25,6 +25,7 @@ from executive.mcap_writer import RecordError
 from executive.rig import Rig, load_rig
 from executive.rig_bus import bus_wanted
 from executive.roles import Role
+from tools import pace
 from tools import summary as summaries
 from tools.children import Child, complain
 from tools.conclude import LOG, conclude
@@ -186,6 +187,8 @@ class Host:
                 self._await_other_recorder(block)
         for name, child in self.children.items():
             self.outcome.judge(name, child.code, self.blocks.get(name))
+        if all(child.code >= 0 for child in self.children.values()):  # else their death explains it
+            self.outcome.faults += filter(None, [pace.silence(self.blocks, self.rig)])
         for block in self.blocks.values():
             block.unlink()
 
@@ -262,6 +265,9 @@ def run_folder(options: argparse.Namespace, rig: Rig) -> Iterator[Path]:
 
 def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run `roles` of a rig on a bus and sum up; return the exit code."""
+    options, said = pace.settle(options, rig, alone=len(roles) == 1)
+    if said:
+        print(said, file=sys.stderr)
     if "executive" not in roles:
         return without_executive(options, rig, roles)
     with run_folder(options, rig) as folder:

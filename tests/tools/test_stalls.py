@@ -77,6 +77,17 @@ def test_a_law_that_is_too_slow_hands_over_to_the_fallback(tmp_path: Path) -> No
     assert node.cycle[-1] == 1499, node.cycle[-1]
 
 
+def test_a_fault_after_a_stall_names_the_limit_in_time_and_the_setting(tmp_path: Path) -> None:
+    rig = slow_rig(tmp_path, "{}")
+    rig.write_text(rig.read_text().replace("fault_after_cycles: 400", "fault_after_cycles: 3"))
+    words = ["--quiet", "--no-figure", "--json", "-o", str(tmp_path / "run")]
+    done = pcpc("run", str(rig), "--bus", own_bus(), "--pacing", "real", *words)
+    assert done.code == 5, done
+    said = "\n".join(done.summary["faults"])
+    assert "3 cycles are 3 ms, and here a cycle began " in said, done
+    assert "ms late: --set supervisor.fault_after_cycles=" in said, done
+
+
 def test_a_law_that_is_too_slow_is_a_fault_where_the_rig_says_so(tmp_path: Path) -> None:
     code, node = run(slow_rig(tmp_path, "{fault_after: 3}"), tmp_path / "run")
     assert code == 5

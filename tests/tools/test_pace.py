@@ -1,0 +1,93 @@
+"""The pacing that a machine holds: chosen in a line, never against what was asked for."""
+
+import argparse
+from typing import Any
+
+import numpy as np
+import pytest
+
+from executive import shared as sh
+from executive import supervisor as sv
+from executive.rig import load_rig
+from tools import pace
+
+RIG = "plants/probe/rig.yaml"
+PC, TCG = "model name : AMD EPYC\n", "model name : QEMU TCG CPU version 2.5+\n"
+
+
+def settled(
+    pacing: str | None, *settings: str, slower: float = 1.0, cpu: str = PC, alone: bool = False
+) -> tuple[str | None, str]:
+    """Return the pacing in the options and what is said."""
+    options = argparse.Namespace(pacing=pacing, bus=None)
+    rig = load_rig(RIG, None, settings, resolve=False)
+    found, said = pace.settle(options, rig, alone, slower, cpu)
+    assert options.pacing == pacing and found.bus is None
+    return found.pacing, said
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 1000.0, 20000.0])
+def test_a_present_machine_is_let_alone(rate_hz: float) -> None:
+    for pacing in (None, "real", "sync", "lockstep"):
+        assert settled(pacing, f"rate_hz={rate_hz}") == (pacing, "")
+
+
+def test_an_emulated_processor_runs_in_lockstep_and_says_so() -> None:
+    for slower, cpu in ((50.0, PC), (3.0, TCG)):
+        assert settled(None, slower=slower, cpu=cpu) == (
+            "lockstep",
+            "this processor is emulated and holds 25 Hz, not 1000: pacing lockstep; "
+            "on a clock with --set rate_hz=25 --pacing real",
+        )
+        assert settled(None, "rate_hz=25", slower=12.0, cpu=cpu) == (None, "")
+
+
+def test_what_was_asked_for_is_done_with_a_warning() -> None:
+    for pacing in ("real", "sync"):
+        found, said = settled(pacing, cpu=TCG)
+        assert found == pacing
+        assert said.endswith(
+            f"use --pacing lockstep, or --set rate_hz=25; pacing {pacing} as asked"
+        )
+    assert settled("lockstep", cpu=TCG) == ("lockstep", "")
+    found, said = settled(None, cpu=TCG, alone=True)
+    assert found is None and "use --pacing lockstep on all nodes, or" in said, said
+
+
+def test_a_slow_machine_holds_a_lower_rate() -> None:
+    assert settled(None, slower=11.0) == (None, "")
+    found, said = settled(None, "rate_hz=5000", slower=11.0)
+    assert found == "lockstep", said
+    assert said.startswith(
+        "this processor is 11 times slower than a PC and holds 4000 Hz, not 5000"
+    )
+
+
+def test_this_machine_is_measured_and_holds_a_low_rate() -> None:
+    slower = pace.slowness()
+    assert slower >= 1.0
+    options = argparse.Namespace(pacing=None)
+    rig = load_rig(RIG, None, ["rate_hz=1"], resolve=False)
+    assert pace.settle(options, rig, alone=False) == (options, "")
+
+
+def node(fault: int, stall_ns: int) -> Any:
+    """Return a node's block in a ring of 8 records that has gone round; one cycle was late."""
+    stamps = np.cumsum([200_000 + (stall_ns if k == 17 else 0) for k in range(20)])
+    record, control, ends = np.zeros((8, 3), np.int64), np.zeros(64, np.int64), np.zeros(8, int)
+    record[np.arange(20) % 8, 1] = stamps
+    control[sh.FAULT], ends[sh.PUT] = fault, 20
+    return {"control": control, "record": record, "record_ends": ends}
+
+
+def test_a_fault_for_silence_names_limit_stall_and_setting() -> None:
+    settings = ["rate_hz=5000", "supervisor.fault_after_cycles=3", "supervisor.hold_cycles=2"]
+    rig = load_rig(RIG, None, settings, resolve=False)
+    stalled = {"executive": node(sv.INPUT_MISSING, 90_000), "plant": node(0, 2_200_000)}
+    assert pace.silence(stalled, rig) == (
+        "3 cycles are 0.6 ms, and here a cycle began 2.2 ms late: "
+        "--set supervisor.fault_after_cycles=18, a lower rate_hz, or --pacing lockstep"
+    )
+    lost = {"executive": node(sv.INPUT_MISSING, 90_000), "plant": node(0, 100_000)}
+    assert pace.silence(lost, rig) == "3 cycles are 0.6 ms"
+    assert pace.silence({"executive": node(0, 2_200_000)}, rig) == ""
