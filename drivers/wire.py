@@ -240,6 +240,8 @@ def get_frame(wire: Any, block: Any) -> Any:
         return _take(wire, wire.fd_rx, 0 if block else libc.MSG_DONTWAIT)
     if block and wire.muted != 0:
         return _take(wire, wire.fd_rx2, 0)
+    if block and wire.in_turn != 0:
+        return _take(wire, wire.fd_rx, 0)
     for attempt in range(2):
         for fd in (wire.fd_rx, wire.fd_rx2):
             result = _take(wire, fd, libc.MSG_DONTWAIT)

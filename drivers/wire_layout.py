@@ -18,6 +18,7 @@ WIRE = np.dtype(
         ("fd_tx2", "<i8"),  # of a second bus, -1 without
         ("fd_rx2", "<i8"),
         ("muted", "<i8"),  # 1: a blocking receive listens to the second bus only
+        ("in_turn", "<i8"),  # 1: a blocking receive empties the first bus until it is muted
         ("n_second", "<i8"),  # how many ids go out on the second bus, and which
         ("second", "<i8", (SECOND_IDS,)),
         ("errno", "<i8"),  # of the last call that failed

@@ -28,13 +28,20 @@ import numpy as np
 
 from drivers import codec, dbc, e2e, libc
 from drivers.jit import STEP, from_dtype, i8, loop, loop_function, stage, types
-from drivers.wire import FAILED, FRAME, NOTHING, get_frame, put_frame
+from drivers.wire import FAILED, FRAME, NOTHING, get_frame
 from drivers.wire_layout import MEMORY
-from executive import losses, timing
+from executive import losses, meeting, timing
 from executive import shared as sh
 from executive import supervisor as sv
 from executive.losses import is_lost
 from executive.rings import now, publish, push_event, push_frame, push_record, stopping
+from executive.sending import (
+    announce,
+    announce_again,
+    copy_inputs,
+    request_first_sample,
+    send_frame,
+)
 from executive.tuning import tune
 from executive.variables import (
     CLAMPED,
@@ -109,6 +116,21 @@ def take_frame(n: Any) -> Any:
     row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx[: n.n_rx])
     if row < 0:
         return row
+    if n.virtual_time != 0 and n.passes == 0:
+        what = meeting.sorted_out(n, row)
+        if what == meeting.LEAVE:
+            return np.int64(-1)
+        if what == meeting.HELD_FIRST:
+            meeting.exchange_held(n)
+            use_frame(n, meeting.held_row(n))
+            meeting.exchange_held(n)
+    return use_frame(n, row)
+
+
+@loop_function
+def use_frame(n: Any, row: Any) -> Any:
+    """Check and decode `wire.rx`, a frame of `row`; return the row, -1 if it is lost on purpose."""
+    frame = n.wire.rx
     after_loss = n.loss_state[row, losses.LOST]
     if is_lost(n, row):
         n.control[sh.LOST_ON_PURPOSE] += 1
@@ -135,6 +157,8 @@ def take_frame(n: Any) -> Any:
         n.started += n.rx_role[row, sh.STARTS] * after_loss  # of a whole turn of the counter
     elif state == e2e.WRONG_SEQUENCE:
         n.started += n.rx_role[row, sh.STARTS]  # it came; the next one will be trusted
+        if n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
+            n.wire.muted = 1
     return row
 
 
@@ -155,7 +179,7 @@ def receive(n: Any) -> None:
                 break
             waits += 1
             if n.passes == 0 and n.wire.kind != MEMORY:
-                announce(n)
+                announce_again(n)
                 waits = 0
             elif waits >= n.patience or n.wire.kind == MEMORY:
                 n.faulted = sv.PEER_SILENT
@@ -228,14 +252,6 @@ def judge_overrun(n: Any) -> None:
 
 
 @loop_function
-def copy_inputs(n: Any, block: Any) -> None:
-    """Carry the wired variables into the inputs of `block` (MAX_BLOCKS: into what is sent)."""
-    first = n.copies_end[block - 1] if block > 0 else 0
-    for i in range(first, n.copies_end[block]):
-        n.v[n.copies[i, 1]] = n.v[n.copies[i, 0]]
-
-
-@loop_function
 def step_blocks(n: Any, steps: Any) -> None:
     """Step every block at time k T; after a stall the emulator makes up the owed periods."""
     dt = n.period_ns * 1e-9
@@ -285,28 +301,6 @@ def limit(n: Any) -> None:
 
 
 @loop_function
-def send_frame(n: Any, row: Any, counter: Any) -> None:
-    """Encode, protect and send the frame of one row of the transmit table."""
-    frame = n.wire.tx
-    word = n.tx[row, dbc.CAN_ID] | n.tx[row, dbc.EXTENDED] << 31
-    for i in range(4):
-        frame[i] = (word >> (8 * i)) & 255
-    frame[4] = n.tx[row, dbc.DLC]
-    data = frame[8:16]
-    clamped = codec.pack(data, row, n.tx, n.tx_signals, n.tx_scales, n.v)
-    if clamped > 0:
-        n.v[CLAMPED] = 1.0
-        n.control[sh.SATURATED] += clamped
-    e2e.protect(data, row, n.tx, counter)
-    if put_frame(n.wire):
-        n.control[sh.SENT] += 1
-    else:
-        n.control[sh.SEND_ERRORS] += 1
-        n.control[sh.BUS_ERRNO] = n.wire.errno
-    push_frame(n, frame, 0, 0)
-
-
-@loop_function
 def transmit(n: Any) -> None:
     """Send what is due: slow frames, frames of every cycle, SYNC last (the rows' order)."""
     for row in range(n.n_tx):
@@ -316,30 +310,14 @@ def transmit(n: Any) -> None:
     n.sent = now(n)
 
 
-@loop_function
-def announce(n: Any) -> None:
-    """Send the heartbeat while waiting for the other node, and at the end."""
-    n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
-    copy_inputs(n, sh.MAX_BLOCKS)
-    for row in range(n.n_tx):
-        if n.tx_role[row, sh.IS_HEARTBEAT] != 0:
-            send_frame(n, row, 0)
-
-
-@loop_function
-def request_first_sample(n: Any) -> None:
-    """Send SYNC(0): the plant answers with its sample of t = 0."""
-    for row in range(n.n_tx):
-        if n.tx_role[row, sh.IS_SYNC] != 0:
-            send_frame(n, row, 0)
-
-
 # ----------------------------------------------------------------------------------------- the loop
 
 
 @loop_function
 def one_pass(n: Any, steps: Any) -> Any:
     """Run one cycle; return False when the node is to stop."""
+    if n.virtual_time != 0:
+        n.virtual_now = n.k * n.period_ns
     if n.trigger == CLOCKED and n.passes > n.arm_pass:
         wait(n)
         receive(n)
@@ -375,6 +353,8 @@ def one_pass(n: Any, steps: Any) -> Any:
 @loop_function
 def finish(n: Any) -> None:
     """Send the last frames, with state STOP and a safe command, and mark the node as done."""
+    if n.virtual_time != 0:
+        n.virtual_now = n.k * n.period_ns
     if n.v[STATE] != sv.STOP:
         push_event(n, sh.STATE_EVENT, sv.STOP, 0.0)
     n.v[STATE] = sv.STOP
@@ -391,17 +371,29 @@ def finish(n: Any) -> None:
 
 
 @loop_function
+def pass_or_finish(n: Any, steps: Any) -> None:
+    """Run one cycle of a node that has not ended, and its end when that comes."""
+    if n.control[sh.DONE] == 0 and not one_pass(n, steps):
+        finish(n)
+
+
+@loop_function
 def wait_for_peer(n: Any) -> Any:
-    """Block until the node below is heard, and answer; return False when the host stops us."""
+    """Block until the node below is heard, and answer; return False when the host stops us.
+
+    Without a clock a local node turns to the node above only then.
+    """
+    n.wire.muted = n.virtual_time
     while not stopping(n):
         result = get_frame(n.wire, True)
         if result == FRAME:
             row = take_frame(n)
             if row >= 0 and n.rx_role[row, sh.PEER] != 0:
+                n.wire.muted = 0
                 announce(n)
                 return True
-        if result == NOTHING:
-            announce(n)
+        if result == NOTHING and (n.virtual_time == 0 or n.wire.n_second == 0):
+            announce_again(n)
         if result == FAILED:
             n.control[sh.BUS_ERRNO] = n.wire.errno
             n.faulted = sv.BUS_FAILED
@@ -412,6 +404,8 @@ def wait_for_peer(n: Any) -> Any:
 @loop(i8(N, STEPS))
 def run(n: Any, steps: Any) -> Any:
     """Run the node on its bus to the end; return the number of cycles done."""
+    if n.is_plant != 0 and n.virtual_time != 0:
+        announce(n)
     if n.is_plant == 0 and wait_for_peer(n):
         request_first_sample(n)
     while one_pass(n, steps):

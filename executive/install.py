@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from drivers import dbc, e2e
-from executive import losses
+from executive import losses, meeting
 from executive import shared as sh
 from executive.cycle import CLOCKED, ON_FRAMES
 from executive.node import Plan, cycles_of
@@ -72,7 +72,7 @@ def _install_schedule(made: Plan, loop: Any) -> None:
     loop.cycles = cycles_of(made.rig) if leads else 2**62
     loop.arm_pass = 0 if leads else 1
     loop.patience = round(PATIENCE_S / RECEIVE_TIMEOUT_S)
-    loop.wait_recorder = made.pacing == "lockstep"
+    loop.wait_recorder = loop.virtual_time = loop.wire.in_turn = made.pacing == "lockstep"
     _install_overrun(made, loop)
     loop.n_blocks, loop.n_variables = len(made.spec.blocks), len(made.table.variables)
 
@@ -108,10 +108,11 @@ def _install_frames(made: Plan, loop: Any) -> None:
         loop[f"{prefix}_scales"][: len(table.scales)] = table.scales
     loop.n_rx, loop.n_tx = len(made.rx_frames), len(made.tx_frames)
     loop.rx_state[: loop.n_rx] = e2e.new_state(loop.n_rx)
+    part = meeting.parts(made.rx_frames, made.below, leads=made.role == "executive")
     for i, frame in enumerate(made.rx_frames):
         peer = made.role != "local" or frame.name in made.below
-        loop.rx_role[i] = (starts(made.role, frame, made.below), awaited(frame), peer)
-    loop.n_starters, loop.n_awaited, _ = loop.rx_role[: loop.n_rx].sum(axis=0)
+        loop.rx_role[i] = (starts(made.role, frame, made.below), awaited(frame), peer, part[i])
+    loop.n_starters, loop.n_awaited, *_ = loop.rx_role[: loop.n_rx].sum(axis=0)
     losses.install(loop, made.rx_frames, made.rig.config.losses, made.rig.config.seed)
     second = [f.can_id | f.extended << 31 for f in made.tx_frames if f.name in made.below]
     loop.wire.n_second = len(second)

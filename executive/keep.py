@@ -48,6 +48,9 @@ class Sink:
     def happened(self, code: int, when_ns: int) -> None:
         """Take note of an event and its log time."""
 
+    def died(self) -> None:
+        """Take note of a node's death, just after its last message."""
+
     def close(self) -> None:
         """End."""
 
@@ -88,6 +91,10 @@ class SnapshotRing(Sink):
         held, self._held = self._held, deque()
         for messages in held:
             self._writer.add([self._split(messages)])
+
+    def died(self) -> None:
+        """As a fault at the newest log time."""
+        self.happened(CODES["fault"], self._newest_ns)
 
     def close(self) -> None:
         """Count what is still held: nothing happened since."""

@@ -6,10 +6,12 @@
 
 Topics of the other nodes begin with their names: /plant, /local. `sequence` is the low half of the
 cycle number; `log_time` is wall time: stamp - clock_monotonic_ns + clock_wall_ns of the node's
-metadata, ns. Metadata records: one a node (versions, clock, machine), `variables:<topic>` (field ->
-name, unit, help), `run` (what the recorder counted), `recovered` (what was missing when the log was
-written anew). Attachments: rig, DBC, `<node>.json` (the block's description). A value whose
-checksum does not match is left out and told in `missing`: see `executive.mcap_reader`.
+metadata, ns. Where no clock ran (pacing lockstep, virtual) stamps are k T, and count from the start
+of the first node; `timing.wall_s` holds wall time. Metadata records: one a node (versions, clock,
+machine), `variables:<topic>` (field -> name, unit, help), `run` (what the recorder counted),
+`recovered` (what was missing when the log was written anew). Attachments: rig, DBC, `<node>.json`
+(the block's description). A value whose checksum does not match is left out and told in `missing`:
+see `executive.mcap_reader`.
 """
 
 import hashlib

@@ -111,6 +111,8 @@ class Process:
             block.unlink()
             raise
         install(self.plan, block.loop)
+        wall_ns, clock_ns = (int(metadata[f"clock_{name}_ns"]) for name in ("wall", "monotonic"))
+        block.loop.wall_offset_ns = wall_ns - clock_ns
         block["control"][sh.PID] = os.getpid()
         loop = threading.Thread(target=self._loop, args=(block,))
         loop.start()

@@ -4,6 +4,7 @@
     /state            the upper half of the first header and all state cells, byte for byte
     /timing           the same of the second header
     log_time          stamp - clock_monotonic_ns + clock_wall_ns            wall time, ns
+                      without a clock: k T + clock_wall_ns of the first node
 
 A chunk (at most 1 MiB, zstd) is ended and handed to the kernel every 0.5 s, and what explains a log
 (description, rig, DBC) is written first: `kill -9` costs less than a second. As a process:
@@ -28,7 +29,7 @@ from numpy.typing import NDArray
 from executive import logs, shared
 from executive.beside import Beside
 from executive.keep import Sink, SnapshotRing
-from executive.long_logs import Wanted
+from executive.long_logs import WITHOUT_CLOCK, Wanted
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
 from executive.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
 from executive.shared import RINGS, Shared, SharedError
@@ -47,6 +48,8 @@ class _Node:
         self.block, self.name, self.birth = block, str(about["node"]), ""
         facts = about["metadata"]
         self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
+        self.clocked = facts.get("pacing") not in WITHOUT_CLOCK
+        self.period_ns = int(about["period_ns"])
         self.written = dict.fromkeys(RINGS, 0)
         self.backlog = dict.fromkeys(RINGS, 0)
         self.taken = {ring: _taken(block, ring) for ring in RINGS}
@@ -125,7 +128,9 @@ class _Node:
         """Return copies of ring rows as message records."""
         cells = rows.view(np.uint8)
         if ring == "record":
-            cycle, log_ns, end = rows[:, 0], rows[:, 1] + self.wall_ns, self.state_end
+            cycle, end = rows[:, 0], self.state_end
+            stamps = rows[:, 1] if self.clocked else cycle * self.period_ns
+            log_ns = stamps + self.wall_ns
             head = 8 * shared.RECORD_HEAD - logs.CDR_BYTES
             state, timing = cells[:, head:end], cells[:, end + 8 - logs.CDR_BYTES :]
             ids = self.channels
@@ -211,6 +216,7 @@ class Recorder:
         self._full = False
         self.flushed_ns = clock()
         self._files: dict[str, str] = {}
+        self.started_ns = int(blocks[0].description["metadata"]["clock_monotonic_ns"])
         self._writing(lambda: self._open(blocks))
 
     def _open(self, blocks: Sequence[Shared]) -> None:
@@ -240,6 +246,7 @@ class Recorder:
 
     def _add(self, block: Shared) -> None:
         """Take up a node; write what explains its messages first."""
+        self._set_clock(block.description["metadata"])
         about = block.description
         node = _Node(block, self.writer)
         if node.name in self.judged:
@@ -256,6 +263,12 @@ class Recorder:
                 self._files[place] = text
                 self.writer.add_attachment(wall_ns, wall_ns, place, "text/plain", text.encode())
         self.nodes.append(node)
+
+    def _set_clock(self, facts: dict[str, str]) -> None:
+        """Let the stamps of a node without a clock, k T, count from the start of the first node."""
+        if facts.get("pacing") in WITHOUT_CLOCK:
+            first = self.nodes[0].block.description["metadata"] if self.nodes else facts
+            facts |= {"clock_monotonic_ns": "0", "clock_wall_ns": first["clock_wall_ns"]}
 
     def _attach_late(self) -> None:
         """Take up late blocks whose file is there, except what an earlier run left."""
@@ -275,7 +288,7 @@ class Recorder:
     def _in_this_run(self, block: Shared) -> bool:
         """Return whether the dead node of `block` still ran when the first node had started."""
         put, rows = int(block["record_ends"][shared.PUT]), block["record"]
-        started_ns = int(self.nodes[0].block.description["metadata"]["clock_monotonic_ns"])
+        started_ns = self.started_ns
         return put > 0 and int(rows[(put - 1) % len(rows), 1]) > started_ns
 
     def drain(self) -> bool:
@@ -321,7 +334,7 @@ class Recorder:
 
     def _finish(self) -> None:
         if any(node.died() for node in self.nodes):
-            self.sink.happened(shared.FAULT_EVENT, time.time_ns())
+            self.sink.died()
         self.sink.close()
         for node in self.nodes:
             node.beside.close()

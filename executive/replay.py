@@ -12,7 +12,7 @@ a node sends while it looks for the other one or ends.
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +25,7 @@ from drivers.wire_layout import FRAME_BYTES, MEMORY
 from executive import logs
 from executive import shared as sh
 from executive import supervisor as sv
-from executive.cycle import STEPS, N, one_pass, request_first_sample, take_frame
+from executive.cycle import STEPS, N, one_pass, take_frame
 from executive.emath_selftest import selftest
 from executive.facts import facts
 from executive.install import install
@@ -33,6 +33,7 @@ from executive.node import describe, plan
 from executive.protocol import heartbeat
 from executive.rig import Rig
 from executive.roles import Role
+from executive.sending import request_first_sample
 from executive.variables import COUNTED
 
 CYCLES_AT_ONCE = 1000  # the rings hold several thousand
@@ -139,8 +140,8 @@ def recompute(
 class Replay:
     """One node of a rig, recomputed slice by slice."""
 
-    def __init__(self, rig: Rig, role: Role, pacing: str) -> None:
-        """`pacing` is the recorded run's. Raises RigError, BusError."""
+    def __init__(self, rig: Rig, role: Role, pacing: str, recorded: Collection[str]) -> None:
+        """`pacing` and the variables `recorded` are the recorded run's. RigError, BusError."""
         selftest()
         made = plan(rig, role, "lockstep" if pacing == "virtual" else pacing)
         name = sh.block_name(rig.config.rig, f"replay-{os.getpid()}", role)
@@ -149,7 +150,7 @@ class Replay:
         loop = self.block.loop
         wire.prepare(loop.wire, MEMORY, -1, -1)
         install(made, loop)
-        loop.n_schedule, loop.wait_recorder = 0, 0
+        loop.n_schedule = loop.wait_recorder = loop.virtual_time = 0
         self.steps = made.steps
         about = self.block.description
         self.names = [*about["state_columns"], *COUNTED]
@@ -157,7 +158,8 @@ class Replay:
         states = sh.RECORD_HEAD + np.arange(len(about["state_columns"]))
         self._columns = [*states, *(states[-1] + 2 + i for i in counters)]
         self._index = made.table.index
-        self._clocks = [name for name in about["timing_columns"] if name not in COUNTED]
+        measured = [name for name in about["timing_columns"] if name not in COUNTED]
+        self._clocks = [name for name in measured if name in recorded]
         self._clock_places = np.array([self._index[name] for name in self._clocks], np.int64)
         self._clocked = np.zeros((1, len(self._clocks)))  # of the cycle before the next slice
         self._heartbeats = [f.can_id for f in made.tx_frames if heartbeat(f)]

@@ -27,6 +27,12 @@ def now(n: Any) -> Any:
 
 
 @loop_inline
+def stamp(n: Any) -> Any:
+    """Return what frames and events are stamped with, ns: k T where no clock runs, else `now`."""
+    return n.virtual_now if n.virtual_time != 0 else now(n)
+
+
+@loop_inline
 def stopping(n: Any) -> Any:
     """Return True once the host asked this node to stop."""
     return libc.load_acquire(n.control, sh.STOP) != 0
@@ -65,7 +71,7 @@ def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
     for i in range(8):
         data |= np.int64(frame[8 + i]) << (8 * i)
     n.frame[row, 0] = sh.CDR_HEADER
-    n.frame[row, 1] = now(n)
+    n.frame[row, 1] = stamp(n)
     n.frame[row, 2] = n.k
     n.frame[row, 3] = word | np.int64(frame[4]) << 32 | received << 40 | state << 48
     n.frame[row, 4] = data
@@ -78,7 +84,7 @@ def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
     row = _free_row(n, n.event_ends, n.event_taken, sh.EVENT_RING_ROWS)
     if row < 0:
         return
-    n.event[row, 0] = now(n)
+    n.event[row, 0] = stamp(n)
     n.event[row, 1] = n.k
     n.event[row, 2] = code
     n.event[row, 3] = argument

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.wire_layout import WIRE
+from drivers.wire_layout import FRAME_BYTES, WIRE
 
 FOLDER = Path("/dev/shm")
 MAGIC = b"pcpc 1\0\0"
@@ -74,6 +74,7 @@ EVENT_RING_ROWS = 1 << 10
 # columns of `limits` (low, high, change a cycle, last value) and `safe` (last value, safe value)
 LOW, HIGH, RATE, LAST, SAFE = range(5)
 STARTS, AWAITED, PEER = 0, 1, 2  # columns of `rx_role`; PEER: of the node that is waited for
+MEETING = 3  # a further one: what the frame is to `executive.meeting`
 SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `overrun_policy`
 STAGES, BUCKETS, LATEST = 6, 320, 8  # sizes of `executive.timing`
 COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
@@ -131,6 +132,8 @@ _PRIVATE = [  # of the loop alone
     ("fault_after", "<i8"),
     ("mode_index", "<i8"),  # the received variable that asks for STOP, or -1
     ("wait_recorder", "<i8"),  # lockstep: a full ring delays instead of dropping
+    ("virtual_time", "<i8"),  # lockstep: stamps are k T
+    ("wall_offset_ns", "<i8"),  # wall time minus the clock of the loop
     ("overrun_policy", "<i8"),
     ("overrun_after", "<i8"),  # overruns in a row that count
     ("grace_passes", "<i8"),  # cycles at the start in which none does
@@ -155,7 +158,7 @@ _PRIVATE = [  # of the loop alone
     ("rx", "<i8", (MAX_FRAMES, 12)),  # tables of drivers.dbc
     ("rx_signals", "<i8", (MAX_SIGNALS, 10)),
     ("rx_scales", "<f8", (MAX_SIGNALS, 4)),
-    ("rx_role", "<i8", (MAX_FRAMES, 3)),
+    ("rx_role", "<i8", (MAX_FRAMES, 4)),
     ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.losses`
     ("tx", "<i8", (MAX_FRAMES, 12)),  # in the order of sending
     ("tx_signals", "<i8", (MAX_SIGNALS, 10)),
@@ -184,6 +187,10 @@ _PRIVATE = [  # of the loop alone
     ("asked_value", "<f8", (MAIL_SLOTS,)),
     ("rx_state", "<i8", (MAX_FRAMES, 9)),  # receivers, see drivers.e2e
     ("loss_state", "<i8", (MAX_FRAMES, 2)),
+    ("met", "<i8", (MAX_FRAMES,)),  # heartbeats that were heard, see `executive.meeting`
+    ("sampled", "<i8"),  # 1: the first sample of the node below has begun
+    ("holding", "<i8"),  # row + 1 of the frame in `held`, 0 without
+    ("held", "u1", (FRAME_BYTES,)),
     ("overruns", "<i8"),  # in a row
     ("times", "<i8", (STAGES,)),
     ("usage", "<i8", (18,)),  # struct rusage

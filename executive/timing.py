@@ -19,7 +19,7 @@ from drivers import libc
 from drivers.jit import loop_function
 from executive import shared as sh
 from executive.rings import push_event
-from executive.variables import REFUSED, RESET, STATISTICS_AT, TIMING_AT
+from executive.variables import REFUSED, RESET, STATISTICS_AT, TIMING_AT, WALL
 
 WAKE_LATE, RECEIVE, STEP, SEND, PUBLISH, WORK = range(sh.STAGES)
 UPDATE_PASSES = 128  # the table's percentiles are renewed this often
@@ -47,6 +47,7 @@ def note(n: Any) -> None:
     for i in range(COUNTERS.shape[0]):
         v[TIMING_AT + 5 + i] = n.control[COUNTERS[i]]
     v[REFUSED] = n.control[sh.REFUSED]
+    v[WALL] = 1e-9 * (n.wake + n.wall_offset_ns)
 
 
 @loop_function

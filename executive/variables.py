@@ -29,6 +29,7 @@ TIMING = (
     ("health.frames_repeated", "", "frames received twice"),
     ("health.saturated_values", "", "values clamped on sending"),
     ("health.frames_lost_on_purpose", "", "frames that the rig's losses took from this receiver"),
+    ("timing.wall_s", "s", "wall time of the cycle's start, since 1970; k T in virtual time"),
     *(
         (f"timing.{stage}_{figure}_us", "us", f"{what}: {figure} so far, renewed now and then")
         for stage, what in (("wake_late", "lateness"), ("work", "wake-up to end of cycle"))
@@ -38,6 +39,7 @@ TIMING = (
 RESETS = (("timing.reset", "", "set to 1: timing statistics start anew"),)
 REFUSALS = (("health.requests_refused", "", "requests for tunings that the loop refused"),)
 TIMING_AT = len(HEAD)
+WALL = TIMING_AT + [name for name, *_ in TIMING].index("timing.wall_s")
 RESET = TIMING_AT + len(TIMING)
 REFUSED = RESET + len(RESETS)
 STATISTICS_AT = RESET - 12

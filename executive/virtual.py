@@ -20,10 +20,9 @@ from executive import shared as sh
 from executive.cycle import (
     STEPS,
     N,
-    announce,
     finish,
     one_pass,
-    request_first_sample,
+    pass_or_finish,
     wait_for_peer,
 )
 from executive.emath_selftest import selftest
@@ -33,6 +32,7 @@ from executive.long_logs import Wanted
 from executive.node import describe, plan
 from executive.recorder import Recorder
 from executive.rig import Rig
+from executive.sending import announce, request_first_sample
 
 CYCLES_BETWEEN_DRAINS = 1000  # rows in flight; the rings hold several thousand
 
@@ -49,16 +49,16 @@ def run_virtual(executive: Any, laws: Any, plant: Any, models: Any, cycles: Any)
         one_pass(plant, models)
     for _ in range(cycles):
         wire.carry(plant.wire, executive.wire)
-        executive.virtual_now = executive.k * executive.period_ns
         more = one_pass(executive, laws)
-        wire.carry(executive.wire, plant.wire)
-        plant.virtual_now = plant.k * plant.period_ns
-        one_pass(plant, models)
+        if more or executive.k >= executive.cycles:  # it has sent
+            wire.carry(executive.wire, plant.wire)
+            pass_or_finish(plant, models)
         if not more:
             finish(executive)
             wire.carry(executive.wire, plant.wire)
-            one_pass(plant, models)
-            finish(plant)
+            pass_or_finish(plant, models)
+            if plant.control[sh.DONE] == 0:
+                finish(plant)
             return 0
     return 1
 

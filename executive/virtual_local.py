@@ -9,15 +9,16 @@ from typing import Any
 
 from drivers import wire
 from drivers.jit import i8, loop, loop_function
+from executive import shared as sh
 from executive.cycle import (
     STEPS,
     N,
-    announce,
     finish,
     one_pass,
-    request_first_sample,
+    pass_or_finish,
     wait_for_peer,
 )
+from executive.sending import announce, request_first_sample
 
 
 @loop_function
@@ -36,11 +37,9 @@ def _meet(executive: Any, local: Any, plant: Any) -> None:
 @loop_function
 def _pass_below(executive: Any, local: Any, relays: Any, plant: Any, models: Any) -> None:
     """Do a pass of the plant, then one of the local node on its sample."""
-    plant.virtual_now = plant.k * plant.period_ns
-    one_pass(plant, models)
+    pass_or_finish(plant, models)
     wire.carry(plant.wire, local.wire)
-    local.virtual_now = local.k * local.period_ns
-    one_pass(local, relays)
+    pass_or_finish(local, relays)
     wire.deal(local.wire, executive.wire, plant.wire)
 
 
@@ -53,17 +52,19 @@ def run_virtual_with_local(
         _meet(executive, local, plant)
         _pass_below(executive, local, relays, plant, models)
     for _ in range(cycles):
-        executive.virtual_now = executive.k * executive.period_ns
         more = one_pass(executive, laws)
-        wire.carry(executive.wire, local.wire)
-        _pass_below(executive, local, relays, plant, models)
+        if more or executive.k >= executive.cycles:  # it has sent
+            wire.carry(executive.wire, local.wire)
+            _pass_below(executive, local, relays, plant, models)
         if not more:
             finish(executive)
             wire.carry(executive.wire, local.wire)
             _pass_below(executive, local, relays, plant, models)
-            finish(local)
-            wire.deal(local.wire, executive.wire, plant.wire)
-            one_pass(plant, models)
-            finish(plant)
+            if local.control[sh.DONE] == 0:
+                finish(local)
+                wire.deal(local.wire, executive.wire, plant.wire)
+            pass_or_finish(plant, models)
+            if plant.control[sh.DONE] == 0:
+                finish(plant)
             return 0
     return 1

@@ -171,8 +171,9 @@ class Comparison:
         if not {"state_columns", "timing_columns", "period_ns"} <= about.keys():
             raise logs.LogError(f"{head.path}: the description of the {role} is damaged")
         self.role = role
-        self.replay = Replay(rig, role, head.metadata[role].get("pacing", "lockstep"))
         self.recorded = Assembler([*about["state_columns"], *about["timing_columns"]])
+        pacing = head.metadata[role].get("pacing", "lockstep")
+        self.replay = Replay(rig, role, pacing, self.recorded.names)
         theirs, ours = self.recorded.names, self.replay.names
         self.both = [name for name in theirs if name in ours]
         self._theirs = [HEAD + theirs.index(name) for name in self.both]

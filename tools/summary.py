@@ -16,6 +16,7 @@ import json
 import math
 import re
 import signal
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -196,7 +197,11 @@ def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
     """Return the time from the command to the executive's first cycle."""
     if executive is None or outcome.begin_ns is None or not len(executive.stamp_ns):
         return None
-    return round(1e-9 * (int(executive.stamp_ns[0]) - outcome.begin_ns), 2)
+    first_ns = int(executive.stamp_ns[0])
+    if outcome.pacing == "lockstep":  # its stamps are k T
+        ahead_ns = time.time_ns() - time.monotonic_ns()
+        first_ns = round(1e9 * float(executive.timing["timing.wall_s"][0])) - ahead_ns
+    return round(1e-9 * (first_ns - outcome.begin_ns), 2)
 
 
 def _verdict(summary: Mapping[str, Any], outcome: Outcome) -> str:

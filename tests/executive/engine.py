@@ -18,11 +18,12 @@ from drivers.jit import i8, loop, u1
 from drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES
 from executive import shared as sh
 from executive import supervisor as sv
-from executive.cycle import STEPS, N, announce, one_pass, request_first_sample, wait_for_peer
+from executive.cycle import STEPS, N, one_pass, wait_for_peer
 from executive.install import install
 from executive.node import Plan, plan
 from executive.rig import Rig
 from executive.rings import publish, stopping
+from executive.sending import announce, request_first_sample
 
 ROOT = Path(__file__).resolve().parents[2]
 ATB1000 = ROOT / "plants" / "atb1000"

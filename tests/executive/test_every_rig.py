@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from free_bus import own_bus
-from two_processes import lockstep
+from two_processes import Whole, lockstep, virtual
 
-from executive.logs import Log
 from executive.rig import load_rig
-from executive.virtual import in_memory
 
 ROOT = Path(__file__).resolve().parents[2]
 RIGS = sorted((ROOT / "plants").glob("*/rigs/*.yaml"))
@@ -38,15 +36,19 @@ def one_of_each() -> list[Case]:
     return found
 
 
-def differing(a: Log, b: Log) -> list[str]:
-    """Return the variables of which two runs hold other bits."""
-    assert a.node.keys() == b.node.keys()
-    return [
+def differing(a: Whole, b: Whole) -> list[str]:
+    """Return the variables and rings of which two runs hold other bits."""
+    one, other = a.log.node, b.log.node
+    assert one.keys() == other.keys()
+    found = [
         f"{role}: {name}"
-        for role in a.node
-        for name, values in a.node[role].columns.items()
-        if not np.array_equal(values.view(np.int64), b.node[role].columns[name].view(np.int64))
+        for role in one
+        for name, values in one[role].columns.items()
+        if not np.array_equal(values.view(np.int64), other[role].columns[name].view(np.int64))
     ]
+    for what, ours, theirs in (("frames", a.frames, b.frames), ("events", a.events, b.events)):
+        found += [f"{r}: {what}" for r in ours if not np.array_equal(ours[r], theirs[r])]
+    return found
 
 
 @pytest.mark.parametrize(
@@ -55,7 +57,7 @@ def differing(a: Log, b: Log) -> list[str]:
 def test_lockstep_on_a_bus_has_the_bits_of_virtual_time(file: Path, controller: str) -> None:
     rate_hz = load_rig(file, resolve=False).config.rate_hz
     rig = load_rig(file, controller, [f"duration_s={CYCLES / rate_hz!r}"])
-    ours, theirs = lockstep(rig, own_bus()), in_memory(rig)
-    done = {role: len(ours.node[role].cycle) for role in ours.node}
+    ours, theirs = lockstep(rig, own_bus()), virtual(rig)
+    done = {role: len(node.cycle) for role, node in ours.log.node.items()}
     assert done == {role: CYCLES + below for below, role in enumerate(rig.roles)}, done
     assert not differing(ours, theirs), differing(ours, theirs)[:5]

@@ -8,7 +8,12 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers import bus as buses
 from executive import shared as sh
@@ -19,13 +24,40 @@ from executive.node import describe, plan
 from executive.process import open_buses
 from executive.rig import Rig
 from executive.roles import Role
-from executive.virtual import Memory
+from executive.virtual import Memory, VirtualRun
 
 RUN_S = 120.0
 
 
-def lockstep(rig: Rig, bus_name: str) -> Log:
-    """Return the records of a run of `rig` on `bus_name`; AssertionError if it does not end."""
+@dataclass(frozen=True)
+class Whole:
+    """A run: its records, and all that went into the rings of frames and events, by node."""
+
+    log: Log
+    frames: dict[str, NDArray[np.int64]]
+    events: dict[str, NDArray[np.int64]]
+
+
+def whole(blocks: Mapping[str, sh.Shared], log: Log) -> Whole:
+    """Return what the rings of a short run still hold beside its records."""
+    rings: list[dict[str, NDArray[np.int64]]] = []
+    for ring in ("frame", "event"):
+        puts = {role: int(block[f"{ring}_ends"][sh.PUT]) for role, block in blocks.items()}
+        assert all(put <= len(blocks[role][ring]) for role, put in puts.items()), puts
+        rings.append({role: block[ring][: puts[role]].copy() for role, block in blocks.items()})
+    return Whole(log, *rings)
+
+
+def virtual(rig: Rig) -> Whole:
+    """Return a run of `rig` in virtual time."""
+    run = VirtualRun(rig, None)
+    for _ in run.advance():
+        pass
+    return whole(dict(zip(rig.roles, run.blocks, strict=True)), run.memory.log())
+
+
+def lockstep(rig: Rig, bus_name: str) -> Whole:
+    """Return a run of `rig` on `bus_name`; AssertionError if it does not end."""
     bus = buses.choose(*buses.parse(bus_name))
     plans = {role: plan(rig, role, "lockstep") for role in rig.roles}
     metadata = {"pacing": "lockstep"}
@@ -63,4 +95,4 @@ def lockstep(rig: Rig, bus_name: str) -> Log:
             raise AssertionError(f"{rig.config.rig}: no end after {RUN_S:g} s")
     executive.join()
     memory.drain()
-    return memory.log()
+    return whole(blocks, memory.log())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from pcpc import RIGS, Running, blocks_left, own_bus, pcpc, until
+from pcpc import DEADLINE_S, RIGS, Running, blocks_left, own_bus, pcpc, until
 
 from executive import logs
 from executive import shared as sh
@@ -23,7 +23,10 @@ SLEW10 = str(RIGS / "slew10.yaml")
 RIGS_OF_EACH_KIND = ("firetrack", "hull")  # all others: tests/executive/test_every_rig.py
 SHORT = "duration_s=1.2"  # steps begin at 0.5 s, the gun fires at 1 s
 LONG = "duration_s=3600"
-STATES = ("/state", "/plant/state")
+TOPICS = [
+    f"{node}/{kind}" for kind in ("state", "can/frames", "events", "tunings")
+    for node in ("", "/plant")
+]  # fmt: skip
 PATIENT = ("supervisor.hold_cycles=100000", "supervisor.fault_after_cycles=100000")
 ALERT = ("supervisor.fault_after_cycles=300", "supervisor.ramp_s=0.01")
 INPUT_MISSING = "no valid input frame for the rig's limit of cycles"
@@ -37,11 +40,11 @@ def options(bus: str, pacing: str, *settings: str) -> list[str]:
 
 
 def payloads(folder: Path) -> list[list[bytes]]:
-    return [logs.payloads(folder / "log.mcap", name) for name in STATES]
+    return [logs.payloads(folder / "log.mcap", name) for name in TOPICS]
 
 
 def in_virtual_time(rig: str, folder: Path, settings: Sequence[str]) -> list[list[bytes]]:
-    """Return the state payloads of both nodes of a virtual run in this process."""
+    """Return the payloads of both nodes of a virtual run in this process, but for timing."""
     folder.mkdir()
     simulate(load_rig(rig, None, settings), folder / "log.mcap")
     return payloads(folder)
@@ -49,7 +52,7 @@ def in_virtual_time(rig: str, folder: Path, settings: Sequence[str]) -> list[lis
 
 def first_difference(a: list[list[bytes]], b: list[list[bytes]]) -> str:
     """Return "" if both runs hold the same bytes, else where they first differ."""
-    for topic, left, right in zip(STATES, a, b, strict=True):
+    for topic, left, right in zip(TOPICS, a, b, strict=True):
         if len(left) != len(right):
             return f"{topic}: {len(left)} and {len(right)} messages"
         for i, (x, y) in enumerate(zip(left, right, strict=True)):
@@ -69,11 +72,31 @@ def test_lockstep_on_the_bus_and_virtual_time_give_the_same_bytes(
     done = pcpc("run", rig, "-o", str(tmp_path / "bus"), *options(bus, "lockstep", SHORT))
     assert done.code == 0, str(done)
     wanted = in_virtual_time(rig, tmp_path / "virtual", [SHORT])
-    assert [len(topic) for topic in wanted] == [1200, 1201], [len(topic) for topic in wanted]
+    assert [len(topic) for topic in wanted[:2]] == [1200, 1201], [len(topic) for topic in wanted]
     different = first_difference(payloads(tmp_path / "bus"), wanted)
     assert not different, f"{name}: {different}\n{done}"
     assert done.summary["records"] == {"written": 2401, "dropped": 0}, str(done)
+    assert 0.0 < done.summary["start_to_first_cycle_s"] < DEADLINE_S, str(done)
+    compared = pcpc("log", "diff", str(tmp_path / "virtual"), str(tmp_path / "bus"), "--json")
+    assert compared.code == 0 and compared.summary["equal"], str(compared)
+    has_virtual_time(tmp_path / "bus" / "log.mcap")
     assert blocks_left(bus) == [], blocks_left(bus)
+
+
+def has_virtual_time(path: Path) -> None:
+    """Assert that a log is stamped k T from its start, and keeps wall time beside that."""
+    log = logs.read(path)
+    facts = log.metadata["plant"]
+    assert facts["clock_wall_ns"] == log.metadata["executive"]["clock_wall_ns"], facts
+    for node in log.node.values():
+        assert node.stamp_ns.tolist() == (node.cycle * 1_000_000).tolist()
+        at_most = (node.frames["cycle"] * 1_000_000 - node.frames["stamp_ns"]).max()
+        assert at_most == 0, f"a frame is stamped {at_most} ns before its cycle"
+        wall_s = node.timing["timing.wall_s"] - 1e-9 * int(facts["clock_wall_ns"])
+        assert 0.0 <= wall_s[0] < wall_s[-1] < DEADLINE_S, wall_s
+        assert (np.diff(wall_s) >= 0.0).all(), wall_s
+    report = pcpc("log", "info", str(path), "--json").summary
+    assert report["duration_s"] == pytest.approx(1.199), report["duration_s"]
 
 
 def test_repeated_commands_give_the_same_bytes(tmp_path: Path) -> None:

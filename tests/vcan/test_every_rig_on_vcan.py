@@ -12,10 +12,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "executive"))
 
 from test_every_rig import differing, one_of_each
-from two_processes import lockstep
+from two_processes import lockstep, virtual
 
 from executive.rig import load_rig
-from executive.virtual import in_memory
 
 pytestmark = pytest.mark.vcan
 CYCLES = 50
@@ -28,7 +27,7 @@ ONE_OF_EACH_PLANT = {file.parents[1].name: (file, law) for file, law in reversed
 def test_lockstep_on_vcan_has_the_bits_of_virtual_time(file: Path, controller: str) -> None:
     rate_hz = load_rig(file, resolve=False).config.rate_hz
     rig = load_rig(file, controller, [f"duration_s={CYCLES / rate_hz!r}"])
-    ours, theirs = lockstep(rig, "vcan0"), in_memory(rig)
-    done = {role: len(ours.node[role].cycle) for role in ours.node}
+    ours, theirs = lockstep(rig, "vcan0"), virtual(rig)
+    done = {role: len(node.cycle) for role, node in ours.log.node.items()}
     assert done == {role: CYCLES + below for below, role in enumerate(rig.roles)}, done
     assert not differing(ours, theirs), differing(ours, theirs)[:5]

@@ -6,7 +6,8 @@
 
 Runs are compared cycle by cycle; a cycle, variable or frame that only one log has is a difference.
 Frames are compared by id and direction, without their stamps; their data only when every bit
-counts. The timing of a run is compared only where a pattern names it, as 'timing.*'.
+counts. The timing of a run is measured, and compared only where a pattern names it, as 'timing.*'.
+Events and tunings are not compared.
 """
 
 import argparse
@@ -64,6 +65,7 @@ class Report:
     differences: list[Difference] = field(default_factory=list)
     only: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
+    patterns: list[str] = field(default_factory=list)  # compared; empty: all but timing
 
     @property
     def equal(self) -> bool:
@@ -123,7 +125,7 @@ def compare(
     absolute: float = 0.0,
 ) -> Report:  # fmt: skip
     """Compare two logs; LogCommandError for a pattern that matches no variable of either."""
-    report = Report(str(a.path), str(b.path))
+    report = Report(str(a.path), str(b.path), patterns=list(patterns))
     report.missing = [f"{log.path}: {line}" for log in (a, b) for line in log.missing]
     ours, theirs = series.all_series(a), series.all_series(b)
     known = [*ours, *(name for name in theirs if name not in ours)]
@@ -270,6 +272,7 @@ def _frame_text(frames: NDArray[Any], at: int) -> str:
 def show(report: Report) -> None:
     """Print a report."""
     size = f"{report.variables} variables, {report.frames} frames"
+    size += "" if report.patterns else ", timing not compared"
     cycles = ", ".join(f"{name} {n} cycles" for name, n in report.cycles.items())
     verdict = "equal" if report.equal else f"{len(report.differences)} differ"
     print(f"{cycles or 'no cycles'}, {size}: {verdict}")

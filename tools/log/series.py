@@ -2,7 +2,8 @@
 
 executive   controller.e_rad            names as they are
 plant       plant.barrel.theta_rad      with `plant.` before
-time        wall time, ns; t = 0 s is the first record of the executive (of the plant without)
+time        wall time, ns, k T from the start in lockstep and virtual time; t = 0 s is the first
+            record of the executive (of the plant without)
 """
 
 import math
