@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from executive import logs
-from executive.record_schemas import field_names
+from executive.schemas import field_names
 
 LAYOUTS = sorted((Path(__file__).parents[2] / "tools" / "layouts").glob("*.json"))
 KEYS = {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}

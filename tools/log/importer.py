@@ -26,7 +26,7 @@ from executive import logs
 from executive.errors import did_you_mean
 from executive.facts import facts
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
-from executive.record_schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
+from executive.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
 from tools import screen
 from tools.log import source
 from tools.log.outfile import LogCommandError, new_file
