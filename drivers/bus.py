@@ -156,14 +156,18 @@ def open_second(bus: Bus, receive_ids: list[int], end: Any) -> None:
 
 
 def _open_socketcan(name: str, receive_ids: list[int]) -> int:
-    cure = (
-        f"create it with `sudo ip link add dev {name} type vcan && sudo ip link set {name} up`, "
-        "run under `pcpc vm -- ...`, or use --bus udp_multicast"
-    )
+    up = f"sudo ip link set {name} up"
+    cure = f"create it with `sudo ip link add dev {name} type vcan && {up}`"
+    if not name.startswith("vcan"):
+        up += " type can bitrate 1000000"
+        cure = f"load its driver or plug the adapter in, then `{up}`"
+    others = ", run under `pcpc vm -- ...`, or use --bus udp_multicast"
     try:
         can = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     except OSError as error:
-        raise BusError(f"{name}: this kernel has no CAN ({error.strerror}); {cure}") from None
+        raise BusError(
+            f"{name}: this kernel has no CAN ({error.strerror}); {cure}{others}"
+        ) from None
     try:
         can.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, _can_filters(receive_ids))
         _receive_options(can)
@@ -171,10 +175,10 @@ def _open_socketcan(name: str, receive_ids: list[int]) -> int:
     except OSError as error:
         can.close()
         what = "no such interface" if error.errno == codes.ENODEV else error.strerror or error
-        raise BusError(f"{name}: {what}; {cure}") from None
+        raise BusError(f"{name}: {what}; {cure}{others}") from None
     if not vcan_ready(name):
         can.close()
-        raise BusError(f"{name}: the interface is down; run `sudo ip link set {name} up`")
+        raise BusError(f"{name}: the interface is down; run `{up}`")
     return can.detach()
 
 

@@ -33,6 +33,7 @@ from drivers import bus as buses
 from drivers import choice, realtime, wire
 from drivers.errors import BusError, DbcError
 from drivers.wire_layout import MEMORY
+from executive import plausible
 from executive import shared as sh
 from executive.cycle import run
 from executive.emath_selftest import selftest
@@ -89,6 +90,7 @@ class Process:
         self.choice = choice.take(bus_wanted(self.rig, (self.role,), options.bus))
         self.bus = self.choice.bus
         self.plan: Plan = plan(self.rig, self.role, self.pacing)
+        plausible.check(self.plan)
         self.report = realtime.Report(())
 
     def run(self) -> int:

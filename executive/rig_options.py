@@ -7,7 +7,9 @@ import msgspec
 
 from executive import yamlfile
 from executive.errors import RigError, did_you_mean
+from executive.laws import resolve
 from executive.rig_schema import Config
+from executive.typed import convert
 from executive.yamlfile import Document, Keys, Place, dotted
 
 
@@ -29,14 +31,42 @@ def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
     for name, value, place in rest:
         block, _, setting = name.partition(".")
         if block not in blocks or not setting:
-            names = [*keys_of, *(f"{known}.{setting or name}" for known in blocks)]
-            raise RigError(f"{place}: no such setting{did_you_mean(name, names)}")
+            raise RigError(f"{place}: no such setting{_cure(document, config, name, keys_of)}")
         chosen = document.data["controller"]
         if block == "controller" and chosen not in document.data["controllers"]:
             unknown_controller(document, chosen, config)
         own: Keys = (blocks[block], "blocks", block)
         keys = ("controllers", chosen) if block == "controller" else own
         document.put((*keys, "parameters", setting), value, place)
+
+
+def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys]) -> str:
+    """Return the suggestion for a setting that is none: only what this rig has."""
+    own = list(_block_settings(document, config))
+    if same := [setting for setting in own if setting.endswith(f".{name}")]:
+        return f"; did you mean {' or '.join(same)}?"
+    return did_you_mean(name, [*keys, *own])
+
+
+def _block_settings(document: Document, config: Config) -> Iterator[str]:
+    """Yield the settings of all blocks whose law can be imported."""
+    for role, node in config.sections.items():
+        for name in node.blocks:
+            own: Keys = (role, "blocks", name)
+            keys = ("controllers", document.data["controller"]) if name == "controller" else own
+            try:
+                law = convert(document, _at(document.data, (*keys, "law")), str, keys)
+                block = resolve(document, keys, law)
+            except (RigError, KeyError):
+                continue  # wrong itself, which is said once the option is mended
+            ports = block.settings or block.parameters
+            yield from (f"{name}.{setting}" for port in ports for setting in port.names())
+
+
+def _at(data: Any, keys: Keys) -> Any:
+    for key in keys:
+        data = data[key]
+    return data
 
 
 def _leaves(data: Mapping[str, Any], keys: Keys) -> Iterator[tuple[str, Keys]]:

@@ -13,6 +13,7 @@ from typing import Any
 
 from drivers import dbc
 from drivers.errors import BusError
+from executive import plausible
 from executive import shared as sh
 from executive.errors import RigError
 from executive.node import Plan, check_pacing, check_rate, cycles_of, plan
@@ -30,6 +31,8 @@ def command(options: argparse.Namespace) -> int:
         plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
         check_pacing(rig, rig.config.pacing)
         check_rate(rig, rig.config.pacing)
+        for made in plans:
+            plausible.check(made)
         report = describe(rig, plans)
     except RigError as error:
         print(error, file=sys.stderr)

@@ -292,9 +292,13 @@ def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, 
 
 def simulate(options: argparse.Namespace) -> int:
     """Run a rig in virtual time and sum up; return the exit code."""
+    from executive import plausible
+    from executive.node import plan
     from executive.virtual import VirtualRun
 
     rig = load_rig(options.rig, options.controller, options.set)
+    for role in rig.roles:
+        plausible.check(plan(rig, role, "lockstep"))
     progress = Progress(options.quiet)
     judge = Judge.of(rig)
     judged = foreseen(judge, "lockstep", not options.no_figure)

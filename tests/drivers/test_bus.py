@@ -224,6 +224,15 @@ def test_a_missing_can_interface_is_refused_with_the_cure() -> None:
         assert part in text, f"{part!r} is not in {text!r}"
 
 
+@pytest.mark.parametrize("name", ["can7", "slcan7", "mycan"])
+def test_a_missing_adapter_is_not_replaced_by_a_virtual_one(name: str) -> None:
+    with pytest.raises(BusError) as refused:
+        bus.open_bus(Bus("socketcan", name), [0x80], new_wire())
+    text = str(refused.value)
+    assert f"ip link set {name} up type can bitrate 1000000" in text, text
+    assert "type vcan" not in text, text
+
+
 @pytest.mark.parametrize("name", ["a" * 16, "b" * 300])
 def test_an_impossible_interface_name_is_a_bus_error(name: str) -> None:
     with pytest.raises(BusError, match=rf"^{name}: "):
