@@ -1,9 +1,11 @@
 """What a user gets to see instead of a traceback, and the suggestion at its end."""
 
+import errno
 import re
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of a disk: what was to be kept is missing
 _CLOSE = 0.6  # difflib's own cutoff
 _CONTROL = re.compile("[\0-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 _LIST_AT_MOST = 8  # candidates that still fit in one line

@@ -17,6 +17,7 @@ from mcap.records import Channel, MessageIndex, Schema
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
+from executive.errors import FULL
 from executive.mcap_reader import Piece, Scan, walk
 from executive.mcap_records import CRC_KEY, message_dtype, metadata_crc
 
@@ -24,7 +25,11 @@ CHUNK_BYTES = 1 << 20
 
 
 class RecordError(Exception):
-    """The log cannot be written. One line, ready to print."""
+    """The log cannot be written. One line, ready to print; `full`: the disk has no room."""
+
+    def __init__(self, message: str, full: bool = False) -> None:
+        super().__init__(message)
+        self.full = full
 
 
 class _Index(MessageIndex):
@@ -207,7 +212,8 @@ def recover(path: Path, out: Path, watch: Callable[[Scan], None] = lambda found:
         return _write_copy(path.name, chain(begin, pieces), found, out, watch)
     except OSError as error:
         out.unlink(missing_ok=True)
-        raise RecordError(f"{out}: {error.strerror}; give another place with -o") from None
+        message = f"{out}: {error.strerror}; give another place with -o"
+        raise RecordError(message, error.errno in FULL) from None
     except BaseException:  # Ctrl-C: no half file
         out.unlink(missing_ok=True)
         raise

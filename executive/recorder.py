@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from executive import logs, shared
 from executive.beside import Beside
+from executive.errors import FULL
 from executive.keep import Sink, SnapshotRing
 from executive.long_logs import WITHOUT_CLOCK, Wanted
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
@@ -241,7 +242,8 @@ class Recorder:
                     self.writer.file.close()
             raise RecordError(
                 f"{self.path}: the log cannot be written: {error.strerror}; "
-                "free space there or choose another folder"
+                "free space there or choose another folder",
+                error.errno in FULL,
             ) from None
 
     def _add(self, block: Shared) -> None:
@@ -377,7 +379,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         recorder = Recorder(options.out, [block], options.others, options.judged)
     except (RecordError, SharedError) as error:
         print(error, file=sys.stderr)
-        return NO_ENVIRONMENT
+        full = isinstance(error, RecordError) and error.full
+        return LOSS if full else NO_ENVIRONMENT
     with suppress(BrokenPipeError):
         print("ready", flush=True)
     try:

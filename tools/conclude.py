@@ -37,7 +37,11 @@ def conclude(
                 long_logs.sidecar(path, name).unlink()
     summary = summaries.summarise(judge.rig, log, outcome, judge)
     if drawn:
-        summaries.note_figure(summary, _figure(judge, log, summary, folder / "figure.png"))
+        figure = folder / "figure.png"
+        try:
+            summaries.note_figure(summary, _figure(judge, log, summary, figure))
+        except OSError as error:
+            summaries.note_missing(summary, figure, error)
     text = summaries.write_json(summary, folder / "summary.json")
     if options.json:
         print(text)

@@ -22,8 +22,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import IO, Any
 
+from executive.errors import FULL
+
 OK, USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 3, 4, 130
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of a disk: what was to be kept is missing
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # no machine could open it
 _ASK_TO_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

@@ -203,5 +203,8 @@ def command(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         progress.close()
         return 130
+    except OSError as error:
+        progress.close()
+        raise OSError(error.errno, error.strerror, error.filename or str(folder)) from None
     print(folder / "results.md")
     return code

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from executive.errors import RigError, did_you_mean
+from executive.errors import FULL, RigError, did_you_mean
 from executive.logs import Log
 from executive.long_logs import Columns
 from executive.rig import Rig
@@ -92,18 +92,30 @@ class Judge:
         return _guarded(evaluation.file, log, found)
 
     def draw(self, log: Log, title: str, metrics: Mapping[str, float], path: Path) -> str:
-        """Draw the rig's figure; return "" or the reason why there is none. EvaluationError."""
+        """Draw the rig's figure; return "" or the reason why there is none.
+
+        Raises EvaluationError; OSError if `path` cannot be written.
+        """
         evaluation, module = self.rig.evaluation, self.module
         if evaluation is None or not hasattr(module, "figure"):
             return "the rig names no evaluation file with a figure"
         assert module is not None, "it has a figure"
+        refused: list[OSError] = []
+
+        def figure() -> None:
+            try:
+                module.figure(log, path, title, metrics, evaluation.window_s)
+            except OSError as error:
+                if error.errno not in FULL and str(error.filename) != str(path):
+                    raise
+                refused.append(error)
+
         try:
-            _guarded(
-                evaluation.file, log,
-                lambda: module.figure(log, path, title, metrics, evaluation.window_s),
-            )  # fmt: skip
+            _guarded(evaluation.file, log, figure)
         except ImportError as error:
             return str(error)
+        if refused:
+            raise refused[0]
         return ""
 
     def asked(self, log: Log, drawn: bool) -> dict[str, list[str]]:

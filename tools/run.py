@@ -20,7 +20,7 @@ from typing import Any
 from drivers import choice
 from drivers.errors import BusError, DbcError
 from executive import shared as sh
-from executive.errors import RigError
+from executive.errors import FULL, RigError
 from executive.mcap_writer import RecordError
 from executive.rig import Rig, load_rig
 from executive.rig_bus import bus_wanted
@@ -34,7 +34,7 @@ from tools.judge import Judge, foreseen
 from tools.progress import Compiling, Progress, node_line
 
 USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
-SAFETY_STOP = 5
+LOSS, SAFETY_STOP = 3, 5
 BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
 UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
 _POLL_S = 0.02
@@ -180,7 +180,9 @@ class Host:
         if "recorder" in self.children:
             recorder = self.children["recorder"]
             recorder.end(_DRAIN_S)
-            if recorder_first and recorder.code > 0:
+            if recorder.code == LOSS:  # the run is whole, its log is not
+                self.outcome.missing += recorder.complaint()
+            elif recorder_first and recorder.code > 0:
                 self.outcome.faults.append("the recorder ended before the nodes")
         elif "executive" not in self.roles:
             for block in self.blocks.values():
@@ -252,6 +254,8 @@ def run_folder(options: argparse.Namespace, rig: Rig) -> Iterator[Path]:
                 what = "holds a log already" if folder.is_dir() else "is no folder"
                 raise RigError(f"{folder}: {what}; choose another folder with -o") from None
         except OSError as error:
+            if error.errno in FULL:
+                raise OSError(error.errno, error.strerror, str(folder)) from None
             raise RigError(f"{folder}: {error.strerror}; choose another folder with -o") from None
     try:
         yield folder
@@ -313,10 +317,13 @@ def simulate(options: argparse.Namespace) -> int:
         signal.signal(signal.SIGINT, interrupt)
         signal.signal(signal.SIGTERM, interrupt)
         begin, total = time.monotonic(), run.blocks[0].description["cycles"]
-        for cycles in run.advance():
-            speed = cycles / rig.config.rate_hz / max(time.monotonic() - begin, 1e-9)
-            progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
-        run.close()
+        try:
+            for cycles in run.advance():
+                speed = cycles / rig.config.rate_hz / max(time.monotonic() - begin, 1e-9)
+                progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
+            run.close()
+        except RecordError as error:
+            outcome.missing.append(str(error))
         progress.close()
         for block in run.blocks:
             outcome.judge(block.description["node"], 0, block)
@@ -340,6 +347,8 @@ def command(options: argparse.Namespace) -> int:
         return USAGE
     except (BusError, sh.SharedError, RecordError) as error:
         print(error, file=sys.stderr)
+        if isinstance(error, RecordError) and error.full:
+            return LOSS
         return USAGE if isinstance(error, DbcError) else NO_ENVIRONMENT
     except KeyboardInterrupt:  # before the run had its handler
         return summaries.CODES["interrupted"]

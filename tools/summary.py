@@ -12,6 +12,7 @@ interrupted          130  Ctrl-C
 Counters are those of the nodes at their end, not of what the log keeps.
 """
 
+import contextlib
 import json
 import math
 import re
@@ -75,6 +76,7 @@ class Outcome:
     short: str = ""  # how far the run came, where it ended early
     latest: list[dict[str, Any]] = field(default_factory=list)
     nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
+    missing: list[str] = field(default_factory=list)  # what could not be written
     kept: dict[str, int] = field(default_factory=dict)  # cycles of each node in the log
     health: dict[str, dict[str, int]] = field(default_factory=dict)  # of the nodes seen here
 
@@ -169,7 +171,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         "expectations_failed": failed,
         "realtime": outcome.realtime,
         "start_to_first_cycle_s": _start_s(executive, outcome),
-        "log_missing": [*log.missing, *absent],
+        "log_missing": [*log.missing, *absent, *outcome.missing],
     }
     summary["verdict"] = _verdict(summary, outcome)
     return summary
@@ -310,11 +312,27 @@ def note_figure(summary: Summary, problem: str) -> None:
             summary["verdict"] = "expectation not met"
 
 
-def write_json(summary: Mapping[str, Any], path: Path) -> str:
-    """Write summary.json (no NaN or infinity: null) and return its text."""
-    text = json.dumps(_finite(summary), indent=2)
-    path.write_text(text + "\n")
-    return text
+def note_missing(summary: Summary, path: Path, error: OSError) -> None:
+    """Enter a file of the run that could not be written into a summary and its verdict."""
+    summary["log_missing"].append(f"{path}: cannot be written: {error.strerror or error}")
+    if summary["verdict"] in ("ok", "expectation not met"):
+        summary["verdict"] = "loss"
+    with contextlib.suppress(OSError):  # a part of a file is worse than none
+        path.unlink()
+
+
+def write_json(summary: Summary, path: Path) -> str:
+    """Write summary.json (no NaN or infinity: null) if that can be; return its text."""
+    try:
+        path.write_text(text_of(summary) + "\n")
+    except OSError as error:
+        note_missing(summary, path, error)
+    return text_of(summary)
+
+
+def text_of(summary: Mapping[str, Any]) -> str:
+    """Return a summary as JSON."""
+    return json.dumps(_finite(summary), indent=2)
 
 
 def _finite(value: Any) -> Any:

@@ -101,7 +101,10 @@ def command(options: argparse.Namespace) -> int:
             show(ratio)
         found += ratios
     if options.json:
-        Path(options.json).write_text(json.dumps([vars(r) for r in found], indent=1) + "\n")
+        try:
+            Path(options.json).write_text(json.dumps([vars(r) for r in found], indent=1) + "\n")
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, options.json) from None
     return code
 
 

@@ -21,7 +21,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from drivers.errors import BusError
-from executive.errors import RigError
+from executive.errors import FULL, RigError
 from executive.shared import SharedError
 from tools import screen
 from tools.jitter import loops, probe, report
@@ -29,7 +29,7 @@ from tools.jitter.figures import LEAST_CYCLES, Result, as_json
 from tools.jitter.loops import JitterError, Setup
 from tools.progress import Progress
 
-OK, USAGE, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 4, 130
+OK, USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 3, 4, 130
 ROUNDS = 5  # with --against
 LEAST_INTERVAL_US, MOST_INTERVAL_US = 50, 1_000_000
 MOST_HISTOGRAM_US = 1_000_000  # cyclictest's
@@ -222,5 +222,5 @@ def conclude(result: Result, options: argparse.Namespace) -> int:
             report.draw(result, options.plot)
     except OSError as error:
         what = f"{path}: cannot be written: {error.strerror}; choose another file"
-        raise JitterError(what, NO_ENVIRONMENT) from None
+        raise JitterError(what, LOSS if error.errno in FULL else NO_ENVIRONMENT) from None
     return INTERRUPTED if result.interrupted else OK

@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from executive.errors import FULL
+
 USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 2, 3, 4, 130
 
 
@@ -33,6 +35,6 @@ def new_file(path: Path, force: bool) -> Iterator[Path]:
         os.replace(unfinished, path)
     except OSError as error:
         what = f"{path}: cannot be written: {error.strerror}; choose another place with -o"
-        raise LogCommandError(what, NO_ENVIRONMENT) from None
+        raise LogCommandError(what, LOSS if error.errno in FULL else NO_ENVIRONMENT) from None
     finally:
         unfinished.unlink(missing_ok=True)

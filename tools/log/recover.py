@@ -13,7 +13,7 @@ from typing import Any
 from executive import logs
 from executive.mcap_writer import RecordError, Recovered, recover
 from tools.log import source
-from tools.log.outfile import NO_ENVIRONMENT, LogCommandError, new_file
+from tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
 from tools.progress import Progress
 
 
@@ -45,7 +45,7 @@ def _recover(options: argparse.Namespace, progress: Progress) -> int:
             done = recover(path, unfinished, source.Watch(path, progress))
         except RecordError as error:
             what = str(error).replace(str(unfinished), str(out))
-            raise LogCommandError(what, NO_ENVIRONMENT) from None
+            raise LogCommandError(what, LOSS if error.full else NO_ENVIRONMENT) from None
         if not sum(done.messages.values()):
             reason = done.missing[0] if done.missing else "the log is whole, and empty"
             raise LogCommandError(f"{path}: nothing to recover: {reason}")

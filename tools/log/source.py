@@ -15,7 +15,7 @@ from executive.mcap_reader import Piece, Scan, walk
 from executive.mcap_records import message_dtype
 from executive.mcap_writer import RecordError
 from tools import screen
-from tools.log.outfile import INTERRUPTED, NO_ENVIRONMENT, USAGE, LogCommandError
+from tools.log.outfile import INTERRUPTED, LOSS, NO_ENVIRONMENT, USAGE, LogCommandError
 from tools.progress import Progress
 
 _PATIENCE_S = 1.0
@@ -48,7 +48,7 @@ def guarded(action: Callable[[Progress], int], quiet: bool = False) -> int:
     except (logs.LogError, RigError) as error:
         code, text = USAGE, str(error)
     except RecordError as error:
-        code, text = NO_ENVIRONMENT, str(error)
+        code, text = LOSS if error.full else NO_ENVIRONMENT, str(error)
     except KeyboardInterrupt:
         code, text = INTERRUPTED, "interrupted"
     finally:

@@ -1,0 +1,92 @@
+"""A disk without room: exit code 3, a line that says what is missing, the summary all the same."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from pcpc import ROOT, Done, own_bus, pcpc
+
+from executive import virtual
+from executive.mcap_writer import RecordError
+from executive.rig import load_rig
+
+PROBE = str(ROOT / "plants/probe/rig.yaml")
+FULL = "No space left on device"
+OWN_MOUNTS = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"]), "--"]
+
+
+def on_a_disk(size: str, folder: Path, words: Sequence[str]) -> Done:
+    """Run a command that sees a disk of `size` at `folder`, empty."""
+    folder.mkdir(exist_ok=True)
+    script = f'mount -t tmpfs -o size={size} disk "$0" && exec "$@"'
+    before = [*OWN_MOUNTS, "sh", "-c", script, str(folder)]
+    return pcpc(*words, before=before)
+
+
+def lines(done: Done) -> list[str]:
+    assert "Traceback" not in done.err, str(done)
+    return [line for line in done.err.splitlines() if not line.startswith("compiling ")]
+
+
+@pytest.mark.parametrize("command", ["run", "simulate"])
+def test_a_log_that_does_not_fit_is_a_loss_and_the_rest_is_summed_up(
+    command: str, tmp_path: Path
+) -> None:
+    disk = tmp_path / "disk"
+    words = [command, PROBE, "-o", str(disk / "run"), "--quiet", "--set", "duration_s=20", "--json"]
+    bus = ["--pacing", "lockstep", "--bus", own_bus()] if command == "run" else []
+    done = on_a_disk("1m", disk, [*words, *bus])
+    assert done.code == 3, str(done)
+    summary = done.summary
+    missing = "\n".join(summary["log_missing"])
+    assert summary["verdict"] == "loss" and not summary["faults"], str(done)
+    assert f"{disk}/run/log.mcap: the log cannot be written: {FULL}; free space" in missing, missing
+    assert f"{disk}/run/summary.json: cannot be written: {FULL}" in missing, missing
+    assert summary["records"]["written"] > 0 and summary["cycles"] > 0, str(done)
+
+
+def test_a_disk_without_any_room_is_said_at_once(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    words = ["simulate", PROBE, "-o", str(disk), "--quiet", "--set", "duration_s=0.1"]
+    done = on_a_disk("4k", disk, words)
+    assert done.code == 3, str(done)
+    assert any(FULL in line and str(disk) in line for line in lines(done)), str(done)
+    assert len(lines(done)) <= 2, str(done)
+
+
+@pytest.mark.parametrize("kind", ["full", "folder"])
+def test_figure_and_summary_that_cannot_be_written_are_a_loss(kind: str, tmp_path: Path) -> None:
+    for name in ("figure.png", "summary.json"):
+        if kind == "folder":
+            (tmp_path / name).mkdir()
+        else:
+            os.symlink("/dev/full", tmp_path / name)
+    rig = ROOT / "plants/atb1000/rigs/slew10.yaml"
+    words = ["--set", "duration_s=0.2", "--set", "evaluation.window_s=[0.0, 0.2]", "--quiet"]
+    done = pcpc("simulate", str(rig), "-o", str(tmp_path), "--json", *words)
+    assert done.code == 3 and done.summary["verdict"] == "loss", str(done)
+    why = FULL if kind == "full" else "Is a directory"
+    assert sorted(done.summary["log_missing"]) == [
+        f"{tmp_path}/{name}: cannot be written: {why}" for name in ("figure.png", "summary.json")
+    ], str(done)
+    assert lines(done) == [], str(done)
+
+
+def test_an_export_that_does_not_fit_leaves_nothing_and_is_a_loss(tmp_path: Path) -> None:
+    log, disk = tmp_path / "log.mcap", tmp_path / "disk"
+    virtual.simulate(load_rig(PROBE, None, ["duration_s=2"]), log)
+    for words in (["export", "-o", str(disk / "a.csv")], ["recover", "-o", str(disk / "b.mcap")]):
+        done = on_a_disk("16k", disk, ["log", words[0], str(log), *words[1:], "--quiet"])
+        assert done.code == 3 and done.out == "", str(done)
+        (line,) = lines(done)
+        assert str(disk) in line and FULL in line, line
+
+
+def test_a_recorder_tells_a_full_disk_from_one_that_refuses(tmp_path: Path) -> None:
+    rig = load_rig(PROBE, None, ["duration_s=0.1"])
+    with pytest.raises(RecordError, match=FULL) as full:
+        virtual.simulate(rig, Path("/dev/full"))
+    with pytest.raises(RecordError) as refused:
+        virtual.simulate(rig, tmp_path)
+    assert (full.value.full, refused.value.full) == (True, False)
