@@ -379,8 +379,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         recorder = Recorder(options.out, [block], options.others, options.judged)
     except (RecordError, SharedError) as error:
         print(error, file=sys.stderr)
-        full = isinstance(error, RecordError) and error.full
-        return LOSS if full else NO_ENVIRONMENT
+        return LOSS if getattr(error, "full", False) else NO_ENVIRONMENT
     with suppress(BrokenPipeError):
         print("ready", flush=True)
     try:

@@ -11,12 +11,10 @@ import argparse
 import csv
 import importlib
 import importlib.util
-import multiprocessing
-import os
 import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
@@ -27,6 +25,7 @@ from numpy.typing import NDArray
 
 import plants
 from plants.study import Case, Result
+from tools.pool import PoolError, workers
 from tools.progress import Compiling, Progress
 
 STUDY_PARTS = ("CHAPTER", "TITLE", "cases", "report", "draw")
@@ -78,11 +77,9 @@ def _traces(log: Any, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
 
 def run_cases(cases: Sequence[Case], progress: Progress, jobs: int | None = None) -> list[Result]:
     """Run all cases on `jobs` processes (all processors); results in the order of the cases."""
-    workers = min(jobs or os.cpu_count() or 1, len(cases))
     results: dict[int, Result] = {}
     begin, compiling = time.monotonic(), Compiling()
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context) as pool:
+    with workers(jobs, len(cases)) as pool:
         futures = {pool.submit(run_case, case): i for i, case in enumerate(cases)}
         pending = set(futures)
         while pending:
@@ -203,6 +200,10 @@ def command(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         progress.close()
         return 130
+    except PoolError as error:
+        progress.close()
+        print(f"{name}: {error}", file=sys.stderr)
+        return 4
     except OSError as error:
         progress.close()
         raise OSError(error.errno, error.strerror, error.filename or str(folder)) from None

@@ -8,10 +8,8 @@ Every table has the values of an independent implementation beside its own ("ref
 results.md and figures/; returns 1 if a limit of LIMITS is not met.
 """
 
-import multiprocessing
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +27,7 @@ from tools.experiments._approximation_training import (
     online_fit,
     trained,
 )
+from tools.pool import workers
 from tools.progress import Progress
 
 SIZES = (5, 7, 11)
@@ -137,8 +136,7 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     todo = nets()
     done: list[Trained] = []
     fits: dict[int, dict[str, list[float]]] = {}
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs or os.cpu_count() or 1, context) as pool:
+    with workers(jobs) as pool:
         fitting = {pool.submit(fit_errors, n): n for n in reversed(SIZES)}
         training = [pool.submit(trained, net) for net in todo]
         every: list[Future[Any]] = [*fitting, *training]
