@@ -32,7 +32,7 @@ from executive.errors import FULL
 from executive.keep import Sink, SnapshotRing
 from executive.long_logs import WITHOUT_CLOCK, Wanted
 from executive.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
-from executive.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
+from executive.schemas import EVENTS, FRAME_SCHEMA, JSON_SCHEMAS, field_names
 from executive.shared import RINGS, Shared, SharedError
 
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
@@ -155,15 +155,7 @@ class _Node:
         elif code == shared.CHANGE_EVENT:
             entry |= {"event": "change", "name": about["variables"][argument][0], "value": value}
         else:
-            kinds = {
-                shared.FAULT_EVENT: "fault",
-                shared.STATE_EVENT: "state",
-                shared.SKIP_EVENT: "skip",
-                shared.LATE_EVENT: "late",
-                shared.FALLBACK_EVENT: "fallback",
-                shared.REFUSED_EVENT: "refused",
-            }
-            kind = kinds.get(code, f"code_{code}")
+            kind = EVENTS.get(code, f"code_{code}")
             entry |= {"event": kind, "argument": argument, "value": value}
             names = about.get(f"{kind}_names", ())
             if code == shared.REFUSED_EVENT:

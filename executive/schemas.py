@@ -3,6 +3,8 @@
 import re
 from collections.abc import Sequence
 
+from executive import shared
+
 FRAME_SCHEMA = """int64 stamp_ns  # monotonic
 int64 cycle
 uint32 id
@@ -17,6 +19,15 @@ _ENTRY = {"cycle": _INTEGER, "stamp_ns": _INTEGER, "name": _TEXT, "value": _NUMB
 JSON_SCHEMAS = {
     "Event": {"type": "object", "properties": _ENTRY | {"event": _TEXT, "argument": _INTEGER}},
     "Tuning": {"type": "object", "properties": _ENTRY},
+}
+
+EVENTS = {  # kinds of events without a variable, by code
+    shared.FAULT_EVENT: "fault",
+    shared.STATE_EVENT: "state",
+    shared.SKIP_EVENT: "skip",
+    shared.LATE_EVENT: "late",
+    shared.FALLBACK_EVENT: "fallback",
+    shared.REFUSED_EVENT: "refused",
 }
 
 

@@ -19,6 +19,7 @@ from executive.errors import RigError
 from executive.node import Plan, check_pacing, check_rate, cycles_of, plan
 from executive.protocol import bus_load
 from executive.rig import Rig, load_rig
+from tools.judge import Judge, check
 
 OK, BAD_RIG = 0, 2
 _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
@@ -33,7 +34,9 @@ def command(options: argparse.Namespace) -> int:
         check_rate(rig, rig.config.pacing)
         for made in plans:
             plausible.check(made)
+        judge = Judge.of(rig)
         report = describe(rig, plans)
+        report["warnings"] += check(judge, options.set)
     except RigError as error:
         print(error, file=sys.stderr)
         return BAD_RIG

@@ -28,6 +28,11 @@ def noise(name: str, cycles: int) -> Vector:
     return rng.uniform(-2.0, 2.0, cycles)
 
 
+def large(name: str, cycles: int) -> Vector:
+    """Return values from 0 to 1e6."""
+    return 5e5 * (1.0 + 0.5 * noise(name, cycles))
+
+
 def imagined(rig: Rig, pacing: str, fill: Fill = nothing) -> logs.Log:
     """Return a log of all nodes with variables of `fill`; RigError, BusError as `plan`.
 

@@ -10,6 +10,7 @@ import importlib.util
 import inspect
 import math
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,7 +22,7 @@ from executive.errors import FULL, RigError, did_you_mean
 from executive.logs import Log
 from executive.long_logs import Columns
 from executive.rig import Rig
-from tools.imagine import imagined
+from tools.imagine import imagined, large, noise, nothing
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
     *(f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send", "publish")),
@@ -260,3 +261,41 @@ def foreseen(judge: Judge, pacing: str, drawn: bool) -> dict[str, list[str]]:
     if judge.rig.config.record.keep is None:
         return {}
     return judge.asked(imagined(judge.rig, pacing), drawn)
+
+
+def check(judge: Judge, changed: list[str]) -> list[str]:
+    """Try the evaluation out on imagined runs of the rig; return warnings.
+
+    `changed`: settings from the command line.
+
+    RigError, with the place, for what would fail at the end of a run: an evaluation that raises, a
+    limit of a metric that it does not tell.
+    """
+    rig, evaluation = judge.rig, judge.rig.evaluation
+    config = rig.config
+    if evaluation is None:
+        if any(config.expect.values()):
+            raise rig.error("expect", "the rig has no evaluation that tells metrics; add one")
+        return []
+    unjudged = _beyond(rig, changed)
+    told: dict[str, None] = {}
+    try:
+        for fill in (nothing, noise, large):
+            log = imagined(rig, config.pacing, fill)
+            told |= dict.fromkeys(judge.metrics(log))
+        with tempfile.TemporaryDirectory() as folder:
+            judge.draw(log, config.title, judge.metrics(log), Path(folder) / "figure.png")
+    except EvaluationError as error:
+        raise RigError(str(error)) from None
+    expected = config.expect.get(config.controller, {})
+    source = Path(evaluation.file).read_text("utf-8", "replace")
+    for name in expected:
+        if name not in told and name not in source:  # there it may depend on the run
+            what = f"the evaluation tells no such metric{did_you_mean(name, told)}"
+            raise rig.error(f"expect.{config.controller}.{name}", what)
+    warnings = [f"the limits will not be judged: {unjudged}"] if unjudged and expected else []
+    return warnings + [
+        f"{evaluation.file}: {name} is not told by a trial run; it may depend on what happens"
+        for name in expected
+        if name not in told
+    ]

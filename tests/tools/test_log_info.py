@@ -69,7 +69,25 @@ def test_tunings_and_events_carry_time_name_and_value(tuned: Path) -> None:
     states = [e["name"] for e in report["events"] if e["node"] == "executive"]
     assert states == ["READY", "RUN", "STOP"], f"{states}"
     screen = run(info, "info", tuned).out
+    assert "  state READY " in screen and "  state RUN " in screen, screen
     assert "controller.kv_Nms_rad 77.5" in screen and len(screen.splitlines()) < 50, screen
+
+
+@pytest.mark.parametrize(
+    ("entry", "text"),
+    [
+        ({"event": "state", "argument": 1, "value": 0.0, "name": "READY"}, "state READY"),
+        ({"event": "fault", "argument": 9, "value": 0.0}, "fault 9"),
+        ({"event": "skip", "argument": 3, "value": 0.0}, "skip 3 periods"),
+        ({"event": "late", "argument": 130_200, "value": 0.0}, "late by 130.2 us"),
+        ({"event": "late", "argument": "odd"}, "late by nan us"),
+        ({"event": "change", "name": "controller.on", "value": 1.0}, "change controller.on 1.0"),
+        ({"name": "controller.kv", "value": 2.0}, "controller.kv 2.0"),
+        ({"event": "code_77", "argument": 5, "value": 0.0}, "code_77 5"),
+    ],
+)
+def test_events_are_told_by_name(entry: dict[str, Any], text: str) -> None:
+    assert info.entry_text(entry) == text
 
 
 def test_cut_log_is_described_as_far_as_it_goes(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ it goes. `start` is the first cycle on the wall clock; of a run without a clock,
 
 import argparse
 import json
+import math
 import shutil
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
@@ -108,7 +109,7 @@ def show(report: Mapping[str, Any]) -> None:
     table.add_column()
     for name, text in _lines(report):
         table.add_row(name, Text(text))
-    Console(highlight=False, width=max(shutil.get_terminal_size().columns, 100)).print(table)
+    Console(highlight=False, width=max(shutil.get_terminal_size().columns, 80)).print(table)
 
 
 def _lines(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -161,10 +162,26 @@ def _recorder_text(counts: Mapping[str, str]) -> str:
     return ", ".join(f"{total(kind)} records {kind}" for kind in kinds)
 
 
+def entry_text(entry: Mapping[str, Any]) -> str:
+    """Return an event or a tuning in words: what happened, to what, and the number that it has."""
+    kind, name, value = (entry.get(key) for key in ("event", "name", "value"))
+    if kind in (None, "change"):
+        return " ".join(str(word) for word in (kind, name, value) if word is not None)
+    count = entry.get("argument")
+    numbers = {
+        "skip": f"{count} periods", "late": f"by {1e-3 * _number(count):.1f} us",
+        "fallback": f"{count} periods behind",
+    }  # fmt: skip
+    return f"{kind} {name or numbers.get(str(kind), '' if count is None else count)}".rstrip()
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
 def _entry_lines(label: str, entries: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
     for i, entry in enumerate(entries[:_SHOWN]):
-        words = (entry.get("event"), entry.get("name"), entry.get("value"))
-        what = " ".join(str(word) for word in words if word is not None)
+        what = entry_text(entry)
         text = f"{entry['time_s']:+.3f} s  {entry['node']}  cycle {entry.get('cycle')}  {what}"
         yield label if i == 0 else "", text
     if len(entries) > _SHOWN:
