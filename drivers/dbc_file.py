@@ -16,7 +16,7 @@ from pathlib import Path
 import cantools
 from cantools.database.can import Database
 
-from drivers.errors import DbcError
+from drivers.errors import DbcError, printable
 from drivers.patience import StalledError, patience
 
 logging.getLogger("cantools").setLevel(logging.ERROR)  # equal ids are refused in one line here
@@ -147,10 +147,3 @@ def _explain(path: str | Path, error: Exception) -> str:
     kind = f"cantools: {type(cause).__name__} "
     kind = "" if isinstance(cause, cantools.database.Error) else kind
     return f"{path}: {kind}{printable(said[:300])}; correct the DBC file"
-
-
-def printable(content: str, kept: str = "\xa0") -> str:
-    """Return a text without characters that would steer a terminal; they become escapes."""
-    if content.isprintable():
-        return content
-    return "".join(c if c.isprintable() or c in kept else repr(c)[1:-1] for c in content)

@@ -11,3 +11,10 @@ class DbcError(BusError):
     """A DBC file that is wrong, or says what the loop cannot do: wrong input on any machine."""
 
     code = 2
+
+
+def printable(text: str, kept: str = "\xa0") -> str:
+    """Return a text without characters that would steer a terminal; they become escapes."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in kept else repr(c)[1:-1] for c in text)

@@ -15,10 +15,8 @@ see `executive.mcap_reader`.
 """
 
 import hashlib
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import printable
+from executive import log_checks
 from executive.mcap_reader import LogError, Scan, scan, walk
 from executive.mcap_records import MESSAGE_HEAD, message_dtype
 from executive.roles import ROLES as NODES
@@ -39,7 +39,7 @@ FRAME = np.dtype(
         ("direction", "u1"), ("e2e", "u1"), ("reserved", "u1"), ("data", "u1", (8,)),
     ]
 )  # fmt: skip
-_FIELD = re.compile(r"^float64 (\w+)(?:  # (.+?) \[(.*?)\])?", re.MULTILINE)
+_FIELD = re.compile(r"float64 (\w+)(.*)")
 
 
 def topic(node: str, kind: str) -> str:
@@ -161,10 +161,23 @@ def variables(found: Scan, name: str) -> list[Variable]:
     text = schemas[0].data.decode("utf-8", "replace") if schemas and schemas[0] else ""
     known = next((m.metadata for m in found.metadata if m.name == f"variables:{name}"), {})
     listed = []
-    for field, dotted, unit in _FIELD.findall(text):
-        about = _parsed(known.get(field, "absent"), {"name": dotted or field, "unit": unit}, "", [])
-        listed.append(Variable(field, str(about["name"]), str(about.get("unit", ""))))
+    for found_field in map(_FIELD.match, text.split("\n")):
+        if found_field:
+            field, dotted, unit = _field(*found_field.groups())
+            given = known.get(field, "absent")
+            about = _parsed(given, {"name": dotted or field, "unit": unit}, "", [])
+            name, unit = about.get("name", dotted or field), about.get("unit", "")
+            listed.append(Variable(field, str(name), str(unit)))
     return listed
+
+
+def _field(field: str, rest: str) -> tuple[str, str, str]:
+    """Return field, dotted name and unit of a line `float64 field  # dotted [unit] help`."""
+    dotted, opened, about = rest.removeprefix("  # ").partition(" [")
+    unit, closed, _ = about.partition("]")
+    if not (rest.startswith("  # ") and dotted and opened and closed):
+        dotted = unit = ""
+    return field, printable(dotted), printable(unit)
 
 
 def payloads(path: Path, name: str) -> list[bytes]:
@@ -187,12 +200,18 @@ def _descriptions(
         if name not in metadata and f"{name}.json" not in attachments:
             continue
         text = attachments.get(f"{name}.json", "absent")
-        about = _parsed(text, {}, f"{name}: its description", notes)
-        if name not in metadata and "metadata" in about:
+        given = _parsed(text, {}, f"{name}: its description", notes)
+        about, wrong = log_checks.description(given)
+        if name not in metadata and {"metadata", "rig", "period_ns"} <= about.keys():
             facts = about["metadata"] | {key: about[key] for key in ("rig", "period_ns")}
             metadata[name] = {key: str(value) for key, value in facts.items()}
         if name in metadata:
+            metadata[name], impossible = log_checks.facts(metadata[name])
             found[name] = about
+            for key in wrong:
+                notes.append(f"{name}: {key} of its description is not readable")
+            for key in impossible:
+                notes.append(f"{name}: {key} is impossible")
     return found
 
 
@@ -204,7 +223,8 @@ def _node(
     timing_cycle, _, timing = _columns(found, topic(name, "timing"))
     if timing and not np.array_equal(cycle, timing_cycle):  # one of them lost messages
         _, kept, timing_kept = np.intersect1d(cycle, timing_cycle, return_indices=True)
-        notes.append(f"{name}: {len(cycle) - len(kept)} cycles have no timing; left out")
+        if len(cycle) > len(kept):
+            notes.append(f"{name}: {len(cycle) - len(kept)} cycles have no timing; left out")
         cycle, log_time = cycle[kept], log_time[kept]
         columns = {key: values[kept] for key, values in columns.items()}
         timing = {key: values[timing_kept] for key, values in timing.items()}
@@ -212,13 +232,23 @@ def _node(
         _parsed(metadata[name].get(key, "absent"), 0, f"{name}: {key}", notes)
         for key in ("clock_wall_ns", "clock_monotonic_ns")
     )
-    frames = _messages(found, topic(name, "can/frames"), CDR_BYTES + FRAME.itemsize)
-    data = np.ascontiguousarray(frames["data"][:, CDR_BYTES:])
+    frames = _frames(found, name, notes)
     return Node(
-        cycle, log_time - (wall_ns - monotonic_ns), columns, timing, data.view(FRAME)[:, 0],
+        cycle, log_time - (wall_ns - monotonic_ns), columns, timing, frames,
         _objects(found, topic(name, "events"), notes),
         _objects(found, topic(name, "tunings"), notes), about,
     )  # fmt: skip
+
+
+def _frames(found: Scan, name: str, notes: list[str]) -> NDArray[Any]:
+    """Return the frames of a node; what no bus could have carried is left out."""
+    messages = _messages(found, topic(name, "can/frames"), CDR_BYTES + FRAME.itemsize)
+    frames = np.ascontiguousarray(messages["data"][:, CDR_BYTES:]).view(FRAME)[:, 0]
+    sane = log_checks.sane(frames)
+    if not sane.all():
+        notes.append(f"{name}: {len(frames) - sane.sum()} frames that no bus could have carried")
+        frames = frames[sane]
+    return frames
 
 
 def _messages(found: Scan, name: str, payload_bytes: int) -> NDArray[Any]:
@@ -238,22 +268,25 @@ def _columns(
     messages = _messages(found, name, CDR_BYTES + 8 * len(names))
     values = np.frombuffer(messages["data"][:, CDR_BYTES:].tobytes(), "<f8")
     values = values.reshape(len(messages), len(names)).T.copy()
-    sequence = messages["sequence"].astype(np.int64)
-    wraps = np.cumsum(np.diff(sequence, prepend=sequence[:1]) < 0, dtype=np.int64)
-    cycle = sequence + (wraps << 32)
+    cycle = log_checks.cycles(messages["sequence"].astype(np.int64))
     return cycle, messages["log_time"].astype(np.int64), dict(zip(names, values, strict=True))
 
 
 def _objects(found: Scan, name: str, notes: list[str]) -> list[dict[str, Any]]:
-    texts = (row[MESSAGE_HEAD:].tobytes() for piece in found.of(name) for row in piece)
-    return [_parsed(text, {}, f"{name}: an entry", notes) for text in texts]
+    texts = [row[MESSAGE_HEAD:].tobytes() for piece in found.of(name) for row in piece]
+    entries = [log_checks.entry(text, name.endswith("tunings")) for text in texts]
+    if bad := entries.count(None):
+        notes.append(f"{name}: {bad} entries are not readable")
+    return [entry for entry in entries if entry is not None]
 
 
 def _parsed(text: str | bytes, otherwise: Any, what: str, notes: list[str]) -> Any:
     """Return the JSON value; `otherwise`, and a note, if it is damaged or of another kind."""
-    with suppress(ValueError):
-        value = json.loads(text)
-        if isinstance(value, type(otherwise)):
-            return value
+    try:
+        value = log_checks.parsed(text)
+    except ValueError:
+        value = None
+    if isinstance(value, type(otherwise)) and not isinstance(value, bool):
+        return value
     notes.append(f"{what} is not readable")
     return otherwise

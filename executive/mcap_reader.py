@@ -11,6 +11,14 @@ What proves that a value is as it was written:
 
 A record that proves nothing is no value: it is skipped, with all up to the next that passes its own
 check. Messages outside of chunks are therefore left out. Records: `executive.mcap_records`.
+
+A file is read at a cost that its size bounds, whatever it declares:
+
+    bytes unpacked or searched     16 MiB + 200 for each byte of the file
+    messages                       20,000 + one for each byte of the file
+
+A message carries a time of its own, which no compression makes smaller than a byte; logs of this
+project have 4 to 10 bytes unpacked for a byte, and a message in 30.
 """
 
 import mmap
@@ -30,24 +38,35 @@ from numpy.typing import NDArray
 
 from executive.mcap_records import (
     CHECKED,
+    DECLARED,
     FOOTER,
+    LARGEST_CHUNK,
     MAGIC,
     MESSAGE_HEAD,
     READERS,
     RECORD,
     UNREADABLE,
-)  # fmt: skip
+    read_channel,
+    read_schema,
+)
 
 Piece = tuple[int, NDArray[np.uint8]]  # channel id, (messages, bytes of each record)
 
 _NAMES = {kind: Opcode(kind).name.lower() for kind in READERS}
 _ALIKE = 11  # opcode, length and channel: equal for messages of one channel and size
 _RUN = 256  # messages compared at once; longer runs come in pieces
-_WINDOW = 1 << 20  # bytes searched at once for the next whole record
+_WINDOWS = 1 << 12, 1 << 20  # bytes searched at once for the next whole record: first, at most
+_BYTES, _BYTES_PER_BYTE, _MESSAGES = 16 << 20, 200, 20_000
+_NOTES = 100  # damaged places told one by one
+_TIME_TOP, _TIME_TOP_END = 22, 0x40  # the last byte of a message's log time; 2^62 ns is in 2116
 
 
 class LogError(Exception):
     """The file is no log of this project. One line, ready to print."""
+
+
+class TooMuchError(Exception):
+    """The file would cost more than its size justifies."""
 
 
 @dataclass
@@ -67,15 +86,35 @@ class Scan:
     statistics: Statistics | None = None
     place: int = 0
     size: int = 0
+    cost: int = 0  # bytes unpacked or searched so far
+    records: int = 0  # in chunks
+    untold: int = 0  # damaged places without a line of their own
+    untimely: int = 0  # messages left out for their time
 
     def of(self, name: str) -> list[NDArray[np.uint8]]:
         """Return the pieces of a topic."""
-        ids = [i for i, channel in self.channels.items() if channel.topic == name]
+        ids = {i for i, channel in self.channels.items() if channel.topic == name}
         return [piece for i, piece in self.pieces if i in ids]
 
     def topic(self, channel: int) -> str:
         """Return the topic of a channel, empty if nothing describes it."""
         return self.channels[channel].topic if channel in self.channels else ""
+
+    def note(self, line: str) -> None:
+        """Add a line to `missing`; after many of them only count."""
+        if len(self.missing) < _NOTES:
+            self.missing.append(line)
+        else:
+            self.untold += 1
+
+    def spend(self, size: int, records: int = 0) -> None:
+        """Count work that is about to be done; TooMuchError where the file is too small for it."""
+        self.cost += size
+        self.records += records
+        if self.cost > _BYTES + _BYTES_PER_BYTE * self.size:
+            raise TooMuchError("it unpacks to more than 200 times its size")
+        if self.records > _MESSAGES + self.size:
+            raise TooMuchError("it has more records than bytes")
 
 
 def scan(path: Path) -> Scan:
@@ -103,11 +142,17 @@ def walk(path: Path, found: Scan, messages: bool = True) -> Iterator[Piece]:
         found.missing.append(f"the first bytes are damaged ({begin!r})")
     found.size = len(data)
     summary = _take_summary(data, found)
+    skipped = () if messages else (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+    try:
+        yield from _walk_data(data, summary, found, skipped)
+    except TooMuchError as error:
+        found.missing.append(f"all after byte {found.place}: {error}; no true log is like that")
     if messages:
-        yield from _walk_data(data, summary, found)
         _compare(found)
-    else:
-        yield from _walk_data(data, summary, found, (Opcode.CHUNK, Opcode.MESSAGE_INDEX))
+    if found.untold:
+        found.missing.append(f"{found.untold} further places are damaged")
+    if found.untimely:
+        found.missing.append(f"{found.untimely} messages of times beyond 2116; left out")
 
 
 def _map(descriptor: int) -> Any:
@@ -127,14 +172,14 @@ def _walk_data(
     while place < stop:
         found.place = place
         try:
-            opcode, end, content = _whole(data, place, stop, skipped)
+            opcode, end, content = _whole(data, place, stop, found, skipped)
         except UNREADABLE as error:
-            after = _next_whole(data, place + 1, stop)
+            after = _next_whole(data, place + 1, stop, found)
             if after == stop and not summary:
                 break
             what = _NAMES.get(data[place], "record")
             lost = f"all up to byte {after} is left out"
-            found.missing.append(f"{what} at byte {place} is damaged ({error}); {lost}")
+            found.note(f"{what} at byte {place} is damaged ({error}); {lost}")
             place = after
             continue
         if opcode == Opcode.DATA_END:
@@ -154,7 +199,7 @@ def _walk_data(
             try:
                 yield from _split(content, found)
             except UNREADABLE as error:
-                found.missing.append(f"a part of the chunk at byte {place}: {error}")
+                found.note(f"a part of the chunk at byte {place}: {error or 'it is cut'}")
         elif opcode == Opcode.ATTACHMENT:
             found.attachments.append(content)
         elif opcode == Opcode.METADATA:
@@ -168,7 +213,7 @@ def _walk_data(
 
 
 def _whole(
-    data: bytes, place: int, stop: int, skipped: tuple[int, ...] = ()
+    data: bytes, place: int, stop: int, found: Scan, skipped: tuple[int, ...] = ()
 ) -> tuple[int, int, Any]:
     """Return (opcode, end, content) of the record at `place`; UNREADABLE if a check fails."""
     if place + RECORD.size > stop:
@@ -181,27 +226,36 @@ def _whole(
         raise ValueError(f"of {length} bytes only {stop - place - RECORD.size} follow")
     if opcode in skipped:
         return opcode, end, None
+    if opcode == Opcode.CHUNK and length >= DECLARED.size:
+        declared = DECLARED.unpack_from(data, place + RECORD.size)[2]
+        found.spend(declared if declared <= LARGEST_CHUNK else 0)
     try:
         return opcode, end, READERS[opcode](data[place + RECORD.size : end])
     except UNREADABLE as error:
         raise ValueError(str(error) or "it is cut") from None
 
 
-def _next_whole(data: bytes, place: int, stop: int) -> int:
+def _next_whole(data: bytes, place: int, stop: int, found: Scan) -> int:
     """Return where the next record lies that passes a check of its own; `stop` if there is none."""
+    size, most = _WINDOWS
     while place < stop:
-        window = np.frombuffer(data, np.uint8, min(_WINDOW, stop - place), place)
+        window = np.frombuffer(data, np.uint8, min(size, stop - place), place)
         starts = window[: max(len(window) - 8, 0)]
         likely = np.isin(starts, CHECKED)
         for high in range(5, 9):  # no record has 4 GiB
             likely &= window[high : high + len(starts)] == 0
         for i in np.flatnonzero(likely).tolist():
+            _, length = RECORD.unpack_from(data, place + i)
+            if length > stop - place - i:
+                continue
+            found.spend(length)
             try:
-                _whole(data, place + i, stop)
+                _whole(data, place + i, stop, found)
             except UNREADABLE:
                 continue
             return place + i
         place += max(len(starts), 1)
+        size = min(2 * size, most)
     return stop
 
 
@@ -216,23 +270,26 @@ def _take_summary(data: bytes, found: Scan) -> int:
     if zlib.crc32(data[start : len(data) - 12]) != crc:
         return 0
     place = start
-    while place < footer:
-        opcode, length = RECORD.unpack_from(data, place)
-        place += RECORD.size + length
-        stream = ReadDataStream(BytesIO(data[place - length : place]))
-        if opcode == Opcode.STATISTICS:
-            found.statistics = Statistics.read(stream)
-        else:
-            _describe(found, opcode, stream)
+    try:
+        while place < footer:
+            opcode, length = RECORD.unpack_from(data, place)
+            place += RECORD.size + length
+            body = data[place - length : min(place, footer)]
+            if opcode == Opcode.STATISTICS:
+                found.statistics = Statistics.read(ReadDataStream(BytesIO(body)))
+            else:
+                _describe(found, opcode, body)
+    except UNREADABLE as error:
+        found.missing.append(f"a part of the summary at the end: {error or 'it is cut'}")
     return int(start)
 
 
-def _describe(found: Scan, opcode: int, stream: ReadDataStream) -> None:
+def _describe(found: Scan, opcode: int, body: bytes) -> None:
     if opcode == Opcode.SCHEMA:
-        schema = Schema.read(stream)
+        schema = read_schema(body)
         found.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
-        channel = Channel.read(stream)
+        channel = read_channel(body)
         found.channels[channel.id] = channel
 
 
@@ -242,9 +299,11 @@ def _split(data: bytes, found: Scan) -> Iterator[Piece]:
     while place < len(data):
         opcode, length = RECORD.unpack_from(data, place)
         size = RECORD.size + length
+        if place + size > len(data):
+            raise ValueError("a record is cut")
         if opcode != Opcode.MESSAGE:
-            body = data[place + RECORD.size : place + size]
-            _describe(found, opcode, ReadDataStream(BytesIO(body)))
+            found.spend(0, 1)
+            _describe(found, opcode, data[place + RECORD.size : place + size])
             place += size
             continue
         if size < MESSAGE_HEAD:
@@ -257,9 +316,15 @@ def _split(data: bytes, found: Scan) -> Iterator[Piece]:
         if not same.all():
             rows = rows[: int(same.argmin())]
         channel = int.from_bytes(head[RECORD.size :], "little")
-        found.count[channel] += len(rows)
-        yield channel, rows
         place += rows.size
+        found.count[channel] += len(rows)
+        found.spend(0, len(rows))
+        timely = rows[:, _TIME_TOP] < _TIME_TOP_END
+        if not timely.all():
+            found.untimely += len(rows) - int(timely.sum())
+            rows = rows[timely]
+        if len(rows):
+            yield channel, rows
 
 
 def _compare(found: Scan) -> None:
@@ -268,7 +333,7 @@ def _compare(found: Scan) -> None:
     for i, count in written.items():
         if found.count[i] < count:
             name = found.topic(i) or f"channel {i}"
-            found.missing.append(f"{name}: {count - found.count[i]} of {count} messages")
+            found.note(f"{name}: {count - found.count[i]} of {count} messages")
     unknown = sum(count for i, count in found.count.items() if i not in found.channels)
     if unknown:
         found.missing.append(f"the topics of {unknown} messages: no channel describes them")

@@ -4,7 +4,8 @@
 
 A reader takes the body and returns its content; one of `UNREADABLE` says what is wrong with it.
 Only what carries a checksum is believed: chunks, attachments and, by an entry `crc32` of their own,
-metadata, for which the format has none. Format: mcap.dev/spec.
+metadata, for which the format has none. Declared sizes are believed only as far as they agree with
+what is there. Texts come back printable. Format: mcap.dev/spec.
 """
 
 import json
@@ -20,8 +21,9 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Chunk, Metadata
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
+
+from drivers.errors import printable
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, bytes that follow
@@ -31,7 +33,8 @@ CRC_KEY = "crc32"
 UNREADABLE = (
     ValueError, struct.error, McapError, zstandard.ZstdError, MemoryError, OverflowError,
 )  # fmt: skip
-_LARGEST = 1 << 30  # bytes of a chunk; ours have 1 MiB
+LARGEST_CHUNK = 16 << 20  # bytes; ours have 1 MiB, those of other tools usually 4
+DECLARED = struct.Struct("<QQQ")  # head of a chunk's body: first and last time, bytes unpacked
 
 
 @cache
@@ -52,24 +55,66 @@ def metadata_crc(name: str, entries: Mapping[str, str]) -> str:
 
 
 def _read_chunk(body: bytes) -> bytes:
-    stream = ReadDataStream(BytesIO(body))
-    chunk = Chunk.read(stream)
+    chunk = Chunk.read(ReadDataStream(BytesIO(body)))
     if not chunk.uncompressed_crc:
         raise ValueError("it has no checksum")
+    data = unpacked(chunk)
+    if zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("its checksum does not match")
+    return data
+
+
+def unpacked(chunk: Chunk) -> bytes:
+    """Return a chunk's content, never more than it declares; one of UNREADABLE."""
     size = chunk.uncompressed_size
+    if size > LARGEST_CHUNK:
+        raise ValueError(f"{size} bytes, more than any log has in one chunk")
     if chunk.compression == "zstd":
         told = zstandard.frame_content_size(chunk.data)
-        size = told if told >= 0 else size
-    if size != chunk.uncompressed_size or size > _LARGEST:
+        if told not in (-1, size):  # -1: not told
+            raise ValueError("its sizes disagree")
+        data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
+    elif chunk.compression == "lz4":
+        data = _unpacked_lz4(chunk.data, size)
+    elif chunk.compression:
+        raise ValueError(f"compression {printable(chunk.compression[:20])} is not known")
+    else:
+        data = chunk.data
+    if len(data) != size:
         raise ValueError("its sizes disagree")
-    plain, size = get_chunk_data_stream(chunk, validate_crc=True)
-    return plain.read(size)
+    return bytes(data)
+
+
+def _unpacked_lz4(data: bytes, size: int) -> bytes:
+    import lz4.frame  # mcap brings it; only logs of other tools need it
+
+    try:
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    except (RuntimeError, EOFError) as error:
+        raise ValueError(str(error)) from None
+
+
+def read_schema(body: bytes) -> Schema:
+    """Return a schema record; one of UNREADABLE."""
+    schema = Schema.read(ReadDataStream(BytesIO(body)))
+    schema.name, schema.encoding = printable(schema.name), printable(schema.encoding)
+    return schema
+
+
+def read_channel(body: bytes) -> Channel:
+    """Return a channel record; one of UNREADABLE."""
+    channel = Channel.read(ReadDataStream(BytesIO(body)))
+    channel.topic = printable(channel.topic)
+    channel.message_encoding = printable(channel.message_encoding)
+    return channel
 
 
 def _read_attachment(body: bytes) -> Attachment:
     if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
         raise ValueError("its checksum does not match")
-    return Attachment.read(ReadDataStream(BytesIO(body)))
+    file = Attachment.read(ReadDataStream(BytesIO(body)))
+    file.name, file.media_type = printable(file.name), printable(file.media_type)
+    return file
 
 
 def _read_metadata(body: bytes) -> Metadata:
@@ -77,10 +122,11 @@ def _read_metadata(body: bytes) -> Metadata:
     record = Metadata.read(stream)
     crc = record.metadata.pop(CRC_KEY, None)
     if crc is None:
-        raise ValueError(f"{record.name!r} has no checksum")
+        raise ValueError(f"{printable(record.name[:80])!r} has no checksum")
     if stream.count != len(body) or crc != metadata_crc(record.name, record.metadata):
         raise ValueError("its checksum does not match")
-    return record
+    texts = {printable(key): printable(value) for key, value in record.metadata.items()}
+    return Metadata(name=printable(record.name), metadata=texts)
 
 
 def _read_index(body: bytes) -> None:

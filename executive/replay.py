@@ -79,13 +79,18 @@ class Assembler:
         self._tunings: list[tuple[int, str, float]] = []
 
     def add(self, node: logs.Node) -> None:
-        """Append a further piece of the log."""
+        """Append a further piece of the log; LogError if it lacks one of the variables."""
         both = {**node.columns, **node.timing}
+        absent = [name for name in self.names if name not in both]
+        if absent and len(node.cycle):
+            raise logs.LogError(
+                f"{len(absent)} described variables, as {absent[0]}, have no record"
+            )
         rows = np.empty((len(node.cycle), HEAD + len(self.names)), np.int64)
         rows[:, K], rows[:, STAMP] = node.cycle, node.stamp_ns
-        rows[:, PASSES] = both.get("health.passes", node.cycle)
+        rows[:, PASSES] = np.nan_to_num(both.get("health.passes", node.cycle), posinf=-1, neginf=-1)
         for i, name in enumerate(self.names):
-            rows[:, HEAD + i] = both[name].view(np.int64)
+            rows[:, HEAD + i] = both[name].view(np.int64) if name in both else 0
         self._rows = np.concatenate((self._rows, rows))
         self._frames = np.concatenate((self._frames, node.frames))
         self._tunings += [(t["cycle"], t["name"], float(t["value"])) for t in node.tunings]
@@ -162,6 +167,7 @@ class Replay:
         self._clocks = [name for name in measured if name in recorded]
         self._clock_places = np.array([self._index[name] for name in self._clocks], np.int64)
         self._clocked = np.zeros((1, len(self._clocks)))  # of the cycle before the next slice
+        self.needed = ["supervisor.fault", *self._clocks]  # of a record
         self._heartbeats = [f.can_id for f in made.tx_frames if heartbeat(f)]
 
     def advance(self, part: Slice, names: Sequence[str]) -> Computed:

@@ -156,8 +156,12 @@ def rig_of(head: logs.Log, folder: Path, controller: str | None = None, settings
         file = (place.parent / name).resolve()
         if not file.is_relative_to(folder.resolve()):
             raise logs.LogError(f"{head.path}: attachment {name} lies too far from its rig")
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(content, encoding="utf-8")
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(content, encoding="utf-8")
+        except OSError as error:
+            what = f"attachment {name[:80]!r} cannot be unpacked: {error.strerror}"
+            raise logs.LogError(f"{head.path}: {what}") from None
     data["evaluation"] = None
     data["schedule"], data["note"] = [], []  # its tunings are in the log
     return load_rig(place, controller, settings, text=yamlfile.dump(data))
@@ -175,6 +179,10 @@ class Comparison:
         pacing = head.metadata[role].get("pacing", "lockstep")
         self.replay = Replay(rig, role, pacing, self.recorded.names)
         theirs, ours = self.recorded.names, self.replay.names
+        absent = [name for name in self.replay.needed if name not in theirs]
+        if absent or len(set(theirs)) != len(theirs):
+            what = f"has no {absent[0]}" if absent else "names a variable twice"
+            raise logs.LogError(f"{head.path}: the description of the {role} {what}")
         self.both = [name for name in theirs if name in ours]
         self._theirs = [HEAD + theirs.index(name) for name in self.both]
         self._ours = [ours.index(name) for name in self.both]
@@ -186,7 +194,11 @@ class Comparison:
         verdict = self.verdict
         verdict.missing += piece.missing
         if self.role in piece.node and not verdict.incomplete:
-            self.recorded.add(piece.node[self.role])
+            try:
+                self.recorded.add(piece.node[self.role])
+            except logs.LogError as error:
+                verdict.incomplete = str(error)
+                return
         for part in self.recorded.take(last):
             verdict.incomplete = verdict.incomplete or _gap(part.rows, verdict.cycles)
             if verdict.incomplete:

@@ -12,8 +12,8 @@ import argparse
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
+from executive import log_checks, logs
 from executive.errors import did_you_mean
 from executive.mcap_reader import Scan, walk
 from tools.log import source
@@ -74,10 +74,12 @@ def cat(options: argparse.Namespace, progress: Progress) -> int:
     topics = topics or {"csv": ["/state"], "candump": [f"/{_FRAMES}"]}.get(form, [])
     _check(path, form, topics)
     printer = Printer(logs.head(path), found, form, zero_ns)
+    told = False
     for channel, piece in source.stream(path, found, progress):
         topic = found.topic(channel)
-        if found.statistics is not None:
+        if found.statistics is not None and not told:
             _check_known(path, found, topics)
+            told = True
         rows = source.messages(piece)
         time_s = (rows["log_time"].astype(np.int64) - zero_ns) / 1e9
         if time_s[0] - _LATEST_NS / 1e9 > end_s:
@@ -89,9 +91,10 @@ def cat(options: argparse.Namespace, progress: Progress) -> int:
     _check_known(path, found, topics)
     sys.stdout.flush()
     progress.close()
-    for line in found.missing:
+    missing = found.missing + printer.left_out()
+    for line in missing:
         print(f"{path}: {line}", file=sys.stderr)
-    return LOSS if found.missing else 0
+    return LOSS if missing else 0
 
 
 def first_cycle_ns(path: Path) -> int:
@@ -136,10 +139,11 @@ class Printer:
     found: Scan
     form: str
     zero_ns: int
-    _wraps: dict[int, tuple[int, int]] = field(default_factory=dict)  # channel: last, high
-    _variables: dict[int, list[logs.Variable]] = field(default_factory=dict)
+    _last: dict[int, int] = field(default_factory=dict)  # channel: cycle
+    _variables: dict[str, list[logs.Variable]] = field(default_factory=dict)  # topic: its columns
     _names: dict[int, str] = field(default_factory=dict)
     _headed: bool = False
+    _left_out: Counter[str] = field(default_factory=Counter)
 
     def lines(self, channel: int, rows: NDArray[Any]) -> Iterator[str]:
         """Yield the lines of messages (n,) of one channel."""
@@ -151,23 +155,28 @@ class Printer:
         else:
             yield from self._columns(channel, topic, rows)
 
+    def left_out(self) -> list[str]:
+        """Return a line for each topic of which messages are not printed: they make no sense."""
+        return [f"{topic}: {n} messages make no sense" for topic, n in self._left_out.items() if n]
+
     def _time_s(self, rows: NDArray[Any]) -> list[float]:
         times: list[float] = ((rows["log_time"].astype(np.int64) - self.zero_ns) / 1e9).tolist()
         return times
 
     def _cycles(self, channel: int, rows: NDArray[Any]) -> list[int]:
         """Return the cycles of messages that carry their low 32 bits."""
-        last, high = self._wraps.get(channel, (0, 0))
         sequence = rows["sequence"].astype(np.int64)
-        cycles = high + sequence + (np.cumsum(np.diff(sequence, prepend=last) < 0) << 32)
-        self._wraps[channel] = int(sequence[-1]), int(cycles[-1] - sequence[-1])
-        listed: list[int] = cycles.tolist()
-        return listed
+        cycles: list[int] = log_checks.cycles(sequence, self._last.get(channel)).tolist()
+        self._last[channel] = cycles[-1]
+        return cycles
 
     def _columns(self, channel: int, topic: str, rows: NDArray[Any]) -> Iterator[str]:
-        if channel not in self._variables:
-            self._variables[channel] = logs.variables(self.found, topic)
-        variables = self._variables[channel]
+        if topic not in self._variables:
+            self._variables[topic] = logs.variables(self.found, topic)
+        variables = self._variables[topic]
+        if rows["data"].shape[1] != logs.CDR_BYTES + 8 * len(variables):
+            self._left_out[topic] += len(rows)
+            return
         body = rows["data"][:, logs.CDR_BYTES :].tobytes()
         values = np.frombuffer(body, "<f8").reshape(len(rows), -1).tolist()
         head = zip(self._time_s(rows), self._cycles(channel, rows), values, strict=True)
@@ -185,7 +194,13 @@ class Printer:
             yield json_line(entry | dict(zip(fields, row, strict=True)))
 
     def _frames(self, topic: str, rows: NDArray[Any]) -> Iterator[str]:
+        if rows["data"].shape[1] != logs.CDR_BYTES + logs.FRAME.itemsize:
+            self._left_out[topic] += len(rows)
+            return
         data = np.ascontiguousarray(rows["data"][:, logs.CDR_BYTES :]).view(logs.FRAME)[:, 0]
+        sane = log_checks.sane(data)
+        self._left_out[topic] += len(rows) - int(sane.sum())
+        rows, data = rows[sane], data[sane]
         if self.form == "candump":
             channel = self._interface()
             for wall_ns, frame in zip(rows["log_time"].tolist(), data, strict=True):
@@ -211,8 +226,10 @@ class Printer:
 
     def _objects(self, topic: str, rows: NDArray[Any]) -> Iterator[str]:
         for time_s, row in zip(self._time_s(rows), rows, strict=True):
-            with suppress(ValueError):
-                entry = json.loads(row["data"].tobytes())
+            entry = log_checks.entry(row["data"].tobytes())
+            if entry is None:
+                self._left_out[topic] += 1
+            else:
                 yield json_line({"topic": topic, "time_s": time_s} | entry)
 
     def _interface(self) -> str:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _WIDTH_IN, _AXIS_IN, _REST_IN, DPI = 12.0, 1.7, 0.9, 110
 _PIXELS = 1100  # of an axis, about
+_LONGEST_NAME = 60  # characters
 _MOST_NAMES = 4  # of logs in the title
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9", "#707070")
 
@@ -76,23 +77,30 @@ def page_of(
             if name in source.series
         ]
         drawn = [
-            _draw(ax, source, name, window_s, {"label": label, "color": _colour(number)})
+            _draw(ax, source, name, window_s, {"label": _shown(label), "color": _colour(number)})
             for source, name, label, number in lines
         ]
         if not any(drawn):
             ax.text(0.5, 0.5, "no value", transform=ax.transAxes, ha="center", color="#707070")
         one = next(source.series[names[0]] for source in sources if names[0] in source.series)
         unit = series.label(one.unit)
-        ax.set_ylabel(unit, fontsize=8)
+        ax.set_ylabel(_shown(unit), fontsize=8)
         if len(sources) > 1:
-            ax.set_title(names[0], fontsize=8, loc="left", pad=2)
+            ax.set_title(_shown(names[0]), fontsize=8, loc="left", pad=2)
         ax.grid(color="#D8D8D8", linewidth=0.5)
         ax.tick_params(labelsize=8)
         ax.spines[["top", "right"]].set_visible(False)
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
     axes[-1].set_xlabel("time [s]", fontsize=9)
-    page.suptitle(_title(sources), fontsize=10, x=0.01, ha="left")
+    page.suptitle("   ".join(map(_shown, _title(sources))), fontsize=10, x=0.01, ha="left")
     return page
+
+
+def _shown(text: str) -> str:
+    """Return a name as matplotlib draws it: no formula, and no longer than an axis."""
+    return (text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}...").replace(
+        "$", r"\$"
+    )
 
 
 def _colour(number: int) -> str:
@@ -111,7 +119,7 @@ def _draw(
     return bool(np.isfinite(values).any())
 
 
-def _title(sources: Sequence[Source]) -> str:
+def _title(sources: Sequence[Source]) -> tuple[str, ...]:
     """Return what the logs are, as far as it is the same."""
     facts = [source.log.metadata[node] for source in sources for node in source.log.node]
     same = [
@@ -125,4 +133,4 @@ def _title(sources: Sequence[Source]) -> str:
         else [f"{len(sources)} logs"]
     )
     same = [word for word in dict.fromkeys(same) if word not in ("", "none", *names)]
-    return "   ".join((", ".join(names), *same))
+    return ", ".join(names), *same

@@ -13,21 +13,20 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Channel, Header, Message
-from mcap.stream_reader import StreamReader
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from executive import logs
 from executive.mcap_reader import Scan
-from executive.mcap_records import MAGIC, UNREADABLE
 from tools.log import source
+from tools.log.foreign import survey
 from tools.log.outfile import LOSS
 from tools.log.tally import Tally
 from tools.progress import Progress
 
 _FACTS = ("rig", "controller", "pacing", "bus", "seed", "rate_hz")
+_TOPICS = 60  # on the screen; our logs have 15
 _SHOWN = 12  # events and tunings on the screen; all of them with --json
 
 
@@ -52,7 +51,7 @@ def _info(options: argparse.Namespace, progress: Progress) -> int:
     try:
         report = describe(path, progress)
     except logs.LogError as error:
-        if foreign := _foreign(path):
+        if foreign := survey(path):
             _show_foreign(foreign, str(error), options.json)
         raise
     progress.close()
@@ -89,7 +88,7 @@ def describe(path: Path, progress: Progress) -> dict[str, Any]:
         "topics": tally.topics(),
         "attachments": {name: len(text.encode()) for name, text in log.attachments.items()},
         "recorder": log.metadata.get("run", {}), "recovered": log.metadata.get("recovered", {}),
-        "missing": log.missing,
+        "missing": log.missing + tally.left_out(),
     }  # fmt: skip
 
 
@@ -127,9 +126,11 @@ def _lines(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield from _entry_lines("faults", report["faults"])
     yield from _entry_lines("events", report["events"])
     yield from _entry_lines("tunings", report["tunings"])
-    for i, row in enumerate(report["topics"]):
+    for i, row in enumerate(report["topics"][:_TOPICS]):
         text = f"{row['topic']:20} {row['messages']:>9} messages {_size(row['bytes']):>10}"
         yield "topics" if i == 0 else "", text
+    if len(report["topics"]) > _TOPICS:
+        yield "", f"and {len(report['topics']) - _TOPICS} more, see --json"
     hour = report["bytes_per_hour"]
     per_hour = "" if hour is None else f", {_size(hour)} an hour"
     yield "size", f"{_size(report['bytes'])}{per_hour} (compressed)"
@@ -196,28 +197,6 @@ def _size(count: float) -> str:
             return f"{count:.3g} {unit}"
         count /= 1000
     return f"{count:.3g} GB"
-
-
-def _foreign(path: Path) -> dict[str, Any] | None:
-    """Return library and messages by topic of an MCAP file of others; None if it is none."""
-    found: dict[str, Any] = {"file": str(path), "library": "", "topics": {}}
-    names: dict[int, str] = {}
-    try:
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                return None
-            file.seek(0)
-            for record in StreamReader(file, record_size_limit=path.stat().st_size).records:
-                if isinstance(record, Header):
-                    found["library"] = record.library
-                elif isinstance(record, Channel):
-                    names[record.id] = record.topic
-                    found["topics"].setdefault(record.topic, 0)
-                elif isinstance(record, Message) and record.channel_id in names:
-                    found["topics"][names[record.channel_id]] += 1
-    except (*UNREADABLE, OSError, KeyError) as error:
-        found["damaged"] = str(error) or "it is cut"
-    return found
 
 
 def _show_foreign(found: Mapping[str, Any], reason: str, as_json: bool) -> None:

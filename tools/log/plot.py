@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.errors import printable
 from executive import logs
 from tools import screen
 from tools.log import series, source
@@ -68,7 +69,7 @@ def plot(options: argparse.Namespace, progress: Progress) -> int:
     read = [series.read_log(path, progress) for path in paths]
     loss = LOSS if any(log.missing for log in read) else 0
     window = (options.start, options.end) != (None, None)
-    if len(read) == 1 and not patterns and not window and _own_figure(read[0], options):
+    if len(read) == 1 and not patterns and not window and _has_own(read[0], options, progress):
         return loss
     names = names_of(paths)
     sources = [
@@ -122,6 +123,18 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 # What to draw
 
 
+def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> bool:
+    """Draw the figure of the log's plant; return False, and why, if there is none to be drawn."""
+    try:
+        return _own_figure(log, options)
+    except (LogCommandError, OSError):
+        raise
+    except Exception as error:  # the plant's own code, with a log that it was not written for
+        reason = printable(" ".join(f"{type(error).__name__} {error}".split())[:200])
+        progress.say(f"{log.path}: no figure of its plant ({reason}); variables instead")
+        return False
+
+
 def _own_figure(log: logs.Log, options: argparse.Namespace) -> bool:
     """Draw the figure of the log's plant; return False if there is none to be found."""
     from executive.rig import load_rig
@@ -129,12 +142,14 @@ def _own_figure(log: logs.Log, options: argparse.Namespace) -> bool:
 
     text = log.attachments.get("rig-resolved.yaml")
     rig_name = next((log.metadata[node].get("rig", "") for node in log.node), "")
-    place = options.rig or next(iter(sorted(_PLANTS.glob(f"*/rigs/{rig_name}.yaml"))), None)
+    shipped = {path.stem: path for path in sorted(_PLANTS.glob("*/rigs/*.yaml"))}
+    place = options.rig or shipped.get(rig_name)
     if text is None or place is None:
         return False
     rig = load_rig(place, text=text, resolve=False)
-    if rig.evaluation is None or not Path(rig.evaluation.file).is_file():
-        return False
+    known = load_rig(place, resolve=False).evaluation
+    if rig.evaluation is None or known is None or rig.evaluation.file != known.file:
+        return False  # code that only the log names is not run
     judge = Judge.of(rig)
     title = f"{rig.config.rig}: {rig.config.title}, controller {rig.config.controller}"
     with new_file(options.output, force=True) as path:

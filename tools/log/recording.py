@@ -7,9 +7,15 @@
 
 Only classic data frames of at most 8 bytes are kept; error, remote and CAN FD frames are counted.
 Frames come back by stamp. A compressed file ends in .gz behind its own suffix.
+
+A damaged file can make python-can loop for ever, or unpack without end: it may take 10 s of
+computing without a frame, unpack to 200 times its size, and hold a frame for each of its bytes.
 """
 
+import gzip
+import logging
 import math
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +25,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import printable
+from drivers.patience import StalledError, patience
 from executive import logs
 from tools.log.outfile import NO_ENVIRONMENT, LogCommandError
 from tools.progress import Progress
@@ -29,6 +37,9 @@ if TYPE_CHECKING:
 _STEP = 20_000  # frames from one look at the progress to the next
 _ERROR_FRAME = 0x20000000  # in the id of a candump line
 _EXTENDED = 1 << 31
+_STALL_S = 10.0
+_UNPACKED, _UNPACKED_PER_BYTE, _FRAMES = 16 << 20, 200, 1000
+_BLF_OBJECT, _BLF_CONTAINER, _BLF_ZLIB = 16, 10, 2  # size of a head; a kind; a method
 _RESOLVES_NS_S = 2.0**22  # float64 seconds from here on are more than 1 ns apart
 
 
@@ -70,12 +81,21 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
 
     if not path.is_file():
         raise LogCommandError(f"{path}: no such file; give a recording, as .log, .blf or .asc")
+    logging.getLogger("can").setLevel(logging.ERROR)  # what it warns about is told or left out
     counted, number = _Counted(channel), 0
     try:
-        for number, (message, time_ns) in enumerate(_messages(path), 1):
-            counted.take(message, time_ns)
-            if number % _STEP == 0:
-                progress.show(f"{path}: {number} frames")
+        _check_unpacked(path)
+        most = _FRAMES + path.stat().st_size
+        with patience(_STALL_S, lambda: number):
+            for number, (message, time_ns) in enumerate(_messages(path), 1):
+                counted.take(message, time_ns)
+                if number > most:
+                    raise ValueError("it holds more frames than bytes: an object without a size?")
+                if number % _STEP == 0:
+                    progress.show(f"{path}: {number} frames")
+    except StalledError:
+        what = f"python-can stays behind frame {number} for ever: the file is damaged there"
+        raise LogCommandError(f"{path}: {what}; give the whole recording") from None
     except NotImplementedError as error:  # a reader that needs another package
         raise LogCommandError(f"{path}: {error}", NO_ENVIRONMENT) from None
     except OSError as error:
@@ -85,10 +105,45 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
             known = ", ".join(can.io.player.MESSAGE_READERS)
             what = f"no format is known by this suffix; known: {known}"
         else:
-            reason = " ".join(str(error).split()) or type(error).__name__
+            reason = printable(" ".join(str(error).split())[:300]) or type(error).__name__
             what = f"damaged after {number} frames ({reason}); give the whole recording"
         raise LogCommandError(f"{path}: {what}") from None
     return counted.result(path)
+
+
+def _check_unpacked(path: Path) -> None:
+    """Raise ValueError for a compressed file that unpacks to more than a recording can hold."""
+    most = _UNPACKED + _UNPACKED_PER_BYTE * path.stat().st_size
+    packed = path.suffix == ".gz"
+    if packed:
+        with gzip.open(path) as file:
+            while data := file.read(1 << 20):
+                if (most := most - len(data)) < 0:
+                    raise ValueError("it unpacks to more than 200 times its size")
+    if Path(path.stem if packed else path.name).suffix.lower() != ".blf":
+        return
+    with gzip.open(path) if packed else path.open("rb") as blf:
+        head = blf.read(8)
+        blf.seek(int.from_bytes(head[4:8], "little"))
+        while (head := blf.read(_BLF_OBJECT))[:4] == b"LOBJ":
+            size, kind = (int.from_bytes(head[i : i + 4], "little") for i in (8, 12))
+            if size < _BLF_OBJECT:
+                raise ValueError("an object without a size")
+            body = blf.read(min(size - _BLF_OBJECT, most))
+            blf.read(size % 4)
+            if kind == _BLF_CONTAINER and body[:2] == bytes((_BLF_ZLIB, 0)):
+                most -= _inflated(body[_BLF_OBJECT:], most)
+            if most < 0:
+                raise ValueError("it unpacks to more than 200 times its size")
+
+
+def _inflated(data: bytes, most: int) -> int:
+    """Return how many bytes a zlib stream has, counted a little beyond `most` at the furthest."""
+    stream, size = zlib.decompressobj(), 0
+    while data and size <= most and not stream.eof:
+        size += len(stream.decompress(data, 1 << 20))
+        data = stream.unconsumed_tail
+    return size
 
 
 def _messages(path: Path) -> Iterator[tuple["Message", int]]:
@@ -109,6 +164,9 @@ def _messages(path: Path) -> Iterator[tuple["Message", int]]:
         start_ns, reader.start_timestamp = round(1e3 * reader.start_timestamp) * 10**6, 0.0
     elif isinstance(reader, can.ASCReader):
         start_ns = _asc_start_ns(path)
+    elif isinstance(reader, can.SqliteReader):  # signals do not reach a query; this does
+        calls = iter(range(path.stat().st_size))
+        vars(reader)["_conn"].set_progress_handler(lambda: next(calls, None) is None, 1000)
     for message in reader:
         yield message, start_ns + _to_ns(message.timestamp)
 
@@ -155,8 +213,9 @@ class _Counted:
     def take(self, message: "Message", time_ns: int) -> None:
         """Take one message; ValueError if no bus could have carried it."""
         if message.channel is not None:  # as in an error frame of candump
-            self.channels[str(message.channel)] += 1
-            if self._channel not in (None, str(message.channel)):
+            name = printable(str(message.channel))
+            self.channels[name] += 1
+            if self._channel not in (None, name):
                 return
         for what, is_so in (
             ("error", message.is_error_frame),

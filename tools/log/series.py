@@ -140,6 +140,8 @@ def rows_of(base: Series, other: Series, by_cycle: bool) -> NDArray[np.int64]:
     if other.topic == base.topic:
         return np.arange(len(base.cycle))
     ours, theirs = (base.cycle, other.cycle) if by_cycle else (base.time_ns, other.time_ns)
+    if not len(theirs):
+        return np.full(len(ours), -1, np.int64)
     rows = np.searchsorted(theirs, ours, side="right").astype(np.int64) - 1
     if by_cycle:
         rows[(rows >= 0) & (theirs[rows] != ours)] = -1

@@ -1,6 +1,5 @@
 """What the messages of a log add up to, without keeping them: cycles, frames, events, bytes."""
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
+from executive import log_checks, logs
 from executive.mcap_reader import Scan
 
 E2E_STATES = (  # of drivers.e2e, which imports numba
@@ -29,7 +28,8 @@ class Tally:
     last_ns: dict[str, int] = field(default_factory=dict)
     messages: Counter[str] = field(default_factory=Counter)
     bytes: Counter[str] = field(default_factory=Counter)
-    _steps: dict[str, list[int]] = field(default_factory=dict)  # first, last, 2^32 passed
+    _steps: dict[str, list[int]] = field(default_factory=dict)  # first, last
+    _left_out: Counter[str] = field(default_factory=Counter)
     _entries: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
     _frames: Counter[tuple[str, int]] = field(default_factory=Counter)  # topic, key
     _keys: dict[str, list[NDArray[np.uint64]]] = field(default_factory=dict)
@@ -52,15 +52,21 @@ class Tally:
         elif self.found.channels[channel].message_encoding == "json":
             entries = self._entries.setdefault(topic, [])
             for at_ns, row in zip(rows["log_time"].tolist(), rows["data"], strict=True):
-                entries.append((at_ns, json.loads(row.tobytes())))
+                entry = log_checks.entry(row.tobytes())
+                if entry is None:
+                    self._left_out[topic] += 1
+                else:
+                    entries.append((at_ns, entry))
 
     def _step(self, topic: str, sequence: NDArray[np.int64]) -> None:
-        step = self._steps.setdefault(topic, [int(sequence[0]), int(sequence[0]), 0])
-        step[2] += int(np.count_nonzero(np.diff(sequence, prepend=step[1]) < 0))
-        step[1] = int(sequence[-1])
+        step = self._steps.setdefault(topic, [int(sequence[0]), int(sequence[0])])
+        step[1] = int(log_checks.cycles(sequence, step[1])[-1])
 
     def _take_frames(self, topic: str, rows: NDArray[Any]) -> None:
         data = np.ascontiguousarray(rows["data"][:, logs.CDR_BYTES :]).view(logs.FRAME)[:, 0]
+        sane = log_checks.sane(data)
+        self._left_out[topic] += len(data) - int(sane.sum())
+        data = data[sane]
         key = data["id"].astype(np.uint64) | data["direction"].astype(np.uint64) << np.uint64(32)
         self._keys.setdefault(topic, []).append(
             key | data["e2e"].astype(np.uint64) << np.uint64(40)
@@ -85,10 +91,14 @@ class Tally:
         """Return count, first and last of a node's cycles, and how many between are not there."""
         if topic not in self._steps:
             return {"cycles": 0, "lost": 0}
-        first, last, wraps = self._steps[topic]
-        last += wraps << 32
+        first, last = self._steps[topic]
         count = self.messages[topic]
-        return {"cycles": count, "first": first, "last": last, "lost": last - first + 1 - count}
+        lost = max(last - first + 1 - count, 0)  # cycles out of order are none that are lost
+        return {"cycles": count, "first": first, "last": last, "lost": lost}
+
+    def left_out(self) -> list[str]:
+        """Return a line for each topic of which messages are not counted: they make no sense."""
+        return [f"{topic}: {n} messages make no sense" for topic, n in self._left_out.items() if n]
 
     def duration_s(self, topic: str) -> float:
         """Return the time from the first message of a topic to its last."""
