@@ -73,23 +73,20 @@ def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
     from matplotlib import pyplot
 
     figure, axes = pyplot.subplots(4, 1, figsize=(9, 10), sharex=True, layout="constrained")
+    q_d = results[0].traces["executive:reference.q_d_rad"]
+    in_degrees = np.abs(q_d).max() >= 1.0 / DEG  # else in the unit of the error below
+    unit, scale = ("deg", DEG) if in_degrees else ("mrad", MRAD)
     for result in results:
         x, name = result.traces, result.case.controller
         style: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}
         t = x["t"]
-        axes[0].plot(t, DEG * x["plant:barrel.theta_rad"], **style)
+        axes[0].plot(t, scale * x["plant:barrel.theta_rad"], **style)
         axes[1].plot(t, MRAD * _muzzle_error(x), **style)
         axes[2].plot(t, MRAD * x["plant:barrel.elastic_slope_rad"], **style)
         axes[3].plot(t, GEAR * x["executive:controller.motor_torque_Nm"], **style)
-    first = results[0].traces
-    axes[0].plot(
-        first["t"],
-        DEG * first["executive:reference.q_d_rad"],
-        "k--",
-        linewidth=0.8,
-        label="reference",
-    )
-    labels = ("hub [deg]", "muzzle error [mrad]", "elastic slope [mrad]", "command [N m]")
+    t = results[0].traces["t"]
+    axes[0].plot(t, scale * q_d, "k--", linewidth=0.8, label="reference")
+    labels = (f"hub [{unit}]", "muzzle error [mrad]", "elastic slope [mrad]", "command [N m]")
     _finish(figure, axes, labels, f"{scenario}: reference, error, bending, command", path)
 
 

@@ -88,7 +88,7 @@ def _motion(runs: Runs, close: Close, path: Path) -> None:
     _finish(
         figure,
         axes,
-        "Body speed and strut travel between the stops (dashed); figures of 3 to 6 s",
+        "Body speed and strut travel, stops dashed; each rms is over 3 to 6 s",
         path,
     )
 
@@ -124,7 +124,9 @@ def _forces(runs: Runs, close: Close, path: Path) -> None:
             frameon=False, fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1.03, 1.08),
             borderaxespad=0.0,
         )  # fmt: skip
-    _finish(figure, axes, "Force loop: PID above, fuzzy backstepping below, same scales", path)
+    _finish(
+        figure, axes, "Force loop: PID above, fuzzy backstepping below; one scale a column", path
+    )
 
 
 def _bars(runs: Runs, path: Path) -> None:

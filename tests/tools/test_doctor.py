@@ -45,10 +45,14 @@ def refused() -> dict[str, Any]:
     return found
 
 
-def test_a_machine_that_runs_these_tests_can_run_a_rig(capsys: Screen) -> None:
+def test_a_machine_that_runs_these_tests_can_run_a_rig(
+    capsys: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     code = main(["doctor"])
     out, err = capsys.readouterr()
     assert (code, err) == (0, ""), err
+    assert [line for line in out.splitlines() if len(line) > 80] == []
     assert [name for name in ROWS if name not in out] == [], out
 
 
@@ -95,7 +99,8 @@ def test_a_broken_package_stops_every_rig_and_is_named(
     assert code == 4, out
     assert err == "no rig can run on this machine: missing packages\n", err
     assert "zstandard: no libzstd" in out, out
-    assert f"{sys.executable} -m pip install -e {ROOT}" in out, out
+    words = " ".join(out.replace(" \\\n", " ").split())
+    assert f"{sys.executable} -m pip install -e {ROOT}" in words, out
 
 
 def test_two_nodes_have_room_in_what_the_doctor_asks_of_shared_memory() -> None:

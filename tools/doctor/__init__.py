@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
+from tools import screen
 from tools.doctor.machine import Row, machine_rows
 
 OK, CANNOT_RUN = 0, 4
@@ -34,7 +35,7 @@ _IMPORTS = {  # what every subcommand but `vm` needs: distribution, module
     "PyYAML": "yaml", "msgspec": "msgspec", "msgpack": "msgpack", "mcap": "mcap",
     "zstandard": "zstandard", "rich": "rich",
 }  # fmt: skip
-_STYLES = {"ok": "green", "warn": "yellow", "missing": "bold red"}
+_COLOURS = {"ok": 32, "warn": 33, "missing": 31}  # of ANSI
 
 
 def command(options: argparse.Namespace) -> int:
@@ -72,27 +73,22 @@ def rows() -> Iterator[Row]:
 
 
 def show(found: list[Row]) -> None:
-    """Print a table, and below it the commands, each on one line to copy."""
-    try:
-        from rich.console import Console
-        from rich.table import Table
-        from rich.text import Text
-    except ImportError:
-        for row in found:
-            print(f"{row.state:8}{row.name}: {row.found}")
-    else:
-        table = Table(box=None, pad_edge=False, header_style="bold")
-        for title in ("", "what", "found", "costs"):
-            table.add_column(title)
-        for row in found:
-            state = Text(row.state, _STYLES[row.state])
-            table.add_row(state, *map(Text, (row.name, row.found, row.cost)))
-        width = max(shutil.get_terminal_size().columns, 120)
-        Console(highlight=False, width=width).print(table)
+    """Print what was found and what it costs, and below it the commands to copy."""
+    broad = max(len(row.name) for row in found)
+    for row in found:
+        ahead = f"{row.state:7}  {row.name:{broad}}  "
+        lines = screen.wrapped(row.found, ahead)
+        if row.cost:
+            lines += screen.wrapped(f"costs: {row.cost}", " " * len(ahead))
+        if sys.stdout.isatty():
+            lines[0] = f"\x1b[{_COLOURS[row.state]}m{row.state}\x1b[0m{lines[0][len(row.state) :]}"
+        print("\n".join(lines))
     cures = [row for row in found if row.cure]
     print("\nto mend:" if cures else "\nnothing to mend")
     for row in cures:
-        print(f"  # {row.name}\n  {row.cure}")
+        command, _, remark = row.cure.partition("    # ")
+        print(f"  # {row.name}{f', {remark}' if remark else ''}")
+        print("\n".join(screen.shell(command)))
 
 
 def python_row() -> Row:
@@ -169,8 +165,7 @@ def compile_cache_row() -> Row:
         return Row("compile cache", "warn", why + (f"; warm, {warm}" if warm else ""), cost, cure)
     if warm:
         return Row("compile cache", "ok", f"warm, {warm}")
-    rig = _PROJECT / "plants/atb1000/rigs/slew10.yaml"
-    cure = f"pcpc simulate {rig} --set duration_s=0.1 --no-figure -o $(mktemp -d)"
+    cure = "pcpc simulate slew10 --set duration_s=0.1 --no-figure -o $(mktemp -d)"
     cost = "the first start compiles for about half a minute"
     return Row("compile cache", "warn", f"cold, {folder}", cost, cure)
 
