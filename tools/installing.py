@@ -3,7 +3,8 @@
     python -P tools/installing.py PIP-COMMAND...
 
 pip's own words are shown only if it fails. On a terminal the line changes in place; elsewhere, as
-in CI, there is one at the beginning and one at the end. The exit code is pip's.
+in CI, there is one at the beginning, one at the end and one every half a minute. The exit code is
+pip's.
 """
 
 import re
@@ -14,6 +15,7 @@ import time
 from collections.abc import Iterable, Sequence
 
 _LOOK_S = 0.5
+_LINES_S = 30.0  # where it is no terminal
 _PACKAGE = re.compile(r"^(?:Collecting|Requirement already satisfied:) ([A-Za-z0-9._-]+)")
 _LOADING = re.compile(r"^\s+(?:Downloading|Using cached) (\S+?)-[0-9].* \((.+)\)")
 
@@ -58,11 +60,15 @@ def main(command: Sequence[str]) -> int:
     assert pip.stdout is not None, "a pipe was asked for"
     reader = threading.Thread(target=course.follow, args=(pip.stdout,))
     reader.start()
+    told_s = begin_s
     try:
         while reader.is_alive():
+            words = course.words(time.monotonic() - begin_s)
             if sys.stderr.isatty():
-                words = course.words(time.monotonic() - begin_s)
                 print(f"\r\x1b[K{words[:79]}", end="", file=sys.stderr, flush=True)
+            elif time.monotonic() >= told_s + _LINES_S:
+                told_s = time.monotonic()
+                print(words, file=sys.stderr, flush=True)
             reader.join(_LOOK_S)
         code = pip.wait()
     except KeyboardInterrupt:
