@@ -11,14 +11,13 @@ a tool sends reaches us on the IPv4 group only. Other groups are plain multicast
 
 import ctypes
 import errno as codes
-import fcntl
 import os
 import re
 import socket
 import struct
 import subprocess
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import Any
 
 from drivers import wire_layout
 from drivers.errors import BusError
@@ -287,23 +286,3 @@ def _open_python_can(bus: Bus) -> int:
     except (can.CanError, ValueError, OSError, ImportError) as error:
         raise BusError(f"{bus}: python-can cannot open it: {error}") from None
     return python_can_port.register(port)
-
-
-def lock(name: str) -> TextIO:
-    """Take lock `name` for the life of this process; BusError names the process that has it."""
-    path = f"/dev/shm/pcpc-{os.getuid()}-{name.replace('/', '_')}.lock"
-    file = open(path, "a+")  # noqa: SIM115  held open for the life of the process
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        file.seek(0)
-        holder = file.read().strip() or "unknown"
-        file.close()
-        raise BusError(
-            f"{name}: already in use by process {holder}; "
-            "end it first, or choose another bus with --bus"
-        ) from None
-    file.truncate(0)
-    file.write(str(os.getpid()))
-    file.flush()
-    return file

@@ -57,6 +57,18 @@ def holder(name: str) -> Holder | None:
     return Holder(pid, uid)
 
 
+def meet(name: str) -> socket.socket | None:
+    """Return a connection to the holder of `name`; None if nobody listens there."""
+    line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    line.setblocking(False)
+    try:
+        line.connect(_address(name))
+    except OSError:
+        line.close()
+        return None
+    return line
+
+
 def held(start: str) -> list[str]:
     """Return the names now held by anybody that begin with `start`, in order."""
     try:

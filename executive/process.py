@@ -1,8 +1,9 @@
 """One real-time process: the executive or, started by `plants.emulator`, the emulator.
 
-The compiled loop runs in a worker thread without the GIL. The main thread only waits for signals;
-nothing else runs in this process. Ends by itself after the rig's duration, on SIGTERM or SIGINT, or
-on a fault.
+The compiled loop runs in a worker thread without the GIL. The main thread waits for signals and
+hands the node's memory to clients; nothing else runs in this process. Ends by itself after the
+rig's duration, on SIGTERM or SIGINT, or on a fault; after its end the node can be read for as long
+as its host wants, or some seconds if nobody has come yet: a run may last a millisecond.
 
     executive.process ROLE RIG [--pacing P] [--bus B] [--controller C] [--set NAME=VALUE]...
 
@@ -20,8 +21,11 @@ if __name__ == "__main__":
 import argparse
 import ctypes
 import os
+import select
+import socket
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -30,10 +34,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from drivers import bus as buses
-from drivers import choice, realtime, wire
+from drivers import choice, kernel, realtime, wire
 from drivers.errors import BusError, DbcError
 from drivers.wire_layout import MEMORY
-from executive import plausible
+from executive import plausible, sharing
 from executive import shared as sh
 from executive.cycle import run
 from executive.emath_selftest import selftest
@@ -48,6 +52,9 @@ from executive.roles import ROLES, Role
 OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
 _PR_SET_PDEATHSIG = 1
 _WARM_UP_CYCLES = 3
+_LINGER_S = 5.0  # for a host or a recorder that has not come yet
+_SIGNALS = {signal.SIGINT, signal.SIGTERM}
+_SIGNAL_BYTES = 128  # struct signalfd_siginfo
 
 
 def main(argv: Sequence[str]) -> int:
@@ -96,7 +103,7 @@ class Process:
     def run(self) -> int:
         """Set up, warm up, run the loop in its thread, wait; return the exit code."""
         name = sh.block_name(self.rig.config.rig, str(self.bus), self.role)
-        held = buses.lock(name)
+        held = sharing.lock(name)
         metadata = facts() | {
             "pacing": self.pacing,
             "bus": str(self.bus),
@@ -106,32 +113,74 @@ class Process:
         }
         warm_up(self.plan)
         self.report = realtime.prepare_process()
-        block = sh.create(name, describe(self.plan, metadata))
-        try:
-            open_buses(self.rig, self.bus, self.plan, block.loop.wire)
-        except BusError:
-            block.unlink()
-            raise
+        served = sharing.Served(name, describe(self.plan, metadata))
+        block = served.block
+        open_buses(self.rig, self.bus, self.plan, block.loop.wire)
         install(self.plan, block.loop)
         wall_ns, clock_ns = (int(metadata[f"clock_{name}_ns"]) for name in ("wall", "monotonic"))
         block.loop.wall_offset_ns = wall_ns - clock_ns
         block["control"][sh.PID] = os.getpid()
+        block["snapshot"][:] = block.loop.v[: len(block["snapshot"])]  # until the first cycle
+        served.open()
+        self.signals = kernel.signal_file(_SIGNALS)
+        over, self.end = socket.socketpair()
         loop = threading.Thread(target=self._loop, args=(block,))
         loop.start()
-        while loop.is_alive():
-            if _asked_to_end():
+        while not self._waits_for(served, over):
+            if self._asked_to_end():
                 block["control"][sh.STOP] = 1
-        if self.orphaned():  # nobody else would remove the block
-            block.unlink()
+        loop.join()
+        self._linger(served)
+        served.close()
         held.close()
         return SAFETY_STOP if block["control"][sh.FAULT] else OK
 
-    def orphaned(self) -> bool:
-        """Return whether the host that started this process, if it named itself, is dead."""
-        return self.host is not None and os.getppid() != self.host
+    def _waits_for(self, served: sharing.Served, over: socket.socket) -> bool:
+        """Serve clients until a signal comes or the loop ends; return whether it has ended."""
+        while True:
+            waited: list[Any] = [over, self.signals, *served.sockets()]
+            ready, _, _ = select.select(waited, [], [])
+            served.serve()
+            if over in ready or self.signals in ready:
+                return over in ready
+
+    def _linger(self, served: sharing.Served) -> None:
+        """Serve clients of a node that has ended, while its host is there or may come."""
+        end_s = time.monotonic() + _LINGER_S
+        while served.has_host() or not self._was_taken(served):
+            left_s = end_s - time.monotonic()
+            if left_s <= 0.0 and not served.has_host():
+                return
+            timeout = None if served.has_host() else left_s
+            waited: list[Any] = [self.signals, *served.sockets()]
+            select.select(waited, [], [], timeout)
+            served.serve()
+            if self._asked_to_end() and not served.has_host():
+                return
+
+    def _was_taken(self, served: sharing.Served) -> bool:
+        """Return whether whoever needs this node has it: a recorder, its host, or both."""
+        if sharing.LEAVE in served.told:
+            return True
+        wanted = {sharing.RECORDER} if self.host is None else {sharing.RECORDER, sharing.HOST}
+        return wanted <= served.told
+
+    def _asked_to_end(self) -> bool:
+        """Take the signals that have come; return whether there was one."""
+        try:
+            return bool(os.read(self.signals, 8 * _SIGNAL_BYTES))
+        except BlockingIOError:
+            return False
 
     def _loop(self, block: sh.Shared) -> None:
-        """Be the loop's thread: real-time settings, self-test, then the compiled loop."""
+        """Be the loop's thread; its end is heard by the main thread."""
+        try:
+            self._run(block)
+        finally:
+            self.end.close()
+
+    def _run(self, block: sh.Shared) -> None:
+        """Do the real-time settings, the self-test, then the compiled loop."""
         settings = self.rig.config.realtime
         priority = {
             "executive": settings.priority, "local": settings.local_priority,
@@ -171,15 +220,6 @@ def bus_below(rig: Rig, bus: buses.Bus) -> buses.Bus | None:
         return buses.beside(bus)
     channel = None if local.bus.channel is None else str(local.bus.channel)
     return buses.choose(local.bus.interface, channel)
-
-
-def _asked_to_end() -> bool:
-    """Wait a moment for SIGINT or SIGTERM; return whether one came.
-
-    After SIGSTOP and SIGCONT some versions of Python return a signal that never was.
-    """
-    found = signal.sigtimedwait({signal.SIGINT, signal.SIGTERM}, 0.05)
-    return found is not None and found.si_signo in (signal.SIGINT, signal.SIGTERM)
 
 
 def warm_up(made: Plan) -> None:

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs, shared
+from executive import logs, shared, sharing
 from executive.beside import Beside
 from executive.errors import FULL
 from executive.keep import Sink, SnapshotRing
@@ -37,7 +37,7 @@ from executive.shared import RINGS, Shared, SharedError
 
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
 POLL_S = 0.02
-_OF_THE_MEMORY = ("attachments", "record_columns", "loop_offset")  # not part of a log's description
+_OF_THE_MEMORY = ("attachments", "record_columns", "name")  # not part of a log's description
 LOSS, NO_ENVIRONMENT = 3, 4  # exit codes
 
 
@@ -46,7 +46,7 @@ class _Node:
 
     def __init__(self, block: Shared, writer: BulkWriter) -> None:
         about = block.description
-        self.block, self.name, self.birth = block, str(about["node"]), ""
+        self.block, self.name = block, str(about["node"])
         facts = about["metadata"]
         self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
         self.clocked = facts.get("pacing") not in WITHOUT_CLOCK
@@ -86,13 +86,8 @@ class _Node:
 
     def over(self) -> bool:
         """Return whether the loop has ended, in good order or by death: it puts no more rows."""
-        control = self.block["control"]
-        pid = int(control[shared.PID])
-        if control[shared.DONE] or not pid:
-            return bool(control[shared.DONE])
-        birth = _birth(pid)
-        self.birth = self.birth or birth
-        return not birth or birth != self.birth
+        alive = self.block.alive()  # before the look at DONE: its last word counts
+        return bool(self.block["control"][shared.DONE]) or not alive
 
     def empty(self) -> bool:
         """Return whether all that was put is taken."""
@@ -111,6 +106,7 @@ class _Node:
             self.backlog[ring] = max(self.backlog[ring], put - taken)
             full = full or put - taken > len(rows) // 8
             most = CHUNK_BYTES // (8 * rows.shape[1] + 128)  # with the heads of two messages
+            self.block[f"{ring}_taken"][0] = taken  # whatever others have written there
             while taken < put:
                 start = taken % len(rows)
                 count = min(put - taken, len(rows) - start, most)
@@ -174,16 +170,7 @@ def _taken(block: Shared, ring: str) -> int:
     """
     put, rows = int(block[f"{ring}_ends"][shared.PUT]), len(block[ring])
     taken = int(block[f"{ring}_taken"][0])
-    return taken if 0 <= put - taken <= rows else max(put - rows, 0)
-
-
-def _birth(pid: int) -> str:
-    """Return the start time of a live process, empty for a dead one, reaped or not."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return ""
-    return "" if fields[0] in "ZX" else fields[19]
+    return taken if 0 <= taken <= put <= taken + rows else max(put - rows, 0)
 
 
 class Recorder:
@@ -203,7 +190,7 @@ class Recorder:
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.path, self.clock, self.judged = path, clock, judged or {}
-        self.late, self._refused = list(late), dict.fromkeys(late, 0)
+        self.late = list(late)
         self.nodes: list[_Node] = []
         self.drains = self.busy_ns = self.longest_ns = 0
         self._full = False
@@ -265,22 +252,16 @@ class Recorder:
             facts |= {"clock_monotonic_ns": "0", "clock_wall_ns": first["clock_wall_ns"]}
 
     def _attach_late(self) -> None:
-        """Take up late blocks whose file is there, except what an earlier run left."""
+        """Take up late nodes that are there, except one that an earlier run is leaving."""
         for name in list(self.late):
-            with suppress(SharedError, FileNotFoundError):
-                inode = shared.path_of(name).stat().st_ino
-                if inode == self._refused[name]:
-                    continue
-                block = shared.attach(name)
-                pid = int(block["control"][shared.PID])
-                if pid and not _birth(pid) and not self._in_this_run(block):
-                    self._refused[name] = inode
-                    continue
-                self._add(block)
-                self.late.remove(name)
+            with suppress(SharedError):
+                block = sharing.attach(name, sharing.RECORDER)
+                if not block["control"][shared.DONE] or self._in_this_run(block):
+                    self._add(block)
+                    self.late.remove(name)
 
     def _in_this_run(self, block: Shared) -> bool:
-        """Return whether the dead node of `block` still ran when the first node had started."""
+        """Return whether the node of `block`, which has ended, ran when the first had started."""
         put, rows = int(block["record_ends"][shared.PUT]), block["record"]
         started_ns = self.started_ns
         return put > 0 and int(rows[(put - 1) % len(rows), 1]) > started_ns
@@ -367,7 +348,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the nodes; it sees them end
     os.nice(10)
     try:
-        block = shared.attach(options.executive)
+        block = sharing.attach(options.executive, sharing.RECORDER)
         recorder = Recorder(options.out, [block], options.others, options.judged)
     except (RecordError, SharedError) as error:
         print(error, file=sys.stderr)

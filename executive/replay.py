@@ -11,7 +11,6 @@ Not compared, because they were measured: stage times, late and skipped cycles, 
 a node sends while it looks for the other one or ends.
 """
 
-import os
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -149,9 +148,7 @@ class Replay:
         """`pacing` and the variables `recorded` are the recorded run's. RigError, BusError."""
         selftest()
         made = plan(rig, role, "lockstep" if pacing == "virtual" else pacing)
-        name = sh.block_name(rig.config.rig, f"replay-{os.getpid()}", role)
-        self.block = sh.create(name, describe(made, facts()))
-        self.block.unlink()
+        self.block = sh.private(describe(made, facts()))
         loop = self.block.loop
         wire.prepare(loop.wire, MEMORY, -1, -1)
         install(made, loop)

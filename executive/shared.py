@@ -1,8 +1,8 @@
-"""The shared block of one node: its variables, counters, rings and mailbox in one file of /dev/shm.
+"""The memory of one node: variables, counters, rings and mailbox, ordered by who may write it.
 
-A plain file with mmap (multiprocessing.shared_memory unlinks what it only attached to). The file
-begins with a JSON description: the arrays and their places, the variables with unit and writer, the
-rig. Readers in other processes attach by name; nothing that they do can delay the loop.
+    PUBLISHED   the node writes, clients read: control words, answers, snapshot, statistics, rings
+    MAILBOX     clients write, the node trusts nothing of it: tunings, lock, rows taken
+    the rest    only the loop has it: the table, wiring, limits, frames, the bus
 
     snapshot    seqlock: the writer makes `seq` odd, copies, makes it even; it starts with
                 `seq | 1`, so that a writer killed in mid-copy does not invert the parity.
@@ -13,14 +13,18 @@ rig. Readers in other processes attach by name; nothing that they do can delay t
     mailbox     tunings: indices and values, taken by the loop between two cycles, all or none
 
 Each ring has one writer (the loop) and one reader (the recorder): `ends` holds rows put and
-dropped, `taken` in the mailbox rows taken.
+dropped, `taken` in the mailbox rows taken. How clients get it: `executive.sharing`. A description
+in JSON goes with it: the variables with unit and writer, the columns of a row, the rig.
 """
 
-import json
+import contextlib
 import mmap
 import os
+import re
+import socket
+import weakref
 from collections.abc import Mapping
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,8 +32,6 @@ from numpy.typing import NDArray
 
 from drivers.wire_layout import FRAME_BYTES, WIRE
 
-FOLDER = Path("/dev/shm")
-MAGIC = b"pcpc 1\0\0"
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
 
 # words of `control`, one cache line (8 words) apart where two processes write
@@ -39,12 +41,13 @@ SENT, RECEIVED, LOST, CRC_ERRORS, REPEATED = 17, 18, 19, 20, 21
 SATURATED, SEND_ERRORS, BUS_ERRNO, FOREIGN, WAKE_MAX_NS = 22, 23, 24, 25, 26
 PID, READY, REALTIME = 27, 28, 29
 LOST_ON_PURPOSE, REFUSED = 30, 31
+RECORDED = 32  # a recorder has come
 CONTROL_WORDS = 64
 
 PUT, DROPPED = 0, 8  # words of a ring's `ends`; its `taken` is one word of the mailbox
 END_WORDS = 16
 LINE_WORDS = 8  # what two processes write lies on lines of its own
-PAGE_BYTES = 4096
+PAGE_BYTES = mmap.PAGESIZE
 
 REQUEST, COUNT, LOCK = 0, 1, 8  # words of `mail`; LOCK: 0 none, 1 tune, 2 all
 MAIL_WORDS = 16
@@ -208,108 +211,117 @@ def _whole_pages(fields: list[Any], name: str) -> list[Any]:
 
 _PUBLISHED_PAGES = _whole_pages(_PUBLISHED, "end_of_published")
 _MAILBOX_PAGES = _whole_pages(_MAILBOX, "end_of_mailbox")
-PUBLISHED_BYTES = np.dtype(_PUBLISHED_PAGES, align=True).itemsize
-MAILBOX_BYTES = np.dtype(_MAILBOX_PAGES, align=True).itemsize
+PUBLISHED = np.dtype(_PUBLISHED_PAGES, align=True)
+MAILBOX = np.dtype(_MAILBOX_PAGES, align=True)
+PUBLISHED_BYTES, MAILBOX_BYTES = PUBLISHED.itemsize, MAILBOX.itemsize
 MAILBOX_FIELDS = [name for name, *_ in _MAILBOX]
 LOOP = np.dtype([*_PUBLISHED_PAGES, *_MAILBOX_PAGES, *_PRIVATE], align=True)
 
 
 class SharedError(Exception):
-    """The shared block cannot be made or is not there."""
+    """A node's memory cannot be made or is not there."""
 
 
 def block_name(rig: str, bus: str, role: str) -> str:
-    """Return the name of a node's block: one executive and one plant to a rig and bus."""
-    return f"{rig}.{bus}.{role}".replace(":", "-").replace("/", "_")
+    """Return the name of a node: one executive and one plant of this user to a rig and bus."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", f"{rig}.{bus}.{role}".replace(":", "-"))
 
 
-def path_of(name: str) -> Path:
-    """Return the file of block `name`, private to the user."""
-    return FOLDER / f"pcpc-{os.getuid()}-{name}"
+@dataclass(frozen=True)
+class Client:
+    """What a client holds of a node besides its memory: the line to it and its mailbox file."""
+
+    line: socket.socket
+    mailbox: int
 
 
 class Shared:
-    """A mapped block: `arrays` by name, `loop` the LOOP record, `description` the JSON head."""
+    """A node's memory: its fields by name; what is not writable here cannot be written.
 
-    def __init__(self, path: Path, memory: mmap.mmap, description: dict[str, Any]) -> None:
-        self.path = path
-        self.description = description
-        self.memory = memory
-        offset = description["loop_offset"]
-        self.loop: Any = np.recarray(1, LOOP, memory, offset)[0]
+    The node's own process has all of them and `loop`, the LOOP record; a client has PUBLISHED and
+    MAILBOX, and `client`.
+    """
+
+    def __init__(
+        self, name: str, description: dict[str, Any], arrays: dict[str, NDArray[Any]],
+        loop: Any = None, client: Client | None = None,
+    ) -> None:  # fmt: skip
+        self.name, self.description, self.loop, self.client = name, description, loop, client
         columns = description["record_columns"]
         rows = RECORD_RING_WORDS // columns
-        self.arrays: dict[str, NDArray[Any]] = {
-            "record": self.loop.record[: rows * columns].reshape(rows, columns),
-            "frame": self.loop.frame,
-            "event": self.loop.event,
-            "snapshot": self.loop.snapshot[: len(description["variables"])],
+        self.arrays = arrays | {
+            "record": arrays["record"][: rows * columns].reshape(rows, columns),
+            "snapshot": arrays["snapshot"][: len(description["variables"])],
         }
-        for name in LOOP.names or ():
-            field = self.loop[name]
-            if isinstance(field, np.ndarray):
-                self.arrays.setdefault(name, field)
         for ring in RINGS:
             self.arrays[f"{ring}_values"] = self.arrays[ring].view(np.float64)
+        if client is not None:
+            weakref.finalize(self, _let_go, client)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.arrays[name]
 
-    def unlink(self) -> None:
-        """Remove the name; the memory lives on in the processes that have mapped it."""
-        self.path.unlink(missing_ok=True)
+    def alive(self) -> bool:
+        """Return whether the process of the node is there."""
+        if self.client is None:
+            return True
+        try:
+            return self.client.line.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) != b""
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+
+    def tell(self, word: bytes) -> None:
+        """Say a word of `executive.sharing` to the node, if it is still there."""
+        if self.client is not None:
+            with contextlib.suppress(OSError):
+                self.client.line.send(word)
 
 
-def record_columns(description: Mapping[str, Any]) -> int:
-    """Return the words of one row of the record ring."""
-    return RECORD_HEAD + len(description["state_columns"]) + 1 + len(description["timing_columns"])
+def _let_go(client: Client) -> None:
+    client.line.close()
+    os.close(client.mailbox)
 
 
-def create(name: str, description: Mapping[str, Any]) -> Shared:
-    """Make the block `name`, zeroed and in memory, replacing one that a dead process left."""
-    full = dict(description) | {"record_columns": record_columns(description), "loop_offset": 0}
-    full["loop_offset"] = 4096 * (len(json.dumps(full)) // 4096 + 2)
-    body = json.dumps(full).encode()
-    head = MAGIC + len(body).to_bytes(8, "little") + body
-    size = full["loop_offset"] + LOOP.itemsize
-    path = path_of(name)
-    temporary = path.with_name(f"{path.name}.{os.getpid()}")
-    descriptor = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
-    try:
-        os.posix_fallocate(descriptor, 0, size)
-        memory = mmap.mmap(descriptor, size)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise SharedError(f"{path}: {size >> 20} MiB of shared memory: {error.strerror}") from None
-    finally:
-        os.close(descriptor)
-    memory[: len(head)] = head
-    os.replace(temporary, path)
-    return Shared(path, memory, full)
+def blank() -> mmap.mmap:
+    """Return zeroed private memory for a LOOP record; pages that nobody uses cost nothing."""
+    size = -(-LOOP.itemsize // PAGE_BYTES) * PAGE_BYTES
+    return mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
 
 
-def attach(name: str) -> Shared:
-    """Map the block `name` of a running node; SharedError if there is none."""
-    return attach_path(path_of(name))
+def fields(memory: mmap.mmap, kind: np.dtype[Any]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a structure that begins `memory`, by name."""
+    record = np.frombuffer(memory, kind, 1)
+    return {name: record[name][0] for name in kind.names or () if kind[name].shape}
 
 
-def attach_path(path: Path) -> Shared:
-    """As `attach`, by file."""
-    try:
-        descriptor = os.open(path, os.O_RDWR)
-    except FileNotFoundError:
-        raise SharedError(f"{path.name}: no such node is running here") from None
-    try:
-        memory = mmap.mmap(descriptor, os.fstat(descriptor).st_size)
-    finally:
-        os.close(descriptor)
-    if memory[:8] != MAGIC:
-        raise SharedError(f"{path}: not a block of this version of pcpc")
-    size = int.from_bytes(memory[8:16], "little")
-    description = json.loads(memory[16 : 16 + size])
-    if len(memory) != description["loop_offset"] + LOOP.itemsize:
-        raise SharedError(f"{path}: a block of another version of pcpc")
-    return Shared(path, memory, description)
+def private(description: Mapping[str, Any]) -> Shared:
+    """Return a node's memory of which only this process knows: virtual time, replay."""
+    memory = blank()
+    full = completed("", description)
+    return Shared("", full, fields(memory, LOOP), np.recarray(1, LOOP, memory)[0])
+
+
+def completed(name: str, description: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a node says about itself, with its name and the size of a row."""
+    columns = RECORD_HEAD + len(description["state_columns"]) + 1
+    columns += len(description["timing_columns"])
+    return dict(description) | {"name": name, "record_columns": columns}
+
+
+def check(description: Any) -> None:
+    """Raise ValueError, TypeError or KeyError if a description does not fit the memory."""
+    about = completed(description["name"], description)
+    if about["record_columns"] != description["record_columns"]:
+        raise ValueError("its rows have another size")
+    if not RECORD_HEAD < about["record_columns"] <= RECORD_RING_WORDS:
+        raise ValueError("its rows do not fit the ring")
+    if len(description["variables"]) > MAX_VARIABLES:
+        raise ValueError("it has too many variables")
+    for name, unit, kind, writer, text in description["variables"]:
+        if not all(isinstance(word, str) for word in (name, unit, kind, writer, text)):
+            raise TypeError("a variable is not described in words")
 
 
 def snapshot(block: Shared, into: NDArray[np.float64] | None = None, tries: int = 100) -> Any:
@@ -326,5 +338,5 @@ def snapshot(block: Shared, into: NDArray[np.float64] | None = None, tries: int 
         if int(seq[0]) == before:
             return copy
     if into is None:
-        raise SharedError(f"{block.path.name}: the writer died or never pauses")
+        raise SharedError(f"{block.name}: the writer died or never pauses")
     return into

@@ -120,9 +120,7 @@ class VirtualRun:
         }
         self.blocks: list[sh.Shared] = []
         for p in made:
-            name = sh.block_name(rig.config.rig, f"virtual-{os.getpid()}", p.role)
-            block = sh.create(name, describe(p, metadata))
-            block.unlink()
+            block = sh.private(describe(p, metadata))
             wire.prepare(block.loop.wire, MEMORY, -1, -1)
             install(p, block.loop)
             block.loop.wait_recorder = 0

@@ -16,7 +16,7 @@ LEVEL_PERCENTILE = 99.9
 def latest_cycles(block: sh.Shared) -> list[dict[str, Any]]:
     """Return the cycles that woke latest, the latest first, with stages in us and a cause."""
     found = []
-    for row in np.array(block.loop.latest):
+    for row in np.array(block["latest"]):
         if row[sh.LATE_NS] == 0:
             continue
         times = row[sh.LATE_NS : sh.LATE_USAGE]

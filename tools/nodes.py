@@ -1,12 +1,12 @@
-"""A running node from outside: found in /dev/shm, read without disturbing it, tuned, locked.
+"""A running node from outside: found by its socket, read without disturbing it, tuned, locked.
 
-    find      a node by role or name, among the blocks whose process lives
+    find      a node by role or name, among those of this user
     find_for  the node that has some variables
     read      a consistent copy of the whole table (seqlock: the node never waits)
     tune      values into the mailbox, all or none; returns the cycle from which they hold
     set_lock  none: tunings allowed; tune, all: refused
 
-One host at a time: the block's own file is the lock (flock), and the kernel frees it when a host
+One host at a time: the mailbox's own file is the lock (flock), and the kernel frees it when a host
 dies. No numba in here: a command starts in a quarter of a second.
 """
 
@@ -19,14 +19,13 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from executive import shared as sh
+from executive import sharing
 from executive.errors import did_you_mean
-from executive.roles import ROLES
 
 OK, WRONG_INPUT, NO_NODE, INTERRUPTED = 0, 2, 4, 130
 LEVELS = ("none", "tune", "all")  # by the value of the mailbox's word LOCK
@@ -57,7 +56,7 @@ def find(node: str) -> sh.Shared:
 
     Raises HostError: none runs (exit code 4), or several match (2).
     """
-    running = {name: block for name, block in _blocks() if is_running(block)}
+    running = _running()
     found = [name for name in running if node == name or node == name.rpartition(".")[2]]
     if len(found) > 1:
         raise HostError(
@@ -66,12 +65,9 @@ def find(node: str) -> sh.Shared:
     if found:
         return running[found[0]]
     others = f"; running: {', '.join(running)}" if running else ""
-    other_users = {path.name.split("-")[1] for path in sh.FOLDER.glob("pcpc-*-*.executive")}
-    other_users.discard(str(os.getuid()))
+    other_users = sharing.other_users()
     if other_users and not running:
-        others = (
-            f"; user {' and '.join(sorted(other_users))} has nodes, which only that user reaches"
-        )
+        others = f"; user {' and '.join(other_users)} has nodes, which only that user reaches"
     raise HostError(
         f"{node}: no such node is running{others}; start one with `pcpc run RIG`", NO_NODE
     )
@@ -82,7 +78,7 @@ def find_for(words: Sequence[str]) -> sh.Shared:
 
     Raises HostError as `find`, and if no node or no single one has them all.
     """
-    running = {name: block for name, block in _blocks() if is_running(block)}
+    running = _running()
     if not words or not running:
         return next(iter(running.values())) if len(running) == 1 else find("executive")
     names = {node: names_of(block) for node, block in running.items()}
@@ -109,31 +105,14 @@ def _has(places: Mapping[str, int], word: str) -> bool:
     )
 
 
-def _blocks() -> Iterator[tuple[str, sh.Shared]]:
-    """Yield name and block of every node of this user, dead ones too."""
-    prefix = sh.path_of("").name
-    for path in sorted(sh.FOLDER.glob(f"{prefix}*")):
-        if path.name.rpartition(".")[2] in ROLES:
-            try:
-                yield path.name.removeprefix(prefix), sh.attach_path(path)
-            except (sh.SharedError, OSError, ValueError):
-                continue  # ended just now, or no block
+def _running() -> dict[str, sh.Shared]:
+    """Return this user's nodes whose loop runs, by name."""
+    return {block.name: block for block in sharing.running() if is_running(block)}
 
 
 def is_running(block: sh.Shared) -> bool:
-    """Return True while the block's process lives; a recycled process id does not count."""
-    if block["control"][sh.DONE]:
-        return False
-    process = Path(f"/proc/{int(block['control'][sh.PID])}")
-    proofs = {"maps": str(block.path), "status": f"\nUid:\t{os.getuid()}\t"}
-    for file, proof in proofs.items():
-        try:
-            return proof in (process / file).read_text()
-        except PermissionError:  # python with file capabilities hides its maps, not its user
-            continue
-        except OSError:
-            break
-    return False
+    """Return True while the node's loop runs."""
+    return block.alive() and not block["control"][sh.DONE]
 
 
 # Values
@@ -144,8 +123,6 @@ def read(block: sh.Shared) -> NDArray[np.float64]:
 
     Raises HostError when the node stands still in the middle of writing one.
     """
-    if block["control"][sh.PASSES] == 0:  # nothing published: the initial values stand still
-        return np.array(block.loop.v[: len(block["snapshot"])])
     torn = np.empty(0)
     deadline_s = time.monotonic() + _PATIENCE_S
     while time.monotonic() < deadline_s:
@@ -153,7 +130,7 @@ def read(block: sh.Shared) -> NDArray[np.float64]:
         if values is not torn:
             return values
         time.sleep(_POLL_S)
-    raise HostError(f"{block.path.name}: stands still in the middle of a cycle", NO_NODE)
+    raise HostError(f"{block.name}: stands still in the middle of a cycle", NO_NODE)
 
 
 def names_of(block: sh.Shared) -> dict[str, int]:
@@ -196,11 +173,9 @@ def tune(block: sh.Shared, changes: Mapping[str, float]) -> int:
         word = int(block["mail"][sh.LOCK])
         level = LEVELS[word] if 0 <= word < len(LEVELS) else "all"
         if level != "none":
-            raise HostError(f"{block.path.name}: locked ({level}); `pcpc lock none` allows tunings")
+            raise HostError(f"{block.name}: locked ({level}); `pcpc lock none` allows tunings")
         if block["control"][sh.PASSES] == 0:
-            raise HostError(
-                f"{block.path.name}: no cycle yet, it waits for the other node", NO_NODE
-            )
+            raise HostError(f"{block.name}: no cycle yet, it waits for the other node", NO_NODE)
         _acknowledged(block, int(block["mail"][sh.REQUEST]))  # of a host that died waiting
         block["mail_index"][: len(indices)] = indices
         block["mail_value"][: len(values)] = values
@@ -245,10 +220,9 @@ def _checked(block: sh.Shared, changes: Mapping[str, float]) -> tuple[list[int],
 @contextmanager
 def _one_host(block: sh.Shared) -> Iterator[None]:
     """Keep other hosts out of the mailbox; HostError if one stays in it or the node ended."""
-    try:
-        descriptor = os.open(block.path, os.O_RDONLY)
-    except FileNotFoundError:
-        raise HostError(f"{block.path.name}: ended", NO_NODE) from None
+    if not block.alive() or block.client is None:
+        raise HostError(f"{block.name}: ended", NO_NODE)
+    descriptor = os.open(f"/proc/self/fd/{block.client.mailbox}", os.O_RDONLY)  # a lock of its own
     deadline_s = time.monotonic() + 2 * _PATIENCE_S  # the other one waits as long for its answer
     try:
         while True:
@@ -258,7 +232,7 @@ def _one_host(block: sh.Shared) -> Iterator[None]:
             except BlockingIOError:
                 if time.monotonic() > deadline_s:
                     raise HostError(
-                        f"{block.path.name}: another host holds the mailbox; end it", NO_NODE
+                        f"{block.name}: another host holds the mailbox; end it", NO_NODE
                     ) from None
                 time.sleep(_POLL_S)
         yield
@@ -284,6 +258,6 @@ def _acknowledged(block: sh.Shared, request: int) -> int:
         if not is_running(block) or time.monotonic() > deadline_s:
             block["mail"][sh.COUNT] = 0  # the loop looks at it once: all or none also here
             why = "took no tunings for 2 s" if is_running(block) else "ended"
-            raise HostError(f"{block.path.name}: {why}; nothing was set", NO_NODE)
+            raise HostError(f"{block.name}: {why}; nothing was set", NO_NODE)
         time.sleep(_POLL_S)
     return int(block["answer"][sh.ACK_CYCLE])

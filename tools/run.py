@@ -20,6 +20,7 @@ from typing import Any
 from drivers import choice
 from drivers.errors import BusError, DbcError
 from executive import shared as sh
+from executive import sharing
 from executive.errors import FULL, RigError
 from executive.mcap_writer import RecordError
 from executive.rig import Rig, load_rig
@@ -40,6 +41,7 @@ UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "r
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
 _SHORT_END_S = 0.5  # and its death within this, or it is asked
+_ASKED_S = 5.0  # a node that was asked to end and does not is killed after this
 _DRAIN_S = 30.0
 
 
@@ -106,7 +108,7 @@ class Host:
 
     def _watch(self) -> None:
         """Attach to what appears, start the recorder, show progress, until a node ends."""
-        while not any(child.ended for child in self.children.values()):
+        while not any(child.ended or self._done(name) for name, child in self.children.items()):
             if self.outcome.interrupted and not self._under_way():
                 break
             self._attach()
@@ -115,12 +117,16 @@ class Host:
                 self.progress.show(self._state())
             time.sleep(_POLL_S)
 
+    def _done(self, role: str) -> bool:
+        """Return whether the loop of a node has ended; its process stays until we let it go."""
+        return role in self.blocks and bool(self.blocks[role]["control"][sh.DONE])
+
     def _attach(self) -> None:
         """Map the blocks of our own nodes that have appeared since."""
         for role in self.roles:
             if role not in self.blocks:
-                with contextlib.suppress(sh.SharedError, ValueError):
-                    block = sh.attach(self._block_name(role))
+                with contextlib.suppress(sh.SharedError):
+                    block = sharing.attach(self._block_name(role), sharing.HOST)
                     if int(block["control"][sh.PID]) == self.children[role].process.pid:
                         self.blocks[role] = block
 
@@ -161,7 +167,7 @@ class Host:
         """Let the nodes end by themselves, then ask; then the recorder, which drains the rings."""
         nodes = [self.children[role] for role in self.roles]
         self._attach()
-        over = all(block["control"][sh.DONE] for block in self.blocks.values())
+        over = all(map(self._done, self.blocks))
         recorder_first = (
             "recorder" in self.children and self.children["recorder"].ended and not over
         )
@@ -173,10 +179,10 @@ class Host:
         if unborn or any(code in REFUSALS for code in codes):
             patience = 0.0
         for child in nodes:
-            child.end(patience)
-        self._attach()
-        if not any(child.code in REFUSALS for child in nodes):
+            self._await_end(child, patience)
+        if not any(child.ended and child.code in REFUSALS for child in nodes):
             self._start_recorder()  # a run may be shorter than our look at it
+        self._let_go(nodes)
         if "recorder" in self.children:
             recorder = self.children["recorder"]
             recorder.end(_DRAIN_S)
@@ -184,25 +190,44 @@ class Host:
                 self.outcome.missing += recorder.complaint()
             elif recorder_first and recorder.code > 0:
                 self.outcome.faults.append("the recorder ended before the nodes")
-        elif "executive" not in self.roles:
-            for block in self.blocks.values():
-                self._await_other_recorder(block)
         for name, child in self.children.items():
             self.outcome.judge(name, child.code, self.blocks.get(name))
         if all(child.code >= 0 for child in self.children.values()):  # else their death explains it
             self.outcome.faults += filter(None, [pace.silence(self.blocks, self.rig)])
-        for block in self.blocks.values():
-            block.unlink()
 
-    def _await_other_recorder(self, block: sh.Shared) -> None:
-        """Keep a node's block until the executive's host on this machine is done with it."""
+    def _await_end(self, child: Child, patience_s: float) -> None:
+        """Wait for the end of a node's loop; ask for it after `patience_s`."""
+        for wait_s in (patience_s, _ASKED_S):
+            until = time.monotonic() + wait_s
+            while not child.ended and not self._done(child.name):
+                self._attach()
+                if time.monotonic() >= until:
+                    child.ask()
+                    break
+                time.sleep(_POLL_S)
+
+    def _let_go(self, nodes: list[Child]) -> None:
+        """Let the processes of nodes end once a recorder has come, or none will."""
         until = time.monotonic() + _DRAIN_S
-        while sh.path_of(self._block_name("executive")).exists() and time.monotonic() < until:
+        while not all(map(self._is_recorded, self.blocks)) and time.monotonic() < until:
+            if not self._recorder_may_come():
+                break
             time.sleep(_POLL_S)
-            if (
-                block["record_ends"][sh.PUT] == block["record_taken"][0]
-            ):  # it knows the block, which may go
-                return
+        for block in self.blocks.values():
+            block.tell(sharing.LEAVE)
+        for child in nodes:
+            child.end(_SHORT_END_S)
+
+    def _is_recorded(self, role: str) -> bool:
+        """Return whether a recorder has the memory of a node, or it is too late for that."""
+        block = self.blocks[role]
+        return bool(block["control"][sh.RECORDED]) or not block.alive()
+
+    def _recorder_may_come(self) -> bool:
+        """Return whether our recorder, or that of the executive's host here, is still to come."""
+        if "executive" in self.roles:
+            return "recorder" in self.children and not self.children["recorder"].ended
+        return sharing.is_locked(self._block_name("executive"))
 
 
 def choose_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> choice.Choice:

@@ -173,7 +173,7 @@ class _Screen:
             line = {"cycle": cycle} | {name: _json(values[at]) for name, at in self._chosen.items()}
             print(json.dumps(line), flush=True)
         elif self._in_place:
-            self._rewrite([f"{self._block.path.name}, cycle {cycle}", *self._named(values)])
+            self._rewrite([f"{self._block.name}, cycle {cycle}", *self._named(values)])
         elif self._fits:
             row = {name: f"{values[at]:.9g}" for name, at in self._chosen.items()}
             print(self._row(str(cycle), row), flush=True)

@@ -3,10 +3,7 @@
 import inspect
 import os
 import re
-import signal
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -292,36 +289,3 @@ def test_auto_is_a_bus_that_opens() -> None:
     for descriptor in {int(end.fd_tx), int(end.fd_rx)}:
         os.close(descriptor)
     assert chosen.compiled and end.kind in (wire_layout.SOCKETCAN, wire_layout.UDP), f"{chosen}"
-
-
-HOLDER = """
-import sys
-from drivers import bus
-held = bus.lock(sys.argv[1])
-print("locked", flush=True)
-sys.stdin.read()
-"""
-
-
-def test_a_lock_names_its_holder_and_dies_with_it() -> None:
-    name = f"test/{os.getpid()}"
-    with subprocess.Popen(
-        [sys.executable, "-c", HOLDER, name],
-        cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    ) as holder:  # fmt: skip
-        assert holder.stdout is not None and holder.stdout.readline() == "locked\n"
-        with pytest.raises(BusError, match=f"^{name}: already in use by process {holder.pid};"):
-            bus.lock(name)
-        holder.send_signal(signal.SIGKILL)
-        holder.wait()
-        own = f"by process {os.getpid()};"
-        with bus.lock(name) as held, pytest.raises(BusError, match=own):
-            bus.lock(name)
-        os.unlink(held.name)
-
-
-def test_locks_of_different_names_do_not_meet() -> None:
-    with bus.lock(f"test-a-{os.getpid()}") as a, bus.lock(f"test-b-{os.getpid()}") as b:
-        assert a.name != b.name
-    os.unlink(a.name)
-    os.unlink(b.name)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import standing
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from test_recorder import PERIOD_NS, block_of, put_cycle, put_event
@@ -63,8 +64,7 @@ def logs_written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Written]
             (folder / kind).write_bytes(data)
             found[kind] = Written(data, logs.read(folder / kind))
     finally:
-        for suffix in ("", "-plant"):
-            shared.path_of(name + suffix).unlink(missing_ok=True)
+        standing.end_all()
     return found
 
 

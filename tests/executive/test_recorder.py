@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import standing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -53,7 +54,7 @@ def block_of(name: str, node: str = "executive", states: Sequence[str] = STATES)
         "state_names": ["INIT", "READY", "RUN"],
         "fault_names": ["none", "STALE_FB_A"],
     }
-    return shared.create(name, description)
+    return standing.stand(name, description)
 
 
 def put(block: shared.Shared, ring: str, row: Sequence[int]) -> None:
@@ -93,11 +94,9 @@ def put_event(block: shared.Shared, cycle: int, code: int, argument: int, value:
 
 @pytest.fixture
 def name() -> Iterator[str]:
-    """Return a block name of this test; the block is removed afterwards."""
-    own = f"test-recorder-{os.getpid()}"
-    yield own
-    for suffix in ("", "-plant"):
-        shared.path_of(own + suffix).unlink(missing_ok=True)
+    """Return a node's name of this test; what stands under it ends afterwards."""
+    yield f"test-recorder-{os.getpid()}"
+    standing.end_all()
 
 
 @pytest.fixture
@@ -270,14 +269,14 @@ def test_cycle_survives_the_32_bits_of_the_sequence(block: shared.Shared, tmp_pa
     assert cycles.tolist() == list(range(2**32 - 3, 2**32 + 3)), f"{cycles}"
 
 
+TESTS = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-sys.path.insert(0, {tests!r})
-from test_recorder import PERIOD_NS, put_cycle
-from executive import shared
+sys.path[:0] = {tests!r}
+from test_recorder import PERIOD_NS, block_of, put_cycle
 from executive.recorder import Recorder
-block, now_ns = shared.attach({name!r}), 0
+block, now_ns = block_of({name!r}), 0
 log = Recorder(Path({path!r}), [block], clock=lambda: now_ns)
 for cycle in range(3700):
     now_ns = cycle * PERIOD_NS
@@ -290,13 +289,13 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 def killed_log(name: str, path: Path) -> None:
     """Record 3.7 s at 1 kHz on a virtual clock in a process that then kills itself."""
-    code = KILLED.format(tests=str(Path(__file__).parent), name=name, path=str(path))
+    code = KILLED.format(tests=TESTS, name=name, path=str(path))
     process = subprocess.run([sys.executable, "-c", code], cwd=PROJECT, timeout=60)
     assert process.returncode == -signal.SIGKILL
 
 
 def test_kill_9_costs_less_than_a_second_and_the_log_can_be_recovered(
-    block: shared.Shared, name: str, tmp_path: Path
+    name: str, tmp_path: Path
 ) -> None:
     path, whole = tmp_path / "log.mcap", tmp_path / "whole.mcap"
     killed_log(name, path)
@@ -421,36 +420,46 @@ def test_process_ends_in_order_on_sigterm(block: shared.Shared, name: str, tmp_p
     assert len(read.node["executive"].cycle) == 200
 
 
-def test_process_ends_when_its_node_was_killed_and_not_yet_reaped(
-    block: shared.Shared, name: str, tmp_path: Path
+NODE = """
+import sys
+sys.path[:0] = {tests!r}
+from test_recorder import block_of, put_cycle
+put_cycle(block_of({name!r}), 0)
+print("stands", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_process_takes_what_is_there_and_ends_when_its_node_was_killed(
+    name: str, tmp_path: Path
 ) -> None:
-    node = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    block["control"][shared.PID] = node.pid
-    put_cycle(block, 0)
+    node = subprocess.Popen(
+        [sys.executable, "-c", NODE.format(tests=TESTS, name=name)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=PROJECT,
+    )  # fmt: skip
+    assert node.stdout is not None and node.stdout.readline() == "stands\n"
     process = start(tmp_path / "log.mcap", name)
     node.kill()
     code, errors = end(process)
-    node.communicate()
+    node.communicate()  # reaped only now
     assert (code, errors) == (0, ""), errors
     assert len(logs.read(tmp_path / "log.mcap").node["executive"].cycle) == 1
 
 
-def test_late_block_of_a_node_that_ended_in_this_run_is_recorded(name: str, tmp_path: Path) -> None:
+def test_late_node_that_ended_in_this_run_is_recorded(name: str, tmp_path: Path) -> None:
     block, plant = block_of(name), block_of(f"{name}-plant", "plant")
-    node = subprocess.Popen([sys.executable, "-c", ""])
-    node.wait()
-    plant["control"][shared.PID] = node.pid
+    plant["control"][shared.DONE] = 1
     put_cycle(plant, 1)
     log = Recorder(tmp_path / "log.mcap", [block], late=[f"{name}-plant"])
     log.finish()
     assert logs.read(tmp_path / "log.mcap").node["plant"].cycle.tolist() == [1]
 
 
-def test_late_block_that_a_dead_process_left_is_not_recorded(name: str, tmp_path: Path) -> None:
+def test_late_node_that_an_earlier_run_is_leaving_is_not_recorded(
+    name: str, tmp_path: Path
+) -> None:
     block, old = block_of(name), block_of(f"{name}-plant", "plant")
-    node = subprocess.Popen([sys.executable, "-c", ""])
-    node.wait()
-    old["control"][shared.PID] = node.pid
+    old["control"][shared.DONE] = 1
     put_cycle(old, 1)
     old["record"][0, 1] = MONOTONIC_NS - 1  # before the executive came
     log = Recorder(tmp_path / "log.mcap", [block], late=[f"{name}-plant"])
@@ -460,6 +469,27 @@ def test_late_block_that_a_dead_process_left_is_not_recorded(name: str, tmp_path
     put_cycle(new, 2)
     log.finish()
     assert logs.read(tmp_path / "log.mcap").node["plant"].cycle.tolist() == [2]
+
+
+@pytest.mark.parametrize("garbage", [-1, 10**9, -(2**63), 2**63 - 1])
+def test_what_others_write_into_the_taken_words_costs_no_record(
+    block: shared.Shared, tmp_path: Path, garbage: int
+) -> None:
+    for ring in shared.RINGS:
+        block[f"{ring}_taken"][0] = garbage
+    log = Recorder(tmp_path / "log.mcap", [block])
+    for cycle in range(300):
+        for ring in shared.RINGS:
+            block[f"{ring}_taken"][0] = 0  # or the bench's own ring would be full
+        put_cycle(block, cycle)
+        if cycle % 100 == 99:
+            for ring in shared.RINGS:
+                block[f"{ring}_taken"][0] = garbage
+            log.drain()
+    words = [int(block[f"{ring}_taken"][0]) for ring in shared.RINGS]
+    assert words == [300, 600, 0], f"{words}: a loop that waits would wait for ever"
+    log.finish()
+    assert logs.read(tmp_path / "log.mcap").node["executive"].cycle.tolist() == list(range(300))
 
 
 def test_dropped_rows_make_the_process_end_with_loss(name: str, tmp_path: Path) -> None:
@@ -547,7 +577,7 @@ def intact(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if cycle % 50 == 0:
             log.drain()
     log.finish()
-    block.unlink()
+    standing.end_all()
     return path
 
 

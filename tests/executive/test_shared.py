@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from engine import ROOT, SLEW10, Bench, both
 
 from executive import shared as sh
+from executive import sharing
 from executive.node import Plan, describe
 from executive.rig import load_rig
 
@@ -20,10 +22,18 @@ PATIENCE_S = 60.0  # until a test gives up on a thread or process that should ha
 ROWS = 8
 
 WRITER = """
-import sys
+import sys, threading
+import standing
+from engine import SLEW10, both, write_until_stopped
 from executive import shared
-from engine import write_until_stopped
-block = shared.attach(sys.argv[1])
+from executive.node import describe
+from executive.rig import load_rig
+block = standing.stand(sys.argv[1], describe(both(load_rig(SLEW10))[0], {}))
+block.loop.n_variables = shared.MAX_VARIABLES
+def stop():
+    sys.stdin.read()
+    block["control"][shared.STOP] = 1
+threading.Thread(target=stop, daemon=True).start()
 print("ready", flush=True)
 print(write_until_stopped(block.loop, int(sys.argv[2])))
 """
@@ -36,12 +46,9 @@ def plans() -> tuple[Plan, Plan]:
 
 
 @pytest.fixture
-def block(plans: tuple[Plan, Plan]) -> Iterator[sh.Shared]:
-    """Return an executive's block, with its name in /dev/shm."""
-    made = sh.create(f"test-shared.{os.getpid()}", describe(plans[0], {}))
-    yield made
-    made["control"][sh.STOP] = 1  # for a writer that a failed test left behind
-    made.unlink()
+def block(plans: tuple[Plan, Plan]) -> sh.Shared:
+    """Return an executive's memory."""
+    return sh.private(describe(plans[0], {}))
 
 
 def bench_with_small_ring(plans: tuple[Plan, Plan], waits: bool) -> Bench:
@@ -136,55 +143,49 @@ def test_a_loop_that_waits_for_a_dead_recorder_still_stops(plans: tuple[Plan, Pl
 # --------------------------------------------------------------------------------------- snapshots
 
 
-def writer(block: sh.Shared, pause: int) -> subprocess.Popen[str]:
-    """Start a process that publishes 1, 2, 3, ... in all variables; return it once it has begun.
+@contextmanager
+def writer(pause: int) -> Iterator[sh.Shared]:
+    """Attach to a process that publishes 1, 2, 3, ... in all variables; end it afterwards.
 
     It writes the largest table, of which a reader takes the begin: most likely to be torn.
     """
-    block.loop.n_variables = sh.MAX_VARIABLES
-    name = block.path.name.removeprefix(f"pcpc-{os.getuid()}-")
-    here = os.pathsep.join([str(ROOT), str(Path(__file__).parent)])
+    name, here = f"test-shared.{os.getpid()}", Path(__file__).parent
+    path = os.pathsep.join(map(str, (ROOT, here, here.parent)))
     process = subprocess.Popen(
-        [sys.executable, "-c", WRITER, name, str(pause)],
-        stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": here},
+        [sys.executable, "-c", WRITER, name, str(pause)], stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path},
     )  # fmt: skip
     assert process.stdout is not None and process.stdout.readline() == "ready\n"
-    return process
+    try:
+        yield sharing.attach(name)
+    finally:
+        published = int(process.communicate(timeout=PATIENCE_S)[0])
+    assert published > 300, f"{published} published"
 
 
-def end(block: sh.Shared, process: subprocess.Popen[str]) -> int:
-    """End a writer; return how often it has published."""
-    block["control"][sh.STOP] = 1
-    return int(process.communicate(timeout=PATIENCE_S)[0])
-
-
-def test_a_snapshot_under_a_running_writer_in_another_process_is_never_torn(
-    block: sh.Shared,
-) -> None:
-    process = writer(block, pause=1000)
+def test_a_snapshot_under_a_running_writer_in_another_process_is_never_torn() -> None:
     give_up, newest = time.monotonic() + PATIENCE_S, 0.0
     seen: set[float] = set()
-    nothing = np.full(len(block["snapshot"]), -1.0)
-    while len(seen) < 300 and time.monotonic() < give_up:
-        values = sh.snapshot(block, nothing)
-        assert (values == values[0]).all(), f"torn: {np.unique(values)}"
-        if values is not nothing:
-            assert values[0] >= newest, f"{values[0]} after {newest}"
-            newest = float(values[0])
-            seen.add(newest)
-    published = end(block, process)
-    assert len(seen) == 300, f"{len(seen)} different snapshots of {published}"
+    with writer(pause=1000) as block:
+        nothing = np.full(len(block["snapshot"]), -1.0)
+        while len(seen) < 300 and time.monotonic() < give_up:
+            values = sh.snapshot(block, nothing)
+            assert (values == values[0]).all(), f"torn: {np.unique(values)}"
+            if values is not nothing:
+                assert values[0] >= newest, f"{values[0]} after {newest}"
+                newest = float(values[0])
+                seen.add(newest)
+    assert len(seen) >= 300, f"{len(seen)} different snapshots"
 
 
-def test_a_writer_that_never_pauses_cannot_make_a_reader_take_a_torn_copy(
-    block: sh.Shared,
-) -> None:
-    process = writer(block, pause=0)
-    old, give_up = np.full(len(block["snapshot"]), -1.0), time.monotonic() + PATIENCE_S
-    while int(block["seq"][0]) < 2 * 100_000 and time.monotonic() < give_up:
-        values = sh.snapshot(block, old, tries=3)
-        assert (values == values[0]).all(), f"torn: {np.unique(values)}"
-    published = end(block, process)
+def test_a_writer_that_never_pauses_cannot_make_a_reader_take_a_torn_copy() -> None:
+    give_up = time.monotonic() + PATIENCE_S
+    with writer(pause=0) as block:
+        old = np.full(len(block["snapshot"]), -1.0)
+        while int(block["seq"][0]) < 2 * 100_000 and time.monotonic() < give_up:
+            values = sh.snapshot(block, old, tries=3)
+            assert (values == values[0]).all(), f"torn: {np.unique(values)}"
+        published = int(block["seq"][0]) // 2
     assert published >= 100_000, f"{published} published in {PATIENCE_S} s"
 
 
@@ -211,40 +212,7 @@ def test_the_snapshot_holds_the_table_as_it_was_sent(
     assert values["tx.CMD.motor_torque"] == bench.executive["tx.CMD.motor_torque"]
 
 
-# ------------------------------------------------------------------------------------------- files
-
-
-def test_another_process_finds_description_and_arrays_by_name(block: sh.Shared) -> None:
-    other = sh.attach(block.path.name.removeprefix(f"pcpc-{os.getuid()}-"))
-    assert other.description == block.description
-    other["control"][sh.STOP] = 5
-    block["record"][3, 2] = 77
-    assert int(block["control"][sh.STOP]) == 5 and int(other["record"][3, 2]) == 77
-    assert block.path.stat().st_mode & 0o777 == 0o600, oct(block.path.stat().st_mode)
-
-
-def test_an_unlinked_block_lives_on_in_those_who_mapped_it(block: sh.Shared) -> None:
-    block.unlink()
-    block["control"][sh.STOP] = 1
-    with pytest.raises(sh.SharedError, match="no such node is running here"):
-        sh.attach_path(block.path)
-
-
-def test_a_file_that_is_no_block_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "other"
-    file.write_bytes(b"something else" * 1000)
-    with pytest.raises(sh.SharedError, match="not a block of this version"):
-        sh.attach_path(file)
-
-
-def test_a_new_block_replaces_the_one_of_a_dead_process(
-    block: sh.Shared, plans: tuple[Plan, Plan]
-) -> None:
-    block["control"][sh.PASSES] = 9
-    name = block.path.name.removeprefix(f"pcpc-{os.getuid()}-")
-    fresh = sh.create(name, describe(plans[0], {}))
-    assert int(fresh["control"][sh.PASSES]) == 0 and int(block["control"][sh.PASSES]) == 9
-    assert int(sh.attach(name)["control"][sh.PASSES]) == 0
+# ------------------------------------------------------------------------------------------ layout
 
 
 def test_the_words_that_two_processes_write_lie_on_lines_of_their_own() -> None:

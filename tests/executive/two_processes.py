@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from drivers import bus as buses
 from executive import shared as sh
+from executive import sharing
 from executive.cycle import run
 from executive.install import install
 from executive.logs import Log
@@ -61,12 +62,11 @@ def lockstep(rig: Rig, bus_name: str) -> Whole:
     bus = buses.choose(*buses.parse(bus_name))
     plans = {role: plan(rig, role, "lockstep") for role in rig.roles}
     metadata = {"pacing": "lockstep"}
-    blocks = {
-        role: sh.create(sh.block_name(rig.config.rig, bus_name, role), describe(made, metadata))
-        for role, made in plans.items()
-    }
-    for block in blocks.values():
-        block.unlink()
+    blocks = {}
+    for role, made in plans.items():
+        served = sharing.Served(role, describe(made, metadata))
+        blocks[role] = served.block
+        served.close()
 
     def node(role: Role) -> None:
         loop = blocks[role].loop

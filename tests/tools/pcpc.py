@@ -1,6 +1,5 @@
 """The `pcpc` command as a user starts it, in real processes, each test on a bus of its own."""
 
-import atexit
 import json
 import os
 import signal
@@ -16,7 +15,9 @@ from typing import IO, Any
 
 from free_bus import GROUP, own_port
 
+from drivers import claim
 from executive import shared as sh
+from executive import sharing
 
 ROOT = Path(__file__).resolve().parents[2]
 ATB1000 = ROOT / "plants" / "atb1000"
@@ -29,18 +30,8 @@ _MODULES = {
 
 
 def own_bus() -> str:
-    """Return a bus that no other test and no other test process uses; its files go at the end.
-
-    Also those of nodes that a test had to kill, before another run of the tests gets the port.
-    """
-    port = own_port()
-    atexit.register(_remove_files, f"pcpc-{os.getuid()}-*{GROUP}-{port}.*")
-    return f"udp_multicast:{GROUP}:{port}"
-
-
-def _remove_files(pattern: str) -> None:
-    for path in Path("/dev/shm").glob(pattern):
-        path.unlink(missing_ok=True)
+    """Return a bus that no other test and no other test process uses."""
+    return f"udp_multicast:{GROUP}:{own_port()}"
 
 
 def until(met: Callable[[], Any], what: str, within_s: float = DEADLINE_S) -> Any:
@@ -61,9 +52,11 @@ def alive(pid: int) -> bool:
 
 
 def blocks_left(bus: str) -> list[str]:
-    """Return what is in /dev/shm of a bus, but lock files, which stay."""
-    mine = f"pcpc-{os.getuid()}-*{bus.replace(':', '-')}*"
-    return [path.name for path in Path("/dev/shm").glob(mine) if path.suffix != ".lock"]
+    """Return what is left of the nodes on a bus: claims, and files in /dev/shm."""
+    mine = sh.block_name("", bus, "")[1:-1]
+    files = [path.name for path in Path("/dev/shm").iterdir() if "pcpc" in path.name]
+    claims = [*claim.held("lock/"), *claim.held("node/")]
+    return [name for name in (*files, *claims) if mine in name]
 
 
 @dataclass(frozen=True)
@@ -144,8 +137,8 @@ class Running:
 
         def attached() -> sh.Shared | None:
             self.over()
-            with suppress(sh.SharedError, ValueError):
-                block = sh.attach(name)
+            with suppress(sh.SharedError):
+                block = sharing.attach(name)
                 return block if int(block["control"][sh.PID]) == pid else None
             return None
 

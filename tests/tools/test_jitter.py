@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from pcpc import ROOT, blocks_left, own_bus, until
 
-from executive import logs
+from executive import logs, sharing
 from executive import shared as sh
 from executive.node import cycles_of
 from executive.rig import load_rig
@@ -381,8 +381,8 @@ def test_ctrl_c_ends_with_the_statistics_so_far(sigint: None) -> None:
 
 
 def _block(bus: str) -> sh.Shared | None:
-    with contextlib.suppress(sh.SharedError, ValueError):
-        return sh.attach(sh.block_name("probe", bus, "executive"))
+    with contextlib.suppress(sh.SharedError):
+        return sharing.attach(sh.block_name("probe", bus, "executive"))
     return None
 
 

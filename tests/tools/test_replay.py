@@ -82,10 +82,10 @@ def test_a_run_on_a_bus_is_recomputed_with_tunings_that_came_while_it_ran(
         "--set", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]",
     ) as run:  # fmt: skip
         block = run.in_the_middle("engage", bus)
-        name = block.path.name.partition("-")[2].partition("-")[2]
-        tuned = pcpc("set", "controller.kv_Nms_rad=117", "controller.lam_per_s=15", "--node", name)
+        changes = ("controller.kv_Nms_rad=117", "controller.lam_per_s=15")
+        tuned = pcpc("set", *changes, "--node", block.name)
         assert tuned.code == 0, tuned
-        acknowledged = int(block["mail"][sh.ACK_CYCLE])
+        acknowledged = int(block["answer"][sh.ACK_CYCLE])
         until(lambda: block["control"][sh.CYCLE] > acknowledged + 300, "300 cycles more")
         os.kill(run.process.pid, signal.SIGINT)
         assert run.done().code == 130

@@ -143,10 +143,10 @@ def test_statistics_of_a_running_node_are_in_its_table_and_reset(node: str, tmp_
     with Running("run", rig, "--bus", bus, "-o", folder, "--quiet", "--no-figure") as process:
         process.in_the_middle("hull", bus)
         block = process.block("hull", bus, node)
-        name = block.path.name.partition("-")[2].partition("-")[2]
         until(lambda: block["control"][sh.CYCLE] > 400, "400 cycles")
-        got = pcpc("get", "timing.wake_late_p99_us", "timing.work_max_us", "--node", name, "--json")
+        names = ("timing.wake_late_p99_us", "timing.work_max_us")
+        got = pcpc("get", *names, "--node", block.name, "--json")
         assert got.code == 0, got
         assert min(json.loads(got.out).values()) > 0.0, got
-        assert pcpc("set", "timing.reset=1", "--node", name).code == 0
-        until(lambda: block.loop.stages[0, sh.COUNTED] < 400, "counting starts anew")
+        assert pcpc("set", "timing.reset=1", "--node", block.name).code == 0
+        until(lambda: block["stages"][0, sh.COUNTED] < 400, "counting starts anew")

@@ -17,9 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import standing
 from free_bus import own_bus
 
-from executive import logs
+from executive import logs, sharing
 from executive import shared as sh
 from tools import nodes
 from tools.cli import main
@@ -70,7 +71,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     def is_up() -> bool:
         assert host.poll() is None, f"the run ended: {host.communicate()}"
         try:
-            return int(sh.attach(node)["control"][sh.PASSES]) > 0
+            return int(sharing.attach(node)["control"][sh.PASSES]) > 0
         except sh.SharedError:
             return False
 
@@ -81,8 +82,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     finally:
         host.send_signal(signal.SIGINT)
         host.communicate(timeout=30)
-        for role in nodes.ROLES:
-            sh.path_of(sh.block_name("hull", bus, role) + ".lock").unlink(missing_ok=True)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +135,7 @@ def test_list_without_a_pattern_shows_the_whole_table(run: Run, capsys: Screen) 
     code, out, _ = said(capsys, run, "list", "--json")
     rows = {row["name"]: row for row in json.loads(out)}
     assert code == 0
-    assert len(rows) == len(sh.attach(run.node).description["variables"]), len(rows)
+    assert len(rows) == len(sharing.attach(run.node).description["variables"]), len(rows)
     assert rows[ERROR]["kind"] == "output", rows[ERROR]
     assert rows["rx.FB_A.encoder"]["unit"] == "rad", rows["rx.FB_A.encoder"]
     assert rows["rx.FB_A.encoder"]["writer"] == "FB_A", rows["rx.FB_A.encoder"]
@@ -271,6 +270,51 @@ def test_a_lock_forbids_tunings_until_it_is_lifted(run: Run, capsys: Screen, lev
     assert said(capsys, run, "set", f"{KV}={before}")[0] == 0
 
 
+def ask(block: sh.Shared, places: list[int], values: list[float]) -> int:
+    """Post a request without any check, as a program of somebody else may; return the answer."""
+    block["mail_index"][: len(places)], block["mail_value"][: len(values)] = places, values
+    block["mail"][sh.COUNT] = len(places)
+    request = int(block["mail"][sh.REQUEST]) + 1
+    block["mail"][sh.REQUEST] = request
+    until("an answer", lambda: int(block["answer"][sh.ACK]) == request)
+    return int(block["answer"][sh.REFUSAL])
+
+
+def test_the_node_refuses_what_a_client_did_not_check(run: Run, capsys: Screen) -> None:
+    block = nodes.find(run.node)
+    places, table = nodes.names_of(block), block.description["variables"]
+    before, refused = nodes.read(block), value(capsys, run, "health.requests_refused")
+    for wrong in (1e300, math.inf, math.nan, -500.0, 1000.5):
+        assert ask(block, [places[LAM], places[KV]], [9.0, wrong]) == sh.OUT_OF_RANGE, wrong
+    others = [at for at, (_, _, kind, _, _) in enumerate(table) if kind != "parameter"]
+    for at in (*others, -1, len(table), 2**62):
+        assert ask(block, [places[KV], at], [99.0, 7.0]) == sh.NO_PARAMETER, at
+    now = value(capsys, run, "health.requests_refused")
+    assert now == refused + 5 + len(others) + 3, f"{now - refused} counted"
+    after = nodes.read(block)
+    parameters = [at for at, (_, _, kind, _, _) in enumerate(table) if kind == "parameter"]
+    assert (after[parameters] == before[parameters]).all()
+    assert nodes.is_running(block) and not block["control"][sh.FAULT]
+
+
+def test_a_refusal_by_the_node_is_told_in_one_line(run: Run, capsys: Screen) -> None:
+    block = nodes.find(run.node)
+    block.description["ranges"][KV] = [-math.inf, math.inf]
+    with pytest.raises(nodes.HostError) as caught:
+        nodes.tune(block, {LAM: 15.0, KV: -500.0})
+    assert str(caught.value) == f"{KV}: refused by the node: it is out of range; nothing was set"
+    assert caught.value.code == 2
+
+
+def test_a_client_cannot_write_what_the_node_publishes(run: Run) -> None:
+    block = nodes.find(run.node)
+    for name in ("control", "seq", "answer", "snapshot", "record", "frame", "event", "stages"):
+        with pytest.raises(ValueError, match="read-only"):
+            block[name][0] = 0
+    private = {"v", "copies", "views", "wire", "limits", "schedule", "tunable_low"}
+    assert not private & set(block.arrays), private & set(block.arrays)
+
+
 def test_an_unknown_lock_level_is_wrong_input(run: Run, capsys: Screen) -> None:
     code, out, err = said(capsys, run, "lock", "tunes")
     assert (code, out, err) == (2, "", "tunes: no such lock level; did you mean tune?\n")
@@ -363,62 +407,61 @@ def test_an_unknown_node_is_a_missing_environment(run: Run, capsys: Screen) -> N
     assert run.node in err, err
 
 
-def make_block(name: str, pid: int) -> sh.Shared:
-    head: dict[str, object] = {
-        "variables": [],
-        "ranges": {},
-        "state_columns": [],
-        "timing_columns": [],
-    }
-    block = sh.create(name, head)
-    block["control"][sh.PID] = pid
-    return block
+HEAD: dict[str, object] = {
+    "variables": [["a.gain", "", "parameter", "a", ""]], "ranges": {"a.gain": [0.0, math.inf]},
+    "state_columns": [], "timing_columns": [],
+}  # fmt: skip
+
+
+@pytest.fixture
+def stand() -> Iterator[Callable[[str], sh.Shared]]:
+    """Return a maker of nodes that only hand out their memory."""
+    yield lambda name: standing.stand(name, HEAD)
+    standing.end_all()
 
 
 def test_a_role_that_several_nodes_have_is_refused_with_their_names(
-    run: Run, capsys: Screen
+    run: Run, capsys: Screen, stand: Callable[[str], sh.Shared]
 ) -> None:
     name = f"twin.{os.getpid()}.executive"
-    twin = make_block(name, os.getpid())
-    try:
-        code = main(["list"])
-        assert nodes.find_for([ERROR]).path.name == nodes.find(run.node).path.name
-    finally:
-        twin.unlink()
+    stand(name)
+    code = main(["list"])
+    assert nodes.find_for([ERROR]).name == nodes.find(run.node).name
     err = capsys.readouterr().err
     assert code == 2, err
     assert name in err and run.node in err and "--node" in err, err
 
 
-def test_what_a_dead_node_left_behind_is_no_node() -> None:
-    gone = subprocess.Popen(["true"])
-    gone.wait()
+def test_a_node_that_has_ended_is_no_node(stand: Callable[[str], sh.Shared]) -> None:
     name = f"dead.{os.getpid()}.plant"
-    with subprocess.Popen(["cat"], stdin=subprocess.PIPE) as other:  # ends with its stdin
-        for pid in (gone.pid, other.pid, 0):  # ended; its id used again; not up yet
-            block = make_block(name, pid)
-            try:
-                with pytest.raises(nodes.HostError, match="no such node is running") as caught:
-                    nodes.find(name)
-            finally:
-                block.unlink()
-            assert caught.value.code == 4, f"pid {pid}: exit code {caught.value.code}"
+    stand(name)["control"][sh.DONE] = 1
+    for what in ("is leaving", "has left"):
+        with pytest.raises(nodes.HostError, match="no such node is running") as caught:
+            nodes.find(name)
+        assert caught.value.code == 4, f"{what}: exit code {caught.value.code}"
+        standing.end(name)
 
 
-def test_a_node_that_takes_no_tunings_keeps_none_of_them() -> None:
+def test_a_node_that_takes_no_tunings_keeps_none_of_them(
+    stand: Callable[[str], sh.Shared],
+) -> None:
     name = f"stuck.{os.getpid()}.executive"
-    head: dict[str, object] = {
-        "variables": [["a.gain", "", "parameter", "a", ""]], "ranges": {"a.gain": [0.0, math.inf]},
-        "state_columns": [], "timing_columns": [],
-    }  # fmt: skip
-    block = sh.create(name, head)
+    block = stand(name)
     block["control"][[sh.PID, sh.PASSES]] = os.getpid(), 1
-    try:
-        with pytest.raises(nodes.HostError, match="took no tunings for 2 s; nothing was set"):
-            nodes.tune(nodes.find(name), {"a.gain": 1.0})
-        assert int(block["mail"][sh.COUNT]) == 0, "the request would still apply later"
-    finally:
-        block.unlink()
+    with pytest.raises(nodes.HostError, match="took no tunings for 2 s; nothing was set"):
+        nodes.tune(nodes.find(name), {"a.gain": 1.0})
+    assert int(block["mail"][sh.COUNT]) == 0, "the request would still apply later"
+
+
+def test_a_node_that_dies_meanwhile_is_told_to_have_ended(
+    stand: Callable[[str], sh.Shared],
+) -> None:
+    name = f"dying.{os.getpid()}.executive"
+    stand(name)["control"][sh.PASSES] = 1
+    found = nodes.find(name)
+    standing.end(name)
+    with pytest.raises(nodes.HostError, match="ended"):
+        nodes.tune(found, {"a.gain": 1.0})
 
 
 # The end of the run and its log: these come last, they end it

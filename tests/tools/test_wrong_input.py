@@ -174,7 +174,7 @@ def test_second_executive_on_a_bus_is_refused_and_the_first_undisturbed(folder: 
         assert second.code == NO_ENVIRONMENT and said in second.err, str(second)
         assert len(second.err.splitlines()) == 1 and not second.out, str(second)
         assert first.process.poll() is None and not block["control"][sh.FAULT], str(first)
-        assert block.path.exists(), "the first one's block is gone"
+        assert block.alive(), "the first one is gone"
         first.process.send_signal(signal.SIGINT)
         assert first.done(20.0).code == CODES["interrupted"], str(first)
         assert first.left() == [], first.left()

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from drivers import bus as buses
-from executive import process
+from executive import process, sharing
 from executive import shared as sh
 from executive.rig import load_rig
 from executive.supervisor import FAULT_NAMES, PEER_SILENT
@@ -121,10 +121,10 @@ def run(side: str, rate_hz: int, seconds: float) -> Held:
     try:
         rows = _watch(children, blocks, names)
     finally:
+        for block in blocks.values():
+            block.tell(sharing.LEAVE)
         for child in children.values():
             child.end(1.0)
-        for block in blocks.values():
-            block.unlink()
     if len(blocks) < 2 or not rows:
         said = [line for child in children.values() for line in child.complaint()]
         raise BenchError(f"{side} at {rate_hz} Hz did not start: {said[-1] if said else 'no word'}")
@@ -137,7 +137,7 @@ def _watch(
     """Empty the rings until a node ends; return the executive's records."""
     rows: list[Any] = []
     until = time.monotonic() + START_S
-    while not any(child.ended for child in children.values()):
+    while not any(map(_is_over, children.values(), map(blocks.get, children))):
         for role, child in children.items():
             if role not in blocks:
                 _attach(role, child, blocks, names)
@@ -151,10 +151,14 @@ def _watch(
     return rows
 
 
+def _is_over(child: Child, block: sh.Shared | None) -> bool:
+    return child.ended or (block is not None and bool(block["control"][sh.DONE]))
+
+
 def _attach(role: str, child: Child, blocks: dict[str, sh.Shared], names: dict[str, str]) -> None:
     try:
-        block = sh.attach(names[role])
-    except (sh.SharedError, ValueError):
+        block = sharing.attach(names[role], sharing.HOST)
+    except sh.SharedError:
         return
     if int(block["control"][sh.PID]) == child.process.pid:
         blocks[role] = block

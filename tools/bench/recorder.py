@@ -46,9 +46,6 @@ class Unrecorded(Host):
     def _start_recorder(self) -> None:
         return
 
-    def _await_other_recorder(self, block: sh.Shared) -> None:
-        return
-
 
 def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
     """Return "throughput", "lateness p99" and "work p99"; one pair of runs to six rounds."""

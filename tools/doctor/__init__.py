@@ -28,8 +28,6 @@ from tools.doctor.machine import Row, machine_rows
 OK, CANNOT_RUN = 0, 4
 _PROJECT = Path(__file__).resolve().parents[2]
 _PYTHON = (3, 11)
-_SHM = Path("/dev/shm")
-SHM_BYTES = 24 << 20  # the blocks of two nodes
 _IMPORTS = {  # what every subcommand but `vm` needs: distribution, module
     "numpy": "numpy", "numba": "numba", "python-can": "can", "cantools": "cantools",
     "PyYAML": "yaml", "msgspec": "msgspec", "msgpack": "msgpack", "mcap": "mcap",
@@ -67,7 +65,7 @@ def rows() -> Iterator[Row]:
         yield from bus_rows()
     else:
         yield Row("buses", "warn", "not looked at", "see packages")
-    yield shared_memory_row()
+    yield node_memory_row()
     yield compile_cache_row()
     yield c_compiler_row()
 
@@ -126,24 +124,25 @@ def figures_row() -> Row:
         return Row("matplotlib", "warn", "not installed", "no figure.png of a run", cure)
 
 
-def shared_memory_row() -> Row:
-    """Return whether the tables of two nodes have room."""
+def node_memory_row() -> Row:
+    """Return whether a node can have its memory, and hand it to clients."""
     try:
-        stat = os.statvfs(_SHM)
-    except OSError as error:
-        cure = "sudo mount -t tmpfs -o size=256m,mode=1777 tmpfs /dev/shm"
-        found = f"{_SHM}: {error.strerror}"
-        return Row("/dev/shm", "missing", found, "the nodes' tables lie there", cure)
-    free = stat.f_bavail * stat.f_frsize
-    found = f"{free >> 20} MiB free"
-    if not os.access(_SHM, os.W_OK | os.X_OK):
-        cost = "the nodes' tables lie there"
-        return Row("/dev/shm", "missing", "not writable", cost, "sudo chmod 1777 /dev/shm")
-    if free < SHM_BYTES:
-        cost = f"two nodes need {SHM_BYTES >> 20} MiB"
-        cure = "sudo mount -o remount,size=256m /dev/shm    # docker: --shm-size=256m"
-        return Row("/dev/shm", "missing", found, cost, cure)
-    return Row("/dev/shm", "ok", found)
+        from executive.shared import LOOP, SharedError
+        from executive.sharing import Served
+    except ImportError:
+        return Row("node memory", "missing", "not tried", "see packages")
+    try:
+        served = Served("doctor", {"variables": [], "state_columns": [], "timing_columns": []})
+        served.open()
+    except SharedError as error:
+        return Row("node memory", "missing", str(error), "no node can start", "")
+    sealed = served.is_sealed()
+    served.close()
+    found = f"{LOOP.itemsize >> 20} MiB, sealed memory files and abstract sockets"
+    if sealed:
+        return Row("node memory", "ok", found)
+    cost = "this user's programs could write what a node publishes"
+    return Row("node memory", "warn", found, cost, "# run a kernel from 5.1 on")
 
 
 def compile_cache_row() -> Row:
