@@ -67,8 +67,9 @@ def one_run(kind: type[Host], seconds: float = RUN_S) -> tuple[float, float]:
     """Return p99 of wake-up lateness and of work of one run, us; BenchError if it failed."""
     settings = [f"duration_s={seconds}"]
     options = argparse.Namespace(
-        rig=RIG, bus=BUS, pacing="real", controller=None, set=settings, quiet=True
-    )
+        rig=RIG, bus=BUS, pacing="real", controller=None, set=settings, quiet=True,
+        no_figure=True, judge=False,
+    )  # fmt: skip
     rig = load_rig(RIG, settings=settings, resolve=False)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     with tempfile.TemporaryDirectory() as folder:
