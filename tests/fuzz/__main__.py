@@ -1,4 +1,6 @@
-"""Fuzz every reader of logs for a time: `python -m tests.fuzz --minutes 60`.
+"""Fuzz every reader for a time: `python -m tests.fuzz --minutes 60`.
+
+Of eight cases five are logs, two DBC files and one is a recording (BLF, ASC, candump, CSV, TRC).
 
 A worker tries cases by number in bounded memory; what kills it or holds it up is a finding as well.
 A case is tried again by `--case N`; the file that did it is kept in the folder `--keep`.
@@ -7,31 +9,76 @@ A case is tried again by `--case N`; the file that did it is kept in the folder 
 import argparse
 import random
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 MEMORY_BYTES = 6 << 30  # of address space: numba and numpy map a good part of it
-PATIENCE_S = 120.0
+RECORDINGS = (".blf", ".asc", ".log", ".csv", ".trc")
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def base_logs(folder: Path) -> list[bytes]:
-    """Return true logs: of two nodes, without an end, and of three nodes."""
+    """Return true logs, which differ in their rigs."""
     import zstandard
 
     from executive.rig import load_rig
     from executive.virtual import simulate
 
-    root = Path(__file__).resolve().parents[2]
-    rig = root / "plants" / "probe" / "rig.yaml"
+    rig = ROOT / "plants" / "probe" / "rig.yaml"
     simulate(load_rig(rig, settings=["duration_s=0.05"]), folder / "probe.mcap")
     data = (folder / "probe.mcap").read_bytes()
-    golden = sorted(root.glob("tests/golden/*/*.mcap.zst"), key=lambda p: p.stat().st_size)[0]
+    golden = sorted(ROOT.glob("tests/golden/*/*.mcap.zst"), key=lambda p: p.stat().st_size)[0]
     small = zstandard.ZstdDecompressor().decompressobj().decompress(golden.read_bytes())
-    return [data, data, data[: len(data) * 2 // 3], small]
+    return [data, data, small]
+
+
+def _write_recording(path: Path) -> None:
+    """Write a recording of some frames of the probe, as python-can does."""
+    import can
+
+    with can.Logger(path) as writer:
+        for i in range(60):
+            data = bytes([i, 0, 0, 0, 0, i % 16, i % 16, i])
+            frame = can.Message(1.5 + 1e-3 * i, (0x80, 0xA0, 0x120, 0x12345)[i % 4], i % 4 == 3,
+                                data=data[: 8 - 6 * (i % 4 == 0)], channel=0)  # fmt: skip
+            writer.on_message_received(frame)
+
+
+def _dbc_case(folder: Path, dice: random.Random) -> tuple[bytes, str, list[Any]]:
+    """Try an odd DBC file: in a rig, and to import with."""
+    import commands
+    import corpus
+
+    text = (ROOT / "plants" / "probe" / "probe.dbc").read_text()
+    encoding = dice.choice(("utf-8", "cp1252"))
+    data = corpus.odd_text(text, dice).encode(encoding, "replace")
+    (folder / "probe" / "probe.dbc").write_bytes(data)
+    lines = commands.dbc_lines(folder / "probe" / "rig.yaml", folder / "out")
+    lines.append(
+        commands.import_line(folder / "true.asc", folder / "probe" / "probe.dbc", folder / "out")
+    )
+    found = [commands.tried(words, folder / "out") for words in lines]
+    return data, "dbc", [one for one in found if one is not None]
+
+
+def _recording_case(folder: Path, dice: random.Random) -> tuple[bytes, str, list[Any]]:
+    """Try an odd recording."""
+    import commands
+    import corpus
+
+    suffix = dice.choice(RECORDINGS)
+    data = corpus.odd_recording((folder / f"true{suffix}").read_bytes(), suffix, dice)
+    recording, dbc = folder / f"odd{suffix}", ROOT / "plants" / "probe" / "probe.dbc"
+    recording.write_bytes(data)
+    words = commands.import_line(recording, dbc, folder / "out")
+    found = commands.tried(words, folder / "out")
+    return data, f"recording{suffix}", [] if found is None else [found]
 
 
 def work(options: argparse.Namespace) -> None:
@@ -45,15 +92,23 @@ def work(options: argparse.Namespace) -> None:
         bases = base_logs(folder)
         (folder / "true.mcap").write_bytes(bases[0])
         (folder / "out").mkdir()
+        shutil.copytree(ROOT / "plants" / "probe", folder / "probe")
+        for suffix in RECORDINGS:
+            _write_recording(folder / f"true{suffix}")
         log, number, end = folder / "log.mcap", options.first, time.monotonic() + options.seconds
         while time.monotonic() < end:
             print(f"case {number}", flush=True)
             dice = random.Random(number)
-            base = dice.choice(bases)
-            data, what = corpus.odd_log(base, dice)
-            log.write_bytes(data)
             began = time.process_time()
-            found = commands.some_of(log, folder / "true.mcap", folder / "out", dice)
+            if number % 8 in (1, 5):
+                data, what, found = _dbc_case(folder, dice)
+            elif number % 8 == 3:
+                data, what, found = _recording_case(folder, dice)
+            else:
+                data, what = corpus.odd_log(dice.choice(bases), dice)
+                log.write_bytes(data)
+                began = time.process_time()
+                found = commands.some_of(log, folder / "true.mcap", folder / "out", dice)
             spent_s = time.process_time() - began
             if spent_s > 20.0:
                 print(f"FOUND slow {spent_s:.0f} s\t{number}\t{what}", flush=True)
@@ -62,7 +117,7 @@ def work(options: argparse.Namespace) -> None:
                 if options.show:
                     print(one.text, flush=True)
                 if options.keep:
-                    (options.keep / f"{number}.mcap").write_bytes(data)
+                    (options.keep / f"{number}").write_bytes(data)
             number += 1
             if options.case is not None:
                 return

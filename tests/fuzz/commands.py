@@ -125,3 +125,14 @@ def some_of(log: Path, other: Path, out: Path, dice: random.Random) -> list[Find
         names.append(dice.choice(SLOW))
     found = [tried(lines[name], out) for name in names]
     return [one for one in [*found, tried_to_play(log)] if one is not None]
+
+
+def dbc_lines(rig: Path, out: Path) -> list[list[str]]:
+    """Return the command lines to try on a rig whose DBC file is odd."""
+    return [["check", str(rig)], ["check", str(rig), "--json"]]
+
+
+def import_line(recording: Path, dbc: Path, out: Path) -> list[str]:
+    """Return the command line to try on an odd recording, or with an odd DBC file."""
+    words = ["log", "import", str(recording), "--dbc", str(dbc), "-o", str(out / "i.mcap")]
+    return [*words, "--quiet"]

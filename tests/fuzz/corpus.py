@@ -438,3 +438,58 @@ def odd_log(base: bytes, random: random.Random) -> tuple[bytes, str]:
         data = damaged(random, data)
         names.append("damaged")
     return data, "+".join(names)
+
+
+# DBC files and recordings
+
+NUMBERS = [
+    "0", "-1", "1", "8", "64", "65", "1e9", "1e400", "-1e400", "4294967295", "2147483648",
+    "1" + "0" * 30, "1" + "0" * 400, "0.0", "1e-320", "1e308", "255", "-0", "9999", "1.5", "+3",
+]  # fmt: skip
+
+
+def odd_text(text: str, random: random.Random) -> str:
+    """Return a DBC file, or a recording that is text, with other numbers, words, lines or signs."""
+    for _ in range(random.choice((1, 1, 1, 2, 4))):
+        which, at = random.randrange(7), random.randrange(len(text))
+        numbers = list(re.finditer(r"-?\d+(\.\d+)?(e-?\d+)?", text))
+        words = list(re.finditer(r"\w+", text))
+        if which < 3 and numbers:
+            found = random.choice(numbers)
+            text = text[: found.start()] + random.choice(NUMBERS) + text[found.end() :]
+        elif which == 3:
+            lines = text.split("\n")
+            lines.insert(random.randrange(len(lines)), lines.pop(random.randrange(len(lines))))
+            text = "\n".join(lines)
+        elif which == 4:
+            text = text[:at] + random.choice('"|@+-()[]:;,# \nmM0\x1b\xb0\0') + text[at:]
+        elif which == 5:
+            text = text[:at] or "x"
+        elif words:
+            found, other = random.choice(words), random.choice(words)
+            text = text[: found.start()] + other[0] + text[found.end() :]
+    return text
+
+
+def odd_recording(data: bytes, suffix: str, random: random.Random) -> bytes:
+    """Return a changed recording; of a BLF file also the inside of its containers."""
+    if suffix != ".blf":
+        if random.random() < 0.8:
+            return odd_text(data.decode("latin-1"), random).encode("latin-1", "replace")
+        return damaged(random, data)
+    if random.random() < 0.4:
+        return damaged(random, data)
+    out, place = bytearray(data[:144]), 144
+    while place + 32 <= len(data):
+        size = int.from_bytes(data[place + 8 : place + 12], "little")
+        inside = bytearray(zlib.decompress(data[place + 32 : place + size]))
+        for _ in range(random.choice((1, 1, 3, 20))):
+            at = 4 * random.randrange(len(inside) // 4)
+            inside[at : at + 4] = struct.pack(
+                "<I", random.choice([0, 1, 16, 48, 86, 2**31, 2**32 - 1])
+            )
+        body = data[place + 16 : place + 32] + zlib.compress(bytes(inside))
+        out += data[place : place + 8] + struct.pack("<II", 16 + len(body), 10) + body
+        out += bytes((16 + len(body)) % 4)
+        place += size + size % 4
+    return bytes(out)
