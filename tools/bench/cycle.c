@@ -25,6 +25,11 @@ static int64_t now(loop *n)
     return t.tv_sec * 1000000000LL + t.tv_nsec;
 }
 
+static int64_t stamp(loop *n)
+{
+    return n->virtual_time ? n->virtual_now : now(n);
+}
+
 /* ------------------------------------------------------------------ executive/rings.py -------- */
 
 static int64_t bits_of(double value)
@@ -63,7 +68,7 @@ static void push_frame(loop *n, const uint8_t *frame, int64_t received, int64_t 
     int64_t *row = n->frame[at];
     memcpy(&word, frame, sizeof word);
     row[0] = SH_CDR_HEADER;
-    row[1] = now(n);
+    row[1] = stamp(n);
     row[2] = n->k;
     row[3] = word | (int64_t)frame[4] << 32 | received << 40 | state << 48;
     memcpy(&row[4], frame + 8, 8);
@@ -75,7 +80,7 @@ static void push_event(loop *n, int64_t code, int64_t argument, double value)
     int64_t at = free_row(n, n->event_ends, n->event_taken, SH_EVENT_RING_ROWS);
     if (at < 0)
         return;
-    int64_t row[5] = {now(n), n->k, code, argument, bits_of(value)};
+    int64_t row[5] = {stamp(n), n->k, code, argument, bits_of(value)};
     memcpy(n->event[at], row, sizeof row);
     was_put(n->event_ends);
 }
@@ -148,17 +153,66 @@ static void next_cycle(loop *n)
     }
 }
 
+static int64_t sorted_out(loop *n, int64_t row) /* executive/meeting.py */
+{
+    int64_t part = n->rx_role[row][SH_MEETING];
+    if (part == MEETING_FROM_ABOVE || part == MEETING_FROM_BELOW) {
+        if (!n->met[row] || (part == MEETING_FROM_BELOW && n->sampled)) {
+            n->met[row] = 1;
+            return MEETING_TAKE;
+        }
+        if (part == MEETING_FROM_BELOW) {
+            n->holding = row + 1;
+            memcpy(n->held, n->wire.rx, sizeof n->held);
+        }
+        return MEETING_LEAVE;
+    }
+    if (part == MEETING_BEFORE)
+        n->holding = 0;
+    if (part == MEETING_BEFORE || part == MEETING_AFTER)
+        n->sampled = 1;
+    return part == MEETING_AFTER && n->holding ? MEETING_HELD_FIRST : MEETING_TAKE;
+}
+
+static void exchange_held(loop *n)
+{
+    uint8_t other[sizeof n->held];
+    memcpy(other, n->held, sizeof other);
+    memcpy(n->held, n->wire.rx, sizeof other);
+    memcpy(n->wire.rx, other, sizeof other);
+}
+
+static int64_t use_frame(loop *n, int64_t row);
+
 static int64_t take_frame(loop *n)
 {
-    const uint8_t *frame = n->wire.rx;
     uint32_t word;
-    int64_t row = 0, lost;
-    memcpy(&word, frame, sizeof word);
+    int64_t row = 0;
+    memcpy(&word, n->wire.rx, sizeof word);
     while (row < n->n_rx
            && (n->rx[row][DBC_CAN_ID] != (word & 0x1FFFFFFF) || n->rx[row][DBC_EXTENDED] != word >> 31))
         row++;
     if (row == n->n_rx)
         return -1;
+    if (n->virtual_time && n->passes == 0) {
+        int64_t what = sorted_out(n, row);
+        if (what == MEETING_LEAVE)
+            return -1;
+        if (what == MEETING_HELD_FIRST) {
+            int64_t held = n->holding - 1;
+            n->holding = 0;
+            exchange_held(n);
+            use_frame(n, held);
+            exchange_held(n);
+        }
+    }
+    return use_frame(n, row);
+}
+
+static int64_t use_frame(loop *n, int64_t row)
+{
+    const uint8_t *frame = n->wire.rx;
+    int64_t lost;
     int64_t *receiver = n->rx_state[row], fresh = receiver[E2E_FRESH];
     int64_t state = check(frame + 8, frame[4], n->rx[row], receiver, &lost);
     push_frame(n, frame, 1, state);
@@ -466,6 +520,7 @@ static void note_timing(loop *n)
     for (size_t i = 0; i < sizeof COUNTERS / sizeof *COUNTERS; i++)
         v[5 + i] = n->control[COUNTERS[i]];
     n->v[V_REFUSED] = n->control[SH_REFUSED];
+    n->v[V_WALL] = 1e-9 * (n->wake + n->wall_offset_ns);
 }
 
 /* ----------------------------------------------------------------- executive/timing.py -------- */
@@ -562,6 +617,8 @@ static void count(loop *n)
 
 static int one_pass(loop *n, step_function **steps)
 {
+    if (n->virtual_time)
+        n->virtual_now = n->k * n->period_ns;
     if (n->trigger == CYCLE_CLOCKED && n->passes > n->arm_pass) {
         wait(n);
         receive(n);
@@ -598,6 +655,8 @@ static int one_pass(loop *n, step_function **steps)
 
 static void finish(loop *n)
 {
+    if (n->virtual_time)
+        n->virtual_now = n->k * n->period_ns;
     if (n->v[V_STATE] != SV_STOP)
         push_event(n, SH_STATE_EVENT, SV_STOP, 0.0);
     n->v[V_STATE] = SV_STOP;
@@ -612,6 +671,12 @@ static void finish(loop *n)
     }
     publish(n);
     __atomic_store_n(&n->control[SH_DONE], 1, __ATOMIC_RELEASE);
+}
+
+static void pass_or_finish(loop *n, step_function **steps)
+{
+    if (!n->control[SH_DONE] && !one_pass(n, steps))
+        finish(n);
 }
 
 static int wait_for_peer(loop *n)
@@ -667,16 +732,17 @@ int64_t run_virtual(loop *executive, step_function **laws, loop *plant, step_fun
     }
     for (int64_t i = 0; i < cycles; i++) {
         carry(&plant->wire, &executive->wire);
-        executive->virtual_now = executive->k * executive->period_ns;
         int more = one_pass(executive, laws);
-        carry(&executive->wire, &plant->wire);
-        plant->virtual_now = plant->k * plant->period_ns;
-        one_pass(plant, models);
+        if (more || executive->k >= executive->cycles) {
+            carry(&executive->wire, &plant->wire);
+            pass_or_finish(plant, models);
+        }
         if (!more) {
             finish(executive);
             carry(&executive->wire, &plant->wire);
-            one_pass(plant, models);
-            finish(plant);
+            pass_or_finish(plant, models);
+            if (!plant->control[SH_DONE])
+                finish(plant);
             return 0;
         }
     }

@@ -32,7 +32,7 @@ from drivers.jit import from_dtype, i8, loop, types, u1
 from drivers.wire import put_frame
 from drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES, WIRE
 from executive import cycle as engine
-from executive import references, supervisor, timing, variables
+from executive import meeting, references, supervisor, timing, variables
 from executive import shared as sh
 from executive.controllers import pd
 from executive.cycle import CLOCKED, STEPS, N, idle, one_pass
@@ -57,7 +57,7 @@ PUBLISHED = 256
 PUBLICATIONS = 20_000
 _MODULES = {
     "SH": sh, "SV": supervisor, "V": variables, "DBC": dbc, "E2E": e2e, "CYCLE": engine,
-    "WIRE": wire_layout, "TIMING": timing,
+    "WIRE": wire_layout, "TIMING": timing, "MEETING": meeting,
 }  # fmt: skip
 RESULTS = ("NOTHING", "FRAME", "FOREIGN", "FAILED", "ERROR_FLAGS")
 STEPS_IN_C = {
