@@ -6,15 +6,20 @@ numba is imported with the first law.
 import hashlib
 import importlib
 import importlib.util
+import json
+import os
 import pkgutil
 import re
 import sys
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from executive import yamlfile
+from drivers.compile_cache import cache_folder
+from executive import carried, yamlfile
+from executive.carried import PACKAGES, Reads
 from executive.errors import did_you_mean
 from executive.yamlfile import Document, Keys
 
@@ -22,7 +27,8 @@ if TYPE_CHECKING:
     from executive.block import Block
 
 _PROJECT = Path(__file__).resolve().parent.parent
-_PACKAGES = ("drivers", "executive", "plants", "tools")
+_outside: dict[Path, ModuleType] = {}
+_read_by: dict[str, Reads] = {}  # what the import of a module opened, by its name
 _CONTROLLERS = "executive.controllers"
 
 
@@ -39,7 +45,7 @@ def resolve(document: Document, keys: Keys, law: str) -> "Block":
     full_name = f"{_CONTROLLERS}.{module_name}" if is_bare else module_name
     file = document.file(at, module_name) if is_file else Path()
     try:
-        module = _import_file(file) if is_file else importlib.import_module(full_name)
+        module = _import_file(file) if is_file else _import_module(full_name)
     except Exception as error:
         absent = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
         if absent and f"{full_name}.".startswith(f"{absent}."):
@@ -77,9 +83,84 @@ def _import_file(file: Path) -> ModuleType:
     """
     if (own_name := project_name(file)) is not None:
         return importlib.import_module(own_name)
-    name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:16]}"
-    if name in sys.modules:
-        return sys.modules[name]
+    if file in _outside:
+        return _outside[file]
+    known = _Remembered(file)
+    with carried.noted() as reads:
+        module = _execute(file, known.module_name())
+    reads.pop(file, None)
+    if known.is_news(reads):
+        module = _execute(file, known.module_name())
+    _outside[file], _read_by[module.__name__] = module, reads
+    return module
+
+
+def _import_module(name: str) -> ModuleType:
+    """Import an installed module; note what a module from outside the project opens."""
+    if name in sys.modules or name.partition(".")[0] in PACKAGES:
+        return importlib.import_module(name)
+    with carried.noted() as reads:
+        module = importlib.import_module(name)
+    _read_by[name] = reads
+    return module
+
+
+def source(document: Document, keys: Keys, law: str) -> tuple[Path | None, Reads]:
+    """Return the file of an imported law, and what its import opened; None for the project's."""
+    name = law.partition(":")[0]
+    if name.endswith(".py"):
+        module = _outside.get(document.file(keys, name))
+    else:
+        module = sys.modules.get(name) if "." in name else None
+    file = getattr(module, "__file__", None)
+    if module is None or file is None or module.__name__.partition(".")[0] in PACKAGES:
+        return None, {}
+    return Path(file).resolve(), _read_by.get(module.__name__, {})
+
+
+class _Remembered:
+    """What the import of a law opened the last time, kept beside the compiled code.
+
+    Tables and modules that a law reads end up in its compiled code, so that their content is in the
+    name under which that is cached.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self._path = hashlib.sha256(str(file).encode()).hexdigest()
+        self._note = cache_folder() / "reads" / f"{self._path}.json"
+        self._files: list[str] = []
+        with suppress(OSError, ValueError):
+            noted = json.loads(self._note.read_text(encoding="utf-8"))
+            self._files = [str(name) for name in noted if isinstance(noted, list)]
+
+    def module_name(self) -> str:
+        """Return a name made of the law's path and of what it read."""
+        digest = hashlib.sha256(self._path.encode())
+        for name in self._files:
+            with suppress(OSError):
+                digest.update(name.encode() + carried.sha256(Path(name)).encode())
+        mark = digest.hexdigest() if self._files else self._path
+        return f"{self.file.stem}_{mark[:16]}"
+
+    def is_news(self, reads: Reads) -> bool:
+        """Remember what was read; return whether it is other than the last time."""
+        files = sorted(map(str, reads))
+        if files == self._files:
+            return False
+        self._files = files
+        with suppress(OSError):
+            self._note.parent.mkdir(parents=True, exist_ok=True)
+            new = self._note.with_suffix(f".{os.getpid()}")
+            new.write_text(json.dumps(files), encoding="utf-8")
+            new.replace(self._note)
+        return True
+
+
+def _execute(file: Path, name: str) -> ModuleType:
+    """Run a file as module `name`; modules beside it can be imported by their names."""
+    if str(file.parent) not in sys.path:
+        sys.path.append(str(file.parent))  # last: it hides nothing
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None and spec.loader is not None, "a .py file has a loader"
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
@@ -96,7 +177,7 @@ def project_name(file: Path) -> str | None:
     if not file.is_relative_to(_PROJECT):
         return None
     parts = file.relative_to(_PROJECT).with_suffix("").parts
-    if parts[0] not in _PACKAGES or not all(part.isidentifier() for part in parts):
+    if parts[0] not in PACKAGES or not all(part.isidentifier() for part in parts):
         return None  # a file beside the packages has a dotted name in some processes only
     try:
         spec = importlib.util.find_spec(".".join(parts))

@@ -16,8 +16,8 @@ see `executive.mcap_reader`.
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from executive.roles import ROLES as NODES
 
 __all__ = ["NODES", "LogError", "Scan", "message_dtype", "scan", "walk"]  # and what is defined here
 
+CARRIED = "files/"  # how the names of attachments begin that `executive.carried` describes
 CDR_BYTES = 4  # the header of a CDR payload: 00 01 00 00, little-endian
 FRAME = np.dtype(
     [
@@ -75,6 +76,7 @@ class Log:
     attachments: dict[str, str]
     metadata: dict[str, dict[str, str]]
     missing: list[str]
+    files: Mapping[str, bytes] = field(default_factory=dict)  # of `executive.carried`
 
 
 @dataclass(frozen=True)
@@ -99,10 +101,14 @@ def head(path: Path) -> Log:
     return assemble(path, found)
 
 
-def pieces(path: Path, size: int = 1 << 23) -> Iterator[tuple[Log, bool]]:
+def pieces(
+    path: Path, size: int = 1 << 23,
+    see: Callable[[Scan, int, NDArray[np.uint8]], None] = lambda found, channel, rows: None,
+) -> Iterator[tuple[Log, bool]]:  # fmt: skip
     """As `read`, in pieces of about `size` bytes of the file; yield them and whether it is the end.
 
-    `missing` of a piece is what could not be read since the piece before.
+    `missing` of a piece is what could not be read since the piece before. `see` gets the scan and
+    each run of messages, channel and rows, as they come; at the end channel -1.
     """
     found, begin, told = Scan(), 0, 0
     for piece in walk(path, found):
@@ -111,6 +117,8 @@ def pieces(path: Path, size: int = 1 << 23) -> Iterator[tuple[Log, bool]]:
             found.pieces.clear()
             begin, told = found.place, len(found.missing)
         found.pieces.append(piece)
+        see(found, *piece)
+    see(found, -1, np.empty((0, 0), np.uint8))
     yield assemble(path, found, told), True
 
 
@@ -136,7 +144,11 @@ def assemble(path: Path, found: Scan, told: int = 0) -> Log:
     """
     notes = found.missing[told:]
     metadata = {record.name: record.metadata for record in found.metadata}
-    attachments = {file.name: file.data.decode("utf-8", "replace") for file in found.attachments}
+    files = {one.name: one.data for one in found.attachments if one.name.startswith(CARRIED)}
+    attachments = {
+        one.name: one.data.decode("utf-8", "replace")
+        for one in found.attachments if one.name not in files
+    }  # fmt: skip
     descriptions = _descriptions(metadata, attachments, notes)
     if not descriptions:
         reason = found.missing[0] if found.missing else "no metadata of a node"
@@ -144,7 +156,7 @@ def assemble(path: Path, found: Scan, told: int = 0) -> Log:
     nodes = {
         name: _node(name, found, metadata, about, notes) for name, about in descriptions.items()
     }
-    return Log(path, nodes, attachments, metadata, notes)
+    return Log(path, nodes, attachments, metadata, notes, files)
 
 
 def frame_names(log: Log) -> dict[int, str]:
@@ -163,11 +175,11 @@ def variables(found: Scan, name: str) -> list[Variable]:
     listed = []
     for found_field in map(_FIELD.match, text.split("\n")):
         if found_field:
-            field, dotted, unit = _field(*found_field.groups())
-            given = known.get(field, "absent")
-            about = _parsed(given, {"name": dotted or field, "unit": unit}, "", [])
-            name, unit = about.get("name", dotted or field), about.get("unit", "")
-            listed.append(Variable(field, str(name), str(unit)))
+            short, dotted, unit = _field(*found_field.groups())
+            given = known.get(short, "absent")
+            about = _parsed(given, {"name": dotted or short, "unit": unit}, "", [])
+            name, unit = about.get("name", dotted or short), about.get("unit", "")
+            listed.append(Variable(short, str(name), str(unit)))
     return listed
 
 

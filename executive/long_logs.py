@@ -222,7 +222,7 @@ def whole(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = PART_
     about = log.attachments, log.metadata, log.missing
     if max((len(node.cycle) for node in nodes.values()), default=0) <= short:
         return Log(log.path, nodes, *about)
-    return LongLog(log.path, nodes, *about, tables, part)
+    return LongLog(log.path, nodes, *about, log.files, tables, part)
 
 
 def _joined(
@@ -256,7 +256,8 @@ def _mapped(
             rows[:, 0], rows[:, 1], Columns(known[0], fetch), Columns(known[1], fetch),
             np.empty(0, logs.FRAME), *entries[name], about[name],
         )  # fmt: skip
-    return LongLog(path, nodes, last.attachments, last.metadata, notes, tables, part)
+    about_all = last.attachments, last.metadata, notes, last.files
+    return LongLog(path, nodes, *about_all, tables, part)
 
 
 def _more(path: Path, name: str, column: str) -> Table:

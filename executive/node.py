@@ -18,6 +18,7 @@ from drivers import dbc
 from executive import protocol
 from executive import shared as sh
 from executive.block import Block, Port
+from executive.carried import Reads, merge, noted
 from executive.cycle import idle
 from executive.errors import RigError, did_you_mean
 from executive.rig import BlockSpec, NodeSpec, Rig
@@ -44,6 +45,7 @@ class Plan:
     values: dict[int, float] = field(default_factory=dict)
     schedule: list[tuple[int, int, float]] = field(default_factory=list)
     noted: list[int] = field(default_factory=list)
+    read: Reads = field(default_factory=dict)  # by `prepare`
     below: frozenset[str] = frozenset()  # of a local node: the frames on its bus to the plant
 
     @property
@@ -203,7 +205,9 @@ def _initial_values(made: Plan, spec: BlockSpec) -> None:
     states: dict[str, Any] = {}
     if block.prepare is not None:
         try:
-            prepared = block.prepare(spec.settings, config.rate_hz, config.seed)
+            with noted() as reads:
+                prepared = block.prepare(spec.settings, config.rate_hz, config.seed)
+            merge(made.read, reads)
         except ValueError as error:
             raise RigError(f"{spec.where()}: {spec.name}: {error}") from None
         parameters = {name: _portable(value) for name, value in prepared.parameters.items()}
@@ -346,7 +350,6 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
     attachments = {str(_short(path, rig.path)): text for path, text in rig.document.sources.items()}
     attachments["rig-resolved.yaml"] = rig.resolved()
     attachments[rig.dbc.name] = dbc.text(rig.dbc)
-    attachments |= rig.law_files()
     return {
         "node": made.role,
         "rig": rig.config.rig,
@@ -364,6 +367,7 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
         "state_names": list(STATE_NAMES),
         "fault_names": list(FAULT_NAMES),
         "attachments": attachments,
+        "files": rig.carried(made.read),
         "metadata": metadata,
     }
 

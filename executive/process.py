@@ -37,7 +37,7 @@ from drivers import bus as buses
 from drivers import choice, kernel, realtime, wire
 from drivers.errors import BusError, DbcError
 from drivers.wire_layout import MEMORY
-from executive import plausible, sharing
+from executive import carried, plausible, sharing
 from executive import shared as sh
 from executive.cycle import run
 from executive.emath_selftest import selftest
@@ -113,7 +113,10 @@ class Process:
         }
         warm_up(self.plan)
         self.report = realtime.prepare_process()
-        served = sharing.Served(name, describe(self.plan, metadata))
+        about = describe(self.plan, metadata)
+        if lacking := carried.warning(about["files"]):
+            print(f"{self.role}: {lacking}", file=sys.stderr, flush=True)
+        served = sharing.Served(name, about)
         block = served.block
         open_buses(self.rig, self.bus, self.plan, block.loop.wire)
         install(self.plan, block.loop)

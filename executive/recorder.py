@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs, shared, sharing
+from executive import carried, logs, shared, sharing
 from executive.beside import Beside
 from executive.errors import FULL
 from executive.keep import Sink, SnapshotRing
@@ -236,13 +236,13 @@ class Recorder:
         facts |= {"rig": str(about["rig"]), "period_ns": str(about["period_ns"])}
         self.writer.add_metadata(node.name, facts)
         rest = {k: v for k, v in about.items() if k not in _OF_THE_MEMORY}
-        files = about["attachments"] | {f"{node.name}.json": json.dumps(rest)}
+        about_json = {f"{node.name}.json": json.dumps(rest)}
         wall_ns = int(about["metadata"]["clock_wall_ns"])
-        for name, text in files.items():
-            place = name if self._files.get(name, text) == text else f"{node.name}/{name}"
-            if place not in self._files:
-                self._files[place] = text
-                self.writer.add_attachment(wall_ns, wall_ns, place, "text/plain", text.encode())
+        for name, data, digest in carried.attachments(about, about_json):
+            place = name if self._files.get(name, digest) == digest else f"{node.name}/{name}"
+            if self._files.setdefault(place, "") == "":
+                self._files[place] = digest
+                self.writer.add_attachment(wall_ns, wall_ns, place, "text/plain", data)
         self.nodes.append(node)
 
     def _set_clock(self, facts: dict[str, str]) -> None:
@@ -263,8 +263,7 @@ class Recorder:
     def _in_this_run(self, block: Shared) -> bool:
         """Return whether the node of `block`, which has ended, ran when the first had started."""
         put, rows = int(block["record_ends"][shared.PUT]), block["record"]
-        started_ns = self.started_ns
-        return put > 0 and int(rows[(put - 1) % len(rows), 1]) > started_ns
+        return put > 0 and int(rows[(put - 1) % len(rows), 1]) > self.started_ns
 
     def drain(self) -> bool:
         """Move what is in the rings to the file; end the chunk when it is 0.5 s old.
@@ -290,7 +289,7 @@ class Recorder:
         """Return whether all nodes have ended and all that they put is taken."""
         if not all(node.over() for node in self.nodes):
             return False
-        self._writing(self._attach_late)  # a node that came and went since the last drain
+        self._writing(self._attach_late)  # of a node that came and went since
         return all(node.empty() for node in self.nodes)
 
     def dropped(self) -> dict[str, int]:

@@ -11,6 +11,7 @@ Not compared, because they were measured: stage times, late and skipped cycles, 
 a node sends while it looks for the other one or ends.
 """
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -63,41 +64,51 @@ class Computed:
 
 
 class Assembler:
-    """Orders the pieces of a node's log into slices whose frames and tunings are complete.
-
-    The recorder drains the ring of cycles before those of frames and events, so that what belongs
-    to a cycle is in the log at most one full ring of cycles later.
-    """
+    """Orders the pieces of a node's log into slices whose frames and tunings are complete."""
 
     def __init__(self, names: Sequence[str]) -> None:
         """`names`: the recorded variables, state and timing."""
         self.names = names
-        self._lag = sh.RECORD_RING_WORDS // (sh.RECORD_HEAD + len(names))
         self._rows = np.empty((0, HEAD + len(names)), np.int64)
         self._frames = np.empty(0, logs.FRAME)
         self._tunings: list[tuple[int, str, float]] = []
 
     def add(self, node: logs.Node) -> None:
-        """Append a further piece of the log; LogError if it lacks one of the variables."""
+        """Append a further piece of the log; LogError if it lacks what each cycle has."""
+        self._frames = np.concatenate((self._frames, node.frames))
+        for entry in node.tunings:
+            try:
+                tuning = int(entry["cycle"]), str(entry["name"]), float(entry["value"])
+            except (KeyError, TypeError, ValueError, OverflowError):
+                raise logs.LogError(f"a recorded tuning is none: {str(entry)[:80]}") from None
+            self._tunings.append(tuning)
+        if not len(node.cycle):
+            return
         both = {**node.columns, **node.timing}
         absent = [name for name in self.names if name not in both]
-        if absent and len(node.cycle):
-            raise logs.LogError(
-                f"{len(absent)} described variables, as {absent[0]}, have no record"
-            )
+        if absent:
+            what = f"{len(absent)} described variables, as {absent[0]}, have no record"
+            raise logs.LogError(what)
         rows = np.empty((len(node.cycle), HEAD + len(self.names)), np.int64)
         rows[:, K], rows[:, STAMP] = node.cycle, node.stamp_ns
         rows[:, PASSES] = np.nan_to_num(both.get("health.passes", node.cycle), posinf=-1, neginf=-1)
         for i, name in enumerate(self.names):
-            rows[:, HEAD + i] = both[name].view(np.int64) if name in both else 0
+            rows[:, HEAD + i] = both[name].view(np.int64)
         self._rows = np.concatenate((self._rows, rows))
-        self._frames = np.concatenate((self._frames, node.frames))
-        self._tunings += [(t["cycle"], t["name"], float(t["value"])) for t in node.tunings]
 
-    def take(self, end: bool) -> Iterator[Slice]:
-        """Yield the slices that are complete; with `end` all that is left."""
-        while len(self._rows) > (0 if end else self._lag + CYCLES_AT_ONCE):
-            rows, self._rows = self._rows[:CYCLES_AT_ONCE], self._rows[CYCLES_AT_ONCE:]
+    @property
+    def left(self) -> NDArray[np.int64]:
+        """Return the cycles that were not taken."""
+        return self._rows[:, K]
+
+    def take(self, whole: int, end: bool) -> Iterator[Slice]:
+        """Yield the slices up to cycle `whole`; before the `end` only full ones."""
+        while True:
+            here = self._rows[:CYCLES_AT_ONCE]
+            count = int(np.argmax(here[:, K] > whole)) if (here[:, K] > whole).any() else len(here)
+            if not count or (count < CYCLES_AT_ONCE and not end):
+                return
+            rows, self._rows = self._rows[:count], self._rows[count:]
             last = rows[-1, K]
             n = int(np.searchsorted(self._frames["cycle"], last, side="right"))
             frames, self._frames = self._frames[:n], self._frames[n:]
@@ -159,7 +170,7 @@ class Replay:
         counters = [about["timing_columns"].index(name) for name in COUNTED]
         states = sh.RECORD_HEAD + np.arange(len(about["state_columns"]))
         self._columns = [*states, *(states[-1] + 2 + i for i in counters)]
-        self._index = made.table.index
+        self._table, self._index = made.table, made.table.index
         measured = [name for name in about["timing_columns"] if name not in COUNTED]
         self._clocks = [name for name in measured if name in recorded]
         self._clock_places = np.array([self._index[name] for name in self._clocks], np.int64)
@@ -175,6 +186,8 @@ class Replay:
         raw[:, 4] = received["dlc"]
         raw[:, 8:16] = received["data"]
         tunings = [t for t in part.tunings if t[1] in self._index]
+        for tuning in tunings:
+            self._check(*tuning)
         tuned = np.array([self._index[t[1]] for t in tunings], np.int64)
         values = np.array([t[2] for t in tunings], np.float64)
         rows = np.zeros((len(part.rows), 6), np.int64)
@@ -190,6 +203,16 @@ class Replay:
         )
         self._taken("event")
         return Computed(self._taken("record")[:, self._columns], self.sent(self._frames()))
+
+    def _check(self, cycle: int, name: str, value: float) -> None:
+        """Raise LogError for a tuning that no node takes."""
+        variable = self._table.variables[self._index[name]]
+        what = f"cycle {cycle}: the log has a tuning of {name} to {value:g}"
+        if variable.kind != "parameter":
+            raise logs.LogError(f"{what}, which is no parameter; it is damaged or made up")
+        if not (variable.low <= value <= variable.high and math.isfinite(value)):
+            ends = f"{variable.low:g}..{variable.high:g}"
+            raise logs.LogError(f"{what}, outside {ends}; it is damaged or made up")
 
     def _clocked_before(self, part: Slice, names: Sequence[str]) -> NDArray[np.float64]:
         """Return what was measured in the cycle before each of `part`; keep that of the last."""

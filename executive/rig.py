@@ -22,9 +22,10 @@ from typing import Any
 import msgspec
 
 from executive import yamlfile
+from executive.carried import Reads, listed, merge
 from executive.errors import RigError, did_you_mean
-from executive.laws import project_name
-from executive.rig_blocks import BlockSpec, blocks, law_keys, parameters_file
+from executive.laws import project_name, source
+from executive.rig_blocks import BlockSpec, blocks, entries, law_keys, parameters_file
 from executive.rig_options import apply, unknown_controller
 from executive.rig_schema import FALLBACK, Config, Evaluation, Limit
 from executive.roles import ROLES, Role
@@ -120,20 +121,26 @@ class Rig:
         """
         return self._resolved
 
-    def law_files(self) -> dict[str, str]:
-        """Return the text of each law in use from outside the project, by its path in `resolved`.
+    def laws(self) -> list[tuple[Keys, str]]:
+        """Return the laws in use: the path of the key that names one, and its value."""
+        return [
+            ((*(keys := law_keys(self.config, section, name)), "law"),
+             str(_get(self.document.data, (*keys, "law"))))
+            for section, node in self.config.sections.items()
+            for name, _ in entries(self.config, section)
+        ]  # fmt: skip
 
-        With them a log explains itself. Other files that a law imports are not in it.
-        """
-        found = {}
-        for section, spec in self.nodes().items():
-            for block in spec.blocks:
-                keys = (*law_keys(self.config, section, block.name), "law")
-                name = _rebased(self.document, keys, str(_get(self.document.data, keys)))
-                file = name.partition(":")[0]
-                if file.endswith(".py"):
-                    found[file] = (self.path.parent / file).read_text(encoding="utf-8")
-        return found
+    def carried(self, reads: Reads) -> list[Any]:
+        """Return what `executive.carried` says about the laws in use, with other files `reads`."""
+        found: Reads = {file: set(texts) for file, texts in reads.items()}
+        laws: dict[Path, set[str]] = {}
+        for keys, law in self.laws():
+            file, opened = source(self.document, keys, law)
+            merge(found, opened)
+            if file is not None:
+                text = _rebased(self.document, keys, law).partition(":")[0]
+                laws.setdefault(file, set()).add(text)
+        return listed(found, laws, self.path)
 
     @cached_property
     def _resolved(self) -> str:

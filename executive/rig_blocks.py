@@ -70,7 +70,7 @@ def blocks(
     """Return the blocks of a node; `shared` goes to every block that has such a setting."""
     specs: list[BlockSpec] = []
     unused = dict(shared)
-    for name, entry in _entries(config, section):
+    for name, entry in entries(config, section):
         keys = law_keys(config, section, name)
         law = config.controllers[str(keys[1])] if keys[0] == "controllers" else entry
         block = resolve(document, keys, str(law.law))
@@ -88,7 +88,7 @@ def blocks(
     return specs
 
 
-def _entries(config: Config, section: Role) -> Iterator[tuple[str, Entry]]:
+def entries(config: Config, section: Role) -> Iterator[tuple[str, Entry]]:
     """Yield the blocks of a node; a fallback follows its controller and is wired alike."""
     for name, entry in config.sections[section].blocks.items():
         yield name, entry

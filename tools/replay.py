@@ -1,9 +1,9 @@
 """`pcpc replay LOG`: recompute a recorded run from its log alone, compare it bit by bit.
 
-Frames, tunings and the rig come from the log; the laws are those installed, or the log's own
-copies where they came from outside the project. With --controller or --set it recomputes what the
-node would have done with the recorded input (open loop: the plant does not answer) and shows how
-far that is from the record.
+Frames, tunings and the rig come from the log; the laws are the project's. A law from outside is
+taken from where it lay, if it is unchanged, or with --trust from the log: see `tools.log_rig`. With
+--controller or --set it recomputes what the node would have done with the recorded input (open
+loop: the plant does not answer) and shows how far that is from the record.
 """
 
 import argparse
@@ -13,22 +13,24 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import BusError
-from executive import logs, yamlfile
+from executive import logs
 from executive.errors import RigError
+from executive.frontier import Frontier
 from executive.replay import HEAD, PASSES, Assembler, K, Replay
-from executive.rig import Rig, load_rig
-from tools import screen
+from executive.rig import Rig
+from tools import log_rig, screen
 from tools.progress import Progress
 
 DIFFERS, USAGE = 1, 2
 ROWS_SHOWN = 20
+MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
 SENT = "frames sent"
 
 
@@ -56,6 +58,7 @@ class Verdict:
     frames: int = 0
     spent_s: float = 0.0
     incomplete: str = ""  # why not all could be recomputed
+    dropped: int = 0  # frames and events that the recorder has not got
     missing: list[str] = field(default_factory=list)  # damage of the log
     differences: dict[str, Difference] = field(default_factory=dict)
 
@@ -63,6 +66,15 @@ class Verdict:
     def identical(self) -> bool:
         """All that was recorded is recomputed, bit for bit."""
         return not (self.differences or self.incomplete)
+
+    @property
+    def state(self) -> str:
+        """What came of it, in words."""
+        if self.identical:
+            return "bit-identical"
+        if self.differences:
+            return "DIFFERENT"
+        return "bit-identical as far as the log goes" if self.cycles else "nothing to compare"
 
     @property
     def speed(self) -> float:
@@ -98,6 +110,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         "--set", action="append", default=[], metavar="NAME=VALUE",
         help="recompute with a change, in open loop: the recorded frames stay what they were",
     )  # fmt: skip
+    log_rig.add_arguments(one)
     one.add_argument("--json", action="store_true", help="print one JSON list")
     one.add_argument("--quiet", action="store_true", help="no progress")
 
@@ -127,44 +140,18 @@ def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[
     """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError."""
     head = logs.head(path)
     with tempfile.TemporaryDirectory(prefix="pcpc-replay-") as folder:
-        rig = rig_of(head, Path(folder), options.controller, options.set)
         roles = [r for r in logs.NODES if r in head.node and options.node in (r, "all")]
         if not roles:
             raise logs.LogError(f"{path}: no record of node {options.node}")
-        nodes = [Comparison(head, rig, role) for role in roles]
-    for piece, last in logs.pieces(path):
+        with log_rig.rig_of(head, Path(folder), options) as rig:
+            nodes = [Comparison(head, rig, role) for role in roles]
+    frontier = Frontier()
+    for piece, last in logs.pieces(path, see=frontier.see):
         for node in nodes:
-            node.take(piece, last)
+            node.take(piece, frontier.whole[node.role], last)
         done = min(node.verdict.cycles for node in nodes)
         progress.show(f"cycle {done}, {min(node.verdict.speed for node in nodes):.0f} x real time")
     return [node.verdict for node in nodes]
-
-
-def rig_of(head: logs.Log, folder: Path, controller: str | None = None, settings: Any = ()) -> Rig:
-    """Return the rig of a log, its files unpacked below `folder`; LogError, RigError."""
-    texts = head.attachments
-    names = [name for name in texts if name.endswith("rig-resolved.yaml")]
-    if not names:
-        raise logs.LogError(f"{head.path}: holds no rig, so it cannot be replayed")
-    text = texts[names[0]]
-    data = yamlfile.load(folder / "rig.yaml", text).data
-    place = folder / "/".join("abcdefghijkl") / "rig.yaml"  # room for ../../.. of its paths
-    database = str(data.get("dbc", ""))
-    files = {database: texts.get(PurePosixPath(database).name, "")}
-    files |= {name: text for name, text in texts.items() if name.endswith(".py")}
-    for name, content in files.items():
-        file = (place.parent / name).resolve()
-        if not file.is_relative_to(folder.resolve()):
-            raise logs.LogError(f"{head.path}: attachment {name} lies too far from its rig")
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(content, encoding="utf-8")
-        except OSError as error:
-            what = f"attachment {name[:80]!r} cannot be unpacked: {error.strerror}"
-            raise logs.LogError(f"{head.path}: {what}") from None
-    data["evaluation"] = None
-    data["schedule"], data["note"] = [], []  # its tunings are in the log
-    return load_rig(place, controller, settings, text=yamlfile.dump(data))
 
 
 class Comparison:
@@ -186,11 +173,21 @@ class Comparison:
         self.both = [name for name in theirs if name in ours]
         self._theirs = [HEAD + theirs.index(name) for name in self.both]
         self._ours = [ours.index(name) for name in self.both]
+        self.path = head.path
         self.verdict = Verdict(role, 1e9 / about["period_ns"], variables=len(self.both))
+        self.verdict.dropped = _dropped(head, role)
         self._begin_s = time.monotonic()
 
-    def take(self, piece: logs.Log, last: bool) -> None:
-        """Recompute what `piece` of the log completes."""
+    def take(self, piece: logs.Log, whole: int, last: bool) -> None:
+        """Recompute what `piece` of the log completes, up to cycle `whole`; LogError."""
+        try:
+            self._take(piece, whole, last)
+        except logs.LogError as error:
+            raise logs.LogError(f"{self.path}: {self.role}: {error}") from None
+        if last:
+            _told_as_missing(self.verdict, self.recorded.left)
+
+    def _take(self, piece: logs.Log, whole: int, last: bool) -> None:
         verdict = self.verdict
         verdict.missing += piece.missing
         if self.role in piece.node and not verdict.incomplete:
@@ -199,7 +196,7 @@ class Comparison:
             except logs.LogError as error:
                 verdict.incomplete = str(error)
                 return
-        for part in self.recorded.take(last):
+        for part in self.recorded.take(whole, last):
             verdict.incomplete = verdict.incomplete or _gap(part.rows, verdict.cycles)
             if verdict.incomplete:
                 return
@@ -215,11 +212,42 @@ class Comparison:
         verdict.spent_s = time.monotonic() - self._begin_s
 
 
+def _dropped(head: logs.Log, role: str) -> int:
+    """Return how many frames and events of a node found no room in the recorder's memory."""
+    run = head.metadata.get("run", {})
+    texts = [run.get(f"dropped.{role}.{ring}", "0") for ring in ("frame", "event")]
+    return sum(int(text) for text in texts if text.isdecimal())
+
+
+def _told_as_missing(verdict: Verdict, left: NDArray[np.int64]) -> None:
+    """Say at the end what could not be compared for want of input."""
+    if verdict.dropped and verdict.differences:
+        first = verdict.first()
+        assert first is not None, "there is one"
+        verdict.differences.clear()
+        verdict.incomplete = (
+            f"{verdict.dropped} frames or events are missing, the recorder had no room for them; "
+            f"from cycle {first.cycle} on nothing can be compared"
+        )
+    if verdict.incomplete:
+        return
+    if len(left):
+        verdict.incomplete = (
+            f"frames or tunings of cycle {left[0]} and later ones are missing in the log; "
+            f"compared until {int(left[0]) - 1}"
+        )
+    elif not verdict.cycles:
+        verdict.incomplete = "the log holds no cycle: its recorder ended before the first"
+
+
 def _gap(rows: NDArray[np.int64], before: int) -> str:
     """Return why `rows` cannot be recomputed after `before` passes; "" if they can."""
     wrong = np.flatnonzero(rows[:, PASSES] != before + np.arange(len(rows)))
     if not len(wrong):
-        return ""
+        steps = np.diff(rows[:, K])
+        if (steps > 0).all() and (steps < MOST_SKIPPED).all() and 0 <= rows[0, K] < 2**62:
+            return ""
+        return f"the cycle numbers behind {rows[0, K]} are those of no run"
     first = int(rows[wrong[0], K])
     if before == 0 and wrong[0] == 0:
         return (
@@ -298,7 +326,7 @@ def _plain(verdict: Verdict) -> dict[str, Any]:
 def show(verdict: Verdict, changed: bool) -> None:
     """Print one node's verdict: a line, and what differs."""
     size = f"{verdict.cycles} cycles, {verdict.variables} variables, {verdict.frames} frames"
-    state = "bit-identical" if verdict.identical else "DIFFERENT"
+    state = verdict.state
     if changed:
         state = "no difference" if verdict.identical else "changed, in open loop"
     print(f"{verdict.role:10} {size}: {state}  ({verdict.speed:.0f} x real time)")

@@ -48,6 +48,24 @@ def test_no_variables_give_the_figure_of_the_plant(tmp_path: Path) -> None:
     assert imread(tmp_path / "f.png").shape[:2] == (1500, 1200)
 
 
+@pytest.mark.parametrize("rig", ["slew10", "../../../../../../..{folder}/evil"])
+def test_no_python_that_only_the_log_names_is_run(
+    rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evil, mark = tmp_path / "evil.py", tmp_path / "ran"
+    evil.write_text(f"open({str(mark)!r}, 'w')\ndef metrics(*a): return {{}}\n")
+    log = logs.read(barrel_log())
+    text = log.attachments["rig-resolved.yaml"].replace("../evaluation.py", str(evil))
+    assert str(evil) in text
+    (tmp_path / "evil.yaml").write_text(text)
+    log.attachments["rig-resolved.yaml"] = text
+    for facts in log.metadata.values():
+        facts["rig"] = rig.format(folder=tmp_path)
+    monkeypatch.setattr(logs, "read", lambda path: log)
+    run(plot, "plot", barrel_log(), "-o", tmp_path / "f.png")
+    assert not mark.exists(), "the log's evaluation was imported"
+
+
 def test_variables_of_one_log_share_an_axis_by_unit(tmp_path: Path) -> None:
     words = ["controller.e_rad", "controller.tau_Nm", "barrel.theta_rad", "controller.r_*"]
     found = plot.groups_of([source(barrel_log())], words)

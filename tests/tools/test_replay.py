@@ -1,5 +1,6 @@
 """Recorded runs recomputed from their log alone, bit for bit, through the command."""
 
+import argparse
 import json
 import os
 import shutil
@@ -12,8 +13,11 @@ from pcpc import RIGS, ROOT, Running, own_bus, pcpc, until
 
 from executive import logs
 from executive import shared as sh
+from executive.mcap_records import MAGIC, RECORD
 from executive.rig import load_rig
-from executive.virtual import simulate
+from executive.virtual import VirtualRun, simulate
+from tools import replay as replaying
+from tools.progress import Progress
 
 ENGAGED = ("duration_s=0.5", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]")
 
@@ -122,7 +126,9 @@ def test_a_controller_from_outside_the_project_comes_from_the_log(tmp_path: Path
     log = tmp_path / "log.mcap"
     simulate(load_rig(outside / "rig.yaml"), log)
     shutil.rmtree(outside)
-    code, nodes = replay(log)
+    refused = pcpc("replay", str(log))
+    assert refused.code == 2 and "mine.py (sha256 " in refused.err, refused
+    code, nodes = replay(log, "--trust")
     assert code == 0, nodes
     assert nodes["executive"]["cycles"] == 100
 
@@ -148,3 +154,59 @@ def test_wrong_input_is_answered_in_a_line(engaged: Path, tmp_path: Path) -> Non
         assert done.code == 2, done
         assert said in done.err, done
         assert done.err.count("\n") == 1, done
+
+
+def here(log: Path) -> list[replaying.Verdict]:
+    """Replay in this process."""
+    options = argparse.Namespace(controller=None, set=[], node="all")
+    return replaying.replay(log, options, Progress(quiet=True))
+
+
+def test_a_cut_log_is_compared_as_far_as_it_goes_and_never_called_different(
+    tmp_path: Path,
+) -> None:
+    tunings = ", ".join(f"{{at_s: {0.1 * i}, set: {{controller.kv_Nms_rad: {110 + i}}}}}"
+                        for i in range(1, 24))  # fmt: skip
+    log, cut = tmp_path / "log.mcap", tmp_path / "cut.mcap"
+    simulate(load_rig(RIGS / "slew10.yaml", None, ("duration_s=2.3", f"schedule=[{tunings}]")), log)
+    data, place, found = log.read_bytes(), len(MAGIC), []
+    while place + RECORD.size < len(data):
+        place += RECORD.size + RECORD.unpack_from(data, place)[1]
+        cut.write_bytes(data[:place])
+        try:
+            verdicts = here(cut)
+        except logs.LogError:
+            continue  # not even the rig is in it
+        wrong = [v.first() for v in verdicts if v.differences]
+        assert not wrong, f"cut at byte {place}: {wrong}"
+        found += [(v.cycles, v.incomplete) for v in verdicts if v.role == "executive"]
+    reached = {cycles for cycles, _ in found}
+    assert {0, 2300} < reached, f"{reached}"
+    assert all("missing" in why or "no cycle" in why for n, why in found if n < 2300), found
+
+
+def test_a_log_that_was_never_flushed_is_answered_in_a_line(tmp_path: Path) -> None:
+    run = VirtualRun(load_rig(RIGS / "slew10.yaml"), tmp_path / "log.mcap")
+    assert run.recorder is not None
+    run.recorder.writer.file.flush()
+    done = pcpc("replay", str(tmp_path / "log.mcap"))
+    assert done.code == 1 and done.out.count("no cycle") == 2 and "Traceback" not in done.err, done
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "why"),
+    [("supervisor.state", 1e18, "no parameter"), ("controller.e_rad", 0.0, "no parameter"),
+     ("controller.kv_Nms_rad", 1e300, "outside"), ("controller.kv_Nms_rad", "nan", "outside")],
+)  # fmt: skip
+def test_a_made_up_tuning_is_refused(
+    name: str, value: Any, why: str, engaged: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entry = {"cycle": 5, "stamp_ns": 5_000_000, "name": name, "value": value}
+    original = logs._objects
+
+    def forged(found: Any, topic: str, notes: list[str]) -> list[dict[str, Any]]:
+        return [entry] if topic == "/tunings" else original(found, topic, notes)
+
+    monkeypatch.setattr(logs, "_objects", forged)
+    with pytest.raises(logs.LogError, match=why):
+        here(engaged)

@@ -86,7 +86,8 @@ def describe(path: Path, progress: Progress) -> dict[str, Any]:
         "faults": [e for e in events if e.get("event") == "fault"],
         "events": events, "tunings": tally.entries("tunings", zero_ns),
         "topics": tally.topics(),
-        "attachments": {name: len(text.encode()) for name, text in log.attachments.items()},
+        "attachments": {name: len(text.encode()) for name, text in log.attachments.items()}
+        | {name: len(data) for name, data in log.files.items()},
         "recorder": log.metadata.get("run", {}), "recovered": log.metadata.get("recovered", {}),
         "missing": log.missing + tally.left_out(),
     }  # fmt: skip

@@ -146,10 +146,10 @@ def _own_figure(log: logs.Log, options: argparse.Namespace) -> bool:
     place = options.rig or shipped.get(rig_name)
     if text is None or place is None:
         return False
+    own = load_rig(place, resolve=False).evaluation  # no Python that only the log names is run
     rig = load_rig(place, text=text, resolve=False)
-    known = load_rig(place, resolve=False).evaluation
-    if rig.evaluation is None or known is None or rig.evaluation.file != known.file:
-        return False  # code that only the log names is not run
+    if own is None or rig.evaluation is None or rig.evaluation.file != own.file:
+        return False
     judge = Judge.of(rig)
     title = f"{rig.config.rig}: {rig.config.title}, controller {rig.config.controller}"
     with new_file(options.output, force=True) as path:

@@ -1,0 +1,297 @@
+"""The rig of a log, and from where its laws are taken.
+
+A log carries what its laws from outside the project need (`executive.carried`). Python out of a log
+that somebody else wrote may do anything, so it is not run unasked:
+
+    by default   files that lie where the log says, with the content that it records
+    --rig RIG    the same, below the folder of a rig file
+    --law FILE   this file, also with other content
+    --trust      the log's own copies, unpacked and removed again
+
+Where not all of them lie in their places, the files are laid out anew as they lay to each other,
+and what a law opens by its old path it gets from there.
+"""
+
+import argparse
+import builtins
+import hashlib
+import io
+import os
+import posixpath
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import yaml
+
+from executive import carried, logs, yamlfile
+from executive.rig import Rig, load_rig
+
+MOST_UP = 64  # folders that a file may lie above its rig
+_FILES = "files/"  # of the names of such attachments
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A file of the run; `content` None if the log does not carry it, `path` "" if it is unknown.
+
+    `laws`: the texts by which the log's rig names it, `given`: by which a law opened it.
+    """
+
+    name: str
+    path: str
+    sha256: str
+    laws: tuple[str, ...]
+    given: tuple[str, ...]
+    content: bytes | None
+
+    def shown(self) -> str:
+        """Return name and hash as messages show them."""
+        return f"{self.name} (sha256 {self.sha256[:16]})"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Register the options that say where laws are taken from."""
+    parser.add_argument(
+        "--trust", action="store_true",
+        help="run the Python that stands in the log: laws from outside the project",
+    )  # fmt: skip
+    parser.add_argument(
+        "--law", action="append", default=[], metavar="FILE",
+        help="a law, or a file that one reads, of a run whose files have moved",
+    )  # fmt: skip
+    parser.add_argument("--rig", metavar="RIG", help="the rig file beside which the laws lie now")
+
+
+@contextmanager
+def rig_of(
+    head: logs.Log, folder: Path, options: argparse.Namespace
+) -> Iterator[Rig]:  # fmt: skip
+    """Yield the rig of a log, its files below `folder`; LogError, RigError.
+
+    While it is in use, laws open what the run's laws opened.
+    """
+    options = argparse.Namespace(**({"trust": False, "law": [], "rig": None} | vars(options)))
+    data = _resolved(head, folder)
+    place, controller, settings = folder / "rig.yaml", options.controller, options.set
+    rig = load_rig(place, controller, settings, resolve=False, text=yamlfile.dump(data))
+    files = carried_by(head)
+    where = _places(head, files, folder, options)
+    by_law = {law: where[file] for file in files for law in file.laws}
+    for keys, law in rig.laws():
+        if rig.document.place(keys).option or not (path := _path_of(head, law, by_law)):
+            continue
+        target: Any = data
+        for key in keys[:-1]:
+            target = target[key]
+        _, colon, attribute = law.partition(":")
+        target[keys[-1]] = f"{path}{colon}{attribute}"
+    with opened_from(_redirected(files, where)):
+        yield load_rig(place, controller, settings, text=yamlfile.dump(data))
+
+
+def _resolved(head: logs.Log, folder: Path) -> dict[str, Any]:
+    """Return the effective rig of a log, with its DBC file in `folder`; LogError."""
+    names = [name for name in head.attachments if name.endswith("rig-resolved.yaml")]
+    if not names:
+        raise logs.LogError(f"{head.path}: holds no rig, so it cannot be replayed")
+    text = head.attachments[names[0]]
+    try:
+        plain = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (yaml.YAMLError, ValueError, RecursionError):
+        plain = {}  # yamlfile says where
+    if isinstance(plain, dict) and "base" in plain:
+        raise logs.LogError(f"{head.path}: its rig builds on a file, as none of a log does")
+    data = yamlfile.load(folder / "rig.yaml", text).data
+    database = PurePosixPath(str(data.get("dbc", ""))).name
+    (folder / "log.dbc").write_text(head.attachments.get(database, ""), encoding="utf-8")
+    data |= {"dbc": "log.dbc", "evaluation": None}
+    data["schedule"], data["note"] = [], []  # its tunings are in the log
+    if isinstance(data.get("plant"), dict):
+        data["plant"]["parameters_file"] = None
+    return data
+
+
+def carried_by(head: logs.Log) -> list[Carried]:
+    """Return the files of a run that its log names; LogError if it names them wrongly."""
+    contents = {hashlib.sha256(data).hexdigest(): data for data in head.files.values()}
+    found: dict[str, Carried] = {}
+    for node in head.node.values():
+        for entry in node.description.get("files", ()):
+            try:
+                one = Carried(
+                    str(entry["name"]), str(entry["path"]), str(entry["sha256"]),
+                    tuple(map(str, entry["laws"])), tuple(map(str, entry["given"])),
+                    contents.get(str(entry["sha256"])),
+                )  # fmt: skip
+            except (KeyError, TypeError) as error:
+                what = f"an entry of the files it carries is damaged ({error!r})"
+                raise logs.LogError(f"{head.path}: {what}") from None
+            known = found.get(one.name)
+            if known is not None and known.sha256 != one.sha256:
+                raise logs.LogError(f"{head.path}: {one.name} changed while the run started")
+            laws, given = (known.laws, known.given) if known else ((), ())
+            found[one.name] = Carried(
+                one.name, one.path, one.sha256, (*laws, *one.laws), (*given, *one.given),
+                one.content,
+            )  # fmt: skip
+    for name, text in head.attachments.items():  # logs without such entries
+        if name.endswith(".py") and not any(name in one.laws for one in found.values()):
+            data = text.encode()
+            digest = hashlib.sha256(data).hexdigest()
+            found.setdefault(name, Carried(name, "", digest, (name,), (), data))
+    return list(found.values())
+
+
+def _path_of(head: logs.Log, law: str, by_law: Mapping[str, Path]) -> Path | None:
+    """Return the file of a law; None for one of the project's. LogError for what is neither."""
+    module = law.partition(":")[0]
+    if module in by_law:
+        return by_law[module]
+    package, dot, _ = module.partition(".")
+    is_path = module.endswith(".py") or "/" in module
+    if not is_path and (not dot or package in carried.PACKAGES):
+        return None
+    raise logs.LogError(
+        f"{head.path}: its law {law} is neither the project's nor carried by the log; "
+        "name another with --controller"
+    )
+
+
+# Which file it is
+
+
+def _places(
+    head: logs.Log, files: list[Carried], folder: Path, options: argparse.Namespace
+) -> dict[Carried, Path]:
+    """Return where each file is taken from; LogError if that needs the user's word."""
+    beside = Path(options.rig).resolve().parent if options.rig else None
+    named = _named(head, files, options.law)
+    found = {file: named.get(file) or _in_place(file, beside) for file in files}
+    absent = [file for file, path in found.items() if path is None]
+    if absent and options.trust:
+        lacking = [file.shown() for file in absent if file.content is None]
+        if lacking:
+            what = f"{', '.join(lacking)}: neither in the log nor, unchanged, in its place"
+            raise logs.LogError(f"{head.path}: {what}; name it with --law FILE")
+    elif absent:
+        raise logs.LogError(_refusal(head, absent))
+    if all(path is not None and str(path) == file.path for file, path in found.items()):
+        return {file: path for file, path in found.items() if path is not None}
+    return {file: _laid_out(head, file, found[file], folder, files) for file in files}
+
+
+def _refusal(head: logs.Log, absent: list[Carried]) -> str:
+    reasons = []
+    for file in absent:
+        there = bool(file.path) and os.path.lexists(file.path)
+        state = "is another file now" if there else "is not there" if file.path else ""
+        reasons.append(f"{file.shown()}" + (f", {file.path} {state}" if state else ""))
+    return (
+        f"{head.path}: was made with files from outside the project: {'; '.join(reasons)}; "
+        "say where they lie with --law FILE or --rig RIG, or run the log's own copies, if you "
+        "trust who made it, with --trust"
+    )
+
+
+def _named(head: logs.Log, files: list[Carried], law: Sequence[str]) -> dict[Carried, Path]:
+    """Return the files that --law names, by content, else by their names."""
+    found: dict[Carried, Path] = {}
+    for text in law:
+        path = Path(text).resolve()
+        if not carried.is_ordinary(path):
+            raise logs.LogError(f"--law {text}: no such file")
+        digest = carried.sha256(path)
+        same = [file for file in files if file.sha256 == digest]
+        alike = same or [f for f in files if PurePosixPath(f.name).name == path.name]
+        if not alike or (len(alike) > 1 and not same):
+            known = ", ".join(file.name for file in files) or "none"
+            which = "several files" if alike else "no file"
+            raise logs.LogError(f"--law {text}: {head.path} has {which} of this name: {known}")
+        found |= dict.fromkeys(alike, path)
+    return found
+
+
+def _in_place(file: Carried, beside: Path | None) -> Path | None:
+    """Return where a file lies with its recorded content; None if nowhere known."""
+    places = [] if beside is None else [os.path.normpath(beside / file.name)]
+    for text in (*places, file.path):
+        path = Path(text)
+        if text and "\0" not in text and path.is_absolute() and carried.is_ordinary(path):
+            try:
+                if carried.sha256(path) == file.sha256:
+                    return path
+            except OSError:
+                continue
+    return None
+
+
+def _laid_out(
+    head: logs.Log, file: Carried, source: Path | None, folder: Path, files: list[Carried]
+) -> Path:
+    """Put a file below `folder`, where it lay to the others; return its path."""
+    ups = [posixpath.normpath(one.name).split("/").count("..") for one in files]
+    base = folder / "files" / "/".join("d" * min(max(ups), MOST_UP)) / "rig"
+    path = Path(posixpath.normpath(base / file.name))
+    wrong = "\0" in file.name or posixpath.isabs(file.name)
+    if wrong or not path.is_relative_to(folder / "files"):
+        raise logs.LogError(f"{head.path}: attachment {file.name} lies too far from its rig")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if file.content is None and source is not None:
+            path.symlink_to(source)
+        else:
+            path.write_bytes(file.content or b"" if source is None else source.read_bytes())
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise logs.LogError(f"{head.path}: attachment {file.name}: {reason}") from None
+    if path.suffix == ".py" and str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))  # last: it hides nothing
+    return path
+
+
+# What laws open
+
+
+def _redirected(files: list[Carried], where: Mapping[Carried, Path]) -> dict[str, str]:
+    """Return what a law gets for the texts by which the run's laws opened files."""
+    found: dict[str, str] = {}
+    for file in files:
+        found |= dict.fromkeys((file.path, *file.given), str(where[file]))
+    found.pop("", None)
+    return found
+
+
+@contextmanager
+def opened_from(places: Mapping[str, str]) -> Iterator[None]:
+    """Let Python open, and find, the files `places` by other names."""
+
+    def patched(function: Callable[..., Any]) -> Callable[..., Any]:
+        def with_place(name: Any, *arguments: Any, **named: Any) -> Any:
+            if isinstance(name, str | bytes | os.PathLike):
+                text = os.fsdecode(name)
+                name = places.get(text) or places.get(os.path.abspath(text)) or name
+            return function(name, *arguments, **named)
+
+        return with_place
+
+    if not places:
+        yield
+        return
+    openers: Any = vars(np.lib._datasource)["_file_openers"]  # loadtxt keeps `open` in here
+    tables: list[tuple[dict[Any, Any], Any]] = [
+        (vars(builtins), "open"), (vars(io), "open"), (vars(os), "open"), (vars(os), "stat"),
+        (openers._file_openers, None),
+    ]  # fmt: skip
+    originals = [table[name] for table, name in tables]
+    for table, name in tables:
+        table[name] = patched(table[name])
+    try:
+        yield
+    finally:
+        for (table, name), original in zip(tables, originals, strict=True):
+            table[name] = original
