@@ -26,7 +26,8 @@ _Int = Annotated[int, Meta(ge=-LATEST, le=LATEST)]
 _Count = Annotated[int, Meta(ge=0, le=LATEST)]
 _Number = int | float
 _KINDS: dict[str, Any] = {
-    "node": str, "rig": str, "watch": str,
+    "node": str, "rig": str, "watch": str | None,
+    "files": list[dict[str, str | bool | int | list[str]]],
     "period_ns": Annotated[int, Meta(ge=1, le=LONGEST_PERIOD_NS)], "cycles": _Count,
     "variables": list[tuple[str, str, str, str, str]], "ranges": dict[str, tuple[_Number, _Number]],
     "state_columns": list[str], "timing_columns": list[str],

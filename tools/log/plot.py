@@ -197,7 +197,7 @@ def groups_of(sources: Sequence[Source], patterns: Sequence[str]) -> list[list[s
 
 def _default(sources: Sequence[Source], known: dict[str, Series]) -> list[str]:
     """Return the watched variable, then the first kind of variables of which some change."""
-    watched = [s.log.node[n].description.get("watch", "") for s in sources for n in s.log.node]
+    watched = [s.log.node[n].description.get("watch") or "" for s in sources for n in s.log.node]
     chosen = dict.fromkeys(name for name in watched if name in known)
     for pattern in _DEFAULTS:
         names = [name for name in known if fnmatchcase(name, pattern)]
