@@ -22,8 +22,12 @@ def conclude(
     `judged`: the columns that lie whole beside a log that keeps a part of the run.
     """
     path, drawn = folder / LOG, not options.no_figure
+    full: OSError | None = None
     try:
-        log = long_logs.read(path, lambda log: judge.asked(log, drawn))
+        try:
+            log = long_logs.read(path, lambda log: judge.asked(log, drawn))
+        except OSError as error:  # no space for the columns of a long log
+            full, log = error, logs.head(path)
         outcome.kept = {name: len(node.cycle) for name, node in log.node.items()}
         log = long_logs.whole(log, judged) if judged else log
     except logs.LogError as error:
@@ -36,6 +40,8 @@ def conclude(
             with contextlib.suppress(OSError):
                 long_logs.sidecar(path, name).unlink()
     summary = summaries.summarise(judge.rig, log, outcome, judge)
+    if full is not None:
+        summaries.note_missing(summary, long_logs.sidecar(path, "columns"), full)
     if drawn:
         figure = folder / "figure.png"
         try:

@@ -6,6 +6,7 @@ by (another window, a run that ends before the window does) are limits left out,
 reason. An evaluation that fails costs its metrics and the verdict, never the rest of the summary.
 """
 
+import errno
 import importlib.util
 import inspect
 import math
@@ -167,6 +168,7 @@ class Judge:
 
 
 _PROBED = 1000  # rows
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # the disk's fault, not the file's
 
 
 def _first_rows(columns: Mapping[str, Any]) -> Columns:
@@ -224,6 +226,10 @@ def _guarded(file: str, log: Log | None, action: Callable[[], Result]) -> Result
         if log is not None and "pip install" in str(error):  # matplotlib's, of a figure
             raise
         raise EvaluationError(f"{_place(file, error)}: {error}") from None
+    except OSError as error:
+        if error.errno in _FULL:
+            raise
+        raise EvaluationError(f"{_place(file, error)}: {_words(error, log)}") from None
     except (Exception, SystemExit) as error:
         raise EvaluationError(f"{_place(file, error)}: {_words(error, log)}") from None
 

@@ -12,6 +12,7 @@ from plants.study import Result
 COLOURS = {"pd": "#7f7f7f", "pid": "#0072b2", "pd_nn_fast": "#d55e00", "nn_backstepping": "#009e73"}
 MRAD, DEG = 1e3, 180.0 / np.pi
 GEAR = 60.0
+TIMES = (1.0, 2.3, 5.0)  # counted in the table too
 
 
 def draw_all(results: Sequence[Result], folder: Path) -> None:
@@ -28,31 +29,42 @@ def draw_all(results: Sequence[Result], folder: Path) -> None:
 
 
 def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
-    """Draw every draw's error against that of plain PD, with lines of equal ratio."""
+    """Draw how many of the random plants each controller improves, and by how much.
+
+    Each step of a curve is a plant: its own error with plain PD over that with the controller.
+    """
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
+    from matplotlib.ticker import NullFormatter, ScalarFormatter
 
     scenarios = list(dict.fromkeys(Path(r.case.rig).stem for r in results))
-    figure, axes = pyplot.subplots(1, len(scenarios), figsize=(12, 4.2), layout="constrained")
+    figure, axes = pyplot.subplots(
+        1, len(scenarios), figsize=(12, 4.6), sharey=True, layout="constrained"
+    )
     for ax, scenario in zip(axes, scenarios, strict=True):
         own = [r for r in results if Path(r.case.rig).stem == scenario]
         base = {r.case.label: _rms(r) for r in own if r.case.controller == "pd"}
         for name in (n for n in COLOURS if n != "pd"):
             mine = [r for r in own if r.case.controller == name]
-            x, y = [base[r.case.label] for r in mine], [_rms(r) for r in mine]
-            ax.scatter(x, y, s=12, color=COLOURS[name], label=name)
-        ends = np.array((0.9 * min(base.values()), 1.1 * max(base.values())))
-        for times in (1.0, 2.3, 5.0):
-            ax.plot(ends, ends / times, "k:", linewidth=0.8)
-            ax.annotate(f"{times:g}x", (ends[1], ends[1] / times), fontsize=8)
-        ax.set_title(f"{scenario}: muzzle error rms", fontsize=10)
-        ax.set_xlabel("pd [mrad]")
-        ax.set_yscale("log")
-        ax.grid(alpha=0.3, which="both")
-    axes[0].set_ylabel("controller [mrad]")
-    axes[0].legend(frameon=False, fontsize=8)
+            better = np.sort([base[r.case.label] / _rms(r) for r in mine])
+            left = np.arange(len(better), 0, -1)  # of so many plants it is at least this
+            ax.plot(better, left, ".-", drawstyle="steps-pre", color=COLOURS[name], label=name,
+                    linewidth=1.0, markersize=5)  # fmt: skip
+        for times in TIMES:
+            ax.axvline(times, color="k", linestyle=":", linewidth=0.8)
+        ax.set_xscale("log")
+        ax.set_xticks((0.5, *TIMES, 10.0))
+        ax.xaxis.set_major_formatter(ScalarFormatter())
+        ax.xaxis.set_minor_formatter(NullFormatter())
+        ax.set_title(scenario, fontsize=10)
+        ax.set_xlabel("muzzle error rms: pd over controller, same plant")
+        ax.grid(alpha=0.3)
+    axes[0].set_ylabel(f"plants of {len(base)} that reach this ratio")
+    axes[0].set_ylim(0.0, len(base) + 1.0)
+    axes[0].set_yticks(range(0, len(base) + 1, 5))
+    axes[-1].legend(frameon=False, fontsize=8, loc="upper right")
     figure.savefig(path, dpi=110)
     pyplot.close(figure)
 

@@ -1,9 +1,12 @@
 """The verdict speaks of the whole run: whatever was changed, kept, or ended before its time."""
 
+import argparse
 import dataclasses
 import json
 import os
 import signal
+import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from executive import logs, long_logs
 from executive.rig import load_rig
 from executive.virtual import in_memory, simulate
 from tools import report
+from tools.conclude import conclude
 from tools.judge import Judge
 from tools.summary import Outcome, summarise
 
@@ -197,3 +201,19 @@ def test_metrics_and_verdict_are_seen_on_24_lines() -> None:
     assert sum(len(lines) for _, _, lines in shown) <= 22, kinds
     assert kinds[-2:] == ["verdict", "folder"] and "metrics" in kinds, kinds
     assert json.dumps(kinds).count("metrics") == 1
+
+
+def test_no_space_for_the_columns_of_a_long_log_costs_no_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = load_rig(SLEW10, settings=["duration_s=0.3"])
+    simulate(rig, tmp_path / "log.mcap")
+    whole = (tmp_path / "log.mcap").read_bytes()
+    short = partial(long_logs.read, short=100)
+    monkeypatch.setattr(long_logs, "read", short)
+    monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_: open("/dev/full", "wb"))  # noqa: SIM115
+    options = argparse.Namespace(no_figure=True, json=True)
+    code = conclude(Judge.of(rig), tmp_path, Outcome("virtual", "memory"), options, {})
+    assert code == 3 and (tmp_path / "log.mcap").read_bytes() == whole
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert "No space left" in " ".join(summary["log_missing"]), summary["log_missing"]
