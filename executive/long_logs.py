@@ -182,11 +182,13 @@ def read(
                 kept.setdefault(name, []).append(node)
         longest = max((sum(len(node.cycle) for node in own) for own in kept.values()), default=0)
         if not tables and longest > short:
-            first = _joined(path, kept, about, entries, piece, notes)
+            one = {name: parts[:1] for name, parts in kept.items()}
+            first = _joined(path, one, about, entries, piece, notes)
             names = wanted(first)
             tables = {name: [_table(path, names.get(name, ()))] for name in kept}
-            for name, node in first.node.items():
-                tables[name][0].write(node)
+            for name, parts in kept.items():
+                for part_of_it in parts:
+                    tables[name][0].write(part_of_it)
             columns = {name: (list(n.columns), list(n.timing)) for name, n in first.node.items()}
             kept.clear()
     if not tables:

@@ -27,7 +27,11 @@ from tools.imagine import imagined, large, noise, nothing
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
     *(f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send", "publish")),
-    "health.late_cycles", "health.skipped_cycles", "health.held_cycles",
+    *(f"health.{name}" for name in (
+        "late_cycles", "skipped_cycles", "held_cycles", "stale_cycles", "frames_sent",
+        "frames_received", "frames_lost", "crc_errors", "frames_repeated", "saturated_values",
+        "frames_lost_on_purpose",
+    )),
 )  # fmt: skip
 METRICS = ("log", "window_s", "numbers", "period_s")
 FIGURE = ("log", "path", "title", "metrics", "window_s")

@@ -136,6 +136,8 @@ def _frames(summary: Mapping[str, Any], width: int) -> list[Row]:
     found: list[Row] = []
     for role, row in account.items():
         if role == "nobody":
+            if not row["sent"]:
+                continue
             text = f"heard by none of the nodes: {row['sent']:,}"
         else:
             rest = [
