@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from executive import logs
 from executive.logs import Log, Node
 
-SHORT_CYCLES = 300_000  # of a node: with all columns half a gigabyte
+SHORT_CYCLES = 120_000  # of a node: with all columns 150 MB
 PART_CYCLES = 100_000  # of a long log looked at at once
 MOST_ENTRIES = 10_000  # events, and tunings, of a long log
 _EDGE_PERIODS = 3  # what belongs to a cycle is stamped at most 2 periods earlier
@@ -182,7 +182,7 @@ def read(
                 kept.setdefault(name, []).append(node)
         longest = max((sum(len(node.cycle) for node in own) for own in kept.values()), default=0)
         if not tables and longest > short:
-            one = {name: parts[:1] for name, parts in kept.items()}
+            one = {name: [max(own, key=lambda n: len(n.cycle))] for name, own in kept.items()}
             first = _joined(path, one, about, entries, piece, notes)
             names = wanted(first)
             tables = {name: [_table(path, names.get(name, ()))] for name in kept}

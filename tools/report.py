@@ -96,12 +96,15 @@ def verdict_text(summary: Mapping[str, Any]) -> str:
         return str(summary["verdict"])
     if left:
         reasons = ", ".join(dict.fromkeys(left.values()))
-        return f"{summary['verdict']} ({len(left)} limits not judged: {reasons})"
+        return f"{summary['verdict']} ({_limits(len(left))} not judged: {reasons})"
     if not judged:
         what = f"the rig states no limits for {summary['controller']}"
         return f"{summary['verdict']} (nothing judged: {what})"
-    word = "limit" if judged == 1 else "limits"
-    return f"{summary['verdict']} ({judged} {word} judged)"
+    return f"{summary['verdict']} ({_limits(judged)} judged)"
+
+
+def _limits(count: int) -> str:
+    return f"{count} limit" if count == 1 else f"{count} limits"
 
 
 def _wrapped(text: str, width: int) -> list[str]:
