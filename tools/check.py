@@ -19,6 +19,7 @@ from executive.errors import RigError
 from executive.node import Plan, check_pacing, check_rate, cycles_of, plan
 from executive.protocol import bus_load
 from executive.rig import Rig, load_rig
+from tools import screen
 from tools.judge import Judge, check
 
 OK, BAD_RIG = 0, 2
@@ -150,9 +151,10 @@ def _unwired(made: Plan) -> list[str]:
 def show(report: dict[str, Any]) -> None:
     """Print a report as text."""
     title = f": {report['title']}" if report["title"] else ""
-    print(f"{report['rig']}{title}")
-    print(f"  file {report['file']}\n  dbc {report['dbc']}")
-    print(
+    _say(f"{report['rig']}{title}")
+    _say(f"  file {report['file']}")
+    _say(f"  dbc  {report['dbc']}")
+    _say(
         f"  {report['rate_hz']:g} Hz, {report['duration_s']:g} s, {report['cycles']} cycles, "
         f"pacing {report['pacing']}, controller {report['controller']}"
     )
@@ -160,18 +162,26 @@ def show(report: dict[str, Any]) -> None:
         _show_node(role, node)
     _show_bus(report)
     for warning in report["warnings"]:
-        print(f"warning: {warning}")
+        _say(f"warning: {warning}")
+
+
+def _say(text: str, indent: str = "    ") -> None:
+    """Print a line, wrapped where it does not fit."""
+    blanks = text[: len(text) - len(text.lstrip())]
+    print("\n".join(screen.wrapped(text.lstrip(), blanks, blanks + indent)))
 
 
 def _show_node(role: str, node: dict[str, Any]) -> None:
     blocks = ", then ".join(f"{entry['block']} ({entry['law']})" for entry in node["schedule"])
     print(f"\n{role} {node['node']}, {node['variables']} of {sh.MAX_VARIABLES} variables")
-    print(f"  schedule  {blocks}\n  wiring")
+    _say(f"  schedule  {blocks}", " " * 10)
+    print("  wiring")
     width = max((len(wire["input"]) for wire in node["wiring"]), default=0)
     for wire in node["wiring"]:
         unit = f" [{wire['unit']}]" if wire["unit"] else ""
         print(f"    {wire['input']:{width}} <- {wire['source']}{unit}")
-    print(f"  receives  {', '.join(node['receives'])}\n  sends")
+    _say(f"  receives  {', '.join(node['receives'])}", " " * 10)
+    print("  sends")
     width = max((len(frame["name"]) for frame in node["sends"]), default=0)
     for frame in node["sends"]:
         digits = 8 if frame["extended"] else 3

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from executive import logs, long_logs
@@ -11,6 +12,7 @@ from tools import summary as summaries
 from tools.judge import EvaluationError, Judge
 
 LOG = "log.mcap"
+_TITLED, _LONGEST = 2, 36  # settings in the figure's title, and letters of one
 
 
 def conclude(
@@ -56,10 +58,19 @@ def conclude(
     return summaries.CODES[summary["verdict"]]
 
 
+def changes(settings: Sequence[str]) -> str:
+    """Return what was changed, for a title: the first ones, and how many more."""
+    shown = [f"{text[:_LONGEST]}..." if len(text) > _LONGEST else text for text in settings]
+    if len(shown) > _TITLED:
+        shown[_TITLED:] = [f"{len(shown) - _TITLED} more"]
+    return "".join(f"; {setting}" for setting in shown)
+
+
 def _figure(judge: Judge, log: logs.Log, summary: summaries.Summary, path: Path) -> str:
     """Draw the run; return what is wrong with the evaluation's figure, "" for nothing."""
     config = judge.rig.config
     title = f"{config.rig}: {config.title}, controller {config.controller}"
+    title += changes(summary["changed"])
     try:
         reason = judge.draw(log, title, summary["metrics"], path)
     except EvaluationError as error:

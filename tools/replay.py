@@ -329,23 +329,28 @@ def show(verdict: Verdict, changed: bool) -> None:
     state = verdict.state
     if changed:
         state = "no difference" if verdict.identical else "changed, in open loop"
-    print(f"{verdict.role:10} {size}: {state}  ({verdict.speed:.0f} x real time)")
+    _say(f"{size}: {state} ({verdict.speed:.0f} x real time)", f"{verdict.role:10} ")
     for line in (*verdict.missing, verdict.incomplete):
         if line:
-            print(f"  {line}")
+            _say(line, "  ")
     first = verdict.first()
     if first is None:
         return
-    print(
-        f"  first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
-        f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}, {first.ulp} ULP"
+    _say(
+        f"first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
+        f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}, {first.ulp} ULP",
+        "  ",
     )
-    rows = [("variable", "first cycle", "cycles", "largest", "recorded", "recomputed")]
+    rows = [("    variable", "cycle", "cycles", "largest", "first recorded, recomputed")]
     for d in verdict.ordered()[:ROWS_SHOWN]:
         largest = f"{d.largest:.3g}" if d.largest else "-"
-        rows.append((d.name, str(d.cycle), str(d.count), largest, d.recorded, d.recomputed))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print("   ", "  ".join(map(str.ljust, row, widths)).rstrip())
+        values = f"{d.recorded}, {d.recomputed}"
+        rows.append((f"    {d.name}", str(d.cycle), str(d.count), largest, values))
+    print("\n".join(screen.table(rows, right=(1, 2, 3))))
     if len(verdict.differences) > ROWS_SHOWN:
         print(f"  and {len(verdict.differences) - ROWS_SHOWN} more; --json prints all")
+
+
+def _say(text: str, ahead: str) -> None:
+    """Print `text` behind `ahead`, wrapped where it does not fit."""
+    print("\n".join(screen.wrapped(text, ahead)))

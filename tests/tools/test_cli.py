@@ -15,6 +15,7 @@ from pcpc import ROOT, pcpc
 from executive.errors import RigError
 from tools import cli, recorded, rigs
 from tools.cli import COMMANDS, main
+from tools.conclude import changes
 from tools.vm.cli import _options as vm_options
 
 LOG_COMMANDS = ("info", "cat", "diff", "recover", "export", "import", "plot")
@@ -195,9 +196,11 @@ def test_rigs_are_listed_with_titles_in_80_columns(capsys: Screen) -> None:
 def user_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder outside of the project with one run in it."""
     folder = tmp_path_factory.mktemp("user")
-    words = ["--set", "duration_s=0.05", "--no-figure", "--quiet", "-o", "runs/first"]
-    done = pcpc("simulate", "probe", *words, cwd=folder)
-    assert done.code == 0, str(done)
+    words = ["--set", "duration_s=0.05", "--no-figure", "--quiet", "-o"]
+    gain = ["--set", "controller.gain=0.2"]
+    for more in (["runs/second", *gain], ["runs/first"]):
+        done = pcpc("simulate", "probe", *words, *more, cwd=folder)
+        assert done.code == 0, str(done)
     return folder
 
 
@@ -211,6 +214,35 @@ def test_a_rig_by_name_and_the_latest_run_outside_of_the_project(
 ) -> None:
     monkeypatch.chdir(user_folder)
     assert main(words) == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check", "hull"], ["check", "friction-a"], ["check", "telerobot-u2"], ["rigs"],
+        ["log", "info", "latest"], ["log", "diff", "runs/first", "runs/second"],
+        ["replay", "latest"], ["replay", "latest", "--set", "controller.gain=0.3"],
+    ],
+    ids=" ".join,
+)  # fmt: skip
+def test_what_a_command_prints_fits_80_columns(
+    words: list[str], user_folder: Path, capsys: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(user_folder)
+    assert main(words) in (0, 1)
+    out = capsys.readouterr().out
+    assert out and [line for line in out.splitlines() if len(line) > 80] == [], out
+
+
+@pytest.mark.parametrize(
+    ("settings", "title"),
+    [
+        ([], ""), (["a.b=1"], "; a.b=1"), (["a=1", "b=2", "c=3", "d=4"], "; a=1; b=2; 2 more"),
+        (["x" * 40 + "=1"], "; " + "x" * 36 + "..."),
+    ],
+)  # fmt: skip
+def test_a_figures_title_says_what_was_changed(settings: list[str], title: str) -> None:
+    assert changes(settings) == title
 
 
 # Logs by folder

@@ -112,6 +112,6 @@ def show(r: Ratio) -> None:
     """Print a ratio in a line."""
     low, median, high = r.ratio
     print(
-        f"{r.what:16} {r.own:10.4g} {r.unit:5} {r.against:32} {r.base:10.4g} {r.unit:5}"
-        f"  ratio {median:6.3f}  ({low:.3f} to {high:.3f})"
+        f"{r.what:16} {r.own:10.4g} {r.unit:5} {r.against:32} {r.base:.4g} {r.unit}\n"
+        f"{'':16} ratio {median:.3f} ({low:.3f} to {high:.3f})"
     )

@@ -13,7 +13,6 @@ Events and tunings are not compared.
 import argparse
 import json
 import math
-import shutil
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -22,10 +21,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
 from executive import logs
+from tools import screen
 from tools.log import series, source
 from tools.log.outfile import LOSS, LogCommandError
 from tools.log.tally import DIRECTIONS
@@ -275,18 +273,20 @@ def show(report: Report) -> None:
     size += "" if report.patterns else ", timing not compared"
     cycles = ", ".join(f"{name} {n} cycles" for name, n in report.cycles.items())
     verdict = "equal" if report.equal else f"{len(report.differences)} differ"
-    print(f"{cycles or 'no cycles'}, {size}: {verdict}")
-    for line in report.only:
-        print(line)
+    for line in (f"{cycles or 'no cycles'}, {size}: {verdict}", *report.only):
+        print("\n".join(screen.wrapped(line, rest="  ")))
     if not report.differences:
         return
-    table = Table(box=None, pad_edge=False)
-    for title in ("variable", "first at", "cycle", "A", "B", "ULP", "largest", "at", "cycles"):
-        table.add_column(title, justify="left" if title == "variable" else "right", no_wrap=True)
-    for row in _rows(report.differences[:_SHOWN]):
-        table.add_row(*row)
-    width = max(shutil.get_terminal_size().columns, 160)
-    Console(highlight=False, markup=False, width=width).print(table)
+    head = ("variable", "first at", "cycle", "A", "B", "ULP", "largest", "at", "cycles")
+    rows = [head, *_rows(report.differences[:_SHOWN])]
+    if sum(max(map(len, column)) + 2 for column in zip(*rows, strict=True)) <= screen.width():
+        print("\n".join(screen.table(rows, right=range(1, len(head)))))
+    else:
+        for name, *values in rows[1:]:
+            told = (
+                f"{what} {value}" for what, value in zip(head[1:], values, strict=True) if value
+            )
+            print("\n".join((name, *screen.wrapped(", ".join(told), "  "))))
     if len(report.differences) > _SHOWN:
         print(f"and {len(report.differences) - _SHOWN} more, see --json", file=sys.stderr)
 
