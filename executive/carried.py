@@ -150,7 +150,7 @@ def warning(entries: list[Any]) -> str:
         return ""
     return (
         f"the log does not carry {', '.join(names)}: more than {MOST_BYTES >> 20} MiB; "
-        "replay it where they lie"
+        "replay it where that lies"
     )
 
 

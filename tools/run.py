@@ -19,8 +19,8 @@ from typing import Any
 
 from drivers import choice
 from drivers.errors import BusError, DbcError
+from executive import carried, sharing
 from executive import shared as sh
-from executive import sharing
 from executive.errors import FULL, RigError
 from executive.mcap_writer import RecordError
 from executive.rig import Rig, load_rig
@@ -334,6 +334,8 @@ def simulate(options: argparse.Namespace) -> int:
     outcome = summaries.Outcome("virtual", "memory", changed=changed(options), strict=options.judge)
     with run_folder(options, rig) as folder:
         run = VirtualRun(rig, folder / LOG, judged)
+        if lacking := carried.warning(run.blocks[0].description["files"]):
+            print(lacking, file=sys.stderr)
 
         def interrupt(number: int, frame: Any) -> None:
             outcome.interrupted = True
