@@ -91,7 +91,10 @@ class Assembler:
             raise logs.LogError(what)
         rows = np.empty((len(node.cycle), HEAD + len(self.names)), np.int64)
         rows[:, K], rows[:, STAMP] = node.cycle, node.stamp_ns
-        rows[:, PASSES] = np.nan_to_num(both.get("health.passes", node.cycle), posinf=-1, neginf=-1)
+        passes = both.get("health.passes", node.cycle)
+        rows[:, PASSES] = np.where(
+            np.abs(passes) < 2.0**62, passes, -1
+        )  # no count of passes: a gap
         for i, name in enumerate(self.names):
             rows[:, HEAD + i] = both[name].view(np.int64)
         self._rows = np.concatenate((self._rows, rows))

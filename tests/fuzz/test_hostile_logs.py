@@ -117,6 +117,22 @@ def test_times_beyond_all_clocks_are_left_out(true_log: Path, tmp_path: Path, ou
     every_command(log, true_log, out)
 
 
+@pytest.mark.parametrize("odd", [1e308, float("nan"), -1e19, float("-inf")])
+def test_a_count_of_passes_that_is_none_is_a_gap(
+    odd: float, true_log: Path, tmp_path: Path, out: Path
+) -> None:
+    parts = corpus.take_apart(true_log.read_bytes())
+    names = list(logs.read(true_log).node["executive"].timing)
+    place = 4 + 8 * names.index("health.passes")
+    (timing,) = (i for i, c in parts.channels.items() if c.topic == "/timing")
+    n = [n for n, row in enumerate(parts.content) if row[0] == timing][7]
+    *head, data = parts.content[n]
+    parts.content[n] = (*head, data[:place] + struct.pack("<d", odd) + data[place + 8 :])
+    changed(true_log, log := tmp_path / "log.mcap", content=parts.content)
+    found = commands.tried(commands.lines_of(log, true_log, out)["replay"], out)
+    assert found is None, found
+
+
 @pytest.mark.parametrize("wrong", ["-1", "nan", "9" * 5000, "1e9", "0", ""])
 def test_metadata_that_is_no_number_is_told(
     wrong: str, true_log: Path, tmp_path: Path, out: Path
