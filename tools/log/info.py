@@ -7,6 +7,7 @@ it goes. `start` is the first cycle on the wall clock; of a run without a clock,
 import argparse
 import json
 import math
+import re
 import shutil
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
@@ -158,7 +159,8 @@ def _frames_text(frames: list[dict[str, Any]], direction: str) -> str:
 
 def _recorder_text(counts: Mapping[str, str]) -> str:
     def total(kind: str) -> int:
-        return sum(int(text) for name, text in counts.items() if name.split(".")[0] == kind)
+        texts = [text for name, text in counts.items() if name.split(".")[0] == kind]
+        return sum(int(text) for text in texts if re.fullmatch("[0-9]{1,19}", text))
 
     kinds = ("written", "dropped", "discarded")
     return ", ".join(f"{total(kind)} records {kind}" for kind in kinds)
