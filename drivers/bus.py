@@ -30,6 +30,8 @@ RECEIVE_TIMEOUT_US = 100_000  # a blocking receive looks at the stop word ten ti
 RECEIVE_BUFFER_BYTES = 4 << 20  # 5000 datagrams: four stalled seconds at 1 kHz
 _SO_RCVBUFFORCE = 33
 _SO_ATTACH_FILTER = 26
+_CAN_RAW_ERR_FILTER = 2
+_ERRORS = 0x1FFFFFFF & ~0x02  # error frames of all classes but lost arbitration, which is normal
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,22 @@ def open_second(bus: Bus, receive_ids: list[int], end: Any) -> None:
         )
 
 
+def know_own(end: Any) -> None:
+    """Let the open WIRE record `end` tell its own frames, which come back to it on udp_multicast.
+
+    SocketCAN and python-can do not give a sender its own frames.
+    """
+    if end.kind != wire_layout.UDP:
+        return
+    for i, descriptor in enumerate((int(end.fd_tx), int(end.fd_tx2))):
+        if descriptor >= 0:
+            with socket.socket(fileno=os.dup(descriptor)) as sender:
+                host, port = sender.getsockname()
+            address = struct.pack("=H", socket.AF_INET) + port.to_bytes(2, "big")
+            address += socket.inet_aton(host)
+            end.own[i] = int.from_bytes(address, "little", signed=True)
+
+
 def _open_socketcan(name: str, receive_ids: list[int]) -> int:
     up = f"sudo ip link set {name} up"
     cure = f"create it with `sudo ip link add dev {name} type vcan && {up}`"
@@ -169,6 +187,7 @@ def _open_socketcan(name: str, receive_ids: list[int]) -> int:
         ) from None
     try:
         can.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, _can_filters(receive_ids))
+        can.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ERRORS)
         _receive_options(can)
         can.bind((name,))
     except OSError as error:

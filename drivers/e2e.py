@@ -7,12 +7,14 @@
     OK               delta = 1, or the first frame     yes    received
     OK_SOME_LOST     2 <= delta <= MAX_DELTA           yes    received, lost += delta - 1
     REPEATED         delta = 0                         no     repeated
-    WRONG_SEQUENCE   delta > MAX_DELTA                 no     wrong_sequence, lost += delta - 1
+    WRONG_SEQUENCE   delta > MAX_DELTA                 no     wrong_sequence, lost += missing
     ERROR            wrong length or CRC               no     errors
     NOT_AVAILABLE    no frame yet                      -      -
 
-ERROR leaves the counter as it was; WRONG_SEQUENCE takes it over, so that the next frame is OK. A
-frame without protection is OK when its length is right. CRC-8 SAE J1850: polynomial 0x1D, start
+ERROR leaves the counter as it was; WRONG_SEQUENCE takes it over, so that the next frame is OK.
+`missing` is delta - 1, but no more than the cycles since the counter last moved had frames: a burst
+that is lost is counted in full, a counter that jumps at will is not believed. A frame without
+protection is OK when its length is right. CRC-8 SAE J1850: polynomial 0x1D, start
 0xFF, not reflected, inverted at the end; "123456789" gives 0x4B. It detects every error of 1 or 2
 bits in 8 bytes. Source: SAE J1850; names of the states: AUTOSAR, E2E protocol specification.
 """
@@ -25,21 +27,22 @@ from drivers.jit import inline
 
 OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE, ERROR, NOT_AVAILABLE = range(6)
 ON_PURPOSE = 6  # not judged: a rig lets it be lost
+FOREIGN = 7  # not judged: from another sender of a frame of ours
 STATE_NAMES = (
     "OK", "OK_SOME_LOST", "REPEATED", "WRONG_SEQUENCE", "ERROR", "NOT_AVAILABLE",
-    "LOST_ON_PURPOSE",
+    "LOST_ON_PURPOSE", "FOREIGN",
 )  # fmt: skip
 
 MAX_DELTA = 4  # 3 frames lost in a row: as many as trip the plant's watchdog
 
 # Columns of the receiver's state, int64, a row per frame. LAST_COUNTER is -1 before the first;
 # STATE judges the latest one; N_... count since the start; AGE_CYCLES is since the last used frame,
-# or the start; FRESH is 1 if one was used in this cycle.
+# or the start; FRESH is 1 if one was used in this cycle; STILL_CYCLES is since the counter moved.
 (LAST_COUNTER, STATE, N_RECEIVED, N_LOST, N_REPEATED, N_WRONG_SEQUENCE, N_ERRORS, AGE_CYCLES,
- FRESH) = range(9)  # fmt: skip
+ FRESH, STILL_CYCLES) = range(10)  # fmt: skip
 STATE_COLUMNS = (
     "last_counter", "state", "received", "lost", "repeated", "wrong_sequence", "errors",
-    "age_cycles", "fresh",
+    "age_cycles", "fresh", "still_cycles",
 )  # fmt: skip
 
 
@@ -95,6 +98,7 @@ def begin_cycle(state: NDArray[np.int64]) -> None:
     """Age every frame by one cycle; call it once per cycle before the frames are drained."""
     for row in range(state.shape[0]):
         state[row, AGE_CYCLES] += 1
+        state[row, STILL_CYCLES] += 1
         state[row, FRESH] = 0
 
 
@@ -140,12 +144,17 @@ def check(
         state[frame, STATE] = REPEATED
         state[frame, N_REPEATED] += 1
         return REPEATED, 0
+    missing = delta - 1
+    if delta > MAX_DELTA:
+        turns = state[frame, STILL_CYCLES] // frames[frame, dbc.EVERY_N]
+        missing = min(missing, max(turns - 1, np.int64(0)))
     state[frame, LAST_COUNTER] = counter
-    state[frame, N_LOST] += delta - 1
+    state[frame, STILL_CYCLES] = 0
+    state[frame, N_LOST] += missing
     if delta > MAX_DELTA:
         state[frame, STATE] = WRONG_SEQUENCE
         state[frame, N_WRONG_SEQUENCE] += 1
-        return WRONG_SEQUENCE, delta - 1
+        return WRONG_SEQUENCE, missing
     outcome = OK if delta == 1 else OK_SOME_LOST
     _use(state, frame, outcome)
-    return outcome, delta - 1
+    return outcome, missing

@@ -26,6 +26,7 @@ _SIGNATURES = {
     "getrusage": (_i4, _i4, _i8),
     "poll": (_i4, _i8, _i8, _i4),
     "recv": (_i8, _i4, _i8, _i8, _i4),
+    "recvfrom": (_i8, _i4, _i8, _i8, _i4, _i8, _i8),
     "send": (_i8, _i4, _i8, _i8, _i4),
     "sched_yield": (_i4,),
 }
@@ -50,6 +51,7 @@ if not LOOP_INTERPRETED:
     getrusage = _external("getrusage")
     poll = _external("poll")
     recv = _external("recv")
+    recvfrom = _external("recvfrom")
     send = _external("send")
     sched_yield = _external("sched_yield")
     _errno_location: Any = types.ExternalFunction("__errno_location", types.CPointer(_i4)())
@@ -114,6 +116,7 @@ else:
     getrusage = _bind("getrusage")
     poll = _bind("poll")
     recv = _bind("recv")
+    recvfrom = _bind("recvfrom")
     send = _bind("send")
     sched_yield = _bind("sched_yield")
     errno = ctypes.get_errno

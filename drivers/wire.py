@@ -21,6 +21,7 @@ import numpy as np
 from drivers import libc
 from drivers.jit import LOOP_INTERPRETED, loop_function
 from drivers.wire_layout import (
+    ADDRESS_BYTES,
     FRAME_BYTES,
     MEMORY,
     PACKET_BYTES,
@@ -30,8 +31,8 @@ from drivers.wire_layout import (
 )
 
 WAIT_MS = 100  # as the receive time-out of drivers.bus
-ERROR_FLAGS = 0x60  # in the id's top byte: error and remote frames are not ours
-NOTHING, FRAME, FOREIGN, FAILED = 0, 1, 2, -1
+ERROR_FLAG, ERROR_FLAGS = 0x20, 0x60  # in the id's top byte: error frame; that or a remote one
+NOTHING, FRAME, FOREIGN, OWN, BUS_ERROR, FAILED = 0, 1, 2, 3, 4, -1
 
 
 def _template() -> tuple[bytes, int, int, int]:
@@ -223,7 +224,14 @@ def put_frame(wire: Any) -> Any:
 
 @loop_function
 def get_frame(wire: Any, block: Any) -> Any:
-    """Receive into `wire.rx`; return FRAME, NOTHING (none came), FOREIGN or FAILED.
+    """Receive into `wire.rx`; return what came.
+
+    FRAME      a classic data frame; `wire.source` says who sent it, where that is known
+    NOTHING    none came
+    FOREIGN    no such frame
+    OWN        on UDP, from this end's own sender, if it knows that one (`drivers.bus.know_own`)
+    BUS_ERROR  what the CAN controller had to tell
+    FAILED     the bus failed
 
     With `block` the call waits at most the socket's receive time-out (set when the bus was opened).
     """
@@ -258,8 +266,16 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
     if wire.kind == SOCKETCAN:
         n = libc.recv(fd, libc.address(wire.rx), FRAME_BYTES, flags)
         known = n == FRAME_BYTES and wire.rx[3] & ERROR_FLAGS == 0
+        if n == FRAME_BYTES and wire.rx[3] & ERROR_FLAG != 0:
+            return BUS_ERROR
     else:
-        n = libc.recv(fd, libc.address(wire.packet_rx), PACKET_BYTES, flags)
+        wire.address_bytes[0] = ADDRESS_BYTES
+        packet, address = libc.address(wire.packet_rx), libc.address(wire.address)
+        size = libc.address(wire.address_bytes)
+        n = libc.recvfrom(fd, packet, PACKET_BYTES, flags, address, size)
+        wire.source = wire.address[0]
+        if n >= 0 and (wire.source == wire.own[0] or wire.source == wire.own[1]):
+            return OWN
         known = n > 0 and _read_packet(wire.packet_rx, n, wire.rx)
     if n < 0:
         e = libc.errno()

@@ -8,6 +8,8 @@ KIND_NAMES = ("memory", "socketcan", "udp_multicast", "python-can")
 FRAME_BYTES = 16  # struct can_frame: id and flags [0:4], length [4], data [8:16]
 QUEUE_FRAMES = 256  # one virtual-time exchange is about ten frames
 SECOND_IDS = 32
+ADDRESS_BYTES = 16  # struct sockaddr_in
+STRANGER = -1  # as `source`: a replayed frame that did not come from the frame's own sender
 PACKET_BYTES = 512  # python-can writes at most 251 (CAN FD); a longer datagram is cut and refused
 
 WIRE = np.dtype(
@@ -27,6 +29,10 @@ WIRE = np.dtype(
         ("outbox_put", "<i8"),
         ("tx", "u1", (FRAME_BYTES,)),  # the frame being sent
         ("rx", "u1", (FRAME_BYTES,)),  # the frame last received
+        ("source", "<i8"),  # who sent it: the first half of `address`; 0 where nobody can tell
+        ("own", "<i8", (2,)),  # the same of this end's own senders, whose frames come back on UDP
+        ("address", "<i8", (2,)),  # UDP: struct sockaddr_in of the sender, and its length
+        ("address_bytes", "<i8", (1,)),
         ("waiting", "<i8", (2,)),  # two of struct pollfd: descriptor, events, what came
         ("packet_tx", "u1", (PACKET_BYTES,)),  # UDP: the msgpack template
         ("packet_rx", "u1", (PACKET_BYTES,)),

@@ -26,15 +26,15 @@ from typing import Any
 
 import numpy as np
 
-from drivers import codec, dbc, e2e, libc
+from drivers import dbc, e2e, libc
 from drivers.jit import STEP, from_dtype, i8, loop, loop_function, stage, types
-from drivers.wire import FAILED, FRAME, NOTHING, get_frame
+from drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
 from drivers.wire_layout import MEMORY
-from executive import losses, meeting, timing
 from executive import shared as sh
 from executive import supervisor as sv
-from executive.losses import is_lost
-from executive.rings import now, publish, push_event, push_frame, push_record, stopping
+from executive import timing
+from executive.reception import take_frame
+from executive.rings import now, publish, push_event, push_record, stopping
 from executive.sending import (
     announce,
     announce_again,
@@ -42,6 +42,7 @@ from executive.sending import (
     request_first_sample,
     send_frame,
 )
+from executive.strangers import listen, refused
 from executive.tuning import tune
 from executive.variables import (
     CLAMPED,
@@ -107,73 +108,25 @@ def next_cycle(n: Any) -> None:
 
 
 @loop_function
-def take_frame(n: Any) -> Any:
-    """Check and decode `wire.rx`; return its row in the frame table, -1 if it is not for us."""
-    frame = n.wire.rx
-    word = np.int64(0)
-    for i in range(4):
-        word |= np.int64(frame[i]) << (8 * i)
-    row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx[: n.n_rx])
-    if row < 0:
-        return row
-    if n.virtual_time != 0 and n.passes == 0:
-        what = meeting.sorted_out(n, row)
-        if what == meeting.LEAVE:
-            return np.int64(-1)
-        if what == meeting.HELD_FIRST:
-            meeting.exchange_held(n)
-            use_frame(n, meeting.held_row(n))
-            meeting.exchange_held(n)
-    return use_frame(n, row)
-
-
-@loop_function
-def use_frame(n: Any, row: Any) -> Any:
-    """Check and decode `wire.rx`, a frame of `row`; return the row, -1 if it is lost on purpose."""
-    frame = n.wire.rx
-    after_loss = n.loss_state[row, losses.LOST]
-    if is_lost(n, row):
-        n.control[sh.LOST_ON_PURPOSE] += 1
-        n.started += n.rx_role[row, sh.STARTS]  # nobody waits for it
-        push_frame(n, frame, 1, e2e.ON_PURPOSE)
-        return np.int64(-1)
-    data = frame[8:16]
-    used_before = n.rx_state[row, e2e.FRESH]
-    state, lost = e2e.check(data, np.int64(frame[4]), row, n.rx, n.rx_state)
-    push_frame(n, frame, 1, state)
-    n.control[sh.LOST] += lost
-    if state == e2e.OK or state == e2e.OK_SOME_LOST:
-        codec.unpack(data, row, n.rx, n.rx_signals, n.rx_scales, n.v)
-        n.control[sh.RECEIVED] += 1
-        if used_before == 0:
-            n.started += n.rx_role[row, sh.STARTS]
-            n.fresh += n.rx_role[row, sh.AWAITED]
-            if n.wire.n_second > 0 and n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
-                n.wire.muted = 1  # what follows this SYNC belongs to the next cycle
-    elif state == e2e.ERROR:
-        n.control[sh.CRC_ERRORS] += 1
-    elif state == e2e.REPEATED:
-        n.control[sh.REPEATED] += 1
-        n.started += n.rx_role[row, sh.STARTS] * after_loss  # of a whole turn of the counter
-    elif state == e2e.WRONG_SEQUENCE:
-        n.started += n.rx_role[row, sh.STARTS]  # it came; the next one will be trusted
-        if n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
-            n.wire.muted = 1
-    return row
-
-
-@loop_function
 def receive(n: Any) -> None:
-    """Drain what is there; before the clock runs, and in lockstep, block until all is here."""
+    """Drain what is there; before the clock runs, and in lockstep, block until all is here.
+
+    What is waited for has no limit of frames: those of others may come before it.
+    """
     gather = n.trigger != CLOCKED or n.passes <= n.arm_pass
     waits = 0
-    for _ in range(DRAIN_FRAMES):
+    drained = 0
+    while drained < DRAIN_FRAMES:
         if gather and n.started >= n.n_starters:
             break
         result = get_frame(n.wire, gather)
+        if not gather or stopping(n):
+            drained += 1
         if result == FRAME:
             take_frame(n)
             waits = 0
+            if refused(n):
+                break
         elif result == NOTHING:
             if not gather or stopping(n):
                 break
@@ -188,6 +141,8 @@ def receive(n: Any) -> None:
             n.control[sh.BUS_ERRNO] = n.wire.errno
             n.faulted = sv.BUS_FAILED
             break
+        elif result == BUS_ERROR:
+            n.control[sh.BUS_ERRORS] += 1
     n.received = now(n)
 
 
@@ -323,6 +278,8 @@ def one_pass(n: Any, steps: Any) -> Any:
         receive(n)
     else:
         receive(n)
+        if refused(n):
+            return False
         if n.trigger == CLOCKED and n.passes == n.arm_pass:
             arm(n)
             wait(n)
@@ -352,7 +309,10 @@ def one_pass(n: Any, steps: Any) -> Any:
 
 @loop_function
 def finish(n: Any) -> None:
-    """Send the last frames, with state STOP and a safe command, and mark the node as done."""
+    """Send the last frames, with state STOP and a safe command, and mark the node as done.
+
+    A node that was refused says nothing: its frames are those of another one.
+    """
     if n.virtual_time != 0:
         n.virtual_now = n.k * n.period_ns
     if n.v[STATE] != sv.STOP:
@@ -361,7 +321,9 @@ def finish(n: Any) -> None:
     n.v[NMT] = sv.NMT[sv.STOP]
     n.gain = 0.0
     n.control[sh.STATE] = sv.STOP
-    if n.is_plant == 0:
+    if refused(n):
+        n.control[sh.FAULT] = n.faulted
+    elif n.is_plant == 0:
         limit(n)
         transmit(n)
     else:
@@ -384,7 +346,7 @@ def wait_for_peer(n: Any) -> Any:
     Without a clock a local node turns to the node above only then.
     """
     n.wire.muted = n.virtual_time
-    while not stopping(n):
+    while not stopping(n) and n.faulted == sv.NO_FAULT:
         result = get_frame(n.wire, True)
         if result == FRAME:
             row = take_frame(n)
@@ -404,11 +366,12 @@ def wait_for_peer(n: Any) -> Any:
 @loop(i8(N, STEPS))
 def run(n: Any, steps: Any) -> Any:
     """Run the node on its bus to the end; return the number of cycles done."""
-    if n.is_plant != 0 and n.virtual_time != 0:
+    listen(n)
+    if n.is_plant != 0 and n.virtual_time != 0 and not refused(n):
         announce(n)
     if n.is_plant == 0 and wait_for_peer(n):
         request_first_sample(n)
-    while one_pass(n, steps):
+    while not refused(n) and one_pass(n, steps):
         pass
     finish(n)
     return n.passes

@@ -13,6 +13,7 @@ from executive.rig_schema import FALLBACK
 from executive.timing import reset
 
 RECEIVE_TIMEOUT_S = 0.1  # of a blocking receive; see drivers.bus
+LISTEN_S = 0.2  # a waiting node sends its heartbeat every 0.1 s
 PATIENCE_S = 5.0  # lockstep and sync: silence after which the other node is given up
 
 
@@ -71,6 +72,7 @@ def _install_schedule(made: Plan, loop: Any) -> None:
     loop.late_ns = round(loop.period_ns * config.realtime.late_fraction)
     loop.cycles = cycles_of(made.rig) if leads else 2**62
     loop.arm_pass = 0 if leads else 1
+    loop.listen_ns = round(1e9 * LISTEN_S)
     loop.patience = round(PATIENCE_S / RECEIVE_TIMEOUT_S)
     loop.wait_recorder = loop.virtual_time = loop.wire.in_turn = made.pacing == "lockstep"
     _install_overrun(made, loop)

@@ -64,6 +64,16 @@ class Plan:
         """The ids a local node listens to on its bus to the plant."""
         return [frame.can_id for frame in self.rx_frames if frame.name in self.below]
 
+    @property
+    def send_ids(self) -> list[int]:
+        """The ids this node sends; a local node: towards the executive."""
+        return [frame.can_id for frame in self.tx_frames if frame.name not in self.below]
+
+    @property
+    def send_ids_below(self) -> list[int]:
+        """The ids a local node sends on its bus to the plant."""
+        return [frame.can_id for frame in self.tx_frames if frame.name in self.below]
+
     def columns(self, timing: bool) -> list[int]:
         """Return the places of the recorded variables, of the timing or of the state record."""
         return [

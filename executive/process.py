@@ -34,10 +34,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from drivers import bus as buses
-from drivers import choice, kernel, realtime, wire
+from drivers import choice, claim, kernel, realtime, wire
 from drivers.errors import BusError, DbcError
 from drivers.wire_layout import MEMORY
-from executive import carried, plausible, sharing
+from executive import carried, faults, plausible, sharing
 from executive import shared as sh
 from executive.cycle import run
 from executive.emath_selftest import selftest
@@ -48,6 +48,7 @@ from executive.node import Plan, check_pacing, check_rate, describe, plan
 from executive.rig import Rig, load_rig
 from executive.rig_bus import bus_wanted
 from executive.roles import ROLES, Role
+from executive.supervisor import ANOTHER_SENDER
 
 OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
 _PR_SET_PDEATHSIG = 1
@@ -104,6 +105,7 @@ class Process:
         """Set up, warm up, run the loop in its thread, wait; return the exit code."""
         name = sh.block_name(self.rig.config.rig, str(self.bus), self.role)
         held = sharing.lock(name)
+        self.claim_frames()
         metadata = facts() | {
             "pacing": self.pacing,
             "bus": str(self.bus),
@@ -133,9 +135,14 @@ class Process:
             if self._asked_to_end():
                 block["control"][sh.STOP] = 1
         loop.join()
-        self._linger(served)
+        refused = block["control"][sh.FAULT] == ANOTHER_SENDER and not block["control"][sh.PASSES]
+        if not refused:
+            self._linger(served)
         served.close()
         held.close()
+        if refused:
+            why = faults.reason(block.description, block["control"])
+            raise BusError(f"{self.bus}: {why}; end it or choose another with --bus")
         return SAFETY_STOP if block["control"][sh.FAULT] else OK
 
     def _waits_for(self, served: sharing.Served, over: socket.socket) -> bool:
@@ -175,6 +182,31 @@ class Process:
         except BlockingIOError:
             return False
 
+    def claim_frames(self) -> None:
+        """Claim the frames that this node sends; BusError if one of them has a sender here.
+
+        Whoever claims none is noticed by his frames, see `executive.strangers`.
+        """
+        below = bus_below(self.rig, self.bus)
+        for frame in self.plan.tx_frames:
+            lower = below is not None and (self.role == "plant" or frame.name in self.plan.below)
+            bus = below if lower else self.bus
+            name = f"frame/{bus}/{frame.can_id | frame.extended << 31:08X}"
+            held = claim.hold(name)
+            if held is None:
+                holder = claim.holder(name)
+                who = f", process {holder.pid}" if holder and holder.pid else ""
+                what = faults.frame_text(frame.can_id, frame.extended, frame.name)
+                raise BusError(
+                    f"{bus}: another sender of {what} is on this bus{who}; "
+                    "end it or choose another with --bus"
+                )
+            self.choice.claims.append(held)
+
+    def orphaned(self) -> bool:
+        """Return whether the host that started this process, if it named itself, is dead."""
+        return self.host is not None and os.getppid() != self.host
+
     def _loop(self, block: sh.Shared) -> None:
         """Be the loop's thread; its end is heard by the main thread."""
         try:
@@ -203,15 +235,14 @@ class Process:
 def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
     """Open the bus of a node of `rig`, or both of a local node, into the WIRE `end`; BusError.
 
-    `bus` is the executive's.
+    `bus` is the executive's. A node also listens to its own ids: nobody else may send them.
     """
     below = bus_below(rig, bus)
-    if made.role == "plant" and below is not None:
-        buses.open_bus(below, made.receive_ids, end)
-        return
-    buses.open_bus(bus, made.receive_ids, end)
+    own = below if made.role == "plant" and below is not None else bus
+    buses.open_bus(own, made.receive_ids + made.send_ids, end)
     if made.role == "local" and below is not None:
-        buses.open_second(below, made.receive_ids_below, end)
+        buses.open_second(below, made.receive_ids_below + made.send_ids_below, end)
+    buses.know_own(end)
 
 
 def bus_below(rig: Rig, bus: buses.Bus) -> buses.Bus | None:

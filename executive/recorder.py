@@ -158,6 +158,8 @@ class _Node:
                 names = [variable[0] for variable in about["variables"]]
             if 0 <= argument < len(names):
                 entry["name"] = names[argument]
+            if code == shared.FOREIGN_EVENT:
+                entry["name"] = about["frames"].get(str(argument), "")
         data = np.frombuffer(json.dumps(entry).encode(), np.uint8)[None, :]
         channel = self.channels["tunings" if code == shared.TUNING_EVENT else "events"]
         return message_records(channel, row[1:2], row[0:1] + self.wall_ns, data)

@@ -19,18 +19,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import wire
+from drivers import e2e, wire
 from drivers.jit import f8, i8, loop, u1
-from drivers.wire_layout import FRAME_BYTES, MEMORY
+from drivers.wire_layout import FRAME_BYTES, MEMORY, STRANGER
 from executive import logs
 from executive import shared as sh
 from executive import supervisor as sv
-from executive.cycle import STEPS, N, one_pass, take_frame
+from executive.cycle import STEPS, N, one_pass
 from executive.emath_selftest import selftest
 from executive.facts import facts
 from executive.install import install
 from executive.node import describe, plan
 from executive.protocol import heartbeat
+from executive.reception import take_frame
 from executive.rig import Rig
 from executive.roles import Role
 from executive.sending import request_first_sample
@@ -126,7 +127,8 @@ def recompute(
 ) -> Any:
     """Run the cycles of `rows`; return how many were done before the node stopped of itself.
 
-    `clocked` (cycles, clocks): what was measured in the cycle before, for the places `clocks`.
+    `frames` (k, 16): byte 5, of no use on a bus, says that a frame was foreign. `clocked` (cycles,
+    clocks): what was measured in the cycle before, for the places `clocks`.
     """
     frame, tuning = 0, 0
     for i in range(rows.shape[0]):
@@ -139,6 +141,7 @@ def recompute(
         while frame < rows[i, FRAMES_END]:
             for j in range(FRAME_BYTES):
                 n.wire.rx[j] = frames[frame, j]
+            n.wire.source = STRANGER if frames[frame, 5] != 0 else 0
             take_frame(n)
             frame += 1
         while tuning < rows[i, TUNINGS_END]:
@@ -187,6 +190,7 @@ class Replay:
         raw = np.zeros((len(received), FRAME_BYTES), np.uint8)
         raw[:, 0:4] = np.ascontiguousarray(received["id"]).view(np.uint8).reshape(-1, 4)
         raw[:, 4] = received["dlc"]
+        raw[:, 5] = received["e2e"] == e2e.FOREIGN
         raw[:, 8:16] = received["data"]
         tunings = [t for t in part.tunings if t[1] in self._index]
         for tuning in tunings:

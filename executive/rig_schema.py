@@ -72,6 +72,20 @@ class Timing(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     error: Annotated[float, Meta(gt=0)] | None = None
 
 
+class Errors(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How many frames may go wrong, all nodes together, before a run counts as one with loss.
+
+    A healthy bus has none of these, also on a loaded machine, where frames come late but whole.
+    Frames from another sender have no limit to set: one is too many.
+    """
+
+    crc: Count = 0
+    repeated: Count = 0
+    wrong_sequence: Count = 0
+    send: Count = 0
+    bus: Count = 0
+
+
 class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A controller: a law with its settings, and wiring beyond that of all controllers.
 
@@ -190,6 +204,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     controllers: dict[Name, Law]
     supervisor: Supervisor = Supervisor()
     realtime: Realtime = Realtime()
+    errors: Errors = Errors()
     overrun: Overrun = Overrun()
     timing: Timing = Timing()
     executive: Executive

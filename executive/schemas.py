@@ -28,6 +28,7 @@ EVENTS = {  # kinds of events without a variable, by code
     shared.LATE_EVENT: "late",
     shared.FALLBACK_EVENT: "fallback",
     shared.REFUSED_EVENT: "refused",
+    shared.FOREIGN_EVENT: "foreign",
 }
 
 

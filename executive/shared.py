@@ -42,6 +42,7 @@ SATURATED, SEND_ERRORS, BUS_ERRNO, FOREIGN, WAKE_MAX_NS = 22, 23, 24, 25, 26
 PID, READY, REALTIME = 27, 28, 29
 LOST_ON_PURPOSE, REFUSED = 30, 31
 RECORDED = 32  # a recorder has come
+WRONG_SEQUENCE, BUS_ERRORS, CULPRIT = 52, 53, 54  # CULPRIT: the id that a fault is about
 CONTROL_WORDS = 64
 
 PUT, DROPPED = 0, 8  # words of a ring's `ends`; its `taken` is one word of the mailbox
@@ -62,6 +63,7 @@ EVENT_WORDS = 5
 
 FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT, CHANGE_EVENT = 1, 2, 3, 4, 5
 LATE_EVENT, FALLBACK_EVENT, REFUSED_EVENT = 6, 7, 8
+FOREIGN_EVENT = 12
 
 # Sizes are fixed, so that one compiled loop serves every rig; `executive.node` checks the fit.
 MAX_VARIABLES = 8192
@@ -130,6 +132,7 @@ _PRIVATE = [  # of the loop alone
     ("n_timing", "<i8"),
     ("record_rows", "<i8"),
     ("arm_pass", "<i8"),  # the pass after which the clock runs
+    ("listen_ns", "<i8"),  # before the first word on a bus
     ("patience", "<i8"),  # receive time-outs until the other node counts as silent
     ("hold_cycles", "<i8"),
     ("fault_after", "<i8"),
@@ -188,7 +191,9 @@ _PRIVATE = [  # of the loop alone
     ("v", "<f8", (MAX_VARIABLES,)),  # the table
     ("asked_index", "<i8", (MAIL_SLOTS,)),  # a request as it was when it was checked
     ("asked_value", "<f8", (MAIL_SLOTS,)),
-    ("rx_state", "<i8", (MAX_FRAMES, 9)),  # receivers, see drivers.e2e
+    ("rx_state", "<i8", (MAX_FRAMES, 10)),  # receivers, see drivers.e2e
+    ("rx_source", "<i8", (MAX_FRAMES,)),  # who sends them, see `executive.strangers`
+    ("strange", "<i8", (2, 2)),
     ("loss_state", "<i8", (MAX_FRAMES, 2)),
     ("met", "<i8", (MAX_FRAMES,)),  # heartbeats that were heard, see `executive.meeting`
     ("sampled", "<i8"),  # 1: the first sample of the node below has begun

@@ -41,6 +41,7 @@ NEXT = np.array(
 )
 
 NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED, OVERRUN = range(6)
+ANOTHER_SENDER, REPEATED_INPUT = 6, 7
 FAULT_NAMES = (
     "none",
     "no valid input frame for the rig's limit of cycles",
@@ -48,6 +49,8 @@ FAULT_NAMES = (
     "the other node fell silent",
     "the bus failed",
     "cycles ran past their end, more in a row than the rig allows",
+    "another sender of one of its frames is on the bus",
+    "an awaited frame was repeated again and again: somebody else sends it",
 )
 
 NMT = np.array([127.0, 127.0, 5.0, 5.0, 4.0, 4.0])  # CANopen heartbeat state of each state

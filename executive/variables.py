@@ -29,6 +29,10 @@ TIMING = (
     ("health.frames_repeated", "", "frames received twice"),
     ("health.saturated_values", "", "values clamped on sending"),
     ("health.frames_lost_on_purpose", "", "frames that the rig's losses took from this receiver"),
+    ("health.wrong_sequence", "", "frames whose counter jumped too far"),
+    ("health.frames_foreign", "", "frames of this node's from another sender"),
+    ("health.send_errors", "", "frames that the bus did not take"),
+    ("health.bus_errors", "", "errors that the CAN controller told"),
     ("timing.wall_s", "s", "wall time of the cycle's start, since 1970; k T in virtual time"),
     *(
         (f"timing.{stage}_{figure}_us", "us", f"{what}: {figure} so far, renewed now and then")
@@ -52,4 +56,6 @@ COUNTED = (  # of these, what follows from the frames alone, not from clocks
     "health.frames_repeated",
     "health.saturated_values",
     "health.frames_lost_on_purpose",
+    "health.wrong_sequence",
+    "health.frames_foreign",
 )

@@ -20,6 +20,28 @@ STATES = {  # of drivers.e2e, which imports numba; lost frames are those between
 }  # fmt: skip
 
 
+LIMITS = {  # key of the summary's frames -> of the rig's errors, what it counts
+    "crc_errors": ("crc", "frames with a wrong CRC or length"),
+    "repeated": ("repeated", "repeated frames"),
+    "wrong_sequence": ("wrong_sequence", "frames with a jump of the counter"),
+    "send_errors": ("send", "frames that the bus did not take"),
+    "bus_errors": ("bus", "errors told by the CAN controller"),
+}
+
+
+def too_many(rig: Rig, counts: Mapping[str, int]) -> list[str]:
+    """Return a line for each kind of wrong frames of which there were more than the rig allows."""
+    limits = rig.config.errors
+    lines = [
+        f"{counts[name]:,} {what}; errors.{key} allows {getattr(limits, key):,}"
+        for name, (key, what) in LIMITS.items()
+        if counts[name] > getattr(limits, key)
+    ]
+    if counts["foreign"]:
+        lines.insert(0, f"{counts['foreign']:,} frames of this rig's from another sender")
+    return lines
+
+
 def frames_to(
     rig: Rig, log: Log, health: Mapping[str, Mapping[str, int]]
 ) -> dict[str, dict[str, int]]:

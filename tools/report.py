@@ -77,7 +77,8 @@ def rows(summary: Mapping[str, Any], folder: Path, width: int) -> list[Row]:
         first = [*summary["judged"], *summary["not_judged"]]
         known = sorted(summary["metrics"].items(), key=lambda pair: pair[0] not in first)
         found.append(("metrics", "metrics", _columns(dict(known), wide)))
-    problems = [*summary["faults"], *summary["expectations_failed"], *summary["log_missing"]]
+    kinds = ("faults", "expectations_failed", "frames_too_many", "log_missing")
+    problems = [line for kind in kinds for line in summary[kind]]
     for i, line in enumerate(problems[:LINES_SHOWN]):
         add("problem", line, "problem" if i == 0 else "")
     if len(problems) > LINES_SHOWN:
@@ -149,7 +150,15 @@ def _frames(summary: Mapping[str, Any], width: int) -> list[Row]:
             text = f"to {role}: sent {row['sent']:,} = used {row['used']:,}"
             text = " + ".join([text, *rest])
         found.append(("frames", "" if found else "frames", _wrapped(text, width)))
-    known = {"sent", "received", "lost", "repeated", "crc_errors", "lost_on_purpose"}
+    known = {
+        "sent",
+        "received",
+        "lost",
+        "repeated",
+        "crc_errors",
+        "lost_on_purpose",
+        "wrong_sequence",
+    }
     others = [f"{name} {count:,}" for name, count in total.items() if name not in known]
     if others:
         found.append(("frames", "", _wrapped("  ".join(others), width)))

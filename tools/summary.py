@@ -4,8 +4,8 @@ verdict              exit code
 ok                   0
 expectation not met  1    a metric is outside the rig's two-sided limits, the evaluation failed, or
                           somebody else ended the run before its last cycle
-loss                 3    frames lost (but not on purpose) or stale, records dropped, or a part of
-                          the log missing
+loss                 3    frames lost (but not on purpose) or stale, more wrong ones than the rig's
+                          `errors` allow, records dropped, or a part of the log missing
 safety stop          5    a node faulted or died
 interrupted          130  Ctrl-C
 
@@ -26,12 +26,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
+from executive import faults, logs
 from executive import shared as sh
 from executive.distribution import Distribution
 from executive.long_logs import LongLog
 from executive.rig import Rig
-from tools.frames import frames_to
+from tools.frames import frames_to, too_many
 from tools.judge import Judge, evaluation_module
 from tools.latest import latest_cycles, level
 
@@ -56,6 +56,10 @@ _HEALTH = {  # key of the summary -> word of `control`, variable of the log
     "repeated": (sh.REPEATED, "frames_repeated"),
     "saturated_values": (sh.SATURATED, "saturated_values"),
     "lost_on_purpose": (sh.LOST_ON_PURPOSE, "frames_lost_on_purpose"),
+    "wrong_sequence": (sh.WRONG_SEQUENCE, "wrong_sequence"),
+    "foreign": (sh.FOREIGN, "frames_foreign"),
+    "send_errors": (sh.SEND_ERRORS, "send_errors"),
+    "bus_errors": (sh.BUS_ERRORS, "bus_errors"),
 }
 
 
@@ -84,7 +88,7 @@ class Outcome:
         """Note the fault or death of process `name`, and what a node's rings dropped."""
         cycle = "" if block is None else f"cycle {int(block['control'][sh.CYCLE])}"
         if block is not None and block["control"][sh.FAULT]:
-            reason = block.description["fault_names"][int(block["control"][sh.FAULT])]
+            reason = faults.reason(block.description, block["control"])
             self.faults.append(f"{name}: {reason}, {cycle}")
         elif code < 0:
             killer = f"{name}: ended by {signal.Signals(-code).name}"
@@ -158,6 +162,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         "timing_share": round(share, 4),
         "latest_cycles": outcome.latest,
         "frames": health,
+        "frames_too_many": too_many(rig, health),
         "frames_to": frames_to(rig, log, _each_health(log, outcome)),
         "records": {
             "written": _written(log, outcome),
@@ -214,7 +219,7 @@ def _verdict(summary: Mapping[str, Any], outcome: Outcome) -> str:
     frames = summary["frames"]
     astray = frames["lost"] > frames["lost_on_purpose"]  # counted when a later frame comes
     lost = astray or frames["stale"] or summary["records"]["dropped"]
-    if lost or summary["log_missing"]:
+    if lost or summary["frames_too_many"] or summary["log_missing"]:
         return "loss"
     return "expectation not met" if summary["expectations_failed"] else "ok"
 

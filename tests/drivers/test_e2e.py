@@ -32,6 +32,12 @@ def check(state: NDArray[np.int64], name: str, data: NDArray[np.uint8]) -> tuple
     return int(outcome), int(lost)
 
 
+def let_pass(state: np.ndarray, name: str, turns: int) -> None:
+    """Let as many cycles pass as `turns` of a frame take."""
+    for _ in range(turns * int(TABLE.frames[ROWS[name], dbc.EVERY_N])):
+        e2e.begin_cycle(state)
+
+
 def counts(state: NDArray[np.int64], name: str) -> dict[str, int]:
     values = state[ROWS[name]].tolist()
     return dict(zip(e2e.STATE_COLUMNS, values, strict=True))
@@ -114,22 +120,27 @@ def test_an_unprotected_frame_is_left_alone_and_always_ok() -> None:
 
 
 @pytest.mark.parametrize(
-    ("counters", "expected"),
+    ("counters", "turns", "expected"),
     [
-        ([7], [("OK", 0)]),
-        ([15, 0, 1], [("OK", 0)] * 3),
-        ([3, 3, 4], [("OK", 0), ("REPEATED", 0), ("OK", 0)]),
-        ([3, 5, 6], [("OK", 0), ("OK_SOME_LOST", 1), ("OK", 0)]),
-        ([14, 2], [("OK", 0), ("OK_SOME_LOST", 3)]),
-        ([14, 3, 4], [("OK", 0), ("WRONG_SEQUENCE", 4), ("OK", 0)]),
-        ([5, 4, 5], [("OK", 0), ("WRONG_SEQUENCE", 14), ("OK", 0)]),
+        ([7], 1, [("OK", 0)]),
+        ([15, 0, 1], 1, [("OK", 0)] * 3),
+        ([3, 3, 4], 1, [("OK", 0), ("REPEATED", 0), ("OK", 0)]),
+        ([3, 5, 6], 1, [("OK", 0), ("OK_SOME_LOST", 1), ("OK", 0)]),
+        ([14, 2], 1, [("OK", 0), ("OK_SOME_LOST", 3)]),
+        ([14, 3, 4], 5, [("OK", 0), ("WRONG_SEQUENCE", 4), ("OK", 0)]),
+        ([5, 4, 5], 15, [("OK", 0), ("WRONG_SEQUENCE", 14), ("OK", 0)]),
+        ([14, 3, 4], 3, [("OK", 0), ("WRONG_SEQUENCE", 2), ("OK", 0)]),
+        ([5, 4, 5], 1, [("OK", 0), ("WRONG_SEQUENCE", 0), ("OK", 0)]),
+        ([5, 4, 5], 0, [("OK", 0), ("WRONG_SEQUENCE", 0), ("OK", 0)]),
     ],
 )
-def test_states_follow_the_step_of_the_counter(
-    counters: list[int], expected: list[tuple[str, int]]
+def test_states_follow_the_step_of_the_counter_and_losses_the_time(
+    counters: list[int], turns: int, expected: list[tuple[str, int]]
 ) -> None:
-    state = e2e.new_state(len(FRAMES))
-    outcomes = [check(state, "CMD", sent("CMD", counter)) for counter in counters]
+    state, outcomes = e2e.new_state(len(FRAMES)), []
+    for counter in counters:
+        let_pass(state, "CMD", turns)
+        outcomes.append(check(state, "CMD", sent("CMD", counter)))
     got = [(e2e.STATE_NAMES[outcome], lost) for outcome, lost in outcomes]
     assert got == expected, f"{got}"
 
@@ -138,8 +149,23 @@ def test_the_sequence_of_sync_counts_to_256() -> None:
     state = e2e.new_state(len(FRAMES))
     outcomes = {check(state, "SYNC", sent("SYNC", n)) for n in range(1000)}
     assert outcomes == {(e2e.OK, 0)}, f"{outcomes}"
+    let_pass(state, "SYNC", 16)
     got = check(state, "SYNC", sent("SYNC", 999 + 16))
     assert got == (e2e.WRONG_SEQUENCE, 15), f"{got}"
+
+
+@given(st.lists(st.integers(0, 15), min_size=1, max_size=300), st.integers(0, 3))
+@settings(max_examples=50, deadline=None)
+def test_counters_that_jump_at_will_lose_no_more_than_time_allows(
+    counters: list[int], turns: int
+) -> None:
+    state = e2e.new_state(len(FRAMES))
+    for counter in counters:
+        let_pass(state, "CMD", turns)
+        check(state, "CMD", sent("CMD", counter))
+    got = counts(state, "CMD")
+    most = (e2e.MAX_DELTA - 1) * got["received"] + turns * len(counters)
+    assert got["lost"] <= most, f"{got['lost']} lost, {got}"
 
 
 def test_a_corrupt_frame_leaves_the_counter_as_it_was() -> None:
@@ -191,6 +217,7 @@ def test_counts_are_exact_under_loss_repetition_and_corruption(
             bad[0] ^= 0x10
             check(state, name, bad)
             expected["errors"] += 1
+        let_pass(state, name, step)
         for _ in range(1 + copies):
             check(state, name, data)
         expected["repeated"] += copies

@@ -107,7 +107,8 @@ def real(
     """Return a run into which N_CORRUPT copies of a feedback frame with a wrong CRC were sent."""
     folder = tmp_path_factory.mktemp("real") / "run"
     with python_can(CMD, FB_A) as bus:
-        command = Command(folder, "run", SLOW, "--bus", "auto", "--pacing", "real")
+        settings = (*SLOW, f"errors.crc={N_CORRUPT}")
+        command = Command(folder, "run", settings, "--bus", "auto", "--pacing", "real")
         latest = dict(itertools.islice(heard(bus, command), 40))  # of twenty cycles
         if command.running:
             good = latest[FB_A]

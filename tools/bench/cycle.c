@@ -153,7 +153,63 @@ static void next_cycle(loop *n)
     }
 }
 
-static int64_t sorted_out(loop *n, int64_t row) /* executive/meeting.py */
+/* ------------------------------------------------ executive/strangers.py, reception.py -------- */
+
+static int64_t frame_of(uint32_t word, frame_row *table, int64_t rows)
+{
+    for (int64_t row = 0; row < rows; row++)
+        if (table[row][DBC_CAN_ID] == (word & 0x1FFFFFFF) && table[row][DBC_EXTENDED] == word >> 31)
+            return row;
+    return -1;
+}
+
+static int is_foreign(loop *n, int64_t row, uint32_t word)
+{
+    int64_t source = n->wire.source;
+    if (row < 0)
+        return frame_of(word, n->tx, n->n_tx) >= 0;
+    if (source == n->rx_source[row])
+        return 0;
+    int64_t silent = STRANGERS_SILENT_TURNS * n->rx[row][DBC_EVERY_N];
+    if (source == WIRE_STRANGER || (n->rx_source[row] != 0 && n->passes != 0
+                                    && n->rx_state[row][E2E_AGE_CYCLES] <= silent))
+        return 1;
+    n->rx_source[row] = source;
+    return 0;
+}
+
+static int64_t note(loop *n, int64_t kind, int64_t cycles)
+{
+    int64_t *strange = n->strange[kind];
+    if (strange[STRANGERS_COUNT] == 0 || n->passes - strange[STRANGERS_SINCE] >= cycles) {
+        strange[STRANGERS_SINCE] = n->passes;
+        strange[STRANGERS_COUNT] = 0;
+    }
+    return ++strange[STRANGERS_COUNT];
+}
+
+static void blame(loop *n, int64_t fault, uint32_t word)
+{
+    if (n->faulted == SV_NO_FAULT) {
+        n->faulted = fault;
+        n->control[SH_CULPRIT] = word;
+    }
+}
+
+static void note_foreign(loop *n, uint32_t word)
+{
+    n->control[SH_FOREIGN]++;
+    push_frame(n, n->wire.rx, 1, E2E_FOREIGN);
+    int64_t found = note(n, STRANGERS_FOREIGN, STRANGERS_FOREIGN_CYCLES);
+    if (found == 1)
+        push_event(n, SH_FOREIGN_EVENT, word & 0x1FFFFFFF, n->control[SH_FOREIGN]);
+    if (found >= STRANGERS_FOREIGN_FRAMES || n->passes == 0)
+        blame(n, SV_ANOTHER_SENDER, word);
+}
+
+/* ---------------------------------------------------------------- executive/meeting.py -------- */
+
+static int64_t sorted_out(loop *n, int64_t row)
 {
     int64_t part = n->rx_role[row][SH_MEETING];
     if (part == MEETING_FROM_ABOVE || part == MEETING_FROM_BELOW) {
@@ -163,7 +219,7 @@ static int64_t sorted_out(loop *n, int64_t row) /* executive/meeting.py */
         }
         if (part == MEETING_FROM_BELOW) {
             n->holding = row + 1;
-            memcpy(n->held, n->wire.rx, sizeof n->held);
+            memcpy(n->held, n->wire.rx, WIRE_FRAME_BYTES);
         }
         return MEETING_LEAVE;
     }
@@ -176,33 +232,36 @@ static int64_t sorted_out(loop *n, int64_t row) /* executive/meeting.py */
 
 static void exchange_held(loop *n)
 {
-    uint8_t other[sizeof n->held];
-    memcpy(other, n->held, sizeof other);
-    memcpy(n->held, n->wire.rx, sizeof other);
-    memcpy(n->wire.rx, other, sizeof other);
+    uint8_t frame[WIRE_FRAME_BYTES];
+    memcpy(frame, n->held, sizeof frame);
+    memcpy(n->held, n->wire.rx, sizeof frame);
+    memcpy(n->wire.rx, frame, sizeof frame);
 }
+
+/* -------------------------------------------------------------- executive/reception.py -------- */
 
 static int64_t use_frame(loop *n, int64_t row);
 
 static int64_t take_frame(loop *n)
 {
     uint32_t word;
-    int64_t row = 0;
     memcpy(&word, n->wire.rx, sizeof word);
-    while (row < n->n_rx
-           && (n->rx[row][DBC_CAN_ID] != (word & 0x1FFFFFFF) || n->rx[row][DBC_EXTENDED] != word >> 31))
-        row++;
-    if (row == n->n_rx)
+    int64_t row = frame_of(word, n->rx, n->n_rx);
+    if (is_foreign(n, row, word)) {
+        note_foreign(n, word);
+        return -1;
+    }
+    if (row < 0)
         return -1;
     if (n->virtual_time && n->passes == 0) {
         int64_t what = sorted_out(n, row);
         if (what == MEETING_LEAVE)
             return -1;
         if (what == MEETING_HELD_FIRST) {
-            int64_t held = n->holding - 1;
-            n->holding = 0;
+            int64_t first = n->holding - 1;
             exchange_held(n);
-            use_frame(n, held);
+            n->holding = 0;
+            use_frame(n, first);
             exchange_held(n);
         }
     }
@@ -212,7 +271,9 @@ static int64_t take_frame(loop *n)
 static int64_t use_frame(loop *n, int64_t row)
 {
     const uint8_t *frame = n->wire.rx;
+    uint32_t word;
     int64_t lost;
+    memcpy(&word, frame, sizeof word);
     int64_t *receiver = n->rx_state[row], fresh = receiver[E2E_FRESH];
     int64_t state = check(frame + 8, frame[4], n->rx[row], receiver, &lost);
     push_frame(n, frame, 1, state);
@@ -228,7 +289,11 @@ static int64_t use_frame(loop *n, int64_t row)
         n->control[SH_CRC_ERRORS]++;
     } else if (state == E2E_REPEATED) {
         n->control[SH_REPEATED]++;
+        if (n->rx_role[row][SH_STARTS] + n->rx_role[row][SH_AWAITED] > 0
+            && note(n, STRANGERS_REPEATED, STRANGERS_REPEATED_CYCLES) >= STRANGERS_REPEATED_FRAMES)
+            blame(n, SV_REPEATED_INPUT, word);
     } else if (state == E2E_WRONG_SEQUENCE) {
+        n->control[SH_WRONG_SEQUENCE]++;
         n->started += n->rx_role[row][SH_STARTS];
     }
     return row;
@@ -240,10 +305,11 @@ static void receive(loop *n)
 {
     int gather = n->trigger != CYCLE_CLOCKED || n->passes <= n->arm_pass;
     int64_t waits = 0;
-    for (int i = 0; i < CYCLE_DRAIN_FRAMES; i++) {
+    for (int drained = 0; drained < CYCLE_DRAIN_FRAMES;) {
         if (gather && n->started >= n->n_starters)
             break;
         int result = get_frame(&n->wire, gather);
+        drained += !gather || stopping(n);
         if (result == WIRE_FRAME) {
             take_frame(n);
             waits = 0;
@@ -262,6 +328,8 @@ static void receive(loop *n)
             n->control[SH_BUS_ERRNO] = n->wire.errno_;
             n->faulted = SV_BUS_FAILED;
             break;
+        } else if (result == WIRE_BUS_ERROR) {
+            n->control[SH_BUS_ERRORS]++;
         }
     }
     n->received = now(n);
@@ -304,6 +372,7 @@ static void supervise(loop *n)
     n->started = n->fresh = 0;
     for (int64_t i = 0; i < n->n_rx; i++) {
         n->rx_state[i][E2E_AGE_CYCLES]++;
+        n->rx_state[i][E2E_STILL_CYCLES]++;
         n->rx_state[i][E2E_FRESH] = 0;
     }
     if (before != SV_INIT && n->missing >= n->fault_after && n->faulted == SV_NO_FAULT)
@@ -673,14 +742,20 @@ static void finish(loop *n)
     __atomic_store_n(&n->control[SH_DONE], 1, __ATOMIC_RELEASE);
 }
 
+static int n_done(loop *n)
+{
+    return n->control[SH_DONE] != 0;
+}
+
 static void pass_or_finish(loop *n, step_function **steps)
 {
-    if (!n->control[SH_DONE] && !one_pass(n, steps))
+    if (!n_done(n) && !one_pass(n, steps))
         finish(n);
 }
 
 static int wait_for_peer(loop *n)
 {
+    n->wire.muted = n->virtual_time;
     while (!stopping(n)) {
         int result = get_frame(&n->wire, 1);
         if (result == WIRE_FAILED) {
@@ -689,6 +764,8 @@ static int wait_for_peer(loop *n)
             return 0;
         }
         int known = result == WIRE_FRAME && take_frame(n) >= 0;
+        if (known)
+            n->wire.muted = 0;
         if (known || result == WIRE_NOTHING)
             announce(n);
         if (known)
@@ -741,7 +818,7 @@ int64_t run_virtual(loop *executive, step_function **laws, loop *plant, step_fun
             finish(executive);
             carry(&executive->wire, &plant->wire);
             pass_or_finish(plant, models);
-            if (!plant->control[SH_DONE])
+            if (!n_done(plant))
                 finish(plant);
             return 0;
         }

@@ -32,7 +32,7 @@ from drivers.jit import from_dtype, i8, loop, types, u1
 from drivers.wire import put_frame
 from drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES, WIRE
 from executive import cycle as engine
-from executive import meeting, references, supervisor, timing, variables
+from executive import meeting, references, strangers, supervisor, timing, variables
 from executive import shared as sh
 from executive.controllers import pd
 from executive.cycle import CLOCKED, STEPS, N, idle, one_pass
@@ -57,9 +57,11 @@ PUBLISHED = 256
 PUBLICATIONS = 20_000
 _MODULES = {
     "SH": sh, "SV": supervisor, "V": variables, "DBC": dbc, "E2E": e2e, "CYCLE": engine,
-    "WIRE": wire_layout, "TIMING": timing, "MEETING": meeting,
+    "WIRE": wire_layout, "TIMING": timing, "STRANGERS": strangers, "MEETING": meeting,
 }  # fmt: skip
-RESULTS = ("NOTHING", "FRAME", "FOREIGN", "FAILED", "ERROR_FLAGS")
+RESULTS = (
+    "NOTHING", "FRAME", "FOREIGN", "OWN", "BUS_ERROR", "FAILED", "ERROR_FLAG", "ERROR_FLAGS",
+)  # fmt: skip
 STEPS_IN_C = {
     "quintic": references.quintic.step, "pd": pd.BLOCK.step, "barrel": model.BLOCK.step,
     "idle": idle,
@@ -255,6 +257,7 @@ def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...
     bus = buses.choose(*buses.parse(BUS))
     buses.open_bus(bus, made.receive_ids, n.wire)
     buses.open_bus(bus, [], peer[0])
+    buses.know_own(n.wire)
     os.close(int(peer[0].fd_rx))  # it only sends
     n.trigger, n.wait_recorder = CLOCKED, 0
     n.late_ns = n.period_ns  # half a period counts as on time: a sleep until now would take 50 us

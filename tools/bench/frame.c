@@ -16,7 +16,6 @@
 typedef int64_t frame_row[DBC_FRAME_COLUMNS];
 typedef int64_t signal_row[DBC_SIGNAL_COLUMNS];
 typedef double scale_row[DBC_SCALE_COLUMNS];
-typedef int64_t state_row[9];
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "for little-endian machines");
 
@@ -180,8 +179,14 @@ static inline int64_t check(const uint8_t *data, int64_t length, const int64_t *
         state[E2E_N_REPEATED]++;
         return state[E2E_STATE] = E2E_REPEATED;
     }
-    state[E2E_LAST_COUNTER] = counter;
     *lost = delta - 1;
+    if (delta > E2E_MAX_DELTA) {
+        int64_t turns = state[E2E_STILL_CYCLES] / frame[DBC_EVERY_N];
+        int64_t most = turns > 1 ? turns - 1 : 0;
+        *lost = *lost < most ? *lost : most;
+    }
+    state[E2E_LAST_COUNTER] = counter;
+    state[E2E_STILL_CYCLES] = 0;
     state[E2E_N_LOST] += *lost;
     if (delta > E2E_MAX_DELTA) {
         state[E2E_N_WRONG_SEQUENCE]++;
@@ -321,9 +326,17 @@ static inline int get_frame(struct wire *wire, int block)
     }
     if (wire->kind == WIRE_SOCKETCAN) {
         n = recv(wire->fd_rx, wire->rx, WIRE_FRAME_BYTES, flags);
+        if (n == WIRE_FRAME_BYTES && wire->rx[3] & WIRE_ERROR_FLAG)
+            return WIRE_BUS_ERROR;
         known = n == WIRE_FRAME_BYTES && !(wire->rx[3] & WIRE_ERROR_FLAGS);
     } else {
-        n = recv(wire->fd_rx, wire->packet_rx, WIRE_PACKET_BYTES, flags);
+        socklen_t *size = (socklen_t *)wire->address_bytes;
+        *size = WIRE_ADDRESS_BYTES;
+        n = recvfrom(wire->fd_rx, wire->packet_rx, WIRE_PACKET_BYTES, flags,
+                     (struct sockaddr *)wire->address, size);
+        wire->source = wire->address[0];
+        if (n >= 0 && (wire->source == wire->own[0] || wire->source == wire->own[1]))
+            return WIRE_OWN;
         known = n > 0 && read_packet(wire->packet_rx, n, wire->rx);
     }
     if (n >= 0)

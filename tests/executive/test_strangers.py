@@ -1,0 +1,174 @@
+"""Another sender of our frames: on the wire, in the loop, in the host's words, in a replay."""
+
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from engine import ATB1000, Bench, Node, both
+from free_bus import own_bus
+
+from drivers import bus as buses
+from drivers import dbc, e2e, wire, wire_layout
+from drivers.bus import Bus
+from executive import faults, strangers
+from executive import shared as sh
+from executive import supervisor as sv
+from executive.reception import take_frame
+from executive.rig import load_rig
+
+RIG = load_rig(ATB1000 / "rigs" / "slew10.yaml")
+CMD, SYNC, FB_A = 0x0A0, 0x080, 0x120
+TRUE, FORGED = 7, 9  # addresses
+
+
+def new_wire() -> Any:
+    records = np.recarray(1, wire_layout.WIRE)
+    records.view(np.uint8)[:] = 0
+    return records[0]
+
+
+@pytest.fixture
+def node() -> Node:
+    """Return an executive after its first cycles with a plant in memory."""
+    bench = Bench(both(RIG))
+    assert bench.run(20) == 20
+    bench.executive.plant = bench.plant
+    return bench.executive
+
+
+def hear(node: Node, can_id: int, source: int = 0, counter: int | None = None) -> int:
+    """Give the node a frame that is right but for its sender; return its row, -1 if not taken."""
+    n = node.loop
+    n.wire.rx[:] = 0
+    n.wire.rx[:4] = np.frombuffer(can_id.to_bytes(4, "little"), np.uint8)
+    rows = [i for i in range(n.n_rx) if n.rx[i, dbc.CAN_ID] == can_id]
+    if rows:
+        n.wire.rx[4] = n.rx[rows[0], dbc.DLC]
+        after = int(n.rx_state[rows[0], e2e.LAST_COUNTER]) + 1 if counter is None else counter
+        e2e.protect(n.wire.rx[8:16], rows[0], n.rx, after)
+    n.wire.source = source
+    return int(take_frame(n))
+
+
+def cycles(node: Node, count: int) -> None:
+    """Let time pass for the receiver, as `count` cycles do."""
+    for _ in range(count):
+        e2e.begin_cycle(node.loop.rx_state[: node.loop.n_rx])
+        node.loop.passes += 1
+
+
+# The wire
+
+
+@pytest.fixture
+def open_udp() -> Iterator[Callable[[], Any]]:
+    ends, bus = [], Bus(*buses.parse(own_bus()))  # type: ignore[arg-type]
+
+    def opener() -> Any:
+        ends.append(new_wire())
+        buses.open_bus(bus, [], ends[-1])
+        return ends[-1]
+
+    yield opener
+    for end in ends:
+        os.close(end.fd_tx)
+        os.close(end.fd_rx)
+
+
+def test_on_udp_an_end_knows_its_own_frames_and_tells_senders_apart(
+    open_udp: Callable[[], Any],
+) -> None:
+    a, b, c = open_udp(), open_udp(), open_udp()
+    buses.know_own(a)
+    for sender in (a, b, c, b):
+        sender.tx[:] = 0
+        assert wire.put_frame(sender)
+    results, sources = [], []
+    for _ in range(4):
+        results.append(wire.get_frame(a, True))
+        sources.append(int(a.source))
+    assert results == [wire.OWN, wire.FRAME, wire.FRAME, wire.FRAME], f"{results}"
+    assert len(set(sources)) == 3 and sources[1] == sources[3] and 0 not in sources, f"{sources}"
+    assert wire.get_frame(b, True) == wire.FRAME, "who does not know its own hears itself"
+
+
+# The loop
+
+
+def test_one_frame_of_our_own_id_is_counted_named_and_recorded(node: Node) -> None:
+    assert hear(node, SYNC) == -1
+    assert (node.count(sh.FOREIGN), int(node.loop.faulted)) == (1, sv.NO_FAULT)
+    assert [event[1] for event in node.events(sh.FOREIGN_EVENT)] == [SYNC]
+    last = node.loop.frame[int(node.loop.frame_ends[sh.PUT]) - 1]
+    assert (last[3] & 0xFFF, last[3] >> 48) == (SYNC, e2e.FOREIGN)
+
+
+def test_three_within_ten_cycles_are_a_fault_that_names_the_id(node: Node) -> None:
+    for wait in (0, 4, 5):
+        assert int(node.loop.faulted) == sv.NO_FAULT
+        cycles(node, wait)
+        hear(node, CMD)
+    assert int(node.loop.faulted) == sv.ANOTHER_SENDER
+    control = node.loop.control.copy()
+    control[sh.FAULT] = node.loop.faulted
+    told = faults.reason({"frames": {str(CMD): "CMD"}}, control)
+    assert told == "another sender of 0x0A0 (CMD) is on this bus"
+
+
+def test_two_now_and_then_are_no_fault_but_count(node: Node) -> None:
+    for _ in range(10):
+        hear(node, CMD)
+        hear(node, CMD)
+        cycles(node, strangers.FOREIGN_CYCLES)
+    assert (node.count(sh.FOREIGN), int(node.loop.faulted)) == (20, sv.NO_FAULT)
+
+
+def test_ids_of_nobody_are_no_concern(node: Node) -> None:
+    for can_id in range(0x7FF):
+        if can_id not in node.frames.values():
+            assert hear(node, can_id) == -1
+    assert (node.count(sh.FOREIGN), int(node.loop.faulted)) == (0, sv.NO_FAULT)
+
+
+def test_a_frame_from_another_address_is_not_taken(node: Node) -> None:
+    assert hear(node, FB_A, TRUE) >= 0
+    received = node.count(sh.RECEIVED)
+    assert hear(node, FB_A, FORGED) == -1
+    assert (node.count(sh.FOREIGN), node.count(sh.RECEIVED)) == (1, received)
+    assert hear(node, FB_A, TRUE) >= 0 and node.count(sh.RECEIVED) == received + 1
+
+
+def test_a_sender_that_fell_silent_may_be_replaced(node: Node) -> None:
+    hear(node, FB_A, TRUE)
+    cycles(node, strangers.SILENT_TURNS)
+    assert hear(node, FB_A, FORGED) == -1
+    cycles(node, 1)
+    assert hear(node, FB_A, FORGED) >= 0
+    assert hear(node, FB_A, TRUE) == -1 and node.count(sh.FOREIGN) == 2
+
+
+def test_the_true_frames_behind_forged_ones_are_a_fault_also_without_addresses(node: Node) -> None:
+    needed = 0
+    while int(node.loop.faulted) == sv.NO_FAULT:
+        hear(node, FB_A)  # forged, with the next counter
+        hear(node, FB_A, counter=int(node.loop.rx_state[0, e2e.LAST_COUNTER]))  # the true one
+        cycles(node, 1)
+        needed += 1
+        assert needed <= strangers.REPEATED_CYCLES
+    assert int(node.loop.faulted) == sv.REPEATED_INPUT and needed == strangers.REPEATED_FRAMES
+    assert node.count(sh.REPEATED) == needed and int(node.loop.control[sh.CULPRIT]) == FB_A
+
+
+def test_forged_counters_are_a_wrong_sequence_not_thousands_of_losses(node: Node) -> None:
+    for _ in range(1000):
+        hear(node, FB_A, counter=int(node.loop.rx_state[0, e2e.LAST_COUNTER]) + 9)
+    assert node.count(sh.WRONG_SEQUENCE) == 1000
+    assert node.count(sh.LOST) == 0, node.count(sh.LOST)
+
+
+def test_before_its_first_cycle_a_node_does_not_begin_beside_another(node: Node) -> None:
+    node.loop.passes = 0
+    hear(node, SYNC)
+    assert int(node.loop.faulted) == sv.ANOTHER_SENDER and strangers.refused(node.loop)
