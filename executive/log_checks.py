@@ -92,6 +92,11 @@ def facts(metadata: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
     return {key: text for key, text in metadata.items() if key not in wrong} | clocks, wrong
 
 
+def counts(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Return what a recorder counted, without what is no count."""
+    return {key: text for key, text in metadata.items() if re.fullmatch("[0-9]{1,18}", text)}
+
+
 def entry(text: bytes, named: bool = False) -> dict[str, Any] | None:
     """Return an event or tuning, which must be `named`; None if it is none."""
     try:
