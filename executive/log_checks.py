@@ -25,6 +25,7 @@ LONGEST_PERIOD_NS = 10**12
 _Int = Annotated[int, Meta(ge=-LATEST, le=LATEST)]
 _Count = Annotated[int, Meta(ge=0, le=LATEST)]
 _Number = int | float
+_Word = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]  # what somebody asked for, whatever it was
 _KINDS: dict[str, Any] = {
     "node": str, "rig": str, "watch": str | None,
     "files": list[dict[str, str | bool | int | list[str]]],
@@ -35,7 +36,7 @@ _KINDS: dict[str, Any] = {
     "state_names": list[str], "fault_names": list[str], "metadata": dict[str, str],
 }  # fmt: skip
 _ENTRY: dict[str, Any] = {
-    "cycle": _Int, "stamp_ns": _Int, "name": str, "event": str, "argument": _Int,
+    "cycle": _Int, "stamp_ns": _Int, "name": str, "event": str, "argument": _Word,
     "value": _Number | str,
 }  # fmt: skip
 _NEEDED = ("cycle", "stamp_ns", "value")

@@ -519,12 +519,12 @@ def test_what_cannot_be_written_is_one_clear_line(
     block: shared.Shared, name: str, tmp_path: Path
 ) -> None:
     block["control"][shared.DONE] = 1
-    for path, why in (
-        (tmp_path / "none" / "log.mcap", "No such file or directory"),
-        (Path("/dev/full"), "No space left on device"),
+    for path, why, expected in (
+        (tmp_path / "none" / "log.mcap", "No such file or directory", recorder.NO_ENVIRONMENT),
+        (Path("/dev/full"), "No space left on device", recorder.LOSS),
     ):
         code, errors = run(path, name)
-        assert code == recorder.NO_ENVIRONMENT and errors.count("\n") == 1, errors
+        assert code == expected and errors.count("\n") == 1, errors
         assert str(path) in errors and why in errors, errors
     code, errors = run(tmp_path / "log.mcap", "test-recorder-nobody")
     assert code == recorder.NO_ENVIRONMENT and "no such node is running" in errors, errors

@@ -49,7 +49,7 @@ def nonsense(block: sh.Shared, random: np.random.Generator) -> None:
 
 def test_garbage_in_the_mailbox_changes_no_bit_of_a_run(tmp_path: Path) -> None:
     bus, random = own_bus(), np.random.default_rng(26)
-    long = ("--set", "duration_s=4.0")
+    long = ("--set", "duration_s=8.0")
     with Running("run", SLEW10, "-o", str(tmp_path / "run"), "--bus", bus, *USUAL, *long) as run:
         block = run.block("slew10", bus, "executive")
         plant = run.block("slew10", bus, "plant")
@@ -58,12 +58,12 @@ def test_garbage_in_the_mailbox_changes_no_bit_of_a_run(tmp_path: Path) -> None:
             nonsense(plant, random)
         done = run.done()
     assert done.code == 0, str(done)
-    simulate(load_rig(SLEW10, None, ["duration_s=4.0"]), tmp_path / "virtual.mcap")
+    simulate(load_rig(SLEW10, None, ["duration_s=8.0"]), tmp_path / "virtual.mcap")
     wanted = [logs.payloads(tmp_path / "virtual.mcap", topic) for topic in STATES]
     assert states(tmp_path / "run") == wanted, f"other bits\n{done}"
     events = logs.read(tmp_path / "run" / "log.mcap").node["executive"].events
     refused = [event for event in events if event["event"] == "refused"]
-    assert len(refused) > 10, f"{len(refused)} refusals in the log"
+    assert len(refused) > 3, f"{len(refused)} refusals in the log: the garbage was not seen"
     assert {event.get("name") for event in refused} & {"supervisor.state"}, refused[:3]
 
 

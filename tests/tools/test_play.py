@@ -389,7 +389,7 @@ WRONG = {
     "unknown name": (["LOG", "--only", "FB_X"], "did you mean FB_"),
     "unknown id": (["LOG", "--only", "0x7ab"], "no such frame"),
     "not of this node": (["LOG", "--as", "plant", "--only", "SYNC"], "no such frame"),
-    "past the end": (["LOG", "--start", "9"], "lasts 0.300 s"),
+    "past the end": (["LOG", "--start", "9"], "lasts 0.301 s"),
     "no duration": (["LOG", "--duration", "0"], "--duration 0"),
     "priority": (["LOG", "-p", "100"], "1 to 99"),
     "unknown bus": (["LOG", "--bus", "smoke"], "no bus interface smoke"),

@@ -47,6 +47,7 @@ def slow_rig(folder: Path, overrun: str) -> Path:
     rig.write_text(
         f"base: {RIGS / 'slew10.yaml'}\nrig: slow\nduration_s: 1.5\ncontroller: slow\n"
         "controllers: {slow: {law: slow.py}}\nexpect: null\n"
+        "evaluation: {window_s: [0.0, 1.5]}\n"
         "supervisor: {fault_after_cycles: 400}\n"
         "schedule: [{at_s: 0.5, set: {controller.sines: 300000.0}}]\n"
         f"overrun: {overrun}\n"
