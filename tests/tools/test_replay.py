@@ -165,10 +165,13 @@ def here(log: Path) -> list[replaying.Verdict]:
 def test_a_cut_log_is_compared_as_far_as_it_goes_and_never_called_different(
     tmp_path: Path,
 ) -> None:
-    tunings = ", ".join(f"{{at_s: {0.1 * i}, set: {{controller.kv_Nms_rad: {110 + i}}}}}"
+    tunings = ", ".join(f"{{at_s: {0.1 * i}, set: {{controller.gain: {1 + i}}}}}"
                         for i in range(1, 24))  # fmt: skip
     log, cut = tmp_path / "log.mcap", tmp_path / "cut.mcap"
-    simulate(load_rig(RIGS / "slew10.yaml", None, ("duration_s=2.3", f"schedule=[{tunings}]")), log)
+    probe = load_rig(
+        RIGS.parents[1] / "probe/rig.yaml", None, ("duration_s=2.3", f"schedule=[{tunings}]")
+    )
+    simulate(probe, log)
     data, place, found = log.read_bytes(), len(MAGIC), []
     while place + RECORD.size < len(data):
         place += RECORD.size + RECORD.unpack_from(data, place)[1]

@@ -59,6 +59,16 @@ class Run:
     watcher: "subprocess.Popen[str]"
 
 
+def alone(run: Run, monkeypatch: pytest.MonkeyPatch, beside: str = "") -> None:
+    """Leave nodes of other runs of this machine, but for `beside`, out of the search for one."""
+    bus, every = run.node.removesuffix(".executive"), nodes._running
+
+    def known() -> dict[str, sh.Shared]:
+        return {n: b for n, b in every().items() if n.startswith(f"{bus}.") or n == beside}
+
+    monkeypatch.setattr(nodes, "_running", known)
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     folder = tmp_path_factory.mktemp("run")
@@ -189,11 +199,15 @@ def test_the_plant_of_the_same_run_has_a_table_of_its_own(run: Run, capsys: Scre
         (["time.t_s"], "executive"), (["time.t_s", "barrel.theta_rad"], "plant"), ([], "executive"),
     ],
 )  # fmt: skip
-def test_the_node_that_has_a_variable_is_found(run: Run, names: list[str], role: str) -> None:
+def test_the_node_that_has_a_variable_is_found(
+    run: Run, names: list[str], role: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone(run, monkeypatch)
     assert nodes.find_for(names).description["node"] == role
 
 
-def test_variables_of_no_single_node_are_refused(run: Run) -> None:
+def test_variables_of_no_single_node_are_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    alone(run, monkeypatch)
     with pytest.raises(nodes.HostError, match="no node has all of them"):
         nodes.find_for([ERROR, "barrel.theta_rad"])
     with pytest.raises(nodes.HostError, match=r"did you mean barrel\.theta_rad\?"):
@@ -421,9 +435,10 @@ def stand() -> Iterator[Callable[[str], sh.Shared]]:
 
 
 def test_a_role_that_several_nodes_have_is_refused_with_their_names(
-    run: Run, capsys: Screen, stand: Callable[[str], sh.Shared]
+    run: Run, capsys: Screen, stand: Callable[[str], sh.Shared], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = f"twin.{os.getpid()}.executive"
+    alone(run, monkeypatch, beside=name)
     stand(name)
     code = main(["list"])
     assert nodes.find_for([ERROR]).name == nodes.find(run.node).name
