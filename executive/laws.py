@@ -11,16 +11,19 @@ import os
 import pkgutil
 import re
 import sys
-import traceback
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivers.compile_cache import cache_folder
-from executive import carried, yamlfile
+from executive import carried, trial
 from executive.carried import PACKAGES, Reads
 from executive.errors import did_you_mean
+from executive.law_errors import cause, is_numbas, is_users
+from executive.prepare import check_ports
 from executive.yamlfile import Document, Keys
 
 if TYPE_CHECKING:
@@ -32,8 +35,20 @@ _read_by: dict[str, Reads] = {}  # what the import of a module opened, by its na
 _CONTROLLERS = "executive.controllers"
 
 
-def resolve(document: Document, keys: Keys, law: str) -> "Block":
-    """Return the block that `law` names; any failure of its module is an error of the rig file."""
+@dataclass(frozen=True)
+class Use:
+    """What the trial of a law needs of its rig: settings as given, rate, seed."""
+
+    settings: Mapping[str, float]
+    rate_hz: float
+    seed: int
+
+
+def resolve(document: Document, keys: Keys, law: str, use: Use) -> "Block":
+    """Return the block that `law` names; any failure of its module is an error of the rig file.
+
+    A law that is not of the project is tried first (`executive.trial`), unless it passed before.
+    """
     from executive.block import Block  # here, because it imports numba
 
     at = (*keys, "law")
@@ -44,16 +59,25 @@ def resolve(document: Document, keys: Keys, law: str) -> "Block":
     is_file, is_bare = module_name.endswith(".py"), "." not in module_name
     full_name = f"{_CONTROLLERS}.{module_name}" if is_bare else module_name
     file = document.file(at, module_name) if is_file else Path()
+    case = users_case(law, file, use)
+    if case is not None and (problem := trial.ensure(case)):
+        raise document.error(at, problem)
     try:
-        module = _import_file(file) if is_file else _import_module(full_name)
-    except Exception as error:
+        with _own_streams():
+            module = module_of("" if is_file else full_name, file)
+    except (Exception, SystemExit) as error:
         absent = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
         if absent and f"{full_name}.".startswith(f"{absent}."):
             cure = did_you_mean(module_name, _controllers()) if is_bare else ""
             raise document.error(at, f"no module {full_name}{cure}") from None
-        raise document.error(at, f"{module_name} cannot be imported: {_cause(error)}") from error
+        what = "" if is_numbas(error) else f"{module_name} cannot be imported: "
+        raise document.error(at, f"{what}{cause(error)}") from error
     block = getattr(module, name, None)
     if isinstance(block, Block):
+        try:
+            check_ports(block)
+        except ValueError as error:
+            raise document.error(at, f"{name} of {module_name}: {error}") from error
         return block
     blocks = [key for key, known in vars(module).items() if isinstance(known, Block)]
     kind = type(block).__name__
@@ -61,13 +85,60 @@ def resolve(document: Document, keys: Keys, law: str) -> "Block":
     raise document.error(at, f"{name} of {module_name} {what}{did_you_mean(name, blocks)}")
 
 
-def _cause(error: Exception) -> str:
-    """Return `file:line: error`, in one line, of what went wrong in a module."""
-    text, name = " ".join(str(error).split()), type(error).__name__
-    if isinstance(error, SyntaxError) and error.filename:
-        return f"{yamlfile.shown(Path(error.filename))}:{error.lineno}: {name}: {error.msg}"
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{yamlfile.shown(Path(last.filename))}:{last.lineno}: {name}: {text}"
+def users_case(law: str, file: Path, use: Use) -> trial.Case | None:
+    """Return what a trial of `law` needs, None for a law of the project; `file` is its module's."""
+    module, _, name = law.partition(":")
+    if module.endswith(".py"):
+        if project_name(file) is not None:
+            return None
+        module = ""
+    elif "." not in module or module.partition(".")[0] in PACKAGES:
+        return None
+    else:
+        try:
+            spec = importlib.util.find_spec(module)
+        except (Exception, SystemExit):  # importing it says so
+            return None
+        if spec is None or spec.origin is None or not is_users(spec.origin):
+            return None
+        file = Path(spec.origin)
+    return trial.Case(str(file), module, name or "BLOCK", use.settings, use.rate_hz, use.seed)
+
+
+def module_of(name: str, file: Path) -> ModuleType:
+    """Import the module `name`, or that of `file` where the name is ""."""
+    return _import_module(name) if name else _import_file(file)
+
+
+def compile_step(block: "Block") -> None:
+    """Compile a step that its module did not; ValueError says, with the line, why that fails."""
+    from drivers.jit import JIT_OFF, STEP, stage
+
+    step: Any = block.step
+    if JIT_OFF:
+        return
+    try:
+        if not hasattr(step, "py_func"):
+            stage(step)  # what is wrong with it is said first
+            raise ValueError("step is plain Python; put @stage above its def")
+        if STEP.args not in step.overloads:
+            step.compile(STEP)
+    except ValueError:
+        raise
+    except Exception as error:
+        raise ValueError(cause(error)) from error
+
+
+@contextmanager
+def _own_streams() -> Iterator[None]:
+    """Keep what a module prints out of stdout, and the terminal from a module that reads it."""
+    terminal = sys.stdin
+    with open(os.devnull, encoding="utf-8") as nothing, redirect_stdout(sys.stderr):
+        sys.stdin = nothing
+        try:
+            yield
+        finally:
+            sys.stdin = terminal
 
 
 def _controllers() -> list[str]:

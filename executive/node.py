@@ -12,15 +12,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 
 from drivers import dbc
 from executive import protocol
 from executive import shared as sh
-from executive.block import Block, Port
+from executive.block import Block
 from executive.carried import Reads, merge, noted
 from executive.cycle import idle
 from executive.errors import RigError, did_you_mean
+from executive.laws import compile_step
+from executive.prepare import prepared
 from executive.rig import BlockSpec, NodeSpec, Rig
 from executive.rig_schema import FALLBACK
 from executive.roles import Role
@@ -178,6 +179,10 @@ def _lay_out(made: Plan) -> None:
                 table.add(Variable(name, s.unit, kind, frame.name, s.help, s.low, s.high))
     for spec in made.spec.blocks:
         try:
+            compile_step(spec.block)
+        except ValueError as error:
+            raise RigError(f"{spec.where('law')}: {spec.name}: {error}") from None
+        try:
             made.views.append(_views(made, spec))
         except RigError as error:
             raise RigError(f"{spec.where()}: {error}") from None
@@ -210,43 +215,15 @@ def _views(made: Plan, spec: BlockSpec) -> Views:
 
 def _initial_values(made: Plan, spec: BlockSpec) -> None:
     """Note parameters and initial states of a block, computed by its `prepare` where it has one."""
-    block, table, config = spec.block, made.table, made.rig.config
-    parameters: dict[str, Any] = dict(spec.settings)
-    states: dict[str, Any] = {}
-    if block.prepare is not None:
-        try:
-            with noted() as reads:
-                prepared = block.prepare(spec.settings, config.rate_hz, config.seed)
-            merge(made.read, reads)
-        except ValueError as error:
-            raise RigError(f"{spec.where()}: {spec.name}: {error}") from None
-        parameters = {name: _portable(value) for name, value in prepared.parameters.items()}
-        states = {name: _portable(value) for name, value in prepared.states.items()}
-    for ports, given in ((block.parameters or block.settings, parameters), (block.states, states)):
-        for port in ports:
-            for name, value in _elements(port, given):
-                made.values[table.index[f"{spec.name}.{name}"]] = value
-
-
-def _portable(value: Any) -> Any:
-    """Return prepared numbers to 12 digits: numpy's last bits depend on the processor."""
-    if np.ndim(value):
-        return [_portable(element) for element in value]
-    return float(f"{value:.12g}")
-
-
-def _elements(port: Port, given: dict[str, Any]) -> list[tuple[str, float]]:
-    """Return name and value of each element; a port of several is given whole or by element."""
-    names = port.names()
-    default = 0.0 if port.default is None else port.default
-    if port.size > 1 and port.name in given:
-        values = np.asarray(given[port.name], float)
-        if values.shape != (port.size,):
-            raise ValueError(
-                f"{port.name}: prepare gave shape {values.shape}, expected ({port.size},)"
-            )
-        return [(name, float(value)) for name, value in zip(names, values, strict=True)]
-    return [(name, float(given.get(name, default))) for name in names]
+    table, config = made.table, made.rig.config
+    try:
+        with noted() as reads:
+            pairs = prepared(spec.block, spec.settings, config.rate_hz, config.seed)
+    except ValueError as error:
+        raise RigError(f"{spec.where()}: {spec.name}: {error}") from None
+    merge(made.read, reads)
+    for name, value in (*pairs[0], *pairs[1]):
+        made.values[table.index[f"{spec.name}.{name}"]] = value
 
 
 def _wire_blocks(made: Plan) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from executive import yamlfile
 from executive.errors import did_you_mean
-from executive.laws import resolve
+from executive.laws import Use, resolve
 from executive.rig_schema import FALLBACK, Config, Entry, Parameter, Plant
 from executive.roles import Role
 from executive.typed import convert
@@ -73,7 +73,9 @@ def blocks(
     for name, entry in entries(config, section):
         keys = law_keys(config, section, name)
         law = config.controllers[str(keys[1])] if keys[0] == "controllers" else entry
-        block = resolve(document, keys, str(law.law))
+        given = {setting: parameter.value for setting, (parameter, *_) in shared.items()}
+        use = Use(given | law.parameters, config.rate_hz, config.seed)
+        block = resolve(document, keys, str(law.law), use)
         places = {"": document.where((section, "blocks", name))}
         places |= {"law": document.where((*keys, "law"))}
         for inputs, at in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):

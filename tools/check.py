@@ -9,16 +9,19 @@ exit code: 0 ok, perhaps with warnings; 2 rig file; 4 DBC file or bus
 import argparse
 import json
 import sys
+from pathlib import Path
 from typing import Any
 
 from drivers import dbc
 from drivers.errors import BusError
-from executive import plausible
+from executive import plausible, trial
 from executive import shared as sh
 from executive.errors import RigError
+from executive.laws import Use, users_case
 from executive.node import Plan, check_pacing, check_rate, cycles_of, plan
 from executive.protocol import bus_load
 from executive.rig import Rig, load_rig
+from executive.rig_blocks import law_keys
 from tools import screen
 from tools.judge import Judge, check
 
@@ -31,6 +34,7 @@ def command(options: argparse.Namespace) -> int:
     try:
         rig = load_rig(options.rig, options.controller, options.set)
         plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
+        _try_laws(rig)
         check_pacing(rig, rig.config.pacing)
         check_rate(rig, rig.config.pacing)
         for made in plans:
@@ -49,6 +53,23 @@ def command(options: argparse.Namespace) -> int:
     else:
         show(report)
     return OK
+
+
+def _try_laws(rig: Rig) -> None:
+    """Step the laws from outside the project with these settings; RigError for what is wrong."""
+    config = rig.config
+    for role, spec in rig.nodes().items():
+        for block in spec.blocks:
+            keys = law_keys(config, role, block.name)
+            law = config.controllers.get(str(keys[1])) if keys[0] == "controllers" else None
+            name = str((law or config.sections[role].blocks[block.name]).law)
+            at = (*keys, "law")
+            module = name.partition(":")[0]
+            file = rig.document.file(at, module) if module.endswith(".py") else Path()
+            use = Use(block.settings, config.rate_hz, config.seed)
+            case = users_case(name, file, use)
+            if case is not None and (problem := trial.attempt(case)):
+                raise rig.document.error(at, problem)
 
 
 def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:
