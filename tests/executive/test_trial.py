@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from executive import trial
+from executive import laws, trial
 from executive.errors import RigError
 from executive.node import plan
 from executive.rig import load_rig
@@ -189,6 +189,24 @@ def test_a_module_that_ends_or_reads_is_told_in_a_line(tmp_path: Path, kind: str
     code, said = MODULES[kind]
     text = refusal(rig_with(tmp_path, f"{GOOD}{code}"))
     assert all(part in text for part in said.split("|")), text
+
+
+def test_a_law_that_makes_up_for_a_leap_in_time_does_not_hang(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trial, "LATE_S", 0.1)
+    more = 'states=(Port("done_s", "s", "time done"),)'
+    law = f"{STEP}    while x[0] < t:\n        x[0] += 1e-5\n    y[0] = x[0]\n"
+    assert in_this_process(trial_case(rig_with(tmp_path, law, more))) == ""
+
+
+def test_the_projects_laws_are_not_tried_and_those_copied_beside_them_are() -> None:
+    use = laws.Use({}, 1000.0, 1)
+    for name in laws._PLANTS:
+        file = PROBE.parent / name / "model.py"
+        assert file.exists() and laws.users_case("model.py:BLOCK", file, use) is None, name
+    assert laws.users_case("pd", Path(), use) is None
+    assert laws.users_case("executive.references:step", Path(), use) is None
 
 
 def test_an_endless_import_is_told_with_its_line(
