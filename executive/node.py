@@ -101,6 +101,7 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     _wire_frames(made)
     _plan_schedule(made)
     _check_sizes(made)
+    _compile_steps(made)
     return made
 
 
@@ -178,10 +179,6 @@ def _lay_out(made: Plan) -> None:
                 name = f"{prefix}.{frame.name}.{s.name}"
                 table.add(Variable(name, s.unit, kind, frame.name, s.help, s.low, s.high))
     for spec in made.spec.blocks:
-        try:
-            compile_step(spec.block)
-        except ValueError as error:
-            raise RigError(f"{spec.where('law')}: {spec.name}: {error}") from None
         try:
             made.views.append(_views(made, spec))
         except RigError as error:
@@ -324,6 +321,14 @@ def _check_sizes(made: Plan) -> None:
                 made.role,
                 f"{size} {what}; one node holds {limit} (raise the limit in executive/shared.py)",
             )
+
+
+def _compile_steps(made: Plan) -> None:
+    for spec in made.spec.blocks:
+        try:
+            compile_step(spec.block)
+        except ValueError as error:
+            raise RigError(f"{spec.where('law')}: {spec.name}: {error}") from None
 
 
 def cycles_of(rig: Rig) -> int:
