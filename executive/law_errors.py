@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
+from executive.yamlfile import shown
+
 _LIBRARIES = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
 _OWN = {Path(__file__).with_name(name) for name in ("laws.py", "prepare.py", "trial.py")}
 _OWN.add(Path(__file__).resolve().parent.parent / "drivers" / "jit.py")
@@ -73,12 +75,6 @@ def is_users(file: str) -> bool:
         return False
     path = Path(file).resolve()
     return path not in _OWN and not any(path.is_relative_to(folder) for folder in _LIBRARIES)
-
-
-def shown(path: Path) -> str:
-    """Return `path` relative to the working directory where it lies below it."""
-    here = Path.cwd()
-    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
 
 
 def _cut(text: str) -> str:

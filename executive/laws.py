@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.compile_cache import cache_folder
 from executive import carried, trial
-from executive.carried import PACKAGES, Reads
+from executive.carried import PACKAGES, Reads, merge
 from executive.errors import did_you_mean
 from executive.law_errors import cause, is_numbas, is_users
 from executive.prepare import check_ports
@@ -93,8 +93,7 @@ def users_case(law: str, file: Path, use: Use) -> trial.Case | None:
     """Return what a trial of `law` needs, None for a law of the project; `file` is its module's."""
     module, _, name = law.partition(":")
     if module.endswith(".py"):
-        own = project_name(file)
-        if own is not None and not (own.startswith("plants.") and own.split(".")[1] not in _PLANTS):
+        if _is_projects(file):
             return None
         module = ""
     elif "." not in module or module.partition(".")[0] in PACKAGES:
@@ -108,6 +107,19 @@ def users_case(law: str, file: Path, use: Use) -> trial.Case | None:
             return None
         file = Path(spec.origin)
     return trial.Case(str(file), module, name or "BLOCK", use.settings, use.rate_hz, use.seed)
+
+
+def _is_projects(file: Path) -> bool:
+    own = (project_name(file) or "").split(".")
+    return own != [""] and (own[0] != "plants" or len(own) == 2 or own[1] in _PLANTS)
+
+
+def opened() -> Reads:
+    """Return what the imports of this process opened, as far as a log is to carry it."""
+    found: Reads = {}
+    for reads in _read_by.values():
+        merge(found, reads)
+    return found
 
 
 def module_of(name: str, file: Path) -> ModuleType:

@@ -12,7 +12,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-
 from drivers import dbc
 from executive import protocol
 from executive import shared as sh

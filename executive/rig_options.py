@@ -7,7 +7,7 @@ import msgspec
 
 from executive import yamlfile
 from executive.errors import RigError, did_you_mean
-from executive.laws import resolve
+from executive.laws import Use, resolve
 from executive.rig_schema import Config
 from executive.typed import convert
 from executive.yamlfile import Document, Keys, Place, dotted
@@ -56,7 +56,11 @@ def _block_settings(document: Document, config: Config) -> Iterator[str]:
             keys = ("controllers", document.data["controller"]) if name == "controller" else own
             try:
                 law = convert(document, _at(document.data, (*keys, "law")), str, keys)
-                block = resolve(document, keys, law)
+                entry = (
+                    config.controllers[str(keys[1])] if name == "controller" else node.blocks[name]
+                )
+                use = Use(entry.parameters, config.rate_hz, config.seed)
+                block = resolve(document, keys, law, use)
             except (RigError, KeyError):
                 continue  # wrong itself, which is said once the option is mended
             ports = block.settings or block.parameters

@@ -4,7 +4,7 @@ Compiled code checks no index: `u[7]` of two inputs reads foreign memory. So the
 prepared and stepped once in a process of its own, interpreted, on views that refuse what lies
 outside, with the initial states and inputs of 0 and then within the ports' ranges. What goes wrong
 there is told with file and line; so is what hangs, ends the process or reads the terminal. A law
-that passed is remembered by its sources, beside the compile cache.
+that passed is remembered by its sources and the tables that it read, beside the compiled code.
 
     python -m executive.trial CASE     the child; CASE is JSON, it answers in lines of JSON
 """
@@ -26,7 +26,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from drivers.compile_cache import cache_folder
+from drivers import compile_cache
+from executive.carried import Reads, merge, noted, sha256
+from executive.law_errors import at, cause, is_users, place
+from executive.yamlfile import shown
 
 if TYPE_CHECKING:
     from executive.block import Block, Port
@@ -38,8 +41,11 @@ ENOUGH_S = 5.0  # of steps
 LATE, LATE_S = 4, 0.5  # after a leap in time a law may have much to make up
 CYCLES = (0, 1, 2, 3, 4, 10, 100, 1000, 10_000, 100_000, 1_000_000)
 KINDS = {"p": "parameter", "x": "state", "u": "input", "y": "output"}
+_RECORDS = "laws"  # the folder of what is remembered
 _SHOWN = 6  # names of ports in a message
 _passed: set[str] = set()  # records and cases, in this process
+_spared: list[bool] = []
+_opened: Reads = {}  # by `prepare`, in the child
 
 
 @dataclass(frozen=True)
@@ -54,13 +60,22 @@ class Case:
     seed: int
 
 
+@contextmanager
+def spared() -> Iterator[None]:
+    """Try no law meanwhile: those of a log ran before, and open their files by other names."""
+    _spared.append(True)
+    try:
+        yield
+    finally:
+        _spared.pop()
+
+
 def ensure(case: Case) -> str:
     """Return "" for a law that passes or has passed before, else what is wrong, in a line."""
     record = _record(case)
-    if record in _passed or _remembered(Path(record), case):
-        _passed.add(record)
+    if _spared or record in _passed:
         return ""
-    problem = attempt(case)
+    problem = "" if _remembered(record, case) else attempt(case)
     if not problem:
         _passed.add(record)
     return problem
@@ -75,8 +90,6 @@ def attempt(case: Case) -> str:
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "OPENBLAS_NUM_THREADS": "1"}
     folder = str(Path(__file__).resolve().parent.parent)
     path = os.pathsep.join(filter(None, [folder, os.environ.get("PYTHONPATH")]))
-    from executive.law_errors import shown
-
     where = shown(Path(case.file))
     limit_s = IMPORT_S + PREPARE_S + 2.0 * max(STEP_S, STEP_PERIODS / case.rate_hz)
     try:
@@ -100,7 +113,7 @@ def attempt(case: Case) -> str:
         print(f"{where}: prints: {told[-1]['said']}", file=sys.stderr)
     if not told[-1]["problem"]:
         _passed.add(text)
-        _remember(Path(_record(case)), case, told[-1]["sources"])
+        _remember(_record(case), case, told[-1]["sources"])
     return str(told[-1]["problem"])
 
 
@@ -111,33 +124,32 @@ def _record(case: Case) -> str:
     digest = hashlib.sha256(f"{case.module}:{case.name}\n".encode())
     with suppress(OSError):
         digest.update(Path(case.file).read_bytes())
-    folder = cache_folder()
-    return str(folder.parent.parent / "laws" / f"{folder.name}-{digest.hexdigest()[:32]}")
+    return f"{digest.hexdigest()[:32]}.json"
 
 
-def _remembered(record: Path, case: Case) -> bool:
-    """Return whether the law passed, and all that it imports is as it was."""
-    try:
-        sources = json.loads(record.read_text())
-        folder = Path(case.file).parent
-        return all(_hash(folder / name) == found for name, found in sources.items())
-    except (OSError, ValueError, AttributeError):
-        return False
+def _remembered(record: str, case: Case) -> bool:
+    """Return whether the law passed, and all that it imports and reads is as it was."""
+    folder = Path(case.file).parent
+    for kept in compile_cache.folders():
+        with suppress(OSError, ValueError, AttributeError):
+            sources = json.loads((kept / _RECORDS / record).read_text(encoding="utf-8"))
+            if all(sha256(folder / name) == found for name, found in sources.items()):
+                return True
+    return False
 
 
-def _remember(record: Path, case: Case, sources: list[str]) -> None:
+def _remember(record: str, case: Case, sources: list[str]) -> None:
     """Note that a law passed; where nothing can be written it is tried again the next time."""
     folder = Path(case.file).parent
-    found = {os.path.relpath(source, folder): _hash(Path(source)) for source in sources}
     with suppress(OSError):
-        record.parent.mkdir(parents=True, exist_ok=True)
-        draft = record.with_suffix(f".{os.getpid()}")
-        draft.write_text(json.dumps(found))
-        draft.replace(record)
-
-
-def _hash(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+        found = {
+            os.path.relpath(source, folder) if Path(source).is_relative_to(folder) else source:
+            sha256(Path(source)) for source in sources
+        }  # fmt: skip
+        place = compile_cache.made(_RECORDS)
+        draft = place / f"{record}.{os.getpid()}"
+        draft.write_text(json.dumps(found), encoding="utf-8")
+        draft.replace(place / record)
 
 
 # The child
@@ -262,16 +274,15 @@ def main(text: str) -> None:
 
 
 def _sources(before: set[str]) -> list[str]:
-    """Return the files of the modules that came with the law and are the user's."""
-    from executive.law_errors import is_users
+    """Return the user's files that came with the law: modules, and what they or `prepare` read."""
+    from executive.laws import opened
 
     files = [getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - before]
-    return sorted(str(Path(file).resolve()) for file in files if file and is_users(file))
+    users = {Path(file).resolve() for file in files if file and is_users(file)}
+    return sorted(map(str, {*users, *opened(), *_opened}))
 
 
 def _problem(case: Case, begin: Any) -> str:
-    from executive.law_errors import at, cause, place
-
     try:
         _try(case, begin)
     except IndexOutside as error:
@@ -286,7 +297,6 @@ def _problem(case: Case, begin: Any) -> str:
 
 
 def _try(case: Case, begin: Any) -> None:
-    from executive.law_errors import at, cause, place, shown
     from executive.laws import module_of
     from executive.prepare import check_arguments, check_ports
 
@@ -323,8 +333,10 @@ def _prepare(block: "Block", case: Case) -> "tuple[Values, Values]":
         for port in block.settings or block.parameters
         for name in port.names()
     }
-    with _within(PREPARE_S):
-        return prepared(block, settings, case.rate_hz, case.seed)
+    with _within(PREPARE_S), noted() as reads:
+        values = prepared(block, settings, case.rate_hz, case.seed)
+    merge(_opened, reads)
+    return values
 
 
 def _usual(port: "Port") -> float:

@@ -21,7 +21,6 @@ from executive.laws import Use, users_case
 from executive.node import Plan, check_pacing, check_rate, cycles_of, plan
 from executive.protocol import bus_load
 from executive.rig import Rig, load_rig
-from executive.rig_blocks import law_keys
 from tools import screen
 from tools.judge import Judge, check
 
@@ -58,18 +57,14 @@ def command(options: argparse.Namespace) -> int:
 def _try_laws(rig: Rig) -> None:
     """Step the laws from outside the project with these settings; RigError for what is wrong."""
     config = rig.config
-    for role, spec in rig.nodes().items():
-        for block in spec.blocks:
-            keys = law_keys(config, role, block.name)
-            law = config.controllers.get(str(keys[1])) if keys[0] == "controllers" else None
-            name = str((law or config.sections[role].blocks[block.name]).law)
-            at = (*keys, "law")
-            module = name.partition(":")[0]
-            file = rig.document.file(at, module) if module.endswith(".py") else Path()
-            use = Use(block.settings, config.rate_hz, config.seed)
-            case = users_case(name, file, use)
-            if case is not None and (problem := trial.attempt(case)):
-                raise rig.document.error(at, problem)
+    blocks = [block for role in config.sections for block in rig.nodes()[role].blocks]
+    for block, (at, law) in zip(blocks, rig.laws(), strict=True):
+        module = law.partition(":")[0]
+        file = rig.document.file(at, module) if module.endswith(".py") else Path()
+        use = Use(block.settings, config.rate_hz, config.seed)
+        case = users_case(law, file, use)
+        if case is not None and (problem := trial.attempt(case)):
+            raise rig.document.error(at, problem)
 
 
 def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from executive import carried, logs, yamlfile
+from executive import carried, logs, trial, yamlfile
 from executive.rig import Rig, load_rig
 
 MOST_UP = 64  # folders that a file may lie above its rig
@@ -90,7 +90,7 @@ def rig_of(
             target = target[key]
         _, colon, attribute = law.partition(":")
         target[keys[-1]] = f"{path}{colon}{attribute}"
-    with opened_from(_redirected(files, where)):
+    with opened_from(_redirected(files, where)), trial.spared():
         yield load_rig(place, controller, settings, text=yamlfile.dump(data))
 
 

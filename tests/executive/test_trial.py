@@ -203,8 +203,10 @@ def test_a_law_that_makes_up_for_a_leap_in_time_does_not_hang(
 def test_the_laws_of_the_project_are_not_tried() -> None:
     use = laws.Use({}, 1000.0, 1)
     for name in laws._PLANTS:
-        file = PROBE.parent / name / "model.py"
-        assert file.exists() and laws.users_case("model.py:BLOCK", file, use) is None, name
+        files = sorted((PROBE.parent / name).glob("*.py"))
+        assert files, name
+        for file in files:
+            assert laws.users_case(f"{file.name}:BLOCK", file, use) is None, file
     assert laws.users_case("pd", Path(), use) is None
     assert laws.users_case("executive.references:step", Path(), use) is None
 
@@ -217,23 +219,36 @@ def test_an_endless_import_is_told_with_its_line(
     assert "does not return within 0.2 s" in problem and "law.py:" in problem, problem
 
 
-def test_a_law_that_passed_is_not_tried_again_until_it_or_what_it_imports_changes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("changed", ["own_helper.py", "table.txt", "prepared.txt"])
+def test_a_law_that_passed_is_not_tried_again_until_it_or_what_it_reads_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], changed: str
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setattr(trial, "_passed", set())
-    helper = "import sys, pathlib\nsys.path.insert(0, str(pathlib.Path(__file__).parent))\n"
-    (tmp_path / "rig").mkdir()
-    (tmp_path / "rig" / "own_helper.py").write_text("A = 1.0\n")
-    rig = rig_with(tmp_path / "rig", f"{helper}import own_helper\nprint('hello')\n{GOOD}")
+    rig = rig_with(tmp_path / "rig", f"{READING}{GOOD}", "prepare=prepare,")
+    contents = {"own_helper.py": "A = {}\n", "table.txt": "{}\n", "prepared.txt": "{}\n"}
+    for name, content in contents.items():
+        rig.with_name(name).write_text(content.format(1.0))
     case = trial_case(rig)
     assert trial.ensure(case) == ""
     assert "law.py: prints: hello" in capfd.readouterr().err
     trial._passed.clear()
     assert trial.ensure(case) == "" and capfd.readouterr().err == "", "remembered"
-    (tmp_path / "rig" / "own_helper.py").write_text("A = 2.0\n")
+    rig.with_name(changed).write_text(contents[changed].format(2.0))
     trial._passed.clear()
     assert trial.ensure(case) == "" and "hello" in capfd.readouterr().err, "tried again"
+
+
+READING = """\
+from pathlib import Path
+import own_helper
+HERE = Path(__file__).parent
+TWO = float((HERE / "table.txt").read_text()) + own_helper.A
+print("hello")
+def prepare(settings, rate_hz, seed):
+    return Prepared({**settings, "gain": float((HERE / "prepared.txt").read_text())})
+"""
 
 
 REFUSED = {  # by numba; the trial lets them pass
