@@ -6,7 +6,7 @@
     overrun    after a cycle that ran past its end: go on, fault, or fall back
     tune       take pending tunings, all or none
     step       the blocks in the rig's order, each on its views of the table; note changes
-    limit      clamp, rate-limit and ramp what is sent
+    limit      look for what is no finite number; clamp, rate-limit and ramp what is sent
     transmit   encode, protect, send: slow frames, frames of every cycle, SYNC last
     publish    snapshot of the table for other processes, and one row for the recorder
 
@@ -33,6 +33,7 @@ from drivers.wire_layout import MEMORY
 from executive import shared as sh
 from executive import supervisor as sv
 from executive import timing
+from executive.limits import begin_ramp, limit_commands, settled
 from executive.reception import take_frame
 from executive.rings import now, publish, push_event, push_record, stopping
 from executive.sending import (
@@ -45,7 +46,6 @@ from executive.sending import (
 from executive.strangers import listen, refused
 from executive.tuning import tune
 from executive.variables import (
-    CLAMPED,
     FALLBACK,
     FAULT,
     GAIN,
@@ -150,9 +150,17 @@ def receive(n: Any) -> None:
 
 
 @loop_function
+def over(n: Any) -> Any:
+    """Return True once the run is over, by its duration, its host or the node above."""
+    told = n.mode_index >= 0 and n.v[n.mode_index] == sv.STOP
+    return n.k >= n.cycles or stopping(n) or told
+
+
+@loop_function
 def supervise(n: Any) -> None:
-    """Count missing input, advance the state machine, ramp the gain in FAULT."""
+    """Count missing input, advance the state machine, ramp the gain in FAULT and at the end."""
     before = np.int64(n.v[STATE])
+    asked = over(n)
     running = before == sv.RUN or before == sv.HOLD
     if n.fresh >= n.n_awaited:
         n.missing = 0
@@ -164,12 +172,16 @@ def supervise(n: Any) -> None:
     n.fresh = 0
     n.wire.muted = 0
     e2e.begin_cycle(n.rx_state[: n.n_rx])
-    if before != sv.INIT and n.missing >= n.fault_after and n.faulted == sv.NO_FAULT:
+    silent = before != sv.INIT and n.missing >= n.fault_after
+    if silent and n.faulted == sv.NO_FAULT and not asked:
         n.faulted = sv.INPUT_MISSING
-    asked = stopping(n) or (n.mode_index >= 0 and n.v[n.mode_index] == sv.STOP)
-    state = sv.advance(before, n.missing == 0, n.faulted, asked, n.gain <= 0.0)
-    if before == sv.FAULT:
-        n.gain = max(n.gain - n.ramp_step, 0.0)
+    safe = settled(n)
+    leave = asked and (safe or (silent and n.trigger != CLOCKED))  # nobody listens any more
+    state = sv.advance(before, n.missing == 0, n.faulted, leave, n.gain <= 0.0 and safe)
+    if n.pace == 0.0 and (state == sv.FAULT or asked):
+        begin_ramp(n, asked)
+    if before == sv.FAULT or (asked and not leave):
+        n.gain = max(n.gain - n.pace, 0.0)
     if state != before:
         push_event(n, sh.STATE_EVENT, state, 0.0)
         if state == sv.FAULT:
@@ -231,25 +243,9 @@ def step_blocks(n: Any, steps: Any) -> None:
 
 @loop_function
 def limit(n: Any) -> None:
-    """Carry the outputs into what is sent; clamp them, limit their rate, ramp them in FAULT."""
+    """Carry the outputs into what is sent; clamp them, limit their rate, ramp them to safe."""
     copy_inputs(n, sh.MAX_BLOCKS)
-    n.v[CLAMPED] = 0.0
-    for i in range(n.n_limits):
-        j = n.limit_index[i]
-        wanted, last = n.v[j], n.limits[i, sh.LAST]
-        if not abs(wanted) < 1e300:  # NaN or infinite
-            if n.faulted == sv.NO_FAULT:
-                n.faulted = sv.COMMAND_NOT_FINITE
-            wanted = last
-        value = min(max(wanted, n.limits[i, sh.LOW]), n.limits[i, sh.HIGH])
-        value = min(max(value, last - n.limits[i, sh.RATE]), last + n.limits[i, sh.RATE])
-        if n.v[STATE] >= sv.FAULT:
-            n.v[j] = n.gain * last
-            continue
-        if value != wanted:
-            n.v[CLAMPED] = 1.0
-            n.control[sh.SATURATED] += 1
-        n.limits[i, sh.LAST] = n.v[j] = value
+    limit_commands(n)
 
 
 # ----------------------------------------------------------------------------------------- transmit
@@ -304,7 +300,7 @@ def one_pass(n: Any, steps: Any) -> Any:
     if n.wire.kind != MEMORY:
         timing.count(n)
     next_cycle(n)
-    return n.k < n.cycles
+    return n.k < n.cycles or not settled(n)
 
 
 @loop_function
@@ -328,6 +324,9 @@ def finish(n: Any) -> None:
         transmit(n)
     else:
         announce(n)
+    if n.faulted != sv.NO_FAULT and n.control[sh.FAULT] == sv.NO_FAULT:  # in the last cycle
+        n.control[sh.FAULT] = n.faulted
+        push_event(n, sh.FAULT_EVENT, n.faulted, 0.0)
     publish(n)
     libc.store_release(n.control, sh.DONE, 1)
 

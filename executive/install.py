@@ -44,14 +44,17 @@ def install(made: Plan, loop: Any) -> None:
             if f.name not in made.below and any(s.name == "mode" for s in f.signals)
         ]
         loop.mode_index = made.table.index[modes[0]] if modes else -1
-    for i, (name, limit) in enumerate(made.spec.limits.items()):
+    for i, (name, limit) in enumerate(made.limits.items()):
         rate = math.inf if limit.rate_per_s is None else limit.rate_per_s * period_s
         loop.limit_index[i] = made.table.index[f"tx.{name}"]
-        loop.limits[i] = (limit.low, limit.high, rate, 0.0, 0.0)
+        safe = limit.safe or 0.0
+        loop.limits[i] = (limit.low, limit.high, rate, safe, safe, safe)
     for i, (name, value) in enumerate(made.spec.safe.items()):
         loop.safe_index[i] = made.table.index[f"rx.{name}"]
         loop.safe[i] = (0.0, 0.0, 0.0, 0.0, value)
-    loop.n_limits, loop.n_safe = len(made.spec.limits), len(made.spec.safe)
+    loop.n_limits, loop.n_safe = len(made.limits), len(made.spec.safe)
+    sent = [i for i, variable in enumerate(made.table.variables) if variable.kind == "sent"]
+    loop.sent_first, loop.sent_past = (sent[0], sent[-1] + 1) if sent else (0, 0)
     for i, (cycle, place, value) in enumerate(made.schedule):
         loop.schedule[i] = (cycle, place)
         loop.schedule_value[i] = value

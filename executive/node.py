@@ -17,12 +17,13 @@ from executive import protocol
 from executive import shared as sh
 from executive.block import Block
 from executive.carried import Reads, merge, noted
+from executive.commands import commands
 from executive.cycle import idle
 from executive.errors import RigError, did_you_mean
 from executive.laws import compile_step
 from executive.prepare import prepared
 from executive.rig import BlockSpec, NodeSpec, Rig
-from executive.rig_schema import FALLBACK
+from executive.rig_schema import FALLBACK, Limit
 from executive.roles import Role
 from executive.supervisor import FAULT_NAMES, STATE_NAMES
 from executive.table import Table, Variable, Views, add_block
@@ -46,6 +47,7 @@ class Plan:
     schedule: list[tuple[int, int, float]] = field(default_factory=list)
     noted: list[int] = field(default_factory=list)
     read: Reads = field(default_factory=dict)  # by `prepare`
+    limits: dict[str, Limit] = field(default_factory=dict)  # by sent signal, `safe` given
     below: frozenset[str] = frozenset()  # of a local node: the frames on its bus to the plant
 
     @property
@@ -274,6 +276,7 @@ def _wire_frames(made: Plan) -> None:
                     f"{place}: {made.spec.name} has no such signal {name}"
                     + did_you_mean(name, known)
                 )
+    made.limits = commands(made.rig, made.role, sent)
 
 
 def _plan_schedule(made: Plan) -> None:
@@ -311,7 +314,7 @@ def _check_sizes(made: Plan) -> None:
         ("wires", sum(map(len, made.copies)), sh.MAX_COPIES),
         ("frames", max(len(made.rx_frames), len(made.tx_frames)), sh.MAX_FRAMES),
         ("signals", max(len(rx.variables), len(tx.variables)), sh.MAX_SIGNALS),
-        ("limits", max(len(made.spec.limits), len(made.spec.safe)), sh.MAX_LIMITS),
+        ("limits", max(len(made.limits), len(made.spec.safe)), sh.MAX_LIMITS),
         ("scheduled values", len(made.schedule), sh.MAX_LIMITS),
         ("noted variables", len(made.noted), sh.MAX_LIMITS),
     ):

@@ -148,8 +148,9 @@ class _Node:
         about = self.block.description
         if code == shared.TUNING_EVENT:
             entry |= {"name": about["variables"][argument][0], "value": value}
-        elif code == shared.CHANGE_EVENT:
-            entry |= {"event": "change", "name": about["variables"][argument][0], "value": value}
+        elif code in (shared.CHANGE_EVENT, shared.NOT_FINITE_EVENT):
+            kind = "change" if code == shared.CHANGE_EVENT else "not finite"
+            entry |= {"event": kind, "name": about["variables"][argument][0], "value": value}
         else:
             kind = EVENTS.get(code, f"code_{code}")
             entry |= {"event": kind, "argument": argument, "value": value}

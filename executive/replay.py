@@ -4,6 +4,7 @@
     tunings   those of cycle k are written before that pass; the rig's schedule is among them
     clock     k, passes, wake-up and stage times are the record's: laws and frames may use them
     bus       a failure of the bus is an input too: it is taken from the recorded fault
+    end       a ramp of the commands to safe values begins in the cycle in which it did
     result    every recorded variable, every counter that follows from frames, every frame sent
 
 Nothing else enters a cycle, so the result is bit-identical whatever the pacing and the bus were.
@@ -40,7 +41,7 @@ from executive.variables import COUNTED
 CYCLES_AT_ONCE = 1000  # the rings hold several thousand
 K, PASSES, STAMP = range(3)  # first columns of Slice.rows
 HEAD = 3
-BUS_FAILED, FRAMES_END, TUNINGS_END = range(3, 6)  # further columns of the compiled loop's rows
+BUS_FAILED, FRAMES_END, TUNINGS_END, ENDS = range(3, 7)  # further columns of the loop's rows
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,8 @@ def recompute(
             n.v[clocks[j]] = clocked[i, j]
         if rows[i, BUS_FAILED] != 0:
             n.faulted = sv.BUS_FAILED
+        if rows[i, ENDS] != 0:
+            n.control[sh.STOP] = 1
         one_pass(n, steps)
         n.wire.outbox_put = 0
         if n.passes == rows[i, PASSES]:
@@ -197,10 +200,15 @@ class Replay:
             self._check(*tuning)
         tuned = np.array([self._index[t[1]] for t in tunings], np.int64)
         values = np.array([t[2] for t in tunings], np.float64)
-        rows = np.zeros((len(part.rows), 6), np.int64)
+        rows = np.zeros((len(part.rows), 7), np.int64)
         rows[:, :HEAD] = part.rows[:, :HEAD]
         fault = part.rows[:, HEAD + names.index("supervisor.fault")].view(np.float64)
         rows[:, BUS_FAILED] = fault == sv.BUS_FAILED
+        gain, state = (
+            part.rows[:, HEAD + names.index(f"supervisor.{name}")].view(np.float64)
+            for name in ("gain", "state")
+        )
+        rows[:, ENDS] = (gain < 1.0) & (state < sv.FAULT)
         times = np.array([t[0] for t in tunings], np.int64)
         for column, ends in ((FRAMES_END, received["cycle"]), (TUNINGS_END, times)):
             rows[:, column] = np.searchsorted(ends, rows[:, K], side="right")

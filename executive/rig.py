@@ -11,6 +11,7 @@ types, ranges, files, laws, settings and their units. Every message says where:
 numba is imported with the first law, so that reading a rig with `resolve=False` is fast.
 """
 
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -203,10 +204,7 @@ def _check(document: Document, config: Config) -> None:
     if config.record.keep is not None and not 0 < config.record.keep_ns <= _LONGEST_KEEP_NS:
         what = f"{config.record.keep}: expected more than 0 and no more than 12 days"
         raise document.error(("record", "keep"), what)
-    for name, limit in config.executive.limits.items():
-        if not limit.low < limit.high:
-            what = f"low {limit.low:g} is not below high {limit.high:g}"
-            raise document.error(("executive", "limits", name), what)
+    _check_limits(document, config)
     for name, figures in config.expect.items():
         if name not in config.controllers:
             what = f"no such controller{did_you_mean(name, config.controllers)}"
@@ -218,6 +216,30 @@ def _check(document: Document, config: Config) -> None:
     for keys in _file_keys(msgspec.to_builtins(config)):
         if keys[-1] != "law":
             document.file(keys, _get(document.data, keys))
+
+
+def _check_limits(document: Document, config: Config) -> None:
+    """Refuse bounds without a value between them, and safe values that cannot be sent."""
+    for section, node in config.sections.items():
+        for name, limit in getattr(node, "limits", {}).items():
+            keys: Keys = (section, "limits", name)
+            if not limit.low < limit.high:
+                what = f"low {limit.low:g} is not below high {limit.high:g}"
+                raise document.error(keys, what)
+            if limit.rate_per_s is not None and not math.isfinite(limit.rate_per_s):
+                what = f"expected a finite number, got {limit.rate_per_s:g}; null is no rate limit"
+                raise document.error((*keys, "rate_per_s"), what)
+            if limit.safe is not None and not limit.low <= limit.safe <= limit.high:
+                what = f"{limit.safe:g} is outside {limit.low:g}..{limit.high:g}"
+                raise document.error((*keys, "safe"), what)
+            if limit.safe is not None and not math.isfinite(limit.safe):
+                raise document.error(
+                    (*keys, "safe"), f"expected a finite number, got {limit.safe:g}"
+                )
+        for name, value in getattr(node, "safe", {}).items():
+            if not math.isfinite(value):
+                what = f"expected a finite number, got {value:g}"
+                raise document.error((section, "safe", name), what)
 
 
 def _check_overrun(document: Document, config: Config) -> None:

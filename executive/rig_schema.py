@@ -108,11 +108,16 @@ class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Limit(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Bounds of a sent signal, in its unit; `rate_per_s` null means no rate limit."""
+    """Bounds of a sent signal, in its unit; `rate_per_s` null means no rate limit.
+
+    `safe`: where FAULT and the end of the run take it; null for what the receiver's `safe` says,
+    else 0, and for the nearest value within the bounds.
+    """
 
     low: float = float("-inf")
     high: float = float("inf")
     rate_per_s: Annotated[float, Meta(gt=0)] | None = None
+    safe: float | None = None
 
 
 class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

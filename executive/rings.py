@@ -39,7 +39,7 @@ def stopping(n: Any) -> Any:
 
 
 @loop_inline
-def _bits(value: Any) -> Any:
+def bits_of(value: Any) -> Any:
     """Return the 64 bits of a float64 as int64, every NaN as the same one."""
     return np.float64(value if value == value else NAN).view(np.int64)
 
@@ -88,7 +88,7 @@ def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
     n.event[row, 1] = n.k
     n.event[row, 2] = code
     n.event[row, 3] = argument
-    n.event[row, 4] = _bits(value)
+    n.event[row, 4] = bits_of(value)
     libc.store_release(n.event_ends, sh.PUT, n.event_ends[sh.PUT] + 1)
 
 
@@ -105,11 +105,11 @@ def push_record(n: Any) -> None:
     n.record[at + 2] = sh.CDR_HEADER
     at += sh.RECORD_HEAD
     for i in range(n.n_state):
-        n.record[at + i] = _bits(n.v[n.state_columns[i]])
+        n.record[at + i] = bits_of(n.v[n.state_columns[i]])
     at += n.n_state
     n.record[at] = sh.CDR_HEADER
     for i in range(n.n_timing):
-        n.record[at + 1 + i] = _bits(n.v[n.timing_columns[i]])
+        n.record[at + 1 + i] = bits_of(n.v[n.timing_columns[i]])
     libc.store_release(n.record_ends, sh.PUT, n.record_ends[sh.PUT] + 1)
 
 

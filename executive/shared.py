@@ -43,6 +43,7 @@ PID, READY, REALTIME = 27, 28, 29
 LOST_ON_PURPOSE, REFUSED = 30, 31
 RECORDED = 32  # a recorder has come
 WRONG_SEQUENCE, BUS_ERRORS, CULPRIT = 52, 53, 54  # CULPRIT: the id that a fault is about
+ODD_PLACE, ODD_CYCLE, ODD_BITS = 48, 49, 50  # the first value not finite: its variable + 1, when
 CONTROL_WORDS = 64
 
 PUT, DROPPED = 0, 8  # words of a ring's `ends`; its `taken` is one word of the mailbox
@@ -64,6 +65,7 @@ EVENT_WORDS = 5
 FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT, CHANGE_EVENT = 1, 2, 3, 4, 5
 LATE_EVENT, FALLBACK_EVENT, REFUSED_EVENT = 6, 7, 8
 FOREIGN_EVENT = 12
+NOT_FINITE_EVENT = 9
 
 # Sizes are fixed, so that one compiled loop serves every rig; `executive.node` checks the fit.
 MAX_VARIABLES = 8192
@@ -76,8 +78,9 @@ RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kH
 FRAME_RING_ROWS = 1 << 16  # six seconds of ten frames a cycle at 1 kHz
 EVENT_RING_ROWS = 1 << 10
 
-# columns of `limits` (low, high, change a cycle, last value) and `safe` (last value, safe value)
-LOW, HIGH, RATE, LAST, SAFE = range(5)
+# columns of `limits` (low, high, change a cycle, last value before a ramp, safe value, value sent)
+# and `safe` (last value, safe value)
+LOW, HIGH, RATE, LAST, SAFE, SENT_VALUE = range(6)
 STARTS, AWAITED, PEER = 0, 1, 2  # columns of `rx_role`; PEER: of the node that is waited for
 MEETING = 3  # a further one: what the frame is to `executive.meeting`
 SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `overrun_policy`
@@ -120,6 +123,8 @@ _PRIVATE = [  # of the loop alone
     ("cycles", "<i8"),
     ("n_blocks", "<i8"),
     ("n_variables", "<i8"),
+    ("sent_first", "<i8"),  # places of what is sent
+    ("sent_past", "<i8"),
     ("n_limits", "<i8"),
     ("n_safe", "<i8"),
     ("n_rx", "<i8"),
@@ -150,7 +155,7 @@ _PRIVATE = [  # of the loop alone
     ("copies", "<i8", (MAX_COPIES, 2)),  # source, target of the wiring
     ("copies_end", "<i8", (MAX_BLOCKS + 1,)),  # end of each block's copies; last: what is sent
     ("limit_index", "<i8", (MAX_LIMITS,)),
-    ("limits", "<f8", (MAX_LIMITS, 5)),
+    ("limits", "<f8", (MAX_LIMITS, 6)),
     ("safe_index", "<i8", (MAX_LIMITS,)),
     ("safe", "<f8", (MAX_LIMITS, 5)),
     ("schedule", "<i8", (MAX_LIMITS, 2)),  # cycle, variable of a scheduled tuning, by cycle
@@ -187,7 +192,8 @@ _PRIVATE = [  # of the loop alone
     ("fresh", "<i8"),
     ("faulted", "<i8"),
     ("scheduled", "<i8"),  # tunings of the schedule that were applied
-    ("gain", "<f8"),  # 1, or how far the ramp of FAULT has come down
+    ("gain", "<f8"),  # 1, or how far the ramp of FAULT or of the end has come down
+    ("pace", "<f8"),  # its change a cycle; 0 before a ramp
     ("v", "<f8", (MAX_VARIABLES,)),  # the table
     ("asked_index", "<i8", (MAIL_SLOTS,)),  # a request as it was when it was checked
     ("asked_value", "<f8", (MAIL_SLOTS,)),

@@ -12,6 +12,12 @@
       FAULT    FAULT  FAULT  FAULT   FAULT  STOP          STOP
       STOP     STOP   STOP   STOP    STOP   STOP          STOP
 
+A run is over when its duration is, when the host asks, or when a frame of the node above says STOP.
+While a command with a rate limit is then farther from its safe value than one cycle may move it,
+the node goes on in its state (so that its peer still takes the command), `supervisor.gain` falls
+from 1 as in FAULT, no missing input is a fault, and STOP comes with the frame that is safe. A ramp
+is as fast as `supervisor.ramp_s` says, or as slow as the slowest command's rate limit.
+
 FAULT is latched: only a new start leaves it. The same table serves the executive (fresh = a
 complete valid set of feedback) and the emulator (fresh = a valid command), whose FAULT is its
 watchdog.
@@ -42,6 +48,7 @@ NEXT = np.array(
 
 NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED, OVERRUN = range(6)
 ANOTHER_SENDER, REPEATED_INPUT = 6, 7
+OUTPUT_NOT_FINITE, PLANT_NOT_FINITE = 8, 9
 FAULT_NAMES = (
     "none",
     "no valid input frame for the rig's limit of cycles",
@@ -51,6 +58,8 @@ FAULT_NAMES = (
     "cycles ran past their end, more in a row than the rig allows",
     "another sender of one of its frames is on the bus",
     "an awaited frame was repeated again and again: somebody else sends it",
+    "an output was not a finite number",
+    "the plant diverged: an output was not a finite number",
 )
 
 NMT = np.array([127.0, 127.0, 5.0, 5.0, 4.0, 4.0])  # CANopen heartbeat state of each state

@@ -4,7 +4,7 @@ HEAD = (
     ("time.t_s", "s", "time of the cycle, k T"),
     ("supervisor.state", "", "0 INIT, 1 READY, 2 RUN, 3 HOLD, 4 FAULT, 5 STOP"),
     ("supervisor.fault", "", "0 none, else the reason of FAULT"),
-    ("supervisor.gain", "", "share of the command that is sent: 1, or on the ramp of FAULT"),
+    ("supervisor.gain", "", "share of the command that is sent: 1, or on a ramp to safe"),
     ("supervisor.missing_cycles", "", "consecutive cycles without complete valid input"),
     ("supervisor.nmt", "", "CANopen heartbeat state"),
     ("supervisor.fallback", "", "1 once the rig's fallback controller has taken over"),

@@ -49,8 +49,9 @@ def run_virtual(executive: Any, laws: Any, plant: Any, models: Any, cycles: Any)
         one_pass(plant, models)
     for _ in range(cycles):
         wire.carry(plant.wire, executive.wire)
+        before = executive.passes
         more = one_pass(executive, laws)
-        if more or executive.k >= executive.cycles:  # it has sent
+        if executive.passes != before:  # it has sent
             wire.carry(executive.wire, plant.wire)
             pass_or_finish(plant, models)
         if not more:
@@ -146,9 +147,8 @@ class VirtualRun:
             yield int(self.blocks[0].loop.passes)
 
     def stop(self) -> None:
-        """Ask both nodes to end at the next cycle."""
-        for block in self.blocks:
-            block["control"][sh.STOP] = 1
+        """Ask the executive to end, and the others by it."""
+        self.blocks[0]["control"][sh.STOP] = 1
 
     def close(self) -> None:
         """Finish the log file."""

@@ -52,14 +52,17 @@ def run_virtual_with_local(
         _meet(executive, local, plant)
         _pass_below(executive, local, relays, plant, models)
     for _ in range(cycles):
+        before = executive.passes
         more = one_pass(executive, laws)
-        if more or executive.k >= executive.cycles:  # it has sent
+        if executive.passes != before:  # it has sent
             wire.carry(executive.wire, local.wire)
             _pass_below(executive, local, relays, plant, models)
         if not more:
             finish(executive)
             wire.carry(executive.wire, local.wire)
             _pass_below(executive, local, relays, plant, models)
+            while local.control[sh.DONE] == 0 and local.pace > 0.0:  # its own commands become safe
+                _pass_below(executive, local, relays, plant, models)
             if local.control[sh.DONE] == 0:
                 finish(local)
                 wire.deal(local.wire, executive.wire, plant.wire)

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from executive import faults, logs
 from executive import shared as sh
+from executive import supervisor as sv
 from executive.distribution import Distribution
 from executive.long_logs import LongLog
 from executive.rig import Rig
@@ -89,7 +90,7 @@ class Outcome:
         cycle = "" if block is None else f"cycle {int(block['control'][sh.CYCLE])}"
         if block is not None and block["control"][sh.FAULT]:
             reason = faults.reason(block.description, block["control"])
-            self.faults.append(f"{name}: {reason}, {cycle}")
+            self.faults.append(f"{name}: {_odd_value(block) or f'{reason}, {cycle}'}")
         elif code < 0:
             killer = f"{name}: ended by {signal.Signals(-code).name}"
             self.faults.append(f"{killer} in {cycle}" if cycle else killer)
@@ -116,6 +117,19 @@ def _short(block: sh.Shared) -> str:
     done = int(control[sh.CYCLE]) + 1 if control[sh.PASSES] else 0
     asked = " asked to end (SIGTERM or SIGINT)" if control[sh.STOP] else " ended"
     return f"{done:,} of {wanted:,} cycles: the executive was{asked} before"
+
+
+def _odd_value(block: sh.Shared) -> str:
+    """Return what a node that faulted by a value that is not finite has to say; "" for others."""
+    control = block["control"]
+    if control[sh.FAULT] not in (
+        sv.COMMAND_NOT_FINITE, sv.OUTPUT_NOT_FINITE, sv.PLANT_NOT_FINITE
+    ):  # fmt: skip
+        return ""
+    name = block.description["variables"][int(control[sh.ODD_PLACE]) - 1][0]
+    value = float(control[sh.ODD_BITS : sh.ODD_BITS + 1].view(np.float64)[0])
+    what = "the plant diverged: " if control[sh.FAULT] == sv.PLANT_NOT_FINITE else ""
+    return f"{what}{name} was {value:g} in cycle {int(control[sh.ODD_CYCLE])}"
 
 
 def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = None) -> Summary:

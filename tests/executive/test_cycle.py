@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from drivers.jit import i8, loop
 from drivers.wire_layout import MEMORY
 from executive import shared as sh
 from executive import supervisor as sv
-from executive.cycle import CLOCKED, arm, next_cycle
+from executive.cycle import CLOCKED, N, arm, finish, next_cycle
 from executive.node import Plan
 from executive.rig import load_rig
 
@@ -47,6 +48,17 @@ def bench(plans: tuple[Plan, Plan]) -> Bench:
     made.executive["controller.torque_Nm"] = 1.0
     assert made.run(10) == 10 and made.executive.state == "RUN"
     return made
+
+
+def end(node: Node) -> None:
+    """Send the last frames."""
+    _finish(node.loop)
+
+
+@loop(i8(N))
+def _finish(n: Any) -> Any:
+    finish(n)
+    return 0
 
 
 def counters(node: Node) -> dict[str, int]:
@@ -336,13 +348,43 @@ def test_every_recorded_NaN_is_the_same_one(bench: Bench) -> None:
     assert recorded == 0x7FF8000000000000, f"{recorded:x}"
 
 
-def test_a_signal_without_limits_that_is_not_a_number_is_sent_as_zero_and_counted(
-    bench: Bench,
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1e300])
+def test_a_signal_without_limits_that_is_not_finite_is_a_FAULT_that_names_it(
+    bench: Bench, value: float
 ) -> None:
-    bench.executive["controller.other_Nm"] = math.nan
-    bench.run(2)
-    assert bench.executive.count(sh.SATURATED) == 2
-    assert bench.plant["rx.CMD.tau_des"] == 0.0 and bench.executive.state == "RUN"
+    node = bench.executive
+    node["controller.other_Nm"] = value
+    bench.run(1)
+    assert node.state == "RUN" and node["tx.CMD.motor_torque"] == 1.0
+    bench.run(1)
+    assert node.state == "FAULT" and node.count(sh.FAULT) == sv.OUTPUT_NOT_FINITE
+    ((cycle, place, seen),) = node.events(sh.NOT_FINITE_EVENT)
+    assert (cycle, place) == (10, node.place("controller.tau_Nm"))
+    assert seen == value or (math.isnan(seen) and math.isnan(value))
+    assert bench.run(100) == RAMP_CYCLES, "the command's ramp to its safe value"
+    assert node.series("tx.CMD.motor_torque")[-1] == 0.0
+
+
+def test_a_plant_that_diverges_is_a_fault_of_the_plant(bench: Bench) -> None:
+    plant = bench.plant
+    for name in (v.name for v in plant.plan.table.variables if v.name.startswith("barrel.x_")):
+        plant[name] = math.nan
+    bench.run(RAMP_CYCLES + 5)
+    assert plant.count(sh.FAULT) == sv.PLANT_NOT_FINITE, sv.FAULT_NAMES[plant.count(sh.FAULT)]
+    place = plant.events(sh.NOT_FINITE_EVENT)[0][1]
+    assert plant.plan.names[place].startswith("barrel."), plant.plan.names[place]
+
+
+def test_a_value_that_is_not_finite_in_the_last_cycle_is_a_fault_too(
+    plans: tuple[Plan, Plan],
+) -> None:
+    bench = Bench(plans)
+    node = bench.executive
+    node["controller.other_Nm"] = math.nan
+    node.loop.cycles = 1
+    assert bench.run(5) == 0, "the run is over with the first cycle"
+    end(node)
+    assert node.count(sh.FAULT) == sv.OUTPUT_NOT_FINITE
 
 
 @pytest.mark.parametrize(("wanted", "sent"), [(5.0, 2.0), (-5.0, -2.0), (2.0, 2.0), (1.5, 1.5)])
@@ -383,6 +425,59 @@ def test_what_is_sent_is_the_nearest_value_within_range_and_rate(
         assert sent == nearest, f"wanted {value}, last {last}: sent {sent}, not {nearest}"
         assert node["supervisor.saturated"] == (sent != value)
         last = sent
+
+
+RATE = 0.125  # N m a cycle
+
+
+def ways(*lines: str) -> str:
+    """Return limits of the command: a slow one, and what else the test wants."""
+    return ", ".join(("rate_per_s: 125.0", *lines))
+
+
+@pytest.mark.parametrize(
+    ("limits", "safe"),
+    [
+        (ways("low: -1.0", "high: 2.0"), 0.0),
+        (ways("low: -1.0", "high: 2.0", "safe: -0.7"), -0.7),
+        (ways("low: 0.3", "high: 2.0"), 0.3),
+        (ways("low: -3.0", "high: -0.5"), -0.5),
+        ("safe: 0.25", 0.25),
+        ("low: 0.5, high: 2.0", 0.5),
+    ],
+)
+@pytest.mark.parametrize("why", ["duration", "stop", "fault"])
+def test_a_command_goes_to_its_safe_value_within_range_and_rate(
+    tmp_path: Path, limits: str, safe: float, why: str
+) -> None:
+    text = f"executive: {{limits: {{CMD.motor_torque: {{{limits}}}}}}}"
+    made = Bench(both(load_rig(puppet_rig(tmp_path, text, "supervisor: {ramp_s: 0.002}"))))
+    node = made.executive
+    low, high, rate = (float(node.loop.limits[0, c]) for c in (sh.LOW, sh.HIGH, sh.RATE))
+    node["controller.torque_Nm"] = -5.0 if safe < 0.0 and low < safe - 1.0 else 1.9
+    made.run(40)
+    before = node["tx.CMD.motor_torque"]
+    assert abs(before - safe) > 1.0, f"{before}: the test has nothing to ramp"
+    done = 40
+    if why == "duration":
+        node.loop.cycles = done
+        node.loop.k = done
+    elif why == "stop":
+        node.loop.control[sh.STOP] = 1
+    else:
+        node["controller.torque_Nm"] = math.nan
+    made.run(100)
+    end(node)
+    sent = np.append(node.series("tx.CMD.motor_torque"), node["tx.CMD.motor_torque"])
+    assert sent[-1] == pytest.approx(safe, abs=1e-12), sent[-5:]
+    assert (sent[done:] >= low).all() and (sent[done:] <= high).all()
+    # the first cycle begins at the safe value
+    change = np.abs(np.diff(sent, prepend=safe))
+    assert (change <= rate * (1.0 + 1e-12)).all(), f"{change.max()} a cycle, limit {rate}"
+    states = set(node.series("supervisor.state")[done:].astype(int).tolist())
+    assert states <= ({RUN, FAULT} if why == "fault" else {RUN}), states
+    assert (node.count(sh.FAULT) == sv.NO_FAULT) == (why != "fault")
+    assert why == "fault" or math.isfinite(rate) or len(sent) == done + 1, "cycles more"
 
 
 # ----------------------------------------------------------------------------------------- tunings

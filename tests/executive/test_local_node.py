@@ -36,6 +36,25 @@ def test_the_loop_is_closed_through_the_local_node() -> None:
     assert np.flatnonzero(position > 0)[0] == 2, "ask in cycle 0, command in 1, motion from 2"
 
 
+def test_the_local_nodes_command_goes_to_its_safe_value_at_its_rate(tmp_path: Path) -> None:
+    """The executive ends; the local node's command of 0.8 still has 100 cycles to go."""
+    path = tmp_path / "slow.yaml"
+    limits = "{CMD.command: {low: -5.0, high: 5.0, rate_per_s: 4.0, safe: 0.4}}"
+    path.write_text(f"base: {RELAY}\nlocal: {{limits: {limits}}}\n")
+    rig = load_rig(path)
+    simulate(rig, tmp_path / "log.mcap")
+    log = logs.read(tmp_path / "log.mcap")
+    local, plant = log.node["local"], log.node["plant"]
+    sent = local.columns["tx.CMD.command"]
+    assert np.abs(np.diff(sent)).max() <= 0.004 * (1 + 1e-12), np.abs(np.diff(sent)).max()
+    assert sent[999] > 0.79 and abs(sent[-1] - 0.4) <= 0.004, (sent[999], sent[-1])
+    assert 1095 <= len(sent) <= 1110, f"{len(sent)} cycles for 1000 and the ramp"
+    assert set(local.columns["supervisor.state"][10:]) == {2.0}, "RUN to the end"
+    assert np.abs(plant.columns["rx.CMD.command"][-1] - 0.4) <= 0.005, "the plant took it"
+    outcome = Outcome("virtual", "memory", nodes=list(log.node))
+    assert summarise(rig, log, outcome)["verdict"] == "ok"
+
+
 def test_each_node_has_only_the_frames_of_its_buses() -> None:
     rig = load_rig(RELAY)
     plans = {role: plan(rig, role, "sync") for role in rig.roles}

@@ -46,6 +46,28 @@ def test_overruns_of_the_start_are_forgiven(tmp_path: Path) -> None:
     assert made.executive.count(sh.SKIPPED) == 9
 
 
+@pytest.mark.parametrize(("stalled", "state"), [(9, "RUN"), (10, "FAULT")])
+def test_the_grace_period_ends_with_its_last_cycle(
+    tmp_path: Path, stalled: int, state: str
+) -> None:
+    made = bench(tmp_path, "{fault_after: 1, grace_s: 0.01}")
+    late = [0] * 14
+    late[stalled] = STALL
+    made.run(len(late), late_ns=late)
+    assert made.executive.state == state, f"a stall in cycle {stalled} with grace for 0 to 9"
+    assert made.executive.count(sh.SKIPPED) == 1
+
+
+@pytest.mark.parametrize(("stalls", "state"), [(2, "RUN"), (3, "FAULT")])
+def test_a_fault_comes_after_exactly_so_many_overruns(
+    tmp_path: Path, stalls: int, state: str
+) -> None:
+    made = bench(tmp_path, "{fault_after: 3, grace_s: 0.0}")
+    made.run(10)
+    made.run(8, late_ns=[STALL] * stalls)
+    assert made.executive.state == state, f"{stalls} in a row, 3 allowed"
+
+
 def test_without_a_policy_periods_are_skipped_and_nothing_else_happens(tmp_path: Path) -> None:
     made = Bench(both(load_rig(puppet_rig(tmp_path, PATIENT))))
     made.run(200)

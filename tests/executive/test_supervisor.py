@@ -96,5 +96,9 @@ def test_every_fault_has_a_name() -> None:
         sv.PEER_SILENT,
         sv.BUS_FAILED,
         sv.OVERRUN,
+        sv.ANOTHER_SENDER,
+        sv.REPEATED_INPUT,
+        sv.OUTPUT_NOT_FINITE,
+        sv.PLANT_NOT_FINITE,
     )
     assert codes == tuple(range(len(sv.FAULT_NAMES))), codes

@@ -1,5 +1,6 @@
 """Virtual time: the same run again gives the same bits, one sample of delay, and known results."""
 
+import argparse
 import math
 import os
 import subprocess
@@ -18,6 +19,8 @@ from executive import shared as sh
 from executive import supervisor as sv
 from executive.rig import load_rig
 from executive.virtual import VirtualRun, simulate
+from tools.progress import Progress
+from tools.replay import replay
 from tools.summary import evaluation_module
 
 # engage needs a neural law: test_neural_controllers.py
@@ -271,3 +274,21 @@ def test_the_shot_moves_the_muzzle_by_what_no_controller_can_prevent(simulated: 
         law: metrics(simulated(path, law), path)["muzzle_error_max_mrad"] for law in CONTROLLERS
     }
     assert all(math.isclose(peak, 5.33, rel_tol=0.08) for peak in peaks.values()), peaks
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_run_that_ends_on_a_ramp_is_recomputed_bit_for_bit(tmp_path: Path, stopped: bool) -> None:
+    limits = "{CMD.motor_torque: {low: -2.0, high: 2.0, rate_per_s: 50.0, safe: 1.5}}"
+    path = tmp_path / "slow.yaml"
+    path.write_text(f"base: {SLEW10}\nduration_s: 2.0\nexecutive: {{limits: {limits}}}\n")
+    run = VirtualRun(load_rig(path), tmp_path / "log.mcap")
+    for _ in run.advance():
+        if stopped:
+            run.stop()
+    run.close()
+    sent = logs.read(tmp_path / "log.mcap").node["executive"].columns["tx.CMD.motor_torque"]
+    cycles = 1000 if stopped else 2000
+    assert cycles + 10 < len(sent) < cycles + 100 and abs(sent[-1] - 1.5) <= 0.05, len(sent)
+    options = argparse.Namespace(controller=None, set=[], node="all")
+    for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):
+        assert verdict.identical, f"{verdict.first()} {verdict.incomplete}"

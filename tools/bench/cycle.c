@@ -358,9 +358,45 @@ static void watchdog(loop *n, int64_t state)
     }
 }
 
+static int over(loop *n)
+{
+    return n->k >= n->cycles || stopping(n)
+           || (n->mode_index >= 0 && n->v[n->mode_index] == SV_STOP);
+}
+
+static int settled(loop *n)
+{
+    for (int64_t i = 0; i < n->n_limits; i++) {
+        const double *limits = n->limits[i];
+        if (__builtin_fabs(limits[SH_SENT_VALUE] - limits[SH_SAFE]) > limits[SH_RATE])
+            return 0;
+    }
+    return 1;
+}
+
+static void begin_ramp(loop *n, int asked)
+{
+    n->pace = n->ramp_step;
+    for (int64_t i = 0; i < n->n_limits; i++) {
+        const double *limits = n->limits[i];
+        double way = __builtin_fabs(limits[SH_LAST] - limits[SH_SAFE]);
+        if (way * n->pace > limits[SH_RATE])
+            n->pace = limits[SH_RATE] / way;
+    }
+    if (!asked)
+        return;
+    n->n_starters = n->n_awaited = 0;
+    for (int64_t row = 0; row < n->n_rx; row++) {
+        const int64_t *role = n->rx_role[row];
+        n->n_starters += role[SH_STARTS] * role[SH_PEER];
+        n->n_awaited += role[SH_AWAITED] * role[SH_PEER];
+    }
+}
+
 static void supervise(loop *n)
 {
     int64_t before = (int64_t)n->v[V_STATE];
+    int asked = over(n);
     int running = before == SV_RUN || before == SV_HOLD;
     if (n->fresh >= n->n_awaited) {
         n->missing = 0;
@@ -375,12 +411,15 @@ static void supervise(loop *n)
         n->rx_state[i][E2E_STILL_CYCLES]++;
         n->rx_state[i][E2E_FRESH] = 0;
     }
-    if (before != SV_INIT && n->missing >= n->fault_after && n->faulted == SV_NO_FAULT)
+    int silent = before != SV_INIT && n->missing >= n->fault_after;
+    if (silent && n->faulted == SV_NO_FAULT && !asked)
         n->faulted = SV_INPUT_MISSING;
-    int asked = stopping(n) || (n->mode_index >= 0 && n->v[n->mode_index] == SV_STOP);
-    int64_t state = advance(before, n->missing == 0, n->faulted, asked, n->gain <= 0.0);
-    if (before == SV_FAULT)
-        n->gain = n->gain > n->ramp_step ? n->gain - n->ramp_step : 0.0;
+    int safe = settled(n), leave = asked && (safe || (silent && n->trigger != CYCLE_CLOCKED));
+    int64_t state = advance(before, n->missing == 0, n->faulted, leave, n->gain <= 0.0 && safe);
+    if (n->pace == 0.0 && (state == SV_FAULT || asked))
+        begin_ramp(n, asked);
+    if (before == SV_FAULT || (asked && !leave))
+        n->gain = n->gain > n->pace ? n->gain - n->pace : 0.0;
     if (state != before) {
         push_event(n, SH_STATE_EVENT, state, 0.0);
         if (state == SV_FAULT) {
@@ -504,30 +543,63 @@ static double within(double value, double low, double high)
     return value < high ? value : high;
 }
 
+static int64_t find_not_finite(loop *n, int64_t first, int64_t past)
+{
+    int odd = 0;
+    for (int64_t i = first; i < past; i++)
+        odd |= !(__builtin_fabs(n->v[i]) < 1e300);
+    if (odd)
+        for (int64_t i = first; i < past; i++)
+            if (!(__builtin_fabs(n->v[i]) < 1e300))
+                return i;
+    return -1;
+}
+
+static int check_finite(loop *n)
+{
+    int64_t place = -1;
+    for (int64_t b = 0; b < n->n_blocks && place < 0; b++)
+        place = find_not_finite(n, n->views[b][6], n->views[b][7]);
+    if (place < 0)
+        place = find_not_finite(n, n->sent_first, n->sent_past);
+    if (place >= 0 && n->control[SH_ODD_PLACE] == 0) {
+        n->control[SH_ODD_PLACE] = place + 1;
+        n->control[SH_ODD_CYCLE] = n->k;
+        n->control[SH_ODD_BITS] = bits_of(n->v[place]);
+        push_event(n, SH_NOT_FINITE_EVENT, place, n->v[place]);
+    }
+    return place >= 0;
+}
+
 static void limit(loop *n)
 {
     copy_inputs(n, SH_MAX_BLOCKS);
+    int odd = check_finite(n), ramping = n->v[V_STATE] >= SV_FAULT || n->pace > 0.0;
     n->v[V_CLAMPED] = 0.0;
     for (int64_t i = 0; i < n->n_limits; i++) {
-        double *limits = n->limits[i], *sent = &n->v[n->limit_index[i]];
-        double wanted = *sent, last = limits[SH_LAST];
+        double *limits = n->limits[i], *v = &n->v[n->limit_index[i]];
+        double wanted = *v, last = limits[SH_LAST], safe = limits[SH_SAFE];
+        double rate = limits[SH_RATE], sent = limits[SH_SENT_VALUE];
         if (!(__builtin_fabs(wanted) < 1e300)) {
             if (n->faulted == SV_NO_FAULT)
                 n->faulted = SV_COMMAND_NOT_FINITE;
             wanted = last;
         }
+        if (ramping)
+            wanted = safe == 0.0 ? n->gain * last : safe + n->gain * (last - safe);
         double value = within(wanted, limits[SH_LOW], limits[SH_HIGH]);
-        value = within(value, last - limits[SH_RATE], last + limits[SH_RATE]);
-        if (n->v[V_STATE] >= SV_FAULT) {
-            *sent = n->gain * last;
+        value = within(value, sent - rate, sent + rate);
+        limits[SH_SENT_VALUE] = *v = value;
+        if (ramping)
             continue;
-        }
         if (value != wanted) {
             n->v[V_CLAMPED] = 1.0;
             n->control[SH_SATURATED]++;
         }
-        limits[SH_LAST] = *sent = value;
+        limits[SH_LAST] = value;
     }
+    if (odd && n->faulted == SV_NO_FAULT)
+        n->faulted = n->is_plant ? SV_PLANT_NOT_FINITE : SV_OUTPUT_NOT_FINITE;
 }
 
 static void send_frame(loop *n, int64_t row, int64_t counter)
@@ -719,7 +791,7 @@ static int one_pass(loop *n, step_function **steps)
     if (n->wire.kind != WIRE_MEMORY)
         count(n);
     next_cycle(n);
-    return n->k < n->cycles;
+    return n->k < n->cycles || !settled(n);
 }
 
 static void finish(loop *n)
@@ -737,6 +809,10 @@ static void finish(loop *n)
     } else {
         limit(n);
         transmit(n);
+    }
+    if (n->faulted != SV_NO_FAULT && n->control[SH_FAULT] == SV_NO_FAULT) {
+        n->control[SH_FAULT] = n->faulted;
+        push_event(n, SH_FAULT_EVENT, n->faulted, 0.0);
     }
     publish(n);
     __atomic_store_n(&n->control[SH_DONE], 1, __ATOMIC_RELEASE);
