@@ -108,6 +108,14 @@ def next_cycle(n: Any) -> None:
 
 
 @loop_function
+def patience(n: Any) -> Any:
+    """Return how many time-outs are silence: more while the recorder of both nodes lags."""
+    lags = n.record_ends[sh.PUT] != libc.load_acquire(n.record_taken, 0)
+    waits = n.wait_recorder != 0 and n.control[sh.RECORDED] != 0 and lags
+    return n.patience * (sh.RECORDER_PATIENCE if waits else 1)
+
+
+@loop_function
 def receive(n: Any) -> None:
     """Drain what is there; before the clock runs, and in lockstep, block until all is here.
 
@@ -134,7 +142,7 @@ def receive(n: Any) -> None:
             if n.passes == 0 and n.wire.kind != MEMORY:
                 announce_again(n)
                 waits = 0
-            elif waits >= n.patience or n.wire.kind == MEMORY:
+            elif waits >= patience(n) or n.wire.kind == MEMORY:
                 n.faulted = sv.PEER_SILENT
                 break
         elif result == FAILED:
@@ -232,7 +240,9 @@ def step_blocks(n: Any, steps: Any) -> None:
             copy_inputs(n, b)
             at = n.views[b]
             f = steps[b]
+            n.control[sh.STEPPING] = b + 1
             f(v[T_S], dt, v[at[0] : at[1]], v[at[2] : at[3]], v[at[4] : at[5]], v[at[6] : at[7]])
+    n.control[sh.STEPPING] = 0
     for i in range(n.n_noted):
         value = v[n.noted_index[i]]
         if value != n.noted[i]:

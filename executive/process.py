@@ -1,7 +1,8 @@
 """One real-time process: the executive or, started by `plants.emulator`, the emulator.
 
-The compiled loop runs in a worker thread without the GIL. The main thread waits for signals and
-hands the node's memory to clients; nothing else runs in this process. Ends by itself after the
+The compiled loop runs in a worker thread without the GIL. The main thread waits for signals, hands
+the node's memory to clients and looks whether the loop stands in a step; nothing else runs in this
+process. Ends by itself after the
 rig's duration, on SIGTERM or SIGINT, or on a fault; after its end the node can be read for as long
 as its host wants, or some seconds if nobody has come yet: a run may last a millisecond.
 
@@ -24,10 +25,9 @@ import os
 import select
 import socket
 import sys
-import threading
 import time
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -39,7 +39,8 @@ from drivers.errors import BusError, DbcError
 from drivers.wire_layout import MEMORY
 from executive import carried, faults, plausible, sharing
 from executive import shared as sh
-from executive.cycle import run
+from executive import supervisor as sv
+from executive.cycle import finish, run
 from executive.emath_selftest import selftest
 from executive.errors import RigError
 from executive.facts import facts
@@ -48,7 +49,7 @@ from executive.node import Plan, check_pacing, check_rate, describe, plan
 from executive.rig import Rig, load_rig
 from executive.rig_bus import bus_wanted
 from executive.roles import ROLES, Role
-from executive.supervisor import ANOTHER_SENDER
+from executive.watched import POLL_S, StepError, Watch, Work, failed
 
 OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
 _PR_SET_PDEATHSIG = 1
@@ -65,6 +66,9 @@ def main(argv: Sequence[str]) -> int:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     try:
         return Process(options).run()
+    except StepError as error:
+        print(f"{options.role}: {error}", file=sys.stderr)
+        return SAFETY_STOP
     except RigError as error:
         print(error, file=sys.stderr)
         return BAD_RIG
@@ -113,7 +117,9 @@ class Process:
             "seed": str(self.rig.config.seed),
             "rate_hz": repr(self.rig.config.rate_hz),
         }
-        warm_up(self.plan)
+        self.signals = kernel.signal_file(_SIGNALS)
+        scratch = warm_up_memory(self.plan)
+        self._watch(lambda: run(scratch, self.plan.steps), scratch)
         self.report = realtime.prepare_process()
         about = describe(self.plan, metadata)
         if lacking := carried.warning(about["files"]):
@@ -127,15 +133,13 @@ class Process:
         block["control"][sh.PID] = os.getpid()
         block["snapshot"][:] = block.loop.v[: len(block["snapshot"])]  # until the first cycle
         served.open()
-        self.signals = kernel.signal_file(_SIGNALS)
-        over, self.end = socket.socketpair()
-        loop = threading.Thread(target=self._loop, args=(block,))
-        loop.start()
-        while not self._waits_for(served, over):
-            if self._asked_to_end():
-                block["control"][sh.STOP] = 1
-        loop.join()
-        refused = block["control"][sh.FAULT] == ANOTHER_SENDER and not block["control"][sh.PASSES]
+        try:
+            self._watch(lambda: self._loop(block), block.loop, served)
+        except StepError as error:
+            print(f"{self.role}: {error}", file=sys.stderr, flush=True)
+            finish(block.loop)
+        fault, passes = block["control"][sh.FAULT], block["control"][sh.PASSES]
+        refused = fault == sv.ANOTHER_SENDER and not passes
         if not refused:
             self._linger(served)
         served.close()
@@ -145,27 +149,69 @@ class Process:
             raise BusError(f"{self.bus}: {why}; end it or choose another with --bus")
         return SAFETY_STOP if block["control"][sh.FAULT] else OK
 
-    def _waits_for(self, served: sharing.Served, over: socket.socket) -> bool:
-        """Serve clients until a signal comes or the loop ends; return whether it has ended."""
+    def _watch(
+        self, call: Callable[[], Any], loop: Any, served: sharing.Served | None = None
+    ) -> None:
+        """Let `call` step `loop` to its end, in a thread; hear signals, serve clients. StepError.
+
+        Without `served` it is the warm-up.
+        """
+        over, end = socket.socketpair()
+        work, watch = Work(call, end.close), Watch([loop])
+        work.start()
+        look_s = time.monotonic() + POLL_S
+        with over:
+            while not self._waits_for(served, over, look_s):
+                if self._asked_to_end():
+                    if served is None:
+                        os._exit(OK)
+                    loop.control[sh.STOP] = 1
+                if time.monotonic() >= look_s:
+                    look_s = time.monotonic() + POLL_S
+                    if watch.stands() is not None:
+                        self._hangs(loop, served)
+        work.join()
+        if work.error is not None:
+            raise failed(work.error, [loop]) from work.error
+
+    def _hangs(self, loop: Any, served: sharing.Served | None) -> NoReturn:
+        """End the process, whose loop stands in a step; its host reads the fault in the block."""
+        loop.control[sh.FAULT] = sv.STEP_HANGS
+        if served is None:
+            name = self.plan.spec.blocks[int(loop.control[sh.STEPPING]) - 1].name
+            what = f"the step of {name} does not return, in cycle {int(loop.k)} of the warm-up"
+            print(f"{self.role}: {what}", file=sys.stderr, flush=True)
+        else:
+            self._linger(served, for_host=False)
+        os._exit(SAFETY_STOP)
+
+    def _waits_for(
+        self, served: sharing.Served | None, over: socket.socket, until_s: float
+    ) -> bool:
+        """Serve clients until a signal, `until_s` or the loop's end; return whether that came."""
         while True:
-            waited: list[Any] = [over, self.signals, *served.sockets()]
-            ready, _, _ = select.select(waited, [], [])
-            served.serve()
-            if over in ready or self.signals in ready:
+            waited: list[Any] = [over, self.signals, *(served.sockets() if served else [])]
+            left_s = max(until_s - time.monotonic(), 0.0)
+            ready, _, _ = select.select(waited, [], [], left_s)
+            if served:
+                served.serve()
+            if not ready or over in ready or self.signals in ready:
                 return over in ready
 
-    def _linger(self, served: sharing.Served) -> None:
-        """Serve clients of a node that has ended, while its host is there or may come."""
+    def _linger(self, served: sharing.Served, for_host: bool = True) -> None:
+        """Serve clients of a node that has ended, while its host is there or may come.
+
+        Without `for_host` only until they have it.
+        """
         end_s = time.monotonic() + _LINGER_S
-        while served.has_host() or not self._was_taken(served):
+        while (has_host := for_host and served.has_host()) or not self._was_taken(served):
             left_s = end_s - time.monotonic()
-            if left_s <= 0.0 and not served.has_host():
+            if left_s <= 0.0 and not has_host:
                 return
-            timeout = None if served.has_host() else left_s
             waited: list[Any] = [self.signals, *served.sockets()]
-            select.select(waited, [], [], timeout)
+            select.select(waited, [], [], None if has_host else left_s)
             served.serve()
-            if self._asked_to_end() and not served.has_host():
+            if self._asked_to_end() and not (for_host and served.has_host()):
                 return
 
     def _was_taken(self, served: sharing.Served) -> bool:
@@ -208,13 +254,6 @@ class Process:
         return self.host is not None and os.getppid() != self.host
 
     def _loop(self, block: sh.Shared) -> None:
-        """Be the loop's thread; its end is heard by the main thread."""
-        try:
-            self._run(block)
-        finally:
-            self.end.close()
-
-    def _run(self, block: sh.Shared) -> None:
         """Do the real-time settings, the self-test, then the compiled loop."""
         settings = self.rig.config.realtime
         priority = {
@@ -256,8 +295,8 @@ def bus_below(rig: Rig, bus: buses.Bus) -> buses.Bus | None:
     return buses.choose(local.bus.interface, channel)
 
 
-def warm_up(made: Plan) -> None:
-    """Run a few cycles on scratch memory, so that the loop is compiled and touched."""
+def warm_up_memory(made: Plan) -> Any:
+    """Return scratch memory for a few cycles, so that the loop is compiled and touched."""
     scratch = np.recarray(1, sh.LOOP)
     scratch.view(np.uint8)[:] = 0
     loop: Any = scratch[0]
@@ -267,7 +306,7 @@ def warm_up(made: Plan) -> None:
     loop.arm_pass = -1
     loop.is_plant = 1  # waits for nobody
     loop.cycles = _WARM_UP_CYCLES
-    run(loop, made.steps)
+    return loop
 
 
 if __name__ == "__main__":

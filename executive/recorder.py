@@ -37,7 +37,7 @@ from executive.shared import RINGS, Shared, SharedError
 
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
 POLL_S = 0.02
-_OF_THE_MEMORY = ("attachments", "record_columns", "name")  # not part of a log's description
+_OF_THE_MEMORY = ("attachments", "blocks", "record_columns", "name")  # not described in a log
 LOSS, NO_ENVIRONMENT = 3, 4  # exit codes
 
 

@@ -37,6 +37,7 @@ from executive.rig import Rig
 from executive.roles import Role
 from executive.sending import request_first_sample
 from executive.variables import COUNTED
+from executive.watched import watched
 
 CYCLES_AT_ONCE = 1000  # the rings hold several thousand
 K, PASSES, STAMP = range(3)  # first columns of Slice.rows
@@ -188,7 +189,7 @@ class Replay:
         self._heartbeats = [f.can_id for f in made.tx_frames if heartbeat(f)]
 
     def advance(self, part: Slice, names: Sequence[str]) -> Computed:
-        """Recompute the cycles of `part`, whose variables are `names`."""
+        """Recompute the cycles of `part`, whose variables are `names`. Raises StepError."""
         received = part.frames[part.frames["direction"] == 1]
         raw = np.zeros((len(received), FRAME_BYTES), np.uint8)
         raw[:, 0:4] = np.ascontiguousarray(received["id"]).view(np.uint8).reshape(-1, 4)
@@ -213,8 +214,9 @@ class Replay:
         for column, ends in ((FRAMES_END, received["cycle"]), (TUNINGS_END, times)):
             rows[:, column] = np.searchsorted(ends, rows[:, K], side="right")
         clocked = self._clocked_before(part, names)
-        recompute(
-            self.block.loop, self.steps, rows, raw, tuned, values, self._clock_places, clocked
+        loop, places = self.block.loop, self._clock_places
+        watched(
+            lambda: recompute(loop, self.steps, rows, raw, tuned, values, places, clocked), [loop]
         )
         self._taken("event")
         return Computed(self._taken("record")[:, self._columns], self.sent(self._frames()))

@@ -24,11 +24,15 @@ class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Reactions to missing frames, in cycles, and the ramp to zero."""
+    """Reactions to missing frames, in cycles, and the ramp to safe values.
+
+    `peer_timeout_s`: how long a node that is ready waits for the other one.
+    """
 
     hold_cycles: Annotated[int, Meta(ge=0)] = 2
     fault_after_cycles: Annotated[int, Meta(ge=2)] = 3
     ramp_s: Annotated[float, Meta(gt=0, le=3600)] = 0.05
+    peer_timeout_s: Annotated[float, Meta(gt=0, le=1e6)] = 300.0
 
 
 class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -48,7 +48,7 @@ NEXT = np.array(
 
 NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED, OVERRUN = range(6)
 ANOTHER_SENDER, REPEATED_INPUT = 6, 7
-OUTPUT_NOT_FINITE, PLANT_NOT_FINITE = 8, 9
+OUTPUT_NOT_FINITE, PLANT_NOT_FINITE, STEP_RAISED, STEP_HANGS = 8, 9, 10, 11
 FAULT_NAMES = (
     "none",
     "no valid input frame for the rig's limit of cycles",
@@ -60,6 +60,8 @@ FAULT_NAMES = (
     "an awaited frame was repeated again and again: somebody else sends it",
     "an output was not a finite number",
     "the plant diverged: an output was not a finite number",
+    "a step ended with an exception",
+    "a step does not return",
 )
 
 NMT = np.array([127.0, 127.0, 5.0, 5.0, 4.0, 4.0])  # CANopen heartbeat state of each state

@@ -33,6 +33,7 @@ from executive.node import describe, plan
 from executive.recorder import Recorder
 from executive.rig import Rig
 from executive.sending import announce, request_first_sample
+from executive.watched import watched
 
 CYCLES_BETWEEN_DRAINS = 1000  # rows in flight; the rings hold several thousand
 
@@ -129,25 +130,31 @@ class VirtualRun:
             self.blocks.append(block)
         self.steps = [p.steps for p in made]
         self.memory = Memory(self.blocks)
+        self._stopped = False
+        self._run = run_virtual
+        if len(self.blocks) == 3:
+            from executive.virtual_local import run_virtual_with_local  # it compiles
+
+            self._run = run_virtual_with_local
         self.recorder = None if log is None else Recorder(
             log, self.blocks, judged=judged, clock=lambda: 0
         )  # fmt: skip
 
     def advance(self) -> Iterator[int]:
-        """Run to the end in pieces; yield the cycles done after each."""
-        run = run_virtual
-        if len(self.blocks) == 3:
-            from executive.virtual_local import run_virtual_with_local as run  # it compiles
-        nodes = zip((block.loop for block in self.blocks), self.steps, strict=True)
-        both = [one for node in nodes for one in node]  # record and steps of each node
+        """Run to the end in pieces; yield the cycles done after each. Raises StepError."""
+        loops = [block.loop for block in self.blocks]
+        both = [one for node in zip(loops, self.steps, strict=True) for one in node]
         more = 1
         while more:
-            more = run(*both, CYCLES_BETWEEN_DRAINS)
+            more = watched(
+                lambda: self._run(*both, CYCLES_BETWEEN_DRAINS), loops, lambda: self._stopped
+            )
             (self.recorder or self.memory).drain()
             yield int(self.blocks[0].loop.passes)
 
     def stop(self) -> None:
         """Ask the executive to end, and the others by it."""
+        self._stopped = True
         self.blocks[0]["control"][sh.STOP] = 1
 
     def close(self) -> None:

@@ -7,8 +7,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from typing import IO
+from collections.abc import Callable, Sequence
+from typing import IO, Any
 
 _PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
@@ -58,9 +58,9 @@ class Child:
         self._stderr.seek(0)
         return self._stderr.read().decode(errors="replace").splitlines()
 
-    def end(self, patience_s: float) -> None:
-        """Wait, then ask with SIGTERM, then kill."""
-        for ask, wait_s in ((None, patience_s), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0)):
+    def end(self, patience_s: float, ask_s: float = 5.0) -> None:
+        """Wait, then ask with SIGTERM, then after `ask_s` kill."""
+        for ask, wait_s in ((None, patience_s), (signal.SIGTERM, ask_s), (signal.SIGKILL, 5.0)):
             if ask is not None and not self.ended:
                 self.process.send_signal(ask)
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -71,6 +71,14 @@ class Child:
         """Ask the child to end, without waiting."""
         if not self.ended:
             self.process.send_signal(signal.SIGTERM)
+
+
+def on_request(handler: Callable[[int, Any], None]) -> None:
+    """Let `handler` hear Ctrl-C, SIGTERM and a terminal that is closed (unless by nohup)."""
+    signal.signal(signal.SIGINT, handler)
+    signal.signal(signal.SIGTERM, handler)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, handler)
 
 
 def complain(children: Sequence[Child]) -> None:

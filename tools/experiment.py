@@ -42,13 +42,14 @@ def run_case(case: Case) -> Result:
     from executive.errors import RigError
     from executive.rig import load_rig
     from executive.virtual import in_memory
+    from executive.watched import StepError
     from tools.judge import EvaluationError, Judge
 
     try:
         rig = load_rig(case.rig, case.controller, case.settings)
         log = in_memory(rig)
-    except RigError as error:
-        return Result(case, failed=str(error))
+    except (RigError, StepError) as error:
+        return Result(case, failed=str(error) or "a step does not return")
     if rig.evaluation is None:
         return Result(case, failed=f"{case.rig}: names no evaluation file")
     try:

@@ -25,10 +25,11 @@ from executive.errors import RigError
 from executive.frontier import Frontier
 from executive.replay import HEAD, PASSES, Assembler, K, Replay
 from executive.rig import Rig
+from executive.watched import StepError
 from tools import log_rig, screen
 from tools.progress import Progress
 
-DIFFERS, USAGE = 1, 2
+DIFFERS, USAGE, SAFETY_STOP = 1, 2, 5
 ROWS_SHOWN = 20
 MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
 SENT = "frames sent"
@@ -100,7 +101,8 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     one = commands.add_parser(
         "replay", help=text, description=text,
         epilog="example: pcpc replay latest\n"
-        "exit code: 0 bit-identical, 1 different or incomplete, 2 wrong input",
+        "exit code: 0 bit-identical, 1 different or incomplete, 2 wrong input, "
+        "5 a step hangs or raises",
         formatter_class=screen.Help,
     )  # fmt: skip
     one.add_argument("log", metavar="LOG", help="log file, run folder or latest")
@@ -124,6 +126,10 @@ def command(options: argparse.Namespace) -> int:
         progress.close()
         print(error, file=sys.stderr)
         return USAGE
+    except StepError as error:
+        progress.close()
+        print(f"{options.log}: {error or 'a step does not return'}", file=sys.stderr)
+        return SAFETY_STOP
     except KeyboardInterrupt:
         progress.close()
         return 130

@@ -9,7 +9,6 @@ import contextlib
 import itertools
 import json
 import os
-import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -19,20 +18,22 @@ from typing import Any
 
 from drivers import choice
 from drivers.errors import BusError, DbcError
-from executive import carried, sharing
+from executive import carried, long_logs, sharing
 from executive import shared as sh
 from executive.errors import FULL, RigError
 from executive.mcap_writer import RecordError
 from executive.rig import Rig, load_rig
 from executive.rig_bus import bus_wanted
 from executive.roles import Role
+from executive.watched import StepError
 from tools import pace
 from tools import summary as summaries
-from tools.children import Child, complain
+from tools.children import Child, complain, on_request
 from tools.conclude import LOG, conclude
 from tools.interface import named_bus
 from tools.judge import Judge, foreseen
 from tools.progress import Compiling, Progress, node_line
+from tools.waiting import Waiting
 
 USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
 LOSS, SAFETY_STOP = 3, 5
@@ -41,7 +42,7 @@ UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "r
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
 _SHORT_END_S = 0.5  # and its death within this, or it is asked
-_ASKED_S = 5.0  # a node that was asked to end and does not is killed after this
+_ASKED_S, _UNBORN_S = 5.0, 0.5  # from asking a node to end to its death; without a cycle
 _DRAIN_S = 30.0
 
 
@@ -68,12 +69,12 @@ class Host:
         self.children: dict[str, Child] = {}
         self.blocks: dict[str, sh.Shared] = {}
         self.begin_ns = BEGIN_NS
+        self.waiting = Waiting(rig, roles)
 
     def run(self) -> int:
         """Start, watch and end the processes; return an exit code if one was refused, else -1."""
         self._greet()
-        signal.signal(signal.SIGINT, self._interrupt)
-        signal.signal(signal.SIGTERM, self._interrupt)
+        on_request(self._interrupt)
         for role in self.roles:
             module = "plants.emulator" if role == "plant" else "executive.process"
             role_word = [] if role == "plant" else [role]
@@ -85,8 +86,15 @@ class Host:
             self._end()
             self.choice.release()
             self.progress.close()
+        if self.waiting.given_up_s:
+            complain(list(self.children.values()))
+            said = self.waiting.told(self._leader(), str(self.bus), self.options.rig)
+            print(said, file=sys.stderr)
+            return NO_ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
         complain(refused[:1] or list(self.children.values()))
+        if self.outcome.interrupted and not self._under_way():  # nothing has been recorded
+            return summaries.CODES["interrupted"]
         return refused[0].code if refused else -1
 
     def _greet(self) -> None:
@@ -113,6 +121,8 @@ class Host:
                 break
             self._attach()
             self._start_recorder()
+            if self.waiting.too_long(self.blocks, self._under_way()):
+                break
             if self.progress.due():
                 self.progress.show(self._state())
             time.sleep(_POLL_S)
@@ -165,8 +175,9 @@ class Host:
 
     def _end(self) -> None:
         """Let the nodes end by themselves, then ask; then the recorder, which drains the rings."""
-        nodes = [self.children[role] for role in self.roles]
+        nodes = [self.children[role] for role in self.rig.roles if role in self.children]
         self._attach()
+        first = [name for name, child in self.children.items() if child.ended or self._done(name)]
         over = all(map(self._done, self.blocks))
         recorder_first = (
             "recorder" in self.children and self.children["recorder"].ended and not over
@@ -176,28 +187,31 @@ class Host:
         if recorder_first or any(code not in (0, SAFETY_STOP) for code in codes):
             patience = _SHORT_END_S
         unborn = self.outcome.interrupted and not self._under_way()
+        unborn = unborn or bool(self.waiting.given_up_s)
         if unborn or any(code in REFUSALS for code in codes):
             patience = 0.0
-        for child in nodes:
-            self._await_end(child, patience)
-        if not any(child.ended and child.code in REFUSALS for child in nodes):
+        asked_s = _UNBORN_S if unborn else _ASKED_S
+        for child in nodes:  # the executive first: the plant still takes its last command
+            self._await_end(child, patience, asked_s)
+        if not unborn and not any(child.ended and child.code in REFUSALS for child in nodes):
             self._start_recorder()  # a run may be shorter than our look at it
-        self._let_go(nodes)
+        self._let_go(nodes, asked_s)
         if "recorder" in self.children:
             recorder = self.children["recorder"]
             recorder.end(_DRAIN_S)
             if recorder.code == LOSS:  # the run is whole, its log is not
                 self.outcome.missing += recorder.complaint()
             elif recorder_first and recorder.code > 0:
-                self.outcome.faults.append("the recorder ended before the nodes")
-        for name, child in self.children.items():
-            self.outcome.judge(name, child.code, self.blocks.get(name))
+                self.outcome.faults.append("recorder: ended before the nodes")
+        order = (*first, *(name for name in self.children if name not in first))
+        for name in sorted(order, key=lambda name: summaries.follows(self.blocks.get(name))):
+            self.outcome.judge(name, self.children[name].code, self.blocks.get(name))
         if all(child.code >= 0 for child in self.children.values()):  # else their death explains it
             self.outcome.faults += filter(None, [pace.silence(self.blocks, self.rig)])
 
-    def _await_end(self, child: Child, patience_s: float) -> None:
+    def _await_end(self, child: Child, patience_s: float, asked_s: float) -> None:
         """Wait for the end of a node's loop; ask for it after `patience_s`."""
-        for wait_s in (patience_s, _ASKED_S):
+        for wait_s in (patience_s, asked_s):
             until = time.monotonic() + wait_s
             while not child.ended and not self._done(child.name):
                 self._attach()
@@ -206,7 +220,7 @@ class Host:
                     break
                 time.sleep(_POLL_S)
 
-    def _let_go(self, nodes: list[Child]) -> None:
+    def _let_go(self, nodes: list[Child], asked_s: float) -> None:
         """Let the processes of nodes end once a recorder has come, or none will."""
         until = time.monotonic() + _DRAIN_S
         while not all(map(self._is_recorded, self.blocks)) and time.monotonic() < until:
@@ -216,7 +230,7 @@ class Host:
         for block in self.blocks.values():
             block.tell(sharing.LEAVE)
         for child in nodes:
-            child.end(_SHORT_END_S)
+            child.end(_SHORT_END_S, asked_s)
 
     def _is_recorded(self, role: str) -> bool:
         """Return whether a recorder has the memory of a node, or it is too late for that."""
@@ -304,7 +318,9 @@ def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> in
         code = host.run()
         if code < 0:
             return conclude(host.judge, folder, host.outcome, options, host.judged)
-        os.truncate(folder / LOG, 0)  # of the other node, which waited in vain
+        os.truncate(folder / LOG, 0)  # without a cycle of the executive
+        for name in host.judged:
+            long_logs.sidecar(folder / LOG, name).unlink(missing_ok=True)
         return code
 
 
@@ -341,13 +357,16 @@ def simulate(options: argparse.Namespace) -> int:
             outcome.interrupted = True
             run.stop()
 
-        signal.signal(signal.SIGINT, interrupt)
-        signal.signal(signal.SIGTERM, interrupt)
+        on_request(interrupt)
         begin, total = time.monotonic(), run.blocks[0].description["cycles"]
         try:
             for cycles in run.advance():
                 speed = cycles / rig.config.rate_hz / max(time.monotonic() - begin, 1e-9)
                 progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
+            run.close()
+        except StepError as error:
+            if str(error):
+                print(error, file=sys.stderr)
             run.close()
         except RecordError as error:
             outcome.missing.append(str(error))

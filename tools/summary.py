@@ -89,11 +89,12 @@ class Outcome:
         """Note the fault or death of process `name`, and what a node's rings dropped."""
         cycle = "" if block is None else f"cycle {int(block['control'][sh.CYCLE])}"
         if block is not None and block["control"][sh.FAULT]:
-            reason = faults.reason(block.description, block["control"])
-            self.faults.append(f"{name}: {_odd_value(block) or f'{reason}, {cycle}'}")
+            self.faults.append(f"{name}: {_fault(block)}")
         elif code < 0:
             killer = f"{name}: ended by {signal.Signals(-code).name}"
             self.faults.append(f"{killer} in {cycle}" if cycle else killer)
+        elif code == CODES["safety stop"]:
+            self.faults.append(f"{name}: ended before its first cycle, see above")
         elif code == 1:
             self.faults.append(f"{name}: failed, see its traceback above")
         if block is not None:
@@ -119,16 +120,25 @@ def _short(block: sh.Shared) -> str:
     return f"{done:,} of {wanted:,} cycles: the executive was{asked} before"
 
 
-def _odd_value(block: sh.Shared) -> str:
-    """Return what a node that faulted by a value that is not finite has to say; "" for others."""
+def follows(block: sh.Shared | None) -> bool:
+    """Return whether a node's fault may be no more than the end of another one."""
+    fault = 0 if block is None else int(block["control"][sh.FAULT])
+    return fault in (sv.INPUT_MISSING, sv.PEER_SILENT)
+
+
+def _fault(block: sh.Shared) -> str:
+    """Return a node's fault, with the variable or block that it comes from, and its cycle."""
     control = block["control"]
-    if control[sh.FAULT] not in (
-        sv.COMMAND_NOT_FINITE, sv.OUTPUT_NOT_FINITE, sv.PLANT_NOT_FINITE
-    ):  # fmt: skip
-        return ""
+    fault, step = int(control[sh.FAULT]), int(control[sh.STEPPING])
+    if fault in (sv.STEP_HANGS, sv.STEP_RAISED) and step:
+        did = "does not return" if fault == sv.STEP_HANGS else "ended with an exception"
+        at = int(control[sh.CYCLE]) + 1 if control[sh.PASSES] else 0
+        return f"the step of {block.description['blocks'][step - 1]} {did}, in cycle {at}"
+    if fault not in (sv.COMMAND_NOT_FINITE, sv.OUTPUT_NOT_FINITE, sv.PLANT_NOT_FINITE):
+        return f"{faults.reason(block.description, control)}, cycle {int(control[sh.CYCLE])}"
     name = block.description["variables"][int(control[sh.ODD_PLACE]) - 1][0]
     value = float(control[sh.ODD_BITS : sh.ODD_BITS + 1].view(np.float64)[0])
-    what = "the plant diverged: " if control[sh.FAULT] == sv.PLANT_NOT_FINITE else ""
+    what = "the plant diverged: " if fault == sv.PLANT_NOT_FINITE else ""
     return f"{what}{name} was {value:g} in cycle {int(control[sh.ODD_CYCLE])}"
 
 

@@ -100,5 +100,7 @@ def test_every_fault_has_a_name() -> None:
         sv.REPEATED_INPUT,
         sv.OUTPUT_NOT_FINITE,
         sv.PLANT_NOT_FINITE,
+        sv.STEP_RAISED,
+        sv.STEP_HANGS,
     )
     assert codes == tuple(range(len(sv.FAULT_NAMES))), codes

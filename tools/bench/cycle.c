@@ -524,9 +524,11 @@ static void step_blocks(loop *n, step_function **steps)
                 continue;
             copy_inputs(n, b);
             const int64_t *at = n->views[b];
+            n->control[SH_STEPPING] = b + 1;
             steps[b](v[V_T_S], dt, v + at[0], v + at[2], v + at[4], v + at[6]);
         }
     }
+    n->control[SH_STEPPING] = 0;
     for (int64_t i = 0; i < n->n_noted; i++) {
         double value = v[n->noted_index[i]];
         if (value != n->noted[i]) {

@@ -1,0 +1,43 @@
+"""How long nodes that are ready have waited for another one, and what to say when nobody comes."""
+
+import time
+from collections.abc import Mapping, Sequence
+
+from executive import shared as sh
+from executive.rig import Rig
+
+_MEET_S = 20.0  # nodes of one host that are ready hear each other within this
+_COMMANDS = {"executive": "exec"}
+
+
+class Waiting:
+    """The wait of a host's nodes from the moment when all are ready to their first cycle."""
+
+    def __init__(self, rig: Rig, roles: Sequence[str]) -> None:
+        self.rig, self.roles = rig, roles
+        self.limit_s = rig.config.supervisor.peer_timeout_s
+        if len(roles) > 1:  # the other one is ours
+            self.limit_s = min(self.limit_s, _MEET_S)
+        self.given_up_s = 0.0  # how long it was when it was too long
+        self._ready_ns = 0
+
+    def too_long(self, blocks: Mapping[str, sh.Shared], under_way: bool) -> bool:
+        """Return whether the nodes, all ready, have waited for longer than they should."""
+        ready = [block for block in blocks.values() if block["control"][sh.READY]]
+        if len(ready) < len(self.roles) or under_way:
+            self._ready_ns = 0
+            return False
+        self._ready_ns = self._ready_ns or time.monotonic_ns()
+        waited_s = 1e-9 * (time.monotonic_ns() - self._ready_ns)
+        self.given_up_s = waited_s if waited_s > self.limit_s else 0.0
+        return self.given_up_s > 0.0
+
+    def told(self, leader: str, bus: str, rig_file: str) -> str:
+        """Return what to say once it was too long."""
+        missing = [role for role in self.rig.roles if role not in self.roles]
+        cure = "is the bus shared with another run?"
+        if missing:
+            word = _COMMANDS.get(missing[-1], missing[-1])
+            cure = f"start `pcpc {word} {rig_file}` on this bus, or raise supervisor.peer_timeout_s"
+        others = " or ".join(missing) or "the other node"
+        return f"{leader}: no frame of {others} on {bus} for {self.given_up_s:.0f} s; {cure}"
