@@ -30,7 +30,12 @@ from executive.approximators.two_layer import hidden, jump_pair, output, scaled,
 from executive.block import Block, Port, Prepared, stage
 from executive.controllers import boundary_layer, pd, pd_nn_fast, tracking_network
 from executive.controllers.boundary_layer import fast
-from executive.controllers.tracking_network import FADE_S, first_layer, learned_torque
+from executive.controllers.tracking_network import (
+    FADE_S,
+    NORM_SHOWN,
+    first_layer,
+    learned_torque,
+)
 from executive.emath import clip, sqrt, where
 
 INPUTS, NODES, JUMPS = 6, 10, 4
@@ -95,7 +100,7 @@ def inner_loop(
     trusted = x[FAULT] < 0.5
     x[FADED] = where(trusted, y_2, x[FADED] * (1.0 - dt / FADE_S))
     y[0] = x[FADED]
-    y[1] = norm
+    y[1] = where(norm <= NORM_SHOWN, norm, NORM_SHOWN)
     added = x[FADED] + x[INTEGRAL]
 
     rate = where(trusted, dt, 0.0)
@@ -150,7 +155,7 @@ BLOCK = Block(
     outputs=(
         *pd_nn_fast.BLOCK.outputs,
         Port("inner_Nm", "N m", "output of the inner network, y_2"),
-        Port("norm_z2", "", "Frobenius norm of its weights"),
+        Port("norm_z2", "", "Frobenius norm of its weights; 1e6 if larger or not finite"),
     ),
     settings=(*pd_nn_fast.BLOCK.settings, *_INNER),
     parameters=(*pd_nn_fast.BLOCK.parameters, *_INNER),

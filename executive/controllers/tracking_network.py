@@ -46,6 +46,7 @@ JUMP_SPEEDS_RAD_S = (0.004, 0.04)  # one inside, one beyond the Stribeck range
 R_MAX_RAD_S = 0.3  # raw steps would wind the weights up
 DEAD_BAND_RAD = 1e-4
 FADE_S = 0.1
+NORM_SHOWN = 1e6  # beyond any bound that a rig may set; stands for what is not finite, too
 
 PARAMETERS = (
     Port("network_on", "", "1 engages the network, 0 leaves the PD law alone", None, 0.0, 1.0),
@@ -71,7 +72,7 @@ SETTINGS = (
 )
 OUTPUTS = (
     Port("network_Nm", "N m", "network torque (4), or what is left of it after a fault"),
-    Port("norm_z", "", "Frobenius norm of all weights"),
+    Port("norm_z", "", "Frobenius norm of all weights; 1e6 if larger or not finite"),
     Port("fallback", "", "1 once the network was latched off and PD is alone"),
 )
 (ON, F, FJ, G, KAPPA, KZ, Z_BOUND, Z_MAX, Y_MAX) = range(len(PARAMETERS))
@@ -127,6 +128,6 @@ def learned_torque(dt: float, e: float, r: float, u: Any, p: Any, x: Any, y: Any
     driven = clip(r, -R_MAX_RAD_S, R_MAX_RAD_S)
     tune(driven, p[KAPPA], p[F], p[FJ], p[G], rate, xi, INPUTS, NODES, JUMPS, a, phi, w, v)  # (6)
     y[0] = where(trusted, network, x[_FADED])
-    y[1] = norm
+    y[1] = where(norm <= NORM_SHOWN, norm, NORM_SHOWN)
     y[2] = x[_FAULT]
     return x[_FADED]

@@ -24,6 +24,9 @@ ATB1000 = ROOT / "plants" / "atb1000"
 RIGS = ATB1000 / "rigs"
 PCPC = str(Path(sys.executable).with_name("pcpc"))
 DEADLINE_S = 240.0  # the first start on a machine compiles
+PATIENT = (  # for paced runs that are not about missing frames: a loaded machine stalls
+    "--set", "supervisor.hold_cycles=100000", "--set", "supervisor.fault_after_cycles=100000",
+)  # fmt: skip
 _MODULES = {
     "executive.process": "executive", "plants.emulator": "plant", "executive.recorder": "recorder",
 }  # fmt: skip

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pcpc import RIGS, ROOT, Running, own_bus, pcpc, until
+from pcpc import PATIENT, RIGS, ROOT, Running, own_bus, pcpc, until
 
 from executive import logs
 from executive import shared as sh
@@ -83,7 +83,7 @@ def test_a_run_on_a_bus_is_recomputed_with_tunings_that_came_while_it_ran(
     with Running(
         "run", str(RIGS / "engage.yaml"), "--bus", bus, "--pacing", pacing, "--no-figure",
         "--set", "duration_s=60.0", "--quiet", "-o", str(log.parent),
-        "--set", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]",
+        "--set", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]", *PATIENT,
     ) as run:  # fmt: skip
         block = run.in_the_middle("engage", bus)
         changes = ("controller.kv_Nms_rad=117", "controller.lam_per_s=15")

@@ -296,7 +296,11 @@ def test_killed_process_ends_the_others_and_is_named(
     usual = options(bus, pacing, LONG, *ALERT)
     with Running("run", SLEW10, "-o", str(folder), *usual) as running:
         running.in_the_middle("slew10", bus)
-        until(lambda: logs.scan(log_file).of("/state") or running.over(), "records on the disk")
+
+        def on_the_disk() -> int:
+            return sum(map(len, logs.scan(log_file).of("/state")))
+
+        until(lambda: on_the_disk() > 50 or running.over(), "records on the disk")
         os.kill(running.pid(victim), signal.SIGKILL)
         done = running.done(20.0)
         assert running.left() == [], running.left()

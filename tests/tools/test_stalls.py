@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pcpc import RIGS, Running, own_bus, pcpc, until
+from pcpc import PATIENT, RIGS, Running, own_bus, pcpc, until
 
 from executive import logs
 from executive import shared as sh
@@ -141,7 +141,8 @@ def test_a_limit_of_lateness_decides_over_the_exit_code(tmp_path: Path) -> None:
 @pytest.mark.parametrize("node", ["executive", "plant"])
 def test_statistics_of_a_running_node_are_in_its_table_and_reset(node: str, tmp_path: Path) -> None:
     bus, rig, folder = own_bus(), str(RIGS / "hull.yaml"), str(tmp_path / "run")
-    with Running("run", rig, "--bus", bus, "-o", folder, "--quiet", "--no-figure") as process:
+    words = ("--bus", bus, "-o", folder, "--quiet", "--no-figure", *PATIENT)
+    with Running("run", rig, *words) as process:
         process.in_the_middle("hull", bus)
         block = process.block("hull", bus, node)
         until(lambda: block["control"][sh.CYCLE] > 400, "400 cycles")

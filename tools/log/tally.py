@@ -13,7 +13,7 @@ from executive.mcap_reader import Scan
 
 E2E_STATES = (  # of drivers.e2e, which imports numba
     "OK", "OK_SOME_LOST", "REPEATED", "WRONG_SEQUENCE", "ERROR", "NOT_AVAILABLE",
-    "LOST_ON_PURPOSE",
+    "LOST_ON_PURPOSE", "FOREIGN",
 )  # fmt: skip
 DIRECTIONS = ("sent", "received")
 _AT_ONCE = 100_000  # frames counted at once
