@@ -200,6 +200,7 @@ class Recorder:
         self.flushed_ns = clock()
         self._files: dict[str, str] = {}
         self.started_ns = int(blocks[0].description["metadata"]["clock_monotonic_ns"])
+        self.started_s = 1e-9 * int(blocks[0].description["metadata"]["clock_wall_ns"])
         self._writing(lambda: self._open(blocks))
 
     def _open(self, blocks: Sequence[Shared]) -> None:
@@ -265,8 +266,16 @@ class Recorder:
 
     def _in_this_run(self, block: Shared) -> bool:
         """Return whether the node of `block`, which has ended, ran when the first had started."""
-        put, rows = int(block["record_ends"][shared.PUT]), block["record"]
-        return put > 0 and int(rows[(put - 1) % len(rows), 1]) > self.started_ns
+        put, rows = int(block["record_ends"][shared.PUT]), block["record_values"]
+        names = block.description["timing_columns"]
+        if not put:
+            return False
+        last = (put - 1) % len(rows)
+        if "timing.wall_s" not in names:
+            return int(block["record"][last, 1]) > self.started_ns
+        at = shared.RECORD_HEAD + len(block.description["state_columns"]) + 1
+        wall_s = float(rows[last, at + names.index("timing.wall_s")])
+        return wall_s > self.started_s  # stamps without a clock are k T
 
     def drain(self) -> bool:
         """Move what is in the rings to the file; end the chunk when it is 0.5 s old.

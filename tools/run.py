@@ -42,8 +42,8 @@ UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "r
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
 _SHORT_END_S = 0.5  # and its death within this, or it is asked
-_ASKED_S, _UNBORN_S = 5.0, 0.5  # from asking a node to end to its death; without a cycle
-_DRAIN_S = 30.0
+_ASKED_S, _UNBORN_S = 15.0, 0.5  # from asking a node to end to its death; without a cycle
+_DRAIN_S = 60.0
 
 
 class Host:
