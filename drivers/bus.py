@@ -19,8 +19,8 @@ import subprocess
 from dataclasses import dataclass
 from typing import Any
 
-from drivers import wire_layout
-from drivers.errors import BusError
+from pcpc.drivers import wire_layout
+from pcpc.drivers.errors import BusError
 
 UDP_GROUP = "239.74.163.2"  # python-can's default IPv4 group and port
 UDP_PORT = 43113
@@ -126,8 +126,8 @@ def open_bus(bus: Bus, receive_ids: list[int], end: Any) -> None:
     `receive_ids` are SocketCAN's filter, above 0x7FF extended; other buses deliver every frame.
     Raises BusError: what is missing and the cure.
     """
-    from drivers import wire  # here, because it imports numba
-    from drivers.jit import LOOP_INTERPRETED
+    from pcpc.drivers import wire  # here, because it imports numba
+    from pcpc.drivers.jit import LOOP_INTERPRETED
 
     if bus.interface == "socketcan":
         fd = _open_socketcan(bus.channel, receive_ids)
@@ -298,7 +298,7 @@ def _receive_options(sock: socket.socket) -> None:
 def _open_python_can(bus: Bus) -> int:
     import can
 
-    from drivers import python_can_port
+    from pcpc.drivers import python_can_port
 
     try:
         port = can.Bus(interface=bus.interface, channel=bus.channel or None)

@@ -17,9 +17,9 @@ import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from drivers import claim
-from drivers.bus import UDP_GROUP, UDP_PORT, Bus, beside, choose, udp_address, vcan_ready
-from drivers.errors import BusError
+from pcpc.drivers import claim
+from pcpc.drivers.bus import UDP_GROUP, UDP_PORT, Bus, beside, choose, udp_address, vcan_ready
+from pcpc.drivers.errors import BusError
 
 _PORTS = 1000  # from the default one on; nobody runs so many rigs
 _VCANS = 64

@@ -12,8 +12,8 @@ no signal and are written as 0.
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import dbc
-from drivers.jit import inline
+from pcpc.drivers import dbc
+from pcpc.drivers.jit import inline
 
 _TWO_52 = 2.0**52  # float64 from here on are integers
 _TWO_63 = 2.0**63

@@ -24,8 +24,8 @@ from cantools.database.can import Database, Message
 from cantools.database.can.signal import Signal as DbcSignal
 from numpy.typing import NDArray
 
-from drivers.dbc_file import load, parse, text
-from drivers.errors import BusError, DbcError, printable
+from pcpc.drivers.dbc_file import load, parse, text
+from pcpc.drivers.errors import BusError, DbcError, printable
 
 __all__ = [
     "BusError",

@@ -16,8 +16,8 @@ from pathlib import Path
 import cantools
 from cantools.database.can import Database
 
-from drivers.errors import DbcError, printable
-from drivers.patience import StalledError, patience
+from pcpc.drivers.errors import DbcError, printable
+from pcpc.drivers.patience import StalledError, patience
 
 logging.getLogger("cantools").setLevel(logging.ERROR)  # equal ids are refused in one line here
 

@@ -22,8 +22,8 @@ bits in 8 bytes. Source: SAE J1850; names of the states: AUTOSAR, E2E protocol s
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import dbc
-from drivers.jit import inline
+from pcpc.drivers import dbc
+from pcpc.drivers.jit import inline
 
 OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE, ERROR, NOT_AVAILABLE = range(6)
 ON_PURPOSE = 6  # not judged: a rig lets it be lost

@@ -32,15 +32,12 @@ if _HIDDEN:
 import numba.np.arraymath  # noqa: E402  the environment above must stand before numba reads it
 from numba import carray, from_dtype, types  # noqa: E402
 from numba.core.errors import NumbaExperimentalFeatureWarning  # noqa: E402
-from numba.extending import intrinsic  # noqa: E402
-from numba.np.arrayobj import populate_array  # noqa: E402
 
-from drivers import kept_code  # noqa: E402
+from pcpc.drivers import kept_code  # noqa: E402
 
 __all__ = [
-    "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "STEP", "VIEW", "carray", "compiled", "f8",
-    "from_dtype", "i8", "inline", "loop", "loop_function", "loop_inline", "numba", "stage",
-    "tail", "types", "u1",
+    "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "VIEW", "carray", "compiled", "f8", "from_dtype",
+    "i8", "inline", "loop", "loop_function", "loop_inline", "numba", "types", "u1",
 ]  # fmt: skip
 
 if _HIDDEN:
@@ -60,20 +57,8 @@ OPTIONS: dict[str, Any] = {
     "boundscheck": False,
 }
 
-_STAGE: dict[str, Any] = OPTIONS | {"_nrt": False}
-
 f8, i8, u1 = types.float64, types.int64, types.uint8
 VIEW = types.float64[::1]
-STEP = types.void(f8, f8, VIEW, VIEW, VIEW, VIEW)  # step(t, dt, p, x, u, y)
-
-
-def stage(function: Callable[..., None]) -> Any:
-    """Compile a block's `step(t, dt, p, x, u, y)`: t, dt in s; float64 1-D views; no result.
-
-    It cannot allocate: without reference counting, which would be a tenth of a plant's step, numba
-    refuses what needs memory of its own.
-    """
-    return numba.njit(STEP, **_STAGE)(function)
 
 
 def inline(function: Callable[..., Any]) -> Any:
@@ -101,30 +86,3 @@ def loop_function(function: Callable[..., Any]) -> Any:
 def loop_inline(function: Callable[..., Any]) -> Any:
     """As `inline`, for what must be plain Python when the loop runs interpreted."""
     return function if LOOP_INTERPRETED else inline(function)
-
-
-@intrinsic
-def _tail(typing: Any, view: Any, start: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        source = context.make_array(signature.args[0])(context, builder, arguments[0])
-        offset = context.cast(builder, arguments[1], signature.args[1], types.intp)
-        length = builder.sub(builder.extract_value(source.shape, 0), offset)
-        eight = context.get_constant(types.intp, 8)
-        array = context.make_array(VIEW)(context, builder)
-        populate_array(
-            array, data=builder.gep(source.data, [offset]), shape=[length], strides=[eight],
-            itemsize=eight, meminfo=None,
-        )  # fmt: skip
-        return array._getvalue()
-
-    return VIEW(view, start), generate
-
-
-def _tail_interpreted(view: Any, start: int) -> Any:
-    return view[start:]
-
-
-# tail(view, start) is view[start:] where `start` lies inside: numba's own slice clips it against
-# the length at run time, which hides constant offsets from the optimiser (a quarter of a neural
-# controller's step).
-tail: Any = _tail_interpreted if JIT_OFF else _tail

@@ -18,7 +18,7 @@ from typing import Any
 
 from numba.core import caching, dispatcher
 
-from drivers import compile_cache
+from pcpc.drivers import compile_cache
 
 _SEAL = hashlib.sha256().digest_size
 

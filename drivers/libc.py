@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.jit import LOOP_INTERPRETED, carray, loop_inline, types
+from pcpc.drivers.jit import LOOP_INTERPRETED, carray, loop_inline, types
 
 CLOCK_MONOTONIC = 1
 TIMER_ABSTIME = 1

@@ -18,9 +18,9 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from drivers import libc
-from drivers.jit import LOOP_INTERPRETED, loop_function
-from drivers.wire_layout import (
+from pcpc.drivers import libc
+from pcpc.drivers.jit import LOOP_INTERPRETED, loop_function
+from pcpc.drivers.wire_layout import (
     ADDRESS_BYTES,
     FRAME_BYTES,
     MEMORY,
@@ -171,7 +171,7 @@ def _read_packet(b: Any, end: Any, frame: Any) -> Any:
 
 
 if LOOP_INTERPRETED:
-    from drivers import python_can_port
+    from pcpc.drivers import python_can_port
 
     _put_python_can, _get_python_can = python_can_port.put, python_can_port.get
 else:

@@ -16,10 +16,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from executive.errors import did_you_mean
-from executive.logs import Log
-from executive.long_logs import LongLog
-from plants.statistics import RMS, Statistic, over_finite, peak, rms
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log.long_logs import LongLog
+from pcpc.executive.log.reader import Log
+from pcpc.plants.statistics import RMS, Statistic, over_finite, peak, rms
 
 __all__ = ["over_finite", "peak", "rms"]  # and what is defined here
 

@@ -15,8 +15,8 @@ generators, Operations Research 47 (1999), 159-164.
 
 from typing import Any
 
-from drivers.jit import inline
-from executive.emath import ROUND, where
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import ROUND, where
 
 STREAM_SIZE = 6
 M1, M2 = 4294967087.0, 4294944443.0

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from executive.logs import Log
-from executive.long_logs import LongLog
-from plants.judging import Measure, Run, Signal, Vector, measured, stretches
-from plants.statistics import PEAK
+from pcpc.executive.log.long_logs import LongLog
+from pcpc.executive.log.reader import Log
+from pcpc.plants.judging import Measure, Run, Signal, Vector, measured, stretches
+from pcpc.plants.statistics import PEAK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

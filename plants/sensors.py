@@ -9,9 +9,9 @@ Where the scale of the CAN signal is the sensor's resolution, the codec rounds i
 
 from typing import Any
 
-from drivers.jit import inline
-from executive.emath import floor
-from plants.noise import normal
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import floor
+from pcpc.plants.noise import normal
 
 TWO_PI = 6.283185307179586
 

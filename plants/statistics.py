@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive.distribution import Distribution
+from pcpc.executive.log.distribution import Distribution
 
 Vector = NDArray[np.float64]
 

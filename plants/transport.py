@@ -9,7 +9,7 @@ as with real hardware. Further samples stand for gateways and slow drives.
 
 from typing import Any
 
-from drivers.jit import inline
+from pcpc.drivers.jit import inline
 
 DELAY_SIZE = 8
 

@@ -5,8 +5,8 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
-from executive import shared as sh
-from executive import sharing
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
 
 _SLICE_S = 0.01
 _standing: dict[str, "Standing"] = {}

@@ -1,8 +1,9 @@
 """Who may import whom, and what the sources never do, checked on their syntax trees.
 
-`drivers` imports nothing of ours; `executive` imports drivers; its `controllers` import blocks,
-elementary functions, approximators and each other; `plants` import drivers and the engine, never a
-controller; `tools` import everything.
+`drivers` imports nothing of ours; `executive` imports drivers, and of its rooms each only what
+stands below it; laws import blocks, elementary functions, approximators, models and each other;
+`plants` import drivers and the engine, never a controller; `tools` import everything. No module
+imports itself by way of others.
 """
 
 import ast
@@ -23,19 +24,30 @@ MODULES = {name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") 
 
 ENGINE = [name for name in TREES if not name.startswith("tools/")]
 
+ROOMS = ("laws", "loop", "rig", "log", "nodes")  # of `executive`, from below
+
+
+def _rooms(top: str) -> tuple[str, ...]:
+    """Return the rooms that `top` may import, and what stands beside them all."""
+    rooms = ROOMS[: ROOMS.index(top) + 1]
+    return ("executive.errors", *(f"executive.{room}" for room in rooms))
+
+
+_BARE = ("drivers.jit", "drivers.views", "executive.laws.emath")
 MAY_IMPORT = {
     "drivers": ("drivers",),
     "executive": ("drivers", "executive"),
-    "executive/controllers": (
-        "drivers.jit", "executive.block", "executive.emath", "executive.controllers",
-        "executive.approximators", "executive.models",
-    ),
-    "executive/models": ("drivers.jit", "executive.emath", "executive.models"),
-    "executive/approximators": ("drivers.jit", "executive.emath", "executive.approximators"),
+    "executive/laws": ("drivers.jit", "drivers.stage", "drivers.views", "executive.laws"),
+    "executive/laws/ports.py": ("drivers.views", "executive.errors"),
+    "executive/laws/models": (*_BARE, "executive.laws.models"),
+    "executive/laws/approximators": (*_BARE, "executive.laws.approximators"),
+    "executive/loop": ("drivers", *_rooms("loop")),
+    "executive/rig": ("drivers", *_rooms("rig")),
+    "executive/log": ("drivers", *_rooms("log")),
     "plants": ("drivers", "executive", "plants"),
     "tools": AREAS,
 }  # fmt: skip
-NEVER = {"plants": ("executive.controllers",)}
+NEVER = {"plants": ("executive.laws.controllers",)}
 INSTALLED = {  # what pyproject.toml declares, by the names that are imported
     "can", "cantools", "llvmlite", "mcap", "msgpack", "msgspec", "numba", "numpy", "rich", "yaml",
     "zstandard",
@@ -46,15 +58,19 @@ NOT_IN_A_STEP = {"math", "np", "numpy", "time", "random", "os", "open", "print"}
 
 
 def imports(tree: ast.AST) -> Iterator[tuple[str, int]]:
-    """Yield (module, line) of all imports; `from a import b` gives a.b if that is our module."""
+    """Yield (module, line) of all imports, ours without `pcpc.` before them.
+
+    `from a import b` gives a.b if that is our module.
+    """
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from ((alias.name, node.lineno) for alias in node.names)
+            yield from ((alias.name.removeprefix("pcpc."), node.lineno) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"line {node.lineno}: a relative import"
+            parent = str(node.module).removeprefix("pcpc.")
             for alias in node.names:
-                whole = f"{node.module}.{alias.name}"
-                yield (whole if whole in MODULES else str(node.module)), node.lineno
+                whole = alias.name if parent == "pcpc" else f"{parent}.{alias.name}"
+                yield (whole if whole in MODULES else parent), node.lineno
 
 
 def within(module: str, parents: tuple[str, ...]) -> bool:
@@ -64,7 +80,7 @@ def within(module: str, parents: tuple[str, ...]) -> bool:
 
 def area_of(name: str) -> str:
     """Return the most specific area of a file."""
-    return max((area for area in MAY_IMPORT if name.startswith(f"{area}/")), key=len)
+    return max((area for area in MAY_IMPORT if f"{name}/".startswith(f"{area}/")), key=len)
 
 
 def wrong_imports(name: str, tree: ast.AST) -> list[str]:
@@ -86,22 +102,45 @@ def test_every_module_imports_only_in_the_allowed_direction() -> None:
 @pytest.mark.parametrize(
     ("name", "line", "allowed"),
     [
-        ("drivers/a.py", "from drivers import libc", True),
-        ("drivers/a.py", "from executive import shared", False),
-        ("executive/a.py", "import drivers.wire", True),
-        ("executive/a.py", "def f():\n    from plants.atb1000 import model", False),
-        ("executive/a.py", "import tools.run", False),
-        ("plants/a.py", "from executive import cycle", True),
-        ("plants/a.py", "from executive import controllers", False),
-        ("plants/a.py", "from executive.controllers.pd import BLOCK", False),
-        ("executive/controllers/a.py", "from executive.block import Block", True),
-        ("executive/controllers/a.py", "from executive import shared", False),
-        ("executive/controllers/a.py", "from drivers import bus", False),
+        ("drivers/a.py", "from pcpc.drivers import libc", True),
+        ("drivers/a.py", "from pcpc.executive.loop import shared", False),
+        ("executive/loop/a.py", "import pcpc.drivers.wire", True),
+        ("executive/a.py", "def f():\n    from pcpc.plants.atb1000 import model", False),
+        ("executive/a.py", "import pcpc.tools.run", False),
+        ("executive/loop/a.py", "from pcpc.executive.rig import schema", False),
+        ("executive/log/a.py", "from pcpc.executive.rig import schema", True),
+        ("plants/a.py", "from pcpc.executive.loop import cycle", True),
+        ("plants/a.py", "from pcpc.executive.laws import controllers", False),
+        ("plants/a.py", "from pcpc.executive.laws.controllers.barrel.pd import BLOCK", False),
+        ("executive/laws/a.py", "from pcpc.executive.laws.block import Block", True),
+        ("executive/laws/a.py", "from pcpc.executive.loop import shared", False),
+        ("executive/laws/a.py", "from pcpc.drivers import bus", False),
         ("tools/a.py", "from tests import engine", False),
     ],
 )
 def test_the_direction_check_itself_works(name: str, line: str, allowed: bool) -> None:
     assert (not wrong_imports(name, ast.parse(line))) is allowed
+
+
+def circles(edges: dict[str, set[str]]) -> list[str]:
+    """Return the modules that import themselves by way of others."""
+    found = []
+    for start in edges:
+        seen: set[str] = set()
+        ahead = list(edges[start])
+        while ahead:
+            if (name := ahead.pop()) not in seen:
+                seen.add(name)
+                ahead += edges.get(name, ())
+        found += [start] if start in seen else []
+    return sorted(found)
+
+
+def test_no_module_imports_itself_by_way_of_others() -> None:
+    names = {name.removesuffix(".py").replace("/", "."): tree for name, tree in TREES.items()}
+    edges = {name: {module for module, _ in imports(tree)} for name, tree in names.items()}
+    assert circles(edges) == []
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
 
 
 def test_no_module_is_imported_by_its_name_against_the_direction() -> None:
@@ -110,13 +149,13 @@ def test_no_module_is_imported_by_its_name_against_the_direction() -> None:
         others = "tools" if name.startswith("plants/") else "plants|tools"
         for node in ast.walk(TREES[name]):
             text = node.value if isinstance(node, ast.Constant) else None
-            if isinstance(text, str) and re.fullmatch(rf"({others})(\.\w+)+", text):
+            if isinstance(text, str) and re.fullmatch(rf"pcpc\.({others})(\.\w+)+", text):
                 wrong.append(f"{name}: {text!r}")
     assert not wrong, wrong
 
 
 def test_only_declared_packages_are_imported_at_the_start() -> None:
-    known = {*AREAS, *INSTALLED, *sys.stdlib_module_names}
+    known = {"pcpc", *AREAS, *INSTALLED, *sys.stdlib_module_names}
     wrong = []
     for name, tree in TREES.items():
         start = ast.Module([n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)], [])
@@ -137,7 +176,9 @@ def test_what_can_be_installed_is_used() -> None:
 
 def test_a_law_imports_nothing_but_numpy_beside_its_block() -> None:
     allowed = {"drivers", "executive", "numpy", "typing", "collections"}
-    laws = {name: tree for name, tree in TREES.items() if name.startswith("executive/controllers/")}
+    laws = {
+        name: tree for name, tree in TREES.items() if name.startswith("executive/laws/controllers/")
+    }
     found = {name: {module.split(".")[0] for module, _ in imports(laws[name])} for name in laws}
     wrong = {name: modules - allowed for name, modules in found.items() if modules - allowed}
     assert len(laws) > 2 and not wrong, wrong
@@ -220,7 +261,7 @@ def test_nothing_sleeps_but_the_recorders_poll() -> None:
         for node in ast.walk(TREES[name])
         if getattr(node, "attr", getattr(node, "id", "")) == "sleep"
     ]
-    assert found == ["executive/recorder.py"], found
+    assert found == ["executive/log/recorder.py"], found
 
 
 def test_there_is_no_swamp() -> None:

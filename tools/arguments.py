@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
-from tools import screen
+from pcpc.tools import screen
 
 USAGE = 2
 CODES = """exit code: 0 ok, 1 expectation not met, 2 wrong input, 3 loss, 4 environment,

@@ -12,17 +12,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from drivers import dbc
-from drivers.errors import BusError
-from executive import plausible, trial
-from executive import shared as sh
-from executive.errors import RigError
-from executive.laws import Use, users_case
-from executive.node import Plan, check_pacing, check_rate, cycles_of, plan
-from executive.protocol import bus_load
-from executive.rig import Rig, load_rig
-from tools import screen
-from tools.judge import Judge, check
+from pcpc.drivers import dbc
+from pcpc.drivers.errors import BusError
+from pcpc.executive.errors import RigError
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes import plausible
+from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of, plan
+from pcpc.executive.rig import trial
+from pcpc.executive.rig.messages import bus_load
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.resolve import Use, users_case
+from pcpc.tools import screen
+from pcpc.tools.judge import Judge, check
 
 OK, BAD_RIG = 0, 2
 _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)

@@ -9,8 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tools import arguments, screen
-from tools.ending import ended
+from pcpc.tools import arguments, screen
+from pcpc.tools.ending import ended
 
 _GROUPS = {
     "a rig, from choosing one to a verdict": {
@@ -64,10 +64,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _carry_out(words: Sequence[str]) -> int:
-    from executive.errors import RigError, did_you_mean
+    from pcpc.executive.errors import RigError, did_you_mean
 
     if words[:1] == ["vm"]:  # has its own arguments, up to --
-        from tools.vm import run as run_vm
+        from pcpc.tools.vm import run as run_vm
 
         return run_vm(list(words[1:]))
     if words and not words[0].startswith("-") and words[0] not in COMMANDS:
@@ -81,10 +81,10 @@ def _carry_out(words: Sequence[str]) -> int:
         print(error, file=sys.stderr)
         return arguments.USAGE
     if options.command in _COMPILING:
-        from tools.progress import Compiling
+        from pcpc.tools.progress import Compiling
 
         Compiling().told(getattr(options, "quiet", False))
-    module = import_module(f"tools.{_MODULE.get(options.command, options.command)}")
+    module = import_module(f"pcpc.tools.{_MODULE.get(options.command, options.command)}")
     return int(module.command(options))
 
 
@@ -104,7 +104,7 @@ def parser(chosen: Sequence[str]) -> argparse.ArgumentParser:
     arguments.add_all(commands, COMMANDS)
     for name in _OWN_ARGUMENTS:
         if name in chosen:
-            import_module(f"tools.{name}").add_arguments(commands)
+            import_module(f"pcpc.tools.{name}").add_arguments(commands)
         else:
             commands.add_parser(name, add_help=False)
     return found
@@ -126,11 +126,11 @@ def _commands() -> list[str]:
 def _name_files(options: argparse.Namespace) -> None:
     """Put the file in place of a rig's name, of a run folder and of `latest`; RigError."""
     if getattr(options, "rig", None) is not None:
-        from tools.rigs import find
+        from pcpc.tools.rigs import find
 
         options.rig = type(options.rig)(find(str(options.rig)))
     if options.command in ("log", "replay", "play"):
-        from tools.recorded import LATEST, log_of
+        from pcpc.tools.recorded import LATEST, log_of
 
         for key in {"log", "a", "b"} & vars(options).keys():
             value = getattr(options, key)

@@ -6,10 +6,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from executive import logs, long_logs
-from tools import report
-from tools import summary as summaries
-from tools.judge import EvaluationError, Judge
+from pcpc.executive.log import long_logs
+from pcpc.executive.log import reader as logs
+from pcpc.tools import report
+from pcpc.tools import summary as summaries
+from pcpc.tools.judge import EvaluationError, Judge
 
 LOG = "log.mcap"
 _TITLED, _LONGEST = 2, 36  # settings in the figure's title, and letters of one

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import IO, Any
 
-from executive.errors import FULL
+from pcpc.executive.errors import FULL
 
 OK, USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 3, 4, 130
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # no machine could open it

@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import plants
-from plants.study import Case, Result
-from tools.pool import PoolError, workers
-from tools.progress import Compiling, Progress
+from pcpc import plants
+from pcpc.plants.study import Case, Result
+from pcpc.tools.pool import PoolError, workers
+from pcpc.tools.progress import Compiling, Progress
 
 STUDY_PARTS = ("CHAPTER", "TITLE", "cases", "report", "draw")
 _LOOK_S = 0.5
@@ -39,11 +39,11 @@ class StudyError(Exception):
 
 def run_case(case: Case) -> Result:
     """Run one case in virtual time in this process."""
-    from executive.errors import RigError
-    from executive.rig import load_rig
-    from executive.virtual import in_memory
-    from executive.watched import StepError
-    from tools.judge import EvaluationError, Judge
+    from pcpc.executive.errors import RigError
+    from pcpc.executive.nodes.virtual import in_memory
+    from pcpc.executive.nodes.watched import StepError
+    from pcpc.executive.rig.reading import load_rig
+    from pcpc.tools.judge import EvaluationError, Judge
 
     try:
         rig = load_rig(case.rig, case.controller, case.settings)
@@ -119,7 +119,7 @@ def names() -> list[str]:
 def studies() -> list[ModuleType]:
     """Return the studies of the project's plants, by folder."""
     files = sorted(Path(plants.__file__).parent.glob("*/study.py"))
-    return [importlib.import_module(f"plants.{file.parent.name}.study") for file in files]
+    return [importlib.import_module(f"pcpc.plants.{file.parent.name}.study") for file in files]
 
 
 def chosen(name: str) -> list[ModuleType]:
@@ -196,7 +196,7 @@ def command(options: argparse.Namespace) -> int:
         if parts:
             code = run_studies(parts, folder, progress, options.jobs)
         else:
-            experiment = importlib.import_module(f"tools.experiments.{name}")
+            experiment = importlib.import_module(f"pcpc.tools.experiments.{name}")
             code = int(experiment.run(folder, progress, options.jobs))
     except KeyboardInterrupt:
         progress.close()

@@ -10,10 +10,10 @@ ended. The recorder counts them, also where the log keeps only a part.
 from collections import Counter
 from collections.abc import Mapping
 
-from drivers import dbc
-from drivers.errors import BusError
-from executive.logs import Log
-from executive.rig import Rig
+from pcpc.drivers import dbc
+from pcpc.drivers.errors import BusError
+from pcpc.executive.log.reader import Log
+from pcpc.executive.rig.reading import Rig
 
 STATES = {  # of drivers.e2e, which imports numba; lost frames are those between two that came
     0: "used", 1: "used", 2: "repeated", 3: "wrong_sequence", 4: "crc_errors", 6: "lost_on_purpose",

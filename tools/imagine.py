@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
-from executive.long_logs import Columns
-from executive.node import cycles_of, describe, plan
-from executive.rig import Rig
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.long_logs import Columns
+from pcpc.executive.nodes.plan import cycles_of, describe, plan
+from pcpc.executive.rig.reading import Rig
 
 MOST_CYCLES = 20_000
 Vector = NDArray[np.float64]

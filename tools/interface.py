@@ -1,8 +1,8 @@
 """The bus that a command line or a rig names, checked before anything is started."""
 
-from drivers import bus as buses
-from drivers.errors import BusError
-from executive.errors import RigError
+from pcpc.drivers import bus as buses
+from pcpc.drivers.errors import BusError
+from pcpc.executive.errors import RigError
 
 
 def named_bus(named: tuple[str, str | None], place: str) -> buses.Bus:

@@ -19,11 +19,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from executive.errors import FULL, RigError, did_you_mean
-from executive.logs import Log
-from executive.long_logs import Columns
-from executive.rig import Rig
-from tools.imagine import imagined, large, noise, nothing
+from pcpc.executive.errors import FULL, RigError, did_you_mean
+from pcpc.executive.log.long_logs import Columns
+from pcpc.executive.log.reader import Log
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.imagine import imagined, large, noise, nothing
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
     *(f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send", "publish")),

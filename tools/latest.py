@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from executive import shared as sh
-from executive.rig_schema import Timing
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.rig.schema import Timing
 
 STAGES = ("wake_late", "receive", "step", "send", "publish", "work")
 USAGE = ("minor_faults", "major_faults", "switches", "forced_switches")

@@ -1,7 +1,7 @@
 """The rig of a log, and from where its laws are taken.
 
-A log carries what its laws from outside the project need (`executive.carried`). Python out of a log
-that somebody else wrote may do anything, so it is not run unasked:
+A log carries what its laws from outside the project need (`executive.rig.carried`). Python out of a
+log that somebody else wrote may do anything, so it is not run unasked:
 
     by default   files that lie where the log says, with the content that it records
     --rig RIG    the same, below the folder of a rig file
@@ -28,8 +28,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from executive import carried, logs, trial, yamlfile
-from executive.rig import Rig, load_rig
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig import carried, trial, yamlfile
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.resolve import today
 
 MOST_UP = 64  # folders that a file may lie above its rig
 _FILES = "files/"  # of the names of such attachments
@@ -152,9 +154,9 @@ def _path_of(head: logs.Log, law: str, by_law: Mapping[str, Path]) -> Path | Non
     module = law.partition(":")[0]
     if module in by_law:
         return by_law[module]
-    package, dot, _ = module.partition(".")
+    module = today(module)
     is_path = module.endswith(".py") or "/" in module
-    if not is_path and (not dot or package in carried.PACKAGES):
+    if not is_path and ("." not in module or module.startswith("pcpc.")):
         return None
     raise logs.LogError(
         f"{head.path}: its law {law} is neither the project's nor carried by the log; "

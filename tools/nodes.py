@@ -23,9 +23,9 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import shared as sh
-from executive import sharing
-from executive.errors import did_you_mean
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
 
 OK, WRONG_INPUT, NO_NODE, INTERRUPTED = 0, 2, 4, 130
 LEVELS = ("none", "tune", "all")  # by the value of the mailbox's word LOCK

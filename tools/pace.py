@@ -20,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from executive import shared as sh
-from executive import supervisor as sv
-from executive.rig import Rig
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.rig.reading import Rig
 
 CYCLE_S = 20e-6
 SUM_S = 0.6e-3  # of the sum below, on the machine of CYCLE_S

@@ -24,18 +24,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers import bus as buses
-from drivers import choice, realtime
-from drivers.errors import BusError
-from executive import logs
-from executive.errors import RigError
-from tools import play_frames, screen
-from tools.interface import named_bus
-from tools.play_frames import Frames, PlayError
-from tools.progress import Progress
+from pcpc.drivers import bus as buses
+from pcpc.drivers import choice, realtime
+from pcpc.drivers.errors import BusError
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import reader as logs
+from pcpc.tools import play_frames, screen
+from pcpc.tools.interface import named_bus
+from pcpc.tools.play_frames import Frames, PlayError
+from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
-    from executive.player import Player
+    from pcpc.executive.nodes.player import Player
 
 OK, USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 3, 4, 130
 PRIORITY = 70  # that of an emulator, below the executive's 80
@@ -110,7 +110,7 @@ def command(options: argparse.Namespace) -> int:
 
 def words_of(*arguments: str) -> list[str]:
     """Return a command line that plays, in a process of its own, with this Python."""
-    return [sys.executable, "-P", "-m", "tools.play", *arguments]
+    return [sys.executable, "-P", "-m", "pcpc.tools.play", *arguments]
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -184,7 +184,7 @@ class Session:
 
     def _make(self) -> "Player":
         """Return a player of the chosen frames with the bus open; BusError."""
-        from executive.player import Player  # here, because it imports numba
+        from pcpc.executive.nodes.player import Player  # here, because it imports numba
 
         rate, stamps = self.options.rate, self.frames.stamp_ns
         timed = rate > 0.0
@@ -260,7 +260,7 @@ class Session:
         player.play(player.soon_ns(period, first % period or period // 2), laps)
 
     def _line(self, player: "Player") -> str:
-        from executive import player as p
+        from pcpc.executive.nodes import player as p
 
         sent, errors = player.count(p.SENT), player.count(p.ERRORS)
         total = self._total()
@@ -299,7 +299,7 @@ class Session:
 
     def _result(self, player: "Player") -> dict[str, Any]:
         """Return what was played and how well; nothing about time where there is no schedule."""
-        from executive import player as p
+        from pcpc.executive.nodes import player as p
 
         sent, errno = player.count(p.SENT), player.count(p.ERRNO)
         spent_ns = player.count(p.LAST_SENT) - player.count(p.FIRST_SENT)
@@ -354,7 +354,7 @@ def text_of(result: dict[str, Any]) -> str:
 
 def main() -> int:
     """Play without the other subcommands."""
-    parser = argparse.ArgumentParser("tools.play")
+    parser = argparse.ArgumentParser("pcpc.tools.play")
     add_arguments(parser.add_subparsers(required=True))
     return command(parser.parse_args(["play", *sys.argv[1:]]))
 

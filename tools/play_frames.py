@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.wire_layout import FRAME_BYTES
-from executive import logs
-from executive.errors import did_you_mean
+from pcpc.drivers.wire_layout import FRAME_BYTES
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
 
 SLACK_NS = 1_000_000  # a sender stamps after sending, so the receiver may be earlier
 PEER = {"executive": "plant", "plant": "executive"}

@@ -3,8 +3,8 @@
 import sys
 import time
 
-from drivers import compile_cache
-from executive import shared as sh
+from pcpc.drivers import compile_cache
+from pcpc.executive.loop import shared as sh
 
 _IN_PLACE_S = 0.1
 _LINES_S = 2.0

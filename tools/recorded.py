@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from executive.errors import RigError
+from pcpc.executive.errors import RigError
 
 LATEST = "latest"
 RUNS = Path("runs")

@@ -19,15 +19,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import BusError
-from executive import logs
-from executive.errors import RigError
-from executive.frontier import Frontier
-from executive.replay import HEAD, PASSES, Assembler, K, Replay
-from executive.rig import Rig
-from executive.watched import StepError
-from tools import log_rig, screen
-from tools.progress import Progress
+from pcpc.drivers.errors import BusError
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.frontier import Frontier
+from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay
+from pcpc.executive.nodes.watched import StepError
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools import log_rig, screen
+from pcpc.tools.progress import Progress
 
 DIFFERS, USAGE, SAFETY_STOP = 1, 2, 5
 ROWS_SHOWN = 20

@@ -17,9 +17,9 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from executive import yamlfile
-from executive.errors import RigError, did_you_mean
-from tools import screen
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.rig import yamlfile
+from pcpc.tools import screen
 
 OK, USAGE = 0, 2
 _PLANTS = Path(__file__).resolve().parents[1] / "plants"

@@ -16,24 +16,26 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from drivers import choice
-from drivers.errors import BusError, DbcError
-from executive import carried, long_logs, sharing
-from executive import shared as sh
-from executive.errors import FULL, RigError
-from executive.mcap_writer import RecordError
-from executive.rig import Rig, load_rig
-from executive.rig_bus import bus_wanted
-from executive.roles import Role
-from executive.watched import StepError
-from tools import pace
-from tools import summary as summaries
-from tools.children import Child, complain, on_request
-from tools.conclude import LOG, conclude
-from tools.interface import named_bus
-from tools.judge import Judge, foreseen
-from tools.progress import Compiling, Progress, node_line
-from tools.waiting import Waiting
+from pcpc.drivers import choice
+from pcpc.drivers.errors import BusError, DbcError
+from pcpc.executive.errors import FULL, RigError
+from pcpc.executive.log import long_logs
+from pcpc.executive.log.mcap_writer import RecordError
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+from pcpc.executive.nodes.watched import StepError
+from pcpc.executive.rig import carried
+from pcpc.executive.rig.buses import bus_wanted
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.roles import Role
+from pcpc.tools import pace
+from pcpc.tools import summary as summaries
+from pcpc.tools.children import Child, complain, on_request
+from pcpc.tools.conclude import LOG, conclude
+from pcpc.tools.interface import named_bus
+from pcpc.tools.judge import Judge, foreseen
+from pcpc.tools.progress import Compiling, Progress, node_line
+from pcpc.tools.waiting import Waiting
 
 USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
 LOSS, SAFETY_STOP = 3, 5
@@ -60,12 +62,9 @@ class Host:
         self.judge = Judge.of(rig)
         self.judged = foreseen(self.judge, self.pacing, not options.no_figure)
         self.outcome = summaries.Outcome(
-            self.pacing,
-            str(self.bus),
-            changed=changed(options),
-            strict=options.judge,
+            self.pacing, str(self.bus), changed=changed(options), strict=options.judge,
             begin_ns=BEGIN_NS,
-        )
+        )  # fmt: skip
         self.children: dict[str, Child] = {}
         self.blocks: dict[str, sh.Shared] = {}
         self.begin_ns = BEGIN_NS
@@ -76,7 +75,7 @@ class Host:
         self._greet()
         on_request(self._interrupt)
         for role in self.roles:
-            module = "plants.emulator" if role == "plant" else "executive.process"
+            module = "pcpc.plants.emulator" if role == "plant" else "pcpc.executive.nodes.process"
             role_word = [] if role == "plant" else [role]
             arguments = [*role_word, *_child_arguments(self.options, str(self.bus))]
             self.children[role] = Child(role, module, arguments, interpreted=not self.bus.compiled)
@@ -150,7 +149,7 @@ class Host:
         log = str(self.folder / LOG)
         self.children["recorder"] = Child(
             "recorder",
-            "executive.recorder",
+            "pcpc.executive.log.recorder",
             [log, *names, "--judged", json.dumps(self.judged)],
             survives=True,
         )
@@ -337,9 +336,9 @@ def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, 
 
 def simulate(options: argparse.Namespace) -> int:
     """Run a rig in virtual time and sum up; return the exit code."""
-    from executive import plausible
-    from executive.node import plan
-    from executive.virtual import VirtualRun
+    from pcpc.executive.nodes import plausible
+    from pcpc.executive.nodes.plan import plan
+    from pcpc.executive.nodes.virtual import VirtualRun
 
     rig = load_rig(options.rig, options.controller, options.set)
     for role in rig.roles:

@@ -26,15 +26,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import faults, logs
-from executive import shared as sh
-from executive import supervisor as sv
-from executive.distribution import Distribution
-from executive.long_logs import LongLog
-from executive.rig import Rig
-from tools.frames import frames_to, too_many
-from tools.judge import Judge, evaluation_module
-from tools.latest import latest_cycles, level
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.distribution import Distribution
+from pcpc.executive.log.long_logs import LongLog
+from pcpc.executive.loop import faults
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.frames import frames_to, too_many
+from pcpc.tools.judge import Judge, evaluation_module
+from pcpc.tools.latest import latest_cycles, level
 
 __all__ = ["evaluation_module"]  # and what is defined here
 

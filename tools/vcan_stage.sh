@@ -29,8 +29,8 @@ quietly "$bin/pcpc" run "$rig" "${once[@]}" -o "$out/warm" --pacing lockstep \
 quietly "$bin/python" -m pytest tests/executive/test_every_rig.py -q -p no:cacheprovider
 quietly "$bin/pcpc" play "$out/simulated/log.mcap" -r 0 --quiet --bus udp_multicast:239.74.163.3:43119
 quietly "$bin/python" - <<'PY'
-from drivers import wire, wire_layout
-from drivers.jit import numba
+from pcpc.drivers import wire, wire_layout
+from pcpc.drivers.jit import numba
 import numpy as np
 
 end = np.zeros(1, wire_layout.WIRE).view(np.recarray)[0]

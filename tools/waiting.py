@@ -3,8 +3,8 @@
 import time
 from collections.abc import Mapping, Sequence
 
-from executive import shared as sh
-from executive.rig import Rig
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.rig.reading import Rig
 
 _MEET_S = 20.0  # nodes of one host that are ready hear each other within this
 _COMMANDS = {"executive": "exec"}

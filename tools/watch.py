@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import shared as sh
-from tools import screen
-from tools.nodes import (
+from pcpc.executive.loop import shared as sh
+from pcpc.tools import screen
+from pcpc.tools.nodes import (
     INTERRUPTED,
     OK,
     HostError,

@@ -12,8 +12,8 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 2; (2) is the play operator o
 literature.
 """
 
-from drivers.jit import inline
-from executive.emath import where
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import where
 
 
 @inline

@@ -9,8 +9,8 @@ for slopes other than 1, u - D(u) is not bounded, only the form (2) keeps a boun
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 2.
 """
 
-from drivers.jit import inline
-from executive.emath import clip, where
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import clip, where
 
 
 @inline

@@ -7,8 +7,8 @@ N m, rad/s, s; `stall` is the torque at standstill on the full bus voltage, w_nl
 Above w_nl the voltage limit turns into a brake, itself limited to the peak torque.
 """
 
-from drivers.jit import inline
-from executive.emath import clip
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import clip
 
 
 @inline

@@ -18,8 +18,8 @@ rad, rad/s, N m, s. Source: Canudas de Wit, Olsson, Astrom, Lischinsky, A new mo
 systems with friction, IEEE Trans. Automatic Control 40 (1995); the scheme is this project's.
 """
 
-from drivers.jit import inline
-from executive.emath import expmsq
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import expmsq
 
 
 @inline

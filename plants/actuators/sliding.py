@@ -15,8 +15,8 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 2; the formulas of (4) and (5
 available copies, (5) follows the book's list of symbols, the roles in (4) are chosen.
 """
 
-from drivers.jit import inline
-from executive.emath import exp
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import exp
 
 
 @inline

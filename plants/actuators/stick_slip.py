@@ -19,8 +19,8 @@ Units: dt times torque for p and c, e.g. N m s. Source: implicit time stepping o
 friction, as in J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988).
 """
 
-from drivers.jit import inline
-from executive.emath import clip, where
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import clip, where
 
 
 @inline

@@ -26,12 +26,12 @@ Source: assumed modes on a rotating clamped-free beam, with beam.py's modal data
 
 from typing import Any
 
-from drivers.jit import compiled, inline
-from executive.emath import sincos
-from plants.actuators import drive, friction, gear
-from plants.atb1000.beam import GRAVITY_M_S2
-from plants.atb1000.ports import PARAMETERS, STATES, offsets
-from plants.sensors import lag_rate
+from pcpc.drivers.jit import compiled, inline
+from pcpc.executive.laws.emath import sincos
+from pcpc.plants.actuators import drive, friction, gear
+from pcpc.plants.atb1000.beam import GRAVITY_M_S2
+from pcpc.plants.atb1000.ports import PARAMETERS, STATES, offsets
+from pcpc.plants.sensors import lag_rate
 
 _P, _X = offsets(PARAMETERS), offsets(STATES)
 

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from executive.logs import Log
-from plants.judging import (
+from pcpc.executive.log.reader import Log
+from pcpc.plants.judging import (
     Mask,
     Measure,
     Run,
@@ -30,7 +30,7 @@ from plants.judging import (
     setting,
     step,
 )
-from plants.pages import (
+from pcpc.plants.pages import (
     BLACK,
     BLUE,
     GREEN,
@@ -43,7 +43,7 @@ from plants.pages import (
     traces,
     was_clocked,
 )
-from plants.statistics import COUNT, HIGH, MEAN, PEAK, RMS, STD, peak
+from pcpc.plants.statistics import COUNT, HIGH, MEAN, PEAK, RMS, STD, peak
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

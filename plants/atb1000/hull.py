@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import inline
-from executive.emath import sincos
-from plants.atb1000.ports import HULL_COMPONENTS, PARAMETERS, offsets
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import sincos
+from pcpc.plants.atb1000.ports import HULL_COMPONENTS, PARAMETERS, offsets
 
 _P = offsets(PARAMETERS)
 SINES, LEVER_COS, LEVER_SIN = _P["hull_sines"], _P["heave_cos_m"], _P["heave_sin_m"]

@@ -18,14 +18,15 @@ from typing import Any
 
 import numpy as np
 
-from drivers.jit import inline, tail
-from executive.block import Block, Prepared, stage
-from executive.emath import clip, cos, sin, sincos, where
-from plants.atb1000 import dynamics as dyn
-from plants.atb1000 import hull
-from plants.atb1000 import ports as at
-from plants.atb1000.beam import GRAVITY_M_S2, Beam, Tube, modal_data
-from plants.atb1000.ports import (
+from pcpc.drivers.jit import inline
+from pcpc.drivers.views import tail
+from pcpc.executive.laws.block import Block, Prepared, stage
+from pcpc.executive.laws.emath import clip, cos, sin, sincos, where
+from pcpc.plants.atb1000 import dynamics as dyn
+from pcpc.plants.atb1000 import hull
+from pcpc.plants.atb1000 import ports as at
+from pcpc.plants.atb1000.beam import GRAVITY_M_S2, Beam, Tube, modal_data
+from pcpc.plants.atb1000.ports import (
     HULL_COMPONENTS,
     INPUTS,
     INTEGRATED,
@@ -36,8 +37,8 @@ from plants.atb1000.ports import (
     STATES,
     offsets,
 )
-from plants.noise import STREAM_SIZE, seeded
-from plants.sensors import noisy
+from pcpc.plants.noise import STREAM_SIZE, seeded
+from pcpc.plants.sensors import noisy
 
 PI = 3.141592653589793
 

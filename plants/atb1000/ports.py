@@ -9,8 +9,8 @@ from pathlib import Path
 
 import yaml
 
-from executive.block import Port
-from plants.noise import STREAM_SIZE
+from pcpc.executive.laws.block import Port
+from pcpc.plants.noise import STREAM_SIZE
 
 HULL_COMPONENTS = 24
 INTEGRATED = 16  # leading states that Runge-Kutta advances

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 9
 TITLE = "Chapter 9: the flexible barrel"
@@ -125,7 +125,7 @@ def monte_carlo() -> Iterator[Case]:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw signals and networks of the main scenarios, and the random plants."""
-    from plants.atb1000.study_figures import draw_all, draw_monte_carlo
+    from pcpc.plants.atb1000.study_figures import draw_all, draw_monte_carlo
 
     draw_all([r for r in results if r.traces], folder)
     draw_monte_carlo(of_group(results, "monte carlo"), folder / "monte-carlo.png")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plants.study import Result
+from pcpc.plants.study import Result
 
 COLOURS = {"pd": "#7f7f7f", "pid": "#0072b2", "pd_nn_fast": "#d55e00", "nn_backstepping": "#009e73"}
 MRAD, DEG = 1e3, 180.0 / np.pi

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 5
 TITLE = "Chapter 5.3: a map behind backlash"
@@ -202,7 +202,7 @@ def _signs(results: Sequence[Result]) -> str:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw PD and NN beside each other, and what u does from step to step."""
-    from plants.backlash_map.study_figures import draw_laws, draw_steps
+    from pcpc.plants.backlash_map.study_figures import draw_laws, draw_steps
 
     main = {r.case.label: r for r in of_group(results, "main")}
     wanted = ("pd without gap", "pd", "nn_sigmoid", "nn")

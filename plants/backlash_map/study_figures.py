@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
-from plants.study import Result
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.study import Result
 
 NAMES = {
     "pd without gap": "PD, no gap",

@@ -12,10 +12,21 @@ from pathlib import Path
 
 import numpy as np
 
-from executive.logs import Log
-from plants.judging import Measure, Run, Vector, known, measured, reaches
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, Line, Panel, draw_page
-from plants.statistics import HIGH, LAST, PEAK, RMS
+from pcpc.executive.log.reader import Log
+from pcpc.plants.judging import Measure, Run, Vector, known, measured, reaches
+from pcpc.plants.pages import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    Line,
+    Panel,
+    draw_page,
+)
+from pcpc.plants.statistics import HIGH, LAST, PEAK, RMS
 
 MRAD = 1e3
 SETTLED_RAD = 0.01

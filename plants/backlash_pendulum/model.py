@@ -22,12 +22,12 @@ available copies and is chosen here from the parameters that the book names.
 
 from typing import Any
 
-from drivers.jit import inline
-from executive.block import Block, Port, stage
-from executive.emath import cos, sin, where
-from plants.actuators.backlash import backlash
-from plants.sensors import rounded
-from plants.transport import DELAY_SIZE, delayed
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.emath import cos, sin, where
+from pcpc.plants.actuators.backlash import backlash
+from pcpc.plants.sensors import rounded
+from pcpc.plants.transport import DELAY_SIZE, delayed
 
 SETTINGS = (
     Port("time_constant_s", "s", "T_m, inertia over viscous friction", None, 1e-3, 1e6),

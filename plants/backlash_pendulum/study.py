@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 5
 TITLE = "Chapter 5.2: a pendulum behind backlash"
@@ -255,7 +255,7 @@ def _models(results: Sequence[Result]) -> str:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw the three cases beside each other, and where the gain comes from."""
-    from plants.backlash_pendulum.study_figures import draw_attribution, draw_cases
+    from pcpc.plants.backlash_pendulum.study_figures import draw_attribution, draw_cases
 
     main = {r.case.label: r for r in of_group(results, "main")}
     draw_cases([main[f"{MAIN} {law}"] for law in LAWS], folder / "backlash-pendulum.png")

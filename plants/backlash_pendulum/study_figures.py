@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
-from plants.study import Result
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD (case 1)", "robust": "PD + robust term (2)", "nn": "PD + robust + network (3)"}
 COLOURS = {"pd": VERMILION, "robust": ORANGE, "nn": BLUE}

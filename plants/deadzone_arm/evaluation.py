@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from executive.logs import Log
-from plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
-from plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION, Line, Panel, draw_page
-from plants.statistics import HIGH, MEAN, PEAK, RMS
+from pcpc.executive.log.reader import Log
+from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION, Line, Panel, draw_page
+from pcpc.plants.statistics import HIGH, MEAN, PEAK, RMS
 
 SETTLED_RAD = 0.02
 JOINTS = (1, 2)

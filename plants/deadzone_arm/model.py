@@ -1,6 +1,6 @@
 """The two-link arm with a deadzone in front of each joint: commands in, angles and rates out.
 
-    M(q) v' + Vm(q, v) v = tau,   q' = v          executive/models/two_link.py, horizontal   (1)
+    M(q) v' + Vm(q, v) v = tau,   q' = v         executive/laws/models/two_link.py, horizontal   (1)
     tau_i = D(u_i)                                plants/actuators/deadzone.py, unmeasured   (2)
     E = v'M(q)v/2,   E' = v'tau                   for M' - 2 Vm is skew-symmetric            (3)
 
@@ -16,13 +16,14 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.2; the arm's equations as i
 
 from typing import Any
 
-from drivers.jit import inline, tail
-from executive.block import Block, Port, stage
-from executive.emath import sincos
-from executive.models.two_link import inertia, velocity_torque
-from plants.actuators.deadzone import deadzone
-from plants.sensors import rounded
-from plants.transport import DELAY_SIZE, delayed
+from pcpc.drivers.jit import inline
+from pcpc.drivers.views import tail
+from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.emath import sincos
+from pcpc.executive.laws.models.two_link import inertia, velocity_torque
+from pcpc.plants.actuators.deadzone import deadzone
+from pcpc.plants.sensors import rounded
+from pcpc.plants.transport import DELAY_SIZE, delayed
 
 SETTINGS = (
     Port("a1_m", "m", "length of the first link", None, 1e-3, 100.0),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 4
 TITLE = "Chapter 4.2: deadzone compensation with two neural networks"
@@ -203,7 +203,7 @@ def cell(found: str, expected: str) -> str:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw PD beside the network on both rigs, and all draws of the main variants."""
-    from plants.deadzone_arm.study_figures import draw_beside, draw_seeds
+    from pcpc.plants.deadzone_arm.study_figures import draw_beside, draw_seeds
 
     single = groups(of_group(results, "single"))
     for scenario in SCENARIOS:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
-from plants.study import Result
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "nn": "PD and two networks a joint"}
 SMALLEST_RAD = 1e-5  # of the logarithmic axis

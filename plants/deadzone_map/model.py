@@ -1,7 +1,7 @@
 """The second-order map behind a deadzone: command in, both states out.
 
     x1(k+1) = x2(k)
-    x2(k+1) = F(x1, x2) + tau(k)        executive/models/second_order_map.py                 (1)
+    x2(k+1) = F(x1, x2) + tau(k)        executive/laws/models/second_order_map.py                (1)
     tau(k)  = D(u(k))                   plants/actuators/deadzone.py, slope 1, unmeasured    (2)
 
     call k of `step`:  k = 0  sample of the initial state; nothing else happens
@@ -16,11 +16,11 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3; the map as in executive/
 
 from typing import Any
 
-from executive.block import Block, Port, stage
-from executive.models.second_order_map import drift
-from plants.actuators.deadzone import deadzone
-from plants.sensors import rounded
-from plants.transport import DELAY_SIZE, delayed
+from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.models.second_order_map import drift
+from pcpc.plants.actuators.deadzone import deadzone
+from pcpc.plants.sensors import rounded
+from pcpc.plants.transport import DELAY_SIZE, delayed
 
 SETTINGS = (
     Port("c", "", "coefficient of F", None, 0.0, 1.0),

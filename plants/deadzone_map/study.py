@@ -7,7 +7,7 @@ where the run does not diverge.
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 4
 TITLE = "Chapter 4.3: deadzone compensation with fuzzy logic, in discrete time"
@@ -111,7 +111,7 @@ def main_table(found: Mapping[Key, Result], expected: Mapping[Key, str]) -> str:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw PD beside the fuzzy precompensator behind both deadzones."""
-    from plants.deadzone_map.study_figures import draw_beside
+    from pcpc.plants.deadzone_map.study_figures import draw_beside
 
     found = keyed(results, "main")
     for rig in RIG_NAMES[1:]:

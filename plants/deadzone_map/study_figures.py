@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION
-from plants.study import Result
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION
+from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "fuzzy": "PD and fuzzy precompensator"}
 

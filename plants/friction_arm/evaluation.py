@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from executive.logs import Log
-from plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
-from plants.pages import BLACK, BLUE, GREEN, VERMILION, Line, Panel, draw_page
-from plants.statistics import COUNT, HIGH, MEAN, MEDIAN, PEAK, RMS, SUM, peak
+from pcpc.executive.log.reader import Log
+from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
+from pcpc.plants.pages import BLACK, BLUE, GREEN, VERMILION, Line, Panel, draw_page
+from pcpc.plants.statistics import COUNT, HIGH, MEAN, MEDIAN, PEAK, RMS, SUM, peak
 
 JOINTS = (1, 2)
 COLOURS = {1: BLUE, 2: VERMILION}

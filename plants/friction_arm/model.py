@@ -22,13 +22,13 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3.
 from collections.abc import Mapping
 from typing import Any
 
-from drivers.jit import inline
-from executive.block import Block, Port, Prepared, stage
-from executive.emath import sin, sincos
-from executive.models.two_link import gravity_torque, inertia, velocity_torque
-from plants.actuators import lugre_implicit, sliding, stick_slip
-from plants.sensors import rounded
-from plants.transport import DELAY_SIZE, delayed
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.emath import sin, sincos
+from pcpc.executive.laws.models.two_link import gravity_torque, inertia, velocity_torque
+from pcpc.plants.actuators import lugre_implicit, sliding, stick_slip
+from pcpc.plants.sensors import rounded
+from pcpc.plants.transport import DELAY_SIZE, delayed
 
 _FRICTION = tuple(
     port

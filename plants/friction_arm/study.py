@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from plants.friction_arm import study_expected as known
-from plants.study import Case, Result, markdown, of_group, statistic
+from pcpc.plants.friction_arm import study_expected as known
+from pcpc.plants.study import Case, Result, markdown, of_group, statistic
 
 CHAPTER = 3
 TITLE = "Chapter 3: the two-link arm with friction"
@@ -105,7 +105,7 @@ def _sampled() -> Iterator[Case]:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw cases A to D, the chatter of the step node and the step weights."""
-    from plants.friction_arm.study_figures import draw_all
+    from pcpc.plants.friction_arm.study_figures import draw_all
 
     draw_all(results, folder)
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
-from plants.study import Result, of_group, statistic
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from pcpc.plants.study import Result, of_group, statistic
 
 COLOURS = {
     "pd": GREY, "nn_standard": BLUE, "nn_step": VERMILION, "nn_ramp": GREEN, "nn_project": PURPLE,

@@ -1,6 +1,6 @@
 """The two-link arm with gravity and smooth friction: its acceleration and a Runge-Kutta step.
 
-    M(q) q'' + Vm(q, q') q' + G(q) + Fr = tau                executive/models/two_link.py    (1)
+    M(q) q'' + Vm(q, q') q' + G(q) + Fr = tau                executive/laws/models/two_link.py   (1)
     Fr_i = fv q_i' + fc tanh(q_i'/w)                         smooth: nothing ever sticks     (2)
 
 Classic Runge-Kutta with tau and the masses held over the step. `p` begins with PORTS; the masses
@@ -11,10 +11,10 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
 
 from typing import Any
 
-from drivers.jit import inline
-from executive.block import Port
-from executive.emath import sincos, tanh
-from executive.models.two_link import gravity_torque, inertia, velocity_torque
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.block import Port
+from pcpc.executive.laws.emath import sincos, tanh
+from pcpc.executive.laws.models.two_link import gravity_torque, inertia, velocity_torque
 
 PORTS = (
     Port("a1_m", "m", "length of the first link", None, 1e-3, 100.0),

@@ -15,11 +15,11 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
 
 from typing import Any
 
-from executive.block import Block, Port, stage
-from executive.emath import where
-from plants.payload_arm import arm
-from plants.sensors import rounded
-from plants.transport import DELAY_SIZE, delayed
+from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.emath import where
+from pcpc.plants.payload_arm import arm
+from pcpc.plants.sensors import rounded
+from pcpc.plants.transport import DELAY_SIZE, delayed
 
 SETTINGS = (
     *arm.PORTS,

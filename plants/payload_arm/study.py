@@ -7,7 +7,7 @@ figure is one run. In brackets what an independent implementation gave, where it
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 7
 TITLE = "Chapter 7: adaptive critic on the two-link arm"
@@ -145,7 +145,7 @@ def report(results: Sequence[Result]) -> str:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw PD beside the critic under the payload, the parts of the law, and the weights."""
-    from plants.payload_arm.study_figures import draw_beside, draw_long, draw_parts
+    from pcpc.plants.payload_arm.study_figures import draw_beside, draw_long, draw_parts
 
     main = {result.case.label: result for result in of_group(results, "main")}
     beside = ("3 PD, payload", "PD + robust term, payload", "4 PD + critic, payload")

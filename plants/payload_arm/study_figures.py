@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
-from plants.study import Result
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "robust_only": "PD, robust term", "critic": "PD, robust term, both networks"}
 JOINTS = ((1, BLUE), (2, VERMILION))

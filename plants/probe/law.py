@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from executive.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Port, stage
 
 
 @stage

@@ -7,7 +7,7 @@ Without units. The sample of t goes out before the command of t comes in, as on 
 
 from typing import Any
 
-from executive.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Port, stage
 
 
 @stage

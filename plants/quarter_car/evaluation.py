@@ -22,10 +22,31 @@ from pathlib import Path
 
 import numpy as np
 
-from executive.logs import Log
-from plants.judging import Measure, Run, Signal, Vector, edges, known, measured, reaches, setting
-from plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, SKY, VERMILION, Line, Panel, draw_page
-from plants.statistics import CORRELATION, COUNT, HIGH, LOW, MEAN, PEAK, RMS, STD
+from pcpc.executive.log.reader import Log
+from pcpc.plants.judging import (
+    Measure,
+    Run,
+    Signal,
+    Vector,
+    edges,
+    known,
+    measured,
+    reaches,
+    setting,
+)
+from pcpc.plants.pages import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    PURPLE,
+    SKY,
+    VERMILION,
+    Line,
+    Panel,
+    draw_page,
+)
+from pcpc.plants.statistics import CORRELATION, COUNT, HIGH, LOW, MEAN, PEAK, RMS, STD
 
 SPEED = "car.body_rate_m_s"
 

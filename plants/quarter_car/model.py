@@ -32,12 +32,13 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 6.
 from collections.abc import Mapping
 from typing import Any
 
-from drivers.jit import inline, tail
-from executive.block import Block, Port, Prepared, stage
-from executive.emath import clip, sin, tanh, where
-from executive.models import hydraulic_strut as hydraulic
-from plants.sensors import rounded
-from plants.transport import DELAY_SIZE, delayed
+from pcpc.drivers.jit import inline
+from pcpc.drivers.views import tail
+from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.emath import clip, sin, tanh, where
+from pcpc.executive.laws.models import hydraulic_strut as hydraulic
+from pcpc.plants.sensors import rounded
+from pcpc.plants.transport import DELAY_SIZE, delayed
 
 _CAR = (
     Port("ms_kg", "kg", "ms, body over this wheel", None, 1.0, 1e5),

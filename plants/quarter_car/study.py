@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from executive.rig import load_rig
-from plants.quarter_car import bode
-from plants.quarter_car import study_expected as known
-from plants.study import Case, Result, markdown, of_group
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.quarter_car import bode
+from pcpc.plants.quarter_car import study_expected as known
+from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 6
 TITLE = "Chapter 6: quarter car with a hydraulic strut"
@@ -80,7 +80,7 @@ def cases() -> Iterator[Case]:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw roads, forces, the kick, the bars and the frequency responses."""
-    from plants.quarter_car.study_figures import draw_all
+    from pcpc.plants.quarter_car.study_figures import draw_all
 
     draw_all(results, folder, *nominal())
 

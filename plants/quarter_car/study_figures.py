@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-from plants.quarter_car import bode
-from plants.quarter_car.study_expected import ROADS
-from plants.study import Result, of_group
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from pcpc.plants.quarter_car import bode
+from pcpc.plants.quarter_car.study_expected import ROADS
+from pcpc.plants.study import Result, of_group
 
 NAMES = {
     "passive, no stops": "passive, no stops", "passive": "passive", "pid": "PID",

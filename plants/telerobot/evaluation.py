@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from executive.logs import Log
-from plants.judging import Measure, Run, Signal, Vector, known, measured, reaches
-from plants.pages import BLACK, BLUE, GREEN, VERMILION, Line, Panel, draw_page
-from plants.statistics import HIGH, LOW, PEAK, RMS, peak
+from pcpc.executive.log.reader import Log
+from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches
+from pcpc.plants.pages import BLACK, BLUE, GREEN, VERMILION, Line, Panel, draw_page
+from pcpc.plants.statistics import HIGH, LOW, PEAK, RMS, peak
 
 JOINTS = (1, 2)
 COLOURS = {1: BLUE, 2: VERMILION}

@@ -19,12 +19,13 @@ raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapters 7 and 8.
 from collections.abc import Mapping
 from typing import Any
 
-from drivers.jit import inline, tail
-from executive.block import Block, Port, Prepared, stage
-from executive.emath import sin, sincos, tanh, where
-from executive.models.two_link import gravity_torque, inertia, velocity_torque
-from plants.sensors import rounded
-from plants.transport import DELAY_SIZE, delayed
+from pcpc.drivers.jit import inline
+from pcpc.drivers.views import tail
+from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.emath import sin, sincos, tanh, where
+from pcpc.executive.laws.models.two_link import gravity_torque, inertia, velocity_torque
+from pcpc.plants.sensors import rounded
+from pcpc.plants.transport import DELAY_SIZE, delayed
 
 STICTION_RAD_S = 0.05
 

@@ -7,7 +7,7 @@ implementation of the same equations gave.
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from plants.study import Case, Result, markdown, of_group
+from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 8
 TITLE = "Chapter 8: a telerobot behind a delay"
@@ -101,9 +101,9 @@ def _lossy(echo: int, frames: Sequence[str]) -> Iterator[Case]:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw the default scenario, and errors over delay, wrong delay and bursts."""
-    from plants.telerobot.study_figures import draw_all
+    from pcpc.plants.telerobot.study_figures import draw_all
 
-    draw_all(results, folder)
+    draw_all(results, found(results, "losses"), BURSTS, folder)
 
 
 def pair(result: Result, part: str = "error") -> str:

@@ -1,12 +1,11 @@
 """The figures of the study: errors of the default scenario; delay, wrong delay and bursts."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
-from plants.study import Result, of_group
-from plants.telerobot import study
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.study import Result, of_group
 
 COLOURS = {"pd_near": ORANGE, "pd_slow": GREY, "smith": BLUE, "nornn": GREEN, "rnn": VERMILION}
 LABELS = {
@@ -17,14 +16,16 @@ DETAIL_RAD = (0.15, 0.15)
 LOAD_S = (10.0, 15.0)
 
 
-def draw_all(results: Sequence[Result], folder: Path) -> None:
-    """Draw all figures of `results` into the folder."""
+def draw_all(
+    results: Sequence[Result], losses: Mapping[Any, Result], bursts: Sequence[int], folder: Path
+) -> None:
+    """Draw all figures of `results` into the folder; `losses`: runs by controller and label."""
     import matplotlib
 
     matplotlib.use("Agg")
     drawn = [r for r in of_group(results, "scenarios") if r.traces]
     _errors(drawn, folder / "telerobot-u2.png")
-    _margins(results, folder / "margins.png")
+    _margins(results, losses, bursts, folder / "margins.png")
 
 
 def _errors(results: Sequence[Result], path: Path) -> None:
@@ -62,7 +63,9 @@ def _errors(results: Sequence[Result], path: Path) -> None:
     pyplot.close(figure)
 
 
-def _margins(results: Sequence[Result], path: Path) -> None:
+def _margins(
+    results: Sequence[Result], runs: Mapping[Any, Result], bursts: Sequence[int], path: Path
+) -> None:
     """Draw rms errors over delay, over the error of the delay's model and over bursts."""
     from matplotlib import pyplot
 
@@ -76,9 +79,8 @@ def _margins(results: Sequence[Result], path: Path) -> None:
     _lines(wrong, [0.5 * float(r.case.label) for r in own], own, COLOURS["rnn"], "rnn")
     wrong.set(xlabel="one-way delay of the predictor wrong by [ms]", ylim=(0.0, None))
     for echo, colour, label in ((1, VERMILION, "z by echo"), (0, BLUE, "z by delay")):
-        runs = study.found(results, "losses")
-        own = [runs["rnn", f"U 0.1 {burst} {echo}"] for burst in study.BURSTS]
-        _lines(losses, [float(b) for b in study.BURSTS], own, colour, label)
+        own = [runs["rnn", f"U 0.1 {burst} {echo}"] for burst in bursts]
+        _lines(losses, [float(b) for b in bursts], own, colour, label)
     losses.set(xlabel="mean burst of 10 % losses of u [cycles]", ylim=(0.0, None))
     for ax in axes:
         ax.grid(alpha=0.3, which="both")

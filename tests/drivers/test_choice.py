@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from drivers import bus, choice, claim
-from drivers.choice import Choice, Wanted
+from pcpc.drivers import bus, choice, claim
+from pcpc.drivers.choice import Choice, Wanted
 
 ROOT = Path(__file__).resolve().parents[2]
 BOTH = ("executive", "plant")
 TAKE = """
 import sys
-from drivers.choice import Wanted, take
+from pcpc.drivers.choice import Wanted, take
 sys.stdin.read(1)
 taken = take(Wanted("auto", None, *sys.argv[1:2], tuple(sys.argv[2].split(","))))
 print(taken.bus, flush=True)

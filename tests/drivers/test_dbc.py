@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers import dbc
-from drivers.dbc import BusError
+from pcpc.drivers import dbc
+from pcpc.drivers.dbc import BusError
 
 HEAD = 'VERSION "1"\nBU_: A B\n'
 CYCLIC = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers import dbc, e2e
+from pcpc.drivers import dbc, e2e
 
 DBC = dbc.load(Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc")
 FRAMES = tuple(dbc.frame(message) for message in DBC.messages)

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from drivers import compile_cache
+from pcpc.drivers import compile_cache
 
 ROOT = Path(__file__).resolve().parents[2]
-LAW = "from drivers.jit import compiled, f8\n" + "".join(
+LAW = "from pcpc.drivers.jit import compiled, f8\n" + "".join(
     f"@compiled(f8(f8))\ndef times{i}(x):\n    return {i}.0 * x\n\n" for i in range(10)
 )
 MAIN = """
-from drivers import compile_cache
+from pcpc.drivers import compile_cache
 import law
 print([getattr(law, f"times{i}")(1.5) / 1.5 for i in range(10)] == list(range(10)))
 print(compile_cache.watch.done)

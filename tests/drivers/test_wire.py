@@ -22,8 +22,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers import libc, wire, wire_layout
-from drivers.jit import LOOP_INTERPRETED
+from pcpc.drivers import libc, wire, wire_layout
+from pcpc.drivers.jit import LOOP_INTERPRETED
 
 ROOT = Path(__file__).resolve().parents[2]
 HOSTILE_BUFFERS = 500 if LOOP_INTERPRETED else 20_000

@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import libc, wire
-from drivers.jit import i8, loop, u1
-from drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES
-from executive import shared as sh
-from executive import supervisor as sv
-from executive.cycle import STEPS, N, one_pass, wait_for_peer
-from executive.install import install
-from executive.node import Plan, plan
-from executive.rig import Rig
-from executive.rings import publish, stopping
-from executive.sending import announce, request_first_sample
+from pcpc.drivers import libc, wire
+from pcpc.drivers.jit import i8, loop, u1
+from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.cycle import STEPS, N, one_pass, wait_for_peer
+from pcpc.executive.loop.rings import publish, stopping
+from pcpc.executive.loop.sending import announce, request_first_sample
+from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.plan import Plan, plan
+from pcpc.executive.rig.reading import Rig
 
 ROOT = Path(__file__).resolve().parents[2]
 ATB1000 = ROOT / "plants" / "atb1000"
@@ -33,8 +33,8 @@ ARRIVES, LOST, CORRUPT, TWICE, SHORT = range(5)  # what can happen to a frame
 PLANT_LAG_NS = 200_000  # the plant's pass behind the executive's
 
 PUPPET = """\
-from executive.block import Block, Port, stage
-from executive.controllers import pd
+from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.controllers.barrel import pd
 
 
 @stage
@@ -61,7 +61,7 @@ BLOCK = Block(
 
 @loop(i8(N, N))
 def _meet(executive: Any, plant: Any) -> Any:
-    """Greet each other and ask for the first sample, as `executive.virtual` does."""
+    """Greet each other and ask for the first sample, as `executive.nodes.virtual` does."""
     announce(plant)
     wire.carry(plant.wire, executive.wire)
     wait_for_peer(executive)

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from executive.controllers import adaptive_critic as law
-from executive.controllers import arm_pd_inertia
-from executive.emath import cos
+from pcpc.executive.laws.controllers.arm import adaptive_critic as law
+from pcpc.executive.laws.controllers.arm import arm_pd_inertia
+from pcpc.executive.laws.emath import cos
 
 GAINS = {
     "kv_per_s": 30.0, "lam_per_s": 5.0, "a1_m": 1.0, "a2_m": 1.0, "m1_kg": 1.0, "m2_kg": 1.0,

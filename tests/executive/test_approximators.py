@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.jit import stage, tail
-from executive.approximators import activations, backprop, cmac, fuzzy, jumps, rbf, rvfl
-from executive.approximators.family import (
+from pcpc.drivers.stage import stage
+from pcpc.drivers.views import tail
+from pcpc.executive.laws.approximators import activations, backprop, cmac, fuzzy, jumps, rbf, rvfl
+from pcpc.executive.laws.approximators.family import (
     Approximator,
     Augmented,
     Cmac,

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.jit import compiled
-from executive.block import Block
-from executive.controllers import backlash_nn, backlash_nn_discrete, map_pd
+from pcpc.drivers.jit import compiled
+from pcpc.executive.laws.block import Block
+from pcpc.executive.laws.controllers.maps import backlash_nn, backlash_nn_discrete, map_pd
 
 DETERMINISTIC = settings(max_examples=60, derandomize=True, deadline=None)
 MODEL = {"model_time_constant_s": 1.0, "model_gravity_Nm": 24.525}

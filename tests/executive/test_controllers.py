@@ -2,7 +2,6 @@
 
 import importlib
 import math
-import pkgutil
 import re
 from collections.abc import Sequence
 
@@ -11,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from executive import controllers
-from executive.block import Block
-from executive.controllers import pd, pid
+from pcpc.executive.laws.block import Block
+from pcpc.executive.laws.controllers.barrel import pd, pid
+from pcpc.executive.rig import resolve
 
 DETERMINISTIC = settings(max_examples=200, derandomize=True, deadline=None)
 GAINS = {
@@ -198,18 +197,18 @@ def test_the_integral_is_frozen_in_saturation(sign: float) -> None:
 
 
 PARTS = {"boundary_layer", "tracking_network"}  # of several laws
-LAW_FILES = {m.name for m in pkgutil.iter_modules(controllers.__path__)} - PARTS
+LAW_FILES = {n for n, m in resolve.shipped().items() if ".controllers." in m} - PARTS
 
 
 @pytest.mark.parametrize("part", sorted(PARTS))
 def test_every_part_of_a_law_says_its_equations(part: str) -> None:
-    header = importlib.import_module(f"executive.controllers.{part}").__doc__ or ""
+    header = importlib.import_module(resolve.shipped()[part]).__doc__ or ""
     assert "(1)" in header and "Source" in header, part
 
 
 @pytest.mark.parametrize("module", sorted(LAW_FILES))
 def test_every_law_says_its_equations_and_has_a_block(module: str) -> None:
-    law = importlib.import_module(f"executive.controllers.{module}")
+    law = importlib.import_module(resolve.shipped()[module])
     header = law.__doc__ or ""
     assert isinstance(law.BLOCK, Block), module
     assert re.search(r"\b(N|rad|m)\b|ithout unit", header), f"{module} does not name its units"

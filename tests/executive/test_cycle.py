@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.jit import i8, loop
-from drivers.wire_layout import MEMORY
-from executive import shared as sh
-from executive import supervisor as sv
-from executive.cycle import CLOCKED, N, arm, finish, next_cycle
-from executive.node import Plan
-from executive.rig import load_rig
+from pcpc.drivers.jit import i8, loop
+from pcpc.drivers.wire_layout import MEMORY
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.cycle import CLOCKED, N, arm, finish, next_cycle
+from pcpc.executive.nodes.plan import Plan
+from pcpc.executive.rig.reading import load_rig
 
 RUN, HOLD, FAULT, STOP = sv.RUN, sv.HOLD, sv.FAULT, sv.STOP
 FEEDBACK = ("FB_A", "FB_B", "FB_C")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from executive.block import Block
-from executive.controllers import deadzone_fuzzy as fuzzy
-from executive.controllers import deadzone_nn as nn
+from pcpc.executive.laws.block import Block
+from pcpc.executive.laws.controllers.arm import deadzone_nn as nn
+from pcpc.executive.laws.controllers.maps import deadzone_fuzzy as fuzzy
 
 Array = NDArray[np.float64]
 SETTINGS = {

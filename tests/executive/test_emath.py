@@ -25,9 +25,9 @@ from hypothesis import strategies as st
 from numba.core.errors import TypingError
 from numba.core.registry import CPUDispatcher
 
-from drivers.jit import JIT_OFF, compiled
-from executive import emath
-from executive.emath_selftest import selftest
+from pcpc.drivers.jit import JIT_OFF, compiled
+from pcpc.executive.laws import emath
+from pcpc.executive.laws.emath_selftest import selftest
 
 PROJECT = Path(__file__).resolve().parents[2]
 INF, NAN = math.inf, math.nan
@@ -263,12 +263,13 @@ def test_selftest_names_a_changed_floating_point_mode(mode: str, message: str) -
 
 def test_selftest_names_the_function_with_a_broken_constant(tmp_path: Path) -> None:
     for package in ("drivers", "executive"):
-        shutil.copytree(PROJECT / package, tmp_path / package)
-    source = tmp_path / "executive" / "emath.py"
+        shutil.copytree(PROJECT / package, tmp_path / "pcpc" / package)
+    (tmp_path / "pcpc" / "__init__.py").touch()
+    source = tmp_path / "pcpc" / "executive" / "laws" / "emath.py"
     text = source.read_text()
     assert text.count("-0.3333333333333333 ") == 1
     source.write_text(text.replace("-0.3333333333333333 ", "-0.33333333333333326 "))
-    call = "from executive.emath_selftest import selftest; selftest()"
+    call = "from pcpc.executive.laws.emath_selftest import selftest; selftest()"
     code, _, err = run(["-c", call], tmp_path, NUMBA_DISABLE_JIT="1")
     assert code == 1 and "in tanh: a log would not replay" in err, err
 

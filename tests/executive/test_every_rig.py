@@ -8,7 +8,7 @@ import pytest
 from free_bus import own_bus
 from two_processes import Whole, lockstep, virtual
 
-from executive.rig import load_rig
+from pcpc.executive.rig.reading import load_rig
 
 ROOT = Path(__file__).resolve().parents[2]
 RIGS = sorted((ROOT / "plants").glob("*/rigs/*.yaml"))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from executive.block import Port
-from executive.controllers import arm_pd, friction_nn
+from pcpc.executive.laws.block import Port
+from pcpc.executive.laws.controllers.arm import arm_pd, friction_nn
 
 LINKS = (1.1, 1.0, 3.0, 2.3)
 GAINS = {

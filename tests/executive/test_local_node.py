@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers import dbc
-from executive import logs
-from executive.errors import RigError
-from executive.node import plan
-from executive.protocol import bus_load
-from executive.rig import load_rig
-from executive.virtual import in_memory, simulate
-from tools.progress import Progress
-from tools.replay import replay
-from tools.summary import Outcome, summarise
+from pcpc.drivers import dbc
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.virtual import in_memory, simulate
+from pcpc.executive.rig.messages import bus_load
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.progress import Progress
+from pcpc.tools.replay import replay
+from pcpc.tools.summary import Outcome, summarise
 
 RELAY = Path(__file__).parent / "relay" / "rig.yaml"
 

@@ -18,8 +18,10 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from test_recorder import PERIOD_NS, block_of, put_cycle, put_event
 
-from executive import logs, mcap_writer, shared
-from executive.recorder import FLUSH_NS, Recorder
+from pcpc.executive.log import mcap_writer
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.recorder import FLUSH_NS, Recorder
+from pcpc.executive.loop import shared
 
 PLACES = 500  # of each kind of log and damage
 RECOVERED = 10  # every tenth is also recovered and read with mcap's own readers

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from executive import logs
-from executive.rig import load_rig
-from executive.virtual import VirtualRun, in_memory
-from plants.atb1000.beam import Tube, modal_data
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.virtual import VirtualRun, in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.atb1000.beam import Tube, modal_data
 
 RIGS = Path(__file__).resolve().parents[2] / "plants" / "atb1000" / "rigs"
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from engine import ATB1000, SLEW10, Node, both
 
-from executive import shared as sh
-from executive.cycle import CLOCKED, ON_FRAMES
-from executive.errors import RigError
-from executive.node import Plan, check_rate, cycles_of, describe, plan
-from executive.rig import Rig, load_rig
+from pcpc.executive.errors import RigError
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.cycle import CLOCKED, ON_FRAMES
+from pcpc.executive.nodes.plan import Plan, check_rate, cycles_of, describe, plan
+from pcpc.executive.rig.reading import Rig, load_rig
 
 RIGS = sorted((ATB1000 / "rigs").glob("*.yaml"))
 LAWS = """\
-from executive.block import Block, Port
+from pcpc.executive.laws.block import Block, Port
 
 def step(t, dt, p, x, u, y): pass
 
@@ -26,7 +26,7 @@ PASSES = Block(step, outputs=(Port("passes", "", "an output"),))
 HUGE = Block(step, states=(Port("s", "", "too many", size=9000),))
 PAIR = Block(step, inputs=(Port("a", "", "in"),), outputs=(Port("a", "", "out"),))
 """
-REST = "{law: 'executive.references:step', parameters: {amplitude_rad: 0.0, start_s: 0.0}}"
+REST = "{law: 'references:step', parameters: {amplitude_rad: 0.0, start_s: 0.0}}"
 
 
 def rig_of(folder: Path, text: str) -> Rig:

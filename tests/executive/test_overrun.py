@@ -9,12 +9,12 @@ from engine import SLEW10, Bench, both, puppet_rig, zeroed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.wire_layout import SOCKETCAN
-from executive import shared as sh
-from executive import supervisor as sv
-from executive import timing
-from executive.errors import RigError
-from executive.rig import load_rig
+from pcpc.drivers.wire_layout import SOCKETCAN
+from pcpc.executive.errors import RigError
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop import timing
+from pcpc.executive.rig.reading import load_rig
 
 PERIOD_NS = 1_000_000
 STALL = 1_700_000  # ends one period and a half too late: one period is skipped

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from executive import plausible
-from executive.errors import RigError
-from executive.node import plan
-from executive.rig import load_rig
+from pcpc.executive.errors import RigError
+from pcpc.executive.nodes import plausible
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.rig.reading import load_rig
 
 PLANTS = Path(__file__).resolve().parents[2] / "plants"
 SLEW10, HULLRAND = (PLANTS / f"atb1000/rigs/{name}.yaml" for name in ("slew10", "hullrand"))

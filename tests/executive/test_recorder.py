@@ -20,8 +20,10 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from executive import logs, mcap_writer, recorder, shared
-from executive.recorder import Recorder
+from pcpc.executive.log import mcap_writer, recorder
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.recorder import Recorder
+from pcpc.executive.loop import shared
 
 PROJECT = Path(__file__).parents[2]
 MONOTONIC_NS, WALL_NS = 5_000_000_123, 1_760_000_000_000_000_789
@@ -117,7 +119,7 @@ def record(path: Path, block: shared.Shared, cycles: range) -> None:
 
 def start(path: Path, *names: str) -> subprocess.Popen[str]:
     """Start a real recorder process and wait until it says that it is ready."""
-    command = [sys.executable, "-m", "executive.recorder", str(path), *names]
+    command = [sys.executable, "-m", "pcpc.executive.log.recorder", str(path), *names]
     process = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
@@ -275,7 +277,7 @@ import os, signal, sys
 from pathlib import Path
 sys.path[:0] = {tests!r}
 from test_recorder import PERIOD_NS, block_of, put_cycle
-from executive.recorder import Recorder
+from pcpc.executive.log.recorder import Recorder
 block, now_ns = block_of({name!r}), 0
 log = Recorder(Path({path!r}), [block], clock=lambda: now_ns)
 for cycle in range(3700):
@@ -508,7 +510,7 @@ def run(path: Path, *names: str, file_bytes: int = -1) -> tuple[int, str]:
         if file_bytes >= 0:
             resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
 
-    command = [sys.executable, "-B", "-m", "executive.recorder", str(path), *names]
+    command = [sys.executable, "-B", "-m", "pcpc.executive.log.recorder", str(path), *names]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=20, preexec_fn=limit, cwd=PROJECT
     )
@@ -546,7 +548,7 @@ def test_disk_that_fills_up_leaves_a_readable_log(name: str, tmp_path: Path) -> 
 
 
 def test_recorder_process_does_not_load_the_compiler() -> None:
-    code = "import executive.recorder, sys; print('numba' in sys.modules)"
+    code = "import pcpc.executive.log.recorder, sys; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=PROJECT)
     assert done.stdout == "False\n", done.stdout + done.stderr
 

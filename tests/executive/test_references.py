@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from executive import references, sequences
-from executive.block import Block
-from executive.rig import load_rig
+from pcpc.executive.laws import references, sequences
+from pcpc.executive.laws.block import Block
+from pcpc.executive.rig.reading import load_rig
 
 RIGS = Path(__file__).resolve().parents[2] / "plants" / "atb1000" / "rigs"
 STEP_S = 1e-5  # of the finite differences

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import executive.controllers
-from executive.errors import RigError
-from executive.laws import project_name
-from executive.rig import Rig, load_rig
+from pcpc.executive.errors import RigError
+from pcpc.executive.rig import resolve
+from pcpc.executive.rig.modules import project_name
+from pcpc.executive.rig.reading import Rig, load_rig
 
 ROOT = Path(__file__).resolve().parents[2]
 RIG = """\
@@ -61,7 +61,7 @@ barrel:
   gap_rad: {value: 0.002, unit: rad, reason: measured}
 """
 LAWS = """\
-from executive.block import Block, Port
+from pcpc.executive.laws.block import Block, Port
 
 def step(t, dt, p, x, u, y): pass
 
@@ -74,7 +74,7 @@ STEP = Block(step, parameters=(Port("size_rad", "rad", "height of the step"),))
 NUMBER = 3
 """
 MODEL = """\
-from executive.block import Block, Port
+from pcpc.executive.laws.block import Block, Port
 
 def step(t, dt, p, x, u, y): pass
 
@@ -266,7 +266,7 @@ LAW_FAULTS = [
          "10:5: controllers.pd.law: NUMBER of laws.py is of type int"),
     Case('"laws.py:PD"', "a:b:c", "10:5: controllers.pd.law: 'a:b:c' is no law; expected NAME"),
     Case('"laws.py:PD"', "nosuchlaw",
-         "10:5: controllers.pd.law: no module executive.controllers.nosuchlaw"),
+         "10:5: controllers.pd.law: no law nosuchlaw"),
     Case('"laws.py:PD"', "no.such:LAW", "10:5: controllers.pd.law: no module no.such"),
     Case("BARREL = ", "import nosuch\nBARREL = ",
          "28:7: plant.blocks.barrel.law: model.py cannot be imported: "
@@ -353,10 +353,8 @@ def test_laws_are_found_by_name_module_or_file(
     own = tmp_path / "own"
     own.mkdir()
     (own / "pd_of_this_test.py").write_text(LAWS)
-    monkeypatch.setattr(
-        executive.controllers, "__path__", [*executive.controllers.__path__, str(own)]
-    )
-    by_name = load_rig(write('"laws.py:PD"', "pd_of_this_test:PD"))
+    monkeypatch.setattr(resolve, "shipped", lambda: {"bare": "own.pd_of_this_test"})
+    by_name = load_rig(write('"laws.py:PD"', "bare:PD"))
     monkeypatch.syspath_prepend(str(tmp_path))
     by_module = load_rig(write('"laws.py:PD"', "own.pd_of_this_test:PD"))
     by_file = load_rig(write())
@@ -365,7 +363,7 @@ def test_laws_are_found_by_name_module_or_file(
 
 
 def test_a_file_of_the_project_is_imported_under_its_own_name(write: Write) -> None:
-    block = Path(executive.controllers.__file__).parents[1] / "block.py"
+    block = ROOT / "executive" / "laws" / "block.py"
     rig = load_rig(write("law: model.py:BARREL", f"law: {block}:Block"), resolve=False)
     with pytest.raises(RigError, match=r"block.py is of type type, not Block"):
         rig.nodes()
@@ -376,12 +374,12 @@ def test_a_file_of_the_project_is_imported_under_its_own_name(write: Write) -> N
 def test_reading_a_rig_imports_no_numba_until_a_law_is_needed(write: Write) -> None:
     write()
     code = (
-        "import sys; from executive.rig import load_rig\n"
+        "import sys; from pcpc.executive.rig.reading import load_rig\n"
         "rig = load_rig('small.yaml', settings=['barrel.gap_rad=0.05'], resolve=False)\n"
         "assert rig.config.plant.blocks['barrel'].parameters == {'gap_rad': 0.05}\n"
         "print('numba' in sys.modules); rig.nodes(); print('numba' in sys.modules)\n"
     )
-    project = str(Path(executive.controllers.__file__).parents[2])
+    project = str(ROOT)
     done = subprocess.run(
         [sys.executable, "-c", code], env={"PYTHONPATH": project, "HOME": "."},
         capture_output=True, text=True, check=False,
@@ -439,4 +437,4 @@ def test_a_law_beside_the_packages_has_one_name_whatever_the_path(
     """`python -m` puts the working folder on the path; the compile cache stores the name."""
     monkeypatch.syspath_prepend(str(ROOT))
     assert project_name(ROOT / "tests" / "executive" / "relay" / "law.py") is None
-    assert project_name(ROOT / "plants" / "probe" / "law.py") == "plants.probe.law"
+    assert project_name(ROOT / "plants" / "probe" / "law.py") == "pcpc.plants.probe.law"

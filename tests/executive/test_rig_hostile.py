@@ -10,11 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import BusError
-from executive import yamlfile
-from executive.errors import RigError
-from executive.node import describe, plan
-from executive.rig import load_rig
+from pcpc.drivers.errors import BusError
+from pcpc.executive.errors import RigError
+from pcpc.executive.nodes.plan import describe, plan
+from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig.reading import load_rig
 
 PLANTS = Path(__file__).resolve().parents[2] / "plants"
 PROBE = PLANTS / "probe" / "rig.yaml"
@@ -29,7 +29,7 @@ NUMBERS = (
 )  # fmt: skip
 TEXTS = (
     "", "x", "a" * 300, "a" * 5000, "nul\0nul", "a\nb", "../..", "/dev/zero", "/", "é", "\ud800",
-    "\u2028", ".py", ":", "a:b:c", "..x:y", "executive.references:step", "0s", "9" * 400 + "s",
+    "\u2028", ".py", ":", "a:b:c", "..x:y", "references:step", "0s", "9" * 400 + "s",
     "999999999min", "rx.FB_A.hub_rate", "controller.kv_Nms_rad",
 )  # fmt: skip
 SHAPES: tuple[Any, ...] = (

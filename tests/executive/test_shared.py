@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from engine import ROOT, SLEW10, Bench, both
 
-from executive import shared as sh
-from executive import sharing
-from executive.node import Plan, describe
-from executive.rig import load_rig
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+from pcpc.executive.nodes.plan import Plan, describe
+from pcpc.executive.rig.reading import load_rig
 
 PATIENCE_S = 60.0  # until a test gives up on a thread or process that should have ended
 ROWS = 8
@@ -25,9 +25,9 @@ WRITER = """
 import sys, threading
 import standing
 from engine import SLEW10, both, write_until_stopped
-from executive import shared
-from executive.node import describe
-from executive.rig import load_rig
+from pcpc.executive.loop import shared
+from pcpc.executive.nodes.plan import describe
+from pcpc.executive.rig.reading import load_rig
 block = standing.stand(sys.argv[1], describe(both(load_rig(SLEW10))[0], {}))
 block.loop.n_variables = shared.MAX_VARIABLES
 def stop():

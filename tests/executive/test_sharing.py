@@ -17,9 +17,9 @@ from pathlib import Path
 import pytest
 import standing
 
-from drivers import claim
-from executive import shared as sh
-from executive import sharing
+from pcpc.drivers import claim
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAD: dict[str, object] = {
@@ -233,7 +233,7 @@ def test_what_is_no_node_of_this_version_is_refused_in_a_line(name: str, kind: s
 
 HOLDER = """
 import sys
-from executive import sharing
+from pcpc.executive.loop import sharing
 held = sharing.lock(sys.argv[1])
 print("locked", flush=True)
 sys.stdin.read()

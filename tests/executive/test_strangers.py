@@ -9,14 +9,14 @@ import pytest
 from engine import ATB1000, Bench, Node, both
 from free_bus import own_bus
 
-from drivers import bus as buses
-from drivers import dbc, e2e, wire, wire_layout
-from drivers.bus import Bus
-from executive import faults, strangers
-from executive import shared as sh
-from executive import supervisor as sv
-from executive.reception import take_frame
-from executive.rig import load_rig
+from pcpc.drivers import bus as buses
+from pcpc.drivers import dbc, e2e, wire, wire_layout
+from pcpc.drivers.bus import Bus
+from pcpc.executive.loop import faults, strangers
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.reception import take_frame
+from pcpc.executive.rig.reading import load_rig
 
 RIG = load_rig(ATB1000 / "rigs" / "slew10.yaml")
 CMD, SYNC, FB_A = 0x0A0, 0x080, 0x120

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from executive.block import Block, Port
-from executive.controllers import strut_backstepping as fl
-from executive.controllers import strut_outer as outer
-from executive.controllers import strut_pid as pid
+from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.laws.controllers.strut import strut_backstepping as fl
+from pcpc.executive.laws.controllers.strut import strut_outer as outer
+from pcpc.executive.laws.controllers.strut import strut_pid as pid
 
 Vector = NDArray[np.float64]
 T = 1e-3

@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from executive import supervisor as sv
+from pcpc.executive.loop import supervisor as sv
 
 EVENTS = ("NONE", "FRESH", "MISSED", "LOSS", "STOP_REQUEST", "RAMPED")
 

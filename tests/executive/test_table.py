@@ -2,9 +2,9 @@
 
 import pytest
 
-from executive.block import Block, Port
-from executive.errors import RigError
-from executive.table import KINDS, Table, Variable, add_block
+from pcpc.executive.errors import RigError
+from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.loop.table import KINDS, Table, Variable, add_block
 
 
 def nothing(t: float, dt: float, p: object, x: object, u: object, y: object) -> None:

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from executive.block import Port
-from executive.controllers import telerobot_local as local
-from executive.controllers import telerobot_remote as remote
-from executive.models import double_pole, playout
-from executive.models.soft_sine import soft_sine
+from pcpc.executive.laws.block import Port
+from pcpc.executive.laws.controllers.telerobot import telerobot_local as local
+from pcpc.executive.laws.controllers.telerobot import telerobot_remote as remote
+from pcpc.executive.laws.models import double_pole, playout
+from pcpc.executive.laws.models.soft_sine import soft_sine
 
 Vector = NDArray[np.float64]
 H = 1e-3

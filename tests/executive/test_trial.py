@@ -13,15 +13,16 @@ from pathlib import Path
 
 import pytest
 
-from executive import laws, trial
-from executive.errors import RigError
-from executive.node import plan
-from executive.rig import load_rig
+from pcpc.executive.errors import RigError
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.rig import resolve as laws
+from pcpc.executive.rig import trial
+from pcpc.executive.rig.reading import load_rig
 
 PROBE = Path(__file__).resolve().parents[2] / "plants" / "probe"
 HEAD = """\
 import numpy as np
-from executive.block import Block, Port, Prepared, inline, stage
+from pcpc.executive.laws.block import Block, Port, Prepared, inline, stage
 TABLE = np.array([1.0, 2.0])
 """
 STEP = "@stage\ndef step(t, dt, p, x, u, y):\n"
@@ -127,11 +128,9 @@ def trial_case(rig: Path) -> trial.Case:
 
 def in_this_process(case: trial.Case) -> str:
     """Return what the child finds, without a child; its step is interpreted."""
-    from drivers import jit
+    from pcpc.executive.laws import block
 
-    stage = jit.stage
-    from executive import block
-
+    stage = block.stage
     block.stage = lambda step: step
     try:
         return trial._problem(case, lambda phase: None)
@@ -208,7 +207,7 @@ def test_the_laws_of_the_project_are_not_tried() -> None:
         for file in files:
             assert laws.users_case(f"{file.name}:BLOCK", file, use) is None, file
     assert laws.users_case("pd", Path(), use) is None
-    assert laws.users_case("executive.references:step", Path(), use) is None
+    assert laws.users_case("references:step", Path(), use) is None
 
 
 def test_an_endless_import_is_told_with_its_line(
@@ -291,7 +290,7 @@ def test_a_step_without_stage_is_told_so(tmp_path: Path) -> None:
 
 def test_check_steps_a_law_with_the_rigs_settings_even_if_it_passed_before(tmp_path: Path) -> None:
     rig = rig_with(tmp_path, f"{STEP}    y[0] = p[int(p[0]) - 4]\n")
-    words = [sys.executable, "-m", "tools.cli", "check", str(rig), "--json"]
+    words = [sys.executable, "-m", "pcpc.tools.cli", "check", str(rig), "--json"]
     good = subprocess.run(words, capture_output=True, text=True)
     assert good.returncode == 0 and json.loads(good.stdout)["rig"] == "probe", good
     words += ["--set", "controller.gain=9.0"]

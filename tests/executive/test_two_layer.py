@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers.jit import compiled
-from executive.approximators import two_layer
+from pcpc.drivers.jit import compiled
+from pcpc.executive.laws.approximators import two_layer
 
 N_IN, N, N_JUMP = 6, 10, 4
 N_PHI = 1 + N + N_JUMP

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from engine import ATB1000, ROOT, SLEW10, puppet_rig
 
-from executive import logs
-from executive import shared as sh
-from executive import supervisor as sv
-from executive.rig import load_rig
-from executive.virtual import VirtualRun, simulate
-from tools.progress import Progress
-from tools.replay import replay
-from tools.summary import evaluation_module
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.nodes.virtual import VirtualRun, simulate
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.progress import Progress
+from pcpc.tools.replay import replay
+from pcpc.tools.summary import evaluation_module
 
 # engage needs a neural law: test_neural_controllers.py
 RIGS = sorted(p for p in (ATB1000 / "rigs").glob("*.yaml") if p.stem != "engage")
@@ -125,7 +125,7 @@ def test_another_seed_gives_other_noise(simulated: Simulate) -> None:
 def run_elsewhere(folder: Path, duration_s: str, **environment: str) -> Path:
     """Simulate slew10 in a process of its own; return the log."""
     command = [
-        sys.executable, "-m", "tools.cli", "simulate", str(SLEW10), "-o", str(folder),
+        sys.executable, "-m", "pcpc.tools.cli", "simulate", str(SLEW10), "-o", str(folder),
         "--quiet", "--no-figure", "--set", f"duration_s={duration_s}",
     ]  # fmt: skip
     done = subprocess.run(

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from executive.errors import RigError, did_you_mean
-from executive.yamlfile import Document, Place, dump, load, scalar, value
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.rig.yamlfile import Document, Place, dump, load, scalar, value
 
 
 def document(folder: Path, text: str, name: str = "rig.yaml") -> Document:

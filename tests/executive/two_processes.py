@@ -15,17 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import bus as buses
-from executive import shared as sh
-from executive import sharing
-from executive.cycle import run
-from executive.install import install
-from executive.logs import Log
-from executive.node import describe, plan
-from executive.process import open_buses
-from executive.rig import Rig
-from executive.roles import Role
-from executive.virtual import Memory, VirtualRun
+from pcpc.drivers import bus as buses
+from pcpc.executive.log.reader import Log
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+from pcpc.executive.loop.cycle import run
+from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.plan import describe, plan
+from pcpc.executive.nodes.process import open_buses
+from pcpc.executive.nodes.virtual import Memory, VirtualRun
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
 
 RUN_S = 120.0
 

@@ -27,8 +27,8 @@ def base_logs(folder: Path) -> list[bytes]:
     """Return true logs, which differ in their rigs."""
     import zstandard
 
-    from executive.rig import load_rig
-    from executive.virtual import simulate
+    from pcpc.executive.nodes.virtual import simulate
+    from pcpc.executive.rig.reading import load_rig
 
     rig = ROOT / "plants" / "probe" / "rig.yaml"
     simulate(load_rig(rig, settings=["duration_s=0.05"]), folder / "probe.mcap")

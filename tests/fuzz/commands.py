@@ -11,8 +11,8 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-from tools import play_frames
-from tools.cli import main
+from pcpc.tools import play_frames
+from pcpc.tools.cli import main
 
 CODES = {0, 1, 2, 3, 4, 130}
 
@@ -103,7 +103,7 @@ def tried_to_play(log: Path) -> Finding | None:
     """Choose the frames to play, as `pcpc play` does before it opens a bus."""
     import argparse
 
-    from executive import logs
+    from pcpc.executive.log import reader as logs
 
     options = argparse.Namespace(role=None, only=[], start=0.0, duration=None)
     try:

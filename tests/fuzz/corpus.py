@@ -27,7 +27,7 @@ from mcap.records import (
 )
 from mcap.stream_reader import StreamReader
 
-from executive.mcap_records import CRC_KEY, MAGIC, metadata_crc
+from pcpc.executive.log.mcap_records import CRC_KEY, MAGIC, metadata_crc
 
 TEXTS = [
     "", "-1", "0", "1", "7", "nan", "inf", "-inf", "1e400", "-1e308", "9" * 30, "9" * 5000, "abc",

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from mcap.records import Attachment, Metadata
 
-from executive import logs, mcap_reader
-from executive.rig import load_rig
-from executive.virtual import simulate
+from pcpc.executive.log import mcap_reader
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
 
 ROOT = Path(__file__).resolve().parents[2]
 CASES = 45

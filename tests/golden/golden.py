@@ -20,9 +20,9 @@ import numpy as np
 import yaml
 import zstandard
 
-from executive.rig import Rig, load_rig
-from executive.virtual import in_memory, simulate
-from tools.summary import evaluation_module
+from pcpc.executive.nodes.virtual import in_memory, simulate
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.summary import evaluation_module
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]

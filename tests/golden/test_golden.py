@@ -7,8 +7,8 @@ import pytest
 import zstandard
 from golden import LOG_BYTES, blessed, changes, packed_log, rigs, whole
 
-from tools.progress import Progress
-from tools.replay import replay
+from pcpc.tools.progress import Progress
+from pcpc.tools.replay import replay
 
 RUNS = {name: (file, controller) for name, file, controller in rigs()}
 BLESS = "if this is meant, `make bless` and say why in the commit"

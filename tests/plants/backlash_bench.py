@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from executive.block import Block, Port
+from pcpc.executive.laws.block import Block, Port
 
 Vector = NDArray[np.float64]
 

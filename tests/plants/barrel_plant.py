@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive.block import Port
-from plants.atb1000 import dynamics as dyn
-from plants.atb1000.model import BLOCK, EXTERNAL, SINES
-from plants.atb1000.ports import OUTPUTS, PARAMETERS, STATES, load_parameters, offsets
+from pcpc.executive.laws.block import Port
+from pcpc.plants.atb1000 import dynamics as dyn
+from pcpc.plants.atb1000.model import BLOCK, EXTERNAL, SINES
+from pcpc.plants.atb1000.ports import OUTPUTS, PARAMETERS, STATES, load_parameters, offsets
 
 PARAMETERS_FILE = Path(dyn.__file__).with_name("parameters.yaml")
 NOMINAL = load_parameters(PARAMETERS_FILE)

@@ -8,9 +8,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from executive.block import Block, Port
-from executive.controllers import friction_nn
-from plants.friction_arm import model
+from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.laws.controllers.arm import friction_nn
+from pcpc.plants.friction_arm import model
 
 Vector = NDArray[np.float64]
 FOLDER = Path(model.__file__).parent

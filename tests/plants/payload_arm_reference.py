@@ -8,8 +8,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from executive.block import Block, Port
-from plants.payload_arm import model
+from pcpc.executive.laws.block import Block, Port
+from pcpc.plants.payload_arm import model
 
 Vector = NDArray[np.float64]
 FOLDER = Path(model.__file__).parent

@@ -9,9 +9,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from executive.block import Block, Port
-from executive.controllers import strut_backstepping, strut_outer, strut_pid
-from plants.quarter_car import model
+from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.laws.controllers.strut import strut_backstepping, strut_outer, strut_pid
+from pcpc.plants.quarter_car import model
 
 Vector = NDArray[np.float64]
 FOLDER = Path(model.__file__).parent

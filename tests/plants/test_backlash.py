@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.jit import compiled
-from plants.actuators.backlash import backlash, backlash_inverse
+from pcpc.drivers.jit import compiled
+from pcpc.plants.actuators.backlash import backlash, backlash_inverse
 
 DETERMINISTIC = settings(max_examples=60, derandomize=True, deadline=None)
 gaps = st.tuples(st.floats(0.1, 20.0), st.floats(-20.0, -0.1), st.floats(0.2, 5.0))

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from backlash_bench import Stepped, parameters
 
-from executive import logs
-from executive.controllers import backlash_nn_discrete, map_pd
-from executive.errors import RigError
-from executive.node import check_pacing
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.backlash_map import evaluation
-from plants.backlash_map.model import BLOCK
+from pcpc.executive.errors import RigError
+from pcpc.executive.laws.controllers.maps import backlash_nn_discrete, map_pd
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.plan import check_pacing
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.backlash_map import evaluation
+from pcpc.plants.backlash_map.model import BLOCK
 
 PLANT = Path(evaluation.__file__).parent
 NOMINAL = parameters(PLANT)

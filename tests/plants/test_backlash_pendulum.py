@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from backlash_bench import Stepped, parameters
 
-from executive import logs
-from executive.controllers import backlash_nn
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.backlash_pendulum import evaluation
-from plants.backlash_pendulum.model import BLOCK
+from pcpc.executive.laws.controllers.maps import backlash_nn
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.backlash_pendulum import evaluation
+from pcpc.plants.backlash_pendulum.model import BLOCK
 
 PLANT = Path(evaluation.__file__).parent
 NOMINAL = parameters(PLANT)

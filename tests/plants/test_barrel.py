@@ -11,10 +11,10 @@ import pytest
 import yaml
 from barrel_plant import LOSSLESS, NOMINAL, PARAMETERS_FILE, Plant, Vector, trace
 
-from plants.atb1000 import dynamics as dyn
-from plants.atb1000 import ports as at
-from plants.atb1000.beam import GRAVITY_M_S2
-from plants.atb1000.model import BLOCK, HELD, half_sine, prepare
+from pcpc.plants.atb1000 import dynamics as dyn
+from pcpc.plants.atb1000 import ports as at
+from pcpc.plants.atb1000.beam import GRAVITY_M_S2
+from pcpc.plants.atb1000.model import BLOCK, HELD, half_sine, prepare
 
 MECHANICAL = 10  # leading states: barrel, then rotor
 BARREL_RATES = [dyn.RATE, dyn.Q_RATE, dyn.Q_RATE + 1, dyn.Q_RATE + 2]

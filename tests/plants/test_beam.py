@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from plants.atb1000.beam import Tube, frequency_roots, modal_data, mode_shapes
+from pcpc.plants.atb1000.beam import Tube, frequency_roots, modal_data, mode_shapes
 
 BARREL = Tube(1.20, 0.020, 0.014, 205e9, 7850.0, 0.15)
 TABLE = {

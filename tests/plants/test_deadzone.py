@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plants.actuators.deadzone import deadzone, deadzone_inverse
+from pcpc.plants.actuators.deadzone import deadzone, deadzone_inverse
 
 DETERMINISTIC = settings(max_examples=300, derandomize=True, deadline=None)
 width = st.floats(0.0, 100.0)

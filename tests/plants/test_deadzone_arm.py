@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from executive.controllers import deadzone_nn
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.deadzone_arm import evaluation, model
+from pcpc.executive.laws.controllers.arm import deadzone_nn
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.deadzone_arm import evaluation, model
 
 Array = NDArray[np.float64]
 RIGS = Path(model.__file__).resolve().parent / "rigs"

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from executive.errors import RigError
-from executive.logs import Log
-from executive.node import check_pacing
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.deadzone_map import evaluation, model
+from pcpc.executive.errors import RigError
+from pcpc.executive.log.reader import Log
+from pcpc.executive.nodes.plan import check_pacing
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.deadzone_map import evaluation, model
 
 RIGS = Path(model.__file__).resolve().parent / "rigs"
 EXACT = "controller.cf=0.1875"

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from executive.logs import FRAME, Log, Node
-from plants.atb1000 import ports
-from plants.atb1000.evaluation import figure, metrics
-from plants.judging import plant_rows
-from plants.pages import thinned
+from pcpc.executive.log.reader import FRAME, Log, Node
+from pcpc.plants.atb1000 import ports
+from pcpc.plants.atb1000.evaluation import figure, metrics
+from pcpc.plants.judging import plant_rows
+from pcpc.plants.pages import thinned
 
 Array = NDArray[Any]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from friction_loop import FOLDER
 
-from executive.logs import Log
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.friction_arm import evaluation, study
+from pcpc.executive.log.reader import Log
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.friction_arm import evaluation, study
 
 SEEDS = range(1, 11)
 CONTROLLERS = ("pd", *study.NETWORKS)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.jit import compiled
-from plants.noise import M1, M2, STREAM_SIZE, normal, seeded, uniform
+from pcpc.drivers.jit import compiled
+from pcpc.plants.noise import M1, M2, STREAM_SIZE, normal, seeded, uniform
 
 COUNT = 100_000
 

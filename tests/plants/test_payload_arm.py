@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from payload_arm_reference import ARM, LAW, Vector, acceleration, loop, values, views
 
-from drivers.jit import compiled
-from executive.controllers import adaptive_critic
-from plants.payload_arm import arm, model
+from pcpc.drivers.jit import compiled
+from pcpc.executive.laws.controllers.arm import adaptive_critic
+from pcpc.plants.payload_arm import arm, model
 
 _advance = compiled()(lambda p, m2, h, tau1, tau2, x: arm.advance(p, 1.0, m2, h, tau1, tau2, x))
 _acceleration = compiled()(

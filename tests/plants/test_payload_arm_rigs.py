@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from payload_arm_reference import FOLDER
 
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.payload_arm import evaluation, study
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.payload_arm import evaluation, study
 
 CONTROLLERS = ("pd", "robust_only", "critic")
 

@@ -7,11 +7,11 @@ import pytest
 import quarter_car_reference as reference
 from quarter_car_reference import CAR, FOLDER, Loop, T, Vector, views
 
-from executive.controllers import strut_outer
-from executive.models import hydraulic_strut
-from executive.rig import load_rig
-from plants.quarter_car import bode, model
-from plants.quarter_car import study_expected as known
+from pcpc.executive.laws.controllers.strut import strut_outer
+from pcpc.executive.laws.models import hydraulic_strut
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.quarter_car import bode, model
+from pcpc.plants.quarter_car import study_expected as known
 
 SCALE = np.array([0.1, 0.3, 0.1, 1.0, 1e7, 1e7, 1e-3])
 

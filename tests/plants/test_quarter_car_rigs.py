@@ -5,10 +5,10 @@ from functools import cache
 import pytest
 from quarter_car_reference import FOLDER
 
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.quarter_car import evaluation, study
-from plants.quarter_car import study_expected as known
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.quarter_car import evaluation, study
+from pcpc.plants.quarter_car import study_expected as known
 
 RIGS = sorted(path.stem for path in (FOLDER / "rigs").glob("*.yaml"))
 NAMES = ("v_rms_m_s", "v_max_m_s", "a_rms_m_s2", None, "ef_rms_N", "spool_max_m")

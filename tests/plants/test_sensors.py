@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from barrel_plant import NOMINAL, Plant, Vector
 
-from drivers.jit import compiled
-from plants.atb1000 import ports as at
-from plants.atb1000.model import HELD
-from plants.sensors import lag_rate
+from pcpc.drivers.jit import compiled
+from pcpc.plants.atb1000 import ports as at
+from pcpc.plants.atb1000.model import HELD
+from pcpc.plants.sensors import lag_rate
 
 NOISES = [
     "hub_gyro_noise_rad_s", "muzzle_gyro_noise_rad_s", "hull_pitch_noise_rad",

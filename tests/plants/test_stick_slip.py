@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.jit import compiled
-from plants.actuators import lugre_implicit, sliding, stick_slip
+from pcpc.drivers.jit import compiled
+from pcpc.plants.actuators import lugre_implicit, sliding, stick_slip
 
 A0, A1, A2, B1, B2 = 35.0, 1.1, 0.9, 50.0, 65.0
 S0, S1, V0 = 1e5, 300.0, 0.01

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from executive.controllers import telerobot_local, telerobot_remote
-from executive.logs import Log
-from executive.node import check_rate
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.telerobot import evaluation, model
+from pcpc.executive.laws.controllers.telerobot import telerobot_local, telerobot_remote
+from pcpc.executive.log.reader import Log
+from pcpc.executive.nodes.plan import check_rate
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.telerobot import evaluation, model
 
 FOLDER = Path(__file__).resolve().parents[2] / "plants/telerobot"
 H = 1e-3

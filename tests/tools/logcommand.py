@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from executive.rig import load_rig
-from executive.virtual import simulate
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
 
 PLANT = Path(__file__).resolve().parents[2] / "plants" / "atb1000"
 DBC = PLANT / "atb1000.dbc"

@@ -7,12 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.atb1000.ports import HUB_RATE
-from tools.bench import steps
-from tools.bench.steps import LAWS, LIBM, PERIODS, SAME, Case, CompilerError, build, in_c, in_python
-from tools.progress import Progress
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.atb1000.ports import HUB_RATE
+from pcpc.tools.bench import steps
+from pcpc.tools.bench.steps import (
+    LAWS,
+    LIBM,
+    PERIODS,
+    SAME,
+    Case,
+    CompilerError,
+    build,
+    in_c,
+    in_python,
+)
+from pcpc.tools.progress import Progress
 
 STEPS = (*LAWS, "barrel")
 FEW = 200

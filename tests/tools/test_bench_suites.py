@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from free_bus import own_bus
 
-from drivers import bus as buses
-from drivers.wire import FRAME, get_frame, put_frame
-from executive import shared as sh
-from tools.bench import (
+from pcpc.drivers import bus as buses
+from pcpc.drivers.wire import FRAME, get_frame, put_frame
+from pcpc.executive.loop import shared as sh
+from pcpc.tools.bench import (
     ON_REQUEST,
     SUITES,
     Ratio,
@@ -25,8 +25,8 @@ from tools.bench import (
     simulate,
     startup,
 )  # fmt: skip
-from tools.bench.compiler import CompilerError
-from tools.progress import Progress
+from pcpc.tools.bench.compiler import CompilerError
+from pcpc.tools.progress import Progress
 
 QUIET = Progress(quiet=True)
 CYCLES = 300

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from drivers import dbc
-from executive.node import plan
-from executive.rig import load_rig
-from tools import check
-from tools.cli import main
+from pcpc.drivers import dbc
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools import check
+from pcpc.tools.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 RIGS = ROOT / "plants/atb1000/rigs"
@@ -44,7 +44,7 @@ def test_every_shipped_rig_passes(rig: Path, capsys: Screen) -> None:
 def test_the_schedule_is_in_the_order_of_the_rig_file(capsys: Screen) -> None:
     nodes = report(capsys, HULL, "--controller", "pid")["nodes"]
     assert nodes["executive"]["schedule"] == [
-        {"block": "reference", "law": "executive.references:step"},
+        {"block": "reference", "law": "references:step"},
         {"block": "controller", "law": "pid"},
     ]
     assert [entry["block"] for entry in nodes["plant"]["schedule"]] == ["barrel"]
@@ -62,7 +62,7 @@ def test_the_text_shows_wiring_frames_and_load(capsys: Screen) -> None:
     words = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     for line in (
         "controller.encoder_rad <- rx.FB_A.encoder [rad]",
-        "schedule reference (executive.references:step), then controller (pd)",
+        "schedule reference (references:step), then controller (pd)",
         "0x0A0 CMD 8 bytes every cycle counter, crc",
         "0x701 HB_EXEC 1 bytes every 100 ms",
     ):

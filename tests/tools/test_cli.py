@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pcpc import ROOT, pcpc
+from processes import ROOT, pcpc
 
-from executive.errors import RigError
-from tools import cli, recorded, rigs
-from tools.cli import COMMANDS, main
-from tools.conclude import changes
-from tools.vm.cli import _options as vm_options
+from pcpc.executive.errors import RigError
+from pcpc.tools import cli, recorded, rigs
+from pcpc.tools.cli import COMMANDS, main
+from pcpc.tools.conclude import changes
+from pcpc.tools.vm.cli import _options as vm_options
 
 LOG_COMMANDS = ("info", "cat", "diff", "recover", "export", "import", "plot")
 HELPS = [(), *((name,) for name in COMMANDS), *(("log", name) for name in LOG_COMMANDS)]
@@ -71,7 +71,7 @@ def check(words: list[str]) -> str:
         if controller is not None and controller not in data["controllers"]:
             return f"no controller {controller}"
     if words[0] == "experiment":
-        from tools.experiment import names
+        from pcpc.tools.experiment import names
 
         return "" if options.name in names() else "no such experiment"
     return ""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from logcommand import DBC, Done, run
 
-from tools.log import importer, recording
+from pcpc.tools.log import importer, recording
 
 LOBJ = struct.Struct("<4sHHLL")  # mark, size of the head, its version, size, kind
 

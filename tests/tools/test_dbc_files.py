@@ -4,10 +4,10 @@ import shutil
 from pathlib import Path
 
 import pytest
-from pcpc import ROOT, own_bus, pcpc
+from processes import ROOT, own_bus, pcpc
 
-from executive import logs
-from tools.cli import main
+from pcpc.executive.log import reader as logs
+from pcpc.tools.cli import main
 
 FOREIGN = """
 BO_ 2566834709 DM1: 100 OTHER

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from drivers import bus, claim
-from tools import doctor
-from tools.cli import main
-from tools.doctor import bus as doctor_bus
-from tools.doctor import machine as doctor_machine
+from pcpc.drivers import bus, claim
+from pcpc.tools import doctor
+from pcpc.tools.cli import main
+from pcpc.tools.doctor import bus as doctor_bus
+from pcpc.tools.doctor import machine as doctor_machine
 
 ROOT = Path(__file__).resolve().parents[2]
 Screen = pytest.CaptureFixture[str]
@@ -25,7 +25,7 @@ for capability in (14, 23):  # IPC_LOCK, SYS_NICE
     ctypes.CDLL(None).prctl(24, capability, 0, 0, 0)  # PR_CAPBSET_DROP; refused to all but root
 resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
-os.execv(sys.executable, [sys.executable, "-m", "tools.cli", "doctor", "--json"])
+os.execv(sys.executable, [sys.executable, "-m", "pcpc.tools.cli", "doctor", "--json"])
 """
 ROWS = (
     "python", "packages", "matplotlib", "kernel", "SCHED_FIFO", "mlockall", "cpu_dma_latency",
@@ -117,7 +117,7 @@ def test_an_empty_cache_is_cold_and_one_with_code_is_warm(
     cold = doctor.compile_cache_row()
     assert (cold.state, cold.cure[:14]) == ("warn", "pcpc simulate "), cold
     assert not any(tmp_path.iterdir()), "the doctor wrote into the cache"
-    from drivers.compile_cache import cache_folder
+    from pcpc.drivers.compile_cache import cache_folder
 
     (cache_folder() / "cycle").mkdir(parents=True)
     (cache_folder() / "cycle" / "run.nbi").touch()
@@ -168,6 +168,6 @@ def test_a_slow_clock_source_is_a_warning_with_the_better_one() -> None:
 
 
 def test_the_doctor_needs_no_numba() -> None:
-    code = "import sys; import tools.doctor.bus; print('numba' in sys.modules)"
+    code = "import sys; import pcpc.tools.doctor.bus; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout == "False\n", done.stdout + done.stderr

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from pcpc import ROOT, Done, own_bus, pcpc
+from processes import ROOT, Done, own_bus, pcpc
 
-from executive import virtual
-from executive.mcap_writer import RecordError
-from executive.rig import load_rig
+from pcpc.executive.log.mcap_writer import RecordError
+from pcpc.executive.nodes import virtual
+from pcpc.executive.rig.reading import load_rig
 
 PROBE = str(ROOT / "plants/probe/rig.yaml")
 FULL = "No space left on device"

@@ -6,11 +6,11 @@ import signal
 from pathlib import Path
 
 import pytest
-from pcpc import ROOT, Running, own_bus, pcpc, until
+from processes import ROOT, Running, own_bus, pcpc, until
 
 PROBE = ROOT / "plants" / "probe"
 LAW = """\
-from executive.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Port, stage
 
 
 @stage

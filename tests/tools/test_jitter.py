@@ -21,21 +21,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pcpc import ROOT, blocks_left, own_bus, until
+from processes import ROOT, blocks_left, own_bus, until
 
-from executive import logs, sharing
-from executive import shared as sh
-from executive.node import cycles_of
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from tools import jitter
-from tools.jitter import figures as jitter_figures
-from tools.jitter import loops as jitter_loops
-from tools.jitter import probe as jitter_probe
-from tools.jitter import report as jitter_report
-from tools.jitter.figures import LEAST_CYCLES, PCPC, Result, percentiles
-from tools.jitter.loops import JitterError, Setup
-from tools.progress import Progress
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+from pcpc.executive.nodes.plan import cycles_of
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools import jitter
+from pcpc.tools.jitter import figures as jitter_figures
+from pcpc.tools.jitter import loops as jitter_loops
+from pcpc.tools.jitter import probe as jitter_probe
+from pcpc.tools.jitter import report as jitter_report
+from pcpc.tools.jitter.figures import LEAST_CYCLES, PCPC, Result, percentiles
+from pcpc.tools.jitter.loops import JitterError, Setup
+from pcpc.tools.progress import Progress
 
 QUIET = Progress(quiet=True)
 LINE = re.compile(
@@ -45,7 +46,7 @@ LINE = re.compile(
 WIDE = 3.0  # of a ratio of p50 on a shared machine
 COMMAND = """
 import argparse, sys
-from tools import jitter
+from pcpc.tools import jitter
 parser = argparse.ArgumentParser()
 jitter.add_arguments(parser.add_subparsers())
 sys.exit(jitter.command(parser.parse_args(sys.argv[1:])))

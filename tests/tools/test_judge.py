@@ -5,16 +5,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from pcpc import RIGS, pcpc
+from processes import RIGS, pcpc
 
-from executive.errors import RigError
-from executive.rig import Rig, load_rig
-from executive.virtual import in_memory
-from tools.judge import Judge, check
-from tools.summary import CODES, Outcome, note_figure, summarise
+from pcpc.executive.errors import RigError
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.judge import Judge, check
+from pcpc.tools.summary import CODES, Outcome, note_figure, summarise
 
 BODY = """\
-from plants.judging import Run, rms
+from pcpc.plants.judging import Run, rms
 
 
 def metrics(log, window_s, numbers, period_s):

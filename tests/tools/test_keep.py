@@ -6,12 +6,12 @@ import signal
 from pathlib import Path
 
 import pytest
-from pcpc import RIGS, Running, own_bus, pcpc
+from processes import RIGS, Running, own_bus, pcpc
 
-from executive import logs
-from executive.errors import RigError
-from executive.rig import load_rig
-from executive.virtual import simulate
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
 
 ENGAGE_AT_S = 1.5
 

@@ -11,8 +11,8 @@ from logcommand import barrel_log
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from executive import logs
-from executive.schemas import field_names
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.schemas import field_names
 
 LAYOUTS = sorted((Path(__file__).parents[2] / "tools" / "layouts").glob("*.json"))
 KEYS = {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}

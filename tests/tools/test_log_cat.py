@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from logcommand import barrel_log, run
 
-from executive import logs
-from tools.log import cat
+from pcpc.executive.log import reader as logs
+from pcpc.tools.log import cat
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -92,7 +92,7 @@ def test_numbers_that_json_has_not_are_text() -> None:
 
 def test_closed_pipe_ends_quietly() -> None:
     log = str(barrel_log("pd"))
-    words = [sys.executable, "-m", "tools.cli", "log", "cat", log, "--format", "ndjson"]
+    words = [sys.executable, "-m", "pcpc.tools.cli", "log", "cat", log, "--format", "ndjson"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT)
     assert process.stdout is not None and process.stderr is not None
     assert process.stdout.readline().startswith(b"{")

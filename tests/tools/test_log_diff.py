@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from logcommand import PLANT, barrel_log, run
 
-from executive import logs
-from executive.rig import load_rig
-from executive.virtual import simulate
-from tools.log import diff
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.log import diff
 
 
 @pytest.fixture(scope="module")

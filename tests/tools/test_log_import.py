@@ -13,8 +13,8 @@ from logcommand import DBC, Done, barrel_log, run
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from executive import logs
-from tools.log import export, importer
+from pcpc.executive.log import reader as logs
+from pcpc.tools.log import export, importer
 
 CAR = """VERSION ""
 NS_ :

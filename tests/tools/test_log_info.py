@@ -11,12 +11,12 @@ import pytest
 from logcommand import PLANT, Done, barrel_log, run
 from mcap.writer import Writer
 
-from drivers import e2e
-from executive import logs
-from executive.rig import load_rig
-from executive.virtual import VirtualRun, simulate
-from tools import log
-from tools.log import info, tally
+from pcpc.drivers import e2e
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.virtual import VirtualRun, simulate
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools import log
+from pcpc.tools.log import info, tally
 
 
 def told(path: Path, code: int = 0) -> dict[str, Any]:

@@ -7,8 +7,8 @@ import pytest
 from logcommand import barrel_log, run
 from matplotlib.image import imread
 
-from executive import logs
-from tools.log import drawing, plot, series
+from pcpc.executive.log import reader as logs
+from pcpc.tools.log import drawing, plot, series
 
 
 def source(path: Path) -> drawing.Source:

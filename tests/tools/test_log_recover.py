@@ -10,11 +10,11 @@ from logcommand import PLANT, barrel_log, run
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from executive import logs
-from executive.recorder import Recorder
-from executive.rig import load_rig
-from executive.virtual import VirtualRun
-from tools.log import recover
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.recorder import Recorder
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.log import recover
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pcpc import Done, pcpc
+from processes import Done, pcpc
 from test_outside import EVALUATION, LAW, MODEL, RIG, spring_dbc
 
-from executive import logs
+from pcpc.executive.log import reader as logs
 
 BASE = RIG.replace("rig: spring\n", "").replace("dbc: spring.dbc", "dbc: can/spring.dbc")
 GAIN = '''\
@@ -21,12 +21,12 @@ GAIN = 1.0
 TABLE = [float(x) for x in (Path(__file__).parent / "data" / "table.csv").read_text().split()]
 '''
 READING = (
-    LAW.replace("from executive.block import Block, Port, stage", "{imports}")
+    LAW.replace("from pcpc.executive.laws.block import Block, Port, stage", "{imports}")
     .replace("p[0] * (", "G * p[0] * (")
     .replace(
         "{imports}",
         "import sys\nfrom pathlib import Path\n\nimport numpy as np\n\n"
-        "from executive.block import Block, Port, Prepared, stage\n"
+        "from pcpc.executive.laws.block import Block, Port, Prepared, stage\n"
         "from helper import GAIN, TABLE\n\nG = GAIN * TABLE[1]\n\n\n"
         "def prepare(settings, rate_hz, seed):\n"
         "    shift = np.load('shift.npy') + np.loadtxt(ABSOLUTE)\n"

@@ -3,10 +3,10 @@
 import re
 from pathlib import Path
 
-from pcpc import RIGS, ROOT
+from processes import RIGS, ROOT
 
-from executive.rig import load_rig
-from executive.virtual import simulate
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
 
 
 def test_the_readme_states_the_size_of_a_log_an_hour(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from contextlib import ExitStack
 from pathlib import Path
 
-from pcpc import RIGS, Running
+from processes import RIGS, Running
 
 HULL = str(RIGS / "hull.yaml")
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pcpc import RIGS, Running, alive, blocks_left, own_bus, pcpc, until
+from processes import RIGS, Running, alive, blocks_left, own_bus, pcpc, until
 
-from executive import logs
-from executive import shared as sh
-from executive.rig import load_rig
-from executive.virtual import simulate
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
 
 SLEW10 = str(RIGS / "slew10.yaml")
 USUAL = ("--pacing", "lockstep", "--json", "--quiet", "--no-figure")

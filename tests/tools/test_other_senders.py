@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pcpc import RIGS, Done, Running, own_bus, pcpc, until
+from processes import RIGS, Done, Running, own_bus, pcpc, until
 
-from drivers import bus as buses
-from drivers import wire
-from drivers.wire_layout import WIRE
-from executive import logs
-from executive.rig import load_rig
-from tools.frames import too_many
+from pcpc.drivers import bus as buses
+from pcpc.drivers import wire
+from pcpc.drivers.wire_layout import WIRE
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.frames import too_many
 
 SLEW10 = str(RIGS / "slew10.yaml")
 SYNC = 0x080

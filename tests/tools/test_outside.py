@@ -5,14 +5,14 @@ import shutil
 from pathlib import Path
 
 import pytest
-from pcpc import ROOT, Running, own_bus, pcpc
+from processes import ROOT, Running, own_bus, pcpc
 
-from executive import logs
+from pcpc.executive.log import reader as logs
 
 MODEL = '''\
 """A mass on a spring: m x'' = F - k x - c x'; one symplectic Euler step a cycle."""
 
-from executive.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Port, stage
 
 
 @stage
@@ -38,7 +38,7 @@ BLOCK = Block(
 LAW = '''\
 """Integral control: F' = ki (target - x)."""
 
-from executive.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Port, stage
 
 
 @stage
@@ -96,7 +96,7 @@ def metrics(log, window_s, numbers, period_s):
 STUDY = '''\
 from pathlib import Path
 
-from plants.study import Case, markdown
+from pcpc.plants.study import Case, markdown
 
 CHAPTER = 0
 TITLE = "Stiffness of a spring"

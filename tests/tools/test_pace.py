@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from executive import shared as sh
-from executive import supervisor as sv
-from executive.rig import load_rig
-from tools import pace
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools import pace
 
 RIG = "plants/probe/rig.yaml"
 PC, TCG = "model name : AMD EPYC\n", "model name : QEMU TCG CPU version 2.5+\n"

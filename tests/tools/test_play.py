@@ -19,20 +19,21 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from pcpc import RIGS, ROOT, Running, blocks_left, own_bus
+from processes import RIGS, ROOT, Running, blocks_left, own_bus
 
-from drivers import bus as buses
-from drivers import wire
-from drivers.wire_layout import SOCKETCAN, WIRE
-from executive import logs, player
-from executive.player import Player
-from executive.rig import load_rig
-from executive.supervisor import RUN
-from executive.virtual import simulate
-from tools import play, play_frames
-from tools.bench import play as bench
-from tools.play_frames import PEER
-from tools.progress import Progress
+from pcpc.drivers import bus as buses
+from pcpc.drivers import wire
+from pcpc.drivers.wire_layout import SOCKETCAN, WIRE
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop.supervisor import RUN
+from pcpc.executive.nodes import player
+from pcpc.executive.nodes.player import Player
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools import play, play_frames
+from pcpc.tools.bench import play as bench
+from pcpc.tools.play_frames import PEER
+from pcpc.tools.progress import Progress
 
 SLEW10 = str(RIGS / "slew10.yaml")
 PATIENT = ("supervisor.hold_cycles=100000", "supervisor.fault_after_cycles=100000")

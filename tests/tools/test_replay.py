@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pcpc import PATIENT, RIGS, ROOT, Running, own_bus, pcpc, until
+from processes import PATIENT, RIGS, ROOT, Running, own_bus, pcpc, until
 
-from executive import logs
-from executive import shared as sh
-from executive.mcap_records import MAGIC, RECORD
-from executive.rig import load_rig
-from executive.virtual import VirtualRun, simulate
-from tools import replay as replaying
-from tools.progress import Progress
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_records import MAGIC, RECORD
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.virtual import VirtualRun, simulate
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools import replay as replaying
+from pcpc.tools.progress import Progress
 
 ENGAGED = ("duration_s=0.5", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]")
 
@@ -118,7 +118,7 @@ def test_the_fault_after_the_death_of_the_plant_is_recomputed(tmp_path: Path) ->
 def test_a_controller_from_outside_the_project_comes_from_the_log(tmp_path: Path) -> None:
     outside = tmp_path / "elsewhere"
     outside.mkdir()
-    shutil.copy(ROOT / "executive" / "controllers" / "pd.py", outside / "mine.py")
+    shutil.copy(ROOT / "executive/laws/controllers/barrel/pd.py", outside / "mine.py")
     (outside / "rig.yaml").write_text(
         f"base: {RIGS / 'slew10.yaml'}\nrig: mine\nduration_s: 0.1\n"
         "controllers: {pd: {law: mine.py}}\n"

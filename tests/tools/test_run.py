@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from pcpc import DEADLINE_S, RIGS, Running, blocks_left, own_bus, pcpc, until
+from processes import DEADLINE_S, RIGS, Running, blocks_left, own_bus, pcpc, until
 
-from executive import logs
-from executive import shared as sh
-from executive.rig import load_rig
-from executive.schemas import field_names
-from executive.virtual import simulate
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.schemas import field_names
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
 
 SLEW10 = str(RIGS / "slew10.yaml")
 RIGS_OF_EACH_KIND = ("firetrack", "hull")  # all others: tests/executive/test_every_rig.py

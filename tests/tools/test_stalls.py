@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pcpc import PATIENT, RIGS, Running, own_bus, pcpc, until
+from processes import PATIENT, RIGS, Running, own_bus, pcpc, until
 
-from executive import logs
-from executive import shared as sh
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import shared as sh
 
 PERIOD_NS = 1_000_000
 SLOW = """\
-from executive.block import Block, Port, stage
-from executive.controllers import pd
-from executive.emath import sin
+from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.controllers.barrel import pd
+from pcpc.executive.laws.emath import sin
 
 
 @stage

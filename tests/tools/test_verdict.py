@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pcpc import RIGS, Done, Running, own_bus, pcpc
+from processes import RIGS, Done, Running, own_bus, pcpc
 
-from executive import logs, long_logs
-from executive.rig import load_rig
-from executive.virtual import in_memory, simulate
-from tools import report
-from tools.conclude import conclude
-from tools.judge import Judge
-from tools.summary import Outcome, summarise
+from pcpc.executive.log import long_logs
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.virtual import in_memory, simulate
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools import report
+from pcpc.tools.conclude import conclude
+from pcpc.tools.judge import Judge
+from pcpc.tools.summary import Outcome, summarise
 
 SLEW10, HULL = str(RIGS / "slew10.yaml"), str(RIGS / "hull.yaml")
 RELAY = str(Path(__file__).resolve().parents[1] / "executive" / "relay" / "rig.yaml")

@@ -20,10 +20,11 @@ import pytest
 import standing
 from free_bus import own_bus
 
-from executive import logs, sharing
-from executive import shared as sh
-from tools import nodes
-from tools.cli import main
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+from pcpc.tools import nodes
+from pcpc.tools.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 RIG = ROOT / "plants/atb1000/rigs/hull.yaml"
@@ -44,7 +45,7 @@ def until(what: str, holds: Callable[[], bool], within_s: float = ANSWER_S) -> N
 def pcpc(*words: str) -> subprocess.Popen[str]:
     """Start the command with its output in pipes."""
     return subprocess.Popen(
-        [sys.executable, "-m", "tools.cli", *words],
+        [sys.executable, "-m", "pcpc.tools.cli", *words],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -385,8 +386,8 @@ def test_a_watch_that_is_too_wide_for_columns_has_a_line_for_each(run: Run) -> N
 def test_watch_on_a_terminal_rewrites_its_lines_in_place(run: Run) -> None:
     ours, theirs = pty.openpty()
     watching = subprocess.Popen(
-        [sys.executable, "-m", "tools.cli", "watch", ERROR, "--every", "10ms", "--node", run.node],
-        cwd=ROOT, stdout=theirs,
+        [sys.executable, "-m", "pcpc.tools.cli", "watch", ERROR, "--every", "10ms", "--node",
+         run.node], cwd=ROOT, stdout=theirs,
     )  # fmt: skip
     os.close(theirs)
     seen = b""

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
-from pcpc import RIGS, Done, Running, blocks_left, own_bus, pcpc
+from processes import RIGS, Done, Running, blocks_left, own_bus, pcpc
 
-from executive import shared as sh
-from tools.summary import CODES
+from pcpc.executive.loop import shared as sh
+from pcpc.tools.summary import CODES
 
 SLEW10 = RIGS / "slew10.yaml"
 USAGE, NO_ENVIRONMENT = 2, 4
@@ -85,7 +85,7 @@ RIG_ERRORS = {
         (r"rig\.yaml:5:5: FB_A\.encoder: given twice, first at .*rig\.yaml:4:5", "remove one"),
     ),
     "two blocks of a name": (
-        "plant: {blocks: {reference: {law: executive.references:step}}}",
+        "plant: {blocks: {reference: {law: references:step}}}",
         (r"rig\.yaml:2:18: plant\.blocks\.reference: the executive has this block", "rename one"),
     ),
     "missing DBC": ("dbc: nosuch.dbc", (r"rig\.yaml:2:1: dbc: no such file: .*nosuch\.dbc",)),

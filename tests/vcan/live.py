@@ -14,7 +14,7 @@ from typing import Any
 
 import can
 
-from executive import logs
+from pcpc.executive.log import reader as logs
 
 ROOT = Path(__file__).resolve().parents[2]
 PCPC = str(Path(sys.executable).with_name("pcpc"))

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "executive"))
 from test_every_rig import differing, one_of_each
 from two_processes import lockstep, virtual
 
-from executive.rig import load_rig
+from pcpc.executive.rig.reading import load_rig
 
 pytestmark = pytest.mark.vcan
 CYCLES = 50

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from live import CHANNEL, ROOT, Frame, candump_into, cansend, frames_in, until
 
-from executive import logs
-from tools import play, play_frames
+from pcpc.executive.log import reader as logs
+from pcpc.tools import play, play_frames
 
 pytestmark = pytest.mark.vcan
 

@@ -11,8 +11,8 @@ import pytest
 from cantools.database.can import Database
 from live import CMD, DBC, FB_A, N_CORRUPT, N_HEARD, PATIENCE_S, Done, Frame, Observed, Pair
 
-from drivers import e2e
-from executive import logs
+from pcpc.drivers import e2e
+from pcpc.executive.log import reader as logs
 
 pytestmark = pytest.mark.vcan
 

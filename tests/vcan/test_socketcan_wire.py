@@ -10,9 +10,9 @@ import can
 import numpy as np
 import pytest
 
-from drivers import bus, wire, wire_layout
-from drivers.bus import Bus
-from drivers.dbc import BusError
+from pcpc.drivers import bus, wire, wire_layout
+from pcpc.drivers.bus import Bus
+from pcpc.drivers.dbc import BusError
 
 pytestmark = pytest.mark.vcan
 

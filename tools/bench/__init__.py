@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from drivers.errors import BusError
-from tools import screen
-from tools.progress import Progress
+from pcpc.drivers.errors import BusError
+from pcpc.tools import screen
+from pcpc.tools.progress import Progress
 
 SUITES = {
     "steps": "one step of controllers and plant against C at -O2",
@@ -87,7 +87,7 @@ def command(options: argparse.Namespace) -> int:
     progress, found, code = Progress(options.quiet), [], 0
     for name in options.names or [name for name in SUITES if name not in ON_REQUEST]:
         try:
-            ratios = import_module(f"tools.bench.{name}").measure(progress, options.rounds)
+            ratios = import_module(f"pcpc.tools.bench.{name}").measure(progress, options.rounds)
         except KeyboardInterrupt:
             progress.close()
             return INTERRUPTED

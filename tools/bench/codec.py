@@ -16,13 +16,13 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
-from drivers import dbc
-from drivers.codec import pack, unpack
-from drivers.jit import compiled, f8, i8, types, u1
-from plants.atb1000 import model
-from tools.bench import Ratio
-from tools.bench.cycle import interleave, library, per_repeat, pointer
-from tools.progress import Progress
+from pcpc.drivers import dbc
+from pcpc.drivers.codec import pack, unpack
+from pcpc.drivers.jit import compiled, f8, i8, types, u1
+from pcpc.plants.atb1000 import model
+from pcpc.tools.bench import Ratio
+from pcpc.tools.bench.cycle import interleave, library, per_repeat, pointer
+from pcpc.tools.progress import Progress
 
 SUITE = "codec"
 DBC = model.__file__.replace("model.py", "atb1000.dbc")

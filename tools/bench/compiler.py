@@ -15,8 +15,8 @@ from types import ModuleType
 
 import numpy as np
 
-from drivers.compile_cache import made
-from tools.bench import BenchError
+from pcpc.drivers.compile_cache import made
+from pcpc.tools.bench import BenchError
 
 C_NAMES = {"errno": "errno_"}  # a macro of C
 C_TYPES = {"<i8": "int64_t", "<f8": "double", "|u1": "uint8_t"}

@@ -1,4 +1,4 @@
-/* The loop in plain C: the yardstick of `tools.bench`. The functions of executive/cycle.py and
+/* The loop in plain C: the yardstick of `tools.bench`. The functions of executive/loop/cycle.py and
  * rings.py on the same LOOP record, with the wire, codec and protection of frame.c and the steps of
  * steps.c; the same bits, so that the records of a run are equal.
  */
@@ -30,7 +30,7 @@ static int64_t stamp(loop *n)
     return n->virtual_time ? n->virtual_now : now(n);
 }
 
-/* ------------------------------------------------------------------ executive/rings.py -------- */
+/* ------------------------------------------------------------------ executive/loop/rings.py -------- */
 
 static int64_t bits_of(double value)
 {
@@ -114,7 +114,7 @@ static void publish(loop *n)
     __atomic_store_n(&n->seq[0], s + 1, __ATOMIC_RELEASE);
 }
 
-/* ------------------------------------------------------------------ executive/cycle.py -------- */
+/* ------------------------------------------------------------------ executive/loop/cycle.py -------- */
 
 static void wait(loop *n)
 {
@@ -153,7 +153,7 @@ static void next_cycle(loop *n)
     }
 }
 
-/* ------------------------------------------------ executive/strangers.py, reception.py -------- */
+/* ------------------------------------------------ executive/loop/strangers.py, reception.py -------- */
 
 static int64_t frame_of(uint32_t word, frame_row *table, int64_t rows)
 {
@@ -207,7 +207,7 @@ static void note_foreign(loop *n, uint32_t word)
         blame(n, SV_ANOTHER_SENDER, word);
 }
 
-/* ---------------------------------------------------------------- executive/meeting.py -------- */
+/* ---------------------------------------------------------------- executive/loop/meeting.py -------- */
 
 static int64_t sorted_out(loop *n, int64_t row)
 {
@@ -238,7 +238,7 @@ static void exchange_held(loop *n)
     memcpy(n->wire.rx, frame, sizeof frame);
 }
 
-/* -------------------------------------------------------------- executive/reception.py -------- */
+/* -------------------------------------------------------------- executive/loop/reception.py -------- */
 
 static int64_t use_frame(loop *n, int64_t row);
 
@@ -666,7 +666,7 @@ static void note_timing(loop *n)
     n->v[V_WALL] = 1e-9 * (n->wake + n->wall_offset_ns);
 }
 
-/* ----------------------------------------------------------------- executive/timing.py -------- */
+/* ----------------------------------------------------------------- executive/loop/timing.py -------- */
 
 static const double POINTS[] = {0.5, 0.99, 0.999};
 
@@ -756,7 +756,7 @@ static void count(loop *n)
         show(n);
 }
 
-/* ------------------------------------------------------------------ executive/cycle.py -------- */
+/* ------------------------------------------------------------------ executive/loop/cycle.py -------- */
 
 static int one_pass(loop *n, step_function **steps)
 {
@@ -862,7 +862,7 @@ int64_t run(loop *n, step_function **steps)
     return n->passes;
 }
 
-/* ---------------------------------------------------------------- executive/virtual.py -------- */
+/* ---------------------------------------------------------------- executive/nodes/virtual.py -------- */
 
 static void carry(struct wire *from, struct wire *to)
 {
@@ -904,7 +904,7 @@ int64_t run_virtual(loop *executive, step_function **laws, loop *plant, step_fun
     return 1;
 }
 
-/* -------------------------------------------------------- executive/references.py ------------- */
+/* -------------------------------------------------------- executive/laws/references.py ------------- */
 
 struct rise { double value, first, second; };
 

@@ -9,9 +9,9 @@
                 its own frames too, as in any run) and send.
     publish     the seqlock snapshot of 256 variables against a plain memcpy of 2048 bytes
 
-Python is `executive.cycle.one_pass` as the real loop compiles it, C is cycle.c and frame.c at -O2:
-the same algorithm on the same LOOP record, table driven as here, with the same results bit for bit;
-where C has a shorter word for it (memcpy, an 8-byte load) it uses it. Both work in turn on one
+Python is `executive.loop.cycle.one_pass` as the real loop compiles it, C is cycle.c and frame.c at
+-O2: the same algorithm on the same LOOP record, table driven as here, with the same results bit for
+bit; where C has a shorter word for it (memcpy, an 8-byte load) it uses it. Both work in turn on one
 record, so that memory and its place in the caches are equal. In memory: processor time over whole
 recordings; on the bus: median over passes, each timed from before its sleep to its end.
 """
@@ -26,24 +26,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import bus as buses
-from drivers import dbc, e2e, wire, wire_layout
-from drivers.jit import from_dtype, i8, loop, types, u1
-from drivers.wire import put_frame
-from drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES, WIRE
-from executive import cycle as engine
-from executive import meeting, references, strangers, supervisor, timing, variables
-from executive import shared as sh
-from executive.controllers import pd
-from executive.cycle import CLOCKED, STEPS, N, idle, one_pass
-from executive.install import install
-from executive.node import Plan, plan
-from executive.rig import load_rig
-from executive.rings import now, publish
-from executive.virtual import VirtualRun
-from plants.atb1000 import model
-from tools.bench import Ratio, compiler, steps
-from tools.progress import Progress
+from pcpc.drivers import bus as buses
+from pcpc.drivers import dbc, e2e, wire, wire_layout
+from pcpc.drivers.jit import from_dtype, i8, loop, types, u1
+from pcpc.drivers.wire import put_frame
+from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES, WIRE
+from pcpc.executive.laws import references
+from pcpc.executive.laws.controllers.barrel import pd
+from pcpc.executive.loop import cycle as engine
+from pcpc.executive.loop import meeting, strangers, supervisor, timing, variables
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.cycle import CLOCKED, STEPS, N, idle, one_pass
+from pcpc.executive.loop.rings import now, publish
+from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.plan import Plan, plan
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.atb1000 import model
+from pcpc.tools.bench import Ratio, compiler, steps
+from pcpc.tools.progress import Progress
 
 SUITE = "cycle"
 AGAINST = "C -O2, the same cycle"
@@ -131,10 +132,10 @@ def new_loop(made: Plan, kind: int = MEMORY, fds: tuple[int, int] = (-1, -1)) ->
     return memory[0]
 
 
-def in_c(steps_in_python: Sequence[Any], library: ctypes.CDLL) -> Any:
+def in_c(entries: Sequence[int], library: ctypes.CDLL) -> Any:
     """Return the table of C functions for the compiled steps of a plan."""
-    names = {id(step): name for name, step in STEPS_IN_C.items()}
-    functions = [getattr(library, names[id(step)]) for step in steps_in_python]
+    names = {step.entry: name for name, step in STEPS_IN_C.items()}
+    functions = [getattr(library, names[entry]) for entry in entries]
     pointers = [ctypes.cast(function, ctypes.c_void_p).value for function in functions]
     return (ctypes.c_void_p * len(pointers))(*pointers)
 

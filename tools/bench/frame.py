@@ -16,14 +16,14 @@ from typing import Any
 import can
 import numpy as np
 
-from drivers import bus as buses
-from drivers.bus import Bus
-from drivers.jit import from_dtype, i8, loop
-from drivers.wire import FRAME, get_frame, put_frame
-from drivers.wire_layout import WIRE
-from tools.bench import BenchError, Ratio
-from tools.bench.cycle import interleave, library, per_repeat, pointer
-from tools.progress import Progress
+from pcpc.drivers import bus as buses
+from pcpc.drivers.bus import Bus
+from pcpc.drivers.jit import from_dtype, i8, loop
+from pcpc.drivers.wire import FRAME, get_frame, put_frame
+from pcpc.drivers.wire_layout import WIRE
+from pcpc.tools.bench import BenchError, Ratio
+from pcpc.tools.bench.cycle import interleave, library, per_repeat, pointer
+from pcpc.tools.progress import Progress
 
 SUITE = "frame"
 AGAINST = "C -O2, the same sockets"

@@ -4,7 +4,7 @@ Both play the whole log at its own speed, in turn: C, Python, C, ... A slow or b
 machine falls on both. Their figures are the timing errors of each round; the ratio is that of the
 medians over the rounds.
 
-    python -m tools.bench.play LOG [--bus udp_multicast:239.74.163.7:43117] [--rounds 5]
+    python -m pcpc.tools.bench.play LOG [--bus udp_multicast:239.74.163.7:43117] [--rounds 5]
 """
 
 import argparse
@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from drivers import bus as buses
-from executive import logs
-from tools import play_frames
-from tools.bench.compiler import CompilerError, compile_to
-from tools.play import PRIORITY, add_arguments, words_of
-from tools.play_frames import Frames
-from tools.progress import Progress
+from pcpc.drivers import bus as buses
+from pcpc.executive.log import reader as logs
+from pcpc.tools import play_frames
+from pcpc.tools.bench.compiler import CompilerError, compile_to
+from pcpc.tools.play import PRIORITY, add_arguments, words_of
+from pcpc.tools.play_frames import Frames
+from pcpc.tools.progress import Progress
 
 SOURCE = Path(__file__).with_name("play.c")
 BUS = "udp_multicast:239.74.163.7:43117"
@@ -105,7 +105,7 @@ def ratio(rounds: dict[str, list[Any]], figure: str) -> float:
 
 def main() -> int:
     """Compare on one log; print a line a round and player."""
-    parser = argparse.ArgumentParser("tools.bench.play")
+    parser = argparse.ArgumentParser("pcpc.tools.bench.play")
     parser.add_argument("log", type=Path)
     parser.add_argument("--bus", default=BUS)
     parser.add_argument("--rounds", type=int, default=5)

@@ -5,12 +5,12 @@ A rate is held when, in a run of RUN_S from SETTLE_S after the first cycle on, t
     - spends no more than a period on wake-up lateness and work in p99.9 of its cycles,
     - skips no period; and neither node loses a frame or faults.
 
-Python is `executive.process` and `plants.emulator` as `pcpc run` starts them. C is the same two
-processes with the same set-up (SCHED_FIFO, locked memory), memory and frames, whose loop is `run`
-of cycle.c: `python -m tools.bench.rate ROLE RIG`. The rings are emptied by this process, which only
-reads what it needs. Rates that do not divide the plant's 16 kHz integrate at 20 kHz. The highest
-held rate is searched upwards, each rate with both in turn, until neither holds; a rate missed once
-is tried again.
+Python is `executive.nodes.process` and `plants.emulator` as `pcpc run` starts them. C is the same
+two processes with the same set-up (SCHED_FIFO, locked memory), memory and frames, whose loop is
+`run` of cycle.c: `python -m pcpc.tools.bench.rate ROLE RIG`. The rings are emptied by this process,
+which only reads what it needs. Rates that do not divide the plant's 16 kHz integrate at 20 kHz. The
+highest held rate is searched upwards, each rate with both in turn, until neither holds; a rate
+missed once is tried again.
 """
 
 import signal
@@ -27,15 +27,16 @@ from typing import Any
 
 import numpy as np
 
-from drivers import bus as buses
-from executive import process, sharing
-from executive import shared as sh
-from executive.rig import load_rig
-from executive.supervisor import FAULT_NAMES, PEER_SILENT
-from tools.bench import BenchError, Ratio
-from tools.bench.cycle import RIG, address, in_c, library
-from tools.children import Child
-from tools.progress import Progress
+from pcpc.drivers import bus as buses
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+from pcpc.executive.loop.supervisor import FAULT_NAMES, PEER_SILENT
+from pcpc.executive.nodes import process
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.bench import BenchError, Ratio
+from pcpc.tools.bench.cycle import RIG, address, in_c, library
+from pcpc.tools.children import Child
+from pcpc.tools.progress import Progress
 
 SUITE = "rate"
 BUS = "udp_multicast:239.74.163.64:43164"  # of its own
@@ -47,8 +48,8 @@ TRIES = 2
 START_S = 60.0  # compilation included
 STAGES = ("receive", "step", "send")
 MODULES = {
-    "Python": {"executive": "executive.process", "plant": "plants.emulator"},
-    "C": dict.fromkeys(("executive", "plant"), "tools.bench.rate"),
+    "Python": {"executive": "pcpc.executive.nodes.process", "plant": "pcpc.plants.emulator"},
+    "C": dict.fromkeys(("executive", "plant"), "pcpc.tools.bench.rate"),
 }
 
 
@@ -114,7 +115,7 @@ def run(side: str, rate_hz: int, seconds: float) -> Held:
     children = {}
     for role in ("plant", "executive"):
         module = MODULES[side][role]
-        role_word = [] if module == "plants.emulator" else [role]
+        role_word = [] if module == "pcpc.plants.emulator" else [role]
         children[role] = Child(role, module, [*role_word, *words])
     blocks: dict[str, sh.Shared] = {}
     names = {role: sh.block_name(rig.config.rig, bus, role) for role in children}
@@ -190,14 +191,14 @@ def _judge(blocks: dict[str, sh.Shared], records: Any, rate_hz: int) -> Held:
 
 
 def run_in_c(n: Any, steps: Sequence[Any]) -> int:
-    """Be `executive.cycle.run` in C, without the GIL."""
+    """Be `executive.loop.cycle.run` in C, without the GIL."""
     c = library()
     c.run.restype = ctypes.c_int64
     return int(c.run(address(n), in_c(steps, c)))
 
 
 def main(argv: Sequence[str]) -> int:
-    """Be one node, `executive.process` with the loop in C."""
+    """Be one node, `executive.nodes.process` with the loop in C."""
     process.run = run_in_c
     return process.main(argv)
 

@@ -22,15 +22,15 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
-from executive import shared as sh
-from executive.mcap_writer import CHUNK_BYTES
-from executive.recorder import Recorder
-from executive.rig import load_rig
-from executive.virtual import VirtualRun
-from tools.bench import BenchError, Ratio
-from tools.bench.cycle import RIG, interleave
-from tools.progress import Progress
-from tools.run import Host
+from pcpc.executive.log.mcap_writer import CHUNK_BYTES
+from pcpc.executive.log.recorder import Recorder
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.bench import BenchError, Ratio
+from pcpc.tools.bench.cycle import RIG, interleave
+from pcpc.tools.progress import Progress
+from pcpc.tools.run import Host
 
 SUITE = "recorder"
 BUS = "udp_multicast:239.74.163.63:43163"  # of its own

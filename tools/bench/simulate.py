@@ -1,6 +1,7 @@
 """A virtual run of slew10, plant and executive, against C and against scipy's solve_ivp.
 
-    Python   `executive.virtual.run_virtual`: both nodes, frames encoded, checked and decoded, 16
+    Python   `executive.nodes.virtual.run_virtual`: both nodes, frames encoded, checked and decoded,
+    16
              Runge-Kutta steps a period, records in memory
     C        the same in cycle.c and steps.c at -O2 with the functions of emath.py: the same bits
     scipy    the plant alone, no control, no frames, no noise: solve_ivp on the compiled derivative
@@ -20,16 +21,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import VIEW, compiled, types
-from executive import shared as sh
-from executive.node import plan
-from executive.rig import load_rig
-from executive.virtual import VirtualRun, run_virtual
-from plants.atb1000 import dynamics, model
-from plants.atb1000.ports import INTEGRATED, MUZZLE
-from tools.bench import BenchError, Ratio
-from tools.bench.cycle import RIG, address, in_c, interleave, library, new_loop, per_repeat
-from tools.progress import Progress
+from pcpc.drivers.jit import VIEW, compiled, types
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.virtual import VirtualRun, run_virtual
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.atb1000 import dynamics, model
+from pcpc.plants.atb1000.ports import INTEGRATED, MUZZLE
+from pcpc.tools.bench import BenchError, Ratio
+from pcpc.tools.bench.cycle import RIG, address, in_c, interleave, library, new_loop, per_repeat
+from pcpc.tools.progress import Progress
 
 SUITE = "simulate"
 DURATION_S = 2.0  # a run: the move up and rest

@@ -15,10 +15,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from executive import logs
-from tools.bench import BenchError, Ratio
-from tools.bench.cycle import RIG
-from tools.progress import Progress
+from pcpc.executive.log import reader as logs
+from pcpc.tools.bench import BenchError, Ratio
+from pcpc.tools.bench.cycle import RIG
+from pcpc.tools.progress import Progress
 
 SUITE = "startup"
 BUS = "udp_multicast:239.74.163.65:43165"  # of its own
@@ -52,7 +52,7 @@ def first_cycle_s(cache: Path | None = None) -> float:
     if cache is not None:
         environment["XDG_CACHE_HOME"] = str(cache)
     with tempfile.TemporaryDirectory() as folder:
-        words = [sys.executable, "-P", "-m", "tools.cli", "run", RIG, "--bus", BUS, "--quiet",
+        words = [sys.executable, "-P", "-m", "pcpc.tools.cli", "run", RIG, "--bus", BUS, "--quiet",
                  "--no-figure", "--json", "--set", f"duration_s={RUN_S}", "-o", folder]  # fmt: skip
         begin_ns = time.monotonic_ns()
         done = subprocess.run(words, capture_output=True, text=True, env=environment, check=False)

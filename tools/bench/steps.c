@@ -4,7 +4,7 @@
  *
  * Views and equations are those of the Python files named at each function; layout.h, made from the
  * Python blocks, gives the views as structs of doubles. Scratch space of x is left alone: C has a
- * stack. With -DPORTABLE_MATH the functions of executive/emath.py, written again in C, stand in for
+ * stack. With -DPORTABLE_MATH the functions of executive/laws/emath.py, written again in C, stand in for
  * libm: then, with -ffp-contract=off, the bits are Python's. SI units.
  */
 #include <math.h>
@@ -23,7 +23,7 @@ static inline double clip(double x, double low, double high)
     return x < low ? low : x > high ? high : x;
 }
 
-/* ------------------------------------------------------------- executive/emath.py, or libm --- */
+/* ------------------------------------------------------------- executive/laws/emath.py, or libm --- */
 
 #ifdef PORTABLE_MATH
 

@@ -19,19 +19,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import STEP, VIEW, compiled, f8, from_dtype, i8, types
-from executive.block import Block, Port
-from executive.controllers import boundary_layer, nn_backstepping, pd, pd_nn_fast, tracking_network
-from executive.cycle import idle
-from executive.node import plan
-from executive.rig import load_rig
-from executive.virtual import in_memory
-from plants.atb1000 import model
-from plants.atb1000.ports import HULL_COMPONENTS, INTEGRATED
-from tools.bench import Ratio
-from tools.bench.compiler import CompilerError as CompilerError
-from tools.bench.compiler import library
-from tools.progress import Progress
+from pcpc.drivers.jit import VIEW, compiled, f8, from_dtype, i8, types
+from pcpc.drivers.stage import ENTRY, call, part
+from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.laws.controllers.barrel import (
+    boundary_layer,
+    nn_backstepping,
+    pd,
+    pd_nn_fast,
+    tracking_network,
+)
+from pcpc.executive.loop.cycle import idle
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.atb1000 import model
+from pcpc.plants.atb1000.ports import HULL_COMPONENTS, INTEGRATED
+from pcpc.tools.bench import Ratio
+from pcpc.tools.bench.compiler import CompilerError as CompilerError
+from pcpc.tools.bench.compiler import library
+from pcpc.tools.progress import Progress
 
 SOURCE = Path(__file__).with_name("steps.c")
 RIG = Path(model.__file__).with_name("rigs") / "hull.yaml"
@@ -81,7 +88,7 @@ class Case:
         return self.n["v"][self.n["at"][0] : self.n["at"][1]][np.array(kept, bool)]
 
 
-@compiled(types.void(types.FunctionType(STEP), i8, i8, f8, from_dtype(TABLE), VIEW, f8[:, ::1]))
+@compiled(types.void(ENTRY, i8, i8, f8, from_dtype(TABLE), VIEW, f8[:, ::1]))
 def drive(step: Any, repeats: Any, periods: Any, dt: Any, n: Any, x0: Any, inputs: Any) -> None:
     """Do `periods` steps from the state `x0`, `repeats` times; `drive` of steps.c does the same."""
     v, at = n.v, n.at
@@ -91,13 +98,13 @@ def drive(step: Any, repeats: Any, periods: Any, dt: Any, n: Any, x0: Any, input
         for k in range(periods):
             for i in range(at[2] - at[1]):
                 v[at[1] + i] = inputs[k, i]
-            step(k * dt, dt, v[: at[0]], v[at[0] : at[1]], v[at[1] : at[2]], v[at[2] : at[3]])
+            call(step, k * dt, dt, part(v, 0), part(v, at[0]), part(v, at[1]), part(v, at[2]))
 
 
 def in_python(case: Case) -> Drive:
     """Return the compiled Python step in its loop, (repeats, periods) -> None."""
     return lambda repeats, periods: drive(
-        case.step, repeats, periods, case.dt, case.n, case.x0, case.inputs
+        case.step.entry, repeats, periods, case.dt, case.n, case.x0, case.inputs
     )
 
 

@@ -8,14 +8,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-from drivers.errors import BusError
-from executive.errors import RigError
-from executive.shared import SharedError
-from tools import jitter
-from tools.bench import BenchError, Ratio
-from tools.jitter.figures import PCPC, percentiles
-from tools.jitter.loops import JitterError, Setup
-from tools.progress import Progress
+from pcpc.drivers.errors import BusError
+from pcpc.executive.errors import RigError
+from pcpc.executive.loop.shared import SharedError
+from pcpc.tools import jitter
+from pcpc.tools.bench import BenchError, Ratio
+from pcpc.tools.jitter.figures import PCPC, percentiles
+from pcpc.tools.jitter.loops import JitterError, Setup
+from pcpc.tools.progress import Progress
 
 SUITE = "wake"
 YARDSTICKS = ("cyclictest", "c")

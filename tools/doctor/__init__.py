@@ -22,8 +22,8 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from tools import screen
-from tools.doctor.machine import Row, machine_rows
+from pcpc.tools import screen
+from pcpc.tools.doctor.machine import Row, machine_rows
 
 OK, CANNOT_RUN = 0, 4
 _PROJECT = Path(__file__).resolve().parents[2]
@@ -60,7 +60,7 @@ def rows() -> Iterator[Row]:
     yield figures_row()
     yield from machine_rows(_PROJECT)
     if packages.state == "ok":
-        from tools.doctor.bus import bus_rows  # here, because it needs the packages
+        from pcpc.tools.doctor.bus import bus_rows  # here, because it needs the packages
 
         yield from bus_rows()
     else:
@@ -127,8 +127,8 @@ def figures_row() -> Row:
 def node_memory_row() -> Row:
     """Return whether a node can have its memory, and hand it to clients."""
     try:
-        from executive.shared import LOOP, SharedError
-        from executive.sharing import Served
+        from pcpc.executive.loop.shared import LOOP, SharedError
+        from pcpc.executive.loop.sharing import Served
     except ImportError:
         return Row("node memory", "missing", "not tried", "see packages")
     try:
@@ -147,7 +147,7 @@ def node_memory_row() -> Row:
 
 def compile_cache_row() -> Row:
     """Return whether the next start finds compiled code."""
-    from drivers import compile_cache
+    from pcpc.drivers import compile_cache
 
     try:
         folder = compile_cache.cache_folder()

@@ -12,10 +12,10 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-from drivers import bus
-from drivers.errors import BusError
-from tools.doctor.machine import Row, text
-from tools.vm import APT_PACKAGES, VmError, accelerator, kernel, programs
+from pcpc.drivers import bus
+from pcpc.drivers.errors import BusError
+from pcpc.tools.doctor.machine import Row, text
+from pcpc.tools.vm import APT_PACKAGES, VmError, accelerator, kernel, programs
 
 _NET = Path("/sys/class/net")
 _ARPHRD_CAN = "280"

@@ -19,7 +19,7 @@ _CLOCKS = Path("/sys/devices/system/clocksource/clocksource0")
 _IN_USER_SPACE = ("tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page")
 _TRY = """
 import json
-from drivers import realtime
+from pcpc.drivers import realtime
 report = realtime.prepare_process() + realtime.prepare_thread(80, None)
 print(json.dumps({s.name: [s.granted, s.detail] for s in report}))
 """

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from executive.approximators import jumps
-from executive.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
-from tools.experiments._approximation_training import CASES, Array, Net, Trained, output
+from pcpc.executive.laws.approximators import jumps
+from pcpc.executive.laws.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from pcpc.tools.experiments._approximation_training import CASES, Array, Net, Trained, output
 
 DPI = 110
 SEED = 0  # of the nets drawn

@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import compiled, tail
-from executive.approximators import backprop, jumps
-from executive.approximators.activations import LOGISTIC
+from pcpc.drivers.jit import compiled
+from pcpc.drivers.views import tail
+from pcpc.executive.laws.approximators import backprop, jumps
+from pcpc.executive.laws.approximators.activations import LOGISTIC
 
 Array = NDArray[np.float64]
 

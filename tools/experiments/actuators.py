@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plants.actuators import (
+from pcpc.plants.actuators import (
     backlash,
     deadzone,
     drive,
@@ -21,9 +21,9 @@ from plants.actuators import (
     sliding,
     stick_slip,
 )
-from plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
-from plants.study import markdown
-from tools.progress import Progress
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.study import markdown
+from pcpc.tools.progress import Progress
 
 Vector = NDArray[np.float64]
 

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from executive.approximators import jumps
-from executive.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
-from plants.study import markdown
-from tools.experiments import _approximation_figures as figures
-from tools.experiments._approximation_training import (
+from pcpc.executive.laws.approximators import jumps
+from pcpc.executive.laws.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
+from pcpc.plants.study import markdown
+from pcpc.tools.experiments import _approximation_figures as figures
+from pcpc.tools.experiments._approximation_training import (
     CASES,
     Array,
     Net,
@@ -27,8 +27,8 @@ from tools.experiments._approximation_training import (
     online_fit,
     trained,
 )
-from tools.pool import workers
-from tools.progress import Progress
+from pcpc.tools.pool import workers
+from pcpc.tools.progress import Progress
 
 SIZES = (5, 7, 11)
 FIT_TRAIN = np.linspace(-1.0, 1.0, 31)  # both grids were searched for, see FIT_TEXT

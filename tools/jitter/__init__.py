@@ -20,14 +20,14 @@ from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
-from drivers.errors import BusError
-from executive.errors import FULL, RigError
-from executive.shared import SharedError
-from tools import screen
-from tools.jitter import loops, probe, report
-from tools.jitter.figures import LEAST_CYCLES, Result, as_json
-from tools.jitter.loops import JitterError, Setup
-from tools.progress import Progress
+from pcpc.drivers.errors import BusError
+from pcpc.executive.errors import FULL, RigError
+from pcpc.executive.loop.shared import SharedError
+from pcpc.tools import screen
+from pcpc.tools.jitter import loops, probe, report
+from pcpc.tools.jitter.figures import LEAST_CYCLES, Result, as_json
+from pcpc.tools.jitter.loops import JitterError, Setup
+from pcpc.tools.progress import Progress
 
 OK, USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 3, 4, 130
 ROUNDS = 5  # with --against

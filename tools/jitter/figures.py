@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.jitter.loops import Loop, Setup
-from tools.jitter.probe import STAGES, Node, Probe, joined
+from pcpc.tools.jitter.loops import Loop, Setup
+from pcpc.tools.jitter.probe import STAGES, Node, Probe, joined
 
 PERCENTILES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 COMPARED = ("p50", "p99", "max")

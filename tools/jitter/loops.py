@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.bench.compiler import CompilerError, compile_to
-from tools.progress import Progress
+from pcpc.tools.bench.compiler import CompilerError, compile_to
+from pcpc.tools.progress import Progress
 
 USAGE, NO_ENVIRONMENT = 2, 4
 SOURCE = Path(__file__).parent.with_name("bench") / "wake.c"

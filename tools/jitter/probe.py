@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
-from executive import shared as sh
-from executive.rig import load_rig
-from tools.jitter.loops import JitterError, Setup
-from tools.progress import Progress
-from tools.run import LOG, Host
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.jitter.loops import JitterError, Setup
+from pcpc.tools.progress import Progress
+from pcpc.tools.run import LOG, Host
 
 RIG = Path(__file__).resolve().parents[2] / "plants" / "probe" / "rig.yaml"
 STAGES = ("wake_late", "receive", "step", "send", "publish")

@@ -5,9 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tools.jitter.figures import COMPARED, PCPC, PERCENTILES, Result, Vector, percentiles, ratios
-from tools.jitter.loops import NO_ENVIRONMENT, JitterError
-from tools.jitter.probe import STAGES, Node
+from pcpc.tools.jitter.figures import (
+    COMPARED,
+    PCPC,
+    PERCENTILES,
+    Result,
+    Vector,
+    percentiles,
+    ratios,
+)
+from pcpc.tools.jitter.loops import NO_ENVIRONMENT, JitterError
+from pcpc.tools.jitter.probe import STAGES, Node
 
 _BAR = 50
 _STEPS = np.outer(10.0 ** np.arange(7), (1.0, 2.0, 5.0)).ravel()  # us, edges of the short histogram

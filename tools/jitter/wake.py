@@ -1,6 +1,6 @@
 """A plain loop of CPython: a yardstick of `pcpc jitter`, in a process of its own.
 
-    python -m tools.jitter.wake INTERVAL_NS PERIODS PRIORITY CPU OUT       CPU: -1 for any
+    python -m pcpc.tools.jitter.wake INTERVAL_NS PERIODS PRIORITY CPU OUT       CPU: -1 for any
 
 As tools/bench/wake.c, line by line: absolute deadlines by clock_nanosleep through ctypes, whole
 periods skipped after a stall, the real-time set-up of the nodes. Writes how late each cycle woke to
@@ -14,7 +14,7 @@ import time
 from array import array
 from pathlib import Path
 
-from drivers import realtime
+from pcpc.drivers import realtime
 
 _CLOCK_MONOTONIC, _TIMER_ABSTIME = 1, 1
 

@@ -3,7 +3,7 @@
 import argparse
 from importlib import import_module
 
-from tools import screen
+from pcpc.tools import screen
 
 _MODULES = {
     "info": "info",
@@ -29,11 +29,11 @@ def add_arguments(
     )  # fmt: skip
     subs = one.add_subparsers(dest="log_command", required=True, metavar="SUB")
     for module in _MODULES.values() if whole else ():
-        import_module(f"tools.log.{module}").add_arguments(subs)
+        import_module(f"pcpc.tools.log.{module}").add_arguments(subs)
 
 
 def command(options: argparse.Namespace) -> int:
     """Carry out a sub-command; return its exit code."""
-    module = import_module(f"tools.log.{_MODULES[options.log_command]}")
+    module = import_module(f"pcpc.tools.log.{_MODULES[options.log_command]}")
     code: int = module.command(options)
     return code

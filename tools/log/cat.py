@@ -21,13 +21,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import log_checks, logs
-from executive.errors import did_you_mean
-from executive.mcap_reader import Scan, walk
-from tools.log import source
-from tools.log.outfile import LOSS, LogCommandError
-from tools.log.series import label, seconds
-from tools.progress import Progress
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import checks as log_checks
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_reader import Scan, walk
+from pcpc.tools.log import source
+from pcpc.tools.log.outfile import LOSS, LogCommandError
+from pcpc.tools.log.series import label, seconds
+from pcpc.tools.progress import Progress
 
 FORMATS = ("csv", "ndjson", "candump")
 DIRECTIONS = ("sent", "received")

@@ -16,11 +16,11 @@ import numpy as np
 from cantools.database.can import Database, Message
 from numpy.typing import NDArray
 
-from drivers import codec, dbc, e2e
-from drivers.errors import BusError
-from drivers.jit import compiled
-from tools.log.outfile import LogCommandError
-from tools.progress import Progress
+from pcpc.drivers import codec, dbc, e2e
+from pcpc.drivers.errors import BusError
+from pcpc.drivers.jit import compiled
+from pcpc.tools.log.outfile import LogCommandError
+from pcpc.tools.progress import Progress
 
 _STEP = 20_000  # frames from one look at the progress to the next
 _EXTENDED, _ID = 1 << 31, 0x1FFFFFFF

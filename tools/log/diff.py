@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
-from tools import screen
-from tools.log import series, source
-from tools.log.outfile import LOSS, LogCommandError
-from tools.log.tally import DIRECTIONS
-from tools.progress import Progress
+from pcpc.executive.log import reader as logs
+from pcpc.tools import screen
+from pcpc.tools.log import series, source
+from pcpc.tools.log.outfile import LOSS, LogCommandError
+from pcpc.tools.log.tally import DIRECTIONS
+from pcpc.tools.progress import Progress
 
 SAME, DIFFERENT = 0, 1
 _SHOWN = 40  # rows of the table; all of them with --json

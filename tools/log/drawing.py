@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
-from tools.log import series
-from tools.log.outfile import NO_ENVIRONMENT, LogCommandError
-from tools.log.series import Series
+from pcpc.executive.log import reader as logs
+from pcpc.tools.log import series
+from pcpc.tools.log.outfile import NO_ENVIRONMENT, LogCommandError
+from pcpc.tools.log.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -27,12 +27,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
-from executive.errors import did_you_mean
-from tools import screen
-from tools.log import series, source
-from tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
-from tools.progress import Progress
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.tools import screen
+from pcpc.tools.log import series, source
+from pcpc.tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
+from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
     from can import Message

@@ -10,9 +10,9 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Header
 
-from drivers.errors import printable
-from executive.mcap_reader import Scan, TooMuchError
-from executive.mcap_records import (
+from pcpc.drivers.errors import printable
+from pcpc.executive.log.mcap_reader import Scan, TooMuchError
+from pcpc.executive.log.mcap_records import (
     LARGEST_CHUNK,
     MAGIC,
     RECORD,

@@ -22,19 +22,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
-from executive.errors import did_you_mean
-from executive.facts import facts
-from executive.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
-from executive.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
-from tools import screen
-from tools.log import source
-from tools.log.outfile import LogCommandError, new_file
-from tools.log.recording import Recording, read
-from tools.progress import Progress
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.facts import facts
+from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
+from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
+from pcpc.tools import screen
+from pcpc.tools.log import source
+from pcpc.tools.log.outfile import LogCommandError, new_file
+from pcpc.tools.log.recording import Recording, read
+from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
-    from tools.log.decode import Decoded
+    from pcpc.tools.log.decode import Decoded
 
 _ABOUT_AS_MANY = 0.99
 _FRAMES_AT_ONCE = 4000  # 71 bytes each as a message
@@ -70,7 +70,7 @@ def command(options: argparse.Namespace) -> int:
 def import_recording(options: argparse.Namespace, progress: Progress) -> int:
     """As `command`; raises LogCommandError."""
     with new_file(options.output, options.force) as path:
-        from tools.log import decode  # here, because they bring the compiler
+        from pcpc.tools.log import decode  # here, because they bring the compiler
 
         database = decode.load(options.dbc)
         nodes = sorted(node.name for node in database.nodes)
@@ -147,7 +147,7 @@ class _Imported:
 
     def _explain(self, writer: BulkWriter) -> None:
         """Write metadata and attachments as the recorder does."""
-        from drivers import dbc_file
+        from pcpc.drivers import dbc_file
 
         first_ns = int(self.frames["stamp_ns"][0])
         metadata = facts() | {
@@ -243,7 +243,7 @@ def _records(
 
 
 def _ids(counts: dict[int, int]) -> str:
-    from tools.log.decode import id_text
+    from pcpc.tools.log.decode import id_text
 
     most = sorted(counts, key=lambda i: (-counts[i], i))
     shown = ", ".join(f"{id_text(i)} ({counts[i]})" for i in most[:_TOLD_IDS])

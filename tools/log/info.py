@@ -18,13 +18,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from executive import logs
-from executive.mcap_reader import Scan
-from tools.log import source
-from tools.log.foreign import survey
-from tools.log.outfile import LOSS
-from tools.log.tally import Tally
-from tools.progress import Progress
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_reader import Scan
+from pcpc.tools.log import source
+from pcpc.tools.log.foreign import survey
+from pcpc.tools.log.outfile import LOSS
+from pcpc.tools.log.tally import Tally
+from pcpc.tools.progress import Progress
 
 _FACTS = ("rig", "controller", "pacing", "bus", "seed", "rate_hz")
 _TOPICS = 60  # on the screen; our logs have 15

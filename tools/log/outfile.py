@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from executive.errors import FULL
+from pcpc.executive.errors import FULL
 
 USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 2, 3, 4, 130
 

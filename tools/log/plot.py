@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.errors import printable
-from executive import logs
-from tools import screen
-from tools.log import series, source
-from tools.log.drawing import DPI, Source, page_of
-from tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
-from tools.log.series import Series
-from tools.progress import Progress
+from pcpc.drivers.errors import printable
+from pcpc.executive.log import reader as logs
+from pcpc.tools import screen
+from pcpc.tools.log import series, source
+from pcpc.tools.log.drawing import DPI, Source, page_of
+from pcpc.tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
+from pcpc.tools.log.series import Series
+from pcpc.tools.progress import Progress
 
 SUFFIXES = (".png", ".svg", ".pdf")
 MOST_AXES, MOST_LINES = 12, 8
@@ -137,8 +137,8 @@ def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> 
 
 def _own_figure(log: logs.Log, options: argparse.Namespace) -> bool:
     """Draw the figure of the log's plant; return False if there is none to be found."""
-    from executive.rig import load_rig
-    from tools.judge import EvaluationError, Judge
+    from pcpc.executive.rig.reading import load_rig
+    from pcpc.tools.judge import EvaluationError, Judge
 
     text = log.attachments.get("rig-resolved.yaml")
     rig_name = next((log.metadata[node].get("rig", "") for node in log.node), "")

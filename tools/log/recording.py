@@ -25,11 +25,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import printable
-from drivers.patience import StalledError, patience
-from executive import logs
-from tools.log.outfile import NO_ENVIRONMENT, LogCommandError
-from tools.progress import Progress
+from pcpc.drivers.errors import printable
+from pcpc.drivers.patience import StalledError, patience
+from pcpc.executive.log import reader as logs
+from pcpc.tools.log.outfile import NO_ENVIRONMENT, LogCommandError
+from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
     from can import Message

@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from executive import logs
-from executive.mcap_writer import RecordError, Recovered, recover
-from tools.log import source
-from tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
-from tools.progress import Progress
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_writer import RecordError, Recovered, recover
+from pcpc.tools.log import source
+from pcpc.tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
+from pcpc.tools.progress import Progress
 
 
 def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import logs
-from executive.errors import did_you_mean
-from tools.log.outfile import LogCommandError
-from tools.nodes import HostError
-from tools.progress import Progress
-from tools.watch import duration_s
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.tools.log.outfile import LogCommandError
+from pcpc.tools.nodes import HostError
+from pcpc.tools.progress import Progress
+from pcpc.tools.watch import duration_s
 
 LARGE_BYTES = 50_000_000  # takes about 2 s to read
 _PREFIXES = tuple(f"{role}." for role in logs.NODES if role != "executive")

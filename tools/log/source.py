@@ -9,14 +9,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from executive import logs
-from executive.errors import RigError
-from executive.mcap_reader import Piece, Scan, walk
-from executive.mcap_records import message_dtype
-from executive.mcap_writer import RecordError
-from tools import screen
-from tools.log.outfile import INTERRUPTED, LOSS, NO_ENVIRONMENT, USAGE, LogCommandError
-from tools.progress import Progress
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_reader import Piece, Scan, walk
+from pcpc.executive.log.mcap_records import message_dtype
+from pcpc.executive.log.mcap_writer import RecordError
+from pcpc.tools import screen
+from pcpc.tools.log.outfile import INTERRUPTED, LOSS, NO_ENVIRONMENT, USAGE, LogCommandError
+from pcpc.tools.progress import Progress
 
 _PATIENCE_S = 1.0
 CODES = "exit code: 0 ok, 2 wrong input, 3 the log is damaged, 130 Ctrl-C"

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executive import log_checks, logs
-from executive.mcap_reader import Scan
+from pcpc.executive.log import checks as log_checks
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_reader import Scan
 
 E2E_STATES = (  # of drivers.e2e, which imports numba
     "OK", "OK_SOME_LOST", "REPEATED", "WRONG_SEQUENCE", "ERROR", "NOT_AVAILABLE",

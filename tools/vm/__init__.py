@@ -10,8 +10,8 @@ vcan0 up, runs the command as the caller would, returns its output and exit code
     accelerator  KVM only where proven              progress   what the user sees meanwhile
 """
 
-from tools.vm.cli import run
-from tools.vm.errors import VmError
-from tools.vm.programs import APT_PACKAGES
+from pcpc.tools.vm.cli import run
+from pcpc.tools.vm.errors import VmError
+from pcpc.tools.vm.programs import APT_PACKAGES
 
 __all__ = ["APT_PACKAGES", "VmError", "run"]

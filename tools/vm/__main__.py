@@ -1,7 +1,7 @@
-"""`python -m tools.vm -- COMMAND`, the same as `pcpc vm -- COMMAND`."""
+"""`python -m pcpc.tools.vm -- COMMAND`, the same as `pcpc vm -- COMMAND`."""
 
 import sys
 
-from tools.vm.cli import run
+from pcpc.tools.vm.cli import run
 
 sys.exit(run(sys.argv[1:]))

@@ -10,13 +10,13 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from tools import screen
-from tools.vm import accelerator, kernel, programs
-from tools.vm.errors import VmError
-from tools.vm.job import job_of_caller, script
-from tools.vm.machine import Machine, Size
-from tools.vm.progress import Progress
-from tools.vm.session import Limits, Session
+from pcpc.tools import screen
+from pcpc.tools.vm import accelerator, kernel, programs
+from pcpc.tools.vm.errors import VmError
+from pcpc.tools.vm.job import job_of_caller, script
+from pcpc.tools.vm.machine import Machine, Size
+from pcpc.tools.vm.progress import Progress
+from pcpc.tools.vm.session import Limits, Session
 
 _UNIT_S = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 _GUESTS_OWN = ("/run", "/dev", "/proc", "/sys")

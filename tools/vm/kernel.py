@@ -20,11 +20,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.compile_cache import user_cache
-from tools.vm import initramfs
-from tools.vm.errors import VmError
-from tools.vm.programs import Programs
-from tools.vm.unpack import bootable, module_bytes
+from pcpc.drivers.compile_cache import user_cache
+from pcpc.tools.vm import initramfs
+from pcpc.tools.vm.errors import VmError
+from pcpc.tools.vm.programs import Programs
+from pcpc.tools.vm.unpack import bootable, module_bytes
 
 _METAPACKAGES = ("linux-image-amd64", "linux-image-generic")
 _REQUIRED = ("virtio_pci", "virtio_console", "9pnet_virtio", "9p", "can_raw", "vcan")

@@ -8,8 +8,8 @@ import socket
 import subprocess
 from dataclasses import dataclass
 
-from tools.vm.kernel import Kernel
-from tools.vm.programs import Programs
+from pcpc.tools.vm.kernel import Kernel
+from pcpc.tools.vm.programs import Programs
 
 PORTS = ("control", "job", "in", "out", "err")
 

@@ -6,7 +6,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from tools.vm.errors import VmError
+from pcpc.tools.vm.errors import VmError
 
 #: What `make vcan-tools` installs; can-utils and iproute2 are for the commands run in the guest.
 APT_PACKAGES = ("qemu-system-x86", "busybox-static", "zstd", "iproute2", "can-utils")

@@ -18,9 +18,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
-from tools.vm.errors import VmError
-from tools.vm.machine import PORTS, Machine
-from tools.vm.progress import Progress
+from pcpc.tools.vm.errors import VmError
+from pcpc.tools.vm.machine import PORTS, Machine
+from pcpc.tools.vm.progress import Progress
 
 _GRACE_S = 5.0
 _CONSOLE_LINES = 12

@@ -11,7 +11,7 @@ import subprocess
 import zlib
 from pathlib import Path
 
-from tools.vm.errors import VmError
+from pcpc.tools.vm.errors import VmError
 
 _SETUP_SECTORS_AT, _MAGIC_AT, _PAYLOAD_AT = (
     0x1F1,

@@ -1,0 +1,236 @@
+"""Named views: what `p.kv_Nms_rad`, `x.w[n, j]` and `x.network` are in compiled code.
+
+A View is a pointer to float64 values whose names, places and shapes are part of its type; Cells are
+a pointer to an array of fixed shape in it. So every access is a load or store at an address that
+the compiler knows, up to the index. Nothing is checked at run time; `executive.rig.trial` does
+that.
+
+    View(layout)    x.name     a value, Cells for a port with a shape, another View for a group
+    Cells(shape)    c[i, j]    a value;  c[i]  Cells without the first dimension;  len(c)
+
+`layout` is a Layout: name, and (name, place, shape, sub-layout or None) of each field. Types are
+equal when their layouts are, whatever class declared them. `executive.laws.ports` declares, and
+says what the same expressions mean interpreted. Sources: numba's documentation, "Low-level
+extension API".
+"""
+
+import hashlib
+import operator
+from typing import Any, NamedTuple
+
+# ruff: isort: off
+from pcpc.drivers.jit import JIT_OFF, VIEW, f8, types
+from llvmlite import ir  # after ours, which set numba's environment
+from numba.core.imputils import lower_getattr_generic, lower_setattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    infer_getattr,
+    intrinsic,
+    lower_builtin,
+    models,
+    register_model,
+    type_callable,
+)
+from numba.np.arrayobj import populate_array
+# ruff: isort: on
+
+_I64 = ir.IntType(64)
+
+
+class Field(NamedTuple):
+    """One port or group: where it begins, in values, and its shape, () for a single value."""
+
+    name: str
+    place: int
+    shape: tuple[int, ...]
+    group: "Layout | None"
+
+
+class Layout(NamedTuple):
+    """The fields of a declaration by name, and its name for messages."""
+
+    name: str
+    fields: tuple[Field, ...]
+
+    def field(self, name: str) -> Field | None:
+        """Return the field of that name."""
+        return next((field for field in self.fields if field.name == name), None)
+
+
+class View(types.Type):
+    """The type of a pointer to values with the names of a layout."""
+
+    def __init__(self, layout: Layout, element: Any = f8) -> None:
+        self.layout, self.element = layout, element
+        mark = hashlib.sha256(repr(layout.fields).encode()).hexdigest()[:12]
+        super().__init__(f"View({layout.name}, {mark}, {element})")
+
+
+class Cells(types.Type):
+    """The type of a pointer to an array of a fixed shape, row by row."""
+
+    def __init__(self, shape: tuple[int, ...], element: Any = f8) -> None:
+        self.extents, self.element = shape, element
+        super().__init__(f"Cells({shape}, {element})")
+
+
+POINTER = types.CPointer(f8)
+
+
+class _Pointer(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, ir.PointerType(ir.DoubleType()))
+
+
+register_model(View)(_Pointer)
+register_model(Cells)(_Pointer)
+
+
+def _of(kind: Any, field: Field) -> Any:
+    if field.group is not None:
+        return View(field.group, kind.element)
+    return Cells(field.shape, kind.element) if field.shape else kind.element
+
+
+@infer_getattr
+class _Attributes(AttributeTemplate):
+    key = View
+
+    def generic_resolve(self, kind: View, name: str) -> Any:  # type: ignore[override]
+        field = kind.layout.field(name)
+        return None if field is None else _of(kind, field)
+
+
+def _address(builder: Any, pointer: Any, place: int) -> Any:
+    return builder.gep(pointer, [ir.Constant(_I64, place)], inbounds=True) if place else pointer
+
+
+@lower_getattr_generic(View)
+def _get(context: Any, builder: Any, kind: View, pointer: Any, name: str) -> Any:
+    field = kind.layout.field(name)
+    assert field is not None, "the typing found it"
+    address = _address(builder, pointer, field.place)
+    return address if field.group or field.shape else builder.load(address)
+
+
+@lower_setattr_generic(View)
+def _set(context: Any, builder: Any, signature: Any, arguments: Any, name: str) -> None:
+    kind, given = signature.args
+    field = kind.layout.field(name)
+    if field.group or field.shape:
+        raise TypeError(f"{name} has several values: set them one by one")
+    value = context.cast(builder, arguments[1], given, kind.element)
+    builder.store(value, _address(builder, arguments[0], field.place))
+
+
+def _indices(index: Any) -> tuple[Any, ...]:
+    parts = tuple(index) if isinstance(index, types.BaseTuple) else (index,)  # type: ignore[arg-type]
+    return parts if all(isinstance(part, types.Integer) for part in parts) else ()
+
+
+@type_callable(operator.getitem)
+def _type_of_item(context: Any) -> Any:
+    def typer(cells: Any, index: Any) -> Any:
+        if not isinstance(cells, Cells) or not 0 < len(_indices(index)) <= len(cells.extents):
+            return None
+        rest = cells.extents[len(_indices(index)) :]
+        return Cells(rest, cells.element) if rest else cells.element
+
+    return typer
+
+
+@type_callable(operator.setitem)
+def _type_of_assignment(context: Any) -> Any:
+    def typer(cells: Any, index: Any, value: Any) -> Any:
+        whole = isinstance(cells, Cells) and len(_indices(index)) == len(cells.extents)
+        return types.none if whole else None
+
+    return typer
+
+
+@type_callable(len)
+def _type_of_len(context: Any) -> Any:
+    def typer(cells: Any) -> Any:
+        return types.intp if isinstance(cells, Cells) else None
+
+    return typer
+
+
+def _element(context: Any, builder: Any, kind: Cells, pointer: Any, index: Any, of: Any) -> Any:
+    single = not isinstance(of, types.BaseTuple)
+    values = [index] if single else [builder.extract_value(index, i) for i in range(len(of))]
+    at = ir.Constant(_I64, 0)
+    for i, (value, its) in enumerate(zip(values, _indices(of), strict=True)):
+        stride = 1
+        for extent in kind.extents[i + 1 :]:
+            stride *= extent
+        step = builder.mul(
+            context.cast(builder, value, its, types.int64), ir.Constant(_I64, stride), flags=["nsw"]
+        )
+        at = builder.add(at, step, flags=["nsw"])
+    return builder.gep(pointer, [at], inbounds=True)
+
+
+def _item(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    cells, index = signature.args
+    address = _element(context, builder, cells, arguments[0], arguments[1], index)
+    return address if isinstance(signature.return_type, Cells) else builder.load(address)
+
+
+def _assign(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    cells, index, given = signature.args
+    address = _element(context, builder, cells, arguments[0], arguments[1], index)
+    builder.store(context.cast(builder, arguments[2], given, cells.element), address)
+    return context.get_dummy_value()
+
+
+for _index in (types.Integer, types.BaseTuple):
+    lower_builtin(operator.getitem, Cells, _index)(_item)
+    for _value in (types.Float, types.Integer, types.Boolean):
+        lower_builtin(operator.setitem, Cells, _index, _value)(_assign)
+
+
+@lower_builtin(len, Cells)
+def _length(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return context.get_constant(types.intp, signature.args[0].extents[0])
+
+
+@intrinsic
+def pointer_at(typing: Any, values: Any, place: Any) -> Any:
+    """Return the POINTER to element `place` of a contiguous float64 array."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        place = context.cast(builder, arguments[1], signature.args[1], types.intp)
+        return builder.gep(array.data, [place])
+
+    return POINTER(values, place), generate
+
+
+@intrinsic
+def _tail(typing: Any, values: Any, start: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        offset = context.cast(builder, arguments[1], signature.args[1], types.intp)
+        if isinstance(signature.args[0], Cells):
+            return builder.gep(arguments[0], [offset], inbounds=True)
+        source = context.make_array(signature.args[0])(context, builder, arguments[0])
+        length = builder.sub(builder.extract_value(source.shape, 0), offset)
+        eight = context.get_constant(types.intp, 8)
+        array = context.make_array(VIEW)(context, builder)
+        populate_array(
+            array, data=builder.gep(source.data, [offset]), shape=[length], strides=[eight],
+            itemsize=eight, meminfo=None,
+        )  # fmt: skip
+        return array._getvalue()
+
+    kind = values if isinstance(values, Cells) else VIEW
+    return kind(values, start), generate
+
+
+def _tail_interpreted(values: Any, place: int) -> Any:
+    return values[place:]
+
+
+# tail(values, start) is values[start:] where `start` lies inside: numba's own slice clips it
+# against the length at run time, which hides constant offsets from the optimiser.
+tail: Any = _tail_interpreted if JIT_OFF else _tail

@@ -1,0 +1,1 @@
+"""Laws: blocks, their functions, controllers, approximators, models, references."""

@@ -1,0 +1,115 @@
+"""Two-layer neural network with thresholds, n inputs, L hidden nodes, m outputs, and its tuning.
+
+    z  = V'[1; x]                  (L)      V (n+1, L), row 0: thresholds of the hidden layer   (1)
+    s  = [1; sigma(z)]             (L+1)    sigma of activations.py                             (2)
+    y  = W's                       (m)      W (L+1, m), row 0: thresholds of the output         (3)
+    E  = y_d - y                   (m)      error that drives the tuning                        (4)
+
+    backpropagation, discrete      W <- W + F s E'        V <- V + G [1; x] (s''W E)'           (5)
+    backpropagation, continuous    dW/dt = F s E'         dV/dt = G [1; x] (s''W E)'            (6)
+    Hebbian, continuous            dW/dt = F s E'
+                                   dV/dt = G ([1; x] sigma(z)' - leak V),  |V|_F <= limit       (7)
+
+s'' is the transpose of the hidden Jacobian s' = [0; diag sigma'(z)]. All right sides use the old W
+and V. F and G are scalars times identity here. (6) sampled with Euler's step T is (5) with F T and
+G T. With F = G = eta, (5) is -eta times the gradient of |E|^2/2.
+
+Hebbian tuning does not see the error in its first layer and without leak and limit |V| grows
+without bound; the book itself says that its performance is hard to guarantee. Nothing here uses it
+unless asked to.
+
+Matrices are views row by row: V_ij is v[i L + j], W_ji is w[j m + i]. No units but those of E and
+W. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 1.
+"""
+
+from typing import Any
+
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.approximators.activations import activate
+from pcpc.executive.laws.emath import sqrt, where
+
+
+@inline
+def hidden(kind: int, x: Any, n: int, nodes: int, v: Any, z: Any, s: Any, slope: Any) -> None:
+    """Write z (1), s (2) and sigma'(z): `x` (n,), `v` ((n+1) L,), `z`, `slope` (L,), `s` (L+1,)."""
+    for j in range(nodes):
+        z[j] = v[j]
+    for i in range(n):
+        for j in range(nodes):
+            z[j] += v[(i + 1) * nodes + j] * x[i]
+    s[0] = 1.0
+    for j in range(nodes):
+        s[j + 1], slope[j] = activate(kind, z[j])
+
+
+@inline
+def output(s: Any, n_s: int, w: Any, m: int, y: Any) -> None:
+    """Write y = W's (3): `s` (n_s,), `w` (n_s m,), `y` (m,); for every net linear in W."""
+    for i in range(m):
+        total = 0.0
+        for j in range(n_s):
+            total += w[j * m + i] * s[j]
+        y[i] = total
+
+
+@inline
+def tune_output(gain: float, s: Any, n_s: int, e: Any, m: int, w: Any) -> None:
+    """W <- W + gain s E' in place, as in (5); for every net linear in W."""
+    for j in range(n_s):
+        for i in range(m):
+            w[j * m + i] += gain * s[j] * e[i]
+
+
+@inline
+def back(slope: Any, nodes: int, w: Any, e: Any, m: int, b: Any) -> None:
+    """Write b = s''W E (L,), the error as the hidden layer sees it; call it before `w` is tuned."""
+    for j in range(nodes):
+        total = 0.0
+        for i in range(m):
+            total += w[(j + 1) * m + i] * e[i]
+        b[j] = slope[j] * total
+
+
+@inline
+def tune_first(gain: float, x: Any, n: int, b: Any, nodes: int, v: Any) -> None:
+    """V <- V + gain [1; x] b' in place, as in (5)."""
+    for j in range(nodes):
+        v[j] += gain * b[j]
+    for i in range(n):
+        for j in range(nodes):
+            v[(i + 1) * nodes + j] += gain * x[i] * b[j]
+
+
+@inline
+def tune(
+    f: float, g: float, e: Any, x: Any, n: int, nodes: int, m: int,
+    s: Any, slope: Any, b: Any, w: Any, v: Any,
+) -> None:  # fmt: skip
+    """One step of (5) in place after `hidden`; for (6) give f T and g T. `b` (L,) is scratch."""
+    back(slope, nodes, w, e, m, b)
+    tune_output(f, s, nodes + 1, e, m, w)
+    tune_first(g, x, n, b, nodes, v)
+
+
+@inline
+def tune_hebbian(
+    f: float, g: float, leak: float, limit: float, e: Any, x: Any, n: int, nodes: int, m: int,
+    s: Any, w: Any, v: Any,
+) -> None:  # fmt: skip
+    """One Euler step of (7) in place after `hidden`; `f`, `g` hold the step size already.
+
+    `leak` >= 0 with g leak < 1; `limit` of |V|_F, infinite for none.
+    """
+    kept = 1.0 - g * leak
+    square = 0.0
+    for i in range(n + 1):
+        xi = 1.0 if i == 0 else x[i - 1]
+        for j in range(nodes):
+            at = i * nodes + j
+            v[at] = kept * v[at] + g * xi * s[j + 1]
+            square += v[at] * v[at]
+    norm = sqrt(square)
+    scale = where(norm > limit, limit / norm, 1.0)
+    for at in range((n + 1) * nodes):
+        v[at] *= scale
+    tune_output(f, s, nodes + 1, e, m, w)

@@ -1,0 +1,73 @@
+"""Radial basis functions: Gaussian nodes on a grid with one-sided edges, or scattered with full P.
+
+    phi_j = exp(-(x - mu_j)' P_j^-1 (x - mu_j)/2)              P_j: variances, not widths       (1)
+    grid:  phi_j = prod_k exp(-(x_k - mu_jk)^2/(2 p_k))        first input slowest              (2)
+    edges: a node of the outermost centre is 1 beyond it       one-sided                        (3)
+    p_k = d_k^2/(8 ln 2)                                       neighbours cross at 1/2          (4)
+    y = W'phi, W <- W + F phi E'                               backprop.output, .tune_output    (5)
+
+d_k is the spacing of the n_k centres on axis k. On a grid of 5 x 5, 9 nodes are full Gaussians.
+x and mu in the units of the input, P in their squares. Source: Lewis, Campos, Selmic (SIAM 2002),
+chapter 1; (4) is chosen.
+"""
+
+from typing import Any
+
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import exp, expmsq, where
+
+CROSSING = 1.6651092223153954  # sqrt(4 ln 2): (x/d CROSSING)^2 = x^2/(2 p) with (4)
+
+
+@inline
+def gaussian_axis(x: float, low: float, d: float, count: int, at: int, out: Any) -> None:
+    """Write the factors (2) (3) (4) of one axis to out[at..]; centres low, low + d, ..."""
+    for j in range(count):
+        r = (x - (low + j * d)) / d
+        if j == 0:
+            r = where(r < 0.0, 0.0, r)
+        if j == count - 1:
+            r = where(r > 0.0, 0.0, r)
+        out[at + j] = expmsq(CROSSING * r)
+
+
+@inline
+def products(factors: Any, counts: Any, n: int, phi: Any) -> int:
+    """Write the product of one factor an axis for every node, first input slowest; return how many.
+
+    `factors` (sum of counts,), `counts` (n,) whole numbers, `phi` (product of counts,).
+    """
+    phi[0] = 1.0
+    size, at = 1, 0
+    for k in range(n):
+        count = int(counts[k])
+        for j in range(size - 1, -1, -1):  # backwards: phi grows in place
+            value = phi[j]
+            for i in range(count):
+                phi[j * count + i] = value * factors[at + i]
+        size *= count
+        at += count
+    return size
+
+
+@inline
+def grid(x: Any, n: int, low: Any, d: Any, counts: Any, factors: Any, phi: Any) -> None:
+    """Write phi (2); `x`, `low`, `d`, `counts` (n,), `factors` (sum of counts,) is scratch."""
+    at = 0
+    for k in range(n):
+        count = int(counts[k])
+        gaussian_axis(x[k], low[k], d[k], count, at, factors)
+        at += count
+    products(factors, counts, n, phi)
+
+
+@inline
+def scattered(x: Any, n: int, nodes: int, centres: Any, precisions: Any, phi: Any) -> None:
+    """Write phi (1): `centres` (nodes n,) row by row, `precisions` (nodes n n,) the P_j^-1."""
+    for j in range(nodes):
+        total = 0.0
+        for i in range(n):
+            for k in range(n):
+                di, dk = x[i] - centres[j * n + i], x[k] - centres[j * n + k]
+                total += di * precisions[(j * n + i) * n + k] * dk
+        phi[j] = exp(-0.5 * total)

@@ -1,0 +1,91 @@
+"""Two-layer neural network with logistic nodes, a bias and jump nodes; weights live in views.
+
+    a   = V'x                                  n hidden inputs                               (1)
+    s   = 1/(1 + exp(-a))                      logistic nodes                                (2)
+    phi = [1, s_1..s_n, j_1..j_m]              hidden vector: bias, smooth, jump nodes       (3)
+    y   = W'phi                                output                                        (4)
+
+A jump node is zero on one side of its switching point and rises as 1 - exp(-|v|/v_s) on the other;
+one node per side, so that both heights are learned:
+
+    j+ = 1 - exp(-v/v_s) for v > 0, else 0;    j- = 1 - exp(v/v_s) for v < 0, else 0         (5)
+
+Tuning by backpropagation with e-modification; r is the error that drives it, kappa > 0, the s' of
+the smooth nodes is s (1 - s):
+
+    dW_0 = F  (r                - kappa |r| W_0)                                             (6)
+    dW_s = F  ((s - s' a) r     - kappa |r| W_s)                                             (7)
+    dW_j = FJ (j r              - kappa |r| W_j)                                             (8)
+    dV   = G  (x (s' W_s)' r    - kappa |r| V)                                               (9)
+
+All right sides use the old W and V. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3: augmented
+neural network for jump functions, and the tuning laws with e-modification.
+"""
+
+from typing import Any
+
+from pcpc.drivers.jit import inline
+from pcpc.executive.laws.emath import clip, exp, logistic, where
+
+
+@inline
+def jump_pair(v: float, v_s: float, phi: Any, at: int) -> None:
+    """Write the two jump nodes (5) of `v` to phi[at] and phi[at + 1]."""
+    rise = 1.0 - exp(-abs(v) / v_s)
+    phi[at] = where(v > 0.0, rise, 0.0)
+    phi[at + 1] = where(v < 0.0, rise, 0.0)
+
+
+@inline
+def hidden(x: Any, n_in: int, n: int, v: Any, a: Any, phi: Any) -> None:
+    """Write a (1), phi[0] = 1, phi[1..n] (2). `x` (n_in,), `v` (n_in n,) row by row, `a` (n,)."""
+    phi[0] = 1.0
+    for j in range(n):
+        total = 0.0
+        for i in range(n_in):
+            total += v[i * n + j] * x[i]
+        a[j] = total
+        phi[j + 1] = logistic(total)
+
+
+@inline
+def output(phi: Any, w: Any, n_phi: int) -> float:
+    """Return y (4); `phi` and `w` (n_phi,)."""
+    y = 0.0
+    for j in range(n_phi):
+        y += w[j] * phi[j]
+    return y
+
+
+@inline
+def square_sum(w: Any, n: int) -> float:
+    """Return the sum of squares of w[0..n-1], for the Frobenius norm."""
+    total = 0.0
+    for j in range(n):
+        total += w[j] * w[j]
+    return total
+
+
+@inline
+def tune(
+    r: float, kappa: float, f: float, fj: float, g: float, dt: float,
+    x: Any, n_in: int, n: int, n_jump: int, a: Any, phi: Any, w: Any, v: Any,
+) -> None:  # fmt: skip
+    """One Euler step of (6) to (9) in place: `w` (1 + n + n_jump,), `v` (n_in n,)."""
+    leak = kappa * abs(r)
+    for j in range(n):
+        s = phi[j + 1]
+        slope = s * (1.0 - s)
+        back = slope * w[j + 1] * r
+        for i in range(n_in):
+            v[i * n + j] += dt * g * (x[i] * back - leak * v[i * n + j])  # (9), W still old
+        w[j + 1] += dt * f * ((s - slope * a[j]) * r - leak * w[j + 1])  # (7)
+    w[0] += dt * f * (r - leak * w[0])  # (6)
+    for j in range(n + 1, n + 1 + n_jump):
+        w[j] += dt * fj * (phi[j] * r - leak * w[j])  # (8)
+
+
+@inline
+def scaled(value: float, size: float) -> float:
+    """Return value/size within +-3: an entry of x."""
+    return clip(value / size, -3.0, 3.0)

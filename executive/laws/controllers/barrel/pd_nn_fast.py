@@ -1,0 +1,63 @@
+"""The composite law: PD, neural network for the slow part, boundary-layer loop for the fast part.
+
+    e = q_d - (encoder + hull_pitch),  e' = q_d' - hub_rate,  r = e' + Lam e             (1)
+    tau   = sat(Kv r + y_NN + Kz (|Z| + Z_B) r + u_F, tau_max)                           (2)
+            y_NN, |Z|: tracking_network.py (1)-(6);  u_F: boundary_layer.py (1)-(7)
+    u     = sat(tau - Km (w_m/N - w), tau_max),  w = hub_rate - hull_rate                (3)
+    motor = u/N                                                                          (4)
+
+rad, rad/s, N m; positive torque raises q. Source: singular-perturbation composite control with a
+neural slow part after Lewis, Campos, Selmic (SIAM 2002), chapters 3 and 9; numbers chosen.
+"""
+
+from typing import Any
+
+from pcpc.drivers.views import tail
+from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.controllers.barrel import boundary_layer, pd, tracking_network
+from pcpc.executive.laws.controllers.barrel.boundary_layer import fast
+from pcpc.executive.laws.controllers.barrel.tracking_network import learned_torque
+from pcpc.executive.laws.emath import clip
+
+_NETWORK = len(pd.GAINS)
+_FAST = _NETWORK + len(tracking_network.PARAMETERS)
+_X_FAST = tracking_network.SIZE
+
+
+@stage
+def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+    """One control period; see the module header."""
+    kv, lam, km, gear, tau_max = p[0], p[1], p[2], p[3], p[4]
+    q_d, q_d_rate = u[0], u[1]
+    encoder, hull_pitch, hub_rate, hull_rate, motor_speed = u[2], u[3], u[4], u[5], u[6]
+    q_d_acc, strain = u[7], u[8]
+
+    e = q_d - (encoder + hull_pitch)  # (1)
+    e_rate = q_d_rate - hub_rate
+    r = e_rate + lam * e
+    w = hub_rate - hull_rate
+    learned = learned_torque(
+        dt, e, r, (e_rate, q_d, q_d_rate, q_d_acc, w, hull_rate), tail(p, _NETWORK), x, tail(y, 4)
+    )
+    u_f = fast(dt, q_d, q_d_acc, strain, w, tail(p, _FAST), tail(x, _X_FAST))
+    tau = clip(kv * r + learned + u_f, -tau_max, tau_max)  # (2)
+    y[0] = clip(tau - km * (motor_speed / gear - w), -tau_max, tau_max) / gear  # (3) (4)
+    y[1] = tau
+    y[2] = e
+    y[3] = r
+    y[7] = u_f
+
+
+BLOCK = Block(
+    step,
+    inputs=(*pd.INPUTS, *boundary_layer.INPUTS),
+    outputs=(
+        *pd.OUTPUTS,
+        *tracking_network.OUTPUTS,
+        Port("fast_Nm", "N m", "torque of the boundary-layer loop, u_F"),
+    ),
+    settings=(*pd.GAINS, *tracking_network.SETTINGS, *boundary_layer.PARAMETERS),
+    parameters=(*pd.GAINS, *tracking_network.PARAMETERS, *boundary_layer.PARAMETERS),
+    states=(*tracking_network.STATES, *boundary_layer.STATES),
+    prepare=tracking_network.prepare,
+)

@@ -1,0 +1,1 @@
+"""Laws of the maps and the pendulum with play."""

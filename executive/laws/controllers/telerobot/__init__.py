@@ -1,0 +1,1 @@
+"""Laws of both sides of the telerobot."""

@@ -1,0 +1,204 @@
+"""The ports of a block, declared once: name, unit, meaning, range, shape. Steps use them by name.
+
+    class Gains(Ports):
+        kv_Nms_rad = port("N m s/rad", "gain on the filtered error", None, 0.0, 1000.0)
+
+    class States(Ports):
+        w = port("", "output weights", shape=(20, 2), recorded=False)
+        network = group(Network)                        the ports of another declaration
+
+A step that takes `p: Gains, x: States` says `p.kv_Nms_rad`, `x.w[n, j]`, `x.network`. The order of
+declaration is the order in memory, and known nowhere else; a derived class begins with the ports of
+its bases. In the table, elements of a port with a shape are `w_0`, `w_1`, ... row by row; with
+`named="position_#_rad"` they are `position_1_rad`, `position_2_rad`, .... Groups add no prefix.
+
+Compiled, such an argument is a pointer whose type holds places and shapes (`drivers.views`).
+Interpreted, it is an object of the class over a float64 view of the table.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, TypeVar, cast
+
+from pcpc.drivers.views import Field, Layout
+from pcpc.executive.errors import did_you_mean
+
+_T = TypeVar("_T", bound="Ports")
+
+
+@dataclass(frozen=True)
+class Port:
+    """One variable (or `size` of them, named name_0, name_1, ...) of a block.
+
+    `name` is snake_case and ends in its unit where that helps (`hub_rate_rad_s`); `unit` is the
+    text that wiring compares ("rad/s", "N m", "" for none); `default` None means that a rig file
+    must give it (settings) or that `prepare` does (parameters); a state starts at its default or 0.
+    `recorded` False keeps it out of the log: scratch, random generators, weights.
+    """
+
+    name: str
+    unit: str
+    help: str
+    default: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
+    size: int = 1
+    recorded: bool = True
+
+    def names(self) -> list[str]:
+        """Return the table names of this port's elements."""
+        if self.size == 1:
+            return [self.name]
+        return [f"{self.name}_{i}" for i in range(self.size)]
+
+
+@dataclass(frozen=True)
+class _Declared:
+    """What `port` returns until the class is complete."""
+
+    about: Port
+    shape: tuple[int, ...]
+    named: str
+    defaults: tuple[float, ...]
+
+
+def port(
+    unit: str,
+    help: str,
+    default: float | Sequence[float] | None = None,
+    low: float = -math.inf,
+    high: float = math.inf,
+    *,
+    shape: int | tuple[int, ...] = (),
+    named: str = "",
+    recorded: bool = True,
+) -> Any:
+    """Declare a port of the class around it; see Port.
+
+    `shape` makes it an array; `named` names its elements in the table, # counts from 1; `default`
+    may then be a sequence.
+    """
+    extents = (shape,) if isinstance(shape, int) else tuple(shape)
+    if any(type(extent) is not int or extent < 1 for extent in extents):
+        raise ValueError(f"shape {shape!r}: at least 1 in each dimension")
+    size = math.prod(extents)
+    several = isinstance(default, Sequence)
+    defaults = tuple(float(value) for value in default) if isinstance(default, Sequence) else ()
+    if several and (not named or len(defaults) != size):
+        raise ValueError(f"{len(defaults)} defaults for {size} elements; with `named`, one each")
+    one = None if several else default
+    assert not isinstance(one, Sequence)
+    return _Declared(Port("", unit, help, one, low, high, size, recorded), extents, named, defaults)
+
+
+def group(ports: type[_T]) -> _T:
+    """Declare the ports of another declaration as a part: `x.network.w`."""
+    return cast(_T, _Group(ports))
+
+
+@dataclass(frozen=True)
+class _Group:
+    ports: "type[Ports]"
+
+
+class Ports:
+    """Base of declarations; an instance is the interpreted meaning of a view."""
+
+    layout: ClassVar[Layout] = Layout("Ports", ())
+    size: ClassVar[int] = 0
+    ports: ClassVar[tuple[Port, ...]] = ()  # in the order of memory
+    _declared: ClassVar[dict[str, _Declared | _Group]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Lay out the ports of the bases, then those of the class itself."""
+        declared: dict[str, _Declared | _Group] = {}
+        for base in cls.__bases__:
+            for name, what in getattr(base, "_declared", {}).items():
+                _add(cls, declared, name, what)
+        for name, what in list(vars(cls).items()):
+            if isinstance(what, _Declared | _Group):
+                _add(cls, declared, name, what)
+        cls._declared = declared
+        fields: list[Field] = []
+        ports: list[Port] = []
+        place = 0
+        for name, what in declared.items():
+            if isinstance(what, _Group):
+                fields.append(Field(name, place, (), what.ports.layout))
+                ports += what.ports.ports
+                size = what.ports.size
+            else:
+                fields.append(Field(name, place, what.shape, None))
+                ports += _elements(name, what)
+                size = what.about.size
+            setattr(cls, name, _Access(name, place, size, what))
+            place += size
+        names = [element for one in ports for element in one.names()]
+        twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+        if twice is not None:
+            raise ValueError(f"{cls.__name__}: two ports are named {twice}")
+        cls.layout, cls.size, cls.ports = Layout(cls.__name__, tuple(fields)), place, tuple(ports)
+
+    def __init__(self, values: Any, label: str = "") -> None:
+        """Take the first `size` of `values`, a float64 vector; `label` is for messages."""
+        object.__setattr__(self, "_values", values[: self.size])
+        object.__setattr__(self, "_label", label)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse a name that is not declared: it would be lost."""
+        if name not in self._declared:
+            known = did_you_mean(name, list(self._declared))
+            raise AttributeError(f"{type(self).__name__} has no port {name}{known}")
+        object.__setattr__(self, name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        """Say what was meant."""
+        known = did_you_mean(name, list(self._declared))
+        raise AttributeError(f"{type(self).__name__} has no port {name}{known}")
+
+
+def _add(cls: type, declared: dict[str, Any], name: str, what: Any) -> None:
+    if name in declared or hasattr(Ports, name):
+        raise ValueError(f"{cls.__name__}: two ports are named {name}")
+    declared[name] = what
+
+
+def _elements(name: str, what: _Declared) -> list[Port]:
+    """Return the table's ports: those with names of their own one by one."""
+    about = replace(what.about, name=name)
+    if not what.named:
+        return [about]
+    defaults = what.defaults or (about.default,) * about.size
+    return [
+        replace(
+            about, name=what.named.replace("#", str(i + 1)), default=defaults[i], size=1,
+            help=about.help.replace("#", str(i + 1)),
+        )
+        for i in range(about.size)
+    ]  # fmt: skip
+
+
+class _Access:
+    """How an instance reads and sets one port."""
+
+    def __init__(self, name: str, place: int, size: int, what: _Declared | _Group) -> None:
+        self.name, self.place, self.past, self.what = name, place, place + size, what
+
+    def __get__(self, view: Any, cls: type) -> Any:
+        if view is None:
+            return self
+        if isinstance(self.what, _Declared) and not self.what.shape:
+            return view._values[self.place]
+        part = view._values[self.place : self.past]
+        if isinstance(self.what, _Group):
+            return self.what.ports(part, f"{view._label}.{self.name}")
+        part = part.reshape(self.what.shape)
+        if hasattr(part, "about"):  # guarded, see executive.trial
+            part.about = f"{view._label}.{self.name}"
+        return part
+
+    def __set__(self, view: Any, value: Any) -> None:
+        if isinstance(self.what, _Group) or self.what.shape:
+            raise AttributeError(f"{self.name} has several values: set them one by one")
+        view._values[self.place] = value

@@ -1,0 +1,1 @@
+"""Logs: written by the recorder, read back, also damaged or long ones."""

@@ -1,0 +1,135 @@
+"""What a log says about itself, checked once, where it is read: wrong parts are left out and told.
+
+    description    `<node>.json`: each key is of its type, or it is not there
+    facts          metadata of a node: clocks and period are numbers that time can have
+    entry          an event or a tuning: an object whose parts are of their types
+    frames         at most 8 bytes, sent or received, at a time and in a cycle that can be
+
+Texts are printable. So that whoever reads a log needs no checks of his own.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import printable
+
+LATEST = 1 << 62  # ns or cycles; the sum of two is an int64
+LONGEST_PERIOD_NS = 10**12
+_Int = Annotated[int, Meta(ge=-LATEST, le=LATEST)]
+_Count = Annotated[int, Meta(ge=0, le=LATEST)]
+_Number = int | float
+_Word = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]  # what somebody asked for, whatever it was
+_KINDS: dict[str, Any] = {
+    "node": str, "rig": str, "watch": str | None,
+    "files": list[dict[str, str | bool | int | list[str]]],
+    "period_ns": Annotated[int, Meta(ge=1, le=LONGEST_PERIOD_NS)], "cycles": _Count,
+    "variables": list[tuple[str, str, str, str, str]], "ranges": dict[str, tuple[_Number, _Number]],
+    "state_columns": list[str], "timing_columns": list[str],
+    "frames": dict[Annotated[str, Meta(pattern=r"\A[0-9]{1,10}\Z")], str],
+    "state_names": list[str], "fault_names": list[str], "metadata": dict[str, str],
+}  # fmt: skip
+_ENTRY: dict[str, Any] = {
+    "cycle": _Int, "stamp_ns": _Int, "name": str, "event": str, "argument": _Word,
+    "value": _Number | str,
+}  # fmt: skip
+_NEEDED = ("cycle", "stamp_ns", "value")
+_NUMBER_TEXT = re.compile(r"-?(nan|inf)")
+_WHOLE = re.compile(r"-?[0-9]{1,19}")
+
+
+def parsed(text: str | bytes) -> Any:
+    """Return a JSON value with printable texts; ValueError whatever is wrong with it."""
+    try:
+        return _clean(json.loads(text))
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def _clean(value: Any) -> Any:
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, list):
+        return [_clean(part) for part in value]
+    if isinstance(value, dict):
+        return {printable(key): _clean(part) for key, part in value.items()}
+    return value
+
+
+def _is(value: Any, kind: Any) -> bool:
+    try:
+        msgspec.convert(value, kind)
+    except (msgspec.ValidationError, OverflowError):
+        return False
+    return True
+
+
+def description(value: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Return the keys of a node's description that are of their type, and the names of others."""
+    wrong = [key for key, kind in _KINDS.items() if key in value and not _is(value[key], kind)]
+    return {key: part for key, part in value.items() if key not in wrong}, wrong
+
+
+def facts(metadata: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+    """Return a node's metadata without numbers that cannot be (clocks: 0), and their names."""
+    low = {"clock_wall_ns": 0, "clock_monotonic_ns": 0, "period_ns": 1}
+    high = {"period_ns": LONGEST_PERIOD_NS}
+    wrong = [
+        key
+        for key in low
+        if key in metadata
+        and not (
+            _WHOLE.fullmatch(metadata[key])
+            and low[key] <= int(metadata[key]) <= high.get(key, LATEST // 2)
+        )
+    ]
+    clocks = {key: "0" for key in wrong if key != "period_ns"}
+    return {key: text for key, text in metadata.items() if key not in wrong} | clocks, wrong
+
+
+def counts(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Return what a recorder counted, without what is no count."""
+    return {key: text for key, text in metadata.items() if re.fullmatch("[0-9]{1,18}", text)}
+
+
+def entry(text: bytes, named: bool = False) -> dict[str, Any] | None:
+    """Return an event or tuning, which must be `named`; None if it is none."""
+    try:
+        found = parsed(text)
+    except ValueError:
+        return None
+    needed = (*_NEEDED, "name") if named else _NEEDED
+    if not isinstance(found, dict) or not all(key in found for key in needed):
+        return None
+    if not all(_is(found[key], kind) for key, kind in _ENTRY.items() if key in found):
+        return None
+    value = found["value"]
+    if isinstance(value, str) and not _NUMBER_TEXT.fullmatch(value):
+        return None
+    return {key: part for key, part in found.items() if not isinstance(part, list | dict)}
+
+
+def sane(frames: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which frames (n,) of `logs.FRAME` a bus could have carried, (n,)."""
+    found = (frames["dlc"] <= 8) & (frames["direction"] <= 1)
+    for name in ("stamp_ns", "cycle"):
+        found &= (frames[name] >= -LATEST // 2) & (frames[name] <= LATEST // 2)
+    return np.asarray(found)
+
+
+def cycles(sequence: NDArray[np.int64], before: int | None = None) -> NDArray[np.int64]:
+    """Return cycle numbers of their low 32 bits; a fall by more than half of these is a wrap.
+
+    `before` is the cycle ahead of the first.
+    """
+    if not len(sequence):
+        return sequence
+    first = int(sequence[0]) if before is None else before
+    low = np.concatenate(([first & 0xFFFFFFFF], sequence))
+    return sequence + (first >> 32 << 32) + (np.cumsum(np.diff(low) < -(1 << 31)) << 32)

@@ -1,0 +1,280 @@
+"""Logs of any length in bounded memory: what is asked of them lies in tables on the disk.
+
+    row of a table     [cycle, stamp ns, column...]     cells of 8 bytes, a file a node
+
+A log of at most `SHORT_CYCLES` is read whole. Of a longer one the columns that are wanted go to
+files without a name beside the log, and are mapped; `LongLog.part` gives a stretch of all nodes.
+A column that was not foreseen costs one more pass over the file. `Columns.asked` holds what a
+function has asked of a log.
+
+Where a log keeps only a part of the run (`executive.log.keep`), the recorder writes tables of the
+whole run beside it, `sidecar`, for who judges the run and removes them.
+"""
+
+import mmap
+import tempfile
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.reader import Log, Node
+
+SHORT_CYCLES = 120_000  # of a node: with all columns 150 MB
+PART_CYCLES = 100_000  # of a long log looked at at once
+MOST_ENTRIES = 10_000  # events, and tunings, of a long log
+_EDGE_PERIODS = 3  # what belongs to a cycle is stamped at most 2 periods earlier
+WITHOUT_CLOCK = ("lockstep", "virtual")
+
+Wanted = Mapping[str, Sequence[str]]  # node -> columns
+Vector = NDArray[np.float64]
+
+
+class Columns(Mapping[str, Vector]):
+    """The columns of a node by name, fetched when asked for."""
+
+    def __init__(self, names: Sequence[str], fetch: Callable[[str], Vector]) -> None:
+        self._names, self._fetch = dict.fromkeys(names), fetch
+        self.asked: dict[str, None] = {}
+
+    def __getitem__(self, name: str) -> Vector:
+        if name not in self._names:
+            raise KeyError(name)
+        self.asked[name] = None
+        return self._fetch(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+
+def _cut(columns: Mapping[str, Vector], begin: int, end: int) -> Columns:
+    return Columns(list(columns), lambda name: columns[name][begin:end])
+
+
+class Table:
+    """Rows of a node in a file: written once, then mapped."""
+
+    def __init__(self, file: BinaryIO, names: Sequence[str]) -> None:
+        self.names = {name: 2 + i for i, name in enumerate(dict.fromkeys(names))}
+        self._file = file
+        self._memory: mmap.mmap | None = None
+
+    def append(self, rows: NDArray[np.int64]) -> None:
+        """Append rows that are laid out like the table's."""
+        self._file.write(rows.tobytes())
+
+    def close(self) -> None:
+        """End writing."""
+        self._file.close()
+
+    def write(self, node: Node) -> None:
+        """Append the rows of a piece of the node's run."""
+        rows = np.empty((len(node.cycle), 2 + len(self.names)), np.int64)
+        rows[:, 0], rows[:, 1] = node.cycle, node.stamp_ns
+        for name, place in self.names.items():
+            values = node.columns.get(name, node.timing.get(name))
+            rows[:, place] = np.float64(np.nan).view(np.int64) if values is None else (
+                np.ascontiguousarray(values, np.float64).view(np.int64))  # fmt: skip
+        self.append(rows)
+
+    def rows(self) -> NDArray[np.int64]:
+        """Return all rows, mapped."""
+        self._file.flush()
+        if self._memory is None:
+            width = 8 * (2 + len(self.names))
+            size = self._file.seek(0, 2) // width * width  # who wrote it may have been killed
+            if not size:
+                return np.empty((0, 2 + len(self.names)), np.int64)
+            self._memory = mmap.mmap(self._file.fileno(), size, access=mmap.ACCESS_READ)
+        return np.frombuffer(self._memory, np.int64).reshape(-1, 2 + len(self.names))
+
+    def column(self, name: str) -> Vector:
+        """Return a column, mapped."""
+        values: Vector = self.rows().view(np.float64)[:, self.names[name]]
+        return values
+
+    def forget(self) -> None:
+        """Give the memory back in which pages of the file lie."""
+        if self._memory is not None:
+            self._memory.madvise(mmap.MADV_DONTNEED)
+
+
+@dataclass(frozen=True)
+class LongLog(Log):
+    """A log whose columns lie in tables; `part_cycles` of it are looked at at once."""
+
+    tables: dict[str, list[Table]] = field(default_factory=dict)
+    part_cycles: int = PART_CYCLES
+
+    def parts(self, leader: str) -> Iterator[tuple[Log, int, int]]:
+        """Yield stretches of all nodes, with a cycle of `leader` more at both ends.
+
+        And its own part, as first and past row of `leader` in the stretch.
+        """
+        count = len(self.node[leader].cycle)
+        for begin in range(0, count, self.part_cycles):
+            end = min(begin + self.part_cycles, count)
+            first, past = max(begin - 1, 0), min(end + 1, count)
+            yield self._stretch(leader, first, past), begin - first, end - first
+            for table in (table for tables in self.tables.values() for table in tables):
+                table.forget()
+
+    def _stretch(self, leader: str, first: int, past: int) -> Log:
+        lead = self.node[leader]
+        ends = (lead.cycle[first], lead.cycle[past - 1]), (lead.stamp_ns[first],
+                                                           lead.stamp_ns[past - 1])  # fmt: skip
+        found = {}
+        for name, node in self.node.items():
+            a, b = (first, past) if name == leader else self._beside(name, *ends)
+            found[name] = replace(
+                node, cycle=np.array(node.cycle[a:b]), stamp_ns=np.array(node.stamp_ns[a:b]),
+                columns=_cut(node.columns, a, b), timing=_cut(node.timing, a, b),
+            )  # fmt: skip
+        return Log(self.path, found, self.attachments, self.metadata, self.missing)
+
+    def _beside(
+        self, name: str, cycles: tuple[int, int], stamps: tuple[int, int]
+    ) -> tuple[int, int]:
+        """Return the rows of another node that may belong to cycles of the leader."""
+        node, facts = self.node[name], self.metadata.get("executive", {})
+        times, ends, edge = node.stamp_ns, stamps, int(float(facts.get("period_ns", 0)))
+        if facts.get("pacing") in WITHOUT_CLOCK:
+            times, ends, edge = node.cycle, cycles, 1
+        before, after = ends[0] - _EDGE_PERIODS * edge, ends[1] + _EDGE_PERIODS * edge
+        return bisect_left(times, before), bisect_right(times, after)
+
+
+def read(
+    path: Path, wanted: Callable[[Log], Wanted] = lambda log: {}, *,
+    short: int = SHORT_CYCLES, part: int = PART_CYCLES,
+) -> Log:  # fmt: skip
+    """Return a log of any length, without its frames; LogError.
+
+    `wanted`: the columns that will be asked of a log like this one, which is its beginning.
+    """
+    kept: dict[str, list[Node]] = {}
+    about: dict[str, dict[str, Any]] = {}
+    entries: dict[str, tuple[list[Any], list[Any]]] = {name: ([], []) for name in logs.NODES}
+    notes: list[str] = []
+    tables: dict[str, list[Table]] = {}
+    for piece, _ in logs.pieces(path):
+        notes += piece.missing
+        for name, node in piece.node.items():
+            about[name] = node.description
+            for known, more in zip(entries[name], (node.events, node.tunings), strict=True):
+                known += more[: MOST_ENTRIES - len(known)] if tables else more
+            if tables:
+                if name not in tables:
+                    tables[name] = [_table(path, ())]
+                tables[name][0].write(node)
+            elif len(node.cycle) or name not in kept:
+                kept.setdefault(name, []).append(node)
+        longest = max((sum(len(node.cycle) for node in own) for own in kept.values()), default=0)
+        if not tables and longest > short:
+            one = {name: [max(own, key=lambda n: len(n.cycle))] for name, own in kept.items()}
+            first = _joined(path, one, about, entries, piece, notes)
+            names = wanted(first)
+            tables = {name: [_table(path, names.get(name, ()))] for name in kept}
+            for name, parts in kept.items():
+                for part_of_it in parts:
+                    tables[name][0].write(part_of_it)
+            columns = {name: (list(n.columns), list(n.timing)) for name, n in first.node.items()}
+            kept.clear()
+    if not tables:
+        return _joined(path, kept, about, entries, piece, notes)
+    return _mapped(path, tables, columns, about, entries, piece, notes, part)
+
+
+def sidecar(log: Path, node: str) -> Path:
+    """Return the file beside a log in which the recorder leaves a node's table."""
+    return log.with_name(f".{log.name}.{node}.judged")
+
+
+def whole(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = PART_CYCLES) -> Log:
+    """Return the whole run of a log that keeps a part, from the tables of `wanted` beside it."""
+    nodes, tables = {}, {}
+    for name, node in log.node.items():
+        try:
+            table = Table(sidecar(log.path, name).open("rb"), wanted.get(name, ()))
+        except OSError:
+            return log  # the node came never, or the recorder could not write
+        rows = table.rows()
+        columns = {
+            key: (lambda column: np.array(column) if len(rows) <= short else column)(
+                table.column(key)
+            )
+            for key in table.names
+        }
+        nodes[name] = Node(
+            np.array(rows[:, 0]), np.array(rows[:, 1]), columns, columns, np.empty(0, logs.FRAME),
+            node.events, node.tunings, node.description,
+        )  # fmt: skip
+        tables[name] = [table]
+    about = log.attachments, log.metadata, log.missing
+    if max((len(node.cycle) for node in nodes.values()), default=0) <= short:
+        return Log(log.path, nodes, *about)
+    return LongLog(log.path, nodes, *about, log.files, tables, part)
+
+
+def _joined(
+    path: Path, kept: Mapping[str, list[Node]], about: Mapping[str, Any],
+    entries: Mapping[str, tuple[list[Any], list[Any]]], last: Log, notes: list[str],
+) -> Log:  # fmt: skip
+    """Return consecutive pieces as one log."""
+    nodes = {name: logs.joined(parts, about[name], *entries[name]) for name, parts in kept.items()}
+    return Log(path, nodes, last.attachments, last.metadata, notes)
+
+
+def _mapped(
+    path: Path, tables: dict[str, list[Table]],
+    columns: Mapping[str, tuple[Sequence[str], Sequence[str]]], about: Mapping[str, Any],
+    entries: Mapping[str, tuple[list[Any], list[Any]]], last: Log, notes: list[str], part: int,
+) -> Log:  # fmt: skip
+    """Return a log whose columns lie in `tables`; of each node `columns`: (state, timing)."""
+    nodes = {}
+    for name, own in tables.items():
+        rows = own[0].rows()
+        known = columns.get(name, ((), ()))
+
+        def fetch(key: str, name: str = name, own: list[Table] = own) -> Vector:
+            for table in own:
+                if key in table.names:
+                    return table.column(key)
+            own.append(_more(path, name, key))
+            return own[-1].column(key)
+
+        nodes[name] = Node(
+            rows[:, 0], rows[:, 1], Columns(known[0], fetch), Columns(known[1], fetch),
+            np.empty(0, logs.FRAME), *entries[name], about[name],
+        )  # fmt: skip
+    about_all = last.attachments, last.metadata, notes, last.files
+    return LongLog(path, nodes, *about_all, tables, part)
+
+
+def _more(path: Path, name: str, column: str) -> Table:
+    """Return a table of one column more, by one more pass over the file."""
+    table = _table(path, (column,))
+    for piece, _ in logs.pieces(path):
+        if name in piece.node:
+            table.write(piece.node[name])
+    return table
+
+
+def _table(path: Path, names: Sequence[str]) -> Table:
+    """Return an empty table in a file without a name, beside the log where that can be."""
+    try:
+        file: Any = tempfile.TemporaryFile(dir=path.absolute().parent)  # noqa: SIM115  while it is mapped
+    except OSError:
+        file = tempfile.TemporaryFile()  # noqa: SIM115
+    return Table(file, names)

@@ -1,0 +1,339 @@
+"""MCAP files read in one pass, also damaged ones: what is not whole is left out and told.
+
+    file      magic, data records, DATA_END, summary records, FOOTER, magic
+
+What proves that a value is as it was written:
+
+    messages, schemas, channels    CRC-32 of their chunk
+    attachments, metadata          CRC-32 of their own
+    all data records               CRC-32 in DATA_END, if the file was finished
+    summary                        CRC-32 in FOOTER, if the file was finished
+
+A record that proves nothing is no value: it is skipped, with all up to the next that passes its own
+check. Messages outside of chunks are therefore left out. Records: `executive.log.mcap_records`.
+
+A file is read at a cost that its size bounds, whatever it declares:
+
+    bytes unpacked or searched     16 MiB + 200 for each byte of the file
+    messages                       20,000 + one for each byte of the file
+
+A message carries a time of its own, which no compression makes smaller than a byte; logs of this
+project have 4 to 10 bytes unpacked for a byte, and a message in 30.
+"""
+
+import mmap
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Metadata, Schema, Statistics
+from numpy.typing import NDArray
+
+from pcpc.executive.log.mcap_records import (
+    CHECKED,
+    DECLARED,
+    FOOTER,
+    LARGEST_CHUNK,
+    MAGIC,
+    MESSAGE_HEAD,
+    READERS,
+    RECORD,
+    UNREADABLE,
+    read_channel,
+    read_schema,
+)
+
+Piece = tuple[int, NDArray[np.uint8]]  # channel id, (messages, bytes of each record)
+
+_NAMES = {kind: Opcode(kind).name.lower() for kind in READERS}
+_ALIKE = 11  # opcode, length and channel: equal for messages of one channel and size
+_RUN = 256  # messages compared at once; longer runs come in pieces
+_WINDOWS = 1 << 12, 1 << 20  # bytes searched at once for the next whole record: first, at most
+_BYTES, _BYTES_PER_BYTE, _MESSAGES = 16 << 20, 200, 20_000
+_NOTES = 100  # damaged places told one by one
+_TIME_TOP, _TIME_TOP_END = 22, 0x40  # the last byte of a message's log time; 2^62 ns is in 2116
+
+
+class LogError(Exception):
+    """The file is no log of this project. One line, ready to print."""
+
+
+class TooMuchError(Exception):
+    """The file would cost more than its size justifies."""
+
+
+@dataclass
+class Scan:
+    """What a file holds, in file order; `place` of `size` bytes are read. `count`: by channel id.
+
+    `missing` says in words what could not be read; complete at the end of the file.
+    """
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    pieces: list[Piece] = field(default_factory=list)
+    attachments: list[Attachment] = field(default_factory=list)
+    metadata: list[Metadata] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    count: Counter[int] = field(default_factory=Counter)
+    statistics: Statistics | None = None
+    place: int = 0
+    size: int = 0
+    cost: int = 0  # bytes unpacked or searched so far
+    records: int = 0  # in chunks
+    untold: int = 0  # damaged places without a line of their own
+    untimely: int = 0  # messages left out for their time
+
+    def of(self, name: str) -> list[NDArray[np.uint8]]:
+        """Return the pieces of a topic."""
+        ids = {i for i, channel in self.channels.items() if channel.topic == name}
+        return [piece for i, piece in self.pieces if i in ids]
+
+    def topic(self, channel: int) -> str:
+        """Return the topic of a channel, empty if nothing describes it."""
+        return self.channels[channel].topic if channel in self.channels else ""
+
+    def note(self, line: str) -> None:
+        """Add a line to `missing`; after many of them only count."""
+        if len(self.missing) < _NOTES:
+            self.missing.append(line)
+        else:
+            self.untold += 1
+
+    def spend(self, size: int, records: int = 0) -> None:
+        """Count work that is about to be done; TooMuchError where the file is too small for it."""
+        self.cost += size
+        self.records += records
+        if self.cost > _BYTES + _BYTES_PER_BYTE * self.size:
+            raise TooMuchError("it unpacks to more than 200 times its size")
+        if self.records > _MESSAGES + self.size:
+            raise TooMuchError("it has more records than bytes")
+
+
+def scan(path: Path) -> Scan:
+    """Read all records of a file as far as they are whole; LogError if it is no MCAP file."""
+    found = Scan()
+    found.pieces.extend(walk(path, found))
+    return found
+
+
+def walk(path: Path, found: Scan, messages: bool = True) -> Iterator[Piece]:
+    """Yield the messages of a file as they come; put all else into `found`. LogError as `scan`.
+
+    All pieces of a chunk come at one `found.place`. Without `messages` chunks are not looked into.
+    """
+    try:
+        with path.open("rb") as file:
+            data = _map(file.fileno()) or file.read()
+    except OSError as error:
+        raise LogError(f"{path}: {error.strerror}") from None
+    begin = data[: len(MAGIC)]
+    if sum(a == b for a, b in zip(begin, MAGIC, strict=False)) < len(MAGIC) - 2:
+        what = f"begins with {begin!r}" if begin else "it is empty"
+        raise LogError(f"{path}: not an MCAP file ({what})")
+    if begin != MAGIC:
+        found.missing.append(f"the first bytes are damaged ({begin!r})")
+    found.size = len(data)
+    summary = _take_summary(data, found)
+    skipped = () if messages else (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+    try:
+        yield from _walk_data(data, summary, found, skipped)
+    except TooMuchError as error:
+        found.missing.append(f"all after byte {found.place}: {error}; no true log is like that")
+    if messages:
+        _compare(found)
+    if found.untold:
+        found.missing.append(f"{found.untold} further places are damaged")
+    if found.untimely:
+        found.missing.append(f"{found.untimely} messages of times beyond 2116; left out")
+
+
+def _map(descriptor: int) -> Any:
+    """Return the file as mapped memory; None for what cannot be mapped: a pipe, an empty file."""
+    try:
+        return mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
+    except (OSError, ValueError):
+        return None
+
+
+def _walk_data(
+    data: bytes, summary: int, found: Scan, skipped: tuple[int, ...] = ()
+) -> Iterator[Piece]:
+    """Yield the messages of the data section, which ends where `summary`, if not 0, begins."""
+    stop, place = summary or len(data), len(MAGIC)
+    crc = zlib.crc32(data[:place])
+    while place < stop:
+        found.place = place
+        try:
+            opcode, end, content = _whole(data, place, stop, found, skipped)
+        except UNREADABLE as error:
+            after = _next_whole(data, place + 1, stop, found)
+            if after == stop and not summary:
+                break
+            what = _NAMES.get(data[place], "record")
+            lost = f"all up to byte {after} is left out"
+            found.note(f"{what} at byte {place} is damaged ({error}); {lost}")
+            place = after
+            continue
+        if opcode == Opcode.DATA_END:
+            if content and content != crc and not (skipped or found.missing):
+                found.missing.append(
+                    "the checksum of all data does not match though that of each part does: "
+                    "only the file's header or an index can be damaged"
+                )
+            if not summary:
+                found.missing.append("the summary at the end is damaged or cut; the data is whole")
+            return
+        if not skipped:
+            crc = zlib.crc32(data[place:end], crc)
+        if content is None:
+            pass
+        elif opcode == Opcode.CHUNK:
+            try:
+                yield from _split(content, found)
+            except UNREADABLE as error:
+                found.note(f"a part of the chunk at byte {place}: {error or 'it is cut'}")
+        elif opcode == Opcode.ATTACHMENT:
+            found.attachments.append(content)
+        elif opcode == Opcode.METADATA:
+            found.metadata.append(content)
+        place = end
+    if not summary:
+        found.missing.append(
+            f"the end: nothing is readable after byte {place} of {len(data)} "
+            "(recorder killed, disk full, or file cut); the rest of the log is whole"
+        )
+
+
+def _whole(
+    data: bytes, place: int, stop: int, found: Scan, skipped: tuple[int, ...] = ()
+) -> tuple[int, int, Any]:
+    """Return (opcode, end, content) of the record at `place`; UNREADABLE if a check fails."""
+    if place + RECORD.size > stop:
+        raise ValueError("a record is cut")
+    opcode, length = RECORD.unpack_from(data, place)
+    end = place + RECORD.size + length
+    if opcode not in READERS:
+        raise ValueError(f"no record of kind {opcode} belongs here")
+    if end > stop:
+        raise ValueError(f"of {length} bytes only {stop - place - RECORD.size} follow")
+    if opcode in skipped:
+        return opcode, end, None
+    if opcode == Opcode.CHUNK and length >= DECLARED.size:
+        declared = DECLARED.unpack_from(data, place + RECORD.size)[2]
+        found.spend(declared if declared <= LARGEST_CHUNK else 0)
+    try:
+        return opcode, end, READERS[opcode](data[place + RECORD.size : end])
+    except UNREADABLE as error:
+        raise ValueError(str(error) or "it is cut") from None
+
+
+def _next_whole(data: bytes, place: int, stop: int, found: Scan) -> int:
+    """Return where the next record lies that passes a check of its own; `stop` if there is none."""
+    size, most = _WINDOWS
+    while place < stop:
+        window = np.frombuffer(data, np.uint8, min(size, stop - place), place)
+        starts = window[: max(len(window) - 8, 0)]
+        likely = np.isin(starts, CHECKED)
+        for high in range(5, 9):  # no record has 4 GiB
+            likely &= window[high : high + len(starts)] == 0
+        for i in np.flatnonzero(likely).tolist():
+            _, length = RECORD.unpack_from(data, place + i)
+            if length > stop - place - i:
+                continue
+            found.spend(length)
+            try:
+                _whole(data, place + i, stop, found)
+            except UNREADABLE:
+                continue
+            return place + i
+        place += max(len(starts), 1)
+        size = min(2 * size, most)
+    return stop
+
+
+def _take_summary(data: bytes, found: Scan) -> int:
+    """Take channels and counts from the summary; return where it begins, 0 if it is not whole."""
+    footer = len(data) - FOOTER.size
+    if footer < len(MAGIC):
+        return 0
+    opcode, length, start, _, crc, magic = FOOTER.unpack_from(data, footer)
+    if (opcode, length, magic) != (Opcode.FOOTER, 20, MAGIC) or not len(MAGIC) <= start <= footer:
+        return 0
+    if zlib.crc32(data[start : len(data) - 12]) != crc:
+        return 0
+    place = start
+    try:
+        while place < footer:
+            opcode, length = RECORD.unpack_from(data, place)
+            place += RECORD.size + length
+            body = data[place - length : min(place, footer)]
+            if opcode == Opcode.STATISTICS:
+                found.statistics = Statistics.read(ReadDataStream(BytesIO(body)))
+            else:
+                _describe(found, opcode, body)
+    except UNREADABLE as error:
+        found.missing.append(f"a part of the summary at the end: {error or 'it is cut'}")
+    return int(start)
+
+
+def _describe(found: Scan, opcode: int, body: bytes) -> None:
+    if opcode == Opcode.SCHEMA:
+        schema = read_schema(body)
+        found.schemas[schema.id] = schema
+    elif opcode == Opcode.CHANNEL:
+        channel = read_channel(body)
+        found.channels[channel.id] = channel
+
+
+def _split(data: bytes, found: Scan) -> Iterator[Piece]:
+    """Yield a chunk's messages; neighbours of one channel and size come as one piece."""
+    place = 0
+    while place < len(data):
+        opcode, length = RECORD.unpack_from(data, place)
+        size = RECORD.size + length
+        if place + size > len(data):
+            raise ValueError("a record is cut")
+        if opcode != Opcode.MESSAGE:
+            found.spend(0, 1)
+            _describe(found, opcode, data[place + RECORD.size : place + size])
+            place += size
+            continue
+        if size < MESSAGE_HEAD:
+            raise ValueError(f"a message of {size} bytes")
+        head = data[place : place + _ALIKE]
+        alone = data[place + size : place + size + _ALIKE] != head
+        count = 1 if alone else min((len(data) - place) // size, _RUN)
+        rows = np.frombuffer(data, np.uint8, count * size, place).reshape(count, size)
+        same = (rows[:, :_ALIKE] == rows[0, :_ALIKE]).all(axis=1)
+        if not same.all():
+            rows = rows[: int(same.argmin())]
+        channel = int.from_bytes(head[RECORD.size :], "little")
+        place += rows.size
+        found.count[channel] += len(rows)
+        found.spend(0, len(rows))
+        timely = rows[:, _TIME_TOP] < _TIME_TOP_END
+        if not timely.all():
+            found.untimely += len(rows) - int(timely.sum())
+            rows = rows[timely]
+        if len(rows):
+            yield channel, rows
+
+
+def _compare(found: Scan) -> None:
+    """Note the channels of which fewer messages are readable than were written, or no name."""
+    written = {} if found.statistics is None else found.statistics.channel_message_counts
+    for i, count in written.items():
+        if found.count[i] < count:
+            name = found.topic(i) or f"channel {i}"
+            found.note(f"{name}: {count - found.count[i]} of {count} messages")
+    unknown = sum(count for i, count in found.count.items() if i not in found.channels)
+    if unknown:
+        found.missing.append(f"the topics of {unknown} messages: no channel describes them")

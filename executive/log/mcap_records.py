@@ -1,0 +1,160 @@
+"""The records of an MCAP file one by one: layout, checksums, and the checks when they are read.
+
+    record    opcode (1 byte), length of the body (8), body
+
+A reader takes the body and returns its content; one of `UNREADABLE` says what is wrong with it.
+Only what carries a checksum is believed: chunks, attachments and, by an entry `crc32` of their own,
+metadata, for which the format has none. Declared sizes are believed only as far as they agree with
+what is there. Texts come back printable. Format: mcap.dev/spec.
+"""
+
+import json
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from functools import cache
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
+
+from pcpc.drivers.errors import printable
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD = struct.Struct("<BQ")  # opcode, bytes that follow
+FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, summary, its offsets, CRC-32, magic
+MESSAGE_HEAD = 31  # bytes of a message record before its payload
+CRC_KEY = "crc32"
+UNREADABLE = (
+    ValueError, struct.error, McapError, zstandard.ZstdError, MemoryError, OverflowError,
+)  # fmt: skip
+LARGEST_CHUNK = 16 << 20  # bytes; ours have 1 MiB, those of other tools usually 4
+DECLARED = struct.Struct("<QQQ")  # head of a chunk's body: first and last time, bytes unpacked
+
+
+@cache
+def message_dtype(payload_bytes: int) -> np.dtype[Any]:
+    """Return the layout of an MCAP message record whose payload has this size."""
+    return np.dtype(
+        [
+            ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
+            ("log_time", "<u8"), ("publish_time", "<u8"), ("data", "u1", (payload_bytes,)),
+        ]
+    )  # fmt: skip
+
+
+def metadata_crc(name: str, entries: Mapping[str, str]) -> str:
+    """Return the CRC-32 of a metadata record, hexadecimal, whatever the order of its entries."""
+    plain = sorted((key, value) for key, value in entries.items() if key != CRC_KEY)
+    return f"{zlib.crc32(json.dumps([name, plain]).encode()):08x}"
+
+
+def _read_chunk(body: bytes) -> bytes:
+    chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+    if not chunk.uncompressed_crc:
+        raise ValueError("it has no checksum")
+    data = unpacked(chunk)
+    if zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("its checksum does not match")
+    return data
+
+
+def unpacked(chunk: Chunk) -> bytes:
+    """Return a chunk's content, never more than it declares; one of UNREADABLE."""
+    size = chunk.uncompressed_size
+    if size > LARGEST_CHUNK:
+        raise ValueError(f"{size} bytes, more than any log has in one chunk")
+    if chunk.compression == "zstd":
+        told = zstandard.frame_content_size(chunk.data)
+        if told not in (-1, size):  # -1: not told
+            raise ValueError("its sizes disagree")
+        data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
+    elif chunk.compression == "lz4":
+        data = _unpacked_lz4(chunk.data, size)
+    elif chunk.compression:
+        raise ValueError(f"compression {printable(chunk.compression[:20])} is not known")
+    else:
+        data = chunk.data
+    if len(data) != size:
+        raise ValueError("its sizes disagree")
+    return bytes(data)
+
+
+def _unpacked_lz4(data: bytes, size: int) -> bytes:
+    import lz4.frame  # mcap brings it; only logs of other tools need it
+
+    try:
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    except (RuntimeError, EOFError) as error:
+        raise ValueError(str(error)) from None
+
+
+def read_schema(body: bytes) -> Schema:
+    """Return a schema record; one of UNREADABLE."""
+    schema = Schema.read(ReadDataStream(BytesIO(body)))
+    schema.name, schema.encoding = printable(schema.name), printable(schema.encoding)
+    return schema
+
+
+def read_channel(body: bytes) -> Channel:
+    """Return a channel record; one of UNREADABLE."""
+    channel = Channel.read(ReadDataStream(BytesIO(body)))
+    channel.topic = printable(channel.topic)
+    channel.message_encoding = printable(channel.message_encoding)
+    return channel
+
+
+def _read_attachment(body: bytes) -> Attachment:
+    if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
+        raise ValueError("its checksum does not match")
+    file = Attachment.read(ReadDataStream(BytesIO(body)))
+    file.name, file.media_type = printable(file.name), printable(file.media_type)
+    return file
+
+
+def _read_metadata(body: bytes) -> Metadata:
+    stream = ReadDataStream(BytesIO(body))
+    record = Metadata.read(stream)
+    crc = record.metadata.pop(CRC_KEY, None)
+    if crc is None:
+        raise ValueError(f"{printable(record.name[:80])!r} has no checksum")
+    if stream.count != len(body) or crc != metadata_crc(record.name, record.metadata):
+        raise ValueError("its checksum does not match")
+    texts = {printable(key): printable(value) for key, value in record.metadata.items()}
+    return Metadata(name=printable(record.name), metadata=texts)
+
+
+def _read_index(body: bytes) -> None:
+    if len(body) < 6 or int.from_bytes(body[2:6], "little") != len(body) - 6:
+        raise ValueError("its lengths disagree")
+
+
+def _read_header(body: bytes) -> None:
+    stream = ReadDataStream(BytesIO(body))
+    stream.read_prefixed_string()
+    stream.read_prefixed_string()
+    if stream.count != len(body):
+        raise ValueError("its lengths disagree")
+
+
+def _read_data_end(body: bytes) -> int:
+    (crc,) = struct.unpack("<I", body)
+    return int(crc)
+
+
+READERS: dict[int, Callable[[bytes], Any]] = {
+    Opcode.HEADER: _read_header,
+    Opcode.CHUNK: _read_chunk,
+    Opcode.MESSAGE_INDEX: _read_index,
+    Opcode.ATTACHMENT: _read_attachment,
+    Opcode.METADATA: _read_metadata,
+    Opcode.DATA_END: _read_data_end,
+}
+CHECKED = np.array(
+    [Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END], np.uint8
+)  # kinds of which garbage is no example

@@ -1,0 +1,306 @@
+"""A recorded run, read back from its MCAP file, also from a damaged one.
+
+    /state, /timing     a message a cycle: CDR header, then float64 fields in schema order
+    /can/frames         a message a frame: CDR header, then `FRAME`
+    /events, /tunings   JSON
+
+Topics of the other nodes begin with their names: /plant, /local. `sequence` is the low half of the
+cycle number; `log_time` is wall time: stamp - clock_monotonic_ns + clock_wall_ns of the node's
+metadata, ns. Where no clock ran (pacing lockstep, virtual) stamps are k T, and count from the start
+of the first node; `timing.wall_s` holds wall time. Metadata records: one a node (versions, clock,
+machine), `variables:<topic>` (field -> name, unit, help), `run` (what the recorder counted),
+`recovered` (what was missing when the log was written anew). Attachments: rig, DBC, `<node>.json`
+(the block's description). A value whose checksum does not match is left out and told in `missing`:
+see `executive.log.mcap_reader`.
+"""
+
+import hashlib
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import printable
+from pcpc.executive.log import checks as log_checks
+from pcpc.executive.log.mcap_reader import LogError, Scan, scan, walk
+from pcpc.executive.log.mcap_records import MESSAGE_HEAD, message_dtype
+from pcpc.executive.rig.roles import ROLES as NODES
+
+__all__ = ["NODES", "LogError", "Scan", "message_dtype", "scan", "walk"]  # and what is defined here
+
+CARRIED = "files/"  # how the names of attachments begin that `executive.rig.carried` describes
+CDR_BYTES = 4  # the header of a CDR payload: 00 01 00 00, little-endian
+FRAME = np.dtype(
+    [
+        ("stamp_ns", "<i8"), ("cycle", "<i8"), ("id", "<u4"), ("dlc", "u1"),
+        ("direction", "u1"), ("e2e", "u1"), ("reserved", "u1"), ("data", "u1", (8,)),
+    ]
+)  # fmt: skip
+_FIELD = re.compile(r"float64 (\w+)(.*)")
+
+
+def topic(node: str, kind: str) -> str:
+    """Return the topic of `kind` (state, timing, can/frames, events, tunings) for a node."""
+    return f"/{kind}" if node == "executive" else f"/{node}/{kind}"
+
+
+@dataclass(frozen=True)
+class Node:
+    """One node's run: `cycle`, `stamp_ns` (n,) int64; `columns`, `timing`: name -> (n,) float64."""
+
+    cycle: NDArray[np.int64]
+    stamp_ns: NDArray[np.int64]
+    columns: Mapping[str, NDArray[np.float64]]
+    timing: Mapping[str, NDArray[np.float64]]
+    frames: NDArray[Any]
+    events: list[dict[str, Any]]
+    tunings: list[dict[str, Any]]
+    description: dict[str, Any]
+
+    @property
+    def lost_cycles(self) -> int:
+        """Return how many cycles between the first and the last are not in the log."""
+        return int(self.cycle[-1] - self.cycle[0]) + 1 - len(self.cycle) if len(self.cycle) else 0
+
+
+@dataclass(frozen=True)
+class Log:
+    """A run. `missing` says in words what could not be read; empty for a whole file."""
+
+    path: Path
+    node: dict[str, Node]
+    attachments: dict[str, str]
+    metadata: dict[str, dict[str, str]]
+    missing: list[str]
+    files: Mapping[str, bytes] = field(default_factory=dict)  # of `executive.rig.carried`
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A field of a topic of columns: its name in the message, its dotted name, its unit."""
+
+    field: str
+    name: str
+    unit: str
+
+
+def read(path: Path) -> Log:
+    """Read a log as far as it is readable; LogError (one line) if it is not one of this project."""
+    return assemble(path, scan(path))
+
+
+def head(path: Path) -> Log:
+    """As `read`, without the records of the cycles: rig, DBC, metadata, descriptions."""
+    found = Scan()
+    for _ in walk(path, found, messages=False):
+        pass
+    return assemble(path, found)
+
+
+def pieces(
+    path: Path, size: int = 1 << 23,
+    see: Callable[[Scan, int, NDArray[np.uint8]], None] = lambda found, channel, rows: None,
+) -> Iterator[tuple[Log, bool]]:  # fmt: skip
+    """As `read`, in pieces of about `size` bytes of the file; yield them and whether it is the end.
+
+    `missing` of a piece is what could not be read since the piece before. `see` gets the scan and
+    each run of messages, channel and rows, as they come; at the end channel -1.
+    """
+    found, begin, told = Scan(), 0, 0
+    for piece in walk(path, found):
+        if found.place - begin >= size:
+            yield assemble(path, found, told), False
+            found.pieces.clear()
+            begin, told = found.place, len(found.missing)
+        found.pieces.append(piece)
+        see(found, *piece)
+    see(found, -1, np.empty((0, 0), np.uint8))
+    yield assemble(path, found, told), True
+
+
+def joined(
+    parts: Sequence[Node], about: dict[str, Any], events: list[Any], tunings: list[Any]
+) -> Node:
+    """Return consecutive pieces of a node as one, without frames."""
+    columns, timing = (
+        {key: np.concatenate([which(part)[key] for part in parts]) for key in which(parts[-1])}
+        for which in (lambda part: part.columns, lambda part: part.timing)
+    )
+    return Node(
+        np.concatenate([part.cycle for part in parts]),
+        np.concatenate([part.stamp_ns for part in parts]),
+        columns, timing, np.empty(0, FRAME), events, tunings, about,
+    )  # fmt: skip
+
+
+def assemble(path: Path, found: Scan, told: int = 0) -> Log:
+    """Return what a scan found as a log, without the first `told` notes of what is missing.
+
+    Raises LogError if it is not one of this project.
+    """
+    notes = found.missing[told:]
+    metadata = {record.name: record.metadata for record in found.metadata}
+    if "run" in metadata:
+        metadata["run"] = log_checks.counts(metadata["run"])
+    files = {one.name: one.data for one in found.attachments if one.name.startswith(CARRIED)}
+    attachments = {
+        one.name: one.data.decode("utf-8", "replace")
+        for one in found.attachments if one.name not in files
+    }  # fmt: skip
+    descriptions = _descriptions(metadata, attachments, notes)
+    if not descriptions:
+        reason = found.missing[0] if found.missing else "no metadata of a node"
+        raise LogError(f"{path}: an MCAP file, but not a log of pcpc ({reason})")
+    nodes = {
+        name: _node(name, found, metadata, about, notes) for name, about in descriptions.items()
+    }
+    return Log(path, nodes, attachments, metadata, notes, files)
+
+
+def frame_names(log: Log) -> dict[int, str]:
+    """Return the names in the DBC of the frames that the nodes know, by id as in `FRAME`."""
+    names: dict[int, str] = {}
+    for node in log.node.values():
+        names |= {int(i): str(name) for i, name in node.description.get("frames", {}).items()}
+    return names
+
+
+def variables(found: Scan, name: str) -> list[Variable]:
+    """Return the fields of a topic of columns, in the order of its messages; empty if unknown."""
+    schemas = [found.schemas.get(c.schema_id) for c in found.channels.values() if c.topic == name]
+    text = schemas[0].data.decode("utf-8", "replace") if schemas and schemas[0] else ""
+    known = next((m.metadata for m in found.metadata if m.name == f"variables:{name}"), {})
+    listed = []
+    for found_field in map(_FIELD.match, text.split("\n")):
+        if found_field:
+            short, dotted, unit = _field(*found_field.groups())
+            given = known.get(short, "absent")
+            about = _parsed(given, {"name": dotted or short, "unit": unit}, "", [])
+            name, unit = about.get("name", dotted or short), about.get("unit", "")
+            listed.append(Variable(short, str(name), str(unit)))
+    return listed
+
+
+def _field(field: str, rest: str) -> tuple[str, str, str]:
+    """Return field, dotted name and unit of a line `float64 field  # dotted [unit] help`."""
+    dotted, opened, about = rest.removeprefix("  # ").partition(" [")
+    unit, closed, _ = about.partition("]")
+    if not (rest.startswith("  # ") and dotted and opened and closed):
+        dotted = unit = ""
+    return field, printable(dotted), printable(unit)
+
+
+def payloads(path: Path, name: str) -> list[bytes]:
+    """Return the payloads of a topic in the order of recording."""
+    rows = (row for piece in scan(path).of(name) for row in piece)
+    return [row[MESSAGE_HEAD:].tobytes() for row in rows]
+
+
+def digest(path: Path, name: str) -> str:
+    """Return the sha256 over all payloads of a topic, to compare runs bit for bit."""
+    return hashlib.sha256(b"".join(payloads(path, name))).hexdigest()
+
+
+def _descriptions(
+    metadata: dict[str, dict[str, str]], attachments: Mapping[str, str], notes: list[str]
+) -> dict[str, dict[str, Any]]:
+    """Return the description of each node; add metadata that is damaged but repeated in there."""
+    found: dict[str, dict[str, Any]] = {}
+    for name in NODES:
+        if name not in metadata and f"{name}.json" not in attachments:
+            continue
+        text = attachments.get(f"{name}.json", "absent")
+        given = _parsed(text, {}, f"{name}: its description", notes)
+        about, wrong = log_checks.description(given)
+        if name not in metadata and {"metadata", "rig", "period_ns"} <= about.keys():
+            facts = about["metadata"] | {key: about[key] for key in ("rig", "period_ns")}
+            metadata[name] = {key: str(value) for key, value in facts.items()}
+        if name in metadata:
+            metadata[name], impossible = log_checks.facts(metadata[name])
+            found[name] = about
+            for key in wrong:
+                notes.append(f"{name}: {key} of its description is not readable")
+            for key in impossible:
+                notes.append(f"{name}: {key} is impossible")
+    return found
+
+
+def _node(
+    name: str, found: Scan, metadata: Mapping[str, Mapping[str, str]], about: dict[str, Any],
+    notes: list[str],
+) -> Node:  # fmt: skip
+    cycle, log_time, columns = _columns(found, topic(name, "state"))
+    timing_cycle, _, timing = _columns(found, topic(name, "timing"))
+    if timing and not np.array_equal(cycle, timing_cycle):  # one of them lost messages
+        _, kept, timing_kept = np.intersect1d(cycle, timing_cycle, return_indices=True)
+        if len(cycle) > len(kept):
+            notes.append(f"{name}: {len(cycle) - len(kept)} cycles have no timing; left out")
+        cycle, log_time = cycle[kept], log_time[kept]
+        columns = {key: values[kept] for key, values in columns.items()}
+        timing = {key: values[timing_kept] for key, values in timing.items()}
+    wall_ns, monotonic_ns = (
+        _parsed(metadata[name].get(key, "absent"), 0, f"{name}: {key}", notes)
+        for key in ("clock_wall_ns", "clock_monotonic_ns")
+    )
+    frames = _frames(found, name, notes)
+    return Node(
+        cycle, log_time - (wall_ns - monotonic_ns), columns, timing, frames,
+        _objects(found, topic(name, "events"), notes),
+        _objects(found, topic(name, "tunings"), notes), about,
+    )  # fmt: skip
+
+
+def _frames(found: Scan, name: str, notes: list[str]) -> NDArray[Any]:
+    """Return the frames of a node; what no bus could have carried is left out."""
+    messages = _messages(found, topic(name, "can/frames"), CDR_BYTES + FRAME.itemsize)
+    frames = np.ascontiguousarray(messages["data"][:, CDR_BYTES:]).view(FRAME)[:, 0]
+    sane = log_checks.sane(frames)
+    if not sane.all():
+        notes.append(f"{name}: {len(frames) - sane.sum()} frames that no bus could have carried")
+        frames = frames[sane]
+    return frames
+
+
+def _messages(found: Scan, name: str, payload_bytes: int) -> NDArray[Any]:
+    """Return the messages of a topic of one payload size as one structured array."""
+    dtype = message_dtype(payload_bytes)
+    rows = [piece for piece in found.of(name) if piece.shape[1] == dtype.itemsize]
+    if not rows:
+        return np.empty(0, dtype)
+    return np.concatenate(rows).view(dtype)[:, 0]
+
+
+def _columns(
+    found: Scan, name: str
+) -> tuple[NDArray[np.int64], NDArray[np.int64], dict[str, NDArray[np.float64]]]:
+    """Return (cycle, log_time in ns, columns by dotted name) of a topic of flat float64 fields."""
+    names = [variable.name for variable in variables(found, name)]
+    messages = _messages(found, name, CDR_BYTES + 8 * len(names))
+    values = np.frombuffer(messages["data"][:, CDR_BYTES:].tobytes(), "<f8")
+    values = values.reshape(len(messages), len(names)).T.copy()
+    cycle = log_checks.cycles(messages["sequence"].astype(np.int64))
+    return cycle, messages["log_time"].astype(np.int64), dict(zip(names, values, strict=True))
+
+
+def _objects(found: Scan, name: str, notes: list[str]) -> list[dict[str, Any]]:
+    texts = [row[MESSAGE_HEAD:].tobytes() for piece in found.of(name) for row in piece]
+    entries = [log_checks.entry(text, name.endswith("tunings")) for text in texts]
+    if bad := entries.count(None):
+        notes.append(f"{name}: {bad} entries are not readable")
+    return [entry for entry in entries if entry is not None]
+
+
+def _parsed(text: str | bytes, otherwise: Any, what: str, notes: list[str]) -> Any:
+    """Return the JSON value; `otherwise`, and a note, if it is damaged or of another kind."""
+    try:
+        value = log_checks.parsed(text)
+    except ValueError:
+        value = None
+    if isinstance(value, type(otherwise)) and not isinstance(value, bool):
+        return value
+    notes.append(f"{what} is not readable")
+    return otherwise

@@ -1,0 +1,387 @@
+"""The recorder drains the rings of the nodes' shared blocks into one MCAP file.
+
+    row of the ring   [cycle, stamp, header, state..., header, timing...]   cells of 8 bytes
+    /state            the upper half of the first header and all state cells, byte for byte
+    /timing           the same of the second header
+    log_time          stamp - clock_monotonic_ns + clock_wall_ns            wall time, ns
+                      without a clock: k T + clock_wall_ns of the first node
+
+A chunk (at most 1 MiB, zstd) is ended and handed to the kernel every 0.5 s, and what explains a log
+(description, rig, DBC) is written first: `kill -9` costs less than a second. As a process:
+`python -m pcpc.executive.log.recorder OUT.mcap EXECUTIVE_BLOCK [PLANT_BLOCK]`. Topics: see
+`executive.log.reader`.
+"""
+
+import argparse
+import json
+import math
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.executive.errors import FULL
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.beside import Beside
+from pcpc.executive.log.keep import Sink, SnapshotRing
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
+from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
+from pcpc.executive.log.schemas import EVENTS, FRAME_SCHEMA, JSON_SCHEMAS, field_names
+from pcpc.executive.loop import shared, sharing
+from pcpc.executive.loop.shared import RINGS, Shared, SharedError
+from pcpc.executive.rig import carried
+
+FLUSH_NS = 500_000_000  # half of the second that a kill may cost
+POLL_S = 0.02
+_OF_THE_MEMORY = ("attachments", "blocks", "record_columns", "name")  # not described in a log
+LOSS, NO_ENVIRONMENT = 3, 4  # exit codes
+
+
+class _Node:
+    """One attached block: its channels and what was counted."""
+
+    def __init__(self, block: Shared, writer: BulkWriter) -> None:
+        about = block.description
+        self.block, self.name = block, str(about["node"])
+        facts = about["metadata"]
+        self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
+        self.clocked = facts.get("pacing") not in WITHOUT_CLOCK
+        self.period_ns = int(about["period_ns"])
+        self.written = dict.fromkeys(RINGS, 0)
+        self.backlog = dict.fromkeys(RINGS, 0)
+        self.taken = {ring: _taken(block, ring) for ring in RINGS}
+        self.beside = Beside(about)
+        self.state_end = 8 * (shared.RECORD_HEAD + len(about["state_columns"]))
+        self.channels = {
+            "state": self._register_columns(writer, "state", about["state_columns"]),
+            "timing": self._register_columns(writer, "timing", about["timing_columns"]),
+        }
+        frames = writer.register(self._topic("can/frames"), "pcpc/Frame", FRAME_SCHEMA, "cdr")
+        self.channels["can/frames"] = frames
+        for kind, schema in JSON_SCHEMAS.items():
+            topic = f"{kind.lower()}s"
+            self.channels[topic] = writer.register(
+                self._topic(topic), f"pcpc.{kind}", json.dumps(schema), "json"
+            )
+
+    def _topic(self, kind: str) -> str:
+        return logs.topic(self.name, kind)
+
+    def _register_columns(self, writer: BulkWriter, kind: str, names: Sequence[str]) -> int:
+        known = {row[0]: row for row in self.block.description["variables"]}
+        lines, mapping = [], {}
+        for field, name in zip(field_names(names), names, strict=True):
+            _, unit, sort, owner, text = known.get(name, (name, "", "", "", ""))
+            comment = f"{name} [{unit or '1'}] {' '.join(text.split())}"
+            lines.append(f"float64 {field}  # {comment.rstrip()}")
+            about = {"name": name, "unit": unit, "kind": sort, "writer": owner, "help": text}
+            mapping[field] = json.dumps(about)
+        schema = f"pcpc/{'' if self.name == 'executive' else self.name.title()}{kind.title()}"
+        writer.add_metadata(f"variables:{self._topic(kind)}", mapping)
+        return writer.register(self._topic(kind), schema, "\n".join(lines) + "\n", "cdr")
+
+    def over(self) -> bool:
+        """Return whether the loop has ended, in good order or by death: it puts no more rows."""
+        alive = self.block.alive()  # before the look at DONE: its last word counts
+        return bool(self.block["control"][shared.DONE]) or not alive
+
+    def empty(self) -> bool:
+        """Return whether all that was put is taken."""
+        return all(self.block[f"{r}_ends"][shared.PUT] == self.taken[r] for r in RINGS)
+
+    def died(self) -> bool:
+        """Return whether the loop ended without good order."""
+        return bool(self.block["control"][shared.PID]) and not self.block["control"][shared.DONE]
+
+    def drain(self, sink: Sink) -> bool:
+        """Move the rows that are now in the rings on; return whether one was 1/8 full."""
+        full = False
+        for ring in RINGS:
+            rows, taken = self.block[ring], self.taken[ring]
+            put = int(self.block[f"{ring}_ends"][shared.PUT])
+            self.backlog[ring] = max(self.backlog[ring], put - taken)
+            full = full or put - taken > len(rows) // 8
+            most = CHUNK_BYTES // (8 * rows.shape[1] + 128)  # with the heads of two messages
+            self.block[f"{ring}_taken"][0] = taken  # whatever others have written there
+            while taken < put:
+                start = taken % len(rows)
+                count = min(put - taken, len(rows) - start, most)
+                messages = self._convert(ring, rows[start : start + count])
+                self.beside.note(ring, rows[start : start + count])
+                taken += count
+                self.taken[ring] = self.block[f"{ring}_taken"][0] = taken
+                (sink.pass_on if ring == "event" else sink.add)(messages)
+                self.written[ring] += count
+                if ring == "event":
+                    for row in rows[start : start + count]:
+                        sink.happened(int(row[2]), int(row[0]) + self.wall_ns)
+        return full
+
+    def _convert(self, ring: str, rows: NDArray[np.int64]) -> list[NDArray[Any]]:
+        """Return copies of ring rows as message records."""
+        cells = rows.view(np.uint8)
+        if ring == "record":
+            cycle, end = rows[:, 0], self.state_end
+            stamps = rows[:, 1] if self.clocked else cycle * self.period_ns
+            log_ns = stamps + self.wall_ns
+            head = 8 * shared.RECORD_HEAD - logs.CDR_BYTES
+            state, timing = cells[:, head:end], cells[:, end + 8 - logs.CDR_BYTES :]
+            ids = self.channels
+            return [
+                message_records(ids["state"], cycle, log_ns, state),
+                message_records(ids["timing"], cycle, log_ns, timing),
+            ]
+        if ring == "frame":
+            log_ns, data = rows[:, 1] + self.wall_ns, cells[:, 8 - logs.CDR_BYTES :]
+            return [message_records(self.channels["can/frames"], rows[:, 2], log_ns, data)]
+        return [self._event(row) for row in rows]
+
+    def _event(self, row: NDArray[np.int64]) -> NDArray[Any]:
+        stamp, cycle, code, argument = (int(word) for word in row[:4])
+        number = float(row[4:].view(np.float64)[0])
+        value = number if math.isfinite(number) else repr(number)  # JSON has no nan, inf
+        entry: dict[str, Any] = {"cycle": cycle, "stamp_ns": stamp}
+        about = self.block.description
+        if code == shared.TUNING_EVENT:
+            entry |= {"name": about["variables"][argument][0], "value": value}
+        elif code in (shared.CHANGE_EVENT, shared.NOT_FINITE_EVENT):
+            kind = "change" if code == shared.CHANGE_EVENT else "not finite"
+            entry |= {"event": kind, "name": about["variables"][argument][0], "value": value}
+        else:
+            kind = EVENTS.get(code, f"code_{code}")
+            entry |= {"event": kind, "argument": argument, "value": value}
+            names = about.get(f"{kind}_names", ())
+            if code == shared.REFUSED_EVENT:
+                names = [variable[0] for variable in about["variables"]]
+            if 0 <= argument < len(names):
+                entry["name"] = names[argument]
+            if code == shared.FOREIGN_EVENT:
+                entry["name"] = about["frames"].get(str(argument), "")
+        data = np.frombuffer(json.dumps(entry).encode(), np.uint8)[None, :]
+        channel = self.channels["tunings" if code == shared.TUNING_EVENT else "events"]
+        return message_records(channel, row[1:2], row[0:1] + self.wall_ns, data)
+
+
+def _taken(block: Shared, ring: str) -> int:
+    """Return how many rows of a ring are taken already; a word that cannot be true counts as none.
+
+    From here on the recorder's own count holds: any client may write into that word.
+    """
+    put, rows = int(block[f"{ring}_ends"][shared.PUT]), len(block[ring])
+    taken = int(block[f"{ring}_taken"][0])
+    return taken if 0 <= taken <= put <= taken + rows else max(put - rows, 0)
+
+
+class Recorder:
+    """Writes the blocks' rings to `path`; call `drain` every 20 to 50 ms, at the end `finish`.
+
+    `late` names blocks that may appear later or never. `judged`: columns by node that go whole into
+    tables beside a log that keeps a part of the run. `clock` (ns) only paces the flushes. Raises
+    RecordError, once the file cannot be written any more.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        blocks: Sequence[Shared],
+        late: Sequence[str] = (),
+        judged: Wanted | None = None,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.path, self.clock, self.judged = path, clock, judged or {}
+        self.late = list(late)
+        self.nodes: list[_Node] = []
+        self.drains = self.busy_ns = self.longest_ns = 0
+        self._full = False
+        self.flushed_ns = clock()
+        self._files: dict[str, str] = {}
+        self.started_ns = int(blocks[0].description["metadata"]["clock_monotonic_ns"])
+        self.started_s = 1e-9 * int(blocks[0].description["metadata"]["clock_wall_ns"])
+        self._writing(lambda: self._open(blocks))
+
+    def _open(self, blocks: Sequence[Shared]) -> None:
+        self.writer = BulkWriter(self.path)
+        self.writer.start(profile="ros2")
+        self.sink = Sink(self.writer)
+        for block in blocks:
+            self._add(block)
+        self._attach_late()
+        about = blocks[0].description
+        if about.get("keep_ns"):
+            self.sink = SnapshotRing(self.writer, about["keep_ns"], about["keep_on"])
+        self.writer.flush()
+
+    def _writing(self, action: Callable[[], None]) -> None:
+        """Do `action`; an OSError becomes RecordError and closes the file as it is."""
+        try:
+            action()
+        except OSError as error:
+            if hasattr(self, "writer"):
+                with suppress(OSError):
+                    self.writer.file.close()
+            raise RecordError(
+                f"{self.path}: the log cannot be written: {error.strerror}; "
+                "free space there or choose another folder",
+                error.errno in FULL,
+            ) from None
+
+    def _add(self, block: Shared) -> None:
+        """Take up a node; write what explains its messages first."""
+        self._set_clock(block.description["metadata"])
+        about = block.description
+        node = _Node(block, self.writer)
+        if node.name in self.judged:
+            node.beside.judge_by(self.path, self.judged[node.name])
+        facts = {str(key): str(value) for key, value in about["metadata"].items()}
+        facts |= {"rig": str(about["rig"]), "period_ns": str(about["period_ns"])}
+        self.writer.add_metadata(node.name, facts)
+        rest = {k: v for k, v in about.items() if k not in _OF_THE_MEMORY}
+        about_json = {f"{node.name}.json": json.dumps(rest)}
+        wall_ns = int(about["metadata"]["clock_wall_ns"])
+        for name, data, digest in carried.attachments(about, about_json):
+            place = name if self._files.get(name, digest) == digest else f"{node.name}/{name}"
+            if self._files.setdefault(place, "") == "":
+                self._files[place] = digest
+                self.writer.add_attachment(wall_ns, wall_ns, place, "text/plain", data)
+        self.nodes.append(node)
+
+    def _set_clock(self, facts: dict[str, str]) -> None:
+        """Let the stamps of a node without a clock, k T, count from the start of the first node."""
+        if facts.get("pacing") in WITHOUT_CLOCK:
+            first = self.nodes[0].block.description["metadata"] if self.nodes else facts
+            facts |= {"clock_monotonic_ns": "0", "clock_wall_ns": first["clock_wall_ns"]}
+
+    def _attach_late(self) -> None:
+        """Take up late nodes that are there, except one that an earlier run is leaving."""
+        for name in list(self.late):
+            with suppress(SharedError):
+                block = sharing.attach(name, sharing.RECORDER)
+                if not block["control"][shared.DONE] or self._in_this_run(block):
+                    self._add(block)
+                    self.late.remove(name)
+
+    def _in_this_run(self, block: Shared) -> bool:
+        """Return whether the node of `block`, which has ended, ran when the first had started."""
+        put, rows = int(block["record_ends"][shared.PUT]), block["record_values"]
+        names = block.description["timing_columns"]
+        if not put:
+            return False
+        last = (put - 1) % len(rows)
+        if "timing.wall_s" not in names:
+            return int(block["record"][last, 1]) > self.started_ns
+        at = shared.RECORD_HEAD + len(block.description["state_columns"]) + 1
+        wall_s = float(rows[last, at + names.index("timing.wall_s")])
+        return wall_s > self.started_s  # stamps without a clock are k T
+
+    def drain(self) -> bool:
+        """Move what is in the rings to the file; end the chunk when it is 0.5 s old.
+
+        Return whether a ring was 1/8 full: the nodes run without a clock, do not sleep.
+        """
+        began_ns = self.clock()
+        self._writing(lambda: self._drain(began_ns))
+        took_ns = self.clock() - began_ns
+        self.drains, self.busy_ns = self.drains + 1, self.busy_ns + took_ns
+        self.longest_ns = max(self.longest_ns, took_ns)
+        return self._full
+
+    def _drain(self, now_ns: int) -> None:
+        self._attach_late()
+        full = [node.drain(self.sink) for node in self.nodes]
+        self._full = any(full)
+        if now_ns - self.flushed_ns >= FLUSH_NS:
+            self.writer.flush()
+            self.flushed_ns = now_ns
+
+    def over(self) -> bool:
+        """Return whether all nodes have ended and all that they put is taken."""
+        if not all(node.over() for node in self.nodes):
+            return False
+        self._writing(self._attach_late)  # of a node that came and went since
+        return all(node.empty() for node in self.nodes)
+
+    def dropped(self) -> dict[str, int]:
+        """Return the rows that found a ring full, by `node.ring`."""
+        return {
+            f"{node.name}.{ring}": int(node.block[f"{ring}_ends"][shared.DROPPED])
+            for node in self.nodes
+            for ring in RINGS
+        }
+
+    def finish(self) -> None:
+        """Take the last rows, write counts, statistics and index, close the file."""
+        if not self.writer.file.closed:
+            self.drain()
+            self._writing(self._finish)
+
+    def _finish(self) -> None:
+        if any(node.died() for node in self.nodes):
+            self.sink.died()
+        self.sink.close()
+        for node in self.nodes:
+            node.beside.close()
+        counts: dict[str, int] = {f"dropped.{key}": n for key, n in self.dropped().items()}
+        for node in self.nodes:
+            for ring in RINGS:
+                counts[f"written.{node.name}.{ring}"] = node.written[ring]
+                counts[f"backlog_max.{node.name}.{ring}"] = node.backlog[ring]
+        counts |= {
+            "discarded": self.sink.discarded,
+            "drains": self.drains,
+            "busy_us": self.busy_ns // 1000,
+        }
+        counts["longest_drain_us"] = self.longest_ns // 1000
+        self.writer.flush()
+        self.writer.add_metadata("run", {key: str(n) for key, n in counts.items()})
+        frames = {key: n for node in self.nodes for key, n in node.beside.frame_counts().items()}
+        self.writer.add_metadata("frames", {key: str(n) for key, n in frames.items()})
+        self.writer.finish()
+        self.writer.file.close()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Record until the nodes have ended or SIGTERM comes; return the exit code."""
+    parser = argparse.ArgumentParser(
+        "pcpc.executive.log.recorder", description="record running nodes into OUT"
+    )
+    parser.add_argument("out", type=Path)
+    parser.add_argument("executive")
+    parser.add_argument("others", nargs="*", help="blocks that may appear later or never")
+    parser.add_argument("--judged", type=json.loads, default={}, help="columns by node, as JSON")
+    options = parser.parse_args(argv)
+    stopped: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGHUP):  # handlers: numpy's threads escape a signal mask
+        signal.signal(number, lambda which, _: stopped.append(which))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the nodes; it sees them end
+    os.nice(10)
+    try:
+        block = sharing.attach(options.executive, sharing.RECORDER)
+        recorder = Recorder(options.out, [block], options.others, options.judged)
+    except (RecordError, SharedError) as error:
+        print(error, file=sys.stderr)
+        return LOSS if getattr(error, "full", False) else NO_ENVIRONMENT
+    with suppress(BrokenPipeError):
+        print("ready", flush=True)
+    try:
+        while not stopped and not recorder.over():
+            if not recorder.drain():
+                time.sleep(POLL_S)
+        recorder.finish()
+    except RecordError as error:
+        print(error, file=sys.stderr)
+        return LOSS
+    lost = {ring: rows for ring, rows in recorder.dropped().items() if rows}
+    if lost:
+        print(f"{options.out}: rows dropped, the ring was full: {lost}", file=sys.stderr)
+    return LOSS if lost else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,29 @@
+"""Why a node faulted, in words: the fault's name, and what it was about where that is known."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.supervisor import ANOTHER_SENDER, REPEATED_INPUT
+
+
+def reason(description: Mapping[str, Any], control: Any) -> str:
+    """Return the reason of the fault in a block's `control`."""
+    fault = int(control[sh.FAULT])
+    if fault == ANOTHER_SENDER:
+        return f"another sender of {_culprit(description, control)} is on this bus"
+    if fault == REPEATED_INPUT:
+        what = "was repeated again and again: another sender of it is on this bus"
+        return f"{_culprit(description, control)} {what}"
+    return str(description["fault_names"][fault])
+
+
+def frame_text(can_id: int, extended: bool, name: str) -> str:
+    """Return a frame as users know it: 0x080 (SYNC)."""
+    return f"0x{can_id:0{8 if extended else 3}X} ({name})"
+
+
+def _culprit(description: Mapping[str, Any], control: Any) -> str:
+    word = int(control[sh.CULPRIT])
+    can_id = word & 0x1FFFFFFF
+    return frame_text(can_id, bool(word >> 31), description["frames"].get(str(can_id), "?"))

@@ -1,0 +1,46 @@
+"""Frames lost on purpose, at their receivers: singly or in bursts, the same in every run.
+
+    two states, good and lost, a draw a frame (Gilbert):
+    good -> lost with p,  lost -> good with q = 1/burst,  p = q share/(1 - share)           (1)
+    s' = 48271 s mod 2^31 - 1,  u = s/(2^31 - 1)            Park and Miller's generator     (2)
+
+Each frame has a generator of its own, so that the order in which frames come does not matter, and a
+virtual run loses what a run on a bus loses.
+"""
+
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+from pcpc.drivers import dbc
+from pcpc.drivers.jit import loop_function
+
+ENTER, LEAVE = 0, 1  # columns of `loss`: p and q of (1)
+STATE, LOST = 0, 1  # columns of `loss_state`: s of (2), 1 in the lost state
+_PRIME, _FACTOR = 2**31 - 1, 48271
+
+
+def install(
+    loop: Any, frames: list[dbc.Frame], losses: Mapping[str, tuple[float, float]], seed: int
+) -> None:
+    """Write the losses of the received `frames` into the LOOP record: share and burst by name."""
+    for row, frame in enumerate(frames):
+        share, burst = losses.get(frame.name, (0.0, 1.0))
+        if share > 0.0:
+            leave = 1.0 / burst
+            loop.loss[row] = (min(leave * share / (1.0 - share), 1.0), leave)
+            drawn = zlib.crc32(f"{seed} {frame.name}".encode())
+            loop.loss_state[row] = (1 + drawn % (_PRIME - 1), 0)
+
+
+@loop_function
+def is_lost(n: Any, row: Any) -> Any:
+    """Draw whether the frame that has just come in on `row` is lost (1) (2)."""
+    if n.loss[row, ENTER] <= 0.0:
+        return False
+    s = n.loss_state[row, STATE] * _FACTOR % _PRIME
+    n.loss_state[row, STATE] = s
+    turns = s / _PRIME < n.loss[row, LEAVE if n.loss_state[row, LOST] != 0 else ENTER]
+    if turns:
+        n.loss_state[row, LOST] = 1 - n.loss_state[row, LOST]
+    return n.loss_state[row, LOST] != 0

@@ -1,0 +1,61 @@
+"""How nodes find each other, recorded the same in every run without a clock.
+
+Each node repeats its heartbeat until the other one is there. How often depends on who was started
+first, so that in lockstep and virtual time only what always happens is taken and recorded:
+
+    sent                 one heartbeat, once the node below was heard (the plant: at once)
+    received from above  the first heartbeat, then SYNC(0)
+    received from below  the first heartbeat, then the frames of the sample of t = 0
+
+That sample has a heartbeat too, which looks like those before it. Of those the latest is held, and
+taken when a frame comes that is sent after it; a frame that is sent before it shows that the
+sample's own is still to come.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.jit import loop_function
+from pcpc.drivers.wire_layout import FRAME_BYTES
+from pcpc.executive.loop import shared as sh
+
+NO_PART, FROM_ABOVE, FROM_BELOW, BEFORE, AFTER = range(5)  # heartbeats; frames of a sample
+TAKE, LEAVE, HELD_FIRST = range(3)
+
+
+@loop_function
+def sorted_out(n: Any, row: Any) -> Any:
+    """Return what to do with `wire.rx`, a frame of `row` that came before the first cycle ended."""
+    part = n.rx_role[row, sh.MEETING]
+    if part in (FROM_ABOVE, FROM_BELOW):
+        if n.met[row] == 0 or (part == FROM_BELOW and n.sampled != 0):
+            n.met[row] = 1
+            return TAKE
+        if part == FROM_BELOW:
+            n.holding = row + 1
+            for i in range(FRAME_BYTES):
+                n.held[i] = n.wire.rx[i]
+        return LEAVE
+    if part == BEFORE:
+        n.holding = np.int64(0)
+    if part in (BEFORE, AFTER):
+        n.sampled = 1
+    return HELD_FIRST if part == AFTER and n.holding != 0 else TAKE
+
+
+@loop_function
+def exchange_held(n: Any) -> None:
+    """Exchange `wire.rx` for the frame that is held, or back."""
+    for i in range(FRAME_BYTES):
+        byte = n.held[i]
+        n.held[i] = n.wire.rx[i]
+        n.wire.rx[i] = byte
+
+
+@loop_function
+def held_row(n: Any) -> Any:
+    """Return the row of the frame that is held, which is held no longer."""
+    row = n.holding - 1
+    n.holding = np.int64(0)
+    return row

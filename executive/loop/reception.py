@@ -1,0 +1,72 @@
+"""One frame that came: told apart from others, checked, decoded, counted, recorded."""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers import codec, e2e
+from pcpc.drivers.jit import loop_function
+from pcpc.executive.loop import losses, meeting
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.losses import is_lost
+from pcpc.executive.loop.rings import push_frame
+from pcpc.executive.loop.strangers import is_foreign, note_foreign, note_repeat, word_of
+
+
+@loop_function
+def take_frame(n: Any) -> Any:
+    """Check and decode `wire.rx`; return its row in the frame table, -1 if it is not for us."""
+    word = word_of(n.wire.rx)
+    row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx[: n.n_rx])
+    if is_foreign(n, row, word):
+        note_foreign(n, word)
+        return np.int64(-1)
+    if row < 0:
+        return row
+    if n.virtual_time != 0 and n.passes == 0:
+        what = meeting.sorted_out(n, row)
+        if what == meeting.LEAVE:
+            return np.int64(-1)
+        if what == meeting.HELD_FIRST:
+            meeting.exchange_held(n)
+            use_frame(n, meeting.held_row(n))
+            meeting.exchange_held(n)
+    return use_frame(n, row)
+
+
+@loop_function
+def use_frame(n: Any, row: Any) -> Any:
+    """Check and decode `wire.rx`, a frame of `row`; return the row, -1 if it is lost on purpose."""
+    frame = n.wire.rx
+    after_loss = n.loss_state[row, losses.LOST]
+    if is_lost(n, row):
+        n.control[sh.LOST_ON_PURPOSE] += 1
+        n.started += n.rx_role[row, sh.STARTS]  # nobody waits for it
+        push_frame(n, frame, 1, e2e.ON_PURPOSE)
+        return np.int64(-1)
+    data = frame[8:16]
+    used_before = n.rx_state[row, e2e.FRESH]
+    state, lost = e2e.check(data, np.int64(frame[4]), row, n.rx, n.rx_state)
+    push_frame(n, frame, 1, state)
+    n.control[sh.LOST] += lost
+    if state == e2e.OK or state == e2e.OK_SOME_LOST:
+        codec.unpack(data, row, n.rx, n.rx_signals, n.rx_scales, n.v)
+        n.control[sh.RECEIVED] += 1
+        if used_before == 0:
+            n.started += n.rx_role[row, sh.STARTS]
+            n.fresh += n.rx_role[row, sh.AWAITED]
+            if n.wire.n_second > 0 and n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
+                n.wire.muted = 1  # what follows this SYNC belongs to the next cycle
+    elif state == e2e.ERROR:
+        n.control[sh.CRC_ERRORS] += 1
+    elif state == e2e.REPEATED:
+        n.started += n.rx_role[row, sh.STARTS] * after_loss  # of a whole turn of the counter
+        n.control[sh.REPEATED] += 1 - after_loss
+        if after_loss == 0 and n.rx_role[row, sh.STARTS] + n.rx_role[row, sh.AWAITED] > 0:
+            note_repeat(n, word_of(frame))
+    elif state == e2e.WRONG_SEQUENCE:
+        n.control[sh.WRONG_SEQUENCE] += 1 - after_loss
+        if n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
+            n.wire.muted = 1
+        n.started += n.rx_role[row, sh.STARTS]  # it came; the next one will be trusted
+    return row

@@ -1,0 +1,124 @@
+"""What leaves the loop: the snapshot for readers, and three rings for the recorder.
+
+Each ring has one writer (the loop) and one reader; its layout stands in `executive.loop.shared`. A
+full ring drops the row and counts it; in lockstep, where no clock runs, the loop waits for the
+recorder instead.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers import libc
+from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.wire_layout import MEMORY
+from pcpc.executive.loop import shared as sh
+
+NAN = float("nan")  # the one NaN that logs hold
+
+
+@loop_inline
+def now(n: Any) -> Any:
+    """Return monotonic time, ns; virtual time where the bus is in memory."""
+    if n.wire.kind == MEMORY:
+        return n.virtual_now
+    libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.timespec))
+    return n.timespec[0] * 1_000_000_000 + n.timespec[1]
+
+
+@loop_inline
+def stamp(n: Any) -> Any:
+    """Return what frames and events are stamped with, ns: k T where no clock runs, else `now`."""
+    return n.virtual_now if n.virtual_time != 0 else now(n)
+
+
+@loop_inline
+def stopping(n: Any) -> Any:
+    """Return True once the host asked this node to stop."""
+    return libc.load_acquire(n.control, sh.STOP) != 0
+
+
+@loop_inline
+def bits_of(value: Any) -> Any:
+    """Return the 64 bits of a float64 as int64, every NaN as the same one."""
+    return np.float64(value if value == value else NAN).view(np.int64)
+
+
+@loop_function
+def _free_row(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
+    """Return the row to fill, or -1 when the ring is full and the row is dropped.
+
+    The row follows from the loop's own words alone: `taken` may hold anything.
+    """
+    put = ends[sh.PUT]
+    while put - libc.load_acquire(taken, 0) >= rows:
+        if n.wait_recorder == 0 or stopping(n):
+            ends[sh.DROPPED] += 1
+            return np.int64(-1)
+        libc.sched_yield()
+    return put % rows
+
+
+@loop_function
+def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
+    """Append one frame (16 bytes), sent or received, with its receiver state."""
+    row = _free_row(n, n.frame_ends, n.frame_taken, sh.FRAME_RING_ROWS)
+    if row < 0:
+        return
+    word, data = np.int64(0), np.int64(0)
+    for i in range(4):
+        word |= np.int64(frame[i]) << (8 * i)
+    for i in range(8):
+        data |= np.int64(frame[8 + i]) << (8 * i)
+    n.frame[row, 0] = sh.CDR_HEADER
+    n.frame[row, 1] = stamp(n)
+    n.frame[row, 2] = n.k
+    n.frame[row, 3] = word | np.int64(frame[4]) << 32 | received << 40 | state << 48
+    n.frame[row, 4] = data
+    libc.store_release(n.frame_ends, sh.PUT, n.frame_ends[sh.PUT] + 1)
+
+
+@loop_function
+def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
+    """Append one event."""
+    row = _free_row(n, n.event_ends, n.event_taken, sh.EVENT_RING_ROWS)
+    if row < 0:
+        return
+    n.event[row, 0] = stamp(n)
+    n.event[row, 1] = n.k
+    n.event[row, 2] = code
+    n.event[row, 3] = argument
+    n.event[row, 4] = bits_of(value)
+    libc.store_release(n.event_ends, sh.PUT, n.event_ends[sh.PUT] + 1)
+
+
+@loop_function
+def push_record(n: Any) -> None:
+    """Append the row of this cycle: the payloads of its state and timing messages."""
+    columns = sh.RECORD_HEAD + n.n_state + 1 + n.n_timing
+    row = _free_row(n, n.record_ends, n.record_taken, n.record_rows)
+    if row < 0:
+        return
+    at = row * columns
+    n.record[at] = n.k
+    n.record[at + 1] = n.wake
+    n.record[at + 2] = sh.CDR_HEADER
+    at += sh.RECORD_HEAD
+    for i in range(n.n_state):
+        n.record[at + i] = bits_of(n.v[n.state_columns[i]])
+    at += n.n_state
+    n.record[at] = sh.CDR_HEADER
+    for i in range(n.n_timing):
+        n.record[at + 1 + i] = bits_of(n.v[n.timing_columns[i]])
+    libc.store_release(n.record_ends, sh.PUT, n.record_ends[sh.PUT] + 1)
+
+
+@loop_function
+def publish(n: Any) -> None:
+    """Copy the table into the snapshot under the seqlock."""
+    s = n.seq[0] | 1
+    libc.store_release(n.seq, 0, s)
+    libc.fence_release()
+    for i in range(n.n_variables):
+        n.snapshot[i] = n.v[i]
+    libc.store_release(n.seq, 0, s + 1)

@@ -1,0 +1,82 @@
+"""What a node sends: its frames in the order of the rows, its heartbeats, the first SYNC."""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers import codec, dbc, e2e
+from pcpc.drivers.jit import loop_function
+from pcpc.drivers.wire import put_frame
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.rings import push_frame
+from pcpc.executive.loop.variables import CLAMPED, NMT, STATE
+
+
+@loop_function
+def copy_inputs(n: Any, block: Any) -> None:
+    """Carry the wired variables into the inputs of `block` (MAX_BLOCKS: into what is sent)."""
+    first = n.copies_end[block - 1] if block > 0 else 0
+    for i in range(first, n.copies_end[block]):
+        n.v[n.copies[i, 1]] = n.v[n.copies[i, 0]]
+
+
+@loop_function
+def encode(n: Any, row: Any, counter: Any) -> Any:
+    """Encode and protect the frame of one row of the transmit table; return the values clamped."""
+    frame = n.wire.tx
+    word = n.tx[row, dbc.CAN_ID] | n.tx[row, dbc.EXTENDED] << 31
+    for i in range(4):
+        frame[i] = (word >> (8 * i)) & 255
+    frame[4] = n.tx[row, dbc.DLC]
+    data = frame[8:16]
+    clamped = codec.pack(data, row, n.tx, n.tx_signals, n.tx_scales, n.v)
+    e2e.protect(data, row, n.tx, counter)
+    return clamped
+
+
+@loop_function
+def send_frame(n: Any, row: Any, counter: Any) -> None:
+    """Encode and send the frame of one row of the transmit table."""
+    clamped = encode(n, row, counter)
+    if clamped > 0:
+        n.v[CLAMPED] = 1.0
+        n.control[sh.SATURATED] += clamped
+    if put_frame(n.wire):
+        n.control[sh.SENT] += 1
+    else:
+        n.control[sh.SEND_ERRORS] += 1
+        n.control[sh.BUS_ERRNO] = n.wire.errno
+    push_frame(n, n.wire.tx, 0, 0)
+
+
+@loop_function
+def announce(n: Any) -> None:
+    """Send the heartbeat: to a node that was heard, and at the end."""
+    n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
+    copy_inputs(n, sh.MAX_BLOCKS)
+    for row in range(n.n_tx):
+        if n.tx_role[row, sh.IS_HEARTBEAT] != 0:
+            send_frame(n, row, 0)
+
+
+@loop_function
+def announce_again(n: Any) -> None:
+    """Send the heartbeat while waiting for the other node; without a clock off the record."""
+    if n.virtual_time == 0:
+        announce(n)
+        return
+    n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
+    copy_inputs(n, sh.MAX_BLOCKS)
+    for row in range(n.n_tx):
+        if n.tx_role[row, sh.IS_HEARTBEAT] != 0:
+            encode(n, row, 0)
+            put_frame(n.wire)
+
+
+@loop_function
+def request_first_sample(n: Any) -> None:
+    """Send SYNC(0): the plant answers with its sample of t = 0."""
+    for row in range(n.n_tx):
+        if n.tx_role[row, sh.IS_SYNC] != 0:
+            send_frame(n, row, 0)

@@ -1,0 +1,355 @@
+"""The memory of one node: variables, counters, rings and mailbox, ordered by who may write it.
+
+    PUBLISHED   the node writes, clients read: control words, answers, snapshot, statistics, rings
+    MAILBOX     clients write, the node trusts nothing of it: tunings, lock, rows taken
+    the rest    only the loop has it: the table, wiring, limits, frames, the bus
+
+    snapshot    seqlock: the writer makes `seq` odd, copies, makes it even; it starts with
+                `seq | 1`, so that a writer killed in mid-copy does not invert the parity.
+                Readers retry a bounded number of times.
+    records     one row a cycle: [cycle, stamp ns, CDR header, state..., CDR header, timing...]
+    frames      one row a frame: [CDR header, stamp ns, cycle, id|dlc|direction|e2e, data]
+    events      one row an event: [stamp ns, cycle, code, argument, value as float64 bits]
+    mailbox     tunings: indices and values, taken by the loop between two cycles, all or none
+
+Each ring has one writer (the loop) and one reader (the recorder): `ends` holds rows put and
+dropped, `taken` in the mailbox rows taken. How clients get it: `executive.loop.sharing`. A
+description in JSON goes with it: the variables with unit and writer, the columns of a row, the rig.
+"""
+
+import contextlib
+import mmap
+import os
+import re
+import socket
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.wire_layout import FRAME_BYTES, WIRE
+
+CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
+
+# words of `control`, one cache line (8 words) apart where two processes write
+STOP, STATE, CYCLE, DONE, FAULT = 0, 8, 9, 10, 11
+PASSES, LATE, SKIPPED, HELD, STALE = 12, 13, 14, 15, 16
+SENT, RECEIVED, LOST, CRC_ERRORS, REPEATED = 17, 18, 19, 20, 21
+SATURATED, SEND_ERRORS, BUS_ERRNO, FOREIGN, WAKE_MAX_NS = 22, 23, 24, 25, 26
+PID, READY, REALTIME = 27, 28, 29
+LOST_ON_PURPOSE, REFUSED = 30, 31
+RECORDED = 32  # a recorder has come
+RECORDER_PATIENCE = 12  # times the patience with a node that may wait for the recorder
+STEPPING = 51  # the block that is being stepped, + 1
+WRONG_SEQUENCE, BUS_ERRORS, CULPRIT = 52, 53, 54  # CULPRIT: the id that a fault is about
+ODD_PLACE, ODD_CYCLE, ODD_BITS = 48, 49, 50  # the first value not finite: its variable + 1, when
+CONTROL_WORDS = 64
+
+PUT, DROPPED = 0, 8  # words of a ring's `ends`; its `taken` is one word of the mailbox
+END_WORDS = 16
+LINE_WORDS = 8  # what two processes write lies on lines of its own
+PAGE_BYTES = mmap.PAGESIZE
+
+REQUEST, COUNT, LOCK = 0, 1, 8  # words of `mail`; LOCK: 0 none, 1 tune, 2 all
+MAIL_WORDS = 16
+MAIL_SLOTS = 64
+ACK, ACK_CYCLE, REFUSAL, REFUSED_ENTRY = range(4)  # words of `answer`
+ACCEPTED, BAD_COUNT, NO_PARAMETER, OUT_OF_RANGE, LOCKED = range(5)  # values of REFUSAL
+
+RINGS = ("record", "frame", "event")
+RECORD_HEAD = 3  # cycle, stamp, CDR header
+FRAME_WORDS = 5
+EVENT_WORDS = 5
+
+FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT, CHANGE_EVENT = 1, 2, 3, 4, 5
+LATE_EVENT, FALLBACK_EVENT, REFUSED_EVENT = 6, 7, 8
+FOREIGN_EVENT = 12
+NOT_FINITE_EVENT = 9
+
+# Sizes are fixed, so that one compiled loop serves every rig; `nodes.plan` checks the fit.
+MAX_VARIABLES = 8192
+MAX_BLOCKS = 8
+MAX_COPIES = 1024
+MAX_LIMITS = 64
+MAX_FRAMES = 32
+MAX_SIGNALS = 256
+RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kHz
+FRAME_RING_ROWS = 1 << 16  # six seconds of ten frames a cycle at 1 kHz
+EVENT_RING_ROWS = 1 << 10
+
+# columns of `limits` (low, high, change a cycle, last value before a ramp, safe value, value sent)
+# and `safe` (last value, safe value)
+LOW, HIGH, RATE, LAST, SAFE, SENT_VALUE = range(6)
+STARTS, AWAITED, PEER = 0, 1, 2  # columns of `rx_role`; PEER: of the node that is waited for
+MEETING = 3  # a further one: what the frame is to `executive.loop.meeting`
+SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `overrun_policy`
+STAGES, BUCKETS, LATEST = 6, 320, 8  # sizes of `executive.loop.timing`
+COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
+LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
+IS_SYNC, IS_HEARTBEAT = 0, 1  # columns of `tx_role`
+
+# The record of a node, ordered by who may write it; each part begins on a page of its own.
+_PUBLISHED = [  # written by the node, read by all
+    ("control", "<i8", (CONTROL_WORDS,)),
+    ("seq", "<i8", (LINE_WORDS,)),
+    ("answer", "<i8", (LINE_WORDS,)),
+    ("record_ends", "<i8", (END_WORDS,)),
+    ("frame_ends", "<i8", (END_WORDS,)),
+    ("event_ends", "<i8", (END_WORDS,)),
+    ("snapshot", "<f8", (MAX_VARIABLES,)),
+    ("stages", "<i8", (STAGES, 4)),  # count, sum, least, most of each stage's ns
+    ("histogram", "<i8", (STAGES, BUCKETS)),
+    ("latest", "<i8", (LATEST, LATE_USAGE + 4)),  # cycle, stages, faults and switches
+    ("record", "<i8", (RECORD_RING_WORDS,)),
+    ("frame", "<i8", (FRAME_RING_ROWS, FRAME_WORDS)),
+    ("event", "<i8", (EVENT_RING_ROWS, EVENT_WORDS)),
+]
+_MAILBOX = [  # written by clients, which the loop does not trust
+    ("mail", "<i8", (MAIL_WORDS,)),
+    ("mail_index", "<i8", (MAIL_SLOTS,)),
+    ("mail_value", "<f8", (MAIL_SLOTS,)),
+    ("record_taken", "<i8", (LINE_WORDS,)),
+    ("frame_taken", "<i8", (LINE_WORDS,)),
+    ("event_taken", "<i8", (LINE_WORDS,)),
+]
+_PRIVATE = [  # of the loop alone
+    # set once
+    ("trigger", "<i8"),  # what starts a cycle: CLOCKED, ON_FRAMES
+    ("is_plant", "<i8"),
+    ("period_ns", "<i8"),
+    ("phase_ns", "<i8"),  # of the deadlines, on the common grid of whole periods
+    ("late_ns", "<i8"),  # a cycle that starts later than this counts as late
+    ("cycles", "<i8"),
+    ("n_blocks", "<i8"),
+    ("n_variables", "<i8"),
+    ("sent_first", "<i8"),  # places of what is sent
+    ("sent_past", "<i8"),
+    ("n_limits", "<i8"),
+    ("n_safe", "<i8"),
+    ("n_rx", "<i8"),
+    ("n_tx", "<i8"),
+    ("n_starters", "<i8"),  # frames that start a cycle, and frames awaited in it
+    ("n_awaited", "<i8"),
+    ("n_schedule", "<i8"),
+    ("n_noted", "<i8"),
+    ("n_state", "<i8"),
+    ("n_timing", "<i8"),
+    ("record_rows", "<i8"),
+    ("arm_pass", "<i8"),  # the pass after which the clock runs
+    ("listen_ns", "<i8"),  # before the first word on a bus
+    ("patience", "<i8"),  # receive time-outs until the other node counts as silent
+    ("hold_cycles", "<i8"),
+    ("fault_after", "<i8"),
+    ("mode_index", "<i8"),  # the received variable that asks for STOP, or -1
+    ("wait_recorder", "<i8"),  # lockstep: a full ring delays instead of dropping
+    ("virtual_time", "<i8"),  # lockstep: stamps are k T
+    ("wall_offset_ns", "<i8"),  # wall time minus the clock of the loop
+    ("overrun_policy", "<i8"),
+    ("overrun_after", "<i8"),  # overruns in a row that count
+    ("grace_passes", "<i8"),  # cycles at the start in which none does
+    ("controller_block", "<i8"),  # and the one that replaces it on FALL_BACK, or -1
+    ("fallback_block", "<i8"),
+    ("ramp_step", "<f8"),  # change of the gain a cycle in FAULT
+    ("views", "<i8", (MAX_BLOCKS, 8)),  # p0 p1 x0 x1 u0 u1 y0 y1
+    ("copies", "<i8", (MAX_COPIES, 2)),  # source, target of the wiring
+    ("copies_end", "<i8", (MAX_BLOCKS + 1,)),  # end of each block's copies; last: what is sent
+    ("limit_index", "<i8", (MAX_LIMITS,)),
+    ("limits", "<f8", (MAX_LIMITS, 6)),
+    ("safe_index", "<i8", (MAX_LIMITS,)),
+    ("safe", "<f8", (MAX_LIMITS, 5)),
+    ("schedule", "<i8", (MAX_LIMITS, 2)),  # cycle, variable of a scheduled tuning, by cycle
+    ("schedule_value", "<f8", (MAX_LIMITS,)),
+    ("tunable_low", "<f8", (MAX_VARIABLES,)),  # of a parameter; nan for all other variables
+    ("tunable_high", "<f8", (MAX_VARIABLES,)),
+    ("noted_index", "<i8", (MAX_LIMITS,)),  # variables whose changes are events
+    ("noted", "<f8", (MAX_LIMITS,)),  # their last values
+    ("state_columns", "<i8", (MAX_VARIABLES,)),
+    ("timing_columns", "<i8", (MAX_VARIABLES,)),
+    ("rx", "<i8", (MAX_FRAMES, 12)),  # tables of drivers.dbc
+    ("rx_signals", "<i8", (MAX_SIGNALS, 10)),
+    ("rx_scales", "<f8", (MAX_SIGNALS, 4)),
+    ("rx_role", "<i8", (MAX_FRAMES, 4)),
+    ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.loop.losses`
+    ("tx", "<i8", (MAX_FRAMES, 12)),  # in the order of sending
+    ("tx_signals", "<i8", (MAX_SIGNALS, 10)),
+    ("tx_scales", "<f8", (MAX_SIGNALS, 4)),
+    ("tx_role", "<i8", (MAX_FRAMES, 2)),
+    # what the loop keeps
+    ("k", "<i8"),  # the cycle: time is k T
+    ("passes", "<i8"),  # cycles done; k minus passes were skipped
+    ("behind", "<i8"),  # periods skipped just before this cycle
+    ("deadline", "<i8"),
+    ("wake", "<i8"),
+    ("received", "<i8"),
+    ("stepped", "<i8"),
+    ("sent", "<i8"),
+    ("done", "<i8"),
+    ("publish_ns", "<i8"),
+    ("virtual_now", "<i8"),
+    ("missing", "<i8"),  # consecutive cycles without complete valid input
+    ("started", "<i8"),  # frames of this cycle so far: starters, awaited
+    ("fresh", "<i8"),
+    ("faulted", "<i8"),
+    ("scheduled", "<i8"),  # tunings of the schedule that were applied
+    ("gain", "<f8"),  # 1, or how far the ramp of FAULT or of the end has come down
+    ("pace", "<f8"),  # its change a cycle; 0 before a ramp
+    ("v", "<f8", (MAX_VARIABLES,)),  # the table
+    ("asked_index", "<i8", (MAIL_SLOTS,)),  # a request as it was when it was checked
+    ("asked_value", "<f8", (MAIL_SLOTS,)),
+    ("rx_state", "<i8", (MAX_FRAMES, 10)),  # receivers, see drivers.e2e
+    ("rx_source", "<i8", (MAX_FRAMES,)),  # who sends them, see `executive.loop.strangers`
+    ("strange", "<i8", (2, 2)),
+    ("loss_state", "<i8", (MAX_FRAMES, 2)),
+    ("met", "<i8", (MAX_FRAMES,)),  # heartbeats that were heard, see `executive.loop.meeting`
+    ("sampled", "<i8"),  # 1: the first sample of the node below has begun
+    ("holding", "<i8"),  # row + 1 of the frame in `held`, 0 without
+    ("held", "u1", (FRAME_BYTES,)),
+    ("overruns", "<i8"),  # in a row
+    ("times", "<i8", (STAGES,)),
+    ("usage", "<i8", (18,)),  # struct rusage
+    ("usage_before", "<i8", (4,)),
+    ("timespec", "<i8", (2,)),
+    ("wire", WIRE),
+]
+
+
+def _whole_pages(fields: list[Any], name: str) -> list[Any]:
+    """Return `fields` with a last one that fills their page."""
+    rest = -np.dtype(fields, align=True).itemsize % PAGE_BYTES
+    return [*fields, (name, "u1", (rest or PAGE_BYTES,))]
+
+
+_PUBLISHED_PAGES = _whole_pages(_PUBLISHED, "end_of_published")
+_MAILBOX_PAGES = _whole_pages(_MAILBOX, "end_of_mailbox")
+PUBLISHED = np.dtype(_PUBLISHED_PAGES, align=True)
+MAILBOX = np.dtype(_MAILBOX_PAGES, align=True)
+PUBLISHED_BYTES, MAILBOX_BYTES = PUBLISHED.itemsize, MAILBOX.itemsize
+MAILBOX_FIELDS = [name for name, *_ in _MAILBOX]
+LOOP = np.dtype([*_PUBLISHED_PAGES, *_MAILBOX_PAGES, *_PRIVATE], align=True)
+
+
+class SharedError(Exception):
+    """A node's memory cannot be made or is not there."""
+
+
+def block_name(rig: str, bus: str, role: str) -> str:
+    """Return the name of a node: one executive and one plant of this user to a rig and bus."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", f"{rig}.{bus}.{role}".replace(":", "-"))
+
+
+@dataclass(frozen=True)
+class Client:
+    """What a client holds of a node besides its memory: the line to it and its mailbox file."""
+
+    line: socket.socket
+    mailbox: int
+
+
+class Shared:
+    """A node's memory: its fields by name; what is not writable here cannot be written.
+
+    The node's own process has all of them and `loop`, the LOOP record; a client has PUBLISHED and
+    MAILBOX, and `client`.
+    """
+
+    def __init__(
+        self, name: str, description: dict[str, Any], arrays: dict[str, NDArray[Any]],
+        loop: Any = None, client: Client | None = None,
+    ) -> None:  # fmt: skip
+        self.name, self.description, self.loop, self.client = name, description, loop, client
+        columns = description["record_columns"]
+        rows = RECORD_RING_WORDS // columns
+        self.arrays = arrays | {
+            "record": arrays["record"][: rows * columns].reshape(rows, columns),
+            "snapshot": arrays["snapshot"][: len(description["variables"])],
+        }
+        for ring in RINGS:
+            self.arrays[f"{ring}_values"] = self.arrays[ring].view(np.float64)
+        if client is not None:
+            weakref.finalize(self, _let_go, client)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.arrays[name]
+
+    def alive(self) -> bool:
+        """Return whether the process of the node is there."""
+        if self.client is None:
+            return True
+        try:
+            return self.client.line.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) != b""
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+
+    def tell(self, word: bytes) -> None:
+        """Say a word of `executive.loop.sharing` to the node, if it is still there."""
+        if self.client is not None:
+            with contextlib.suppress(OSError):
+                self.client.line.send(word)
+
+
+def _let_go(client: Client) -> None:
+    client.line.close()
+    os.close(client.mailbox)
+
+
+def blank() -> mmap.mmap:
+    """Return zeroed private memory for a LOOP record; pages that nobody uses cost nothing."""
+    size = -(-LOOP.itemsize // PAGE_BYTES) * PAGE_BYTES
+    return mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+
+
+def fields(memory: mmap.mmap, kind: np.dtype[Any]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a structure that begins `memory`, by name."""
+    record = np.frombuffer(memory, kind, 1)
+    return {name: record[name][0] for name in kind.names or () if kind[name].shape}
+
+
+def private(description: Mapping[str, Any]) -> Shared:
+    """Return a node's memory of which only this process knows: virtual time, replay."""
+    memory = blank()
+    full = completed("", description)
+    return Shared("", full, fields(memory, LOOP), np.recarray(1, LOOP, memory)[0])
+
+
+def completed(name: str, description: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a node says about itself, with its name and the size of a row."""
+    columns = RECORD_HEAD + len(description["state_columns"]) + 1
+    columns += len(description["timing_columns"])
+    return dict(description) | {"name": name, "record_columns": columns}
+
+
+def check(description: Any) -> None:
+    """Raise ValueError, TypeError or KeyError if a description does not fit the memory."""
+    about = completed(description["name"], description)
+    if about["record_columns"] != description["record_columns"]:
+        raise ValueError("its rows have another size")
+    if not RECORD_HEAD < about["record_columns"] <= RECORD_RING_WORDS:
+        raise ValueError("its rows do not fit the ring")
+    if len(description["variables"]) > MAX_VARIABLES:
+        raise ValueError("it has too many variables")
+    for name, unit, kind, writer, text in description["variables"]:
+        if not all(isinstance(word, str) for word in (name, unit, kind, writer, text)):
+            raise TypeError("a variable is not described in words")
+
+
+def snapshot(block: Shared, into: NDArray[np.float64] | None = None, tries: int = 100) -> Any:
+    """Return a consistent copy of all variables; the old `into` when the writer never paused.
+
+    Raises SharedError if there is no old copy either.
+    """
+    seq, values = block["seq"], block["snapshot"]
+    for _ in range(tries):
+        before = int(seq[0])
+        if before & 1:
+            continue
+        copy = values.copy()
+        if int(seq[0]) == before:
+            return copy
+    if into is None:
+        raise SharedError(f"{block.name}: the writer died or never pauses")
+    return into

@@ -1,0 +1,121 @@
+"""Another sender of this node's frames: noticed by what comes, never taken, and soon a fault.
+
+    own id       a frame that this node sends, heard from somebody else: a second node of its kind
+    other source a frame that it receives, from another address than the first one of that frame;
+                 udp_multicast only, nothing else tells who sent
+    repeats      an awaited frame whose counter was there already, again and again: where nobody
+                 can tell senders apart, the true frame behind a forged one
+
+The first two are *foreign*: one alone keeps a run from being ok, FOREIGN_FRAMES of them within
+FOREIGN_CYCLES are a fault, which on a clock is two cycles after the second sender began. A repeat
+alone may come from the bus (a CAN controller that missed an acknowledgement sends again), so
+REPEATED_FRAMES within REPEATED_CYCLES are one. Before its first cycle a node that hears a foreign
+frame does not begin at all; it listens first.
+
+A source that was silent for more than SILENT_TURNS of its frame's turns may be replaced: a node
+that was started again is let in.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers import codec, dbc, e2e
+from pcpc.drivers.jit import loop_function
+from pcpc.drivers.wire import FAILED, FRAME, get_frame
+from pcpc.drivers.wire_layout import MEMORY, STRANGER
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.rings import now, push_event, push_frame, stopping
+
+FOREIGN_FRAMES, FOREIGN_CYCLES = 3, 10
+REPEATED_FRAMES, REPEATED_CYCLES = 10, 100
+SILENT_TURNS = 3
+FOREIGN, REPEATED = 0, 1  # rows of `strange`
+SINCE, COUNT = 0, 1  # its columns: the pass in which the count began, and the count
+
+
+@loop_function
+def word_of(frame: Any) -> Any:
+    """Return id and flags of a frame (16,)."""
+    word = np.int64(0)
+    for i in range(4):
+        word |= np.int64(frame[i]) << (8 * i)
+    return word
+
+
+@loop_function
+def is_foreign(n: Any, row: Any, word: Any) -> Any:
+    """Return whether the frame in `wire.rx`, of `row` in the receive table or -1, is foreign."""
+    source = n.wire.source
+    if row < 0:
+        return codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.tx[: n.n_tx]) >= 0
+    if source == n.rx_source[row]:
+        return False
+    silent = n.rx_state[row, e2e.AGE_CYCLES] > SILENT_TURNS * n.rx[row, dbc.EVERY_N]
+    if source != STRANGER and (n.rx_source[row] == 0 or n.passes == 0 or silent):
+        n.rx_source[row] = source
+        return False
+    return True
+
+
+@loop_function
+def note_foreign(n: Any, word: Any) -> None:
+    """Count and record the foreign frame in `wire.rx`; too many are a fault."""
+    n.control[sh.FOREIGN] += 1
+    push_frame(n, n.wire.rx, 1, e2e.FOREIGN)
+    if _note(n, FOREIGN, FOREIGN_CYCLES) == 1:
+        push_event(n, sh.FOREIGN_EVENT, word & 0x1FFFFFFF, n.control[sh.FOREIGN])
+    if n.strange[FOREIGN, COUNT] >= FOREIGN_FRAMES or n.passes == 0:
+        _blame(n, sv.ANOTHER_SENDER, word)
+
+
+@loop_function
+def note_repeat(n: Any, word: Any) -> None:
+    """Count a repeated awaited frame; too many are a fault."""
+    if _note(n, REPEATED, REPEATED_CYCLES) >= REPEATED_FRAMES:
+        _blame(n, sv.REPEATED_INPUT, word)
+
+
+@loop_function
+def _note(n: Any, kind: Any, cycles: Any) -> Any:
+    """Count one more of a kind; return how many there were within `cycles` cycles."""
+    if n.strange[kind, COUNT] == 0 or n.passes - n.strange[kind, SINCE] >= cycles:
+        n.strange[kind, SINCE] = n.passes
+        n.strange[kind, COUNT] = 0
+    n.strange[kind, COUNT] += 1
+    return n.strange[kind, COUNT]
+
+
+@loop_function
+def _blame(n: Any, fault: Any, word: Any) -> None:
+    if n.faulted == sv.NO_FAULT:
+        n.faulted = fault
+        n.control[sh.CULPRIT] = word
+
+
+@loop_function
+def refused(n: Any) -> Any:
+    """Return True if this node must not begin: another one of its kind is on the bus."""
+    return n.passes == 0 and n.faulted == sv.ANOTHER_SENDER
+
+
+@loop_function
+def listen(n: Any) -> None:
+    """Hear the bus before the first word, for another node of this kind.
+
+    Long enough for the cyclic frames of a running node and the heartbeats of a waiting one.
+    """
+    if n.wire.kind == MEMORY:
+        return
+    until = now(n) + n.listen_ns
+    while now(n) < until and not stopping(n) and n.faulted == sv.NO_FAULT:
+        result = get_frame(n.wire, True)
+        if result == FRAME:
+            word = word_of(n.wire.rx)
+            row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx[: n.n_rx])
+            if row < 0 and is_foreign(n, row, word):
+                note_foreign(n, word)
+        elif result == FAILED:
+            n.control[sh.BUS_ERRNO] = n.wire.errno
+            n.faulted = sv.BUS_FAILED

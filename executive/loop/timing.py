@@ -1,0 +1,153 @@
+"""What the loop counts about its own time: histograms, extremes, its latest cycles whole.
+
+    stages     wake_late, receive, step, send, publish, work (all but the first), ns
+    bucket     of v ns:  v                                       v < 16                      (1)
+                         16 + 8 (e - 4) + (v >> (e - 3)) % 8     e = floor(log2 v)           (2)
+               eight to an octave: a percentile is known to 1/8, and never taken as less
+    latest     the LATEST cycles that woke latest, each with all its stages and with what the kernel
+               counted for this thread since the cycle before: page faults, context switches
+
+Counting costs a system call and some hundred additions a cycle, after the cycle's work. Nothing is
+counted in virtual time. `reset` starts anew.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers import libc
+from pcpc.drivers.jit import loop_function
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.rings import push_event
+from pcpc.executive.loop.variables import REFUSED, RESET, STATISTICS_AT, TIMING_AT, WALL
+
+WAKE_LATE, RECEIVE, STEP, SEND, PUBLISH, WORK = range(sh.STAGES)
+UPDATE_PASSES = 128  # the table's percentiles are renewed this often
+RUSAGE_THREAD = 1
+SHOWN = np.array([WAKE_LATE, WORK])
+POINTS = np.array([0.5, 0.99, 0.999])
+USAGE = np.array([8, 9, 16, 17])  # of struct rusage: minor, major faults, switches asked, forced
+
+
+COUNTERS = np.array(
+    [sh.PASSES, sh.LATE, sh.SKIPPED, sh.HELD, sh.STALE, sh.SENT, sh.RECEIVED, sh.LOST,
+     sh.CRC_ERRORS, sh.REPEATED, sh.SATURATED, sh.LOST_ON_PURPOSE, sh.WRONG_SEQUENCE, sh.FOREIGN,
+     sh.SEND_ERRORS, sh.BUS_ERRORS]
+)  # fmt: skip
+
+
+@loop_function
+def note(n: Any) -> None:
+    """Write the stage times and the counters of this cycle into the table."""
+    v = n.v
+    v[TIMING_AT] = 0.001 * (n.wake - n.deadline)
+    v[TIMING_AT + 1] = 0.001 * (n.received - n.wake)
+    v[TIMING_AT + 2] = 0.001 * (n.stepped - n.received)
+    v[TIMING_AT + 3] = 0.001 * (n.sent - n.stepped)
+    v[TIMING_AT + 4] = 0.001 * n.publish_ns
+    for i in range(COUNTERS.shape[0]):
+        v[TIMING_AT + 5 + i] = n.control[COUNTERS[i]]
+    v[REFUSED] = n.control[sh.REFUSED]
+    v[WALL] = 1e-9 * (n.wake + n.wall_offset_ns)
+
+
+@loop_function
+def bucket(value: Any) -> Any:
+    """Return the bucket (1) (2) of a time in ns."""
+    v = max(np.int64(value), np.int64(0))
+    e = np.int64(3)
+    while v >> (e + 1) > 0 and e < 40:
+        e += 1
+    if e < 4:
+        return v
+    return min(16 + 8 * (e - 4) + ((v >> (e - 3)) & 7), sh.BUCKETS - 1)
+
+
+@loop_function
+def bucket_end(i: Any) -> Any:
+    """Return the largest whole ns of bucket `i`."""
+    if i < 16:
+        return i
+    e = 4 + (i - 16) // 8
+    return ((8 + (i - 16) % 8 + 1) << (e - 3)) - 1
+
+
+@loop_function
+def reset(n: Any) -> None:
+    """Forget all that was counted."""
+    n.stages[:] = 0
+    n.stages[:, sh.LEAST] = 2**62
+    n.histogram[:] = 0
+    n.latest[:] = 0
+
+
+@loop_function
+def count(n: Any) -> None:
+    """Count the cycle that has just been done; renew the table's statistics now and then."""
+    if n.v[RESET] >= 0.5:
+        n.v[RESET] = 0.0
+        reset(n)
+    times = n.times
+    times[WAKE_LATE] = n.wake - n.deadline
+    times[RECEIVE] = n.received - n.wake
+    times[STEP] = n.stepped - n.received
+    times[SEND] = n.sent - n.stepped
+    times[PUBLISH] = n.done - n.sent
+    times[WORK] = n.done - n.wake
+    for s in range(sh.STAGES):
+        t = times[s]
+        n.stages[s, sh.COUNTED] += 1
+        n.stages[s, sh.TOTAL] += t
+        n.stages[s, sh.LEAST] = min(n.stages[s, sh.LEAST], t)
+        n.stages[s, sh.MOST] = max(n.stages[s, sh.MOST], t)
+        n.histogram[s, bucket(t)] += 1
+    libc.getrusage(RUSAGE_THREAD, libc.address(n.usage))
+    _note_latest(n)
+    for i in range(USAGE.shape[0]):
+        n.usage_before[i] = n.usage[USAGE[i]]
+    if n.passes % UPDATE_PASSES == 0:
+        show(n)
+
+
+@loop_function
+def _note_latest(n: Any) -> None:
+    """Keep this cycle if it is among those that woke latest; the first is not comparable."""
+    late = n.times[WAKE_LATE]
+    row = np.int64(0)
+    for i in range(sh.LATEST):
+        if n.latest[i, sh.LATE_NS] < n.latest[row, sh.LATE_NS]:
+            row = np.int64(i)
+    if late <= n.late_ns or late <= n.latest[row, sh.LATE_NS]:
+        return
+    n.latest[row, sh.LATE_CYCLE] = n.k
+    for s in range(sh.STAGES):
+        n.latest[row, sh.LATE_NS + s] = n.times[s]
+    for i in range(USAGE.shape[0]):
+        n.latest[row, sh.LATE_USAGE + i] = n.usage[USAGE[i]] - n.usage_before[i]
+    push_event(n, sh.LATE_EVENT, late, 0.0)
+
+
+@loop_function
+def percentile(n: Any, stage: Any, share: Any) -> Any:
+    """Return the end of the bucket below which `share` of the times lie, ns."""
+    wanted, seen = share * n.stages[stage, sh.COUNTED], np.int64(0)
+    for i in range(sh.BUCKETS):
+        seen += n.histogram[stage, i]
+        if seen >= wanted:
+            return min(bucket_end(i), n.stages[stage, sh.MOST])
+    return n.stages[stage, sh.MOST]
+
+
+@loop_function
+def show(n: Any) -> None:
+    """Write least, mean, most and percentiles of lateness and work to the table, us."""
+    at = STATISTICS_AT
+    for j in range(SHOWN.shape[0]):
+        s = SHOWN[j]
+        n.v[at] = 0.001 * n.stages[s, sh.LEAST]
+        n.v[at + 1] = 0.001 * n.stages[s, sh.TOTAL] / max(n.stages[s, sh.COUNTED], np.int64(1))
+        n.v[at + 2] = 0.001 * n.stages[s, sh.MOST]
+        at += 3
+        for k in range(POINTS.shape[0]):
+            n.v[at] = 0.001 * percentile(n, s, POINTS[k])
+            at += 1

@@ -1,0 +1,1 @@
+"""Nodes: planned from a rig and run, in processes, in virtual time or from a log."""

@@ -1,0 +1,378 @@
+"""From a rig to the plan of one node: its table, its wiring, its frames; every mistake has a place.
+
+plan(rig, role, ...)      checks the wiring and lays out the table; opens and compiles nothing
+install(plan, loop)       in `executive.nodes.install`: writes it into a zeroed LOOP record
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers import dbc
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.laws.block import Block
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.cycle import idle
+from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
+from pcpc.executive.loop.table import Table, Variable, Views, add_block
+from pcpc.executive.loop.variables import HEAD, REFUSALS, RESETS, TIMING
+from pcpc.executive.rig import messages as protocol
+from pcpc.executive.rig.carried import Reads, merge, noted
+from pcpc.executive.rig.commands import commands
+from pcpc.executive.rig.prepare import prepared
+from pcpc.executive.rig.reading import BlockSpec, NodeSpec, Rig
+from pcpc.executive.rig.resolve import compile_step
+from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.schema import FALLBACK, Limit
+
+
+@dataclass
+class Plan:
+    """Everything that `install` writes; tables of frames are those of `drivers.dbc`."""
+
+    rig: Rig
+    role: Role
+    spec: NodeSpec
+    pacing: str
+    table: Table = field(default_factory=Table)
+    views: list[Views] = field(default_factory=list)
+    copies: list[list[tuple[int, int]]] = field(default_factory=list)
+    rx_frames: list[dbc.Frame] = field(default_factory=list)
+    tx_frames: list[dbc.Frame] = field(default_factory=list)
+    values: dict[int, float] = field(default_factory=dict)
+    schedule: list[tuple[int, int, float]] = field(default_factory=list)
+    noted: list[int] = field(default_factory=list)
+    read: Reads = field(default_factory=dict)  # by `prepare`
+    limits: dict[str, Limit] = field(default_factory=dict)  # by sent signal, `safe` given
+    below: frozenset[str] = frozenset()  # of a local node: the frames on its bus to the plant
+
+    @property
+    def steps(self) -> tuple[Any, ...]:
+        """What the loop calls: the steps of the blocks, filled up with idle ones."""
+        used = tuple(block.block.step.entry for block in self.spec.blocks)
+        return used + (idle.entry,) * (sh.MAX_BLOCKS - len(used))
+
+    @property
+    def receive_ids(self) -> list[int]:
+        """The ids this node listens to; a local node: towards the executive."""
+        return [frame.can_id for frame in self.rx_frames if frame.name not in self.below]
+
+    @property
+    def receive_ids_below(self) -> list[int]:
+        """The ids a local node listens to on its bus to the plant."""
+        return [frame.can_id for frame in self.rx_frames if frame.name in self.below]
+
+    @property
+    def send_ids(self) -> list[int]:
+        """The ids this node sends; a local node: towards the executive."""
+        return [frame.can_id for frame in self.tx_frames if frame.name not in self.below]
+
+    @property
+    def send_ids_below(self) -> list[int]:
+        """The ids a local node sends on its bus to the plant."""
+        return [frame.can_id for frame in self.tx_frames if frame.name in self.below]
+
+    def columns(self, timing: bool) -> list[int]:
+        """Return the places of the recorded variables, of the timing or of the state record."""
+        return [
+            place
+            for place, variable in enumerate(self.table.variables)
+            if variable.recorded and (variable.kind == "timing") == timing
+        ]
+
+    @property
+    def names(self) -> list[str]:
+        """Names in the order of the table."""
+        return [variable.name for variable in self.table.variables]
+
+
+def plan(rig: Rig, role: Role, pacing: str) -> Plan:
+    """Check the wiring of one node and lay out its table; RigError, BusError say what is wrong."""
+    spec = rig.nodes()[role]
+    made = Plan(rig, role, spec, pacing)
+    database = _database(rig.dbc, rig.dbc.stat().st_mtime_ns)
+    with _errors_named(rig):
+        _take_frames(made, database)
+    _lay_out(made)
+    _wire_blocks(made)
+    _wire_frames(made)
+    _plan_schedule(made)
+    _check_sizes(made)
+    _compile_steps(made)
+    return made
+
+
+def _take_frames(made: Plan, database: dbc.Database) -> None:
+    rig, role, name = made.rig, made.role, made.spec.name
+    made.rx_frames = list(dbc.frames(database, name, "rx"))
+    made.tx_frames = sorted(dbc.frames(database, name, "tx"), key=protocol.sending_order)
+    if role == "local":
+        made.below = protocol.towards_plant(rig, database)
+    protocol.check(rig, role, made.rx_frames, made.tx_frames)
+    protocol.check_losses(rig, database)
+
+
+@contextmanager
+def _errors_named(rig: Rig) -> Iterator[None]:
+    """Put the DBC file's name before what is wrong in it."""
+    try:
+        yield
+    except dbc.DbcError as error:
+        raise dbc.DbcError(f"{rig.dbc}: {error}") from None
+
+
+@lru_cache(maxsize=8)  # both nodes of a rig, and a thousand runs of an experiment, share it
+def _database(path: Path, changed_ns: int) -> dbc.Database:
+    return dbc.load(path)
+
+
+def check_pacing(rig: Rig, pacing: str) -> None:
+    """Raise RigError if the controller cannot run on a clock and `pacing` is one."""
+    name = rig.config.controller
+    why = rig.config.controllers[name].lockstep_only
+    if why and pacing in ("real", "sync"):
+        others = [n for n, law in rig.config.controllers.items() if not law.lockstep_only]
+        cure = f", or --controller {' or '.join(others)}" if others else ""
+        raise rig.error(
+            f"controllers.{name}.lockstep_only",
+            f"{name} does not run in pacing {pacing}: {why}; use --pacing lockstep{cure}",
+        )
+
+
+def check_rate(rig: Rig, pacing: str) -> float:
+    """Return the worst-case load of the rig's bus; RigError if frames on a clock would not fit."""
+    bitrate = rig.config.bus.bitrate
+    if bitrate is None:
+        return 0.0
+    database = dbc.load(rig.dbc)
+    with _errors_named(rig):
+        load = protocol.bus_load(rig, database, rig.config.rate_hz, bitrate)
+    if load > 1.0 and pacing in ("real", "sync"):
+        raise rig.error(
+            "rate_hz",
+            f"{rig.config.rate_hz:g} Hz loads the bus with {load:.1%} of {bitrate} bit/s; "
+            "lower rate_hz, use pacing lockstep, or --set bus.bitrate=null for no limit",
+        )
+    return load
+
+
+def _lay_out(made: Plan) -> None:
+    """Fill the table: the loop's own variables, frames, blocks."""
+    table = made.table
+    for name, unit, help in HEAD:
+        table.add(Variable(name, unit, "health", "loop", help))
+    for name, unit, help in TIMING:
+        table.add(Variable(name, unit, "timing", "loop", help))
+    for name, unit, help in RESETS:
+        table.add(Variable(name, unit, "parameter", "loop", help, 0.0, 1.0, recorded=False))
+    for name, unit, help in REFUSALS:
+        table.add(Variable(name, unit, "health", "loop", help, recorded=False))
+    for kind, prefix, frames in (
+        ("received", "rx", made.rx_frames),
+        ("sent", "tx", made.tx_frames),
+    ):
+        for frame in frames:
+            for s in frame.signals:
+                name = f"{prefix}.{frame.name}.{s.name}"
+                table.add(Variable(name, s.unit, kind, frame.name, s.help, s.low, s.high))
+    for spec in made.spec.blocks:
+        try:
+            made.views.append(_views(made, spec))
+        except RigError as error:
+            raise RigError(f"{spec.where()}: {error}") from None
+        _initial_values(made, spec)
+
+
+def _views(made: Plan, spec: BlockSpec) -> Views:
+    """Add a block's variables; a fallback writes the first outputs of the controller."""
+    if spec.name != FALLBACK:
+        return add_block(made.table, spec.name, spec.block)
+    names = [block.name for block in made.spec.blocks]
+    controller = made.spec.blocks[names.index("controller")].block
+    outputs = [name for port in spec.block.outputs for name in port.names()]
+    known = [name for port in controller.outputs for name in port.names()]
+    if outputs != known[: len(outputs)]:
+        raise made.rig.error(
+            "overrun.fallback",
+            f"its outputs ({', '.join(outputs)}) are not the first of the controller's "
+            f"({', '.join(known)}); choose another law",
+        )
+    table = made.table
+    first = made.views[names.index("controller")].outputs.start
+    return Views(
+        table.add_ports(FALLBACK, spec.block.parameters or spec.block.settings, "parameter", False),
+        table.add_ports(FALLBACK, spec.block.states, "state", True),
+        table.add_ports(FALLBACK, spec.block.inputs, "input", False),
+        range(first, first + len(outputs)),
+    )
+
+
+def _initial_values(made: Plan, spec: BlockSpec) -> None:
+    """Note parameters and initial states of a block, computed by its `prepare` where it has one."""
+    table, config = made.table, made.rig.config
+    try:
+        with noted() as reads:
+            pairs = prepared(spec.block, spec.settings, config.rate_hz, config.seed)
+    except ValueError as error:
+        raise RigError(f"{spec.where()}: {spec.name}: {error}") from None
+    merge(made.read, reads)
+    for name, value in (*pairs[0], *pairs[1]):
+        made.values[table.index[f"{spec.name}.{name}"]] = value
+
+
+def _wire_blocks(made: Plan) -> None:
+    """Resolve the inputs of every block to copies from variable to variable."""
+    for spec, views in zip(made.spec.blocks, made.views, strict=True):
+        ports = {name: port for port in spec.block.inputs for name in port.names()}
+        for name in spec.inputs:
+            if name not in ports:
+                raise RigError(
+                    f"{spec.where(f'inputs.{name}')}: {spec.name} has no input {name}"
+                    + did_you_mean(name, ports)
+                )
+        copies = []
+        for target, (name, port) in zip(views.inputs, ports.items(), strict=True):
+            if name not in spec.inputs:
+                raise RigError(
+                    f"{spec.where()}: {spec.name}.{name} [{port.unit}] is not wired: {port.help}; "
+                    f"add it to inputs"
+                )
+            source = made.table.source(
+                spec.inputs[name], port.unit, spec.where(f"inputs.{name}"), f"{spec.name}.{name}"
+            )
+            copies.append((source, target))
+        made.copies.append(copies)
+
+
+def _wire_frames(made: Plan) -> None:
+    """Resolve `transmit` to the last copies; check `limits` and `safe`."""
+    section, table = made.role, made.table
+    sent = {v.name[3:]: v for v in table.variables if v.kind == "sent"}
+    copies = []
+    for name, source in made.spec.transmit.items():
+        place = made.rig.where(f"{section}.transmit.{name}")
+        if name not in sent:
+            raise RigError(
+                f"{place}: {made.spec.name} sends no signal {name}{did_you_mean(name, sent)}; "
+                "the DBC file says which node sends a frame"
+            )
+        copies.append(
+            (table.source(source, sent[name].unit, place, name), table.index[f"tx.{name}"])
+        )
+    made.copies += [[] for _ in range(sh.MAX_BLOCKS - len(made.copies))] + [copies]
+    received = {v.name[3:] for v in table.variables if v.kind == "received"}
+    for key, names, known in (
+        ("limits", made.spec.limits, set(sent)),
+        ("safe", made.spec.safe, received),
+    ):
+        for name in names:
+            if name not in known:
+                place = made.rig.where(f"{section}.{key}.{name}")
+                raise RigError(
+                    f"{place}: {made.spec.name} has no such signal {name}"
+                    + did_you_mean(name, known)
+                )
+    made.limits = commands(made.rig, made.role, sent)
+
+
+def _plan_schedule(made: Plan) -> None:
+    """Resolve the rig's scheduled tunings and noted variables; only the executive has them."""
+    if made.role != "executive":
+        return
+    table, config = made.table, made.rig.config
+    tunable = [v.name for v in table.variables if v.kind == "parameter"]
+    for i, tuning in enumerate(config.schedule):
+        for name, value in tuning.set.items():
+            path = f"schedule[{i}].set.{name}"
+            if name not in tunable:
+                raise made.rig.error(path, f"no parameter {name}{did_you_mean(name, tunable)}")
+            variable = table.variables[table.index[name]]
+            if not (variable.low <= value <= variable.high and math.isfinite(value)):
+                raise made.rig.error(
+                    path,
+                    f"{value:g} is outside {variable.low:g}..{variable.high:g} {variable.unit}",
+                )
+            cycle = round(tuning.at_s * config.rate_hz)
+            made.schedule.append((cycle, table.index[name], value))
+    made.schedule.sort(key=lambda row: row[0])
+    for i, name in enumerate(config.note):
+        if name not in table.index:
+            what = f"no variable {name}{did_you_mean(name, table.index)}"
+            raise made.rig.error(f"note[{i}]", what)
+        made.noted.append(table.index[name])
+
+
+def _check_sizes(made: Plan) -> None:
+    rx, tx = dbc.table(made.rx_frames, 1.0), dbc.table(made.tx_frames, 1.0)
+    for what, size, limit in (
+        ("blocks", len(made.spec.blocks), sh.MAX_BLOCKS),
+        ("variables", len(made.table.variables), sh.MAX_VARIABLES),
+        ("wires", sum(map(len, made.copies)), sh.MAX_COPIES),
+        ("frames", max(len(made.rx_frames), len(made.tx_frames)), sh.MAX_FRAMES),
+        ("signals", max(len(rx.variables), len(tx.variables)), sh.MAX_SIGNALS),
+        ("limits", max(len(made.limits), len(made.spec.safe)), sh.MAX_LIMITS),
+        ("scheduled values", len(made.schedule), sh.MAX_LIMITS),
+        ("noted variables", len(made.noted), sh.MAX_LIMITS),
+    ):
+        if size > limit:
+            raise made.rig.error(
+                made.role,
+                f"{size} {what}; one node holds {limit} (see executive/loop/shared.py)",
+            )
+
+
+def _compile_steps(made: Plan) -> None:
+    for spec in made.spec.blocks:
+        try:
+            compile_step(spec.block)
+        except ValueError as error:
+            raise RigError(f"{spec.where('law')}: {spec.name}: {error}") from None
+
+
+def cycles_of(rig: Rig) -> int:
+    """Return the number of cycles of a run."""
+    return max(1, round(rig.config.duration_s * rig.config.rate_hz))
+
+
+def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
+    """Return the JSON head of the node's shared block; it also goes into the log."""
+    rig, table = made.rig, made.table
+    attachments = {str(_short(path, rig.path)): text for path, text in rig.document.sources.items()}
+    attachments["rig-resolved.yaml"] = rig.resolved()
+    attachments[rig.dbc.name] = dbc.text(rig.dbc)
+    return {
+        "node": made.role,
+        "rig": rig.config.rig,
+        "period_ns": round(1e9 / rig.config.rate_hz),
+        "cycles": cycles_of(rig),
+        "watch": rig.config.watch,
+        "timing": {"warn": rig.config.timing.warn, "error": rig.config.timing.error},
+        "keep_ns": rig.config.record.keep_ns,
+        "keep_on": rig.config.record.events,
+        "variables": [[v.name, v.unit, v.kind, v.writer, v.help] for v in table.variables],
+        "ranges": {v.name: [v.low, v.high] for v in table.variables if v.kind == "parameter"},
+        "state_columns": [table.variables[i].name for i in made.columns(False)],
+        "timing_columns": [table.variables[i].name for i in made.columns(True)],
+        "blocks": [spec.name for spec in made.spec.blocks],
+        "frames": {str(f.can_id): f.name for f in (*made.rx_frames, *made.tx_frames)},
+        "state_names": list(STATE_NAMES),
+        "fault_names": list(FAULT_NAMES),
+        "attachments": attachments,
+        "files": rig.carried(made.read),
+        "metadata": metadata,
+    }
+
+
+def _short(path: Path, rig: Path) -> Path:
+    """Return `path` relative to the rig file's folder, or its name where it lies elsewhere."""
+    folder = rig.parent
+    return path.relative_to(folder) if path.is_relative_to(folder) else Path(path.name)
+
+
+def blocks_of(made: Plan) -> Sequence[Block]:
+    """Return the node's blocks in the order of the schedule."""
+    return [spec.block for spec in made.spec.blocks]

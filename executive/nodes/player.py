@@ -1,0 +1,219 @@
+"""Frames put on a bus at absolute deadlines: the compiled loop and what it measures.
+
+    deadline of frame i in lap l = start + l lap + due[i]                              ns, monotonic
+    timing error                 = time at which the bus had taken the frame - its deadline
+
+A frame whose time is over goes at once: after a stall everything owed follows in order and the
+later deadlines are unmoved, since a recording with gaps is worth less than an uneven one. A full
+queue (ENOBUFS, EAGAIN) is waited for; any other refusal counts as a send error and the next frame
+has its turn.
+
+The errors go into bins 1 % wide, so that memory does not grow with time: below 256 ns a bin a
+nanosecond, above it 128 bins to each doubling.
+"""
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import bus as buses
+from pcpc.drivers import libc, wire
+from pcpc.drivers.jit import from_dtype, i8, loop, loop_function, types
+from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, UDP, WIRE
+
+WITHIN_NS = 200_000  # the share of frames with an error up to here is counted exactly
+FINE = 128  # bins to a doubling
+DOUBLINGS = 40  # errors up to 39 hours
+
+STOP = 0  # word of `control` that other threads write; the loop's own are a cache line away
+SENT, ERRORS, ERRNO, WAITED, WITHIN, MAX_NS = 8, 9, 10, 11, 12, 13
+FIRST_DUE, FIRST_SENT, LAST_DUE, LAST_SENT = 14, 15, 16, 17
+CONTROL_WORDS = 24
+
+_STOP_EVERY_NS = 50_000_000  # the longest sleep between two looks at the stop word
+_QUEUE_POLL_NS = 100_000  # a frame of 8 bytes takes longer at 1 Mbit/s
+_QUEUE_PATIENCE_NS = 200_000_000  # a bus that takes nothing for so long has nobody who acknowledges
+_ENOBUFS = 105
+_LEAD_NS = 2_000_000  # from the call to the first frame: the loop's thread is asleep by then
+
+PLAYER = np.dtype(
+    [
+        ("control", "<i8", (CONTROL_WORDS,)),
+        ("timed", "<i8"),  # 0: there are no deadlines, everything goes as fast as the bus takes it
+        ("refused", "<i8"),  # the last frame was not taken: the next is tried once
+        ("timespec", "<i8", (2,)),
+        ("bins", "<i8", (FINE * (DOUBLINGS + 2),)),
+        ("wire", WIRE),
+    ],
+    align=True,
+)
+N = from_dtype(PLAYER)
+FRAMES = types.Array(types.uint8, 2, "C")
+TIMES = types.Array(types.int64, 1, "C")
+
+
+@loop_function
+def _now(n: Any) -> Any:
+    libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.timespec))
+    return n.timespec[0] * 1_000_000_000 + n.timespec[1]
+
+
+@loop_function
+def _sleep_until(n: Any, deadline: Any) -> Any:
+    """Sleep until `deadline`; return False if the stop word was set."""
+    at = _now(n)
+    while at < deadline and libc.load_acquire(n.control, STOP) == 0:
+        until = min(deadline, at + _STOP_EVERY_NS)
+        n.timespec[0] = until // 1_000_000_000
+        n.timespec[1] = until % 1_000_000_000
+        libc.clock_nanosleep(libc.CLOCK_MONOTONIC, libc.TIMER_ABSTIME, libc.address(n.timespec), 0)
+        at = _now(n)
+    return libc.load_acquire(n.control, STOP) == 0
+
+
+@loop_function
+def _send(n: Any, frame: Any) -> Any:
+    """Hand over `frame` (16,), waiting while the bus's queue is full; return True once taken."""
+    for i in range(FRAME_BYTES):
+        n.wire.tx[i] = frame[i]
+    if wire.put_frame(n.wire):
+        n.refused = 0
+        return True
+    give_up = _now(n) + _QUEUE_PATIENCE_NS
+    while n.refused == 0 and (n.wire.errno == libc.EAGAIN or n.wire.errno == _ENOBUFS):
+        n.control[WAITED] += 1
+        at = _now(n)
+        if at > give_up or not _sleep_until(n, at + _QUEUE_POLL_NS):
+            break
+        if wire.put_frame(n.wire):
+            return True
+    n.refused = 1
+    return False
+
+
+@loop_function
+def _note(n: Any, error: Any) -> None:
+    """Count one timing error, ns."""
+    n.control[MAX_NS] = max(n.control[MAX_NS], error)
+    n.control[WITHIN] += error <= WITHIN_NS
+    doublings = np.int64(0)
+    while error >> doublings >= 2 * FINE and doublings < DOUBLINGS:
+        doublings += 1
+    n.bins[FINE * doublings + min(error >> doublings, np.int64(2 * FINE - 1))] += 1
+
+
+@loop(i8(N, FRAMES, TIMES, i8, i8, i8))
+def play(n: Any, frames: Any, due: Any, start: Any, lap: Any, laps: Any) -> Any:
+    """Send `frames` (k, 16) at start + due (k,), `laps` times, 0 for ever; return frames taken."""
+    taken = np.int64(0)
+    done = np.int64(0)
+    while laps == 0 or done < laps:
+        for i in range(frames.shape[0]):
+            deadline = start + done * lap + due[i]
+            if not _sleep_until(n, deadline if n.timed != 0 else np.int64(0)):
+                return taken
+            if not _send(n, frames[i]):
+                n.control[ERRORS] += 1
+                n.control[ERRNO] = n.wire.errno
+                continue
+            at = _now(n)
+            if n.control[SENT] == 0:
+                n.control[FIRST_DUE] = deadline
+                n.control[FIRST_SENT] = at
+            n.control[LAST_DUE] = deadline
+            n.control[LAST_SENT] = at
+            n.control[SENT] += 1
+            taken += 1
+            if n.timed != 0:
+                _note(n, max(at - deadline, np.int64(0)))
+        done += 1
+    return taken
+
+
+@loop(i8(N, TIMES))
+def hear(n: Any, ids: Any) -> Any:
+    """Wait at most the receive time-out; return 1 for a frame of `ids`, 0 for none, -1: failed."""
+    result = wire.get_frame(n.wire, True)
+    if result == wire.FAILED:
+        return np.int64(-1)
+    if result != wire.FRAME:
+        return np.int64(0)
+    word = np.int64(0)
+    for i in range(4):
+        word |= np.int64(n.wire.rx[i]) << (8 * i)
+    for known in ids:
+        if word == known:
+            return np.int64(1)
+    return np.int64(0)
+
+
+class Player:
+    """A player with its frames (k, 16) uint8, due times (k,) ns and lap, ns; made, then opened."""
+
+    def __init__(
+        self, frames: NDArray[np.uint8], due_ns: NDArray[np.int64], lap_ns: int, *, timed: bool
+    ) -> None:
+        self.frames = np.array(frames, np.uint8, order="C")
+        self.due_ns = np.array(due_ns, np.int64, order="C")
+        self.lap_ns = lap_ns
+        self.n = _block(timed)
+        dry = _block(True)
+        wire.prepare(dry.wire, MEMORY, -1, -1)
+        play(dry, self.frames[:1], self.due_ns[:1], 0, 0, 1)  # compiled, loaded, touched
+
+    def open(self, bus: buses.Bus, receive_ids: list[int]) -> None:
+        """Open `bus`, listening to `receive_ids`; BusError."""
+        buses.open_bus(bus, receive_ids, self.n.wire)
+
+    def hear(self, ids: NDArray[np.int64]) -> bool:
+        """Return whether one of `ids` (with SocketCAN's flags) came within 0.1 s; OSError."""
+        result = hear(self.n, ids)
+        if result < 0:
+            raise OSError(int(self.n.wire.errno), os.strerror(int(self.n.wire.errno)))
+        return bool(result)
+
+    def close_ears(self) -> None:
+        """Hear nothing any more: on udp_multicast the frames sent would come back unread."""
+        if self.n.wire.kind == UDP and self.n.wire.fd_rx >= 0:
+            os.close(int(self.n.wire.fd_rx))
+            self.n.wire.fd_rx = -1
+
+    def soon_ns(self, period_ns: int, phase_ns: int) -> int:
+        """Return a time to start that lies `phase_ns` behind a whole period of the clock."""
+        soonest = int(_now(self.n)) + _LEAD_NS - phase_ns
+        return (soonest // period_ns + 1) * period_ns + phase_ns
+
+    def play(self, start_ns: int, laps: int = 1) -> None:
+        """Play everything `laps` times, 0 for ever, from `start_ns` on."""
+        play(self.n, self.frames, self.due_ns, start_ns, self.lap_ns, laps)
+
+    def play_part(self, first: int, end: int) -> None:
+        """Play frames first to end - 1, at once, with their distances."""
+        start = int(_now(self.n)) - int(self.due_ns[first])
+        play(self.n, self.frames[first:end], self.due_ns[first:end], start, 0, 1)
+
+    def stop(self) -> None:
+        """Ask the loop, in another thread, to return."""
+        self.n.control[STOP] = 1
+
+    def count(self, word: int) -> int:
+        """Return a word of `control`."""
+        return int(self.n.control[word])
+
+    def error_us(self, share: float) -> float:
+        """Return the timing error that `share` of the frames do not exceed, within 1 %."""
+        total = np.cumsum(self.n.bins)
+        if total[-1] == 0:
+            return 0.0
+        place = int(np.searchsorted(total, share * total[-1]))
+        doublings = max(place // FINE - 1, 0)
+        upper = (place - FINE * doublings + 1 << doublings) - 1
+        return 1e-3 * min(upper, self.count(MAX_NS))
+
+
+def _block(timed: bool) -> Any:
+    n: Any = np.zeros(1, PLAYER).view(np.recarray)[0]
+    n.timed = timed
+    return n

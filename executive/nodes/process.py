@@ -1,0 +1,315 @@
+"""One real-time process: the executive or, started by `plants.emulator`, the emulator.
+
+The compiled loop runs in a worker thread without the GIL. The main thread waits for signals, hands
+the node's memory to clients and looks whether the loop stands in a step; nothing else runs in this
+process. Ends by itself after the
+rig's duration, on SIGTERM or SIGINT, or on a fault; after its end the node can be read for as long
+as its host wants, or some seconds if nobody has come yet: a run may last a millisecond.
+
+    executive.process ROLE RIG [--pacing P] [--bus B] [--controller C] [--set NAME=VALUE]...
+
+exit code: 0 ok; 2 rig file; 4 environment; 5 fault
+"""
+
+import signal
+
+# numpy starts threads of its own: the mask must stand before its import, or a signal could hit one
+# of them. Whoever only imports this module keeps its signals.
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored ones never come
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+
+import argparse
+import ctypes
+import os
+import select
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from pcpc.drivers import bus as buses
+from pcpc.drivers import choice, claim, kernel, realtime, wire
+from pcpc.drivers.errors import BusError, DbcError
+from pcpc.drivers.wire_layout import MEMORY
+from pcpc.executive.errors import RigError
+from pcpc.executive.laws.emath_selftest import selftest
+from pcpc.executive.log.facts import facts
+from pcpc.executive.loop import faults, sharing
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.cycle import finish, run
+from pcpc.executive.nodes import plausible
+from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, describe, plan
+from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
+from pcpc.executive.rig import carried
+from pcpc.executive.rig.buses import bus_wanted
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.roles import ROLES, Role
+
+OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
+_PR_SET_PDEATHSIG = 1
+_WARM_UP_CYCLES = 3
+_LINGER_S = 5.0  # for a host or a recorder that has not come yet
+_SIGNALS = {signal.SIGINT, signal.SIGTERM}
+_SIGNAL_BYTES = 128  # struct signalfd_siginfo
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run one node; print errors; return the exit code."""
+    options = _arguments().parse_args(argv)
+    if options.with_parent:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    try:
+        return Process(options).run()
+    except StepError as error:
+        print(f"{options.role}: {error}", file=sys.stderr)
+        return SAFETY_STOP
+    except RigError as error:
+        print(error, file=sys.stderr)
+        return BAD_RIG
+    except (BusError, sh.SharedError) as error:
+        print(error, file=sys.stderr)
+        return BAD_RIG if isinstance(error, DbcError) else NO_ENVIRONMENT
+
+
+def _arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("pcpc.executive.nodes.process")
+    parser.add_argument("role", choices=ROLES)
+    parser.add_argument("rig")
+    parser.add_argument("--pacing", choices=("real", "sync", "lockstep"))
+    parser.add_argument("--bus")
+    parser.add_argument("--controller")
+    parser.add_argument("--set", action="append", default=[])
+    parser.add_argument("--with-parent", type=int, metavar="PID", help="end when this one dies")
+    return parser
+
+
+class Process:
+    """A node between its set-up and its end."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.role: Role = options.role
+        self.host: int | None = options.with_parent
+        self.rig: Rig = load_rig(options.rig, options.controller, options.set)
+        self.pacing: str = options.pacing or self.rig.config.pacing
+        check_pacing(self.rig, self.pacing)
+        check_rate(self.rig, self.pacing)
+        self.choice = choice.take(bus_wanted(self.rig, (self.role,), options.bus))
+        self.bus = self.choice.bus
+        self.plan: Plan = plan(self.rig, self.role, self.pacing)
+        plausible.check(self.plan)
+        self.report = realtime.Report(())
+
+    def run(self) -> int:
+        """Set up, warm up, run the loop in its thread, wait; return the exit code."""
+        name = sh.block_name(self.rig.config.rig, str(self.bus), self.role)
+        held = sharing.lock(name)
+        self.claim_frames()
+        metadata = facts() | {
+            "pacing": self.pacing,
+            "bus": str(self.bus),
+            "controller": self.rig.config.controller,
+            "seed": str(self.rig.config.seed),
+            "rate_hz": repr(self.rig.config.rate_hz),
+        }
+        self.signals = kernel.signal_file(_SIGNALS)
+        scratch = warm_up_memory(self.plan)
+        self._watch(lambda: run(scratch, self.plan.steps), scratch)
+        self.report = realtime.prepare_process()
+        about = describe(self.plan, metadata)
+        if lacking := carried.warning(about["files"]):
+            print(f"{self.role}: {lacking}", file=sys.stderr, flush=True)
+        served = sharing.Served(name, about)
+        block = served.block
+        open_buses(self.rig, self.bus, self.plan, block.loop.wire)
+        install(self.plan, block.loop)
+        wall_ns, clock_ns = (int(metadata[f"clock_{name}_ns"]) for name in ("wall", "monotonic"))
+        block.loop.wall_offset_ns = wall_ns - clock_ns
+        block["control"][sh.PID] = os.getpid()
+        block["snapshot"][:] = block.loop.v[: len(block["snapshot"])]  # until the first cycle
+        served.open()
+        try:
+            self._watch(lambda: self._loop(block), block.loop, served)
+        except StepError as error:
+            print(f"{self.role}: {error}", file=sys.stderr, flush=True)
+            finish(block.loop)
+        fault, passes = block["control"][sh.FAULT], block["control"][sh.PASSES]
+        refused = fault == sv.ANOTHER_SENDER and not passes
+        if not refused:
+            self._linger(served)
+        served.close()
+        held.close()
+        if refused:
+            why = faults.reason(block.description, block["control"])
+            raise BusError(f"{self.bus}: {why}; end it or choose another with --bus")
+        return SAFETY_STOP if block["control"][sh.FAULT] else OK
+
+    def _watch(
+        self, call: Callable[[], Any], loop: Any, served: sharing.Served | None = None
+    ) -> None:
+        """Let `call` step `loop` to its end, in a thread; hear signals, serve clients. StepError.
+
+        Without `served` it is the warm-up.
+        """
+        over, end = socket.socketpair()
+        work, watch = Work(call, end.close), Watch([loop])
+        work.start()
+        look_s = time.monotonic() + POLL_S
+        with over:
+            while not self._waits_for(served, over, look_s):
+                if self._asked_to_end():
+                    if served is None:
+                        os._exit(OK)
+                    loop.control[sh.STOP] = 1
+                if time.monotonic() >= look_s:
+                    look_s = time.monotonic() + POLL_S
+                    if watch.stands() is not None:
+                        self._hangs(loop, served)
+        work.join()
+        if work.error is not None:
+            raise failed(work.error, [loop]) from work.error
+
+    def _hangs(self, loop: Any, served: sharing.Served | None) -> NoReturn:
+        """End the process, whose loop stands in a step; its host reads the fault in the block."""
+        loop.control[sh.FAULT] = sv.STEP_HANGS
+        if served is None:
+            name = self.plan.spec.blocks[int(loop.control[sh.STEPPING]) - 1].name
+            what = f"the step of {name} does not return, in cycle {int(loop.k)} of the warm-up"
+            print(f"{self.role}: {what}", file=sys.stderr, flush=True)
+        else:
+            self._linger(served, for_host=False)
+        os._exit(SAFETY_STOP)
+
+    def _waits_for(
+        self, served: sharing.Served | None, over: socket.socket, until_s: float
+    ) -> bool:
+        """Serve clients until a signal, `until_s` or the loop's end; return whether that came."""
+        while True:
+            waited: list[Any] = [over, self.signals, *(served.sockets() if served else [])]
+            left_s = max(until_s - time.monotonic(), 0.0)
+            ready, _, _ = select.select(waited, [], [], left_s)
+            if served:
+                served.serve()
+            if not ready or over in ready or self.signals in ready:
+                return over in ready
+
+    def _linger(self, served: sharing.Served, for_host: bool = True) -> None:
+        """Serve clients of a node that has ended, while its host is there or may come.
+
+        Without `for_host` only until they have it.
+        """
+        end_s = time.monotonic() + _LINGER_S
+        while (has_host := for_host and served.has_host()) or not self._was_taken(served):
+            left_s = end_s - time.monotonic()
+            if left_s <= 0.0 and not has_host:
+                return
+            waited: list[Any] = [self.signals, *served.sockets()]
+            select.select(waited, [], [], None if has_host else left_s)
+            served.serve()
+            if self._asked_to_end() and not (for_host and served.has_host()):
+                return
+
+    def _was_taken(self, served: sharing.Served) -> bool:
+        """Return whether whoever needs this node has it: a recorder, its host, or both."""
+        if sharing.LEAVE in served.told:
+            return True
+        wanted = {sharing.RECORDER} if self.host is None else {sharing.RECORDER, sharing.HOST}
+        return wanted <= served.told
+
+    def _asked_to_end(self) -> bool:
+        """Take the signals that have come; return whether there was one."""
+        try:
+            return bool(os.read(self.signals, 8 * _SIGNAL_BYTES))
+        except BlockingIOError:
+            return False
+
+    def claim_frames(self) -> None:
+        """Claim the frames that this node sends; BusError if one of them has a sender here.
+
+        Whoever claims none is noticed by his frames, see `executive.loop.strangers`.
+        """
+        below = bus_below(self.rig, self.bus)
+        for frame in self.plan.tx_frames:
+            lower = below is not None and (self.role == "plant" or frame.name in self.plan.below)
+            bus = below if lower else self.bus
+            name = f"frame/{bus}/{frame.can_id | frame.extended << 31:08X}"
+            held = claim.hold(name)
+            if held is None:
+                holder = claim.holder(name)
+                who = f", process {holder.pid}" if holder and holder.pid else ""
+                what = faults.frame_text(frame.can_id, frame.extended, frame.name)
+                raise BusError(
+                    f"{bus}: another sender of {what} is on this bus{who}; "
+                    "end it or choose another with --bus"
+                )
+            self.choice.claims.append(held)
+
+    def orphaned(self) -> bool:
+        """Return whether the host that started this process, if it named itself, is dead."""
+        return self.host is not None and os.getppid() != self.host
+
+    def _loop(self, block: sh.Shared) -> None:
+        """Do the real-time settings, the self-test, then the compiled loop."""
+        settings = self.rig.config.realtime
+        priority = {
+            "executive": settings.priority, "local": settings.local_priority,
+            "plant": settings.plant_priority,
+        }[self.role]  # fmt: skip
+        cpu = settings.plant_cpu if self.role == "plant" else settings.cpu
+        self.report += realtime.prepare_thread(priority, cpu)
+        selftest()
+        warning = self.report.warning()
+        if warning and self.pacing != "lockstep":
+            print(f"{self.role}: {warning}", file=sys.stderr, flush=True)
+        block["control"][sh.REALTIME] = self.report.is_realtime
+        block["control"][sh.READY] = 1
+        run(block.loop, self.plan.steps)
+
+
+def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
+    """Open the bus of a node of `rig`, or both of a local node, into the WIRE `end`; BusError.
+
+    `bus` is the executive's. A node also listens to its own ids: nobody else may send them.
+    """
+    below = bus_below(rig, bus)
+    own = below if made.role == "plant" and below is not None else bus
+    buses.open_bus(own, made.receive_ids + made.send_ids, end)
+    if made.role == "local" and below is not None:
+        buses.open_second(below, made.receive_ids_below + made.send_ids_below, end)
+    buses.know_own(end)
+
+
+def bus_below(rig: Rig, bus: buses.Bus) -> buses.Bus | None:
+    """Return the bus between local node and plant; None for a rig of two nodes."""
+    local = rig.config.local
+    if local is None:
+        return None
+    if local.bus is None:
+        return buses.beside(bus)
+    channel = None if local.bus.channel is None else str(local.bus.channel)
+    return buses.choose(local.bus.interface, channel)
+
+
+def warm_up_memory(made: Plan) -> Any:
+    """Return scratch memory for a few cycles, so that the loop is compiled and touched."""
+    scratch = np.recarray(1, sh.LOOP)
+    scratch.view(np.uint8)[:] = 0
+    loop: Any = scratch[0]
+    wire.prepare(loop.wire, MEMORY, -1, -1)
+    install(made, loop)
+    loop.trigger = 0  # clocked, in memory: every deadline is over already
+    loop.arm_pass = -1
+    loop.is_plant = 1  # waits for nobody
+    loop.cycles = _WARM_UP_CYCLES
+    return loop
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,254 @@
+"""A recorded node recomputed: what it received is fed to the same cycle, in the same cycles.
+
+    frames    those received in cycle k are checked and decoded again before the pass of cycle k
+    tunings   those of cycle k are written before that pass; the rig's schedule is among them
+    clock     k, passes, wake-up and stage times are the record's: laws and frames may use them
+    bus       a failure of the bus is an input too: it is taken from the recorded fault
+    end       a ramp of the commands to safe values begins in the cycle in which it did
+    result    every recorded variable, every counter that follows from frames, every frame sent
+
+Nothing else enters a cycle, so the result is bit-identical whatever the pacing and the bus were.
+Not compared, because they were measured: stage times, late and skipped cycles, and the frames that
+a node sends while it looks for the other one or ends.
+"""
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import e2e, wire
+from pcpc.drivers.jit import f8, i8, loop, u1
+from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, STRANGER
+from pcpc.executive.laws.emath_selftest import selftest
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.facts import facts
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.cycle import STEPS, N, one_pass
+from pcpc.executive.loop.reception import take_frame
+from pcpc.executive.loop.sending import request_first_sample
+from pcpc.executive.loop.variables import COUNTED
+from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.plan import describe, plan
+from pcpc.executive.nodes.watched import watched
+from pcpc.executive.rig.messages import heartbeat
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
+
+CYCLES_AT_ONCE = 1000  # the rings hold several thousand
+K, PASSES, STAMP = range(3)  # first columns of Slice.rows
+HEAD = 3
+BUS_FAILED, FRAMES_END, TUNINGS_END, ENDS = range(3, 7)  # further columns of the loop's rows
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Consecutive cycles of a node as recorded, with their frames and tunings.
+
+    `rows` (cycles, HEAD + variables) int64: cycle, passes, stamp ns, then the variables' bits;
+    `tunings`: cycle, name, value.
+    """
+
+    rows: NDArray[np.int64]
+    frames: NDArray[Any]
+    tunings: Sequence[tuple[int, str, float]]
+
+
+@dataclass(frozen=True)
+class Computed:
+    """The same cycles recomputed, fewer if the node stopped; `values` (cycles, variables) bits."""
+
+    values: NDArray[np.int64]
+    sent: NDArray[Any]
+
+
+class Assembler:
+    """Orders the pieces of a node's log into slices whose frames and tunings are complete."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """`names`: the recorded variables, state and timing."""
+        self.names = names
+        self._rows = np.empty((0, HEAD + len(names)), np.int64)
+        self._frames = np.empty(0, logs.FRAME)
+        self._tunings: list[tuple[int, str, float]] = []
+
+    def add(self, node: logs.Node) -> None:
+        """Append a further piece of the log; LogError if it lacks what each cycle has."""
+        self._frames = np.concatenate((self._frames, node.frames))
+        for entry in node.tunings:
+            try:
+                tuning = int(entry["cycle"]), str(entry["name"]), float(entry["value"])
+            except (KeyError, TypeError, ValueError, OverflowError):
+                raise logs.LogError(f"a recorded tuning is none: {str(entry)[:80]}") from None
+            self._tunings.append(tuning)
+        if not len(node.cycle):
+            return
+        both = {**node.columns, **node.timing}
+        absent = [name for name in self.names if name not in both]
+        if absent:
+            what = f"{len(absent)} described variables, as {absent[0]}, have no record"
+            raise logs.LogError(what)
+        rows = np.empty((len(node.cycle), HEAD + len(self.names)), np.int64)
+        rows[:, K], rows[:, STAMP] = node.cycle, node.stamp_ns
+        passes = both.get("health.passes", node.cycle)
+        rows[:, PASSES] = np.where(
+            np.abs(passes) < 2.0**62, passes, -1
+        )  # no count of passes: a gap
+        for i, name in enumerate(self.names):
+            rows[:, HEAD + i] = both[name].view(np.int64)
+        self._rows = np.concatenate((self._rows, rows))
+
+    @property
+    def left(self) -> NDArray[np.int64]:
+        """Return the cycles that were not taken."""
+        return self._rows[:, K]
+
+    def take(self, whole: int, end: bool) -> Iterator[Slice]:
+        """Yield the slices up to cycle `whole`; before the `end` only full ones."""
+        while True:
+            here = self._rows[:CYCLES_AT_ONCE]
+            count = int(np.argmax(here[:, K] > whole)) if (here[:, K] > whole).any() else len(here)
+            if not count or (count < CYCLES_AT_ONCE and not end):
+                return
+            rows, self._rows = self._rows[:count], self._rows[count:]
+            last = rows[-1, K]
+            n = int(np.searchsorted(self._frames["cycle"], last, side="right"))
+            frames, self._frames = self._frames[:n], self._frames[n:]
+            tunings = [t for t in self._tunings if t[0] <= last]
+            self._tunings = [t for t in self._tunings if t[0] > last]
+            yield Slice(rows, frames, tunings)
+
+
+@loop(i8(N, STEPS, i8[:, ::1], u1[:, ::1], i8[::1], f8[::1], i8[::1], f8[:, ::1]))
+def recompute(
+    n: Any, steps: Any, rows: Any, frames: Any, tuned: Any, values: Any, clocks: Any, clocked: Any
+) -> Any:
+    """Run the cycles of `rows`; return how many were done before the node stopped of itself.
+
+    `frames` (k, 16): byte 5, of no use on a bus, says that a frame was foreign. `clocked` (cycles,
+    clocks): what was measured in the cycle before, for the places `clocks`.
+    """
+    frame, tuning = 0, 0
+    for i in range(rows.shape[0]):
+        n.behind = rows[i, K] - n.k
+        n.k = rows[i, K]
+        n.passes = rows[i, PASSES]
+        n.virtual_now = n.deadline = rows[i, STAMP]
+        if n.passes == 0 and n.is_plant == 0:
+            request_first_sample(n)
+        while frame < rows[i, FRAMES_END]:
+            for j in range(FRAME_BYTES):
+                n.wire.rx[j] = frames[frame, j]
+            n.wire.source = STRANGER if frames[frame, 5] != 0 else 0
+            take_frame(n)
+            frame += 1
+        while tuning < rows[i, TUNINGS_END]:
+            n.v[tuned[tuning]] = values[tuning]
+            tuning += 1
+        for j in range(clocks.shape[0]):
+            n.v[clocks[j]] = clocked[i, j]
+        if rows[i, BUS_FAILED] != 0:
+            n.faulted = sv.BUS_FAILED
+        if rows[i, ENDS] != 0:
+            n.control[sh.STOP] = 1
+        one_pass(n, steps)
+        n.wire.outbox_put = 0
+        if n.passes == rows[i, PASSES]:
+            return i
+    return rows.shape[0]
+
+
+class Replay:
+    """One node of a rig, recomputed slice by slice."""
+
+    def __init__(self, rig: Rig, role: Role, pacing: str, recorded: Collection[str]) -> None:
+        """`pacing` and the variables `recorded` are the recorded run's. RigError, BusError."""
+        selftest()
+        made = plan(rig, role, "lockstep" if pacing == "virtual" else pacing)
+        self.block = sh.private(describe(made, facts()))
+        loop = self.block.loop
+        wire.prepare(loop.wire, MEMORY, -1, -1)
+        install(made, loop)
+        loop.n_schedule = loop.wait_recorder = loop.virtual_time = 0
+        self.steps = made.steps
+        about = self.block.description
+        self.names = [*about["state_columns"], *COUNTED]
+        counters = [about["timing_columns"].index(name) for name in COUNTED]
+        states = sh.RECORD_HEAD + np.arange(len(about["state_columns"]))
+        self._columns = [*states, *(states[-1] + 2 + i for i in counters)]
+        self._table, self._index = made.table, made.table.index
+        measured = [name for name in about["timing_columns"] if name not in COUNTED]
+        self._clocks = [name for name in measured if name in recorded]
+        self._clock_places = np.array([self._index[name] for name in self._clocks], np.int64)
+        self._clocked = np.zeros((1, len(self._clocks)))  # of the cycle before the next slice
+        self.needed = ["supervisor.fault", *self._clocks]  # of a record
+        self._heartbeats = [f.can_id for f in made.tx_frames if heartbeat(f)]
+
+    def advance(self, part: Slice, names: Sequence[str]) -> Computed:
+        """Recompute the cycles of `part`, whose variables are `names`. Raises StepError."""
+        received = part.frames[part.frames["direction"] == 1]
+        raw = np.zeros((len(received), FRAME_BYTES), np.uint8)
+        raw[:, 0:4] = np.ascontiguousarray(received["id"]).view(np.uint8).reshape(-1, 4)
+        raw[:, 4] = received["dlc"]
+        raw[:, 5] = received["e2e"] == e2e.FOREIGN
+        raw[:, 8:16] = received["data"]
+        tunings = [t for t in part.tunings if t[1] in self._index]
+        for tuning in tunings:
+            self._check(*tuning)
+        tuned = np.array([self._index[t[1]] for t in tunings], np.int64)
+        values = np.array([t[2] for t in tunings], np.float64)
+        rows = np.zeros((len(part.rows), 7), np.int64)
+        rows[:, :HEAD] = part.rows[:, :HEAD]
+        fault = part.rows[:, HEAD + names.index("supervisor.fault")].view(np.float64)
+        rows[:, BUS_FAILED] = fault == sv.BUS_FAILED
+        gain, state = (
+            part.rows[:, HEAD + names.index(f"supervisor.{name}")].view(np.float64)
+            for name in ("gain", "state")
+        )
+        rows[:, ENDS] = (gain < 1.0) & (state < sv.FAULT)
+        times = np.array([t[0] for t in tunings], np.int64)
+        for column, ends in ((FRAMES_END, received["cycle"]), (TUNINGS_END, times)):
+            rows[:, column] = np.searchsorted(ends, rows[:, K], side="right")
+        clocked = self._clocked_before(part, names)
+        loop, places = self.block.loop, self._clock_places
+        watched(
+            lambda: recompute(loop, self.steps, rows, raw, tuned, values, places, clocked), [loop]
+        )
+        self._taken("event")
+        return Computed(self._taken("record")[:, self._columns], self.sent(self._frames()))
+
+    def _check(self, cycle: int, name: str, value: float) -> None:
+        """Raise LogError for a tuning that no node takes."""
+        variable = self._table.variables[self._index[name]]
+        what = f"cycle {cycle}: the log has a tuning of {name} to {value:g}"
+        if variable.kind != "parameter":
+            raise logs.LogError(f"{what}, which is no parameter; it is damaged or made up")
+        if not (variable.low <= value <= variable.high and math.isfinite(value)):
+            ends = f"{variable.low:g}..{variable.high:g}"
+            raise logs.LogError(f"{what}, outside {ends}; it is damaged or made up")
+
+    def _clocked_before(self, part: Slice, names: Sequence[str]) -> NDArray[np.float64]:
+        """Return what was measured in the cycle before each of `part`; keep that of the last."""
+        bits = part.rows[:, [HEAD + names.index(name) for name in self._clocks]]
+        clocked = np.concatenate((self._clocked, bits.view(np.float64)))
+        self._clocked = clocked[-1:]
+        return np.ascontiguousarray(clocked[:-1])
+
+    def sent(self, frames: NDArray[Any]) -> NDArray[Any]:
+        """Return those of `frames` that a cycle sent: not the heartbeats of the first meeting."""
+        meeting = (frames["cycle"] == 0) & np.isin(frames["id"], self._heartbeats)
+        return frames[(frames["direction"] == 0) & ~meeting]
+
+    def _frames(self) -> NDArray[Any]:
+        return np.ascontiguousarray(self._taken("frame")[:, 1:]).view(logs.FRAME)[:, 0]
+
+    def _taken(self, ring: str) -> NDArray[np.int64]:
+        """Take what the loop put into a ring."""
+        rows, taken_word = self.block[ring], self.block[f"{ring}_taken"]
+        put, taken = int(self.block[f"{ring}_ends"][sh.PUT]), int(taken_word[0])
+        taken_word[0] = put
+        return np.asarray(rows[np.arange(taken, put) % len(rows)])

@@ -1,0 +1,175 @@
+"""Virtual time: all nodes of a rig in one thread, the same cycle, the bus in memory, no clock.
+
+Frames are encoded, protected, checked and decoded as on a bus, and the one sample of delay is the
+same; so the records of a virtual run and of a lockstep run on a bus are equal bit for bit.
+"""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import wire
+from pcpc.drivers.jit import i8, loop
+from pcpc.drivers.wire_layout import MEMORY
+from pcpc.executive.laws.emath_selftest import selftest
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.facts import facts
+from pcpc.executive.log.long_logs import Wanted
+from pcpc.executive.log.recorder import Recorder
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish, wait_for_peer
+from pcpc.executive.loop.sending import announce, request_first_sample
+from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.plan import describe, plan
+from pcpc.executive.nodes.watched import watched
+from pcpc.executive.rig.reading import Rig
+
+CYCLES_BETWEEN_DRAINS = 1000  # rows in flight; the rings hold several thousand
+
+
+@loop(i8(N, STEPS, N, STEPS, i8))
+def run_virtual(executive: Any, laws: Any, plant: Any, models: Any, cycles: Any) -> Any:
+    """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
+    if executive.passes == 0:
+        announce(plant)
+        wire.carry(plant.wire, executive.wire)
+        wait_for_peer(executive)
+        request_first_sample(executive)
+        wire.carry(executive.wire, plant.wire)
+        one_pass(plant, models)
+    for _ in range(cycles):
+        wire.carry(plant.wire, executive.wire)
+        before = executive.passes
+        more = one_pass(executive, laws)
+        if executive.passes != before:  # it has sent
+            wire.carry(executive.wire, plant.wire)
+            pass_or_finish(plant, models)
+        if not more:
+            finish(executive)
+            wire.carry(executive.wire, plant.wire)
+            pass_or_finish(plant, models)
+            if plant.control[sh.DONE] == 0:
+                finish(plant)
+            return 0
+    return 1
+
+
+class Memory:
+    """Takes the records of nodes into memory; frames and events are let go."""
+
+    def __init__(self, blocks: list[sh.Shared]) -> None:
+        self._blocks = blocks
+        self._rows: list[list[NDArray[np.int64]]] = [[] for _ in blocks]
+
+    def drain(self) -> None:
+        """Take the rows that are there."""
+        for block, rows in zip(self._blocks, self._rows, strict=True):
+            ring = block["record"]
+            put, taken = int(block["record_ends"][sh.PUT]), int(block["record_taken"][0])
+            rows.append(ring[np.arange(taken, put) % len(ring)])
+            block["record_taken"][0] = put
+            for name in ("frame", "event"):
+                block[f"{name}_taken"][0] = block[f"{name}_ends"][sh.PUT]
+
+    def forget(self) -> None:
+        """Let the records so far go: of a long run only the latest values matter."""
+        self._rows = [[] for _ in self._blocks]
+
+    def log(self) -> logs.Log:
+        """Return the run as it would be read back from a file."""
+        nodes = {}
+        for block, rows in zip(self._blocks, self._rows, strict=True):
+            about = block.description
+            table = np.concatenate(rows)
+            values = table.view(np.float64).T
+            n = len(about["state_columns"])
+            columns = dict(zip(about["state_columns"], values[sh.RECORD_HEAD :], strict=False))
+            timing = dict(
+                zip(about["timing_columns"], values[sh.RECORD_HEAD + n + 1 :], strict=True)
+            )
+            nodes[about["node"]] = logs.Node(
+                table[:, 0], table[:, 1], columns, timing, np.empty(0, logs.FRAME), [], [], about
+            )
+        first = self._blocks[0].description
+        metadata = {name: node.description["metadata"] for name, node in nodes.items()}
+        return logs.Log(Path(), nodes, first["attachments"], metadata, [])
+
+
+class VirtualRun:
+    """A rig in virtual time; `advance` runs it piece by piece, `close` completes the log."""
+
+    def __init__(self, rig: Rig, log: Path | None, judged: Wanted | None = None) -> None:
+        """`log` None keeps the records in memory (`memory.log()`). `judged`: of the recorder."""
+        selftest()
+        made = [plan(rig, role, "lockstep") for role in rig.roles]
+        metadata = facts() | {
+            "pacing": "virtual",
+            "bus": "memory",
+            "controller": rig.config.controller,
+            "seed": str(rig.config.seed),
+            "rate_hz": repr(rig.config.rate_hz),
+        }
+        self.blocks: list[sh.Shared] = []
+        for p in made:
+            block = sh.private(describe(p, metadata))
+            wire.prepare(block.loop.wire, MEMORY, -1, -1)
+            install(p, block.loop)
+            block.loop.wait_recorder = 0
+            block["control"][sh.PID] = os.getpid()
+            self.blocks.append(block)
+        self.steps = [p.steps for p in made]
+        self.memory = Memory(self.blocks)
+        self._stopped = False
+        self._run = run_virtual
+        if len(self.blocks) == 3:
+            from pcpc.executive.nodes.virtual_local import run_virtual_with_local  # it compiles
+
+            self._run = run_virtual_with_local
+        self.recorder = None if log is None else Recorder(
+            log, self.blocks, judged=judged, clock=lambda: 0
+        )  # fmt: skip
+
+    def advance(self) -> Iterator[int]:
+        """Run to the end in pieces; yield the cycles done after each. Raises StepError."""
+        loops = [block.loop for block in self.blocks]
+        both = [one for node in zip(loops, self.steps, strict=True) for one in node]
+        more = 1
+        while more:
+            more = watched(
+                lambda: self._run(*both, CYCLES_BETWEEN_DRAINS), loops, lambda: self._stopped
+            )
+            (self.recorder or self.memory).drain()
+            yield int(self.blocks[0].loop.passes)
+
+    def stop(self) -> None:
+        """Ask the executive to end, and the others by it."""
+        self._stopped = True
+        self.blocks[0]["control"][sh.STOP] = 1
+
+    def close(self) -> None:
+        """Finish the log file."""
+        if self.recorder is not None:
+            self.recorder.finish()
+
+
+def simulate(rig: Rig, log: Path) -> VirtualRun:
+    """Run `rig` in virtual time into the file `log`; RigError, BusError, RecordError."""
+    run = VirtualRun(rig, log)
+    try:
+        for _ in run.advance():
+            pass
+    finally:
+        run.close()
+    return run
+
+
+def in_memory(rig: Rig) -> logs.Log:
+    """Run `rig` in virtual time without a file and return its records; RigError, BusError."""
+    run = VirtualRun(rig, None)
+    for _ in run.advance():
+        pass
+    return run.memory.log()

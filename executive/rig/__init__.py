@@ -1,0 +1,1 @@
+"""The rig file: read, checked, its laws found and tried."""

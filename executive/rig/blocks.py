@@ -1,0 +1,138 @@
+"""The blocks of a rig's nodes: laws imported, settings complete, each with the place that gave it.
+
+value of a setting = port's default  <  plant.parameters_file  <  rig file  <  --set
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig.resolve import Use, resolve
+from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.schema import FALLBACK, Config, Entry, Parameter, Plant
+from pcpc.executive.rig.typed import convert
+from pcpc.executive.rig.yamlfile import Document, Keys
+
+if TYPE_CHECKING:
+    from pcpc.executive.laws.block import Block, Port
+
+
+Shared = tuple[Parameter, Document, Keys]  # an entry of a parameters file, and where it stands
+
+
+@dataclass(frozen=True)
+class BlockSpec:
+    """A block of a node: its complete settings, its wiring, and where each was given."""
+
+    name: str
+    block: "Block"
+    settings: dict[str, float]
+    inputs: dict[str, str]
+    places: dict[str, str] = field(repr=False)
+
+    def where(self, path: str = "") -> str:
+        """Return the place of `law`, `inputs.x` or `parameters.x`, else that of the block."""
+        return self.places.get(path, self.places[""])
+
+
+def parameters_file(document: Document, plant: Plant) -> dict[str, Shared]:
+    """Return the parameters file by name, each with its document and path."""
+    if plant.parameters_file is None:
+        return {}
+    source = yamlfile.load(document.file(("plant", "parameters_file"), plant.parameters_file))
+    groups = convert(source, source.data, dict[str, dict[str, Parameter]], ())
+    flat: dict[str, Shared] = {}
+    for group, parameters in groups.items():
+        for name, parameter in parameters.items():
+            if name in flat:
+                first = source.where(flat[name][2])
+                raise source.error((group, name), f"given twice, first at {first}; rename one")
+            flat[name] = (parameter, source, (group, name))
+    return flat
+
+
+def law_keys(config: Config, section: str, name: str) -> Keys:
+    """Return the path of the entry that names the law of a block."""
+    if section == "executive" and name == FALLBACK and config.overrun.fallback is not None:
+        return ("controllers", config.overrun.fallback)
+    if section == "executive" and name == "controller":
+        return ("controllers", config.controller)
+    return (section, "blocks", name)
+
+
+def blocks(
+    document: Document, config: Config, section: Role,
+    shared: Mapping[str, Shared],
+) -> list[BlockSpec]:  # fmt: skip
+    """Return the blocks of a node; `shared` goes to every block that has such a setting."""
+    specs: list[BlockSpec] = []
+    unused = dict(shared)
+    for name, entry in entries(config, section):
+        keys = law_keys(config, section, name)
+        law = config.controllers[str(keys[1])] if keys[0] == "controllers" else entry
+        given = {setting: parameter.value for setting, (parameter, *_) in shared.items()}
+        use = Use(given | law.parameters, config.rate_hz, config.seed)
+        block = resolve(document, keys, str(law.law), use)
+        places = {"": document.where((section, "blocks", name))}
+        places |= {"law": document.where((*keys, "law"))}
+        for inputs, at in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):
+            places |= {f"inputs.{key}": document.where((*at, "inputs", key)) for key in inputs}
+        settings = _settings(document, keys, law.parameters, block, shared, places)
+        for used in settings:
+            unused.pop(used, None)
+        specs.append(BlockSpec(name, block, settings, {**entry.inputs, **law.inputs}, places))
+    for name, (_, source, at) in unused.items():
+        known = [setting for spec in specs for setting in spec.settings]
+        raise source.error(at, f"no block of the plant has {name}{did_you_mean(name, known)}")
+    return specs
+
+
+def entries(config: Config, section: Role) -> Iterator[tuple[str, Entry]]:
+    """Yield the blocks of a node; a fallback follows its controller and is wired alike."""
+    for name, entry in config.sections[section].blocks.items():
+        yield name, entry
+        if section == "executive" and name == "controller" and config.overrun.fallback is not None:
+            yield FALLBACK, entry
+
+
+def _settings(
+    document: Document, keys: Keys, given: Mapping[str, float], block: "Block",
+    shared: Mapping[str, Shared], places: dict[str, str],
+) -> dict[str, float]:  # fmt: skip
+    """Return all settings of a block in the order of its ports; their places go to `places`."""
+    ports = {name: port for port in block.settings or block.parameters for name in port.names()}
+    for name in given:
+        if name not in ports:
+            at = (*keys, "parameters", name)
+            raise document.error(at, f"unknown parameter{did_you_mean(name, ports)}")
+    settings: dict[str, float] = {}
+    for name, port in ports.items():
+        source, at = document, (*keys, "parameters", name)
+        if name in shared and shared[name][0].unit != port.unit:
+            parameter, source, at = shared[name]
+            what = f"unit '{parameter.unit}' where block {keys[-1]} has '{port.unit}'"
+            raise source.error((*at, "unit"), what)
+        if name in given:
+            settings[name] = given[name]
+        elif name in shared:
+            parameter, source, at = shared[name]
+            settings[name] = parameter.value
+        elif port.default is not None:
+            settings[name] = port.default
+            continue
+        else:
+            unit = f" [{port.unit}]" if port.unit else ""
+            raise document.error(keys, f"parameter {name}{unit} is missing: {port.help}")
+        places[f"parameters.{name}"] = source.where(at)
+        _check_range(source, at, name, port, settings[name])
+    return settings
+
+
+def _check_range(source: Document, at: Keys, name: str, port: "Port", value: float) -> None:
+    if not (port.low <= value <= port.high and math.isfinite(value)):
+        unit = f" {port.unit}" if port.unit else ""
+        what = f"{value:.12g} is outside {port.low:.12g}..{port.high:.12g}{unit}"
+        raise source.error(at, f"{name}: {what}" if source.place(at).option else what)

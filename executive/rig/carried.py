@@ -1,0 +1,160 @@
+"""The files that a log carries, so that its laws can be recomputed where they do not lie.
+
+A law from outside the project may import modules beside it and read tables, also in `prepare`. What
+it opens then is noted (Python's audit event `open`), and goes into the log with where it lay:
+
+    name     from the rig's folder             sha256, bytes   of the content
+    path     absolute                          given           relative texts that it was opened by
+    laws     the laws of the rig that it is    left_out        true: more than the log carries
+
+Not noted: Python's and the project's own files, what is installed, and devices.
+"""
+
+import hashlib
+import importlib.util
+import os
+import site
+import stat
+import sys
+import sysconfig
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.compile_cache import cache_folder
+
+MOST_BYTES = 64 << 20  # of all carried files of a node together
+AREAS = ("drivers", "executive", "plants", "tools")
+_PROJECT = Path(__file__).resolve().parents[2]
+_SYSTEM = ("/proc", "/sys", "/dev", "/etc", "/usr/lib", "/usr/share")
+
+Reads = dict[Path, set[str]]  # a file, and the relative texts by which it was opened
+_listening: list[tuple[int, Reads]] = []  # thread, what it opened
+_hooked: list[bool] = []
+
+
+@contextmanager
+def noted() -> Iterator[Reads]:
+    """Yield what this thread opens for reading until the end, as far as it is to be carried."""
+    if not _hooked:  # a hook stays for good
+        _hooked.append(True)
+        sys.addaudithook(_hook)
+    opened: Reads = {}
+    found: Reads = {}
+    _listening.append((threading.get_ident(), opened))
+    try:
+        yield found
+    finally:
+        _listening.pop()
+        merge(found, {file: texts for file, texts in opened.items() if is_outside(file)})
+
+
+def merge(into: Reads, more: Mapping[Path, set[str]]) -> None:
+    """Add `more` to `into`."""
+    for file, texts in more.items():
+        into.setdefault(file, set()).update(texts)
+
+
+def _hook(event: str, arguments: tuple[Any, ...]) -> None:
+    if event != "open" or not _listening:
+        return
+    thread, opened = _listening[-1]
+    name, mode, flags = arguments
+    if thread != threading.get_ident() or isinstance(name, int):
+        return
+    writes = any(c in mode for c in "wax") if mode else flags & (os.O_WRONLY | os.O_CREAT)
+    if writes:
+        return
+    text = os.fsdecode(name)
+    file = Path(os.path.abspath(text))
+    if file.suffix == ".pyc":
+        try:
+            file = Path(importlib.util.source_from_cache(file))
+        except ValueError:
+            return
+    opened.setdefault(file, set()).update([] if os.path.isabs(text) else [text])
+
+
+def is_outside(file: Path) -> bool:
+    """Return whether a file is an ordinary one, and neither installed nor the project's own."""
+    return not any(file.is_relative_to(folder) for folder in _inside()) and is_ordinary(file)
+
+
+def is_ordinary(file: Path) -> bool:
+    """Return whether `file` is a regular file that can be read."""
+    try:
+        return stat.S_ISREG(file.stat().st_mode) and os.access(file, os.R_OK)
+    except (OSError, ValueError):
+        return False
+
+
+def _inside() -> list[str]:
+    paths = sysconfig.get_paths()
+    folders = [paths[key] for key in ("stdlib", "platstdlib", "purelib", "platlib")]
+    folders += [*site.getsitepackages(), site.getusersitepackages(), *_SYSTEM]
+    folders += [str(_PROJECT / area) for area in (*AREAS, "pcpc")]
+    folders += [str(cache_folder()), os.environ.get("NUMBA_CACHE_DIR", "")]
+    return [folder for folder in folders if folder]
+
+
+def listed(reads: Mapping[Path, set[str]], laws: Mapping[Path, set[str]], rig: Path) -> list[Any]:
+    """Return the entries of a description: `reads`, and the `laws` from outside, by their texts."""
+    entries: list[dict[str, Any]] = []
+    total = 0
+    for file in sorted({*reads, *laws}, key=lambda f: (f not in laws, str(f))):
+        try:
+            size, digest = file.stat().st_size, sha256(file)
+        except OSError:
+            continue  # it was there a moment ago, and is no law's any more
+        total += size
+        entries.append(
+            {
+                "name": Path(os.path.relpath(file, rig.parent)).as_posix(), "path": str(file),
+                "given": sorted(reads.get(file, ())), "laws": sorted(laws.get(file, ())),
+                "sha256": digest, "bytes": size, "left_out": total > MOST_BYTES,
+            }
+        )  # fmt: skip
+        total -= size if total > MOST_BYTES else 0
+    return entries
+
+
+def sha256(file: Path) -> str:
+    """Return the SHA-256 of a file's content in hexadecimal; OSError."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def attachments(
+    about: Mapping[str, Any], more: Mapping[str, str]
+) -> Iterator[tuple[str, bytes, str]]:
+    """Yield name, content and SHA-256 of what a log holds of a node: texts, `more`, files.
+
+    A file that has changed since it was listed is left out.
+    """
+    for name, text in {**about["attachments"], **more}.items():
+        data = text.encode()
+        yield name, data, hashlib.sha256(data).hexdigest()
+    for entry in about.get("files", ()):
+        with suppress(OSError):
+            data = b"" if entry["left_out"] else Path(entry["path"]).read_bytes()
+            if (digest := hashlib.sha256(data).hexdigest()) == entry["sha256"]:
+                yield attachment_name(entry), data, digest
+
+
+def warning(entries: list[Any]) -> str:
+    """Return what the log will lack, in a line; "" if it is whole."""
+    names = [f"{entry['path']} ({entry['bytes']} bytes)" for entry in entries if entry["left_out"]]
+    if not names:
+        return ""
+    return (
+        f"the log does not carry {', '.join(names)}: more than {MOST_BYTES >> 20} MiB; "
+        "replay it where that lies"
+    )
+
+
+def attachment_name(entry: Mapping[str, Any]) -> str:
+    """Return the name under which a log holds the content of a file."""
+    parts = ["up" if part == ".." else part for part in str(entry["name"]).split("/")]
+    return f"files/{str(entry['sha256'])[:12]}/{'/'.join(parts)}"

@@ -1,0 +1,30 @@
+"""Which sent signals are commands, and the limits and safe values of each."""
+
+from collections.abc import Iterable
+
+import msgspec
+
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.schema import Limit
+
+
+def commands(rig: Rig, role: Role, sent: Iterable[str]) -> dict[str, Limit]:
+    """Return the limits of what a node sends; without bounds, of what the receiver makes safe.
+
+    What the other node's watchdog substitutes is a command: it is safe in FAULT and at the end.
+    """
+    nodes = rig.nodes()
+    theirs = {
+        name: value
+        for other in rig.roles
+        if other != role
+        for name, value in nodes[other].safe.items()
+    }
+    given = dict(nodes[role].limits)
+    given |= {name: Limit() for name in sent if name in theirs and name not in given}
+    found = {}
+    for name, limit in given.items():
+        safe = theirs.get(name, 0.0) if limit.safe is None else limit.safe
+        found[name] = msgspec.structs.replace(limit, safe=min(max(safe, limit.low), limit.high))
+    return found

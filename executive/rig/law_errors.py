@@ -1,0 +1,122 @@
+"""What went wrong in a law, in one line with the user's own place and source line.
+
+    law.py:12: cannot be compiled: untyped global name 'plain' ..., in `y[0] = plain(u[0])`
+
+numba's message names places from the innermost helper outwards; the first one in a file that is
+neither numba's nor another library's is the user's. Elsewhere it is the innermost frame.
+"""
+
+import linecache
+import re
+import sysconfig
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+
+from pcpc.executive.rig.yamlfile import shown
+
+_LIBRARIES = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+_PROJECT = Path(__file__).resolve().parents[2]
+_OWN = {  # how laws are read and stepped
+    _PROJECT / f"{name}.py"
+    for name in (
+        "drivers/jit", "drivers/stage", "drivers/views", "executive/laws/ports",
+        "executive/rig/modules", "executive/rig/prepare", "executive/rig/resolve",
+        "executive/rig/trial",
+    )
+}  # fmt: skip
+_COLOUR = re.compile("\x1b\\[[0-9;]*m")
+_PLACE = re.compile(r'File "(?P<a>[^"\n]+)", line (?P<b>\d+)|at (?P<c>/[^\n]+?) \((?P<d>\d+)\)')
+_LINE = 100  # letters of a source line or a reason that are shown
+_NO_MEMORY = "NRT required but not enabled"
+_NO_ROOM = "it needs memory of its own (a list, a new array, text), which a step cannot have"
+_MAKES = re.compile(r"(zeros|ones|full|empty|array|asarray|copy|arange|linspace|eye)(_like)?\(")
+
+
+def cause(error: BaseException) -> str:
+    """Return `file:line: what, in source` for an error of a law's module, `prepare` or step."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{shown(Path(error.filename))}:{error.lineno}: {type(error).__name__}: {error.msg}"
+    if is_numbas(error):
+        return at(_compile_place(error), f"cannot be compiled: {_compile_reason(error)}")
+    return at(place(error.__traceback__), described(error))
+
+
+def described(error: BaseException) -> str:
+    """Return the kind of an error and its text, in one line."""
+    if isinstance(error, SystemExit):
+        return "ends the process; a law must not"
+    text, name = " ".join(str(error).split()), type(error).__name__
+    return f"{name}: {text}" if text else name
+
+
+def is_numbas(error: BaseException) -> bool:
+    """Return whether numba refused to compile."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return type(error).__module__.partition(".")[0] == "numba" or (
+        bool(frames) and "numba" in Path(frames[-1].filename).parts
+    )
+
+
+def at(where: tuple[str, int] | None, what: str) -> str:
+    """Return `file:line: what, in source`."""
+    if where is None:
+        return what
+    file, line = where
+    source = _cut(linecache.getline(file, line).strip())
+    return f"{shown(Path(file))}:{line}: {what}{f', in `{source}`' if source else ''}"
+
+
+def place(frames: TracebackType | None) -> tuple[str, int] | None:
+    """Return file and line of the innermost frame that is the user's; else the innermost one."""
+    found = [(f.filename, f.lineno or 0) for f in traceback.extract_tb(frames)]
+    ours = [frame for frame in found if is_users(frame[0])]
+    both = ours or found
+    return both[-1] if both else None
+
+
+def is_users(file: str) -> bool:
+    """Return whether a source file is neither a library's nor part of how laws are read."""
+    if file.startswith("<") or not file.endswith(".py"):
+        return False
+    path = Path(file).resolve()
+    return path not in _OWN and not any(path.is_relative_to(folder) for folder in _LIBRARIES)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LINE else f"{text[: _LINE - 3]}..."
+
+
+def _compile_place(error: BaseException) -> tuple[str, int] | None:
+    for file, line in _places(_COLOUR.sub("", str(error))):
+        if is_users(file):
+            return file, line
+    location = getattr(error, "loc", None)
+    if location is not None and is_users(str(location.filename)):
+        return str(location.filename), int(location.line)
+    return place(error.__traceback__)
+
+
+def _places(text: str) -> Iterator[tuple[str, int]]:
+    for found in _PLACE.finditer(text):
+        file = found["a"] or found["c"]
+        yield str(Path(file).resolve()), int(found["b"] or found["d"])
+
+
+def _compile_reason(error: BaseException) -> str:
+    """Return the first line of numba's message that says something."""
+    text = _COLOUR.sub("", str(error))
+    if _NO_MEMORY in text:
+        return _NO_ROOM
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    lines = [line for line in lines if not line.startswith("Failed in nopython mode")]
+    reason = lines[0] if lines else type(error).__name__
+    call = next((line[4:] for line in lines if line.startswith(">>> ")), "")
+    if reason.startswith("No implementation of function") and call:
+        makes = _MAKES.match(call) is not None
+        reason = _NO_ROOM if makes else f"there is no {call}"
+    reason = re.sub(r", defined at .*", "", reason).removesuffix(". Raised from None").rstrip(". ")
+    if "<class 'function'>" in reason:
+        reason = f"{reason.partition(':')[0]} is plain Python; put @inline above its def"
+    return _cut(reason[:1].lower() + reason[1:] if reason[1:2].islower() else reason)

@@ -1,0 +1,117 @@
+"""What the frames of a DBC file mean to a node: what starts a cycle, what is awaited, who hears it.
+
+SYNC         has the signals sequence and crc; the node above sends it as the last of its cycle
+awaited      of every cycle and no SYNC: a cycle without one counts as missing input
+heartbeat    ids 0x700 to 0x77F, as in CANopen
+"""
+
+from collections.abc import Collection, Sequence
+
+from pcpc.drivers import dbc
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.loop import meeting
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
+
+SYNC_WAYS = {"executive": ("tx",), "local": ("rx", "tx"), "plant": ("rx",)}
+
+
+def awaited(frame: dbc.Frame) -> bool:
+    """Return True if a cycle without this frame counts as missing input."""
+    return frame.cycle_ms == 0.0 and not frame.has_sequence
+
+
+def starts(role: Role, frame: dbc.Frame, below: Collection[str]) -> bool:
+    """Return True if this frame starts a cycle where no clock does.
+
+    The executive waits for all feedback, the plant for SYNC, a local node for both; `below` are the
+    frames on its bus to the plant.
+    """
+    feedback = role == "executive" or frame.name in below
+    return frame.has_sequence or (feedback and awaited(frame))
+
+
+def heartbeat(frame: dbc.Frame) -> bool:
+    """Return True for CANopen's heartbeat, which nodes also send while they look for each other."""
+    return 0x700 <= frame.can_id < 0x780
+
+
+def sending_order(frame: dbc.Frame) -> tuple[bool, bool, int]:
+    """Slow frames first, then the frames of every cycle, SYNC last; each by id."""
+    return frame.has_sequence, frame.cycle_ms == 0.0, frame.can_id
+
+
+def check(rig: Rig, role: Role, rx: Sequence[dbc.Frame], tx: Sequence[dbc.Frame]) -> None:
+    """Raise RigError if a node lacks the SYNC that starts it, or those below, or any input."""
+    for way in SYNC_WAYS[role]:
+        if not any(frame.has_sequence for frame in (tx if way == "tx" else rx)):
+            raise rig.error(
+                "dbc",
+                "no SYNC frame from executive to plant; give one frame of each node to the one "
+                "below the signals sequence and crc",
+            )
+    if not any(awaited(frame) for frame in rx):
+        node = rig.config.sections[role].node
+        raise rig.error("dbc", f'{node} receives no frame with send type "EveryCycle"')
+
+
+def check_losses(rig: Rig, database: dbc.Database) -> None:
+    """Raise RigError for losses of a frame that is not there, or that starts cycles."""
+    if not rig.config.losses:
+        return
+    known = set[str]().union(*(_of(database, n.node) for n in rig.config.sections.values()))
+    frames = (dbc.frame(message) for message in database.messages if message.name in known)
+    names = [frame.name for frame in frames if awaited(frame)]
+    for name in rig.config.losses:
+        if name not in names:
+            what = f"no frame of every cycle {name}{did_you_mean(name, names)}"
+            raise rig.error(f"losses.{name}", what)
+
+
+def towards_plant(rig: Rig, database: dbc.Database) -> frozenset[str]:
+    """Return the frames of the local node's bus to the plant; RigError if one is on both buses."""
+    known = {role: _of(database, node.node) for role, node in rig.config.sections.items()}
+    own, above, below = known["local"], known["executive"], known["plant"]
+    for name in sorted(own & above & below):
+        raise rig.error("dbc", f"frame {name} is on both buses; give each bus a frame of its own")
+    return frozenset(own & below)
+
+
+def _of(database: dbc.Database, node: str) -> set[str]:
+    """Return the names of the frames that a node sends or receives."""
+    both = (*dbc.frames(database, node, "rx"), *dbc.frames(database, node, "tx"))
+    return {frame.name for frame in both}
+
+
+def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -> float:
+    """Return the worst-case load as a fraction of `bitrate`, of the fuller of a rig's two buses.
+
+    Only frames of the rig's nodes count: a DBC file may know more nodes than a rig has.
+    """
+    known = set[str]().union(*(_of(database, n.node) for n in rig.config.sections.values()))
+    if rig.config.local is None:
+        return dbc.bus_load(database, rate_hz, bitrate, known)
+    below = towards_plant(rig, database)
+    above = known - below
+    return max(dbc.bus_load(database, rate_hz, bitrate, names) for names in (above, below))
+
+
+def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: bool) -> list[int]:
+    """Return what each received frame is to the meeting; `below`: frames on the bus to the plant.
+
+    `leads`: this is the executive, all of whose frames come from below.
+    """
+    lower = [frame for frame in rx if leads or frame.name in below]
+    beats = sorted(filter(heartbeat, lower), key=sending_order)
+    found = []
+    for frame in rx:
+        if heartbeat(frame) and frame not in lower:
+            found.append(meeting.FROM_ABOVE)
+        elif not beats or frame not in lower:
+            found.append(meeting.NO_PART)
+        elif frame is beats[0]:
+            found.append(meeting.FROM_BELOW)
+        else:
+            later = sending_order(frame) > sending_order(beats[0])
+            found.append(meeting.AFTER if later else meeting.BEFORE)
+    return found

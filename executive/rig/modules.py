@@ -1,0 +1,160 @@
+"""The modules of laws: imported once a process, under a name that compiled code can be kept by.
+
+A law from outside the project may read tables at its import; what it opened is noted, because it
+goes into the log, and because its content is in the compiled code.
+"""
+
+import hashlib
+import importlib
+import importlib.util
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from pathlib import Path
+from types import ModuleType
+
+from pcpc.drivers.compile_cache import cache_folder
+from pcpc.executive.rig import carried
+from pcpc.executive.rig.carried import AREAS, Reads, merge
+
+PROJECT = Path(__file__).resolve().parents[2]
+OURS = "pcpc."  # modules of the project
+_outside: dict[Path, ModuleType] = {}
+_read_by: dict[str, Reads] = {}  # what the import of a module opened, by its name
+
+
+def module_of(name: str, file: Path) -> ModuleType:
+    """Import the module `name`, or that of `file` where the name is ""."""
+    return _import_module(name) if name else _import_file(file)
+
+
+def outside(file: Path) -> ModuleType | None:
+    """Return the module of a file outside the project, if it was imported."""
+    return _outside.get(file)
+
+
+def read_by(module: ModuleType) -> Reads:
+    """Return what the import of a module opened."""
+    return _read_by.get(module.__name__, {})
+
+
+def opened() -> Reads:
+    """Return what the imports of this process opened, as far as a log is to carry it."""
+    found: Reads = {}
+    for reads in _read_by.values():
+        merge(found, reads)
+    return found
+
+
+def project_name(file: Path) -> str | None:
+    """Return the dotted name of a module of this project, given its file; None for another file."""
+    file = file.resolve()
+    if not file.is_relative_to(PROJECT):
+        return None
+    parts = file.relative_to(PROJECT).with_suffix("").parts
+    if parts[0] not in AREAS or not all(part.isidentifier() for part in parts):
+        return None  # a file beside the packages has a dotted name in some processes only
+    try:
+        spec = importlib.util.find_spec(OURS + ".".join(parts))
+    except ModuleNotFoundError:
+        return None
+    found = spec is not None and spec.origin is not None and Path(spec.origin).resolve() == file
+    return spec.name if spec is not None and found else None
+
+
+@contextmanager
+def own_streams() -> Iterator[None]:
+    """Keep what a module prints out of stdout, and the terminal from a module that reads it."""
+    terminal = sys.stdin
+    with open(os.devnull, encoding="utf-8") as nothing, redirect_stdout(sys.stderr):
+        sys.stdin = nothing
+        try:
+            yield
+        finally:
+            sys.stdin = terminal
+
+
+def _import_file(file: Path) -> ModuleType:
+    """Import a Python file, once per process.
+
+    A file of the project gets its dotted name, any other one a name made of its path: the compile
+    cache stores the module's name, so that it must be the same in every process.
+    """
+    if (own_name := project_name(file)) is not None:
+        return importlib.import_module(own_name)
+    if file in _outside:
+        return _outside[file]
+    known = _Remembered(file)
+    with carried.noted() as reads:
+        module = _execute(file, known.module_name())
+    reads.pop(file, None)
+    if known.is_news(reads):
+        module = _execute(file, known.module_name())
+    _outside[file], _read_by[module.__name__] = module, reads
+    return module
+
+
+def _import_module(name: str) -> ModuleType:
+    """Import an installed module; note what a module from outside the project opens."""
+    if name in sys.modules or name.startswith(OURS):
+        return importlib.import_module(name)
+    with carried.noted() as reads:
+        module = importlib.import_module(name)
+    _read_by[name] = reads
+    return module
+
+
+class _Remembered:
+    """What the import of a law opened the last time, kept beside the compiled code.
+
+    Tables and modules that a law reads end up in its compiled code, so that their content is in the
+    name under which that is cached.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self._path = hashlib.sha256(str(file).encode()).hexdigest()
+        self._note = cache_folder() / "reads" / f"{self._path}.json"
+        self._files: list[str] = []
+        with suppress(OSError, ValueError):
+            noted = json.loads(self._note.read_text(encoding="utf-8"))
+            self._files = [str(name) for name in noted if isinstance(noted, list)]
+
+    def module_name(self) -> str:
+        """Return a name made of the law's path and of what it read."""
+        digest = hashlib.sha256(self._path.encode())
+        for name in self._files:
+            with suppress(OSError):
+                digest.update(name.encode() + carried.sha256(Path(name)).encode())
+        mark = digest.hexdigest() if self._files else self._path
+        return f"{self.file.stem}_{mark[:16]}"
+
+    def is_news(self, reads: Reads) -> bool:
+        """Remember what was read; return whether it is other than the last time."""
+        files = sorted(map(str, reads))
+        if files == self._files:
+            return False
+        self._files = files
+        with suppress(OSError):
+            self._note.parent.mkdir(parents=True, exist_ok=True)
+            new = self._note.with_suffix(f".{os.getpid()}")
+            new.write_text(json.dumps(files), encoding="utf-8")
+            new.replace(self._note)
+        return True
+
+
+def _execute(file: Path, name: str) -> ModuleType:
+    """Run a file as module `name`; modules beside it can be imported by their names."""
+    if str(file.parent) not in sys.path:
+        sys.path.append(str(file.parent))  # last: it hides nothing
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None and spec.loader is not None, "a .py file has a loader"
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module

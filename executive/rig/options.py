@@ -1,0 +1,87 @@
+"""`--set NAME=VALUE` put into a rig's data: a key of the rig, or a setting of one of its blocks."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NoReturn
+
+import msgspec
+
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig.resolve import Use, resolve
+from pcpc.executive.rig.schema import Config
+from pcpc.executive.rig.typed import convert
+from pcpc.executive.rig.yamlfile import Document, Keys, Place, dotted
+
+
+def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
+    """Put the `--set` options into the data, keys of the rig first: one may be `controller`."""
+    keys_of = dict(_leaves(msgspec.to_builtins(config), ()))
+    blocks = {name: role for role, node in config.sections.items() for name in node.blocks}
+    rest: list[tuple[str, Any, Place]] = []
+    for setting in settings:
+        place = Place(document.path, option=f"--set {setting}")
+        name, equals, text = setting.partition("=")
+        if not equals:
+            raise RigError(f"{place}: expected NAME=VALUE")
+        value = yamlfile.value(text, place)
+        if name in keys_of:
+            document.put(keys_of[name], value, place)
+        else:
+            rest.append((name, value, place))
+    for name, value, place in rest:
+        block, _, setting = name.partition(".")
+        if block not in blocks or not setting:
+            raise RigError(f"{place}: no such setting{_cure(document, config, name, keys_of)}")
+        chosen = document.data["controller"]
+        if block == "controller" and chosen not in document.data["controllers"]:
+            unknown_controller(document, chosen, config)
+        own: Keys = (blocks[block], "blocks", block)
+        keys = ("controllers", chosen) if block == "controller" else own
+        document.put((*keys, "parameters", setting), value, place)
+
+
+def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys]) -> str:
+    """Return the suggestion for a setting that is none: only what this rig has."""
+    own = list(_block_settings(document, config))
+    if same := [setting for setting in own if setting.endswith(f".{name}")]:
+        return f"; did you mean {' or '.join(same)}?"
+    return did_you_mean(name, [*keys, *own])
+
+
+def _block_settings(document: Document, config: Config) -> Iterator[str]:
+    """Yield the settings of all blocks whose law can be imported."""
+    for role, node in config.sections.items():
+        for name in node.blocks:
+            own: Keys = (role, "blocks", name)
+            keys = ("controllers", document.data["controller"]) if name == "controller" else own
+            try:
+                law = convert(document, _at(document.data, (*keys, "law")), str, keys)
+                entry = (
+                    config.controllers[str(keys[1])] if name == "controller" else node.blocks[name]
+                )
+                use = Use(entry.parameters, config.rate_hz, config.seed)
+                block = resolve(document, keys, law, use)
+            except (RigError, KeyError):
+                continue  # wrong itself, which is said once the option is mended
+            ports = block.settings or block.parameters
+            yield from (f"{name}.{setting}" for port in ports for setting in port.names())
+
+
+def _at(data: Any, keys: Keys) -> Any:
+    for key in keys:
+        data = data[key]
+    return data
+
+
+def _leaves(data: Mapping[str, Any], keys: Keys) -> Iterator[tuple[str, Keys]]:
+    for key, child in data.items():
+        if isinstance(child, dict):
+            yield from _leaves(child, (*keys, key))
+        else:
+            yield dotted((*keys, key)), (*keys, key)
+
+
+def unknown_controller(document: Document, name: Any, config: Config) -> NoReturn:
+    """Raise the error about a controller that the rig does not have."""
+    what = f"no controller {name}{did_you_mean(str(name), config.controllers)}"
+    raise document.error(("controller",), what)

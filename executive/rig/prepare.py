@@ -1,0 +1,119 @@
+"""From the settings of a block to its parameters and initial states; what a block may look like.
+
+numba is not needed here: the trial of a law (`executive.rig.trial`) uses it as well.
+"""
+
+import inspect
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.loop.shared import MAX_VARIABLES
+from pcpc.executive.rig.law_errors import cause
+
+if TYPE_CHECKING:
+    from pcpc.executive.laws.block import Block, Port
+
+MOST_VALUES = (
+    100 * MAX_VARIABLES
+)  # of a block that is looked at; `executive.nodes.plan` says the rest
+Values = list[tuple[str, float]]  # name and value of each element, in the order of the ports
+
+
+def check_ports(block: "Block") -> None:
+    """Raise ValueError if the block's ports are not what a node can hold."""
+    from pcpc.executive.laws.block import Port
+
+    total = 0
+    for kind in ("inputs", "outputs", "parameters", "states", "settings"):
+        ports = getattr(block, kind)
+        if not isinstance(ports, Sequence) or not all(isinstance(port, Port) for port in ports):
+            raise ValueError(f"{kind} is {_shown(ports)}; expected a tuple of Port")
+        for port in ports:
+            if type(port.size) is not int or port.size < 1:
+                raise ValueError(f"{kind}: port {port.name} has size {port.size!r}; at least 1")
+            total += port.size
+            if total > MOST_VALUES:
+                what = f"{kind}: port {port.name} of size {port.size} makes {total} variables"
+                raise ValueError(f"{what}; one node holds {MAX_VARIABLES}")
+
+
+def check_arguments(block: "Block") -> None:
+    """Raise ValueError if the step does not take t, dt, p, x, u, y."""
+    step = getattr(block.step, "py_func", block.step)
+    try:
+        inspect.signature(step).bind(*"tdpxuy")
+    except (TypeError, ValueError):
+        code = getattr(step, "__code__", None)
+        line = f"line {code.co_firstlineno}: " if code is not None else ""
+        raise ValueError(f"{line}the step is not step(t, dt, p, x, u, y)") from None
+
+
+def prepared(
+    block: "Block", settings: Mapping[str, float], rate_hz: float, seed: int
+) -> tuple[Values, Values]:
+    """Return parameters and initial states, from `prepare` where there is one; ValueError."""
+    from pcpc.executive.laws.block import Prepared
+
+    parameters: Mapping[str, Any] = dict(settings)
+    states: Mapping[str, Any] = {}
+    if block.prepare is not None:
+        try:
+            made = block.prepare(settings, rate_hz, seed)
+        except ValueError:
+            raise
+        except (Exception, SystemExit) as error:
+            raise ValueError(f"prepare: {cause(error)}") from error
+        if not isinstance(made, Prepared):
+            raise ValueError(f"prepare returned {_shown(made)}; expected Prepared(parameters)")
+        parameters, states = made.parameters, made.states
+    ports = block.parameters or block.settings
+    computed = block.prepare is not None
+    if computed:
+        known = {n for port in (*ports, *block.states) for n in (port.name, *port.names())}
+        for name in (*parameters, *states):
+            if name not in known and name not in settings:  # a setting may be handed on
+                raise ValueError(f"prepare gave {name}: no such port{did_you_mean(name, known)}")
+    return _values(ports, parameters, computed), _values(block.states, states, computed)
+
+
+def _values(ports: "Sequence[Port]", given: Mapping[str, Any], computed: bool) -> Values:
+    """Return name and value of each element; a port of several is given whole or by element."""
+    return [pair for port in ports for pair in _elements(port, given, computed)]
+
+
+def _elements(port: "Port", given: Mapping[str, Any], computed: bool) -> Values:
+    names = port.names()
+    default = 0.0 if port.default is None else port.default
+    if port.size > 1 and port.name in given:
+        try:
+            values = np.asarray(given[port.name], float)
+        except (TypeError, ValueError):
+            raise ValueError(f"{port.name}: prepare gave {_shown(given[port.name])}") from None
+        if values.shape != (port.size,):
+            raise ValueError(
+                f"{port.name}: prepare gave shape {values.shape}, expected ({port.size},)"
+            )
+        pairs = list(zip(names, values.tolist(), strict=True))
+    else:
+        pairs = [(name, given.get(name, default)) for name in names]
+    return [(name, _number(name, value) if computed else float(value)) for name, value in pairs]
+
+
+def _number(name: str, value: Any) -> float:
+    """Return a prepared number to 12 digits: numpy's last bits depend on the processor."""
+    try:
+        number = float(f"{float(value):.12g}")
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: prepare gave {_shown(value)}; expected a number") from None
+    if math.isnan(number):
+        raise ValueError(f"{name}: prepare gave nan; expected a number")
+    return number
+
+
+def _shown(value: Any) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -1,0 +1,162 @@
+"""From the text of a law to its block: `pd`, `references:step`, `pkg.mod:NAME` or `model.py:NAME`.
+
+numba is imported with the first law.
+"""
+
+import importlib
+import importlib.util
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig import trial
+from pcpc.executive.rig.carried import Reads
+from pcpc.executive.rig.law_errors import cause, is_numbas, is_users
+from pcpc.executive.rig.modules import (
+    OURS,
+    PROJECT,
+    module_of,
+    outside,
+    own_streams,
+    project_name,
+    read_by,
+)
+from pcpc.executive.rig.prepare import check_ports
+from pcpc.executive.rig.yamlfile import Document, Keys
+
+if TYPE_CHECKING:
+    from pcpc.executive.laws.block import Block
+
+_PLANTS = (  # the project's folders; another one beside them is a user's
+    "actuators", "atb1000", "backlash_map", "backlash_pendulum", "deadzone_arm", "deadzone_map",
+    "friction_arm", "payload_arm", "probe", "quarter_car", "telerobot",
+)  # fmt: skip
+_LAWS = PROJECT / "executive" / "laws"
+
+
+@dataclass(frozen=True)
+class Use:
+    """What the trial of a law needs of its rig: settings as given, rate, seed."""
+
+    settings: Mapping[str, float]
+    rate_hz: float
+    seed: int
+
+
+def resolve(document: Document, keys: Keys, law: str, use: Use) -> "Block":
+    """Return the block that `law` names; any failure of its module is an error of the rig file.
+
+    A law that is not of the project is tried first (`executive.rig.trial`), unless it passed
+    before.
+    """
+    from pcpc.executive.laws.block import Block  # here, because it imports numba
+
+    at = (*keys, "law")
+    found = re.fullmatch(r"([^:]+)(?::(\w+))?", today(law))
+    if not found:
+        raise document.error(at, f"'{law}' is no law; expected NAME, pkg.mod:NAME or file.py:NAME")
+    module_name, name = found[1], found[2] or "BLOCK"
+    is_file, is_bare = module_name.endswith(".py"), "." not in module_name
+    full_name = shipped().get(module_name, module_name) if is_bare else module_name
+    file = document.file(at, module_name) if is_file else Path()
+    case = users_case(law, file, use)
+    if case is not None and (problem := trial.ensure(case)):
+        raise document.error(at, problem)
+    try:
+        with own_streams():
+            module = module_of("" if is_file else full_name, file)
+    except (Exception, SystemExit) as error:
+        absent = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
+        if absent and f"{full_name}.".startswith(f"{absent}."):
+            cure = did_you_mean(module_name, shipped()) if is_bare else ""
+            what = "law" if is_bare else "module"
+            raise document.error(at, f"no {what} {full_name}{cure}") from None
+        what = "" if is_numbas(error) else f"{module_name} cannot be imported: "
+        raise document.error(at, f"{what}{cause(error)}") from error
+    block = getattr(module, name, None)
+    if isinstance(block, Block):
+        try:
+            check_ports(block)
+        except ValueError as error:
+            raise document.error(at, f"{name} of {module_name}: {error}") from error
+        return block
+    blocks = [key for key, known in vars(module).items() if isinstance(known, Block)]
+    kind = type(block).__name__
+    what = f"is of type {kind}, not Block" if hasattr(module, name) else "does not exist"
+    raise document.error(at, f"{name} of {module_name} {what}{did_you_mean(name, blocks)}")
+
+
+def users_case(law: str, file: Path, use: Use) -> trial.Case | None:
+    """Return what a trial of `law` needs, None for a law of the project; `file` is its module's."""
+    module, _, name = today(law).partition(":")
+    if module.endswith(".py"):
+        if _is_projects(file):
+            return None
+        module = ""
+    elif "." not in module or module.startswith(OURS):
+        return None
+    else:
+        try:
+            spec = importlib.util.find_spec(module)
+        except (Exception, SystemExit):  # importing it says so
+            return None
+        if spec is None or spec.origin is None or not is_users(spec.origin):
+            return None
+        file = Path(spec.origin)
+    return trial.Case(str(file), module, name or "BLOCK", use.settings, use.rate_hz, use.seed)
+
+
+def _is_projects(file: Path) -> bool:
+    own = (project_name(file) or "").split(".")[1:]
+    return own != [] and (own[0] != "plants" or len(own) == 2 or own[1] in _PLANTS)
+
+
+def compile_step(block: "Block") -> None:
+    """Compile a step that its module did not; ValueError says, with the line, why that fails."""
+    from pcpc.drivers.stage import Stage, stage
+
+    step: Any = block.step
+    if isinstance(step, Stage):
+        return
+    try:
+        stage(step)  # what is wrong with it is said first
+        raise ValueError("step is plain Python; put @stage above its def")
+    except ValueError:
+        raise
+    except Exception as error:
+        raise ValueError(cause(error)) from error
+
+
+def today(law: str) -> str:
+    """Return the present name of a law of the project that a log calls by an earlier one."""
+    module, colon, name = law.partition(":")
+    parts = module.split(".")
+    if parts[0] == "executive" and parts[-1] in shipped():
+        return parts[-1] + colon + name
+    return OURS + law if parts[0] == "plants" and parts[1:2] and parts[1] in _PLANTS else law
+
+
+@cache
+def shipped() -> dict[str, str]:
+    """Return the dotted names of the modules of laws that a rig may name bare."""
+    files = [*_LAWS.glob("controllers/**/*.py"), _LAWS / "references.py", _LAWS / "sequences.py"]
+    names = {file.stem: file.relative_to(PROJECT).with_suffix("").parts for file in files}
+    return {stem: OURS + ".".join(parts) for stem, parts in names.items() if stem != "__init__"}
+
+
+def source(document: Document, keys: Keys, law: str) -> tuple[Path | None, Reads]:
+    """Return the file of an imported law, and what its import opened; None for the project's."""
+    name = law.partition(":")[0]
+    if name.endswith(".py"):
+        module = outside(document.file(keys, name))
+    else:
+        module = sys.modules.get(name) if "." in name else None
+    file = getattr(module, "__file__", None)
+    if module is None or file is None or module.__name__.startswith(OURS):
+        return None, {}
+    return Path(file).resolve(), read_by(module)

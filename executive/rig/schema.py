@@ -1,0 +1,252 @@
+"""The keys of a rig file and of a plant's parameters file, with types and ranges."""
+
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, Struct
+
+from pcpc.executive.rig.roles import Role
+
+FALLBACK = "fallback"  # name of the block that waits for `overrun.fallback`
+Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]{1,64}\Z")]  # it becomes part of a file's name
+BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]{0,63}\Z")]
+Word = Annotated[str, Meta(max_length=200)]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
+Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
+class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A bus as python-can names it; `bitrate` null means that its load is not checked."""
+
+    interface: Word = "auto"
+    channel: Word | Annotated[int, Meta(ge=0, le=2**31)] | None = None
+    bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
+
+
+class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Reactions to missing frames, in cycles, and the ramp to safe values.
+
+    `peer_timeout_s`: how long a node that is ready waits for the other one.
+    """
+
+    hold_cycles: Annotated[int, Meta(ge=0)] = 2
+    fault_after_cycles: Annotated[int, Meta(ge=2)] = 3
+    ramp_s: Annotated[float, Meta(gt=0, le=3600)] = 0.05
+    peer_timeout_s: Annotated[float, Meta(gt=0, le=1e6)] = 300.0
+
+
+class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Scheduling. `plant_phase`: fraction of a period by which the plant's cycle follows.
+
+    `local_phase`, `local_priority`: the same of a local node, which rigs of three nodes have.
+    `late_fraction`: fraction of a period after which a wake-up counts as late. `cpu`, `plant_cpu`:
+    the processor to stay on, with SCHED_FIFO only.
+    """
+
+    priority: Priority = 80
+    plant_priority: Priority = 70
+    plant_phase: Fraction = 0.5
+    late_fraction: Fraction = 0.1
+    local_phase: Fraction = 0.3333
+    local_priority: Priority = 75
+    cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
+    plant_cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
+
+
+class Overrun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What follows when cycles run past their end, besides skipped periods: nothing, by default.
+
+    After `fault_after` of them in a row the node faults; or after `fallback_after` the controller
+    `fallback` takes over for good. Those in the first `grace_s` do not count.
+    """
+
+    fault_after: Annotated[int, Meta(ge=1)] | None = None
+    fallback: Name | None = None
+    fallback_after: Annotated[int, Meta(ge=1)] = 1
+    grace_s: Annotated[float, Meta(ge=0, le=3600)] = 0.1
+
+
+class Timing(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Judges lateness plus work at p99.9, as fractions of a period; null: not judged.
+
+    WARN is told, ERROR is an expectation that is not met.
+    """
+
+    warn: Annotated[float, Meta(gt=0)] | None = 0.5
+    error: Annotated[float, Meta(gt=0)] | None = None
+
+
+class Errors(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How many frames may go wrong, all nodes together, before a run counts as one with loss.
+
+    A healthy bus has none of these, also on a loaded machine, where frames come late but whole.
+    Frames from another sender have no limit to set: one is too many.
+    """
+
+    crc: Count = 0
+    repeated: Count = 0
+    wrong_sequence: Count = 0
+    send: Count = 0
+    bus: Count = 0
+
+
+class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A controller: a law with its settings, and wiring beyond that of all controllers.
+
+    `lockstep_only`: why a clock would break it (one sample more of delay); "" where it would not.
+    """
+
+    law: str
+    lockstep_only: str = ""
+    parameters: dict[str, float] = {}
+    inputs: dict[str, str] = {}
+    transmit: dict[str, str] = {}
+
+
+class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A block of a node; only the executive's `controller` has no law here."""
+
+    law: str | None = None
+    parameters: dict[str, float] = {}
+    inputs: dict[str, str] = {}
+
+
+class Limit(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Bounds of a sent signal, in its unit; `rate_per_s` null means no rate limit.
+
+    `safe`: where FAULT and the end of the run take it; null for what the receiver's `safe` says,
+    else 0, and for the nearest value within the bounds.
+    """
+
+    low: float = float("-inf")
+    high: float = float("inf")
+    rate_per_s: Annotated[float, Meta(gt=0)] | None = None
+    safe: float | None = None
+
+
+class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The controller node; the order of `blocks` is the schedule."""
+
+    node: str
+    blocks: dict[BlockName, Entry]
+    transmit: dict[str, str] = {}
+    limits: dict[str, Limit] = {}
+
+
+class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The plant node; `safe` are the values that its watchdog substitutes."""
+
+    node: str
+    blocks: dict[BlockName, Entry]
+    parameters_file: str | None = None
+    transmit: dict[str, str] = {}
+    safe: dict[str, float] = {}
+
+
+class Local(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The node between executive and plant; `bus` is the one towards the plant.
+
+    `bus` null: beside the executive's, vcan1 to vcan0, the next port of udp_multicast. `safe` are
+    the values that its watchdog substitutes for what it receives.
+    """
+
+    node: str
+    blocks: dict[BlockName, Entry]
+    bus: Bus | None = None
+    transmit: dict[str, str] = {}
+    limits: dict[str, Limit] = {}
+    safe: dict[str, float] = {}
+
+
+class Loss(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Loss of a frame on purpose, at its receivers: `share` of all, in runs of `burst` on average.
+
+    The log holds what was lost; the receiver counts it by the counter that is missing.
+    """
+
+    share: Annotated[float, Meta(ge=0, lt=1)]
+    burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
+
+
+class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Parameters that change at a time of the run, all in the same cycle."""
+
+    at_s: Annotated[float, Meta(ge=0, le=1e6)]
+    set: dict[str, float]
+
+
+Happening = Literal["fault", "change", "skip", "tuning"]
+
+
+class Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the log keeps: all, or with `keep` what lies around an event; see `log.keep`."""
+
+    keep: Annotated[str, Meta(pattern=r"\A[0-9]{1,9}(\.[0-9]{1,9})?(ms|s|min)\Z")] | None = None
+    on: Happening | list[Happening] = "fault"
+
+    @property
+    def keep_ns(self) -> int:
+        """`keep` in ns; 0 for all."""
+        if self.keep is None:
+            return 0
+        number = self.keep.rstrip("msin")
+        return round(float(number) * {"ms": 1e6, "s": 1e9, "min": 60e9}[self.keep[len(number) :]])
+
+    @property
+    def events(self) -> list[str]:
+        """`on` as a list."""
+        return [self.on] if isinstance(self.on, str) else list(self.on)
+
+
+class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A rig file as it stands, with defaults filled in and options applied."""
+
+    rig: Name
+    title: str = ""
+    dbc: str
+    rate_hz: Annotated[float, Meta(ge=1, le=20000)]
+    duration_s: Annotated[float, Meta(gt=0, le=1e6)]  # 12 days: still exact in ns as a float
+    seed: Count = 1
+    pacing: Literal["real", "sync", "lockstep"] = "real"
+    bus: Bus = Bus()
+    controller: str
+    controllers: dict[Name, Law]
+    supervisor: Supervisor = Supervisor()
+    realtime: Realtime = Realtime()
+    errors: Errors = Errors()
+    overrun: Overrun = Overrun()
+    timing: Timing = Timing()
+    executive: Executive
+    plant: Plant
+    local: Local | None = None
+    losses: dict[str, Loss] = {}
+    evaluation: dict[str, Any] | None = None
+    watch: str | None = None
+    record: Record = Record()
+    schedule: list[Tuning] = []
+    note: list[str] = []
+    expect: dict[str, dict[str, tuple[float, float]]] = {}
+
+    @property
+    def sections(self) -> dict[Role, Executive | Local | Plant]:
+        """The nodes that this rig has, by role."""
+        found: dict[Role, Executive | Local | Plant] = {"executive": self.executive}
+        if self.local is not None:
+            found["local"] = self.local
+        return found | {"plant": self.plant}
+
+
+class Evaluation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What judges a run: a Python file, the part of the run it looks at, and numbers for it."""
+
+    file: str
+    window_s: tuple[float, float]
+    numbers: dict[str, float] = {}
+
+
+class Parameter(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One entry of a parameters file."""
+
+    value: float
+    unit: str
+    reason: str

@@ -1,0 +1,393 @@
+"""A law of the user's tried before it runs: a few interpreted steps with guarded views, in a child.
+
+Compiled code checks no index: `u[7]` of two inputs reads foreign memory. So the module is imported,
+prepared and stepped once in a process of its own, interpreted, on views that refuse what lies
+outside, with the initial states and inputs of 0 and then within the ports' ranges. What goes wrong
+there is told with file and line; so is what hangs, ends the process or reads the terminal. A law
+that passed is remembered by its sources and the tables that it read, beside the compiled code.
+
+    python -m pcpc.executive.rig.trial CASE     the child; CASE is JSON, it answers in lines of JSON
+"""
+
+import hashlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+
+import pcpc
+from pcpc.drivers import compile_cache
+from pcpc.executive.rig.carried import Reads, merge, noted, sha256
+from pcpc.executive.rig.law_errors import at, cause, is_users, place
+from pcpc.executive.rig.yamlfile import shown
+
+if TYPE_CHECKING:
+    from pcpc.executive.laws.block import Block, Port
+    from pcpc.executive.rig.prepare import Values
+
+IMPORT_S, PREPARE_S, STEP_S = 20.0, 60.0, 10.0  # until a part counts as never returning
+STEP_PERIODS = 200.0  # a step may also take so many periods: interpreted is some 100 times slower
+ENOUGH_S = 5.0  # of steps
+LATE, LATE_S = 4, 0.5  # after a leap in time a law may have much to make up
+CYCLES = (0, 1, 2, 3, 4, 10, 100, 1000, 10_000, 100_000, 1_000_000)
+KINDS = {"p": "parameter", "x": "state", "u": "input", "y": "output"}
+_RECORDS = "laws"  # the folder of what is remembered
+_SHOWN = 6  # names of ports in a message
+_passed: set[str] = set()  # records and cases, in this process
+_spared: list[bool] = []
+_opened: Reads = {}  # by `prepare`, in the child
+
+
+@dataclass(frozen=True)
+class Case:
+    """A law as a rig uses it; `file` is that of its module, `module` its dotted name or ""."""
+
+    file: str
+    module: str
+    name: str
+    settings: Mapping[str, float]
+    rate_hz: float
+    seed: int
+
+
+@contextmanager
+def spared() -> Iterator[None]:
+    """Try no law meanwhile: those of a log ran before, and open their files by other names."""
+    _spared.append(True)
+    try:
+        yield
+    finally:
+        _spared.pop()
+
+
+def ensure(case: Case) -> str:
+    """Return "" for a law that passes or has passed before, else what is wrong, in a line."""
+    record = _record(case)
+    if _spared or record in _passed:
+        return ""
+    problem = "" if _remembered(record, case) else attempt(case)
+    if not problem:
+        _passed.add(record)
+    return problem
+
+
+def attempt(case: Case) -> str:
+    """Try a law, whatever other processes remember; return "" or what is wrong, in a line."""
+    text = json.dumps([asdict(case), sys.path])
+    if text in _passed:
+        return ""
+    words = [sys.executable, "-P", "-m", "pcpc.executive.rig.trial", text]
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "OPENBLAS_NUM_THREADS": "1"}
+    folder = str(Path(pcpc.__file__).resolve().parents[1])
+    path = os.pathsep.join(filter(None, [folder, os.environ.get("PYTHONPATH")]))
+    where = shown(Path(case.file))
+    limit_s = IMPORT_S + PREPARE_S + 2.0 * max(STEP_S, STEP_PERIODS / case.rate_hz)
+    try:
+        child = subprocess.run(
+            words, stdin=subprocess.DEVNULL, capture_output=True, timeout=limit_s,
+            env=environment | {"PYTHONPATH": path}, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return f"{where}: its trial does not return within {limit_s:.0f} s"
+    told = [json.loads(line) for line in child.stdout.splitlines() if line.startswith(b"{")]
+    phase = next((line["phase"] for line in reversed(told) if "phase" in line), "start")
+    if not told or "problem" not in told[-1]:
+        end = (
+            signal.Signals(-child.returncode).name
+            if child.returncode < 0
+            else f"exit code {child.returncode}"
+        )
+        said = child.stderr.decode(errors="replace").strip().splitlines()[-1:]
+        return ": ".join([where, f"its process ended in its {phase} with {end}", *said])
+    if told[-1]["said"]:
+        print(f"{where}: prints: {told[-1]['said']}", file=sys.stderr)
+    if not told[-1]["problem"]:
+        _passed.add(text)
+        _remember(_record(case), case, told[-1]["sources"])
+    return str(told[-1]["problem"])
+
+
+# What is remembered
+
+
+def _record(case: Case) -> str:
+    digest = hashlib.sha256(f"{case.module}:{case.name}\n".encode())
+    with suppress(OSError):
+        digest.update(Path(case.file).read_bytes())
+    return f"{digest.hexdigest()[:32]}.json"
+
+
+def _remembered(record: str, case: Case) -> bool:
+    """Return whether the law passed, and all that it imports and reads is as it was."""
+    folder = Path(case.file).parent
+    for kept in compile_cache.folders():
+        with suppress(OSError, ValueError, AttributeError):
+            sources = json.loads((kept / _RECORDS / record).read_text(encoding="utf-8"))
+            if all(sha256(folder / name) == found for name, found in sources.items()):
+                return True
+    return False
+
+
+def _remember(record: str, case: Case, sources: list[str]) -> None:
+    """Note that a law passed; where nothing can be written it is tried again the next time."""
+    folder = Path(case.file).parent
+    with suppress(OSError):
+        found = {
+            os.path.relpath(source, folder) if Path(source).is_relative_to(folder) else source:
+            sha256(Path(source)) for source in sources
+        }  # fmt: skip
+        place = compile_cache.made(_RECORDS)
+        draft = place / f"{record}.{os.getpid()}"
+        draft.write_text(json.dumps(found), encoding="utf-8")
+        draft.replace(place / record)
+
+
+# The child
+
+
+class IndexOutside(Exception):
+    """A step reached beyond a view."""
+
+
+class Refused(Exception):
+    """A block is not what a rig can use; without a line."""
+
+
+class Hangs(BaseException):
+    """A part of a law does not return."""
+
+
+class Leaves(BaseException):
+    """A law wants to end the process."""
+
+
+class View(np.ndarray):
+    """A block's view that refuses indices outside, and those below 0, which would wrap.
+
+    `about`: letter, names of all elements, and where this part begins.
+    """
+
+    about: tuple[str, tuple[str, ...], int] | str | None
+
+    def __array_finalize__(self, source: Any) -> None:
+        """Take over what the view is about."""
+        self.about = getattr(source, "about", None)
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return an element or a part."""
+        self._check(key)
+        part = super().__getitem__(key)
+        if isinstance(key, slice) and isinstance(part, View) and isinstance(self.about, tuple):
+            letter, names, first = self.about
+            part.about = (letter, names, first + int(key.start or 0))
+        return part
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        """Set an element or a part."""
+        self._check(key)
+        super().__setitem__(key, value)
+
+    def __iter__(self) -> Iterator[Any]:
+        """Go through the elements."""
+        return (self[i] for i in range(len(self)))
+
+    def _check(self, key: Any) -> None:
+        keys = key if isinstance(key, tuple) else (key,)
+        for one, size in zip(keys, self.shape, strict=False):
+            if isinstance(one, slice):
+                edges = [int(edge) for edge in (one.start, one.stop) if edge is not None]
+                if any(not 0 <= edge <= size for edge in edges):
+                    start, stop = ("" if e is None else int(e) for e in (one.start, one.stop))
+                    raise IndexOutside(self._outside(f"{start}:{stop}", size))
+            elif isinstance(one, int | np.integer) and not 0 <= int(one) < size:
+                raise IndexOutside(self._outside(str(int(one)), size))
+
+    def _outside(self, key: str, size: int) -> str:
+        if not isinstance(self.about, tuple):
+            extents = " x ".join(map(str, self.shape))
+            return f"{self.about or 'index '}[{key}]: there are {extents} elements"
+        letter, names, first = self.about
+        if size != len(names):
+            part = f"{letter}[{first}:{first + size}][{key}]"
+            return f"{part}: this part has {_counted(size, 'element')}"
+        listed = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
+        has = _counted(len(names), KINDS[letter])
+        below = "; an index counts from 0 up" if key.startswith("-") else ""
+        return f"{letter}[{key}]: the block has {has}{f' ({listed})' if names else ''}{below}"
+
+
+def _counted(number: int, what: str) -> str:
+    return f"no {what}" if number == 0 else f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _view(letter: str, ports: "tuple[Port, ...]", values: list[float]) -> View:
+    view = np.array(values, np.float64).view(View)
+    view.about = (letter, tuple(name for port in ports for name in port.names()), 0)
+    return view
+
+
+@contextmanager
+def _within(seconds: float) -> Iterator[None]:
+    """Raise Hangs where the process is after so many seconds."""
+
+    def ring(number: int, frame: FrameType | None) -> NoReturn:
+        raise Hangs(f"does not return within {seconds:g} s")
+
+    signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _leave(*_: Any) -> NoReturn:
+    raise Leaves("ends the process; a law must not")
+
+
+def main(text: str) -> None:
+    """Try the law of a case; answer on the original stdout, all else goes to a file of its own."""
+    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    said = open(os.memfd_create("said"), "r+b", buffering=0)  # noqa: SIM115  to the end
+    for descriptor in (1, 2):
+        os.dup2(said.fileno(), descriptor)
+    given, sys.path[:] = json.loads(text)
+    case, end = Case(**given), os._exit
+    os._exit = os.abort = _leave  # type: ignore[assignment]
+    before = set(sys.modules)
+    problem = _problem(case, lambda phase: print(json.dumps({"phase": phase}), file=answers))
+    sys.stdout.flush()
+    said.seek(0)
+    words = " ".join(said.read(400).decode(errors="replace").split())
+    answer = {"problem": problem, "said": words[:80], "sources": _sources(before)}
+    print(json.dumps(answer), file=answers, flush=True)
+    end(0)  # a law's threads are not waited for
+
+
+def _sources(before: set[str]) -> list[str]:
+    """Return the user's files that came with the law: modules, and what they or `prepare` read."""
+    from pcpc.executive.rig.modules import opened
+
+    files = [getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - before]
+    users = {Path(file).resolve() for file in files if file and is_users(file)}
+    return sorted(map(str, {*users, *opened(), *_opened}))
+
+
+def _problem(case: Case, begin: Any) -> str:
+    try:
+        _try(case, begin)
+    except IndexOutside as error:
+        return at(place(error.__traceback__), str(error))
+    except (Hangs, Leaves) as error:
+        return at(place(error.__traceback__), str(error))
+    except Refused as error:
+        return str(error)
+    except (Exception, SystemExit) as error:
+        return cause(error).replace("'View' object", "an array")
+    return ""
+
+
+def _try(case: Case, begin: Any) -> None:
+    from pcpc.executive.rig.modules import module_of
+    from pcpc.executive.rig.prepare import check_arguments, check_ports
+
+    begin("import")
+    try:
+        with _within(IMPORT_S):
+            block = getattr(module_of(case.module, Path(case.file)), case.name, None)
+    except (Exception, SystemExit, Hangs, Leaves) as error:
+        here = at(place(error.__traceback__), str(error))
+        what = here if isinstance(error, Hangs | Leaves) else cause(error)
+        raise Refused(f"{case.module or Path(case.file).name} cannot be imported: {what}") from None
+    if block is None or not hasattr(block, "step"):
+        return  # `laws` says so
+    begin("prepare")
+    try:
+        check_ports(block)
+        check_arguments(block)
+        parameters, states = _prepare(block, case)
+    except ValueError as error:
+        raise Refused(f"{shown(Path(case.file))}: {error}") from error
+    begin("step")
+    views = [
+        _view("p", block.parameters or block.settings, [value for _, value in parameters]),
+        _view("x", block.states, [value for _, value in states]),
+    ]
+    _steps(block, views, case.rate_hz)
+
+
+def _prepare(block: "Block", case: Case) -> "tuple[Values, Values]":
+    from pcpc.executive.rig.prepare import prepared
+
+    settings = {
+        name: case.settings.get(name, _usual(port))
+        for port in block.settings or block.parameters
+        for name in port.names()
+    }
+    with _within(PREPARE_S), noted() as reads:
+        values = prepared(block, settings, case.rate_hz, case.seed)
+    merge(_opened, reads)
+    return values
+
+
+def _usual(port: "Port") -> float:
+    if port.default is not None:
+        return port.default
+    low, high = (edge if math.isfinite(edge) else 0.0 for edge in (port.low, port.high))
+    return 0.5 * (low + high)
+
+
+def _steps(block: "Block", views: list[View], rate_hz: float) -> None:
+    """Step with inputs of 0 and of their ranges, from the start and at late times."""
+    chance = np.random.default_rng(1)
+    dt, began = np.float64(1.0 / rate_hz), time.monotonic()
+    for inputs in range(3):
+        p, x = (view.copy() for view in views)
+        for k in CYCLES:
+            u = _view("u", block.inputs, _inputs(block, inputs, chance))
+            y = _view("y", block.outputs, [0.0] * block.size(block.outputs))
+            late = k > LATE
+            limit_s = LATE_S if late else max(STEP_S, STEP_PERIODS / rate_hz)
+            with np.errstate(all="ignore"):
+                try:
+                    with _within(limit_s):
+                        block.step(np.float64(k * dt), dt, p, x, u, y)
+                except ArithmeticError:  # compiled code has infinity or NaN there
+                    break
+                except Hangs:
+                    if not late:
+                        raise
+                    break
+                except ValueError as error:
+                    if "math domain error" not in str(error) and "NaN" not in str(error):
+                        raise
+                    break
+            if time.monotonic() - began > ENOUGH_S:
+                return
+
+
+def _inputs(block: "Block", kind: int, chance: np.random.Generator) -> list[float]:
+    """Return values of all inputs: 0, then by chance within their ranges, at most -1..1 or 10."""
+    most = (0.0, 1.0, 10.0)[kind]
+    values: list[float] = []
+    for port in block.inputs:
+        low, high = max(port.low, -most), min(port.high, most)
+        if low > high:
+            low = high = port.low if port.low > most else port.high
+        values += chance.uniform(low, high, port.size).tolist()
+    return values
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,77 @@
+"""Plain YAML data to typed values; what does not fit is an error at its line and column."""
+
+import re
+from typing import Any, Literal, get_args, get_origin
+
+import msgspec
+from msgspec import Struct
+
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig.yamlfile import Document, Keys
+
+
+def convert(document: Document, data: Any, kind: Any, keys: Keys) -> Any:
+    """Return `data` as a `kind`; on failure descend, because msgspec does not name mapping keys."""
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        _descend(document, data, kind, keys)
+        raise document.error(keys, _reworded(str(error), data)) from None
+
+
+def _descend(document: Document, data: Any, kind: Any, keys: Keys) -> None:
+    """Raise the error of the first part of `data` that is not what `kind` says, if it is a part."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if isinstance(kind, type) and issubclass(kind, Struct) and isinstance(data, dict):
+        fields = {info.encode_name: info for info in msgspec.structs.fields(kind)}
+        for key in data:
+            if key not in fields:
+                raise document.error((*keys, key), f"unknown key{did_you_mean(key, fields)}")
+        for name, info in fields.items():
+            if name in data:
+                convert(document, data[name], info.type, (*keys, name))
+            elif info.required:
+                raise document.error(keys, f"key {name} is missing")
+    elif origin is dict and isinstance(data, dict):
+        for key, child in data.items():
+            convert(document, key, arguments[0], (*keys, key))
+            convert(document, child, arguments[1], (*keys, key))
+    elif origin is list and isinstance(data, list):
+        for index, child in enumerate(data):
+            convert(document, child, arguments[0], (*keys, index))
+    elif origin is tuple and isinstance(data, list) and len(data) == len(arguments):
+        for index, child in enumerate(data):
+            convert(document, child, arguments[index], (*keys, index))
+    elif origin is Literal and isinstance(data, str):
+        raise document.error(keys, f"unknown value {data}{did_you_mean(data, arguments)}")
+
+
+_WORDS = {
+    "float": "a number", "int": "a whole number", "str": "text", "bool": "true or false",
+    "object": "a mapping", "array": "a list", "null": "null",
+}  # fmt: skip
+
+
+def _reworded(message: str, data: Any) -> str:
+    """Return msgspec's message in YAML's words, with the value that came."""
+    expected = re.sub(r"(, got .*)?( - at .*)?\Z", "", message)
+    expected = re.sub(r"matching regex '(.*)'\Z", r"of the form \1", expected)
+    expected = expected.replace("\\\\A", "").replace("\\\\Z", "")
+    kinds = re.sub(r"`([a-z |]+)`", lambda found: _in_words(found[1]), expected)
+    got = f"text {_cut(repr(data))}" if isinstance(data, str) else _short(data)
+    return f"{kinds[:1].lower()}{kinds[1:]}, got {got}"
+
+
+def _in_words(kinds: str) -> str:
+    return " or ".join(_WORDS.get(kind, kind) for kind in kinds.split(" | "))
+
+
+def _short(data: Any) -> str:
+    text = yamlfile.dump([data]).strip().removeprefix("- ") if data != {} else "{}"
+    line = " ".join(text.strip("[]").split()) if not isinstance(data, list) else str(data)
+    return _cut(line)
+
+
+def _cut(line: str) -> str:
+    return line if len(line) <= 40 else f"{line[:37]}..."

@@ -1,0 +1,189 @@
+"""The `pcpc` command as a user starts it, in real processes, each test on a bus of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from free_bus import GROUP, own_port
+
+from pcpc.drivers import claim
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+
+ROOT = Path(__file__).resolve().parents[2]
+ATB1000 = ROOT / "plants" / "atb1000"
+RIGS = ATB1000 / "rigs"
+PCPC = str(Path(sys.executable).with_name("pcpc"))
+DEADLINE_S = 240.0  # the first start on a machine compiles
+PATIENT = (  # for paced runs that are not about missing frames: a loaded machine stalls
+    "--set", "supervisor.hold_cycles=100000", "--set", "supervisor.fault_after_cycles=100000",
+)  # fmt: skip
+_MODULES = {
+    "pcpc.executive.nodes.process": "executive", "pcpc.plants.emulator": "plant",
+    "pcpc.executive.log.recorder": "recorder",
+}  # fmt: skip
+
+
+def own_bus() -> str:
+    """Return a bus that no other test and no other test process uses."""
+    return f"udp_multicast:{GROUP}:{own_port()}"
+
+
+def until(met: Callable[[], Any], what: str, within_s: float = DEADLINE_S) -> Any:
+    """Return the first true result of `met`; AssertionError with `what` after `within_s`."""
+    end = time.monotonic() + within_s
+    while not (result := met()):
+        assert time.monotonic() < end, f"not within {within_s:g} s: {what}"
+        time.sleep(0.03)
+    return result
+
+
+def alive(pid: int) -> bool:
+    """Return whether a process runs; one that only waits to be reaped does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
+def blocks_left(bus: str) -> list[str]:
+    """Return what is left of the nodes on a bus: claims, and files in /dev/shm."""
+    mine = sh.block_name("", bus, "")[1:-1]
+    files = [path.name for path in Path("/dev/shm").iterdir() if "pcpc" in path.name]
+    claims = [*claim.held("lock/"), *claim.held("node/")]
+    return [name for name in (*files, *claims) if mine in name]
+
+
+@dataclass(frozen=True)
+class Done:
+    """What came of a command."""
+
+    words: Sequence[str]
+    code: int
+    out: str
+    err: str
+
+    def __str__(self) -> str:
+        return f"{' '.join(self.words)}\nexit code {self.code}\n{self.out}\n{self.err}"
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The summary that --json printed."""
+        try:
+            return dict(json.loads(self.out))
+        except ValueError:
+            raise AssertionError(f"no summary came:\n{self}") from None
+
+
+class Running:
+    """A started command; `before` are words in front of it, such as setpriv's."""
+
+    def __init__(
+        self, *words: str, cwd: Path = ROOT, environment: Mapping[str, str] | None = None,
+        before: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        self.words = [*before, PCPC, *words]
+        self._out: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  as long as the command
+        self._err: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
+        self.process = subprocess.Popen(
+            self.words, stdin=subprocess.DEVNULL, stdout=self._out, stderr=self._err, cwd=cwd,
+            env=os.environ | dict(environment or {}), start_new_session=True,
+        )  # fmt: skip
+        self.children: dict[str, int] = {}
+
+    def __enter__(self) -> "Running":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave nothing behind, whatever the test found."""
+        self.look()
+        for pid in (self.process.pid, *self.children.values()):
+            if alive(pid):
+                os.kill(pid, signal.SIGKILL)
+        self.process.wait(10.0)
+
+    def look(self) -> dict[str, int]:
+        """Return role -> pid of the processes that the command has started so far."""
+        for folder in Path("/proc").glob("[0-9]*"):
+            try:
+                parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
+                words = (folder / "cmdline").read_bytes().decode().split("\0")
+            except OSError:
+                continue
+            if int(parent) == self.process.pid:
+                roles = (_MODULES[word] for word in words if word in _MODULES)
+                self.children |= {role: int(folder.name) for role in roles}
+        return self.children
+
+    def pid(self, role: str) -> int:
+        """Wait for a child and return its pid."""
+        known = self.children.get
+        until(lambda: known(role) or self.look().get(role) or self.over(), f"{role}\n{self}")
+        return self.children[role]
+
+    def over(self) -> bool:
+        """Return False while the command runs; AssertionError with its words when it has ended."""
+        assert self.process.poll() is None, f"ended too early:\n{self}"
+        return False
+
+    def block(self, rig: str, bus: str, role: str) -> sh.Shared:
+        """Wait for the shared block of one of the command's nodes."""
+        pid, name = self.pid(role), sh.block_name(rig, bus, role)
+
+        def attached() -> sh.Shared | None:
+            self.over()
+            with suppress(sh.SharedError):
+                block = sharing.attach(name)
+                return block if int(block["control"][sh.PID]) == pid else None
+            return None
+
+        return until(attached, f"the block of {role} {pid}\n{self}")
+
+    def in_the_middle(self, rig: str, bus: str) -> sh.Shared:
+        """Wait until all run and a part of the executive's records is in the recorder's hands."""
+        for role in ("executive", "plant", "recorder"):
+            self.pid(role)
+        block = self.block(rig, bus, "executive")
+        until(lambda: block["record_taken"][0] > 100 or self.over(), f"records go\n{self}")
+        return block
+
+    def done(self, within_s: float = DEADLINE_S) -> Done:
+        """Wait for the end and return what came."""
+        until(lambda: self.process.poll() is not None, f"it ends\n{self}", within_s)
+        return Done(
+            self.words, self.process.returncode, self._text(self._out), self._text(self._err)
+        )
+
+    def left(self, within_s: float = 10.0) -> list[str]:
+        """Wait for the end of all processes; return which of them live on."""
+        pids = {"host": self.process.pid} | self.children
+        end = time.monotonic() + within_s
+        while any(map(alive, pids.values())) and time.monotonic() < end:
+            time.sleep(0.01)
+        return [role for role, pid in pids.items() if alive(pid)]
+
+    def __str__(self) -> str:
+        out, err = self._text(self._out), self._text(self._err)
+        return f"{' '.join(self.words)}\n{out}\n{err}"
+
+    @staticmethod
+    def _text(file: Any) -> str:
+        return os.pread(file.fileno(), 1 << 20, 0).decode(errors="replace")
+
+
+def pcpc(
+    *words: str, cwd: Path = ROOT, environment: Mapping[str, str] | None = None,
+    before: Sequence[str] = (),
+) -> Done:  # fmt: skip
+    """Run a command to its end."""
+    with Running(*words, cwd=cwd, environment=environment, before=before) as running:
+        return running.done()
