@@ -7,6 +7,7 @@ that.
 
     View(layout)    x.name     a value, Cells for a port with a shape, another View for a group
     Cells(shape)    c[i, j]    a value;  c[i]  Cells without the first dimension;  len(c)
+    flat(view)                 Cells of all values of a view, for what treats them alike
 
 `layout` is a Layout: name, and (name, place, shape, sub-layout or None) of each field. Types are
 equal when their layouts are, whatever class declared them. `executive.laws.ports` declares, and
@@ -15,6 +16,7 @@ extension API".
 """
 
 import hashlib
+import math
 import operator
 from typing import Any, NamedTuple
 
@@ -193,6 +195,26 @@ for _index in (types.Integer, types.BaseTuple):
 @lower_builtin(len, Cells)
 def _length(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return context.get_constant(types.intp, signature.args[0].extents[0])
+
+
+@intrinsic
+def _flat(typing: Any, view: Any) -> Any:
+    """Return all values of a View, one after the other, as Cells."""
+    size = sum(_size(field) for field in view.layout.fields)
+    return Cells((size,), view.element)(view), lambda c, b, signature, arguments: arguments[0]
+
+
+def _size(field: Field) -> int:
+    if field.group is not None:
+        return sum(_size(one) for one in field.group.fields)
+    return math.prod(field.shape)
+
+
+def _flat_interpreted(view: Any) -> Any:
+    return view.values()
+
+
+flat: Any = _flat_interpreted if JIT_OFF else _flat
 
 
 @intrinsic

@@ -1,7 +1,13 @@
 """A block: parameters, state, inputs and outputs with names and units, and one pure `step`.
 
-    step(t, dt, p, x, u, y)     t, dt: float, s.  p, x, u, y: float64 views of the block's
-                                parameters, state, inputs and outputs.  Returns nothing.
+    @stage
+    def step(t: float, dt: float, p: Gains, x: States, u: Inputs, y: Outputs) -> None:
+        y.motor_torque_Nm = p.kv_Nms_rad * (u.q_d_rad - u.encoder_rad)
+
+    BLOCK = Block(step)
+
+t, dt in s. The annotations name declarations (`executive.laws.ports`); a block without states takes
+`x: Nothing`. Returns nothing.
 
 Inside a step: + - * /, sqrt, abs, comparisons, `where(c, a, b)` for what depends on a state,
 written loops, and the functions of `executive.laws.emath`. No libm, no numpy reductions, no `**`
@@ -15,9 +21,12 @@ from typing import Any
 
 from pcpc.drivers.jit import inline
 from pcpc.drivers.stage import stage
-from pcpc.executive.laws.ports import Port, Ports, group, port
+from pcpc.drivers.views import flat
+from pcpc.executive.laws.ports import Nothing, Port, Ports, group, port
 
-__all__ = ["Block", "Port", "Ports", "Prepared", "group", "inline", "port", "stage"]
+__all__ = [
+    "Block", "Nothing", "Port", "Ports", "Prepared", "flat", "group", "inline", "port", "stage",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -30,11 +39,11 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Block:
-    """A step function with its ports, in the order of its views.
+    """A step function with its ports, in the order of its views; those a stage declares itself.
 
-    `settings` is what a rig file may set. Where it is empty, the parameters are the settings.
-    Otherwise `prepare(settings, rate_hz, seed)` computes parameters and initial states from them,
-    once, at set-up.
+    `settings` (a declaration, or ports) is what a rig file may set, where that is not the
+    parameters. Then `prepare(settings, rate_hz, seed)` computes parameters and initial states from
+    them, once, at set-up.
     """
 
     step: Any  # a Stage
@@ -42,8 +51,19 @@ class Block:
     outputs: tuple[Port, ...] = ()
     parameters: tuple[Port, ...] = ()
     states: tuple[Port, ...] = ()
-    settings: tuple[Port, ...] = ()
+    settings: Any = ()
     prepare: Callable[[Mapping[str, float], float, int], Prepared] | None = None
+
+    def __post_init__(self) -> None:
+        """Take the ports from the stage."""
+        declared = getattr(self.step, "declared", ())
+        kinds = ("parameters", "states", "inputs", "outputs")
+        for kind, ports in zip(kinds, declared, strict=False):
+            object.__setattr__(self, kind, ports.ports)
+        if isinstance(self.settings, type) and issubclass(self.settings, Ports):
+            object.__setattr__(self, "settings", self.settings.ports)
+        if declared and not self.settings:
+            object.__setattr__(self, "settings", self.parameters)
 
     def size(self, ports: Sequence[Port]) -> int:
         """Return the number of float64 values of these ports."""

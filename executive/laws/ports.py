@@ -10,7 +10,8 @@
 A step that takes `p: Gains, x: States` says `p.kv_Nms_rad`, `x.w[n, j]`, `x.network`. The order of
 declaration is the order in memory, and known nowhere else; a derived class begins with the ports of
 its bases. In the table, elements of a port with a shape are `w_0`, `w_1`, ... row by row; with
-`named="position_#_rad"` they are `position_1_rad`, `position_2_rad`, .... Groups add no prefix.
+`named="position_#_rad"` they are `position_1_rad`, `position_2_rad`, .... Groups add no prefix of
+their own.
 
 Compiled, such an argument is a pointer whose type holds places and shapes (`drivers.views`).
 Interpreted, it is an object of the class over a float64 view of the table.
@@ -92,14 +93,26 @@ def port(
     return _Declared(Port("", unit, help, one, low, high, size, recorded), extents, named, defaults)
 
 
-def group(ports: type[_T]) -> _T:
-    """Declare the ports of another declaration as a part: `x.network.w`."""
-    return cast(_T, _Group(ports))
+def group(ports: type[_T], prefix: str = "", recorded: bool = True) -> _T:
+    """Declare the ports of another declaration as a part: `x.network.w`.
+
+    `prefix` begins their names in the table; `recorded` False keeps them out of the log.
+    """
+    return cast(_T, _Group(ports, prefix, recorded))
 
 
 @dataclass(frozen=True)
 class _Group:
     ports: "type[Ports]"
+    prefix: str
+    recorded: bool
+
+    def elements(self) -> "list[Port]":
+        """Return the table's ports."""
+        return [
+            replace(one, name=self.prefix + one.name, recorded=one.recorded and self.recorded)
+            for one in self.ports.ports
+        ]
 
 
 class Ports:
@@ -126,7 +139,7 @@ class Ports:
         for name, what in declared.items():
             if isinstance(what, _Group):
                 fields.append(Field(name, place, (), what.ports.layout))
-                ports += what.ports.ports
+                ports += what.elements()
                 size = what.ports.size
             else:
                 fields.append(Field(name, place, what.shape, None))
@@ -144,6 +157,10 @@ class Ports:
         """Take the first `size` of `values`, a float64 vector; `label` is for messages."""
         object.__setattr__(self, "_values", values[: self.size])
         object.__setattr__(self, "_label", label)
+
+    def values(self) -> Any:
+        """Return all values as one vector: `flat` of an interpreted view."""
+        return self._values
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse a name that is not declared: it would be lost."""
@@ -202,3 +219,7 @@ class _Access:
         if isinstance(self.what, _Group) or self.what.shape:
             raise AttributeError(f"{self.name} has several values: set them one by one")
         view._values[self.place] = value
+
+
+class Nothing(Ports):
+    """No ports: of a block without states, inputs or parameters."""

@@ -33,29 +33,29 @@ ARRIVES, LOST, CORRUPT, TWICE, SHORT = range(5)  # what can happen to a frame
 PLANT_LAG_NS = 200_000  # the plant's pass behind the executive's
 
 PUPPET = """\
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, port, stage
 from pcpc.executive.laws.controllers.barrel import pd
 
 
+class Settings(Ports):
+    torque_Nm = port("N m", "what is sent as the motor's torque", 0.0, -1e9, 1e9)
+    other_Nm = port("N m", "what is sent as the output's torque", 0.0, -1e9, 1e9)
+
+
+class States(Ports):
+    steps = port("", "how often it was stepped")
+
+
 @stage
-def step(t, dt, p, x, u, y):
-    y[0] = p[0]
-    y[1] = p[1]
-    y[2] = u[0]
-    y[3] = 0.0
-    x[0] = x[0] + 1.0
+def step(t: float, dt: float, p: Settings, x: States, u: pd.Inputs, y: pd.Outputs) -> None:
+    y.motor_torque_Nm = p.torque_Nm
+    y.tau_Nm = p.other_Nm
+    y.e_rad = u.q_d_rad
+    y.r_rad_s = 0.0
+    x.steps += 1.0
 
 
-BLOCK = Block(
-    step,
-    inputs=pd.INPUTS,
-    outputs=pd.OUTPUTS,
-    settings=(
-        Port("torque_Nm", "N m", "what is sent as the motor's torque", 0.0, -1e9, 1e9),
-        Port("other_Nm", "N m", "what is sent as the output's torque", 0.0, -1e9, 1e9),
-    ),
-    states=(Port("steps", "", "how often it was stepped"),),
-)
+BLOCK = Block(step)
 """
 
 

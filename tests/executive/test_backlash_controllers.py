@@ -143,7 +143,7 @@ def test_forgetting_goes_by_the_spectral_norm(alpha: float) -> None:
     s, w = rng.uniform(0.0, 1.0, 12), rng.normal(0.0, 1.0, 12)
     norm = np.linalg.norm(np.eye(12) - alpha * np.outer(s, s), 2)
     expected = w + alpha * s * 0.7 - 0.1 * norm * w
-    tuned(0.7, alpha, 0.1, s, w)
+    tuned(0.7, alpha, 0.1, np.concatenate(([1.0], s)), w)
     assert np.abs(w - expected).max() < 1e-12, f"{np.abs(w - expected).max():.1e}"
 
 

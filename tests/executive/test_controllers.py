@@ -20,7 +20,7 @@ GAINS = {
     "tau_max_Nm": 115.0, "ki_Nm_rad": 500.0, "r_max_rad_s": 0.3,
 }  # fmt: skip
 T_S = 1e-3
-INPUTS = tuple(port.name for port in pd.INPUTS)
+INPUTS = tuple(port.name for port in pd.Inputs.ports)
 LAWS = {"pd": pd.BLOCK, "pid": pid.BLOCK}
 
 gains = st.fixed_dictionaries(

@@ -311,12 +311,9 @@ static inline double fast(double dt, double q_d, const struct fast_inputs *u, do
     x->mode_x1 = x->mode_x1 + dt * (drive + p->observer_l2_per_s2 * innovation);
     x->mode_x0 = x->mode_x0 + dt * (x->mode_x1 + p->observer_l1_per_s * innovation);
     double k = -2.0 * (p->damping_wanted - 0.02) * w_f / fabs(h_f);
-    double lead = w_f * (1.5 * dt + p->actuator_delay_s);
-    if (x->lead_rad[0] != lead) {
-        x->lead_rad[0] = lead;
-        sine_cosine(lead, &x->lead_rad[1], &x->lead_rad[2]);
-    }
-    double torque = k * w_f * x->lead_rad[1] * x->mode_x0 - k * x->lead_rad[2] * x->mode_x1;
+    double sine, cosine;
+    sine_cosine(w_f * (1.5 * dt + p->actuator_delay_s), &sine, &cosine);
+    double torque = k * w_f * sine * x->mode_x0 - k * cosine * x->mode_x1;
     x->gate_rad_s = x->gate_rad_s + dt / 0.03 * (fabs(speed) - x->gate_rad_s);
     x->fast_held_Nm = torque * clip((x->gate_rad_s - 0.0015) / 0.0015, 0.0, 1.0);
     return x->fast_held_Nm;

@@ -43,6 +43,7 @@ from pcpc.tools.progress import Progress
 SOURCE = Path(__file__).with_name("steps.c")
 RIG = Path(model.__file__).with_name("rigs") / "hull.yaml"
 LAWS = ("pd", "pd_nn_fast", "nn_backstepping")
+SCRATCH = {"scratch", "x", "a", "phi", "x2", "a2", "phi2"}  # C has such vectors on its stack
 EMPTY = "empty step"  # the loop and the call, in all other figures too
 PERIODS = 2000
 ROUNDS = 15
@@ -84,7 +85,7 @@ class Case:
     def state(self) -> Vector:
         """Return a copy of the state after the last step, without scratch space."""
         ports = self.block.states if self.block else ()
-        kept = [not port.name.startswith("scratch") for port in ports for _ in range(port.size)]
+        kept = [port.name not in SCRATCH for port in ports for _ in range(port.size)]
         return self.n["v"][self.n["at"][0] : self.n["at"][1]][np.array(kept, bool)]
 
 
@@ -179,15 +180,15 @@ def layout() -> str:
     inner, outer, plant = nn_backstepping.BLOCK, pd_nn_fast.BLOCK, model.BLOCK
     split = _ports_within(plant.states, INTEGRATED)
     groups: dict[str, Sequence[Port]] = {
-        "pd_parameters": pd.GAINS,
-        "pd_inputs": pd.INPUTS,
-        "pd_outputs": pd.OUTPUTS,
-        "network_parameters": tracking_network.PARAMETERS,
-        "network_states": tracking_network.STATES,
-        "network_outputs": tracking_network.OUTPUTS,
-        "fast_parameters": boundary_layer.PARAMETERS,
-        "fast_states": boundary_layer.STATES,
-        "fast_inputs": boundary_layer.INPUTS,
+        "pd_parameters": pd.Gains.ports,
+        "pd_inputs": pd.Inputs.ports,
+        "pd_outputs": pd.Outputs.ports,
+        "network_parameters": tracking_network.Parameters.ports,
+        "network_states": tracking_network.States.ports,
+        "network_outputs": tracking_network.Outputs.ports,
+        "fast_parameters": boundary_layer.Parameters.ports,
+        "fast_states": boundary_layer.States.ports,
+        "fast_inputs": boundary_layer.Inputs.ports,
         "inner_parameters": inner.parameters[len(outer.parameters) :],
         "inner_states": inner.states[len(outer.states) :],
         "inner_inputs": inner.inputs[len(outer.inputs) :],

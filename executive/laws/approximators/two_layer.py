@@ -25,7 +25,7 @@ neural network for jump functions, and the tuning laws with e-modification.
 from typing import Any
 
 from pcpc.drivers.jit import inline
-from pcpc.executive.laws.emath import clip, exp, logistic, where
+from pcpc.executive.laws.emath import clip, exp, logistic, sqrt, where
 
 
 @inline
@@ -37,51 +37,75 @@ def jump_pair(v: float, v_s: float, phi: Any, at: int) -> None:
 
 
 @inline
-def hidden(x: Any, n_in: int, n: int, v: Any, a: Any, phi: Any) -> None:
-    """Write a (1), phi[0] = 1, phi[1..n] (2). `x` (n_in,), `v` (n_in n,) row by row, `a` (n,)."""
+def hidden(x: Any, v: Any, a: Any, phi: Any) -> None:
+    """Write a (1), phi[0] = 1, phi[1..n] (2). `x` (n_in,), `v` (n_in, n), `a` (n,)."""
     phi[0] = 1.0
-    for j in range(n):
+    for j in range(len(a)):
         total = 0.0
-        for i in range(n_in):
-            total += v[i * n + j] * x[i]
+        for i in range(len(x)):
+            total += v[i, j] * x[i]
         a[j] = total
         phi[j + 1] = logistic(total)
 
 
 @inline
-def output(phi: Any, w: Any, n_phi: int) -> float:
+def output(phi: Any, w: Any) -> float:
     """Return y (4); `phi` and `w` (n_phi,)."""
+    return output_from(0, phi, w)
+
+
+@inline
+def output_from(first: int, phi: Any, w: Any) -> float:
+    """Return y (4) of the nodes from `first` on; `phi` (first + n,), `w` (n,)."""
     y = 0.0
-    for j in range(n_phi):
-        y += w[j] * phi[j]
+    for j in range(len(w)):
+        y += w[j] * phi[first + j]
     return y
 
 
 @inline
-def square_sum(w: Any, n: int) -> float:
-    """Return the sum of squares of w[0..n-1], for the Frobenius norm."""
+def square_sum(w: Any, first: int) -> float:
+    """Return the sum of squares of a vector from `first` on."""
     total = 0.0
-    for j in range(n):
+    for j in range(first, len(w)):
         total += w[j] * w[j]
     return total
 
 
 @inline
+def square_sum_of_rows(v: Any) -> float:
+    """Return the sum of squares of a matrix."""
+    total = 0.0
+    for i in range(len(v)):
+        row = v[i]
+        for j in range(len(row)):
+            total += row[j] * row[j]
+    return total
+
+
+@inline
+def norm(w: Any, v: Any) -> float:
+    """Return the Frobenius norm of all weights; `w` (n_phi,), `v` (n_in, n)."""
+    return sqrt(square_sum(w, 0) + square_sum_of_rows(v))
+
+
+@inline
 def tune(
     r: float, kappa: float, f: float, fj: float, g: float, dt: float,
-    x: Any, n_in: int, n: int, n_jump: int, a: Any, phi: Any, w: Any, v: Any,
+    x: Any, a: Any, phi: Any, w: Any, v: Any,
 ) -> None:  # fmt: skip
-    """One Euler step of (6) to (9) in place: `w` (1 + n + n_jump,), `v` (n_in n,)."""
+    """One Euler step of (6) to (9) in place: `w` (1 + n + n_jump,), `v` (n_in, n)."""
+    n = len(a)
     leak = kappa * abs(r)
     for j in range(n):
         s = phi[j + 1]
         slope = s * (1.0 - s)
         back = slope * w[j + 1] * r
-        for i in range(n_in):
-            v[i * n + j] += dt * g * (x[i] * back - leak * v[i * n + j])  # (9), W still old
+        for i in range(len(x)):
+            v[i, j] += dt * g * (x[i] * back - leak * v[i, j])  # (9), W still old
         w[j + 1] += dt * f * ((s - slope * a[j]) * r - leak * w[j + 1])  # (7)
     w[0] += dt * f * (r - leak * w[0])  # (6)
-    for j in range(n + 1, n + 1 + n_jump):
+    for j in range(n + 1, len(w)):
         w[j] += dt * fj * (phi[j] * r - leak * w[j])  # (8)
 
 

@@ -25,128 +25,129 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
 from pcpc.executive.laws.approximators.two_layer import (
     hidden,
     jump_pair,
+    norm,
     output,
     scaled,
-    square_sum,
     tune,
 )
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.controllers.barrel import boundary_layer, pd, pd_nn_fast, tracking_network
-from pcpc.executive.laws.controllers.barrel.boundary_layer import fast
-from pcpc.executive.laws.controllers.barrel.tracking_network import (
-    FADE_S,
-    NORM_SHOWN,
-    first_layer,
-    learned_torque,
-)
-from pcpc.executive.laws.emath import clip, sqrt, where
+from pcpc.executive.laws.controllers.barrel.tracking_network import FADE_S, NORM_SHOWN, first_layer
+from pcpc.executive.laws.emath import clip, where
 
 INPUTS, NODES, JUMPS = 6, 10, 4
 PHI = 1 + NODES + JUMPS
 JUMP_SPEED_RAD_S, JUMP_TORQUE_NM = 0.004, 3.0
 ERROR_MAX_NM, Y_MAX_NM, SMOOTHING_PER_S = 2.0, 8.0, 60.0
 
-_INNER = (
-    Port("kb_per_s", "1/s", "Kb, integral gain of the torque loop", None, 0.0, 1e3),
-    Port("f2_rate", "", "F2, tuning rate of the inner network", None, 0.0, 1e5),
-    Port("fj2_rate", "", "FJ2, tuning rate of its jump nodes", None, 0.0, 1e5),
-    Port("g2_rate", "", "G2, tuning rate of its first layer", None, 0.0, 1e5),
-    Port("kappa2", "", "its e-modification", None, 0.0, 10.0),
-)
-_STATES = (
-    Port("integral_Nm", "N m", "integral of the torque error (8)"),
-    Port("tau_smooth_Nm", "N m", "smoothed wanted torque tdf (3)"),
-    Port("inner_fault", "", "1 once the inner network was latched off"),
-    Port("inner_faded_Nm", "N m", "y_2 last sent, fading after a fault"),
-    Port("w2", "N m", "output weights of the inner network", size=PHI, recorded=False),
-    Port("v2", "", "its first layer, row by row", size=INPUTS * NODES, recorded=False),
-    Port("scratch2", "", "x, a, phi of this period", size=INPUTS + NODES + PHI, recorded=False),
-)
-_NETWORK = len(pd.GAINS)
-_FAST = _NETWORK + len(tracking_network.PARAMETERS)
-_KB = _FAST + len(boundary_layer.PARAMETERS)
-_Z_MAX = _NETWORK + tracking_network.Z_MAX
-_X_FAST = tracking_network.SIZE
-_X_INNER = _X_FAST + boundary_layer.SIZE
-INTEGRAL, TDF, FAULT, FADED, W2 = 0, 1, 2, 3, 4
-V2 = W2 + PHI
-XI = V2 + INPUTS * NODES
-A2 = XI + INPUTS
-PHI2 = A2 + NODES
+
+class Gains(Ports):
+    """Of the inner loop."""
+
+    kb_per_s = port("1/s", "Kb, integral gain of the torque loop", None, 0.0, 1e3)
+    f2_rate = port("", "F2, tuning rate of the inner network", None, 0.0, 1e5)
+    fj2_rate = port("", "FJ2, tuning rate of its jump nodes", None, 0.0, 1e5)
+    g2_rate = port("", "G2, tuning rate of its first layer", None, 0.0, 1e5)
+    kappa2 = port("", "its e-modification", None, 0.0, 10.0)
+
+
+class Parameters(pd_nn_fast.Parameters):
+    """Of the composite law and of the inner loop."""
+
+    inner = group(Gains)
+
+
+class Settings(pd_nn_fast.Settings):
+    """What a rig gives for them."""
+
+    inner = group(Gains)
+
+
+class InnerStates(Ports):
+    """Integral, smoothed torque, health and weights of the inner loop."""
+
+    integral_Nm = port("N m", "integral of the torque error (8)")
+    tau_smooth_Nm = port("N m", "smoothed wanted torque tdf (3)")
+    inner_fault = port("", "1 once the inner network was latched off")
+    inner_faded_Nm = port("N m", "y_2 last sent, fading after a fault")
+    w2 = port("N m", "output weights of the inner network", shape=PHI, recorded=False)
+    v2 = port("", "its first layer, row by row", shape=(INPUTS, NODES), recorded=False)
+    x2 = port("", "its inputs", shape=INPUTS, recorded=False)
+    a2 = port("", "inputs of its nodes", shape=NODES, recorded=False)
+    phi2 = port("", "its hidden vector", shape=PHI, recorded=False)
+
+
+class States(pd_nn_fast.States):
+    """Of the composite law and of the inner loop."""
+
+    inner = group(InnerStates)
+
+
+class Inputs(pd_nn_fast.Inputs):
+    """Those of the composite law, and the torque."""
+
+    shaft_torque_Nm = port("N m", "measured shaft torque, tau")
+
+
+class Outputs(pd_nn_fast.Outputs):
+    """Those of the composite law, and of the inner loop."""
+
+    inner_Nm = port("N m", "output of the inner network, y_2")
+    norm_z2 = port("", "Frobenius norm of its weights; 1e6 if larger or not finite")
 
 
 @inline
-def inner_loop(
-    dt: float, r: float, tau_d: float, tau: float, v_j: float, latched: float, tau_max: float,
-    z_max: float, p: Any, x: Any, y: Any,
-) -> float:  # fmt: skip
-    """Return y_2 + I of (7); `p` = (Kb, F2, FJ2, G2, kappa2); `y` gets y_2 and the norm."""
-    w, v = tail(x, W2), tail(x, V2)
-    xi, a, phi = tail(x, XI), tail(x, A2), tail(x, PHI2)
-    tt = tau_d - tau  # (2)
+def inner_loop(dt: float, tau_d: float, p: Any, x: Any, u: Any, y: Any) -> float:
+    """Return y_2 + I of (7); `p` and `x` of the whole law."""
+    gains, s = p.inner, x.inner
+    v_j = u.q_d_rate_rad_s - u.hull_rate_rad_s
+    tt = tau_d - u.shaft_torque_Nm  # (2)
     ttc = clip(tt, -ERROR_MAX_NM, ERROR_MAX_NM)
-    tdd = SMOOTHING_PER_S * (tau_d - x[TDF])  # (3)
-    x[TDF] = x[TDF] + dt * tdd
-    xi[0] = 1.0
-    xi[1] = scaled(r, 0.3)
-    xi[2] = scaled(tt, 20.0)
-    xi[3] = scaled(x[TDF], 20.0)
-    xi[4] = scaled(tdd, 1000.0)
-    xi[5] = scaled(v_j, 0.5)
-    hidden(xi, INPUTS, NODES, v, a, phi)
-    jump_pair(v_j, JUMP_SPEED_RAD_S, phi, 1 + NODES)
-    jump_pair(x[TDF], JUMP_TORQUE_NM, phi, 3 + NODES)
-    y_2 = clip(output(phi, w, PHI), -Y_MAX_NM, Y_MAX_NM)  # (6)
-    norm = sqrt(square_sum(w, PHI) + square_sum(v, INPUTS * NODES))
-    healthy = (latched < 0.5) & (abs(y_2) <= Y_MAX_NM) & (norm <= z_max)  # false for NaN
-    x[FAULT] = where(healthy, x[FAULT], 1.0)
-    trusted = x[FAULT] < 0.5
-    x[FADED] = where(trusted, y_2, x[FADED] * (1.0 - dt / FADE_S))
-    y[0] = x[FADED]
-    y[1] = where(norm <= NORM_SHOWN, norm, NORM_SHOWN)
-    added = x[FADED] + x[INTEGRAL]
+    tdd = SMOOTHING_PER_S * (tau_d - s.tau_smooth_Nm)  # (3)
+    s.tau_smooth_Nm += dt * tdd
+    s.x2[0] = 1.0  # (4)
+    s.x2[1] = scaled(y.r_rad_s, 0.3)
+    s.x2[2] = scaled(tt, 20.0)
+    s.x2[3] = scaled(s.tau_smooth_Nm, 20.0)
+    s.x2[4] = scaled(tdd, 1000.0)
+    s.x2[5] = scaled(v_j, 0.5)
+    hidden(s.x2, s.v2, s.a2, s.phi2)  # (5)
+    jump_pair(v_j, JUMP_SPEED_RAD_S, s.phi2, 1 + NODES)
+    jump_pair(s.tau_smooth_Nm, JUMP_TORQUE_NM, s.phi2, 3 + NODES)
+    y_2 = clip(output(s.phi2, s.w2), -Y_MAX_NM, Y_MAX_NM)  # (6)
+    norm_z = norm(s.w2, s.v2)
+    sound = (abs(y_2) <= Y_MAX_NM) & (norm_z <= p.network.z_max)  # false for NaN
+    s.inner_fault = where((x.network.network_fault < 0.5) & sound, s.inner_fault, 1.0)
+    trusted = s.inner_fault < 0.5
+    s.inner_faded_Nm = where(trusted, y_2, s.inner_faded_Nm * (1.0 - dt / FADE_S))
+    y.inner_Nm = s.inner_faded_Nm
+    y.norm_z2 = where(norm_z <= NORM_SHOWN, norm_z, NORM_SHOWN)
+    added = s.inner_faded_Nm + s.integral_Nm
 
     rate = where(trusted, dt, 0.0)
-    tune(ttc, p[4], p[1], p[2], p[3], rate, xi, INPUTS, NODES, JUMPS, a, phi, w, v)
-    free = abs(tau_d + added) < tau_max
-    grown = x[INTEGRAL] + where(free, dt * p[0] * ttc, 0.0)  # (8)
-    x[INTEGRAL] = where(trusted, grown, x[INTEGRAL] * (1.0 - dt / FADE_S))
+    tune(
+        ttc, gains.kappa2, gains.f2_rate, gains.fj2_rate, gains.g2_rate, rate,
+        s.x2, s.a2, s.phi2, s.w2, s.v2,
+    )  # fmt: skip
+    free = abs(tau_d + added) < p.pd.tau_max_Nm
+    grown = s.integral_Nm + where(free, dt * gains.kb_per_s * ttc, 0.0)  # (8)
+    s.integral_Nm = where(trusted, grown, s.integral_Nm * (1.0 - dt / FADE_S))
     return added
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    kv, lam, km, gear, tau_max = p[0], p[1], p[2], p[3], p[4]
-    q_d, q_d_rate = u[0], u[1]
-    encoder, hull_pitch, hub_rate, hull_rate, motor_speed = u[2], u[3], u[4], u[5], u[6]
-    q_d_acc, strain, tau = u[7], u[8], u[9]
-
-    e = q_d - (encoder + hull_pitch)
-    e_rate = q_d_rate - hub_rate
-    r = e_rate + lam * e
-    w = hub_rate - hull_rate
-    learned = learned_torque(
-        dt, e, r, (e_rate, q_d, q_d_rate, q_d_acc, w, hull_rate), tail(p, _NETWORK), x, tail(y, 4)
-    )
-    u_f = fast(dt, q_d, q_d_acc, strain, w, tail(p, _FAST), tail(x, _X_FAST))
-    tau_d = clip(kv * r + learned + u_f, -tau_max, tau_max)  # (1)
-    added = inner_loop(
-        dt, r, tau_d, tau, q_d_rate - hull_rate, y[6], tau_max, p[_Z_MAX],
-        tail(p, _KB), tail(x, _X_INNER), tail(y, 8),
-    )  # fmt: skip
-    y[6] = x[_X_INNER + FAULT]
-    shaft = km * (motor_speed / gear - w)
-    y[0] = clip(tau_d + added - shaft, -tau_max, tau_max) / gear  # (7) (9)
-    y[1] = tau_d
-    y[2] = e
-    y[3] = r
-    y[7] = u_f
+    pd.errors(p.pd, u, y)
+    learned = tracking_network.learned_torque(dt, y.e_rad, y.r_rad_s, p.network, x.network, u, y)
+    y.fast_Nm = boundary_layer.fast(dt, p.fast, x.fast, u)
+    y.tau_Nm = pd.limited(p.pd.kv_Nms_rad * y.r_rad_s + learned + y.fast_Nm, p.pd)  # (1)
+    added = inner_loop(dt, y.tau_Nm, p, x, u, y)
+    y.fallback = x.inner.inner_fault
+    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm + added, p.pd, u)  # (7) (9)
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -157,16 +158,4 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     return Prepared(settings, first_layer(settings) | {"v2": second})
 
 
-BLOCK = Block(
-    step,
-    inputs=(*pd_nn_fast.BLOCK.inputs, Port("shaft_torque_Nm", "N m", "measured shaft torque, tau")),
-    outputs=(
-        *pd_nn_fast.BLOCK.outputs,
-        Port("inner_Nm", "N m", "output of the inner network, y_2"),
-        Port("norm_z2", "", "Frobenius norm of its weights; 1e6 if larger or not finite"),
-    ),
-    settings=(*pd_nn_fast.BLOCK.settings, *_INNER),
-    parameters=(*pd_nn_fast.BLOCK.parameters, *_INNER),
-    states=(*pd_nn_fast.BLOCK.states, *_STATES),
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -15,48 +15,67 @@ project's.
 
 from typing import Any
 
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
 from pcpc.executive.laws.emath import clip
 
-INPUTS = (
-    Port("q_d_rad", "rad", "desired pointing angle"),
-    Port("q_d_rate_rad_s", "rad/s", "its first derivative"),
-    Port("encoder_rad", "rad", "hub angle relative to the hull"),
-    Port("hull_pitch_rad", "rad", "hull angle, inertial"),
-    Port("hub_rate_rad_s", "rad/s", "hub rate gyro, inertial"),
-    Port("hull_rate_rad_s", "rad/s", "hull rate gyro, inertial"),
-    Port("motor_speed_rad_s", "rad/s", "motor speed relative to the hull"),
-)
-OUTPUTS = (
-    Port("motor_torque_Nm", "N m", "motor torque command (6)"),
-    Port("tau_Nm", "N m", "output torque before shaft damping (4)"),
-    Port("e_rad", "rad", "pointing error (1)"),
-    Port("r_rad_s", "rad/s", "filtered error (3)"),
-)
-GAINS = (
-    Port("kv_Nms_rad", "N m s/rad", "gain on the filtered error", None, 0.0, 1000.0),
-    Port("lam_per_s", "1/s", "slope of the filtered error", None, 0.0, 200.0),
-    Port("km_Nms_rad", "N m s/rad", "drive-shaft damping", None, 0.0, 1000.0),
-    Port("gear_ratio", "", "motor turns per hub turn N", None, 1.0, 1000.0),
-    Port("tau_max_Nm", "N m", "limit of the output torque", None, 0.0, 1.0e4),
-)
+
+class Inputs(Ports):
+    """The reference and what the sensors say."""
+
+    q_d_rad = port("rad", "desired pointing angle")
+    q_d_rate_rad_s = port("rad/s", "its first derivative")
+    encoder_rad = port("rad", "hub angle relative to the hull")
+    hull_pitch_rad = port("rad", "hull angle, inertial")
+    hub_rate_rad_s = port("rad/s", "hub rate gyro, inertial")
+    hull_rate_rad_s = port("rad/s", "hull rate gyro, inertial")
+    motor_speed_rad_s = port("rad/s", "motor speed relative to the hull")
+
+
+class Outputs(Ports):
+    """The command and what led to it."""
+
+    motor_torque_Nm = port("N m", "motor torque command (6)")
+    tau_Nm = port("N m", "output torque before shaft damping (4)")
+    e_rad = port("rad", "pointing error (1)")
+    r_rad_s = port("rad/s", "filtered error (3)")
+
+
+class Gains(Ports):
+    """Kv, Lam, Km, N and the limit of the torque."""
+
+    kv_Nms_rad = port("N m s/rad", "gain on the filtered error", None, 0.0, 1000.0)
+    lam_per_s = port("1/s", "slope of the filtered error", None, 0.0, 200.0)
+    km_Nms_rad = port("N m s/rad", "drive-shaft damping", None, 0.0, 1000.0)
+    gear_ratio = port("", "motor turns per hub turn N", None, 1.0, 1000.0)
+    tau_max_Nm = port("N m", "limit of the output torque", None, 0.0, 1.0e4)
+
+
+@inline
+def errors(p: Any, u: Any, y: Any) -> None:
+    """Write e and r: (1) to (3)."""
+    y.e_rad = u.q_d_rad - (u.encoder_rad + u.hull_pitch_rad)  # (1)
+    y.r_rad_s = (u.q_d_rate_rad_s - u.hub_rate_rad_s) + p.lam_per_s * y.e_rad  # (2) (3)
+
+
+@inline
+def limited(torque: float, p: Any) -> float:
+    """Return the torque within +-tau_max: (4)."""
+    return clip(torque, -p.tau_max_Nm, p.tau_max_Nm)
+
+
+@inline
+def motor_torque(tau: float, p: Any, u: Any) -> float:
+    """Return what the drive is told: (5) (6)."""
+    twist_rate = u.motor_speed_rad_s / p.gear_ratio - (u.hub_rate_rad_s - u.hull_rate_rad_s)
+    return limited(tau - p.km_Nms_rad * twist_rate, p) / p.gear_ratio
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Gains, x: Nothing, u: Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    kv, lam, km, gear, tau_max = p[0], p[1], p[2], p[3], p[4]
-    q_d, q_d_rate = u[0], u[1]
-    encoder, hull_pitch, hub_rate, hull_rate, motor_speed = u[2], u[3], u[4], u[5], u[6]
-
-    e = q_d - (encoder + hull_pitch)  # (1)
-    r = (q_d_rate - hub_rate) + lam * e  # (2) (3)
-    tau = clip(kv * r, -tau_max, tau_max)  # (4)
-    twist_rate = motor_speed / gear - (hub_rate - hull_rate)
-    y[0] = clip(tau - km * twist_rate, -tau_max, tau_max) / gear  # (5) (6)
-    y[1] = tau
-    y[2] = e
-    y[3] = r
+    errors(p, u, y)
+    y.tau_Nm = limited(p.kv_Nms_rad * y.r_rad_s, p)  # (4)
+    y.motor_torque_Nm = motor_torque(y.tau_Nm, p, u)
 
 
-BLOCK = Block(step, inputs=INPUTS, outputs=OUTPUTS, settings=GAINS)
+BLOCK = Block(step)

@@ -8,41 +8,34 @@
 rad, rad/s, N m; positive torque raises q.
 """
 
-from typing import Any
-
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, group, port, stage
 from pcpc.executive.laws.controllers.barrel import boundary_layer, pd
-from pcpc.executive.laws.controllers.barrel.boundary_layer import fast
-from pcpc.executive.laws.emath import clip
 
-_FAST = len(pd.GAINS)
+
+class Gains(Ports):
+    """Of PD and of the fast loop."""
+
+    pd = group(pd.Gains)
+    fast = group(boundary_layer.Parameters)
+
+
+class Inputs(pd.Inputs, boundary_layer.Inputs):
+    """What both take."""
+
+
+class Outputs(pd.Outputs):
+    """Those of PD, and the fast loop's torque."""
+
+    fast_Nm = port("N m", "torque of the boundary-layer loop, u_F")
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Gains, x: boundary_layer.States, u: Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    kv, lam, km, gear, tau_max = p[0], p[1], p[2], p[3], p[4]
-    q_d, q_d_rate = u[0], u[1]
-    encoder, hull_pitch, hub_rate, hull_rate, motor_speed = u[2], u[3], u[4], u[5], u[6]
-    q_d_acc, strain = u[7], u[8]
-
-    e = q_d - (encoder + hull_pitch)  # (1)
-    r = (q_d_rate - hub_rate) + lam * e
-    w = hub_rate - hull_rate
-    u_f = fast(dt, q_d, q_d_acc, strain, w, tail(p, _FAST), x)
-    tau = clip(kv * r + u_f, -tau_max, tau_max)  # (2)
-    y[0] = clip(tau - km * (motor_speed / gear - w), -tau_max, tau_max) / gear  # (3) (4)
-    y[1] = tau
-    y[2] = e
-    y[3] = r
-    y[4] = u_f
+    pd.errors(p.pd, u, y)  # (1)
+    y.fast_Nm = boundary_layer.fast(dt, p.fast, x, u)
+    y.tau_Nm = pd.limited(p.pd.kv_Nms_rad * y.r_rad_s + y.fast_Nm, p.pd)  # (2)
+    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm, p.pd, u)  # (3) (4)
 
 
-BLOCK = Block(
-    step,
-    inputs=(*pd.INPUTS, *boundary_layer.INPUTS),
-    outputs=(*pd.OUTPUTS, Port("fast_Nm", "N m", "torque of the boundary-layer loop, u_F")),
-    settings=(*pd.GAINS, *boundary_layer.PARAMETERS),
-    states=boundary_layer.STATES,
-)
+BLOCK = Block(step)

@@ -10,54 +10,51 @@ rad, rad/s, N m; positive torque raises q. Source: singular-perturbation composi
 neural slow part after Lewis, Campos, Selmic (SIAM 2002), chapters 3 and 9; numbers chosen.
 """
 
-from typing import Any
-
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, group, port, stage
 from pcpc.executive.laws.controllers.barrel import boundary_layer, pd, tracking_network
-from pcpc.executive.laws.controllers.barrel.boundary_layer import fast
-from pcpc.executive.laws.controllers.barrel.tracking_network import learned_torque
-from pcpc.executive.laws.emath import clip
 
-_NETWORK = len(pd.GAINS)
-_FAST = _NETWORK + len(tracking_network.PARAMETERS)
-_X_FAST = tracking_network.SIZE
+
+class Parameters(Ports):
+    """Of PD, of the network and of the fast loop."""
+
+    pd = group(pd.Gains)
+    network = group(tracking_network.Parameters)
+    fast = group(boundary_layer.Parameters)
+
+
+class Settings(Ports):
+    """What a rig gives for them."""
+
+    pd = group(pd.Gains)
+    network = group(tracking_network.Settings)
+    fast = group(boundary_layer.Parameters)
+
+
+class States(Ports):
+    """Of the network and of the fast loop."""
+
+    network = group(tracking_network.States)
+    fast = group(boundary_layer.States)
+
+
+class Inputs(pd.Inputs, boundary_layer.Inputs):
+    """What all take."""
+
+
+class Outputs(pd.Outputs, tracking_network.Outputs):
+    """Those of PD and network, and the fast loop's torque."""
+
+    fast_Nm = port("N m", "torque of the boundary-layer loop, u_F")
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    kv, lam, km, gear, tau_max = p[0], p[1], p[2], p[3], p[4]
-    q_d, q_d_rate = u[0], u[1]
-    encoder, hull_pitch, hub_rate, hull_rate, motor_speed = u[2], u[3], u[4], u[5], u[6]
-    q_d_acc, strain = u[7], u[8]
-
-    e = q_d - (encoder + hull_pitch)  # (1)
-    e_rate = q_d_rate - hub_rate
-    r = e_rate + lam * e
-    w = hub_rate - hull_rate
-    learned = learned_torque(
-        dt, e, r, (e_rate, q_d, q_d_rate, q_d_acc, w, hull_rate), tail(p, _NETWORK), x, tail(y, 4)
-    )
-    u_f = fast(dt, q_d, q_d_acc, strain, w, tail(p, _FAST), tail(x, _X_FAST))
-    tau = clip(kv * r + learned + u_f, -tau_max, tau_max)  # (2)
-    y[0] = clip(tau - km * (motor_speed / gear - w), -tau_max, tau_max) / gear  # (3) (4)
-    y[1] = tau
-    y[2] = e
-    y[3] = r
-    y[7] = u_f
+    pd.errors(p.pd, u, y)  # (1)
+    learned = tracking_network.learned_torque(dt, y.e_rad, y.r_rad_s, p.network, x.network, u, y)
+    y.fast_Nm = boundary_layer.fast(dt, p.fast, x.fast, u)
+    y.tau_Nm = pd.limited(p.pd.kv_Nms_rad * y.r_rad_s + learned + y.fast_Nm, p.pd)  # (2)
+    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm, p.pd, u)  # (3) (4)
 
 
-BLOCK = Block(
-    step,
-    inputs=(*pd.INPUTS, *boundary_layer.INPUTS),
-    outputs=(
-        *pd.OUTPUTS,
-        *tracking_network.OUTPUTS,
-        Port("fast_Nm", "N m", "torque of the boundary-layer loop, u_F"),
-    ),
-    settings=(*pd.GAINS, *tracking_network.SETTINGS, *boundary_layer.PARAMETERS),
-    parameters=(*pd.GAINS, *tracking_network.PARAMETERS, *boundary_layer.PARAMETERS),
-    states=(*tracking_network.STATES, *boundary_layer.STATES),
-    prepare=tracking_network.prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=tracking_network.prepare)

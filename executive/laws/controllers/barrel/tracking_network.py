@@ -26,22 +26,18 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
 from pcpc.executive.laws.approximators.two_layer import (
     hidden,
     jump_pair,
+    norm,
     output,
     scaled,
-    square_sum,
     tune,
 )
-from pcpc.executive.laws.block import Port, Prepared
-from pcpc.executive.laws.emath import clip, sqrt, where
+from pcpc.executive.laws.block import Ports, Prepared, inline, port
+from pcpc.executive.laws.emath import clip, where
 
-INPUTS = 7
-NODES = 10
-JUMPS = 4
+INPUTS, NODES, JUMPS = 7, 10, 4
 PHI = 1 + NODES + JUMPS
 JUMP_SPEEDS_RAD_S = (0.004, 0.04)  # one inside, one beyond the Stribeck range
 R_MAX_RAD_S = 0.3  # raw steps would wind the weights up
@@ -49,39 +45,45 @@ DEAD_BAND_RAD = 1e-4
 FADE_S = 0.1
 NORM_SHOWN = 1e6  # beyond any bound that a rig may set; stands for what is not finite, too
 
-PARAMETERS = (
-    Port("network_on", "", "1 engages the network, 0 leaves the PD law alone", None, 0.0, 1.0),
-    Port("f_rate", "", "F, tuning rate of bias and smooth nodes", None, 0.0, 1e5),
-    Port("fj_rate", "", "FJ, tuning rate of the jump nodes", None, 0.0, 1e5),
-    Port("g_rate", "", "G, tuning rate of the first layer", None, 0.0, 1e5),
-    Port("kappa", "", "e-modification", None, 0.0, 10.0),
-    Port("kz", "", "Kz, robust term", None, 0.0, 100.0),
-    Port("z_bound", "", "Z_B, bound of the ideal weights", None, 0.0, 1e6),
-    Port("z_max", "", "weight norm at which the network is latched off", None, 0.0, 1e6),
-    Port("y_max_Nm", "N m", "output at which the network is latched off", None, 0.0, 1e6),
-)
-STATES = (
-    Port("w", "N m", "output weights W", size=PHI, recorded=False),
-    Port("v", "", "first-layer weights V, row by row", size=INPUTS * NODES, recorded=False),
-    Port("network_fault", "", "1 once the network was latched off"),
-    Port("faded_Nm", "N m", "network torque last sent, fading after a fault"),
-    Port("scratch", "", "x, a, phi of this period", size=INPUTS + NODES + PHI, recorded=False),
-)
-SETTINGS = (
-    *PARAMETERS,
-    Port("network_seed", "", "draws the first layer", None, 0.0, 2.0**31),
-)
-OUTPUTS = (
-    Port("network_Nm", "N m", "network torque (4), or what is left of it after a fault"),
-    Port("norm_z", "", "Frobenius norm of all weights; 1e6 if larger or not finite"),
-    Port("fallback", "", "1 once the network was latched off and PD is alone"),
-)
-(ON, F, FJ, G, KAPPA, KZ, Z_BOUND, Z_MAX, Y_MAX) = range(len(PARAMETERS))
-_W, _V = 0, PHI
-_FAULT = _V + INPUTS * NODES
-_FADED, _X = _FAULT + 1, _FAULT + 2
-_A, _PHI = _X + INPUTS, _X + INPUTS + NODES
-SIZE = _PHI + PHI
+
+class Parameters(Ports):
+    """Tuning rates, the robust term and the limits of health."""
+
+    network_on = port("", "1 engages the network, 0 leaves the PD law alone", None, 0.0, 1.0)
+    f_rate = port("", "F, tuning rate of bias and smooth nodes", None, 0.0, 1e5)
+    fj_rate = port("", "FJ, tuning rate of the jump nodes", None, 0.0, 1e5)
+    g_rate = port("", "G, tuning rate of the first layer", None, 0.0, 1e5)
+    kappa = port("", "e-modification", None, 0.0, 10.0)
+    kz = port("", "Kz, robust term", None, 0.0, 100.0)
+    z_bound = port("", "Z_B, bound of the ideal weights", None, 0.0, 1e6)
+    z_max = port("", "weight norm at which the network is latched off", None, 0.0, 1e6)
+    y_max_Nm = port("N m", "output at which the network is latched off", None, 0.0, 1e6)
+
+
+class Settings(Parameters):
+    """The parameters, and what draws the first layer."""
+
+    network_seed = port("", "draws the first layer", None, 0.0, 2.0**31)
+
+
+class States(Ports):
+    """Weights, health and the vectors of this period."""
+
+    w = port("N m", "output weights W", shape=PHI, recorded=False)
+    v = port("", "first-layer weights V, row by row", shape=(INPUTS, NODES), recorded=False)
+    network_fault = port("", "1 once the network was latched off")
+    faded_Nm = port("N m", "network torque last sent, fading after a fault")
+    x = port("", "inputs of the network", shape=INPUTS, recorded=False)
+    a = port("", "inputs of the nodes", shape=NODES, recorded=False)
+    phi = port("", "hidden vector", shape=PHI, recorded=False)
+
+
+class Outputs(Ports):
+    """What the network gives and how it is."""
+
+    network_Nm = port("N m", "network torque (4), or what is left of it after a fault")
+    norm_z = port("", "Frobenius norm of all weights; 1e6 if larger or not finite")
+    fallback = port("", "1 once the network was latched off and PD is alone")
 
 
 def first_layer(settings: Mapping[str, float]) -> dict[str, Any]:
@@ -96,39 +98,37 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 
 @inline
-def learned_torque(dt: float, e: float, r: float, u: Any, p: Any, x: Any, y: Any) -> float:
-    """Return network and robust torque (4) (5), tune (6), write OUTPUTS to `y`.
+def learned_torque(dt: float, e: float, r: float, p: Any, x: Any, u: Any, y: Any) -> float:
+    """Return network and robust torque (4) (5), and tune (6).
 
-    `u` = (e', q_d, q_d', q_d'', w, hull rate); `p`, `x`, `y` begin with this file's ports.
+    `u` has the inputs of PD and q_d''; `p`, `x`, `y` are this file's.
     """
-    w, v = tail(x, _W), tail(x, _V)
-    xi, a, phi = tail(x, _X), tail(x, _A), tail(x, _PHI)
-    xi[0] = 1.0
-    xi[1] = scaled(e, 0.02)
-    xi[2] = scaled(u[0], 0.2)
-    xi[3] = scaled(u[1], 0.5)
-    xi[4] = scaled(u[2], 0.5)
-    xi[5] = scaled(u[3], 3.0)
-    xi[6] = scaled(u[4], 0.2)
-    hidden(xi, INPUTS, NODES, v, a, phi)
-    v_j = u[2] - u[5]  # (2)
-    jump_pair(v_j, JUMP_SPEEDS_RAD_S[0], phi, 1 + NODES)
-    jump_pair(v_j, JUMP_SPEEDS_RAD_S[1], phi, 3 + NODES)
-    norm = sqrt(square_sum(w, PHI) + square_sum(v, INPUTS * NODES))
-    network = output(phi, w, PHI)  # (4)
-    learned = network + p[KZ] * (norm + p[Z_BOUND]) * r  # (5)
+    v_j = u.q_d_rate_rad_s - u.hull_rate_rad_s  # (2)
+    x.x[0] = 1.0  # (1)
+    x.x[1] = scaled(e, 0.02)
+    x.x[2] = scaled(u.q_d_rate_rad_s - u.hub_rate_rad_s, 0.2)
+    x.x[3] = scaled(u.q_d_rad, 0.5)
+    x.x[4] = scaled(u.q_d_rate_rad_s, 0.5)
+    x.x[5] = scaled(u.q_d_acc_rad_s2, 3.0)
+    x.x[6] = scaled(u.hub_rate_rad_s - u.hull_rate_rad_s, 0.2)
+    hidden(x.x, x.v, x.a, x.phi)  # (3)
+    jump_pair(v_j, JUMP_SPEEDS_RAD_S[0], x.phi, 1 + NODES)
+    jump_pair(v_j, JUMP_SPEEDS_RAD_S[1], x.phi, 3 + NODES)
+    norm_z = norm(x.w, x.v)
+    network = output(x.phi, x.w)  # (4)
+    learned = network + p.kz * (norm_z + p.z_bound) * r  # (5)
 
-    on = p[ON] > 0.5
-    healthy = (abs(network) <= p[Y_MAX]) & (norm <= p[Z_MAX])  # false for NaN
-    x[_FAULT] = where(on, where(healthy, x[_FAULT], 1.0), x[_FAULT])
-    trusted = on & (x[_FAULT] < 0.5)
-    x[_FADED] = where(trusted, learned, x[_FADED] * (1.0 - dt / FADE_S))
+    on = p.network_on > 0.5
+    healthy = (abs(network) <= p.y_max_Nm) & (norm_z <= p.z_max)  # false for NaN
+    x.network_fault = where(on, where(healthy, x.network_fault, 1.0), x.network_fault)
+    trusted = on & (x.network_fault < 0.5)
+    x.faded_Nm = where(trusted, learned, x.faded_Nm * (1.0 - dt / FADE_S))
 
-    moving = (abs(e) > DEAD_BAND_RAD) | (abs(u[3]) > 1e-6)
+    moving = (abs(e) > DEAD_BAND_RAD) | (abs(u.q_d_acc_rad_s2) > 1e-6)
     rate = where(trusted & moving, dt, 0.0)
     driven = clip(r, -R_MAX_RAD_S, R_MAX_RAD_S)
-    tune(driven, p[KAPPA], p[F], p[FJ], p[G], rate, xi, INPUTS, NODES, JUMPS, a, phi, w, v)  # (6)
-    y[0] = where(trusted, network, x[_FADED])
-    y[1] = where(norm <= NORM_SHOWN, norm, NORM_SHOWN)
-    y[2] = x[_FAULT]
-    return x[_FADED]
+    tune(driven, p.kappa, p.f_rate, p.fj_rate, p.g_rate, rate, x.x, x.a, x.phi, x.w, x.v)  # (6)
+    y.network_Nm = where(trusted, network, x.faded_Nm)
+    y.norm_z = where(norm_z <= NORM_SHOWN, norm_z, NORM_SHOWN)
+    y.fallback = x.network_fault
+    return x.faded_Nm

@@ -34,76 +34,88 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.approximators.two_layer import hidden, output, square_sum, tune
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.approximators.two_layer import (
+    hidden,
+    output,
+    square_sum,
+    square_sum_of_rows,
+    tune,
+)
+from pcpc.executive.laws.block import Block, Ports, Prepared, inline, port, stage
 from pcpc.executive.laws.emath import exp, sin, sqrt, where
 
 N_IN, NODES = 6, 10
 N_PHI = 1 + NODES
 
-PARAMETERS = (
-    Port("lam_per_s", "1/s", "Lam", 5.0, 0.0, 1e3),
-    Port("kv_Nms_rad", "N m s/rad", "Kv", 10.0, 0.0, 1e4),
-    Port("kb_per_s", "1/s", "Kb, of the torque error", 15.0, 0.0, 1e4),
-    Port("model_time_constant_s", "s", "T_m of f", None, 1e-3, 1e6),
-    Port("model_gravity_Nm", "N m", "G of f", None, -1e4, 1e4),
-    Port("filter_rad_s", "rad/s", "a, of the derivative", 100.0, 0.1, 1e4),
-    Port("robust_on", "", "1 adds the robust term", None, 0.0, 1.0),
-    Port("kz1_per_s", "1/s", "Kz1", 2.0, 0.0, 1e3),
-    Port("kz2_Nm_rad", "N m/rad", "Kz2", 2.0, 0.0, 1e3),
-    Port("kz3_Nm_s", "N m/s", "Kz3", 2.0, 0.0, 1e3),
-    Port("z_bound", "", "Z_M, added to the weight norm", 1.0, 0.0, 1e6),
-    Port("layer_Nm", "N m", "eps_0, smallest boundary layer", 0.1, 0.0, 1e3),
-    Port("layer_ratio", "", "rho; 1e30 for a layer of eps_0 alone", 0.15, 1e-3, 1e30),
-    Port("network_on", "", "1 adds the network and tunes it", None, 0.0, 1.0),
-    Port("s_rate", "", "S, tuning rate of W", 30.0, 0.0, 1e6),
-    Port("t_rate", "", "T_V, tuning rate of V", 50.0, 0.0, 1e6),
-    Port("kappa", "", "kappa, e-modification", 0.01, 0.0, 10.0),
-    Port("u_max_Nm", "N m", "command at which the law is latched off", 300.0, 0.0, 1e9),
-)
-(
-    LAM, KV, KB, T_M, G, FILTER, ROBUST_ON, KZ1, KZ2, KZ3, Z_BOUND, LAYER, RATIO,
-    NETWORK_ON, S_RATE, T_RATE, KAPPA, U_MAX,
-) = range(len(PARAMETERS))  # fmt: skip
-SETTINGS = (*PARAMETERS, Port("network_seed", "", "draws V", 1.0, 0.0, 2.0**31))
 
-STATES = (
-    Port("u_Nm", "N m", "u, as far as it was integrated"),
-    Port("z_Nm", "N m", "z of (3)"),
-    Port("started", "", "1 after the first sample"),
-    Port("latched", "", "1 once the law was latched off"),
-    Port("w", "", "output weights W", size=N_PHI, recorded=False),
-    Port("v", "", "first-layer weights V, row by row", size=N_IN * NODES, recorded=False),
-    Port("scratch", "", "x, a, s of this period", size=N_IN + NODES + N_PHI, recorded=False),
-)
-U, Z, STARTED, LATCHED, W = range(5)
-V = W + N_PHI
-X = V + N_IN * NODES
-A, PHI = X + N_IN, X + N_IN + NODES
+class Parameters(Ports):
+    """Gains, the model, the robust term and the network."""
 
-INPUTS = (
-    Port("q_d_rad", "rad", "desired angle"),
-    Port("q_d_rate_rad_s", "rad/s", "its first derivative"),
-    Port("q_d_acc_rad_s2", "rad/s2", "its second derivative"),
-    Port("angle_rad", "rad", "measured angle"),
-    Port("rate_rad_s", "rad/s", "measured rate"),
-    Port("torque_Nm", "N m", "measured torque behind the gap"),
-)
-OUTPUTS = (
-    Port("command_Nm", "N m", "u (5), 0 once latched off"),
-    Port("tau_d_Nm", "N m", "tau_d (2)"),
-    Port("e_rad", "rad", "e1"),
-    Port("r_rad_s", "rad/s", "r"),
-    Port("torque_error_Nm", "N m", "tt (4)"),
-    Port("robust_Nm_s", "N m/s", "v2 (8)"),
-    Port("network_Nm_s", "N m/s", "y (6)"),
-    Port("layer_now_Nm", "N m", "eps (8)"),
-    Port("norm_w", "", "|W|"),
-    Port("norm_v", "", "|V|"),
-    Port("diverged", "", "1 once the law was latched off"),
-)
+    lam_per_s = port("1/s", "Lam", 5.0, 0.0, 1e3)
+    kv_Nms_rad = port("N m s/rad", "Kv", 10.0, 0.0, 1e4)
+    kb_per_s = port("1/s", "Kb, of the torque error", 15.0, 0.0, 1e4)
+    model_time_constant_s = port("s", "T_m of f", None, 1e-3, 1e6)
+    model_gravity_Nm = port("N m", "G of f", None, -1e4, 1e4)
+    filter_rad_s = port("rad/s", "a, of the derivative", 100.0, 0.1, 1e4)
+    robust_on = port("", "1 adds the robust term", None, 0.0, 1.0)
+    kz1_per_s = port("1/s", "Kz1", 2.0, 0.0, 1e3)
+    kz2_Nm_rad = port("N m/rad", "Kz2", 2.0, 0.0, 1e3)
+    kz3_Nm_s = port("N m/s", "Kz3", 2.0, 0.0, 1e3)
+    z_bound = port("", "Z_M, added to the weight norm", 1.0, 0.0, 1e6)
+    layer_Nm = port("N m", "eps_0, smallest boundary layer", 0.1, 0.0, 1e3)
+    layer_ratio = port("", "rho; 1e30 for a layer of eps_0 alone", 0.15, 1e-3, 1e30)
+    network_on = port("", "1 adds the network and tunes it", None, 0.0, 1.0)
+    s_rate = port("", "S, tuning rate of W", 30.0, 0.0, 1e6)
+    t_rate = port("", "T_V, tuning rate of V", 50.0, 0.0, 1e6)
+    kappa = port("", "kappa, e-modification", 0.01, 0.0, 10.0)
+    u_max_Nm = port("N m", "command at which the law is latched off", 300.0, 0.0, 1e9)
+
+
+class Settings(Parameters):
+    """The parameters, and what draws the first layer."""
+
+    network_seed = port("", "draws V", 1.0, 0.0, 2.0**31)
+
+
+class States(Ports):
+    """The command, the filter, the latch and the network."""
+
+    u_Nm = port("N m", "u, as far as it was integrated")
+    z_Nm = port("N m", "z of (3)")
+    started = port("", "1 after the first sample")
+    latched = port("", "1 once the law was latched off")
+    w = port("", "output weights W", shape=N_PHI, recorded=False)
+    v = port("", "first-layer weights V, row by row", shape=(N_IN, NODES), recorded=False)
+    x = port("", "inputs of this period", shape=N_IN, recorded=False)
+    a = port("", "inputs of the nodes", shape=NODES, recorded=False)
+    phi = port("", "s of this period", shape=N_PHI, recorded=False)
+
+
+class Inputs(Ports):
+    """The reference and what the sensors say."""
+
+    q_d_rad = port("rad", "desired angle")
+    q_d_rate_rad_s = port("rad/s", "its first derivative")
+    q_d_acc_rad_s2 = port("rad/s2", "its second derivative")
+    angle_rad = port("rad", "measured angle")
+    rate_rad_s = port("rad/s", "measured rate")
+    torque_Nm = port("N m", "measured torque behind the gap")
+
+
+class Outputs(Ports):
+    """The command and what led to it."""
+
+    command_Nm = port("N m", "u (5), 0 once latched off")
+    tau_d_Nm = port("N m", "tau_d (2)")
+    e_rad = port("rad", "e1")
+    r_rad_s = port("rad/s", "r")
+    torque_error_Nm = port("N m", "tt (4)")
+    robust_Nm_s = port("N m/s", "v2 (8)")
+    network_Nm_s = port("N m/s", "y (6)")
+    layer_now_Nm = port("N m", "eps (8)")
+    norm_w = port("", "|W|")
+    norm_v = port("", "|V|")
+    diverged = port("", "1 once the law was latched off")
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -113,76 +125,70 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 
 @inline
-def divide(w: Any, n: int, by: float) -> None:
-    """Divide w[0..n-1] in place: the decay (10)."""
-    for j in range(n):
-        w[j] = w[j] / by
+def decay(x: Any, of_w: float, of_v: float) -> None:
+    """Divide the weights in place (10)."""
+    for j in range(N_PHI):
+        x.w[j] = x.w[j] / of_w
+    for i in range(N_IN):
+        for j in range(NODES):
+            x.v[i, j] = x.v[i, j] / of_v
 
 
 @inline
-def desired_torque(u: Any, p: Any) -> tuple[float, float, float]:
-    """Return e1, r (1) and tau_d (2); `u`, `p` begin with this file's ports."""
-    e1, e2 = u[3] - u[0], u[4] - u[1]
-    r = e2 + p[LAM] * e1
-    f = -u[4] / p[T_M] - p[G] * sin(u[3])
-    return e1, r, u[2] - p[KV] * r - f - p[LAM] * e2
+def desired_torque(p: Any, u: Any, y: Any) -> None:
+    """Write e1, r (1) and tau_d (2)."""
+    e2 = u.rate_rad_s - u.q_d_rate_rad_s
+    y.e_rad = u.angle_rad - u.q_d_rad
+    y.r_rad_s = e2 + p.lam_per_s * y.e_rad
+    f = -u.rate_rad_s / p.model_time_constant_s - p.model_gravity_Nm * sin(u.angle_rad)
+    y.tau_d_Nm = u.q_d_acc_rad_s2 - p.kv_Nms_rad * y.r_rad_s - f - p.lam_per_s * e2
 
 
 @inline
-def robust_term(dt: float, r: float, tt: float, norm: float, p: Any) -> tuple[float, float]:
-    """Return v2 and eps of (8); `norm` is that of all weights."""
-    zs = norm + p[Z_BOUND]  # (7)
-    gain = (p[KZ1] * zs + p[KZ2]) * abs(r) + p[KZ3] * zs * zs
-    wide = gain * dt / p[RATIO]
-    layer = where(wide > p[LAYER], wide, p[LAYER])
-    size = abs(tt) + layer
+def robust_term(dt: float, tt: float, norm: float, p: Any, y: Any) -> float:
+    """Return v2 and write eps (8); `norm` is that of all weights."""
+    zs = norm + p.z_bound  # (7)
+    gain = (p.kz1_per_s * zs + p.kz2_Nm_rad) * abs(y.r_rad_s) + p.kz3_Nm_s * zs * zs
+    wide = gain * dt / p.layer_ratio
+    y.layer_now_Nm = where(wide > p.layer_Nm, wide, p.layer_Nm)
+    size = abs(tt) + y.layer_now_Nm
     switched = where(size > 0.0, gain * tt / size, 0.0)
-    return p[KZ1] * zs * tt + switched, layer
+    return p.kz1_per_s * zs * tt + switched
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    w, v = tail(x, W), tail(x, V)
-    xi, a, phi = tail(x, X), tail(x, A), tail(x, PHI)
-    e1, r, tau_d = desired_torque(u, p)
-    tt = tau_d - u[5]  # (4)
-    z = where(x[STARTED] > 0.5, x[Z], tau_d)
-    derivative = p[FILTER] * (tau_d - z)  # (3)
-    x[Z] = z + (1.0 - exp(-p[FILTER] * dt)) * (tau_d - z)
-    x[STARTED] = 1.0
+    desired_torque(p, u, y)
+    tau_d = y.tau_d_Nm
+    tt = tau_d - u.torque_Nm  # (4)
+    z = where(x.started > 0.5, x.z_Nm, tau_d)
+    derivative = p.filter_rad_s * (tau_d - z)  # (3)
+    x.z_Nm = z + (1.0 - exp(-p.filter_rad_s * dt)) * (tau_d - z)
+    x.started = 1.0
 
-    xi[0], xi[1], xi[2], xi[3], xi[4], xi[5] = 1.0, r, u[0], u[1], tt, u[5]  # (6)
-    hidden(xi, N_IN, NODES, v, a, phi)
-    network = output(phi, w, N_PHI)
-    w2, v2 = square_sum(w, N_PHI), square_sum(v, N_IN * NODES)
-    robust, layer = robust_term(dt, r, tt, sqrt(w2 + v2), p)
-    robust = where(p[ROBUST_ON] > 0.5, robust, 0.0)
-    correction = robust - where(p[NETWORK_ON] > 0.5, network, 0.0)
-    x[U] = x[U] + dt * (p[KB] * tt + derivative + correction)  # (5)
-    healthy = abs(x[U]) <= p[U_MAX]  # false for NaN
-    x[LATCHED] = where(healthy, x[LATCHED], 1.0)
-    sound = x[LATCHED] < 0.5
+    x.x[0], x.x[1], x.x[2] = 1.0, y.r_rad_s, u.q_d_rad  # (6)
+    x.x[3], x.x[4], x.x[5] = u.q_d_rate_rad_s, tt, u.torque_Nm
+    hidden(x.x, x.v, x.a, x.phi)
+    network = output(x.phi, x.w)
+    w2, v2 = square_sum(x.w, 0), square_sum_of_rows(x.v)
+    robust = robust_term(dt, tt, sqrt(w2 + v2), p, y)
+    robust = where(p.robust_on > 0.5, robust, 0.0)
+    correction = robust - where(p.network_on > 0.5, network, 0.0)
+    x.u_Nm = x.u_Nm + dt * (p.kb_per_s * tt + derivative + correction)  # (5)
+    healthy = abs(x.u_Nm) <= p.u_max_Nm  # false for NaN
+    x.latched = where(healthy, x.latched, 1.0)
+    sound = x.latched < 0.5
 
-    tuned_s = where((p[NETWORK_ON] > 0.5) & sound, dt, 0.0)
-    tune(-tt, 0.0, p[S_RATE], 0.0, p[T_RATE], tuned_s, xi, N_IN, NODES, 0, a, phi, w, v)  # (9)
-    leak = tuned_s * p[KAPPA] * abs(tt)
-    divide(w, N_PHI, 1.0 + leak * p[S_RATE])  # (10)
-    divide(v, N_IN * NODES, 1.0 + leak * p[T_RATE])
+    tuned_s = where((p.network_on > 0.5) & sound, dt, 0.0)
+    tune(-tt, 0.0, p.s_rate, 0.0, p.t_rate, tuned_s, x.x, x.a, x.phi, x.w, x.v)  # (9)
+    leak = tuned_s * p.kappa * abs(tt)
+    decay(x, 1.0 + leak * p.s_rate, 1.0 + leak * p.t_rate)
 
-    y[0] = where(sound, x[U], 0.0)
-    y[1], y[2], y[3], y[4] = tau_d, e1, r, tt
-    y[5] = robust
-    y[6], y[7], y[8], y[9] = network, layer, sqrt(w2), sqrt(v2)
-    y[10] = x[LATCHED]
+    y.command_Nm = where(sound, x.u_Nm, 0.0)
+    y.torque_error_Nm, y.robust_Nm_s, y.network_Nm_s = tt, robust, network
+    y.norm_w, y.norm_v = sqrt(w2), sqrt(v2)
+    y.diverged = x.latched
 
 
-BLOCK = Block(
-    step,
-    inputs=INPUTS,
-    outputs=OUTPUTS,
-    settings=SETTINGS,
-    parameters=PARAMETERS,
-    states=STATES,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)

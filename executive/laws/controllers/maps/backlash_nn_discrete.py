@@ -27,52 +27,61 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.approximators.two_layer import hidden, output, square_sum
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.approximators.two_layer import hidden, output_from, square_sum
+from pcpc.executive.laws.block import Block, Ports, Prepared, inline, port, stage
 from pcpc.executive.laws.controllers.maps import map_pd
-from pcpc.executive.laws.controllers.maps.map_pd import desired, sound
 from pcpc.executive.laws.emath import clip, sqrt, where
 
 N_IN, NODES, JUMPS = 6, 10, 2
 N_S = NODES + JUMPS
 
-PARAMETERS = (
-    *map_pd.GAINS,
-    Port("kb", "", "Kb, of the torque error", 0.3, -10.0, 10.0),
-    Port("smoothing", "", "rho of the smoothed step of tau_d", 0.9, 0.0, 1.0),
-    Port("u_max", "", "limit of u", 10.0, 0.0, 1e12),
-    Port("network_on", "", "1 adds the network and tunes it", 1.0, 0.0, 1.0),
-    Port("jumps_on", "", "1 for the jump nodes", 1.0, 0.0, 1.0),
-    Port("alpha", "", "tuning rate", 0.15, 0.0, 10.0),
-    Port("gamma", "", "Gam, forgetting", 1e-5, 0.0, 1.0),
-    Port("cr", "", "c_r, share of r in the tuning", -0.3, -10.0, 10.0),
-)
-KB, SMOOTHING, U_MAX, ON, JUMPS_ON, ALPHA, GAMMA, CR = range(len(map_pd.GAINS), len(PARAMETERS))
-SETTINGS = (*PARAMETERS, Port("network_seed", "", "draws V", 1.0, 0.0, 2.0**31))
-STATES = (
-    Port("tau_d_before", "", "tau_d of the sample before"),
-    Port("g", "", "g (2)"),
-    Port("started", "", "1 after the first sample"),
-    map_pd.LATCHED,
-    Port("w", "", "output weights W", size=N_S, recorded=False),
-    Port("v", "", "first-layer weights V, row by row", size=N_IN * NODES, recorded=False),
-    Port("s", "", "nodes, behind a place for two_layer's bias", size=1 + N_S, recorded=False),
-    Port("scratch", "", "x, a of this step", size=N_IN + NODES, recorded=False),
-)
-BEFORE, G, STARTED, LATCHED, W = range(5)
-V = W + N_S
-S = V + N_IN * NODES
-X, A = S + 1 + N_S, S + 1 + N_S + N_IN
-INPUTS = (*map_pd.INPUTS, Port("tau", "", "measured tau"))
-OUTPUTS = (
-    *map_pd.OUTPUTS,
-    Port("tau_error", "", "tt (1)"),
-    Port("foretold", "", "tau_d(k) + g, for tau_d(k+1)"),
-    Port("network", "", "W's"),
-    Port("norm_w", "", "|W|"),
-)
+
+class Parameters(map_pd.Gains):
+    """Those of the PD law, the inversion's and the network's."""
+
+    kb = port("", "Kb, of the torque error", 0.3, -10.0, 10.0)
+    smoothing = port("", "rho of the smoothed step of tau_d", 0.9, 0.0, 1.0)
+    u_max = port("", "limit of u", 10.0, 0.0, 1e12)
+    network_on = port("", "1 adds the network and tunes it", 1.0, 0.0, 1.0)
+    jumps_on = port("", "1 for the jump nodes", 1.0, 0.0, 1.0)
+    alpha = port("", "tuning rate", 0.15, 0.0, 10.0)
+    gamma = port("", "Gam, forgetting", 1e-5, 0.0, 1.0)
+    cr = port("", "c_r, share of r in the tuning", -0.3, -10.0, 10.0)
+
+
+class Settings(Parameters):
+    """The parameters, and what draws the first layer."""
+
+    network_seed = port("", "draws V", 1.0, 0.0, 2.0**31)
+
+
+class States(Ports):
+    """The prediction, the latch and the network."""
+
+    tau_d_before = port("", "tau_d of the sample before")
+    g = port("", "g (2)")
+    started = port("", "1 after the first sample")
+    latched = port("", "1 once the law was latched off")
+    w = port("", "output weights W", shape=N_S, recorded=False)
+    v = port("", "first-layer weights V, row by row", shape=(N_IN, NODES), recorded=False)
+    s = port("", "nodes, behind a place for two_layer's bias", shape=1 + N_S, recorded=False)
+    x = port("", "inputs of this step", shape=N_IN, recorded=False)
+    a = port("", "inputs of the nodes", shape=NODES, recorded=False)
+
+
+class Inputs(map_pd.Inputs):
+    """Those of the PD law, and the torque."""
+
+    tau = port("", "measured tau")
+
+
+class Outputs(map_pd.Outputs):
+    """Those of the PD law, and the network's."""
+
+    tau_error = port("", "tt (1)")
+    foretold = port("", "tau_d(k) + g, for tau_d(k+1)")
+    network = port("", "W's")
+    norm_w = port("", "|W|")
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -83,49 +92,41 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 @inline
 def tune(drive: float, alpha: float, gamma: float, s: Any, w: Any) -> None:
-    """Step (6) of `w` (12,) in place; `s` (12,), `drive` = tt + c_r r."""
-    norm = abs(1.0 - alpha * square_sum(s, N_S))  # (7)
+    """Step (6) of `w` (12,) in place; `s` (13,) with the bias's place, `drive` = tt + c_r r."""
+    norm = abs(1.0 - alpha * square_sum(s, 1))  # (7)
     leak = gamma * where(norm > 1.0, norm, 1.0)
     for j in range(N_S):
-        w[j] += alpha * s[j] * drive - leak * w[j]
+        w[j] += alpha * s[1 + j] * drive - leak * w[j]
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One step of the map; see the module header."""
-    w, s = tail(x, W), tail(x, S + 1)
-    xi = tail(x, X)
-    e2, r, tau_d = desired(u, p)
-    going = sound(r, p, x, LATCHED)
-    tt = tau_d - u[5]  # (1)
-    first = x[STARTED] < 0.5
-    if p[ON] > 0.5 and going and not first:
-        tune(tt + p[CR] * r, p[ALPHA], p[GAMMA], s, w)  # (6), s still that of the step before
-    change = where(first, 0.0, tau_d - x[BEFORE])
-    x[G] = p[SMOOTHING] * x[G] + (1.0 - p[SMOOTHING]) * change  # (2)
-    x[BEFORE] = tau_d
-    x[STARTED] = 1.0
-    foretold = tau_d + x[G]
+    map_pd.desired(p, u, y)
+    going = map_pd.sound(p, x, y)
+    tt = y.tau_d - u.tau  # (1)
+    first = x.started < 0.5
+    if p.network_on > 0.5 and going and not first:
+        tune(tt + p.cr * y.r, p.alpha, p.gamma, x.s, x.w)  # (6), s still that of the step before
+    change = where(first, 0.0, y.tau_d - x.tau_d_before)
+    x.g = p.smoothing * x.g + (1.0 - p.smoothing) * change  # (2)
+    x.tau_d_before = y.tau_d
+    x.started = 1.0
+    y.foretold = y.tau_d + x.g
 
-    xi[0], xi[1], xi[2], xi[3], xi[4], xi[5] = 1.0, r, u[0], u[1], tt, u[5]  # (4)
-    hidden(xi, N_IN, NODES, tail(x, V), tail(x, A), tail(x, S))  # (5)
-    jumps = p[JUMPS_ON] > 0.5
-    s[NODES] = where(jumps & (tt > 0.0), 1.0, 0.0)
-    s[NODES + 1] = where(jumps & (tt < 0.0), 1.0, 0.0)
-    network = where(p[ON] > 0.5, output(s, w, N_S), 0.0)
-    command = clip(-p[KB] * tt + foretold + network, -p[U_MAX], p[U_MAX])  # (3)
+    x.x[0], x.x[1], x.x[2] = 1.0, y.r, u.x_d_previous  # (4)
+    x.x[3], x.x[4], x.x[5] = u.x_d, tt, u.tau
+    hidden(x.x, x.v, x.a, x.s)  # (5)
+    jumps = p.jumps_on > 0.5
+    x.s[1 + NODES] = where(jumps & (tt > 0.0), 1.0, 0.0)
+    x.s[2 + NODES] = where(jumps & (tt < 0.0), 1.0, 0.0)
+    y.network = where(p.network_on > 0.5, output_from(1, x.s, x.w), 0.0)
+    command = clip(-p.kb * tt + y.foretold + y.network, -p.u_max, p.u_max)  # (3)
 
-    y[0] = where(going, command, 0.0)
-    y[1], y[2], y[3], y[4], y[5] = 1.0, e2, r, tau_d, x[LATCHED]
-    y[6], y[7], y[8], y[9] = tt, foretold, network, sqrt(square_sum(w, N_S))
+    y.command = where(going, command, 0.0)
+    y.ahead = 1.0
+    y.tau_error = tt
+    y.norm_w = sqrt(square_sum(x.w, 0))
 
 
-BLOCK = Block(
-    step,
-    inputs=INPUTS,
-    outputs=OUTPUTS,
-    settings=SETTINGS,
-    parameters=PARAMETERS,
-    states=STATES,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)

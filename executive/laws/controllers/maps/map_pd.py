@@ -12,58 +12,70 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 5.3; lam and Kv are chosen.
 
 from typing import Any
 
-from pcpc.drivers.jit import inline
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, inline, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.executive.laws.models.second_order_map import drift
 
-INPUTS = (
-    Port("x_d_previous", "", "x_d(k-1)"),
-    Port("x_d", "", "x_d(k)"),
-    Port("x_d_next", "", "x_d(k+1)"),
-    Port("x1", "", "measured x1"),
-    Port("x2", "", "measured x2"),
-)
-GAINS = (
-    Port("lam", "", "lam of the filtered error", 0.2, -1.0, 1.0),
-    Port("kv", "", "Kv, what is left of r after a step", 0.998, 0.0, 1.0),
-    Port("model_c", "", "coefficient of F in the law", 0.1875, 0.0, 1.0),
-    Port("r_max", "", "filtered error at which the law is latched off", 1000.0, 0.0, 1e12),
-)
-LAM, KV, MODEL_C, R_MAX = range(len(GAINS))
-LATCHED = Port("latched", "", "1 once the law was latched off")
-OUTPUTS = (
-    Port("command", "", "u, 0 once latched off"),
-    Port("ahead", "", "1: u is for the step after the sample's"),
-    Port("e", "", "e2"),
-    Port("r", "", "r"),
-    Port("tau_d", "", "tau_d (2)"),
-    Port("diverged", "", "1 once the law was latched off"),
-)
+
+class Inputs(Ports):
+    """Three values of the reference, and both states."""
+
+    x_d_previous = port("", "x_d(k-1)")
+    x_d = port("", "x_d(k)")
+    x_d_next = port("", "x_d(k+1)")
+    x1 = port("", "measured x1")
+    x2 = port("", "measured x2")
+
+
+class Gains(Ports):
+    """The filtered error, the model and the latch."""
+
+    lam = port("", "lam of the filtered error", 0.2, -1.0, 1.0)
+    kv = port("", "Kv, what is left of r after a step", 0.998, 0.0, 1.0)
+    model_c = port("", "coefficient of F in the law", 0.1875, 0.0, 1.0)
+    r_max = port("", "filtered error at which the law is latched off", 1000.0, 0.0, 1e12)
+
+
+class States(Ports):
+    """The latch."""
+
+    latched = port("", "1 once the law was latched off")
+
+
+class Outputs(Ports):
+    """The command and what led to it."""
+
+    command = port("", "u, 0 once latched off")
+    ahead = port("", "1: u is for the step after the sample's")
+    e = port("", "e2")
+    r = port("", "r")
+    tau_d = port("", "tau_d (2)")
+    diverged = port("", "1 once the law was latched off")
 
 
 @inline
-def desired(u: Any, p: Any) -> tuple[float, float, float]:
-    """Return e2, r (1) and tau_d (2); `u` and `p` begin with INPUTS and GAINS."""
-    e2 = u[4] - u[1]
-    r = e2 + p[LAM] * (u[3] - u[0])
-    return e2, r, u[2] - p[LAM] * e2 - drift(u[3], u[4], p[MODEL_C]) + p[KV] * r
+def desired(p: Any, u: Any, y: Any) -> None:
+    """Write e2, r (1) and tau_d (2)."""
+    y.e = u.x2 - u.x_d
+    y.r = y.e + p.lam * (u.x1 - u.x_d_previous)
+    y.tau_d = u.x_d_next - p.lam * y.e - drift(u.x1, u.x2, p.model_c) + p.kv * y.r
 
 
 @inline
-def sound(r: float, p: Any, x: Any, at: int) -> bool:
-    """Return whether the law was never latched off; x[at] is the latch."""
-    healthy = abs(r) <= p[R_MAX]  # false for NaN
-    x[at] = where(healthy, x[at], 1.0)
-    return bool(x[at] < 0.5)
+def sound(p: Any, x: Any, y: Any) -> bool:
+    """Return whether the law was never latched off."""
+    healthy = abs(y.r) <= p.r_max  # false for NaN
+    x.latched = where(healthy, x.latched, 1.0)
+    y.diverged = x.latched
+    return bool(x.latched < 0.5)
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Gains, x: States, u: Inputs, y: Outputs) -> None:
     """One step of the map; see the module header."""
-    e2, r, tau_d = desired(u, p)
-    y[0] = where(sound(r, p, x, 0), tau_d, 0.0)  # (3)
-    y[1], y[2], y[3], y[4], y[5] = 0.0, e2, r, tau_d, x[0]
+    desired(p, u, y)
+    y.command = where(sound(p, x, y), y.tau_d, 0.0)  # (3)
+    y.ahead = 0.0
 
 
-BLOCK = Block(step, inputs=INPUTS, outputs=OUTPUTS, settings=GAINS, states=(LATCHED,))
+BLOCK = Block(step)
