@@ -20,14 +20,8 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.jit import inline
 from pcpc.executive.laws.emath import sincos
-from pcpc.plants.atb1000.ports import HULL_COMPONENTS, PARAMETERS, offsets
+from pcpc.plants.atb1000.ports import HULL_COMPONENTS
 
-_P = offsets(PARAMETERS)
-SINES, LEVER_COS, LEVER_SIN = _P["hull_sines"], _P["heave_cos_m"], _P["heave_sin_m"]
-AMPLITUDE, OMEGA, PHASE = (
-    _P["hull_amplitude_rad"], _P["hull_omega_rad_s"], _P["hull_phase_rad"],
-)  # fmt: skip
-TURN_COS, TURN_SIN = _P["hull_turn_cos"], _P["hull_turn_sin"]
 NONE, THREE_SINES, RANDOM = 0.0, 1.0, 2.0
 
 Vector = NDArray[np.float64]
@@ -66,31 +60,31 @@ def _random_sea(settings: Mapping[str, float]) -> tuple[Vector, Vector, Vector]:
 
 @inline
 def start(t: float, p: Any, sines: Any) -> None:
-    """Write sin(a_i), then cos(a_i), at time t to `sines` (48,)."""
-    for i in range(int(p[SINES])):
-        s, c = sincos(p[OMEGA + i] * t + p[PHASE + i])
-        sines[i] = s
-        sines[HULL_COMPONENTS + i] = c
+    """Write sin(a_i), then cos(a_i), at time t to `sines` (2, 24)."""
+    for i in range(int(p.hull_sines)):
+        s, c = sincos(p.hull_omega_rad_s[i] * t + p.hull_phase_rad[i])
+        sines[0, i] = s
+        sines[1, i] = c
 
 
 @inline
 def advance(p: Any, sines: Any) -> None:
-    """Turn `sines` (48,) on by half an integration step: eq. (4)."""
-    for i in range(int(p[SINES])):
-        s, c = sines[i], sines[HULL_COMPONENTS + i]
-        sines[i] = s * p[TURN_COS + i] + c * p[TURN_SIN + i]
-        sines[HULL_COMPONENTS + i] = c * p[TURN_COS + i] - s * p[TURN_SIN + i]
+    """Turn `sines` (2, 24) on by half an integration step: eq. (4)."""
+    for i in range(int(p.hull_sines)):
+        s, c = sines[0, i], sines[1, i]
+        sines[0, i] = s * p.hull_turn_cos[i] + c * p.hull_turn_sin[i]
+        sines[1, i] = c * p.hull_turn_cos[i] - s * p.hull_turn_sin[i]
 
 
 @inline
 def motion(p: Any, sines: Any) -> tuple[float, float, float, float]:
     """Return pitch, its rate and acceleration, and the heave acceleration: eq. (1) to (3)."""
     pitch, rate, sine_sum, cosine_sum = 0.0, 0.0, 0.0, 0.0
-    for i in range(int(p[SINES])):
-        s, c = sines[i], sines[HULL_COMPONENTS + i]
-        amplitude, w = p[AMPLITUDE + i], p[OMEGA + i]
+    for i in range(int(p.hull_sines)):
+        s, c = sines[0, i], sines[1, i]
+        amplitude, w = p.hull_amplitude_rad[i], p.hull_omega_rad_s[i]
         pitch += amplitude * s
         rate += amplitude * w * c
         sine_sum += amplitude * w * w * s
         cosine_sum += amplitude * w * w * c
-    return pitch, rate, -sine_sum, p[LEVER_COS] * cosine_sum - p[LEVER_SIN] * sine_sum
+    return pitch, rate, -sine_sum, p.heave_cos_m * cosine_sum - p.heave_sin_m * sine_sum

@@ -18,134 +18,113 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Prepared, stage
+from pcpc.executive.laws.block import Block, Prepared, flat, inline, stage
 from pcpc.executive.laws.emath import clip, cos, sin, sincos, where
 from pcpc.plants.atb1000 import dynamics as dyn
 from pcpc.plants.atb1000 import hull
-from pcpc.plants.atb1000 import ports as at
 from pcpc.plants.atb1000.beam import GRAVITY_M_S2, Beam, Tube, modal_data
 from pcpc.plants.atb1000.ports import (
     HULL_COMPONENTS,
-    INPUTS,
-    INTEGRATED,
     NOISY_CHANNELS,
-    OUTPUTS,
-    PARAMETERS,
-    SETTINGS,
-    STATES,
-    offsets,
+    Inputs,
+    Outputs,
+    Parameters,
+    Settings,
+    States,
 )
-from pcpc.plants.noise import STREAM_SIZE, seeded
+from pcpc.plants.noise import seeded
 from pcpc.plants.sensors import noisy
 
 PI = 3.141592653589793
-
-_P, _X = offsets(PARAMETERS), offsets(STATES)
-SUBSTEPS, DROOP, NOISE = _P["substeps"], _P["horizontal_droop_rad"], _P["hub_gyro_noise_rad_s"]
-FIRE, FIRE_HUB, FIRE_MUZZLE = _P["fire"], _P["fire_hub_Nm"], _P["fire_muzzle_N"]
-HELD, RNG = _X["x_held_Nm"], _X["rng"]
-SLOPES = _X["scratch"]
-TOTAL, STAGE_STATE = SLOPES + INTEGRATED, SLOPES + 2 * INTEGRATED
-EXTERNAL = SLOPES + 3 * INTEGRATED
-SINES = EXTERNAL + dyn.EXTERNAL
 WEIGHT = (1.0, 2.0, 2.0, 1.0)  # classic Runge-Kutta: of the slopes, over 6
 REACH = (0.5, 0.5, 1.0, 0.0)  # how far a stage's slope carries to the next stage, in steps
 
 
 @inline
-def half_sine(t: float, p: Any, at: int) -> float:
-    """Return the impulse whose peak, start and length are p[at], p[at + 1], p[at + 2]."""
-    phase = clip((t - p[at + 1]) / p[at + 2], 0.0, 1.0)
-    return where(phase < 1.0, p[at] * sin(PI * phase), 0.0)
+def half_sine(t: float, peak: float, start: float, lasts: float) -> float:
+    """Return an impulse at time t: half a sine."""
+    phase = clip((t - start) / lasts, 0.0, 1.0)
+    return where(phase < 1.0, peak * sin(PI * phase), 0.0)
 
 
 @inline
-def external(t: float, p: Any, sines: Any, w: Any) -> None:
-    """Write hull motion and firing at time t to `w`; `sines` stand at t."""
-    w[dyn.PITCH], w[dyn.PITCH_RATE], w[dyn.PITCH_ACC], w[dyn.HEAVE_ACC] = hull.motion(p, sines)
-    hub_moment, muzzle_force = 0.0, 0.0
-    if p[FIRE] > 0.0:
-        hub_moment = half_sine(t, p, FIRE_HUB)
-        muzzle_force = half_sine(t, p, FIRE_MUZZLE)
-    w[dyn.HUB_MOMENT], w[dyn.MUZZLE_FORCE] = hub_moment, muzzle_force
+def external(t: float, p: Any, x: Any) -> None:
+    """Write hull motion and firing at time t, where the sines stand at t."""
+    w = x.external
+    w.pitch_rad, w.pitch_rate_rad_s, w.pitch_acc_rad_s2, w.heave_acc_m_s2 = hull.motion(p, x.sines)
+    w.hub_moment_Nm, w.muzzle_force_N = 0.0, 0.0
+    if p.fire > 0.0:
+        w.hub_moment_Nm = half_sine(t, p.fire_hub_Nm, p.fire_hub_start_s, p.fire_hub_lasts_s)
+        w.muzzle_force_N = half_sine(
+            t, p.fire_muzzle_N, p.fire_muzzle_start_s, p.fire_muzzle_lasts_s
+        )
 
 
 @inline
 def integrate(start: float, h: float, p: Any, x: Any) -> None:
-    """Advance the first 16 states by steps of `h` from `start`, where the inputs `w` stand."""
-    s, k = tail(x, 0), tail(x, SLOPES)
-    total, at_stage = tail(x, TOTAL), tail(x, STAGE_STATE)
-    w, sines = tail(x, EXTERNAL), tail(x, SINES)
-    for n in range(int(p[SUBSTEPS])):
-        for i in range(INTEGRATED):
+    """Advance the motion by steps of `h` from `start`, where the external inputs stand."""
+    s, k, total, between = flat(x.motion), flat(x.slope), flat(x.total), flat(x.between)
+    for n in range(int(p.substeps)):
+        for i in range(len(s)):
             total[i] = 0.0
-            at_stage[i] = s[i]
+            between[i] = s[i]
         for j in range(4):
-            dyn.derivative(p, at_stage, w, k)
-            for i in range(INTEGRATED):
+            dyn.derivative(p, x.between, x.external, x.slope)
+            for i in range(len(s)):
                 total[i] += WEIGHT[j] * k[i]
-                at_stage[i] = s[i] + REACH[j] * h * k[i]
+                between[i] = s[i] + REACH[j] * h * k[i]
             if j == 0 or j == 2:
-                hull.advance(p, sines)
-                external(start + (n + 0.5 + 0.25 * j) * h, p, sines, w)
-        for i in range(INTEGRATED):
+                hull.advance(p, x.sines)
+                external(start + (n + 0.5 + 0.25 * j) * h, p, x)
+        for i in range(len(s)):
             s[i] += h / 6.0 * total[i]
 
 
 @inline
 def sample_sensors(p: Any, x: Any, y: Any) -> None:
-    """Write the ten sensor samples to `y`, one noise draw per noisy channel."""
-    s, w = tail(x, 0), tail(x, EXTERNAL)
-    y[at.ENCODER] = s[dyn.THETA] - w[dyn.PITCH]
-    y[at.HUB_RATE] = s[dyn.HUB_GYRO]
-    y[at.MUZZLE_RATE] = s[dyn.MUZZLE_GYRO]
-    y[at.HULL_PITCH] = w[dyn.PITCH]
-    y[at.HULL_RATE] = w[dyn.PITCH_RATE]
-    y[at.STRAIN] = s[dyn.ROOT_STRAIN]
-    y[at.SHAFT_TORQUE] = s[dyn.SHAFT_TORQUE]
-    y[at.MOTOR_SPEED] = s[dyn.MOTOR_SPEED]
-    y[at.MOTOR_TORQUE] = s[dyn.MOTOR_TORQUE]
-    y[at.MOTOR_ANGLE] = s[dyn.MOTOR_ANGLE]
-    for i in range(NOISY_CHANNELS):
-        channel = at.NOISY + i
-        y[channel] = noisy(y[channel], p[NOISE + i], x, RNG + i * STREAM_SIZE)
+    """Write the ten sensor samples, one noise draw per noisy channel."""
+    s, w, rng = x.motion, x.external, x.rng
+    y.encoder_rad = s.theta_rad - w.pitch_rad
+    y.hub_rate_rad_s = noisy(s.hub_rate_rad_s, p.hub_gyro_noise_rad_s, rng[0], 0)
+    y.muzzle_rate_rad_s = noisy(s.muzzle_rate_rad_s, p.muzzle_gyro_noise_rad_s, rng[1], 0)
+    y.hull_pitch_rad = noisy(w.pitch_rad, p.hull_pitch_noise_rad, rng[2], 0)
+    y.hull_rate_rad_s = noisy(w.pitch_rate_rad_s, p.hull_rate_noise_rad_s, rng[3], 0)
+    y.strain_ue = noisy(s.strain_ue, p.strain_noise_ue, rng[4], 0)
+    y.shaft_torque_Nm = noisy(s.shaft_torque_Nm, p.torque_noise_Nm, rng[5], 0)
+    y.motor_speed_rad_s = s.motor_speed_rad_s
+    y.motor_torque_Nm = s.motor_torque_Nm
+    y.motor_angle_rad = s.motor_angle_rad
 
 
 @inline
 def report_truth(p: Any, x: Any, y: Any) -> None:
-    """Write the noiseless outputs to `y`, after the ten sensors."""
-    s, w = tail(x, 0), tail(x, EXTERNAL)
-    q1, q2, q3 = s[dyn.Q], s[dyn.Q + 1], s[dyn.Q + 2]
-    elastic = dyn.dot3(p, dyn.SLOPE, q1, q2, q3)
-    torque, pen = dyn.gear_state(p, s, w)
-    friction, _ = dyn.trunnion_friction(p, s, w)
-    y[at.THETA], y[at.THETA_RATE] = s[dyn.THETA], s[dyn.RATE]
-    y[at.MUZZLE], y[at.ELASTIC_SLOPE] = s[dyn.THETA] + elastic, elastic
-    y[at.SLOPE1] = p[dyn.SLOPE] * q1
-    y[at.DROOP] = p[DROOP] * cos(s[dyn.THETA])
-    y[at.Q1], y[at.Q2], y[at.Q3] = q1, q2, q3
-    y[at.REL], y[at.HULL] = s[dyn.THETA] - w[dyn.PITCH], w[dyn.PITCH]
-    y[at.GEAR_TORQUE], y[at.FRICTION_TORQUE], y[at.PENETRATION] = torque, friction, pen
-    y[at.ENERGY] = dyn.energy(p, s, w, pen)
+    """Write the noiseless outputs, after the ten sensors."""
+    s, w = x.motion, x.external
+    elastic = dyn.dot3(p.slope, s.q[0], s.q[1], s.q[2])
+    y.gear_torque_Nm, y.penetration_rad = dyn.gear_state(p, s, w)
+    y.friction_torque_Nm, _ = dyn.trunnion_friction(p, s, w)
+    y.theta_rad, y.theta_rate_rad_s = s.theta_rad, s.theta_rate_rad_s
+    y.muzzle_rad, y.elastic_slope_rad = s.theta_rad + elastic, elastic
+    y.slope1_rad = p.slope[0] * s.q[0]
+    y.droop_rad = p.horizontal_droop_rad * cos(s.theta_rad)
+    y.q1, y.q2, y.q3 = s.q[0], s.q[1], s.q[2]
+    y.rel_rad, y.hull_rad = s.theta_rad - w.pitch_rad, w.pitch_rad
+    y.energy_J = dyn.energy(p, s, w, y.penetration_rad)
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Advance the plant from t - dt to t, latch the command, sample; at t = 0 only sample."""
-    w, sines = tail(x, EXTERNAL), tail(x, SINES)
     start = 0.0
     if t > 0.0:
         start = t - dt
-    hull.start(start, p, sines)
-    external(start, p, sines, w)
-    h = dt / p[SUBSTEPS]
-    w[dyn.COMMAND] = x[HELD]
-    w[dyn.STEP_S] = h
+    hull.start(start, p, x.sines)
+    external(start, p, x)
+    x.external.command_Nm = x.held_Nm
+    x.external.step_s = dt / p.substeps
     if t > 0.0:
-        integrate(start, h, p, x)
-        x[HELD] = u[0]
+        integrate(start, x.external.step_s, p, x)
+        x.held_Nm = u.motor_command_Nm
     sample_sensors(p, x, y)
     report_truth(p, x, y)
 
@@ -173,7 +152,9 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     beam = modal_data(Tube(*(settings[field.name] for field in fields(Tube))))
     waves = hull_parameters(settings, 0.5 / settings["integrator_hz"])
     derived = {**beam_parameters(settings, beam), **waves, "substeps": ratio}
-    direct = {port.name: settings[port.name] for port in PARAMETERS if port.name not in derived}
+    direct = {
+        port.name: settings[port.name] for port in Parameters.ports if port.name not in derived
+    }
     return Prepared(parameters={**direct, **derived}, states=initial_state(settings, beam, seed))
 
 
@@ -240,12 +221,4 @@ def initial_state(settings: Mapping[str, float], beam: Beam, seed: int) -> dict[
     }
 
 
-BLOCK = Block(
-    step=step,
-    inputs=INPUTS,
-    outputs=OUTPUTS,
-    parameters=PARAMETERS,
-    states=STATES,
-    settings=SETTINGS,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)

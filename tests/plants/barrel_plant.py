@@ -6,10 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.laws.block import Port
+from pcpc.executive.laws.block import Ports, stage
 from pcpc.plants.atb1000 import dynamics as dyn
-from pcpc.plants.atb1000.model import BLOCK, EXTERNAL, SINES
-from pcpc.plants.atb1000.ports import OUTPUTS, PARAMETERS, STATES, load_parameters, offsets
+from pcpc.plants.atb1000.model import BLOCK
+from pcpc.plants.atb1000.ports import (
+    External,
+    Motion,
+    Outputs,
+    Parameters,
+    States,
+    load_parameters,
+)
 
 PARAMETERS_FILE = Path(dyn.__file__).with_name("parameters.yaml")
 NOMINAL = load_parameters(PARAMETERS_FILE)
@@ -21,12 +28,18 @@ LOSSLESS = {
 Vector = NDArray[np.float64]
 
 
-def _vector(ports: tuple[Port, ...], values: Any) -> Vector:
-    vector = np.zeros(sum(port.size for port in ports))
-    for port in ports:
-        at = offsets(ports)[port.name]
-        vector[at : at + port.size] = values.get(port.name, 0.0)
-    return vector
+NAMES = [port.name for port in Outputs.ports]
+AT = {name: i for i, name in enumerate(NAMES)}
+
+
+@stage
+def slopes(t: float, dt: float, p: Parameters, x: Motion, u: External, y: Motion) -> None:
+    dyn.derivative(p, x, u, y)
+
+
+def _vector(ports: type[Ports], values: Any) -> Vector:
+    found = [np.broadcast_to(values.get(port.name, 0.0), port.size) for port in ports.ports]
+    return np.concatenate(found).astype(float)
 
 
 class Plant:
@@ -36,10 +49,10 @@ class Plant:
         assert set(settings) <= set(NOMINAL), set(settings) - set(NOMINAL)
         prepared = BLOCK.prepare({**NOMINAL, **settings}, rate_hz, seed)  # type: ignore[misc]
         self.dt = 1.0 / rate_hz
-        self.p = _vector(PARAMETERS, prepared.parameters)
-        self.x = _vector(STATES, prepared.states)
+        self.p = _vector(Parameters, prepared.parameters)
+        self.x = _vector(States, prepared.states)
         self.u = np.zeros(1)
-        self.y = np.zeros(len(OUTPUTS))
+        self.y = np.zeros(Outputs.size)
         self.k = 0
 
     def step(self, command_Nm: float = 0.0) -> Vector:
@@ -49,22 +62,22 @@ class Plant:
         self.k += 1
         return self.y.copy()
 
-    def parameter(self, name: str, size: int = 1) -> Vector:
-        """Return a parameter port's values (size,)."""
-        at = offsets(PARAMETERS)[name]
-        return self.p[at : at + size]
+    @property
+    def parameters(self) -> Parameters:
+        """The parameters by name."""
+        return Parameters(self.p)
 
-    def slopes(self, s: Vector, w: Vector | None = None) -> Vector:
-        """Return dx/dt (16,) at state `s` (16,) under external inputs `w` (8,), default none."""
-        d = np.zeros(16)
-        external = np.zeros(dyn.EXTERNAL) if w is None else w
-        external[dyn.STEP_S] = 1.0 / 16000.0
-        dyn.derivative(self.p, s, external, d)
-        return d
+    @property
+    def states(self) -> States:
+        """The states by name; what is set is set in `x`."""
+        return States(self.x)
 
-    def external(self) -> Vector:
-        """Return the external inputs of the last step."""
-        return self.x[EXTERNAL:SINES]
+    def slopes(self, s: Motion, w: External | None = None) -> Motion:
+        """Return the derivative at `s` under external inputs `w`, default none."""
+        d, outside = np.zeros(Motion.size), External(np.zeros(External.size)) if w is None else w
+        outside.step_s = 1.0 / 16000.0
+        slopes(0.0, self.dt, self.p, s.values(), outside.values(), d)
+        return Motion(d)
 
 
 def trace() -> str:

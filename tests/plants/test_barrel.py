@@ -5,31 +5,31 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from barrel_plant import LOSSLESS, NOMINAL, PARAMETERS_FILE, Plant, Vector, trace
+from barrel_plant import AT, LOSSLESS, NOMINAL, PARAMETERS_FILE, Plant, Vector, trace
 
-from pcpc.plants.atb1000 import dynamics as dyn
-from pcpc.plants.atb1000 import ports as at
 from pcpc.plants.atb1000.beam import GRAVITY_M_S2
-from pcpc.plants.atb1000.model import BLOCK, HELD, half_sine, prepare
+from pcpc.plants.atb1000.model import BLOCK, half_sine, prepare
+from pcpc.plants.atb1000.ports import External, Motion
 
 MECHANICAL = 10  # leading states: barrel, then rotor
-BARREL_RATES = [dyn.RATE, dyn.Q_RATE, dyn.Q_RATE + 1, dyn.Q_RATE + 2]
 PROJECT = Path(__file__).resolve().parents[2]
 
 
 def _relative_energy_drift(integrator_hz: float, for_s: float = 10.0) -> tuple[float, float]:
     plant = Plant(integrator_hz=integrator_hz, **LOSSLESS)
-    plant.x[:16] = 0.0
-    plant.x[dyn.RATE] = 0.5
-    plant.x[dyn.Q : dyn.Q + 3] = 3e-3, 3e-4, 5e-5
-    plant.x[HELD] = 0.0
-    start = plant.step()[at.ENERGY]
+    motion = plant.states.motion
+    motion.values()[:] = 0.0
+    motion.theta_rate_rad_s = 0.5
+    motion.q[:] = 3e-3, 3e-4, 5e-5
+    plant.states.held_Nm = 0.0
+    start = plant.step()[AT["energy_J"]]
     for _ in range(round(for_s / plant.dt)):
-        end = plant.step()[at.ENERGY]
+        end = plant.step()[AT["energy_J"]]
     return start, (end - start) / start
 
 
@@ -46,12 +46,13 @@ def test_undamped_barrel_keeps_its_energy_to_fifth_order() -> None:
 @pytest.mark.parametrize("model", [1.0, 2.0])
 def test_friction_and_damping_only_take_energy(model: float) -> None:
     plant = Plant(friction_model=model)
-    plant.x[dyn.RATE], plant.x[dyn.Q] = 0.3, 4e-3
-    plant.x[dyn.MOTOR_TORQUE] = plant.x[HELD] = 0.0
+    motion = plant.states.motion
+    motion.theta_rate_rad_s, motion.q[0] = 0.3, 4e-3
+    motion.motor_torque_Nm = plant.states.held_Nm = 0.0
     sig0 = NOMINAL["sig0_Nm_rad"]
 
     def stored() -> float:
-        return float(plant.step()[at.ENERGY] + 0.5 * sig0 * plant.x[dyn.BRISTLE] ** 2)
+        return float(plant.step()[AT["energy_J"]] + 0.5 * sig0 * motion.bristle_rad**2)
 
     energy = np.array([stored() for _ in range(1000)])
     rise = np.max(np.diff(energy))
@@ -59,20 +60,29 @@ def test_friction_and_damping_only_take_energy(model: float) -> None:
     assert energy[-1] < 0.5 * energy[0], f"{energy[0]:.4f} -> {energy[-1]:.4f} J"
 
 
+def nothing(kind: Any) -> Any:
+    """Return a declaration's view of zeros."""
+    return kind(np.zeros(kind.size))
+
+
+def barrel_rates(d: Motion) -> Vector:
+    """Return theta'' and q'' of a derivative."""
+    return np.array([d.theta_rate_rad_s, *d.q_rate])
+
+
 def _frequencies_hz(plant: Plant, penetration_rad: float) -> Vector:
     """Return |lambda|/2 pi of the vibrating modes, linearised without gravity at this gear load."""
-    w = np.zeros(dyn.EXTERNAL)
-    w[dyn.HEAVE_ACC] = -GRAVITY_M_S2
-    s = np.zeros(16)
+    w, s = nothing(External), nothing(Motion)
+    w.heave_acc_m_s2 = -GRAVITY_M_S2
     if penetration_rad > 0.0:
-        flank = 0.5 * plant.parameter("gap_rad")[0]
-        s[dyn.MOTOR_ANGLE] = plant.parameter("gear_ratio")[0] * (flank + penetration_rad)
+        flank = 0.5 * plant.parameters.gap_rad
+        s.motor_angle_rad = plant.parameters.gear_ratio * (flank + penetration_rad)
     jacobian = np.empty((MECHANICAL, MECHANICAL))
     for i in range(MECHANICAL):
         step = np.zeros(16)
         step[i] = 1e-7
-        column = plant.slopes(s + step, w) - plant.slopes(s - step, w)
-        jacobian[:, i] = column[:MECHANICAL] / 2e-7
+        ends = [plant.slopes(Motion(s.values() + sign * step), w).values() for sign in (1, -1)]
+        jacobian[:, i] = (ends[0] - ends[1])[:MECHANICAL] / 2e-7
     hz = np.abs(np.linalg.eigvals(jacobian)) / (2.0 * np.pi)
     vibrating: Vector = np.sort(hz[hz > 1.0])[::2]
     return vibrating
@@ -104,24 +114,24 @@ def test_linear_modes_are_the_tabulated_ones(
 
 
 def _mass_matrix(plant: Plant, q: Vector) -> tuple[Vector, Vector]:
-    upper = plant.parameter("centrifugal", 6)
+    upper = plant.parameters.centrifugal
     c = np.zeros((3, 3))
     c[np.triu_indices(3)] = upper
     c = c + c.T - np.diag(np.diag(c))
     m = np.eye(4)
-    m[0, 0] = plant.parameter("rigid_inertia_kg_m2")[0] + q @ c @ q
-    m[0, 1:] = m[1:, 0] = plant.parameter("coupling", 3)
+    m[0, 0] = plant.parameters.rigid_inertia_kg_m2 + q @ c @ q
+    m[0, 1:] = m[1:, 0] = plant.parameters.coupling
     return m, c
 
 
 def test_velocity_forces_do_no_work_beyond_the_change_of_inertia() -> None:
     plant = Plant(**{**LOSSLESS, "gap_rad": 1.0})
-    moving, still = np.zeros(16), np.zeros(16)
+    moving, still = nothing(Motion), nothing(Motion)
     q, rates = np.array([0.02, -0.01, 0.005]), np.array([0.7, 0.4, -0.3, 0.9])
-    moving[dyn.Q : dyn.Q + 3] = still[dyn.Q : dyn.Q + 3] = q
-    moving[dyn.RATE], moving[dyn.Q_RATE : dyn.Q_RATE + 3] = rates[0], rates[1:]
+    moving.q[:] = still.q[:] = q
+    moving.theta_rate_rad_s, moving.q_rate[:] = rates[0], rates[1:]
     m, c = _mass_matrix(plant, q)
-    v = m @ (plant.slopes(still)[BARREL_RATES] - plant.slopes(moving)[BARREL_RATES])
+    v = m @ (barrel_rates(plant.slopes(still)) - barrel_rates(plant.slopes(moving)))
     change_of_inertia = 2.0 * q @ c @ rates[1:]
     power = rates[0] ** 2 * change_of_inertia - 2.0 * rates @ v  # x'(Mdot - 2V)x
     assert abs(power) < 1e-12 and abs(rates @ v) > 1e-3, f"{power:.1e} of {rates @ v:.1e} W"
@@ -135,54 +145,53 @@ def test_resting_plant_stays_put_under_the_held_command(
     unbalance_Nm: float, theta0_rad: float
 ) -> None:
     plant = Plant(unbalance_Nm=unbalance_Nm, theta0_rad=theta0_rad)
-    held, before = plant.x[HELD], plant.x[:16].copy()
+    held, before = plant.states.held_Nm, plant.x[:16].copy()
     for _ in range(200):
         y = plant.step(held)
     moved = np.max(np.abs(plant.x[:12] - before[:12]))
     assert moved < 1e-12, f"a state moved by {moved:.1e}"
-    assert y[at.MUZZLE] - theta0_rad == pytest.approx(y[at.DROOP], abs=1e-12)
-    assert y[at.GEAR_TORQUE] * unbalance_Nm > 0.0
+    assert y[AT["muzzle_rad"]] - theta0_rad == pytest.approx(y[AT["droop_rad"]], abs=1e-12)
+    assert y[AT["gear_torque_Nm"]] * unbalance_Nm > 0.0
 
 
 def test_gear_torque_raises_the_hub_and_slows_the_rotor() -> None:
     plant = Plant(**{**UNDAMPED, "unbalance_Nm": 0.0})
     n, jm = NOMINAL["gear_ratio"], NOMINAL["motor_inertia_kg_m2"]
-    s = np.zeros(16)
-    free = plant.slopes(s)
-    s[dyn.MOTOR_ANGLE] = n * (0.5e-3 + 1e-4)
+    s = nothing(Motion)
+    free = plant.slopes(s).values()
+    s.motor_angle_rad = n * (0.5e-3 + 1e-4)
     torque = NOMINAL["ks_Nm_rad"] * 1e-4
-    change = plant.slopes(s) - free
+    change = Motion(plant.slopes(s).values() - free)
     m, _ = _mass_matrix(plant, np.zeros(3))
     hub = np.linalg.solve(m, [torque, 0.0, 0.0, 0.0])
-    assert change[BARREL_RATES] == pytest.approx(hub, rel=1e-9) and hub[0] > 0.0
-    assert change[dyn.MOTOR_SPEED] == pytest.approx(-torque / n / jm, rel=1e-9)
+    assert barrel_rates(change) == pytest.approx(hub, rel=1e-9) and hub[0] > 0.0
+    assert change.motor_speed_rad_s == pytest.approx(-torque / n / jm, rel=1e-9)
 
 
 def test_hull_acceleration_leaves_the_rotor_behind_and_heave_weighs_on_the_hub() -> None:
     plant = Plant(**UNDAMPED)
-    w = np.zeros(dyn.EXTERNAL)
-    still = plant.slopes(np.zeros(16), w)
-    w[dyn.PITCH_ACC] = 1.7
-    assert (plant.slopes(np.zeros(16), w) - still)[dyn.MOTOR_SPEED] == -1.7
-    w[dyn.PITCH_ACC], w[dyn.HEAVE_ACC] = 0.0, 1.0
+    w, s = nothing(External), nothing(Motion)
+    still = plant.slopes(s, w)
+    w.pitch_acc_rad_s2 = 1.7
+    assert plant.slopes(s, w).motor_speed_rad_s - still.motor_speed_rad_s == -1.7
+    w.pitch_acc_rad_s2, w.heave_acc_m_s2 = 0.0, 1.0
     m, _ = _mass_matrix(plant, np.zeros(3))
-    weight = np.array([2.5 / GRAVITY_M_S2, *plant.parameter("gravity", 3)])
-    change = (plant.slopes(np.zeros(16), w) - still)[BARREL_RATES]
+    weight = np.array([2.5 / GRAVITY_M_S2, *plant.parameters.gravity])
+    change = barrel_rates(plant.slopes(s, w)) - barrel_rates(still)
     assert m @ change == pytest.approx(-weight, rel=1e-9)
 
 
 def test_shot_pushes_hub_and_muzzle_up_by_the_stated_impulse() -> None:
     plant = Plant(**UNDAMPED)
-    w = np.zeros(dyn.EXTERNAL)
-    still = plant.slopes(np.zeros(16), w)
-    w[dyn.HUB_MOMENT], w[dyn.MUZZLE_FORCE] = 60.0, 20.0
-    change = (plant.slopes(np.zeros(16), w) - still)[BARREL_RATES]
+    w, s = nothing(External), nothing(Motion)
+    still = plant.slopes(s, w)
+    w.hub_moment_Nm, w.muzzle_force_N = 60.0, 20.0
+    change = barrel_rates(plant.slopes(s, w)) - barrel_rates(still)
     m, _ = _mass_matrix(plant, np.zeros(3))
-    load = np.array([60.0 + NOMINAL["length_m"] * 20.0, *(20.0 * plant.parameter("tip", 3))])
+    load = np.array([60.0 + NOMINAL["length_m"] * 20.0, *(20.0 * plant.parameters.tip)])
     assert m @ change == pytest.approx(load, rel=1e-9)
     t = np.linspace(0.99, 1.02, 30_001)
-    impulse = np.array([60.0, 1.0, 0.012])
-    pulse = np.array([half_sine(s, impulse, 0) for s in t])
+    pulse = np.array([half_sine(at_s, 60.0, 1.0, 0.012) for at_s in t])
     assert np.trapezoid(pulse, t) == pytest.approx(2.0 / np.pi * 60.0 * 0.012, rel=1e-6)
     assert np.all(pulse[(t < 1.0) | (t > 1.012)] == 0.0)
 
@@ -194,7 +203,7 @@ def test_shot_on_a_moving_hull_is_integrated_to_fourth_order() -> None:
             fire=1.0, fire_hub_start_s=0.004, fire_muzzle_start_s=0.007, **LOSSLESS,
         )  # fmt: skip
         for _ in range(31):
-            plant.step(plant.x[HELD])
+            plant.step(plant.states.held_Nm)
         state: Vector = plant.x[:8].copy()
         return state
 
@@ -227,7 +236,7 @@ def test_hull_moves_as_the_formula_says(
     plant = Plant(hull_motion=kind)
     error = 0.0
     for k in range(3001):
-        plant.step(plant.x[HELD])
+        plant.step(plant.states.held_Nm)
         angle = w * (k * plant.dt) + phase
         expected = [
             np.sum(a * np.sin(angle)),
@@ -235,7 +244,7 @@ def test_hull_moves_as_the_formula_says(
             -np.sum(a * w * w * np.sin(angle)),
             0.5 * np.sum(a * w * w * np.cos(angle + 1.0)),
         ]
-        error = max(error, np.max(np.abs(plant.external()[:4] - expected)))
+        error = max(error, np.max(np.abs(plant.states.external.values()[:4] - expected)))
     assert error < 1e-13, f"largest error {error:.1e}"
     assert 1e3 * np.sqrt(np.sum(a**2) / 2) == pytest.approx(rms_mrad, abs=0.06)
     if rms_rate_mrad_s is not None:
@@ -244,18 +253,20 @@ def test_hull_moves_as_the_formula_says(
 
 def test_first_call_only_samples() -> None:
     plant = Plant(hull_motion=1.0)
-    before = plant.x[: HELD + 1].copy()
+    before = plant.x[: Motion.size + 1].copy()  # and the command in force
     y = plant.step(1.0)
-    assert np.array_equal(plant.x[: HELD + 1], before)
-    assert y[at.GEAR_TORQUE] == pytest.approx(2.5, abs=1e-9)
-    assert y[at.HULL] == pytest.approx(np.sum(_sines(1.0)[0] * np.sin(_sines(1.0)[2])), abs=1e-15)
+    assert np.array_equal(plant.x[: Motion.size + 1], before)
+    assert y[AT["gear_torque_Nm"]] == pytest.approx(2.5, abs=1e-9)
+    assert y[AT["hull_rad"]] == pytest.approx(
+        np.sum(_sines(1.0)[0] * np.sin(_sines(1.0)[2])), abs=1e-15
+    )
 
 
 def test_command_acts_one_period_after_its_samples() -> None:
     plant = Plant()
-    start = plant.step()[at.MOTOR_TORQUE]
-    assert plant.step(1.0)[at.MOTOR_TORQUE] == pytest.approx(start, abs=1e-15)
-    risen = plant.step(1.0)[at.MOTOR_TORQUE]
+    start = plant.step()[AT["motor_torque_Nm"]]
+    assert plant.step(1.0)[AT["motor_torque_Nm"]] == pytest.approx(start, abs=1e-15)
+    risen = plant.step(1.0)[AT["motor_torque_Nm"]]
     expected = 1.0 + (start - 1.0) * np.exp(-1.0)  # one time constant later
     assert risen == pytest.approx(expected, abs=1e-7), f"{risen:.9f} N m"
 
@@ -263,7 +274,7 @@ def test_command_acts_one_period_after_its_samples() -> None:
 def test_saturated_command_settles_at_the_peak_torque() -> None:
     plant = Plant(**{"hub_inertia_kg_m2": 1e6})
     for _ in range(20):
-        torque = plant.step(50.0)[at.MOTOR_TORQUE]
+        torque = plant.step(50.0)[AT["motor_torque_Nm"]]
     assert torque == pytest.approx(NOMINAL["motor_peak_Nm"], abs=1e-6), f"{torque} N m"
 
 
@@ -271,11 +282,11 @@ def test_saturated_command_settles_at_the_peak_torque() -> None:
 def test_motion_under_a_held_command_does_not_depend_on_the_control_rate(rate_hz: float) -> None:
     plant = Plant(rate_hz, hull_motion=1.0)
     for _ in range(round(0.1 * rate_hz) + 1):
-        y = plant.step(plant.x[HELD])
+        y = plant.step(plant.states.held_Nm)
     reference = Plant(1000.0, hull_motion=1.0)
     for _ in range(101):
-        expected = reference.step(reference.x[HELD])
-    assert y[at.THETA] == pytest.approx(expected[at.THETA], abs=1e-12)
+        expected = reference.step(reference.states.held_Nm)
+    assert y[AT["theta_rad"]] == pytest.approx(expected[AT["theta_rad"]], abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -334,7 +345,7 @@ def test_a_step_costs_a_small_part_of_its_period() -> None:
     for _ in range(20):
         start = time.thread_time()
         for _ in range(50):
-            plant.step(plant.x[HELD])
+            plant.step(plant.states.held_Nm)
         cost_s = min(cost_s, (time.thread_time() - start) / 50)
     print(f"one step of 1 ms costs {cost_s * 1e6:.1f} us")
     assert cost_s < 0.2 * plant.dt, f"{cost_s * 1e6:.1f} us of 1000 us"

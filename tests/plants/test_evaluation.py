@@ -279,7 +279,7 @@ def test_short_log_is_judged_as_far_as_it_goes() -> None:
 
 
 def test_columns_read_here_are_outputs_of_the_barrel() -> None:
-    outputs = {f"barrel.{port.name}" for port in ports.OUTPUTS}
+    outputs = {f"barrel.{port.name}" for port in ports.Outputs.ports}
     assert set(run().node["plant"].columns) <= outputs
 
 

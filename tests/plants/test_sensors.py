@@ -2,23 +2,28 @@
 
 import numpy as np
 import pytest
-from barrel_plant import NOMINAL, Plant, Vector
+from barrel_plant import AT, NAMES, NOMINAL, Plant, Vector
 
 from pcpc.drivers.jit import compiled
-from pcpc.plants.atb1000 import ports as at
-from pcpc.plants.atb1000.model import HELD
 from pcpc.plants.sensors import lag_rate
 
 NOISES = [
     "hub_gyro_noise_rad_s", "muzzle_gyro_noise_rad_s", "hull_pitch_noise_rad",
     "hull_rate_noise_rad_s", "strain_noise_ue", "torque_noise_Nm",
 ]  # fmt: skip
-CHANNELS = [at.HUB_RATE, at.MUZZLE_RATE, at.HULL_PITCH, at.HULL_RATE, at.STRAIN, at.SHAFT_TORQUE]
+CHANNELS = [
+    AT["hub_rate_rad_s"],
+    AT["muzzle_rate_rad_s"],
+    AT["hull_pitch_rad"],
+    AT["hull_rate_rad_s"],
+    AT["strain_ue"],
+    AT["shaft_torque_Nm"],
+]
 QUIET = dict.fromkeys(NOISES, 0.0)
 
 
 def _run(plant: Plant, steps: int) -> Vector:
-    return np.array([plant.step(plant.x[HELD]) for _ in range(steps)])
+    return np.array([plant.step(plant.states.held_Nm) for _ in range(steps)])
 
 
 def test_noise_of_every_channel_has_its_stated_deviation_and_mean_zero() -> None:
@@ -38,17 +43,17 @@ def test_seed_changes_the_noise_and_nothing_else() -> None:
     quiet = [c for c in range(first.shape[1]) if c not in CHANNELS]
     assert np.array_equal(first[:, quiet], other[:, quiet])
     for channel in CHANNELS:
-        assert np.all(first[:, channel] != other[:, channel]), at.OUTPUTS[channel].name
+        assert np.all(first[:, channel] != other[:, channel]), NAMES[channel]
 
 
 def test_encoder_and_hull_pitch_add_up_to_the_inertial_angle() -> None:
     y = _run(Plant(hull_motion=1.0, **QUIET), 500)
-    inertial = y[:, at.ENCODER] + y[:, at.HULL_PITCH]
-    error = np.max(np.abs(inertial - y[:, at.THETA]))
+    inertial = y[:, AT["encoder_rad"]] + y[:, AT["hull_pitch_rad"]]
+    error = np.max(np.abs(inertial - y[:, AT["theta_rad"]]))
     assert error < 1e-16, f"off by {error:.1e} rad"
-    assert np.array_equal(y[:, at.HULL_PITCH], y[:, at.HULL])
-    slope = np.gradient(y[:, at.HULL], 1e-3)[1:-1]
-    error = np.max(np.abs(slope - y[1:-1, at.HULL_RATE]))
+    assert np.array_equal(y[:, AT["hull_pitch_rad"]], y[:, AT["hull_rad"]])
+    slope = np.gradient(y[:, AT["hull_rad"]], 1e-3)[1:-1]
+    error = np.max(np.abs(slope - y[1:-1, AT["hull_rate_rad_s"]]))
     assert error < 1e-5, f"hull rate is off by {error:.1e} rad/s"
 
 
@@ -57,7 +62,10 @@ def test_gyros_follow_hub_and_muzzle_within_their_lag() -> None:
     plant.step()
     y = np.array([plant.step(0.3 * np.sin(0.02 * k)) for k in range(2000)])
     lag_s = 1.0 / (2.0 * np.pi * NOMINAL["gyro_bandwidth_hz"])
-    for sensor, angle in ((at.HUB_RATE, at.THETA), (at.MUZZLE_RATE, at.MUZZLE)):
+    for sensor, angle in (
+        (AT["hub_rate_rad_s"], AT["theta_rad"]),
+        (AT["muzzle_rate_rad_s"], AT["muzzle_rad"]),
+    ):
         true_rate = np.gradient(y[:, angle], 1e-3)
         late = true_rate - lag_s * np.gradient(true_rate, 1e-3)
         size, error = np.std(true_rate), np.std((y[:, sensor] - late)[2:-2])
@@ -67,20 +75,24 @@ def test_gyros_follow_hub_and_muzzle_within_their_lag() -> None:
 def test_resting_sensors_show_weight_and_unbalance() -> None:
     y = _run(Plant(**QUIET), 3)[-1]
     beam_root = np.array([3.235057, -21.433401, 61.931083])
-    q = y[[at.Q1, at.Q2, at.Q3]]
-    assert y[at.STRAIN] == pytest.approx(0.5e6 * NOMINAL["outer_m"] * beam_root @ q, rel=1e-6)
-    assert y[at.STRAIN] < 0.0, "a barrel that hangs has its upper side stretched, q < 0"
-    assert y[at.SHAFT_TORQUE] == pytest.approx(NOMINAL["unbalance_Nm"], rel=1e-9)
-    assert y[at.MOTOR_TORQUE] == pytest.approx(2.5 / 60.0, rel=1e-9)
+    q = y[[AT["q1"], AT["q2"], AT["q3"]]]
+    assert y[AT["strain_ue"]] == pytest.approx(0.5e6 * NOMINAL["outer_m"] * beam_root @ q, rel=1e-6)
+    assert y[AT["strain_ue"]] < 0.0, "a barrel that hangs has its upper side stretched, q < 0"
+    assert y[AT["shaft_torque_Nm"]] == pytest.approx(NOMINAL["unbalance_Nm"], rel=1e-9)
+    assert y[AT["motor_torque_Nm"]] == pytest.approx(2.5 / 60.0, rel=1e-9)
 
 
 def test_samples_are_not_rounded_here() -> None:
     y = _run(Plant(hull_motion=1.0), 100)
-    quanta = {at.ENCODER: 2 * np.pi / 2**18, at.HULL_PITCH: 1e-5, at.STRAIN: 0.25}
+    quanta = {
+        AT["encoder_rad"]: 2 * np.pi / 2**18,
+        AT["hull_pitch_rad"]: 1e-5,
+        AT["strain_ue"]: 0.25,
+    }
     for channel, quantum in quanta.items():
         parts = y[:, channel] / quantum
         off_grid = np.mean(np.abs(parts - np.round(parts)) > 1e-6)
-        assert off_grid > 0.9, f"{at.OUTPUTS[channel].name}: {off_grid:.2f} off the grid"
+        assert off_grid > 0.9, f"{NAMES[channel]}: {off_grid:.2f} off the grid"
 
 
 @compiled()

@@ -9,7 +9,7 @@ import pytest
 
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.atb1000.ports import HUB_RATE
+from pcpc.plants.atb1000.ports import Outputs
 from pcpc.tools.bench import steps
 from pcpc.tools.bench.steps import (
     LAWS,
@@ -27,6 +27,7 @@ from pcpc.tools.progress import Progress
 STEPS = (*LAWS, "barrel")
 FEW = 200
 LOGGED = dict.fromkeys(LAWS, ("executive", "controller.motor_torque_Nm", 0))
+HUB_RATE = [port.name for port in Outputs.ports].index("hub_rate_rad_s")
 LOGGED |= {"barrel": ("plant", "barrel.hub_rate_rad_s", HUB_RATE)}
 LIBM_RELATIVE = 1e-9  # of each output's largest value; libm differs in last bits, the laws amplify
 

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import VIEW, compiled, types
+from pcpc.drivers.stage import stage
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import VirtualRun, run_virtual
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000 import dynamics, model
-from pcpc.plants.atb1000.ports import INTEGRATED, MUZZLE
+from pcpc.plants.atb1000.ports import External, Motion, Outputs, Parameters, States
 from pcpc.tools.bench import BenchError, Ratio
 from pcpc.tools.bench.cycle import RIG, address, in_c, interleave, library, new_loop, per_repeat
 from pcpc.tools.progress import Progress
@@ -108,7 +108,7 @@ def segment() -> Segment:
     at = n.views[0]
     x = n.v[at[2] : at[3]].copy()
     dt = n.period_ns * 1e-9
-    return Segment(n.v[at[0] : at[1]].copy(), x, n.k * dt, dt, float(x[model.HELD]))
+    return Segment(n.v[at[0] : at[1]].copy(), x, n.k * dt, dt, float(States(x).held_Nm))
 
 
 def own_muzzle(s: Segment) -> NDArray[np.float64]:
@@ -117,14 +117,14 @@ def own_muzzle(s: Segment) -> NDArray[np.float64]:
     found = []
     for i in range(s.periods):
         model.BLOCK.step(s.t + i * s.dt, s.dt, s.p, x, u, y)
-        found.append(y[MUZZLE])
+        found.append(Outputs(y).muzzle_rad)
     return np.array(found)
 
 
-@compiled(types.void(VIEW, VIEW, VIEW, VIEW))
-def slopes(p: Any, state: Any, w: Any, out: Any) -> None:
-    """Write the derivative of the 16 states to `out`."""
-    dynamics.derivative(p, state, w, out)
+@stage
+def slopes(t: float, dt: float, p: Parameters, x: Motion, u: External, y: Motion) -> None:
+    """Write the derivative of the motion."""
+    dynamics.derivative(p, x, u, y)
 
 
 def by_scipy(s: Segment, method: str, tolerance: float) -> NDArray[np.float64]:
@@ -133,21 +133,21 @@ def by_scipy(s: Segment, method: str, tolerance: float) -> NDArray[np.float64]:
         from scipy.integrate import solve_ivp
     except ImportError:
         raise BenchError("no scipy; `pip install scipy` brings it") from None
-    w = s.x[model.EXTERNAL : model.EXTERNAL + dynamics.EXTERNAL].copy()
-    w[dynamics.COMMAND] = s.held
-    out = np.empty(INTEGRATED)
+    w = States(s.x).external.values().copy()
+    External(w).command_Nm = s.held
+    out = np.empty(Motion.size)
 
     def derivative(t: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        slopes(s.p, state, w, out)
+        slopes(t, s.dt, s.p, state, w, out)
         return out.copy()
 
     ends = s.dt * np.arange(1, s.periods + 1)
     solved = solve_ivp(
-        derivative, (0.0, ends[-1]), s.x[:INTEGRATED].copy(), method, ends,
+        derivative, (0.0, ends[-1]), States(s.x).motion.values().copy(), method, ends,
         rtol=tolerance, atol=1e-3 * tolerance,
     )  # fmt: skip
-    q = solved.y[dynamics.Q : dynamics.Q + 3]
-    return solved.y[dynamics.THETA] + s.p[dynamics.SLOPE : dynamics.SLOPE + 3] @ q
+    slope, motions = Parameters(s.p).slope, [Motion(column) for column in solved.y.T]
+    return np.array([motion.theta_rad + slope @ motion.q for motion in motions])
 
 
 def matched(s: Segment) -> list[tuple[str, float]]:

@@ -34,7 +34,7 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000 import model
-from pcpc.plants.atb1000.ports import HULL_COMPONENTS, INTEGRATED
+from pcpc.plants.atb1000.ports import HULL_COMPONENTS, Motion
 from pcpc.tools.bench import Ratio
 from pcpc.tools.bench.compiler import CompilerError as CompilerError
 from pcpc.tools.bench.compiler import library
@@ -43,7 +43,7 @@ from pcpc.tools.progress import Progress
 SOURCE = Path(__file__).with_name("steps.c")
 RIG = Path(model.__file__).with_name("rigs") / "hull.yaml"
 LAWS = ("pd", "pd_nn_fast", "nn_backstepping")
-SCRATCH = {"scratch", "x", "a", "phi", "x2", "a2", "phi2"}  # C has such vectors on its stack
+UNRECORDED = {"w", "v", "w2", "v2", "rng"}  # states that C has too; scratch it has on its stack
 EMPTY = "empty step"  # the loop and the call, in all other figures too
 PERIODS = 2000
 ROUNDS = 15
@@ -85,7 +85,9 @@ class Case:
     def state(self) -> Vector:
         """Return a copy of the state after the last step, without scratch space."""
         ports = self.block.states if self.block else ()
-        kept = [port.name not in SCRATCH for port in ports for _ in range(port.size)]
+        kept = [
+            port.recorded or port.name in UNRECORDED for port in ports for _ in range(port.size)
+        ]
         return self.n["v"][self.n["at"][0] : self.n["at"][1]][np.array(kept, bool)]
 
 
@@ -178,7 +180,7 @@ def build(flags: Sequence[str]) -> ctypes.CDLL:
 def layout() -> str:
     """Return layout.h: the ports of the blocks as structs of doubles, and the views' sizes."""
     inner, outer, plant = nn_backstepping.BLOCK, pd_nn_fast.BLOCK, model.BLOCK
-    split = _ports_within(plant.states, INTEGRATED)
+    split = _ports_within(plant.states, Motion.size)
     groups: dict[str, Sequence[Port]] = {
         "pd_parameters": pd.Gains.ports,
         "pd_inputs": pd.Inputs.ports,
