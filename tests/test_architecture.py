@@ -39,7 +39,7 @@ MAY_IMPORT = {
     "executive": ("drivers", "executive"),
     "executive/laws": ("drivers.jit", "drivers.stage", "drivers.views", "executive.laws"),
     "executive/laws/ports.py": ("drivers.views", "executive.errors"),
-    "executive/laws/models": (*_BARE, "executive.laws.models"),
+    "executive/laws/models": (*_BARE, "executive.laws.models", "executive.laws.ports"),
     "executive/laws/approximators": (*_BARE, "executive.laws.approximators"),
     "executive/loop": ("drivers", *_rooms("loop")),
     "executive/rig": ("drivers", *_rooms("rig")),

@@ -30,193 +30,220 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 6.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.block import Block, Port, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import clip, sin, tanh, where
 from pcpc.executive.laws.models import hydraulic_strut as hydraulic
+from pcpc.plants.integrate import runge_kutta, scratch
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 
-_CAR = (
-    Port("ms_kg", "kg", "ms, body over this wheel", None, 1.0, 1e5),
-    Port("mu_kg", "kg", "mu, wheel", None, 0.1, 1e4),
-    Port("kt_N_m", "N/m", "Kt, tyre", None, 1.0, 1e8),
-    Port("ks_N_m", "N/m", "Ks, spring of the passive element", None, 1.0, 1e8),
-    Port("bs_Ns_m", "N s/m", "Bs, damper of the passive element", None, 0.0, 1e6),
-    Port("gravity_m_s2", "m/s2", "g", None, 0.0, 100.0),
-    Port("fc_N", "N", "Fc, strut friction", None, 0.0, 1e5),
-    Port("vfr_m_s", "m/s", "vfr, speed that smooths it", None, 1e-6, 10.0),
-    Port("stop_m", "m", "L, travel to either stop", None, 1e-3, 10.0),
-    Port("kb_N_m", "N/m", "Kb, bump stop", None, 0.0, 1e9),
-    Port("cb_Ns_m", "N s/m", "Cb, its damping", None, 0.0, 1e7),
-    Port("valve_lag_s", "s", "Tv, servovalve", None, 1e-4, 10.0),
-    Port("spool_max_m", "m", "xvmax, travel of the spool", None, 1e-6, 1.0),
-    Port("road_m", "m", "za, amplitude of the road; 0 is flat", None, 0.0, 10.0),
-    Port("road_rad_s", "rad/s", "wr, frequency of the road", None, 0.0, 1e3),
-    Port("strut", "", "0 spring and damper, 1 hydraulic, 2 ideal force", None, 0.0, 2.0),
-    Port("limits_on", "", "1 with bump stops", None, 0.0, 1.0),
-    Port("delay_samples", "", "age of the command that acts, whole", 0.0, 0.0, DELAY_SIZE - 1.0),
-    Port("rate_lsb_m_s", "m/s", "quantum of the speed samples, 0 none", 0.0, 0.0, 10.0),
-    Port("extension_lsb_m", "m", "quantum of the extension samples, 0 none", 0.0, 0.0, 1.0),
-    Port("pressure_lsb_Pa", "Pa", "quantum of the pressure samples, 0 none", 0.0, 0.0, 1e8),
-    Port("spool_lsb_m", "m", "quantum of the spool samples, 0 none", 0.0, 0.0, 1.0),
-)
-_HYDRAULICS = tuple(Port(*row) for row in hydraulic.HYDRAULICS)
-_DIMENSIONS = tuple(Port(*row[:3], None, *row[4:]) for row in hydraulic.DIMENSIONS)
-PARAMETERS = (*_CAR, Port("substeps", "", "Runge-Kutta steps a period"), *_HYDRAULICS)
-SETTINGS = (
-    *_CAR,
-    *_DIMENSIONS,
-    Port("step_s", "s", "integration step, made to fit a period", None, 1e-7, 1e-2),
-    Port("kick_m_s", "m/s", "speed of the body at the start", 0.0, -10.0, 10.0),
-)
-(MS, MU, KT, KS, BS, G, FC, VFR, STOP, KB, CB, LAG, SPOOL_MAX, ROAD, ROAD_RATE, STRUT, LIMITS,
- DELAY, RATE_LSB, EXTENSION_LSB, PRESSURE_LSB, SPOOL_LSB, SUBSTEPS, H) = range(24)  # fmt: skip
 PASSIVE, HYDRAULIC, IDEAL = 0.0, 1.0, 2.0
 
-N = 7
-STATES = (
-    Port("x1_m", "m", "zs, body"),
-    Port("x2_m_s", "m/s", "zs'"),
-    Port("x3_m", "m", "zs - zu, strut"),
-    Port("x4_m_s", "m/s", "zu'"),
-    Port("x5_Pa", "Pa", "P2"),
-    Port("x6_Pa", "Pa", "P1"),
-    Port("x7_m", "m", "xv"),
-    Port("held", "", "commands on their way", size=DELAY_SIZE, recorded=False),
-    Port("scratch", "", "of Runge-Kutta: stage, rates, their sum", size=3 * N, recorded=False),
-)
-(X1, X2, X3, X4, X5, X6, X7, HELD) = range(8)
-SCRATCH = HELD + DELAY_SIZE
-RATES, TOTAL = SCRATCH + N, SCRATCH + 2 * N
 
-INPUTS = (
-    Port("spool_m", "m", "newest valid command to the valve", 0.0),
-    Port("force_N", "N", "newest valid desired force, for the ideal strut", 0.0),
+class Car(Ports):
+    """The car, its road and its sensors."""
+
+    ms_kg = port("kg", "ms, body over this wheel", None, 1.0, 1e5)
+    mu_kg = port("kg", "mu, wheel", None, 0.1, 1e4)
+    kt_N_m = port("N/m", "Kt, tyre", None, 1.0, 1e8)
+    ks_N_m = port("N/m", "Ks, spring of the passive element", None, 1.0, 1e8)
+    bs_Ns_m = port("N s/m", "Bs, damper of the passive element", None, 0.0, 1e6)
+    gravity_m_s2 = port("m/s2", "g", None, 0.0, 100.0)
+    fc_N = port("N", "Fc, strut friction", None, 0.0, 1e5)
+    vfr_m_s = port("m/s", "vfr, speed that smooths it", None, 1e-6, 10.0)
+    stop_m = port("m", "L, travel to either stop", None, 1e-3, 10.0)
+    kb_N_m = port("N/m", "Kb, bump stop", None, 0.0, 1e9)
+    cb_Ns_m = port("N s/m", "Cb, its damping", None, 0.0, 1e7)
+    valve_lag_s = port("s", "Tv, servovalve", None, 1e-4, 10.0)
+    spool_max_m = port("m", "xvmax, travel of the spool", None, 1e-6, 1.0)
+    road_m = port("m", "za, amplitude of the road; 0 is flat", None, 0.0, 10.0)
+    road_rad_s = port("rad/s", "wr, frequency of the road", None, 0.0, 1e3)
+    strut = port("", "0 spring and damper, 1 hydraulic, 2 ideal force", None, 0.0, 2.0)
+    limits_on = port("", "1 with bump stops", None, 0.0, 1.0)
+    delay_samples = port("", "age of the command that acts, whole", 0.0, 0.0, DELAY_SIZE - 1.0)
+    rate_lsb_m_s = port("m/s", "quantum of the speed samples, 0 none", 0.0, 0.0, 10.0)
+    extension_lsb_m = port("m", "quantum of the extension samples, 0 none", 0.0, 0.0, 1.0)
+    pressure_lsb_Pa = port("Pa", "quantum of the pressure samples, 0 none", 0.0, 0.0, 1e8)
+    spool_lsb_m = port("m", "quantum of the spool samples, 0 none", 0.0, 0.0, 1.0)
+
+
+class Parameters(Car):
+    """What `prepare` makes of the settings."""
+
+    substeps = port("", "Runge-Kutta steps a period")
+    h = group(hydraulic.Hydraulics, "h_")
+
+
+class Run(Ports):
+    """What is set of a run."""
+
+    step_s = port("s", "integration step, made to fit a period", None, 1e-7, 1e-2)
+    kick_m_s = port("m/s", "speed of the body at the start", 0.0, -10.0, 10.0)
+
+
+# the plant has no strut of its own: a rig gives all dimensions
+SETTINGS: tuple[Port, ...] = (
+    *Car.ports,
+    *(replace(one, default=None) for one in hydraulic.Dimensions.ports),
+    *Run.ports,
 )
-OUTPUTS = (
-    Port("body_sample_m_s", "m/s", "sensor: body speed"),
-    Port("extension_sample_m", "m", "sensor: strut extension"),
-    Port("wheel_sample_m_s", "m/s", "sensor: wheel speed"),
-    Port("p1_sample_Pa", "Pa", "sensor: bore side"),
-    Port("p2_sample_Pa", "Pa", "sensor: rod side"),
-    Port("spool_sample_m", "m", "sensor: valve spool"),
-    Port("body_rate_m_s", "m/s", "true body speed"),
-    Port("extension_m", "m", "true strut extension"),
-    Port("wheel_rate_m_s", "m/s", "true wheel speed"),
-    Port("body_m", "m", "body, from its place over an unloaded tyre"),
-    Port("wheel_m", "m", "wheel, likewise"),
-    Port("ground_m", "m", "road under the wheel, zr"),
-    Port("p1_Pa", "Pa", "true pressure of the bore side"),
-    Port("p2_Pa", "Pa", "true pressure of the rod side"),
-    Port("spool_true_m", "m", "true spool position"),
-    Port("strut_N", "N", "strut force F"),
-    Port("friction_N", "N", "strut friction Ff"),
-    Port("bump_N", "N", "bump stops Fb"),
-    Port("acting", "", "command that acted up to this sample, m or N"),
-)
+
+
+class Motion(Ports):
+    """What is integrated."""
+
+    x1_m = port("m", "zs, body")
+    x2_m_s = port("m/s", "zs'")
+    x3_m = port("m", "zs - zu, strut")
+    x4_m_s = port("m/s", "zu'")
+    x5_Pa = port("Pa", "P2")
+    x6_Pa = port("Pa", "P1")
+    x7_m = port("m", "xv")
+
+
+class States(Ports):
+    """The motion, and commands on their way."""
+
+    car = group(Motion)
+    held = port("", "commands on their way", shape=DELAY_SIZE, recorded=False)
+    scratch = group(scratch(Motion))
+
+
+class Inputs(Ports):
+    """One of them acts, as the strut has it."""
+
+    spool_m = port("m", "newest valid command to the valve", 0.0)
+    force_N = port("N", "newest valid desired force, for the ideal strut", 0.0)
+
+
+class Outputs(Ports):
+    """Samples and truths."""
+
+    body_sample_m_s = port("m/s", "sensor: body speed")
+    extension_sample_m = port("m", "sensor: strut extension")
+    wheel_sample_m_s = port("m/s", "sensor: wheel speed")
+    p1_sample_Pa = port("Pa", "sensor: bore side")
+    p2_sample_Pa = port("Pa", "sensor: rod side")
+    spool_sample_m = port("m", "sensor: valve spool")
+    body_rate_m_s = port("m/s", "true body speed")
+    extension_m = port("m", "true strut extension")
+    wheel_rate_m_s = port("m/s", "true wheel speed")
+    body_m = port("m", "body, from its place over an unloaded tyre")
+    wheel_m = port("m", "wheel, likewise")
+    ground_m = port("m", "road under the wheel, zr")
+    p1_Pa = port("Pa", "true pressure of the bore side")
+    p2_Pa = port("Pa", "true pressure of the rod side")
+    spool_true_m = port("m", "true spool position")
+    strut_N = port("N", "strut force F")
+    friction_N = port("N", "strut friction Ff")
+    bump_N = port("N", "bump stops Fb")
+    acting = port("", "command that acted up to this sample, m or N")
 
 
 @inline
 def road(t: float, p: Any) -> float:
     """Return zr (1), m."""
-    return p[ROAD] * sin(p[ROAD_RATE] * t)
+    return p.road_m * sin(p.road_rad_s * t)
+
+
+@inline
+def friction(v3: float, p: Any) -> float:
+    """Return Ff (2), N."""
+    return p.fc_N * tanh(v3 / p.vfr_m_s)
 
 
 @inline
 def bump_stop(x3: float, v3: float, p: Any) -> float:
     """Return Fb (3), N."""
-    upper = -p[KB] * (x3 - p[STOP]) - p[CB] * v3
-    lower = -p[KB] * (x3 + p[STOP]) - p[CB] * v3
-    down = where((x3 > p[STOP]) & (upper < 0.0), upper, 0.0)
-    up = where((x3 < -p[STOP]) & (lower > 0.0), lower, 0.0)
-    return p[LIMITS] * (down + up)
+    upper = -p.kb_N_m * (x3 - p.stop_m) - p.cb_Ns_m * v3
+    lower = -p.kb_N_m * (x3 + p.stop_m) - p.cb_Ns_m * v3
+    down = where((x3 > p.stop_m) & (upper < 0.0), upper, 0.0)
+    up = where((x3 < -p.stop_m) & (lower > 0.0), lower, 0.0)
+    return p.limits_on * (down + up)
 
 
 @inline
 def strut_force(command: float, p: Any, s: Any) -> float:
     """Return F of the chosen strut (8), N."""
-    if p[STRUT] == PASSIVE:
-        return -p[KS] * s[X3] - p[BS] * (s[X2] - s[X4])
-    if p[STRUT] == IDEAL:
+    if p.strut == PASSIVE:
+        return -p.ks_N_m * s.x3_m - p.bs_Ns_m * (s.x2_m_s - s.x4_m_s)
+    if p.strut == IDEAL:
         return command
-    return hydraulic.force(s[X6], s[X5], tail(p, H))
+    return hydraulic.force(s.x6_Pa, s.x5_Pa, p.h)
 
 
 @inline
-def rates(t: float, command: float, p: Any, s: Any, d: Any) -> None:
-    """Write the seven derivatives (5) to (7) at `s` to `d`."""
-    x3, v3 = s[X3], s[X2] - s[X4]
-    friction = p[FC] * tanh(v3 / p[VFR])  # (2)
-    total = strut_force(command, p, s) - friction + bump_stop(x3, v3, p)  # (4)
-    d[X1] = s[X2]
-    d[X2] = total / p[MS] - p[G]
-    d[X3] = v3
-    d[X4] = (p[KT] * (road(t, p) - (s[X1] - x3)) - total) / p[MU] - p[G]
-    d[X5], d[X6], d[X7] = 0.0, 0.0, 0.0
-    if p[STRUT] == HYDRAULIC:
-        h = tail(p, H)
-        leak = hydraulic.orifice_flow(s[X6], s[X5], h)
-        supply = hydraulic.valve_gain(s[X7], s[X6], h) * s[X7]
-        bore, rod = h[hydraulic.AC], h[hydraulic.AA]
-        d[X5] = hydraulic.stiffness_2(x3, s[X5], h) * (rod * v3 + leak)
-        d[X6] = hydraulic.stiffness_1(x3, s[X6], h) * (-bore * v3 - leak + supply)
-        d[X7] = (command - s[X7]) / p[LAG]  # (7)
+def rates(t: float, p: Any, command: float, s: Any, d: Any) -> None:
+    """Write the derivatives (5) to (7) at `s` to `d`."""
+    x3, v3 = s.x3_m, s.x2_m_s - s.x4_m_s
+    total = strut_force(command, p, s) - friction(v3, p) + bump_stop(x3, v3, p)  # (4)
+    d.x1_m = s.x2_m_s
+    d.x2_m_s = total / p.ms_kg - p.gravity_m_s2
+    d.x3_m = v3
+    d.x4_m_s = (p.kt_N_m * (road(t, p) - (s.x1_m - x3)) - total) / p.mu_kg - p.gravity_m_s2
+    d.x5_Pa, d.x6_Pa, d.x7_m = 0.0, 0.0, 0.0
+    if p.strut == HYDRAULIC:
+        leak = hydraulic.orifice_flow(s.x6_Pa, s.x5_Pa, p.h)
+        supply = hydraulic.valve_gain(s.x7_m, s.x6_Pa, p.h) * s.x7_m
+        bore, rod = p.h.bore_m2, p.h.annulus_m2
+        d.x5_Pa = hydraulic.stiffness_2(x3, s.x5_Pa, p.h) * (rod * v3 + leak)
+        d.x6_Pa = hydraulic.stiffness_1(x3, s.x6_Pa, p.h) * (-bore * v3 - leak + supply)
+        d.x7_m = (command - s.x7_m) / p.valve_lag_s  # (7)
 
 
 @inline
-def advance(t: float, dt: float, command: float, p: Any, x: Any) -> None:
-    """One Runge-Kutta step of the seven states from t to t + dt."""
-    between, d, total = tail(x, SCRATCH), tail(x, RATES), tail(x, TOTAL)
-    for i in range(N):
-        d[i] = 0.0
-        total[i] = 0.0
-    for k in range(4):
-        at = 0.0 if k == 0 else (dt if k == 3 else 0.5 * dt)
-        weight = 2.0 if k == 1 or k == 2 else 1.0
-        for i in range(N):
-            between[i] = x[i] + at * d[i]
-        rates(t + at, command, p, between, d)
-        for i in range(N):
-            total[i] += weight * d[i]
-    for i in range(N):
-        x[i] += dt / 6.0 * total[i]
-    for i in range(X5, X7):
-        x[i] = where(x[i] < hydraulic.P_MIN_PA, hydraulic.P_MIN_PA, x[i])
-    x[X7] = clip(x[X7], -p[SPOOL_MAX], p[SPOOL_MAX])
+def above_suction(pressure: float) -> float:
+    """Return what a liquid under this pressure has."""
+    return where(pressure < hydraulic.P_MIN_PA, hydraulic.P_MIN_PA, pressure)
+
+
+@inline
+def advance(t: float, h: float, command: float, p: Any, x: Any) -> None:
+    """One Runge-Kutta step from t to t + h, and the limits."""
+    s = x.car
+    runge_kutta(rates, t, h, p, command, s, x.scratch)
+    s.x5_Pa = above_suction(s.x5_Pa)
+    s.x6_Pa = above_suction(s.x6_Pa)
+    s.x7_m = clip(s.x7_m, -p.spool_max_m, p.spool_max_m)
+
+
+@inline
+def sample(p: Any, s: Any, y: Any) -> None:
+    """Write what the sensors say."""
+    y.body_sample_m_s = rounded(s.x2_m_s, p.rate_lsb_m_s)
+    y.extension_sample_m = rounded(s.x3_m, p.extension_lsb_m)
+    y.wheel_sample_m_s = rounded(s.x4_m_s, p.rate_lsb_m_s)
+    y.p1_sample_Pa = rounded(s.x6_Pa, p.pressure_lsb_Pa)
+    y.p2_sample_Pa = rounded(s.x5_Pa, p.pressure_lsb_Pa)
+    y.spool_sample_m = rounded(s.x7_m, p.spool_lsb_m)
+
+
+@inline
+def show(t: float, p: Any, s: Any, y: Any) -> None:
+    """Write the truths."""
+    v3 = s.x2_m_s - s.x4_m_s
+    y.body_rate_m_s, y.extension_m, y.wheel_rate_m_s = s.x2_m_s, s.x3_m, s.x4_m_s
+    y.body_m, y.wheel_m, y.ground_m = s.x1_m, s.x1_m - s.x3_m, road(t, p)
+    y.p1_Pa, y.p2_Pa, y.spool_true_m = s.x6_Pa, s.x5_Pa, s.x7_m
+    y.strut_N = strut_force(y.acting, p, s)
+    y.friction_N = friction(v3, p)
+    y.bump_N = bump_stop(s.x3_m, v3, p)
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Advance to t, sample; see the module header."""
     if t > 0.0:
-        command = u[1] if p[STRUT] == IDEAL else u[0]
-        y[18] = delayed(command, p[DELAY], x, HELD)
-        h = dt / p[SUBSTEPS]
-        for i in range(int(p[SUBSTEPS])):
-            advance(t - dt + i * h, h, y[18], p, x)
-    v3 = x[X2] - x[X4]
-    y[0] = rounded(x[X2], p[RATE_LSB])
-    y[1] = rounded(x[X3], p[EXTENSION_LSB])
-    y[2] = rounded(x[X4], p[RATE_LSB])
-    y[3] = rounded(x[X6], p[PRESSURE_LSB])
-    y[4] = rounded(x[X5], p[PRESSURE_LSB])
-    y[5] = rounded(x[X7], p[SPOOL_LSB])
-    y[6] = x[X2]
-    y[7] = x[X3]
-    y[8] = x[X4]
-    y[9] = x[X1]
-    y[10] = x[X1] - x[X3]
-    y[11] = road(t, p)
-    y[12] = x[X6]
-    y[13] = x[X5]
-    y[14] = x[X7]
-    y[15] = strut_force(y[18], p, x)
-    y[16] = p[FC] * tanh(v3 / p[VFR])
-    y[17] = bump_stop(x[X3], v3, p)
+        command = u.force_N if p.strut == IDEAL else u.spool_m
+        y.acting = delayed(command, p.delay_samples, x.held, 0)
+        h = dt / p.substeps
+        for i in range(int(p.substeps)):
+            advance(t - dt + i * h, h, y.acting, p, x)
+    sample(p, x.car, y)
+    show(t, p, x.car, y)
 
 
 def rest(settings: Mapping[str, float]) -> float:
@@ -232,7 +259,7 @@ def rest(settings: Mapping[str, float]) -> float:
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the parameters and the car at rest, but for the kick."""
-    shared = {port.name: settings[port.name] for port in _CAR}
+    shared = {one.name: settings[one.name] for one in Car.ports}
     shared["substeps"] = float(max(1, round(1.0 / (rate_hz * settings["step_s"]))))
     weight = settings["ms_kg"] * settings["gravity_m_s2"]
     both = weight + settings["mu_kg"] * settings["gravity_m_s2"]
@@ -248,12 +275,4 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     return Prepared({**shared, **hydraulic.hydraulics(settings, weight)}, states)
 
 
-BLOCK = Block(
-    step,
-    inputs=INPUTS,
-    outputs=OUTPUTS,
-    parameters=PARAMETERS,
-    states=STATES,
-    settings=SETTINGS,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=SETTINGS, prepare=prepare)

@@ -30,28 +30,26 @@ REST = (0.0, 0.0, 0.0, 18.966e6, 18.966e6, 0.0, 0.0)  # F is the weight
 
 
 class Law:
-    """A block with its views; `u` is what it measures."""
+    """A block with its ports by name; `u` is what it measures."""
 
     def __init__(self, block: Block, settings: dict[str, float], **other: float) -> None:
         self.block = block
         own = {p.name: p.default for p in block.settings if p.default is not None}
         prepared = block.prepare({**own, **settings, **other}, 1.0 / T, 1)  # type: ignore[misc]
-        self.p = self._packed(block.parameters, prepared.parameters)
-        self.x = self._packed(block.states, prepared.states)
-        self.y = np.zeros(block.size(block.outputs))
+        parameters, states, inputs, outputs = block.step.declared
+        self.p = parameters(self._packed(block.parameters, prepared.parameters))
+        self.x = states(self._packed(block.states, prepared.states))
+        self.u, self.y = inputs(np.zeros(inputs.size)), outputs(np.zeros(outputs.size))
 
     @staticmethod
     def _packed(ports: tuple[Port, ...], values: Any) -> Vector:
         parts = [np.broadcast_to(values.get(port.name, 0.0), (port.size,)) for port in ports]
         return np.concatenate(parts).astype(np.float64)
 
-    def step(self, u: Any, dt: float = T) -> Vector:
-        self.block.step(0.0, dt, self.p, self.x, np.array(u, np.float64), self.y)
+    def step(self, u: Any, dt: float = T) -> Any:
+        self.u.values()[:] = u
+        self.block.step(0.0, dt, *(view.values() for view in (self.p, self.x, self.u, self.y)))
         return self.y
-
-    @property
-    def theta(self) -> Vector:
-        return self.x[fl.THETA : fl.THETA + fl.RULES]
 
 
 def _measured(rng: np.random.Generator) -> Vector:
@@ -79,20 +77,19 @@ def test_the_lyapunov_function_falls_as_the_proof_says() -> None:
     for _ in range(50):
         law, u = Law(fl.BLOCK, FL, spool_max_m=1.0), _measured(rng)
         x7 = u[5] = rng.choice([-1.0, 1.0]) * rng.uniform(1e-4, 3e-4)
-        law.theta[:] = rng.normal(size=fl.RULES) * 2e-4
-        theta, ideal = law.theta.copy(), rng.normal(size=fl.RULES) * 2e-4
-        law.x[outer.STARTED] = 1.0
-        law.x[outer.XB], law.x[outer.XK] = rng.normal(), rng.normal() * 0.03
-        law.x[fl.LAST_SPOOL] = x7  # the valve's sign as the force has it
-        y = law.step(u, 1e-9).copy()  # so short that the filters move by their input only
-        fd_rate, x7d_rate = law.x[fl.FD_RATE], law.x[fl.SPOOL_RATE]
-        ef, e = y[3], y[4] - x7
-        m = law.x[fl.FIRED : fl.FIRED + fl.RULES].copy()
+        law.x.theta[:] = rng.normal(size=fl.RULES) * 2e-4
+        theta, ideal = law.x.theta.copy(), rng.normal(size=fl.RULES) * 2e-4
+        law.x.started = 1.0
+        law.x.xb_m_s, law.x.xk_m = rng.normal(), rng.normal() * 0.03
+        law.x.last_spool_m = x7  # the valve's sign as the force has it
+        y = law.step(u, 1e-9)  # so short that the filters move by their input only
+        fd_rate, x7d_rate = law.x.desired_rate_N_s, law.x.wanted_rate_m_s
+        ef, e, m = y.ef_N, y.wanted_spool_m - x7, law.x.fired
         f, g = _drift_and_gain(u, x7)
         ef_rate = fd_rate - (f + g * x7)
-        e_rate = x7d_rate - (y[0] - x7) * 30.0
-        theta_rate = (law.theta - theta) / 1e-9
-        gam = law.p[fl.GAM]
+        e_rate = x7d_rate - (y.command_m - x7) * 30.0
+        theta_rate = (law.x.theta - theta) / 1e-9
+        gam = law.p.gam_m2_N2
         fall = ef * ef_rate + c * e * e_rate - (ideal - theta) @ theta_rate / gam
         eps = -f / g - ideal @ m
         proof = -100.0 * ef**2 + g * ef * e - c * 200.0 * e**2 + g * ef * eps
@@ -107,8 +104,8 @@ def test_the_rules_share_one_and_are_products_of_gaussians() -> None:
     for _ in range(20):
         u = _measured(rng) * (4.0, 6.0, 4.0, 1.0, 1.0, 1.0, 0.0)
         law.step(u)
-        m = law.x[fl.FIRED : fl.FIRED + fl.RULES]
-        point = np.clip((u[1] / 0.1, (u[0] - u[2]) / 2.0, (u[3] - u[4]) / 10e6), -1.2, 1.2)
+        m, v3, dp = law.x.fired, law.u.body_m_s - law.u.wheel_m_s, law.u.p1_Pa - law.u.p2_Pa
+        point = np.clip((law.u.extension_m / 0.1, v3 / 2.0, dp / 10e6), -1.2, 1.2)
         mu = np.array([
             np.exp(-(((point[0] - a) / 0.5) ** 2 + ((point[1] - b) / 0.2) ** 2
                      + ((point[2] - c) / 0.2) ** 2) / 2.0)
@@ -121,24 +118,24 @@ def test_the_rules_share_one_and_are_products_of_gaussians() -> None:
 
 
 def test_the_tuning_rate_is_known() -> None:
-    assert Law(fl.BLOCK, FL).p[fl.GAM] == pytest.approx(4.250e-15, rel=2e-4)
+    assert Law(fl.BLOCK, FL).p.gam_m2_N2 == pytest.approx(4.250e-15, rel=2e-4)
 
 
 def test_exact_drift_is_minus_f_over_g() -> None:
     rng = np.random.default_rng(7)
     for _ in range(10):
         law, u = Law(fl.BLOCK, FL, exact_drift=1.0), _measured(rng)
-        law.x[outer.STARTED], law.x[fl.LAST_SPOOL] = 1.0, 1e-4
+        law.x.started, law.x.last_spool_m = 1.0, 1e-4
         f, g = _drift_and_gain(u, 1e-4)
-        assert law.step(u)[5] == pytest.approx(-f / g, rel=1e-12), f"{law.y[5]}"
-        assert not law.theta.any(), "tunes beside the exact drift"
+        assert law.step(u).drift_m == pytest.approx(-f / g, rel=1e-12), f"{law.y.drift_m}"
+        assert not law.x.theta.any(), "tunes beside the exact drift"
 
 
 def test_without_the_fuzzy_system_nothing_is_learned_and_nothing_added() -> None:
     law, rng = Law(fl.BLOCK, FL, fl_on=0.0), np.random.default_rng(8)
     for _ in range(20):
-        assert law.step(_measured(rng))[5] == 0.0
-    assert not law.theta.any(), f"{law.theta}"
+        assert law.step(_measured(rng)).drift_m == 0.0
+    assert not law.x.theta.any(), f"{law.x.theta}"
 
 
 def test_nothing_is_learned_without_a_new_measurement() -> None:
@@ -148,11 +145,11 @@ def test_nothing_is_learned_without_a_new_measurement() -> None:
     u[6] = 1.0
     learning.step(u)
     naive.step(u)
-    assert not learning.theta.any() and naive.x[pid.INTEGRAL] == 0.0
+    assert not learning.x.theta.any() and naive.x.integral_Ns == 0.0
     u[6] = 0.0
     learning.step(u)
     naive.step(u)
-    assert learning.theta.any() and naive.x[pid.INTEGRAL] != 0.0
+    assert learning.x.theta.any() and naive.x.integral_Ns != 0.0
 
 
 def test_commands_end_at_their_limits_and_pid_stops_integrating_there() -> None:
@@ -161,29 +158,36 @@ def test_commands_end_at_their_limits_and_pid_stops_integrating_there() -> None:
     for _ in range(50):
         backstepping.step(far)
         naive.step(far)
-    assert backstepping.y[4] == -0.002, f"wanted spool {backstepping.y[4]} m"
-    assert abs(backstepping.y[0]) <= 0.006, f"u {backstepping.y[0]} m"
-    assert naive.y[0] == -0.002 and naive.x[pid.INTEGRAL] == 0.0, f"I {naive.x[pid.INTEGRAL]}"
+    wanted, command = backstepping.y.wanted_spool_m, backstepping.y.command_m
+    assert wanted == -0.002, f"wanted spool {wanted} m"
+    assert abs(command) <= 0.006, f"u {command} m"
+    integral = naive.x.integral_Ns
+    assert naive.y.command_m == -0.002 and integral == 0.0, f"I {integral}"
 
 
 def test_the_differences_are_zero_at_the_first_tick_and_then_a_first_order_lag() -> None:
-    x = np.zeros(2)
-    assert outer.difference(5.0, T, 0.002, 0.0, x, 0) == 0.0
-    found = [outer.difference(5.0 + 3.0 * k * T, T, 0.002, 1.0, x, 0) for k in range(1, 6)]
+    last, d = 5.0, outer.difference(5.0, 0.0, 0.0, 0.0, 0.002, T)
+    assert d == 0.0
+    found = []
+    for k in range(1, 6):
+        s = 5.0 + 3.0 * k * T
+        d, last = outer.difference(s, last, d, 1.0, 0.002, T), s
+        found.append(d)
     expected = [3.0 * (1.0 - np.exp(-k * 0.5)) for k in range(1, 6)]
     assert found == pytest.approx(expected, rel=1e-10), f"{found}"
 
 
 def test_the_desired_force_is_the_weight_at_rest_and_its_filters_are_exact() -> None:
     law = Law(outer.BLOCK, OUTER)
-    assert law.step(REST)[1] == pytest.approx(290.0 * 9.81, rel=1e-12), f"Fd {law.y[1]} N"
+    desired = law.step(REST).desired_N
+    assert desired == pytest.approx(290.0 * 9.81, rel=1e-12), f"Fd {desired} N"
     law = Law(outer.BLOCK, OUTER)
     law.step((0.0, 0.05, 0.0, 19e6, 19e6, 0.0, 0.0))
-    assert law.x[outer.XK] == pytest.approx(0.05), "xk starts at x3"
+    assert law.x.xk_m == pytest.approx(0.05), "xk starts at x3"
     u = (0.3, 0.0, -0.1, 19e6, 19e6, 0.0, 0.0)
     for _ in range(10):
         law.step(u)
     decay = np.exp(-56.748 * 10 * T)
-    assert law.x[outer.XB] == pytest.approx(0.4 * (1.0 - decay), rel=1e-9)
-    assert law.x[outer.XK] == pytest.approx(0.05 * decay, rel=1e-9)
-    assert law.y[0] == 0.0, "the valve stays closed"
+    assert law.x.xb_m_s == pytest.approx(0.4 * (1.0 - decay), rel=1e-9)
+    assert law.x.xk_m == pytest.approx(0.05 * decay, rel=1e-9)
+    assert law.y.command_m == 0.0, "the valve stays closed"

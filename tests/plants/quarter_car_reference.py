@@ -174,8 +174,8 @@ def defaults(ports: tuple[Port, ...]) -> dict[str, float]:
     return {port.name: port.default for port in ports if port.default is not None}
 
 
-def views(block: Block, settings: dict[str, float]) -> tuple[Vector, Vector]:
-    """Return parameters and states of a block as its step wants them."""
+def views(block: Block, settings: dict[str, float]) -> Any:
+    """Return the ports of a block by name, prepared: p, x, u, y."""
     prepared = block.prepare({**defaults(block.settings), **settings}, 1.0 / T, 1)  # type: ignore[misc]
 
     def packed(ports: tuple[Port, ...], values: Any) -> Vector:
@@ -183,10 +183,18 @@ def views(block: Block, settings: dict[str, float]) -> tuple[Vector, Vector]:
             [np.broadcast_to(values.get(port.name, 0.0), (port.size,)) for port in ports]
         ).astype(np.float64)
 
+    parameters, states, inputs, outputs = block.step.declared
     return (
-        packed(block.parameters, prepared.parameters),
-        packed(block.states, prepared.states),
+        parameters(packed(block.parameters, prepared.parameters)),
+        states(packed(block.states, prepared.states)),
+        inputs(np.zeros(inputs.size)),
+        outputs(np.zeros(outputs.size)),
     )
+
+
+def do_step(block: Block, t: float, dt: float, ports: Any) -> None:
+    """Step the block on its p, x, u, y."""
+    block.step(t, dt, *(view.values() for view in ports))
 
 
 class Loop:
@@ -195,17 +203,23 @@ class Loop:
     def __init__(self, law: str, **settings: float) -> None:
         """Take `settings` of the car."""
         self.block = BLOCKS[law]
-        self.p, self.x = views(model.BLOCK, CAR | settings)
-        self.law_p, self.law_x = views(self.block, GAINS[law])
-        self.y, self.u = np.zeros(len(model.OUTPUTS)), np.zeros(2)
-        self.law_y = np.zeros(self.block.size(self.block.outputs))
-        self.law_u = np.zeros(7)
+        self.car = views(model.BLOCK, CAR | settings)
+        self.law = views(self.block, GAINS[law])
 
-    def run(self, cycles: int) -> Iterator[tuple[float, Vector]]:
-        """Step both; yield t and the car's state, of the sample, after the law's step."""
+    def start(self) -> Vector:
+        """Return a copy of the car's state."""
+        _, x, _, _ = self.car
+        return x.car.values().copy()  # type: ignore[no-any-return]
+
+    def run(self, cycles: int) -> Iterator[tuple[float, Vector, float]]:
+        """Step both; yield t and the car's state, of the sample, and u, after the law's step."""
+        (_, x, command, sensed), (_, _, measured, y) = self.car, self.law
         for k in range(cycles):
-            model.step(k * T, T, self.p, self.x, self.u, self.y)
-            self.law_u[:6] = self.y[:6]
-            self.block.step(k * T, T, self.law_p, self.law_x, self.law_u, self.law_y)
-            self.u[:] = self.law_y[:2]
-            yield k * T, self.x[:7]
+            do_step(model.BLOCK, k * T, T, self.car)
+            measured.body_m_s, measured.wheel_m_s = sensed.body_sample_m_s, sensed.wheel_sample_m_s
+            measured.extension_m = sensed.extension_sample_m
+            measured.p1_Pa, measured.p2_Pa = sensed.p1_sample_Pa, sensed.p2_sample_Pa
+            measured.spool_m = sensed.spool_sample_m
+            do_step(self.block, k * T, T, self.law)
+            command.spool_m, command.force_N = y.command_m, y.desired_N
+            yield k * T, x.car.values(), y.command_m

@@ -15,7 +15,7 @@
 
 Chamber 1 is the bore side, which shrinks when the strut does; the accumulator holds Pa. (4) to (6)
 are smoothed at zero: a square-root orifice is infinitely stiff there. Pa, m3/s, m, N, kg/m3.
-`h` is a view of the eight values HYDRAULICS. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 6;
+`h` has the ports of Hydraulics. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 6;
 the printed force formula is lost: (1) is the force balance. That fluid flows between accumulator
 and strut in both directions, as the book says, needs the three-way valve (5).
 """
@@ -26,6 +26,7 @@ from typing import Any
 
 from pcpc.drivers.jit import inline
 from pcpc.executive.laws.emath import clip, sqrt, where
+from pcpc.executive.laws.ports import Ports, port
 
 P_MIN_PA = 1e5  # one atmosphere: no suction
 DP_SMOOTH_PA = 1e5
@@ -33,28 +34,32 @@ SPOOL_SMOOTH_M = 1e-5
 PSI_MIN_PA = 1e4
 VOLUME_FLOOR = 0.05  # of V0: a chamber never vanishes
 
-DIMENSIONS = (  # name, unit, help, value, low, high
-    ("ac_m2", "m2", "Ac, bore area", 5.0e-4, 1e-6, 1.0),
-    ("ar_m2", "m2", "Ar, rod area", 1.5e-4, 1e-7, 1.0),
-    ("ao_m2", "m2", "Ao, damping orifice", 9.6e-6, 0.0, 1.0),
-    ("fluid_kg_m3", "kg/m3", "rho, density of the fluid", 900.0, 1.0, 1e4),
-    ("discharge", "", "Cd, of orifice and valve", 0.6, 0.0, 1.0),
-    ("port_width_m", "m", "w, width of the valve's ports", 0.02, 0.0, 1.0),
-    ("bulk_Pa", "Pa", "B0, bulk modulus at no pressure", 0.80e9, 1e6, 1e12),
-    ("bulk_slope", "", "b1, its rise with pressure", 10.0, 0.0, 100.0),
-    ("liquid_rate_N_m", "N/m", "K, spring rate with the valve closed", 16812.0, 1.0, 1e9),
-)
-HYDRAULICS = (  # name, unit, help
-    ("h_bore_m2", "m2", "Ac"),
-    ("h_annulus_m2", "m2", "Aa"),
-    ("h_orifice", "m3/(s Pa0.5)", "Co (10)"),
-    ("h_valve", "m2/(s Pa0.5)", "Cv (10)"),
-    ("h_bulk_Pa", "Pa", "B0"),
-    ("h_bulk_slope", "", "b1"),
-    ("h_supply_Pa", "Pa", "Pa (11)"),
-    ("h_volume_m3", "m3", "V0 (11)"),
-)
-(AC, AA, CO, CV, B0, B_SLOPE, PA, V0) = range(len(HYDRAULICS))
+
+class Dimensions(Ports):
+    """What the strut is built of, as its controllers know it."""
+
+    ac_m2 = port("m2", "Ac, bore area", 5.0e-4, 1e-6, 1.0)
+    ar_m2 = port("m2", "Ar, rod area", 1.5e-4, 1e-7, 1.0)
+    ao_m2 = port("m2", "Ao, damping orifice", 9.6e-6, 0.0, 1.0)
+    fluid_kg_m3 = port("kg/m3", "rho, density of the fluid", 900.0, 1.0, 1e4)
+    discharge = port("", "Cd, of orifice and valve", 0.6, 0.0, 1.0)
+    port_width_m = port("m", "w, width of the valve's ports", 0.02, 0.0, 1.0)
+    bulk_Pa = port("Pa", "B0, bulk modulus at no pressure", 0.80e9, 1e6, 1e12)
+    bulk_slope = port("", "b1, its rise with pressure", 10.0, 0.0, 100.0)
+    liquid_rate_N_m = port("N/m", "K, spring rate with the valve closed", 16812.0, 1.0, 1e9)
+
+
+class Hydraulics(Ports):
+    """What the equations take of them; in a block, `h = group(Hydraulics, "h_")`."""
+
+    bore_m2 = port("m2", "Ac")
+    annulus_m2 = port("m2", "Aa")
+    orifice = port("m3/(s Pa0.5)", "Co (10)")
+    valve = port("m2/(s Pa0.5)", "Cv (10)")
+    bulk_Pa = port("Pa", "B0")
+    bulk_slope = port("", "b1")
+    supply_Pa = port("Pa", "Pa (11)")
+    volume_m3 = port("m3", "V0 (11)")
 
 
 def static_pressure(settings: Mapping[str, float], weight_N: float) -> float:
@@ -63,17 +68,21 @@ def static_pressure(settings: Mapping[str, float], weight_N: float) -> float:
 
 
 def hydraulics(settings: Mapping[str, float], weight_N: float) -> dict[str, float]:
-    """Return HYDRAULICS by name from the DIMENSIONS in `settings`, (10) (11)."""
+    """Return Hydraulics by name, h_ before it, from Dimensions in `settings`: (10) (11)."""
     ac, ar = settings["ac_m2"], settings["ar_m2"]
     p0 = static_pressure(settings, weight_N)
     jet = settings["discharge"] * math.sqrt(2.0 / settings["fluid_kg_m3"])
     bulk_0 = settings["bulk_Pa"] + settings["bulk_slope"] * max(p0, P_MIN_PA)
-    volume = bulk_0 * ar * ar / settings["liquid_rate_N_m"] / 2.0
-    values = (
-        ac, ac - ar, jet * settings["ao_m2"], jet * settings["port_width_m"],
-        settings["bulk_Pa"], settings["bulk_slope"], 2.0 * p0, volume,
-    )  # fmt: skip
-    return {name: value for (name, _, _), value in zip(HYDRAULICS, values, strict=True)}
+    return {
+        "h_bore_m2": ac,
+        "h_annulus_m2": ac - ar,
+        "h_orifice": jet * settings["ao_m2"],
+        "h_valve": jet * settings["port_width_m"],
+        "h_bulk_Pa": settings["bulk_Pa"],
+        "h_bulk_slope": settings["bulk_slope"],
+        "h_supply_Pa": 2.0 * p0,
+        "h_volume_m3": bulk_0 * ar * ar / settings["liquid_rate_N_m"] / 2.0,
+    }
 
 
 def nominal_gain(settings: Mapping[str, float], weight_N: float) -> float:
@@ -88,49 +97,53 @@ def nominal_gain(settings: Mapping[str, float], weight_N: float) -> float:
 @inline
 def force(p1: float, p2: float, h: Any) -> float:
     """Return F (1), N."""
-    return h[AC] * p1 - h[AA] * p2
+    return h.bore_m2 * p1 - h.annulus_m2 * p2
+
+
+@inline
+def stiffness(volume: float, pressure: float, h: Any) -> float:
+    """Return B/V of a chamber by (2) (3), Pa/m3."""
+    least = VOLUME_FLOOR * h.volume_m3
+    bulk = h.bulk_Pa + h.bulk_slope * where(pressure > P_MIN_PA, pressure, P_MIN_PA)
+    return bulk / where(volume > least, volume, least)
 
 
 @inline
 def stiffness_1(x3: float, p1: float, h: Any) -> float:
     """Return B1/V1 by (2) (3), Pa/m3."""
-    volume, least = h[V0] + h[AC] * x3, VOLUME_FLOOR * h[V0]
-    bulk_1 = h[B0] + h[B_SLOPE] * where(p1 > P_MIN_PA, p1, P_MIN_PA)
-    return bulk_1 / where(volume > least, volume, least)
+    return stiffness(h.volume_m3 + h.bore_m2 * x3, p1, h)
 
 
 @inline
 def stiffness_2(x3: float, p2: float, h: Any) -> float:
     """Return B2/V2 by (2) (3), Pa/m3."""
-    volume, least = h[V0] - h[AA] * x3, VOLUME_FLOOR * h[V0]
-    bulk_2 = h[B0] + h[B_SLOPE] * where(p2 > P_MIN_PA, p2, P_MIN_PA)
-    return bulk_2 / where(volume > least, volume, least)
+    return stiffness(h.volume_m3 - h.annulus_m2 * x3, p2, h)
 
 
 @inline
 def orifice_flow(p1: float, p2: float, h: Any) -> float:
     """Return QL (4), m3/s."""
     dp = p1 - p2
-    return h[CO] * dp / sqrt(sqrt(dp * dp + DP_SMOOTH_PA * DP_SMOOTH_PA))
+    return h.orifice * dp / sqrt(sqrt(dp * dp + DP_SMOOTH_PA * DP_SMOOTH_PA))
 
 
 @inline
 def valve_gain(xv: float, p1: float, h: Any) -> float:
     """Return Q/xv by (5) (6), m2/s."""
-    half = 0.5 * h[PA]
+    half = 0.5 * h.supply_Pa
     psi = half + clip(xv / SPOOL_SMOOTH_M, -1.0, 1.0) * (half - p1)
-    return h[CV] * sqrt(where(psi > PSI_MIN_PA, psi, PSI_MIN_PA))
+    return h.valve * sqrt(where(psi > PSI_MIN_PA, psi, PSI_MIN_PA))
 
 
 @inline
 def input_gain(x3: float, p1: float, xv: float, h: Any) -> float:
     """Return G (8), N/(m s); of `xv` only the sign counts, beyond the smoothing."""
-    return h[AC] * stiffness_1(x3, p1, h) * valve_gain(xv, p1, h)
+    return h.bore_m2 * stiffness_1(x3, p1, h) * valve_gain(xv, p1, h)
 
 
 @inline
 def drift(x3: float, v3: float, p1: float, p2: float, h: Any) -> float:
     """Return f (9), N/s."""
     leak = orifice_flow(p1, p2, h)
-    bore = h[AC] * stiffness_1(x3, p1, h) * (-h[AC] * v3 - leak)
-    return bore - h[AA] * stiffness_2(x3, p2, h) * (h[AA] * v3 + leak)
+    bore = h.bore_m2 * stiffness_1(x3, p1, h) * (-h.bore_m2 * v3 - leak)
+    return bore - h.annulus_m2 * stiffness_2(x3, p2, h) * (h.annulus_m2 * v3 + leak)

@@ -29,142 +29,148 @@ Selmic (SIAM 2002), chapter 6; rules and gains are this project's.
 from collections.abc import Mapping
 from typing import Any
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.block import Block, Ports, Prepared, inline, port, stage
 from pcpc.executive.laws.controllers.strut import strut_outer as outer
 from pcpc.executive.laws.emath import clip, expmsq, sqrt, where
 from pcpc.executive.laws.models import hydraulic_strut as hydraulic
 
 SQRT_2 = 1.4142135623730951
 RANGE = 1.2  # of the scaled inputs
-SCALES = (0.1, 2.0, 10e6)  # m, m/s, Pa
-COUNTS = (3, 7, 7)
-WIDTHS = (0.5, 0.2, 0.2)
-RULES = COUNTS[0] * COUNTS[1] * COUNTS[2]
-SCRATCH = sum(COUNTS) + RULES
+EXTENSION_M, SPEED_M_S, PRESSURE_PA = 0.1, 2.0, 10e6  # what scales them
+EXTENSIONS, SPEEDS, PRESSURES = 3, 7, 7  # centres
+EXTENSION_WIDTH, SPEED_WIDTH, PRESSURE_WIDTH = 0.5, 0.2, 0.2
+RULES = EXTENSIONS * SPEEDS * PRESSURES
 
-_OWN = (
-    Port("tf_s", "s", "tf, filter of the differences", None, 1e-4, 1.0),
-    Port("spool_max_m", "m", "xvmax, travel of the spool", None, 1e-6, 1.0),
-    Port("valve_lag_s", "s", "Tv, servovalve, as known to the law", None, 1e-4, 10.0),
-    Port("k1_per_s", "1/s", "k1, force loop", None, 0.0, 1e4),
-    Port("lam_per_s", "1/s", "lam, spool loop", None, 0.0, 1e4),
-    Port("kap_per_m", "1/m", "kap, e-modification", None, 0.0, 1e5),
-    Port("fl_on", "", "1 with the fuzzy system, 0 without", 1.0, 0.0, 1.0),
-    Port("exact_drift", "", "1 replaces it by the true drift", 0.0, 0.0, 1.0),
-)
-SETTINGS = (
-    *outer.SETTINGS,
-    *_OWN,
-    Port("adaptation_rad_s", "rad/s", "w_a (7)", None, 0.0, 1e3),
-)
-PARAMETERS = (
-    *outer.PARAMETERS,
-    *_OWN,
-    Port("gam_m2_N2", "m2/N2", "Gam (7)", None, 0.0, 1.0),
-)
-STATES = (
-    *outer.STATES,
-    Port("last_desired_N", "N", "Fd of the last tick"),
-    Port("desired_rate_N_s", "N/s", "Fd', filtered difference"),
-    Port("last_spool_m", "m", "x7d of the last tick"),
-    Port("wanted_rate_m_s", "m/s", "x7d', filtered difference"),
-    Port("theta", "m", "Th, consequents of the rules", size=RULES, recorded=False),
-    Port("scratch", "", "memberships, m", size=SCRATCH, recorded=False),
-)
-OUTPUTS = (
-    *outer.OUTPUTS,
-    Port("wanted_spool_m", "m", "x7d (3)"),
-    Port("drift_m", "m", "Hh (2)"),
-    Port("norm_theta_m", "m", "Euclidean norm of Th"),
-    Port("largest_theta_m", "m", "largest magnitude in Th"),
-)
-(TF, SPOOL_MAX, LAG, K1, LAM, KAP, FL_ON, EXACT, GAM) = range(outer.SIZE_P, outer.SIZE_P + 9)
-(LAST_FD, FD_RATE, LAST_SPOOL, SPOOL_RATE, THETA) = range(outer.SIZE_X, outer.SIZE_X + 5)
-MEMBERS = THETA + RULES
-FIRED = MEMBERS + sum(COUNTS)
+
+class Own(Ports):
+    """Filter, limits, loops and the fuzzy system."""
+
+    tf_s = port("s", "tf, filter of the differences", None, 1e-4, 1.0)
+    spool_max_m = port("m", "xvmax, travel of the spool", None, 1e-6, 1.0)
+    valve_lag_s = port("s", "Tv, servovalve, as known to the law", None, 1e-4, 10.0)
+    k1_per_s = port("1/s", "k1, force loop", None, 0.0, 1e4)
+    lam_per_s = port("1/s", "lam, spool loop", None, 0.0, 1e4)
+    kap_per_m = port("1/m", "kap, e-modification", None, 0.0, 1e5)
+    fl_on = port("", "1 with the fuzzy system, 0 without", 1.0, 0.0, 1.0)
+    exact_drift = port("", "1 replaces it by the true drift", 0.0, 0.0, 1.0)
+
+
+class Settings(outer.Settings, Own):
+    """Those of the desired force, its own, and the speed of learning."""
+
+    adaptation_rad_s = port("rad/s", "w_a (7)", None, 0.0, 1e3)
+
+
+class Parameters(outer.Parameters, Own):
+    """Those of the desired force, its own, and the tuning rate."""
+
+    gam_m2_N2 = port("m2/N2", "Gam (7)", None, 0.0, 1.0)
+
+
+class States(outer.States):
+    """The filters and the fuzzy system."""
+
+    last_desired_N = port("N", "Fd of the last tick")
+    desired_rate_N_s = port("N/s", "Fd', filtered difference")
+    last_spool_m = port("m", "x7d of the last tick")
+    wanted_rate_m_s = port("m/s", "x7d', filtered difference")
+    theta = port("m", "Th, consequents of the rules", shape=RULES, recorded=False)
+    at_extension = port("", "memberships of x3", shape=EXTENSIONS, recorded=False)
+    at_speed = port("", "memberships of v3", shape=SPEEDS, recorded=False)
+    at_pressure = port("", "memberships of P1 - P2", shape=PRESSURES, recorded=False)
+    fired = port("", "m", shape=RULES, recorded=False)
+
+
+class Outputs(outer.Outputs):
+    """Those of the desired force, the wanted spool and what was learned."""
+
+    wanted_spool_m = port("m", "x7d (3)")
+    drift_m = port("m", "Hh (2)")
+    norm_theta_m = port("m", "Euclidean norm of Th")
+    largest_theta_m = port("m", "largest magnitude in Th")
 
 
 @inline
-def memberships(value: float, count: int, width: float, out: Any, at: int) -> None:
-    """Write the normalised memberships (8) of one scaled input to out[at..at + count - 1]."""
+def memberships(value: float, width: float, mu: Any) -> None:
+    """Write the normalised memberships (8) of one scaled input."""
     clipped, total = clip(value, -RANGE, RANGE), 0.0
-    for i in range(count):
-        centre = 2.0 * i / (count - 1.0) - 1.0
-        out[at + i] = expmsq((clipped - centre) / (SQRT_2 * width))
-        total += out[at + i]
-    for i in range(count):
-        out[at + i] = out[at + i] / total
+    for i in range(len(mu)):
+        centre = 2.0 * i / (len(mu) - 1.0) - 1.0
+        mu[i] = expmsq((clipped - centre) / (SQRT_2 * width))
+        total += mu[i]
+    for i in range(len(mu)):
+        mu[i] = mu[i] / total
 
 
 @inline
-def fire(x3: float, v3: float, dp: float, members: Any, fired: Any) -> None:
-    """Write m(X) of (8) to `fired`; the sum of products is the product of the sums."""
-    n0, n1, n2 = COUNTS
-    memberships(x3 / SCALES[0], n0, WIDTHS[0], members, 0)
-    memberships(v3 / SCALES[1], n1, WIDTHS[1], members, n0)
-    memberships(dp / SCALES[2], n2, WIDTHS[2], members, n0 + n1)
-    for i in range(n0):
-        for j in range(n1):
-            both = members[i] * members[n0 + j]
-            for k in range(n2):
-                fired[(i * n1 + j) * n2 + k] = both * members[n0 + n1 + k]
+def fire(x3: float, v3: float, dp: float, x: Any) -> None:
+    """Write m(X) of (8); the sum of products is the product of the sums."""
+    memberships(x3 / EXTENSION_M, EXTENSION_WIDTH, x.at_extension)
+    memberships(v3 / SPEED_M_S, SPEED_WIDTH, x.at_speed)
+    memberships(dp / PRESSURE_PA, PRESSURE_WIDTH, x.at_pressure)
+    rule = 0
+    for i in range(EXTENSIONS):
+        for j in range(SPEEDS):
+            both = x.at_extension[i] * x.at_speed[j]
+            for k in range(PRESSURES):
+                x.fired[rule] = both * x.at_pressure[k]
+                rule += 1
 
 
 @inline
-def tune(dt: float, drive: float, p: Any, theta: Any, fired: Any, y: Any) -> None:
+def learned(x: Any) -> float:
+    """Return Th'm (2)."""
+    total = 0.0
+    for i in range(RULES):
+        total += x.theta[i] * x.fired[i]
+    return total
+
+
+@inline
+def tune(dt: float, drive: float, p: Any, x: Any, y: Any) -> None:
     """Advance (6) by `dt` under `drive` = G ef; write norm and largest entry from before."""
     squares, largest = 0.0, 0.0
     for i in range(RULES):
-        old = theta[i]
+        old = x.theta[i]
         squares += old * old
         largest = where(abs(old) > largest, abs(old), largest)
-        theta[i] = old + dt * p[GAM] * (fired[i] * drive - p[KAP] * abs(drive) * old)
-    y[6] = sqrt(squares)
-    y[7] = largest
+        x.theta[i] = old + dt * p.gam_m2_N2 * (x.fired[i] * drive - p.kap_per_m * abs(drive) * old)
+    y.norm_theta_m = sqrt(squares)
+    y.largest_theta_m = largest
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: outer.Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    theta, fired, h = tail(x, THETA), tail(x, FIRED), tail(p, outer.H)
-    x3, v3, p1, p2 = u[outer.X3], u[outer.X2] - u[outer.X4], u[outer.P1], u[outer.P2]
-    ef = outer.desired_force(p, x, u, y)
-    started = x[outer.STARTED]
-    fd_rate = outer.difference(y[1], dt, p[TF], started, tail(x, LAST_FD), 0)
-    gain = hydraulic.input_gain(x3, p1, x[LAST_SPOOL], h)  # (1)
+    x3, v3, x7 = u.extension_m, u.body_m_s - u.wheel_m_s, u.spool_m
+    outer.desired_force(p, x, u, y)
+    fd, ef = y.desired_N, y.ef_N
+    fd_rate = outer.difference(fd, x.last_desired_N, x.desired_rate_N_s, x.started, p.tf_s, dt)
+    x.last_desired_N, x.desired_rate_N_s = fd, fd_rate
+    gain = hydraulic.input_gain(x3, u.p1_Pa, x.last_spool_m, p.h)  # (1)
 
-    fire(x3, v3, p1 - p2, tail(x, MEMBERS), fired)
-    learned = 0.0
-    for i in range(RULES):
-        learned += theta[i] * fired[i]
-    true = -hydraulic.drift(x3, v3, p1, p2, h) / gain
-    y[5] = where(p[EXACT] > 0.5, true, where(p[FL_ON] > 0.5, learned, 0.0))  # (2)
-    y[4] = clip(y[5] + (fd_rate + p[K1] * ef) / gain, -p[SPOOL_MAX], p[SPOOL_MAX])  # (3)
-    rate = outer.difference(y[4], dt, p[TF], started, tail(x, LAST_SPOOL), 0)
-    x7 = u[outer.X7]
-    command = x7 + p[LAG] * (rate + p[LAM] * (y[4] - x7))
-    y[0] = clip(command, -3.0 * p[SPOOL_MAX], 3.0 * p[SPOOL_MAX])  # (4)
+    fire(x3, v3, u.p1_Pa - u.p2_Pa, x)
+    true = -hydraulic.drift(x3, v3, u.p1_Pa, u.p2_Pa, p.h) / gain
+    adaptive = where(p.fl_on > 0.5, learned(x), 0.0)
+    y.drift_m = where(p.exact_drift > 0.5, true, adaptive)  # (2)
+    wanted = y.drift_m + (fd_rate + p.k1_per_s * ef) / gain
+    x7d = clip(wanted, -p.spool_max_m, p.spool_max_m)  # (3)
+    x7d_rate = outer.difference(x7d, x.last_spool_m, x.wanted_rate_m_s, x.started, p.tf_s, dt)
+    x.last_spool_m, x.wanted_rate_m_s = x7d, x7d_rate
+    command = x7 + p.valve_lag_s * (x7d_rate + p.lam_per_s * (x7d - x7))
+    y.wanted_spool_m = x7d
+    y.command_m = clip(command, -3.0 * p.spool_max_m, 3.0 * p.spool_max_m)  # (4)
 
-    learns = (p[FL_ON] > 0.5) & (p[EXACT] < 0.5) & (u[outer.MISSING] < 0.5)
-    tune(where(learns, dt, 0.0), gain * ef, p, theta, fired, y)
+    learns = (p.fl_on > 0.5) & (p.exact_drift < 0.5) & (u.missing_cycles < 0.5)
+    tune(where(learns, dt, 0.0), gain * ef, p, x, y)  # (6)
     outer.advance(dt, p, x, u)
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the parameters, with the tuning rate (7)."""
-    own = {port.name: settings[port.name] for port in _OWN}
+    own = {one.name: settings[one.name] for one in Own.ports}
     root = settings["adaptation_rad_s"] / outer.known_gain(settings)
     return Prepared({**outer.known(settings), **own, "gam_m2_N2": root * root})
 
 
-BLOCK = Block(
-    step,
-    inputs=outer.INPUTS,
-    outputs=OUTPUTS,
-    parameters=PARAMETERS,
-    states=STATES,
-    settings=SETTINGS,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -23,66 +23,80 @@ this project's.
 from collections.abc import Mapping
 from typing import Any
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import exp, where
 from pcpc.executive.laws.models import hydraulic_strut as hydraulic
 
-INPUTS = (
-    Port("body_m_s", "m/s", "measured body speed, x2"),
-    Port("extension_m", "m", "measured strut extension, x3"),
-    Port("wheel_m_s", "m/s", "measured wheel speed, x4"),
-    Port("p1_Pa", "Pa", "measured pressure of the bore side"),
-    Port("p2_Pa", "Pa", "measured pressure of the rod side"),
-    Port("spool_m", "m", "measured spool position, x7"),
-    Port("missing_cycles", "", "cycles since the last measurement; 0 if it is new"),
-)
-OUTPUTS = (
-    Port("command_m", "m", "u, to the valve"),
-    Port("desired_N", "N", "Fd (3)"),
-    Port("force_N", "N", "F (4)"),
-    Port("ef_N", "N", "ef (4)"),
-)
-GAINS = (
-    Port("bs_Ns_m", "N s/m", "Bs, damper", None, 0.0, 1e6),
-    Port("ks_N_m", "N/m", "Ks, spring", None, 0.0, 1e8),
-    Port("bsky_Ns_m", "N s/m", "Bsky, skyhook", None, 0.0, 1e6),
-    Port("krh_N_m", "N/m", "Krh, ride height", None, 1.0, 1e8),
-    Port("wb_rad_s", "rad/s", "wb, damping fades above", None, 0.1, 1e3),
-    Port("wk_rad_s", "rad/s", "wk, spring fades below", None, 0.1, 1e3),
-)
-_LOAD = (
-    Port("mass_kg", "kg", "body, as known to the law", 290.0, 1.0, 1e5),
-    Port("gravity_m_s2", "m/s2", "g", 9.81, 0.0, 100.0),
-)
-SETTINGS = (*GAINS, *_LOAD, *(Port(*row) for row in hydraulic.DIMENSIONS))
-PARAMETERS = (
-    *GAINS,
-    Port("weight_N", "N", "Krh x3d, static load of the strut"),
-    *(Port(*row) for row in hydraulic.HYDRAULICS),
-)
-STATES = (
-    Port("xb_m_s", "m/s", "xb (1)"),
-    Port("xk_m", "m", "xk (2)"),
-    Port("started", "", "1 after the first tick"),
-)
-(BS, KS, BSKY, KRH, WB, WK, WEIGHT, H) = range(8)
-(XB, XK, STARTED) = range(len(STATES))
-SIZE_P, SIZE_X = len(PARAMETERS), len(STATES)
-(X2, X3, X4, P1, P2, X7, MISSING) = range(len(INPUTS))
+
+class Inputs(Ports):
+    """What the sensors say."""
+
+    body_m_s = port("m/s", "measured body speed, x2")
+    extension_m = port("m", "measured strut extension, x3")
+    wheel_m_s = port("m/s", "measured wheel speed, x4")
+    p1_Pa = port("Pa", "measured pressure of the bore side")
+    p2_Pa = port("Pa", "measured pressure of the rod side")
+    spool_m = port("m", "measured spool position, x7")
+    missing_cycles = port("", "cycles since the last measurement; 0 if it is new")
+
+
+class Outputs(Ports):
+    """The command and what led to it."""
+
+    command_m = port("m", "u, to the valve")
+    desired_N = port("N", "Fd (3)")
+    force_N = port("N", "F (4)")
+    ef_N = port("N", "ef (4)")
+
+
+class Gains(Ports):
+    """Springs, dampers and corners of the desired force."""
+
+    bs_Ns_m = port("N s/m", "Bs, damper", None, 0.0, 1e6)
+    ks_N_m = port("N/m", "Ks, spring", None, 0.0, 1e8)
+    bsky_Ns_m = port("N s/m", "Bsky, skyhook", None, 0.0, 1e6)
+    krh_N_m = port("N/m", "Krh, ride height", None, 1.0, 1e8)
+    wb_rad_s = port("rad/s", "wb, damping fades above", None, 0.1, 1e3)
+    wk_rad_s = port("rad/s", "wk, spring fades below", None, 0.1, 1e3)
+
+
+class Settings(Gains):
+    """The gains, and the car as known to the law."""
+
+    mass_kg = port("kg", "body, as known to the law", 290.0, 1.0, 1e5)
+    gravity_m_s2 = port("m/s2", "g", 9.81, 0.0, 100.0)
+    dimensions = group(hydraulic.Dimensions)
+
+
+class Parameters(Gains):
+    """The gains, and what follows from the car."""
+
+    weight_N = port("N", "Krh x3d, static load of the strut")
+    h = group(hydraulic.Hydraulics, "h_")
+
+
+class States(Ports):
+    """The filters."""
+
+    xb_m_s = port("m/s", "xb (1)")
+    xk_m = port("m", "xk (2)")
+    started = port("", "1 after the first tick")
+
+
+def _weight(settings: Mapping[str, float]) -> float:
+    return settings["mass_kg"] * settings["gravity_m_s2"]
 
 
 def known(settings: Mapping[str, float]) -> dict[str, float]:
-    """Return PARAMETERS by name."""
-    weight = settings["mass_kg"] * settings["gravity_m_s2"]
-    gains = {port.name: settings[port.name] for port in GAINS}
+    """Return Parameters by name."""
+    gains = {one.name: settings[one.name] for one in Gains.ports}
+    weight = _weight(settings)
     return {**gains, "weight_N": weight, **hydraulic.hydraulics(settings, weight)}
 
 
 def known_gain(settings: Mapping[str, float]) -> float:
     """Return G of hydraulic_strut.py at rest, N/(m s)."""
-    return hydraulic.nominal_gain(settings, settings["mass_kg"] * settings["gravity_m_s2"])
+    return hydraulic.nominal_gain(settings, _weight(settings))
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -91,48 +105,38 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 
 @inline
-def desired_force(p: Any, x: Any, u: Any, y: Any) -> float:
-    """Return ef, write OUTPUTS but the command; `p`, `x` begin with PARAMETERS, STATES."""
-    x3 = u[X3]
-    x[XK] = where(x[STARTED] > 0.5, x[XK], x3)
-    fading = -p[BS] * x[XB] - p[KS] * (x3 - x[XK])
-    y[1] = fading - p[BSKY] * u[X2] + (p[WEIGHT] - p[KRH] * x3)  # (3)
-    y[2] = hydraulic.force(u[P1], u[P2], tail(p, H))
-    y[3] = y[1] - y[2]  # (4)
-    return y[1] - y[2]
+def desired_force(p: Any, x: Any, u: Any, y: Any) -> None:
+    """Write Fd (3), F and ef (4); xk starts at x3 (2)."""
+    x3 = u.extension_m
+    x.xk_m = where(x.started > 0.5, x.xk_m, x3)
+    fading = -p.bs_Ns_m * x.xb_m_s - p.ks_N_m * (x3 - x.xk_m)
+    y.desired_N = fading - p.bsky_Ns_m * u.body_m_s + (p.weight_N - p.krh_N_m * x3)  # (3)
+    y.force_N = hydraulic.force(u.p1_Pa, u.p2_Pa, p.h)
+    y.ef_N = y.desired_N - y.force_N  # (4)
 
 
 @inline
 def advance(dt: float, p: Any, x: Any, u: Any) -> None:
     """Advance (1) and (2), at the end of a tick."""
-    x[XB] = x[XB] + (1.0 - exp(-p[WB] * dt)) * (u[X2] - u[X4] - x[XB])
-    x[XK] = x[XK] + (1.0 - exp(-p[WK] * dt)) * (u[X3] - x[XK])
-    x[STARTED] = 1.0
+    v3 = u.body_m_s - u.wheel_m_s
+    x.xb_m_s += (1.0 - exp(-p.wb_rad_s * dt)) * (v3 - x.xb_m_s)
+    x.xk_m += (1.0 - exp(-p.wk_rad_s * dt)) * (u.extension_m - x.xk_m)
+    x.started = 1.0
 
 
 @inline
-def difference(s: float, dt: float, tf: float, started: float, x: Any, at: int) -> float:
-    """Return d of (5) for the sample `s`; x[at], x[at + 1] hold s_k-1 and d."""
-    last = where(started > 0.5, x[at], s)
-    x[at + 1] = x[at + 1] + (1.0 - exp(-dt / tf)) * ((s - last) / dt - x[at + 1])
-    x[at] = s
-    return x[at + 1]
+def difference(s: float, last: float, d: float, started: float, tf: float, dt: float) -> float:
+    """Return the new d of (5) for the sample `s`, from `last` = s_k-1 and the old d."""
+    before = where(started > 0.5, last, s)
+    return d + (1.0 - exp(-dt / tf)) * ((s - before) / dt - d)
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
     desired_force(p, x, u, y)
-    y[0] = 0.0
+    y.command_m = 0.0
     advance(dt, p, x, u)
 
 
-BLOCK = Block(
-    step,
-    inputs=INPUTS,
-    outputs=OUTPUTS,
-    parameters=PARAMETERS,
-    states=STATES,
-    settings=SETTINGS,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -11,50 +11,54 @@ of the valve.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.block import Block, Ports, Prepared, port, stage
 from pcpc.executive.laws.controllers.strut import strut_outer as outer
 from pcpc.executive.laws.emath import clip, where
 
-_OWN = (
-    Port("tf_s", "s", "tf, filter of the difference", None, 1e-4, 1.0),
-    Port("spool_max_m", "m", "xvmax, largest command", None, 1e-6, 1.0),
-)
-SETTINGS = (
-    *outer.SETTINGS,
-    *_OWN,
-    Port("gain_per_s", "1/s", "g: kp G0", None, 0.0, 1e5),
-    Port("integral_per_s", "1/s", "i: ki/kp", None, 0.0, 1e5),
-    Port("derivative_s", "s", "t: kd/kp", None, 0.0, 1.0),
-)
-PARAMETERS = (
-    *outer.PARAMETERS,
-    *_OWN,
-    Port("kp_m_N", "m/N", "kp (3)", None, 0.0, 1.0),
-    Port("ki_m_Ns", "m/(N s)", "ki (3)", None, 0.0, 1.0),
-    Port("kd_ms_N", "m s/N", "kd (3)", None, 0.0, 1.0),
-)
-STATES = (
-    *outer.STATES,
-    Port("last_N", "N", "ef of the last tick"),
-    Port("ef_rate_N_s", "N/s", "d, filtered difference of ef"),
-    Port("integral_Ns", "N s", "I (2)"),
-)
-(TF, SPOOL_MAX, KP, KI, KD) = range(outer.SIZE_P, outer.SIZE_P + 5)
-(LAST, RATE, INTEGRAL) = range(outer.SIZE_X, outer.SIZE_X + 3)
+
+class Own(Ports):
+    """Filter and limit."""
+
+    tf_s = port("s", "tf, filter of the difference", None, 1e-4, 1.0)
+    spool_max_m = port("m", "xvmax, largest command", None, 1e-6, 1.0)
+
+
+class Settings(outer.Settings, Own):
+    """Those of the desired force, and the gains as (3) has them."""
+
+    gain_per_s = port("1/s", "g: kp G0", None, 0.0, 1e5)
+    integral_per_s = port("1/s", "i: ki/kp", None, 0.0, 1e5)
+    derivative_s = port("s", "t: kd/kp", None, 0.0, 1.0)
+
+
+class Parameters(outer.Parameters, Own):
+    """Those of the desired force, and the gains as (1) has them."""
+
+    kp_m_N = port("m/N", "kp (3)", None, 0.0, 1.0)
+    ki_m_Ns = port("m/(N s)", "ki (3)", None, 0.0, 1.0)
+    kd_ms_N = port("m s/N", "kd (3)", None, 0.0, 1.0)
+
+
+class States(outer.States):
+    """The filters and the integral."""
+
+    last_N = port("N", "ef of the last tick")
+    ef_rate_N_s = port("N/s", "d, filtered difference of ef")
+    integral_Ns = port("N s", "I (2)")
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: outer.Inputs, y: outer.Outputs) -> None:
     """One control period; see the module header."""
-    ef = outer.desired_force(p, x, u, y)
-    rate = outer.difference(ef, dt, p[TF], x[outer.STARTED], tail(x, LAST), 0)
-    wanted = p[KP] * ef + p[KI] * x[INTEGRAL] + p[KD] * rate
-    y[0] = clip(wanted, -p[SPOOL_MAX], p[SPOOL_MAX])  # (1)
-    free = (y[0] == wanted) & (u[outer.MISSING] < 0.5)
-    x[INTEGRAL] = x[INTEGRAL] + where(free, dt * ef, 0.0)  # (2)
+    outer.desired_force(p, x, u, y)
+    ef = y.ef_N
+    x.ef_rate_N_s = outer.difference(ef, x.last_N, x.ef_rate_N_s, x.started, p.tf_s, dt)
+    x.last_N = ef
+    wanted = p.kp_m_N * ef + p.ki_m_Ns * x.integral_Ns + p.kd_ms_N * x.ef_rate_N_s
+    y.command_m = clip(wanted, -p.spool_max_m, p.spool_max_m)  # (1)
+    free = (y.command_m == wanted) & (u.missing_cycles < 0.5)
+    x.integral_Ns += where(free, dt * ef, 0.0)  # (2)
     outer.advance(dt, p, x, u)
 
 
@@ -66,16 +70,8 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
         "ki_m_Ns": settings["integral_per_s"] * kp,
         "kd_ms_N": settings["derivative_s"] * kp,
     }
-    own = {port.name: settings[port.name] for port in _OWN}
+    own = {one.name: settings[one.name] for one in Own.ports}
     return Prepared({**outer.known(settings), **own, **gains})
 
 
-BLOCK = Block(
-    step,
-    inputs=outer.INPUTS,
-    outputs=outer.OUTPUTS,
-    parameters=PARAMETERS,
-    states=STATES,
-    settings=SETTINGS,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)
