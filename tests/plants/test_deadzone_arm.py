@@ -23,9 +23,9 @@ class Arm:
 
     def __init__(self, **changed: float) -> None:
         spec = load_rig(RIGS / "deadzone-step.yaml").nodes()["plant"].blocks[0]
-        self.p = np.array([(spec.settings | changed)[port.name] for port in model.SETTINGS])
-        self.x = np.zeros(model.BLOCK.size(model.STATES))
-        self.y, self.k = np.zeros(len(model.OUTPUTS)), 0
+        self.p = np.array([(spec.settings | changed)[port.name] for port in model.BLOCK.settings])
+        self.x = np.zeros(model.States.size)
+        self.y, self.k = np.zeros(model.Outputs.size), 0
 
     def step(self, u1: float, u2: float, ts: float = T_S) -> Array:
         model.BLOCK.step(self.k * ts, ts, self.p, self.x, np.array([u1, u2]), self.y)

@@ -4,17 +4,26 @@ import numpy as np
 import pytest
 from payload_arm_reference import ARM, LAW, Vector, acceleration, loop, values, views
 
-from pcpc.drivers.jit import compiled
+from pcpc.executive.laws.block import Nothing, Ports, group, port, stage
 from pcpc.executive.laws.controllers.arm import adaptive_critic
-from pcpc.plants.payload_arm import arm, model
+from pcpc.plants.payload_arm import model
+from pcpc.plants.payload_arm.model import Motion
 
-_advance = compiled()(lambda p, m2, h, tau1, tau2, x: arm.advance(p, 1.0, m2, h, tau1, tau2, x))
-_acceleration = compiled()(
-    lambda p, m2, q1, q2, v1, v2, tau1, tau2: arm.acceleration(
-        p, 1.0, m2, q1, q2, v1, v2, tau1, tau2
-    )
-)
 FREE = {"viscous_Nms_rad": 0.0, "coulomb_Nm": 0.0}
+MOTION = Motion.size
+
+
+class Held(Ports):
+    """What acts while the arm moves."""
+
+    motion = group(Motion)
+    acting_Nm = port("N m", "torques", shape=2)
+    outer_mass_kg = port("kg", "m2")
+
+
+@stage
+def _slope(t: float, dt: float, p: model.Parameters, x: Nothing, u: Held, y: Motion) -> None:
+    model.slope(t, p, u, u.motion, y)
 
 
 def energy(x: Vector, m2: float) -> float:
@@ -28,11 +37,12 @@ def energy(x: Vector, m2: float) -> float:
 
 def fall(h: float, seconds: float = 1.0, m2: float = 2.5, **other: float) -> tuple[Vector, Vector]:
     """Return states and energies of a fall from the horizontal under no torque."""
-    p, x = values(arm.PORTS, ARM | other), np.array((0.0, 0.5, 0.0, 0.0))
-    states = [x.copy()]
-    for _ in range(round(seconds / h)):
-        _advance(p, m2, h, 0.0, 0.0, x)
-        states.append(x.copy())
+    p, x = views(model.BLOCK, ARM | {"m2_kg": m2, "substeps": 1.0} | other)
+    x[1] = 0.5
+    states, y = [x[:MOTION].copy()], np.zeros(model.Outputs.size)
+    for k in range(1, round(seconds / h) + 1):
+        model.step(k * h, h, p, x, np.zeros(2), y)
+        states.append(x[:MOTION].copy())
     return np.array(states), np.array([energy(state, m2) for state in states])
 
 
@@ -55,12 +65,13 @@ def test_friction_takes_the_energy_that_it_works() -> None:
 
 def test_the_acceleration_is_that_of_the_matrices() -> None:
     rng = np.random.default_rng(1)
-    p = values(arm.PORTS, ARM)
+    p, y = values(model.BLOCK.settings, ARM), np.zeros(MOTION)
     for _ in range(50):
         q, v, tau = rng.normal(size=2), 2.0 * rng.normal(size=2), 50.0 * rng.normal(size=2)
         for m2 in (1.0, 2.5):
-            mine = _acceleration(p, m2, *q, *v, *tau)
-            assert mine == pytest.approx(acceleration(q, v, tau, m2), rel=1e-11), (q, v)
+            _slope(0.0, 0.0, p, np.zeros(0), np.array((*q, *v, *tau, m2)), y)
+            assert y[2:] == pytest.approx(acceleration(q, v, tau, m2), rel=1e-11), (q, v)
+            assert (y[:2] == v).all(), y
 
 
 def compiled_loop(cycles: int, payload_kg: float) -> tuple[Vector, Vector]:
@@ -97,7 +108,7 @@ def test_the_payload_is_there_from_5_to_7_s_to_the_period() -> None:
 @pytest.mark.parametrize("samples", [0, 1, 3])
 def test_the_torque_acts_as_many_samples_later_as_set(samples: int) -> None:
     p, x = views(model.BLOCK, ARM | {"delay_samples": samples, "torque_lsb_Nm": 0.5})
-    y = np.zeros(len(model.OUTPUTS))
+    y = np.zeros(model.Outputs.size)
     for k in range(8):
         model.step(k * 1e-3, 1e-3, p, x, np.array((k + 0.3, -k - 0.3)), y)
         sent = k - samples + 0.5 if k > samples else 0.0
@@ -106,7 +117,7 @@ def test_the_torque_acts_as_many_samples_later_as_set(samples: int) -> None:
 
 def test_samples_are_multiples_of_their_quantum_and_the_truth_is_not() -> None:
     p, x = views(model.BLOCK, ARM | {"position_lsb_rad": 1e-3, "rate_lsb_rad_s": 1e-2})
-    y = np.zeros(len(model.OUTPUTS))
+    y = np.zeros(model.Outputs.size)
     for k in range(50):
         model.step(k * 1e-3, 1e-3, p, x, np.zeros(2), y)
         for sample, true, quantum in ((y[0], y[4], 1e-3), (y[2], y[6], 1e-2)):

@@ -11,8 +11,10 @@ N m. `a` are the link lengths, `m` the masses. Source: Lewis, Campos, Selmic (SI
 chapters 3, 4 and 7, in the usual textbook form.
 """
 
+from typing import Any
+
 from pcpc.drivers.jit import inline
-from pcpc.executive.laws.emath import cos
+from pcpc.executive.laws.emath import cos, sincos
 
 
 @inline
@@ -37,3 +39,19 @@ def gravity_torque(
     """Return G of (4), N m."""
     outer = m2 * g * a2 * cos(q1 + q2)
     return (m1 + m2) * g * a1 * cos(q1) + outer, outer
+
+
+@inline
+def motion(p: Any, m2: float, q: Any, v: Any) -> tuple[float, float, float, float, float]:
+    """Return M11, M12, M22 of (2) and Vm q' of (3); `p` names a1_m, a2_m, m1_kg, `v` is q'."""
+    sine, cosine = sincos(q[1])
+    m11, m12, m22 = inertia(cosine, p.a1_m, p.a2_m, p.m1_kg, m2)
+    c1, c2 = velocity_torque(m2 * p.a1_m * p.a2_m * sine, v[0], v[1])
+    return m11, m12, m22, c1, c2
+
+
+@inline
+def solved(m11: float, m12: float, m22: float, b1: float, b2: float) -> tuple[float, float]:
+    """Return M^-1 b."""
+    determinant = m11 * m22 - m12 * m12
+    return (m22 * b1 - m12 * b2) / determinant, (m11 * b2 - m12 * b1) / determinant
