@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcpc.executive.laws.controllers.arm import adaptive_critic as law
-from pcpc.executive.laws.controllers.arm import arm_pd_inertia
+from pcpc.executive.laws.controllers.arm import arm_pd, arm_pd_inertia
 from pcpc.executive.laws.emath import cos
 
 GAINS = {
@@ -14,8 +14,7 @@ GAINS = {
     "action_on": 1.0, "critic_on": 1.0, "gam": 100.0, "kap1": 1.0, "kap2": 0.01, "alpha": 1.0,
     "beta": 5.0, "kz": 5.0, "delta_rad_s": 0.05, "network_seed": 7.0, "v2_size": 1.0,
 }  # fmt: skip
-SIZES = {"v1": (2, 10), "v2": (11, 10), "w1": (10, 2), "w2": (10, 2), "rho": (2,)}
-STARTS = dict(zip(SIZES, np.cumsum([0, *(np.prod(size) for size in SIZES.values())]), strict=False))
+TUNED = ("w1", "w2", "rho")
 
 
 @dataclass
@@ -24,28 +23,27 @@ class Compiled:
 
     gains: dict[str, float]
     p: np.ndarray = field(init=False)
-    x: np.ndarray = field(init=False)
-    y: np.ndarray = field(init=False)
+    x: law.States = field(init=False)
+    y: law.Outputs = field(init=False)
 
     def __post_init__(self) -> None:
         """Draw V1 and V2."""
         prepared = law.prepare(GAINS | self.gains, 1000.0, 1)
-        self.p = np.array([prepared.parameters[port.name] for port in law.PARAMETERS], float)
-        self.x = np.zeros(law.BLOCK.size(law.STATES))
-        self.y = np.zeros(law.BLOCK.size(law.OUTPUTS))
-        for name in ("v1", "v2"):
-            self.weights(name)[:] = np.reshape(prepared.states[name], SIZES[name])
+        self.p = np.array([prepared.parameters[port.name] for port in law.BLOCK.parameters], float)
+        self.x = law.States(np.zeros(law.States.size))
+        self.y = law.Outputs(np.zeros(law.Outputs.size))
+        for name, values in prepared.states.items():
+            getattr(self.x, name).ravel()[:] = values
 
-    def weights(self, name: str) -> np.ndarray:
-        """Return a view of V1, V2, W1, W2 or rho."""
-        size = SIZES[name]
-        return self.x[STARTS[name] :][: int(np.prod(size))].reshape(size)
+    def weights(self) -> dict[str, np.ndarray]:
+        """Return copies of W1, W2 and rho."""
+        return {name: getattr(self.x, name).copy() for name in TUNED}
 
     def step(self, u: np.ndarray, dt: float) -> dict[str, np.ndarray]:
         """Step once; return by how much W1, W2 and rho have changed."""
-        before = {name: self.weights(name).copy() for name in ("w1", "w2", "rho")}
-        law.step(0.0, dt, self.p, self.x, u, self.y)
-        return {name: self.weights(name) - old for name, old in before.items()}
+        before = self.weights()
+        law.step(0.0, dt, self.p, self.x.values(), u, self.y.values())
+        return {name: now - before[name] for name, now in self.weights().items()}
 
 
 def sigma(x: np.ndarray) -> np.ndarray:
@@ -57,8 +55,8 @@ def sigma(x: np.ndarray) -> np.ndarray:
 def random_law(rng: np.random.Generator, **gains: float) -> tuple[Compiled, np.ndarray]:
     """Return a law with random weights, and random inputs."""
     compiled = Compiled(gains)
-    for name in ("w1", "w2", "rho"):
-        compiled.weights(name)[:] = rng.normal(size=SIZES[name])
+    for name, old in compiled.weights().items():
+        getattr(compiled.x, name)[:] = rng.normal(size=old.shape)
     return compiled, np.append(rng.normal(size=10), 0.0)
 
 
@@ -68,15 +66,16 @@ def test_the_derivative_of_the_lyapunov_function_has_the_form_of_the_proof() -> 
         # powers of two: a step of 1 s changes the weights by their rates, all but exactly
         compiled, u = random_law(rng, kap1=0.5, alpha=0.5, kap2=0.125)
         g = GAINS | {"kap1": 0.5, "kap2": 0.125}
-        v1, w1, w2, rho = (compiled.weights(n).copy() for n in ("v1", "w1", "w2", "rho"))
+        w1, w2, rho = compiled.weights().values()
+        v1, v2 = compiled.x.v1, compiled.x.v2
         rates = compiled.step(u, 1.0)
         ideal1, ideal2, other = (rng.normal(size=s) for s in ((10, 2), (10, 2), 2))  # eps - d
 
         e, de = u[:2] - u[4:6], u[2:4] - u[6:8]
         r = de + g["lam_per_s"] * e
         s1 = sigma(v1.T @ r)
-        s2 = sigma(compiled.weights("v2").T @ np.concatenate(([1.0], e, de, u[:4], u[8:10])))
-        learned, v = compiled.y[6:8], -compiled.y[8:10]
+        s2 = sigma(v2.T @ np.concatenate(([1.0], e, de, u[:4], u[8:10])))
+        learned, v = compiled.y.learned_rad_s2, -compiled.y.robust_rad_s2
         r_rate = ideal2.T @ s2 + other - (learned + g["kv_per_s"] * r - v)
 
         h = 1e-30  # a complex step: the derivative without cancellation
@@ -100,14 +99,14 @@ def test_the_robust_term_takes_what_a_bounded_disturbance_gives() -> None:
     for _ in range(50):
         compiled, u = random_law(rng, delta_rad_s=1e-6)
         compiled.step(u, 0.0)
-        size = np.hypot(*compiled.y[8:10])
+        robust, sc = compiled.y.robust_rad_s2, compiled.x.sc
+        size = np.hypot(*robust)
         assert 4.99 < size <= 5.0, f"|v| {size}"
-        sc = compiled.x[law._SC :][:2]
-        assert sc @ compiled.y[8:10] > 0.99 * 5.0 * np.hypot(*sc), f"{compiled.y[8:10]} on {sc}"
+        assert sc @ robust > 0.99 * 5.0 * np.hypot(*sc), f"{robust} on {sc}"
 
 
 def test_the_first_layer_of_the_critic_allows_a_beta_of_13() -> None:
-    v1 = Compiled({}).weights("v1")
+    v1 = Compiled({}).x.v1
     angles = np.linspace(0.0, 2.0 * np.pi, 181)
     ring = np.array([np.cos(angles), np.sin(angles)])
     least = min((sigma(v1.T @ (size * ring)) ** 2).sum(0).min() for size in np.linspace(0, 8, 81))
@@ -123,23 +122,24 @@ def test_without_beta_the_critic_never_wakes() -> None:
         u = np.append(rng.normal(size=10), 0.0)
         asleep.step(u, 1e-3)
         off.step(u, 1e-3)
-        assert not asleep.y[10:13].any(), f"R, |W1| {asleep.y[10:13]}"
-        assert np.array_equal(asleep.y, off.y), asleep.y - off.y
-    assert asleep.y[13] > 1.0, "the action network learns all the same"
+        assert not asleep.y.critic.any() and asleep.y.norm_w1 == 0.0, asleep.y.critic
+        assert np.array_equal(asleep.y.values(), off.y.values())
+    assert asleep.y.norm_w2 > 1.0, "the action network learns all the same"
 
 
 def test_all_parts_off_leave_the_pd_law() -> None:
     rng = np.random.default_rng(4)
     bare, u = random_law(rng, critic_on=0.0, action_on=0.0, kz=0.0)
-    y = np.zeros(6)
+    y = arm_pd.Outputs(np.zeros(arm_pd.Outputs.size))
     changes = bare.step(u, 1e-3)
-    arm_pd_inertia.step(0.0, 1e-3, bare.p[:6].copy(), np.zeros(0), u[:8].copy(), y)
-    assert np.array_equal(bare.y[:6], y), bare.y[:6] - y
+    arm_pd_inertia.step(0.0, 1e-3, bare.p, np.zeros(0), u, y.values())
+    for name in ("torque_Nm", "e_rad", "r_rad_s"):
+        assert np.array_equal(getattr(bare.y, name), getattr(y, name)), name
     assert not any(change.any() for change in changes.values()), "networks that are off rest"
     r = u[2:4] - u[6:8] + 5.0 * (u[:2] - u[4:6])
     c = float(cos(u[5]))
     tau = np.array([[3.0 + 2.0 * c, 1.0 + c], [1.0 + c, 1.0]]) @ (30.0 * r)
-    assert y[:2] == pytest.approx(tau, rel=1e-13), y[:2] - tau
+    assert y.torque_Nm == pytest.approx(tau, rel=1e-13), y.torque_Nm - tau
 
 
 def test_weights_rest_in_a_cycle_without_a_measurement() -> None:
@@ -153,5 +153,5 @@ def test_the_first_layers_are_drawn_in_the_order_v1_v2() -> None:
     draw = np.random.default_rng(7)
     first, second = draw.uniform(-1, 1, (2, 10)), draw.uniform(-1, 1, (11, 10))
     compiled = Compiled({})
-    assert np.array_equal(compiled.weights("v1"), first)
-    assert np.array_equal(compiled.weights("v2"), second)
+    assert np.array_equal(compiled.x.v1, first)
+    assert np.array_equal(compiled.x.v2, second)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pcpc.executive.laws.block import Port
 from pcpc.executive.laws.controllers.arm import arm_pd, friction_nn
 
 LINKS = (1.1, 1.0, 3.0, 2.3)
@@ -15,52 +14,44 @@ GAINS = {
     "z_bound": 100.0, "s_rate": 10.0, "t_rate": 10.0, "e_rate": 35.0, "kappa": 0.01,
     "v_eps_rad_s": 0.01, "jump_nodes": 1.0, "nodes": 10.0, "network_seed": 1.0,
 }  # fmt: skip
-N, STRIDE = 10, friction_nn.NODES_MAX
+N = 10
 Vector = NDArray[np.float64]
 
 
 class Law:
-    """The law with weights as matrices."""
+    """The law with its state and outputs by name."""
 
     def __init__(self, **settings: float) -> None:
         prepared = friction_nn.prepare({**GAINS, **settings}, 1000.0, 1)
-        self.p = np.array([prepared.parameters[port.name] for port in friction_nn.PARAMETERS])
-        self.x = np.zeros(sum(port.size for port in friction_nn.STATES))
-        self.x[_at("v") : _at("v") + 11 * STRIDE] = prepared.states["v"]
-        self.y = np.zeros(len(friction_nn.OUTPUTS))
-
-    def view(self, name: str, rows: int, columns: int) -> Vector:
-        """Return a weight matrix as a view of the state."""
-        at = _at(name)
-        return self.x[at : at + rows * columns].reshape(rows, columns)
+        self.p = np.array([prepared.parameters[p.name] for p in friction_nn.BLOCK.parameters])
+        self.x = friction_nn.States(np.zeros(friction_nn.States.size))
+        self.x.v.ravel()[:] = prepared.states["v"]
+        self.y = friction_nn.Outputs(np.zeros(friction_nn.Outputs.size))
 
     @property
     def v(self) -> Vector:
         """V (11, 10)."""
-        return self.view("v", 11, STRIDE)[:, :N]
+        return self.x.v[:, :N]
 
     @property
     def w1(self) -> Vector:
         """W1 (11, 2)."""
-        return self.view("w1", STRIDE + 1, 2)[: N + 1]
+        return self.x.w1[: N + 1]
 
     @property
     def w2(self) -> Vector:
         """W2 (4, 2)."""
-        return self.view("w2", 4, 2)
+        return self.x.w2
 
-    def step(self, u: Any, dt: float = 1e-3) -> Vector:
-        """Step with these inputs; return the outputs."""
-        friction_nn.step(0.0, dt, self.p, self.x, np.asarray(u, float), self.y)
-        return self.y
+    def weights(self) -> list[Vector]:
+        """Return copies of all weights."""
+        return [self.x.w1.copy(), self.x.w2.copy(), self.x.v.copy()]
 
-
-def _at(name: str) -> int:
-    return sum(port.size for port in friction_nn.STATES[: _names(friction_nn.STATES).index(name)])
-
-
-def _names(ports: tuple[Port, ...]) -> list[str]:
-    return [port.name for port in ports]
+    def step(self, u: Any, dt: float = 1e-3) -> friction_nn.Outputs:
+        """Step with these inputs; return a copy of the outputs."""
+        u = np.asarray(u, float)
+        friction_nn.step(0.0, dt, self.p, self.x.values(), u, self.y.values())
+        return friction_nn.Outputs(self.y.values().copy())
 
 
 def _inputs(rng: np.random.Generator) -> Vector:
@@ -98,7 +89,7 @@ def test_the_lyapunov_function_falls_as_the_proof_says() -> None:
         f = w1_i.T @ s_i + w2_i.T @ phi + eps
 
         dt = 1e-3
-        tau = law.step(u, dt)[:2].copy()
+        tau = law.step(u, dt).torque_Nm
         dw1, dv, dw2 = (law.w1 - w1) / dt, (law.v - v) / dt, (law.w2 - w2) / dt
         h = LINKS[3] * LINKS[0] * LINKS[1] * np.sin(u[5])
         vm = np.array([[-h * rate[1], -h * (rate[0] + rate[1])], [h * rate[0], 0.0]])
@@ -127,21 +118,21 @@ def test_the_tuning_gain_is_what_a_tick_adds_to_the_network() -> None:
         law.w1[:] = np.outer(rng.normal(size=N + 1), direction)
         u = _inputs(rng)
         u[2:4] = u[6:8] + 5.0 * (u[4:6] - u[0:2]) + direction  # r = direction
-        first = law.step(u, 1e-7).copy()
-        second = law.step(u, 1e-7)
-        added = (second[6:8] - first[6:8]) @ direction
-        assert added == pytest.approx(first[11], rel=1e-4), f"{added:.4e}, said {first[11]:.4e}"
+        first, second = law.step(u, 1e-7), law.step(u, 1e-7)
+        added = (second.network_Nm - first.network_Nm) @ direction
+        said = first.tuning_gain_Nms_rad
+        assert added == pytest.approx(said, rel=1e-4), f"{added:.4e}, said {said:.4e}"
 
 
 def test_weights_rest_without_a_new_measurement() -> None:
     law, u = Law(), _inputs(np.random.default_rng(7))
     u[10] = 1.0
-    before = law.x[: _at("scratch")].copy()
-    first = law.step(u).copy()
-    assert np.array_equal(law.x[: _at("scratch")], before)
+    before = law.weights()
+    first = law.step(u)
+    assert all(map(np.array_equal, law.weights(), before))
     u[10] = 0.0
-    assert np.array_equal(law.step(u)[:9], first[:9]), "the torque is that of the weights before"
-    assert not np.array_equal(law.x[: _at("scratch")], before)
+    assert np.array_equal(law.step(u).torque_Nm, first.torque_Nm), "that of the weights before"
+    assert not any(map(np.array_equal, law.weights(), before))
 
 
 @pytest.mark.parametrize(
@@ -161,8 +152,7 @@ def test_the_jump_nodes_of_every_variant(
     for rate, wanted in cases:
         law = Law(jump_nodes=variant)
         law.step([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, rate, rate, 0.0, 0.0, 0.0])
-        at = _at("scratch") + 11 + 2 * STRIDE + 1
-        assert law.x[at : at + 4] == pytest.approx([*wanted, *wanted], abs=1e-15), f"q' {rate}"
+        assert law.x.phi == pytest.approx([*wanted, *wanted], abs=1e-15), f"q' {rate}"
 
 
 def test_without_jump_nodes_their_weights_stay_zero() -> None:
@@ -177,8 +167,8 @@ def test_projection_keeps_the_own_steps_weight_from_going_negative() -> None:
     for _ in range(200):
         for law in (free, kept):
             law.step([-1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # r = -5
-    assert free.y[9] < -10.0 and free.y[10] < -10.0, free.y[9:11]
-    assert kept.y[9] == 0.0 and kept.y[10] == 0.0, kept.y[9:11]
+    assert (free.y.step_weight_Nm < -10.0).all(), free.y.step_weight_Nm
+    assert not kept.y.step_weight_Nm.any(), kept.y.step_weight_Nm
     assert np.array_equal(free.w2[0, 1], kept.w2[0, 1]), "the other joint's weights are free"
 
 
@@ -186,19 +176,19 @@ def test_a_network_with_no_weights_is_pd_with_the_damping_of_the_robust_term() -
     law = Law()
     law.v[:] = 0.0
     u = _inputs(np.random.default_rng(9))
-    pd = np.zeros(6)
-    arm_pd.step(0.0, 1e-3, law.p[:4], np.zeros(0), u, pd)
-    tau = law.step(u)
-    assert tau[:2] == pytest.approx(pd[:2] * (20.0 + 0.02 * 100.0) / 20.0, rel=1e-14)
-    assert np.array_equal(tau[2:6], pd[2:6]), "errors of both laws"
+    pd = arm_pd.Outputs(np.zeros(arm_pd.Outputs.size))
+    arm_pd.step(0.0, 1e-3, law.p, np.zeros(0), u, pd.values())
+    found = law.step(u)
+    assert found.torque_Nm == pytest.approx(pd.torque_Nm * (20.0 + 0.02 * 100.0) / 20.0, rel=1e-14)
+    assert np.array_equal(found.e_rad, pd.e_rad) and np.array_equal(found.r_rad_s, pd.r_rad_s)
 
 
 @pytest.mark.parametrize("nodes", [1.0, 8.0, 16.0])
 def test_nodes_beyond_those_in_use_are_never_touched(nodes: float) -> None:
     law, rng = Law(nodes=nodes), np.random.default_rng(10)
     drawn = np.random.default_rng(1).uniform(-1.0, 1.0, (11, int(nodes)))
-    assert np.array_equal(law.view("v", 11, STRIDE)[:, : int(nodes)], drawn)
+    assert np.array_equal(law.x.v[:, : int(nodes)], drawn)
     for _ in range(20):
         law.step(_inputs(rng))
-    assert not law.view("v", 11, STRIDE)[:, int(nodes) :].any()
-    assert not law.view("w1", STRIDE + 1, 2)[int(nodes) + 1 :].any()
+    assert not law.x.v[:, int(nodes) :].any()
+    assert not law.x.w1[int(nodes) + 1 :].any()

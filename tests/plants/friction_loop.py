@@ -9,7 +9,7 @@ import yaml
 from numpy.typing import NDArray
 
 from pcpc.executive.laws.block import Block, Port
-from pcpc.executive.laws.controllers.arm import friction_nn
+from pcpc.executive.laws.controllers.arm import friction_nn, network_inputs
 from pcpc.plants.friction_arm import model
 
 Vector = NDArray[np.float64]
@@ -52,9 +52,9 @@ class Loop:
         self.p, self.x = views(model.BLOCK, rate_hz, ARM | mine)
         self.law_p, self.law_x = views(friction_nn.BLOCK, rate_hz, LAW | law)
         self.y = np.zeros(len(model.OUTPUTS))
-        self.law_y = np.zeros(len(friction_nn.OUTPUTS))
-        self.law_u = np.zeros(len(friction_nn.BLOCK.inputs))
-        self.law_u[:2] = 1.0
+        self.law_y = np.zeros(friction_nn.Outputs.size)
+        self.law_u = np.zeros(network_inputs.Inputs.size)
+        network_inputs.Inputs(self.law_u).q_d_rad[:] = 1.0
 
     def run(self, cycles: int) -> Iterator[tuple[float, Vector, Vector]]:
         """Step both; yield after the law's step."""

@@ -18,7 +18,8 @@ itself is a gain, and it is stable only for dt G < Kv, whatever M; a bound of G 
 
     G = S (s's - sum_j s_j s'_j z_j) + E |phi|^2 + T |x|^2 sum_j s'_j^2 |W1_j|^2             (9)
 
-Shapes: x (n_in,), V (n_in, n) with rows of `stride` >= n values, W1 (n + 1, m), W2 (k, m).
+`net` is the law's view of the network: x (n_in,), v (n_in, n), w1 (n + 1, m), w2 (k, m) and, of
+this period, z (n,), s (n + 1,), phi (k,); there may be room for more nodes than the `n` in use.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3: augmented network, tuning laws; (9) is this
 project's, by linearising the sampled loop (Jury's criterion).
 """
@@ -26,7 +27,8 @@ project's, by linearising the sampled loop (Jury's criterion).
 from typing import Any
 
 from pcpc.drivers.jit import inline
-from pcpc.executive.laws.emath import clip, exp, logistic, sqrt, where
+from pcpc.executive.laws.approximators.two_layer import nodes, square_sum
+from pcpc.executive.laws.emath import clip, exp, sqrt, where
 
 
 @inline
@@ -44,85 +46,71 @@ def ramp(v: float, v_eps: float) -> float:
 
 
 @inline
-def hidden(x: Any, n_in: int, n: int, stride: int, v: Any, z: Any, s: Any) -> None:
-    """Write z (1) and s (2); `z` (n,), `s` (n + 1,)."""
-    s[0] = 1.0
-    for j in range(n):
-        total = 0.0
-        for i in range(n_in):
-            total += v[i * stride + j] * x[i]
-        z[j] = total
-        s[j + 1] = logistic(total)
+def hidden(net: Any, n: int) -> None:
+    """Write z (1) and s (2) of x."""
+    net.s[0] = 1.0
+    nodes(net.x, net.v, n, net.z, net.s, 1)
 
 
 @inline
-def output(i: int, m: int, s: Any, n: int, w1: Any, phi: Any, k: int, w2: Any) -> float:
+def output(net: Any, n: int, i: int) -> float:
     """Return fhat_i (3)."""
     y = 0.0
     for j in range(n + 1):
-        y += w1[j * m + i] * s[j]
-    for j in range(k):
-        y += w2[j * m + i] * phi[j]
+        y += net.w1[j, i] * net.s[j]
+    for j in range(len(net.phi)):
+        y += net.w2[j, i] * net.phi[j]
     return y
 
 
 @inline
-def norm(n_in: int, n: int, stride: int, m: int, k: int, v: Any, w1: Any, w2: Any) -> float:
-    """Return the Frobenius norm of all weights."""
-    total = 0.0
-    for i in range(n_in):
-        for j in range(n):
-            total += v[i * stride + j] * v[i * stride + j]
-    for j in range((n + 1) * m):
-        total += w1[j] * w1[j]
-    for j in range(k * m):
-        total += w2[j] * w2[j]
-    return sqrt(total)
+def add_squares(total: float, w: Any, rows: int, columns: int) -> float:
+    """Return `total` plus the squares of the first rows and columns of a matrix, one by one."""
+    for i in range(rows):
+        for j in range(columns):
+            total += w[i, j] * w[i, j]
+    return total
 
 
 @inline
-def tuning_gain(
-    rate_s: float, rate_t: float, rate_e: float,
-    x: Any, n_in: int, n: int, z: Any, s: Any, m: int, w1: Any, phi: Any, k: int,
-) -> float:  # fmt: skip
+def norm(net: Any, n: int) -> float:
+    """Return the Frobenius norm of all weights."""
+    total = add_squares(0.0, net.v, len(net.v), n)
+    total = add_squares(total, net.w1, n + 1, len(net.w1[0]))
+    return sqrt(add_squares(total, net.w2, len(net.w2), len(net.w2[0])))
+
+
+@inline
+def tuning_gain(net: Any, n: int, rate_s: float, rate_t: float, rate_e: float) -> float:
     """Return G (9)."""
-    inputs, jumps = 0.0, 0.0
-    for i in range(n_in):
-        inputs += x[i] * x[i]
-    for j in range(k):
-        jumps += phi[j] * phi[j]
     outer, inner = 1.0, 0.0  # of the threshold, s_0 = 1 and s'_0 = 0
     for j in range(n):
-        slope = s[j + 1] * (1.0 - s[j + 1])
-        outer += s[j + 1] * (s[j + 1] - slope * z[j])
-        for i in range(m):
-            inner += slope * slope * w1[(j + 1) * m + i] * w1[(j + 1) * m + i]
-    return rate_s * outer + rate_e * jumps + rate_t * inputs * inner
+        s, w = net.s[j + 1], net.w1[j + 1]
+        slope = s * (1.0 - s)
+        outer += s * (s - slope * net.z[j])
+        for i in range(len(w)):
+            inner += slope * slope * w[i] * w[i]
+    return rate_s * outer + rate_e * square_sum(net.phi, 0) + rate_t * square_sum(net.x, 0) * inner
 
 
 @inline
-def tune(
-    r: Any, m: int, leak: float, ds: float, dt: float, de: float,
-    x: Any, n_in: int, n: int, stride: int, z: Any, s: Any, phi: Any, k: int,
-    v: Any, w1: Any, w2: Any,
-) -> None:  # fmt: skip
+def tune(net: Any, n: int, r: Any, leak: float, ds: float, dt: float, de: float) -> None:
     """One Euler step of (6) to (8) in place.
 
     `leak` = kappa |r|; `ds`, `dt`, `de` are S, T, E times the period.
     """
+    x, phi, v, w1, w2 = net.x, net.phi, net.v, net.w1, net.w2
     for j in range(n):
-        slope = s[j + 1] * (1.0 - s[j + 1])
+        s = net.s[j + 1]
+        slope = s * (1.0 - s)
         back = 0.0
-        for i in range(m):
-            back += w1[(j + 1) * m + i] * r[i]
-        for i in range(n_in):
-            at = i * stride + j
-            v[at] += dt * (x[i] * slope * back - leak * v[at])  # (7), W1 still old
-        for i in range(m):
-            at = (j + 1) * m + i
-            w1[at] += ds * ((s[j + 1] - slope * z[j]) * r[i] - leak * w1[at])  # (6)
-    for i in range(m):
-        w1[i] += ds * (r[i] - leak * w1[i])
-        for j in range(k):
-            at = j * m + i
-            w2[at] += de * (phi[j] * r[i] - leak * w2[at])  # (8)
+        for i in range(len(r)):
+            back += w1[j + 1, i] * r[i]
+        for i in range(len(x)):
+            v[i, j] += dt * (x[i] * slope * back - leak * v[i, j])  # (7), W1 still old
+        for i in range(len(r)):
+            w1[j + 1, i] += ds * ((s - slope * net.z[j]) * r[i] - leak * w1[j + 1, i])  # (6)
+    for i in range(len(r)):
+        w1[0, i] += ds * (r[i] - leak * w1[0, i])  # (6) of the threshold
+        for j in range(len(phi)):
+            w2[j, i] += de * (phi[j] * r[i] - leak * w2[j, i])  # (8)

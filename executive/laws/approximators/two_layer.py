@@ -37,15 +37,24 @@ def jump_pair(v: float, v_s: float, phi: Any, at: int) -> None:
 
 
 @inline
-def hidden(x: Any, v: Any, a: Any, phi: Any) -> None:
-    """Write a (1), phi[0] = 1, phi[1..n] (2). `x` (n_in,), `v` (n_in, n), `a` (n,)."""
-    phi[0] = 1.0
-    for j in range(len(a)):
+def nodes(x: Any, v: Any, n: int, a: Any, s: Any, first: int) -> None:
+    """Write a (1) of the first `n` nodes, and s (2) to s[first..]; `x` (n_in,), `v` (n_in, >= n).
+
+    `a` may be `s` itself where `first` is 0.
+    """
+    for j in range(n):
         total = 0.0
         for i in range(len(x)):
             total += v[i, j] * x[i]
         a[j] = total
-        phi[j + 1] = logistic(total)
+        s[first + j] = logistic(total)
+
+
+@inline
+def hidden(x: Any, v: Any, a: Any, phi: Any) -> None:
+    """Write a (1), phi[0] = 1, phi[1..n] (2). `x` (n_in,), `v` (n_in, n), `a` (n,)."""
+    phi[0] = 1.0
+    nodes(x, v, len(a), a, phi, 1)
 
 
 @inline

@@ -4,7 +4,7 @@
     s1 = sigma(V1'r),  D1 = diag(s1 (1 - s1))            critic, 10 nodes, no bias           (1)
     R  = W1's1 + rho                                     critic signal                       (2)
     sc = r + V1 D1 W1 R                                  performance and critic              (3)
-    s2 = sigma(V2'[1; e; e'; q_d; q_d'; q_d''])          action, 10 nodes                    (4)
+    s2 = sigma(V2'[1; e; e'; q_d; q_d'; q_d''])          action, 10 nodes, network_inputs.py (4)
     ghat = W2's2                                                                             (5)
     v  = -kz sc/(|sc| + delta)                           robust term                         (6)
     tau = Mhat(q) (ghat + Kv r - v)                                                          (7)
@@ -34,75 +34,61 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
-from pcpc.executive.laws.controllers.arm import arm_pd
-from pcpc.executive.laws.controllers.arm.arm_pd_inertia import GAINS, KV, errors, torques
-from pcpc.executive.laws.emath import logistic, sqrt, where
+from pcpc.executive.laws.approximators.two_layer import nodes, square_sum, square_sum_of_rows
+from pcpc.executive.laws.block import Block, Ports, Prepared, inline, port, stage
+from pcpc.executive.laws.controllers.arm import arm_pd, arm_pd_inertia, network_inputs
+from pcpc.executive.laws.controllers.arm.arm_pd import JOINTS
+from pcpc.executive.laws.controllers.arm.network_inputs import Inputs
+from pcpc.executive.laws.emath import sqrt
 
-JOINTS = 2
-NODES = 10
-INPUTS = 1 + 5 * JOINTS
-
-PARAMETERS = (
-    *GAINS,
-    Port("action_on", "", "0 switches the action network off", 1.0, 0.0, 1.0),
-    Port("critic_on", "", "0 switches the critic off", 1.0, 0.0, 1.0),
-    Port("gam", "", "Gam, tuning rate of W2", None, 0.0, 1e5),
-    Port("kap1", "", "leak of W1", None, 0.0, 1e3),
-    Port("kap2", "", "leak of W2, times Gam", None, 0.0, 1e3),
-    Port("alpha", "", "of (9); the proof wants kap1", None, 0.0, 1e3),
-    Port("beta", "", "drives the critic", None, 0.0, 1e3),
-    Port("kz", "", "robust term; 0 leaves it out", None, 0.0, 1e4),
-    Port("delta_rad_s", "rad/s", "smooths its unit vector", None, 1e-6, 1e3),
-)
-SETTINGS = (
-    *PARAMETERS,
-    Port("network_seed", "", "draws V1 and V2", 7.0, 0.0, 2.0**31),
-    Port("v2_size", "", "half width of V2's draw; 0: ghat only integrates", 1.0, 0.0, 10.0),
-)
-STATES = (
-    Port("v1", "", "V1 (2, 10), row by row", size=JOINTS * NODES, recorded=False),
-    Port("v2", "", "V2 (11, 10), row by row", size=INPUTS * NODES, recorded=False),
-    Port("w1", "", "W1 (10, 2), row by row", size=NODES * JOINTS, recorded=False),
-    Port("w2", "", "W2 (10, 2), row by row", size=NODES * JOINTS, recorded=False),
-    Port("rho", "", "rho", size=JOINTS, recorded=False),
-    Port("scratch", "", "V1'r, s1, s2, R, sc, x", size=3 * NODES + 4 + INPUTS, recorded=False),
-)
-OUTPUTS = (
-    *arm_pd.OUTPUTS,
-    Port("learned_1_rad_s2", "rad/s2", "ghat (5) of joint 1"),
-    Port("learned_2_rad_s2", "rad/s2", "ghat (5) of joint 2"),
-    Port("robust_1_rad_s2", "rad/s2", "-v (6) of joint 1"),
-    Port("robust_2_rad_s2", "rad/s2", "-v (6) of joint 2"),
-    Port("critic_1", "", "R (2) of joint 1"),
-    Port("critic_2", "", "R (2) of joint 2"),
-    Port("norm_w1", "", "Frobenius norm of W1"),
-    Port("norm_w2", "", "Frobenius norm of W2"),
-    Port("norm_rho", "", "|rho|"),
-)
-(ACTION_ON, CRITIC_ON, GAM, KAP1, KAP2, ALPHA, BETA, KZ, DELTA) = range(len(GAINS), len(PARAMETERS))
-_V1, _V2 = 0, JOINTS * NODES
-_W1 = _V2 + INPUTS * NODES
-_W2 = _W1 + NODES * JOINTS
-_RHO = _W2 + NODES * JOINTS
-_Z1 = _RHO + JOINTS
-_S1, _S2 = _Z1 + NODES, _Z1 + 2 * NODES
-_R = _S2 + NODES
-_SC, _XI = _R + JOINTS, _R + 2 * JOINTS
-ERRORS = 4  # r in the outputs
+INPUTS, NODES = network_inputs.SIZE, 10
 
 
-@inline
-def nodes(xi: Any, n_in: int, v: Any, z: Any, s: Any) -> None:
-    """Write z = V'x and s = sigma(z), which may be one view; `xi` (n_in,), `v` (n_in, NODES)."""
-    for j in range(NODES):
-        total = 0.0
-        for i in range(n_in):
-            total += v[i * NODES + j] * xi[i]
-        z[j] = total
-        s[j] = logistic(total)
+class Parameters(arm_pd_inertia.Gains):
+    """Those of the PD law, of both networks and of the robust term."""
+
+    action_on = port("", "0 switches the action network off", 1.0, 0.0, 1.0)
+    critic_on = port("", "0 switches the critic off", 1.0, 0.0, 1.0)
+    gam = port("", "Gam, tuning rate of W2", None, 0.0, 1e5)
+    kap1 = port("", "leak of W1", None, 0.0, 1e3)
+    kap2 = port("", "leak of W2, times Gam", None, 0.0, 1e3)
+    alpha = port("", "of (9); the proof wants kap1", None, 0.0, 1e3)
+    beta = port("", "drives the critic", None, 0.0, 1e3)
+    kz = port("", "robust term; 0 leaves it out", None, 0.0, 1e4)
+    delta_rad_s = port("rad/s", "smooths its unit vector", None, 1e-6, 1e3)
+
+
+class Settings(Parameters):
+    """The parameters, and what draws the first layers."""
+
+    network_seed = port("", "draws V1 and V2", 7.0, 0.0, 2.0**31)
+    v2_size = port("", "half width of V2's draw; 0: ghat only integrates", 1.0, 0.0, 10.0)
+
+
+class States(Ports):
+    """The weights, and the vectors of this period."""
+
+    v1 = port("", "V1 (2, 10)", shape=(JOINTS, NODES), recorded=False)
+    v2 = port("", "V2 (11, 10)", shape=(INPUTS, NODES), recorded=False)
+    w1 = port("", "W1 (10, 2)", shape=(NODES, JOINTS), recorded=False)
+    w2 = port("", "W2 (10, 2)", shape=(NODES, JOINTS), recorded=False)
+    rho = port("", "rho", shape=JOINTS, recorded=False)
+    z1 = port("", "V1'r", shape=NODES, recorded=False)
+    s1 = port("", "nodes of the critic (1)", shape=NODES, recorded=False)
+    x = port("", "inputs of the action network", shape=INPUTS, recorded=False)
+    s2 = port("", "nodes of the action network (4)", shape=NODES, recorded=False)
+    sc = port("", "sc (3)", shape=JOINTS, recorded=False)
+
+
+class Outputs(arm_pd.Outputs):
+    """Those of the PD law, and what both networks and the robust term add."""
+
+    learned_rad_s2 = port("rad/s2", "ghat (5) of joint #", shape=2, named="learned_#_rad_s2")
+    robust_rad_s2 = port("rad/s2", "-v (6) of joint #", shape=2, named="robust_#_rad_s2")
+    critic = port("", "R (2) of joint #", shape=2, named="critic_#")
+    norm_w1 = port("", "Frobenius norm of W1")
+    norm_w2 = port("", "Frobenius norm of W2")
+    norm_rho = port("", "|rho|")
 
 
 @inline
@@ -110,101 +96,83 @@ def read_out(w: Any, s: Any, i: int) -> float:
     """Return entry i of W's."""
     total = 0.0
     for j in range(NODES):
-        total += w[j * JOINTS + i] * s[j]
+        total += w[j, i] * s[j]
     return total
 
 
 @inline
-def norm(w: Any, n: int) -> float:
-    """Return the root of the sum of squares of w[0..n-1]."""
-    total = 0.0
-    for j in range(n):
-        total += w[j] * w[j]
-    return sqrt(total)
-
-
-@inline
-def blame(r: Any, v1: Any, w1: Any, s1: Any, signal: Any, sc: Any) -> None:
-    """Write sc (3)."""
+def criticise(p: Any, x: Any, y: Any) -> None:
+    """Write s1 (1), R (2) and sc (3)."""
+    nodes(y.r_rad_s, x.v1, NODES, x.z1, x.s1, 0)  # (1)
     for i in range(JOINTS):
-        sc[i] = r[i]
+        y.critic[i] = 0.0
+        if p.critic_on > 0.5:
+            y.critic[i] = read_out(x.w1, x.s1, i) + x.rho[i]  # (2)
+        x.sc[i] = y.r_rad_s[i]
     for j in range(NODES):
-        back = w1[j * JOINTS] * signal[0] + w1[j * JOINTS + 1] * signal[1]
-        back = s1[j] * (1.0 - s1[j]) * back
+        back = x.w1[j, 0] * y.critic[0] + x.w1[j, 1] * y.critic[1]
+        back = x.s1[j] * (1.0 - x.s1[j]) * back
         for i in range(JOINTS):
-            sc[i] += v1[i * NODES + j] * back
+            x.sc[i] += x.v1[i, j] * back  # (3)
 
 
 @inline
-def tune_critic(
-    dt: float, p: Any, r: Any, z1: Any, s1: Any, signal: Any, w1: Any, rho: Any
-) -> None:
+def act(p: Any, x: Any, u: Any, y: Any) -> None:
+    """Write ghat (4) (5) and -v (6)."""
+    network_inputs.observe(u, x.x)
+    nodes(x.x, x.v2, NODES, x.s2, x.s2, 0)  # (4)
+    size = sqrt(square_sum(x.sc, 0)) + p.delta_rad_s
+    for i in range(JOINTS):
+        y.learned_rad_s2[i] = 0.0
+        if p.action_on > 0.5:
+            y.learned_rad_s2[i] = read_out(x.w2, x.s2, i)  # (5)
+        y.robust_rad_s2[i] = p.kz * x.sc[i] / size  # (6)
+
+
+@inline
+def wanted(i: int, p: Any, y: Any) -> float:
+    """Return the acceleration that (7) wants of joint i, rad/s2."""
+    return y.learned_rad_s2[i] + p.kv_per_s * y.r_rad_s[i] + y.robust_rad_s2[i]
+
+
+@inline
+def tune_critic(dt: float, p: Any, x: Any, y: Any) -> None:
     """One Euler step of (9), then of (8), which does not use rho."""
     for i in range(JOINTS):
-        rate = p[BETA] * r[i]
+        rate = p.beta * y.r_rad_s[i]
         for j in range(NODES):
-            slope = s1[j] * (1.0 - s1[j])
-            rate += w1[j * JOINTS + i] * (slope * p[KV] * z1[j] + p[ALPHA] * s1[j])
-        rho[i] += dt * rate  # (9)
+            slope = x.s1[j] * (1.0 - x.s1[j])
+            rate += x.w1[j, i] * (slope * p.kv_per_s * x.z1[j] + p.alpha * x.s1[j])
+        x.rho[i] += dt * rate  # (9)
     for j in range(NODES):
         for i in range(JOINTS):
-            k = j * JOINTS + i
-            w1[k] += dt * (-s1[j] * signal[i] - p[KAP1] * w1[k])  # (8)
+            x.w1[j, i] += dt * (-x.s1[j] * y.critic[i] - p.kap1 * x.w1[j, i])  # (8)
 
 
 @inline
-def tune_action(dt: float, p: Any, s2: Any, sc: Any, w2: Any) -> None:
+def tune_action(dt: float, p: Any, x: Any) -> None:
     """One Euler step of (10)."""
     for j in range(NODES):
         for i in range(JOINTS):
-            k = j * JOINTS + i
-            w2[k] += dt * p[GAM] * (s2[j] * sc[i] - p[KAP2] * w2[k])
-
-
-@inline
-def action_inputs(u: Any, xi: Any) -> None:
-    """Write the input vector of (4)."""
-    xi[0] = 1.0
-    for i in range(JOINTS):
-        xi[1 + i] = u[i] - u[4 + i]
-        xi[3 + i] = u[2 + i] - u[6 + i]
-        xi[5 + i] = u[i]
-        xi[7 + i] = u[2 + i]
-        xi[9 + i] = u[8 + i]
+            x.w2[j, i] += dt * p.gam * (x.s2[j] * x.sc[i] - p.kap2 * x.w2[j, i])
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    v1, v2, w1, w2, rho = tail(x, _V1), tail(x, _V2), tail(x, _W1), tail(x, _W2), tail(x, _RHO)
-    z1, s1, s2, xi = tail(x, _Z1), tail(x, _S1), tail(x, _S2), tail(x, _XI)
-    signal, sc, r = tail(x, _R), tail(x, _SC), tail(y, ERRORS)
-    errors(p, u, y)
-    nodes(r, JOINTS, v1, z1, s1)  # (1)
-    action_inputs(u, xi)
-    nodes(xi, INPUTS, v2, s2, s2)  # (4)
-    for i in range(JOINTS):
-        signal[i] = 0.0
-        if p[CRITIC_ON] > 0.5:
-            signal[i] = read_out(w1, s1, i) + rho[i]  # (2)
-    blame(r, v1, w1, s1, signal, sc)
-    size = norm(sc, JOINTS) + p[DELTA]
-    for i in range(JOINTS):
-        y[6 + i] = 0.0
-        if p[ACTION_ON] > 0.5:
-            y[6 + i] = read_out(w2, s2, i)  # (5)
-        y[8 + i] = p[KZ] * sc[i] / size  # (6)
-        y[10 + i] = signal[i]
-    torques(p, u[5], y[6] + p[KV] * r[0] + y[8], y[7] + p[KV] * r[1] + y[9], y)  # (7)
-    y[12] = norm(w1, NODES * JOINTS)
-    y[13] = norm(w2, NODES * JOINTS)
-    y[14] = norm(rho, JOINTS)
+    arm_pd_inertia.errors(p, u, y)
+    criticise(p, x, y)
+    act(p, x, u, y)
+    arm_pd_inertia.torques(p, u.q_rad, wanted(0, p, y), wanted(1, p, y), y.torque_Nm)  # (7)
+    y.norm_w1 = sqrt(square_sum_of_rows(x.w1))
+    y.norm_w2 = sqrt(square_sum_of_rows(x.w2))
+    y.norm_rho = sqrt(square_sum(x.rho, 0))
 
-    rate = where(u[10] > 0.0, 0.0, dt)
-    if p[CRITIC_ON] > 0.5:
-        tune_critic(rate, p, r, z1, s1, signal, w1, rho)
-    if p[ACTION_ON] > 0.5:
-        tune_action(rate, p, s2, sc, w2)
+    rate = network_inputs.tuned_s(dt, u)
+    if p.critic_on > 0.5:
+        tune_critic(rate, p, x, y)
+    if p.action_on > 0.5:
+        tune_action(rate, p, x)
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -212,21 +180,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     draw = np.random.default_rng(int(settings["network_seed"])).uniform
     v1 = draw(-1.0, 1.0, (JOINTS, NODES))
     v2 = settings["v2_size"] * draw(-1.0, 1.0, (INPUTS, NODES))
-    own = {port.name: settings[port.name] for port in PARAMETERS}
-    return Prepared(own, {"v1": v1.ravel().tolist(), "v2": v2.ravel().tolist()})
+    return Prepared(settings, {"v1": v1.ravel().tolist(), "v2": v2.ravel().tolist()})
 
 
-BLOCK = Block(
-    step,
-    inputs=(
-        *arm_pd.INPUTS,
-        Port("q_d_acc_1_rad_s2", "rad/s2", "desired acceleration of joint 1"),
-        Port("q_d_acc_2_rad_s2", "rad/s2", "desired acceleration of joint 2"),
-        Port("missing_cycles", "", "cycles since the last measurement; 0 if it is new"),
-    ),
-    outputs=OUTPUTS,
-    settings=SETTINGS,
-    parameters=PARAMETERS,
-    states=STATES,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -10,43 +10,48 @@ rad/s, N m; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002),
 
 from typing import Any
 
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
 
-GAINS = (
-    Port("kv_1_Nms_rad", "N m s/rad", "Kv of joint 1", None, 0.0, 1e5),
-    Port("kv_2_Nms_rad", "N m s/rad", "Kv of joint 2", None, 0.0, 1e5),
-    Port("lam_1_per_s", "1/s", "Lam of joint 1", None, 0.0, 1e3),
-    Port("lam_2_per_s", "1/s", "Lam of joint 2", None, 0.0, 1e3),
-)
-INPUTS = (
-    Port("q_d_1_rad", "rad", "desired angle of joint 1"),
-    Port("q_d_2_rad", "rad", "desired angle of joint 2"),
-    Port("q_d_rate_1_rad_s", "rad/s", "its rate"),
-    Port("q_d_rate_2_rad_s", "rad/s", "its rate"),
-    Port("q_1_rad", "rad", "measured angle of joint 1"),
-    Port("q_2_rad", "rad", "measured angle of joint 2"),
-    Port("rate_1_rad_s", "rad/s", "measured rate of joint 1"),
-    Port("rate_2_rad_s", "rad/s", "measured rate of joint 2"),
-)
-OUTPUTS = (
-    Port("torque_1_Nm", "N m", "torque of joint 1"),
-    Port("torque_2_Nm", "N m", "torque of joint 2"),
-    Port("e_1_rad", "rad", "error of joint 1, measured"),
-    Port("e_2_rad", "rad", "error of joint 2, measured"),
-    Port("r_1_rad_s", "rad/s", "filtered error of joint 1"),
-    Port("r_2_rad_s", "rad/s", "filtered error of joint 2"),
-)
+JOINTS = 2
+
+
+class Gains(Ports):
+    """Kv and Lam of both joints."""
+
+    kv_Nms_rad = port("N m s/rad", "Kv of joint #", None, 0.0, 1e5, shape=2, named="kv_#_Nms_rad")
+    lam_per_s = port("1/s", "Lam of joint #", None, 0.0, 1e3, shape=2, named="lam_#_per_s")
+
+
+class Inputs(Ports):
+    """The reference and the measured motion."""
+
+    q_d_rad = port("rad", "desired angle of joint #", shape=2, named="q_d_#_rad")
+    q_d_rate_rad_s = port("rad/s", "its rate", shape=2, named="q_d_rate_#_rad_s")
+    q_rad = port("rad", "measured angle of joint #", shape=2, named="q_#_rad")
+    rate_rad_s = port("rad/s", "measured rate of joint #", shape=2, named="rate_#_rad_s")
+
+
+class Outputs(Ports):
+    """The command and what led to it."""
+
+    torque_Nm = port("N m", "torque of joint #", shape=2, named="torque_#_Nm")
+    e_rad = port("rad", "error of joint #, measured", shape=2, named="e_#_rad")
+    r_rad_s = port("rad/s", "filtered error of joint #", shape=2, named="r_#_rad_s")
+
+
+@inline
+def errors(i: int, lam: float, u: Any, y: Any) -> None:
+    """Write e and r of joint i: (1) (2)."""
+    y.e_rad[i] = u.q_d_rad[i] - u.q_rad[i]
+    y.r_rad_s[i] = u.q_d_rate_rad_s[i] - u.rate_rad_s[i] + lam * y.e_rad[i]
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Gains, x: Nothing, u: Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    for i in range(2):
-        e = u[i] - u[4 + i]  # (1)
-        r = u[2 + i] - u[6 + i] + p[2 + i] * e  # (2)
-        y[i] = p[i] * r  # (3)
-        y[2 + i] = e
-        y[4 + i] = r
+    for i in range(JOINTS):
+        errors(i, p.lam_per_s[i], u, y)
+        y.torque_Nm[i] = p.kv_Nms_rad[i] * y.r_rad_s[i]  # (3)
 
 
-BLOCK = Block(step, inputs=INPUTS, outputs=OUTPUTS, settings=GAINS)
+BLOCK = Block(step)

@@ -1,6 +1,6 @@
 """PD law of `arm_pd.py` with the augmented network of `augmented.py`, which learns the friction.
 
-    x    = [1, e1, e2, e1', e2', q_d1, q_d2, q_d1', q_d2', q_d1'', q_d2'']                   (1)
+    x    = [1, e1, e2, e1', e2', q_d1, q_d2, q_d1', q_d2', q_d1'', q_d2'']   network_inputs.py (1)
     phi  = [phi_0(q1'), phi_1(q1'), phi_0(q2'), phi_1(q2')],  q' = q_d' - e'                 (2)
     fhat = W1's(V'x) + W2'phi                                                                (3)
     tau  = Kv r + fhat + Kz (|Z| + Z_B) r,  Z = blkdiag(W1, W2, V)                           (4)
@@ -28,8 +28,6 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
 from pcpc.executive.laws.approximators.augmented import (
     hidden,
     norm,
@@ -39,119 +37,104 @@ from pcpc.executive.laws.approximators.augmented import (
     tune,
     tuning_gain,
 )
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
-from pcpc.executive.laws.controllers.arm import arm_pd
+from pcpc.executive.laws.approximators.two_layer import square_sum
+from pcpc.executive.laws.block import Block, Ports, Prepared, inline, port, stage
+from pcpc.executive.laws.controllers.arm import arm_pd, network_inputs
+from pcpc.executive.laws.controllers.arm.arm_pd import JOINTS
+from pcpc.executive.laws.controllers.arm.network_inputs import Inputs
 from pcpc.executive.laws.emath import sqrt, where
 
-JOINTS = 2
-INPUTS = 11
-NODES_MAX = 16
-JUMPS = 4
+INPUTS, NODES_MAX, JUMPS = network_inputs.SIZE, 16, 2 * JOINTS
 STANDARD, STEP, RAMP, PROJECT, CONST = 0.0, 1.0, 2.0, 3.0, 4.0
 
-PARAMETERS = (
-    *arm_pd.GAINS,
-    Port("kz", "", "Kz, robust term", None, 0.0, 100.0),
-    Port("z_bound", "", "Z_B, bound of the ideal weights", None, 0.0, 1e6),
-    Port("s_rate", "", "S, tuning rate of W1", None, 0.0, 1e4),
-    Port("t_rate", "", "T, tuning rate of V", None, 0.0, 1e4),
-    Port("e_rate", "", "E, tuning rate of W2", None, 0.0, 1e4),
-    Port("kappa", "", "e-modification", None, 0.0, 10.0),
-    Port("v_eps_rad_s", "rad/s", "half width of the ramp", 0.01, 1e-6, 10.0),
-    Port("jump_nodes", "", "0 none, 1 step, 2 ramp, 3 project, 4 const", None, 0.0, 4.0),
-    Port("nodes", "", "hidden nodes L, whole", 10.0, 1.0, float(NODES_MAX)),
-)
-SETTINGS = (*PARAMETERS, Port("network_seed", "", "draws V", 1.0, 0.0, 2.0**31))
-STATES = (
-    Port("w1", "N m", "W1 (L + 1, 2)", size=(NODES_MAX + 1) * JOINTS, recorded=False),
-    Port("w2", "N m", "W2 (4, 2)", size=JUMPS * JOINTS, recorded=False),
-    Port("v", "", "V (11, L), rows of 16", size=INPUTS * NODES_MAX, recorded=False),
-    Port("scratch", "", "x, z, s, phi, r", size=INPUTS + 2 * NODES_MAX + 7, recorded=False),
-)
-OUTPUTS = (
-    *arm_pd.OUTPUTS,
-    Port("network_1_Nm", "N m", "network torque (3) of joint 1"),
-    Port("network_2_Nm", "N m", "network torque (3) of joint 2"),
-    Port("norm_z", "", "Frobenius norm of all weights"),
-    Port("step_weight_1_Nm", "N m", "weight of phi_0(q1') on joint 1; ideally twice its friction"),
-    Port("step_weight_2_Nm", "N m", "weight of phi_0(q2') on joint 2"),
-    Port("tuning_gain_Nms_rad", "N m s/rad", "dt G, gain of the tuning; unstable beyond Kv"),
-)
-(KZ, Z_BOUND, S, T, E, KAPPA, V_EPS, JUMP_NODES, NODES) = range(4, 13)
-_W1, _W2 = 0, (NODES_MAX + 1) * JOINTS
-_V = _W2 + JUMPS * JOINTS
-_X = _V + INPUTS * NODES_MAX
-_Z = _X + INPUTS
-_S = _Z + NODES_MAX
-_PHI = _S + NODES_MAX + 1
-_R = _PHI + JUMPS
-OWN_STEP = (_W2, _W2 + 2 * JOINTS + 1)  # phi_0(q1') on joint 1, phi_0(q2') on joint 2
+
+class Parameters(arm_pd.Gains):
+    """Those of the PD law, the robust term and the network's."""
+
+    kz = port("", "Kz, robust term", None, 0.0, 100.0)
+    z_bound = port("", "Z_B, bound of the ideal weights", None, 0.0, 1e6)
+    s_rate = port("", "S, tuning rate of W1", None, 0.0, 1e4)
+    t_rate = port("", "T, tuning rate of V", None, 0.0, 1e4)
+    e_rate = port("", "E, tuning rate of W2", None, 0.0, 1e4)
+    kappa = port("", "e-modification", None, 0.0, 10.0)
+    v_eps_rad_s = port("rad/s", "half width of the ramp", 0.01, 1e-6, 10.0)
+    jump_nodes = port("", "0 none, 1 step, 2 ramp, 3 project, 4 const", None, 0.0, 4.0)
+    nodes = port("", "hidden nodes L, whole", 10.0, 1.0, float(NODES_MAX))
+
+
+class Settings(Parameters):
+    """The parameters, and what draws the first layer."""
+
+    network_seed = port("", "draws V", 1.0, 0.0, 2.0**31)
+
+
+class States(Ports):
+    """The network: weights, with room for 16 nodes, and the vectors of this period."""
+
+    w1 = port("N m", "W1 (L + 1, 2)", shape=(NODES_MAX + 1, JOINTS), recorded=False)
+    w2 = port("N m", "W2 (4, 2)", shape=(JUMPS, JOINTS), recorded=False)
+    v = port("", "V (11, L)", shape=(INPUTS, NODES_MAX), recorded=False)
+    x = port("", "inputs (1)", shape=INPUTS, recorded=False)
+    z = port("", "inputs V'x of the nodes", shape=NODES_MAX, recorded=False)
+    s = port("", "threshold and nodes", shape=NODES_MAX + 1, recorded=False)
+    phi = port("", "jump nodes (2), a joint after the other", shape=JUMPS, recorded=False)
+
+
+class Outputs(arm_pd.Outputs):
+    """Those of the PD law, and the network's."""
+
+    network_Nm = port("N m", "network torque (3) of joint #", shape=JOINTS, named="network_#_Nm")
+    norm_z = port("", "Frobenius norm of all weights")
+    step_weight_Nm = port(
+        "N m", "weight of phi_0(q#') on joint #; ideally twice its friction",
+        shape=JOINTS, named="step_weight_#_Nm",
+    )  # fmt: skip
+    tuning_gain_Nms_rad = port("N m s/rad", "dt G, gain of the tuning; unstable beyond Kv")
 
 
 @inline
-def errors(p: Any, u: Any, xi: Any, r: Any) -> None:
-    """Write x (1) and the filtered error; `u` as INPUTS of BLOCK."""
-    xi[0] = 1.0
+def jumps(rate: Any, v_eps: float, variant: float, phi: Any) -> None:
+    """Write phi (2) of the `variant` (6); `rate` of both joints."""
     for i in range(JOINTS):
-        e = u[i] - u[4 + i]
-        e_rate = u[2 + i] - u[6 + i]
-        xi[1 + i] = e
-        xi[3 + i] = e_rate
-        xi[5 + i] = u[i]
-        xi[7 + i] = u[2 + i]
-        xi[9 + i] = u[8 + i]
-        r[i] = e_rate + p[2 + i] * e
-
-
-@inline
-def jumps(rate_1: float, rate_2: float, v_eps: float, variant: float, phi: Any) -> None:
-    """Write phi (2) of the `variant` (6)."""
-    step_pair(rate_1, phi, 0)
-    step_pair(rate_2, phi, 2)
-    if variant == RAMP:
-        phi[0] = ramp(rate_1, v_eps)
-        phi[2] = ramp(rate_2, v_eps)
-    if variant == STANDARD:
-        for i in range(JUMPS):
-            phi[i] = 0.0
-    if variant == CONST:
-        for i in range(JOINTS):
+        step_pair(rate[i], phi, 2 * i)
+        if variant == RAMP:
+            phi[2 * i] = ramp(rate[i], v_eps)
+        if variant == STANDARD:
+            phi[2 * i] = 0.0
+            phi[2 * i + 1] = 0.0
+        if variant == CONST:
             phi[2 * i] = 1.0
             phi[2 * i + 1] = 0.0
 
 
-@stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
-    """One control period; see the module header."""
-    n = int(p[NODES])
-    w1, w2, v = tail(x, _W1), tail(x, _W2), tail(x, _V)
-    xi, z, s, phi, r = tail(x, _X), tail(x, _Z), tail(x, _S), tail(x, _PHI), tail(x, _R)
-    errors(p, u, xi, r)
-    hidden(xi, INPUTS, n, NODES_MAX, v, z, s)
-    jumps(u[6], u[7], p[V_EPS], p[JUMP_NODES], phi)
-    size = norm(INPUTS, n, NODES_MAX, JOINTS, JUMPS, v, w1, w2)
+@inline
+def learn(dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+    """Tune (5), and show the weights of the own steps."""
+    rate = network_inputs.tuned_s(dt, u)
+    leak = p.kappa * sqrt(square_sum(y.r_rad_s, 0))
+    tune(x, int(p.nodes), y.r_rad_s, leak, rate * p.s_rate, rate * p.t_rate, rate * p.e_rate)
     for i in range(JOINTS):
-        learned = output(i, JOINTS, s, n, w1, phi, JUMPS, w2)  # (3)
-        y[i] = p[i] * r[i] + learned + p[KZ] * (size + p[Z_BOUND]) * r[i]  # (4)
-        y[2 + i] = xi[1 + i]
-        y[4 + i] = r[i]
-        y[6 + i] = learned
-    y[8] = size
-    y[11] = dt * tuning_gain(
-        p[S], p[T], p[E], xi, INPUTS, n, z, s, JOINTS, w1, phi, JUMPS
-    )  # fmt: skip
+        own = x.w2[2 * i, i]
+        if p.jump_nodes == PROJECT:
+            x.w2[2 * i, i] = where(own < 0.0, 0.0, own)
+        y.step_weight_Nm[i] = x.w2[2 * i, i]
 
-    rate = where(u[10] > 0.0, 0.0, dt)
-    leak = p[KAPPA] * sqrt(r[0] * r[0] + r[1] * r[1])
-    tune(
-        r, JOINTS, leak, rate * p[S], rate * p[T], rate * p[E],
-        xi, INPUTS, n, NODES_MAX, z, s, phi, JUMPS, v, w1, w2,
-    )  # fmt: skip  # (5)
+
+@stage
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+    """One control period; see the module header."""
+    n = int(p.nodes)
+    network_inputs.observe(u, x.x)  # (1)
+    hidden(x, n)
+    jumps(u.rate_rad_s, p.v_eps_rad_s, p.jump_nodes, x.phi)  # (2)
+    y.norm_z = norm(x, n)
     for i in range(JOINTS):
-        own = x[OWN_STEP[i]]
-        if p[JUMP_NODES] == PROJECT:
-            x[OWN_STEP[i]] = where(own < 0.0, 0.0, own)
-        y[9 + i] = x[OWN_STEP[i]]
+        arm_pd.errors(i, p.lam_per_s[i], u, y)
+        r, learned = y.r_rad_s[i], output(x, n, i)  # (3)
+        y.network_Nm[i] = learned
+        y.torque_Nm[i] = p.kv_Nms_rad[i] * r + learned + p.kz * (y.norm_z + p.z_bound) * r  # (4)
+    y.tuning_gain_Nms_rad = dt * tuning_gain(x, n, p.s_rate, p.t_rate, p.e_rate)
+    learn(dt, p, x, u, y)
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -160,21 +143,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     v = np.zeros((INPUTS, NODES_MAX))
     draw = np.random.default_rng(int(settings["network_seed"])).uniform
     v[:, :nodes] = draw(-1.0, 1.0, (INPUTS, nodes))
-    own = {port.name: settings[port.name] for port in PARAMETERS}
-    return Prepared(own, {"v": v.ravel().tolist()})
+    return Prepared(settings, {"v": v.ravel().tolist()})
 
 
-BLOCK = Block(
-    step,
-    inputs=(
-        *arm_pd.INPUTS,
-        Port("q_d_acc_1_rad_s2", "rad/s2", "desired acceleration of joint 1"),
-        Port("q_d_acc_2_rad_s2", "rad/s2", "desired acceleration of joint 2"),
-        Port("missing_cycles", "", "cycles since the last measurement; 0 if it is new"),
-    ),
-    outputs=OUTPUTS,
-    settings=SETTINGS,
-    parameters=PARAMETERS,
-    states=STATES,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)
