@@ -109,7 +109,7 @@ class States(Ports):
 
     car = group(Motion)
     held = port("", "commands on their way", shape=DELAY_SIZE, recorded=False)
-    scratch = group(scratch(Motion))
+    integrator = group(scratch(Motion))
 
 
 class Inputs(Ports):
@@ -204,7 +204,7 @@ def above_suction(pressure: float) -> float:
 def advance(t: float, h: float, command: float, p: Any, x: Any) -> None:
     """One Runge-Kutta step from t to t + h, and the limits."""
     s = x.car
-    runge_kutta(rates, t, h, p, command, s, x.scratch)
+    runge_kutta(rates, t, h, p, command, s, x.integrator)
     s.x5_Pa = above_suction(s.x5_Pa)
     s.x6_Pa = above_suction(s.x6_Pa)
     s.x7_m = clip(s.x7_m, -p.spool_max_m, p.spool_max_m)
@@ -238,7 +238,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     """Advance to t, sample; see the module header."""
     if t > 0.0:
         command = u.force_N if p.strut == IDEAL else u.spool_m
-        y.acting = delayed(command, p.delay_samples, x.held, 0)
+        y.acting = delayed(command, p.delay_samples, x.held)
         h = dt / p.substeps
         for i in range(int(p.substeps)):
             advance(t - dt + i * h, h, y.acting, p, x)
