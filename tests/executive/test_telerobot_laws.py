@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from pcpc.executive.laws.block import Port
+from pcpc.executive.laws.block import Block, Nothing, Port, Ports, port, stage
 from pcpc.executive.laws.controllers.telerobot import telerobot_local as local
 from pcpc.executive.laws.controllers.telerobot import telerobot_remote as remote
 from pcpc.executive.laws.models import double_pole, playout
@@ -26,38 +26,46 @@ REMOTE = {"kv_per_s": 10.0, "lam_per_s": 5.0, "local_law": 4.0, "predictor": 1.0
 
 
 class Law:
-    """A law outside the engine: its views, and names for them."""
+    """A law outside the engine: its ports by name."""
 
     def __init__(self, module: Any, **given: float) -> None:
-        ports = module.SETTINGS
-        defaults = {p.name: p.default for p in ports if p.default is not None}
-        made = module.prepare({**defaults, **given}, 1.0 / H, 1)
-        self.module, self.u = module, np.zeros(len(module.INPUTS))
-        self.p = _filled(module.PARAMETERS, made.parameters)
-        self.x = _filled(module.STATES, made.states)
-        self.y = np.zeros(len(module.OUTPUTS))
+        self.block: Block = module.BLOCK
+        defaults = {p.name: p.default for p in self.block.settings if p.default is not None}
+        assert self.block.prepare is not None
+        made = self.block.prepare({**defaults, **given}, 1.0 / H, 1)
+        parameters, states, inputs, outputs = self.block.step.declared
+        self.p = parameters(_filled(self.block.parameters, made.parameters))
+        self.x = states(_filled(self.block.states, made.states))
+        self.u, self.y = inputs(np.zeros(inputs.size)), outputs(np.zeros(outputs.size))
 
     def step(self, k: int, **inputs: float) -> dict[str, float]:
         """Step at tick k; return the outputs by name."""
-        names = [p.name for p in self.module.INPUTS]
+        names = [p.name for p in self.block.inputs]
         for name, value in inputs.items():
-            self.u[names.index(name)] = value
-        self.module.step(k * H, H, self.p, self.x, self.u, self.y)
-        return dict(zip((p.name for p in self.module.OUTPUTS), self.y.tolist(), strict=True))
-
-    def state(self, name: str, width: int) -> Vector:
-        """Return a state (n, width) as a view."""
-        at = 0
-        for port in self.module.STATES:
-            if port.name == name:
-                return self.x[at : at + port.size].reshape(-1, width)
-            at += port.size
-        raise KeyError(name)
+            self.u.values()[names.index(name)] = value
+        views = (self.p, self.x, self.u, self.y)
+        self.block.step(k * H, H, *(view.values() for view in views))
+        values = self.y.values().tolist()
+        return dict(zip((p.name for p in self.block.outputs), values, strict=True))
 
 
 def _filled(ports: tuple[Port, ...], values: Any) -> Vector:
-    parts = [np.ravel(values.get(p.name, np.full(p.size, p.default or 0.0))) for p in ports]
+    parts = [np.broadcast_to(values.get(p.name, p.default or 0.0), p.size) for p in ports]
     return np.concatenate(parts).astype(float)
+
+
+class Accelerations(Ports):
+    """What drives the model."""
+
+    u = port("rad/s2", "of each joint", shape=2)
+
+
+@stage
+def exactly(
+    t: float, dt: float, p: double_pole.Sampled, x: double_pole.Joints, u: Accelerations, y: Nothing
+) -> None:
+    """Advance the model by a tick."""
+    double_pole.advance(p, x, u.u)
 
 
 class Exact:
@@ -66,28 +74,28 @@ class Exact:
     def __init__(self, n: int, **settings: float) -> None:
         self.remote = Law(remote, **{**REMOTE, "delay_s": n * H, "u_lsb_rad_s2": 0.0, **settings})
         self.local = Law(local, **ARM)
-        self.d = np.array(double_pole.sampled(H))
-        self.q, self.v = np.array([-1.570796326794897, 0.0]), np.zeros(2)
+        self.d = np.array(list(double_pole.sampled(H).values()))
+        self.x = double_pole.Joints(np.zeros(double_pole.Joints.size))
+        self.x.q[:] = -1.570796326794897, 0.0
         self.sent: dict[str, float] = {}
 
     def tick(self, k: int, lost_u: bool = False, lost_x: bool = False) -> tuple[Any, Any]:
         """Do tick k; return the outputs of local and remote law."""
-        measured = {f"q_{j}_rad": self.q[j - 1] for j in (1, 2)}
-        measured |= {f"rate_{j}_rad_s": self.v[j - 1] for j in (1, 2)}
+        measured = {f"q_{j}_rad": self.x.q[j - 1] for j in (1, 2)}
+        measured |= {f"rate_{j}_rad_s": self.x.v[j - 1] for j in (1, 2)}
         ours = self.local.step(k, **measured, **self.sent)
         told = {}
         if not lost_x:
-            told = {f"position_{j}_rad": self.q[j - 1] for j in (1, 2)}
-            told |= {f"rate_{j}_rad_s": self.v[j - 1] for j in (1, 2)}
+            told = {f"position_{j}_rad": self.x.q[j - 1] for j in (1, 2)}
+            told |= {f"rate_{j}_rad_s": self.x.v[j - 1] for j in (1, 2)}
             ticks = ("position_tick", "rate_tick", "echo_tick")
             told |= dict.fromkeys(ticks, ours["sample_tick"]) | {"echo": ours["echo"]}
         theirs = self.remote.step(k, **told)
         if not lost_u:
             names = ("u_1_rad_s2", "u_2_rad_s2", "tick", "law", "delay")
             self.sent = {name: theirs[name] for name in names}
-        for j in (0, 1):
-            a = ours[f"ul_{j + 1}_rad_s2"]
-            self.q[j], self.v[j] = double_pole.advance(self.d, self.q[j], self.v[j], a)
+        u = np.array([ours["ul_1_rad_s2"], ours["ul_2_rad_s2"]])
+        exactly(k * H, H, self.d, self.x.values(), u, np.zeros(0))
         return ours, theirs
 
 
@@ -150,17 +158,17 @@ def test_missing_frames_are_held_and_counted() -> None:
 def test_jitter_below_the_delay_disappears() -> None:
     """A frame that comes up to N - 1 ticks late, out of order, is played at its tick."""
     n, rng = 40, np.random.default_rng(1)
-    ring, held = np.full(playout.SLOTS, playout.EMPTY), np.zeros(1)
+    ring, held = np.full(playout.SLOTS, playout.EMPTY), 0.0
     arrivals: dict[int, list[int]] = {}
     for k in range(9000):  # beyond a turn of the wire ticks
         arrivals.setdefault(k + int(rng.integers(1, n + 1)), []).append(k)
     for now in range(9000):
         for k in arrivals.get(now, []):
             number = playout.wire_tick(float(k))
-            playout.put(ring, 1, number, float(now), float(n), np.array([float(k)]), 0)
-        missing = playout.take(ring, 1, float(now - n), held)
+            playout.put(ring, number, float(now), float(n), float(k))
+        held, missing = playout.take(ring, float(now - n), held)
         assert missing == (1.0 if now < n else 0.0), f"tick {now}"
-        assert now < n or held[0] == now - n, f"tick {now}: {held[0]}"
+        assert now < n or held == now - n, f"tick {now}: {held}"
 
 
 def test_the_ticks_of_the_robot_follow_an_operator_that_skipped_some() -> None:
@@ -192,7 +200,7 @@ def test_the_sampled_model_is_the_matrix_exponential() -> None:
     whole = np.zeros((3, 3))
     whole[:2, :2], whole[1, 2] = AS, 1.0
     sampled = expm(whole * H)
-    ours = np.array(double_pole.sampled(H))
+    ours = np.array(list(double_pole.sampled(H).values()))
     error = np.abs(ours - [*sampled[0, :2], *sampled[1, :2], *sampled[:2, 2]]).max()
     assert error < 1e-15, f"{error:.1e}"
 
@@ -217,17 +225,17 @@ def test_the_lyapunov_function_of_the_identifier_falls_as_the_proof_says() -> No
     rng = np.random.default_rng(8)
     for _ in range(50):
         law = Law(local, **ARM)
-        w = law.state("w", 2)
+        w, xh, ul = law.x.w, law.x.xh, law.x.ul
         law.step(0, law=4.0, delay=5.0)  # begins at q = 0
         w[:] = rng.normal(size=w.shape)
         w_star, old = rng.normal(size=w.shape), w.copy()
-        xh, ul = law.state("xh", 4)[0], law.state("ul", 2)[0]
-        law.state("driving", 2)[0], xh[:] = 0.0, rng.uniform(-0.05, 0.05, 4)
-        law.state("played", 1)[:], ul[:] = 1.0, rng.uniform(-5.0, 5.0, 2)
+        law.x.driving[:] = 0.0
+        xh.q[:], xh.v[:] = rng.uniform(-0.05, 0.05, 2), rng.uniform(-0.05, 0.05, 2)
+        law.x.played, ul[:] = 1.0, rng.uniform(-5.0, 5.0, 2)
         q, v = rng.uniform(-0.1, 0.1, 2), rng.uniform(-0.1, 0.1, 2)
         inputs = {"q_1_rad": q[0], "q_2_rad": q[1], "rate_1_rad_s": v[0], "rate_2_rad_s": v[1]}
         out = law.step(0, **inputs)  # still tick 0, so that xh stays
-        ph = np.tanh(np.array([1.0, *q, *v]) @ law.p[-100:].reshape(5, 20))
+        ph = np.tanh(np.array([1.0, *q, *v]) @ law.p.v)
         c = np.cos(q[1])
         mass = np.array([[3.0 + 2.0 * c, 1.0 + c], [1.0 + c, 1.0]])
         tau = np.array([out["torque_1_Nm"], out["torque_2_Nm"]])
@@ -235,11 +243,11 @@ def test_the_lyapunov_function_of_the_identifier_falls_as_the_proof_says() -> No
         acceleration = np.linalg.solve(mass, tau) + w_star.T @ ph
         rates, tuned, total = (w - old) / H, w_star - old, 0.0
         for j in (0, 1):
-            xt = np.array([q[j] - xh[2 * j], v[j] - xh[2 * j + 1]])
-            model = AS @ xh[2 * j : 2 * j + 2] + [0.0, ul[j]]
+            xt = np.array([q[j] - xh.q[j], v[j] - xh.v[j]])
+            model = AS @ [xh.q[j], xh.v[j]] + [0.0, ul[j]]
             total += xt @ P @ (np.array([v[j], acceleration[j]]) - model)
         total -= np.sum(tuned * rates) / ARM["gam"]
-        xt = np.array([q - xh[::2], v - xh[1::2]])
+        xt = np.array([q - xh.q, v - xh.v])
         st = 10.0 * xt[0] + 2.0 * xt[1]
         wanted = -0.5 * (500.0 * xt[0] @ xt[0] + 20.0 * xt[1] @ xt[1])
         wanted -= (20.0 + 0.5 * np.linalg.norm(old)) * st @ st

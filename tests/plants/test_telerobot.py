@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pcpc.executive.laws.block import Block
 from pcpc.executive.laws.controllers.telerobot import telerobot_local, telerobot_remote
 from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.plan import check_rate
@@ -175,15 +176,27 @@ class Reference:
             self.x = self.x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def compiled(module: Any, **given: float) -> tuple[Any, ...]:
-    """Return p, x, u, y of a law as the specification has it."""
-    defaults = {p.name: p.default for p in module.SETTINGS if p.default is not None}
-    made = module.prepare({**defaults, **given}, 1.0 / H, 1)
+def prepared(block: Block, **given: float) -> Any:
+    """Return the ports of a law by name, as the specification has it: p, x, u, y."""
+    defaults = {p.name: p.default for p in block.settings if p.default is not None}
+    assert block.prepare is not None
+    made = block.prepare({**defaults, **given}, 1.0 / H, 1)
     filled = []
-    for ports, values in ((module.PARAMETERS, made.parameters), (module.STATES, made.states)):
-        parts = [np.ravel(values.get(p.name, np.full(p.size, p.default or 0.0))) for p in ports]
+    for ports, values in ((block.parameters, made.parameters), (block.states, made.states)):
+        parts = [np.broadcast_to(values.get(p.name, p.default or 0.0), p.size) for p in ports]
         filled.append(np.concatenate(parts).astype(float))
-    return *filled, np.zeros(len(module.INPUTS)), np.zeros(len(module.OUTPUTS))
+    parameters, states, inputs, outputs = block.step.declared
+    return (
+        parameters(filled[0]),
+        states(filled[1]),
+        inputs(np.zeros(inputs.size)),
+        outputs(np.zeros(outputs.size)),
+    )
+
+
+def do_step(block: Block, k: int, ports: Any) -> None:
+    """Step a block at tick k on its p, x, u, y."""
+    block.step(k * H, H, *(view.values() for view in ports))
 
 
 @pytest.mark.parametrize("network", [True, False])
@@ -193,21 +206,25 @@ def test_a_second_implementation_of_the_whole_loop_agrees(network: bool) -> None
     p, x = arm(viscous_Nms_rad=2.0, coulomb_Nm=1.5, load_kg=2.5, load_from_s=0.25, load_to_s=9.0)
     x[:2], u, y = (-math.pi / 2, 0.0), np.zeros(2), np.zeros(len(model.OUTPUTS))
     settings = {"kv_per_s": 10.0, "lam_per_s": 5.0, "local_law": law, "predictor": 1.0}
-    far = compiled(telerobot_remote, **settings, delay_s=n * H, u_lsb_rad_s2=0.0)
+    far = prepared(telerobot_remote.BLOCK, **settings, delay_s=n * H, u_lsb_rad_s2=0.0)
     gains = load_rig(rig_file("u2")).nodes()["local"].blocks[0].settings
-    near = compiled(telerobot_local, **gains)
+    near = prepared(telerobot_local.BLOCK, **gains)
+    (_, _, told, sent), (_, _, given, answer) = far, near
     tau, worst = np.zeros(2), 0.0
     for k in range(500):
         model.step(k * H, H, p, x, u, y)
         if k > 0:
             reference.arm(tau, 2.5 if k > 250 else 1.0)
-        near[2][5:9] = y[0:4]
-        telerobot_local.step(k * H, H, *near)
-        tau, u[:] = reference.local(k), near[3][:2]
-        far[2][:4], far[2][4:7], far[2][7] = y[:4], near[3][2], near[3][3]
-        telerobot_remote.step(k * H, H, *far)
+        given.q_rad[:], given.rate_rad_s[:] = y[:2], y[2:4]
+        do_step(telerobot_local.BLOCK, k, near)
+        tau, u[:] = reference.local(k), answer.torque_Nm
+        told.position_rad[:], told.rate_rad_s[:] = y[:2], y[2:4]
+        told.position_tick = told.rate_tick = told.echo_tick = answer.sample_tick
+        told.echo = answer.echo
+        do_step(telerobot_remote.BLOCK, k, far)
         reference.remote(k)
-        near[2][:5] = far[3][:5]
+        given.u_rad_s2[:] = sent.u_rad_s2
+        given.tick, given.law, given.delay = sent.tick, sent.law, sent.delay
         worst = max(worst, np.abs(x[:4] - reference.x).max(), 1e-3 * np.abs(u - tau).max())
     assert np.abs(x[2:4]).max() > 0.05, "it moves"
     assert worst < 1e-10, f"{worst:.1e}"

@@ -12,21 +12,44 @@ import math
 from typing import Any
 
 from pcpc.drivers.jit import inline
+from pcpc.executive.laws.ports import Ports, port
 
 POLE_PER_S = 5.0
 A21, A22 = -POLE_PER_S * POLE_PER_S, -2.0 * POLE_PER_S
-ENTRIES = 6  # Ad by rows, Bd
+JOINTS = 2
 
 
-def sampled(period_s: float) -> list[float]:
-    """Return Ad by rows and Bd of (2) (3)."""
+class Joints(Ports):
+    """x of both joints."""
+
+    q = port("rad", "positions", shape=JOINTS, recorded=False)
+    v = port("rad/s", "rates", shape=JOINTS, recorded=False)
+
+
+class Sampled(Ports):
+    """Ad and Bd."""
+
+    q_of_q = port("", "Ad, position from position", named="model_0")
+    q_of_v = port("", "Ad, position from rate", named="model_1")
+    v_of_q = port("", "Ad, rate from position", named="model_2")
+    v_of_v = port("", "Ad, rate from rate", named="model_3")
+    q_of_u = port("", "Bd, position", named="model_4")
+    v_of_u = port("", "Bd, rate", named="model_5")
+
+
+def sampled(period_s: float) -> dict[str, float]:
+    """Return Ad and Bd of (2) (3), Sampled by name."""
     a, h = POLE_PER_S, period_s
     fall = math.exp(-a * h)
     ad = [fall * (1.0 + a * h), fall * h, -fall * a * a * h, fall * (1.0 - a * h)]
-    return [*ad, (1.0 - fall * (1.0 + a * h)) / (a * a), h * fall]
+    values = [*ad, (1.0 - fall * (1.0 + a * h)) / (a * a), h * fall]
+    return {one.name: value for one, value in zip(Sampled.ports, values, strict=True)}
 
 
 @inline
-def advance(d: Any, q: float, v: float, u: float) -> tuple[float, float]:
-    """Return (2) of one joint; `d` as `sampled` returns it."""
-    return d[0] * q + d[1] * v + d[4] * u, d[2] * q + d[3] * v + d[5] * u
+def advance(m: Any, x: Any, u: Any) -> None:
+    """Advance both joints (2); `m` is Sampled, `x` Joints, `u` has one value a joint."""
+    for j in range(JOINTS):
+        q, v = x.q[j], x.v[j]
+        x.q[j] = m.q_of_q * q + m.q_of_v * v + m.q_of_u * u[j]
+        x.v[j] = m.v_of_q * q + m.v_of_v * v + m.v_of_u * u[j]

@@ -5,8 +5,7 @@
     at tick j           the entry of j - N, once; none there: hold the last one and count it (3)
 
 Latency and jitter of the bus below N ticks disappear in it: the delay is N ticks, whatever a frame
-took. A ring is a view of 512 entries of `width` values. An entry whose first value is EMPTY is
-none. Times are whole ticks; N = 0 needs no buffer.
+took. A ring holds 512 entries, EMPTY for none. Times are whole ticks; N = 0 needs no buffer.
 """
 
 from typing import Any
@@ -41,26 +40,23 @@ def in_time(number: float, now: float, delay: float) -> bool:
 
 
 @inline
-def slot(tick: float, width: int) -> int:
-    """Return where the entry of a tick begins in a ring."""
-    return int(tick - SLOTS * floor(tick / SLOTS)) * width
+def slot(tick: float) -> int:
+    """Return the place of the entry of a tick in a ring."""
+    return int(tick - SLOTS * floor(tick / SLOTS))
 
 
 @inline
-def put(ring: Any, width: int, number: float, now: float, delay: float, u: Any, at: int) -> None:
-    """Put u[at..at+width-1], which came with wire tick `number`, into the ring (2)."""
-    first = slot(tick_of(number, now), width)
-    fits = in_time(number, now, delay)
-    for i in range(width):
-        ring[first + i] = where(fits, u[at + i], ring[first + i])
+def put(ring: Any, number: float, now: float, delay: float, value: float) -> None:
+    """Put a value that came with wire tick `number` into the ring (2)."""
+    at = slot(tick_of(number, now))
+    ring[at] = where(in_time(number, now, delay), value, ring[at])
 
 
 @inline
-def take(ring: Any, width: int, tick: float, held: Any) -> float:
-    """Take the entry of `tick` out of the ring into `held`; return 0, or 1 if there is none (3)."""
-    first = slot(tick, width)
-    missing = ring[first] >= EMPTY
-    for i in range(width):
-        held[i] = where(missing, held[i], ring[first + i])
-    ring[first] = EMPTY
-    return where(missing, 1.0, 0.0)
+def take(ring: Any, tick: float, held: float) -> tuple[float, float]:
+    """Take the entry of `tick` out; return it and 0, or `held` and 1 if there is none (3)."""
+    at = slot(tick)
+    entry = ring[at]
+    ring[at] = EMPTY
+    missing = entry >= EMPTY
+    return where(missing, held, entry), where(missing, 1.0, 0.0)

@@ -33,262 +33,269 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
-from pcpc.executive.laws.emath import clip, floor, sincos, sqrt, tanh, where
-from pcpc.executive.laws.models.double_pole import A21, A22, ENTRIES, advance, sampled
+from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
+from pcpc.executive.laws.emath import clip, floor, sqrt, tanh, where
+from pcpc.executive.laws.models.double_pole import (
+    A21,
+    A22,
+    JOINTS,
+    Joints,
+    Sampled,
+    advance,
+    sampled,
+)
 from pcpc.executive.laws.models.playout import EMPTY, SLOTS, put, take, tick_of, wire_tick
-from pcpc.executive.laws.models.two_link import gravity_torque, inertia, velocity_torque
+from pcpc.executive.laws.models.two_link import gravity_torque, motion, solved
 
-JOINTS, NODES, NET_INPUTS = 2, 20, 5
+NODES, NET_INPUTS = 20, 1 + 2 * JOINTS
 UNKNOWN, CANCEL, MODEL, ROBUST, NETWORK = 0.0, 1.0, 2.0, 3.0, 4.0
 
-GAINS = (
-    Port("kr_per_s", "1/s", "Kr, robust term", None, 0.0, 1e4),
-    Port("kw", "", "Kw, robust term per norm of W", None, 0.0, 1e3),
-    Port("gam", "", "Gam, tuning rate", None, 0.0, 1e5),
-    Port("kap", "", "kap, leak", None, 0.0, 1e3),
-    Port("a1_m", "m", "nominal length of link 1", None, 1e-3, 100.0),
-    Port("a2_m", "m", "nominal length of link 2", None, 1e-3, 100.0),
-    Port("m1_kg", "kg", "nominal mass at link 1", None, 1e-3, 1e4),
-    Port("m2_kg", "kg", "nominal mass at link 2", None, 1e-3, 1e4),
-    Port("gravity_m_s2", "m/s2", "nominal g", None, -100.0, 100.0),
-    Port("tau_max_1_Nm", "N m", "limit of joint 1", None, 0.0, 1e4),
-    Port("tau_max_2_Nm", "N m", "limit of joint 2", None, 0.0, 1e4),
-    Port("speed_limit_rad_s", "rad/s", "at which a joint trips", None, 0.0, 1e4),
-    Port("brake_Nms_rad", "N m s/rad", "damping once tripped", None, 0.0, 1e4),
-)
-SETTINGS = (*GAINS, Port("network_seed", "", "draws V", 3.0, 0.0, 2.0**31))
-PARAMETERS = (
-    *GAINS,
-    Port("model", "", "Ad, Bd", size=ENTRIES),
-    Port("v", "", "V (5, 20), row by row", size=NET_INPUTS * NODES),
-)
-INPUTS = (
-    Port("u_1_rad_s2", "rad/s2", "newest u of joint 1", 0.0),
-    Port("u_2_rad_s2", "rad/s2", "newest u of joint 2", 0.0),
-    Port("tick", "", "wire tick of u", 0.0),
-    Port("law", "", "1 cancel, 2 As, 3 robust, 4 network; 0 unknown", 0.0),
-    Port("delay", "", "N", 0.0),
-    Port("q_1_rad", "rad", "measured q1"),
-    Port("q_2_rad", "rad", "measured q2"),
-    Port("rate_1_rad_s", "rad/s", "measured q1'"),
-    Port("rate_2_rad_s", "rad/s", "measured q2'"),
-)
-OUTPUTS = (
-    Port("torque_1_Nm", "N m", "to joint 1"),
-    Port("torque_2_Nm", "N m", "to joint 2"),
-    Port("sample_tick", "", "wire tick of this sample"),
-    Port("echo", "", "wire tick of the ul in use; 0: N is not known yet"),
-    Port("ul_1_rad_s2", "rad/s2", "ul of joint 1"),
-    Port("ul_2_rad_s2", "rad/s2", "ul of joint 2"),
-    Port("model_1_rad", "rad", "xh, position of joint 1"),
-    Port("model_2_rad", "rad", "xh, position of joint 2"),
-    Port("model_rate_1_rad_s", "rad/s", "xh, rate of joint 1"),
-    Port("model_rate_2_rad_s", "rad/s", "xh, rate of joint 2"),
-    Port("network_1_rad_s2", "rad/s2", "W'ph of joint 1"),
-    Port("network_2_rad_s2", "rad/s2", "W'ph of joint 2"),
-    Port("norm_w", "", "Frobenius norm of W"),
-    Port("held_u", "", "ticks without a new u, of the whole run"),
-    Port("tripped", "", "1 once a joint was too fast"),
-)
-STATES = (
-    Port("xh", "", "q1, v1, q2, v2 of the identifier", size=4, recorded=False),
-    Port("driving", "rad/s2", "what drives the identifier until the next tick", size=JOINTS,
-         recorded=False),
-    Port("ul", "rad/s2", "u in use", size=JOINTS, recorded=False),
-    Port("start", "rad", "q(0)", size=JOINTS, recorded=False),
-    Port("begun", "", "1 after the first tick", recorded=False),
-    Port("last_tick", "", "tick of xh", recorded=False),
-    Port("u_tick", "", "tick of ul", recorded=False),
-    Port("ahead", "", "ticks by which the operator's are ahead of this node's", recorded=False),
-    Port("played", "", "1 after the first u", recorded=False),
-    Port("missed", "", "ticks without a new u", recorded=False),
-    Port("trip", "", "1 once a joint was too fast", recorded=False),
-    Port("scratch", "", "st, W'ph, x, ph", size=2 * JOINTS + NET_INPUTS + NODES, recorded=False),
-    Port("w", "rad/s2", "W (20, 2)", size=NODES * JOINTS, recorded=False),
-    Port("buffer", "rad/s2", "play-out of u", EMPTY, size=SLOTS * JOINTS, recorded=False),
-)  # fmt: skip
-(KR, KW, GAM, KAP, A1, A2, M1, M2, G, TAU_MAX, _, SPEED_LIMIT, BRAKE, AD) = range(14)
-V = AD + ENTRIES
-(_XH, _DRIVING, _UL, _START, _BEGUN, _LAST, _U_TICK, _AHEAD, _PLAYED, _MISSED, _TRIP, _ST) = (
-    0, 4, 6, 8, 10, 11, 12, 13, 14, 15, 16, 17,
-)  # fmt: skip
-_LEARNED = _ST + JOINTS
-_IN = _LEARNED + JOINTS
-_PH = _IN + NET_INPUTS
-_W = _PH + NODES
-_BUFFER = _W + NODES * JOINTS
-LAW, DELAY, Q, RATE = 3, 4, 5, 7  # of the inputs
+
+class Gains(Ports):
+    """The robust term, the network, the nominal arm and the limits."""
+
+    kr_per_s = port("1/s", "Kr, robust term", None, 0.0, 1e4)
+    kw = port("", "Kw, robust term per norm of W", None, 0.0, 1e3)
+    gam = port("", "Gam, tuning rate", None, 0.0, 1e5)
+    kap = port("", "kap, leak", None, 0.0, 1e3)
+    a1_m = port("m", "nominal length of link 1", None, 1e-3, 100.0)
+    a2_m = port("m", "nominal length of link 2", None, 1e-3, 100.0)
+    m1_kg = port("kg", "nominal mass at link 1", None, 1e-3, 1e4)
+    m2_kg = port("kg", "nominal mass at link 2", None, 1e-3, 1e4)
+    gravity_m_s2 = port("m/s2", "nominal g", None, -100.0, 100.0)
+    tau_max_Nm = port("N m", "limit of joint #", None, 0.0, 1e4,
+                      shape=JOINTS, named="tau_max_#_Nm")  # fmt: skip
+    speed_limit_rad_s = port("rad/s", "at which a joint trips", None, 0.0, 1e4)
+    brake_Nms_rad = port("N m s/rad", "damping once tripped", None, 0.0, 1e4)
+
+
+class Settings(Gains):
+    """The gains, and what draws the first layer."""
+
+    network_seed = port("", "draws V", 3.0, 0.0, 2.0**31)
+
+
+class Parameters(Gains):
+    """The gains, the model for this rate, and the first layer."""
+
+    model = group(Sampled)
+    v = port("", "V (5, 20), row by row", shape=(NET_INPUTS, NODES))
+
+
+class Inputs(Ports):
+    """What the operator sent, and the measured motion."""
+
+    u_rad_s2 = port("rad/s2", "newest u of joint #", 0.0, shape=JOINTS, named="u_#_rad_s2")
+    tick = port("", "wire tick of u", 0.0)
+    law = port("", "1 cancel, 2 As, 3 robust, 4 network; 0 unknown", 0.0)
+    delay = port("", "N", 0.0)
+    q_rad = port("rad", "measured q#", shape=JOINTS, named="q_#_rad")
+    rate_rad_s = port("rad/s", "measured q#'", shape=JOINTS, named="rate_#_rad_s")
+
+
+class Outputs(Ports):
+    """The torques, what is told to the operator, and what led to it."""
+
+    torque_Nm = port("N m", "to joint #", shape=JOINTS, named="torque_#_Nm")
+    sample_tick = port("", "wire tick of this sample")
+    echo = port("", "wire tick of the ul in use; 0: N is not known yet")
+    ul_rad_s2 = port("rad/s2", "ul of joint #", shape=JOINTS, named="ul_#_rad_s2")
+    model_rad = port("rad", "xh, position of joint #", shape=JOINTS, named="model_#_rad")
+    model_rate_rad_s = port("rad/s", "xh, rate of joint #",
+                            shape=JOINTS, named="model_rate_#_rad_s")  # fmt: skip
+    network_rad_s2 = port("rad/s2", "W'ph of joint #", shape=JOINTS, named="network_#_rad_s2")
+    norm_w = port("", "Frobenius norm of W")
+    held_u = port("", "ticks without a new u, of the whole run")
+    tripped = port("", "1 once a joint was too fast")
+
+
+class States(Ports):
+    """The identifier, the ticks, the play-out and the network."""
+
+    xh = group(Joints, "xh_")
+    driving = port("rad/s2", "what drives the identifier until the next tick",
+                   shape=JOINTS, recorded=False)  # fmt: skip
+    ul = port("rad/s2", "u in use", shape=JOINTS, recorded=False)
+    start = port("rad", "q(0)", shape=JOINTS, recorded=False)
+    begun = port("", "1 after the first tick", recorded=False)
+    xh_tick = port("", "tick of xh", recorded=False)
+    ul_tick = port("", "tick of ul", recorded=False)
+    ahead = port("", "ticks by which the operator's are ahead of this node's", recorded=False)
+    played = port("", "1 after the first u", recorded=False)
+    missed = port("", "ticks without a new u", recorded=False)
+    trip = port("", "1 once a joint was too fast", recorded=False)
+    st = port("", "st (1)", shape=JOINTS, recorded=False)
+    learned = port("rad/s2", "W'ph", shape=JOINTS, recorded=False)
+    seen = port("", "[1; q; q'] of (2)", shape=NET_INPUTS, recorded=False)
+    ph = port("", "ph (2)", shape=NODES, recorded=False)
+    w = port("rad/s2", "W (20, 2)", shape=(NODES, JOINTS), recorded=False)
+    buffer = port("rad/s2", "play-out of u", EMPTY, shape=(JOINTS, SLOTS), recorded=False)
 
 
 @inline
 def begin(now: float, x: Any, u: Any) -> None:
     """At the first tick, start identifier and reference where the robot is."""
-    first = x[_BEGUN] < 0.5
+    first = x.begun < 0.5
     for j in range(JOINTS):
-        x[_START + j] = where(first, u[Q + j], x[_START + j])
-        x[_XH + 2 * j] = where(first, u[Q + j], x[_XH + 2 * j])
-        x[_XH + 2 * j + 1] = where(first, u[RATE + j], x[_XH + 2 * j + 1])
-    x[_LAST] = where(first, now, x[_LAST])
-    x[_BEGUN] = 1.0
-
-
-@inline
-def follow(now: float, x: Any, u: Any) -> float:
-    """Return the tick of this cycle, not behind that of the newest u."""
-    own = now + x[_AHEAD]
-    behind = where(u[2] > 0.5, tick_of(u[2], own) - own, 0.0)
-    x[_AHEAD] += where(behind > 0.0, behind, 0.0)
-    return now + x[_AHEAD]
-
-
-@inline
-def listen(now: float, x: Any, u: Any) -> None:
-    """Put what came into the buffer, take the u that is due into ul."""
-    buffer, ul = tail(x, _BUFFER), tail(x, _UL)
-    delay = u[DELAY]
-    due = now - delay
-    if delay < 0.5:  # the newest, whatever its tick
-        for j in range(JOINTS):
-            ul[j] = where(u[2] > 0.5, u[j], ul[j])
-        x[_PLAYED] = where(u[2] > 0.5, 1.0, x[_PLAYED])
-        x[_U_TICK] = due
-        return
-    put(buffer, JOINTS, u[2], now, delay, u, 0)
-    missing = take(buffer, JOINTS, due, ul)
-    fresh = missing < 0.5
-    x[_PLAYED] = where(fresh, 1.0, x[_PLAYED])
-    x[_U_TICK] = where(fresh | (due < 0.0), due, x[_U_TICK])
-    x[_MISSED] += where(fresh | (due < 0.0), 0.0, 1.0)
-
-
-@inline
-def prefill(x: Any, u: Any) -> None:
-    """Let ul hold the robot at rest until the first u is due."""
-    waiting = x[_PLAYED] < 0.5
-    bare = abs(u[LAW] - CANCEL) < 0.5
-    for j in range(JOINTS):
-        resting = where(bare, 0.0, -A21 * x[_START + j])
-        x[_UL + j] = where(waiting, resting, x[_UL + j])
+        x.start[j] = where(first, u.q_rad[j], x.start[j])
+        x.xh.q[j] = where(first, u.q_rad[j], x.xh.q[j])
+        x.xh.v[j] = where(first, u.rate_rad_s[j], x.xh.v[j])
+    x.xh_tick = where(first, now, x.xh_tick)
+    x.begun = 1.0
 
 
 @inline
 def identify(now: float, p: Any, x: Any) -> None:
     """Bring xh to this tick (5)."""
-    d = tail(p, AD)
-    for _ in range(int(now - x[_LAST])):
-        for j in range(JOINTS):
-            at = _XH + 2 * j
-            x[at], x[at + 1] = advance(d, x[at], x[at + 1], x[_DRIVING + j])
-    x[_LAST] = now
+    for _ in range(int(now - x.xh_tick)):
+        advance(p.model, x.xh, x.driving)
+    x.xh_tick = now
+
+
+@inline
+def follow(now: float, x: Any, u: Any) -> float:
+    """Return the tick of this cycle, not behind that of the newest u."""
+    own = now + x.ahead
+    behind = where(u.tick > 0.5, tick_of(u.tick, own) - own, 0.0)
+    x.ahead += where(behind > 0.0, behind, 0.0)
+    return now + x.ahead
+
+
+@inline
+def newest(due: float, x: Any, u: Any) -> None:
+    """Without a delay, use what came last, whatever its tick."""
+    came = u.tick > 0.5
+    for j in range(JOINTS):
+        x.ul[j] = where(came, u.u_rad_s2[j], x.ul[j])
+    x.played = where(came, 1.0, x.played)
+    x.ul_tick = due
+
+
+@inline
+def play(now: float, due: float, x: Any, u: Any) -> None:
+    """Put what came into the buffer, take the u that is due into ul."""
+    missing = 0.0
+    for j in range(JOINTS):
+        put(x.buffer[j], u.tick, now, u.delay, u.u_rad_s2[j])
+        x.ul[j], none = take(x.buffer[j], due, x.ul[j])
+        missing += none
+    fresh = missing < 0.5
+    x.played = where(fresh, 1.0, x.played)
+    x.ul_tick = where(fresh | (due < 0.0), due, x.ul_tick)
+    x.missed += where(fresh | (due < 0.0), 0.0, 1.0)
+
+
+@inline
+def listen(now: float, x: Any, u: Any) -> None:
+    """Use the u of N ticks ago; until the first is due, the one that holds the robot at rest."""
+    due = now - u.delay
+    if u.delay < 0.5:
+        newest(due, x, u)
+    else:
+        play(now, due, x, u)
+    waiting = x.played < 0.5
+    bare = abs(u.law - CANCEL) < 0.5
+    for j in range(JOINTS):
+        resting = where(bare, 0.0, -A21 * x.start[j])
+        x.ul[j] = where(waiting, resting, x.ul[j])
 
 
 @inline
 def network(p: Any, x: Any, u: Any) -> float:
     """Write st (1), ph (2) and W'ph; return |W|."""
-    inputs, v = tail(x, _IN), tail(p, V)
-    inputs[0] = 1.0
+    x.seen[0] = 1.0
     for j in range(JOINTS):
-        inputs[1 + j] = u[Q + j]
-        inputs[3 + j] = u[RATE + j]
-        off_q, off_v = u[Q + j] - x[_XH + 2 * j], u[RATE + j] - x[_XH + 2 * j + 1]
-        x[_ST + j] = 10.0 * off_q + 2.0 * off_v
-        x[_LEARNED + j] = 0.0
+        q, v = u.q_rad[j], u.rate_rad_s[j]
+        x.seen[1 + j], x.seen[1 + JOINTS + j] = q, v
+        x.st[j] = 10.0 * (q - x.xh.q[j]) + 2.0 * (v - x.xh.v[j])
+        x.learned[j] = 0.0
     total = 0.0
     for n in range(NODES):
         a = 0.0
         for i in range(NET_INPUTS):
-            a += v[i * NODES + n] * inputs[i]
-        x[_PH + n] = tanh(a)
+            a += p.v[i, n] * x.seen[i]
+        x.ph[n] = tanh(a)
         for j in range(JOINTS):
-            w = x[_W + JOINTS * n + j]
-            x[_LEARNED + j] += w * x[_PH + n]
-            total += w * w
+            x.learned[j] += x.w[n, j] * x.ph[n]
+            total += x.w[n, j] * x.w[n, j]
     return sqrt(total)
 
 
 @inline
 def learn(dt: float, p: Any, x: Any, u: Any) -> None:
     """Tune W (6)."""
-    rate = where(u[LAW] > ROBUST, dt * p[GAM], 0.0)
+    rate = where(u.law > ROBUST, dt * p.gam, 0.0)
     for n in range(NODES):
         for j in range(JOINTS):
-            at = _W + JOINTS * n + j
-            x[at] += rate * (x[_PH + n] * x[_ST + j] - p[KAP] * x[at])
+            x.w[n, j] += rate * (x.ph[n] * x.st[j] - p.kap * x.w[n, j])
 
 
 @inline
 def acceleration(j: int, norm: float, p: Any, x: Any, u: Any) -> float:
     """Return what is asked of joint `j` beside the nominal torques, rad/s2."""
-    asked = x[_UL + j]
-    asked += where(u[LAW] > CANCEL, A21 * u[Q + j] + A22 * u[RATE + j], 0.0)
-    robust = x[_LEARNED + j] + (p[KR] + p[KW] * norm) * x[_ST + j]
-    return asked - where(u[LAW] > MODEL, robust, 0.0)
+    poles = A21 * u.q_rad[j] + A22 * u.rate_rad_s[j]
+    asked = x.ul[j] + where(u.law > CANCEL, poles, 0.0)
+    robust = x.learned[j] + (p.kr_per_s + p.kw * norm) * x.st[j]  # (3)
+    return asked - where(u.law > MODEL, robust, 0.0)
+
+
+@inline
+def limited(j: int, wanted: float, p: Any, x: Any, u: Any, y: Any) -> float:
+    """Write the torque of joint `j`, the brake's once tripped; return what the limits take."""
+    asked = where(x.trip > 0.5, -p.brake_Nms_rad * u.rate_rad_s[j], wanted)
+    y.torque_Nm[j] = clip(asked, -p.tau_max_Nm[j], p.tau_max_Nm[j])
+    return y.torque_Nm[j] - asked
 
 
 @inline
 def drive(norm: float, p: Any, x: Any, u: Any, y: Any) -> None:
     """Write the torques (4) or (7) to (9), and what they leave to drive the identifier (5)."""
-    sin_q2, cos_q2 = sincos(u[Q + 1])
-    m11, m12, m22 = inertia(cos_q2, p[A1], p[A2], p[M1], p[M2])
-    h = p[M2] * p[A1] * p[A2] * sin_q2
-    c1, c2 = velocity_torque(h, u[RATE], u[RATE + 1])
-    g1, g2 = gravity_torque(u[Q], u[Q + 1], p[A1], p[A2], p[M1], p[M2], p[G])
-    known = where(u[LAW] > MODEL, 0.0, 1.0)
+    q, v = u.q_rad, u.rate_rad_s
+    m11, m12, m22, c1, c2 = motion(p, p.m2_kg, q, v)
+    g1, g2 = gravity_torque(q[0], q[1], p.a1_m, p.a2_m, p.m1_kg, p.m2_kg, p.gravity_m_s2)
+    on = where(u.law > UNKNOWN, 1.0, 0.0)
+    known = where(u.law > MODEL, 0.0, 1.0)
     a1, a2 = acceleration(0, norm, p, x, u), acceleration(1, norm, p, x, u)
-    wanted_1 = m11 * a1 + m12 * a2 + known * (c1 + g1)
-    wanted_2 = m12 * a1 + m22 * a2 + known * (c2 + g2)
-    on = where(u[LAW] > UNKNOWN, 1.0, 0.0)
-    wanted_1, wanted_2 = on * wanted_1, on * wanted_2
-    fast = (abs(u[RATE]) > p[SPEED_LIMIT]) | (abs(u[RATE + 1]) > p[SPEED_LIMIT])
-    x[_TRIP] = where(fast, 1.0, x[_TRIP])
-    wanted_1 = where(x[_TRIP] > 0.5, -p[BRAKE] * u[RATE], wanted_1)
-    wanted_2 = where(x[_TRIP] > 0.5, -p[BRAKE] * u[RATE + 1], wanted_2)
-    y[0] = clip(wanted_1, -p[TAU_MAX], p[TAU_MAX])
-    y[1] = clip(wanted_2, -p[TAU_MAX + 1], p[TAU_MAX + 1])
-    cut_1, cut_2 = y[0] - wanted_1, y[1] - wanted_2
-    det = m11 * m22 - m12 * m12
-    x[_DRIVING] = x[_UL] + (m22 * cut_1 - m12 * cut_2) / det
-    x[_DRIVING + 1] = x[_UL + 1] + (m11 * cut_2 - m12 * cut_1) / det
+    wanted_1 = on * (m11 * a1 + m12 * a2 + known * (c1 + g1))
+    wanted_2 = on * (m12 * a1 + m22 * a2 + known * (c2 + g2))
+    fast = (abs(v[0]) > p.speed_limit_rad_s) | (abs(v[1]) > p.speed_limit_rad_s)
+    x.trip = where(fast, 1.0, x.trip)
+    cut_1, cut_2 = limited(0, wanted_1, p, x, u, y), limited(1, wanted_2, p, x, u, y)
+    lacking_1, lacking_2 = solved(m11, m12, m22, cut_1, cut_2)
+    x.driving[0], x.driving[1] = x.ul[0] + lacking_1, x.ul[1] + lacking_2
+
+
+@inline
+def show(x: Any, y: Any) -> None:
+    """Write ul, xh and W'ph."""
+    for j in range(JOINTS):
+        y.ul_rad_s2[j], y.network_rad_s2[j] = x.ul[j], x.learned[j]
+        y.model_rad[j], y.model_rate_rad_s[j] = x.xh.q[j], x.xh.v[j]
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One tick; see the module header."""
     now = floor(t / dt + 0.5)
     begin(now, x, u)
     identify(now, p, x)
     now = follow(now, x, u)
     listen(now, x, u)
-    prefill(x, u)
-    norm = network(p, x, u)
-    drive(norm, p, x, u, y)
+    y.norm_w = network(p, x, u)
+    drive(y.norm_w, p, x, u, y)
     learn(dt, p, x, u)
-    y[2] = wire_tick(now)
-    y[3] = where(u[LAW] > UNKNOWN, wire_tick(x[_U_TICK]), 0.0)
-    for j in range(JOINTS):
-        y[4 + j] = x[_UL + j]
-        y[6 + j], y[8 + j] = x[_XH + 2 * j], x[_XH + 2 * j + 1]
-        y[10 + j] = x[_LEARNED + j]
-    y[12], y[13], y[14] = norm, x[_MISSED], x[_TRIP]
+    y.sample_tick = wire_tick(now)
+    y.echo = where(u.law > UNKNOWN, wire_tick(x.ul_tick), 0.0)
+    y.held_u, y.tripped = x.missed, x.trip
+    show(x, y)
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return the gains, Ad, Bd and V (5, 20) uniform in +-1, drawn row by row."""
     draw = np.random.default_rng(int(settings["network_seed"])).uniform
-    own = {port.name: settings[port.name] for port in GAINS}
+    own = {one.name: settings[one.name] for one in Gains.ports}
     v = draw(-1.0, 1.0, (NET_INPUTS, NODES)).ravel().tolist()
-    return Prepared({**own, "model": sampled(1.0 / rate_hz), "v": v})
+    return Prepared({**own, **sampled(1.0 / rate_hz), "v": v})
 
 
-BLOCK = Block(
-    step,
-    inputs=INPUTS,
-    outputs=OUTPUTS,
-    settings=SETTINGS,
-    parameters=PARAMETERS,
-    states=STATES,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -25,198 +25,229 @@ the start, `aim` is it T ago: what the robot should do now. Source: Lewis, Campo
 from collections.abc import Mapping
 from typing import Any
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import clip, floor, where
-from pcpc.executive.laws.models.double_pole import A21, A22, ENTRIES, advance, sampled
+from pcpc.executive.laws.models.double_pole import (
+    A21,
+    A22,
+    JOINTS,
+    Joints,
+    Sampled,
+    advance,
+    sampled,
+)
 from pcpc.executive.laws.models.playout import EMPTY, LONGEST, SLOTS, put, take, tick_of, wire_tick
 from pcpc.executive.laws.models.soft_sine import soft_sine
 
-JOINTS = 2
 HISTORY = 1100  # ticks of z: twice the longest delay, and the offsets
 OFFSET = 40.0
 U_LIMIT_RAD_S2 = 524.0  # of the wire
-
-GAINS = (
-    Port("kv_per_s", "1/s", "Kv, of the filtered error", None, 0.0, 1e3),
-    Port("lam_per_s", "1/s", "Lam, of the error in it", None, 0.0, 1e3),
-    Port("local_law", "", "of the robot's node, see telerobot_local.py", None, 1.0, 4.0),
-    Port("predictor", "", "1 predicts with (2), 0 takes the delayed robot", None, 0.0, 1.0),
-    Port("match", "", "1 compares with the reference of 2 T ago", 0.0, 0.0, 1.0),
-    Port("use_echo", "", "1 looks z up by the echo, 0 by the delay", 1.0, 0.0, 1.0),
-    Port("history_offset_ticks", "", "error of the z that is looked up", 0.0, -OFFSET, OFFSET),
-    Port("u_lsb_rad_s2", "rad/s2", "quantum of u, 0 none", 0.001, 0.0, 10.0),
-    Port("amplitude_1_rad", "rad", "of the reference of joint 1", 1.0, -10.0, 10.0),
-    Port("amplitude_2_rad", "rad", "of the reference of joint 2", 0.8, -10.0, 10.0),
-    Port("omega_1_rad_s", "rad/s", "of the reference of joint 1", 1.0, 0.0, 100.0),
-    Port("omega_2_rad_s", "rad/s", "of the reference of joint 2", 1.5, 0.0, 100.0),
-    Port("rise_s", "s", "in which the reference begins", 3.0, 1e-3, 1e3),
-    Port("start_1_rad", "rad", "q1 of the robot at rest", -1.570796326794897, -10.0, 10.0),
-    Port("start_2_rad", "rad", "q2 of the robot at rest", 0.0, -10.0, 10.0),
-)
-SETTINGS = (
-    *GAINS,
-    Port("delay_s", "s", "T of each direction; 0: the rig's own", 0.2, 0.0, 10.0),
-)
-PARAMETERS = (
-    *GAINS,
-    Port("delay_ticks", "", "N", None, 0.0, LONGEST),
-    Port("model", "", "Ad, Bd", size=ENTRIES),
-)
-INPUTS = (
-    Port("position_1_rad", "rad", "q1 told by the robot", 0.0),
-    Port("position_2_rad", "rad", "q2 told by the robot", 0.0),
-    Port("rate_1_rad_s", "rad/s", "q1' told by the robot", 0.0),
-    Port("rate_2_rad_s", "rad/s", "q2' told by the robot", 0.0),
-    Port("position_tick", "", "wire tick of the positions", 0.0),
-    Port("rate_tick", "", "wire tick of the rates", 0.0),
-    Port("echo_tick", "", "wire tick of the echo", 0.0),
-    Port("echo", "", "wire tick of the u in use at that tick", 0.0),
-)
-OUTPUTS = (
-    Port("u_1_rad_s2", "rad/s2", "to the robot, joint 1"),
-    Port("u_2_rad_s2", "rad/s2", "to the robot, joint 2"),
-    Port("tick", "", "wire tick of u"),
-    Port("law", "", "local_law"),
-    Port("delay", "", "N"),
-    Port("aim_1_rad", "rad", "q_d of joint 1, T ago: what the robot should do now"),
-    Port("aim_2_rad", "rad", "q_d of joint 2, T ago"),
-    Port("e_1_rad", "rad", "e of joint 1"),
-    Port("e_2_rad", "rad", "e of joint 2"),
-    Port("r_1_rad_s", "rad/s", "r of joint 1"),
-    Port("r_2_rad_s", "rad/s", "r of joint 2"),
-    Port("seen_1_rad", "rad", "q1 in use, T old"),
-    Port("seen_2_rad", "rad", "q2 in use, T old"),
-    Port("off_1_rad", "rad", "seen position of joint 1 against z of its time"),
-    Port("off_2_rad", "rad", "of joint 2"),
-    Port("off_rate_1_rad_s", "rad/s", "seen rate of joint 1 against z of its time"),
-    Port("off_rate_2_rad_s", "rad/s", "of joint 2"),
-    Port("z_1_rad", "rad", "z of joint 1"),
-    Port("z_2_rad", "rad", "z of joint 2"),
-    Port("held_x", "", "ticks without a new x, of the whole run"),
-    Port("looked_up", "", "ticks of age of the z that x is compared with"),
-)
-STATES = (
-    Port("z", "", "q1, v1, q2, v2 of the model", size=4, recorded=False),
-    Port("u_last", "rad/s2", "u of the last tick", size=JOINTS, recorded=False),
-    Port("x_used", "", "q1, q2, v1, v2 in use", size=4, recorded=False),
-    Port("waiting", "", "q1, q2, v1, v2 of the last frames that were played", 0.0, size=4,
-         recorded=False),
-    Port("x_tick", "", "tick of the x in use", -1.0, recorded=False),
-    Port("ages_at_hand", "", "ticks from u to x: of the x in use, come in, played last", size=3,
-         recorded=False),
-    Port("last_tick", "", "tick of z", recorded=False),
-    Port("missed", "", "ticks without a new x", recorded=False),
-    Port("positions", "", "play-out", EMPTY, size=SLOTS * JOINTS, recorded=False),
-    Port("rates", "", "play-out", EMPTY, size=SLOTS * JOINTS, recorded=False),
-    Port("ages", "", "play-out", EMPTY, size=SLOTS, recorded=False),
-    Port("history", "", "z of the last ticks", size=HISTORY * 4, recorded=False),
-)  # fmt: skip
-(KV, LAM, LOCAL_LAW, PREDICTOR, MATCH, USE_ECHO, HISTORY_OFFSET, U_LSB, SIZE, _, OMEGA, _, RISE,
- START, _, DELAY, MODEL) = range(17)  # fmt: skip
 CANCEL = 1.0  # the local law of a bare double integrator
-_Z, _U, _USED, _WAITING, _X_TICK, _AGE, _LAST, _MISSED, _POSITIONS = 0, 4, 6, 10, 14, 15, 18, 19, 20
-_RATES = _POSITIONS + SLOTS * JOINTS
-_AGES = _RATES + SLOTS * JOINTS
-_HISTORY = _AGES + SLOTS
+
+
+class Gains(Ports):
+    """The law, what it is compared with, and the reference."""
+
+    kv_per_s = port("1/s", "Kv, of the filtered error", None, 0.0, 1e3)
+    lam_per_s = port("1/s", "Lam, of the error in it", None, 0.0, 1e3)
+    local_law = port("", "of the robot's node, see telerobot_local.py", None, 1.0, 4.0)
+    predictor = port("", "1 predicts with (2), 0 takes the delayed robot", None, 0.0, 1.0)
+    match = port("", "1 compares with the reference of 2 T ago", 0.0, 0.0, 1.0)
+    use_echo = port("", "1 looks z up by the echo, 0 by the delay", 1.0, 0.0, 1.0)
+    history_offset_ticks = port("", "error of the z that is looked up", 0.0, -OFFSET, OFFSET)
+    u_lsb_rad_s2 = port("rad/s2", "quantum of u, 0 none", 0.001, 0.0, 10.0)
+    amplitude_rad = port("rad", "of the reference of joint #", (1.0, 0.8), -10.0, 10.0,
+                         shape=JOINTS, named="amplitude_#_rad")  # fmt: skip
+    omega_rad_s = port("rad/s", "of the reference of joint #", (1.0, 1.5), 0.0, 100.0,
+                       shape=JOINTS, named="omega_#_rad_s")  # fmt: skip
+    rise_s = port("s", "in which the reference begins", 3.0, 1e-3, 1e3)
+    start_rad = port("rad", "q# of the robot at rest", (-1.570796326794897, 0.0), -10.0, 10.0,
+                     shape=JOINTS, named="start_#_rad")  # fmt: skip
+
+
+class Settings(Gains):
+    """The gains, and the delay in time."""
+
+    delay_s = port("s", "T of each direction; 0: the rig's own", 0.2, 0.0, 10.0)
+
+
+class Parameters(Gains):
+    """The gains, the delay in ticks, and the model for this rate."""
+
+    delay_ticks = port("", "N", None, 0.0, LONGEST)
+    model = group(Sampled)
+
+
+class Inputs(Ports):
+    """What the robot told, and when."""
+
+    position_rad = port("rad", "q# told by the robot", 0.0, shape=JOINTS, named="position_#_rad")
+    rate_rad_s = port("rad/s", "q#' told by the robot", 0.0, shape=JOINTS, named="rate_#_rad_s")
+    position_tick = port("", "wire tick of the positions", 0.0)
+    rate_tick = port("", "wire tick of the rates", 0.0)
+    echo_tick = port("", "wire tick of the echo", 0.0)
+    echo = port("", "wire tick of the u in use at that tick", 0.0)
+
+
+class Outputs(Ports):
+    """The command, what the robot's side must know of it, and what led to it."""
+
+    u_rad_s2 = port("rad/s2", "to the robot, joint #", shape=JOINTS, named="u_#_rad_s2")
+    tick = port("", "wire tick of u")
+    law = port("", "local_law")
+    delay = port("", "N")
+    aim_rad = port("rad", "q_d of joint #, T ago: what the robot should do now",
+                   shape=JOINTS, named="aim_#_rad")  # fmt: skip
+    e_rad = port("rad", "e of joint #", shape=JOINTS, named="e_#_rad")
+    r_rad_s = port("rad/s", "r of joint #", shape=JOINTS, named="r_#_rad_s")
+    seen_rad = port("rad", "q# in use, T old", shape=JOINTS, named="seen_#_rad")
+    off_rad = port("rad", "seen position of joint # against z of its time",
+                   shape=JOINTS, named="off_#_rad")  # fmt: skip
+    off_rate_rad_s = port("rad/s", "seen rate of joint # against z of its time",
+                          shape=JOINTS, named="off_rate_#_rad_s")  # fmt: skip
+    z_rad = port("rad", "z of joint #", shape=JOINTS, named="z_#_rad")
+    held_x = port("", "ticks without a new x, of the whole run")
+    looked_up = port("", "ticks of age of the z that x is compared with")
+
+
+class States(Ports):
+    """The model with its past, and what came from the robot."""
+
+    z = group(Joints, "z_")
+    past_z_q = port("rad", "positions of z, by tick", shape=(HISTORY, JOINTS), recorded=False)
+    past_z_v = port("rad/s", "rates of z, by tick", shape=(HISTORY, JOINTS), recorded=False)
+    z_tick = port("", "tick of z", recorded=False)
+    u_last = port("rad/s2", "u of the last tick", shape=JOINTS, recorded=False)
+    used = group(Joints, "used_")  # the x in use
+    used_tick = port("", "its tick", -1.0, recorded=False)
+    used_age = port("", "ticks from u to it", recorded=False)
+    played = group(Joints, "played_")  # of the frames that were played last
+    played_age = port("", "ticks from u to x, played last", recorded=False)
+    missed = port("", "ticks without a new x", recorded=False)
+    positions = port("rad", "play-out", EMPTY, shape=(JOINTS, SLOTS), recorded=False)
+    rates = port("rad/s", "play-out", EMPTY, shape=(JOINTS, SLOTS), recorded=False)
+    ages = port("", "play-out of ticks from u to x", EMPTY, shape=SLOTS, recorded=False)
 
 
 @inline
 def remembered(tick: float) -> int:
-    """Return where z of a tick begins in the history; ticks below 0 are those before the run."""
-    return int(tick - HISTORY * floor(tick / HISTORY)) * 4
+    """Return the place of z of a tick in the past; ticks below 0 are those before the run."""
+    return int(tick - HISTORY * floor(tick / HISTORY))
 
 
 @inline
-def listen(now: float, p: Any, x: Any, u: Any) -> None:
-    """Put what came into the buffers, take out what is due; hold x unless all of it is there."""
-    delay = p[DELAY]
-    positions, rates, ages = tail(x, _POSITIONS), tail(x, _RATES), tail(x, _AGES)
-    waiting, used, age = tail(x, _WAITING), tail(x, _USED), tail(x, _AGE)
-    if delay < 0.5:  # the newest, whatever its tick
-        for i in range(4):
-            used[i] = where(u[4 + i // 2] > 0.5, u[i], used[i])
-        x[_X_TICK] = now
-        return
-    put(positions, JOINTS, u[4], now, delay, u, 0)
-    put(rates, JOINTS, u[5], now, delay, u, 2)
-    age[1] = where(u[7] > 0.5, tick_of(u[6], now) - tick_of(u[7], now), delay)
-    put(ages, 1, u[6], now, delay, age, 1)
-    due = now - delay
-    missing = take(positions, JOINTS, due, waiting) + take(rates, JOINTS, due, tail(waiting, 2))
-    take(ages, 1, due, tail(age, 2))
+def newest(now: float, x: Any, u: Any) -> None:
+    """Without a delay, use what came last, whatever its tick."""
+    for j in range(JOINTS):
+        x.used.q[j] = where(u.position_tick > 0.5, u.position_rad[j], x.used.q[j])
+        x.used.v[j] = where(u.rate_tick > 0.5, u.rate_rad_s[j], x.used.v[j])
+    x.used_tick = now
+
+
+@inline
+def store(now: float, delay: float, x: Any, u: Any) -> None:
+    """Put what came into the buffers."""
+    for j in range(JOINTS):
+        put(x.positions[j], u.position_tick, now, delay, u.position_rad[j])
+        put(x.rates[j], u.rate_tick, now, delay, u.rate_rad_s[j])
+    age = where(u.echo > 0.5, tick_of(u.echo_tick, now) - tick_of(u.echo, now), delay)
+    put(x.ages, u.echo_tick, now, delay, age)
+
+
+@inline
+def play(due: float, x: Any) -> None:
+    """Take out what is due; hold x unless all of it is there."""
+    missing = 0.0
+    for j in range(JOINTS):
+        x.played.q[j], no_position = take(x.positions[j], due, x.played.q[j])
+        x.played.v[j], no_rate = take(x.rates[j], due, x.played.v[j])
+        missing += no_position + no_rate
+    x.played_age, _ = take(x.ages, due, x.played_age)
     fresh = missing < 0.5
-    for i in range(4):
-        used[i] = where(fresh, waiting[i], used[i])
-    x[_X_TICK] = where(fresh, due, x[_X_TICK])
-    age[0] = where(fresh, age[2], age[0])
-    x[_MISSED] += where(fresh | (due < 0.0), 0.0, 1.0)
+    for j in range(JOINTS):
+        x.used.q[j] = where(fresh, x.played.q[j], x.used.q[j])
+        x.used.v[j] = where(fresh, x.played.v[j], x.used.v[j])
+    x.used_tick = where(fresh, due, x.used_tick)
+    x.used_age = where(fresh, x.played_age, x.used_age)
+    x.missed += where(fresh | (due < 0.0), 0.0, 1.0)
+
+
+@inline
+def listen(now: float, delay: float, x: Any, u: Any) -> None:
+    """Use the x of N ticks ago."""
+    if delay < 0.5:
+        newest(now, x, u)
+        return
+    store(now, delay, x, u)
+    play(now - delay, x)
 
 
 @inline
 def keep_model(now: float, p: Any, x: Any) -> None:
     """Bring z from the tick of the last call to `now` under the u of then (1), storing each."""
-    history, d = tail(x, _HISTORY), tail(p, MODEL)
-    for _ in range(int(now - x[_LAST])):
+    for _ in range(int(now - x.z_tick)):
+        advance(p.model, x.z, x.u_last)
+        x.z_tick += 1.0
+        at = remembered(x.z_tick)
         for j in range(JOINTS):
-            x[_Z + 2 * j], x[_Z + 2 * j + 1] = advance(d, x[2 * j], x[2 * j + 1], x[_U + j])
-        x[_LAST] += 1.0
-        at = remembered(x[_LAST])
-        for i in range(4):
-            history[at + i] = x[_Z + i]
+            x.past_z_q[at, j] = x.z.q[j]
+            x.past_z_v[at, j] = x.z.v[j]
 
 
 @inline
 def compared_tick(now: float, p: Any, x: Any) -> float:
     """Return the tick of the z that belongs to the x in use (2)."""
-    age = where(p[USE_ECHO] > 0.5, x[_AGE], p[DELAY])
+    age = where(p.use_echo > 0.5, x.used_age, p.delay_ticks)
     oldest = now - (HISTORY - 1.0)
-    return clip(x[_X_TICK] - age - p[HISTORY_OFFSET], oldest, now)
+    return clip(x.used_tick - age - p.history_offset_ticks, oldest, now)
 
 
 @inline
-def control(
-    j: int, t: float, dt: float, off_q: float, off_v: float, p: Any, x: Any, y: Any
-) -> None:
-    """Write u of joint `j` (0 or 1) by (2) to (4), with what is shown of it."""
-    size, omega, start, rise = p[SIZE + j], p[OMEGA + j], p[START + j], p[RISE]
-    delay_s = p[DELAY] * dt
-    q_d, v_d, a_d = soft_sine(t, size, omega, rise)
-    if p[MATCH] > 0.5:
-        q_d, v_d, _ = soft_sine(t - 2.0 * delay_s, size, omega, rise)
-    q, v = x[_USED + j], x[_USED + JOINTS + j]
-    if p[PREDICTOR] > 0.5:
-        q, v = x[_Z + 2 * j] + off_q, x[_Z + 2 * j + 1] + off_v
+def compare(tick: float, x: Any, y: Any) -> None:
+    """Write how far the x in use is from the z of its tick."""
+    at = remembered(tick)
+    for j in range(JOINTS):
+        y.off_rad[j] = x.used.q[j] - x.past_z_q[at, j]
+        y.off_rate_rad_s[j] = x.used.v[j] - x.past_z_v[at, j]
+
+
+@inline
+def control(j: int, t: float, dt: float, p: Any, x: Any, y: Any) -> None:
+    """Write u of joint `j` by (2) to (4), with what is shown of it."""
+    size, omega, start = p.amplitude_rad[j], p.omega_rad_s[j], p.start_rad[j]
+    delay_s = p.delay_ticks * dt
+    q_d, v_d, a_d = soft_sine(t, size, omega, p.rise_s)
+    if p.match > 0.5:
+        q_d, v_d, _ = soft_sine(t - 2.0 * delay_s, size, omega, p.rise_s)
+    q, v = x.used.q[j], x.used.v[j]
+    if p.predictor > 0.5:  # (2)
+        q, v = x.z.q[j] + y.off_rad[j], x.z.v[j] + y.off_rate_rad_s[j]
     e, e_rate = start + q_d - q, v_d - v
-    r = e_rate + p[LAM] * e
-    u = a_d + p[LAM] * e_rate + p[KV] * r
-    if p[LOCAL_LAW] > CANCEL:
+    r = e_rate + p.lam_per_s * e  # (3)
+    u = a_d + p.lam_per_s * e_rate + p.kv_per_s * r  # (4)
+    if p.local_law > CANCEL:
         u = u - A21 * q - A22 * v
     u = clip(u, -U_LIMIT_RAD_S2, U_LIMIT_RAD_S2)
-    if p[U_LSB] > 0.0:
-        u = p[U_LSB] * floor(u / p[U_LSB] + 0.5)
-    aim, _, _ = soft_sine(t - delay_s, size, omega, rise)
-    y[j] = x[_U + j] = u
-    y[5 + j], y[7 + j], y[9 + j], y[11 + j] = start + aim, e, r, x[_USED + j]
-    y[13 + j], y[15 + j], y[17 + j] = off_q, off_v, x[_Z + 2 * j]
+    if p.u_lsb_rad_s2 > 0.0:
+        u = p.u_lsb_rad_s2 * floor(u / p.u_lsb_rad_s2 + 0.5)
+    aim, _, _ = soft_sine(t - delay_s, size, omega, p.rise_s)
+    y.u_rad_s2[j] = x.u_last[j] = u
+    y.aim_rad[j], y.e_rad[j], y.r_rad_s[j] = start + aim, e, r
+    y.seen_rad[j], y.z_rad[j] = x.used.q[j], x.z.q[j]
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One tick; see the module header."""
     now = floor(t / dt + 0.5)
     keep_model(now, p, x)
-    listen(now, p, x, u)
+    listen(now, p.delay_ticks, x, u)
     compared = compared_tick(now, p, x)
-    z = tail(x, _HISTORY)
-    at = remembered(compared)
+    compare(compared, x, y)
     for j in range(JOINTS):
-        off_q = x[_USED + j] - z[at + 2 * j]
-        off_v = x[_USED + JOINTS + j] - z[at + 2 * j + 1]
-        control(j, t, dt, off_q, off_v, p, x, y)
-    y[2], y[3], y[4] = wire_tick(now), p[LOCAL_LAW], p[DELAY]
-    y[19], y[20] = x[_MISSED], now - compared
+        control(j, t, dt, p, x, y)
+    y.tick, y.law, y.delay = wire_tick(now), p.local_law, p.delay_ticks
+    y.held_x, y.looked_up = x.missed, now - compared
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -226,24 +257,15 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
         raise ValueError(
             f"delay_s {settings['delay_s']:g}: {ticks:.0f} cycles; at most {LONGEST:.0f}"
         )
-    at_rest = [settings["start_1_rad"], 0.0, settings["start_2_rad"], 0.0]
-    own = {port.name: settings[port.name] for port in GAINS}
-    used = [at_rest[0], at_rest[2], 0.0, 0.0]
+    own = {one.name: settings[one.name] for one in Gains.ports}
+    start = [settings["start_1_rad"], settings["start_2_rad"]]
     resting = 0.0 if settings["local_law"] == CANCEL else -A21
     states: dict[str, float | list[float]] = {
-        "z": at_rest, "x_used": used, "waiting": used, "ages_at_hand": [ticks] * 3,
-        "x_tick": -ticks, "history": at_rest * HISTORY,
-        "u_last": [resting * at_rest[0], resting * at_rest[2]],
+        "z_q": start, "past_z_q": start * HISTORY, "u_last": [resting * q for q in start],
+        "used_q": start, "played_q": start, "used_tick": -ticks,
+        "used_age": ticks, "played_age": ticks,
     }  # fmt: skip
-    return Prepared({**own, "delay_ticks": ticks, "model": sampled(1.0 / rate_hz)}, states)
+    return Prepared({**own, "delay_ticks": ticks, **sampled(1.0 / rate_hz)}, states)
 
 
-BLOCK = Block(
-    step,
-    inputs=INPUTS,
-    outputs=OUTPUTS,
-    settings=SETTINGS,
-    parameters=PARAMETERS,
-    states=STATES,
-    prepare=prepare,
-)
+BLOCK = Block(step, settings=Settings, prepare=prepare)
