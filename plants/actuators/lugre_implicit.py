@@ -20,6 +20,7 @@ systems with friction, IEEE Trans. Automatic Control 40 (1995); the scheme is th
 
 from pcpc.drivers.jit import inline
 from pcpc.executive.laws.emath import expmsq
+from pcpc.executive.laws.models.two_link import solved
 
 
 @inline
@@ -55,6 +56,4 @@ def velocities(
     m11: float, m12: float, m22: float, dt: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Return v+ of two axes (6); `r_i` = p_i - dt B_i, `slope_i` A_i."""
-    n11, n22 = m11 + dt * slope_1, m22 + dt * slope_2
-    d = n11 * n22 - m12 * m12
-    return (n22 * r1 - m12 * r2) / d, (n11 * r2 - m12 * r1) / d
+    return solved(m11 + dt * slope_1, m12, m22 + dt * slope_2, r1, r2)

@@ -21,6 +21,7 @@ friction, as in J. J. Moreau, Unilateral contact and dry friction in finite free
 
 from pcpc.drivers.jit import inline
 from pcpc.executive.laws.emath import clip, where
+from pcpc.executive.laws.models.two_link import solved
 
 
 @inline
@@ -48,11 +49,9 @@ def velocities(
     v1, v2 = where(first, one, 0.0), where(first, 0.0, two)
     slips = (excess_1 > 0.0) & (excess_2 > 0.0)
 
-    d = m11 * m22 - m12 * m12
     for k in range(4):  # (5)
         s1, s2 = 1.0 - 2.0 * (k // 2), 1.0 - 2.0 * (k % 2)
-        r1, r2 = p1 - s1 * c1, p2 - s2 * c2
-        w1, w2 = (m22 * r1 - m12 * r2) / d, (m11 * r2 - m12 * r1) / d
+        w1, w2 = solved(m11, m12, m22, p1 - s1 * c1, p2 - s2 * c2)
         valid = slips & (w1 * s1 > 0.0) & (w2 * s2 > 0.0)
         v1, v2 = where(valid, w1, v1), where(valid, w2, v2)
     return v1, v2

@@ -45,13 +45,13 @@ class Loop:
 
     def __init__(self, rate_hz: float = 1000.0, **settings: float) -> None:
         """Take `settings` of the arm or of the law, by name."""
-        arm = {port.name for port in model.SETTINGS}
+        arm = {port.name for port in model.BLOCK.settings}
         mine = {k: v for k, v in settings.items() if k in arm}
         law = {k: v for k, v in settings.items() if k not in arm}
         self.dt = 1.0 / rate_hz
         self.p, self.x = views(model.BLOCK, rate_hz, ARM | mine)
         self.law_p, self.law_x = views(friction_nn.BLOCK, rate_hz, LAW | law)
-        self.y = np.zeros(len(model.OUTPUTS))
+        self.y = np.zeros(model.Outputs.size)
         self.law_y = np.zeros(friction_nn.Outputs.size)
         self.law_u = np.zeros(network_inputs.Inputs.size)
         network_inputs.Inputs(self.law_u).q_d_rad[:] = 1.0
