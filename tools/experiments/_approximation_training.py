@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import compiled
-from pcpc.drivers.views import tail
+from pcpc.drivers.jit import compiled, inline
 from pcpc.executive.laws.approximators import backprop, jumps
 from pcpc.executive.laws.approximators.activations import LOGISTIC
 
@@ -132,39 +131,46 @@ def first_weights(case: Case, seed: int, extra: int) -> Array:
     return np.concatenate((v.ravel(), w, np.zeros(extra)))
 
 
+@inline
+def layers(theta: Any, nodes: int, inputs: int) -> tuple[Any, Any]:
+    """Return V_1 with its thresholds (n+1, L) and [W_1; W_2] (*, 1), views of theta (1)."""
+    size = (inputs + 1) * nodes
+    return theta[:size].reshape(inputs + 1, nodes), theta[size:].reshape(len(theta) - size, 1)
+
+
 @compiled()
 def evaluate(theta: Any, nodes: int, x: Any, phi: Any, y: Any, s: Any) -> None:
     """Write the net's output at `x` (points, n) to `y`, its hidden vectors to `s` (points, *)."""
-    n, extra = x.shape[1], phi.shape[1]
-    w = tail(theta, (n + 1) * nodes)
+    v, w = layers(theta, nodes, x.shape[1])
     z, slope, out = np.empty(nodes), np.empty(nodes), np.empty(1)
     for i in range(len(x)):
-        backprop.hidden(LOGISTIC, x[i], n, nodes, theta, z, s[i], slope)
-        for k in range(extra):
+        backprop.hidden(LOGISTIC, x[i], v, z, s[i], slope)
+        for k in range(phi.shape[1]):
             s[i, nodes + 1 + k] = phi[i, k]
-        backprop.output(s[i], nodes + 1 + extra, w, 1, out)
+        backprop.output(s[i], w, out)
         y[i] = out[0]
 
 
 @compiled()
 def downhill(theta: Any, nodes: int, x: Any, phi: Any, target: Any, down: Any) -> float:
     """Return J (2), write -grad J to `down`."""
-    n, extra, points = x.shape[1], phi.shape[1], len(x)
-    w, down_w = tail(theta, (n + 1) * nodes), tail(down, (n + 1) * nodes)
-    size, gain, loss = nodes + 1 + extra, 2.0 / points, 0.0
-    z, slope, b, s = np.empty(nodes), np.empty(nodes), np.empty(nodes), np.empty(size)
+    points = len(x)
+    v, w = layers(theta, nodes, x.shape[1])
+    down_v, down_w = layers(down, nodes, x.shape[1])
+    gain, loss = 2.0 / points, 0.0
+    z, slope, b, s = np.empty(nodes), np.empty(nodes), np.empty(nodes), np.empty(len(w))
     y, e = np.empty(1), np.empty(1)
     down[:] = 0.0
     for i in range(points):
-        backprop.hidden(LOGISTIC, x[i], n, nodes, theta, z, s, slope)
-        for k in range(extra):
+        backprop.hidden(LOGISTIC, x[i], v, z, s, slope)
+        for k in range(phi.shape[1]):
             s[nodes + 1 + k] = phi[i, k]
-        backprop.output(s, size, w, 1, y)
+        backprop.output(s, w, y)
         e[0] = target[i] - y[0]
         loss += e[0] * e[0]
-        backprop.back(slope, nodes, w, e, 1, b)
-        backprop.tune_output(gain, s, size, e, 1, down_w)
-        backprop.tune_first(gain, x[i], n, b, nodes, down)
+        backprop.back(slope, w, e, b)
+        backprop.tune_output(gain, s, e, down_w)
+        backprop.tune_first(gain, x[i], b, down_v)
     return loss / points
 
 
@@ -254,19 +260,20 @@ def _rms(values: Array) -> float:
 
 @compiled()
 def online(
-    x: Any, nodes: int, v: Any, w: Any, rate: float, hebbian: bool, leak: float, limit: float
+    x: Any, nodes: int, theta: Any, rate: float, hebbian: bool, leak: float, limit: float
 ) -> None:
     """Fit sin(x) sample by sample, backprop.py (5) or, `hebbian`, (7); `x` (samples, 1)."""
+    v, w = layers(theta, nodes, 1)
     z, slope, b, s = np.empty(nodes), np.empty(nodes), np.empty(nodes), np.empty(nodes + 1)
     y, e = np.empty(1), np.empty(1)
     for i in range(len(x)):
-        backprop.hidden(LOGISTIC, x[i], 1, nodes, v, z, s, slope)
-        backprop.output(s, nodes + 1, w, 1, y)
+        backprop.hidden(LOGISTIC, x[i], v, z, s, slope)
+        backprop.output(s, w, y)
         e[0] = np.sin(x[i, 0]) - y[0]
         if hebbian:
-            backprop.tune_hebbian(rate, rate, leak, limit, e, x[i], 1, nodes, 1, s, w, v)
+            backprop.tune_hebbian(rate, rate, leak, limit, e, x[i], s, w, v)
         else:
-            backprop.tune(rate, rate, e, x[i], 1, nodes, 1, s, slope, b, w, v)
+            backprop.tune(rate, rate, e, x[i], s, slope, b, w, v)
 
 
 def online_fit(
@@ -279,7 +286,6 @@ def online_fit(
     test = np.linspace(-np.pi, np.pi, 41)[:, None]
     none, y, s = np.zeros((41, 0)), np.zeros(41), np.zeros((41, 11))
     target = np.sin(test[:, 0])
-    v, w = theta[:20].copy(), theta[20:].copy()
-    online(x, 10, v, w, rate, hebbian, leak, limit)
-    evaluate(np.concatenate((v, w)), 10, test, none, y, s)
-    return _rms(target), _rms(y - target), float(np.linalg.norm(v))
+    online(x, 10, theta, rate, hebbian, leak, limit)
+    evaluate(theta, 10, test, none, y, s)
+    return _rms(target), _rms(y - target), float(np.linalg.norm(theta[:20]))

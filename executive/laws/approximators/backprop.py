@@ -18,8 +18,8 @@ Hebbian tuning does not see the error in its first layer and without leak and li
 without bound; the book itself says that its performance is hard to guarantee. Nothing here uses it
 unless asked to.
 
-Matrices are views row by row: V_ij is v[i L + j], W_ji is w[j m + i]. No units but those of E and
-W. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 1.
+`x` (n,), `v` (n+1, L), `z`, `slope` (L,), `s` (L+1,), `w` (L+1, m), `e`, `y` (m,): arrays or ports.
+No units but those of E and W. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 1.
 """
 
 from typing import Any
@@ -30,86 +30,86 @@ from pcpc.executive.laws.emath import sqrt, where
 
 
 @inline
-def hidden(kind: int, x: Any, n: int, nodes: int, v: Any, z: Any, s: Any, slope: Any) -> None:
-    """Write z (1), s (2) and sigma'(z): `x` (n,), `v` ((n+1) L,), `z`, `slope` (L,), `s` (L+1,)."""
+def hidden(kind: int, x: Any, v: Any, z: Any, s: Any, slope: Any) -> None:
+    """Write z (1), s (2) and sigma'(z)."""
+    nodes = len(z)
     for j in range(nodes):
-        z[j] = v[j]
-    for i in range(n):
+        z[j] = v[0, j]
+    for i in range(len(x)):
         for j in range(nodes):
-            z[j] += v[(i + 1) * nodes + j] * x[i]
+            z[j] += v[i + 1, j] * x[i]
     s[0] = 1.0
     for j in range(nodes):
         s[j + 1], slope[j] = activate(kind, z[j])
 
 
 @inline
-def output(s: Any, n_s: int, w: Any, m: int, y: Any) -> None:
-    """Write y = W's (3): `s` (n_s,), `w` (n_s m,), `y` (m,); for every net linear in W."""
-    for i in range(m):
+def output(s: Any, w: Any, y: Any) -> None:
+    """Write y = W's (3); for every net linear in W, of any number of nodes."""
+    for i in range(len(y)):
         total = 0.0
-        for j in range(n_s):
-            total += w[j * m + i] * s[j]
+        for j in range(len(w)):
+            total += w[j, i] * s[j]
         y[i] = total
 
 
 @inline
-def tune_output(gain: float, s: Any, n_s: int, e: Any, m: int, w: Any) -> None:
+def tune_output(gain: float, s: Any, e: Any, w: Any) -> None:
     """W <- W + gain s E' in place, as in (5); for every net linear in W."""
-    for j in range(n_s):
-        for i in range(m):
-            w[j * m + i] += gain * s[j] * e[i]
+    for j in range(len(w)):
+        for i in range(len(e)):
+            w[j, i] += gain * s[j] * e[i]
 
 
 @inline
-def back(slope: Any, nodes: int, w: Any, e: Any, m: int, b: Any) -> None:
+def back(slope: Any, w: Any, e: Any, b: Any) -> None:
     """Write b = s''W E (L,), the error as the hidden layer sees it; call it before `w` is tuned."""
-    for j in range(nodes):
+    for j in range(len(b)):
         total = 0.0
-        for i in range(m):
-            total += w[(j + 1) * m + i] * e[i]
+        for i in range(len(e)):
+            total += w[j + 1, i] * e[i]
         b[j] = slope[j] * total
 
 
 @inline
-def tune_first(gain: float, x: Any, n: int, b: Any, nodes: int, v: Any) -> None:
+def tune_first(gain: float, x: Any, b: Any, v: Any) -> None:
     """V <- V + gain [1; x] b' in place, as in (5)."""
-    for j in range(nodes):
-        v[j] += gain * b[j]
-    for i in range(n):
-        for j in range(nodes):
-            v[(i + 1) * nodes + j] += gain * x[i] * b[j]
+    for j in range(len(b)):
+        v[0, j] += gain * b[j]
+    for i in range(len(x)):
+        for j in range(len(b)):
+            v[i + 1, j] += gain * x[i] * b[j]
 
 
 @inline
 def tune(
-    f: float, g: float, e: Any, x: Any, n: int, nodes: int, m: int,
-    s: Any, slope: Any, b: Any, w: Any, v: Any,
+    f: float, g: float, e: Any, x: Any, s: Any, slope: Any, b: Any, w: Any, v: Any
 ) -> None:  # fmt: skip
     """One step of (5) in place after `hidden`; for (6) give f T and g T. `b` (L,) is scratch."""
-    back(slope, nodes, w, e, m, b)
-    tune_output(f, s, nodes + 1, e, m, w)
-    tune_first(g, x, n, b, nodes, v)
+    back(slope, w, e, b)
+    tune_output(f, s, e, w)
+    tune_first(g, x, b, v)
 
 
 @inline
 def tune_hebbian(
-    f: float, g: float, leak: float, limit: float, e: Any, x: Any, n: int, nodes: int, m: int,
-    s: Any, w: Any, v: Any,
-) -> None:  # fmt: skip
+    f: float, g: float, leak: float, limit: float, e: Any, x: Any, s: Any, w: Any, v: Any
+) -> None:
     """One Euler step of (7) in place after `hidden`; `f`, `g` hold the step size already.
 
     `leak` >= 0 with g leak < 1; `limit` of |V|_F, infinite for none.
     """
     kept = 1.0 - g * leak
+    nodes = len(w) - 1
     square = 0.0
-    for i in range(n + 1):
+    for i in range(len(v)):
         xi = 1.0 if i == 0 else x[i - 1]
         for j in range(nodes):
-            at = i * nodes + j
-            v[at] = kept * v[at] + g * xi * s[j + 1]
-            square += v[at] * v[at]
+            v[i, j] = kept * v[i, j] + g * xi * s[j + 1]
+            square += v[i, j] * v[i, j]
     norm = sqrt(square)
     scale = where(norm > limit, limit / norm, 1.0)
-    for at in range((n + 1) * nodes):
-        v[at] *= scale
-    tune_output(f, s, nodes + 1, e, m, w)
+    for i in range(len(v)):
+        for j in range(nodes):
+            v[i, j] *= scale
+    tune_output(f, s, e, w)

@@ -53,7 +53,7 @@ def axis(order: int, x: float, low: float, d: float, count: int, out: Any, at: i
 
 @inline
 def touched(
-    order: int, x: Any, n: int, low: Any, d: Any, counts: Any, index: Any, value: Any, work: Any
+    order: int, x: Any, low: Any, d: Any, counts: Any, index: Any, value: Any, work: Any
 ) -> int:
     """Write index and value of the nodes touched (4); return how many, order^n.
 
@@ -61,7 +61,7 @@ def touched(
     """
     index[0], value[0] = 0.0, 1.0
     size = 1
-    for k in range(n):
+    for k in range(len(x)):
         first = axis(order, x[k], low[k], d[k], int(counts[k]), work, 0)
         for j in range(size - 1, -1, -1):  # backwards: the lists grow in place
             at, factor = index[j] * counts[k] + first, value[j]
@@ -73,27 +73,27 @@ def touched(
 
 
 @inline
-def output(index: Any, value: Any, size: int, w: Any, m: int, y: Any) -> None:
-    """Write y (5): `w` (nodes m,) row by row, `y` (m,)."""
-    for i in range(m):
+def output(index: Any, value: Any, size: int, w: Any, y: Any) -> None:
+    """Write y (5) from the `size` nodes touched: `w` (nodes, m), `y` (m,)."""
+    for i in range(len(y)):
         total = 0.0
         for j in range(size):
-            total += w[int(index[j]) * m + i] * value[j]
+            total += w[int(index[j]), i] * value[j]
         y[i] = total
 
 
 @inline
-def tune(gain: float, index: Any, value: Any, size: int, e: Any, m: int, w: Any) -> None:
+def tune(gain: float, index: Any, value: Any, size: int, e: Any, w: Any) -> None:
     """W <- W + gain phi E' in place, only the rows touched (5)."""
     for j in range(size):
-        row = int(index[j]) * m
-        for i in range(m):
-            w[row + i] += gain * value[j] * e[i]
+        for i in range(len(e)):
+            w[int(index[j]), i] += gain * value[j] * e[i]
 
 
 @inline
-def recursion(order: int, x: float, t: Any, knots: int, b: Any) -> None:
+def recursion(order: int, x: float, t: Any, b: Any) -> None:
     """Write all B_j,order (6) (7), j = 0..knots - order - 1, to `b` (knots - 1,); `t` rising."""
+    knots = len(t)
     for j in range(knots - 1):
         b[j] = where((t[j] <= x) & (x < t[j + 1]), 1.0, 0.0)
     for o in range(2, order + 1):

@@ -63,7 +63,7 @@ class Approximator(ABC):
         """Return y (m,)."""
         phi, _ = self.hidden(x)
         y = np.zeros(self.outputs)
-        backprop.output(phi, self.nodes, self._w.ravel(), self.outputs, y)
+        backprop.output(phi, self._w, y)
         return y
 
     def weights(self) -> tuple[Array, Array]:
@@ -94,9 +94,9 @@ class Approximator(ABC):
 
 def _smooth(kind: int, x: Array, v: Array) -> tuple[Array, Array]:
     """Return s (L+1,) and its derivative ds/dz (L+1, L); the first row, the threshold's, is 0."""
-    n, nodes = len(x), v.shape[1]
+    nodes = v.shape[1]
     z, slope, s = np.zeros(nodes), np.zeros(nodes), np.zeros(nodes + 1)
-    backprop.hidden(kind, x, n, nodes, v.ravel(), z, s, slope)
+    backprop.hidden(kind, x, v, z, s, slope)
     return s, np.vstack((np.zeros(nodes), np.diag(slope)))
 
 
@@ -127,11 +127,8 @@ class TwoLayer(Approximator):
             growth = "Hebbian tuning: |V| grows without bound; give a leak or a limit"
             warnings.warn(growth, stacklevel=2)
         s, _ = self.hidden(x)
-        nodes, e = self.nodes - 1, np.asarray(error, float)
-        backprop.tune_hebbian(
-            f, g, leak, limit, e, self._checked(x), self.inputs, nodes, self.outputs,
-            s, self._w.ravel(), self._v.ravel(),
-        )  # fmt: skip
+        e = np.asarray(error, float)
+        backprop.tune_hebbian(f, g, leak, limit, e, self._checked(x), s, self._w, self._v)
 
 
 class Augmented(Approximator):
@@ -184,7 +181,7 @@ class Rbf(Approximator):
         """Return phi (nodes,)."""
         phi, factors = np.zeros(self.nodes), np.zeros(int(self._counts.sum()))
         point = self._checked(x)
-        rbf.grid(point, self.inputs, self._low, self._d, self._counts, factors, phi)
+        rbf.grid(point, self._low, self._d, self._counts, factors, phi)
         return phi, np.zeros((self.nodes, 0))
 
 
@@ -204,9 +201,7 @@ class Cmac(Approximator):
         size = self.order**self.inputs
         index, value, work = np.zeros(size), np.zeros(size), np.zeros(self.order)
         point = self._checked(x)
-        cmac.touched(
-            self.order, point, self.inputs, self._low, self._d, self._counts, index, value, work
-        )
+        cmac.touched(self.order, point, self._low, self._d, self._counts, index, value, work)
         return index, value
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
@@ -220,7 +215,7 @@ class Cmac(Approximator):
         """Return y (m,) from the nodes touched."""
         index, value = self.touched(x)
         y = np.zeros(self.outputs)
-        cmac.output(index, value, len(index), self._w.ravel(), self.outputs, y)
+        cmac.output(index, value, len(index), self._w, y)
         return y
 
 
@@ -230,13 +225,13 @@ class FuzzyTriangle(Approximator):
     def __init__(self, grid: Grid, outputs: int) -> None:
         super().__init__(len(grid.counts), math.prod(grid.counts), outputs)
         self._counts, self._centres = np.array(grid.counts, float), _centres(grid)
-        self._rules = fuzzy.full_grid(grid.counts).ravel()
+        self._rules = fuzzy.full_grid(grid.counts)
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return phi (rules,)."""
         phi, member = np.zeros(self.nodes), np.zeros(len(self._centres))
-        fuzzy.triangles(self._checked(x), self.inputs, self._counts, self._centres, member)
-        fuzzy.by_product(member, self.inputs, self._rules, self.nodes, phi)
+        fuzzy.triangles(self._checked(x), self._counts, self._centres, member)
+        fuzzy.by_product(member, self._rules, phi)
         return phi, np.zeros((self.nodes, 0))
 
 
@@ -258,12 +253,12 @@ class Fuzzy(Approximator):
 
     def hidden(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return phi (rules,) and d phi/d[a; b], D of ln mu_l less its mean, times phi_l."""
-        point, n = self._checked(x), self.inputs
+        point = self._checked(x)
         a, b = self._v[: self._sets], self._v[self._sets :]
         phi = np.zeros(self.nodes)
-        fuzzy.by_logarithm(point, n, self._rules.ravel(), self.nodes, a, b, phi)
+        fuzzy.by_logarithm(point, self._rules, a, b, phi)
         log_slope = np.zeros((self.nodes, 2 * self._sets))
-        for k in range(n):
+        for k in range(self.inputs):
             sets = self._rules[:, k].astype(int)
             distance, rules = point[k] - b[sets], np.arange(self.nodes)
             log_slope[rules, sets] = -2.0 * a[sets] * distance * distance
@@ -273,7 +268,7 @@ class Fuzzy(Approximator):
     def step(self, dw: ArrayLike, dv: ArrayLike = 0.0) -> None:
         """Add to W and V in place, then keep |a| in its limits (10)."""
         super().step(dw, dv)
-        fuzzy.clamp(self._v[: self._sets], self._sets, *self._limits)
+        fuzzy.clamp(self._v[: self._sets], *self._limits)
 
 
 def _centres(grid: Grid) -> Array:

@@ -36,10 +36,10 @@ def full_grid(counts: Sequence[int]) -> NDArray[np.float64]:
 
 
 @inline
-def triangles(x: Any, n: int, counts: Any, b: Any, member: Any) -> None:
+def triangles(x: Any, counts: Any, b: Any, member: Any) -> None:
     """Write the membership (4) of every set: `b`, `member` (sets,); `b` rising on each input."""
     at = 0
-    for k in range(n):
+    for k in range(len(x)):
         count = int(counts[k])
         for j in range(count):
             rise, fall = 1.0, 1.0
@@ -52,61 +52,62 @@ def triangles(x: Any, n: int, counts: Any, b: Any, member: Any) -> None:
 
 
 @inline
-def by_product(member: Any, n: int, rules: Any, n_rules: int, phi: Any) -> None:
-    """Write phi (1) (2) from memberships; all 0 where no rule fires. `rules` (n_rules n,)."""
+def by_product(member: Any, rules: Any, phi: Any) -> None:
+    """Write phi (1) (2) from memberships; all 0 where no rule fires. `rules` (rules, n) is r."""
     total = 0.0
-    for rule in range(n_rules):
+    for rule in range(len(rules)):
         mu = 1.0
-        for k in range(n):
-            mu *= member[int(rules[rule * n + k])]
+        for k in range(len(rules[rule])):
+            mu *= member[int(rules[rule, k])]
         phi[rule] = mu
         total += mu
-    for rule in range(n_rules):
+    for rule in range(len(rules)):
         phi[rule] /= where(total == 0.0, 1.0, total)
 
 
 @inline
-def by_logarithm(x: Any, n: int, rules: Any, n_rules: int, a: Any, b: Any, phi: Any) -> None:
+def by_logarithm(x: Any, rules: Any, a: Any, b: Any, phi: Any) -> None:
     """Write phi (1) (2) of Gaussian sets (5) in the form (6): `x` (n,), `a`, `b` (sets,)."""
     largest = -1.0e300
-    for rule in range(n_rules):
+    for rule in range(len(rules)):
         exponent = 0.0
-        for k in range(n):
-            r = int(rules[rule * n + k])
+        for k in range(len(x)):
+            r = int(rules[rule, k])
             s = a[r] * (x[k] - b[r])
             exponent -= s * s
         phi[rule] = exponent
         largest = where(exponent > largest, exponent, largest)
     total = 0.0
-    for rule in range(n_rules):
+    for rule in range(len(rules)):
         phi[rule] = exp(phi[rule] - largest)
         total += phi[rule]
-    for rule in range(n_rules):
+    for rule in range(len(rules)):
         phi[rule] /= total
 
 
 @inline
-def slopes(x: Any, n: int, rules: Any, n_rules: int, sets: int, a: Any, b: Any,
-           phi: Any, c: Any, c_mean: float, da: Any, db: Any) -> None:  # fmt: skip
+def slopes(
+    x: Any, rules: Any, a: Any, b: Any, phi: Any, c: Any, c_mean: float, da: Any, db: Any
+) -> None:
     """Write d/da, d/db of sum_l c_l phi_l, given its value `c_mean`: (8) (9) for c = a column of W.
 
-    `c`, `phi` (n_rules,), `da`, `db` (sets,). For a law driven by E: c = W E, c_mean = y'E.
+    `c`, `phi` (rules,), `da`, `db` (sets,). For a law driven by E: c = W E, c_mean = y'E.
     """
-    for r in range(sets):
+    for r in range(len(a)):
         da[r] = 0.0
         db[r] = 0.0
-    for rule in range(n_rules):
+    for rule in range(len(rules)):
         g = phi[rule] * (c[rule] - c_mean)
-        for k in range(n):
-            r = int(rules[rule * n + k])
+        for k in range(len(x)):
+            r = int(rules[rule, k])
             distance = x[k] - b[r]
             db[r] += 2.0 * g * a[r] * a[r] * distance
             da[r] -= 2.0 * g * a[r] * distance * distance
 
 
 @inline
-def clamp(a: Any, sets: int, a_min: float, a_max: float) -> None:
+def clamp(a: Any, a_min: float, a_max: float) -> None:
     """Keep |a| in a_min..a_max in place (10); the sign stays, a zero becomes a_min."""
-    for r in range(sets):
+    for r in range(len(a)):
         size = clip(abs(a[r]), a_min, a_max)
         a[r] = where(a[r] < 0.0, -size, size)

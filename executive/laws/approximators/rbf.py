@@ -32,14 +32,14 @@ def gaussian_axis(x: float, low: float, d: float, count: int, at: int, out: Any)
 
 
 @inline
-def products(factors: Any, counts: Any, n: int, phi: Any) -> int:
-    """Write the product of one factor an axis for every node, first input slowest; return how many.
+def products(factors: Any, counts: Any, phi: Any) -> None:
+    """Write the product of one factor an axis for every node, first input slowest.
 
     `factors` (sum of counts,), `counts` (n,) whole numbers, `phi` (product of counts,).
     """
     phi[0] = 1.0
     size, at = 1, 0
-    for k in range(n):
+    for k in range(len(counts)):
         count = int(counts[k])
         for j in range(size - 1, -1, -1):  # backwards: phi grows in place
             value = phi[j]
@@ -47,27 +47,27 @@ def products(factors: Any, counts: Any, n: int, phi: Any) -> int:
                 phi[j * count + i] = value * factors[at + i]
         size *= count
         at += count
-    return size
 
 
 @inline
-def grid(x: Any, n: int, low: Any, d: Any, counts: Any, factors: Any, phi: Any) -> None:
+def grid(x: Any, low: Any, d: Any, counts: Any, factors: Any, phi: Any) -> None:
     """Write phi (2); `x`, `low`, `d`, `counts` (n,), `factors` (sum of counts,) is scratch."""
     at = 0
-    for k in range(n):
+    for k in range(len(x)):
         count = int(counts[k])
         gaussian_axis(x[k], low[k], d[k], count, at, factors)
         at += count
-    products(factors, counts, n, phi)
+    products(factors, counts, phi)
 
 
 @inline
-def scattered(x: Any, n: int, nodes: int, centres: Any, precisions: Any, phi: Any) -> None:
-    """Write phi (1): `centres` (nodes n,) row by row, `precisions` (nodes n n,) the P_j^-1."""
-    for j in range(nodes):
+def scattered(x: Any, centres: Any, precisions: Any, phi: Any) -> None:
+    """Write phi (1): `centres` (nodes, n), `precisions` (nodes, n, n) the P_j^-1."""
+    n = len(x)
+    for j in range(len(phi)):
         total = 0.0
         for i in range(n):
             for k in range(n):
-                di, dk = x[i] - centres[j * n + i], x[k] - centres[j * n + k]
-                total += di * precisions[(j * n + i) * n + k] * dk
+                di, dk = x[i] - centres[j, i], x[k] - centres[j, k]
+                total += di * precisions[j, i, k] * dk
         phi[j] = exp(-0.5 * total)
