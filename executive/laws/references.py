@@ -14,26 +14,84 @@ nothing.
 
 from typing import Any
 
-from pcpc.executive.laws.block import Block, Port, inline, stage
+from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
 from pcpc.executive.laws.emath import floor, sincos, where
 
-OUTPUTS = (
-    Port("q_d_rad", "rad", "desired angle"),
-    Port("q_d_rate_rad_s", "rad/s", "its first derivative"),
-    Port("q_d_acc_rad_s2", "rad/s2", "its second derivative"),
-)
-_AMPLITUDE = Port("amplitude_rad", "rad", "size of the move", None, -4.0, 4.0)
-_MOVE = Port("move_s", "s", "duration of the move", None, 1e-3, 1e3)
+TWO_PI = 6.283185307179586
 
 
-def _time(name: str, help: str) -> Port:
-    return Port(name, "s", help, None, 0.0, 1e6)
+class Desired(Ports):
+    """What all give."""
+
+    q_d_rad = port("rad", "desired angle")
+    q_d_rate_rad_s = port("rad/s", "its first derivative")
+    q_d_acc_rad_s2 = port("rad/s2", "its second derivative")
+
+
+class Amplitude(Ports):
+    """Of those that know how far they go."""
+
+    amplitude_rad = port("rad", "size of the move", None, -4.0, 4.0)
+
+
+class Move(Amplitude):
+    """Of those that take a time for it."""
+
+    move_s = port("s", "duration of the move", None, 1e-3, 1e3)
+
+
+class Quintic(Move):
+    """Of (1)."""
+
+    up_s = port("s", "start up", None, 0.0, 1e6)
+    back_s = port("s", "start back", None, 0.0, 1e6)
+
+
+class BangBang(Move):
+    """Of (2)."""
+
+    start_s = port("s", "start", None, 0.0, 1e6)
+
+
+class Step(Amplitude):
+    """Of (3)."""
+
+    start_s = port("s", "time of the step", None, 0.0, 1e6)
+
+
+class Sine(Amplitude):
+    """Of (4)."""
+
+    frequency_hz = port("Hz", "frequency", None, 0.0, 100.0)
+    phase_rad = port("rad", "at t = 0", 0.0, -7.0, 7.0)
+
+
+class Triangle(Ports):
+    """Of (5)."""
+
+    rate_rad_s = port("rad/s", "slope of the legs", None, 0.0, 10.0)
+    leg_s = port("s", "duration of a leg", None, 0.0, 1e6)
+    start_s = port("s", "rate is zero before", None, 0.0, 1e6)
+    corner_s = port("s", "half the time in which the rate turns", None, 0.0, 1e6)
+
+
+class Ramp(Ports):
+    """Of (6)."""
+
+    rate_rad_s = port("rad/s", "final rate", None, -10.0, 10.0)
+    rise_s = port("s", "rise", None, 0.0, 1e6)
+
+
+@inline
+def _within(s: float) -> float:
+    """Return `s` clamped to 0..1."""
+    return where(s < 0.0, 0.0, where(s > 1.0, 1.0, s))
 
 
 @inline
 def _rise(s: float) -> Any:
     """Quintic from 0 to 1 for s in 0..1, clamped outside: value, first, second derivative."""
-    s = where(s < 0.0, 0.0, where(s > 1.0, 1.0, s))
+    s = _within(s)
     s2 = s * s
     value = s2 * s * (10.0 + s * (6.0 * s - 15.0))  # (1)
     first = 30.0 * s2 * (1.0 + s * (s - 2.0))
@@ -42,54 +100,51 @@ def _rise(s: float) -> Any:
 
 
 @stage
-def quintic_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def quintic_step(t: float, dt: float, p: Quintic, x: Nothing, u: Nothing, y: Desired) -> None:
     """Equation (1), up and back."""
-    amplitude, move, up, back = p[0], p[1], p[2], p[3]
-    u0, u1, u2 = _rise((t - up) / move)
-    b0, b1, b2 = _rise((t - back) / move)
-    y[0] = amplitude * (u0 - b0)
-    y[1] = amplitude * (u1 - b1) / move
-    y[2] = amplitude * (u2 - b2) / (move * move)
+    u0, u1, u2 = _rise((t - p.up_s) / p.move_s)
+    b0, b1, b2 = _rise((t - p.back_s) / p.move_s)
+    y.q_d_rad = p.amplitude_rad * (u0 - b0)
+    y.q_d_rate_rad_s = p.amplitude_rad * (u1 - b1) / p.move_s
+    y.q_d_acc_rad_s2 = p.amplitude_rad * (u2 - b2) / (p.move_s * p.move_s)
 
 
 @stage
-def bang_bang_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def bang_bang_step(t: float, dt: float, p: BangBang, x: Nothing, u: Nothing, y: Desired) -> None:
     """Equation (2)."""
-    amplitude, move, start = p[0], p[1], p[2]
-    s = (t - start) / move
-    s = where(s < 0.0, 0.0, where(s > 1.0, 1.0, s))
+    s = _within((t - p.start_s) / p.move_s)
     left = 1.0 - s
     first_half = s < 0.5
-    y[0] = amplitude * where(first_half, 2.0 * s * s, 1.0 - 2.0 * left * left)
-    y[1] = amplitude * 4.0 * where(first_half, s, left) / move
+    y.q_d_rad = p.amplitude_rad * where(first_half, 2.0 * s * s, 1.0 - 2.0 * left * left)
+    y.q_d_rate_rad_s = p.amplitude_rad * 4.0 * where(first_half, s, left) / p.move_s
     moving = (s > 0.0) & (s < 1.0)
     sign = where(first_half, 1.0, -1.0)
-    y[2] = where(moving, sign * 4.0 * amplitude / (move * move), 0.0)
+    acceleration = sign * 4.0 * p.amplitude_rad / (p.move_s * p.move_s)
+    y.q_d_acc_rad_s2 = where(moving, acceleration, 0.0)
 
 
 @stage
-def step_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step_step(t: float, dt: float, p: Step, x: Nothing, u: Nothing, y: Desired) -> None:
     """Equation (3)."""
-    y[0] = where(t < p[1], 0.0, p[0])
-    y[1] = 0.0
-    y[2] = 0.0
+    y.q_d_rad = where(t < p.start_s, 0.0, p.amplitude_rad)
+    y.q_d_rate_rad_s = 0.0
+    y.q_d_acc_rad_s2 = 0.0
 
 
 @stage
-def sine_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def sine_step(t: float, dt: float, p: Sine, x: Nothing, u: Nothing, y: Desired) -> None:
     """Equation (4)."""
-    amplitude = p[0]
-    omega = 6.283185307179586 * p[1]
-    s, c = sincos(omega * t + p[2])
-    y[0] = amplitude * s
-    y[1] = amplitude * omega * c
-    y[2] = -amplitude * omega * omega * s
+    amplitude, omega = p.amplitude_rad, TWO_PI * p.frequency_hz
+    s, c = sincos(omega * t + p.phase_rad)
+    y.q_d_rad = amplitude * s
+    y.q_d_rate_rad_s = amplitude * omega * c
+    y.q_d_acc_rad_s2 = -amplitude * omega * omega * s
 
 
 @stage
-def triangle_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def triangle_step(t: float, dt: float, p: Triangle, x: Nothing, u: Nothing, y: Desired) -> None:
     """Equation (5): the area under the ramped rate, leg by leg."""
-    rate, leg, start, corner = p[0], p[1], p[2], p[3]
+    rate, leg, start, corner = p.rate_rad_s, p.leg_s, p.start_s, p.corner_s
     n = floor(t / leg + 0.5)  # nearest corner n = 1, 2, ...; 0 before the middle of the first leg
     since = t - n * leg
     odd = n - 2.0 * floor(0.5 * n)  # 1 at an upper corner
@@ -100,60 +155,26 @@ def triangle_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     # corner rounding: the rate is after*since/corner inside, so the peak is cut by rate*corner/2
     outside_q = at_corner + after * abs(since)
     inside_q = at_corner + 0.5 * after * (since * since / corner + corner)
-    y[0] = where(inside, inside_q, outside_q)
-    y[1] = where(inside, after * since / corner, where(since < 0.0, -after, after))
-    y[2] = where(inside, after / corner, 0.0)
+    v = where(inside, after * since / corner, where(since < 0.0, -after, after))
     waiting = t < start
-    y[0] = where(waiting, 0.0, y[0])
-    y[1] = where(waiting, 0.0, y[1])
-    y[2] = where(waiting, 0.0, y[2])
+    y.q_d_rad = where(waiting, 0.0, where(inside, inside_q, outside_q))
+    y.q_d_rate_rad_s = where(waiting, 0.0, v)
+    y.q_d_acc_rad_s2 = where(waiting, 0.0, where(inside, after / corner, 0.0))
 
 
 @stage
-def ramp_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def ramp_step(t: float, dt: float, p: Ramp, x: Nothing, u: Nothing, y: Desired) -> None:
     """Equation (6)."""
-    rate, rise = p[0], p[1]
+    rate, rise = p.rate_rad_s, p.rise_s
     rising = t < rise
-    y[0] = where(rising, 0.5 * rate * t * t / rise, rate * (t - 0.5 * rise))
-    y[1] = where(rising, rate * t / rise, rate)
-    y[2] = where(rising, rate / rise, 0.0)
+    y.q_d_rad = where(rising, 0.5 * rate * t * t / rise, rate * (t - 0.5 * rise))
+    y.q_d_rate_rad_s = where(rising, rate * t / rise, rate)
+    y.q_d_acc_rad_s2 = where(rising, rate / rise, 0.0)
 
 
-quintic = Block(
-    quintic_step,
-    outputs=OUTPUTS,
-    settings=(_AMPLITUDE, _MOVE, _time("up_s", "start up"), _time("back_s", "start back")),
-)
-bang_bang = Block(
-    bang_bang_step, outputs=OUTPUTS, settings=(_AMPLITUDE, _MOVE, _time("start_s", "start"))
-)
-step = Block(
-    step_step, outputs=OUTPUTS, settings=(_AMPLITUDE, _time("start_s", "time of the step"))
-)
-sine = Block(
-    sine_step,
-    outputs=OUTPUTS,
-    settings=(
-        _AMPLITUDE,
-        Port("frequency_hz", "Hz", "frequency", None, 0.0, 100.0),
-        Port("phase_rad", "rad", "at t = 0", 0.0, -7.0, 7.0),
-    ),
-)
-triangle = Block(
-    triangle_step,
-    outputs=OUTPUTS,
-    settings=(
-        Port("rate_rad_s", "rad/s", "slope of the legs", None, 0.0, 10.0),
-        _time("leg_s", "duration of a leg"),
-        _time("start_s", "rate is zero before"),
-        _time("corner_s", "half the time in which the rate turns"),
-    ),
-)
-ramp = Block(
-    ramp_step,
-    outputs=OUTPUTS,
-    settings=(
-        Port("rate_rad_s", "rad/s", "final rate", None, -10.0, 10.0),
-        _time("rise_s", "rise"),
-    ),
-)
+quintic = Block(quintic_step)
+bang_bang = Block(bang_bang_step)
+step = Block(step_step)
+sine = Block(sine_step)
+triangle = Block(triangle_step)
+ramp = Block(ramp_step)

@@ -6,31 +6,32 @@ Without unit; W in rad/s, T the period in s. A closed form of t, so that a skipp
 changes nothing.
 """
 
-from typing import Any
-
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
 from pcpc.executive.laws.emath import sin
 
 
+class Neighbours(Ports):
+    """What all give."""
+
+    previous = port("", "x_k-1")
+    now = port("", "x_k")
+    next = port("", "x_k+1")
+
+
+class Sine(Ports):
+    """Of (1)."""
+
+    amplitude = port("", "A", None, -1e3, 1e3)
+    omega_rad_s = port("rad/s", "W", None, 0.0, 1e3)
+    phase_rad = port("rad", "at t = 0", 0.0, -7.0, 7.0)
+
+
 @stage
-def sine_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def sine_step(t: float, dt: float, p: Sine, x: Nothing, u: Nothing, y: Neighbours) -> None:
     """Equation (1)."""
-    amplitude, omega, phase = p[0], p[1], p[2]
-    y[0] = amplitude * sin(omega * (t - dt) + phase)
-    y[1] = amplitude * sin(omega * t + phase)
-    y[2] = amplitude * sin(omega * (t + dt) + phase)
+    y.previous = p.amplitude * sin(p.omega_rad_s * (t - dt) + p.phase_rad)
+    y.now = p.amplitude * sin(p.omega_rad_s * t + p.phase_rad)
+    y.next = p.amplitude * sin(p.omega_rad_s * (t + dt) + p.phase_rad)
 
 
-sine = Block(
-    sine_step,
-    outputs=(
-        Port("previous", "", "x_k-1"),
-        Port("now", "", "x_k"),
-        Port("next", "", "x_k+1"),
-    ),
-    settings=(
-        Port("amplitude", "", "A", None, -1e3, 1e3),
-        Port("omega_rad_s", "rad/s", "W", None, 0.0, 1e3),
-        Port("phase_rad", "rad", "at t = 0", 0.0, -7.0, 7.0),
-    ),
-)
+sine = Block(sine_step)

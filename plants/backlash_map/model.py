@@ -19,65 +19,70 @@ Without units: no rad, no N m. Source: Lewis, Campos, Selmic (SIAM 2002), chapte
 that of chapter 4.3.
 """
 
-from typing import Any
-
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, group, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.executive.laws.models.second_order_map import drift
 from pcpc.plants.actuators.backlash import backlash
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 
-SETTINGS = (
-    Port("c", "", "coefficient of F", None, 0.0, 1.0),
-    Port("d_plus", "", "d+, command at which rising tau leaves zero", None, 0.0, 10.0),
-    Port("d_minus", "", "d-, the same for falling tau, negative", None, -10.0, 0.0),
-    Port("slope", "", "m, of tau over the command in contact", None, 1e-3, 1e3),
-    Port("delay_samples", "", "whole samples of transport", None, 0.0, DELAY_SIZE - 1.0),
-    Port("x_lsb", "", "quantum of the samples of x, 0 none", None, 0.0, 1.0),
-    Port("tau_lsb", "", "quantum of the samples of tau, 0 none", None, 0.0, 1.0),
-    Port("command_lsb", "", "quantum of the command that acts, 0 none", None, 0.0, 1.0),
-)
-C, D_PLUS, D_MINUS, SLOPE, DELAY, X_LSB, TAU_LSB, COMMAND_LSB = range(len(SETTINGS))
-STATES = (
-    Port("x_x1", "", "x1"),
-    Port("x_x2", "", "x2"),
-    Port("x_tau", "", "tau"),
-    Port("sent", "", "commands on their way", size=DELAY_SIZE, recorded=False),
-)
-X1, X2, TAU, SENT = range(len(STATES))
-INPUTS = (
-    Port("command", "", "newest valid command"),
-    Port("ahead", "", "1: the command is for the coming step, 0: for the one to make now"),
-)
-OUTPUTS = (
-    Port("x1", "", "sensor: x1"),
-    Port("x2", "", "sensor: x2"),
-    Port("tau", "", "sensor: tau behind the gap"),
-    Port("true_x1", "", "truth: x1"),
-    Port("true_x2", "", "truth: x2"),
-    Port("true_tau", "", "truth: tau"),
-    Port("acting", "", "truth: the command before the gap"),
-)
+
+class Parameters(Ports):
+    """The map, the gap, and what is between them and the law."""
+
+    c = port("", "coefficient of F", None, 0.0, 1.0)
+    d_plus = port("", "d+, command at which rising tau leaves zero", None, 0.0, 10.0)
+    d_minus = port("", "d-, the same for falling tau, negative", None, -10.0, 0.0)
+    slope = port("", "m, of tau over the command in contact", None, 1e-3, 1e3)
+    delay_samples = port("", "whole samples of transport", None, 0.0, DELAY_SIZE - 1.0)
+    x_lsb = port("", "quantum of the samples of x, 0 none", None, 0.0, 1.0)
+    tau_lsb = port("", "quantum of the samples of tau, 0 none", None, 0.0, 1.0)
+    command_lsb = port("", "quantum of the command that acts, 0 none", None, 0.0, 1.0)
+
+
+class Map(Ports):
+    """Where the map is."""
+
+    x1 = port("", "x1")
+    x2 = port("", "x2")
+    tau = port("", "tau behind the gap")
+
+
+class States(Ports):
+    """The map, and commands on their way."""
+
+    now = group(Map, "x_")
+    sent = port("", "commands on their way", shape=DELAY_SIZE, recorded=False)
+
+
+class Inputs(Ports):
+    """The law's command."""
+
+    command = port("", "newest valid command")
+    ahead = port("", "1: the command is for the coming step, 0: for the one to make now")
+
+
+class Outputs(Ports):
+    """Samples and truths."""
+
+    sample = group(Map)
+    true = group(Map, "true_")
+    acting = port("", "truth: the command before the gap")
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Make the step that ends at t and sample; at t = 0 only sample."""
+    now = x.now
     if t > 0.0:
-        acting = rounded(delayed(u[0], p[DELAY], x, SENT), p[COMMAND_LSB])
-        moved = backlash(x[TAU], acting, p[D_PLUS], p[D_MINUS], p[SLOPE])  # (2)
-        following = drift(x[X1], x[X2], p[C]) + where(u[1] > 0.5, x[TAU], moved)  # (1)
-        x[X1] = x[X2]
-        x[X2] = following
-        x[TAU] = moved
-        y[6] = acting
-    y[0] = rounded(x[X1], p[X_LSB])
-    y[1] = rounded(x[X2], p[X_LSB])
-    y[2] = rounded(x[TAU], p[TAU_LSB])
-    y[3] = x[X1]
-    y[4] = x[X2]
-    y[5] = x[TAU]
+        y.acting = rounded(delayed(u.command, p.delay_samples, x.sent), p.command_lsb)
+        moved = backlash(now.tau, y.acting, p.d_plus, p.d_minus, p.slope)  # (2)
+        tau = where(u.ahead > 0.5, now.tau, moved)
+        now.x1, now.x2 = now.x2, drift(now.x1, now.x2, p.c) + tau  # (1)
+        now.tau = moved
+    y.true.x1, y.true.x2, y.true.tau = now.x1, now.x2, now.tau
+    y.sample.x1, y.sample.x2 = rounded(now.x1, p.x_lsb), rounded(now.x2, p.x_lsb)
+    y.sample.tau = rounded(now.tau, p.tau_lsb)
 
 
-BLOCK = Block(step, inputs=INPUTS, outputs=OUTPUTS, states=STATES, settings=SETTINGS)
+BLOCK = Block(step)

@@ -22,99 +22,106 @@ available copies and is chosen here from the parameters that the book names.
 
 from typing import Any
 
-from pcpc.drivers.jit import inline
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import cos, sin, where
 from pcpc.plants.actuators.backlash import backlash
+from pcpc.plants.integrate import runge_kutta, scratch
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 
-SETTINGS = (
-    Port("time_constant_s", "s", "T_m, inertia over viscous friction", None, 1e-3, 1e6),
-    Port("mass_kg", "kg", "m", None, 0.0, 1e3),
-    Port("length_m", "m", "a", None, 0.0, 1e3),
-    Port("gravity_m_s2", "m/s^2", "g; negative stands the pendulum on its head", None, -1e2, 1e2),
-    Port("d_plus_Nm", "N m", "d+, command at which rising torque leaves zero", None, 0.0, 1e3),
-    Port("d_minus_Nm", "N m", "d-, the same for falling torque, negative", None, -1e3, 0.0),
-    Port("delay_samples", "", "whole samples of transport", None, 0.0, DELAY_SIZE - 1.0),
-    Port("substeps", "", "Runge-Kutta steps in a period, a whole number", None, 1.0, 64.0),
-    Port("angle_lsb_rad", "rad", "quantum of the angle samples, 0 none", None, 0.0, 1.0),
-    Port("rate_lsb_rad_s", "rad/s", "quantum of the rate samples, 0 none", None, 0.0, 10.0),
-    Port("torque_lsb_Nm", "N m", "quantum of the torque samples, 0 none", None, 0.0, 10.0),
-    Port("command_lsb_Nm", "N m", "quantum of the command that acts, 0 none", None, 0.0, 10.0),
-)
-(
-    T_M, MASS, LENGTH, GRAVITY, D_PLUS, D_MINUS, DELAY, SUBSTEPS,
-    ANGLE_LSB, RATE_LSB, TORQUE_LSB, COMMAND_LSB,
-) = range(len(SETTINGS))  # fmt: skip
-STATES = (
-    Port("x_angle_rad", "rad", "x1"),
-    Port("x_rate_rad_s", "rad/s", "x2"),
-    Port("x_torque_Nm", "N m", "tau"),
-    Port("sent_Nm", "N m", "commands on their way", size=DELAY_SIZE, recorded=False),
-)
-X1, X2, TAU, SENT = range(len(STATES))
-OUTPUTS = (
-    Port("angle_rad", "rad", "sensor: x1"),
-    Port("rate_rad_s", "rad/s", "sensor: x2"),
-    Port("torque_Nm", "N m", "sensor: tau behind the gap"),
-    Port("true_angle_rad", "rad", "truth: x1"),
-    Port("true_rate_rad_s", "rad/s", "truth: x2"),
-    Port("true_torque_Nm", "N m", "truth: tau"),
-    Port("acting_Nm", "N m", "truth: the command before the gap"),
-    Port("flank", "", "truth: 1 pushed up, -1 pushed down, 0 in the gap"),
-    Port("energy_J", "J", "truth: E (4)"),
-)
+
+class Parameters(Ports):
+    """The pendulum, the gap, and what is between them and the law."""
+
+    time_constant_s = port("s", "T_m, inertia over viscous friction", None, 1e-3, 1e6)
+    mass_kg = port("kg", "m", None, 0.0, 1e3)
+    length_m = port("m", "a", None, 0.0, 1e3)
+    gravity_m_s2 = port("m/s^2", "g; negative stands it on its head", None, -1e2, 1e2)
+    d_plus_Nm = port("N m", "d+, command at which rising torque leaves zero", None, 0.0, 1e3)
+    d_minus_Nm = port("N m", "d-, the same for falling torque, negative", None, -1e3, 0.0)
+    delay_samples = port("", "whole samples of transport", None, 0.0, DELAY_SIZE - 1.0)
+    substeps = port("", "Runge-Kutta steps in a period, a whole number", None, 1.0, 64.0)
+    angle_lsb_rad = port("rad", "quantum of the angle samples, 0 none", None, 0.0, 1.0)
+    rate_lsb_rad_s = port("rad/s", "quantum of the rate samples, 0 none", None, 0.0, 10.0)
+    torque_lsb_Nm = port("N m", "quantum of the torque samples, 0 none", None, 0.0, 10.0)
+    command_lsb_Nm = port("N m", "quantum of the command that acts, 0 none", None, 0.0, 10.0)
+
+
+class Motion(Ports):
+    """What is integrated."""
+
+    angle_rad = port("rad", "x1")
+    rate_rad_s = port("rad/s", "x2")
+
+
+class Seen(Motion):
+    """What has a sensor."""
+
+    torque_Nm = port("N m", "tau behind the gap")
+
+
+class States(Ports):
+    """Motion, torque, and commands on their way."""
+
+    motion = group(Motion, "x_")
+    torque_Nm = port("N m", "tau", named="x_torque_Nm")
+    sent_Nm = port("N m", "commands on their way", shape=DELAY_SIZE, recorded=False)
+    integrator = group(scratch(Motion))
+
+
+class Inputs(Ports):
+    """The law's command."""
+
+    command_Nm = port("N m", "newest valid command")
+
+
+class Outputs(Ports):
+    """Samples and truths."""
+
+    sample = group(Seen)
+    true = group(Seen, "true_")
+    acting_Nm = port("N m", "truth: the command before the gap")
+    flank = port("", "truth: 1 pushed up, -1 pushed down, 0 in the gap")
+    energy_J = port("J", "truth: E (4)")
 
 
 @inline
-def acceleration(x1: float, x2: float, tau: float, t_m: float, weight: float) -> float:
-    """Return x2' of (2), rad/s^2; `weight` = m g a, N m."""
-    return tau - x2 / t_m - weight * sin(x1)
+def weight(p: Any) -> float:
+    """Return m g a, N m."""
+    return p.mass_kg * p.gravity_m_s2 * p.length_m
 
 
 @inline
-def advance(x: Any, tau: float, t_m: float, weight: float, h: float) -> None:
-    """One Runge-Kutta step of (1) (2) over `h` s on x[0], x[1] with `tau` held."""
-    x1, x2, half = x[X1], x[X2], 0.5 * h
-    a1 = acceleration(x1, x2, tau, t_m, weight)
-    v2 = x2 + half * a1
-    a2 = acceleration(x1 + half * x2, v2, tau, t_m, weight)
-    v3 = x2 + half * a2
-    a3 = acceleration(x1 + half * v2, v3, tau, t_m, weight)
-    v4 = x2 + h * a3
-    a4 = acceleration(x1 + h * v3, v4, tau, t_m, weight)
-    x[X1] = x1 + h / 6.0 * (x2 + 2.0 * v2 + 2.0 * v3 + v4)
-    x[X2] = x2 + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+def slope(t: float, p: Any, tau: float, x: Any, d: Any) -> None:
+    """Write x1' (1) and x2' (2) under the torque `tau`."""
+    d.angle_rad = x.rate_rad_s
+    d.rate_rad_s = tau - x.rate_rad_s / p.time_constant_s - weight(p) * sin(x.angle_rad)
+
+
+@inline
+def push(p: Any, x: Any, u: Any, y: Any) -> None:
+    """Move the gap by the command that now acts (3)."""
+    acting = rounded(delayed(u.command_Nm, p.delay_samples, x.sent_Nm), p.command_lsb_Nm)
+    up, down = x.torque_Nm <= acting - p.d_plus_Nm, x.torque_Nm >= acting - p.d_minus_Nm
+    x.torque_Nm = backlash(x.torque_Nm, acting, p.d_plus_Nm, p.d_minus_Nm)
+    y.acting_Nm = acting
+    y.flank = where(up, 1.0, where(down, -1.0, 0.0))
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Move the gap and the pendulum from t - dt to t, then sample; at t = 0 only sample."""
-    weight = p[MASS] * p[GRAVITY] * p[LENGTH]
     if t > 0.0:
-        acting = rounded(delayed(u[0], p[DELAY], x, SENT), p[COMMAND_LSB])
-        before = x[TAU]
-        x[TAU] = backlash(before, acting, p[D_PLUS], p[D_MINUS])  # (3)
-        y[6] = acting
-        up, down = before <= acting - p[D_PLUS], before >= acting - p[D_MINUS]
-        y[7] = where(up, 1.0, where(down, -1.0, 0.0))
-        n = int(p[SUBSTEPS])
+        push(p, x, u, y)
+        n = int(p.substeps)
         for _ in range(n):
-            advance(x, x[TAU], p[T_M], weight, dt / n)
-    y[0] = rounded(x[X1], p[ANGLE_LSB])
-    y[1] = rounded(x[X2], p[RATE_LSB])
-    y[2] = rounded(x[TAU], p[TORQUE_LSB])
-    y[3] = x[X1]
-    y[4] = x[X2]
-    y[5] = x[TAU]
-    y[8] = 0.5 * x[X2] * x[X2] + weight * (1.0 - cos(x[X1]))  # (4)
+            runge_kutta(slope, t, dt / n, p, x.torque_Nm, x.motion, x.integrator)
+    angle, rate = x.motion.angle_rad, x.motion.rate_rad_s
+    y.true.angle_rad, y.true.rate_rad_s, y.true.torque_Nm = angle, rate, x.torque_Nm
+    y.sample.angle_rad = rounded(angle, p.angle_lsb_rad)
+    y.sample.rate_rad_s = rounded(rate, p.rate_lsb_rad_s)
+    y.sample.torque_Nm = rounded(x.torque_Nm, p.torque_lsb_Nm)
+    y.energy_J = 0.5 * rate * rate + weight(p) * (1.0 - cos(angle))  # (4)
 
 
-BLOCK = Block(
-    step,
-    inputs=(Port("command_Nm", "N m", "newest valid command"),),
-    outputs=OUTPUTS,
-    states=STATES,
-    settings=SETTINGS,
-)
+BLOCK = Block(step)

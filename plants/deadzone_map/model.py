@@ -11,56 +11,62 @@
 At call k the input is the answer to sample k-1, so that (1) with `delay_samples` 0 is the book's
 map. Without units: no rad, no N m. A period is 0.1 s in the book and stands in the reference only.
 A resolution of 0 means none.
-Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3; the map as in executive/models.
+Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3; the map as in executive/laws/models.
 """
 
-from typing import Any
-
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, group, port, stage
 from pcpc.executive.laws.models.second_order_map import drift
 from pcpc.plants.actuators.deadzone import deadzone
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 
-SETTINGS = (
-    Port("c", "", "coefficient of F", None, 0.0, 1.0),
-    Port("d", "", "half width of the deadzone; 0 for none", None, 0.0, 10.0),
-    Port("delay_samples", "", "whole samples of transport", 0.0, 0.0, DELAY_SIZE - 1.0),
-    Port("x_lsb", "", "resolution of the sensors", 0.0, 0.0, 1.0),
-)
-C, D, DELAY, X_LSB = range(len(SETTINGS))
-OUTPUTS = (
-    Port("x1", "", "sample of x1"),
-    Port("x2", "", "sample of x2"),
-    Port("true_x1", "", "x1"),
-    Port("true_x2", "", "x2"),
-    Port("tau", "", "input of (1) in the step that ends here"),
-)
-STATES = (
-    Port("x_x1", "", "x1", 0.0),
-    Port("x_x2", "", "x2", 0.0),
-    Port("sent", "", "commands on their way", size=DELAY_SIZE, recorded=False),
-)
-SENT = 2
+
+class Parameters(Ports):
+    """The map, the deadzone, and what is between them and the law."""
+
+    c = port("", "coefficient of F", None, 0.0, 1.0)
+    d = port("", "half width of the deadzone; 0 for none", None, 0.0, 10.0)
+    delay_samples = port("", "whole samples of transport", 0.0, 0.0, DELAY_SIZE - 1.0)
+    x_lsb = port("", "resolution of the sensors", 0.0, 0.0, 1.0)
+
+
+class Map(Ports):
+    """Where the map is."""
+
+    x1 = port("", "x1")
+    x2 = port("", "x2")
+
+
+class States(Ports):
+    """The map, and commands on their way."""
+
+    now = group(Map, "x_")
+    sent = port("", "commands on their way", shape=DELAY_SIZE, recorded=False)
+
+
+class Inputs(Ports):
+    """The law's command."""
+
+    u = port("", "newest command")
+
+
+class Outputs(Ports):
+    """Samples and truths."""
+
+    sample = group(Map)
+    true = group(Map, "true_")
+    tau = port("", "input of (1) in the step that ends here")
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Make the step that ends at t and sample; at t = 0 only sample."""
+    now = x.now
     if t > 0.0:
-        y[4] = deadzone(delayed(u[0], p[DELAY], x, SENT), p[D], p[D])  # (2)
-        following = drift(x[0], x[1], p[C]) + y[4]  # (1)
-        x[0] = x[1]
-        x[1] = following
-    for i in range(2):
-        y[i] = rounded(x[i], p[X_LSB])
-        y[2 + i] = x[i]
+        y.tau = deadzone(delayed(u.u, p.delay_samples, x.sent), p.d, p.d)  # (2)
+        now.x1, now.x2 = now.x2, drift(now.x1, now.x2, p.c) + y.tau  # (1)
+    y.true.x1, y.true.x2 = now.x1, now.x2
+    y.sample.x1, y.sample.x2 = rounded(now.x1, p.x_lsb), rounded(now.x2, p.x_lsb)
 
 
-BLOCK = Block(
-    step,
-    inputs=(Port("u", "", "newest command"),),
-    outputs=OUTPUTS,
-    states=STATES,
-    settings=SETTINGS,
-)
+BLOCK = Block(step)

@@ -1,22 +1,31 @@
 """The law of the probe: command = gain (target - position)."""
 
-from typing import Any
+from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
 
-from pcpc.executive.laws.block import Block, Port, stage
+
+class Gains(Ports):
+    """Gain and target."""
+
+    gain = port("", "of the error", None, 0.0, 100.0)
+    target = port("", "where the lag is to go", None, -10.0, 10.0)
+
+
+class Inputs(Ports):
+    """From the plant."""
+
+    position = port("", "measured")
+
+
+class Outputs(Ports):
+    """To the plant."""
+
+    command = port("", "what the lag is told")
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Gains, x: Nothing, u: Inputs, y: Outputs) -> None:
     """One control period."""
-    y[0] = p[0] * (p[1] - u[0])
+    y.command = p.gain * (p.target - u.position)
 
 
-BLOCK = Block(
-    step,
-    inputs=(Port("position", "", "measured"),),
-    outputs=(Port("command", "", "what the lag is told"),),
-    settings=(
-        Port("gain", "", "of the error", None, 0.0, 100.0),
-        Port("target", "", "where the lag is to go", None, -10.0, 10.0),
-    ),
-)
+BLOCK = Block(step)

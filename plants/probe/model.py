@@ -5,23 +5,39 @@
 Without units. The sample of t goes out before the command of t comes in, as on every rig here.
 """
 
-from typing import Any
+from pcpc.executive.laws.block import Block, Ports, port, stage
 
-from pcpc.executive.laws.block import Block, Port, stage
+
+class Parameters(Ports):
+    """Of the lag."""
+
+    tau_s = port("s", "time constant", None, 1e-3, 1e3)
+
+
+class States(Ports):
+    """Of the lag."""
+
+    x = port("", "of the lag")
+
+
+class Inputs(Ports):
+    """From the law."""
+
+    command = port("", "newest valid command")
+
+
+class Outputs(Ports):
+    """To the law."""
+
+    position = port("", "the sample")
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Advance the lag from t - dt to t and sample it; at t = 0 only sample."""
     if t > 0.0:
-        x[0] += dt / p[0] * (u[0] - x[0])
-    y[0] = x[0]
+        x.x += dt / p.tau_s * (u.command - x.x)
+    y.position = x.x
 
 
-BLOCK = Block(
-    step,
-    inputs=(Port("command", "", "newest valid command"),),
-    outputs=(Port("position", "", "the sample"),),
-    states=(Port("x", "", "of the lag"),),
-    settings=(Port("tau_s", "s", "time constant", None, 1e-3, 1e3),),
-)
+BLOCK = Block(step)
