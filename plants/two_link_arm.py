@@ -1,5 +1,8 @@
 """What plants that are two-link arms have in common: torques that come late, samples, truths.
 
+    M(q) q'' + Vm(q, q') q' + G(q) + Fr = tau                executive/laws/models/two_link.py   (1)
+    Fr_i = fv q_i' + fc tanh(q_i'/w)                         smooth: nothing ever sticks     (2)
+
 A sample is rounded to a multiple of its `..._lsb_...`, half up; so is the torque that acts; 0 does
 not round. rad, rad/s, N m.
 """
@@ -7,6 +10,8 @@ not round. rad, rad/s, N m.
 from typing import Any
 
 from pcpc.executive.laws.block import Ports, inline, port
+from pcpc.executive.laws.emath import tanh
+from pcpc.executive.laws.models.two_link import gravity_torque, motion, solved
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
 
@@ -40,6 +45,24 @@ class Outputs(Ports):
     q_rad = port("rad", "true q#", shape=2, named="q_#_rad")
     rate_rad_s = port("rad/s", "true q#'", shape=2, named="rate_#_rad_s")
     acting_Nm = port("N m", "torque on joint # up to this sample", shape=2, named="acting_#_Nm")
+
+
+@inline
+def friction(p: Any, width: float, v: float) -> float:
+    """Return Fr_i of (2), N m."""
+    return p.viscous_Nms_rad * v + p.coulomb_Nm * tanh(v / width)
+
+
+@inline
+def rates(p: Any, m2: float, width: float, tau: Any, x: Any, d: Any) -> None:
+    """Write q' and q'' of (1) to `d`, with `width` = w; `x` and `d` have q_rad and rate_rad_s."""
+    q, v = x.q_rad, x.rate_rad_s
+    m11, m12, m22, c1, c2 = motion(p, m2, q, v)
+    g1, g2 = gravity_torque(q[0], q[1], p.a1_m, p.a2_m, p.m1_kg, m2, p.gravity_m_s2)
+    b1 = tau[0] - c1 - g1 - friction(p, width, v[0])
+    b2 = tau[1] - c2 - g2 - friction(p, width, v[1])
+    d.q_rad[0], d.q_rad[1] = v[0], v[1]
+    d.rate_rad_s[0], d.rate_rad_s[1] = solved(m11, m12, m22, b1, b2)
 
 
 @inline

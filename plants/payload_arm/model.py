@@ -18,8 +18,7 @@ s; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 
 from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
-from pcpc.executive.laws.emath import tanh, where
-from pcpc.executive.laws.models.two_link import gravity_torque, motion, solved
+from pcpc.executive.laws.emath import where
 from pcpc.plants import two_link_arm
 from pcpc.plants.integrate import runge_kutta, scratch
 from pcpc.plants.two_link_arm import Held, Inputs, Interface
@@ -68,21 +67,9 @@ class Outputs(two_link_arm.Outputs):
 
 
 @inline
-def friction(p: Any, v: float) -> float:
-    """Return Fr_i of (2), N m."""
-    return p.viscous_Nms_rad * v + p.coulomb_Nm * tanh(v / p.smooth_rad_s)
-
-
-@inline
 def slope(t: float, p: Any, y: Any, x: Any, d: Any) -> None:
-    """Write q' and q'' of (1) under the torques and the mass in `y`."""
-    m2, q, v, tau = y.outer_mass_kg, x.q_rad, x.rate_rad_s, y.acting_Nm
-    m11, m12, m22, c1, c2 = motion(p, m2, q, v)
-    g1, g2 = gravity_torque(q[0], q[1], p.a1_m, p.a2_m, p.m1_kg, m2, p.gravity_m_s2)
-    b1 = tau[0] - c1 - g1 - friction(p, v[0])
-    b2 = tau[1] - c2 - g2 - friction(p, v[1])
-    d.q_rad[0], d.q_rad[1] = v[0], v[1]
-    d.rate_rad_s[0], d.rate_rad_s[1] = solved(m11, m12, m22, b1, b2)
+    """Write q' and q'' of (1) (2) under the torques and the mass in `y`."""
+    two_link_arm.rates(p, y.outer_mass_kg, p.smooth_rad_s, y.acting_Nm, x, d)
 
 
 @stage

@@ -46,41 +46,81 @@ def pair(found: dict[str, float], part: str = "error") -> tuple[float, float]:
     return found[f"{part}_rms_1_rad"], found[f"{part}_rms_2_rad"]
 
 
-# The arm
+# The blocks by themselves
 
 
-def arm(**given: float) -> tuple[Vector, Vector]:
-    """Return parameters and state of the arm."""
-    base = {
-        "a1_m": 1.0, "a2_m": 1.0, "m1_kg": 1.0, "m2_kg": 1.0, "gravity_m_s2": 9.8,
-        "viscous_Nms_rad": 0.0, "coulomb_Nm": 0.0, "load_kg": 1.0, "substeps": 10.0,
-    }  # fmt: skip
-    p = np.array([{**base, **given}.get(port.name, port.default) for port in model.PARAMETERS])
-    return p.astype(float), np.zeros(sum(port.size for port in model.STATES))
+def prepared(block: Block, **given: float) -> Any:
+    """Return the ports of a block by name, prepared: p, x, u, y."""
+    defaults = {p.name: p.default for p in block.settings if p.default is not None}
+    assert block.prepare is not None
+    made = block.prepare({**defaults, **given}, 1.0 / H, 1)
+    filled = []
+    for ports, values in ((block.parameters, made.parameters), (block.states, made.states)):
+        parts = [np.broadcast_to(values.get(p.name, p.default or 0.0), p.size) for p in ports]
+        filled.append(np.concatenate(parts).astype(float))
+    parameters, states, inputs, outputs = block.step.declared
+    return (
+        parameters(filled[0]),
+        states(filled[1]),
+        inputs(np.zeros(inputs.size)),
+        outputs(np.zeros(outputs.size)),
+    )
+
+
+def do_step(block: Block, k: int, ports: Any) -> None:
+    """Step a block at tick k on its p, x, u, y."""
+    block.step(k * H, H, *(view.values() for view in ports))
+
+
+class Arm:
+    """The arm with unit links and masses: its ports by name, `x` its angles and rates."""
+
+    def __init__(self, **given: float) -> None:
+        base = {
+            "a1_m": 1.0, "a2_m": 1.0, "m1_kg": 1.0, "m2_kg": 1.0, "gravity_m_s2": 9.8,
+            "viscous_Nms_rad": 0.0, "coulomb_Nm": 0.0, "load_kg": 1.0, "substeps": 10.0,
+            "start_1_rad": 0.0, "start_2_rad": 0.0,
+        }  # fmt: skip
+        self.ports = prepared(model.BLOCK, **{**base, **given})
+        _, x, self.u, self.y = self.ports
+        self.x = x.motion.values()
+
+    def step(self, k: int) -> None:
+        """Do the call of tick k."""
+        do_step(model.BLOCK, k, self.ports)
+
+    def energy(self) -> float:
+        """Return kinetic and potential energy of the point masses, from their velocities, J."""
+        q1, q12, v1, v12 = self.x[0], self.x[0] + self.x[1], self.x[2], self.x[2] + self.x[3]
+        elbow = v1 * np.array((-math.sin(q1), math.cos(q1)))
+        hand = elbow + v12 * np.array((-math.sin(q12), math.cos(q12)))
+        height = 2.0 * math.sin(q1) + math.sin(q12)
+        return float(0.5 * (elbow @ elbow + hand @ hand) + 9.8 * height)
 
 
 def test_the_free_arm_keeps_its_energy() -> None:
-    p, x = arm()
-    x[:4] = (0.3, -0.8, 1.0, -2.0)
-    y, before = np.zeros(len(model.OUTPUTS)), model.energy(1.0, p, x)
+    free = Arm()
+    free.x[:] = (0.3, -0.8, 1.0, -2.0)
+    before = free.energy()
     for k in range(2001):
-        model.step(k * H, H, p, x, np.zeros(2), y)
-    drift = abs(model.energy(1.0, p, x) - before)
+        free.step(k)
+    drift = abs(free.energy() - before)
     assert drift < 1e-9, f"{drift:.1e} J in 2 s"
 
 
 def test_friction_takes_energy_and_the_hanging_arm_rests() -> None:
-    p, x = arm(viscous_Nms_rad=2.0, coulomb_Nm=1.5)
-    x[:4] = (0.3, -0.8, 1.0, -2.0)
-    y, last = np.zeros(len(model.OUTPUTS)), model.energy(1.0, p, x)
+    arm = Arm(viscous_Nms_rad=2.0, coulomb_Nm=1.5)
+    arm.x[:] = (0.3, -0.8, 1.0, -2.0)
+    last = arm.energy()
     for k in range(1, 1000):
-        model.step(k * H, H, p, x, np.zeros(2), y)
-        energy = model.energy(1.0, p, x)
+        arm.step(k)
+        energy = arm.energy()
         assert energy < last, f"cycle {k}: {energy - last:.1e} J more"
         last = energy
-    x[:4] = (-math.pi / 2, 0.0, 0.0, 0.0)
-    model.step(1.0, H, p, x, np.zeros(2), y)
-    assert np.abs(y[4:8] - [-math.pi / 2, 0.0, 0.0, 0.0]).max() < 1e-15, y[4:8]
+    arm.x[:] = (-math.pi / 2, 0.0, 0.0, 0.0)
+    arm.step(1000)
+    truths = [*arm.y.q_rad, *arm.y.rate_rad_s]
+    assert np.abs(np.subtract(truths, [-math.pi / 2, 0.0, 0.0, 0.0])).max() < 1e-15, truths
 
 
 # A second implementation of the whole loop, straight from the specification
@@ -176,35 +216,13 @@ class Reference:
             self.x = self.x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def prepared(block: Block, **given: float) -> Any:
-    """Return the ports of a law by name, as the specification has it: p, x, u, y."""
-    defaults = {p.name: p.default for p in block.settings if p.default is not None}
-    assert block.prepare is not None
-    made = block.prepare({**defaults, **given}, 1.0 / H, 1)
-    filled = []
-    for ports, values in ((block.parameters, made.parameters), (block.states, made.states)):
-        parts = [np.broadcast_to(values.get(p.name, p.default or 0.0), p.size) for p in ports]
-        filled.append(np.concatenate(parts).astype(float))
-    parameters, states, inputs, outputs = block.step.declared
-    return (
-        parameters(filled[0]),
-        states(filled[1]),
-        inputs(np.zeros(inputs.size)),
-        outputs(np.zeros(outputs.size)),
-    )
-
-
-def do_step(block: Block, k: int, ports: Any) -> None:
-    """Step a block at tick k on its p, x, u, y."""
-    block.step(k * H, H, *(view.values() for view in ports))
-
-
 @pytest.mark.parametrize("network", [True, False])
 def test_a_second_implementation_of_the_whole_loop_agrees(network: bool) -> None:
     """Three nodes without a wire, payload from 0.25 s, T = 0.05 s."""
     n, reference, law = 50, Reference(50, network), 4.0 if network else 2.0
-    p, x = arm(viscous_Nms_rad=2.0, coulomb_Nm=1.5, load_kg=2.5, load_from_s=0.25, load_to_s=9.0)
-    x[:2], u, y = (-math.pi / 2, 0.0), np.zeros(2), np.zeros(len(model.OUTPUTS))
+    arm = Arm(viscous_Nms_rad=2.0, coulomb_Nm=1.5, load_kg=2.5, load_from_s=0.25, load_to_s=9.0,
+              start_1_rad=-math.pi / 2)  # fmt: skip
+    x, y, torque = arm.x, arm.y, arm.u.torque_Nm
     settings = {"kv_per_s": 10.0, "lam_per_s": 5.0, "local_law": law, "predictor": 1.0}
     far = prepared(telerobot_remote.BLOCK, **settings, delay_s=n * H, u_lsb_rad_s2=0.0)
     gains = load_rig(rig_file("u2")).nodes()["local"].blocks[0].settings
@@ -212,20 +230,20 @@ def test_a_second_implementation_of_the_whole_loop_agrees(network: bool) -> None
     (_, _, told, sent), (_, _, given, answer) = far, near
     tau, worst = np.zeros(2), 0.0
     for k in range(500):
-        model.step(k * H, H, p, x, u, y)
+        arm.step(k)
         if k > 0:
             reference.arm(tau, 2.5 if k > 250 else 1.0)
-        given.q_rad[:], given.rate_rad_s[:] = y[:2], y[2:4]
+        given.q_rad[:], given.rate_rad_s[:] = y.sample_rad, y.rate_sample_rad_s
         do_step(telerobot_local.BLOCK, k, near)
-        tau, u[:] = reference.local(k), answer.torque_Nm
-        told.position_rad[:], told.rate_rad_s[:] = y[:2], y[2:4]
+        tau, torque[:] = reference.local(k), answer.torque_Nm
+        told.position_rad[:], told.rate_rad_s[:] = y.sample_rad, y.rate_sample_rad_s
         told.position_tick = told.rate_tick = told.echo_tick = answer.sample_tick
         told.echo = answer.echo
         do_step(telerobot_remote.BLOCK, k, far)
         reference.remote(k)
         given.u_rad_s2[:] = sent.u_rad_s2
         given.tick, given.law, given.delay = sent.tick, sent.law, sent.delay
-        worst = max(worst, np.abs(x[:4] - reference.x).max(), 1e-3 * np.abs(u - tau).max())
+        worst = max(worst, np.abs(x - reference.x).max(), 1e-3 * np.abs(torque - tau).max())
     assert np.abs(x[2:4]).max() > 0.05, "it moves"
     assert worst < 1e-10, f"{worst:.1e}"
 
