@@ -1,12 +1,11 @@
 """The adaptive critic: the Lyapunov identity of its proof, its bounds, its switches."""
 
-from dataclasses import dataclass, field
-
+import named_law
 import numpy as np
 import pytest
 
 from pcpc.executive.laws.controllers.arm import adaptive_critic as law
-from pcpc.executive.laws.controllers.arm import arm_pd, arm_pd_inertia
+from pcpc.executive.laws.controllers.arm import arm_pd_inertia
 from pcpc.executive.laws.emath import cos
 
 GAINS = {
@@ -17,33 +16,17 @@ GAINS = {
 TUNED = ("w1", "w2", "rho")
 
 
-@dataclass
-class Compiled:
-    """The compiled step with its views and weights by name."""
+class Compiled(named_law.Law):
+    """The law with gains changed; its step says what it tunes."""
 
-    gains: dict[str, float]
-    p: np.ndarray = field(init=False)
-    x: law.States = field(init=False)
-    y: law.Outputs = field(init=False)
+    def __init__(self, **gains: float) -> None:
+        super().__init__(law.BLOCK, GAINS | gains)
 
-    def __post_init__(self) -> None:
-        """Draw V1 and V2."""
-        prepared = law.prepare(GAINS | self.gains, 1000.0, 1)
-        self.p = np.array([prepared.parameters[port.name] for port in law.BLOCK.parameters], float)
-        self.x = law.States(np.zeros(law.States.size))
-        self.y = law.Outputs(np.zeros(law.Outputs.size))
-        for name, values in prepared.states.items():
-            getattr(self.x, name).ravel()[:] = values
-
-    def weights(self) -> dict[str, np.ndarray]:
-        """Return copies of W1, W2 and rho."""
-        return {name: getattr(self.x, name).copy() for name in TUNED}
-
-    def step(self, u: np.ndarray, dt: float) -> dict[str, np.ndarray]:
+    def tuned(self, u: np.ndarray, dt: float) -> dict[str, np.ndarray]:
         """Step once; return by how much W1, W2 and rho have changed."""
-        before = self.weights()
-        law.step(0.0, dt, self.p, self.x.values(), u, self.y.values())
-        return {name: now - before[name] for name, now in self.weights().items()}
+        before = self.copies(*TUNED)
+        self.step(u, dt)
+        return {name: now - before[name] for name, now in self.copies(*TUNED).items()}
 
 
 def sigma(x: np.ndarray) -> np.ndarray:
@@ -54,8 +37,8 @@ def sigma(x: np.ndarray) -> np.ndarray:
 
 def random_law(rng: np.random.Generator, **gains: float) -> tuple[Compiled, np.ndarray]:
     """Return a law with random weights, and random inputs."""
-    compiled = Compiled(gains)
-    for name, old in compiled.weights().items():
+    compiled = Compiled(**gains)
+    for name, old in compiled.copies(*TUNED).items():
         getattr(compiled.x, name)[:] = rng.normal(size=old.shape)
     return compiled, np.append(rng.normal(size=10), 0.0)
 
@@ -66,9 +49,9 @@ def test_the_derivative_of_the_lyapunov_function_has_the_form_of_the_proof() -> 
         # powers of two: a step of 1 s changes the weights by their rates, all but exactly
         compiled, u = random_law(rng, kap1=0.5, alpha=0.5, kap2=0.125)
         g = GAINS | {"kap1": 0.5, "kap2": 0.125}
-        w1, w2, rho = compiled.weights().values()
+        w1, w2, rho = compiled.copies(*TUNED).values()
         v1, v2 = compiled.x.v1, compiled.x.v2
-        rates = compiled.step(u, 1.0)
+        rates = compiled.tuned(u, 1.0)
         ideal1, ideal2, other = (rng.normal(size=s) for s in ((10, 2), (10, 2), 2))  # eps - d
 
         e, de = u[:2] - u[4:6], u[2:4] - u[6:8]
@@ -106,7 +89,7 @@ def test_the_robust_term_takes_what_a_bounded_disturbance_gives() -> None:
 
 
 def test_the_first_layer_of_the_critic_allows_a_beta_of_13() -> None:
-    v1 = Compiled({}).x.v1
+    v1 = Compiled().x.v1
     angles = np.linspace(0.0, 2.0 * np.pi, 181)
     ring = np.array([np.cos(angles), np.sin(angles)])
     least = min((sigma(v1.T @ (size * ring)) ** 2).sum(0).min() for size in np.linspace(0, 8, 81))
@@ -117,7 +100,7 @@ def test_the_first_layer_of_the_critic_allows_a_beta_of_13() -> None:
 
 def test_without_beta_the_critic_never_wakes() -> None:
     rng = np.random.default_rng(3)
-    asleep, off = Compiled({"beta": 0.0}), Compiled({"critic_on": 0.0})
+    asleep, off = Compiled(beta=0.0), Compiled(critic_on=0.0)
     for _ in range(200):
         u = np.append(rng.normal(size=10), 0.0)
         asleep.step(u, 1e-3)
@@ -130,9 +113,8 @@ def test_without_beta_the_critic_never_wakes() -> None:
 def test_all_parts_off_leave_the_pd_law() -> None:
     rng = np.random.default_rng(4)
     bare, u = random_law(rng, critic_on=0.0, action_on=0.0, kz=0.0)
-    y = arm_pd.Outputs(np.zeros(arm_pd.Outputs.size))
-    changes = bare.step(u, 1e-3)
-    arm_pd_inertia.step(0.0, 1e-3, bare.p, np.zeros(0), u, y.values())
+    changes = bare.tuned(u, 1e-3)
+    y = named_law.Law(arm_pd_inertia.BLOCK, GAINS).step(u)
     for name in ("torque_Nm", "e_rad", "r_rad_s"):
         assert np.array_equal(getattr(bare.y, name), getattr(y, name)), name
     assert not any(change.any() for change in changes.values()), "networks that are off rest"
@@ -145,13 +127,13 @@ def test_all_parts_off_leave_the_pd_law() -> None:
 def test_weights_rest_in_a_cycle_without_a_measurement() -> None:
     compiled, u = random_law(np.random.default_rng(5))
     u[10] = 1.0
-    changes = compiled.step(u, 1e-3)
+    changes = compiled.tuned(u, 1e-3)
     assert not any(change.any() for change in changes.values()), changes
 
 
 def test_the_first_layers_are_drawn_in_the_order_v1_v2() -> None:
     draw = np.random.default_rng(7)
     first, second = draw.uniform(-1, 1, (2, 10)), draw.uniform(-1, 1, (11, 10))
-    compiled = Compiled({})
+    compiled = Compiled()
     assert np.array_equal(compiled.x.v1, first)
     assert np.array_equal(compiled.x.v2, second)

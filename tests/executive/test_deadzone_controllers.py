@@ -1,12 +1,10 @@
 """The deadzone laws: signs by finite differences, draws, guards; plain numpy beside them."""
 
-from typing import Any
-
 import numpy as np
 import pytest
+from named_law import Law
 from numpy.typing import NDArray
 
-from pcpc.executive.laws.block import Block
 from pcpc.executive.laws.controllers.arm import deadzone_nn as nn
 from pcpc.executive.laws.controllers.maps import deadzone_fuzzy as fuzzy
 
@@ -19,34 +17,8 @@ SETTINGS = {
 }  # fmt: skip
 FUZZY = {"lam": 0.2, "kv": 0.3, "cf": 0.15, "r_max": 20.0, "alpha": 0.1, "gam": 0.001}
 N = nn.MOST_NODES
-
-
-class Law:
-    """A law with its views; `u` in the order of its inputs."""
-
-    def __init__(self, block: Block, values: dict[str, float]) -> None:
-        self.block = block
-        self.names = [name for port in block.outputs for name in port.names()]
-        self.y, self.x = np.zeros(len(self.names)), np.zeros(block.size(block.states))
-        given: Any = values
-        states: Any = {}
-        if block.prepare is not None:
-            prepared = block.prepare(values, 1000.0, 1)
-            given, states = prepared.parameters, prepared.states
-        self.p = np.array([given[port.name] for port in (block.parameters or block.settings)])
-        at = 0
-        for port in block.states:
-            if port.name in states:
-                self.x[at : at + port.size] = states[port.name]
-            at += port.size
-
-    def step(self, u: Array, dt: float = 1e-3) -> dict[str, float]:
-        self.block.step(0.0, dt, self.p, self.x, np.asarray(u, float), self.y)
-        return dict(zip(self.names, self.y.tolist(), strict=True))
-
-    def part(self, at: int, column: int = N) -> Array:
-        """Return one kind of weights as (joints, column), a view."""
-        return self.x[at : at + 2 * column].reshape(2, column)
+TUNED = ("w", "wi")
+FIXED = ("v", "v0", "vi", "v0i")
 
 
 def dual(**changed: float) -> Law:
@@ -69,16 +41,14 @@ def test_with_the_exact_model_pd_leaves_the_linear_error_equation(seed: int) -> 
     """M r' + Vm r + Kv r = 0 under tau = w: the law's model against an independent arm."""
     u = random_input(seed)
     rate, acc, q, v = u[[1, 6]], u[[2, 7]], u[[3, 8]], u[[4, 9]]
-    found = Law(nn.PD, {k: SETTINGS[k] for k in [p.name for p in nn.GAINS]}).step(u)
+    found = Law(nn.PD, SETTINGS).step(u)
     far = 1.3 * np.cos(q[1])
     inertia = np.array([[3.1 + 1.3 + 2 * far, 1.3 + far], [1.3 + far, 1.3]])
     h = 1.3 * np.sin(q[1])
     vm = np.array([[-h * v[1], -h * (v[0] + v[1])], [h * v[0], 0.0]])
-    w = np.array([found["w1_Nm"], found["w2_Nm"]])
-    r = np.array([found["r1_rad_s"], found["r2_rad_s"]])
-    v_rate = np.linalg.solve(inertia, w - vm @ v)
+    v_rate = np.linalg.solve(inertia, found.w_Nm - vm @ v)
     r_rate = (acc - v_rate) + 7.0 * (rate - v)
-    left = inertia @ r_rate + vm @ r + 15.0 * r
+    left = inertia @ r_rate + vm @ found.r_rad_s + 15.0 * found.r_rad_s
     assert np.abs(left).max() < 1e-11, left
 
 
@@ -89,10 +59,11 @@ def test_the_networks_are_drawn_in_the_specified_order() -> None:
         rest = [draw.uniform(-35, 35, 20), draw.uniform(-50, 50, 20)]
         vi = draw.uniform(0, 1, 20) * np.where(draw.random(20) < 0.5, -1, 1)
         expected = (v, *rest, vi, draw.uniform(-35, 35, 20))
-        for at, values in zip((nn._V, nn._V0, nn._W, nn._VI, nn._V0I), expected, strict=True):
-            wrong = np.abs(law.part(at)[joint, :20] - values).max()
-            assert wrong == 0.0 and not law.part(at)[joint, 20:].any(), (joint, at, wrong)
-    assert not law.part(nn._WI, nn.COLUMN).any()
+        for name, values in zip(("v", "v0", "w", "vi", "v0i"), expected, strict=True):
+            drawn = getattr(law.x, name)[joint]
+            wrong = np.abs(drawn[:20] - values).max()
+            assert wrong == 0.0 and not drawn[20:].any(), (joint, name, wrong)
+    assert not law.x.wi.any()
 
 
 def test_the_positive_start_sees_a_deadzone_that_never_falls() -> None:
@@ -102,8 +73,7 @@ def test_the_positive_start_sees_a_deadzone_that_never_falls() -> None:
         u = np.zeros(10)
         u[1] = u[6] = wanted / 15.0  # at rest w is all in r
         for i, law in enumerate((fixed, free)):
-            found = Law.step(law, u, 0.0)
-            lowest[i] = min(lowest[i], found["slope1"], found["slope2"])
+            lowest[i] = min(lowest[i], *law.step(u, 0.0).slope)
     assert lowest[0] >= 0.0 > lowest[1], f"lowest slopes {lowest}"
 
 
@@ -112,12 +82,12 @@ def test_the_slope_is_the_derivative_of_the_deadzone_as_seen(seed: int) -> None:
     law = dual(network_seed=float(seed))
     found = law.step(random_input(seed), 0.0)
     for joint in (0, 1):
-        w, v, v0 = (law.part(at)[joint] for at in (nn._W, nn._V, nn._V0))
-        u = found[f"w{joint + 1}_Nm"]  # Wi = 0
+        w, v, v0 = law.x.w[joint], law.x.v[joint], law.x.v0[joint]
+        u = found.w_Nm[joint]  # Wi = 0
         h = 1e-4
         seen = [float(np.sum(w * logistic(v * (u + d) + v0))) for d in (-h, h)]
         slope = (seen[1] - seen[0]) / (2 * h)
-        assert abs(found[f"slope{joint + 1}"] - slope) < 1e-7, (found, slope)
+        assert abs(found.slope[joint] - slope) < 1e-7, (found.slope, slope)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -128,12 +98,12 @@ def test_tuning_cancels_the_cross_terms_of_the_lyapunov_function(seed: int) -> N
     d/dt r'Mr/2 = -r'(tau - w) + ..., with the other sign.
     """
     law, rng, dt = dual(k1=0.0, k2=0.0, network_seed=float(seed)), np.random.default_rng(seed), 1e-9
-    law.part(nn._WI, nn.COLUMN)[:] = rng.uniform(-3.0, 3.0, (2, nn.COLUMN))
-    law.part(nn._WI, nn.COLUMN)[:, 20:N] = 0.0
+    law.x.wi[:] = rng.uniform(-3.0, 3.0, (2, nn.COLUMN))
+    law.x.wi[:, 20:N] = 0.0
     ideal_w, ideal_wi = rng.uniform(-50, 50, (2, N)), rng.uniform(-30, 30, (2, nn.COLUMN))
 
     def distance() -> tuple[Array, Array]:
-        return ideal_w - law.part(nn._W), ideal_wi - law.part(nn._WI, nn.COLUMN)
+        return ideal_w - law.x.w, ideal_wi - law.x.wi
 
     w_error, wi_error = distance()
     found = law.step(random_input(seed), dt)
@@ -144,12 +114,11 @@ def test_tuning_cancels_the_cross_terms_of_the_lyapunov_function(seed: int) -> N
     )
     cross = 0.0
     for i in (0, 1):
-        r, y = found[f"r{i + 1}_rad_s"], found[f"y{i + 1}_Nm"]
-        w, total = found[f"w{i + 1}_Nm"], found[f"w{i + 1}_Nm"] + y
-        z = logistic(law.part(nn._V)[i] * total + law.part(nn._V0)[i])
-        b = z * (1 - z) * law.part(nn._V)[i]
+        r, y, w = found.r_rad_s[i], found.y_Nm[i], found.w_Nm[i]
+        z = logistic(law.x.v[i] * (w + y) + law.x.v0[i])
+        b = z * (1 - z) * law.x.v[i]
         s = np.zeros(nn.COLUMN)
-        s[:20] = logistic(law.part(nn._VI)[i, :20] * w + law.part(nn._V0I)[i, :20])
+        s[:20] = logistic(law.x.vi[i, :20] * w + law.x.v0i[i, :20])
         s[N:] = (1.0, 1.0 - np.exp(-w)) if w >= 0.0 else (0.0, 0.0)
         slope = float((ideal_w[i] - w_error[i]) @ b)
         throughput = -slope * float(wi_error[i] @ s) + float(w_error[i] @ b) * y
@@ -159,15 +128,14 @@ def test_tuning_cancels_the_cross_terms_of_the_lyapunov_function(seed: int) -> N
 
 def test_decay_never_carries_a_weight_through_zero() -> None:
     law = dual(k1=10.0, k2=10.0, t_rate=1e5, s_rate=1e5, r_max_rad_s=1e6, norm_max=1e9)
-    law.part(nn._V)[:] = 0.0  # no slope and no gradient: decay alone
-    law.part(nn._WI, nn.COLUMN)[:] = 7.0
+    law.x.v[:] = 0.0  # no slope and no gradient: decay alone
+    law.x.wi[:] = 7.0
     u = random_input(1)
     u[0] = 1e3
-    before = law.x.copy()
+    before = law.copies(*TUNED)
     law.step(u)
-    for at, column in ((nn._W, N), (nn._WI, nn.COLUMN)):
-        span = slice(at, at + 2 * column)
-        ratio = law.x[span][before[span] != 0.0] / before[span][before[span] != 0.0]
+    for name, after in law.copies(*TUNED).items():
+        ratio = after[before[name] != 0.0] / before[name][before[name] != 0.0]
         assert (ratio > 0.0).all() and (ratio < 1e-3).all(), (ratio.min(), ratio.max())
 
 
@@ -178,33 +146,32 @@ def test_the_jump_node_is_continuous_from_the_right(
     law, u = dual(), np.zeros(10)
     u[1] = wanted / 15.0
     law.step(u)
-    found = law.part(nn._HIDDEN, nn.COLUMN)[0, N:]
-    assert tuple(found) == nodes, found
+    assert tuple(law.x.s[0, N:]) == nodes, law.x.s[0, N:]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 8.0])
 def test_the_guard_ends_both_commands_for_good(bad: float) -> None:
     law, u = dual(), random_input(1)
     law.step(u)
-    weights = law.part(nn._WI, nn.COLUMN).copy()
+    weights = law.x.wi.copy()
     worse = u.copy()
     worse[3] = bad  # |r| beyond 50
-    found = law.step(worse)
-    assert (found["u1_Nm"], found["u2_Nm"], found["diverged"]) == (0.0, 0.0, 1.0), found
-    found = law.step(u)
-    assert (found["u1_Nm"], found["u2_Nm"], found["diverged"]) == (0.0, 0.0, 1.0), found
+    for inputs in (worse, u):
+        found = law.step(inputs)
+        assert not found.u_Nm.any() and found.diverged == 1.0, found.u_Nm
     if np.isfinite(bad):
-        assert (law.part(nn._WI, nn.COLUMN) == weights).all(), "it went on learning"
+        assert (law.x.wi == weights).all(), "it went on learning"
 
 
 def test_the_network_off_is_pd_bit_for_bit_and_learns_nothing() -> None:
-    off, pd = dual(network_on=0.0), Law(nn.PD, {p.name: SETTINGS[p.name] for p in nn.GAINS})
-    weights = off.x[1 : nn._BACK].copy()
+    off, pd = dual(network_on=0.0), Law(nn.PD, SETTINGS)
+    weights = off.copies(*TUNED, *FIXED)
     for seed in range(50):
         u = 2.0 * random_input(seed)
-        a, b = off.step(u), pd.step(u)
-        assert all(a[name] == b[name] for name in b), (a, b)
-    assert (off.x[1 : nn._BACK] == weights).all()
+        a, b = off.step(u).values(), pd.step(u).values()
+        assert np.array_equal(a[: len(b)], b), (a, b)
+    for name, values in off.copies(*TUNED, *FIXED).items():
+        assert np.array_equal(values, weights[name]), name
 
 
 # The map's law
@@ -223,9 +190,9 @@ def test_a_wider_estimate_moves_the_next_error_as_tuning_assumes(wanted: float, 
     following = []
     for width in (0.1, 0.1 + 1e-6):
         law = Law(fuzzy.BLOCK, FUZZY | {"gam": 0.0})
-        law.x[fuzzy.PLUS + side] = width
-        found = law.step(np.array([0.0, 0.0, 0.0, 0.0, wanted]))
-        tau = np.sign(found["u"]) * max(abs(found["u"]) - 0.05, 0.0)
+        setattr(law.x, ("width_plus", "width_minus")[side], width)
+        u = law.step([0.0, 0.0, 0.0, 0.0, wanted]).command
+        tau = np.sign(u) * max(abs(u) - 0.05, 0.0)
         following.append((0.0 + tau) - wanted)  # r(k+1) from x = 0, where F = 0
     slope = (following[1] - following[0]) / 1e-6
     assert slope == pytest.approx((1.0, -1.0)[side], abs=1e-6), slope
@@ -235,8 +202,7 @@ def test_a_wider_estimate_moves_the_next_error_as_tuning_assumes(wanted: float, 
 def test_the_guard_of_the_map_sends_zero_for_good(bad: float) -> None:
     for block in (fuzzy.BLOCK, fuzzy.PD):
         law = Law(block, FUZZY)
-        law.step(np.array([0.1, 0.2, 0.1, 0.1, 0.1]))
-        found = law.step(np.array([0.1, bad, 0.1, 0.1, 0.1]))
-        assert (found["u"], found["diverged"]) == (0.0, 1.0), found
-        found = law.step(np.array([0.1, 0.2, 0.1, 0.1, 0.1]))
-        assert (found["u"], found["diverged"]) == (0.0, 1.0), found
+        law.step([0.1, 0.2, 0.1, 0.1, 0.1])
+        for x2 in (bad, 0.2):
+            found = law.step([0.1, x2, 0.1, 0.1, 0.1])
+            assert (found.command, found.diverged) == (0.0, 1.0), found.command

@@ -1,7 +1,6 @@
 """Laws of the two-link arm: Lyapunov identity, tuning gain, variants of the jump nodes."""
 
-from typing import Any
-
+import named_law
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -18,40 +17,16 @@ N = 10
 Vector = NDArray[np.float64]
 
 
-class Law:
-    """The law with its state and outputs by name."""
+class Law(named_law.Law):
+    """The law; its weights without room for more nodes."""
 
     def __init__(self, **settings: float) -> None:
-        prepared = friction_nn.prepare({**GAINS, **settings}, 1000.0, 1)
-        self.p = np.array([prepared.parameters[p.name] for p in friction_nn.BLOCK.parameters])
-        self.x = friction_nn.States(np.zeros(friction_nn.States.size))
-        self.x.v.ravel()[:] = prepared.states["v"]
-        self.y = friction_nn.Outputs(np.zeros(friction_nn.Outputs.size))
-
-    @property
-    def v(self) -> Vector:
-        """V (11, 10)."""
-        return self.x.v[:, :N]
-
-    @property
-    def w1(self) -> Vector:
-        """W1 (11, 2)."""
-        return self.x.w1[: N + 1]
-
-    @property
-    def w2(self) -> Vector:
-        """W2 (4, 2)."""
-        return self.x.w2
+        super().__init__(friction_nn.BLOCK, GAINS | settings)
+        self.v, self.w1, self.w2 = self.x.v[:, :N], self.x.w1[: N + 1], self.x.w2
 
     def weights(self) -> list[Vector]:
         """Return copies of all weights."""
-        return [self.x.w1.copy(), self.x.w2.copy(), self.x.v.copy()]
-
-    def step(self, u: Any, dt: float = 1e-3) -> friction_nn.Outputs:
-        """Step with these inputs; return a copy of the outputs."""
-        u = np.asarray(u, float)
-        friction_nn.step(0.0, dt, self.p, self.x.values(), u, self.y.values())
-        return friction_nn.Outputs(self.y.values().copy())
+        return list(self.copies("w1", "w2", "v").values())
 
 
 def _inputs(rng: np.random.Generator) -> Vector:
@@ -176,8 +151,7 @@ def test_a_network_with_no_weights_is_pd_with_the_damping_of_the_robust_term() -
     law = Law()
     law.v[:] = 0.0
     u = _inputs(np.random.default_rng(9))
-    pd = arm_pd.Outputs(np.zeros(arm_pd.Outputs.size))
-    arm_pd.step(0.0, 1e-3, law.p, np.zeros(0), u, pd.values())
+    pd = named_law.Law(arm_pd.BLOCK, GAINS).step(u)
     found = law.step(u)
     assert found.torque_Nm == pytest.approx(pd.torque_Nm * (20.0 + 0.02 * 100.0) / 20.0, rel=1e-14)
     assert np.array_equal(found.e_rad, pd.e_rad) and np.array_equal(found.r_rad_s, pd.r_rad_s)

@@ -32,208 +32,211 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import tail
-from pcpc.executive.laws.block import Block, Port, Prepared, stage
+from pcpc.executive.laws.approximators.two_layer import square_sum_of_rows
+from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import clip, exp, logistic, sincos, sqrt, where
 from pcpc.executive.laws.models.two_link import inertia
 
-JOINTS = 2
-MOST_NODES = 40
-JUMPS = 2
+JOINTS, MOST_NODES, JUMPS = 2, 40, 2
 COLUMN = MOST_NODES + JUMPS  # room of a joint's output weights
 
-INPUTS = tuple(
-    Port(f"{name}{joint}_{suffix}", unit, f"{what} of joint {joint}")
-    for joint in (1, 2)
-    for name, suffix, unit, what in (
-        ("q_d", "rad", "rad", "desired angle"),
-        ("q_d", "rate_rad_s", "rad/s", "desired rate"),
-        ("q_d", "acc_rad_s2", "rad/s2", "desired acceleration"),
-        ("q", "rad", "rad", "measured angle"),
-        ("v", "rad_s", "rad/s", "measured rate"),
-    )
-)
-OUTPUTS = (
-    Port("u1_Nm", "N m", "command of joint 1 (6)"),
-    Port("u2_Nm", "N m", "command of joint 2 (6)"),
-    Port("w1_Nm", "N m", "wanted torque of joint 1 (3)"),
-    Port("w2_Nm", "N m", "wanted torque of joint 2 (3)"),
-    Port("e1_rad", "rad", "error of joint 1 as measured"),
-    Port("e2_rad", "rad", "error of joint 2 as measured"),
-    Port("r1_rad_s", "rad/s", "filtered error of joint 1 (1)"),
-    Port("r2_rad_s", "rad/s", "filtered error of joint 2 (1)"),
-    Port("diverged", "", "1 once the guard has ended the control"),
-)
-NETWORK_OUTPUTS = (
-    Port("y1_Nm", "N m", "compensator's output of joint 1 (6)"),
-    Port("y2_Nm", "N m", "compensator's output of joint 2 (6)"),
-    Port("slope1", "", "slope of the deadzone as seen by joint 1 (8)"),
-    Port("slope2", "", "slope of the deadzone as seen by joint 2 (8)"),
-    Port("norm_wi", "", "Frobenius norm of Wi, both joints"),
-    Port("norm_w", "", "Frobenius norm of W, both joints"),
-)
-GAINS = (
-    Port("kv_Nms_rad", "N m s/rad", "gain on the filtered error", None, 0.0, 1e4),
-    Port("lam_per_s", "1/s", "slope of the filtered error", None, 0.0, 1e3),
-    Port("u_max_Nm", "N m", "limit of the commands", None, 0.0, 1e4),
-    Port("a1_m", "m", "length of the first link, as known", None, 1e-3, 100.0),
-    Port("a2_m", "m", "length of the second link, as known", None, 1e-3, 100.0),
-    Port("m1_kg", "kg", "mass at the end of the first link, as known", None, 1e-3, 1e4),
-    Port("m2_kg", "kg", "mass at the end of the second link, as known", None, 1e-3, 1e4),
-    Port("r_max_rad_s", "rad/s", "|r| at which control ends", None, 0.0, 1e6),
-)
-NETWORK = (
-    Port("network_on", "", "1 engages both networks, 0 leaves (3) alone", 1.0, 0.0, 1.0),
-    Port("t_rate", "", "T, tuning rate of the compensator", None, 0.0, 1e5),
-    Port("s_rate", "", "S, tuning rate of network I; 0 freezes it", None, 0.0, 1e5),
-    Port("k1", "", "decay of both networks", None, 0.0, 10.0),
-    Port("k2", "", "further decay of the compensator", None, 0.0, 10.0),
-    Port("jumps_on", "", "1 gives the compensator its jump nodes", 1.0, 0.0, 1.0),
-    Port("nodes", "", "L, logistic nodes of each network", 20.0, 1.0, MOST_NODES),
-    Port("norm_max", "", "norm of W and Wi at which control ends", None, 0.0, 1e9),
-)
-START = (
-    Port("network_seed", "", "draws the networks", None, 0.0, 2.0**31),
-    Port("positive_slope", "", "1 gives W the signs of V at the start", 1.0, 0.0, 1.0),
-)
-GUARD = (Port("ended", "", "1 once the guard has ended the control"),)
-STATES = (
-    *GUARD,
-    Port("w", "N m", "W, a joint after the other", size=JOINTS * MOST_NODES, recorded=False),
-    Port("v", "1/(N m)", "V, alike", size=JOINTS * MOST_NODES, recorded=False),
-    Port("v0", "", "v0, alike", size=JOINTS * MOST_NODES, recorded=False),
-    Port("vi", "1/(N m)", "Vi, alike", size=JOINTS * MOST_NODES, recorded=False),
-    Port("v0i", "", "v0i, alike", size=JOINTS * MOST_NODES, recorded=False),
-    Port("wi", "N m", "Wi, jump nodes behind the others", size=JOINTS * COLUMN, recorded=False),
-    Port("back", "1/(N m)", "scratch: b of (8)", size=JOINTS * MOST_NODES, recorded=False),
-    Port("hidden", "", "scratch: s of (4)", size=JOINTS * COLUMN, recorded=False),
-)
-KV, LAM, U_MAX, A1, A2, M1, M2, R_MAX = range(len(GAINS))
-ON, T, S, K1, K2, JUMPS_ON, NODES, NORM_MAX = range(len(GAINS), len(GAINS) + len(NETWORK))
-ENDED = 0
-_W = 1
-_V, _V0 = _W + JOINTS * MOST_NODES, _W + 2 * JOINTS * MOST_NODES
-_VI, _V0I = _W + 3 * JOINTS * MOST_NODES, _W + 4 * JOINTS * MOST_NODES
-_WI = _W + 5 * JOINTS * MOST_NODES
-_BACK = _WI + JOINTS * COLUMN
-_HIDDEN = _BACK + JOINTS * MOST_NODES
-WANTED, ERROR, FILTERED, DIVERGED = 2, 4, 6, 8  # in OUTPUTS
-COMPENSATOR, SLOPE, NORM_WI, NORM_W = 9, 11, 13, 14  # behind them
+
+def _joint(number: int) -> type[Ports]:
+    """Return the declaration of what is wanted and measured of one joint."""
+
+    class Joint(Ports):
+        q_d_rad = port("rad", f"desired angle of joint {number}", named=f"q_d{number}_rad")
+        q_d_rate_rad_s = port(
+            "rad/s", f"desired rate of joint {number}", named=f"q_d{number}_rate_rad_s"
+        )
+        q_d_acc_rad_s2 = port(
+            "rad/s2", f"desired acceleration of joint {number}", named=f"q_d{number}_acc_rad_s2"
+        )
+        q_rad = port("rad", f"measured angle of joint {number}", named=f"q{number}_rad")
+        v_rad_s = port("rad/s", f"measured rate of joint {number}", named=f"v{number}_rad_s")
+
+    return Joint
+
+
+class Inputs(Ports):
+    """The reference and the measured motion, a joint after the other."""
+
+    joint_1 = group(_joint(1))
+    joint_2 = group(_joint(2))
+
+
+class Outputs(Ports):
+    """The commands and what led to them."""
+
+    u_Nm = port("N m", "command of joint # (6)", shape=JOINTS, named="u#_Nm")
+    w_Nm = port("N m", "wanted torque of joint # (3)", shape=JOINTS, named="w#_Nm")
+    e_rad = port("rad", "error of joint # as measured", shape=JOINTS, named="e#_rad")
+    r_rad_s = port("rad/s", "filtered error of joint # (1)", shape=JOINTS, named="r#_rad_s")
+    diverged = port("", "1 once the guard has ended the control")
+
+
+class NetworkOutputs(Outputs):
+    """Those of PD, and the networks'."""
+
+    y_Nm = port("N m", "compensator's output of joint # (6)", shape=JOINTS, named="y#_Nm")
+    slope = port("", "slope of the deadzone as seen by joint # (8)", shape=JOINTS, named="slope#")
+    norm_wi = port("", "Frobenius norm of Wi, both joints")
+    norm_w = port("", "Frobenius norm of W, both joints")
+
+
+class Gains(Ports):
+    """Of PD with the arm's model."""
+
+    kv_Nms_rad = port("N m s/rad", "gain on the filtered error", None, 0.0, 1e4)
+    lam_per_s = port("1/s", "slope of the filtered error", None, 0.0, 1e3)
+    u_max_Nm = port("N m", "limit of the commands", None, 0.0, 1e4)
+    a1_m = port("m", "length of the first link, as known", None, 1e-3, 100.0)
+    a2_m = port("m", "length of the second link, as known", None, 1e-3, 100.0)
+    m1_kg = port("kg", "mass at the end of the first link, as known", None, 1e-3, 1e4)
+    m2_kg = port("kg", "mass at the end of the second link, as known", None, 1e-3, 1e4)
+    r_max_rad_s = port("rad/s", "|r| at which control ends", None, 0.0, 1e6)
+
+
+class Parameters(Gains):
+    """Those of PD, and the networks'."""
+
+    network_on = port("", "1 engages both networks, 0 leaves (3) alone", 1.0, 0.0, 1.0)
+    t_rate = port("", "T, tuning rate of the compensator", None, 0.0, 1e5)
+    s_rate = port("", "S, tuning rate of network I; 0 freezes it", None, 0.0, 1e5)
+    k1 = port("", "decay of both networks", None, 0.0, 10.0)
+    k2 = port("", "further decay of the compensator", None, 0.0, 10.0)
+    jumps_on = port("", "1 gives the compensator its jump nodes", 1.0, 0.0, 1.0)
+    nodes = port("", "L, logistic nodes of each network", 20.0, 1.0, MOST_NODES)
+    norm_max = port("", "norm of W and Wi at which control ends", None, 0.0, 1e9)
+
+
+class Settings(Parameters):
+    """The parameters, and what draws the networks."""
+
+    network_seed = port("", "draws the networks", None, 0.0, 2.0**31)
+    positive_slope = port("", "1 gives W the signs of V at the start", 1.0, 0.0, 1.0)
+
+
+class Guard(Ports):
+    """The guard."""
+
+    ended = port("", "1 once the guard has ended the control")
+
+
+class States(Guard):
+    """The guard, the networks with a row for each joint, and the vectors of this period."""
+
+    w = port("N m", "W", shape=(JOINTS, MOST_NODES), recorded=False)
+    v = port("1/(N m)", "V", shape=(JOINTS, MOST_NODES), recorded=False)
+    v0 = port("", "v0", shape=(JOINTS, MOST_NODES), recorded=False)
+    vi = port("1/(N m)", "Vi", shape=(JOINTS, MOST_NODES), recorded=False)
+    v0i = port("", "v0i", shape=(JOINTS, MOST_NODES), recorded=False)
+    wi = port("N m", "Wi, jump nodes behind the others", shape=(JOINTS, COLUMN), recorded=False)
+    b = port("1/(N m)", "b of (8)", shape=(JOINTS, MOST_NODES), recorded=False)
+    s = port("", "s of (4), alike", shape=(JOINTS, COLUMN), recorded=False)
+
+
+@inline
+def errors(i: int, lam: float, joint: Any, y: Any) -> tuple[float, float]:
+    """Write e and r (1) of joint i, whose inputs are `joint`; return what (2) multiplies.
+
+    That is q_d'' + Lam e' and q_d' + Lam e.
+    """
+    e, e_rate = joint.q_d_rad - joint.q_rad, joint.q_d_rate_rad_s - joint.v_rad_s
+    y.e_rad[i] = e
+    y.r_rad_s[i] = e_rate + lam * e
+    return joint.q_d_acc_rad_s2 + lam * e_rate, joint.q_d_rate_rad_s + lam * e
 
 
 @inline
 def follow(p: Any, u: Any, y: Any) -> float:
-    """Write w (3), e and r (1) of both joints to `y`; return |r|, rad/s."""
-    lam, kv = p[LAM], p[KV]
-    q_d1, rate1, acc1, q1, v1 = u[0], u[1], u[2], u[3], u[4]
-    q_d2, rate2, acc2, q2, v2 = u[5], u[6], u[7], u[8], u[9]
-    e1, e2 = q_d1 - q1, q_d2 - q2
-    e1_rate, e2_rate = rate1 - v1, rate2 - v2
-    r1, r2 = e1_rate + lam * e1, e2_rate + lam * e2  # (1)
-    wanted1, wanted2 = acc1 + lam * e1_rate, acc2 + lam * e2_rate
-    moving1, moving2 = rate1 + lam * e1, rate2 + lam * e2
-    sine, cosine = sincos(q2)
-    m11, m12, m22 = inertia(cosine, p[A1], p[A2], p[M1], p[M2])
-    h = p[M2] * p[A1] * p[A2] * sine
-    c1 = -h * v2 * moving1 - h * (v1 + v2) * moving2
-    f1 = m11 * wanted1 + m12 * wanted2 + c1  # (2)
-    f2 = m12 * wanted1 + m22 * wanted2 + h * v1 * moving1
-    y[WANTED], y[WANTED + 1] = f1 + kv * r1, f2 + kv * r2  # (3)
-    y[ERROR], y[ERROR + 1] = e1, e2
-    y[FILTERED], y[FILTERED + 1] = r1, r2
-    return sqrt(r1 * r1 + r2 * r2)
+    """Write w (3), e and r (1) of both joints; return |r|, rad/s."""
+    acc_1, rate_1 = errors(0, p.lam_per_s, u.joint_1, y)
+    acc_2, rate_2 = errors(1, p.lam_per_s, u.joint_2, y)
+    v_1, v_2 = u.joint_1.v_rad_s, u.joint_2.v_rad_s
+    sine, cosine = sincos(u.joint_2.q_rad)
+    m11, m12, m22 = inertia(cosine, p.a1_m, p.a2_m, p.m1_kg, p.m2_kg)
+    h = p.m2_kg * p.a1_m * p.a2_m * sine
+    c_1 = -h * v_2 * rate_1 - h * (v_1 + v_2) * rate_2
+    f_1 = m11 * acc_1 + m12 * acc_2 + c_1  # (2)
+    f_2 = m12 * acc_1 + m22 * acc_2 + h * v_1 * rate_1
+    r_1, r_2 = y.r_rad_s[0], y.r_rad_s[1]
+    y.w_Nm[0], y.w_Nm[1] = f_1 + p.kv_Nms_rad * r_1, f_2 + p.kv_Nms_rad * r_2  # (3)
+    return sqrt(r_1 * r_1 + r_2 * r_2)
 
 
 @inline
 def guard(healthy: bool, x: Any, y: Any) -> bool:
     """Latch the end of control; return whether it still goes on."""
-    x[ENDED] = where(healthy, x[ENDED], 1.0)
-    y[DIVERGED] = x[ENDED]
-    return x[ENDED] < 0.5
+    x.ended = where(healthy, x.ended, 1.0)
+    y.diverged = x.ended
+    return bool(x.ended < 0.5)
 
 
 @inline
-def compensate(joint: int, w: float, p: Any, x: Any) -> float:
-    """Write s (4) (5) of `joint` to the state and return y (6), N m."""
-    n = int(p[NODES])
-    s, wi = tail(x, _HIDDEN + joint * COLUMN), tail(x, _WI + joint * COLUMN)
-    vi, v0i = tail(x, _VI + joint * MOST_NODES), tail(x, _V0I + joint * MOST_NODES)
+def compensate(i: int, w: float, p: Any, x: Any) -> float:
+    """Write s (4) (5) of joint i and return y (6), N m."""
+    s, wi = x.s[i], x.wi[i]
     total = 0.0
-    for j in range(n):
-        s[j] = logistic(vi[j] * w + v0i[j])
+    for j in range(int(p.nodes)):
+        s[j] = logistic(x.vi[i, j] * w + x.v0i[i, j])  # (4)
         total += wi[j] * s[j]
-    right = where(w >= 0.0, p[JUMPS_ON], 0.0)
-    s[MOST_NODES] = right
+    right = where(w >= 0.0, p.jumps_on, 0.0)
+    s[MOST_NODES] = right  # (5)
     s[MOST_NODES + 1] = right * (1.0 - exp(-abs(w)))
     return total + wi[MOST_NODES] * s[MOST_NODES] + wi[MOST_NODES + 1] * s[MOST_NODES + 1]
 
 
 @inline
-def slope(joint: int, u: float, p: Any, x: Any) -> float:
-    """Write b (8) of `joint` to the state and return J; `u` in N m, before the clip."""
-    b, w = tail(x, _BACK + joint * MOST_NODES), tail(x, _W + joint * MOST_NODES)
-    v, v0 = tail(x, _V + joint * MOST_NODES), tail(x, _V0 + joint * MOST_NODES)
+def slope(i: int, u: float, p: Any, x: Any) -> float:
+    """Write b (8) of joint i and return J; `u` in N m, before the clip."""
+    v, b = x.v[i], x.b[i]
     total = 0.0
-    for j in range(int(p[NODES])):
-        z = logistic(v[j] * u + v0[j])
+    for j in range(int(p.nodes)):
+        z = logistic(v[j] * u + x.v0[i, j])
         b[j] = z * (1.0 - z) * v[j]
-        total += w[j] * b[j]
+        total += x.w[i, j] * b[j]
     return total
 
 
 @inline
-def norm_of(x: Any, at: int, n: int) -> float:
-    """Return the Frobenius norm of x[at..at+n-1]."""
-    total = 0.0
-    for j in range(n):
-        total += x[at + j] * x[at + j]
-    return sqrt(total)
-
-
-@inline
-def tune(joint: int, dt: float, r: float, norm_r: float, p: Any, x: Any, y: Any) -> None:
-    """One step (11) of both networks of `joint`; `y` holds the compensator's output and slope."""
-    s, wi = tail(x, _HIDDEN + joint * COLUMN), tail(x, _WI + joint * COLUMN)
-    b, w = tail(x, _BACK + joint * MOST_NODES), tail(x, _W + joint * MOST_NODES)
-    fall = 1.0 + dt * p[T] * (p[K1] * norm_r + p[K2] * norm_r * y[NORM_WI])
-    rise = dt * p[T] * r * y[SLOPE + joint]
+def tune(i: int, dt: float, norm_r: float, p: Any, x: Any, y: Any) -> None:
+    """One step (11) of both networks of joint i."""
+    r = y.r_rad_s[i]
+    fall = 1.0 + dt * p.t_rate * (p.k1 * norm_r + p.k2 * norm_r * y.norm_wi)
+    rise = dt * p.t_rate * r * y.slope[i]
     for j in range(COLUMN):
-        wi[j] = (wi[j] + rise * s[j]) / fall  # (9)
-    fall = 1.0 + dt * p[S] * p[K1] * norm_r
-    rise = dt * p[S] * y[COMPENSATOR + joint] * r
-    for j in range(int(p[NODES])):
-        w[j] = (w[j] - rise * b[j]) / fall  # (10)
+        x.wi[i, j] = (x.wi[i, j] + rise * x.s[i, j]) / fall  # (9)
+    fall = 1.0 + dt * p.s_rate * p.k1 * norm_r
+    rise = dt * p.s_rate * y.y_Nm[i] * r
+    for j in range(int(p.nodes)):
+        x.w[i, j] = (x.w[i, j] - rise * x.b[i, j]) / fall  # (10)
 
 
 @stage
-def pd_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def pd_step(t: float, dt: float, p: Gains, x: Guard, u: Inputs, y: Outputs) -> None:
     """One control period of (1) to (3) alone."""
-    norm_r = follow(p, u, y)
-    good = guard(norm_r <= p[R_MAX], x, y)
+    good = guard(follow(p, u, y) <= p.r_max_rad_s, x, y)  # false for NaN
     for i in range(JOINTS):
-        y[i] = where(good, clip(y[WANTED + i], -p[U_MAX], p[U_MAX]), 0.0)
+        y.u_Nm[i] = where(good, clip(y.w_Nm[i], -p.u_max_Nm, p.u_max_Nm), 0.0)
 
 
 @stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: NetworkOutputs) -> None:
     """One control period; see the module header."""
     norm_r = follow(p, u, y)
-    y[NORM_WI] = norm_of(x, _WI, JOINTS * COLUMN)
-    y[NORM_W] = norm_of(x, _W, JOINTS * MOST_NODES)
-    weights = sqrt(y[NORM_WI] * y[NORM_WI] + y[NORM_W] * y[NORM_W])
-    good = guard((norm_r <= p[R_MAX]) & (weights <= p[NORM_MAX]), x, y)  # false for NaN
-    engaged = p[ON] > 0.5
-    period = where(good & engaged, dt, 0.0)
+    y.norm_wi = sqrt(square_sum_of_rows(x.wi))
+    y.norm_w = sqrt(square_sum_of_rows(x.w))
+    weights = sqrt(y.norm_wi * y.norm_wi + y.norm_w * y.norm_w)
+    good = guard((norm_r <= p.r_max_rad_s) & (weights <= p.norm_max), x, y)  # false for NaN
+    engaged = p.network_on > 0.5
+    tuned_s = where(good & engaged, dt, 0.0)
     for i in range(JOINTS):
-        w = y[WANTED + i]
-        learned = compensate(i, w, p, x)
-        y[COMPENSATOR + i] = where(engaged, learned, 0.0)
-        total = w + y[COMPENSATOR + i]
-        y[i] = where(good, clip(total, -p[U_MAX], p[U_MAX]), 0.0)  # (6)
-        y[SLOPE + i] = slope(i, total, p, x)
-    for i in range(JOINTS):
-        tune(i, period, y[FILTERED + i], norm_r, p, x, y)
+        y.y_Nm[i] = where(engaged, compensate(i, y.w_Nm[i], p, x), 0.0)
+        u_i = y.w_Nm[i] + y.y_Nm[i]
+        y.u_Nm[i] = where(good, clip(u_i, -p.u_max_Nm, p.u_max_Nm), 0.0)  # (6)
+        y.slope[i] = slope(i, u_i, p, x)
+        tune(i, tuned_s, norm_r, p, x, y)
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -246,26 +249,17 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
         raise ValueError(f"nodes is {settings['nodes']:g}; expected a whole number")
     draw = np.random.default_rng(int(settings["network_seed"]))
     drawn = {name: np.zeros((JOINTS, MOST_NODES)) for name in ("v", "v0", "w", "vi", "v0i")}
-    for joint in range(JOINTS):
+    for i in range(JOINTS):
         for first, bias in (("v", "v0"), ("vi", "v0i")):
             size = draw.uniform(0.0, 1.0, n)
-            drawn[first][joint, :n] = size * np.where(draw.random(n) < 0.5, -1.0, 1.0)
-            drawn[bias][joint, :n] = draw.uniform(-35.0, 35.0, n)
+            drawn[first][i, :n] = size * np.where(draw.random(n) < 0.5, -1.0, 1.0)
+            drawn[bias][i, :n] = draw.uniform(-35.0, 35.0, n)
             if first == "v":
-                drawn["w"][joint, :n] = draw.uniform(-50.0, 50.0, n)
+                drawn["w"][i, :n] = draw.uniform(-50.0, 50.0, n)
     if settings["positive_slope"] > 0.5:
         drawn["w"] = np.abs(drawn["w"]) * np.sign(drawn["v"])
-    states = {name: values.ravel().tolist() for name, values in drawn.items()}
-    return Prepared({port.name: settings[port.name] for port in (*GAINS, *NETWORK)}, states)
+    return Prepared(settings, {name: values.ravel().tolist() for name, values in drawn.items()})
 
 
-PD = Block(pd_step, inputs=INPUTS, outputs=OUTPUTS, settings=GAINS, states=GUARD)
-BLOCK = Block(
-    step,
-    inputs=INPUTS,
-    outputs=(*OUTPUTS, *NETWORK_OUTPUTS),
-    settings=(*GAINS, *NETWORK, *START),
-    parameters=(*GAINS, *NETWORK),
-    states=STATES,
-    prepare=prepare,
-)
+PD = Block(pd_step)
+BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -13,6 +13,8 @@ and stay so in that tick:
     d <- d - alpha X(k-1) r(k) - Gam |I - alpha X X'| d                                      (7)
     |I - alpha X X'|_2 = max(1, |1 - alpha|)           for X has one entry of size 1         (8)
 
+(1) to (3) and the guard are those of `map_pd.py`, which calls w tau_d.
+
 By (6) dr(k+1)/dd = X, so the gradient step has a minus where the error is x - xd, as here; laws
 whose error is the reference minus the state have a plus. The torque is not measured.
 
@@ -23,95 +25,98 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3; lam, Kv, alpha and Gam a
 
 from typing import Any
 
-from pcpc.drivers.jit import inline
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, inline, port, stage
+from pcpc.executive.laws.controllers.maps.map_pd import desired, sound
 from pcpc.executive.laws.emath import where
-from pcpc.executive.laws.models.second_order_map import drift
 
-INPUTS = (
-    Port("x1", "", "measured x1(k)"),
-    Port("x2", "", "measured x2(k)"),
-    Port("xd_previous", "", "xd(k-1)"),
-    Port("xd", "", "xd(k)"),
-    Port("xd_next", "", "xd(k+1)"),
-)
-OUTPUTS = (
-    Port("u", "", "command (5)"),
-    Port("w", "", "wanted input of the plant (3)"),
-    Port("e", "", "error e2 of (1)"),
-    Port("r", "", "filtered error (1)"),
-    Port("diverged", "", "1 once the guard has ended the control"),
-)
-FUZZY_OUTPUTS = (
-    Port("d_plus", "", "width learned on the positive side"),
-    Port("d_minus", "", "width learned on the negative side, a magnitude"),
-)
-GAINS = (
-    Port("lam", "", "weight of the older error", None, -1.0, 1.0),
-    Port("kv", "", "Kv, what remains of r after a step", None, -1.0, 1.0),
-    Port("cf", "", "coefficient of the plant, as known", None, 0.0, 1.0),
-    Port("r_max", "", "|r| at which control ends", None, 0.0, 1e6),
-)
-TUNING = (
-    Port("alpha", "", "learning rate", None, 0.0, 2.0),
-    Port("gam", "", "Gam, decay of the widths", None, 0.0, 1.0),
-)
-GUARD = (Port("ended", "", "1 once the guard has ended the control"),)
-STATES = (
-    *GUARD,
-    Port("width_plus", "", "d+", 0.0),
-    Port("width_minus", "", "d-", 0.0),
-    Port("fired_plus", "", "X_1 of the last tick"),
-    Port("fired_minus", "", "X_2 of the last tick"),
-)
-LAM, KV, CF, R_MAX, ALPHA, GAM = range(len(GAINS) + len(TUNING))
-ENDED, PLUS, MINUS, FIRED_PLUS, FIRED_MINUS = range(len(STATES))
+
+class Inputs(Ports):
+    """Both states, and three values of the reference."""
+
+    x1 = port("", "measured x1(k)")
+    x2 = port("", "measured x2(k)")
+    x_d_previous = port("", "xd(k-1)", named="xd_previous")
+    x_d = port("", "xd(k)", named="xd")
+    x_d_next = port("", "xd(k+1)", named="xd_next")
+
+
+class Outputs(Ports):
+    """The command and what led to it."""
+
+    command = port("", "command (5)", named="u")
+    tau_d = port("", "wanted input of the plant (3)", named="w")
+    e = port("", "error e2 of (1)")
+    r = port("", "filtered error (1)")
+    diverged = port("", "1 once the guard has ended the control")
+
+
+class FuzzyOutputs(Outputs):
+    """Those of PD, and what was learned."""
+
+    d_plus = port("", "width learned on the positive side")
+    d_minus = port("", "width learned on the negative side, a magnitude")
+
+
+class Gains(Ports):
+    """The filtered error, the model and the guard."""
+
+    lam = port("", "weight of the older error", None, -1.0, 1.0)
+    kv = port("", "Kv, what remains of r after a step", None, -1.0, 1.0)
+    model_c = port("", "coefficient of the plant, as known", None, 0.0, 1.0, named="cf")
+    r_max = port("", "|r| at which control ends", None, 0.0, 1e6)
+
+
+class Parameters(Gains):
+    """Those of PD, and of the tuning."""
+
+    alpha = port("", "learning rate", None, 0.0, 2.0)
+    gam = port("", "Gam, decay of the widths", None, 0.0, 1.0)
+
+
+class Guard(Ports):
+    """The guard."""
+
+    latched = port("", "1 once the guard has ended the control", named="ended")
+
+
+class States(Guard):
+    """The guard, the widths, and which rule fired."""
+
+    width_plus = port("", "d+", 0.0)
+    width_minus = port("", "d-", 0.0)
+    fired_plus = port("", "X_1 of the last tick")
+    fired_minus = port("", "X_2 of the last tick")
 
 
 @inline
-def follow(p: Any, x: Any, u: Any, y: Any) -> bool:
-    """Write (1) and (3) to `y`; return whether control goes on, latched."""
-    x1, x2, previous, now, following = u[0], u[1], u[2], u[3], u[4]
-    e2 = x2 - now
-    r = e2 + p[LAM] * (x1 - previous)  # (1)
-    y[1] = following - p[LAM] * e2 - drift(x1, x2, p[CF]) + p[KV] * r  # (2) (3)
-    y[2] = e2
-    y[3] = r
-    x[ENDED] = where(abs(r) <= p[R_MAX], x[ENDED], 1.0)  # NaN ends it too
-    y[4] = x[ENDED]
-    return x[ENDED] < 0.5
-
-
-@stage
-def pd_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
-    """One tick of (1) to (3) alone."""
-    good = follow(p, x, u, y)
-    y[0] = where(good, y[1], 0.0)
-
-
-@stage
-def step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
-    """One tick; see the module header."""
-    good = follow(p, x, u, y)
-    alpha = where(good, p[ALPHA], 0.0)
+def tune(alpha: float, gam: float, r: float, x: Any) -> None:
+    """Step (7) of both widths, with X of the last tick."""
     size = abs(1.0 - alpha)
-    leak = where(good, p[GAM], 0.0) * where(size > 1.0, size, 1.0)  # (8)
-    x[PLUS] = x[PLUS] - alpha * x[FIRED_PLUS] * y[3] - leak * x[PLUS]  # (7)
-    x[MINUS] = x[MINUS] - alpha * x[FIRED_MINUS] * y[3] - leak * x[MINUS]
-    w = y[1]
-    x[FIRED_PLUS] = where(w >= 0.0, 1.0, 0.0)  # (4)
-    x[FIRED_MINUS] = where(w >= 0.0, 0.0, -1.0)
-    u_k = w + x[PLUS] * x[FIRED_PLUS] + x[MINUS] * x[FIRED_MINUS]  # (5)
-    y[0] = where(good, u_k, 0.0)
-    y[5] = x[PLUS]
-    y[6] = x[MINUS]
+    leak = gam * where(size > 1.0, size, 1.0)  # (8)
+    x.width_plus = x.width_plus - alpha * x.fired_plus * r - leak * x.width_plus  # (7)
+    x.width_minus = x.width_minus - alpha * x.fired_minus * r - leak * x.width_minus
 
 
-PD = Block(pd_step, inputs=INPUTS, outputs=OUTPUTS, settings=GAINS, states=GUARD)
-BLOCK = Block(
-    step,
-    inputs=INPUTS,
-    outputs=(*OUTPUTS, *FUZZY_OUTPUTS),
-    settings=(*GAINS, *TUNING),
-    states=STATES,
-)
+@stage
+def pd_step(t: float, dt: float, p: Gains, x: Guard, u: Inputs, y: Outputs) -> None:
+    """One tick of (1) to (3) alone."""
+    desired(p, u, y)  # (1) to (3), w for tau_d
+    y.command = where(sound(p, x, y), y.tau_d, 0.0)
+
+
+@stage
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: FuzzyOutputs) -> None:
+    """One tick; see the module header."""
+    desired(p, u, y)  # (1) to (3), w for tau_d
+    good = sound(p, x, y)
+    tune(where(good, p.alpha, 0.0), where(good, p.gam, 0.0), y.r, x)
+    x.fired_plus = where(y.tau_d >= 0.0, 1.0, 0.0)  # (4)
+    x.fired_minus = where(y.tau_d >= 0.0, 0.0, -1.0)
+    u_k = y.tau_d + x.width_plus * x.fired_plus + x.width_minus * x.fired_minus  # (5)
+    y.command = where(good, u_k, 0.0)
+    y.d_plus = x.width_plus
+    y.d_minus = x.width_minus
+
+
+PD = Block(pd_step)
+BLOCK = Block(step)
