@@ -8,7 +8,7 @@
 All states are whole numbers below 2^32 and all products below 2^53, so every operation is exact.
 The quotient a/m is rounded to a whole number q, at most one too large, and a - q m is corrected by
 m where it is negative. The period is about 2^191. (4) has mean 0, variance 1 and kurtosis 2.9
-instead of 3 (thin tails) and needs no logarithm. A stream is six consecutive states.
+instead of 3 (thin tails) and needs no logarithm. A stream is six states: s1, then s2, oldest first.
 Source: L'Ecuyer, Good parameters and implementations for combined multiple recursive random number
 generators, Operations Research 47 (1999), 159-164.
 """
@@ -44,23 +44,23 @@ def _splitmix(value: int) -> int:
 
 
 @inline
-def uniform(x: Any, at: int) -> float:
-    """Advance the stream x[at] ... x[at + 5] and return its next number in (0, 1)."""
-    a = 1403580.0 * x[at + 1] - 810728.0 * x[at]
+def uniform(s: Any) -> float:
+    """Advance the stream `s` and return its next number in (0, 1)."""
+    a = 1403580.0 * s[1] - 810728.0 * s[0]
     a = a - (a * (1.0 / M1) + ROUND - ROUND) * M1
     a = where(a < 0.0, a + M1, a)  # (1)
-    x[at], x[at + 1], x[at + 2] = x[at + 1], x[at + 2], a
-    b = 527612.0 * x[at + 5] - 1370589.0 * x[at + 3]
+    s[0], s[1], s[2] = s[1], s[2], a
+    b = 527612.0 * s[5] - 1370589.0 * s[3]
     b = b - (b * (1.0 / M2) + ROUND - ROUND) * M2
     b = where(b < 0.0, b + M2, b)  # (2)
-    x[at + 3], x[at + 4], x[at + 5] = x[at + 4], x[at + 5], b
+    s[3], s[4], s[5] = s[4], s[5], b
     return where(a <= b, a - b + M1, a - b) / (M1 + 1.0)  # (3)
 
 
 @inline
-def normal(x: Any, at: int) -> float:
-    """Advance the stream x[at] ... x[at + 5] and return its next standard deviate, (4)."""
+def normal(s: Any) -> float:
+    """Advance the stream `s` and return its next standard deviate, (4)."""
     total = -6.0
     for _ in range(_SUMMANDS):
-        total += uniform(x, at)
+        total += uniform(s)
     return total

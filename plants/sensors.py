@@ -23,9 +23,9 @@ def lag_rate(lagged: float, signal: float, bandwidth_hz: float) -> float:
 
 
 @inline
-def noisy(value: float, std: float, x: Any, at: int) -> float:
-    """Return the sample of (2), drawing once from the stream at x[at]."""
-    return value + std * normal(x, at)
+def noisy(value: float, std: float, stream: Any) -> float:
+    """Return the sample of (2), drawing once from a stream of plants.noise."""
+    return value + std * normal(stream)
 
 
 @inline

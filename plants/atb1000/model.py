@@ -85,12 +85,12 @@ def sample_sensors(p: Any, x: Any, y: Any) -> None:
     """Write the ten sensor samples, one noise draw per noisy channel."""
     s, w, rng = x.motion, x.external, x.rng
     y.encoder_rad = s.theta_rad - w.pitch_rad
-    y.hub_rate_rad_s = noisy(s.hub_rate_rad_s, p.hub_gyro_noise_rad_s, rng[0], 0)
-    y.muzzle_rate_rad_s = noisy(s.muzzle_rate_rad_s, p.muzzle_gyro_noise_rad_s, rng[1], 0)
-    y.hull_pitch_rad = noisy(w.pitch_rad, p.hull_pitch_noise_rad, rng[2], 0)
-    y.hull_rate_rad_s = noisy(w.pitch_rate_rad_s, p.hull_rate_noise_rad_s, rng[3], 0)
-    y.strain_ue = noisy(s.strain_ue, p.strain_noise_ue, rng[4], 0)
-    y.shaft_torque_Nm = noisy(s.shaft_torque_Nm, p.torque_noise_Nm, rng[5], 0)
+    y.hub_rate_rad_s = noisy(s.hub_rate_rad_s, p.hub_gyro_noise_rad_s, rng[0])
+    y.muzzle_rate_rad_s = noisy(s.muzzle_rate_rad_s, p.muzzle_gyro_noise_rad_s, rng[1])
+    y.hull_pitch_rad = noisy(w.pitch_rad, p.hull_pitch_noise_rad, rng[2])
+    y.hull_rate_rad_s = noisy(w.pitch_rate_rad_s, p.hull_rate_noise_rad_s, rng[3])
+    y.strain_ue = noisy(s.strain_ue, p.strain_noise_ue, rng[4])
+    y.shaft_torque_Nm = noisy(s.shaft_torque_Nm, p.torque_noise_Nm, rng[5])
     y.motor_speed_rad_s = s.motor_speed_rad_s
     y.motor_torque_Nm = s.motor_torque_Nm
     y.motor_angle_rad = s.motor_angle_rad

@@ -13,13 +13,13 @@ COUNT = 100_000
 @compiled()
 def _uniforms(x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     for i in range(out.size):
-        out[i] = uniform(x, 0)
+        out[i] = uniform(x)
 
 
 @compiled()
 def _normals(x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     for i in range(out.size):
-        out[i] = normal(x, 0)
+        out[i] = normal(x)
 
 
 def _whole_number_reference(state: list[int], count: int) -> NDArray[np.float64]:
