@@ -795,14 +795,11 @@ void idle(double t, double dt, double *p, double *x, double *u, double *y) {}
 void drive(step_function *step, long long repeats, long long rows, double dt, double *v,
            const long long *at, const double *x0, const double *inputs)
 {
-    double *x = v + at[0], *u = v + at[1], *y = v + at[2];
+    double *x = v + at[0], *y = v + at[2];
     long long n_x = at[1] - at[0], n_u = at[2] - at[1];
     for (long long n = 0; n < repeats; n++) {
         memcpy(x, x0, n_x * sizeof *x);
-        for (long long k = 0; k < rows; k++) {
-            for (long long i = 0; i < n_u; i++)
-                u[i] = inputs[k * n_u + i];
-            step(k * dt, dt, v, x, u, y);
-        }
+        for (long long k = 0; k < rows; k++)
+            step(k * dt, dt, v, x, (double *)inputs + k * n_u, y);
     }
 }

@@ -91,23 +91,23 @@ class Case:
         return self.n["v"][self.n["at"][0] : self.n["at"][1]][np.array(kept, bool)]
 
 
-@compiled(types.void(ENTRY, i8, i8, f8, from_dtype(TABLE), VIEW, f8[:, ::1]))
+@compiled(types.void(ENTRY, i8, i8, f8, from_dtype(TABLE), VIEW, VIEW))
 def drive(step: Any, repeats: Any, periods: Any, dt: Any, n: Any, x0: Any, inputs: Any) -> None:
     """Do `periods` steps from the state `x0`, `repeats` times; `drive` of steps.c does the same."""
-    v, at = n.v, n.at
+    v = n.v
+    x, u, y = n.at[0], n.at[1], n.at[2]  # in locals, as C keeps them in registers
     for _ in range(repeats):
-        for i in range(at[1] - at[0]):
-            v[at[0] + i] = x0[i]
+        for i in range(u - x):
+            v[x + i] = x0[i]
         for k in range(periods):
-            for i in range(at[2] - at[1]):
-                v[at[1] + i] = inputs[k, i]
-            call(step, k * dt, dt, part(v, 0), part(v, at[0]), part(v, at[1]), part(v, at[2]))
+            row = part(inputs, k * (y - u))
+            call(step, k * dt, dt, part(v, 0), part(v, x), row, part(v, y))
 
 
 def in_python(case: Case) -> Drive:
     """Return the compiled Python step in its loop, (repeats, periods) -> None."""
     return lambda repeats, periods: drive(
-        case.step.entry, repeats, periods, case.dt, case.n, case.x0, case.inputs
+        case.step.entry, repeats, periods, case.dt, case.n, case.x0, case.inputs.ravel()
     )
 
 
