@@ -1,8 +1,9 @@
 """Frames and signals of a DBC file, as plain records and as flat tables for the compiled loop.
 
-A DBC is the wire contract of a plant. Beyond the format, three signal names have a meaning here:
-`crc` (8 bits, last byte) with `counter` or `sequence` (within one byte) make a frame protected.
-They are filled and checked by `drivers.e2e` and are no variables. GenMsgSendType "EveryCycle" means
+A DBC is the wire contract of a plant. Beyond the format, four signal names have a meaning here:
+`crc` (8 bits, last byte) with `counter` or `sequence` (within one byte) make a frame protected;
+they are filled and checked by `drivers.e2e` and are no variables. `mode`, where a node receives it,
+tells the state of the node above, whose STOP is obeyed. GenMsgSendType "EveryCycle" means
 once per cycle of the loop, at any rate; any other send type means every GenMsgCycleTime ms.
 
     every_n  = max(1, round(GenMsgCycleTime rate))         cycles from one transmission to the next

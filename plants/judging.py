@@ -1,4 +1,4 @@
-"""What the evaluations of all plants share: the records of both nodes side by side, windows, pages.
+"""What the evaluations of all plants share: the records of the nodes side by side, windows, pages.
 
 A window holds the cycles k with from <= k T < to: a run as long as `to` ends with its last cycle.
 The plant's record of the same instant belongs to an executive cycle: that of the same cycle where

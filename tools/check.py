@@ -1,4 +1,4 @@
-"""`pcpc check RIG`: every check of both nodes without starting them, and what they would do.
+"""`pcpc check RIG`: every check of the nodes without starting them, and what they would do.
 
 Prints nodes and schedules, the wiring (input <- source [unit]), the frames both ways, the bus load.
 A signal that is sent but wired to nothing carries 0: a warning.

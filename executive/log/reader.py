@@ -61,11 +61,6 @@ class Node:
     tunings: list[dict[str, Any]]
     description: dict[str, Any]
 
-    @property
-    def lost_cycles(self) -> int:
-        """Return how many cycles between the first and the last are not in the log."""
-        return int(self.cycle[-1] - self.cycle[0]) + 1 - len(self.cycle) if len(self.cycle) else 0
-
 
 @dataclass(frozen=True)
 class Log:

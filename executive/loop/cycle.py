@@ -28,7 +28,7 @@ import numpy as np
 
 from pcpc.drivers import dbc, e2e, libc
 from pcpc.drivers.jit import from_dtype, i8, loop, loop_function, types
-from pcpc.drivers.stage import ENTRY, call, part, stage
+from pcpc.drivers.stage import ENTRY, call, part
 from pcpc.drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
 from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.loop import shared as sh
@@ -102,7 +102,7 @@ def next_cycle(n: Any) -> None:
 
 @loop_function
 def patience(n: Any) -> Any:
-    """Return how many time-outs are silence: more while the recorder of both nodes lags."""
+    """Return how many time-outs are silence: more while the recorder lags."""
     lags = n.record_ends[sh.PUT] != libc.load_acquire(n.record_taken, 0)
     waits = n.wait_recorder != 0 and n.control[sh.RECORDED] != 0 and lags
     return n.patience * (sh.RECORDER_PATIENCE if waits else 1)
@@ -377,8 +377,3 @@ def run(n: Any, steps: Any) -> Any:
         pass
     finish(n)
     return n.passes
-
-
-@stage
-def idle(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
-    """Do nothing: the step of an unused place."""

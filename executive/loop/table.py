@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.block import Block, Port
 
-KINDS = ("parameter", "state", "input", "output", "received", "sent", "health", "timing")
-
 
 @dataclass(frozen=True)
 class Variable:
@@ -27,6 +25,7 @@ class Variable:
     low: float = float("-inf")
     high: float = float("inf")
     recorded: bool = True
+    timing: bool = False  # recorded with what depends on clocks
 
 
 @dataclass

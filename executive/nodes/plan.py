@@ -1,11 +1,12 @@
 """From a rig to the plan of one node: its table, its wiring, its frames; every mistake has a place.
 
-plan(rig, role, ...)      checks the wiring and lays out the table; opens and compiles nothing
+plan(rig, role, ...)      checks the wiring and lays out the table; opens nothing; of the loop it
+                          compiles nothing, the steps of laws when they are imported
 install(plan, loop)       in `executive.nodes.install`: writes it into a zeroed LOOP record
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -14,9 +15,8 @@ from typing import Any
 
 from pcpc.drivers import dbc
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.laws.block import Block
+from pcpc.executive.laws.idle import idle
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.cycle import idle
 from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views, add_block
 from pcpc.executive.loop.variables import HEAD, REFUSALS, RESETS, TIMING
@@ -81,7 +81,7 @@ class Plan:
         return [
             place
             for place, variable in enumerate(self.table.variables)
-            if variable.recorded and (variable.kind == "timing") == timing
+            if variable.recorded and variable.timing == timing
         ]
 
     @property
@@ -125,7 +125,7 @@ def _errors_named(rig: Rig) -> Iterator[None]:
         raise dbc.DbcError(f"{rig.dbc}: {error}") from None
 
 
-@lru_cache(maxsize=8)  # both nodes of a rig, and a thousand runs of an experiment, share it
+@lru_cache(maxsize=8)  # the nodes of a rig, and a thousand runs of an experiment, share it
 def _database(path: Path, changed_ns: int) -> dbc.Database:
     return dbc.load(path)
 
@@ -164,9 +164,10 @@ def _lay_out(made: Plan) -> None:
     """Fill the table: the loop's own variables, frames, blocks."""
     table = made.table
     for name, unit, help in HEAD:
-        table.add(Variable(name, unit, "health", "loop", help))
+        table.add(Variable(name, unit, "supervisor", "loop", help))
     for name, unit, help in TIMING:
-        table.add(Variable(name, unit, "timing", "loop", help))
+        kind = name.partition(".")[0]  # health or timing
+        table.add(Variable(name, unit, kind, "loop", help, timing=True))
     for name, unit, help in RESETS:
         table.add(Variable(name, unit, "parameter", "loop", help, 0.0, 1.0, recorded=False))
     for name, unit, help in REFUSALS:
@@ -371,8 +372,3 @@ def _short(path: Path, rig: Path) -> Path:
     """Return `path` relative to the rig file's folder, or its name where it lies elsewhere."""
     folder = rig.parent
     return path.relative_to(folder) if path.is_relative_to(folder) else Path(path.name)
-
-
-def blocks_of(made: Plan) -> Sequence[Block]:
-    """Return the node's blocks in the order of the schedule."""
-    return [spec.block for spec in made.spec.blocks]

@@ -62,11 +62,6 @@ class Rig:
         return self.document.path
 
     @property
-    def source_text(self) -> str:
-        """The rig file as given, without its bases (`document.sources` has all files)."""
-        return self.document.text
-
-    @property
     def dbc(self) -> Path:
         """The DBC file."""
         return self.document.file(("dbc",), self.config.dbc)

@@ -129,7 +129,7 @@ def test_a_rig_has_its_values_and_defaults(write: Write, tmp_path: Path) -> None
     assert (config.bus.interface, config.bus.channel, config.bus.bitrate) == ("auto", None, 1000000)
     assert (config.supervisor.fault_after_cycles, config.realtime.priority) == (3, 80)
     assert config.expect == {"pd": {"error_rms_rad": (3.1, 3.8)}}
-    assert rig.dbc == tmp_path.resolve() / "small.dbc" and rig.source_text == RIG
+    assert rig.dbc == tmp_path.resolve() / "small.dbc" and rig.document.text == RIG
     evaluation = rig.evaluation
     assert evaluation and evaluation.window_s == (3.25, 6.0), evaluation
     assert evaluation.numbers == {"tolerance_rad": 0.01}

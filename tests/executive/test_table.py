@@ -4,7 +4,7 @@ import pytest
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.laws.block import Block, Port
-from pcpc.executive.loop.table import KINDS, Table, Variable, add_block
+from pcpc.executive.loop.table import Table, Variable, add_block
 
 
 def nothing(t: float, dt: float, p: object, x: object, u: object, y: object) -> None:
@@ -52,7 +52,6 @@ def test_every_variable_has_name_unit_kind_writer_and_meaning() -> None:
     table = filled()
     for variable in table.variables:
         assert variable.name and variable.writer and variable.help, variable
-        assert variable.kind in KINDS, variable
         assert table.variables[table.index[variable.name]] is variable
     gain = table.variables[table.index["law.kv"]]
     assert (gain.unit, gain.low, gain.high) == ("N m s/rad", 0.0, 9.0), gain

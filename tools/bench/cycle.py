@@ -33,10 +33,11 @@ from pcpc.drivers.wire import put_frame
 from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES, WIRE
 from pcpc.executive.laws import references
 from pcpc.executive.laws.controllers.barrel import pd
+from pcpc.executive.laws.idle import idle
 from pcpc.executive.loop import cycle as engine
 from pcpc.executive.loop import meeting, strangers, supervisor, timing, variables
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.cycle import CLOCKED, STEPS, N, idle, one_pass
+from pcpc.executive.loop.cycle import CLOCKED, STEPS, N, one_pass
 from pcpc.executive.loop.rings import now, publish
 from pcpc.executive.nodes.install import install
 from pcpc.executive.nodes.plan import Plan, plan

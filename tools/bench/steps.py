@@ -29,7 +29,7 @@ from pcpc.executive.laws.controllers.barrel import (
     pd_nn_fast,
     tracking_network,
 )
-from pcpc.executive.loop.cycle import idle
+from pcpc.executive.laws.idle import idle
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig

@@ -1,6 +1,6 @@
 """One round of `pcpc jitter` of the product itself: plants/probe, run as `pcpc run` runs it.
 
-The figures are those of the log, every cycle of both nodes; nothing is timed from outside.
+The figures are those of the log, every cycle of the nodes; nothing is timed from outside.
 """
 
 import argparse
