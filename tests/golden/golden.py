@@ -5,8 +5,9 @@
 
 `make bless` writes both anew and prints old and new figures, for the commit message that says why;
 `make bless PLANT=atb1000` those of one plant. The rigs' own two-sided limits (`expect`, with their
-reasons) bound what may be blessed. The controllers of a plant take turns over its rigs, and go on
-as <rig>+<controller> where there are more controllers than rigs.
+reasons) bound what may be blessed. Each run names its controller; a second one of a rig is called
+<rig>+<controller>. `make bless PLANT=atb1000/hull=pid` adds one and touches no other; a rig, or a
+controller that some rig judges, without a run of its own fails a test that says so.
 """
 
 import hashlib
@@ -31,19 +32,29 @@ LOG_BYTES = 50_000
 
 
 def rigs(plant: str = "*") -> Iterator[tuple[str, Path, str]]:
-    """Yield (plant/rig, file, controller) of every golden run."""
+    """Yield (plant/rig, file, controller) of every golden run, as figures.yaml names them."""
     for folder in sorted((ROOT / "plants").glob(f"{plant}/rigs")):
-        files = sorted(folder.glob("*.yaml"))
-        configs = {file: load_rig(file, resolve=False).config for file in files}
-        controllers = list(configs[files[0]].controllers)
-        for i in range(max(len(files), len(controllers))):
-            file, turn = files[i % len(files)], controllers[i % len(controllers)]
-            known = turn in configs[file].expect
-            name = f"{folder.parent.name}/{file.stem}"
-            if i < len(files):
-                yield name, file, turn if known else configs[file].controller
-            elif known:
-                yield f"{name}+{turn}", file, turn
+        for rig, entry in blessed(folder.parent.name).items():
+            file = folder / f"{rig.partition('+')[0]}.yaml"
+            yield f"{folder.parent.name}/{rig}", file, entry["controller"]
+
+
+def missing(plant: str = "*") -> list[str]:
+    """Return PLANT/RIG=CONTROLLER of each rig, and of each judged controller, without a run."""
+    found = []
+    for folder in sorted((ROOT / "plants").glob(f"{plant}/rigs")):
+        name = folder.parent.name
+        known = [(rig.partition("+")[0], e["controller"]) for rig, e in blessed(name).items()]
+        for file in sorted(folder.glob("*.yaml")):
+            config = load_rig(file, resolve=False).config
+            if file.stem not in [rig for rig, _ in known]:
+                known.append((file.stem, config.controller))
+                found.append(f"{name}/{file.stem}={config.controller}")
+            for controller in config.expect:
+                if controller not in [law for _, law in known]:
+                    known.append((file.stem, controller))
+                    found.append(f"{name}/{file.stem}={controller}")
+    return found
 
 
 def packed_log(name: str) -> Path:
@@ -95,23 +106,30 @@ def changes(name: str, old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     return lines
 
 
-def bless(plant: str) -> int:
-    """Write the golden files of a plant (`*`: of all) anew; print what changed."""
-    found: dict[str, dict[str, Any]] = {}
-    for name, file, controller in rigs(plant):
+def bless(what: str) -> int:
+    """Write golden files anew and print what changed: of a plant, `*` all, or PLANT/RIG=LAW."""
+    plant, _, pair = what.partition("/")
+    runs = list(rigs(plant))
+    if pair:
+        rig, _, law = pair.partition("=")
+        taken = {name for name, *_ in runs}
+        name = f"{plant}/{rig}+{law}" if f"{plant}/{rig}" in taken else f"{plant}/{rig}"
+        runs = [(name, ROOT / "plants" / plant / "rigs" / f"{rig}.yaml", law)]
+    for name, file, controller in runs:
         folder, _, rig = name.partition("/")
-        figures_file(folder).parent.mkdir(exist_ok=True)
+        figures = blessed(folder)
         with tempfile.TemporaryDirectory() as temporary:
             log = Path(temporary) / "log.mcap"
             simulate(short(file, controller), log)
             packed = zstandard.ZstdCompressor(level=19).compress(log.read_bytes())
-        new = found.setdefault(folder, {})[rig] = whole(file, controller)
-        for line in changes(name, blessed(folder).get(rig, {}), new):
+        new = whole(file, controller)
+        for line in changes(name, figures.get(rig, {}), new):
             print(line)
+        figures_file(folder).parent.mkdir(exist_ok=True)
         packed_log(name).write_bytes(packed)
+        text = yaml.safe_dump(figures | {rig: new}, sort_keys=False)
+        figures_file(folder).write_text(text)
         print(f"{name}: {len(packed)} bytes", file=sys.stderr)
-    for folder, figures in found.items():
-        figures_file(folder).write_text(yaml.safe_dump(figures, sort_keys=False))
     return 0
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import zstandard
-from golden import LOG_BYTES, blessed, changes, packed_log, rigs, whole
+from golden import LOG_BYTES, blessed, changes, missing, packed_log, rigs, whole
 
 from pcpc.tools.progress import Progress
 from pcpc.tools.replay import replay
@@ -31,3 +31,8 @@ def test_a_whole_run_has_the_blessed_bits(name: str) -> None:
     plant, _, rig = name.partition("/")
     found = changes(name, blessed(plant)[rig], whole(*RUNS[name]))
     assert not found, "\n".join((*found, BLESS))
+
+
+def test_every_rig_and_every_judged_controller_has_a_golden_run() -> None:
+    without = missing()
+    assert not without, f"make bless PLANT={' PLANT='.join(without)}"
