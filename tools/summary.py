@@ -92,8 +92,9 @@ class Outcome:
         if block is not None and block["control"][sh.FAULT]:
             self.faults.append(f"{name}: {_fault(block)}")
         elif code < 0:
-            killer = f"{name}: ended by {signal.Signals(-code).name}"
-            self.faults.append(f"{killer} in {cycle}" if cycle else killer)
+            killer = f"{name}: ended by {signal.Signals(-code).name}{cycle and f' in {cycle}'}"
+            hint = " (`dmesg` tells if memory ran out)" if -code == signal.SIGKILL else ""
+            self.faults.append(killer + hint)
         elif code == CODES["safety stop"]:
             self.faults.append(f"{name}: ended before its first cycle, see above")
         elif code == 1:

@@ -90,7 +90,7 @@ def _options(argv: list[str]) -> Options:
     )
     add = parser.add_argument
     add("--accel", choices=("auto", "kvm", "tcg"), default="auto", help="default: %(default)s")
-    add("--memory", type=_positive, default=1024, metavar="MB", help="default: %(default)s")
+    add("--memory", type=_positive, default=2048, metavar="MB", help="default: %(default)s")
     add("--cpus", type=_positive, default=2, metavar="N", help="default: %(default)s")
     add("--timeout", type=seconds, default=600.0, metavar="DURATION", help="default: 600s")
     add("--update", action="store_true", help="fetch the distribution's present kernel")
