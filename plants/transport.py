@@ -15,9 +15,9 @@ DELAY_SIZE = 8
 
 
 @inline
-def delayed(u: float, samples: float, sent: Any, at: int = 0) -> float:
-    """Put `u` into the register sent[at..at+7]; return what was put `samples` calls before."""
-    for i in range(DELAY_SIZE - 1, 0, -1):
-        sent[at + i] = sent[at + i - 1]
-    sent[at] = u
-    return sent[at + int(samples)]
+def delayed(u: float, samples: float, sent: Any) -> float:
+    """Put `u` into the register `sent` and return what was put `samples` calls before."""
+    for i in range(len(sent) - 1, 0, -1):
+        sent[i] = sent[i - 1]
+    sent[0] = u
+    return sent[int(samples)]
