@@ -76,7 +76,7 @@ def test_the_lyapunov_function_falls_as_the_proof_says() -> None:
     c = 3.7e13
     for _ in range(50):
         law, u = Law(fl.BLOCK, FL, spool_max_m=1.0), _measured(rng)
-        x7 = u[5] = rng.choice([-1.0, 1.0]) * rng.uniform(1e-4, 3e-4)
+        x7 = outer.Inputs(u).spool_m = rng.choice([-1.0, 1.0]) * rng.uniform(1e-4, 3e-4)
         law.x.theta[:] = rng.normal(size=fl.RULES) * 2e-4
         theta, ideal = law.x.theta.copy(), rng.normal(size=fl.RULES) * 2e-4
         law.x.started = 1.0
@@ -142,11 +142,11 @@ def test_nothing_is_learned_without_a_new_measurement() -> None:
     rng = np.random.default_rng(9)
     u = _measured(rng)
     learning, naive = Law(fl.BLOCK, FL), Law(pid.BLOCK, PID, gain_per_s=1.0)
-    u[6] = 1.0
+    outer.Inputs(u).missing_cycles = 1.0
     learning.step(u)
     naive.step(u)
     assert not learning.x.theta.any() and naive.x.integral_Ns == 0.0
-    u[6] = 0.0
+    outer.Inputs(u).missing_cycles = 0.0
     learning.step(u)
     naive.step(u)
     assert learning.x.theta.any() and naive.x.integral_Ns != 0.0

@@ -83,7 +83,7 @@ class Arm:
         }  # fmt: skip
         self.ports = prepared(model.BLOCK, **{**base, **given})
         _, x, self.u, self.y = self.ports
-        self.x = x.motion.values()
+        self.motion, self.x = x.motion, x.motion.values()
 
     def step(self, k: int) -> None:
         """Do the call of tick k."""
@@ -91,7 +91,8 @@ class Arm:
 
     def energy(self) -> float:
         """Return kinetic and potential energy of the point masses, from their velocities, J."""
-        q1, q12, v1, v12 = self.x[0], self.x[0] + self.x[1], self.x[2], self.x[2] + self.x[3]
+        (q1, q2), (v1, v2) = self.motion.q_rad, self.motion.rate_rad_s
+        q12, v12 = q1 + q2, v1 + v2
         elbow = v1 * np.array((-math.sin(q1), math.cos(q1)))
         hand = elbow + v12 * np.array((-math.sin(q12), math.cos(q12)))
         height = 2.0 * math.sin(q1) + math.sin(q12)
@@ -244,7 +245,7 @@ def test_a_second_implementation_of_the_whole_loop_agrees(network: bool) -> None
         given.u_rad_s2[:] = sent.u_rad_s2
         given.tick, given.law, given.delay = sent.tick, sent.law, sent.delay
         worst = max(worst, np.abs(x - reference.x).max(), 1e-3 * np.abs(torque - tau).max())
-    assert np.abs(x[2:4]).max() > 0.05, "it moves"
+    assert np.abs(arm.motion.rate_rad_s).max() > 0.05, "it moves"
     assert worst < 1e-10, f"{worst:.1e}"
 
 
