@@ -18,7 +18,7 @@ itself is a gain, and it is stable only for dt G < Kv, whatever M; a bound of G 
 
     G = S (s's - sum_j s_j s'_j z_j) + E |phi|^2 + T |x|^2 sum_j s'_j^2 |W1_j|^2             (9)
 
-`net` is the law's view of the network: x (n_in,), v (n_in, n), w1 (n + 1, m), w2 (k, m) and, of
+`x` (n_in,); `net` is the law's view of the network: v (n_in, n), w1 (n + 1, m), w2 (k, m) and, of
 this period, z (n,), s (n + 1,), phi (k,); there may be room for more nodes than the `n` in use.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3: augmented network, tuning laws; (9) is this
 project's, by linearising the sampled loop (Jury's criterion).
@@ -46,10 +46,10 @@ def ramp(v: float, v_eps: float) -> float:
 
 
 @inline
-def hidden(net: Any, n: int) -> None:
+def hidden(x: Any, net: Any, n: int) -> None:
     """Write z (1) and s (2) of x."""
     net.s[0] = 1.0
-    nodes(net.x, net.v, n, net.z, net.s, 1)
+    nodes(x, net.v, n, net.z, net.s, 1)
 
 
 @inline
@@ -81,7 +81,7 @@ def norm(net: Any, n: int) -> float:
 
 
 @inline
-def tuning_gain(net: Any, n: int, rate_s: float, rate_t: float, rate_e: float) -> float:
+def tuning_gain(x: Any, net: Any, n: int, rate_s: float, rate_t: float, rate_e: float) -> float:
     """Return G (9)."""
     outer, inner = 1.0, 0.0  # of the threshold, s_0 = 1 and s'_0 = 0
     for j in range(n):
@@ -90,16 +90,16 @@ def tuning_gain(net: Any, n: int, rate_s: float, rate_t: float, rate_e: float) -
         outer += s * (s - slope * net.z[j])
         for i in range(len(w)):
             inner += slope * slope * w[i] * w[i]
-    return rate_s * outer + rate_e * square_sum(net.phi, 0) + rate_t * square_sum(net.x, 0) * inner
+    return rate_s * outer + rate_e * square_sum(net.phi, 0) + rate_t * square_sum(x, 0) * inner
 
 
 @inline
-def tune(net: Any, n: int, r: Any, leak: float, ds: float, dt: float, de: float) -> None:
+def tune(x: Any, net: Any, n: int, r: Any, leak: float, ds: float, dt: float, de: float) -> None:
     """One Euler step of (6) to (8) in place.
 
     `leak` = kappa |r|; `ds`, `dt`, `de` are S, T, E times the period.
     """
-    x, phi, v, w1, w2 = net.x, net.phi, net.v, net.w1, net.w2
+    phi, v, w1, w2 = net.phi, net.v, net.w1, net.w2
     for j in range(n):
         s = net.s[j + 1]
         slope = s * (1.0 - s)

@@ -4,7 +4,7 @@
     s1 = sigma(V1'r),  D1 = diag(s1 (1 - s1))            critic, 10 nodes, no bias           (1)
     R  = W1's1 + rho                                     critic signal                       (2)
     sc = r + V1 D1 W1 R                                  performance and critic              (3)
-    s2 = sigma(V2'[1; e; e'; q_d; q_d'; q_d''])          action, 10 nodes, network_inputs.py (4)
+    s2 = sigma(V2'[1; e; e'; q_d; q_d'; q_d''])          action, 10 nodes                    (4)
     ghat = W2's2                                                                             (5)
     v  = -kz sc/(|sc| + delta)                           robust term                         (6)
     tau = Mhat(q) (ghat + Kv r - v)                                                          (7)
@@ -16,7 +16,8 @@
 V1 (2, 10), then V2 (11, 10) are drawn uniform in +-1 and stay; W1, W2 (10, 2) and rho start at 0.
 All right sides use the old values. `critic_on` 0 leaves sc = r, `action_on` 0 leaves ghat = 0.
 Without beta r, which is this project's, R stays 0 for ever. With V2 = 0 (10) is a leaky integrator,
-ghat' = Gam (2.5 sc - kap2 ghat). Weights rest in a cycle without new measurements.
+ghat' = Gam (2.5 sc - kap2 ghat). Weights rest in a cycle without new measurements. The vector in
+(4) is that of `network_inputs.py`.
 
 With M = Mhat and f of `arm_pd_inertia.py` written as W2*'s2 + eps, r' = f - d - u and alpha = kap1,
 ~ for ideal less current and L = (|r|^2 + |R|^2 + |W1~|^2 + |W2~|^2/Gam)/2:
@@ -35,13 +36,13 @@ from typing import Any
 import numpy as np
 
 from pcpc.executive.laws.approximators.two_layer import nodes, square_sum, square_sum_of_rows
-from pcpc.executive.laws.block import Block, Ports, Prepared, inline, port, stage
+from pcpc.executive.laws.block import Block, Ports, Prepared, flat, group, inline, port, stage
 from pcpc.executive.laws.controllers.arm import arm_pd, arm_pd_inertia, network_inputs
 from pcpc.executive.laws.controllers.arm.arm_pd import JOINTS
-from pcpc.executive.laws.controllers.arm.network_inputs import Inputs
+from pcpc.executive.laws.controllers.arm.network_inputs import Inputs, Vector
 from pcpc.executive.laws.emath import sqrt
 
-INPUTS, NODES = network_inputs.SIZE, 10
+INPUTS, NODES = Vector.size, 10
 
 
 class Parameters(arm_pd_inertia.Gains):
@@ -75,7 +76,7 @@ class States(Ports):
     rho = port("", "rho", shape=JOINTS, recorded=False)
     z1 = port("", "V1'r", shape=NODES, recorded=False)
     s1 = port("", "nodes of the critic (1)", shape=NODES, recorded=False)
-    x = port("", "inputs of the action network", shape=INPUTS, recorded=False)
+    x = group(Vector, "x_", recorded=False)  # of (4)
     s2 = port("", "nodes of the action network (4)", shape=NODES, recorded=False)
     sc = port("", "sc (3)", shape=JOINTS, recorded=False)
 
@@ -120,7 +121,7 @@ def criticise(p: Any, x: Any, y: Any) -> None:
 def act(p: Any, x: Any, u: Any, y: Any) -> None:
     """Write ghat (4) (5) and -v (6)."""
     network_inputs.observe(u, x.x)
-    nodes(x.x, x.v2, NODES, x.s2, x.s2, 0)  # (4)
+    nodes(flat(x.x), x.v2, NODES, x.s2, x.s2, 0)  # (4)
     size = sqrt(square_sum(x.sc, 0)) + p.delta_rad_s
     for i in range(JOINTS):
         y.learned_rad_s2[i] = 0.0

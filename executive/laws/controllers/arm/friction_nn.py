@@ -1,6 +1,6 @@
 """PD law of `arm_pd.py` with the augmented network of `augmented.py`, which learns the friction.
 
-    x    = [1, e1, e2, e1', e2', q_d1, q_d2, q_d1', q_d2', q_d1'', q_d2'']   network_inputs.py (1)
+    x    = [1, e1, e2, e1', e2', q_d1, q_d2, q_d1', q_d2', q_d1'', q_d2'']                   (1)
     phi  = [phi_0(q1'), phi_1(q1'), phi_0(q2'), phi_1(q2')],  q' = q_d' - e'                 (2)
     fhat = W1's(V'x) + W2'phi                                                                (3)
     tau  = Kv r + fhat + Kz (|Z| + Z_B) r,  Z = blkdiag(W1, W2, V)                           (4)
@@ -17,10 +17,10 @@ L = r'M r/2 + tr(W1~'S^-1 W1~)/2 + tr(V~'T^-1 V~)/2 + tr(W2~'E^-1 W2~)/2.
                            3 project   step, own-joint weights of phi_0 kept >= 0
                            4 const     phi = [1, 0, 1, 0]: the same gain without a jump      (6)
 
-Weights rest in a cycle without new measurements. `tuning_gain_Nms_rad` is dt G of augmented.py: the
-loop through the tuning is stable while it stays below Kv, and wants half of it.
-rad, rad/s, N m; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3; 2
-to 4 of (6) are this project's.
+`network_inputs.py` has (1). Weights rest in a cycle without new measurements. `tuning_gain_Nms_rad`
+is dt G of augmented.py: the loop through the tuning is stable while it stays below Kv, and wants
+half of it. rad, rad/s, N m; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002),
+chapter 3; 2 to 4 of (6) are this project's.
 """
 
 from collections.abc import Mapping
@@ -38,13 +38,13 @@ from pcpc.executive.laws.approximators.augmented import (
     tuning_gain,
 )
 from pcpc.executive.laws.approximators.two_layer import square_sum
-from pcpc.executive.laws.block import Block, Ports, Prepared, inline, port, stage
+from pcpc.executive.laws.block import Block, Ports, Prepared, flat, group, inline, port, stage
 from pcpc.executive.laws.controllers.arm import arm_pd, network_inputs
 from pcpc.executive.laws.controllers.arm.arm_pd import JOINTS
-from pcpc.executive.laws.controllers.arm.network_inputs import Inputs
+from pcpc.executive.laws.controllers.arm.network_inputs import Inputs, Vector
 from pcpc.executive.laws.emath import sqrt, where
 
-INPUTS, NODES_MAX, JUMPS = network_inputs.SIZE, 16, 2 * JOINTS
+INPUTS, NODES_MAX, JUMPS = Vector.size, 16, 2 * JOINTS
 STANDARD, STEP, RAMP, PROJECT, CONST = 0.0, 1.0, 2.0, 3.0, 4.0
 
 
@@ -74,7 +74,7 @@ class States(Ports):
     w1 = port("N m", "W1 (L + 1, 2)", shape=(NODES_MAX + 1, JOINTS), recorded=False)
     w2 = port("N m", "W2 (4, 2)", shape=(JUMPS, JOINTS), recorded=False)
     v = port("", "V (11, L)", shape=(INPUTS, NODES_MAX), recorded=False)
-    x = port("", "inputs (1)", shape=INPUTS, recorded=False)
+    x = group(Vector, "x_", recorded=False)  # (1)
     z = port("", "inputs V'x of the nodes", shape=NODES_MAX, recorded=False)
     s = port("", "threshold and nodes", shape=NODES_MAX + 1, recorded=False)
     phi = port("", "jump nodes (2), a joint after the other", shape=JUMPS, recorded=False)
@@ -112,7 +112,16 @@ def learn(dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
     """Tune (5), and show the weights of the own steps."""
     rate = network_inputs.tuned_s(dt, u)
     leak = p.kappa * sqrt(square_sum(y.r_rad_s, 0))
-    tune(x, int(p.nodes), y.r_rad_s, leak, rate * p.s_rate, rate * p.t_rate, rate * p.e_rate)
+    tune(
+        flat(x.x),
+        x,
+        int(p.nodes),
+        y.r_rad_s,
+        leak,
+        rate * p.s_rate,
+        rate * p.t_rate,
+        rate * p.e_rate,
+    )
     for i in range(JOINTS):
         own = x.w2[2 * i, i]
         if p.jump_nodes == PROJECT:
@@ -125,7 +134,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     """One control period; see the module header."""
     n = int(p.nodes)
     network_inputs.observe(u, x.x)  # (1)
-    hidden(x, n)
+    hidden(flat(x.x), x, n)
     jumps(u.rate_rad_s, p.v_eps_rad_s, p.jump_nodes, x.phi)  # (2)
     y.norm_z = norm(x, n)
     for i in range(JOINTS):
@@ -133,7 +142,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
         r, learned = y.r_rad_s[i], output(x, n, i)  # (3)
         y.network_Nm[i] = learned
         y.torque_Nm[i] = p.kv_Nms_rad[i] * r + learned + p.kz * (y.norm_z + p.z_bound) * r  # (4)
-    y.tuning_gain_Nms_rad = dt * tuning_gain(x, n, p.s_rate, p.t_rate, p.e_rate)
+    y.tuning_gain_Nms_rad = dt * tuning_gain(flat(x.x), x, n, p.s_rate, p.t_rate, p.e_rate)
     learn(dt, p, x, u, y)
 
 

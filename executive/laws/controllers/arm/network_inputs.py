@@ -7,12 +7,21 @@ Weights rest in a cycle without new measurements. rad, rad/s.
 
 from typing import Any
 
-from pcpc.executive.laws.block import inline, port
+from pcpc.executive.laws.block import Ports, inline, port
 from pcpc.executive.laws.controllers.arm import arm_pd
 from pcpc.executive.laws.controllers.arm.arm_pd import JOINTS
 from pcpc.executive.laws.emath import where
 
-SIZE = 1 + 5 * JOINTS  # of x
+
+class Vector(Ports):
+    """The vector x (1), in its order."""
+
+    one = port("", "1, for the thresholds")
+    e_rad = port("rad", "error", shape=JOINTS)
+    e_rate_rad_s = port("rad/s", "its rate", shape=JOINTS)
+    q_d_rad = port("rad", "desired angle", shape=JOINTS)
+    q_d_rate_rad_s = port("rad/s", "its rate", shape=JOINTS)
+    q_d_acc_rad_s2 = port("rad/s2", "its acceleration", shape=JOINTS)
 
 
 class Inputs(arm_pd.Inputs):
@@ -27,13 +36,13 @@ class Inputs(arm_pd.Inputs):
 @inline
 def observe(u: Any, x: Any) -> None:
     """Write x (1)."""
-    x[0] = 1.0
+    x.one = 1.0
     for i in range(JOINTS):
-        x[1 + i] = u.q_d_rad[i] - u.q_rad[i]
-        x[3 + i] = u.q_d_rate_rad_s[i] - u.rate_rad_s[i]
-        x[5 + i] = u.q_d_rad[i]
-        x[7 + i] = u.q_d_rate_rad_s[i]
-        x[9 + i] = u.q_d_acc_rad_s2[i]
+        x.e_rad[i] = u.q_d_rad[i] - u.q_rad[i]
+        x.e_rate_rad_s[i] = u.q_d_rate_rad_s[i] - u.rate_rad_s[i]
+        x.q_d_rad[i] = u.q_d_rad[i]
+        x.q_d_rate_rad_s[i] = u.q_d_rate_rad_s[i]
+        x.q_d_acc_rad_s2[i] = u.q_d_acc_rad_s2[i]
 
 
 @inline
