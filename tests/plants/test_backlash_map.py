@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from backlash_bench import Stepped, parameters
+from stepped import Stepped, parameters
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.laws.controllers.maps import backlash_nn_discrete, map_pd
@@ -46,17 +46,17 @@ def test_a_command_for_this_step_acts_in_it_and_one_ahead_in_the_next() -> None:
     now, ahead = plant(), plant()
     for made in (now, ahead):
         made.step(0.0, 0.0)
-    assert now.step(1.0, 0.0)[1] == 0.4, "for this step: tau = play(1) = 0.4 is in x2"
-    first = ahead.step(1.0, 1.0)
-    assert (first[1], first[2]) == (0.0, 0.4), f"ahead: x2, tau {first[1]}, {first[2]}"
-    assert ahead.step(1.0, 1.0)[1] == 0.4, "one step later"
+    assert now.step(1.0, 0.0).sample.x2 == 0.4, "for this step: tau = play(1) = 0.4 is in x2"
+    first = ahead.step(1.0, 1.0).sample
+    assert (first.x2, first.tau) == (0.0, 0.4), f"ahead: x2, tau {first.x2}, {first.tau}"
+    assert ahead.step(1.0, 1.0).sample.x2 == 0.4, "one step later"
 
 
 def test_every_law_says_itself_which_step_its_command_is_for() -> None:
-    assert Stepped(map_pd.BLOCK, {}, T_S).step(0, 0, 0, 0, 0)[1] == 0.0
+    assert Stepped(map_pd.BLOCK, {}, T_S).step(0, 0, 0, 0, 0).ahead == 0.0
     for on in (0.0, 1.0):
         law = Stepped(backlash_nn_discrete.BLOCK, {"network_on": on}, T_S)
-        assert law.step(0, 0, 0, 0, 0, 0)[1] == 1.0
+        assert law.step(0, 0, 0, 0, 0, 0).ahead == 1.0
     wiring = load_rig(PLANT / "rigs" / "backlash-map.yaml").config
     assert wiring.executive.transmit["CMD.ahead"] == "controller.ahead"
     assert wiring.plant.blocks["map"].inputs["ahead"] == "rx.CMD.ahead"
@@ -73,9 +73,9 @@ def test_without_gap_the_filtered_error_falls_by_kv_a_step() -> None:
     law, made = Stepped(map_pd.BLOCK, {}, T_S), plant(d_plus=0.0, d_minus=0.0, slope=1.0)
     u, errors = 0.0, []
     for k in range(200):
-        y = made.step(u, 0.0)
-        u = float(law.step(x_d(k - 1), x_d(k), x_d(k + 1), y[0], y[1])[0])
-        errors.append(law.output("r"))
+        y = made.step(u, 0.0).sample
+        u = law.step(x_d(k - 1), x_d(k), x_d(k + 1), y.x1, y.x2).command
+        errors.append(law.y.r)
     ratios = np.array(errors[2:]) / np.array(errors[1:-1])
     worst = np.abs(ratios - 0.998).max()
     assert worst < 1e-9, f"off by {worst:.1e}"
@@ -116,8 +116,8 @@ def test_a_second_derivation_in_numpy_gives_the_same_run(seed: int, jumps: bool)
     rows = np.zeros((n, 4))
     for k in range(n):
         y = made.step(u, 1.0)
-        rows[k] = y[3], y[4], y[5], y[6]
-        u = float(law.step(x_d(k - 1), x_d(k), x_d(k + 1), y[0], y[1], y[2])[0])
+        rows[k] = *y.true.values(), y.acting
+        u = law.step(x_d(k - 1), x_d(k), x_d(k + 1), *y.sample.values()).command
     worst = np.abs(rows - reference(n, seed, jumps)).max()
     assert worst < 1e-9, f"differ by {worst:.1e} within {n} steps"
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from backlash_bench import Stepped, parameters
+from stepped import Stepped, parameters
 
 from pcpc.executive.laws.controllers.maps import backlash_nn
 from pcpc.executive.log import reader as logs
@@ -35,27 +35,28 @@ def run(rig: str, controller: str, *settings: str) -> tuple[logs.Log, dict[str, 
 
 def test_an_undamped_pendulum_keeps_its_energy() -> None:
     made = plant(time_constant_s=1e6)
-    made.x[:2] = 1.2, 0.0
-    first = made.step(0.0)[8]
-    last = [made.step(0.0) for _ in range(5000)][-1][8]
+    made.x.motion.angle_rad = 1.2
+    first = made.step(0.0).energy_J
+    last = [made.step(0.0) for _ in range(5000)][-1].energy_J
     spent = first * 1e-5  # the most that friction of 1e6 s can take in 5 s
     assert abs(last - first) < spent, f"{last - first:.1e} of {first:.2f} J in 5 s"
 
 
 def test_energy_changes_by_friction_and_torque_alone() -> None:
     made = plant(1e-4)
-    rows = np.array([made.step(25.0 * np.sin(0.02 * k)) for k in range(3000)])
-    power = rows[1:, 5] * (rows[1:, 3] - rows[:-1, 3])  # torque held times the angle it went
-    friction = -0.5e-4 * (rows[1:, 4] ** 2 + rows[:-1, 4] ** 2)
-    gap = rows[1:, 8] - rows[:-1, 8] - power - friction
+    rows = [made.step(25.0 * np.sin(0.02 * k)) for k in range(3000)]
+    angle, rate, torque, energy = np.array([(*y.true.values(), y.energy_J) for y in rows]).T
+    power = torque[1:] * np.diff(angle)  # torque held times the angle it went
+    friction = -0.5e-4 * (rate[1:] ** 2 + rate[:-1] ** 2)
+    gap = np.diff(energy) - power - friction
     worst = np.abs(np.cumsum(gap)).max()
-    assert worst < 1e-6, f"{worst:.1e} J of {rows[:, 8].max():.1f} J"
+    assert worst < 1e-6, f"{worst:.1e} J of {energy.max():.1f} J"
 
 
 def test_runge_kutta_falls_by_sixteen_per_halving() -> None:
     def end(dt: float) -> float:
         made = plant(dt, d_plus_Nm=0.0, d_minus_Nm=0.0)
-        return float([made.step(15.0) for _ in range(round(2.0 / dt) + 1)][-1][3])
+        return float([made.step(15.0) for _ in range(round(2.0 / dt) + 1)][-1].true.angle_rad)
 
     exact = end(1e-3)
     ratio = abs(end(0.04) - exact) / abs(end(0.02) - exact)
@@ -65,17 +66,19 @@ def test_runge_kutta_falls_by_sixteen_per_halving() -> None:
 @pytest.mark.parametrize("samples", [0, 1, 2, 3])
 def test_a_command_acts_after_its_samples_of_delay(samples: int) -> None:
     made = plant(delay_samples=float(samples))
-    torques = [made.step(40.0)[5] for _ in range(6)]
+    torques = [made.step(40.0).true.torque_Nm for _ in range(6)]
     assert torques == [0.0] * (samples + 1) + [30.0] * (5 - samples), f"{torques}"
 
 
 def test_samples_are_rounded_and_truths_are_not() -> None:
     made = plant(angle_lsb_rad=0.1, rate_lsb_rad_s=0.5, torque_lsb_Nm=4.0, command_lsb_Nm=3.0)
-    made.x[:2] = 0.26, 0.3
+    made.x.motion.angle_rad, made.x.motion.rate_rad_s = 0.26, 0.3
     y = made.step(0.0)
-    assert (y[0], y[1], y[3]) == (pytest.approx(0.3), 0.5, 0.26), f"{y}"
+    seen = y.sample.angle_rad, y.sample.rate_rad_s, y.true.angle_rad
+    assert seen == (pytest.approx(0.3), 0.5, 0.26), seen
     y = made.step(20.0)
-    assert (y[6], y[5], y[2]) == (21.0, 11.0, 12.0), f"{y}"
+    seen = y.acting_Nm, y.true.torque_Nm, y.sample.torque_Nm
+    assert seen == (21.0, 11.0, 12.0), seen
 
 
 class Reference:
@@ -142,8 +145,9 @@ def test_a_second_derivation_in_numpy_gives_the_same_run(case: str, ticks: int) 
     u, worst = 0.0, 0.0
     for k in range(ticks):
         y, t = made.step(u), k * T_S
-        worst = max(worst, abs(y[3] - there.x1), abs(y[4] - there.x2), abs(y[5] - there.tau))
-        u = float(law.step(np.sin(t), np.cos(t), -np.sin(t), y[0], y[1], y[2])[0])
+        apart = y.true.values() - (there.x1, there.x2, there.tau)
+        worst = max(worst, np.abs(apart).max())
+        u = law.step(np.sin(t), np.cos(t), -np.sin(t), *y.sample.values()).command_Nm
         there.move(there.control(t))
     assert worst < 1e-9, f"states differ by {worst:.1e} within {ticks} ticks"
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stepped import Stepped
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.reader import Log
@@ -49,24 +50,21 @@ def plain(d: float, cf: float, fuzzy: bool, sign: float = -1.0) -> np.ndarray:
 
 
 def test_one_step_is_the_difference_equation() -> None:
-    p, u, y = np.array([0.1875, 0.1, 0.0, 0.0]), np.array([0.35]), np.zeros(5)
-    x = np.zeros(2 + 8)
-    x[:2] = 0.4, -0.7
-    model.BLOCK.step(0.0, 0.1, p, x, u, y)
-    assert tuple(y[:4]) == (0.4, -0.7, 0.4, -0.7), "the call at k = 0 moved the map"
-    model.BLOCK.step(0.1, 0.1, p, x, u, y)
+    made = Stepped(model.BLOCK, {"c": 0.1875, "d": 0.1}, 0.1)
+    made.x.now.x1, made.x.now.x2 = 0.4, -0.7
+    y = made.step(0.35)
+    for seen in (y.sample, y.true):
+        assert (seen.x1, seen.x2) == (0.4, -0.7), "the call at k = 0 moved the map"
+    y = made.step(0.35)
     expected = (-0.7, -3 / 16 * 0.4 / 1.49 - 0.7 + 0.25)
-    assert np.abs(y[:2] - expected).max() < 1e-15, y
+    assert np.abs(y.sample.values() - expected).max() < 1e-15, y.sample.values()
 
 
 def test_a_delay_waits_whole_steps() -> None:
     for delay in range(4):
-        p, y, x = np.array([0.0, 0.1, delay, 0.0]), np.zeros(5), np.zeros(10)
-        model.BLOCK.step(0.0, 0.1, p, x, np.array([9.0]), y)
-        inputs = []
-        for k in range(1, 7):
-            model.BLOCK.step(k * 0.1, 0.1, p, x, np.array([1.1 if k == 1 else 0.0]), y)
-            inputs.append(float(y[4]))
+        made = Stepped(model.BLOCK, {"c": 0.0, "d": 0.1, "delay_samples": delay}, 0.1)
+        made.step(9.0)
+        inputs = [made.step(1.1 if k == 1 else 0.0).tau for k in range(1, 7)]
         expected = [1.0 if k == delay else 0.0 for k in range(6)]
         assert np.allclose(inputs, expected, atol=1e-15), (delay, inputs)
 
