@@ -8,7 +8,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pcpc.executive.laws.block import Block, Port
 from pcpc.plants.payload_arm import model
 
 Vector = NDArray[np.float64]
@@ -17,22 +16,6 @@ _RIG = yaml.safe_load((FOLDER / "rig.yaml").read_text())
 _GROUPS = yaml.safe_load((FOLDER / "parameters.yaml").read_text())
 ARM = {name: entry["value"] for group in _GROUPS.values() for name, entry in group.items()}
 LAW = _RIG["controllers"]["critic"]["parameters"]
-
-
-def values(ports: tuple[Port, ...], given: Any) -> Vector:
-    """Return the ports' values in the order of a step's view; 0 where there is none."""
-    found = [given.get(port.name, port.default or 0.0) for port in ports]
-    each = zip(ports, found, strict=True)
-    return np.concatenate([np.broadcast_to(value, (port.size,)) for port, value in each])
-
-
-def views(block: Block, settings: dict[str, float]) -> tuple[Vector, Vector]:
-    """Return parameters and states of a block as its step wants them, writable."""
-    if block.prepare is None:
-        return values(block.settings, settings), np.zeros(block.size(block.states))
-    defaults = {port.name: port.default or 0.0 for port in block.settings}
-    prepared = block.prepare(defaults | settings, 1000.0, 1)
-    return values(block.parameters, prepared.parameters), values(block.states, prepared.states)
 
 
 def sigma(x: Any) -> Any:

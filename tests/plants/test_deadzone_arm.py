@@ -7,6 +7,7 @@ import deadzone_arm_reference as plain
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from stepped import Stepped
 
 from pcpc.executive.laws.controllers.arm import deadzone_nn
 from pcpc.executive.nodes.virtual import in_memory
@@ -18,19 +19,17 @@ RIGS = Path(model.__file__).resolve().parent / "rigs"
 T_S = 1e-3
 
 
-class Arm:
+class Arm(Stepped):
     """The compiled plant, called as the engine calls it."""
 
-    def __init__(self, **changed: float) -> None:
+    def __init__(self, dt: float = T_S, **changed: float) -> None:
         spec = load_rig(RIGS / "deadzone-step.yaml").nodes()["plant"].blocks[0]
-        self.p = np.array([(spec.settings | changed)[port.name] for port in model.BLOCK.settings])
-        self.x = np.zeros(model.States.size)
-        self.y, self.k = np.zeros(model.Outputs.size), 0
+        super().__init__(model.BLOCK, spec.settings | changed, dt)
 
-    def step(self, u1: float, u2: float, ts: float = T_S) -> Array:
-        model.BLOCK.step(self.k * ts, ts, self.p, self.x, np.array([u1, u2]), self.y)
-        self.k += 1
-        return self.y
+    @property
+    def motion(self) -> Array:
+        """Return [q1, q2, v1, v2], writable."""
+        return self.x.motion.values()  # type: ignore[no-any-return]
 
 
 class Loop:
@@ -38,29 +37,17 @@ class Loop:
 
     def __init__(self, kind: str, law: str, delay: int = 0) -> None:
         spec = load_rig(RIGS / f"deadzone-{kind}.yaml", law).nodes()["executive"].blocks[-1]
-        self.block, self.kind = spec.block, kind
-        parameters, states = spec.settings, {}
-        if self.block.prepare is not None:
-            prepared = self.block.prepare(spec.settings, 1000.0, 1)
-            parameters, states = prepared.parameters, prepared.states
-        ports = self.block.parameters or self.block.settings
-        self.p = np.array([parameters[port.name] for port in ports])
-        self.x, at = np.zeros(self.block.size(self.block.states)), 0
-        for port in self.block.states:
-            self.x[at : at + port.size] = states.get(port.name, 0.0)
-            at += port.size
-        self.y = np.zeros(self.block.size(self.block.outputs))
+        self.law, self.kind = Stepped(spec.block, spec.settings, T_S), kind
         self.arm = Arm(delay_samples=float(delay))
 
     def run(self, ticks: int) -> Array:
         """Return [e1, e2, q1, q2, v1, v2, u1, u2] by tick, as the plain one does."""
         rows = np.empty((ticks, 8))
         for k in range(ticks):
-            sample = self.arm.step(self.y[0], self.y[1])
-            q_d, rate, acc = plain.desired(self.kind, k * T_S)
-            u = np.column_stack((q_d, rate, acc, sample[0:2], sample[2:4])).ravel()
-            self.block.step(k * T_S, T_S, self.p, self.x, u, self.y)
-            rows[k] = (*self.y[4:6], *sample[:4], *self.y[:2])
+            sample = self.arm.step(*self.law.y.u_Nm).sample
+            desired = plain.desired(self.kind, k * T_S)
+            y = self.law.step(*np.column_stack((*desired, sample.q_rad, sample.v_rad_s)).ravel())
+            rows[k] = (*y.e_rad, *sample.values(), *y.u_Nm)
         return rows
 
 
@@ -83,34 +70,33 @@ def four(found: dict[str, float]) -> Array:
 
 def test_without_torque_the_arm_keeps_its_energy() -> None:
     arm = Arm()
-    arm.x[:4] = (0.3, 1.1, 2.0, -3.0)
-    start = arm.step(0.0, 0.0)[10]
-    energy = [arm.step(20.0, -15.0)[10] for _ in range(5000)]  # within the deadzone
+    arm.motion[:] = (0.3, 1.1, 2.0, -3.0)
+    start = arm.step(0.0, 0.0).energy_J
+    energy = [arm.step(20.0, -15.0).energy_J for _ in range(5000)]  # within the deadzone
     drift = np.abs(np.array(energy) / start - 1.0).max()
     assert drift < 1e-11, f"relative energy drift {drift:.1e} in 5 s"
 
 
 def test_the_torque_does_the_work_that_the_energy_gains() -> None:
     arm, work = Arm(substeps=1.0), 0.0
-    arm.step(0.0, 0.0)
-    before = arm.y.copy()
+    before = arm.step(0.0, 0.0)
     for k in range(400):
-        after = arm.step(40.0 * np.sin(0.05 * k), 30.0 + 0.1 * k).copy()
-        moved = after[4:6] - before[4:6]
-        work += float(after[8:10] @ moved)  # constant torque: exact
+        after = arm.step(40.0 * np.sin(0.05 * k), 30.0 + 0.1 * k)
+        moved = after.true.q_rad - before.true.q_rad
+        work += float(after.tau_Nm @ moved)  # constant torque: exact
         before = after
-    error = abs(work - before[10]) / before[10]
-    assert error < 1e-8, f"work {work:.9f} J, energy {before[10]:.9f} J"
+    error = abs(work - before.energy_J) / before.energy_J
+    assert error < 1e-8, f"work {work:.9f} J, energy {before.energy_J:.9f} J"
 
 
 def test_integration_is_of_fourth_order() -> None:
     ends = []
     for substeps in (1.0, 2.0, 4.0, 64.0):
-        arm = Arm(substeps=substeps)
-        arm.x[:4] = (0.3, 1.1, 4.0, -6.0)
+        arm = Arm(dt=0.02, substeps=substeps)
+        arm.motion[:] = (0.3, 1.1, 4.0, -6.0)
         for _ in range(20):
-            arm.step(40.0, -30.0, 0.02)
-        ends.append(arm.x[:4].copy())
+            arm.step(40.0, -30.0)
+        ends.append(arm.motion.copy())
     errors = [float(np.abs(end - ends[-1]).max()) for end in ends[:3]]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (orders > 3.5).all() and errors[0] > 1e-6, f"orders {orders}, errors {errors}"
@@ -119,8 +105,8 @@ def test_integration_is_of_fourth_order() -> None:
 def test_the_first_call_only_samples_and_a_delay_waits_whole_samples() -> None:
     for delay in range(4):
         arm = Arm(delay_samples=float(delay))
-        assert not arm.step(100.0, 100.0).any(), "the call at k = 0 moved the arm"
-        torques = [arm.step(35.0 if k == 0 else 0.0, 0.0)[8] for k in range(6)]
+        assert not arm.step(100.0, 100.0).values().any(), "the call at k = 0 moved the arm"
+        torques = [arm.step(35.0 if k == 0 else 0.0, 0.0).tau_Nm[0] for k in range(6)]
         expected = [15.0 if k == delay else 0.0 for k in range(6)]
         assert torques == expected, (delay, torques)
 
@@ -130,8 +116,8 @@ def test_a_resolution_rounds_the_sample_and_not_the_arm() -> None:
     for _ in range(100):
         fine.step(60.0, 40.0)
         coarse.step(60.0, 40.0)
-    assert (fine.x[:4] == coarse.x[:4]).all()
-    wrong = np.abs(coarse.y[:4] - fine.y[:4]) / (1e-3, 1e-3, 1e-2, 1e-2)
+    assert (fine.motion == coarse.motion).all()
+    wrong = np.abs(coarse.y.sample.values() - fine.motion) / (1e-3, 1e-3, 1e-2, 1e-2)
     assert (wrong <= 0.5 + 1e-9).all() and wrong.max() > 0.01, wrong
 
 
@@ -142,10 +128,10 @@ def test_a_resolution_rounds_the_sample_and_not_the_arm() -> None:
 def test_one_period_is_that_of_plain_numpy(seed: int) -> None:
     rng, arm = np.random.default_rng(seed), Arm()
     start, u = rng.uniform(-3, 3, 4), rng.uniform(-120, 120, 2)
-    arm.k, arm.x[:4] = 1, start
+    arm.k, arm.motion[:] = 1, start
     arm.step(*u)
     expected = plain.move(start, plain.deadzone(u), T_S)
-    wrong = np.abs(arm.x[:4] - expected).max()
+    wrong = np.abs(arm.motion - expected).max()
     assert wrong < 1e-14, f"{wrong:.1e}"
 
 

@@ -4,7 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from friction_loop import ARM, LAW, Loop, Vector, views
+from friction_loop import ARM, LAW, Loop, Vector
+from stepped import Stepped
 
 from pcpc.executive.laws.models.two_link import gravity_torque, inertia, velocity_torque
 from pcpc.plants.friction_arm import model
@@ -21,6 +22,11 @@ GOLDEN = """
 """  # noqa: E501  t, q, q', tau, |Z| of an independent implementation, nn_step, seed 1
 
 
+def stepped(**settings: float) -> Stepped:
+    """Return the arm with these settings, called every millisecond."""
+    return Stepped(model.BLOCK, ARM | settings, 1e-3)
+
+
 def energy(q: Vector, v: Vector) -> float:
     """Return kinetic and potential energy, J."""
     height = (M1 + M2) * A1 * np.sin(q[0]) + M2 * A2 * np.sin(q[0] + q[1])
@@ -29,13 +35,9 @@ def energy(q: Vector, v: Vector) -> float:
 
 def swing(dt: float, seconds: float = 2.0) -> Vector:
     """Return the energy of the frictionless arm at every millisecond of a fall from the side."""
-    p, x = views(model.BLOCK, 1000.0, ARM | {"friction_model": 0.0, "step_s": dt})
-    y, u = np.zeros(model.Outputs.size), np.zeros(2)
-    found = []
-    for k in range(round(1000.0 * seconds)):
-        model.step(k * 1e-3, 1e-3, p, x, u, y)
-        found.append(energy(y[4:6], y[6:8]))
-    return np.array(found)
+    arm = stepped(friction_model=0.0, step_s=dt)
+    found = [arm.step(0.0, 0.0) for _ in range(round(1000.0 * seconds))]
+    return np.array([energy(y.q_rad, y.rate_rad_s) for y in found])
 
 
 def test_the_energy_of_the_free_arm_drifts_by_the_first_order_of_the_step() -> None:
@@ -160,7 +162,7 @@ def test_a_second_implementation_of_arm_and_law_agrees(friction_model: float) ->
             else:
                 q, v, z = reference_lugre(q, v, z, tau, 2.5e-4)
         tau = law.step(q, v)
-        error = max(np.abs(arm[:2] - q).max(), np.abs(arm[2:4] - v).max())
+        error = max(np.abs(arm.sample_rad - q).max(), np.abs(arm.rate_sample_rad_s - v).max())
         assert error < 1e-10, f"{error:.1e} at {t} s"
 
 
@@ -170,7 +172,8 @@ def test_arm_and_law_reproduce_the_golden_trace() -> None:
     for t, arm, law in loop.run(201):
         for row in golden:
             if abs(t - row[0]) < 1e-9:
-                ours = np.array((*arm[:4], *law[:2], law[8]))
+                motion = (*arm.sample_rad, *arm.rate_sample_rad_s)
+                ours = np.array((*motion, *law.torque_Nm, law.norm_z))
                 assert ours == pytest.approx(row[1:], rel=1e-6, abs=1e-14), f"{t} s: {ours}"
                 found += 1
     assert found == len(golden)
@@ -181,16 +184,17 @@ def test_a_stuck_joint_has_exactly_no_velocity_and_friction_balances_its_load() 
     stuck = np.zeros(2, int)
     for t, arm, _ in loop.run(5000):
         for j in range(2):
-            if t > 1.0 and arm[6 + j] == 0.0:
+            if t > 1.0 and arm.rate_rad_s[j] == 0.0:
                 stuck[j] += 1
-                assert abs(arm[10 + j]) <= (36.1, 39.0)[j] * (1 + 1e-9), f"{arm[10 + j]} N m"
+                friction = abs(arm.friction_Nm[j])
+                assert friction <= (36.1, 39.0)[j] * (1 + 1e-9), f"{friction} N m"
     assert (stuck > 500).all(), f"{stuck} of 4000 cycles stuck"
 
 
 def test_lugre_bristles_stay_within_break_away_in_the_loop() -> None:
     loop, most = Loop(jump_nodes=2.0, friction_model=2.0), 0.0
     for _ in loop.run(5000):
-        most = max(most, abs(model.States(loop.x).motion.z_rad[0]))
+        most = max(most, abs(loop.arm.x.motion.z_rad[0]))
     s0_z = ARM["s0_Nm_rad"] * most
     assert 34.5 < s0_z <= 36.1, f"s0 |z| {s0_z:.2f} N m"
 
@@ -198,43 +202,38 @@ def test_lugre_bristles_stay_within_break_away_in_the_loop() -> None:
 def test_gravity_holds_the_arm_where_its_torque_says() -> None:
     g1, g2 = gravity_torque(0.0, 0.0, A1, A2, M1, M2, G)
     assert (g1, g2) == pytest.approx(load(np.zeros(2), np.zeros(2))), (g1, g2)
-    p, x = views(model.BLOCK, 1000.0, ARM)
-    y = np.zeros(model.Outputs.size)
-    for k in range(200):  # 0.1 N m short of break-away, without motion of joint 2
-        model.step(k * 1e-3, 1e-3, p, x, np.array((g1 + 36.0, g2)), y)
-    assert y[6] == 0.0 and y[4] == 0.0, f"moved to {y[4]} rad"
-    for k in range(200):
-        model.step(k * 1e-3, 1e-3, p, x, np.array((g1 + 36.2, g2)), y)
-    assert y[4] > 0.0, f"held at {y[4]} rad beyond break-away"
+    arm = stepped()
+    for _ in range(200):  # 0.1 N m short of break-away, without motion of joint 2
+        y = arm.step(g1 + 36.0, g2)
+    assert y.rate_rad_s[0] == 0.0 and y.q_rad[0] == 0.0, f"moved to {y.q_rad[0]} rad"
+    for _ in range(200):
+        y = arm.step(g1 + 36.2, g2)
+    assert y.q_rad[0] > 0.0, f"held at {y.q_rad[0]} rad beyond break-away"
 
 
 def test_the_delay_is_whole_samples_and_zero_acts_at_once() -> None:
     for delay in range(8):
-        p, x = views(model.BLOCK, 1000.0, ARM | {"delay_samples": float(delay)})
-        y = np.zeros(model.Outputs.size)
-        acting = []
-        for k in range(12):
-            model.step(k * 1e-3, 1e-3, p, x, np.array((float(k), -float(k))), y)
-            acting.append((y[8], y[9]))
+        arm = stepped(delay_samples=float(delay))
+        acting = [tuple(arm.step(k, -k).acting_Nm) for k in range(12)]
         wanted = [max(0.0, float(k - delay)) for k in range(12)]
         assert acting == [(w, -w) for w in wanted], f"delay {delay}: {acting}"
 
 
 def test_quanta_round_samples_and_torques_and_nothing_else() -> None:
     quanta = {"torque_lsb_Nm": 0.5, "position_lsb_rad": 1e-3, "rate_lsb_rad_s": 1e-2}
-    p, x = views(model.BLOCK, 1000.0, ARM | quanta)
-    y = np.zeros(model.Outputs.size)
+    arm = stepped(**quanta)
     for k in range(300):
-        model.step(k * 1e-3, 1e-3, p, x, np.array((150.3, 90.3)), y)
+        y = arm.step(150.3, 90.3)
         if k:
-            assert (y[8], y[9]) == (150.5, 90.5), y[8:10]
-        for sample, true, quantum in ((y[0], y[4], 1e-3), (y[2], y[6], 1e-2)):
-            assert sample / quantum == pytest.approx(round(sample / quantum), abs=1e-9)
-            assert abs(sample - true) <= 0.5 * quantum * (1 + 1e-9), f"{sample} of {true}"
-    assert (y[4:8] != y[:4]).any(), "the true motion is not rounded"
+            assert tuple(y.acting_Nm) == (150.5, 90.5), y.acting_Nm
+        pairs = ((y.sample_rad, y.q_rad, 1e-3), (y.rate_sample_rad_s, y.rate_rad_s, 1e-2))
+        for sample, true, quantum in pairs:
+            assert sample / quantum == pytest.approx(np.round(sample / quantum), abs=1e-9)
+            assert (abs(sample - true) <= 0.5 * quantum * (1 + 1e-9)).all(), f"{sample} of {true}"
+    assert any((sample != true).any() for sample, true, _ in pairs), "the truth is not rounded"
 
 
 @pytest.mark.parametrize(("rate_hz", "substeps"), [(8.0, 1250), (1000.0, 10), (20000.0, 1)])
 def test_whole_integration_steps_fit_the_period(rate_hz: float, substeps: int) -> None:
-    p, _ = views(model.BLOCK, rate_hz, ARM)
-    assert model.Parameters(p).substeps == substeps, model.Parameters(p).substeps
+    found = Stepped(model.BLOCK, ARM, 1.0 / rate_hz).p.substeps
+    assert found == substeps, found

@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
-from payload_arm_reference import ARM, LAW, Vector, acceleration, loop, values, views
+from payload_arm_reference import ARM, LAW, Vector, acceleration, loop
+from stepped import Stepped, vector
 
 from pcpc.executive.laws.block import Nothing, Ports, group, port, stage
-from pcpc.executive.laws.controllers.arm import adaptive_critic
+from pcpc.executive.laws.controllers.arm import adaptive_critic, network_inputs
 from pcpc.plants.payload_arm import model
 from pcpc.plants.payload_arm.model import Motion
 
 FREE = {"viscous_Nms_rad": 0.0, "coulomb_Nm": 0.0}
-MOTION = Motion.size
+T_S = 1e-3
 
 
 class Held(Ports):
@@ -37,12 +38,12 @@ def energy(x: Vector, m2: float) -> float:
 
 def fall(h: float, seconds: float = 1.0, m2: float = 2.5, **other: float) -> tuple[Vector, Vector]:
     """Return states and energies of a fall from the horizontal under no torque."""
-    p, x = views(model.BLOCK, ARM | {"m2_kg": m2, "substeps": 1.0} | other)
-    x[1] = 0.5
-    states, y = [x[:MOTION].copy()], np.zeros(model.Outputs.size)
-    for k in range(1, round(seconds / h) + 1):
-        model.step(k * h, h, p, x, np.zeros(2), y)
-        states.append(x[:MOTION].copy())
+    arm = Stepped(model.BLOCK, ARM | {"m2_kg": m2, "substeps": 1.0} | other, h)
+    arm.x.motion.q_rad[:] = 0.0, 0.5
+    states = []
+    for _ in range(round(seconds / h) + 1):
+        arm.step(0.0, 0.0)
+        states.append(arm.x.motion.values().copy())
     return np.array(states), np.array([energy(state, m2) for state in states])
 
 
@@ -65,28 +66,28 @@ def test_friction_takes_the_energy_that_it_works() -> None:
 
 def test_the_acceleration_is_that_of_the_matrices() -> None:
     rng = np.random.default_rng(1)
-    p, y = values(model.BLOCK.settings, ARM), np.zeros(MOTION)
+    p, y = vector(model.BLOCK.parameters, ARM), Motion(np.zeros(Motion.size))
     for _ in range(50):
         q, v, tau = rng.normal(size=2), 2.0 * rng.normal(size=2), 50.0 * rng.normal(size=2)
         for m2 in (1.0, 2.5):
-            _slope(0.0, 0.0, p, np.zeros(0), np.array((*q, *v, *tau, m2)), y)
-            assert y[2:] == pytest.approx(acceleration(q, v, tau, m2), rel=1e-11), (q, v)
-            assert (y[:2] == v).all(), y
+            _slope(0.0, 0.0, p, np.zeros(0), np.array((*q, *v, *tau, m2)), y.values())
+            assert y.rate_rad_s == pytest.approx(acceleration(q, v, tau, m2), rel=1e-11), (q, v)
+            assert (y.q_rad == v).all(), y.q_rad
 
 
 def compiled_loop(cycles: int, payload_kg: float) -> tuple[Vector, Vector]:
     """Return q, q', tau (cycles, 6) and m2 of the compiled arm and law without bus and rounding."""
-    p, x = views(model.BLOCK, ARM | {"payload_kg": payload_kg})
-    law_p, law_x = views(adaptive_critic.BLOCK, LAW)
-    y, law_y = (np.zeros(b.size(b.outputs)) for b in (model.BLOCK, adaptive_critic.BLOCK))
-    u, found, m2 = np.zeros(11), np.zeros((cycles, 6)), np.zeros(cycles)
+    arm = Stepped(model.BLOCK, ARM | {"payload_kg": payload_kg}, T_S)
+    law = Stepped(adaptive_critic.BLOCK, LAW, T_S)
+    found, m2 = np.zeros((cycles, 6)), np.zeros(cycles)
+    u = network_inputs.Inputs(np.zeros(network_inputs.Inputs.size))
     for k in range(cycles):
-        t = k * 1e-3
-        model.step(t, 1e-3, p, x, law_y[:2].copy(), y)
-        s, c = np.sin(t), np.cos(t)
-        u[:4], u[4:8], u[8:10] = (s, c, c, -s), y[:4], (-s, -c)
-        adaptive_critic.step(t, 1e-3, law_p, law_x, u, law_y)
-        found[k, :4], found[k, 4:], m2[k] = y[4:8], law_y[:2], y[10]
+        y = arm.step(*law.y.torque_Nm)
+        s, c = np.sin(k * T_S), np.cos(k * T_S)
+        u.q_d_rad[:], u.q_d_rate_rad_s[:], u.q_d_acc_rad_s2[:] = (s, c), (c, -s), (-s, -c)
+        u.q_rad[:], u.rate_rad_s[:] = y.sample_rad, y.rate_sample_rad_s
+        tau = law.step(*u.values()).torque_Nm
+        found[k], m2[k] = (*y.q_rad, *y.rate_rad_s, *tau), y.outer_mass_kg
     return found, m2
 
 
@@ -107,20 +108,20 @@ def test_the_payload_is_there_from_5_to_7_s_to_the_period() -> None:
 
 @pytest.mark.parametrize("samples", [0, 1, 3])
 def test_the_torque_acts_as_many_samples_later_as_set(samples: int) -> None:
-    p, x = views(model.BLOCK, ARM | {"delay_samples": samples, "torque_lsb_Nm": 0.5})
-    y = np.zeros(model.Outputs.size)
+    arm = Stepped(model.BLOCK, ARM | {"delay_samples": samples, "torque_lsb_Nm": 0.5}, T_S)
     for k in range(8):
-        model.step(k * 1e-3, 1e-3, p, x, np.array((k + 0.3, -k - 0.3)), y)
+        acting = arm.step(k + 0.3, -k - 0.3).acting_Nm[0]
         sent = k - samples + 0.5 if k > samples else 0.0
-        assert y[8] == sent, f"sample {k}: {y[8]} for {sent}"
+        assert acting == sent, f"sample {k}: {acting} for {sent}"
 
 
 def test_samples_are_multiples_of_their_quantum_and_the_truth_is_not() -> None:
-    p, x = views(model.BLOCK, ARM | {"position_lsb_rad": 1e-3, "rate_lsb_rad_s": 1e-2})
-    y = np.zeros(model.Outputs.size)
-    for k in range(50):
-        model.step(k * 1e-3, 1e-3, p, x, np.zeros(2), y)
-        for sample, true, quantum in ((y[0], y[4], 1e-3), (y[2], y[6], 1e-2)):
-            assert sample / quantum == pytest.approx(round(sample / quantum), abs=1e-9)
-            assert abs(sample - true) <= 0.5 * quantum * (1 + 1e-9), f"{sample} of {true}"
-    assert (y[4:8] != y[:4]).all(), "the true motion is not rounded"
+    quanta = {"position_lsb_rad": 1e-3, "rate_lsb_rad_s": 1e-2}
+    arm = Stepped(model.BLOCK, ARM | quanta, T_S)
+    for _ in range(50):
+        y = arm.step(0.0, 0.0)
+        pairs = ((y.sample_rad, y.q_rad, 1e-3), (y.rate_sample_rad_s, y.rate_rad_s, 1e-2))
+        for sample, true, quantum in pairs:
+            assert sample / quantum == pytest.approx(np.round(sample / quantum), abs=1e-9)
+            assert (abs(sample - true) <= 0.5 * quantum * (1 + 1e-9)).all(), f"{sample} of {true}"
+    assert all((sample != true).all() for sample, true, _ in pairs), "the truth is not rounded"
