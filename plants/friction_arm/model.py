@@ -27,7 +27,7 @@ from pcpc.plants import two_link_arm
 from pcpc.plants.actuators import lugre_implicit, sliding, stick_slip
 from pcpc.plants.two_link_arm import Held, Inputs, Interface
 
-NONE, SET_VALUED, LUGRE = 0.0, 1.0, 2.0
+SET_VALUED, LUGRE = 1.0, 2.0  # values of friction_model, beside 0
 
 
 def _friction_of(joint: int) -> type[Ports]:
