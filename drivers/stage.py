@@ -15,13 +15,11 @@ import numpy as np
 
 # ruff: isort: off
 from pcpc.drivers.jit import JIT_OFF, LOOP_INTERPRETED, OPTIONS, f8, i8, numba, types
-from pcpc.drivers.views import POINTER, Cells, Layout, View, pointer_at
+from pcpc.drivers.views import POINTER, Layout, View, pointer_at
 from llvmlite import ir
 from numba.core.compiler import Compiler  # after ours, which set numba's environment
 from numba.extending import intrinsic
 # ruff: isort: on
-
-FLAT = Cells((0,))  # one dimension of any length
 
 _IN_C = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 4)
 
@@ -63,19 +61,17 @@ class Stage:
         """Step on float64 vectors, which may be longer than what is declared."""
         views = (p, x, u, y)
         if self._dispatcher is None:
-            labels = "pxuy"
-            if self.declared:
-                views = tuple(d(v, n) for d, v, n in zip(self.declared, views, labels, strict=True))
-            self.py_func(t, dt, *views)
+            named = zip(self.declared, views, "pxuy", strict=True)
+            self.py_func(t, dt, *(ports(view, letter) for ports, view, letter in named))
             return
-        for i, view in enumerate(views):
-            _check(view, self.declared[i].size if self.declared else 0, "pxuy"[i])
+        for ports, view, letter in zip(self.declared, views, "pxuy", strict=True):
+            _check(view, ports.size, letter)
         if self._in_c is None:
             self._in_c = _IN_C(self._address("llvm_cfunc_wrapper_name"))
         self._in_c(t, dt, *(view.ctypes.data for view in views))
 
     def _compile(self) -> None:
-        kinds: list[types.Type] = [View(d.layout) for d in self.declared] or [FLAT] * 4
+        kinds = [View(declared.layout) for declared in self.declared]
         self._dispatcher = numba.njit(types.void(f8, f8, *kinds), **_OPTIONS)(self.py_func)
 
 
@@ -89,12 +85,20 @@ def stage(function: Callable[..., None]) -> Any:
 
 
 def _declared(function: Callable[..., None]) -> tuple[Any, ...]:
+    """Return what the annotations of p, x, u, y name; TypeError says what a step looks like."""
     names = list(inspect.signature(function).parameters)
+    where = f"line {function.__code__.co_firstlineno}: the step"
+    if len(names) != 6:
+        raise TypeError(f"{where} is not step(t, dt, p, x, u, y)")
     notes = inspect.get_annotations(function, eval_str=True)
-    found = tuple(notes.get(name) for name in names[2:6])
-    if len(found) == 4 and all(isinstance(getattr(d, "layout", None), Layout) for d in found):
-        return found
-    return ()
+    found = tuple(notes.get(name) for name in names[2:])
+    for name, ports in zip(names[2:], found, strict=True):
+        if not isinstance(getattr(ports, "layout", None), Layout):
+            raise TypeError(
+                f"{where} does not say which ports {name} has: `{name}: Gains` with a class Gains "
+                f"of ports, or `{name}: Nothing`"
+            )
+    return found
 
 
 def _check(view: Any, size: int, letter: str) -> None:

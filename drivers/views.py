@@ -21,7 +21,7 @@ import operator
 from typing import Any, NamedTuple
 
 # ruff: isort: off
-from pcpc.drivers.jit import JIT_OFF, VIEW, f8, types
+from pcpc.drivers.jit import JIT_OFF, f8, types
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.core.imputils import lower_getattr_generic, lower_setattr_generic
 from numba.core.typing.templates import AttributeTemplate
@@ -33,7 +33,6 @@ from numba.extending import (
     register_model,
     type_callable,
 )
-from numba.np.arrayobj import populate_array
 # ruff: isort: on
 
 _I64 = ir.IntType(64)
@@ -227,32 +226,3 @@ def pointer_at(typing: Any, values: Any, place: Any) -> Any:
         return builder.gep(array.data, [place])
 
     return POINTER(values, place), generate
-
-
-@intrinsic
-def _tail(typing: Any, values: Any, start: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        offset = context.cast(builder, arguments[1], signature.args[1], types.intp)
-        if isinstance(signature.args[0], Cells):
-            return builder.gep(arguments[0], [offset], inbounds=True)
-        source = context.make_array(signature.args[0])(context, builder, arguments[0])
-        length = builder.sub(builder.extract_value(source.shape, 0), offset)
-        eight = context.get_constant(types.intp, 8)
-        array = context.make_array(VIEW)(context, builder)
-        populate_array(
-            array, data=builder.gep(source.data, [offset]), shape=[length], strides=[eight],
-            itemsize=eight, meminfo=None,
-        )  # fmt: skip
-        return array._getvalue()
-
-    kind = values if isinstance(values, Cells) else VIEW
-    return kind(values, start), generate
-
-
-def _tail_interpreted(values: Any, place: int) -> Any:
-    return values[place:]
-
-
-# tail(values, start) is values[start:] where `start` lies inside: numba's own slice clips it
-# against the length at run time, which hides constant offsets from the optimiser.
-tail: Any = _tail_interpreted if JIT_OFF else _tail

@@ -212,8 +212,37 @@ def test_a_step_uses_no_libm_no_power_no_clock_and_no_file() -> None:
 
 
 def test_the_purity_check_itself_works() -> None:
-    source = "@stage\ndef step(t, dt, p, x, u, y):\n    y[0] = math.sin(t) + x[0] ** 2"
+    source = "@stage\ndef step(t, dt, p, x, u, y):\n    y.a = math.sin(t) + x.b ** 2"
     assert impurities(ast.parse(source)) == ["3: **", "3: math"]
+
+
+def counted(tree: ast.Module) -> list[str]:
+    """Return where ports are addressed by numbers: `u[2]` in a stage, `p[KV]`, `x[_ST + j]`.
+
+    A helper may index a vector by what it counts; it may be called x.
+    """
+    found = []
+    for function in (f for f in tree.body if marked(f, "stage", "inline")):
+        for node in ast.walk(function):
+            if not isinstance(node, ast.Subscript) or not isinstance(node.value, ast.Name):
+                continue
+            names = {n.id for n in ast.walk(node.slice) if isinstance(n, ast.Name)}
+            numbered = bool(names) and any(re.fullmatch(r"_?[A-Z][A-Z0-9_]*", n) for n in names)
+            literal = not names and node.value.id in ("p", "u", "y")
+            if node.value.id in ("p", "x", "u", "y") and (
+                marked(function, "stage") or numbered or literal
+            ):
+                found.append(f"{node.lineno}: {ast.unparse(node)}")
+    return found
+
+
+def test_a_step_says_its_ports_by_name() -> None:
+    with_steps = [n for n in ENGINE if any(marked(f, "stage", "inline") for f in TREES[n].body)]
+    wrong = [f"{name}:{line}" for name in with_steps for line in counted(TREES[name])]
+    assert len(with_steps) > 40 and not wrong, wrong
+    source = "@stage\ndef step(t, dt, p, x, u, y):\n    y.a = u[i]\n"
+    source += "@inline\ndef f(p, x, i):\n    return x[i] + x[0] + x[_ST + i] + p[0]\n"
+    assert counted(ast.parse(source)) == ["3: u[i]", "6: p[0]", "6: x[_ST + i]"]
 
 
 def test_every_module_begins_by_saying_what_it_is() -> None:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pcpc.drivers.jit import inline
-from pcpc.drivers.stage import stage
+from pcpc.drivers.stage import Stage, stage
 from pcpc.drivers.views import flat
 from pcpc.executive.laws.ports import Nothing, Port, Ports, group, port
 
@@ -39,35 +39,31 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Block:
-    """A step function with its ports, in the order of its views; those a stage declares itself.
+    """A stage with what a rig may set of it.
 
-    `settings` (a declaration, or ports) is what a rig file may set, where that is not the
-    parameters. Then `prepare(settings, rate_hz, seed)` computes parameters and initial states from
-    them, once, at set-up.
+    `settings` declares that, where it is not the parameters; then `prepare(settings, rate_hz,
+    seed)` computes parameters and initial states from them, once, at set-up. TypeError: the step is
+    no stage.
     """
 
-    step: Any  # a Stage
-    inputs: tuple[Port, ...] = ()
-    outputs: tuple[Port, ...] = ()
-    parameters: tuple[Port, ...] = ()
-    states: tuple[Port, ...] = ()
-    settings: Any = ()
+    step: Stage
+    settings: Any = None  # a declaration; afterwards its ports
     prepare: Callable[[Mapping[str, float], float, int], Prepared] | None = None
+    parameters: tuple[Port, ...] = field(init=False)
+    states: tuple[Port, ...] = field(init=False)
+    inputs: tuple[Port, ...] = field(init=False)
+    outputs: tuple[Port, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         """Take the ports from the stage."""
-        declared = getattr(self.step, "declared", ())
+        if not isinstance(self.step, Stage):
+            raise TypeError("the step is plain Python; put @stage above its def")
         kinds = ("parameters", "states", "inputs", "outputs")
-        for kind, ports in zip(kinds, declared, strict=False):
+        for kind, ports in zip(kinds, self.step.declared, strict=True):
             object.__setattr__(self, kind, ports.ports)
-        if isinstance(self.settings, type) and issubclass(self.settings, Ports):
-            object.__setattr__(self, "settings", self.settings.ports)
-        if declared and not self.settings:
-            object.__setattr__(self, "settings", self.parameters)
+        given = self.parameters if self.settings is None else self.settings.ports
+        object.__setattr__(self, "settings", given)
 
     def size(self, ports: Sequence[Port]) -> int:
         """Return the number of float64 values of these ports."""
         return sum(port.size for port in ports)
-
-
-Step = Callable[[float, float, Any, Any, Any, Any], None]

@@ -18,6 +18,7 @@ Interpreted, it is an object of the class over a float64 view of the table.
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeVar, cast
@@ -25,6 +26,7 @@ from typing import Any, ClassVar, TypeVar, cast
 from pcpc.drivers.views import Field, Layout
 from pcpc.executive.errors import did_you_mean
 
+MOST_VALUES = 1_000_000  # of a declaration; a node holds far less, `executive.nodes.plan` says it
 _T = TypeVar("_T", bound="Ports")
 
 
@@ -147,10 +149,10 @@ class Ports:
                 size = what.about.size
             setattr(cls, name, _Access(name, place, size, what))
             place += size
-        names = [element for one in ports for element in one.names()]
-        twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
-        if twice is not None:
-            raise ValueError(f"{cls.__name__}: two ports are named {twice}")
+        if place <= MOST_VALUES:  # else a rig that uses it is refused
+            counts = Counter(element for one in ports for element in one.names())
+            for name in (name for name, count in counts.items() if count > 1):
+                raise ValueError(f"{cls.__name__}: two ports are named {name}")
         cls.layout, cls.size, cls.ports = Layout(cls.__name__, tuple(fields)), place, tuple(ports)
 
     def __init__(self, values: Any, label: str = "") -> None:
@@ -158,8 +160,24 @@ class Ports:
         object.__setattr__(self, "_values", values[: self.size])
         object.__setattr__(self, "_label", label)
 
+    def __getitem__(self, key: Any) -> Any:
+        """Refuse a number: ports are said by name."""
+        raise self._by_number(key)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        """Refuse a number: ports are said by name."""
+        raise self._by_number(key)
+
+    def _by_number(self, key: Any) -> TypeError:
+        names = list(self._declared)[:6]
+        known = ", ".join(f"{self._label}.{name}" for name in names) or "none"
+        more = ", ..." if len(self._declared) > len(names) else ""
+        return TypeError(f"{self._label}[{key}]: say the port's name: {known}{more}")
+
     def values(self) -> Any:
         """Return all values as one vector: `flat` of an interpreted view."""
+        if hasattr(self._values, "about"):  # guarded, see executive.rig.trial
+            self._values.about = f"flat({self._label})"
         return self._values
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -211,7 +229,7 @@ class _Access:
         if isinstance(self.what, _Group):
             return self.what.ports(part, f"{view._label}.{self.name}")
         part = part.reshape(self.what.shape)
-        if hasattr(part, "about"):  # guarded, see executive.trial
+        if hasattr(part, "about"):  # guarded, see executive.rig.trial
             part.about = f"{view._label}.{self.name}"
         return part
 

@@ -96,7 +96,7 @@ class Views:
 def add_block(table: Table, name: str, block: Block) -> Views:
     """Append all variables of `block` under `name`."""
     return Views(
-        table.add_ports(name, block.parameters or block.settings, "parameter", False),
+        table.add_ports(name, block.parameters, "parameter", False),
         table.add_ports(name, block.states, "state", True),
         table.add_ports(name, block.inputs, "input", False),
         table.add_ports(name, block.outputs, "output", True),

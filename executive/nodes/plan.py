@@ -25,7 +25,6 @@ from pcpc.executive.rig.carried import Reads, merge, noted
 from pcpc.executive.rig.commands import commands
 from pcpc.executive.rig.prepare import prepared
 from pcpc.executive.rig.reading import BlockSpec, NodeSpec, Rig
-from pcpc.executive.rig.resolve import compile_step
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import FALLBACK, Limit
 
@@ -102,7 +101,6 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     _wire_frames(made)
     _plan_schedule(made)
     _check_sizes(made)
-    _compile_steps(made)
     return made
 
 
@@ -205,7 +203,7 @@ def _views(made: Plan, spec: BlockSpec) -> Views:
     table = made.table
     first = made.views[names.index("controller")].outputs.start
     return Views(
-        table.add_ports(FALLBACK, spec.block.parameters or spec.block.settings, "parameter", False),
+        table.add_ports(FALLBACK, spec.block.parameters, "parameter", False),
         table.add_ports(FALLBACK, spec.block.states, "state", True),
         table.add_ports(FALLBACK, spec.block.inputs, "input", False),
         range(first, first + len(outputs)),
@@ -324,14 +322,6 @@ def _check_sizes(made: Plan) -> None:
                 made.role,
                 f"{size} {what}; one node holds {limit} (see executive/loop/shared.py)",
             )
-
-
-def _compile_steps(made: Plan) -> None:
-    for spec in made.spec.blocks:
-        try:
-            compile_step(spec.block)
-        except ValueError as error:
-            raise RigError(f"{spec.where('law')}: {spec.name}: {error}") from None
 
 
 def cycles_of(rig: Rig) -> int:

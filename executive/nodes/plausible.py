@@ -60,7 +60,7 @@ def _check_watch(made: Plan) -> None:
 def _variables(specs: list[BlockSpec]) -> Iterator[str]:
     for spec in specs:
         block = spec.block
-        own = (block.inputs, block.outputs, block.states, block.parameters or block.settings)
+        own = (block.inputs, block.outputs, block.states, block.parameters)
         yield from (f"{spec.name}.{n}" for ports in own for port in ports for n in port.names())
 
 

@@ -103,7 +103,7 @@ def _settings(
     shared: Mapping[str, Shared], places: dict[str, str],
 ) -> dict[str, float]:  # fmt: skip
     """Return all settings of a block in the order of its ports; their places go to `places`."""
-    ports = {name: port for port in block.settings or block.parameters for name in port.names()}
+    ports = {name: port for port in block.settings for name in port.names()}
     for name in given:
         if name not in ports:
             at = (*keys, "parameters", name)

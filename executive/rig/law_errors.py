@@ -21,7 +21,8 @@ _PROJECT = Path(__file__).resolve().parents[2]
 _OWN = {  # how laws are read and stepped
     _PROJECT / f"{name}.py"
     for name in (
-        "drivers/jit", "drivers/stage", "drivers/views", "executive/laws/ports",
+        "drivers/jit", "drivers/stage", "drivers/views", "executive/laws/block",
+        "executive/laws/ports",
         "executive/rig/modules", "executive/rig/prepare", "executive/rig/resolve",
         "executive/rig/trial",
     )

@@ -63,7 +63,7 @@ def _block_settings(document: Document, config: Config) -> Iterator[str]:
                 block = resolve(document, keys, law, use)
             except (RigError, KeyError):
                 continue  # wrong itself, which is said once the option is mended
-            ports = block.settings or block.parameters
+            ports = block.settings
             yield from (f"{name}.{setting}" for port in ports for setting in port.names())
 
 

@@ -3,7 +3,6 @@
 numba is not needed here: the trial of a law (`executive.rig.trial`) uses it as well.
 """
 
-import inspect
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -23,33 +22,15 @@ MOST_VALUES = (
 Values = list[tuple[str, float]]  # name and value of each element, in the order of the ports
 
 
-def check_ports(block: "Block") -> None:
-    """Raise ValueError if the block's ports are not what a node can hold."""
-    from pcpc.executive.laws.block import Port
-
+def check_size(block: "Block") -> None:
+    """Raise ValueError if a block has more ports than a node can hold by far."""
     total = 0
     for kind in ("inputs", "outputs", "parameters", "states", "settings"):
-        ports = getattr(block, kind)
-        if not isinstance(ports, Sequence) or not all(isinstance(port, Port) for port in ports):
-            raise ValueError(f"{kind} is {_shown(ports)}; expected a tuple of Port")
-        for port in ports:
-            if type(port.size) is not int or port.size < 1:
-                raise ValueError(f"{kind}: port {port.name} has size {port.size!r}; at least 1")
+        for port in getattr(block, kind):
             total += port.size
             if total > MOST_VALUES:
                 what = f"{kind}: port {port.name} of size {port.size} makes {total} variables"
                 raise ValueError(f"{what}; one node holds {MAX_VARIABLES}")
-
-
-def check_arguments(block: "Block") -> None:
-    """Raise ValueError if the step does not take t, dt, p, x, u, y."""
-    step = getattr(block.step, "py_func", block.step)
-    try:
-        inspect.signature(step).bind(*"tdpxuy")
-    except (TypeError, ValueError):
-        code = getattr(step, "__code__", None)
-        line = f"line {code.co_firstlineno}: " if code is not None else ""
-        raise ValueError(f"{line}the step is not step(t, dt, p, x, u, y)") from None
 
 
 def prepared(
@@ -70,7 +51,7 @@ def prepared(
         if not isinstance(made, Prepared):
             raise ValueError(f"prepare returned {_shown(made)}; expected Prepared(parameters)")
         parameters, states = made.parameters, made.states
-    ports = block.parameters or block.settings
+    ports = block.parameters
     computed = block.prepare is not None
     if computed:
         known = {n for port in (*ports, *block.states) for n in (port.name, *port.names())}

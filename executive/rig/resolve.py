@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig import trial
@@ -26,7 +26,7 @@ from pcpc.executive.rig.modules import (
     project_name,
     read_by,
 )
-from pcpc.executive.rig.prepare import check_ports
+from pcpc.executive.rig.prepare import check_size
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def resolve(document: Document, keys: Keys, law: str, use: Use) -> "Block":
     block = getattr(module, name, None)
     if isinstance(block, Block):
         try:
-            check_ports(block)
+            check_size(block)
         except ValueError as error:
             raise document.error(at, f"{name} of {module_name}: {error}") from error
         return block
@@ -114,22 +114,6 @@ def users_case(law: str, file: Path, use: Use) -> trial.Case | None:
 def _is_projects(file: Path) -> bool:
     own = (project_name(file) or "").split(".")[1:]
     return own != [] and (own[0] != "plants" or len(own) == 2 or own[1] in _PLANTS)
-
-
-def compile_step(block: "Block") -> None:
-    """Compile a step that its module did not; ValueError says, with the line, why that fails."""
-    from pcpc.drivers.stage import Stage, stage
-
-    step: Any = block.step
-    if isinstance(step, Stage):
-        return
-    try:
-        stage(step)  # what is wrong with it is said first
-        raise ValueError("step is plain Python; put @stage above its def")
-    except ValueError:
-        raise
-    except Exception as error:
-        raise ValueError(cause(error)) from error
 
 
 def today(law: str) -> str:

@@ -41,9 +41,7 @@ STEP_PERIODS = 200.0  # a step may also take so many periods: interpreted is som
 ENOUGH_S = 5.0  # of steps
 LATE, LATE_S = 4, 0.5  # after a leap in time a law may have much to make up
 CYCLES = (0, 1, 2, 3, 4, 10, 100, 1000, 10_000, 100_000, 1_000_000)
-KINDS = {"p": "parameter", "x": "state", "u": "input", "y": "output"}
 _RECORDS = "laws"  # the folder of what is remembered
-_SHOWN = 6  # names of ports in a message
 _passed: set[str] = set()  # records and cases, in this process
 _spared: list[bool] = []
 _opened: Reads = {}  # by `prepare`, in the child
@@ -173,24 +171,23 @@ class Leaves(BaseException):
 
 
 class View(np.ndarray):
-    """A block's view that refuses indices outside, and those below 0, which would wrap.
+    """An array that refuses indices outside, and those below 0, which would wrap.
 
-    `about`: letter, names of all elements, and where this part begins.
+    `about`: what a message calls it (`x.w`).
     """
 
-    about: tuple[str, tuple[str, ...], int] | str | None
+    about: str
 
     def __array_finalize__(self, source: Any) -> None:
-        """Take over what the view is about."""
-        self.about = getattr(source, "about", None)
+        """Take over what the array is about."""
+        self.about = getattr(source, "about", "")
 
     def __getitem__(self, key: Any) -> Any:
         """Return an element or a part."""
         self._check(key)
         part = super().__getitem__(key)
-        if isinstance(key, slice) and isinstance(part, View) and isinstance(self.about, tuple):
-            letter, names, first = self.about
-            part.about = (letter, names, first + int(key.start or 0))
+        if isinstance(part, View) and not isinstance(key, slice):
+            part.about = f"{self.about}[{_text(key)}]"
         return part
 
     def __setitem__(self, key: Any, value: Any) -> None:
@@ -205,36 +202,19 @@ class View(np.ndarray):
     def _check(self, key: Any) -> None:
         keys = key if isinstance(key, tuple) else (key,)
         for one, size in zip(keys, self.shape, strict=False):
-            if isinstance(one, slice):
-                edges = [int(edge) for edge in (one.start, one.stop) if edge is not None]
-                if any(not 0 <= edge <= size for edge in edges):
-                    start, stop = ("" if e is None else int(e) for e in (one.start, one.stop))
-                    raise IndexOutside(self._outside(f"{start}:{stop}", size))
-            elif isinstance(one, int | np.integer) and not 0 <= int(one) < size:
-                raise IndexOutside(self._outside(str(int(one)), size))
-
-    def _outside(self, key: str, size: int) -> str:
-        if not isinstance(self.about, tuple):
-            extents = " x ".join(map(str, self.shape))
-            return f"{self.about or 'index '}[{key}]: there are {extents} elements"
-        letter, names, first = self.about
-        if size != len(names):
-            part = f"{letter}[{first}:{first + size}][{key}]"
-            return f"{part}: this part has {_counted(size, 'element')}"
-        listed = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-        has = _counted(len(names), KINDS[letter])
-        below = "; an index counts from 0 up" if key.startswith("-") else ""
-        return f"{letter}[{key}]: the block has {has}{f' ({listed})' if names else ''}{below}"
+            if isinstance(one, int | np.integer) and not 0 <= int(one) < size:
+                extents = " x ".join(map(str, self.shape))
+                text = f"{self.about}[{_text(key)}]: {self.about} has {extents} elements"
+                below = "; an index counts from 0 up" if int(one) < 0 else ""
+                raise IndexOutside(text + below)
 
 
-def _counted(number: int, what: str) -> str:
-    return f"no {what}" if number == 0 else f"{number} {what}{'' if number == 1 else 's'}"
+def _text(key: Any) -> str:
+    return ", ".join(map(str, key if isinstance(key, tuple) else (key,)))
 
 
-def _view(letter: str, ports: "tuple[Port, ...]", values: list[float]) -> View:
-    view = np.array(values, np.float64).view(View)
-    view.about = (letter, tuple(name for port in ports for name in port.names()), 0)
-    return view
+def _view(values: list[float]) -> View:
+    return np.array(values, np.float64).view(View)
 
 
 @contextmanager
@@ -294,13 +274,13 @@ def _problem(case: Case, begin: Any) -> str:
     except Refused as error:
         return str(error)
     except (Exception, SystemExit) as error:
-        return cause(error).replace("'View' object", "an array")
+        return cause(error)
     return ""
 
 
 def _try(case: Case, begin: Any) -> None:
     from pcpc.executive.rig.modules import module_of
-    from pcpc.executive.rig.prepare import check_arguments, check_ports
+    from pcpc.executive.rig.prepare import check_size
 
     begin("import")
     try:
@@ -314,16 +294,12 @@ def _try(case: Case, begin: Any) -> None:
         return  # `laws` says so
     begin("prepare")
     try:
-        check_ports(block)
-        check_arguments(block)
+        check_size(block)
         parameters, states = _prepare(block, case)
     except ValueError as error:
         raise Refused(f"{shown(Path(case.file))}: {error}") from error
     begin("step")
-    views = [
-        _view("p", block.parameters or block.settings, [value for _, value in parameters]),
-        _view("x", block.states, [value for _, value in states]),
-    ]
+    views = [_view([value for _, value in values]) for values in (parameters, states)]
     _steps(block, views, case.rate_hz)
 
 
@@ -332,7 +308,7 @@ def _prepare(block: "Block", case: Case) -> "tuple[Values, Values]":
 
     settings = {
         name: case.settings.get(name, _usual(port))
-        for port in block.settings or block.parameters
+        for port in block.settings
         for name in port.names()
     }
     with _within(PREPARE_S), noted() as reads:
@@ -355,8 +331,8 @@ def _steps(block: "Block", views: list[View], rate_hz: float) -> None:
     for inputs in range(3):
         p, x = (view.copy() for view in views)
         for k in CYCLES:
-            u = _view("u", block.inputs, _inputs(block, inputs, chance))
-            y = _view("y", block.outputs, [0.0] * block.size(block.outputs))
+            u = _view(_inputs(block, inputs, chance))
+            y = _view([0.0] * block.size(block.outputs))
             late = k > LATE
             limit_s = LATE_S if late else max(STEP_S, STEP_PERIODS / rate_hz)
             with np.errstate(all="ignore"):

@@ -27,7 +27,7 @@ class Law:
             prepared = block.prepare(settings, 1.0 / dt, 1)
             settings, states = dict(prepared.parameters), prepared.states
         self.block, self.dt = block, dt
-        self.p = np.array([settings[port.name] for port in block.parameters or block.settings])
+        self.p = np.array([settings[port.name] for port in block.parameters])
         self.x, self.y = np.zeros(block.size(block.states)), np.zeros(block.size(block.outputs))
         for name, value in states.items():
             self.x[self.at(name)] = value

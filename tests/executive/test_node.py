@@ -18,13 +18,27 @@ from pcpc.executive.rig.reading import Rig, load_rig
 
 RIGS = sorted((ATB1000 / "rigs").glob("*.yaml"))
 LAWS = """\
-from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
 
-def step(t, dt, p, x, u, y): pass
+class Passes(Ports):
+    passes = port("", "an output")
 
-PASSES = Block(step, outputs=(Port("passes", "", "an output"),))
-HUGE = Block(step, states=(Port("s", "", "too many", size=9000),))
-PAIR = Block(step, inputs=(Port("a", "", "in"),), outputs=(Port("a", "", "out"),))
+class Many(Ports):
+    s = port("", "too many", shape=9000)
+
+class A(Ports):
+    a = port("", "in and out")
+
+@stage
+def passes(t, dt, p: Nothing, x: Nothing, u: Nothing, y: Passes): pass
+
+@stage
+def huge(t, dt, p: Nothing, x: Many, u: Nothing, y: Nothing): pass
+
+@stage
+def pair(t, dt, p: Nothing, x: Nothing, u: A, y: A): pass
+
+PASSES, HUGE, PAIR = Block(passes), Block(huge), Block(pair)
 """
 REST = "{law: 'references:step', parameters: {amplitude_rad: 0.0, start_s: 0.0}}"
 

@@ -61,27 +61,41 @@ barrel:
   gap_rad: {value: 0.002, unit: rad, reason: measured}
 """
 LAWS = """\
-from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
 
-def step(t, dt, p, x, u, y): pass
+class Gains(Ports):
+    kv_Nms_rad = port("N m s/rad", "velocity gain", low=0, high=500)
+    lam_per_s = port("1/s", "slope", default=16.0)
 
-PD = Block(step, parameters=(
-    Port("kv_Nms_rad", "N m s/rad", "velocity gain", low=0, high=500),
-    Port("lam_per_s", "1/s", "slope", default=16.0),
-))
-BLOCK = Block(step, settings=(Port("w", "", "weights", default=0.5, size=3),))
-STEP = Block(step, parameters=(Port("size_rad", "rad", "height of the step"),))
+class Weights(Ports):
+    w = port("", "weights", default=0.5, shape=3)
+
+class Size(Ports):
+    size_rad = port("rad", "height of the step")
+
+@stage
+def pd(t, dt, p: Gains, x: Nothing, u: Nothing, y: Nothing): pass
+
+@stage
+def weighted(t, dt, p: Weights, x: Nothing, u: Nothing, y: Nothing): pass
+
+@stage
+def step(t, dt, p: Size, x: Nothing, u: Nothing, y: Nothing): pass
+
+PD, BLOCK, STEP = Block(pd), Block(weighted), Block(step)
 NUMBER = 3
 """
 MODEL = """\
-from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
 
-def step(t, dt, p, x, u, y): pass
+class Parameters(Ports):
+    mass_kg = port("kg", "mass", low=0.1)
+    gap_rad = port("rad", "clearance", low=0.0, high=0.1)
 
-BARREL = Block(step, parameters=(
-    Port("mass_kg", "kg", "mass", low=0.1),
-    Port("gap_rad", "rad", "clearance", low=0.0, high=0.1),
-))
+@stage
+def step(t, dt, p: Parameters, x: Nothing, u: Nothing, y: Nothing): pass
+
+BARREL = Block(step)
 """
 
 Write = Callable[..., Path]
@@ -270,11 +284,11 @@ LAW_FAULTS = [
     Case('"laws.py:PD"', "no.such:LAW", "10:5: controllers.pd.law: no module no.such"),
     Case("BARREL = ", "import nosuch\nBARREL = ",
          "28:7: plant.blocks.barrel.law: model.py cannot be imported: "
-         "model.py:5: ModuleNotFoundError: No module named 'nosuch'"),
+         "model.py:10: ModuleNotFoundError: No module named 'nosuch'"),
     Case("BARREL = ", "1 / 0\nBARREL = ", "28:7: plant.blocks.barrel.law: model.py cannot be "
-         "imported: model.py:5: ZeroDivisionError: division by zero"),
+         "imported: model.py:10: ZeroDivisionError: division by zero"),
     Case("BARREL = ", "BARREL = = ", "28:7: plant.blocks.barrel.law: model.py cannot be "
-         "imported: model.py:5: SyntaxError: invalid syntax"),
+         "imported: model.py:10: SyntaxError: invalid syntax"),
 ]  # fmt: skip
 
 

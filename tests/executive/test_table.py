@@ -3,25 +3,44 @@
 import pytest
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
 from pcpc.executive.loop.table import Table, Variable, add_block
 
 
-def nothing(t: float, dt: float, p: object, x: object, u: object, y: object) -> None:
+class Parameters(Ports):
+    """A gain and weights."""
+
+    kv = port("N m s/rad", "gain", 1.0, 0.0, 9.0)
+    w = port("", "weights", shape=3)
+
+
+class States(Ports):
+    """What is recorded, and what is not."""
+
+    s_Nm = port("N m", "integral")
+    rng = port("", "noise", recorded=False)
+    scratch = port("", "tmp", recorded=False)
+
+
+class Inputs(Ports):
+    """One and several."""
+
+    angle_rad = port("rad", "measured")
+    rates = port("rad/s", "of two gyros", shape=2)
+
+
+class Outputs(Ports):
+    """One."""
+
+    torque_Nm = port("N m", "command")
+
+
+@stage
+def nothing(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Do nothing: a table never steps."""
 
 
-BLOCK = Block(
-    nothing,
-    inputs=(Port("angle_rad", "rad", "measured"), Port("rates", "rad/s", "of two gyros", size=2)),
-    outputs=(Port("torque_Nm", "N m", "command"),),
-    parameters=(Port("kv", "N m s/rad", "gain", 1.0, 0.0, 9.0), Port("w", "", "weights", size=3)),
-    states=(
-        Port("s_Nm", "N m", "integral"),
-        Port("rng", "", "noise", recorded=False),
-        Port("scratch", "", "tmp", recorded=False),
-    ),
-)
+BLOCK = Block(nothing)
 PLACE = "rig.yaml:3:5"
 
 
@@ -63,9 +82,7 @@ def test_states_and_outputs_are_recorded_but_not_scratch_and_noise() -> None:
 
 
 def test_settings_are_the_parameters_of_a_block_that_has_no_others() -> None:
-    table = Table()
-    add_block(table, "law", Block(nothing, settings=(Port("kv", "", "gain"),)))
-    assert [v.kind for v in table.variables] == ["parameter"]
+    assert BLOCK.settings == BLOCK.parameters == Parameters.ports
 
 
 def test_a_second_writer_of_a_variable_is_refused() -> None:
@@ -75,15 +92,12 @@ def test_a_second_writer_of_a_variable_is_refused() -> None:
 
 
 def test_two_ports_of_a_block_cannot_share_a_name() -> None:
-    clash = Block(nothing, inputs=(Port("a", "", "in"),), outputs=(Port("a", "", "out"),))
-    with pytest.raises(RigError, match=r"law\.a: two writers"):
-        add_block(Table(), "law", clash)
+    @stage
+    def step(t: float, dt: float, p: Nothing, x: Nothing, u: Outputs, y: Outputs) -> None:
+        """Do nothing."""
 
-
-def test_a_port_of_several_collides_with_one_of_the_same_element_name() -> None:
-    clash = Block(nothing, states=(Port("w", "", "all", size=2), Port("w_1", "", "one")))
-    with pytest.raises(RigError, match=r"law\.w_1: two writers"):
-        add_block(Table(), "law", clash)
+    with pytest.raises(RigError, match=r"law\.torque_Nm: two writers"):
+        add_block(Table(), "law", Block(step))
 
 
 @pytest.mark.parametrize("name", ["law.torque_Nm", "law.s_Nm", "law.kv", "time.t_s"])

@@ -10,24 +10,32 @@ from processes import ROOT, Running, own_bus, pcpc, until
 
 PROBE = ROOT / "plants" / "probe"
 LAW = """\
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
+
+
+class Gains(Ports):
+    gain = port("", "k")
+    target = port("", "r")
+
+
+class Inputs(Ports):
+    position = port("", "measured")
+
+
+class Outputs(Ports):
+    command = port("", "what the lag is told")
 
 
 @stage
-def step(t, dt, p, x, u, y):
-    y[0] = p[0] * (p[1] - u[0])
+def step(t: float, dt: float, p: Gains, x: Nothing, u: Inputs, y: Outputs) -> None:
+    y.command = p.gain * (p.target - u.position)
     if t > 0.1003 and t < 0.9:
         {body}
 
 
-BLOCK = Block(
-    step,
-    inputs=(Port("position", "", "measured"),),
-    outputs=(Port("command", "", "what the lag is told"),),
-    settings=(Port("gain", "", "k"), Port("target", "", "r")),
-)
+BLOCK = Block(step)
 """
-HANGS = "while p[0] > 0.0:\n            y[0] += u[0]"
+HANGS = "while p.gain > 0.0:\n            y.command += u.position"
 RAISES = 'raise ValueError("too late")'
 QUIET = ("--quiet", "--no-figure")
 LOCKSTEP = ("--pacing", "lockstep")
@@ -68,13 +76,13 @@ def test_a_step_that_raises_is_told_with_its_line(tmp_path: Path, way: tuple[str
     rig = rig_with(tmp_path, RAISES)
     done = pcpc(way[0], str(rig), *way[1:], *QUIET, "--json", "-o", str(tmp_path / "o"))
     assert done.code == 5 and "Traceback" not in done.err, str(done)
-    assert f"{tmp_path}/law.py:8: ValueError: too late, in `{RAISES}`" in done.err, str(done)
+    assert f"{tmp_path}/law.py:21: ValueError: too late, in `{RAISES}`" in done.err, str(done)
     first = done.summary["faults"][0]
     assert first == "executive: the step of controller ended with an exception, in cycle 101", first
 
 
 def test_a_law_that_returns_nan_is_named_and_no_run_is_ok(tmp_path: Path) -> None:
-    rig = rig_with(tmp_path, 'y[0] = float("nan")')
+    rig = rig_with(tmp_path, 'y.command = float("nan")')
     done = pcpc("simulate", str(rig), *QUIET, "--json", "-o", str(tmp_path / "o"))
     assert done.code == 5, str(done)
     assert done.summary["faults"] == ["executive: controller.command was nan in cycle 101"]

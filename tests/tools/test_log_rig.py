@@ -21,24 +21,19 @@ GAIN = 1.0
 TABLE = [float(x) for x in (Path(__file__).parent / "data" / "table.csv").read_text().split()]
 '''
 READING = (
-    LAW.replace("from pcpc.executive.laws.block import Block, Port, stage", "{imports}")
-    .replace("p[0] * (", "G * p[0] * (")
+    LAW.replace("from pcpc.executive.laws.block import Block, Ports, port, stage", "{imports}")
+    .replace("p.ki_N_ms * (", "G * p.ki_N_ms * (")
     .replace(
         "{imports}",
         "import sys\nfrom pathlib import Path\n\nimport numpy as np\n\n"
-        "from pcpc.executive.laws.block import Block, Port, Prepared, stage\n"
+        "from pcpc.executive.laws.block import Block, Ports, Prepared, port, stage\n"
         "from helper import GAIN, TABLE\n\nG = GAIN * TABLE[1]\n\n\n"
         "def prepare(settings, rate_hz, seed):\n"
         "    shift = np.load('shift.npy') + np.loadtxt(ABSOLUTE)\n"
         "    return Prepared({'ki_N_ms': settings['ki_N_ms'] + shift.sum(), "
         "'target_m': settings['target_m']})\n",
     )
-    .replace(
-        "    settings=(",
-        "    prepare=prepare,\n    parameters=(\n"
-        "        Port('ki_N_ms', 'N/(m s)', 'gain'), Port('target_m', 'm', 'where to'),\n    ),\n"
-        "    settings=(",
-    )
+    .replace("BLOCK = Block(step)", "BLOCK = Block(step, settings=Gains, prepare=prepare)")
 )
 
 

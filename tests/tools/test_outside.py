@@ -12,51 +12,69 @@ from pcpc.executive.log import reader as logs
 MODEL = '''\
 """A mass on a spring: m x'' = F - k x - c x'; one symplectic Euler step a cycle."""
 
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, port, stage
+
+
+class Parameters(Ports):
+    mass_kg = port("kg", "m", None, 0.1, 100.0)
+    spring_N_m = port("N/m", "k", None, 0.0, 1e4)
+    damping_Ns_m = port("N s/m", "c", None, 0.0, 1e3)
+
+
+class States(Ports):
+    x_m = port("m", "position")
+    v_m_s = port("m/s", "velocity")
+
+
+class Inputs(Ports):
+    force_N = port("N", "newest command")
+
+
+class Outputs(Ports):
+    position_m = port("m", "the sample")
 
 
 @stage
-def step(t, dt, p, x, u, y):
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     if t > 0.0:
-        x[1] += dt / p[0] * (u[0] - p[1] * x[0] - p[2] * x[1])
-        x[0] += dt * x[1]
-    y[0] = x[0]
+        force = u.force_N - p.spring_N_m * x.x_m - p.damping_Ns_m * x.v_m_s
+        x.v_m_s += dt / p.mass_kg * force
+        x.x_m += dt * x.v_m_s
+    y.position_m = x.x_m
 
 
-BLOCK = Block(
-    step,
-    inputs=(Port("force_N", "N", "newest command"),),
-    outputs=(Port("position_m", "m", "the sample"),),
-    states=(Port("x_m", "m", "position"), Port("v_m_s", "m/s", "velocity")),
-    settings=(
-        Port("mass_kg", "kg", "m", None, 0.1, 100.0),
-        Port("spring_N_m", "N/m", "k", None, 0.0, 1e4),
-        Port("damping_Ns_m", "N s/m", "c", None, 0.0, 1e3),
-    ),
-)
+BLOCK = Block(step)
 '''
 LAW = '''\
 """Integral control: F' = ki (target - x)."""
 
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, port, stage
+
+
+class Gains(Ports):
+    ki_N_ms = port("N/(m s)", "gain", None, 0.0, 1e4)
+    target_m = port("m", "where to", None, -10.0, 10.0)
+
+
+class States(Ports):
+    sum_N = port("N", "integral")
+
+
+class Inputs(Ports):
+    position_m = port("m", "measured")
+
+
+class Outputs(Ports):
+    force_N = port("N", "command")
 
 
 @stage
-def step(t, dt, p, x, u, y):
-    x[0] += dt * p[0] * (p[1] - u[0])
-    y[0] = x[0]
+def step(t: float, dt: float, p: Gains, x: States, u: Inputs, y: Outputs) -> None:
+    x.sum_N += dt * p.ki_N_ms * (p.target_m - u.position_m)
+    y.force_N = x.sum_N
 
 
-BLOCK = Block(
-    step,
-    inputs=(Port("position_m", "m", "measured"),),
-    outputs=(Port("force_N", "N", "command"),),
-    states=(Port("sum_N", "N", "integral"),),
-    settings=(
-        Port("ki_N_ms", "N/(m s)", "gain", None, 0.0, 1e4),
-        Port("target_m", "m", "where to", None, -10.0, 10.0),
-    ),
-)
+BLOCK = Block(step)
 '''
 RIG = """\
 rig: spring

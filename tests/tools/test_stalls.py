@@ -14,29 +14,27 @@ from pcpc.executive.loop import shared as sh
 
 PERIOD_NS = 1_000_000
 SLOW = """\
-from pcpc.executive.laws.block import Block, Port, stage
+from pcpc.executive.laws.block import Block, Ports, port, stage
 from pcpc.executive.laws.controllers.barrel import pd
 from pcpc.executive.laws.emath import sin
 
 
+class Work(Ports):
+    sines = port("", "how many sines a step takes", 0.0, 0.0, 1e9)
+
+
+class States(Ports):
+    s = port("", "the last sine")
+
+
 @stage
-def step(t, dt, p, x, u, y):
-    e = u[0] - (u[2] + u[3])
-    y[0] = 0.0
-    y[1] = 0.0
-    y[2] = e
-    y[3] = 0.0
-    for i in range(int(p[0])):
-        x[0] = sin(x[0] + 1.0)
+def step(t: float, dt: float, p: Work, x: States, u: pd.Inputs, y: pd.Outputs) -> None:
+    y.e_rad = u.q_d_rad - (u.encoder_rad + u.hull_pitch_rad)
+    for _ in range(int(p.sines)):
+        x.s = sin(x.s + 1.0)
 
 
-BLOCK = Block(
-    step,
-    inputs=pd.INPUTS,
-    outputs=pd.OUTPUTS,
-    settings=(Port("sines", "", "how many sines a step takes", 0.0, 0.0, 1e9),),
-    states=(Port("s", "", "the last sine"),),
-)
+BLOCK = Block(step)
 """
 
 

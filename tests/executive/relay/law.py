@@ -1,32 +1,57 @@
 """The laws of the relay."""
 
-from typing import Any
+from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
 
-from pcpc.executive.laws.block import Block, Port, stage
+
+class Target(Ports):
+    """Of the asking node."""
+
+    target = port("", "where to", None, -10.0, 10.0)
+
+
+class Told(Ports):
+    """What the asking node hears."""
+
+    position = port("", "told")
+
+
+class Asked(Ports):
+    """What it asks for."""
+
+    asked = port("", "asked for")
+    e = port("", "what is missing")
+
+
+class Gain(Ports):
+    """Of the node between."""
+
+    gain = port("", "of the error", None, 0.0, 100.0)
+
+
+class Wanted(Ports):
+    """What it hears from both sides."""
+
+    target = port("", "asked for")
+    position = port("", "measured")
+
+
+class Command(Ports):
+    """What it says to the plant."""
+
+    command = port("", "of the lag")
 
 
 @stage
-def ask_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def ask_step(t: float, dt: float, p: Target, x: Nothing, u: Told, y: Asked) -> None:
     """Ask for the target; remember the largest error seen."""
-    y[0] = p[0]
-    y[1] = p[0] - u[0]
+    y.asked = p.target
+    y.e = p.target - u.position
 
 
 @stage
-def servo_step(t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def servo_step(t: float, dt: float, p: Gain, x: Nothing, u: Wanted, y: Command) -> None:
     """Drive the lag towards what is asked."""
-    y[0] = p[0] * (u[0] - u[1])
+    y.command = p.gain * (u.target - u.position)
 
 
-ASK = Block(
-    ask_step,
-    inputs=(Port("position", "", "told"),),
-    outputs=(Port("asked", "", "asked for"), Port("e", "", "what is missing")),
-    settings=(Port("target", "", "where to", None, -10.0, 10.0),),
-)
-SERVO = Block(
-    servo_step,
-    inputs=(Port("target", "", "asked for"), Port("position", "", "measured")),
-    outputs=(Port("command", "", "of the lag"),),
-    settings=(Port("gain", "", "of the error", None, 0.0, 100.0),),
-)
+ASK, SERVO = Block(ask_step), Block(servo_step)
