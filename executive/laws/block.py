@@ -22,10 +22,11 @@ from typing import Any
 from pcpc.drivers.jit import inline
 from pcpc.drivers.stage import Stage, stage
 from pcpc.drivers.views import flat
-from pcpc.executive.laws.ports import Nothing, Port, Ports, group, port
+from pcpc.executive.laws.ports import Nothing, Port, Ports, group, port, required
 
 __all__ = [
-    "Block", "Nothing", "Port", "Ports", "Prepared", "flat", "group", "inline", "port", "stage",
+    "Block", "Nothing", "Port", "Ports", "Prepared", "flat", "group", "inline", "port", "required",
+    "stage",
 ]  # fmt: skip
 
 

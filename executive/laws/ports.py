@@ -103,6 +103,16 @@ def group(ports: type[_T], prefix: str = "", recorded: bool = True) -> _T:
     return cast(_T, _Group(ports, prefix, recorded))
 
 
+def required(ports: type[_T]) -> type[_T]:
+    """Return the declaration without its defaults: a rig must give every port. No groups."""
+    bare = {
+        name: replace(what, about=replace(what.about, default=None), defaults=())
+        for name, what in ports._declared.items()
+        if isinstance(what, _Declared)
+    }
+    return cast("type[_T]", type(ports.__name__, (Ports,), {"__doc__": ports.__doc__, **bare}))
+
+
 @dataclass(frozen=True)
 class _Group:
     ports: "type[Ports]"

@@ -30,10 +30,18 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 6.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
-from pcpc.executive.laws.block import Block, Port, Ports, Prepared, group, inline, port, stage
+from pcpc.executive.laws.block import (
+    Block,
+    Ports,
+    Prepared,
+    group,
+    inline,
+    port,
+    required,
+    stage,
+)
 from pcpc.executive.laws.emath import clip, sin, tanh, where
 from pcpc.executive.laws.models import hydraulic_strut as hydraulic
 from pcpc.plants.integrate import runge_kutta, scratch
@@ -84,12 +92,8 @@ class Run(Ports):
     kick_m_s = port("m/s", "speed of the body at the start", 0.0, -10.0, 10.0)
 
 
-# the plant has no strut of its own: a rig gives all dimensions
-SETTINGS: tuple[Port, ...] = (
-    *Car.ports,
-    *(replace(one, default=None) for one in hydraulic.Dimensions.ports),
-    *Run.ports,
-)
+class Settings(Car, required(hydraulic.Dimensions), Run):  # type: ignore[misc]
+    """What a rig gives: all dimensions too, for the plant has no strut of its own."""
 
 
 class Motion(Ports):
@@ -275,4 +279,4 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     return Prepared({**shared, **hydraulic.hydraulics(settings, weight)}, states)
 
 
-BLOCK = Block(step, settings=SETTINGS, prepare=prepare)
+BLOCK = Block(step, settings=Settings, prepare=prepare)
