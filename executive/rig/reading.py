@@ -24,6 +24,7 @@ import msgspec
 
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig.alike import take_over
 from pcpc.executive.rig.blocks import BlockSpec, blocks, entries, law_keys, parameters_file
 from pcpc.executive.rig.carried import Reads, listed, merge
 from pcpc.executive.rig.modules import project_name
@@ -164,6 +165,7 @@ def load_rig(
     """
     document = yamlfile.load(path, text)
     _check_texts(document, document.data, ())
+    take_over(document)
     config = convert(document, document.data, Config, ())
     if controller is not None:
         place = Place(document.path, option=f"--controller {controller}")

@@ -94,6 +94,7 @@ class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A controller: a law with its settings, and wiring beyond that of all controllers.
 
     `lockstep_only`: why a clock would break it (one sample more of delay); "" where it would not.
+    `like` stands for what another controller gives, see `rig.alike`; it is carried out before.
     """
 
     law: str

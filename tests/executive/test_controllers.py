@@ -196,7 +196,7 @@ def test_the_integral_is_frozen_in_saturation(sign: float) -> None:
     assert abs(law.x[0]) < last, "it does not come back"
 
 
-PARTS = {"boundary_layer", "tracking_network"}  # of several laws
+PARTS = {"boundary_layer", "network_inputs", "tracking_network"}  # of several laws
 LAW_FILES = {n for n, m in resolve.shipped().items() if ".controllers." in m} - PARTS
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +114,8 @@ def test_the_memory_of_a_node_is_tried_and_let_go() -> None:
 def test_an_empty_cache_is_cold_and_one_with_code_is_warm(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     cold = doctor.compile_cache_row()
     assert (cold.state, cold.cure[:14]) == ("warn", "pcpc simulate "), cold
     assert not any(tmp_path.iterdir()), "the doctor wrote into the cache"

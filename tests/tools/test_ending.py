@@ -136,9 +136,10 @@ def test_a_working_folder_that_is_gone_is_said(
 
 
 def test_a_mistake_of_the_program_keeps_its_traceback() -> None:
+    before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(ZeroDivisionError):
         ending.ended(lambda: 1 // 0, goes_on=True)
-    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 def test_an_experiment_without_matplotlib_runs_nothing(tmp_path: Path) -> None:

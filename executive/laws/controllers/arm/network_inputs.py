@@ -2,7 +2,8 @@
 
     x = [1, e1, e2, e1', e2', q_d1, q_d2, q_d1', q_d2', q_d1'', q_d2'']                      (1)
 
-Weights rest in a cycle without new measurements. rad, rad/s.
+Weights rest in a cycle without new measurements. rad, rad/s. Source: Lewis, Campos, Selmic (SIAM
+2002), chapters 3 and 7.
 """
 
 from typing import Any

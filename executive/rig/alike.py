@@ -1,0 +1,76 @@
+"""Controllers that are like others: each number stands in one place of a rig file.
+
+    controllers:
+      pd:      {law: pd, parameters: {kv_Nms_rad: 110.0, lam_per_s: 16.0}}
+      pd_star: {like: pd, parameters: {lam_per_s: 20.0}}
+      pd_nn:   {like: pd, law: pd_nn, parameters: {kappa: 0.01}}
+      both:    {like: [pd_nn, pd_fast], law: pd_nn_fast}
+
+What the entry itself gives rules, then the last name of a list, then the one before it; null takes
+a key away. The names mean the entries as they are after all `base:` files. What is taken over keeps
+the place where it was written, for messages.
+"""
+
+import copy
+from typing import Any
+
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig.yamlfile import Document, Keys
+
+_SECTION = "controllers"
+
+
+def take_over(document: Document) -> None:
+    """Carry out every `like` in the document's controllers; RigError with its place."""
+    controllers = document.data.get(_SECTION)
+    if isinstance(controllers, dict):
+        for name in controllers:
+            _take_over(document, controllers, name, ())
+
+
+def _take_over(
+    document: Document, controllers: dict[str, Any], name: str, above: tuple[str, ...]
+) -> None:
+    entry, keys = controllers[name], (_SECTION, name, "like")
+    if not isinstance(entry, dict) or "like" not in entry:
+        return
+    likes = entry["like"] if isinstance(entry["like"], list) else [entry["like"]]
+    for other in likes:
+        if not isinstance(other, str):
+            what = f"expected the name of a controller, or a list of names, got {other!r}"
+            raise document.error(keys, what)
+        if other in (*above, name):
+            chain = " -> ".join((*above, name, other))
+            raise document.error(keys, f"the controllers build on each other: {chain}")
+        if other not in controllers:
+            what = f"no controller {other}{did_you_mean(other, controllers)}"
+            raise document.error(keys, what)
+        _take_over(document, controllers, other, (*above, name))
+    del entry["like"]
+    for other in reversed(likes):
+        if isinstance(controllers[other], dict):
+            _fill(document, (_SECTION, name), entry, (_SECTION, other), controllers[other])
+    _drop_nulls(entry)
+
+
+def _fill(
+    document: Document, to: Keys, mine: dict[str, Any], source: Keys, theirs: dict[str, Any]
+) -> None:
+    """Copy what `mine` lacks from `theirs`, with its places."""
+    for key, value in theirs.items():
+        if key not in mine:
+            mine[key] = copy.deepcopy(value)
+            there = (*source, key)
+            for keys, place in list(document.places.items()):
+                if keys[: len(there)] == there:
+                    document.places[(*to, key, *keys[len(there) :])] = place
+        elif isinstance(mine[key], dict) and isinstance(value, dict):
+            _fill(document, (*to, key), mine[key], (*source, key), value)
+
+
+def _drop_nulls(entry: dict[str, Any]) -> None:
+    for key in [key for key, value in entry.items() if value is None]:
+        del entry[key]
+    for value in entry.values():
+        if isinstance(value, dict):
+            _drop_nulls(value)
