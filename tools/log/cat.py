@@ -28,6 +28,7 @@ from pcpc.executive.log.mcap_reader import Scan, walk
 from pcpc.tools.log import source
 from pcpc.tools.log.outfile import LOSS, LogCommandError
 from pcpc.tools.log.series import label, seconds
+from pcpc.tools.log.tally import senseless
 from pcpc.tools.progress import Progress
 
 FORMATS = ("csv", "ndjson", "candump")
@@ -158,7 +159,7 @@ class Printer:
 
     def left_out(self) -> list[str]:
         """Return a line for each topic of which messages are not printed: they make no sense."""
-        return [f"{topic}: {n} messages make no sense" for topic, n in self._left_out.items() if n]
+        return senseless(self._left_out)
 
     def _time_s(self, rows: NDArray[Any]) -> list[float]:
         times: list[float] = ((rows["log_time"].astype(np.int64) - self.zero_ns) / 1e9).tolist()

@@ -18,6 +18,7 @@ E2E_STATES = (  # of drivers.e2e, which imports numba
 )  # fmt: skip
 DIRECTIONS = ("sent", "received")
 _AT_ONCE = 100_000  # frames counted at once
+_NAME = 80  # letters of a name that are shown
 
 
 @dataclass
@@ -99,7 +100,7 @@ class Tally:
 
     def left_out(self) -> list[str]:
         """Return a line for each topic of which messages are not counted: they make no sense."""
-        return [f"{topic}: {n} messages make no sense" for topic, n in self._left_out.items() if n]
+        return senseless(self._left_out)
 
     def duration_s(self, topic: str) -> float:
         """Return the time from the first message of a topic to its last."""
@@ -143,3 +144,13 @@ class Tally:
         """Return messages and bytes, as they were before compression, of all topics."""
         names = [channel.topic for channel in self.found.channels.values()]
         return [{"topic": n, "messages": self.messages[n], "bytes": self.bytes[n]} for n in names]
+
+
+def senseless(left_out: Mapping[str, int]) -> list[str]:
+    """Return a line for each topic with so many messages that make no sense."""
+    return [f"{cut(topic)}: {n} messages make no sense" for topic, n in left_out.items() if n]
+
+
+def cut(name: str) -> str:
+    """Return a name from a file, as long as a line can hold."""
+    return name if len(name) <= _NAME else f"{name[: _NAME - 3]}..."
