@@ -7,17 +7,16 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from stepped import Stepped
+from stepped import Stepped, gains
 
 from pcpc.executive.laws.controllers.arm import friction_nn, network_inputs
 from pcpc.plants.friction_arm import model
 
 Vector = NDArray[np.float64]
 FOLDER = Path(model.__file__).parent
-_RIG = yaml.safe_load((FOLDER / "rig.yaml").read_text())
 _GROUPS = yaml.safe_load((FOLDER / "parameters.yaml").read_text())
 ARM = {name: entry["value"] for group in _GROUPS.values() for name, entry in group.items()}
-LAW = _RIG["controllers"]["nn_step"]["parameters"]
+LAW = gains(FOLDER)["nn_step"]
 
 
 class Loop:

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from stepped import gains
 
 from pcpc.plants.payload_arm import model
 
 Vector = NDArray[np.float64]
 FOLDER = Path(model.__file__).parent
-_RIG = yaml.safe_load((FOLDER / "rig.yaml").read_text())
 _GROUPS = yaml.safe_load((FOLDER / "parameters.yaml").read_text())
 ARM = {name: entry["value"] for group in _GROUPS.values() for name, entry in group.items()}
-LAW = _RIG["controllers"]["critic"]["parameters"]
+LAW = gains(FOLDER)["critic"]
 
 
 def sigma(x: Any) -> Any:

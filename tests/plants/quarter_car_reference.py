@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from stepped import gains
 
 from pcpc.executive.laws.block import Block, Port
 from pcpc.executive.laws.controllers.strut import strut_backstepping, strut_outer, strut_pid
@@ -16,9 +17,8 @@ from pcpc.plants.quarter_car import model
 Vector = NDArray[np.float64]
 FOLDER = Path(model.__file__).parent
 _GROUPS = yaml.safe_load((FOLDER / "parameters.yaml").read_text())
-_RIG = yaml.safe_load((FOLDER / "rig.yaml").read_text())
 CAR = {name: entry["value"] for group in _GROUPS.values() for name, entry in group.items()}
-GAINS = {name: law["parameters"] for name, law in _RIG["controllers"].items()}
+GAINS = gains(FOLDER)
 BLOCKS = {
     "fl": strut_backstepping.BLOCK, "no_fl": strut_backstepping.BLOCK, "pid": strut_pid.BLOCK,
     "outer": strut_outer.BLOCK,

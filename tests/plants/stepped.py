@@ -9,6 +9,7 @@ import yaml
 from numpy.typing import NDArray
 
 from pcpc.executive.laws.block import Block, Port
+from pcpc.executive.rig.reading import load_rig
 
 Vector = NDArray[np.float64]
 
@@ -17,6 +18,12 @@ def parameters(plant: Path) -> dict[str, float]:
     """Return the values of a plant's parameters.yaml."""
     groups = yaml.safe_load((plant / "parameters.yaml").read_text())
     return {name: entry["value"] for group in groups.values() for name, entry in group.items()}
+
+
+def gains(plant: Path) -> dict[str, dict[str, float]]:
+    """Return the parameters that a plant's first rig gives each controller."""
+    rig = load_rig(min((plant / "rigs").glob("*.yaml")), resolve=False)
+    return {name: law.parameters for name, law in rig.config.controllers.items()}
 
 
 class Stepped:

@@ -15,6 +15,7 @@ from logcommand import barrel_log, run
 
 from pcpc.executive.log import reader as logs
 from pcpc.tools.log import cat
+from pcpc.tools.log.tally import senseless
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -123,3 +124,8 @@ def test_damaged_log_is_printed_as_far_as_it_is_readable(tmp_path: Path) -> None
     done = run(cat, "cat", tmp_path / "cut.mcap")
     assert done.code == 3 and done.out.count("\n") == 301, f"{done.code}, {done.err}"
     assert "damaged or cut" in done.err, done.err
+
+
+def test_a_name_that_no_line_holds_is_cut() -> None:
+    (line,) = senseless({"9" * 5000: 136, "/state": 0})
+    assert line == f"{'9' * 77}...: 136 messages make no sense"
