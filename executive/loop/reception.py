@@ -1,4 +1,10 @@
-"""One frame that came: told apart from others, checked, decoded, counted, recorded."""
+"""One frame that came, from the bus to the table.
+
+take_frame   whose is it: one of ours, a stranger's, or part of the meeting of the nodes
+disturbed    what the rig does to it on purpose; the one seam between wire and acceptance
+accept       counter and CRC
+decode       signals to the table; or refuse, which counts why not
+"""
 
 from typing import Any
 
@@ -36,37 +42,64 @@ def take_frame(n: Any) -> Any:
 
 @loop_function
 def use_frame(n: Any, row: Any) -> Any:
-    """Check and decode `wire.rx`, a frame of `row`; return the row, -1 if it is lost on purpose."""
-    frame = n.wire.rx
+    """Disturb, accept and decode `wire.rx`, a frame of `row`; return the row, -1 if it is lost."""
     after_loss = n.loss_state[row, losses.LOST]
-    if is_lost(n, row):
-        n.control[sh.LOST_ON_PURPOSE] += 1
-        n.started += n.rx_role[row, sh.STARTS]  # nobody waits for it
-        push_frame(n, frame, 1, e2e.ON_PURPOSE)
+    if disturbed(n, row):
         return np.int64(-1)
-    data = frame[8:16]
-    used_before = n.rx_state[row, e2e.FRESH]
-    state, lost = e2e.check(data, np.int64(frame[4]), row, n.rx, n.rx_state)
+    new = n.rx_state[row, e2e.FRESH] == 0
+    state = accept(n, row)
+    if state == e2e.OK or state == e2e.OK_SOME_LOST:
+        decode(n, row, new)
+    else:
+        refuse(n, row, state, after_loss)
+    return row
+
+
+@loop_function
+def disturbed(n: Any, row: Any) -> Any:
+    """Do to the frame what the rig wants of its bus; return True if nothing is left of it."""
+    if not is_lost(n, row):
+        return False
+    n.control[sh.LOST_ON_PURPOSE] += 1
+    n.started += n.rx_role[row, sh.STARTS]  # nobody waits for it
+    push_frame(n, n.wire.rx, 1, e2e.ON_PURPOSE)
+    return True
+
+
+@loop_function
+def accept(n: Any, row: Any) -> Any:
+    """Check counter and CRC, record the frame; return its state."""
+    frame = n.wire.rx
+    state, lost = e2e.check(frame[8:16], np.int64(frame[4]), row, n.rx, n.rx_state)
     push_frame(n, frame, 1, state)
     n.control[sh.LOST] += lost
-    if state == e2e.OK or state == e2e.OK_SOME_LOST:
-        codec.unpack(data, row, n.rx, n.rx_signals, n.rx_scales, n.v)
-        n.control[sh.RECEIVED] += 1
-        if used_before == 0:
-            n.started += n.rx_role[row, sh.STARTS]
-            n.fresh += n.rx_role[row, sh.AWAITED]
-            if n.wire.n_second > 0 and n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
-                n.wire.muted = 1  # what follows this SYNC belongs to the next cycle
-    elif state == e2e.ERROR:
+    return state
+
+
+@loop_function
+def decode(n: Any, row: Any, new: Any) -> None:
+    """Write the frame's signals to the table; `new`: it is the first of its row in this cycle."""
+    codec.unpack(n.wire.rx[8:16], row, n.rx, n.rx_signals, n.rx_scales, n.v)
+    n.control[sh.RECEIVED] += 1
+    if new:
+        n.started += n.rx_role[row, sh.STARTS]
+        n.fresh += n.rx_role[row, sh.AWAITED]
+        if n.wire.n_second > 0 and n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
+            n.wire.muted = 1  # what follows this SYNC belongs to the next cycle
+
+
+@loop_function
+def refuse(n: Any, row: Any, state: Any, after_loss: Any) -> None:
+    """Count a frame that is not used, by its state; after a loss on purpose it is no mistake."""
+    if state == e2e.ERROR:
         n.control[sh.CRC_ERRORS] += 1
     elif state == e2e.REPEATED:
         n.started += n.rx_role[row, sh.STARTS] * after_loss  # of a whole turn of the counter
         n.control[sh.REPEATED] += 1 - after_loss
         if after_loss == 0 and n.rx_role[row, sh.STARTS] + n.rx_role[row, sh.AWAITED] > 0:
-            note_repeat(n, word_of(frame))
+            note_repeat(n, word_of(n.wire.rx))
     elif state == e2e.WRONG_SEQUENCE:
         n.control[sh.WRONG_SEQUENCE] += 1 - after_loss
         if n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
             n.wire.muted = 1
         n.started += n.rx_role[row, sh.STARTS]  # it came; the next one will be trusted
-    return row
