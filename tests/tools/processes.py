@@ -48,11 +48,16 @@ def until(met: Callable[[], Any], what: str, within_s: float = DEADLINE_S) -> An
 
 
 def alive(pid: int) -> bool:
-    """Return whether a process runs; one that only waits to be reaped does not."""
+    """Return whether a process runs; one that only waits to be reaped does not.
+
+    While one of its threads ends, a process that was killed still holds its sockets.
+    """
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+        threads = list(Path(f"/proc/{pid}/task").iterdir())
+        states = [(t / "stat").read_text().rpartition(")")[2].split()[0] for t in threads]
+        return any(state not in "ZX" for state in states)
     except OSError:
-        return False
+        return Path(f"/proc/{pid}/task").exists()  # one ended just now: look again
 
 
 def blocks_left(bus: str) -> list[str]:
