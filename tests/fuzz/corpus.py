@@ -259,7 +259,7 @@ def describe(random: random.Random, parts: Parts) -> None:
         one = random.choice(about)
         try:
             value = json.loads(one.data)
-        except ValueError:
+        except (ValueError, RecursionError):
             value = {}
         odd = [b"[" * 100000, b"", b"5", b"\xff", _json(_changed(random, value))]
         data = random.choice([*odd, *(_json(_changed(random, value)) for _ in range(8))])
