@@ -155,7 +155,9 @@ def frame(message: Message) -> Frame:
         protected=bool(tail),
         has_sequence="sequence" in tail,
         counter=_counter(message.get_signal_by_name(tail[0]), where) if tail else (0, 0, 0),
-        signals=tuple(_signal(s, where) for s in message.signals if s.name not in tail),
+        signals=tuple(
+            _signal(s, message.length, where) for s in message.signals if s.name not in tail
+        ),
         help=printable(message.comment or "", _BREAKS),
     )
 
@@ -196,8 +198,13 @@ def _counter(signal: DbcSignal, where: str) -> tuple[int, int, int]:
     return byte, shift, (1 << signal.length) - 1
 
 
-def _signal(signal: DbcSignal, where: str) -> Signal:
+def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
     where = f"{where}: {signal.name}"
+    begins, big = signal.start, signal.byte_order == "big_endian"
+    first = begins // 8 * 8 + 7 - begins % 8 if big else begins  # from the frame's first bit
+    if not 0 <= first < first + signal.length <= 8 * dlc:
+        what = f"bits {begins}|{signal.length} do not lie in the {dlc} bytes"
+        raise DbcError(f"{where}: {what}; correct start and length")
     factor, offset = _real(signal.scale), _real(signal.offset)
     if factor == 0 or not math.isfinite(factor) or not math.isfinite(offset):
         what = f"factor {factor}, offset {offset}; must be finite, factor not 0"

@@ -3,10 +3,11 @@
 import time
 from pathlib import Path
 
+import cantools
 import pytest
 
 from pcpc.drivers import dbc
-from pcpc.drivers.dbc import BusError
+from pcpc.drivers.dbc import BusError, DbcError
 
 HEAD = 'VERSION "1"\nBU_: A B\n'
 CYCLIC = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'
@@ -222,3 +223,11 @@ def test_a_long_name_that_is_no_name_is_refused(tmp_path: Path) -> None:
     )
     text = refusal(written(tmp_path, body))
     assert r"'a.b\x1b[2J' is no name" in text, text
+
+
+@pytest.mark.parametrize("bits", ["60|8@1", "0|65@1", "200|8@1", "58|8@0", "3|66@0"])
+def test_a_signal_outside_of_its_frame_is_refused_where_cantools_let_it_pass(bits: str) -> None:
+    text = f'VERSION ""\nBU_: A\nBO_ 5 F: 8 A\n SG_ s : {bits}+ (1,0) [0|0] "" A\n' + CYCLIC
+    database = cantools.database.load_string(text, "dbc", strict=False)
+    with pytest.raises(DbcError, match=r"frame F: s: bits .* do not lie in the 8 bytes"):
+        dbc.frame(database.messages[0])  # type: ignore[union-attr]
