@@ -1,6 +1,6 @@
 """The keys of a rig file and of a plant's parameters file, with types and ranges."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta, Struct
 
@@ -96,6 +96,8 @@ class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     `lockstep_only`: why a clock would break it (one sample more of delay); "" where it would not.
     `like` stands for what another controller gives, see `rig.alike`; it is carried out before.
     """
+
+    carried_out: ClassVar[tuple[str, ...]] = ("like",)  # keys that are known, and gone by now
 
     law: str
     lockstep_only: str = ""

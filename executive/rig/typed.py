@@ -27,7 +27,8 @@ def _descend(document: Document, data: Any, kind: Any, keys: Keys) -> None:
         fields = {info.encode_name: info for info in msgspec.structs.fields(kind)}
         for key in data:
             if key not in fields:
-                raise document.error((*keys, key), f"unknown key{did_you_mean(key, fields)}")
+                known = (*getattr(kind, "carried_out", ()), *fields)
+                raise document.error((*keys, key), f"unknown key{did_you_mean(key, known)}")
         for name, info in fields.items():
             if name in data:
                 convert(document, data[name], info.type, (*keys, name))

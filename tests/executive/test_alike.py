@@ -66,6 +66,14 @@ def test_a_wrong_like_is_told_with_its_place(tmp_path: Path, entry: str, said: s
     assert said in str(refused.value) and "rig.yaml:" in str(refused.value), refused.value
 
 
+def test_a_mistyped_like_is_told(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(
+        f"base: {ROOT}/plants/atb1000/rigs/hull.yaml\ncontrollers: {{mine: {{lik: pd}}}}\n"
+    )
+    with pytest.raises(RigError, match=r"controllers\.mine\.lik: unknown key; did you mean like"):
+        load_rig(tmp_path / "rig.yaml")
+
+
 def test_a_setting_on_the_command_line_is_of_the_chosen_controller_alone() -> None:
     file = ROOT / "plants/atb1000/rigs/hull.yaml"
     kv = {

@@ -10,7 +10,17 @@ import pytest
 from numpy.typing import NDArray
 
 from pcpc.drivers.stage import Stage
-from pcpc.executive.laws.block import Block, Nothing, Ports, flat, group, inline, port, stage
+from pcpc.executive.laws.block import (
+    Block,
+    Nothing,
+    Ports,
+    flat,
+    group,
+    inline,
+    port,
+    required,
+    stage,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -166,3 +176,14 @@ def test_a_changed_layout_is_another_type() -> None:
 
     kinds = {View(d.layout).name.partition(",")[2] for d in (Inner, Same, Other, Inner2)}
     assert len(kinds) == 3, kinds
+
+
+def test_required_takes_every_default_away_and_nothing_else() -> None:
+    class Given(Ports):
+        a = port("m", "one", 1.0, -2.0, 2.0)
+        q_rad = port("rad", "two", (0.5, -0.5), shape=2, named="q_#_rad")
+
+    bare = required(Given)
+    assert [one.default for one in Given.ports] == [1.0, 0.5, -0.5]
+    assert [one.default for one in bare.ports] == [None, None, None]
+    assert bare.layout == Given.layout and bare.ports[0].low == -2.0

@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+import golden
 import pytest
 import zstandard
 from golden import LOG_BYTES, blessed, changes, missing, packed_log, rigs, whole
@@ -33,6 +34,12 @@ def test_a_whole_run_has_the_blessed_bits(name: str) -> None:
     assert not found, "\n".join((*found, BLESS))
 
 
-def test_every_rig_and_every_judged_controller_has_a_golden_run() -> None:
+def test_every_rig_and_every_judged_controller_has_a_golden_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     without = missing()
     assert not without, f"make bless PLANT={' PLANT='.join(without)}"
+    monkeypatch.setattr(golden, "blessed", lambda plant: {"engage": {"controller": "pd_nn_fast"}})
+    without = missing("atb1000")
+    assert {"atb1000/hull=pd", "atb1000/bang10=pid"} <= set(without), without
+    assert not any("engage" in pair for pair in without), without
