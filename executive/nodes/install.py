@@ -64,14 +64,13 @@ def install(made: Plan, loop: Any) -> None:
 
 
 def _install_schedule(made: Plan, loop: Any) -> None:
-    config, realtime = made.rig.config, made.rig.config.realtime
+    config = made.rig.config
     leads = made.role == "executive"
     loop.is_plant = made.role == "plant"
     clocked = made.pacing == "real" or (made.pacing == "sync" and leads)
     loop.trigger = CLOCKED if clocked else ON_FRAMES
     loop.period_ns = round(1e9 / config.rate_hz)
-    phase = {"executive": 0.0, "local": realtime.local_phase, "plant": realtime.plant_phase}
-    loop.phase_ns = round(loop.period_ns * phase[made.role])
+    loop.phase_ns = round(loop.period_ns * config.realtime.of(made.role).phase)
     loop.late_ns = round(loop.period_ns * config.realtime.late_fraction)
     loop.cycles = cycles_of(made.rig) if leads else 2**62
     loop.arm_pass = 0 if leads else 1

@@ -257,13 +257,8 @@ class Process:
 
     def _loop(self, block: sh.Shared) -> None:
         """Do the real-time settings, the self-test, then the compiled loop."""
-        settings = self.rig.config.realtime
-        priority = {
-            "executive": settings.priority, "local": settings.local_priority,
-            "plant": settings.plant_priority,
-        }[self.role]  # fmt: skip
-        cpu = settings.plant_cpu if self.role == "plant" else settings.cpu
-        self.report += realtime.prepare_thread(priority, cpu)
+        settings = self.rig.config.realtime.of(self.role)
+        self.report += realtime.prepare_thread(settings.priority, settings.cpu)
         selftest()
         warning = self.report.warning()
         if warning and self.pacing != "lockstep":

@@ -8,7 +8,7 @@ import msgspec
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.resolve import Use, resolve
-from pcpc.executive.rig.schema import Config
+from pcpc.executive.rig.schema import EARLIER, Config
 from pcpc.executive.rig.typed import convert
 from pcpc.executive.rig.yamlfile import Document, Keys, Place, dotted
 
@@ -16,6 +16,7 @@ from pcpc.executive.rig.yamlfile import Document, Keys, Place, dotted
 def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
     """Put the `--set` options into the data, keys of the rig first: one may be `controller`."""
     keys_of = dict(_leaves(msgspec.to_builtins(config), ()))
+    keys_of |= {dotted(earlier): keys for earlier, keys in EARLIER.items()}
     blocks = {name: role for role, node in config.sections.items() for name in node.blocks}
     rest: list[tuple[str, Any, Place]] = []
     for setting in settings:
@@ -38,6 +39,18 @@ def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
         own: Keys = (blocks[block], "blocks", block)
         keys = ("controllers", chosen) if block == "controller" else own
         document.put((*keys, "parameters", setting), value, place)
+
+
+def rename(document: Document) -> None:
+    """Put what stands under keys of earlier versions, as in their logs, under today's."""
+    for earlier, keys in EARLIER.items():
+        if earlier not in document.places:
+            continue
+        if keys[:-1] in document.places:
+            where = document.where(keys[:-1])
+            raise document.error(earlier, f"is {dotted(keys)} today; write it there, {where}")
+        around = _at(document.data, earlier[:-1])
+        document.put(keys, around.pop(earlier[-1]), document.places.pop(earlier))
 
 
 def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys]) -> str:

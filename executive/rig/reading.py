@@ -28,7 +28,7 @@ from pcpc.executive.rig.alike import take_over
 from pcpc.executive.rig.blocks import BlockSpec, blocks, entries, law_keys, parameters_file
 from pcpc.executive.rig.carried import Reads, listed, merge
 from pcpc.executive.rig.modules import project_name
-from pcpc.executive.rig.options import apply, unknown_controller
+from pcpc.executive.rig.options import apply, rename, unknown_controller
 from pcpc.executive.rig.resolve import source
 from pcpc.executive.rig.roles import ROLES, Role
 from pcpc.executive.rig.schema import FALLBACK, Config, Evaluation, Limit
@@ -165,6 +165,7 @@ def load_rig(
     """
     document = yamlfile.load(path, text)
     _check_texts(document, document.data, ())
+    rename(document)
     take_over(document)
     config = convert(document, document.data, Config, ())
     if controller is not None:

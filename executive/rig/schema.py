@@ -5,7 +5,17 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta, Struct
 
 from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.yamlfile import Keys
 
+EARLIER: dict[Keys, Keys] = {  # keys of earlier versions and of their logs, and today's
+    ("realtime", f"{prefix}{key}"): ("realtime", role, key)
+    for role, prefix, keys in (
+        ("executive", "", ("priority", "cpu")),
+        ("local", "local_", ("priority", "phase")),
+        ("plant", "plant_", ("priority", "phase", "cpu")),
+    )
+    for key in keys
+}
 FALLBACK = "fallback"  # name of the block that waits for `overrun.fallback`
 Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]{1,64}\Z")]  # it becomes part of a file's name
 BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]{0,63}\Z")]
@@ -35,22 +45,43 @@ class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     peer_timeout_s: Annotated[float, Meta(gt=0, le=1e6)] = 300.0
 
 
-class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Scheduling. `plant_phase`: fraction of a period by which the plant's cycle follows.
+class Scheduling(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Of a node: SCHED_FIFO `priority`, and the processor to stay on with it, null for any.
 
-    `local_phase`, `local_priority`: the same of a local node, which rigs of three nodes have.
-    `late_fraction`: fraction of a period after which a wake-up counts as late. `cpu`, `plant_cpu`:
-    the processor to stay on, with SCHED_FIFO only.
+    `phase`: fraction of a period by which its cycles lie behind the common grid of whole periods.
     """
 
-    priority: Priority = 80
-    plant_priority: Priority = 70
-    plant_phase: Fraction = 0.5
-    late_fraction: Fraction = 0.1
-    local_phase: Fraction = 0.3333
-    local_priority: Priority = 75
+    priority: Priority
+    phase: Fraction
     cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
-    plant_cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
+
+
+class _Executive(Scheduling, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    priority: Priority = 80
+    phase: Fraction = 0.0
+
+
+class _Local(Scheduling, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    priority: Priority = 75
+    phase: Fraction = 0.3333
+
+
+class _Plant(Scheduling, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    priority: Priority = 70
+    phase: Fraction = 0.5
+
+
+class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Scheduling of each node; `late_fraction` of a period after its time a wake-up is late."""
+
+    executive: _Executive = _Executive()
+    local: _Local = _Local()
+    plant: _Plant = _Plant()
+    late_fraction: Fraction = 0.1
+
+    def of(self, role: Role) -> Scheduling:
+        """Return the settings of a node."""
+        return {"executive": self.executive, "local": self.local, "plant": self.plant}[role]
 
 
 class Overrun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

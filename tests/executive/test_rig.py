@@ -16,6 +16,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.rig import resolve
 from pcpc.executive.rig.modules import project_name
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.roles import ROLES
 
 ROOT = Path(__file__).resolve().parents[2]
 RIG = """\
@@ -141,13 +142,30 @@ def test_a_rig_has_its_values_and_defaults(write: Write, tmp_path: Path) -> None
     assert (config.rig, config.rate_hz, config.seed, config.pacing) == ("small", 1000.0, 1, "real")
     assert type(config.rate_hz) is float, "an int is accepted where a float is expected"
     assert (config.bus.interface, config.bus.channel, config.bus.bitrate) == ("auto", None, 1000000)
-    assert (config.supervisor.fault_after_cycles, config.realtime.priority) == (3, 80)
+    assert (config.supervisor.fault_after_cycles, config.realtime.executive.priority) == (3, 80)
     assert config.expect == {"pd": {"error_rms_rad": (3.1, 3.8)}}
     assert rig.dbc == tmp_path.resolve() / "small.dbc" and rig.document.text == RIG
     evaluation = rig.evaluation
     assert evaluation and evaluation.window_s == (3.25, 6.0), evaluation
     assert evaluation.numbers == {"tolerance_rad": 0.01}
     assert evaluation.file == str(tmp_path.resolve() / "evaluation.py")
+
+
+def test_each_node_has_real_time_settings_which_earlier_rigs_put_elsewhere(write: Write) -> None:
+    earlier = "{priority: 60, cpu: 2, local_phase: 0.25, plant_cpu: null, plant_phase: 0.4}"
+    now = "{executive: {priority: 60, cpu: 2}, local: {phase: 0.25}, plant: {phase: 0.4}}"
+    found = [load_rig(write("bus:", f"realtime: {text}\nbus:")).config for text in (earlier, now)]
+    options = ("realtime.priority=60", "realtime.cpu=2", "realtime.local_phase=0.25")
+    found.append(load_rig(write(), None, (*options, "realtime.plant_phase=0.4")).config)
+    realtime = found[0].realtime
+    assert all(one.realtime == realtime for one in found), [one.realtime for one in found]
+    control, local, plant = (realtime.of(role) for role in ROLES)
+    assert (control.priority, control.phase, control.cpu) == (60, 0.0, 2)
+    assert (local.priority, local.phase, local.cpu) == (75, 0.25, None), "it has a cpu of its own"
+    assert (plant.priority, plant.phase, plant.cpu) == (70, 0.4, None)
+    twice = write("bus:", "realtime: {plant_cpu: 1, plant: {priority: 9}}\nbus:")
+    told = "realtime.plant_cpu: is realtime.plant.cpu today; write it there, small.yaml:"
+    assert told in message(twice)
 
 
 def test_nodes_are_complete_and_in_order(write: Write) -> None:

@@ -359,9 +359,9 @@ def test_the_rig_runs_exactly_the_interval_and_the_periods(interval_us: int) -> 
 
 
 def test_processors_go_to_executive_and_plant_in_turn() -> None:
-    assert "realtime.cpu=3" in jitter_probe.settings_of(Setup(1_000_000, 10, 80, (3, 5)))
-    assert "realtime.plant_cpu=5" in jitter_probe.settings_of(Setup(1_000_000, 10, 80, (3, 5)))
-    assert "realtime.plant_cpu=3" in jitter_probe.settings_of(Setup(1_000_000, 10, 80, (3,)))
+    assert "realtime.executive.cpu=3" in jitter_probe.settings_of(Setup(1_000_000, 10, 80, (3, 5)))
+    assert "realtime.plant.cpu=5" in jitter_probe.settings_of(Setup(1_000_000, 10, 80, (3, 5)))
+    assert "realtime.plant.cpu=3" in jitter_probe.settings_of(Setup(1_000_000, 10, 80, (3,)))
 
 
 def test_ctrl_c_ends_with_the_statistics_so_far(sigint: None) -> None:

@@ -87,12 +87,12 @@ def settings_of(setup: Setup) -> list[str]:
     settings = [
         f"rate_hz={1e9 / setup.interval_ns!r}",
         f"duration_s={setup.round_s!r}",
-        f"realtime.priority={setup.priority}",
-        f"realtime.plant_priority={max(setup.priority - _PLANT_BELOW, 1)}",
+        f"realtime.executive.priority={setup.priority}",
+        f"realtime.plant.priority={max(setup.priority - _PLANT_BELOW, 1)}",
     ]
-    for key, thread in (("cpu", 0), ("plant_cpu", 1)):
+    for thread, role in enumerate(("executive", "plant")):
         if (cpu := setup.cpu(thread)) is not None:
-            settings.append(f"realtime.{key}={cpu}")
+            settings.append(f"realtime.{role}.cpu={cpu}")
     return settings
 
 
