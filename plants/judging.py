@@ -1,8 +1,8 @@
 """What the evaluations of all plants share: the records of the nodes side by side, windows, pages.
 
 A window holds the cycles k with from <= k T < to: a run as long as `to` ends with its last cycle.
-The plant's record of the same instant belongs to an executive cycle: that of the same cycle where
-no clock runs, else the newest one not stamped later; one older than 2 periods tells nothing.
+To a cycle of one node belongs another node's record of the same instant: that of the same cycle
+where no clock runs, else the newest one not stamped later; one older than 2 periods tells nothing.
 """
 
 import math
@@ -10,38 +10,39 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.log.long_logs import LongLog
-from pcpc.executive.log.reader import Log
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
+from pcpc.executive.log.reader import NODES, Log
 from pcpc.plants.statistics import RMS, Statistic, over_finite, peak, rms
 
 __all__ = ["over_finite", "peak", "rms"]  # and what is defined here
-
-if TYPE_CHECKING:
-    pass
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Made = TypeVar("Made")
 
-OLDEST_PERIODS = 2.0  # a paced plant's record is up to 1 period old, and later by its jitter
+OLDEST_PERIODS = 2.0  # a paced node's record is up to 1 period old, and later by its jitter
 EDGE_PERIODS = 1e-6  # rounding of a window's edge
 
 
-def plant_rows(log: Log, period_s: float) -> NDArray[np.int64]:
-    """Return the row of the plant's record that belongs to each executive cycle; -1 for none."""
-    executive, plant = log.node["executive"], log.node.get("plant")
-    if plant is None or not len(plant.cycle):
-        return np.full(len(executive.cycle), -1, np.int64)
-    ours, theirs, oldest = executive.stamp_ns, plant.stamp_ns, 1e9 * OLDEST_PERIODS * period_s
-    if log.metadata.get("executive", {}).get("pacing") in ("lockstep", "virtual"):
-        ours, theirs, oldest = executive.cycle, plant.cycle, 0.0
+def paired_rows(
+    log: Log, period_s: float, node: str = "plant", leader: str = "executive"
+) -> NDArray[np.int64]:
+    """Return the row of `node` that belongs to each cycle of `leader`; -1 for none."""
+    lead, other = log.node[leader], log.node.get(node)
+    if other is None or not len(other.cycle):
+        return np.full(len(lead.cycle), -1, np.int64)
+    if node == leader:
+        return np.arange(len(lead.cycle))
+    ours, theirs, oldest = lead.stamp_ns, other.stamp_ns, 1e9 * OLDEST_PERIODS * period_s
+    if log.metadata.get("executive", {}).get("pacing") in WITHOUT_CLOCK:
+        ours, theirs, oldest = lead.cycle, other.cycle, 0.0
     rows = np.searchsorted(theirs, ours, side="right").astype(np.int64) - 1
     return np.where((rows >= 0) & (ours - theirs[rows] <= oldest), rows, -1)
 
@@ -89,9 +90,9 @@ class Run:
         return np.asarray(self.cycle * self.period_s, np.float64)
 
     @cached_property
-    def rows(self) -> NDArray[np.int64]:
-        """The plant's row of each cycle, see `plant_rows`."""
-        return plant_rows(self.log, self.period_s)
+    def plant_told(self) -> Mask:
+        """Which cycles have the plant's record."""
+        return self._rows("plant") >= 0
 
     @cached_property
     def plant_tells(self) -> bool:
@@ -99,7 +100,7 @@ class Run:
         if self.whole is not None:
             node = self.whole.node.get("plant")
             return node is not None and len(node.cycle) > 0
-        return bool((self.rows >= 0).any())
+        return bool(self.plant_told.any())
 
     def once(self, make: "Callable[[Run], Made]") -> "Made":
         """Return what `make` makes of this run, made once."""
@@ -111,35 +112,54 @@ class Run:
 
     def executive(self, name: str, *, or_nan: bool = False) -> Vector:
         """Return a variable of the executive; UnknownVariable, or NaN, if it has none."""
-        return self._column("executive", name, or_nan)
+        return self.of("executive", name, or_nan=or_nan)
 
     def plant(self, name: str, *, or_nan: bool = False) -> Vector:
-        """Return a variable of the plant at the executive's cycles; NaN without its record.
-
-        UnknownVariable, or NaN, if the plant's record does not have it.
-        """
-        node = self.log.node.get("plant")
-        if node is None or not len(node.cycle):
-            return np.full(len(self.cycle), math.nan)
-        found = self._column("plant", name, or_nan)
-        if self.leader == "plant":
-            return found
-        return np.where(self.rows < 0, math.nan, found[self.rows])
-
-    def _column(self, role: str, name: str, or_nan: bool) -> Vector:
-        node = self.log.node[role]
-        found = node.columns.get(name)
-        if found is not None:
-            return found
-        if or_nan or not len(node.columns):
-            return np.full(len(node.cycle), math.nan)
-        raise UnknownVariable(f"{role}: no variable {name}{did_you_mean(name, node.columns)}")
+        """Return a variable of the plant; UnknownVariable, or NaN, if its record has none."""
+        return self.of("plant", name, or_nan=or_nan)
 
     def named(self, name: str) -> Vector:
-        """Return `executive:NAME` or `plant:NAME`; NaN if there is none."""
+        """Return `executive:NAME`, `local:NAME` or `plant:NAME`; NaN if the log has none."""
         node, _, variable = name.partition(":")
-        which = self.executive if node == "executive" else self.plant
-        return which(variable, or_nan=True)
+        if node not in NODES:
+            raise UnknownVariable(f"{name}: no node {node}{did_you_mean(node, NODES)}")
+        return self.of(node, variable, or_nan=True)
+
+    def of(self, node: str, name: str, *, or_nan: bool = False) -> Vector:
+        """Return a variable of a node at the cycles of the leader; NaN without its record.
+
+        UnknownVariable, or NaN, if the record does not have it.
+        """
+        rows, record = self._rows(node), self.log.node.get(node)
+        if record is None or not len(record.cycle) or not len(record.columns):
+            return np.full(len(rows), math.nan)
+        found = record.columns.get(name)
+        if found is None and not or_nan:
+            what = f"{node}: no variable {name}{did_you_mean(name, record.columns)}"
+            raise UnknownVariable(what)
+        if found is None:
+            return np.full(len(rows), math.nan)
+        return found if node == self.leader else np.where(rows < 0, math.nan, found[rows])
+
+    def _rows(self, node: str) -> NDArray[np.int64]:
+        made: dict[str, NDArray[np.int64]] = self.__dict__.setdefault("_paired", {})
+        if node not in made:
+            made[node] = paired_rows(self.log, self.period_s, node, self.leader)
+        return made[node]
+
+    def before(self, values: Vector) -> Vector:
+        """Return the values of the cycle before each; NaN where the log has no such cycle."""
+        moved = np.append(math.nan, values[:-1])
+        return np.where(np.diff(self.cycle, prepend=-2) == 1, moved, math.nan)
+
+    def after(self, values: Vector) -> Vector:
+        """Return the values of the cycle after each; NaN where the log has no such cycle."""
+        moved = np.append(values[1:], math.nan)
+        return np.where(np.diff(self.cycle, append=-1) == 1, moved, math.nan)
+
+    def step(self, values: Vector) -> Vector:
+        """Return the change since the cycle before."""
+        return values - self.before(values)
 
     def between(self, begin_s: float, end_s: float) -> Mask:
         """Return which cycles are in the window [begin, end)."""
@@ -237,11 +257,6 @@ def stretches(log: LongLog, period_s: float, leader: str) -> Iterator[tuple[Run,
     for part, begin, end in log.parts(leader):
         yield Run(part, period_s, leader, row - begin, log), slice(begin, end)
         row += end - begin
-
-
-def step(values: Vector) -> Vector:
-    """Return the change since the cycle before; NaN in the first."""
-    return np.diff(values, prepend=math.nan)
 
 
 def known(figures: Mapping[str, float]) -> dict[str, float]:

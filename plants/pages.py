@@ -27,7 +27,7 @@ TITLE_LETTERS = 60  # of 13 point across the page
 
 @dataclass(frozen=True)
 class Line:
-    """A drawn signal: `executive:NAME`, `plant:NAME`, or a function of the run."""
+    """A drawn signal: `NODE:NAME` of a recorded variable, or a function of the run."""
 
     source: str | Signal
     label: str

@@ -18,12 +18,12 @@ from concurrent.futures import FIRST_COMPLETED, wait
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc import plants
+from pcpc.plants.judging import Run
 from pcpc.plants.study import Case, Result
 from pcpc.tools.pool import PoolError, workers
 from pcpc.tools.progress import Compiling, Progress
@@ -58,22 +58,17 @@ def run_case(case: Case) -> Result:
         return Result(case, failed=str(error))
     done = len(log.node["executive"].cycle)
     expected = round(rig.config.duration_s * rig.config.rate_hz)
-    return Result(case, metrics, _traces(log, case.traces), diverged=done < expected)
+    traces = _traces(Run(log, 1.0 / rig.config.rate_hz), case.traces)
+    return Result(case, metrics, traces, diverged=done < expected)
 
 
-def _traces(log: Any, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+def _traces(run: Run, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     """Return the wanted columns over the executive's cycles, thinned, and `t`."""
     if not names:
         return {}
-    n = len(log.node["executive"].cycle)
-    step = max(1, n // TRACE_POINTS)
-    found = {"t": log.node["executive"].columns["time.t_s"][::step].copy()}
-    for name in names:
-        node, _, column = name.partition(":")
-        values = log.node[node].columns.get(column)
-        if values is not None:
-            found[name] = values[:n:step].copy()
-    return found
+    step = max(1, len(run.cycle) // TRACE_POINTS)
+    columns = {"t": run.executive("time.t_s")} | {name: run.named(name) for name in names}
+    return {name: values[::step].copy() for name, values in columns.items()}
 
 
 def run_cases(cases: Sequence[Case], progress: Progress, jobs: int | None = None) -> list[Result]:

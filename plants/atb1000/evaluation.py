@@ -28,7 +28,6 @@ from pcpc.plants.judging import (
     measured,
     reaches,
     setting,
-    step,
 )
 from pcpc.plants.pages import (
     BLACK,
@@ -79,7 +78,7 @@ def signals(run: Run) -> Signals:
         return run.plant(f"barrel.{name}", or_nan=True)
 
     q_d, theta, elastic = told("reference.q_d_rad"), truth("theta_rad"), truth("elastic_slope_rad")
-    true = run.rows >= 0
+    true = run.plant_told
     if not run.plant_tells:
         theta = q_d - told("controller.e_rad")
     with np.errstate(invalid="ignore"):  # of an infinite theta
@@ -124,7 +123,7 @@ def metrics(
         return run.once(signals).motor_torque_Nm * ratio  # (4)
 
     def command_step_Nm(run: Run) -> Vector:  # also from the cycle before the window
-        return np.where(step(run.cycle.astype(float)) == 1, step(command_Nm(run)), math.nan)
+        return run.step(command_Nm(run))
 
     measures = {
         "muzzle_error_rms_mrad": Measure(MUZZLE_ERROR, RMS, window_s, MRAD),

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.executive.log.reader import Log
-from pcpc.plants.judging import Measure, Run, Vector, known, measured, reaches, step
+from pcpc.plants.judging import Measure, Run, Vector, known, measured, reaches
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION, Line, Panel, draw_page
 from pcpc.plants.statistics import HIGH, MEAN, MEDIAN, PEAK, RMS
 
@@ -31,8 +31,8 @@ def error(run: Run) -> Vector:
 def tau_error(run: Run) -> Vector:
     """Return tt of (2)."""
     tau, ahead = run.plant("map.true_tau"), run.executive("controller.ahead")
-    following = np.append(tau[1:], np.nan)
-    return run.executive("controller.tau_d") - np.where(ahead > 0.5, tau, following)
+    answer = np.where(ahead > 0.5, tau, run.after(tau))
+    return run.executive("controller.tau_d") - answer
 
 
 def started(run: Run, values: Vector) -> Vector:
@@ -76,7 +76,7 @@ def metrics(
 
 def jump(run: Run) -> Vector:
     """Return du of (3)."""
-    return np.abs(step(run.executive("controller.command")))
+    return np.abs(run.step(run.executive("controller.command")))
 
 
 def is_jump(run: Run) -> Vector:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.executive.log.reader import Log
-from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
+from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION, Line, Panel, draw_page
 from pcpc.plants.statistics import HIGH, MEAN, PEAK, RMS
 
@@ -85,7 +85,7 @@ def _variable(name: str) -> Signal:
 
 
 def _steps(signal: Signal) -> Signal:
-    return lambda run: step(signal(run))
+    return lambda run: run.step(signal(run))
 
 
 def _negative(signal: Signal) -> Signal:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.executive.log.reader import Log
-from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
+from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION, Line, Panel, draw_page
 from pcpc.plants.statistics import HIGH, LAST, PEAK, RMS
 
@@ -33,7 +33,7 @@ def metrics(
         "d_plus": Measure(_variable("controller.d_plus"), LAST),
         "d_minus": Measure(_variable("controller.d_minus"), LAST),
         "u_rms": Measure(_variable("controller.u"), RMS, window_s),
-        "u_step_rms": Measure(lambda run: step(run.executive("controller.u")), RMS, window_s),
+        "u_step_rms": Measure(lambda run: run.step(run.executive("controller.u")), RMS, window_s),
         "r_max": Measure(_variable("controller.r"), PEAK),
         "ended": Measure(_variable("controller.diverged"), HIGH),
     }

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.executive.log.reader import Log
-from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches, step
+from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches
 from pcpc.plants.pages import BLACK, BLUE, GREEN, VERMILION, Line, Panel, draw_page
 from pcpc.plants.statistics import COUNT, HIGH, MEAN, MEDIAN, PEAK, RMS, SUM, peak
 
@@ -87,7 +87,7 @@ def _negative(signal: Signal) -> Signal:
 
 
 def _steps(signal: Signal) -> Signal:
-    return lambda run: np.abs(step(signal(run)))
+    return lambda run: np.abs(run.step(signal(run)))
 
 
 def figure(

@@ -16,7 +16,6 @@ period apart also where its clock is not the executive's. m, m/s, m/s^2, N, rad/
 """
 
 import math
-from bisect import bisect_left
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -53,41 +52,31 @@ SPEED = "car.body_rate_m_s"
 SMALLEST_OSCILLATION_M_S = 1e-3  # below it a crossing is no oscillation
 
 
-def acceleration(rate: Vector, period_s: float) -> Vector:
-    """Return (2) at every sample; NaN at both ends."""
-    found = np.full(len(rate), math.nan)
-    found[1:-1] = (rate[2:] - rate[:-2]) / (2.0 * period_s)
-    return found
-
-
-def crossings(run: Run, mean: float, first_row: int) -> Vector:
-    """Return where the speed's deviation from its mean crosses 0 before the next sample.
-
-    In rows after `first_row`, interpolated; NaN for samples behind which it does not.
-    """
-    x = run.plant(SPEED) - mean
-    here, there = x[:-1], x[1:]
-    at = np.arange(len(here)) + (run.first_row - first_row)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.where((here < 0.0) != (there < 0.0), at + here / (here - there), math.nan)
-    return np.append(found, math.nan)
+def acceleration(run: Run) -> Vector:
+    """Return (2); NaN without a sample before and after."""
+    speed = run.plant(SPEED)
+    return (run.after(speed) - run.before(speed)) / (2.0 * run.period_s)
 
 
 def oscillation(log: Log, period_s: float, window_s: tuple[float, float]) -> float:
     """Return (7), interpolating between samples; NaN for fewer than three crossings."""
     speed = Measure(lambda run: run.plant(SPEED), MEAN, window_s)
     mean = measured(log, period_s, {"mean": speed}, "plant")["mean"]
-    cycle = log.node["plant"].cycle
-    first, past = (bisect_left(cycle, edge) for edge in edges(period_s, *window_s))
+    first, past = edges(period_s, *window_s)
 
-    def inside(run: Run) -> Vector:
-        row = np.arange(len(run.cycle)) + run.first_row
-        return np.where((row >= first) & (row < past - 1), crossings(run, mean, first), math.nan)
+    def crossings(run: Run) -> Vector:
+        """Return the cycles, from the window's first on, at which the deviation is 0."""
+        here = run.plant(SPEED) - mean
+        there = run.after(here)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = run.cycle - first + here / (here - there)
+        inside = (run.cycle >= first) & (run.cycle < past - 1)
+        return np.where(inside & ((here < 0.0) != (there < 0.0)), at, math.nan)
 
     away = Measure(lambda run: run.plant(SPEED) - mean, PEAK, window_s)
     named = {"begin": LOW, "end": HIGH, "count": COUNT}
     found = measured(
-        log, period_s, {"away": away} | {n: Measure(inside, one) for n, one in named.items()},
+        log, period_s, {"away": away} | {n: Measure(crossings, one) for n, one in named.items()},
         "plant",
     )  # fmt: skip
     if not found["away"] > SMALLEST_OSCILLATION_M_S or found["count"] < 3:
@@ -118,7 +107,7 @@ def _motion(window_s: tuple[float, float]) -> dict[str, Measure]:
     return {
         "v_rms_m_s": Measure(speed, RMS, window_s),
         "v_max_m_s": Measure(speed, PEAK, window_s),
-        "a_rms_m_s2": Measure(lambda run: acceleration(speed(run), run.period_s), RMS, window_s),
+        "a_rms_m_s2": Measure(acceleration, RMS, window_s),
         "extension_min_m": Measure(extension, LOW, window_s),
         "extension_max_m": Measure(extension, HIGH, window_s),
         "spool_max_m": Measure(lambda run: run.plant("car.spool_true_m"), PEAK, window_s),

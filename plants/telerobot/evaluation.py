@@ -33,15 +33,6 @@ def error(run: Run, joint: int) -> Vector:
     return run.executive(f"controller.aim_{joint}_rad") - run.plant(f"arm.q_{joint}_rad")
 
 
-def local(run: Run, name: str) -> Vector:
-    """Return a variable of the local node in the same cycles; NaN where the log has none."""
-    node = run.log.node.get("local")
-    if node is None or not len(node.cycle) or name not in node.columns:
-        return np.full(len(run.cycle), math.nan)
-    rows = np.minimum(np.searchsorted(node.cycle, run.cycle), len(node.cycle) - 1)
-    return np.where(node.cycle[rows] == run.cycle, node.columns[name][rows], math.nan)
-
-
 def metrics(
     log: Log, window_s: tuple[float, float], numbers: Mapping[str, float], period_s: float
 ) -> dict[str, float]:
@@ -83,11 +74,11 @@ def _torque(joint: int) -> Signal:
 
 
 def _local(name: str) -> Signal:
-    return lambda run: local(run, name)
+    return lambda run: run.of("local", name, or_nan=True)
 
 
 def _tripped_s(run: Run) -> Vector:
-    return np.where(local(run, "servo.tripped") > 0.5, run.t_s, math.nan)
+    return np.where(run.named("local:servo.tripped") > 0.5, run.t_s, math.nan)
 
 
 def figure(
@@ -102,13 +93,17 @@ def figure(
         Line("executive:controller.aim_2_rad", "wanted 2, T ago", BLACK, 0.9, ":"),
         *(Line(f"plant:arm.q_{j}_rad", f"joint {j}", COLOURS[j]) for j in JOINTS),
     ]
+    held = [
+        Line("local:servo.held_u", "u not there in time", GREEN),
+        Line("executive:controller.held_x", "x not there in time", VERMILION),
+    ]
     panels = [
         Panel("angle [rad]", angles),
         Panel("error [rad]", [_error_line(j) for j in JOINTS], 6.0),
-        Panel("x(t-T) - z(t-2T) [rad]", _each("controller.off_{}_rad", "joint {}")),
-        Panel("torque [N m]", _arm("arm.acting_{}_Nm", "torque {}")),
-        Panel("network [rad/s2]", [_local_line(j) for j in JOINTS]),
-        Panel("held ticks", _held(), 3.0),
+        Panel("x(t-T) - z(t-2T) [rad]", _each("executive:controller.off_{}_rad", "joint {}", 0.8)),
+        Panel("torque [N m]", _each("plant:arm.acting_{}_Nm", "torque {}", 0.7)),
+        Panel("network [rad/s2]", _each("local:servo.network_{}_rad_s2", "network {}", 0.8)),
+        Panel("held ticks", held, 3.0),
     ]
     draw_page(log, path, title, _summary(metrics, window_s), window_s, panels)
 
@@ -117,27 +112,8 @@ def _error_line(joint: int) -> Line:
     return Line(lambda run: error(run, joint), f"error {joint}", COLOURS[joint])
 
 
-def _local_line(joint: int) -> Line:
-    name = f"servo.network_{joint}_rad_s2"
-    return Line(lambda run: local(run, name), f"network {joint}", COLOURS[joint], 0.8)
-
-
-def _each(name: str, label: str) -> list[Line]:
-    return [Line("executive:" + name.format(j), label.format(j), COLOURS[j], 0.8) for j in JOINTS]
-
-
-def _arm(name: str, label: str) -> list[Line]:
-    return [Line("plant:" + name.format(j), label.format(j), COLOURS[j], 0.7) for j in JOINTS]
-
-
-def _held() -> list[Line]:
-    def held_u(run: Run) -> Vector:
-        return local(run, "servo.held_u")
-
-    return [
-        Line(held_u, "u not there in time", GREEN),
-        Line("executive:controller.held_x", "x not there in time", VERMILION),
-    ]
+def _each(name: str, label: str, width: float) -> list[Line]:
+    return [Line(name.format(j), label.format(j), COLOURS[j], width) for j in JOINTS]
 
 
 def _summary(metrics: Mapping[str, float], window_s: tuple[float, float]) -> str:

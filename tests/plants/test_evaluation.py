@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pcpc.executive.log.reader import FRAME, Log, Node
 from pcpc.plants.atb1000 import ports
 from pcpc.plants.atb1000.evaluation import figure, metrics
-from pcpc.plants.judging import plant_rows
+from pcpc.plants.judging import paired_rows
 from pcpc.plants.pages import thinned
 
 Array = NDArray[Any]
@@ -198,7 +198,7 @@ def lockstep_on_a_bus() -> Log:
 
 def test_pairing_by_stamp_gives_in_lockstep_the_same_as_by_cycle() -> None:
     for log in (lockstep_on_a_bus(), run(error=sine(4e-3, 5.0))):
-        by_cycle, by_stamp = plant_rows(log, PERIOD_S), plant_rows(paced(log, "real"), PERIOD_S)
+        by_cycle, by_stamp = paired_rows(log, PERIOD_S), paired_rows(paced(log, "real"), PERIOD_S)
         assert np.array_equal(by_cycle, np.arange(1000)), by_cycle
         assert np.array_equal(by_stamp, by_cycle), by_stamp
 
@@ -207,7 +207,7 @@ def test_lockstep_pairs_by_cycle_when_the_machines_have_other_clocks() -> None:
     log = lockstep_on_a_bus()
     away = replace(log.node["plant"], stamp_ns=log.node["plant"].stamp_ns + 10**15)
     moved = with_nodes(log, plant=rows_of(away, np.r_[0:500, 520:1000]))
-    rows = plant_rows(moved, PERIOD_S)
+    rows = paired_rows(moved, PERIOD_S)
     assert np.array_equal(rows, np.r_[0:500, [-1] * 20, 500:980]), rows[495:525]
 
 
@@ -215,12 +215,12 @@ def test_paced_cycle_gets_the_newest_plant_record_that_is_not_later() -> None:
     log = paced(run(), "real")
     half_later = replace(log.node["plant"], stamp_ns=log.node["plant"].stamp_ns + PERIOD_NS // 2)
     log = with_nodes(log, plant=half_later)
-    assert np.array_equal(plant_rows(log, PERIOD_S), np.arange(-1, 999))
+    assert np.array_equal(paired_rows(log, PERIOD_S), np.arange(-1, 999))
     late = log.node["executive"].stamp_ns.copy()
     late[10] += 600_000
     late[20] += 499_999
     executive = replace(log.node["executive"], stamp_ns=late)
-    rows = plant_rows(with_nodes(log, executive=executive), PERIOD_S)
+    rows = paired_rows(with_nodes(log, executive=executive), PERIOD_S)
     assert (rows[10], rows[20]) == (10, 19), rows[8:22]
 
 
@@ -228,7 +228,7 @@ def test_paced_cycles_after_a_skip_keep_their_time_and_their_plant_record() -> N
     log = paced(run(error=lambda t: t * 1e-3, bending=sine(1e-3, 20.0)), "real")
     kept = np.r_[0:100, 107:1000]
     skipped = with_nodes(log, executive=rows_of(log.node["executive"], kept))
-    assert np.array_equal(plant_rows(skipped, PERIOD_S), kept)
+    assert np.array_equal(paired_rows(skipped, PERIOD_S), kept)
     close(metrics(skipped, (0.1, 0.2), {}, PERIOD_S), hub_error_max_mrad=0.199)
     close(metrics(skipped, (0.05, 0.107), {}, PERIOD_S), hub_error_max_mrad=0.099)
 
@@ -236,7 +236,7 @@ def test_paced_cycles_after_a_skip_keep_their_time_and_their_plant_record() -> N
 def test_lost_plant_records_are_not_made_up_from_old_ones() -> None:
     log = paced(run(error=pulse(*range(300, 400))), "real")
     lost = rows_of(log.node["plant"], np.r_[0:250, 450:700])
-    rows = plant_rows(with_nodes(log, plant=lost), PERIOD_S)
+    rows = paired_rows(with_nodes(log, plant=lost), PERIOD_S)
     assert np.flatnonzero(rows < 0).tolist() == [*range(252, 450), *range(702, 1000)]
     found = metrics(with_nodes(log, plant=lost), ALL, {"settle_from_s": 0.0}, PERIOD_S)
     close(found, hub_error_max_mrad=0.0, settle_2mrad_s=0.0)
