@@ -1,47 +1,62 @@
-"""The processes of a run: started together, watched, ended in order."""
+"""The processes of a run: started together, watched, ended in order.
+
+    forked     a copy of the host, which has loaded everything already: the nodes
+    started    a Python of its own: the recorder, which outlives its host, and nodes of which the
+               loop is to be interpreted
+
+Either has a session of its own (Ctrl-C is for the host, which ends them in order), nothing to read,
+nobody who reads its stdout, and a stderr that is kept.
+"""
 
 import contextlib
 import ctypes
+import gc
 import os
 import signal
 import subprocess
 import sys
 import tempfile
+import time
+import traceback
 from collections.abc import Callable, Sequence
-from typing import IO, Any
+from typing import Any, NoReturn, TextIO
 
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG, _PR_SET_NAME = 1, 15
+_LOOK_S = 0.005
 _libc = ctypes.CDLL(None)
 
 
 class Child:
-    """A Python module in a process of its own; its stderr is kept for `complaint`.
+    """A process of the run; its stderr is kept for `complaint`."""
 
-    `survives`: it lives on when the host dies, else it is asked to end.
-    """
+    def __init__(self, name: str, process: "subprocess.Popen[bytes] | Forked", stderr: Any) -> None:
+        self.name, self.process, self._stderr = name, process, stderr
 
-    def __init__(
-        self, name: str, module: str, arguments: Sequence[str], *,
-        interpreted: bool = False, survives: bool = False,
-    ) -> None:  # fmt: skip
-        self.name = name
+    @classmethod
+    def forked(
+        cls, name: str, main: Callable[[Sequence[str]], int], arguments: Sequence[str]
+    ) -> "Child":
+        """Call `main` in a copy of this process, which has no other thread; it ends with it."""
+        stderr = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the child
+        return cls(name, Forked(name, lambda: main(arguments), stderr.fileno()), stderr)
+
+    @classmethod
+    def started(
+        cls, name: str, module: str, arguments: Sequence[str], *, interpreted: bool = False,
+        survives: bool = False,
+    ) -> "Child":  # fmt: skip
+        """Start a Python module; `survives`: it lives on when this process dies."""
         host = os.getpid()
-
-        def end_with_host() -> None:
-            _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-            if os.getppid() != host:  # it died before the request stood
-                os._exit(1)
-
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         if interpreted:
             environment["PCPC_LOOP"] = "interpreted"
-        self._stderr: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the child
-        self.process = subprocess.Popen(
+        stderr = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the child
+        process = subprocess.Popen(
             [sys.executable, "-P", "-m", module, *arguments],  # -P: the user's folder has no say
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._stderr,
-            env=environment, preexec_fn=None if survives else end_with_host,
-            start_new_session=True,  # Ctrl-C is for the host, which ends them in order
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, env=environment,
+            preexec_fn=None if survives else lambda: _end_with(host), start_new_session=True,
         )  # fmt: skip
+        return cls(name, process, stderr)
 
     @property
     def ended(self) -> bool:
@@ -51,6 +66,7 @@ class Child:
     @property
     def code(self) -> int:
         """The exit code; negative is a signal's number; only once `ended`."""
+        assert self.process.returncode is not None, "it has ended"
         return self.process.returncode
 
     def complaint(self) -> list[str]:
@@ -71,6 +87,76 @@ class Child:
         """Ask the child to end, without waiting."""
         if not self.ended:
             self.process.send_signal(signal.SIGTERM)
+
+
+class Forked:
+    """A copy of this process, used as a `subprocess.Popen` is."""
+
+    def __init__(self, name: str, call: Callable[[], int], stderr: int) -> None:
+        self.returncode: int | None = None
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        gc.freeze()  # what is here stays shared with the copy
+        host, self.pid = os.getpid(), os.fork()
+        if self.pid == 0:
+            _be_child(name, call, stderr, host)
+
+    def poll(self) -> int | None:
+        """Return the exit code, None while it runs."""
+        if self.returncode is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if pid else None
+        return self.returncode
+
+    def wait(self, timeout: float) -> int:
+        """Wait for the end and return the exit code; subprocess.TimeoutExpired."""
+        end_s = time.monotonic() + timeout
+        while (code := self.poll()) is None:
+            if time.monotonic() >= end_s:
+                raise subprocess.TimeoutExpired(str(self.pid), timeout)
+            time.sleep(_LOOK_S)
+        return code
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, if it is still there."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+
+def _be_child(name: str, call: Callable[[], int], stderr: int, host: int) -> NoReturn:
+    """Go on as a process of its own, which ends with `call`."""
+    code = 1
+    try:
+        os.setsid()
+        _end_with(host)
+        _libc.prctl(_PR_SET_NAME, f"pcpc {name}".encode())
+        nothing = os.open(os.devnull, os.O_RDWR)
+        for number, file in ((0, nothing), (1, nothing), (2, stderr)):
+            os.dup2(file, number)
+        sys.stdout, sys.stderr = map(_written_to, (1, 2))
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        code = call()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        with contextlib.suppress(OSError, ValueError):
+            sys.stderr.flush()
+        os._exit(code)
+
+
+def _written_to(number: int) -> TextIO:
+    return open(number, "w", buffering=1, errors="backslashreplace", closefd=False)
+
+
+def _end_with(host: int) -> None:
+    """Let this process be asked to end when `host`, its parent, dies."""
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != host:  # it died before the request stood
+        os._exit(1)
 
 
 def on_request(handler: Callable[[int, Any], None]) -> None:

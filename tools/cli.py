@@ -4,6 +4,7 @@ import argparse
 import importlib.metadata
 import platform
 import sys
+import time
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -54,7 +55,20 @@ _WITH_VERDICT = (  # which does not depend on whether somebody reads what is pri
     "vm",
 )  # fmt: skip
 
-_COMPILING = ("simulate", "check", "replay", "play", "experiment", "bench", "log")  # here
+_COMPILING = (
+    "run",
+    "exec",
+    "local",
+    "plant",
+    "simulate",
+    "check",
+    "replay",
+    "play",
+    "experiment",
+    "bench",
+    "log",
+)  # here
+_BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -75,6 +89,7 @@ def _carry_out(words: Sequence[str]) -> int:
         print(f"pcpc {words[0]}: no such command{cure}", file=sys.stderr)
         return arguments.USAGE
     options = parser(words[:1]).parse_args(words)
+    options.begin_ns = _BEGIN_NS
     try:
         _name_files(options)
     except RigError as error:

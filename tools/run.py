@@ -1,28 +1,28 @@
 """`pcpc run`, `exec`, `plant`, `simulate`: from a rig file to a run folder with a verdict.
 
-The host starts the real-time processes and the recorder, shows progress from the shared blocks,
+The host has loaded all code before it forks the real-time processes, which so need not. It starts
+the recorder, shows progress from the shared blocks,
 ends all of them in order, and then reads the log back: what the summary says is what the log holds.
 """
 
 import argparse
 import contextlib
-import itertools
 import json
 import os
 import sys
 import time
-from collections.abc import Iterator
-from datetime import UTC, datetime
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers import choice
+from pcpc.drivers import choice, compile_cache
 from pcpc.drivers.errors import BusError, DbcError
-from pcpc.executive.errors import FULL, RigError
+from pcpc.executive.errors import RigError
 from pcpc.executive.log import long_logs
 from pcpc.executive.log.mcap_writer import RecordError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
+from pcpc.executive.nodes import process
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig import carried
 from pcpc.executive.rig.buses import bus_wanted
@@ -32,6 +32,7 @@ from pcpc.tools import pace
 from pcpc.tools import summary as summaries
 from pcpc.tools.children import Child, complain, on_request
 from pcpc.tools.conclude import LOG, conclude
+from pcpc.tools.folder import run_folder
 from pcpc.tools.interface import named_bus
 from pcpc.tools.judge import Judge, foreseen
 from pcpc.tools.progress import Compiling, Progress, node_line
@@ -39,7 +40,6 @@ from pcpc.tools.waiting import Waiting
 
 USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
 LOSS, SAFETY_STOP = 3, 5
-BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
 UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
@@ -59,27 +59,23 @@ class Host:
         self.bus = self.choice.bus
         self.pacing = options.pacing or rig.config.pacing
         self.progress, self.compiling = Progress(options.quiet), Compiling()
-        self.judge = Judge.of(rig)
-        self.judged = foreseen(self.judge, self.pacing, not options.no_figure)
         self.outcome = summaries.Outcome(
             self.pacing, str(self.bus), changed=changed(options), strict=options.judge,
-            begin_ns=BEGIN_NS,
+            begin_ns=options.begin_ns,
         )  # fmt: skip
         self.children: dict[str, Child] = {}
         self.blocks: dict[str, sh.Shared] = {}
-        self.begin_ns = BEGIN_NS
+        self.begin_ns = options.begin_ns
         self.waiting = Waiting(rig, roles)
 
     def run(self) -> int:
         """Start, watch and end the processes; return an exit code if one was refused, else -1."""
         self._greet()
         on_request(self._interrupt)
-        for role in self.roles:
-            module = "pcpc.plants.emulator" if role == "plant" else "pcpc.executive.nodes.process"
-            role_word = [] if role == "plant" else [role]
-            arguments = [*role_word, *_child_arguments(self.options, str(self.bus))]
-            self.children[role] = Child(role, module, arguments, interpreted=not self.bus.compiled)
         try:
+            for role in self.roles:
+                self.children[role] = self._node(role)
+            self._load_judge()
             self._watch()
         finally:
             self._end()
@@ -95,6 +91,30 @@ class Host:
         if self.outcome.interrupted and not self._under_way():  # nothing has been recorded
             return summaries.CODES["interrupted"]
         return refused[0].code if refused else -1
+
+    def _node(self, role: Role) -> Child:
+        """Start a node: as a copy of this process, where the loop is compiled."""
+        arguments = [role, *_child_arguments(self.options, str(self.bus))]
+        if not self.bus.compiled:
+            return Child.started(role, process.MODULE, arguments, interpreted=True)
+
+        def main(words: Sequence[str]) -> int:
+            self.choice.release()  # it is the host who holds them
+            compile_cache.watch.listener = None
+            return process.main(words)
+
+        return Child.forked(role, main, arguments)
+
+    def _load_judge(self) -> None:
+        """Load the rig's evaluation, while the nodes set themselves up; RigError ends them."""
+        try:
+            self.judge = Judge.of(self.rig)
+            self.judged = foreseen(self.judge, self.pacing, not self.options.no_figure)
+        except BaseException:
+            for child in self.children.values():
+                child.end(0.0, 0.0)
+            self.children.clear()
+            raise
 
     def _greet(self) -> None:
         self.progress.say(f"{self.rig.config.rig} on {self.bus}, pacing {self.pacing}")
@@ -147,7 +167,7 @@ class Host:
             return
         names = [self._block_name(role) for role in self.rig.roles]
         log = str(self.folder / LOG)
-        self.children["recorder"] = Child(
+        self.children["recorder"] = Child.started(
             "recorder",
             "pcpc.executive.log.recorder",
             [log, *names, "--judged", json.dumps(self.judged)],
@@ -270,39 +290,6 @@ def changed(options: argparse.Namespace) -> list[str]:
         for setting in options.set
         if setting.partition("=")[0].partition(".")[0] not in UNJUDGED_KEYS
     ]
-
-
-@contextlib.contextmanager
-def run_folder(options: argparse.Namespace, rig: Rig) -> Iterator[Path]:
-    """Make the run's folder with an empty log, which claims it; RigError if that cannot be.
-
-    At the end what is still empty is removed.
-    """
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    for number in itertools.count(1):  # of the runs that start in the same second
-        name = f"{stamp}-{rig.config.rig}" + (f"-{number}" if number > 1 else "")
-        folder = Path(options.output or Path("runs") / name)
-        made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / LOG).touch(exist_ok=False)
-            break
-        except FileExistsError:
-            if options.output:
-                what = "holds a log already" if folder.is_dir() else "is no folder"
-                raise RigError(f"{folder}: {what}; choose another folder with -o") from None
-        except OSError as error:
-            if error.errno in FULL:
-                raise OSError(error.errno, error.strerror, str(folder)) from None
-            raise RigError(f"{folder}: {error.strerror}; choose another folder with -o") from None
-    try:
-        yield folder
-    finally:
-        if not (folder / LOG).stat().st_size:
-            (folder / LOG).unlink()
-        with contextlib.suppress(OSError):  # not empty: it stays
-            for path in made:
-                path.rmdir()
 
 
 def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:

@@ -1,12 +1,12 @@
-"""One real-time process: the executive or, started by `plants.emulator`, the emulator.
+"""One real-time process: executive, plant emulator or local node, of the same program.
 
 The compiled loop runs in a worker thread without the GIL. The main thread waits for signals, hands
 the node's memory to clients and looks whether the loop stands in a step; nothing else runs in this
-process. Ends by itself after the
-rig's duration, on SIGTERM or SIGINT, or on a fault; after its end the node can be read for as long
-as its host wants, or some seconds if nobody has come yet: a run may last a millisecond.
+process. Ends by itself after the rig's duration, on SIGTERM or SIGINT, or on a fault; after its end
+the node can be read for as long as its host wants, or some seconds if nobody has come yet: a run
+may last a millisecond.
 
-    executive.process ROLE RIG [--pacing P] [--bus B] [--controller C] [--set NAME=VALUE]...
+    executive.nodes.process ROLE RIG [--pacing P] [--bus B] [--controller C] [--set NAME=VALUE]...
 
 exit code: 0 ok; 2 rig file; 4 environment; 5 fault
 """
@@ -16,7 +16,6 @@ import signal
 # numpy starts threads of its own: the mask must stand before its import, or a signal could hit one
 # of them. Whoever only imports this module keeps its signals.
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored ones never come
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
 
 import argparse
@@ -53,16 +52,19 @@ from pcpc.executive.rig.buses import bus_wanted
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES, Role
 
+MODULE = "pcpc.executive.nodes.process"
 OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
 _PR_SET_PDEATHSIG = 1
 _WARM_UP_CYCLES = 3
 _LINGER_S = 5.0  # for a host or a recorder that has not come yet
-_SIGNALS = {signal.SIGINT, signal.SIGTERM}
+_SIGNALS = {signal.SIGINT, signal.SIGTERM}  # taken when the process looks for them
 _SIGNAL_BYTES = 128  # struct signalfd_siginfo
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run one node; print errors; return the exit code."""
+    """Run one node in this process, of its own; print errors; return the exit code."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored ones never come
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     options = _arguments().parse_args(argv)
     if options.with_parent:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

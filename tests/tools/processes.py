@@ -27,10 +27,8 @@ DEADLINE_S = 240.0  # the first start on a machine compiles
 PATIENT = (  # for paced runs that are not about missing frames: a loaded machine stalls
     "--set", "supervisor.hold_cycles=100000", "--set", "supervisor.fault_after_cycles=100000",
 )  # fmt: skip
-_MODULES = {
-    "pcpc.executive.nodes.process": "executive", "pcpc.plants.emulator": "plant",
-    "pcpc.executive.log.recorder": "recorder",
-}  # fmt: skip
+_ROLES = ("executive", "local", "plant")
+_RECORDER, _NODE = "pcpc.executive.log.recorder", "pcpc.executive.nodes.process"
 
 
 def own_bus() -> str:
@@ -122,11 +120,17 @@ class Running:
             try:
                 parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
                 words = (folder / "cmdline").read_bytes().decode().split("\0")
+                name = (folder / "comm").read_text().strip()
             except OSError:
                 continue
             if int(parent) == self.process.pid:
-                roles = (_MODULES[word] for word in words if word in _MODULES)
-                self.children |= {role: int(folder.name) for role in roles}
+                role = name.removeprefix("pcpc ")
+                if _RECORDER in words:
+                    role = "recorder"
+                elif _NODE in words:
+                    role = words[words.index(_NODE) + 1]
+                if role in (*_ROLES, "recorder"):
+                    self.children[role] = int(folder.name)
         return self.children
 
     def pid(self, role: str) -> int:

@@ -5,7 +5,7 @@ A rate is held when, in a run of RUN_S from SETTLE_S after the first cycle on, t
     - spends no more than a period on wake-up lateness and work in p99.9 of its cycles,
     - skips no period; and neither node loses a frame or faults.
 
-Python is `executive.nodes.process` and `plants.emulator` as `pcpc run` starts them. C is the same
+Python is `executive.nodes.process`, as `pcpc run` starts it. C is the same
 two processes with the same set-up (SCHED_FIFO, locked memory), memory and frames, whose loop is
 `run` of cycle.c: `python -m pcpc.tools.bench.rate ROLE RIG`. The rings are emptied by this process,
 which only reads what it needs. Rates that do not divide the plant's 16 kHz integrate at 20 kHz. The
@@ -47,10 +47,7 @@ SETTLE_S = 0.3
 TRIES = 2
 START_S = 60.0  # compilation included
 STAGES = ("receive", "step", "send")
-MODULES = {
-    "Python": {"executive": "pcpc.executive.nodes.process", "plant": "pcpc.plants.emulator"},
-    "C": dict.fromkeys(("executive", "plant"), "pcpc.tools.bench.rate"),
-}
+MODULES = {"Python": process.MODULE, "C": "pcpc.tools.bench.rate"}
 
 
 @dataclass(frozen=True)
@@ -114,9 +111,7 @@ def run(side: str, rate_hz: int, seconds: float) -> Held:
     bus = str(buses.choose(*buses.parse(BUS)))
     children = {}
     for role in ("plant", "executive"):
-        module = MODULES[side][role]
-        role_word = [] if module == "pcpc.plants.emulator" else [role]
-        children[role] = Child(role, module, [*role_word, *words])
+        children[role] = Child.started(role, MODULES[side], [role, *words])
     blocks: dict[str, sh.Shared] = {}
     names = {role: sh.block_name(rig.config.rig, bus, role) for role in children}
     try:

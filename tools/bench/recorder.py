@@ -68,7 +68,7 @@ def one_run(kind: type[Host], seconds: float = RUN_S) -> tuple[float, float]:
     settings = [f"duration_s={seconds}"]
     options = argparse.Namespace(
         rig=RIG, bus=BUS, pacing="real", controller=None, set=settings, quiet=True,
-        no_figure=True, judge=False,
+        no_figure=True, judge=False, begin_ns=time.monotonic_ns(),
     )  # fmt: skip
     rig = load_rig(RIG, settings=settings, resolve=False)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}

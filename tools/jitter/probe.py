@@ -104,10 +104,10 @@ def run(setup: Setup, folder: Path, progress: Progress, label: str) -> Probe:
     rig = load_rig(RIG, None, settings_of(setup), resolve=False)
     options = argparse.Namespace(
         rig=str(RIG), controller=None, set=settings_of(setup), bus=setup.bus, pacing="real",
-        quiet=True, no_figure=True, judge=False,
+        quiet=True, no_figure=True, judge=False, begin_ns=time.monotonic_ns(),
     )  # fmt: skip
     host = Host(options, rig, ("plant", "executive"), folder)
-    host.progress, host.begin_ns = _Labelled(progress, label), time.monotonic_ns()
+    host.progress = _Labelled(progress, label)
     if (code := host.run()) >= 0:
         raise JitterError("", code)
     outcome, bus = host.outcome, str(host.bus)
