@@ -21,9 +21,9 @@ _TOP_BIT = -(2**63)
 
 
 @inline
-def frame_of(can_id: int, extended: int, frames: NDArray[np.int64]) -> int:
-    """Return the row of this frame, -1 when the table has none."""
-    for row in range(frames.shape[0]):
+def frame_of(can_id: int, extended: int, frames: NDArray[np.int64], n_frames: int) -> int:
+    """Return the row of this frame among the first `n_frames`, -1 when it is none of them."""
+    for row in range(n_frames):
         if frames[row, dbc.CAN_ID] == can_id and frames[row, dbc.EXTENDED] == extended:
             return row
     return -1

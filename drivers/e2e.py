@@ -56,7 +56,7 @@ def _crc_table(polynomial: int = 0x1D) -> NDArray[np.uint8]:
     return table
 
 
-_CRC_TABLE = _crc_table().astype(np.int64)
+_CRC_TABLE = _crc_table().astype(np.uint64)  # unsigned: numba tests a signed index for its sign
 
 
 def new_state(n_frames: int) -> NDArray[np.int64]:
@@ -68,13 +68,13 @@ def new_state(n_frames: int) -> NDArray[np.int64]:
 
 
 @inline
-def crc8(can_id: int, data: NDArray[np.uint8], n_bytes: int) -> int:
+def crc8(can_id: int, data: NDArray[np.uint8], n_bytes: int) -> np.int64:
     """Return the CRC-8 over two bytes of the id, low first, and the first `n_bytes` of `data`."""
-    crc = _CRC_TABLE[0xFF ^ (can_id & 0xFF)]
-    crc = _CRC_TABLE[crc ^ ((can_id >> 8) & 0xFF)]
+    crc = _CRC_TABLE[np.uint64(0xFF ^ (can_id & 0xFF))]
+    crc = _CRC_TABLE[crc ^ np.uint64((can_id >> 8) & 0xFF)]
     for i in range(n_bytes):
-        crc = _CRC_TABLE[crc ^ np.int64(data[i])]
-    return crc ^ 0xFF
+        crc = _CRC_TABLE[crc ^ np.uint64(data[i])]
+    return np.int64(crc) ^ 0xFF
 
 
 @inline
@@ -94,9 +94,9 @@ def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64], coun
 
 
 @inline
-def begin_cycle(state: NDArray[np.int64]) -> None:
-    """Age every frame by one cycle; call it once per cycle before the frames are drained."""
-    for row in range(state.shape[0]):
+def begin_cycle(state: NDArray[np.int64], n_frames: int) -> None:
+    """Age the first frames by one cycle; call it once per cycle before the frames are drained."""
+    for row in range(n_frames):
         state[row, AGE_CYCLES] += 1
         state[row, STILL_CYCLES] += 1
         state[row, FRESH] = 0

@@ -40,6 +40,8 @@ def _untyped(function: Any) -> Any:
 if not LOOP_INTERPRETED:
     from numba import extending
 
+    from pcpc.drivers.views import data
+
     intrinsic: Any = extending.intrinsic  # its callers do not pass the typing context
 
     def _external(name: str) -> Any:
@@ -67,8 +69,8 @@ if not LOOP_INTERPRETED:
         """Return array[index] (int64) with acquire order."""
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            data = context.make_array(signature.args[0])(context, builder, args[0]).data
-            return builder.load_atomic(builder.gep(data, [args[1]]), "acquire", 8)
+            first = data(context, builder, signature.args[0], args[0])
+            return builder.load_atomic(builder.gep(first, [args[1]]), "acquire", 8)
 
         return _i8(array, _i8), generate
 
@@ -78,8 +80,8 @@ if not LOOP_INTERPRETED:
         """Set array[index] (int64) with release order."""
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            data = context.make_array(signature.args[0])(context, builder, args[0]).data
-            builder.store_atomic(args[2], builder.gep(data, [args[1]]), "release", 8)
+            first = data(context, builder, signature.args[0], args[0])
+            builder.store_atomic(args[2], builder.gep(first, [args[1]]), "release", 8)
             return context.get_dummy_value()
 
         return types.void(array, _i8, _i8), generate
@@ -95,10 +97,16 @@ if not LOOP_INTERPRETED:
 
         return types.void(), generate
 
-    @loop_inline
-    def address(array: Any) -> Any:
+    @_untyped
+    @intrinsic
+    def address(typing_context: Any, array: Any) -> Any:
         """Return the address of the array's first element."""
-        return array.ctypes.data
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            first = data(context, builder, signature.args[0], args[0])
+            return builder.ptrtoint(first, context.get_value_type(_i8))
+
+        return _i8(array), generate
 
 else:
     _LIBC = ctypes.CDLL(None, use_errno=True)

@@ -80,7 +80,7 @@ POINTER = types.CPointer(f8)
 
 class _Pointer(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, ir.PointerType(ir.DoubleType()))
+        super().__init__(manager, kind, manager[kind.element].get_data_type().as_pointer())
 
 
 register_model(View)(_Pointer)
@@ -216,13 +216,19 @@ def _flat_interpreted(view: Any) -> Any:
 flat: Any = _flat_interpreted if JIT_OFF else _flat
 
 
+def data(context: Any, builder: Any, kind: Any, values: Any) -> Any:
+    """Return the pointer to the first element of Cells or of a contiguous array, for intrinsics."""
+    if isinstance(kind, Cells):
+        return values
+    return context.make_array(kind)(context, builder, values).data
+
+
 @intrinsic
 def pointer_at(typing: Any, values: Any, place: Any) -> Any:
-    """Return the POINTER to element `place` of a contiguous float64 array."""
+    """Return the POINTER to element `place` of float64 Cells or of a contiguous array."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
         place = context.cast(builder, arguments[1], signature.args[1], types.intp)
-        return builder.gep(array.data, [place])
+        return builder.gep(data(context, builder, signature.args[0], arguments[0]), [place])
 
     return POINTER(values, place), generate

@@ -20,6 +20,7 @@ import numpy as np
 
 from pcpc.drivers import libc
 from pcpc.drivers.jit import LOOP_INTERPRETED, loop_function
+from pcpc.drivers.structures import copy, structure
 from pcpc.drivers.wire_layout import (
     ADDRESS_BYTES,
     FRAME_BYTES,
@@ -28,8 +29,10 @@ from pcpc.drivers.wire_layout import (
     PYTHON_CAN,
     QUEUE_FRAMES,
     SOCKETCAN,
+    WIRE,
 )
 
+END = structure(WIRE)  # the type of what all functions here take
 WAIT_MS = 100  # as the receive time-out of drivers.bus
 ERROR_FLAG, ERROR_FLAGS = 0x20, 0x60  # in the id's top byte: error frame; that or a remote one
 NOTHING, FRAME, FOREIGN, OWN, BUS_ERROR, FAILED = 0, 1, 2, 3, 4, -1
@@ -205,8 +208,7 @@ def put_frame(wire: Any) -> Any:
     if wire.kind == MEMORY:
         if wire.outbox_put >= QUEUE_FRAMES:
             return False
-        for i in range(FRAME_BYTES):
-            wire.outbox[wire.outbox_put, i] = wire.tx[i]
+        copy(wire.outbox[wire.outbox_put], wire.tx)
         wire.outbox_put += 1
         return True
     if wire.kind == PYTHON_CAN:
@@ -238,8 +240,7 @@ def get_frame(wire: Any, block: Any) -> Any:
     if wire.kind == MEMORY:
         if wire.inbox_taken == wire.inbox_put:
             return NOTHING
-        for i in range(FRAME_BYTES):
-            wire.rx[i] = wire.inbox[wire.inbox_taken % QUEUE_FRAMES, i]
+        copy(wire.rx, wire.inbox[wire.inbox_taken % QUEUE_FRAMES])
         wire.inbox_taken += 1
         return FRAME
     if wire.kind == PYTHON_CAN:
@@ -299,12 +300,10 @@ def carry(source: Any, target: Any) -> None:
     """Move `source`'s outbox into `target`'s inbox (kind MEMORY); what does not fit stays."""
     moved = min(source.outbox_put, QUEUE_FRAMES - (target.inbox_put - target.inbox_taken))
     for k in range(moved):
-        for i in range(FRAME_BYTES):
-            target.inbox[target.inbox_put % QUEUE_FRAMES, i] = source.outbox[k, i]
+        copy(target.inbox[target.inbox_put % QUEUE_FRAMES], source.outbox[k])
         target.inbox_put += 1
     for k in range(moved, source.outbox_put):
-        for i in range(FRAME_BYTES):
-            source.outbox[k - moved, i] = source.outbox[k, i]
+        copy(source.outbox[k - moved], source.outbox[k])
     source.outbox_put -= moved
 
 
@@ -324,6 +323,5 @@ def _deliver(frame: Any, target: Any) -> None:
     """Put `frame` into an inbox; one more than it holds is lost, as on a bus."""
     if target.inbox_put - target.inbox_taken >= QUEUE_FRAMES:
         return
-    for i in range(FRAME_BYTES):
-        target.inbox[target.inbox_put % QUEUE_FRAMES, i] = frame[i]
+    copy(target.inbox[target.inbox_put % QUEUE_FRAMES], frame)
     target.inbox_put += 1

@@ -27,8 +27,9 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers import dbc, e2e, libc
-from pcpc.drivers.jit import from_dtype, i8, loop, loop_function, types
+from pcpc.drivers.jit import i8, loop, loop_function, types
 from pcpc.drivers.stage import ENTRY, call, part
+from pcpc.drivers.structures import structure
 from pcpc.drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
 from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.loop import shared as sh
@@ -51,7 +52,7 @@ from pcpc.executive.loop.variables import FALLBACK, FAULT, GAIN, MISSING, NMT, S
 CLOCKED, ON_FRAMES = 0, 1
 DRAIN_FRAMES = 1024  # at most this many in one pass
 
-N = from_dtype(sh.LOOP)
+N = structure(sh.LOOP)
 STEPS = types.UniTuple(ENTRY, sh.MAX_BLOCKS)
 
 
@@ -172,7 +173,7 @@ def supervise(n: Any) -> None:
     n.started = 0
     n.fresh = 0
     n.wire.muted = 0
-    e2e.begin_cycle(n.rx_state[: n.n_rx])
+    e2e.begin_cycle(n.rx_state, n.n_rx)
     silent = before != sv.INIT and n.missing >= n.fault_after
     if silent and n.faulted == sv.NO_FAULT and not asked:
         n.faulted = sv.INPUT_MISSING

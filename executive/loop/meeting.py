@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.jit import loop_function
+from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES
 from pcpc.executive.loop import shared as sh
 
@@ -34,8 +35,7 @@ def sorted_out(n: Any, row: Any) -> Any:
             return TAKE
         if part == FROM_BELOW:
             n.holding = row + 1
-            for i in range(FRAME_BYTES):
-                n.held[i] = n.wire.rx[i]
+            copy(n.held, n.wire.rx)
         return LEAVE
     if part == BEFORE:
         n.holding = np.int64(0)

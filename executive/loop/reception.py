@@ -12,6 +12,7 @@ import numpy as np
 
 from pcpc.drivers import codec, e2e
 from pcpc.drivers.jit import loop_function
+from pcpc.drivers.structures import data_of
 from pcpc.executive.loop import losses, meeting
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.losses import is_lost
@@ -23,7 +24,7 @@ from pcpc.executive.loop.strangers import is_foreign, note_foreign, note_repeat,
 def take_frame(n: Any) -> Any:
     """Check and decode `wire.rx`; return its row in the frame table, -1 if it is not for us."""
     word = word_of(n.wire.rx)
-    row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx[: n.n_rx])
+    row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx, n.n_rx)
     if is_foreign(n, row, word):
         note_foreign(n, word)
         return np.int64(-1)
@@ -70,7 +71,7 @@ def disturbed(n: Any, row: Any) -> Any:
 def accept(n: Any, row: Any) -> Any:
     """Check counter and CRC, record the frame; return its state."""
     frame = n.wire.rx
-    state, lost = e2e.check(frame[8:16], np.int64(frame[4]), row, n.rx, n.rx_state)
+    state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx, n.rx_state)
     push_frame(n, frame, 1, state)
     n.control[sh.LOST] += lost
     return state
@@ -79,7 +80,7 @@ def accept(n: Any, row: Any) -> Any:
 @loop_function
 def decode(n: Any, row: Any, new: Any) -> None:
     """Write the frame's signals to the table; `new`: it is the first of its row in this cycle."""
-    codec.unpack(n.wire.rx[8:16], row, n.rx, n.rx_signals, n.rx_scales, n.v)
+    codec.unpack(data_of(n.wire.rx), row, n.rx, n.rx_signals, n.rx_scales, n.v)
     n.control[sh.RECEIVED] += 1
     if new:
         n.started += n.rx_role[row, sh.STARTS]

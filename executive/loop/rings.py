@@ -14,7 +14,7 @@ from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.loop import shared as sh
 
-NAN = float("nan")  # the one NaN that logs hold
+NAN_BITS = np.float64("nan").view(np.int64)  # the one NaN that logs hold
 
 
 @loop_inline
@@ -41,7 +41,8 @@ def stopping(n: Any) -> Any:
 @loop_inline
 def bits_of(value: Any) -> Any:
     """Return the 64 bits of a float64 as int64, every NaN as the same one."""
-    return np.float64(value if value == value else NAN).view(np.int64)
+    bits = np.float64(value).view(np.int64)
+    return bits if value == value else NAN_BITS
 
 
 @loop_function

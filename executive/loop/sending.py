@@ -6,6 +6,7 @@ import numpy as np
 
 from pcpc.drivers import codec, dbc, e2e
 from pcpc.drivers.jit import loop_function
+from pcpc.drivers.structures import data_of
 from pcpc.drivers.wire import put_frame
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
@@ -29,7 +30,7 @@ def encode(n: Any, row: Any, counter: Any) -> Any:
     for i in range(4):
         frame[i] = (word >> (8 * i)) & 255
     frame[4] = n.tx[row, dbc.DLC]
-    data = frame[8:16]
+    data = data_of(frame)
     clamped = codec.pack(data, row, n.tx, n.tx_signals, n.tx_scales, n.v)
     e2e.protect(data, row, n.tx, counter)
     return clamped

@@ -88,7 +88,9 @@ MEETING = 3  # a further one: what the frame is to `executive.loop.meeting`
 SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `overrun_policy`
 STAGES, BUCKETS, LATEST = 6, 320, 8  # sizes of `executive.loop.timing`
 COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
+STAGE_FIGURES = 4
 LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
+LATE_FIGURES = LATE_USAGE + 4
 IS_SYNC, IS_HEARTBEAT = 0, 1  # columns of `tx_role`
 
 # The record of a node, ordered by who may write it; each part begins on a page of its own.
@@ -100,9 +102,9 @@ _PUBLISHED = [  # written by the node, read by all
     ("frame_ends", "<i8", (END_WORDS,)),
     ("event_ends", "<i8", (END_WORDS,)),
     ("snapshot", "<f8", (MAX_VARIABLES,)),
-    ("stages", "<i8", (STAGES, 4)),  # count, sum, least, most of each stage's ns
+    ("stages", "<i8", (STAGES, STAGE_FIGURES)),  # count, sum, least, most of each stage's ns
     ("histogram", "<i8", (STAGES, BUCKETS)),
-    ("latest", "<i8", (LATEST, LATE_USAGE + 4)),  # cycle, stages, faults and switches
+    ("latest", "<i8", (LATEST, LATE_FIGURES)),  # cycle, stages, faults and switches
     ("record", "<i8", (RECORD_RING_WORDS,)),
     ("frame", "<i8", (FRAME_RING_ROWS, FRAME_WORDS)),
     ("event", "<i8", (EVENT_RING_ROWS, EVENT_WORDS)),

@@ -49,7 +49,7 @@ def is_foreign(n: Any, row: Any, word: Any) -> Any:
     """Return whether the frame in `wire.rx`, of `row` in the receive table or -1, is foreign."""
     source = n.wire.source
     if row < 0:
-        return codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.tx[: n.n_tx]) >= 0
+        return codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.tx, n.n_tx) >= 0
     if source == n.rx_source[row]:
         return False
     silent = n.rx_state[row, e2e.AGE_CYCLES] > SILENT_TURNS * n.rx[row, dbc.EVERY_N]
@@ -113,7 +113,7 @@ def listen(n: Any) -> None:
         result = get_frame(n.wire, True)
         if result == FRAME:
             word = word_of(n.wire.rx)
-            row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx[: n.n_rx])
+            row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx, n.n_rx)
             if row < 0 and is_foreign(n, row, word):
                 note_foreign(n, word)
         elif result == FAILED:

@@ -75,10 +75,14 @@ def bucket_end(i: Any) -> Any:
 @loop_function
 def reset(n: Any) -> None:
     """Forget all that was counted."""
-    n.stages[:] = 0
-    n.stages[:, sh.LEAST] = 2**62
-    n.histogram[:] = 0
-    n.latest[:] = 0
+    for s in range(sh.STAGES):
+        for i in range(sh.STAGE_FIGURES):
+            n.stages[s, i] = 2**62 if i == sh.LEAST else 0
+        for i in range(sh.BUCKETS):
+            n.histogram[s, i] = 0
+    for row in range(sh.LATEST):
+        for i in range(sh.LATE_FIGURES):
+            n.latest[row, i] = 0
 
 
 @loop_function

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import bus as buses
 from pcpc.drivers import libc, wire
-from pcpc.drivers.jit import from_dtype, i8, loop, loop_function, types
-from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, UDP, WIRE
+from pcpc.drivers.jit import i8, loop, loop_function, types
+from pcpc.drivers.structures import copy, structure
+from pcpc.drivers.wire_layout import MEMORY, UDP, WIRE
 
 WITHIN_NS = 200_000  # the share of frames with an error up to here is counted exactly
 FINE = 128  # bins to a doubling
@@ -49,7 +50,7 @@ PLAYER = np.dtype(
     ],
     align=True,
 )
-N = from_dtype(PLAYER)
+N = structure(PLAYER)
 FRAMES = types.Array(types.uint8, 2, "C")
 TIMES = types.Array(types.int64, 1, "C")
 
@@ -76,8 +77,7 @@ def _sleep_until(n: Any, deadline: Any) -> Any:
 @loop_function
 def _send(n: Any, frame: Any) -> Any:
     """Hand over `frame` (16,), waiting while the bus's queue is full; return True once taken."""
-    for i in range(FRAME_BYTES):
-        n.wire.tx[i] = frame[i]
+    copy(n.wire.tx, frame)
     if wire.put_frame(n.wire):
         n.refused = 0
         return True

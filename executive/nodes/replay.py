@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import e2e, wire
 from pcpc.drivers.jit import f8, i8, loop, u1
+from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, STRANGER
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
@@ -141,8 +142,7 @@ def recompute(
         if n.passes == 0 and n.is_plant == 0:
             request_first_sample(n)
         while frame < rows[i, FRAMES_END]:
-            for j in range(FRAME_BYTES):
-                n.wire.rx[j] = frames[frame, j]
+            copy(n.wire.rx, frames[frame])
             n.wire.source = STRANGER if frames[frame, 5] != 0 else 0
             take_frame(n)
             frame += 1

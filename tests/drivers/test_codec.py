@@ -287,10 +287,11 @@ def test_nan_is_sent_as_raw_zero_and_counted() -> None:
 
 
 def test_a_frame_is_found_by_id_and_format() -> None:
-    found = [codec.frame_of(entry.can_id, 0, TABLE.frames) for entry in FRAMES]
+    found = [codec.frame_of(entry.can_id, 0, TABLE.frames, len(FRAMES)) for entry in FRAMES]
     assert found == list(range(len(FRAMES))), f"{found}"
-    missing = codec.frame_of(0x7FF, 0, TABLE.frames), codec.frame_of(0x80, 1, TABLE.frames)
-    assert missing == (-1, -1), f"{missing}"
+    others = ((0x7FF, 0), (0x80, 1))
+    missing = [codec.frame_of(*other, TABLE.frames, len(FRAMES)) for other in others]
+    assert missing == [-1, -1], f"{missing}"
 
 
 def digest_of_frames(n: int) -> str:

@@ -35,7 +35,7 @@ def check(state: NDArray[np.int64], name: str, data: NDArray[np.uint8]) -> tuple
 def let_pass(state: np.ndarray, name: str, turns: int) -> None:
     """Let as many cycles pass as `turns` of a frame take."""
     for _ in range(turns * int(TABLE.frames[ROWS[name], dbc.EVERY_N])):
-        e2e.begin_cycle(state)
+        e2e.begin_cycle(state, len(state))
 
 
 def counts(state: NDArray[np.int64], name: str) -> dict[str, int]:
@@ -180,7 +180,7 @@ def test_a_corrupt_frame_leaves_the_counter_as_it_was() -> None:
 def test_nothing_heard_is_not_available_and_ages() -> None:
     state = e2e.new_state(len(FRAMES))
     for _ in range(3):
-        e2e.begin_cycle(state)
+        e2e.begin_cycle(state, len(state))
     got = counts(state, "FB_A")
     assert (got["state"], got["age_cycles"], got["fresh"]) == (e2e.NOT_AVAILABLE, 3, 0), f"{got}"
 
@@ -189,7 +189,7 @@ def test_only_a_used_frame_is_fresh_and_resets_the_age() -> None:
     state = e2e.new_state(len(FRAMES))
     history = []
     for counter in (1, 1, 2, 12, 13):
-        e2e.begin_cycle(state)
+        e2e.begin_cycle(state, len(state))
         check(state, "FB_A", sent("FB_A", counter))
         got = counts(state, "FB_A")
         history.append((got["fresh"], got["age_cycles"]))

@@ -55,7 +55,7 @@ def hear(node: Node, can_id: int, source: int = 0, counter: int | None = None) -
 def cycles(node: Node, count: int) -> None:
     """Let time pass for the receiver, as `count` cycles do."""
     for _ in range(count):
-        e2e.begin_cycle(node.loop.rx_state[: node.loop.n_rx])
+        e2e.begin_cycle(node.loop.rx_state, node.loop.n_rx)
         node.loop.passes += 1
 
 

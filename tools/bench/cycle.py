@@ -28,9 +28,10 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import bus as buses
 from pcpc.drivers import dbc, e2e, wire, wire_layout
-from pcpc.drivers.jit import from_dtype, i8, loop, types, u1
+from pcpc.drivers.jit import i8, loop, types, u1
+from pcpc.drivers.structures import copy
 from pcpc.drivers.wire import put_frame
-from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES, WIRE
+from pcpc.drivers.wire_layout import MEMORY, QUEUE_FRAMES, WIRE
 from pcpc.executive.laws import references
 from pcpc.executive.laws.controllers.barrel import pd
 from pcpc.executive.laws.idle import idle
@@ -162,8 +163,7 @@ def drive_memory(n: Any, steps: Any, frames: Any, ends: Any, repeats: Any) -> No
         _put_back(n)
         for k in range(ends.shape[0]):
             for i in range(first, ends[k]):
-                for j in range(FRAME_BYTES):
-                    n.wire.inbox[n.wire.inbox_put % QUEUE_FRAMES, j] = frames[i, j]
+                copy(n.wire.inbox[n.wire.inbox_put % QUEUE_FRAMES], frames[i])
                 n.wire.inbox_put += 1
             first = ends[k]
             n.virtual_now = n.k * n.period_ns
@@ -171,7 +171,7 @@ def drive_memory(n: Any, steps: Any, frames: Any, ends: Any, repeats: Any) -> No
             one_pass(n, steps)
 
 
-@loop(types.void(N, STEPS, from_dtype(WIRE), u1[:, ::1], i8[::1], i8, i8[::1]))
+@loop(types.void(N, STEPS, wire.END, u1[:, ::1], i8[::1], i8, i8[::1]))
 def drive_bus(
     n: Any, steps: Any, peer: Any, frames: Any, ends: Any, cycles: Any, took: Any
 ) -> None:
@@ -180,8 +180,7 @@ def drive_bus(
     _put_back(n)
     for k in range(cycles):
         for i in range(first, ends[k]):
-            for j in range(FRAME_BYTES):
-                peer.tx[j] = frames[i, j]
+            copy(peer.tx, frames[i])
             put_frame(peer)
         first = ends[k]
         began = now(n)

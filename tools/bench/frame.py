@@ -18,8 +18,8 @@ import numpy as np
 
 from pcpc.drivers import bus as buses
 from pcpc.drivers.bus import Bus
-from pcpc.drivers.jit import from_dtype, i8, loop
-from pcpc.drivers.wire import FRAME, get_frame, put_frame
+from pcpc.drivers.jit import i8, loop
+from pcpc.drivers.wire import END, FRAME, get_frame, put_frame
 from pcpc.drivers.wire_layout import WIRE
 from pcpc.tools.bench import BenchError, Ratio
 from pcpc.tools.bench.cycle import interleave, library, per_repeat, pointer
@@ -34,7 +34,7 @@ FRAMES = 2000  # a round
 PYTHON_CAN_FRAMES = 200
 
 
-@loop(i8(from_dtype(WIRE), i8))
+@loop(i8(END, i8))
 def drive(wire: Any, count: Any) -> Any:
     """Send and receive `count` frames; return those received. `drive_frames` does the same in C."""
     received = 0

@@ -1,0 +1,161 @@
+"""Structures: what `n.k`, `n.wire.errno` and `n.v[i]` are in compiled code.
+
+A Structure is a pointer to one element of a structured numpy array. Its fields are numbers, Cells
+(`drivers.views`) and further Structures, so that every access is a load or store at an address that
+the compiler knows, up to the index. numba's own record makes an array of each field and takes a
+negative index from its end: that was a quarter of the loop's cycle.
+
+    structure(dtype)       the type of `array[0]` for functions with a signature; without one it is
+                           known once the dtype was named here
+    data_of(frame)         the data bytes of a frame, Cells
+    copy(target, source)   a frame's bytes into another's place
+"""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+# ruff: isort: off
+from pcpc.drivers.jit import LOOP_INTERPRETED, numba, types
+from pcpc.drivers.views import Cells, data
+from llvmlite import ir  # after ours, which set numba's environment
+from numba.core.imputils import lower_getattr_generic, lower_setattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    intrinsic,
+    models,
+    register_model,
+    typeof_impl,
+    unbox,
+)
+# ruff: isort: on
+
+_I64, _BYTES = ir.IntType(64), ir.IntType(8).as_pointer()
+
+
+class Structure(types.Type):
+    """The type of a pointer to a structure; `fields`: name, type, place in bytes."""
+
+    def __init__(self, fields: tuple[tuple[str, Any, int], ...]) -> None:
+        self.fields = {name: (kind, place) for name, kind, place in fields}
+        mark = hashlib.sha256(repr(fields).encode()).hexdigest()[:12]
+        super().__init__(f"Structure({mark})")
+
+
+class _Pointer(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _BYTES)
+
+
+register_model(Structure)(_Pointer)
+_known: dict[np.dtype[Any], Structure] = {}
+
+
+def structure(dtype: np.dtype[Any]) -> Any:
+    """Return the type of a structure of `dtype`, which from now on has it everywhere."""
+    if LOOP_INTERPRETED:
+        return None
+    plain = _plain(dtype)
+    if plain not in _known:
+        places: Any = plain.fields
+        fields = ((name, _kind(places[name][0]), places[name][1]) for name in places)
+        _known[plain] = Structure(tuple(fields))
+    return _known[plain]
+
+
+def _plain(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """Return `dtype` as numpy makes it of a list, also of an element of a recarray."""
+    return np.dtype((np.void, dtype)) if dtype.type is np.record else dtype
+
+
+def _kind(dtype: np.dtype[Any]) -> Any:
+    if dtype.fields is not None:
+        return structure(dtype)
+    base, shape = dtype.subdtype or (dtype, ())
+    number = numba.from_dtype(base)
+    return Cells(shape, number) if shape else number
+
+
+@typeof_impl.register(np.record)
+def _typeof(value: np.record, context: Any) -> Any:
+    return _known.get(_plain(value.dtype)) or numba.from_dtype(value.dtype)
+
+
+@unbox(Structure)
+def _unbox(kind: Any, value: Any, c: Any) -> Any:
+    buffer = c.pyapi.alloca_buffer()
+    pointer = c.pyapi.extract_record_data(value, buffer)
+    failed = c.builder.icmp_unsigned("==", pointer, ir.Constant(pointer.type, None))
+    pointer = c.builder.bitcast(pointer, _BYTES)
+    return NativeValue(pointer, failed, lambda: c.pyapi.release_buffer(buffer))
+
+
+@infer_getattr
+class _Attributes(AttributeTemplate):
+    key = Structure
+
+    def generic_resolve(self, kind: Structure, name: str) -> Any:  # type: ignore[override]
+        return kind.fields[name][0] if name in kind.fields else None
+
+
+def _address(context: Any, builder: Any, pointer: Any, kind: Structure, name: str) -> Any:
+    field, place = kind.fields[name]
+    address = builder.gep(pointer, [ir.Constant(_I64, place)], inbounds=True)
+    into = context.get_value_type(field)
+    whole = isinstance(field, Cells | Structure)
+    return builder.bitcast(address, into if whole else into.as_pointer())
+
+
+@lower_getattr_generic(Structure)
+def _get(context: Any, builder: Any, kind: Structure, pointer: Any, name: str) -> Any:
+    address = _address(context, builder, pointer, kind, name)
+    return address if isinstance(kind.fields[name][0], Cells | Structure) else builder.load(address)
+
+
+@lower_setattr_generic(Structure)
+def _set(context: Any, builder: Any, signature: Any, arguments: Any, name: str) -> None:
+    kind, given = signature.args
+    field = kind.fields[name][0]
+    if isinstance(field, Cells | Structure):
+        raise TypeError(f"{name} has several values: set them one by one")
+    value = context.cast(builder, arguments[1], given, field)
+    builder.store(value, _address(context, builder, arguments[0], kind, name))
+
+
+@intrinsic
+def _data_of(typing: Any, frame: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.gep(arguments[0], [ir.Constant(_I64, 8)], inbounds=True)
+
+    return Cells((8,), types.uint8)(frame), generate
+
+
+@intrinsic
+def _copy(typing: Any, target: Any, source: Any) -> Any:
+    """Load all 16 bytes, then store them: no byte of one may be one of the other."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        frame = ir.VectorType(ir.IntType(8), 16).as_pointer()
+        into, out_of = (
+            builder.bitcast(data(context, builder, kind, value), frame)
+            for kind, value in zip(signature.args, arguments, strict=True)
+        )
+        builder.store(builder.load(out_of, align=1), into, align=1)
+        return context.get_dummy_value()
+
+    return types.void(target, source), generate
+
+
+def _data_interpreted(frame: Any) -> Any:
+    return frame[8:16]
+
+
+def _copy_interpreted(target: Any, source: Any) -> None:
+    target[:] = source
+
+
+data_of: Any = _data_interpreted if LOOP_INTERPRETED else _data_of
+copy: Any = _copy_interpreted if LOOP_INTERPRETED else _copy
