@@ -362,8 +362,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the nodes; it sees them end
     os.nice(10)
     try:
-        block = sharing.attach(options.executive, sharing.RECORDER)
+        block = sharing.attach(options.executive)
         recorder = Recorder(options.out, [block], options.others, options.judged)
+        block.tell(sharing.RECORDER)  # only now: with the executive the others may go
     except (RecordError, SharedError) as error:
         print(error, file=sys.stderr)
         return LOSS if getattr(error, "full", False) else NO_ENVIRONMENT

@@ -2,6 +2,7 @@
 
 import os
 import resource
+import select
 import signal
 import subprocess
 import sys
@@ -23,7 +24,7 @@ from mcap_ros2.decoder import DecoderFactory
 from pcpc.executive.log import mcap_writer, recorder
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import Recorder
-from pcpc.executive.loop import shared
+from pcpc.executive.loop import shared, sharing
 
 PROJECT = Path(__file__).parents[2]
 MONOTONIC_NS, WALL_NS = 5_000_000_123, 1_760_000_000_000_000_789
@@ -414,6 +415,35 @@ def test_process_records_until_the_nodes_are_done_also_a_late_plant(
     assert (code, errors) == (0, ""), errors
     read = logs.read(tmp_path / "log.mcap")
     assert [len(node.cycle) for node in read.node.values()] == [200, 100]
+
+
+def test_a_recorder_lets_the_executive_go_once_it_has_the_other_nodes(
+    name: str, tmp_path: Path
+) -> None:
+    """A run may be over when it comes: with the executive its host lets the plant go."""
+    description = dict(block_of(name).description)
+    standing.end_all()
+    executive, plant = (sharing.Served(n, description) for n in (name, f"{name}-plant"))
+    for served in (executive, plant):
+        served.open()
+    words = [sys.executable, "-m", "pcpc.executive.log.recorder", str(tmp_path / "log.mcap")]
+    process = subprocess.Popen([*words, name, f"{name}-plant"], cwd=PROJECT)
+    select.select(executive.sockets(), [], [])
+    executive.serve()
+    select.select(plant.sockets(), [], [])  # it asks for the plant
+    executive.serve()
+    assert sharing.RECORDER not in executive.told
+    plant.serve()
+    while sharing.RECORDER not in executive.told:
+        select.select(executive.sockets(), [], [])
+        executive.serve()
+    plant.serve()
+    assert sharing.RECORDER in plant.told
+    for served in (executive, plant):
+        served.block["control"][shared.DONE] = 1
+    assert process.wait(20.0) == 0
+    for served in (executive, plant):
+        served.close()
 
 
 def test_process_ends_in_order_on_sigterm(block: shared.Shared, name: str, tmp_path: Path) -> None:
