@@ -5,13 +5,16 @@ import re
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 
+from pcpc.drivers.errors import Exit, UserError
+
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of a disk: what was to be kept is missing
+_NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # no machine could open it
 _CLOSE = 0.6  # difflib's own cutoff
 _CONTROL = re.compile("[\0-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 _LIST_AT_MOST = 8  # candidates that still fit in one line
 
 
-class RigError(Exception):
+class RigError(UserError):
     """A rig file, or an option that overrides it, is wrong.
 
     The message is ready to print: `file:line:column: path: what; cure`, in one line.
@@ -19,6 +22,13 @@ class RigError(Exception):
 
     def __init__(self, message: str) -> None:
         super().__init__(one_line(message))
+
+
+def code_of(error: OSError) -> Exit:
+    """Return the exit code for what the machine refused."""
+    if error.errno in _NO_NAME:
+        return Exit.WRONG_INPUT
+    return Exit.LOSS if error.errno in FULL else Exit.ENVIRONMENT
 
 
 def one_line(text: str) -> str:

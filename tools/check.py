@@ -2,19 +2,15 @@
 
 Prints nodes and schedules, the wiring (input <- source [unit]), the frames both ways, the bus load.
 A signal that is sent but wired to nothing carries 0: a warning.
-
-exit code: 0 ok, perhaps with warnings; 2 rig file; 4 DBC file or bus
 """
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 from pcpc.drivers import dbc
-from pcpc.drivers.errors import BusError
-from pcpc.executive.errors import RigError
+from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import plausible
 from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of, plan
@@ -25,34 +21,26 @@ from pcpc.executive.rig.resolve import Use, users_case
 from pcpc.tools import screen
 from pcpc.tools.judge import Judge, check
 
-OK, BAD_RIG = 0, 2
 _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 
 
 def command(options: argparse.Namespace) -> int:
-    """Check and describe a rig; print errors; return the exit code."""
-    try:
-        rig = load_rig(options.rig, options.controller, options.set)
-        plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
-        _try_laws(rig)
-        check_pacing(rig, rig.config.pacing)
-        check_rate(rig, rig.config.pacing)
-        for made in plans:
-            plausible.check(made)
-        judge = Judge.of(rig)
-        report = describe(rig, plans)
-        report["warnings"] += check(judge, options.set)
-    except RigError as error:
-        print(error, file=sys.stderr)
-        return BAD_RIG
-    except BusError as error:
-        print(error, file=sys.stderr)
-        return error.code
+    """Check and describe a rig."""
+    rig = load_rig(options.rig, options.controller, options.set)
+    plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
+    _try_laws(rig)
+    check_pacing(rig, rig.config.pacing)
+    check_rate(rig, rig.config.pacing)
+    for made in plans:
+        plausible.check(made)
+    judge = Judge.of(rig)
+    report = describe(rig, plans)
+    report["warnings"] += check(judge, options.set)
     if options.json:
         print(json.dumps(report, indent=2))
     else:
         show(report)
-    return OK
+    return Exit.OK
 
 
 def _try_laws(rig: Rig) -> None:

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.tools import report
@@ -35,9 +36,9 @@ def conclude(
         log = long_logs.whole(log, judged) if judged else log
     except logs.LogError as error:
         if outcome.interrupted:  # before there was anything to record
-            return summaries.CODES["interrupted"]
+            return Exit.INTERRUPTED
         print(*outcome.faults, error, sep="\n", file=sys.stderr)
-        return summaries.CODES["safety stop" if outcome.faults else "loss"]
+        return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS
     finally:
         for name in judged:
             with contextlib.suppress(OSError):

@@ -9,6 +9,7 @@
     a name that no file can have       says it                                  2
     the machine refuses otherwise      says which file and why                  4
     Ctrl-C, SIGTERM or SIGHUP          ends in order                            130
+    what a user can mend               one line that says how                   the error's
 
 A mistake in the program itself keeps its traceback.
 """
@@ -22,10 +23,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import IO, Any
 
-from pcpc.executive.errors import FULL
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import FULL, code_of
 
-OK, USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 3, 4, 130
-NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # no machine could open it
 _ASK_TO_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -37,6 +37,7 @@ class Output:
 
     def __init__(self, stream: IO[str], must_be_read: bool = False) -> None:
         self._stream, self._must_be_read = stream, must_be_read
+        self._open = False  # a line that changes in place, as of a progress, has no end yet
         self.error: OSError | None = None
 
     def __getattr__(self, name: str) -> Any:
@@ -44,11 +45,16 @@ class Output:
 
     def write(self, text: str) -> int:
         """Write `text`, or drop it."""
+        self._open = not text.endswith("\n") if text else self._open
         return self._try(lambda: self._stream.write(text), len(text))
 
     def writelines(self, lines: Iterator[str]) -> None:
         """Write all `lines`, or drop them."""
         self._try(lambda: self._stream.writelines(lines), None)
+
+    def say(self, line: str) -> None:
+        """Write a line of its own."""
+        self.write("\n" * self._open + line + "\n")
 
     def flush(self) -> None:
         """Hand on what was written so far."""
@@ -80,17 +86,17 @@ def ended(command: Callable[[], int], *, goes_on: bool) -> int:
     sys.stdout, sys.stderr = out, err
     try:
         with _asked_to_end():
-            code = _attempt(command, out)
+            code = _attempt(command, out, err)
             out.flush()
     except OSError:  # of the last flush: `out.error`
-        code = OK
+        code = Exit.OK
     finally:
         sys.stdout, sys.stderr = before
     if out.error is not None and out.error.errno != errno.EPIPE:
         Output(before[1]).write(
             f"standard output: {out.error.strerror}; what was printed there is lost\n"
         )
-        return code or LOSS
+        return code or Exit.LOSS
     return code
 
 
@@ -106,30 +112,27 @@ def said(error: OSError) -> str:
     return ": ".join([*files, reason]).replace("\n", " ") + cure
 
 
-def code_of(error: OSError) -> int:
-    """Return the exit code for what the machine refused."""
-    if error.errno in NO_NAME:
-        return USAGE
-    return LOSS if error.errno in FULL else NO_ENVIRONMENT
-
-
-def _attempt(command: Callable[[], int], out: Output) -> int:
+def _attempt(command: Callable[[], int], out: Output, err: Output) -> int:
     try:
         return command()
     except SystemExit as end:  # argparse has printed its message; rich ends so without a reader
         if out.error is not None:
-            return OK
-        return end.code if isinstance(end.code, int) else OK if end.code is None else 1
+            return Exit.OK
+        return end.code if isinstance(end.code, int) else Exit.OK if end.code is None else 1
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return Exit.INTERRUPTED
+    except UserError as error:
+        if str(error):  # else it was said already
+            err.say(str(error))
+        return error.code
     except OSError as error:
         if error is out.error:
-            return OK
-        print(said(error), file=sys.stderr)
+            return Exit.OK
+        err.say(said(error))
         return code_of(error)
     except MemoryError:
-        print("out of memory; end other programs, or give this one more", file=sys.stderr)
-        return NO_ENVIRONMENT
+        err.say("out of memory; end other programs, or give this one more")
+        return Exit.ENVIRONMENT
 
 
 @contextmanager

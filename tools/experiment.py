@@ -11,7 +11,6 @@ import argparse
 import csv
 import importlib
 import importlib.util
-import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc import plants
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.plants.judging import Run
 from pcpc.plants.study import Case, Result
 from pcpc.tools.pool import PoolError, workers
@@ -33,7 +33,7 @@ _LOOK_S = 0.5
 TRACE_POINTS = 1500  # of a figure's line: more than its pixels
 
 
-class StudyError(Exception):
+class StudyError(UserError):
     """A file that is no study."""
 
 
@@ -137,7 +137,7 @@ def chosen(name: str) -> list[ModuleType]:
 def run_studies(
     parts: Sequence[ModuleType], folder: Path, progress: Progress, jobs: int | None
 ) -> int:
-    """Run the cases of all studies, write tables and figures; return 0, or 1 if a run failed."""
+    """Run the cases of all studies, write tables and figures; NOT_MET if a run failed."""
     cases = [(study, case) for study in parts for case in study.cases()]
     results = run_cases([case for _, case in cases], progress, jobs)
     write_csv(results, folder / "results.csv")
@@ -153,30 +153,24 @@ def run_studies(
     failed = [result for result in results if result.failed]
     for result in failed:
         progress.say(f"{result.case.label} on {result.case.rig}: {result.failed}")
-    return 1 if failed else 0
+    return Exit.NOT_MET if failed else Exit.OK
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run the experiment `options.name`; return 0, 1 if a run failed, 2 wrong input, 4."""
+    """Run the experiment `options.name`; NOT_MET if a run failed."""
     name = str(options.name)
     if not (Path(name).is_file() if name.endswith(".py") else name in names()):
         known = ", ".join(names())
-        print(f"{name}: no such experiment; expected {known}, or a study.py", file=sys.stderr)
-        return 2
+        raise StudyError(f"{name}: no such experiment; expected {known}, or a study.py")
     if options.jobs is not None and options.jobs < 1:
-        print(f"--jobs {options.jobs}: expected 1 or more", file=sys.stderr)
-        return 2
+        raise StudyError(f"--jobs {options.jobs}: expected 1 or more")
     try:
         import matplotlib.figure  # noqa: F401  the figures come last
     except ImportError as error:
         cure = "pip install 'pcpc[plot]'"
-        print(f"{name}: its figures need matplotlib: {cure} ({error})", file=sys.stderr)
-        return 4
-    try:
-        parts = chosen(name)
-    except StudyError as error:
-        print(error, file=sys.stderr)
-        return 2
+        what = f"{name}: its figures need matplotlib: {cure} ({error})"
+        raise StudyError(what, Exit.ENVIRONMENT) from None
+    parts = chosen(name)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     folder = Path(options.output or Path("runs") / f"{stamp}-{Path(name).stem}")
     try:
@@ -184,8 +178,7 @@ def command(options: argparse.Namespace) -> int:
         if any(folder.iterdir()):
             raise FileExistsError(0, "is not empty")
     except OSError as error:
-        print(f"{folder}: {error.strerror}; choose another folder with -o", file=sys.stderr)
-        return 2
+        raise StudyError(f"{folder}: {error.strerror}; choose another folder with -o") from None
     progress = Progress(options.quiet)
     try:
         if parts:
@@ -193,15 +186,9 @@ def command(options: argparse.Namespace) -> int:
         else:
             experiment = importlib.import_module(f"pcpc.tools.experiments.{name}")
             code = int(experiment.run(folder, progress, options.jobs))
-    except KeyboardInterrupt:
-        progress.close()
-        return 130
     except PoolError as error:
-        progress.close()
-        print(f"{name}: {error}", file=sys.stderr)
-        return 4
+        raise PoolError(f"{name}: {error}") from None
     except OSError as error:
-        progress.close()
         raise OSError(error.errno, error.strerror, error.filename or str(folder)) from None
     print(folder / "results.md")
     return code

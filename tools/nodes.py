@@ -23,11 +23,11 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 
-OK, WRONG_INPUT, NO_NODE, INTERRUPTED = 0, 2, 4, 130
 LEVELS = ("none", "tune", "all")  # by the value of the mailbox's word LOCK
 _REFUSALS = {
     sh.BAD_COUNT: "the request was no request",
@@ -40,12 +40,8 @@ _POLL_S = 0.001
 _GLOB = re.compile(r"[*?\[]")
 
 
-class HostError(Exception):
-    """One line for the user, and the exit code."""
-
-    def __init__(self, message: str, code: int = WRONG_INPUT) -> None:
-        super().__init__(message)
-        self.code = code
+class HostError(UserError):
+    """A node, or what is asked of it, cannot be had."""
 
 
 # Nodes
@@ -69,7 +65,7 @@ def find(node: str) -> sh.Shared:
     if other_users and not running:
         others = f"; user {' and '.join(other_users)} has nodes, which only that user reaches"
     raise HostError(
-        f"{node}: no such node is running{others}; start one with `pcpc run RIG`", NO_NODE
+        f"{node}: no such node is running{others}; start one with `pcpc run RIG`", Exit.ENVIRONMENT
     )
 
 
@@ -130,7 +126,7 @@ def read(block: sh.Shared) -> NDArray[np.float64]:
         if values is not torn:
             return values
         time.sleep(_POLL_S)
-    raise HostError(f"{block.name}: stands still in the middle of a cycle", NO_NODE)
+    raise HostError(f"{block.name}: stands still in the middle of a cycle", Exit.ENVIRONMENT)
 
 
 def names_of(block: sh.Shared) -> dict[str, int]:
@@ -175,7 +171,8 @@ def tune(block: sh.Shared, changes: Mapping[str, float]) -> int:
         if level != "none":
             raise HostError(f"{block.name}: locked ({level}); `pcpc lock none` allows tunings")
         if block["control"][sh.PASSES] == 0:
-            raise HostError(f"{block.name}: no cycle yet, it waits for the other node", NO_NODE)
+            what = "no cycle yet, it waits for the other node"
+            raise HostError(f"{block.name}: {what}", Exit.ENVIRONMENT)
         _acknowledged(block, int(block["mail"][sh.REQUEST]))  # of a host that died waiting
         block["mail_index"][: len(indices)] = indices
         block["mail_value"][: len(values)] = values
@@ -221,7 +218,7 @@ def _checked(block: sh.Shared, changes: Mapping[str, float]) -> tuple[list[int],
 def _one_host(block: sh.Shared) -> Iterator[None]:
     """Keep other hosts out of the mailbox; HostError if one stays in it or the node ended."""
     if not block.alive() or block.client is None:
-        raise HostError(f"{block.name}: ended", NO_NODE)
+        raise HostError(f"{block.name}: ended", Exit.ENVIRONMENT)
     descriptor = os.open(f"/proc/self/fd/{block.client.mailbox}", os.O_RDONLY)  # a lock of its own
     deadline_s = time.monotonic() + 2 * _PATIENCE_S  # the other one waits as long for its answer
     try:
@@ -232,7 +229,7 @@ def _one_host(block: sh.Shared) -> Iterator[None]:
             except BlockingIOError:
                 if time.monotonic() > deadline_s:
                     raise HostError(
-                        f"{block.name}: another host holds the mailbox; end it", NO_NODE
+                        f"{block.name}: another host holds the mailbox; end it", Exit.ENVIRONMENT
                     ) from None
                 time.sleep(_POLL_S)
         yield
@@ -258,6 +255,6 @@ def _acknowledged(block: sh.Shared, request: int) -> int:
         if not is_running(block) or time.monotonic() > deadline_s:
             block["mail"][sh.COUNT] = 0  # the loop looks at it once: all or none also here
             why = "took no tunings for 2 s" if is_running(block) else "ended"
-            raise HostError(f"{block.name}: {why}; nothing was set", NO_NODE)
+            raise HostError(f"{block.name}: {why}; nothing was set", Exit.ENVIRONMENT)
         time.sleep(_POLL_S)
     return int(block["answer"][sh.ACK_CYCLE])

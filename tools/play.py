@@ -6,9 +6,6 @@ many frames, and how far from their deadlines.
 
 With --as the player stands in for one node. It waits, as that node would, until the other one is
 heard, and then plays the recording whatever the other one sends: open loop.
-
-exit code: 0 played; 2 wrong input; 3 send errors, or a part of the log is missing; 4 environment;
-130 Ctrl-C
 """
 
 import argparse
@@ -26,8 +23,7 @@ import numpy as np
 
 from pcpc.drivers import bus as buses
 from pcpc.drivers import choice, realtime
-from pcpc.drivers.errors import BusError
-from pcpc.executive.errors import RigError
+from pcpc.drivers.errors import BusError, Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools import play_frames, screen
 from pcpc.tools.interface import named_bus
@@ -37,7 +33,6 @@ from pcpc.tools.progress import Progress
 if TYPE_CHECKING:
     from pcpc.executive.nodes.player import Player
 
-OK, USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 3, 4, 130
 PRIORITY = 70  # that of an emulator, below the executive's 80
 _POLL_S = 0.1
 _LONG_READ_BYTES = 20 << 20  # about a second
@@ -79,33 +74,21 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 
 def command(options: argparse.Namespace) -> int:
-    """Play a log; print errors in one line; return the exit code."""
+    """Play a log."""
     progress = Progress(options.quiet)
-    try:
-        _check(options)
-        _check_bus(options.bus)
-        path = Path(options.log)
-        if path.is_file() and path.stat().st_size > _LONG_READ_BYTES:
-            progress.show(f"reading {path}")
-        log = logs.read(path)
-        everything = play_frames.of(log)
-        frames = play_frames.choose(everything, options, options.log)
-        progress.close()
-        for line in log.missing:
-            print(f"{path}: missing: {line}", file=sys.stderr)
-        held = _take_bus(options, log)
-        return Session(options, held.bus, everything, frames, log.missing, progress).run()
-    except (PlayError, RigError, logs.LogError) as error:
-        progress.close()
-        print(error, file=sys.stderr)
-        return USAGE
-    except BusError as error:
-        progress.close()
-        print(error, file=sys.stderr)
-        return NO_ENVIRONMENT
-    except KeyboardInterrupt:  # before there was anything to play
-        progress.close()
-        return INTERRUPTED
+    _check(options)
+    _check_bus(options.bus)
+    path = Path(options.log)
+    if path.is_file() and path.stat().st_size > _LONG_READ_BYTES:
+        progress.show(f"reading {path}")
+    log = logs.read(path)
+    everything = play_frames.of(log)
+    frames = play_frames.choose(everything, options, options.log)
+    progress.close()
+    for line in log.missing:
+        print(f"{path}: missing: {line}", file=sys.stderr)
+    held = _take_bus(options, log)
+    return Session(options, held.bus, everything, frames, log.missing, progress).run()
 
 
 def words_of(*arguments: str) -> list[str]:
@@ -294,8 +277,8 @@ class Session:
             self.progress.say(f"player: {warning}")
         print(json.dumps(result, indent=2) if self.options.json else text_of(result))
         if self.interrupted:
-            return INTERRUPTED
-        return LOSS if result["send_errors"] or self.missing else OK
+            return Exit.INTERRUPTED
+        return Exit.LOSS if result["send_errors"] or self.missing else Exit.OK
 
     def _result(self, player: "Player") -> dict[str, Any]:
         """Return what was played and how well; nothing about time where there is no schedule."""

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import UserError
 from pcpc.drivers.wire_layout import FRAME_BYTES
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
@@ -34,8 +35,8 @@ _ROW = np.dtype(
 )  # fmt: skip
 
 
-class PlayError(Exception):
-    """There is nothing to play. One line, ready to print."""
+class PlayError(UserError):
+    """There is nothing to play."""
 
 
 @dataclass(frozen=True)

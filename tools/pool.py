@@ -8,11 +8,15 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
+from pcpc.drivers.errors import Exit, UserError
+
 _CURE = "end other programs, or give it fewer with --jobs"
 
 
-class PoolError(Exception):
-    """A process of a study died. One line, ready to print."""
+class PoolError(UserError):
+    """A process of a study died."""
+
+    code = Exit.ENVIRONMENT
 
 
 @contextmanager

@@ -8,7 +8,6 @@ loop: the plant does not answer) and shows how far that is from the record.
 
 import argparse
 import json
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -19,8 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.errors import BusError
-from pcpc.executive.errors import RigError
+from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import Frontier
 from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay
@@ -29,7 +27,6 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.tools import log_rig, screen
 from pcpc.tools.progress import Progress
 
-DIFFERS, USAGE, SAFETY_STOP = 1, 2, 5
 ROWS_SHOWN = 20
 MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
 SENT = "frames sent"
@@ -118,28 +115,22 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 
 def command(options: argparse.Namespace) -> int:
-    """Replay `options.log`; return 0 if bit-identical, 1 if not, 2 for wrong input."""
+    """Replay `options.log`; OK if bit-identical, else NOT_MET."""
     progress = Progress(options.quiet)
     try:
         verdicts = replay(Path(options.log), options, progress)
-    except (logs.LogError, RigError, BusError) as error:
-        progress.close()
-        print(error, file=sys.stderr)
-        return USAGE
+    except BusError as error:  # the log's DBC, not a bus of this machine
+        raise UserError(str(error)) from None
     except StepError as error:
-        progress.close()
-        print(f"{options.log}: {error or 'a step does not return'}", file=sys.stderr)
-        return SAFETY_STOP
-    except KeyboardInterrupt:
-        progress.close()
-        return 130
+        raise StepError(f"{options.log}: {error or 'a step does not return'}") from None
     progress.close()
     if options.json:
         print(json.dumps([_plain(v) for v in verdicts], indent=1))
     else:
         for verdict in verdicts:
             show(verdict, changed=bool(options.controller or options.set))
-    return 0 if all(verdict.identical for verdict in verdicts) else DIFFERS
+    same = all(verdict.identical for verdict in verdicts)
+    return Exit.OK if same else Exit.NOT_MET
 
 
 def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[Verdict]:

@@ -1,27 +1,24 @@
 """A rig by its name, from any folder, and `pcpc rigs`, which lists those that come with pcpc.
 
-    hull, atb1000/hull      plants/atb1000/rigs/hull.yaml beside the installed package
-    probe                   plants/probe/rig.yaml, which runs by itself
-    any path                a rig file of your own, or a folder with a rig.yaml; a path wins
-
-exit code: 0 ok; 2 no such rig
+hull, atb1000/hull      plants/atb1000/rigs/hull.yaml beside the installed package
+probe                   plants/probe/rig.yaml, which runs by itself
+any path                a rig file of your own, or a folder with a rig.yaml; a path wins
 """
 
 import argparse
 import json
 import re
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yamlfile
 from pcpc.tools import screen
 
-OK, USAGE = 0, 2
 _PLANTS = Path(__file__).resolve().parents[1] / "plants"
 _SUFFIXES = (".yaml", ".yml")
 _RIG = re.compile(r"^rig:\s*([a-z0-9._-]+)", re.MULTILINE)
@@ -74,20 +71,19 @@ def find(text: str) -> str:
 
 
 def command(options: argparse.Namespace) -> int:
-    """List the rigs, or those whose name or plant matches; return the exit code."""
+    """List the rigs, or those whose name or plant matches."""
     known = list(shipped())
     chosen = [rig for rig in known if _matches(rig, options.names)]
     if not chosen:
         words = " ".join(options.names)
         names = [name for rig in known for name in (rig.plant, rig.name)]
-        print(f"{words}: no such rig{did_you_mean(words, names)}", file=sys.stderr)
-        return USAGE
+        raise RigError(f"{words}: no such rig{did_you_mean(words, names)}")
     listed = [_about(rig) for rig in chosen]
     if options.json:
         print(json.dumps(listed, indent=2))
     else:
         print("\n".join(_lines(listed)))
-    return OK
+    return Exit.OK
 
 
 def _matches(rig: Shipped, words: list[str]) -> bool:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers import choice, compile_cache
-from pcpc.drivers.errors import BusError, DbcError
+from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import long_logs
 from pcpc.executive.log.mcap_writer import RecordError
@@ -38,8 +38,7 @@ from pcpc.tools.judge import Judge, foreseen
 from pcpc.tools.progress import Compiling, Progress, node_line
 from pcpc.tools.waiting import Waiting
 
-USAGE, NO_ENVIRONMENT = REFUSALS = 2, 4
-LOSS, SAFETY_STOP = 3, 5
+REFUSALS = Exit.WRONG_INPUT, Exit.ENVIRONMENT
 UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
@@ -85,11 +84,11 @@ class Host:
             complain(list(self.children.values()))
             said = self.waiting.told(self._leader(), str(self.bus), self.options.rig)
             print(said, file=sys.stderr)
-            return NO_ENVIRONMENT
+            return Exit.ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
         complain(refused[:1] or list(self.children.values()))
         if self.outcome.interrupted and not self._under_way():  # nothing has been recorded
-            return summaries.CODES["interrupted"]
+            return Exit.INTERRUPTED
         return refused[0].code if refused else -1
 
     def _node(self, role: Role) -> Child:
@@ -203,7 +202,7 @@ class Host:
         )
         codes = [child.code for child in nodes if child.ended]
         patience = _END_S
-        if recorder_first or any(code not in (0, SAFETY_STOP) for code in codes):
+        if recorder_first or any(code not in (Exit.OK, Exit.SAFETY_STOP) for code in codes):
             patience = _SHORT_END_S
         unborn = self.outcome.interrupted and not self._under_way()
         unborn = unborn or bool(self.waiting.given_up_s)
@@ -218,7 +217,7 @@ class Host:
         if "recorder" in self.children:
             recorder = self.children["recorder"]
             recorder.end(_DRAIN_S)
-            if recorder.code == LOSS:  # the run is whole, its log is not
+            if recorder.code == Exit.LOSS:  # the run is whole, its log is not
                 self.outcome.missing += recorder.complaint()
             elif recorder_first and recorder.code > 0:
                 self.outcome.faults.append("recorder: ended before the nodes")
@@ -317,8 +316,8 @@ def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, 
     for line in host.outcome.faults:
         print(line, file=sys.stderr)
     if host.outcome.interrupted:
-        return summaries.CODES["interrupted"]
-    return code if code >= 0 else summaries.CODES["safety stop" if host.outcome.faults else "ok"]
+        return Exit.INTERRUPTED
+    return code if code >= 0 else Exit.SAFETY_STOP if host.outcome.faults else Exit.OK
 
 
 def simulate(options: argparse.Namespace) -> int:
@@ -364,23 +363,12 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `run`, `exec`, `plant` or `simulate`; print errors in one line."""
+    """Carry out `run`, `exec`, `local`, `plant` or `simulate`."""
     alone: dict[str, Role] = {"exec": "executive", "local": "local", "plant": "plant"}
-    try:
-        if options.command == "simulate":
-            return simulate(options)
-        rig = load_rig(options.rig, options.controller, options.set, resolve=False)
-        role = alone.get(options.command)
-        if role == "local" and rig.config.local is None:
-            raise RigError(f"{options.rig}: has no local node; use exec and plant")
-        return on_bus(options, rig, rig.roles[::-1] if role is None else (role,))
-    except RigError as error:
-        print(error, file=sys.stderr)
-        return USAGE
-    except (BusError, sh.SharedError, RecordError) as error:
-        print(error, file=sys.stderr)
-        if isinstance(error, RecordError) and error.full:
-            return LOSS
-        return USAGE if isinstance(error, DbcError) else NO_ENVIRONMENT
-    except KeyboardInterrupt:  # before the run had its handler
-        return summaries.CODES["interrupted"]
+    if options.command == "simulate":
+        return simulate(options)
+    rig = load_rig(options.rig, options.controller, options.set, resolve=False)
+    role = alone.get(options.command)
+    if role == "local" and rig.config.local is None:
+        raise RigError(f"{options.rig}: has no local node; use exec and plant")
+    return on_bus(options, rig, rig.roles[::-1] if role is None else (role,))

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.distribution import Distribution
 from pcpc.executive.log.long_logs import LongLog
@@ -39,7 +40,7 @@ from pcpc.tools.latest import latest_cycles, level
 
 __all__ = ["evaluation_module"]  # and what is defined here
 
-CODES = {"ok": 0, "expectation not met": 1, "loss": 3, "safety stop": 5, "interrupted": 130}
+CODES = {code.meaning: code for code in Exit}
 _PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
 _STAGES = ("wake_late", "receive", "step", "send", "publish")
 
@@ -95,7 +96,7 @@ class Outcome:
             killer = f"{name}: ended by {signal.Signals(-code).name}{cycle and f' in {cycle}'}"
             hint = " (`dmesg` tells if memory ran out)" if -code == signal.SIGKILL else ""
             self.faults.append(killer + hint)
-        elif code == CODES["safety stop"]:
+        elif code == Exit.SAFETY_STOP:
             self.faults.append(f"{name}: ended before its first cycle, see above")
         elif code == 1:
             self.faults.append(f"{name}: failed, see its traceback above")

@@ -1,7 +1,4 @@
-"""`pcpc list|get|set|watch|lock`: the variables of a running node, shown and tuned.
-
-exit code: 0 ok; 2 wrong input or locked; 4 no such node, or it does not answer; 130 Ctrl-C
-"""
+"""`pcpc list|get|set|watch|lock`: the variables of a running node, shown and tuned."""
 
 import argparse
 import json
@@ -15,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import shared as sh
 from pcpc.tools import screen
 from pcpc.tools.nodes import (
-    INTERRUPTED,
-    OK,
     HostError,
     exactly,
     find,
@@ -38,16 +34,10 @@ _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "": 1.0}
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run one of the five subcommands; print errors; return the exit code."""
+    """Run one of the five subcommands."""
     actions = {"list": _list, "get": _get, "set": _set, "watch": _watch, "lock": _lock}
-    try:
-        actions[options.command](_node(options), options)
-    except HostError as error:
-        print(error, file=sys.stderr)
-        return error.code
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    return OK
+    actions[options.command](_node(options), options)
+    return Exit.OK
 
 
 def _node(options: argparse.Namespace) -> sh.Shared:

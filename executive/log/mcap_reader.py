@@ -36,6 +36,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import UserError
 from pcpc.executive.log.mcap_records import (
     CHECKED,
     DECLARED,
@@ -61,8 +62,8 @@ _NOTES = 100  # damaged places told one by one
 _TIME_TOP, _TIME_TOP_END = 22, 0x40  # the last byte of a message's log time; 2^62 ns is in 2116
 
 
-class LogError(Exception):
-    """The file is no log of this project. One line, ready to print."""
+class LogError(UserError):
+    """The file is no log of this project."""
 
 
 class TooMuchError(Exception):

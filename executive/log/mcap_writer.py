@@ -17,19 +17,18 @@ from mcap.records import Channel, MessageIndex, Schema
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
-from pcpc.executive.errors import FULL
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import code_of
 from pcpc.executive.log.mcap_reader import Piece, Scan, walk
 from pcpc.executive.log.mcap_records import CRC_KEY, message_dtype, metadata_crc
 
 CHUNK_BYTES = 1 << 20
 
 
-class RecordError(Exception):
-    """The log cannot be written. One line, ready to print; `full`: the disk has no room."""
+class RecordError(UserError):
+    """The log cannot be written; LOSS: the disk has no room."""
 
-    def __init__(self, message: str, full: bool = False) -> None:
-        super().__init__(message)
-        self.full = full
+    code = Exit.ENVIRONMENT
 
 
 class _Index(MessageIndex):
@@ -213,7 +212,7 @@ def recover(path: Path, out: Path, watch: Callable[[Scan], None] = lambda found:
     except OSError as error:
         out.unlink(missing_ok=True)
         message = f"{out}: {error.strerror}; give another place with -o"
-        raise RecordError(message, error.errno in FULL) from None
+        raise RecordError(message, code_of(error)) from None
     except BaseException:  # Ctrl-C: no half file
         out.unlink(missing_ok=True)
         raise

@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.errors import FULL
+from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import code_of
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.beside import Beside
 from pcpc.executive.log.keep import Sink, SnapshotRing
@@ -41,7 +42,6 @@ from pcpc.executive.rig import carried
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
 POLL_S = 0.02
 _OF_THE_MEMORY = ("attachments", "blocks", "record_columns", "name")  # not described in a log
-LOSS, NO_ENVIRONMENT = 3, 4  # exit codes
 
 
 class _Node:
@@ -229,7 +229,7 @@ class Recorder:
             raise RecordError(
                 f"{self.path}: the log cannot be written: {error.strerror}; "
                 "free space there or choose another folder",
-                error.errno in FULL,
+                code_of(error),
             ) from None
 
     def _add(self, block: Shared) -> None:
@@ -367,7 +367,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         block.tell(sharing.RECORDER)  # only now: with the executive the others may go
     except (RecordError, SharedError) as error:
         print(error, file=sys.stderr)
-        return LOSS if getattr(error, "full", False) else NO_ENVIRONMENT
+        return error.code
     with suppress(BrokenPipeError):
         print("ready", flush=True)
     try:
@@ -377,11 +377,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         recorder.finish()
     except RecordError as error:
         print(error, file=sys.stderr)
-        return LOSS
+        return Exit.LOSS
     lost = {ring: rows for ring, rows in recorder.dropped().items() if rows}
     if lost:
         print(f"{options.out}: rows dropped, the ring was full: {lost}", file=sys.stderr)
-    return LOSS if lost else 0
+    return Exit.LOSS if lost else Exit.OK
 
 
 if __name__ == "__main__":

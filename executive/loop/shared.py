@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.drivers.wire_layout import FRAME_BYTES, WIRE
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
@@ -233,8 +234,10 @@ MAILBOX_FIELDS = [name for name, *_ in _MAILBOX]
 LOOP = np.dtype([*_PUBLISHED_PAGES, *_MAILBOX_PAGES, *_PRIVATE], align=True)
 
 
-class SharedError(Exception):
+class SharedError(UserError):
     """A node's memory cannot be made or is not there."""
+
+    code = Exit.ENVIRONMENT
 
 
 def block_name(rig: str, bus: str, role: str) -> str:

@@ -7,8 +7,6 @@ the node can be read for as long as its host wants, or some seconds if nobody ha
 may last a millisecond.
 
     executive.nodes.process ROLE RIG [--pacing P] [--bus B] [--controller C] [--set NAME=VALUE]...
-
-exit code: 0 ok; 2 rig file; 4 environment; 5 fault
 """
 
 import signal
@@ -34,9 +32,8 @@ import numpy as np
 
 from pcpc.drivers import bus as buses
 from pcpc.drivers import choice, claim, kernel, realtime, wire
-from pcpc.drivers.errors import BusError, DbcError
+from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.drivers.wire_layout import MEMORY
-from pcpc.executive.errors import RigError
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log.facts import facts
 from pcpc.executive.loop import faults, sharing
@@ -53,7 +50,6 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES, Role
 
 MODULE = "pcpc.executive.nodes.process"
-OK, BAD_RIG, NO_ENVIRONMENT, SAFETY_STOP = 0, 2, 4, 5
 _PR_SET_PDEATHSIG = 1
 _WARM_UP_CYCLES = 3
 _LINGER_S = 5.0  # for a host or a recorder that has not come yet
@@ -70,15 +66,10 @@ def main(argv: Sequence[str]) -> int:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     try:
         return Process(options).run()
-    except StepError as error:
-        print(f"{options.role}: {error}", file=sys.stderr)
-        return SAFETY_STOP
-    except RigError as error:
-        print(error, file=sys.stderr)
-        return BAD_RIG
-    except (BusError, sh.SharedError) as error:
-        print(error, file=sys.stderr)
-        return BAD_RIG if isinstance(error, DbcError) else NO_ENVIRONMENT
+    except UserError as error:
+        who = f"{options.role}: " if isinstance(error, StepError) else ""
+        print(f"{who}{error}", file=sys.stderr)
+        return error.code
 
 
 def _arguments() -> argparse.ArgumentParser:
@@ -151,7 +142,7 @@ class Process:
         if refused:
             why = faults.reason(block.description, block["control"])
             raise BusError(f"{self.bus}: {why}; end it or choose another with --bus")
-        return SAFETY_STOP if block["control"][sh.FAULT] else OK
+        return Exit.SAFETY_STOP if block["control"][sh.FAULT] else Exit.OK
 
     def _watch(
         self, call: Callable[[], Any], loop: Any, served: sharing.Served | None = None
@@ -168,7 +159,7 @@ class Process:
             while not self._waits_for(served, over, look_s):
                 if self._asked_to_end():
                     if served is None:
-                        os._exit(OK)
+                        os._exit(Exit.OK)
                     loop.control[sh.STOP] = 1
                 if time.monotonic() >= look_s:
                     look_s = time.monotonic() + POLL_S
@@ -187,7 +178,7 @@ class Process:
             print(f"{self.role}: {what}", file=sys.stderr, flush=True)
         else:
             self._linger(served, for_host=False)
-        os._exit(SAFETY_STOP)
+        os._exit(Exit.SAFETY_STOP)
 
     def _waits_for(
         self, served: sharing.Served | None, over: socket.socket, until_s: float

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from typing import Any
 
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.variables import T_S
@@ -21,8 +22,10 @@ HANG_PERIODS = 20.0
 HURRY_S = 0.5  # once the user wants the end
 
 
-class StepError(Exception):
+class StepError(UserError):
     """A step does not return, or ended with an exception; the node's fault says which."""
+
+    code = Exit.SAFETY_STOP
 
 
 class Work(threading.Thread):

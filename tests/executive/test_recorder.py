@@ -21,6 +21,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import mcap_writer, recorder
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import Recorder
@@ -535,7 +536,7 @@ def test_dropped_rows_make_the_process_end_with_loss(name: str, tmp_path: Path) 
         put_cycle(block, cycle, frames=0)
     block["control"][shared.DONE] = 1
     code, errors = end(start(tmp_path / "log.mcap", name))
-    assert code == recorder.LOSS and "'executive.record': 4" in errors, errors
+    assert code == Exit.LOSS and "'executive.record': 4" in errors, errors
 
 
 def run(path: Path, *names: str, file_bytes: int = -1) -> tuple[int, str]:
@@ -557,14 +558,14 @@ def test_what_cannot_be_written_is_one_clear_line(
 ) -> None:
     block["control"][shared.DONE] = 1
     for path, why, expected in (
-        (tmp_path / "none" / "log.mcap", "No such file or directory", recorder.NO_ENVIRONMENT),
-        (Path("/dev/full"), "No space left on device", recorder.LOSS),
+        (tmp_path / "none" / "log.mcap", "No such file or directory", Exit.ENVIRONMENT),
+        (Path("/dev/full"), "No space left on device", Exit.LOSS),
     ):
         code, errors = run(path, name)
         assert code == expected and errors.count("\n") == 1, errors
         assert str(path) in errors and why in errors, errors
     code, errors = run(tmp_path / "log.mcap", "test-recorder-nobody")
-    assert code == recorder.NO_ENVIRONMENT and "no such node is running" in errors, errors
+    assert code == Exit.ENVIRONMENT and "no such node is running" in errors, errors
 
 
 def test_disk_that_fills_up_leaves_a_readable_log(name: str, tmp_path: Path) -> None:
@@ -576,7 +577,7 @@ def test_disk_that_fills_up_leaves_a_readable_log(name: str, tmp_path: Path) -> 
     block["record"][:2000, 3 : 3 + len(states)] = noise
     block["control"][shared.DONE] = 1
     code, errors = run(tmp_path / "log.mcap", name, file_bytes=2_000_000)
-    assert code == recorder.LOSS and errors.count("\n") == 1 and "File too large" in errors, errors
+    assert code == Exit.LOSS and errors.count("\n") == 1 and "File too large" in errors, errors
     log = logs.read(tmp_path / "log.mcap")
     count = len(log.node["executive"].cycle)
     assert 500 < count < 2000 and len(log.missing) == 1, f"{count} cycles; {log.missing}"

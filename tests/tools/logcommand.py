@@ -1,16 +1,15 @@
-"""A sub-command of `pcpc log` as its module offers it, and a log of the barrel to use it on."""
+"""A sub-command of `pcpc log` in this process, and a log of the barrel to use it on."""
 
-import argparse
 import contextlib
 import io
 import tempfile
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.cli import main
 
 PLANT = Path(__file__).resolve().parents[2] / "plants" / "atb1000"
 DBC = PLANT / "atb1000.dbc"
@@ -26,13 +25,16 @@ class Done:
     err: str
 
 
-def run(module: ModuleType, *words: str | Path) -> Done:
+def run(*words: str | Path) -> Done:
     """Run a sub-command; the first word is its name."""
-    parser = argparse.ArgumentParser()
-    module.add_arguments(parser.add_subparsers())
+    return run_here("log", *words)
+
+
+def run_here(*words: str | Path) -> Done:
+    """Run `pcpc` with these words in this process."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = module.command(parser.parse_args([str(word) for word in words]))
+        code = main([str(word) for word in words])
     return Done(code, out.getvalue(), err.getvalue())
 
 

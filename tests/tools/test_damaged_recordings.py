@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from logcommand import DBC, Done, run
 
-from pcpc.tools.log import importer, recording
+from pcpc.tools.log import recording
 
 LOBJ = struct.Struct("<4sHHLL")  # mark, size of the head, its version, size, kind
 
@@ -35,7 +35,7 @@ def blf(folder: Path, *objects: bytes) -> Path:
 
 
 def imported(path: Path) -> Done:
-    return run(importer, "import", path, "--dbc", DBC, "-o", path.with_name("o.mcap"), "--force")
+    return run("import", path, "--dbc", DBC, "-o", path.with_name("o.mcap"), "--force")
 
 
 def test_a_true_file_of_these_parts_is_read(tmp_path: Path) -> None:

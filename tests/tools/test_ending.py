@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 from processes import PCPC, ROOT, pcpc
 
+from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.tools import ending
 
 PROBE = str(ROOT / "plants/probe/rig.yaml")
@@ -116,6 +118,9 @@ def raising(error: BaseException) -> Callable[[], int]:
     (OSError(), 4, "OSError"),
     (MemoryError(), 4, "out of memory; end other programs, or give this one more"),
     (KeyboardInterrupt(), 130, ""),
+    (UserError("a.yaml:3:1: rate_hz: above 0, please"), 2, "a.yaml:3:1: rate_hz: above 0, please"),
+    (BusError("vcan7: no such interface"), 4, "vcan7: no such interface"),
+    (UserError("", Exit.LOSS), 3, ""),
 ])  # fmt: skip
 def test_what_the_machine_refuses_is_a_line(
     error: BaseException, code: int, line: str, capsys: Screen
@@ -123,6 +128,20 @@ def test_what_the_machine_refuses_is_a_line(
     assert ending.ended(raising(error), goes_on=True) == code
     out, err = capsys.readouterr()
     assert (out, err.splitlines()) == ("", [line] if line else []), err
+
+
+def test_an_error_does_not_go_on_behind_a_progress(capsys: Screen) -> None:
+    def command() -> int:
+        sys.stderr.write("\r\x1b[Kcycle 5")
+        raise UserError("it faulted")
+
+    assert ending.ended(command, goes_on=True) == 2
+    assert capsys.readouterr().err == "\r\x1b[Kcycle 5\nit faulted\n"
+
+
+def test_the_readme_tells_every_exit_code() -> None:
+    rows = re.findall(r"^\| (\d+) \| ([^|]*) \|", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert [(int(code), name) for code, name in rows] == [(int(c), c.meaning) for c in Exit], rows
 
 
 def test_a_working_folder_that_is_gone_is_said(

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from processes import ROOT, Done, own_bus, pcpc
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log.mcap_writer import RecordError
 from pcpc.executive.nodes import virtual
 from pcpc.executive.rig.reading import load_rig
@@ -85,4 +86,4 @@ def test_a_recorder_tells_a_full_disk_from_one_that_refuses(tmp_path: Path) -> N
         virtual.simulate(rig, Path("/dev/full"))
     with pytest.raises(RecordError) as refused:
         virtual.simulate(rig, tmp_path)
-    assert (full.value.full, refused.value.full) == (True, False)
+    assert (full.value.code, refused.value.code) == (Exit.LOSS, Exit.ENVIRONMENT)

@@ -3,24 +3,22 @@
 Times are never asserted, only ratios of loops that ran in turn: the machine may be shared.
 """
 
-import argparse
 import contextlib
-import io
 import json
 import re
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from logcommand import Done, run_here
+from processes import PCPC as PCPC_FILE
 from processes import ROOT, blocks_left, own_bus, until
 
 from pcpc.executive.log import reader as logs
@@ -44,32 +42,11 @@ LINE = re.compile(
     r"Max: *(\d+)"
 )
 WIDE = 3.0  # of a ratio of p50 on a shared machine
-COMMAND = """
-import argparse, sys
-from pcpc.tools import jitter
-parser = argparse.ArgumentParser()
-jitter.add_arguments(parser.add_subparsers())
-sys.exit(jitter.command(parser.parse_args(sys.argv[1:])))
-"""
-
-
-@dataclass(frozen=True)
-class Done:
-    """What came of a command."""
-
-    code: int
-    out: str
-    err: str
 
 
 def run(*words: str | Path) -> Done:
     """Run the command in this process, without progress."""
-    parser = argparse.ArgumentParser()
-    jitter.add_arguments(parser.add_subparsers())
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = jitter.command(parser.parse_args(["jitter", "-q", *map(str, words)]))
-    return Done(code, out.getvalue(), err.getvalue())
+    return run_here("jitter", "-q", *words)
 
 
 _FOLDER = tempfile.TemporaryDirectory()
@@ -366,7 +343,7 @@ def test_processors_go_to_executive_and_plant_in_turn() -> None:
 
 def test_ctrl_c_ends_with_the_statistics_so_far(sigint: None) -> None:
     bus = own_bus()
-    words = [sys.executable, "-c", COMMAND, "jitter", "-D", "100s", "--bus", bus]
+    words = [PCPC_FILE, "jitter", "-D", "100s", "--bus", bus]
     with subprocess.Popen(
         words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,

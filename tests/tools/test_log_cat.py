@@ -27,7 +27,7 @@ def log() -> logs.Log:
 
 def printed(*words: str | Path, code: int = 0) -> str:
     """Return what `cat` prints of the barrel's log."""
-    done = run(cat, "cat", barrel_log("pd"), *words)
+    done = run("cat", barrel_log("pd"), *words)
     assert done.code == code, done
     return done.out
 
@@ -113,7 +113,7 @@ def test_closed_pipe_ends_quietly() -> None:
     ],
 )
 def test_wrong_input_is_one_line(words: tuple[str, ...], part: str) -> None:
-    done = run(cat, "cat", barrel_log("pd"), *words)
+    done = run("cat", barrel_log("pd"), *words)
     assert done.code == 2 and done.out == "" and done.err.count("\n") == 1, done
     assert part in done.err, done.err
 
@@ -121,7 +121,7 @@ def test_wrong_input_is_one_line(words: tuple[str, ...], part: str) -> None:
 def test_damaged_log_is_printed_as_far_as_it_is_readable(tmp_path: Path) -> None:
     whole = barrel_log("pd").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) - 30])
-    done = run(cat, "cat", tmp_path / "cut.mcap")
+    done = run("cat", tmp_path / "cut.mcap")
     assert done.code == 3 and done.out.count("\n") == 301, f"{done.code}, {done.err}"
     assert "damaged or cut" in done.err, done.err
 

@@ -32,7 +32,7 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def compared(a: Path, b: Path, *words: str, code: int) -> dict[str, Any]:
     """Return what `--json` says."""
-    done = run(diff, "diff", a, b, *words, "--json")
+    done = run("diff", a, b, *words, "--json")
     assert done.code == code, done
     return json.loads(done.out)
 
@@ -41,7 +41,7 @@ def test_same_run_again_is_equal_bit_for_bit(other: Any) -> None:
     report = compared(barrel_log("pd"), other("duration_s=0.3"), code=0)
     assert report["equal"] and report["cycles"] == {"executive": 300, "plant": 301}, f"{report}"
     assert report["variables"] > 100 and report["frames"] > 3000, f"{report}"
-    assert run(diff, "diff", barrel_log("pd"), other("duration_s=0.3")).out.endswith("equal\n")
+    assert run("diff", barrel_log("pd"), other("duration_s=0.3")).out.endswith("equal\n")
 
 
 def test_first_and_largest_difference_are_found_where_they_are(other: Any) -> None:
@@ -115,7 +115,7 @@ def test_nan_equals_nan_and_differs_from_numbers() -> None:
     ],
 )
 def test_wrong_input_is_one_line(words: tuple[str, ...], part: str) -> None:
-    done = run(diff, "diff", barrel_log("pd"), barrel_log("pd"), *words)
+    done = run("diff", barrel_log("pd"), barrel_log("pd"), *words)
     assert done.code == 2 and part in done.err and done.err.count("\n") == 1, done
-    done = run(diff, "diff", barrel_log("pd"), Path("/nowhere.mcap"))
+    done = run("diff", barrel_log("pd"), Path("/nowhere.mcap"))
     assert done.code == 2 and "/nowhere.mcap" in done.err and done.err.count("\n") == 1, done

@@ -43,7 +43,7 @@ def messages(path: Path) -> tuple[list[can.Message], list[int]]:
 def test_python_can_reads_back_every_frame_bit_for_bit_and_in_order(
     log: logs.Log, suffix: str, tmp_path: Path
 ) -> None:
-    done = run(export, "export", log.path, "-o", tmp_path / f"frames{suffix}")
+    done = run("export", log.path, "-o", tmp_path / f"frames{suffix}")
     assert done.code == 0, done
     read, stamps = messages(tmp_path / f"frames{suffix}")
     frames = log.node["executive"].frames
@@ -93,7 +93,7 @@ def fabricated(frames: NDArray[Any]) -> logs.Log:
 
 
 def test_csv_holds_every_value_to_the_bit_with_its_unit(log: logs.Log, tmp_path: Path) -> None:
-    done = run(export, "export", log.path, "-o", tmp_path / "t.csv")
+    done = run("export", log.path, "-o", tmp_path / "t.csv")
     assert done.code == 0, done
     with (tmp_path / "t.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
@@ -113,7 +113,7 @@ def test_parquet_holds_every_value_to_the_bit_with_unit_and_meaning(
     log: logs.Log, tmp_path: Path
 ) -> None:
     path = tmp_path / "t.parquet"
-    done = run(export, "export", log.path, "-o", path, "--topics", "/state", "/timing")
+    done = run("export", log.path, "-o", path, "--topics", "/state", "/timing")
     assert done.code == 0, done
     table = parquet.read_table(path)
     executive = log.node["executive"]
@@ -126,9 +126,9 @@ def test_parquet_holds_every_value_to_the_bit_with_unit_and_meaning(
 
 def test_start_and_end_cut_out_a_window(log: logs.Log, tmp_path: Path) -> None:
     window = ("--start", "100ms", "--end", "0.15")
-    done = run(export, "export", log.path, "-o", tmp_path / "t.csv", *window)
+    done = run("export", log.path, "-o", tmp_path / "t.csv", *window)
     assert f"{tmp_path}/t.csv: 50 rows" in done.out, done
-    done = run(export, "export", log.path, "-o", tmp_path / "t.log", *window)
+    done = run("export", log.path, "-o", tmp_path / "t.log", *window)
     read, _ = messages(tmp_path / "t.log")
     span_s = read[-1].timestamp - read[0].timestamp
     assert span_s == pytest.approx(0.049, abs=1e-5), f"{span_s} s"
@@ -149,7 +149,7 @@ def test_wrong_input_is_one_line_and_writes_nothing(
     log: logs.Log, words: tuple[str, ...], said: str, tmp_path: Path
 ) -> None:
     (tmp_path / "there.log").write_text("mine")
-    done = run(export, "export", log.path, *(word.format(tmp_path) for word in words))
+    done = run("export", log.path, *(word.format(tmp_path) for word in words))
     assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done
     assert [p.name for p in tmp_path.iterdir()] == ["there.log"], list(tmp_path.iterdir())
     assert (tmp_path / "there.log").read_text() == "mine"
@@ -157,14 +157,14 @@ def test_wrong_input_is_one_line_and_writes_nothing(
 
 def test_force_overwrites(log: logs.Log, tmp_path: Path) -> None:
     (tmp_path / "there.log").write_text("mine")
-    done = run(export, "export", log.path, "-o", tmp_path / "there.log", "--force")
+    done = run("export", log.path, "-o", tmp_path / "there.log", "--force")
     assert done.code == 0 and len(messages(tmp_path / "there.log")[0]) > 1000, done
 
 
 def test_a_cut_log_gives_what_is_left_and_exit_code_3(log: logs.Log, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(log.path.read_bytes()[:-1000])  # the index at the end
-    done = run(export, "export", cut, "-o", tmp_path / "t.log")
+    done = run("export", cut, "-o", tmp_path / "t.log")
     assert done.code == 3 and str(cut) in done.err, done
     assert messages(tmp_path / "t.log")[0], done
 

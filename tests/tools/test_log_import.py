@@ -14,7 +14,6 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from pcpc.executive.log import reader as logs
-from pcpc.tools.log import export, importer
 
 CAR = """VERSION ""
 NS_ :
@@ -47,7 +46,7 @@ def car(tmp_path: Path) -> Path:
 def imported(recording: Path, dbc: Path, *words: str) -> tuple[Done, logs.Log]:
     """Import a recording and read the log back; it is whole."""
     out = recording.with_suffix(".mcap")
-    done = run(importer, "import", recording, "--dbc", dbc, "-o", out, *words)
+    done = run("import", recording, "--dbc", dbc, "-o", out, *words)
     assert done.code == 0, done
     log = logs.read(out)
     assert not log.missing, log.missing
@@ -66,7 +65,7 @@ def candump(folder: Path, lines: Sequence[str]) -> Path:
 @pytest.mark.parametrize("suffix", [".log", ".blf", ".asc"])
 def test_frames_come_back_from_an_export_bit_for_bit(suffix: str, tmp_path: Path) -> None:
     recording = tmp_path / f"own{suffix}"
-    assert run(export, "export", barrel_log(), "-o", recording).code == 0
+    assert run("export", barrel_log(), "-o", recording).code == 0
     _, log = imported(recording, DBC)
     ours, theirs = logs.read(barrel_log()).node["executive"], log.node["executive"]
     for name in ("id", "dlc", "direction", "data", "e2e"):
@@ -81,7 +80,7 @@ def test_frames_come_back_from_an_export_bit_for_bit(suffix: str, tmp_path: Path
 @pytest.mark.parametrize("node", [None, "EXEC"])
 def test_signals_are_what_cantools_decodes(node: str | None, tmp_path: Path) -> None:
     recording = tmp_path / "own.log"
-    assert run(export, "export", barrel_log(), "-o", recording).code == 0
+    assert run("export", barrel_log(), "-o", recording).code == 0
     _, log = imported(recording, DBC, *(["--node", node] if node else []))
     database, mine = cantools.database.load_file(DBC), log.node["executive"]
     assert isinstance(database, cantools.database.Database)
@@ -158,7 +157,7 @@ def test_a_crc_of_another_kind_is_told_and_the_frame_decoded(car: Path, tmp_path
 
 def test_missing_and_corrupt_frames_are_counted(tmp_path: Path) -> None:
     recording = tmp_path / "own.log"
-    assert run(export, "export", barrel_log(), "-o", recording).code == 0
+    assert run("export", barrel_log(), "-o", recording).code == 0
     lines = recording.read_text().splitlines(keepends=True)
     feedback = [i for i, line in enumerate(lines) if " 120#" in line]
     data = lines[feedback[50]].split("#")
@@ -217,7 +216,7 @@ def damaged(folder: Path, kind: str) -> Path:
     """Write a recording that is not whole."""
     recording = folder / f"bad.{kind.partition(' ')[2]}"
     if kind.startswith("cut"):
-        assert run(export, "export", barrel_log(), "-o", recording).code == 0
+        assert run("export", barrel_log(), "-o", recording).code == 0
         recording.write_bytes(recording.read_bytes()[: 2 * recording.stat().st_size // 3 + 1])
         if recording.suffix == ".log":
             text = recording.read_text()
@@ -238,7 +237,7 @@ def damaged(folder: Path, kind: str) -> Path:
 def test_damaged_input_is_one_line_and_leaves_nothing(kind: str, tmp_path: Path) -> None:
     recording, out = damaged(tmp_path, kind), tmp_path / "out"
     out.mkdir()
-    done = run(importer, "import", recording, "--dbc", DBC, "-o", out / "o.mcap")
+    done = run("import", recording, "--dbc", DBC, "-o", out / "o.mcap")
     assert done.code == 2 and done.err.count("\n") == 1 and str(recording) in done.err, done
     assert not list(out.iterdir()), list(out.iterdir())
 
@@ -261,7 +260,7 @@ def test_wrong_input_is_one_line_with_the_cure(
 ) -> None:
     candump(tmp_path, [f"1.0 {ENGINE}#0000000000000000"])
     given = [word.format(tmp_path) for word in words]
-    done = run(importer, "import", "-o", tmp_path / "new.mcap", *given)
+    done = run("import", "-o", tmp_path / "new.mcap", *given)
     assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done
     assert sorted(p.name for p in tmp_path.iterdir()) == ["car.dbc", "drive.log"]
     assert car.read_text() == CAR

@@ -21,7 +21,7 @@ from pcpc.tools.log import info, tally
 
 def told(path: Path, code: int = 0) -> dict[str, Any]:
     """Return what `--json` says of a log."""
-    done = run(info, "info", path, "--json")
+    done = run("info", path, "--json")
     assert done.code == code, done
     return json.loads(done.out)
 
@@ -68,7 +68,7 @@ def test_tunings_and_events_carry_time_name_and_value(tuned: Path) -> None:
     assert tuning["time_s"] == pytest.approx(0.02, abs=1.1e-3), f"{tuning}"
     states = [e["name"] for e in report["events"] if e["node"] == "executive"]
     assert states == ["READY", "RUN", "STOP"], f"{states}"
-    screen = run(info, "info", tuned).out
+    screen = run("info", tuned).out
     assert "  state READY " in screen and "  state RUN " in screen, screen
     assert "controller.kv_Nms_rad 77.5" in screen and len(screen.splitlines()) < 50, screen
 
@@ -100,7 +100,7 @@ def test_cut_log_is_described_as_far_as_it_goes(tmp_path: Path) -> None:
     report = told(tmp_path / "cut.mcap", code=3)
     assert report["nodes"]["executive"] == {"cycles": 0, "lost": 0}, f"{report['nodes']}"
     assert report["rig"] == "slew10" and report["attachments"], f"{report}"
-    assert "missing" in run(info, "info", tmp_path / "cut.mcap").out
+    assert "missing" in run("info", tmp_path / "cut.mcap").out
 
 
 def test_log_without_a_cycle_is_valid(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_log_without_a_cycle_is_valid(tmp_path: Path) -> None:
     empty.close()
     report = told(tmp_path / "log.mcap")
     assert report["nodes"]["plant"]["cycles"] == 0 and report["bytes_per_hour"] is None
-    assert "0 cycles" in run(info, "info", tmp_path / "log.mcap").out
+    assert "0 cycles" in run("info", tmp_path / "log.mcap").out
 
 
 def test_recordings_of_others_are_listed_and_refused(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_recordings_of_others_are_listed_and_refused(tmp_path: Path) -> None:
             writer.add_message(channel, i, b"\0\1\0\0", i)
         writer.add_metadata("rosbag2", {"x": "y"})
         writer.finish()
-    done = run(info, "info", path)
+    done = run("info", path)
     assert done.code == 2 and "/chatter  7 messages" in done.out, done
     assert "not a log of pcpc" in done.err and done.err.count("\n") == 1, done.err
     assert told(path, code=2)["topics"] == {"/chatter": 7}
@@ -133,7 +133,7 @@ def test_what_is_no_log_is_one_line(content: bytes | None, tmp_path: Path) -> No
     path = tmp_path / "log.mcap"
     if content is not None:
         path.write_bytes(content)
-    done: Done = run(info, "info", path)
+    done: Done = run("info", path)
     assert done.code == 2 and done.err.count("\n") == 1 and str(path) in done.err, done
 
 

@@ -43,7 +43,7 @@ def test_uneven_stamps_are_binned_by_time() -> None:
 
 
 def test_no_variables_give_the_figure_of_the_plant(tmp_path: Path) -> None:
-    done = run(plot, "plot", barrel_log(), "-o", tmp_path / "f.png")
+    done = run("plot", barrel_log(), "-o", tmp_path / "f.png")
     assert done.code == 0 and "the figure of atb1000, rig slew10" in done.out, done
     assert imread(tmp_path / "f.png").shape[:2] == (1500, 1200)
 
@@ -62,7 +62,7 @@ def test_no_python_that_only_the_log_names_is_run(
     for facts in log.metadata.values():
         facts["rig"] = rig.format(folder=tmp_path)
     monkeypatch.setattr(logs, "read", lambda path: log)
-    run(plot, "plot", barrel_log(), "-o", tmp_path / "f.png")
+    run("plot", barrel_log(), "-o", tmp_path / "f.png")
     assert not mark.exists(), "the log's evaluation was imported"
 
 
@@ -73,7 +73,7 @@ def test_variables_of_one_log_share_an_axis_by_unit(tmp_path: Path) -> None:
         ["controller.e_rad", "plant.barrel.theta_rad"], ["controller.tau_Nm"],
         ["controller.r_rad_s"],
     ]  # fmt: skip
-    done = run(plot, "plot", barrel_log(), *words, "-o", tmp_path / "f.png")
+    done = run("plot", barrel_log(), *words, "-o", tmp_path / "f.png")
     assert done.code == 0 and imread(tmp_path / "f.png").std() > 0.05, done
 
 
@@ -93,7 +93,7 @@ def test_several_logs_have_an_axis_for_each_variable_and_a_line_for_each_log() -
 
 def test_a_log_that_lacks_a_variable_is_told(tmp_path: Path) -> None:
     words = [barrel_log(), barrel_log("pd"), "controller.norm_z"]
-    done = run(plot, "plot", *words, "-o", tmp_path / "f.png")
+    done = run("plot", *words, "-o", tmp_path / "f.png")
     assert done.code == 0 and "pd.mcap: no controller.norm_z" in done.err, done
 
 
@@ -139,6 +139,6 @@ def test_wrong_input_is_one_line_and_draws_nothing(
         "readme": Path(__file__).parents[2] / "README.md",
     }  # fmt: skip
     given = [word.format(**places) for word in words]
-    done = run(plot, "plot", "-o", tmp_path / "f.png", *given)
+    done = run("plot", "-o", tmp_path / "f.png", *given)
     assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done
     assert not list(tmp_path.iterdir())

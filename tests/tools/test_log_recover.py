@@ -14,7 +14,6 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.log import recover
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +33,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def test_killed_log_becomes_one_that_every_reader_opens(killed: bytes, tmp_path: Path) -> None:
     path, out = tmp_path / "log.mcap", tmp_path / "log-recovered.mcap"
     path.write_bytes(killed)
-    done = run(recover, "recover", path)
+    done = run("recover", path)
     assert done.code == 0 and "executive: 1000 cycles, 1 s" in done.out, done
     assert "nothing is readable after byte" in done.err and path.read_bytes() == killed
     with out.open("rb") as file:
@@ -55,10 +54,10 @@ def test_nothing_is_overwritten(killed: bytes, tmp_path: Path) -> None:
     path, out = tmp_path / "log.mcap", tmp_path / "precious.mcap"
     path.write_bytes(killed)
     out.write_bytes(b"precious")
-    done = run(recover, "recover", path, "-o", out)
+    done = run("recover", path, "-o", out)
     assert done.code == 2 and out.read_bytes() == b"precious", done
     assert "exists" in done.err and done.err.count("\n") == 1, done.err
-    assert run(recover, "recover", path, "-o", path).code == 2 and path.read_bytes() == killed
+    assert run("recover", path, "-o", path).code == 2 and path.read_bytes() == killed
 
 
 @pytest.mark.parametrize("size", [0, 100, 5000])
@@ -66,19 +65,19 @@ def test_log_of_which_nothing_is_left_gives_no_file(
     size: int, killed: bytes, tmp_path: Path
 ) -> None:
     (tmp_path / "log.mcap").write_bytes(killed[:size])
-    done = run(recover, "recover", tmp_path / "log.mcap")
+    done = run("recover", tmp_path / "log.mcap")
     assert done.code == 2 and done.err.count("\n") == 1, done
     assert os.listdir(tmp_path) == ["log.mcap"], f"{os.listdir(tmp_path)}"
 
 
 def test_report_tells_what_was_kept(tmp_path: Path) -> None:
-    done = run(recover, "recover", barrel_log("pd"), "-o", tmp_path / "new.mcap", "--json")
+    done = run("recover", barrel_log("pd"), "-o", tmp_path / "new.mcap", "--json")
     report = json.loads(done.out)
     assert report["nodes"]["plant"] == {"cycles": 301, "seconds": 0.301}, f"{report}"
     assert report["missing"] == [] and report["messages"]["/can/frames"] > 1000
 
 
 def test_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
-    done = run(recover, "recover", barrel_log("pd"), "-o", tmp_path / "none" / "new.mcap")
+    done = run("recover", barrel_log("pd"), "-o", tmp_path / "none" / "new.mcap")
     assert done.code == 4 and done.err.count("\n") == 1, done
     assert str(tmp_path / "none" / "new.mcap") in done.err, done.err

@@ -32,6 +32,7 @@ from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import play, play_frames
 from pcpc.tools.bench import play as bench
+from pcpc.tools.cli import main
 from pcpc.tools.play_frames import PEER
 from pcpc.tools.progress import Progress
 
@@ -404,7 +405,7 @@ def test_wrong_input_is_said_in_one_line(
     path: Path, case: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words, expected = WRONG[case]
-    code = play.command(options(*(str(path) if word == "LOG" else word for word in words)))
+    code = main(["play", *(str(path) if word == "LOG" else word for word in words)])
     err = capsys.readouterr().err
     assert (code, err.count("\n")) == (2, 1), f"exit code {code}: {err}"
     assert expected in err, err

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pcpc.tools import vm
+from pcpc.tools.cli import main
 from pcpc.tools.vm import accelerator, cli, initramfs, kernel, programs, unpack
 from pcpc.tools.vm.job import Job, quoted, script
 from pcpc.tools.vm.machine import PORTS, Size, qemu_command
@@ -166,7 +167,7 @@ def test_missing_programs_are_named_with_packages_and_cure(tmp_path: Path) -> No
         "make vcan-tools",
     ):
         assert part in text, f"{part!r} is not in {text!r}"
-    assert "\n" not in text and caught.value.exit_code == 4, f"{caught.value.exit_code}: {text!r}"
+    assert "\n" not in text and caught.value.code == 4, f"{caught.value.code}: {text!r}"
 
 
 def test_a_busybox_that_needs_a_loader_is_not_static(tmp_path: Path) -> None:
@@ -189,13 +190,13 @@ def test_a_busybox_that_needs_a_loader_is_not_static(tmp_path: Path) -> None:
 def test_wrong_arguments_end_with_2_and_say_why(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = vm.run(arguments)
+    code = main(["vm", *arguments])
     text = capsys.readouterr().err
     assert code == 2 and message in text, f"exit code {code}, {text!r}"
 
 
 def test_help_shows_an_example(capsys: pytest.CaptureFixture[str]) -> None:
-    code = vm.run(["--help"])
+    code = main(["vm", "--help"])
     text = capsys.readouterr().out
     assert code == 0 and "example:\n  pcpc vm -- " in text, f"exit code {code}, {text!r}"
 
@@ -204,7 +205,7 @@ def test_a_folder_that_the_guest_does_not_share_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir("/dev/shm")
-    code = vm.run(["--", "true"])
+    code = main(["vm", "--", "true"])
     text = capsys.readouterr().err
     assert code == 4 and "/dev/shm is not shared" in text, f"exit code {code}, {text!r}"
 

@@ -13,11 +13,10 @@ from pathlib import Path
 import pytest
 from processes import RIGS, Done, Running, blocks_left, own_bus, pcpc
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import shared as sh
-from pcpc.tools.summary import CODES
 
 SLEW10 = RIGS / "slew10.yaml"
-USAGE, NO_ENVIRONMENT = 2, 4
 NO_PRIVILEGE = (
     "setpriv", "--bounding-set", "-sys_nice,-sys_resource,-ipc_lock", "--inh-caps", "-all"
 )  # fmt: skip
@@ -97,7 +96,7 @@ RIG_ERRORS = {
 def test_wrong_rig_file_is_refused_with_its_place(error: str, folder: Path) -> None:
     text, said = RIG_ERRORS[error]
     (folder / "rig.yaml").write_text(f"base: {SLEW10}\n{text}\n")
-    refuse(["run", "rig.yaml"], folder, USAGE, *said)
+    refuse(["run", "rig.yaml"], folder, Exit.WRONG_INPUT, *said)
 
 
 OPTION_ERRORS = {
@@ -122,36 +121,42 @@ OPTION_ERRORS = {
 @pytest.mark.parametrize("error", OPTION_ERRORS)
 def test_wrong_option_is_refused_and_named(error: str, folder: Path) -> None:
     words, said = OPTION_ERRORS[error]
-    refuse(["run", str(SLEW10), *words], folder, USAGE, *said)
+    refuse(["run", str(SLEW10), *words], folder, Exit.WRONG_INPUT, *said)
 
 
 def test_unknown_setting_of_a_block_is_refused_by_the_other_commands(folder: Path) -> None:
     setting = ["--set", "controller.kv=3"]
     for command in ("plant", "simulate"):  # `run` has the error from its processes, as above
         said = "--set controller.kv=3: unknown parameter; did you mean kv_Nms_rad"
-        refuse([command, str(SLEW10), *setting], folder, USAGE, said)
+        refuse([command, str(SLEW10), *setting], folder, Exit.WRONG_INPUT, said)
 
 
 def test_missing_rig_file_is_refused(folder: Path) -> None:
-    refuse(["run", "nosuch.yaml"], folder, USAGE, r"nosuch\.yaml: no such file")
+    refuse(["run", "nosuch.yaml"], folder, Exit.WRONG_INPUT, r"nosuch\.yaml: no such file")
 
 
 def test_rate_beyond_the_bus_is_refused_with_its_load(folder: Path) -> None:
     words = ["run", str(SLEW10), "--set", "rate_hz=2000"]
-    refuse(words, folder, USAGE, r"loads the bus with 12\d\.\d% of 1000000 bit/s", "lower rate_hz")
+    refuse(
+        words,
+        folder,
+        Exit.WRONG_INPUT,
+        r"loads the bus with 12\d\.\d% of 1000000 bit/s",
+        "lower rate_hz",
+    )
 
 
 def test_missing_can_interface_is_named_with_the_way_to_make_it(folder: Path) -> None:
     words = ["run", str(SLEW10), "--bus", "socketcan:vcan7"]
     cure = "sudo ip link add dev vcan7 type vcan"
-    refuse(words, folder, NO_ENVIRONMENT, "^vcan7: ", cure, "--bus udp_multicast")
+    refuse(words, folder, Exit.ENVIRONMENT, "^vcan7: ", cure, "--bus udp_multicast")
     assert blocks_left("socketcan:vcan7") == [], blocks_left("socketcan:vcan7")
 
 
 def test_adapter_that_python_can_cannot_open_is_named(folder: Path) -> None:
     words = ["run", str(SLEW10), "--bus", "slcan:/dev/nosuch"]
     said = "slcan:/dev/nosuch: python-can cannot open it: "
-    refuse(words, folder, NO_ENVIRONMENT, said, lines=2)  # python-can has a word of its own
+    refuse(words, folder, Exit.ENVIRONMENT, said, lines=2)  # python-can has a word of its own
     assert blocks_left("slcan:/dev/nosuch".replace("/", "_")) == []
 
 
@@ -161,7 +166,7 @@ def test_port_in_use_is_named_with_another(folder: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as greedy:
         greedy.bind(("", port))
         said = (f"port {port} is in use by a program that does not share it", f":{port + 1}")
-        refuse(["run", str(SLEW10)], folder, NO_ENVIRONMENT, *said, bus=bus)
+        refuse(["run", str(SLEW10)], folder, Exit.ENVIRONMENT, *said, bus=bus)
 
 
 def test_second_executive_on_a_bus_is_refused_and_the_first_undisturbed(folder: Path) -> None:
@@ -171,12 +176,12 @@ def test_second_executive_on_a_bus_is_refused_and_the_first_undisturbed(folder: 
         block = first.block("slew10", bus, "executive")
         second = pcpc(*usual, cwd=folder)
         said = f"already in use by process {first.pid('executive')}; end it first"
-        assert second.code == NO_ENVIRONMENT and said in second.err, str(second)
+        assert second.code == Exit.ENVIRONMENT and said in second.err, str(second)
         assert len(second.err.splitlines()) == 1 and not second.out, str(second)
         assert first.process.poll() is None and not block["control"][sh.FAULT], str(first)
         assert block.alive(), "the first one is gone"
         first.process.send_signal(signal.SIGINT)
-        assert first.done(20.0).code == CODES["interrupted"], str(first)
+        assert first.done(20.0).code == Exit.INTERRUPTED, str(first)
         assert first.left() == [], first.left()
     assert blocks_left(bus) == [], blocks_left(bus)
 

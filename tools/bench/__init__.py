@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pcpc.drivers.errors import BusError
+from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.tools import screen
 from pcpc.tools.progress import Progress
 
@@ -30,11 +30,12 @@ SUITES = {
     "startup": "the time from command to first cycle, warm and cold",
 }
 ON_REQUEST = ("rate", "startup")  # one to three minutes each
-NO_ENVIRONMENT, INTERRUPTED = 4, 130
 
 
-class BenchError(Exception):
-    """The yardstick is missing. One line, ready to print."""
+class BenchError(UserError):
+    """The yardstick is missing."""
+
+    code = Exit.ENVIRONMENT
 
 
 @dataclass(frozen=True)
@@ -77,24 +78,19 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run suites and print their ratios; 2 for wrong input, 4 where a yardstick is missing."""
-    unknown = [name for name in options.names if name not in SUITES]
-    if unknown or options.rounds < 1:
-        wrong = f"--rounds {options.rounds}: expected 1 or more"
-        known = f"{' '.join(unknown)}: no such suite; known: {', '.join(SUITES)}"
-        print(known if unknown else wrong, file=sys.stderr)
-        return 2
-    progress, found, code = Progress(options.quiet), [], 0
+    """Run suites and print their ratios; ENVIRONMENT where a yardstick is missing."""
+    if unknown := [name for name in options.names if name not in SUITES]:
+        raise UserError(f"{' '.join(unknown)}: no such suite; known: {', '.join(SUITES)}")
+    if options.rounds < 1:
+        raise UserError(f"--rounds {options.rounds}: expected 1 or more")
+    progress, found, code = Progress(options.quiet), [], Exit.OK
     for name in options.names or [name for name in SUITES if name not in ON_REQUEST]:
         try:
             ratios = import_module(f"pcpc.tools.bench.{name}").measure(progress, options.rounds)
-        except KeyboardInterrupt:
-            progress.close()
-            return INTERRUPTED
         except (BenchError, BusError) as error:
             progress.close()
             print(f"{name}: {error}", file=sys.stderr)
-            code = NO_ENVIRONMENT
+            code = Exit.ENVIRONMENT
             continue
         progress.close()
         for ratio in ratios:

@@ -23,7 +23,7 @@ C_TYPES = {"<i8": "int64_t", "<f8": "double", "|u1": "uint8_t"}
 
 
 class CompilerError(BenchError):
-    """There is no C compiler, or it refuses a source. One line, ready to print."""
+    """There is no C compiler, or it refuses a source."""
 
 
 def find() -> str:

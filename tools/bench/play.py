@@ -21,9 +21,11 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers import bus as buses
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools import play_frames
-from pcpc.tools.bench.compiler import CompilerError, compile_to
+from pcpc.tools.bench.compiler import compile_to
+from pcpc.tools.ending import ended
 from pcpc.tools.play import PRIORITY, add_arguments, words_of
 from pcpc.tools.play_frames import Frames
 from pcpc.tools.progress import Progress
@@ -111,11 +113,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
     bus = buses.choose(*buses.parse(options.bus))
-    try:
-        rounds = compare(options.log, bus, options.rounds, Progress())
-    except (CompilerError, logs.LogError, play_frames.PlayError) as error:
-        print(error, file=sys.stderr)
-        return 2
+    rounds = compare(options.log, bus, options.rounds, Progress())
     for number in range(options.rounds):
         for name in rounds:
             one = rounds[name][number]
@@ -125,8 +123,8 @@ def main() -> int:
                 f"{one['within_200us_percent']:.3f} %  total {one['total_error_percent']:+.6f} %"
             )
     print("Python/C  " + "  ".join(f"{key} {ratio(rounds, key):.2f}" for key in FIGURES))
-    return 0
+    return Exit.OK
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended(main, goes_on=False))

@@ -8,13 +8,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-from pcpc.drivers.errors import BusError
-from pcpc.executive.errors import RigError
-from pcpc.executive.loop.shared import SharedError
+from pcpc.drivers.errors import UserError
 from pcpc.tools import jitter
 from pcpc.tools.bench import BenchError, Ratio
 from pcpc.tools.jitter.figures import PCPC, percentiles
-from pcpc.tools.jitter.loops import JitterError, Setup
+from pcpc.tools.jitter.loops import Setup
 from pcpc.tools.progress import Progress
 
 SUITE = "wake"
@@ -31,7 +29,7 @@ def measure(progress: Progress, rounds: int = 5) -> list[Ratio]:
     with tempfile.TemporaryDirectory(prefix="pcpc-wake-") as folder:
         try:
             result = jitter.measure(setup, min(rounds, 5), YARDSTICKS, Path(folder), progress)
-        except (JitterError, RigError, BusError, SharedError) as error:
+        except UserError as error:
             raise BenchError(str(error)) from None
     if result.interrupted:
         raise KeyboardInterrupt

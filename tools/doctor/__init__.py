@@ -6,8 +6,6 @@
 
 Changes nothing and needs no root. What a node does is tried as a node does it: real-time settings
 in a child process, the bus with one datagram. The rest is read from /proc, /sys and /dev.
-
-exit code: 0 a rig can run; 4 it cannot
 """
 
 import argparse
@@ -22,10 +20,10 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
+from pcpc.drivers.errors import Exit
 from pcpc.tools import screen
 from pcpc.tools.doctor.machine import Row, machine_rows
 
-OK, CANNOT_RUN = 0, 4
 _PROJECT = Path(__file__).resolve().parents[2]
 _PYTHON = (3, 11)
 _IMPORTS = {  # what every subcommand but `vm` needs: distribution, module
@@ -37,7 +35,7 @@ _COLOURS = {"ok": 32, "warn": 33, "missing": 31}  # of ANSI
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print a row for each thing looked at; return 0 if a rig can run at all, else 4."""
+    """Print a row for each thing looked at; ENVIRONMENT if no rig can run."""
     found = list(rows())
     missing = [row for row in found if row.state == "missing"]
     if options.json:
@@ -49,7 +47,7 @@ def command(options: argparse.Namespace) -> int:
     if missing:
         names = ", ".join(row.name for row in missing)
         print(f"no rig can run on this machine: missing {names}", file=sys.stderr)
-    return CANNOT_RUN if missing else OK
+    return Exit.ENVIRONMENT if missing else Exit.OK
 
 
 def rows() -> Iterator[Row]:

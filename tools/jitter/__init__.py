@@ -4,9 +4,7 @@ What is measured is the product: plants/probe with emulator, executive, bus and 
 `pcpc run` does; every cycle's figures come from the log. Options and first line are cyclictest's.
 With --against, rounds of equal length, interval and priority follow each other, ABCABC: a slow
 moment of the machine falls on all, so ratios mean more than times.
-
-exit code: 0 measured; 2 wrong input; 3 the log is not whole; 4 environment; 130 Ctrl-C, with the
-statistics so far
+After Ctrl-C it tells what there is.
 """
 
 import argparse
@@ -20,16 +18,14 @@ from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
-from pcpc.drivers.errors import BusError
-from pcpc.executive.errors import FULL, RigError
-from pcpc.executive.loop.shared import SharedError
+from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import code_of
 from pcpc.tools import screen
 from pcpc.tools.jitter import loops, probe, report
 from pcpc.tools.jitter.figures import LEAST_CYCLES, Result, as_json
 from pcpc.tools.jitter.loops import JitterError, Setup
 from pcpc.tools.progress import Progress
 
-OK, USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 0, 2, 3, 4, 130
 ROUNDS = 5  # with --against
 LEAST_INTERVAL_US, MOST_INTERVAL_US = 50, 1_000_000
 MOST_HISTOGRAM_US = 1_000_000  # cyclictest's
@@ -65,26 +61,13 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 
 def command(options: argparse.Namespace) -> int:
-    """Measure; print errors in one line; return the exit code."""
+    """Measure."""
     progress = Progress(options.quiet)
-    try:
-        setup, rounds, names = parse(options)
-        with _interruptible(), tempfile.TemporaryDirectory(prefix="pcpc-jitter-") as folder:
-            result = measure(setup, rounds, names, Path(folder), progress)
-        progress.close()
-        return conclude(result, options)
-    except (RigError, JitterError) as error:
-        progress.close()
-        if str(error):
-            print(error, file=sys.stderr)
-        return error.code if isinstance(error, JitterError) else USAGE
-    except (BusError, SharedError) as error:
-        progress.close()
-        print(error, file=sys.stderr)
-        return NO_ENVIRONMENT
-    except KeyboardInterrupt:  # before there was anything to tell
-        progress.close()
-        return INTERRUPTED
+    setup, rounds, names = parse(options)
+    with _interruptible(), tempfile.TemporaryDirectory(prefix="pcpc-jitter-") as folder:
+        result = measure(setup, rounds, names, Path(folder), progress)
+    progress.close()
+    return conclude(result, options)
 
 
 def parse(options: argparse.Namespace) -> tuple[Setup, int, list[str]]:
@@ -211,7 +194,7 @@ def _interruptible() -> Iterator[None]:
 def conclude(result: Result, options: argparse.Namespace) -> int:
     """Print, write and draw the result; return the exit code."""
     if result.node("executive") is None:
-        return INTERRUPTED
+        return Exit.INTERRUPTED
     print(report.text_of(result, options.histogram))
     path = options.json
     try:
@@ -222,5 +205,5 @@ def conclude(result: Result, options: argparse.Namespace) -> int:
             report.draw(result, options.plot)
     except OSError as error:
         what = f"{path}: cannot be written: {error.strerror}; choose another file"
-        raise JitterError(what, LOSS if error.errno in FULL else NO_ENVIRONMENT) from None
-    return INTERRUPTED if result.interrupted else OK
+        raise JitterError(what, code_of(error)) from None
+    return Exit.INTERRUPTED if result.interrupted else Exit.OK

@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.bench.compiler import CompilerError, compile_to
 from pcpc.tools.progress import Progress
 
-USAGE, NO_ENVIRONMENT = 2, 4
 SOURCE = Path(__file__).parent.with_name("bench") / "wake.c"
 NAMES = ("cyclictest", "c", "python")
 _PR_SET_PDEATHSIG = 1
@@ -32,12 +32,8 @@ _END_S = 5.0
 _libc = ctypes.CDLL(None)
 
 
-class JitterError(Exception):
-    """What a user gets to see in one line, "" if it was said already; `code` is the exit code."""
-
-    def __init__(self, text: str, code: int = USAGE) -> None:
-        super().__init__(text)
-        self.code = code
+class JitterError(UserError):
+    """A loop cannot be measured; "" if it was said already."""
 
 
 @dataclass(frozen=True)
@@ -85,19 +81,19 @@ def _try(setup: Setup) -> None:
     """Raise JitterError if there is no cyclictest, or if it refuses to run: without SCHED_FIFO."""
     if shutil.which("cyclictest") is None:
         text = "no cyclictest; run: sudo apt-get install rt-tests"
-        raise JitterError(text, NO_ENVIRONMENT)
+        raise JitterError(text, Exit.ENVIRONMENT)
     done = subprocess.run(_cyclictest_words(setup, 1), capture_output=True, text=True)
     if done.returncode:
         why = "".join(done.stderr.strip().splitlines()[-1:]) or f"exit code {done.returncode}"
         text = f"cyclictest refuses to run: {why.removesuffix('.')}; see `pcpc doctor`"
-        raise JitterError(text, NO_ENVIRONMENT)
+        raise JitterError(text, Exit.ENVIRONMENT)
 
 
 def _compile(folder: Path) -> None:
     try:
         compile_to(folder / "wake", [SOURCE], ["-O2"])
     except CompilerError as error:
-        raise JitterError(str(error), NO_ENVIRONMENT) from None
+        raise JitterError(str(error), Exit.ENVIRONMENT) from None
 
 
 def run(name: str, setup: Setup, folder: Path, progress: Progress, label: str) -> Loop:
@@ -113,7 +109,7 @@ def _wake(words: Sequence[str], setup: Setup, folder: Path, show: Callable[[floa
     done = _watched([*words, *(str(n) for n in numbers), str(out)], folder, show)
     if done.code or not out.exists():
         if not done.interrupted:
-            raise JitterError(f"{words[-1]}: {done.complaint or f'exit code {done.code}'}", 4)
+            raise JitterError(f"{words[-1]}: {done.why}", Exit.ENVIRONMENT)
         return Loop(np.empty(0, np.int64), False, True)
     return Loop(np.fromfile(out, "<i8"), done.output.read_text().strip() == "1", done.interrupted)
 
@@ -137,7 +133,7 @@ def _cyclictest(setup: Setup, folder: Path, show: Callable[[float], None]) -> Lo
     done = _watched(_cyclictest_words(setup, setup.periods), folder, show)
     late_ns = cyclictest_values(done.output.read_text())
     if not len(late_ns) and not done.interrupted:
-        raise JitterError(f"cyclictest: {done.complaint or f'exit code {done.code}'}", 4)
+        raise JitterError(f"cyclictest: {done.why}", Exit.ENVIRONMENT)
     return Loop(late_ns, True, done.interrupted)
 
 
@@ -155,7 +151,7 @@ _LOOPS = {"cyclictest": _cyclictest, "c": _c, "python": _python}
 class _Done:
     code: int
     output: Path
-    complaint: str
+    why: str  # it failed
     interrupted: bool
 
 
@@ -181,7 +177,8 @@ def _watched(words: Sequence[str], folder: Path, show: Callable[[float], None]) 
                 process.kill()
                 process.wait()
     last = complaint.read_text(errors="replace").strip().splitlines()[-1:]
-    return _Done(process.returncode, output, "".join(last), interrupted)
+    why = "".join(last) or f"exit code {process.returncode}"
+    return _Done(process.returncode, output, why, interrupted)
 
 
 def _wait(process: "subprocess.Popen[bytes]", seconds: float) -> None:

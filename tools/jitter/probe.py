@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.rig.reading import load_rig
@@ -21,7 +22,6 @@ from pcpc.tools.run import LOG, Host
 
 RIG = Path(__file__).resolve().parents[2] / "plants" / "probe" / "rig.yaml"
 STAGES = ("wake_late", "receive", "step", "send", "publish")
-LOSS = 3
 _PLANT_BELOW = 10  # of the executive's priority, as in every rig
 PROBED = ("executive", "plant")
 _UNPACED = {"executive": 0, "plant": 1}  # first cycles that a frame started, not the clock
@@ -109,17 +109,17 @@ def run(setup: Setup, folder: Path, progress: Progress, label: str) -> Probe:
     host = Host(options, rig, ("plant", "executive"), folder)
     host.progress = _Labelled(progress, label)
     if (code := host.run()) >= 0:
-        raise JitterError("", code)
+        raise JitterError("", Exit(code))
     outcome, bus = host.outcome, str(host.bus)
     if outcome.faults:
-        raise JitterError("; ".join(outcome.faults), LOSS)
+        raise JitterError("; ".join(outcome.faults), Exit.LOSS)
     pids = {role: child.process.pid for role, child in host.children.items()}
     try:
         nodes, metadata = read(folder / LOG, setup, pids, outcome.interrupted)
     except logs.LogError as error:
         if outcome.interrupted:
             return Probe({}, False, True, bus)
-        raise JitterError(str(error), LOSS) from None
+        raise JitterError(str(error), Exit.LOSS) from None
     fifo = all(bool(block["control"][sh.REALTIME]) for block in host.blocks.values())
     return Probe(nodes, fifo, outcome.interrupted, bus, metadata)
 
@@ -150,7 +150,7 @@ def read(
             continue
         nodes[name] = _node(name, table, setup, pids.get(name, 0), interrupted)
     if missing and not interrupted:
-        raise JitterError(f"the log is not whole: {'; '.join(missing)}", LOSS)
+        raise JitterError(f"the log is not whole: {'; '.join(missing)}", Exit.LOSS)
     return nodes, metadata
 
 

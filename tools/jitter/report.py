@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcpc.drivers.errors import Exit
 from pcpc.tools.jitter.figures import (
     COMPARED,
     PCPC,
@@ -14,7 +15,7 @@ from pcpc.tools.jitter.figures import (
     percentiles,
     ratios,
 )
-from pcpc.tools.jitter.loops import NO_ENVIRONMENT, JitterError
+from pcpc.tools.jitter.loops import JitterError
 from pcpc.tools.jitter.probe import STAGES, Node
 
 _BAR = 50
@@ -132,7 +133,7 @@ def check_plot(path: Path) -> None:
         import matplotlib.figure  # noqa: F401
     except ImportError:
         what = "a picture needs matplotlib: pip install 'pcpc[plot]'"
-        raise JitterError(f"--plot {path}: {what}", NO_ENVIRONMENT) from None
+        raise JitterError(f"--plot {path}: {what}", Exit.ENVIRONMENT) from None
 
 
 def draw(result: Result, path: Path) -> None:

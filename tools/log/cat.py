@@ -21,12 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan, walk
 from pcpc.tools.log import source
-from pcpc.tools.log.outfile import LOSS, LogCommandError
+from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.log.series import label, seconds
 from pcpc.tools.log.tally import senseless
 from pcpc.tools.progress import Progress
@@ -62,7 +63,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 def command(options: argparse.Namespace) -> int:
     """Carry out `cat`; return the exit code."""
     quiet = options.quiet or sys.stdout.isatty()  # there the text itself shows how far it is
-    return source.guarded(lambda progress: cat(options, progress), quiet)
+    return cat(options, Progress(quiet))
 
 
 def cat(options: argparse.Namespace, progress: Progress) -> int:
@@ -96,7 +97,7 @@ def cat(options: argparse.Namespace, progress: Progress) -> int:
     missing = found.missing + printer.left_out()
     for line in missing:
         print(f"{path}: {line}", file=sys.stderr)
-    return LOSS if missing else 0
+    return Exit.LOSS if missing else Exit.OK
 
 
 def first_cycle_ns(path: Path) -> int:

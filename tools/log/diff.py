@@ -22,14 +22,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools import screen
 from pcpc.tools.log import series, source
-from pcpc.tools.log.outfile import LOSS, LogCommandError
+from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.log.tally import DIRECTIONS
 from pcpc.tools.progress import Progress
 
-SAME, DIFFERENT = 0, 1
 _SHOWN = 40  # rows of the table; all of them with --json
 
 
@@ -93,7 +93,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `diff`; return the exit code."""
-    return source.guarded(lambda progress: _diff(options, progress), options.quiet)
+    return _diff(options, Progress(options.quiet))
 
 
 def _diff(options: argparse.Namespace, progress: Progress) -> int:
@@ -114,8 +114,8 @@ def _diff(options: argparse.Namespace, progress: Progress) -> int:
     else:
         show(report)
     if not report.equal:
-        return DIFFERENT
-    return LOSS if report.missing else SAME
+        return Exit.NOT_MET
+    return Exit.LOSS if report.missing else Exit.OK
 
 
 def compare(

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools.log import series
-from pcpc.tools.log.outfile import NO_ENVIRONMENT, LogCommandError
+from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.log.series import Series
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def page_of(
         from matplotlib.figure import Figure
     except ImportError:
         what = "a picture needs matplotlib: pip install 'pcpc[plot]'"
-        raise LogCommandError(what, NO_ENVIRONMENT) from None
+        raise LogCommandError(what, Exit.ENVIRONMENT) from None
     height = _REST_IN + (_AXIS_IN if len(groups) > 1 else 2 * _AXIS_IN) * len(groups)
     page = Figure(figsize=(_WIDTH_IN, height), layout="constrained")
     axes = page.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]

@@ -27,11 +27,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.tools import screen
-from pcpc.tools.log import series, source
-from pcpc.tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
+from pcpc.tools.log import series
+from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `export`; return the exit code."""
-    return source.guarded(lambda progress: export(options, progress), options.quiet)
+    return export(options, Progress(options.quiet))
 
 
 def export(options: argparse.Namespace, progress: Progress) -> int:
@@ -95,7 +96,7 @@ def export(options: argparse.Namespace, progress: Progress) -> int:
         print(json.dumps({"file": str(options.output), "format": form, what: count}))
     else:
         print(f"{options.output}: {count} {what}")
-    return LOSS if log.missing else 0
+    return Exit.LOSS if log.missing else Exit.OK
 
 
 @dataclass(frozen=True)
@@ -253,7 +254,7 @@ def _parquet(job: _Job, table: Sequence[Column]) -> None:
         from pyarrow import parquet
     except ImportError:
         what = "Parquet needs pyarrow: pip install 'pcpc[parquet]'"
-        raise LogCommandError(what, NO_ENVIRONMENT) from None
+        raise LogCommandError(what, Exit.ENVIRONMENT) from None
     fields, arrays = [], []
     for name, unit, text, values in table:
         arrays.append(pyarrow.array(values))

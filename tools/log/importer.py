@@ -28,7 +28,6 @@ from pcpc.executive.log.facts import facts
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
 from pcpc.tools import screen
-from pcpc.tools.log import source
 from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.log.recording import Recording, read
 from pcpc.tools.progress import Progress
@@ -64,7 +63,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `import`; return the exit code."""
-    return source.guarded(lambda progress: import_recording(options, progress), options.quiet)
+    return import_recording(options, Progress(options.quiet))
 
 
 def import_recording(options: argparse.Namespace, progress: Progress) -> int:

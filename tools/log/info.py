@@ -18,11 +18,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan
 from pcpc.tools.log import source
 from pcpc.tools.log.foreign import survey
-from pcpc.tools.log.outfile import LOSS
 from pcpc.tools.log.tally import Tally
 from pcpc.tools.progress import Progress
 
@@ -44,7 +44,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `info`; return the exit code."""
-    return source.guarded(lambda progress: _info(options, progress), options.quiet)
+    return _info(options, Progress(options.quiet))
 
 
 def _info(options: argparse.Namespace, progress: Progress) -> int:
@@ -60,7 +60,7 @@ def _info(options: argparse.Namespace, progress: Progress) -> int:
         print(json.dumps(report, indent=2))
     else:
         show(report)
-    return LOSS if report["missing"] else 0
+    return Exit.LOSS if report["missing"] else Exit.OK
 
 
 def describe(path: Path, progress: Progress) -> dict[str, Any]:

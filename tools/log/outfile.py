@@ -5,17 +5,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pcpc.executive.errors import FULL
+from pcpc.drivers.errors import UserError
+from pcpc.executive.errors import code_of
 
-USAGE, LOSS, NO_ENVIRONMENT, INTERRUPTED = 2, 3, 4, 130
 
-
-class LogCommandError(Exception):
-    """What a user gets to see in one line; `code` is the exit code."""
-
-    def __init__(self, text: str, code: int = USAGE) -> None:
-        super().__init__(text)
-        self.code = code
+class LogCommandError(UserError):
+    """A log, or what is asked of it, cannot be had."""
 
 
 @contextmanager
@@ -35,6 +30,6 @@ def new_file(path: Path, force: bool) -> Iterator[Path]:
         os.replace(unfinished, path)
     except OSError as error:
         what = f"{path}: cannot be written: {error.strerror}; choose another place with -o"
-        raise LogCommandError(what, LOSS if error.errno in FULL else NO_ENVIRONMENT) from None
+        raise LogCommandError(what, code_of(error)) from None
     finally:
         unfinished.unlink(missing_ok=True)

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pcpc.drivers.errors import printable
+from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.log import reader as logs
 from pcpc.tools import screen
-from pcpc.tools.log import series, source
+from pcpc.tools.log import series
 from pcpc.tools.log.drawing import DPI, Source, page_of
-from pcpc.tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
+from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.log.series import Series
 from pcpc.tools.progress import Progress
 
@@ -58,7 +58,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `plot`; return the exit code."""
-    return source.guarded(lambda progress: plot(options, progress), options.quiet)
+    return plot(options, Progress(options.quiet))
 
 
 def plot(options: argparse.Namespace, progress: Progress) -> int:
@@ -67,7 +67,7 @@ def plot(options: argparse.Namespace, progress: Progress) -> int:
         raise LogCommandError(f"{options.output}: no picture; expected {', '.join(SUFFIXES)}")
     paths, patterns = sorted_out(options.words)
     read = [series.read_log(path, progress) for path in paths]
-    loss = LOSS if any(log.missing for log in read) else 0
+    loss = Exit.LOSS if any(log.missing for log in read) else Exit.OK
     window = (options.start, options.end) != (None, None)
     if len(read) == 1 and not patterns and not window and _has_own(read[0], options, progress):
         return loss
@@ -158,7 +158,7 @@ def _own_figure(log: logs.Log, options: argparse.Namespace) -> bool:
         except EvaluationError as error:
             raise LogCommandError(str(error)) from None
         if "pip install" in reason:
-            raise LogCommandError(reason, NO_ENVIRONMENT)
+            raise LogCommandError(reason, Exit.ENVIRONMENT)
         if reason:
             return False
     print(

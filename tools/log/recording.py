@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.errors import printable
+from pcpc.drivers.errors import Exit, printable
 from pcpc.drivers.patience import StalledError, patience
 from pcpc.executive.log import reader as logs
-from pcpc.tools.log.outfile import NO_ENVIRONMENT, LogCommandError
+from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def read(path: Path, channel: str | None, progress: Progress) -> Recording:
         what = f"python-can stays behind frame {number} for ever: the file is damaged there"
         raise LogCommandError(f"{path}: {what}; give the whole recording") from None
     except NotImplementedError as error:  # a reader that needs another package
-        raise LogCommandError(f"{path}: {error}", NO_ENVIRONMENT) from None
+        raise LogCommandError(f"{path}: {error}", Exit.ENVIRONMENT) from None
     except OSError as error:
         raise LogCommandError(f"{path}: {error.strerror or error}; is it whole?") from None
     except Exception as error:  # python-can's readers let everything through

@@ -13,7 +13,7 @@ from typing import Any
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_writer import RecordError, Recovered, recover
 from pcpc.tools.log import source
-from pcpc.tools.log.outfile import LOSS, NO_ENVIRONMENT, LogCommandError, new_file
+from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.progress import Progress
 
 
@@ -34,7 +34,7 @@ def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `recover`; return the exit code."""
-    return source.guarded(lambda progress: _recover(options, progress), options.quiet)
+    return _recover(options, Progress(options.quiet))
 
 
 def _recover(options: argparse.Namespace, progress: Progress) -> int:
@@ -45,7 +45,7 @@ def _recover(options: argparse.Namespace, progress: Progress) -> int:
             done = recover(path, unfinished, source.Watch(path, progress))
         except RecordError as error:
             what = str(error).replace(str(unfinished), str(out))
-            raise LogCommandError(what, LOSS if error.full else NO_ENVIRONMENT) from None
+            raise LogCommandError(what, error.code) from None
         if not sum(done.messages.values()):
             reason = done.missing[0] if done.missing else "the log is whole, and empty"
             raise LogCommandError(f"{path}: nothing to recover: {reason}")

@@ -1,21 +1,16 @@
 """A log as the sub-commands of `pcpc log` get it: named on the command line, read as a stream."""
 
 import argparse
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
-from pcpc.executive.errors import RigError
-from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Piece, Scan, walk
 from pcpc.executive.log.mcap_records import message_dtype
-from pcpc.executive.log.mcap_writer import RecordError
 from pcpc.tools import screen
-from pcpc.tools.log.outfile import INTERRUPTED, LOSS, NO_ENVIRONMENT, USAGE, LogCommandError
 from pcpc.tools.progress import Progress
 
 _PATIENCE_S = 1.0
@@ -36,25 +31,6 @@ def add_parser(
 def file_of(path: Path) -> Path:
     """Return the log in a run folder, or the file itself."""
     return path / "log.mcap" if path.is_dir() else path
-
-
-def guarded(action: Callable[[Progress], int], quiet: bool = False) -> int:
-    """Return the exit code of `action`; print what is wrong in one line."""
-    progress = Progress(quiet)
-    try:
-        return action(progress)
-    except LogCommandError as error:
-        code, text = error.code, str(error)
-    except (logs.LogError, RigError) as error:
-        code, text = USAGE, str(error)
-    except RecordError as error:
-        code, text = LOSS if error.full else NO_ENVIRONMENT, str(error)
-    except KeyboardInterrupt:
-        code, text = INTERRUPTED, "interrupted"
-    finally:
-        progress.close()
-    print(text, file=sys.stderr)
-    return code
 
 
 def stream(path: Path, found: Scan, progress: Progress) -> Iterator[Piece]:

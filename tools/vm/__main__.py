@@ -2,6 +2,7 @@
 
 import sys
 
+from pcpc.tools.ending import ended
 from pcpc.tools.vm.cli import run
 
-sys.exit(run(sys.argv[1:]))
+sys.exit(ended(lambda: run(sys.argv[1:]), goes_on=True))

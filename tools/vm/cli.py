@@ -35,22 +35,12 @@ exit code: the command's; 124 time limit, 127 no such command, 2 wrong usage,
 
 
 def run(argv: list[str]) -> int:
-    """Run `pcpc vm` with the arguments after `vm`; print errors; return the exit code."""
+    """Run `pcpc vm` with the arguments after `vm`; return the exit code."""
+    options = _options(argv)
     try:
-        options = _options(argv)
-        if options.info:
-            return _print_info(options)
-        return _run_command(options)
-    except SystemExit as end:  # argparse has printed its message
-        return end.code if isinstance(end.code, int) else 2
-    except VmError as error:
-        print(f"vm: {error}", file=sys.stderr)
-        return error.exit_code
-    except (OSError, subprocess.CalledProcessError) as error:
-        print(f"vm: {error}", file=sys.stderr)
-        return VmError.exit_code
-    except KeyboardInterrupt:
-        return 130
+        return _print_info(options) if options.info else _run_command(options)
+    except (VmError, OSError, subprocess.CalledProcessError) as error:
+        raise VmError(f"vm: {error}") from None
 
 
 @dataclass(frozen=True)
