@@ -1,34 +1,80 @@
-"""What the subcommands of `pcpc` take, but for those that bring their own arguments."""
+"""What the commands of `pcpc` take; imports nothing that takes time."""
 
 import argparse
-from collections.abc import Mapping
+import re
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NoReturn
 
-from pcpc.tools import screen
+from pcpc.executive.rig.roles import ROLES
+from pcpc.tools.command import Add
 
-USAGE = 2
-CODES = """exit code: 0 ok, 1 expectation not met, 2 wrong input, 3 loss, 4 environment,
-  5 safety stop, 130 Ctrl-C"""
 _BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
-_RUNS = {
-    "run": "pcpc run hull",
-    "exec": "pcpc exec hull --bus vcan0",
-    "plant": "pcpc plant hull --bus vcan0",
-    "local": "pcpc local telerobot-u1 --bus vcan0",
-    "simulate": "pcpc simulate hull --controller pid --set barrel.gap_rad=0.003",
-}
-_TABLE = {
-    "list": "pcpc list 'controller.*'",
-    "get": "pcpc get controller.e_rad barrel.theta_rad",
-    "set": "pcpc set controller.kv_Nms_rad=120 controller.lam_per_s=15",
-    "watch": "pcpc watch 'controller.*' --every 500ms",
-    "lock": "pcpc lock tune",
-}
-_NAMES: dict[str, tuple[str, str | int]] = {
-    "list": ("NAME", "*"),
-    "set": ("NAME=VALUE", "+"),
-    "lock": ("none|tune|all", 1),
-}
+_SECONDS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+def _json(add: Add, help: str = "print one JSON object") -> None:
+    add("--json", action="store_true", help=help)
+
+
+def _quiet(add: Add, *short: str) -> None:
+    add(*short, "--quiet", action="store_true", help="no progress")
+
+
+def _set(add: Add, help: str) -> None:
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=help)
+
+
+# Rigs
+
+
+def rigs(add: Add) -> None:
+    """Take names or patterns."""
+    add("names", nargs="*", metavar="NAME", help="only these rigs or plants; * ? []")
+    _json(add, "print one JSON list")
+
+
+def rig(add: Add) -> None:
+    """Take a rig and what is changed in it."""
+    add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
+    add("--controller", metavar="NAME", help="controller, instead of the rig's")
+    _set(add, "any value of the rig or a block, as controller.kv_Nms_rad=130")
+
+
+def check(add: Add) -> None:
+    """Take a rig."""
+    rig(add)
+    _json(add)
+
+
+def doctor(add: Add) -> None:
+    """Take only how to print."""
+    _json(add)
+
+
+def run(add: Add) -> None:
+    """Take a rig, and how it runs on a bus."""
+    rig(add)
+    add("--pacing", choices=("real", "sync", "lockstep"),
+        help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock")  # fmt: skip
+    add("--bus", metavar="INTERFACE[:CHANNEL]", help=_BUSES)
+    _run_folder(add)
+
+
+def simulate(add: Add) -> None:
+    """Take a rig, without what has no effect in virtual time."""
+    rig(add)
+    add("--bus", "--pacing", action=_Refused, help=argparse.SUPPRESS)
+    _run_folder(add)
+
+
+def _run_folder(add: Add) -> None:
+    add("-o", "--output", metavar="DIR", help="run folder, instead of runs/<UTC time>-<rig>")
+    _json(add, "print the summary as one JSON object")
+    _quiet(add)
+    add("--no-figure", action="store_true", help="do not draw figure.png")
+    add("--judge", action="store_true",
+        help="a limit that could not be judged, or nothing to judge, is exit code 1")  # fmt: skip
 
 
 class _Refused(argparse.Action):
@@ -38,100 +84,223 @@ class _Refused(argparse.Action):
         parser.error(f"{given[-1]}: not in virtual time; `pcpc run` has it")
 
 
-def add_all(commands: Any, texts: Mapping[str, str]) -> None:
-    """Register the subcommands; `texts`: what each does, by its name."""
-    _add_rigs(commands, texts)
-    _add_runs(commands, texts)
-    _add_table(commands, texts)
-    one = _command(commands, "check", texts, "pcpc check hull")
-    _add_rig(one)
-    _add_json(one)
-    _add_json(_command(commands, "doctor", texts, "pcpc doctor"))
-    _add_experiment(commands, texts)
-    _command(commands, "vm", texts, "pcpc vm -- candump vcan0")
-
-
-def _command(
-    commands: Any, name: str, texts: Mapping[str, str], example: str
-) -> argparse.ArgumentParser:
-    found: argparse.ArgumentParser = commands.add_parser(
-        name, help=texts[name], description=texts[name], epilog=f"example: {example}\n{CODES}",
-        formatter_class=screen.Help,
-    )  # fmt: skip
-    return found
-
-
-def _add_json(parser: argparse.ArgumentParser, help: str = "print one JSON object") -> None:
-    parser.add_argument("--json", action="store_true", help=help)
-
-
-def _add_rig(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
-    parser.add_argument("--controller", metavar="NAME", help="controller, instead of the rig's")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="any value of the rig or a block, as controller.kv_Nms_rad=130",
-    )
-
-
-def _add_rigs(commands: Any, texts: Mapping[str, str]) -> None:
-    one = _command(commands, "rigs", texts, "pcpc rigs atb1000 'friction-*'")
-    one.add_argument("names", nargs="*", metavar="NAME", help="only these rigs or plants; * ? []")
-    _add_json(one, "print one JSON list")
-
-
-def _add_runs(commands: Any, texts: Mapping[str, str]) -> None:
-    for name, example in _RUNS.items():
-        one = _command(commands, name, texts, example)
-        _add_rig(one)
-        one.add_argument(
-            "-o", "--output", metavar="DIR", help="run folder, instead of runs/<UTC time>-<rig>"
-        )
-        if name == "simulate":
-            one.add_argument("--bus", "--pacing", action=_Refused, help=argparse.SUPPRESS)
-        else:
-            one.add_argument(
-                "--pacing", choices=("real", "sync", "lockstep"),
-                help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock",
-            )  # fmt: skip
-            one.add_argument("--bus", metavar="INTERFACE[:CHANNEL]", help=_BUSES)
-        _add_json(one, "print the summary as one JSON object")
-        one.add_argument("--quiet", action="store_true", help="no progress")
-        one.add_argument("--no-figure", action="store_true", help="do not draw figure.png")
-        one.add_argument(
-            "--judge", action="store_true",
-            help="a limit that could not be judged, or nothing to judge, is exit code 1",
-        )  # fmt: skip
-
-
-def _add_table(commands: Any, texts: Mapping[str, str]) -> None:
-    for name, example in _TABLE.items():
-        one = _command(commands, name, texts, example)
-        word, many = _NAMES.get(name, ("NAME", "+"))
-        one.add_argument("names", nargs=many, metavar=word)
-        one.add_argument(
-            "--node", metavar="NODE",
-            help="executive, plant, or a block's full name; without it, the one that has NAME",
-        )  # fmt: skip
-        _add_json(one, "print JSON")
-        if name == "list":
-            one.add_argument("-l", "--long", action="store_true", help="also writer and meaning")
-        if name == "watch":
-            one.add_argument(
-                "--every", default="200ms", metavar="TIME", help="interval: 500us, 5ms, 10s"
-            )
-
-
-def _add_experiment(commands: Any, texts: Mapping[str, str]) -> None:
-    one = _command(commands, "experiment", texts, "pcpc experiment chapter9 -o results")
-    one.add_argument(
+def experiment(add: Add) -> None:
+    """Take a study."""
+    add(
         "name", metavar="NAME", help="chapterN of the book, approximation, actuators, or a study.py"
     )
-    one.add_argument(
-        "-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME"
-    )
-    one.add_argument("--jobs", type=int, metavar="N", help="processes; all processors")
-    one.add_argument("--quiet", action="store_true", help="no progress")
+    add("-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME")
+    add("--jobs", type=int, metavar="N", help="processes; all processors")
+    _quiet(add)
+
+
+# Live nodes
+
+
+def table(names: str, count: str | int) -> Callable[[Add], None]:
+    """Return what takes `count` variables of a node, called `names`."""
+
+    def arguments(add: Add) -> None:
+        add("names", nargs=count, metavar=names)
+        add("--node", metavar="NODE",
+            help="executive, plant, or a block's full name; without it, the one that has NAME",
+            )  # fmt: skip
+        _json(add, "print JSON")
+
+    return arguments
+
+
+def list_(add: Add) -> None:
+    """Take variables, and how much about them."""
+    table("NAME", "*")(add)
+    add("-l", "--long", action="store_true", help="also writer and meaning")
+
+
+def watch(add: Add) -> None:
+    """Take variables, and how often."""
+    table("NAME", "+")(add)
+    add("--every", default="200ms", metavar="TIME", help="interval: 500us, 5ms, 10s")
+
+
+# Logs
+
+
+def replay(add: Add) -> None:
+    """Take a log, and what is changed."""
+    add("log", metavar="LOG", help="log file, run folder or latest")
+    add("--node", choices=(*ROLES, "all"), default="all",
+        help="default: all")  # fmt: skip
+    add("--controller", metavar="NAME", help="another controller of the log's rig")
+    _set(add, "recompute with a change, in open loop: the recorded frames stay what they were")
+    add("--trust", action="store_true",
+        help="run the Python that stands in the log: laws from outside the project")  # fmt: skip
+    add("--law", action="append", default=[], metavar="FILE",
+        help="a law, or a file that one reads, of a run whose files have moved")  # fmt: skip
+    add("--rig", metavar="RIG", help="the rig file beside which the laws lie now")
+    _json(add, "print one JSON list")
+    _quiet(add)
+
+
+def play(add: Add) -> None:
+    """Take a log, and which of its frames go where and when."""
+    add("log", metavar="LOG", help="log file, run folder or latest")
+    add("--bus", default="auto", metavar="INTERFACE[:CHANNEL]", help=_BUSES)
+    add("-r", "--rate", type=float, default=1.0, metavar="FACTOR",
+        help="speed: 2 is twice as fast, 0 as fast as the bus takes frames")  # fmt: skip
+    add("--loop", type=int, nargs="?", const=0, metavar="N", help="N times; for ever without N")
+    add("--start", type=float, default=0.0, metavar="S",
+        help="begin S seconds behind the log's first frame")  # fmt: skip
+    add("--duration", type=float, metavar="S", help="play S seconds of the recording")
+    add("--step", nargs="?", const="frame", choices=("frame", "cycle"),
+        help="one frame, or the frames of one cycle, at each Enter")  # fmt: skip
+    add("--only", action="append", default=[], metavar="NAME|ID",
+        help="only this frame: its name, or its id in hexadecimal; may be repeated")  # fmt: skip
+    add("--as", dest="role", choices=("executive", "plant"),
+        help="only what this node sent, once the other node is heard")  # fmt: skip
+    add("--no-wait", action="store_true", help="with --as: begin without the other node")
+    add("-p", "--priority", type=int, default=70, metavar="1..99",
+        help="of SCHED_FIFO, where that is allowed; %(default)s, an emulator's")  # fmt: skip
+    _json(add, "print the result as one JSON object")
+    _quiet(add)
+
+
+def _log(add: Add) -> None:
+    add("log", type=Path, metavar="LOG", help="log file or run folder")
+
+
+def _window(add: Add, end: str) -> None:
+    add("--start", metavar="TIME", help="from here on: 1.5 or 500ms after the start")
+    add("--end", metavar="TIME", help=end)
+
+
+def log_info(add: Add) -> None:
+    """Take a log."""
+    _log(add)
+    _json(add)
+    _quiet(add)
+
+
+def log_cat(add: Add) -> None:
+    """Take a log, which part of it, and in which format."""
+    _log(add)
+    add("--topics", nargs="+", metavar="TOPIC",
+        help="/state, /timing, /can/frames, /events, /tunings, /plant/state, ...; "
+        "default: /state as csv, /can/frames as candump, all as ndjson")  # fmt: skip
+    add("--format", choices=("csv", "ndjson", "candump"),
+        help="default: candump for frames, csv for variables, ndjson for all else")  # fmt: skip
+    _window(add, "up to here, exclusive")
+    _quiet(add)
+
+
+def log_diff(add: Add) -> None:
+    """Take two logs, and what counts as a difference."""
+    add("a", type=Path, metavar="A", help="log file or run folder")
+    add("b", type=Path, metavar="B", help="the other one")
+    add("variables", nargs="*", metavar="VAR",
+        help="names or patterns as 'controller.*', without frames; default: all but timing",
+        )  # fmt: skip
+    add("--tolerance", type=float, default=0.0, metavar="REL", help="relative")
+    add("--absolute", type=float, default=0.0, metavar="ABS", help="absolute")
+    _json(add)
+    _quiet(add)
+
+
+def log_recover(add: Add) -> None:
+    """Take a damaged log."""
+    _log(add)
+    add("-o", "--output", type=Path, metavar="OUT", help="new file, instead of LOG-recovered.mcap")
+    _json(add)
+    _quiet(add)
+
+
+def log_export(add: Add) -> None:
+    """Take a log, which part of it, and a file."""
+    _log(add)
+    add("-o", "--output", type=Path, required=True, metavar="FILE", help="output")
+    add("--format", choices=("candump", "blf", "asc", "csv", "parquet"),
+        help="instead of what the suffix of FILE says")  # fmt: skip
+    add("--topics", nargs="+", metavar="TOPIC",
+        help="/can/frames or /plant/can/frames; /state, /timing, /plant/state, /plant/timing",
+        )  # fmt: skip
+    _window(add, "up to here, exclusive")
+    add("--force", action="store_true", help="overwrite FILE")
+    _json(add)
+    _quiet(add)
+
+
+def log_import(add: Add) -> None:
+    """Take a recording and its DBC file."""
+    add("recording", type=Path, metavar="FILE", help="recording of a CAN bus")
+    add("--dbc", type=Path, required=True, metavar="FILE.dbc", help="its frames")
+    add("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="log")
+    add("--node", metavar="NAME", help="see the bus as this node of the DBC file")
+    add("--channel", metavar="NAME", help="only this channel of the recording")
+    add("--force", action="store_true", help="overwrite OUT.mcap")
+    _json(add)
+    _quiet(add)
+
+
+def log_plot(add: Add) -> None:
+    """Take logs, variables and a picture."""
+    add("words", nargs="+", metavar="LOG|VARIABLE",
+        help="logs, and variables (* ? [] as in the shell, in quotes); "
+        "no variables: the plant's own figure")  # fmt: skip
+    add("-o", "--output", type=Path, required=True, metavar="FILE.png", help="picture")
+    add("--rig", type=Path, metavar="RIG",
+        help="where the log's rig file lies, if it is none of the project's")  # fmt: skip
+    _window(add, "up to here")
+    _quiet(add)
+
+
+# This machine
+
+
+def jitter(add: Add) -> None:
+    """Take what cyclictest takes, and yardsticks."""
+    add("-i", "--interval", default="1000us", metavar="TIME", help="period; 1000us; 50us to 1s")
+    add("-D", "--duration", default="10s", metavar="TIME", help="of all rounds of a loop; 10s")
+    add("-p", "--priority", type=int, default=80, metavar="1..99",
+        help="of SCHED_FIFO, where that is allowed; 80; the plant's is 10 less")  # fmt: skip
+    add("-h", "--histogram", type=int, metavar="US", help="cyclictest's histogram, up to US")
+    _quiet(add, "-q")
+    add("-a", "--affinity", metavar="CPU[,CPU]",
+        help="processors of executive and plant; other loops: the first one")  # fmt: skip
+    add("--bus", metavar="INTERFACE[:CHANNEL]",
+        help="auto, vcan0, udp_multicast[:GROUP[:PORT]]; one that nobody else uses")  # fmt: skip
+    add("--against", metavar="NAME,...", help="compare with cyclictest, c, python")
+    add("--rounds", type=int, metavar="N", help="parts of the duration; 5 with --against")
+    add("--json", type=Path, metavar="FILE", help="write all figures there")
+    add("--plot", type=Path, metavar="FILE.png", help="draw the histograms of all loops")
+
+
+def bench(add: Add) -> None:
+    """Take suites."""
+    add("names", nargs="*", metavar="NAME", help="suites; default: all but rate and startup")
+    add("--rounds", type=int, default=15, metavar="N", help="default 15")
+    add("--json", metavar="FILE", help="write the ratios there too")
+    _quiet(add)
+
+
+def vm(add: Add) -> None:
+    """Take what the machine has; the command follows after --."""
+    add("--accel", choices=("auto", "kvm", "tcg"), default="auto", help="default: %(default)s")
+    add("--memory", type=_positive, default=2048, metavar="MB", help="default: %(default)s")
+    add("--cpus", type=_positive, default=2, metavar="N", help="default: %(default)s")
+    add("--timeout", type=_duration_s, default=600.0, metavar="DURATION", help="default: 600s")
+    add("--update", action="store_true", help="fetch the distribution's present kernel")
+    add("--verbose", action="store_true", help="show the guest's console on stderr")
+    add("--info", action="store_true", help="print kernel and accelerator, run nothing")
+
+
+def _duration_s(text: str) -> float:
+    """Return a duration such as 500ms, 10s, 2min in s."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)(ms|s|min|h)", text)
+    if match is None or float(match[1]) == 0.0:
+        raise argparse.ArgumentTypeError(f"expected a duration like 90s or 10min, got {text!r}")
+    return float(match[1]) * _SECONDS[match[2]]
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"expected a positive whole number, got {text!r}")
+    return int(text)

@@ -56,19 +56,6 @@ class Carried:
         return f"{self.name} (sha256 {self.sha256[:16]})"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Register the options that say where laws are taken from."""
-    parser.add_argument(
-        "--trust", action="store_true",
-        help="run the Python that stands in the log: laws from outside the project",
-    )  # fmt: skip
-    parser.add_argument(
-        "--law", action="append", default=[], metavar="FILE",
-        help="a law, or a file that one reads, of a run whose files have moved",
-    )  # fmt: skip
-    parser.add_argument("--rig", metavar="RIG", help="the rig file beside which the laws lie now")
-
-
 @contextmanager
 def rig_of(
     head: logs.Log, folder: Path, options: argparse.Namespace

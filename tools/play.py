@@ -25,7 +25,7 @@ from pcpc.drivers import bus as buses
 from pcpc.drivers import choice, realtime
 from pcpc.drivers.errors import BusError, Exit
 from pcpc.executive.log import reader as logs
-from pcpc.tools import play_frames, screen
+from pcpc.tools import play_frames
 from pcpc.tools.interface import named_bus
 from pcpc.tools.play_frames import Frames, PlayError
 from pcpc.tools.progress import Progress
@@ -36,41 +36,6 @@ if TYPE_CHECKING:
 PRIORITY = 70  # that of an emulator, below the executive's 80
 _POLL_S = 0.1
 _LONG_READ_BYTES = 20 << 20  # about a second
-_EXAMPLES = """examples:
-  pcpc play latest --bus vcan0
-  pcpc play latest --start 2 --duration 1 --loop --only FB_A --only 0x080
-  pcpc play latest --as plant --bus vcan0    # beside: pcpc exec RIG --bus vcan0
-exit code: 0 played, 2 wrong input, 3 send errors or damaged log, 4 environment, 130 Ctrl-C"""
-
-
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `play`."""
-    help = "put the frames of a log on a bus, at the recorded times"
-    one = commands.add_parser(
-        "play", help=help, description=help, epilog=_EXAMPLES,
-        formatter_class=screen.Help,
-    )  # fmt: skip
-    add = one.add_argument
-    add("log", metavar="LOG", help="log file, run folder or latest")
-    add("--bus", default="auto", metavar="INTERFACE[:CHANNEL]",
-        help="auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one")  # fmt: skip
-    add("-r", "--rate", type=float, default=1.0, metavar="FACTOR",
-        help="speed: 2 is twice as fast, 0 as fast as the bus takes frames")  # fmt: skip
-    add("--loop", type=int, nargs="?", const=0, metavar="N", help="N times; for ever without N")
-    add("--start", type=float, default=0.0, metavar="S",
-        help="begin S seconds behind the log's first frame")  # fmt: skip
-    add("--duration", type=float, metavar="S", help="play S seconds of the recording")
-    add("--step", nargs="?", const="frame", choices=("frame", "cycle"),
-        help="one frame, or the frames of one cycle, at each Enter")  # fmt: skip
-    add("--only", action="append", default=[], metavar="NAME|ID",
-        help="only this frame: its name, or its id in hexadecimal; may be repeated")  # fmt: skip
-    add("--as", dest="role", choices=tuple(play_frames.PEER),
-        help="only what this node sent, once the other node is heard")  # fmt: skip
-    add("--no-wait", action="store_true", help="with --as: begin without the other node")
-    add("-p", "--priority", type=int, default=PRIORITY, metavar="1..99",
-        help=f"of SCHED_FIFO, where that is allowed; {PRIORITY}")  # fmt: skip
-    add("--json", action="store_true", help="print the result as one JSON object")
-    add("--quiet", action="store_true", help="no progress")
 
 
 def command(options: argparse.Namespace) -> int:
@@ -89,11 +54,6 @@ def command(options: argparse.Namespace) -> int:
         print(f"{path}: missing: {line}", file=sys.stderr)
     held = _take_bus(options, log)
     return Session(options, held.bus, everything, frames, log.missing, progress).run()
-
-
-def words_of(*arguments: str) -> list[str]:
-    """Return a command line that plays, in a process of its own, with this Python."""
-    return [sys.executable, "-P", "-m", "pcpc.tools.play", *arguments]
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -333,14 +293,3 @@ def text_of(result: dict[str, Any]) -> str:
     if result["queue_full"]:
         lines.append(f"bus queue     full {result['queue_full']} times, waited for")
     return "\n".join(lines)
-
-
-def main() -> int:
-    """Play without the other subcommands."""
-    parser = argparse.ArgumentParser("pcpc.tools.play")
-    add_arguments(parser.add_subparsers(required=True))
-    return command(parser.parse_args(["play", *sys.argv[1:]]))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -92,28 +92,6 @@ class Verdict:
         return next(iter(self.ordered()), None)
 
 
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `replay`."""
-    text = "recompute a recorded run and compare it bit by bit"
-    one = commands.add_parser(
-        "replay", help=text, description=text,
-        epilog="example: pcpc replay latest\n"
-        "exit code: 0 bit-identical, 1 different or incomplete, 2 wrong input, "
-        "5 a step hangs or raises",
-        formatter_class=screen.Help,
-    )  # fmt: skip
-    one.add_argument("log", metavar="LOG", help="log file, run folder or latest")
-    one.add_argument("--node", choices=(*logs.NODES, "all"), default="all", help="default: all")
-    one.add_argument("--controller", metavar="NAME", help="another controller of the log's rig")
-    one.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE",
-        help="recompute with a change, in open loop: the recorded frames stay what they were",
-    )  # fmt: skip
-    log_rig.add_arguments(one)
-    one.add_argument("--json", action="store_true", help="print one JSON list")
-    one.add_argument("--quiet", action="store_true", help="no progress")
-
-
 def command(options: argparse.Namespace) -> int:
     """Replay `options.log`; OK if bit-identical, else NOT_MET."""
     progress = Progress(options.quiet)

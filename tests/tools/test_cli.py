@@ -6,7 +6,9 @@ import os
 import re
 import shlex
 import subprocess
+import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -14,12 +16,13 @@ from processes import ROOT, pcpc
 
 from pcpc.executive.errors import RigError
 from pcpc.tools import cli, recorded, rigs
-from pcpc.tools.cli import COMMANDS, main
+from pcpc.tools.cli import main
+from pcpc.tools.command import Command
+from pcpc.tools.commands import COMMANDS
 from pcpc.tools.conclude import changes
-from pcpc.tools.vm.cli import _options as vm_options
 
-LOG_COMMANDS = ("info", "cat", "diff", "recover", "export", "import", "plot")
-HELPS = [(), *((name,) for name in COMMANDS), *(("log", name) for name in LOG_COMMANDS)]
+PARTS = [(name, part) for name, command in COMMANDS.items() for part in command.parts]
+HELPS = [(), *((name,) for name in COMMANDS), *((name, part.name) for name, part in PARTS)]
 Screen = pytest.CaptureFixture[str]
 
 
@@ -42,7 +45,7 @@ def test_help_fits_80_columns_and_its_examples_are_right(
     for example in examples(text):
         said = check(example)
         assert not said, f"{example}: {said}"
-    assert any(examples(text)) or words in ((), ("log",)), text
+    assert any(examples(text)) or not words, text
 
 
 def examples(text: str) -> Iterator[list[str]]:
@@ -55,12 +58,12 @@ def examples(text: str) -> Iterator[list[str]]:
 
 def check(words: list[str]) -> str:
     """Return what is wrong with a command line; nothing is carried out."""
-    if words[0] == "vm":
-        return "" if vm_options(words[1:]).command else "no command"
     try:
-        options = cli.parser(words[:1]).parse_args(words)
+        options = cli.parsed(words)
     except SystemExit:
         return "it does not parse"
+    if words[0] == "vm":
+        return "" if options.rest else "no command"
     if words[0] == "rigs":
         return "" if rigs.command(options) == 0 else "matches none"
     if (rig := getattr(options, "rig", None)) is not None:
@@ -81,11 +84,25 @@ def test_every_command_is_in_the_help_and_parses(capsys: Screen) -> None:
     text = help_of((), capsys)
     registered = next(
         action.choices
-        for action in cli.parser(())._actions
+        for action in cli.parser()._actions
         if isinstance(action, argparse._SubParsersAction)
     )
     assert set(registered) == set(COMMANDS)
     assert [name for name in COMMANDS if f"\n  {name} " not in text] == []
+
+
+@pytest.mark.parametrize("command", [*COMMANDS.values(), *(part for _, part in PARTS)])
+def test_what_carries_a_command_out_is_there(command: Command) -> None:
+    assert command.parts or callable(import_module(f"pcpc.tools.{command.at}").command)
+
+
+def test_neither_the_help_nor_a_mistake_brings_numpy_or_numba() -> None:
+    code = "import sys, pcpc.tools.cli as c; c.main(sys.argv[1:]); print(sys.modules.keys())"
+    for words in (["--version"], ["run", "--help"], ["rnu"], ["log", "cat", "--help"]):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words], capture_output=True, text=True, cwd=ROOT
+        )
+        assert done.returncode == 0 and not re.search("'num(py|ba)'", done.stdout), str(done)
 
 
 def test_version_names_pcpc_python_and_numba(capsys: Screen) -> None:

@@ -19,7 +19,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from processes import RIGS, ROOT, Running, blocks_left, own_bus
+from processes import PCPC, RIGS, ROOT, Running, blocks_left, own_bus
 
 from pcpc.drivers import bus as buses
 from pcpc.drivers import wire
@@ -30,9 +30,9 @@ from pcpc.executive.nodes import player
 from pcpc.executive.nodes.player import Player
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import play, play_frames
+from pcpc.tools import play_frames
 from pcpc.tools.bench import play as bench
-from pcpc.tools.cli import main
+from pcpc.tools.cli import main, parsed
 from pcpc.tools.play_frames import PEER
 from pcpc.tools.progress import Progress
 
@@ -63,9 +63,7 @@ def frames(log: logs.Log) -> play_frames.Frames:
 
 
 def options(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    play.add_arguments(parser.add_subparsers(dest="command"))
-    return parser.parse_args(["play", *words])
+    return parsed(["play", *words])
 
 
 def chosen(frames: play_frames.Frames, *words: str) -> play_frames.Frames:
@@ -296,7 +294,7 @@ class Playing:
     def __init__(self, path: Path, bus: str, *words: str) -> None:
         self.listener = Listener(bus)
         self.process = subprocess.Popen(
-            play.words_of(str(path), "--bus", bus, "--json", *words), cwd=ROOT, text=True,
+            [PCPC, "play", str(path), "--bus", bus, "--json", *words], cwd=ROOT, text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pcpc.tools import vm
-from pcpc.tools.cli import main
-from pcpc.tools.vm import accelerator, cli, initramfs, kernel, programs, unpack
+from pcpc.tools.cli import main, parsed
+from pcpc.tools.vm import accelerator, initramfs, kernel, programs, unpack
 from pcpc.tools.vm.job import Job, quoted, script
 from pcpc.tools.vm.machine import PORTS, Size, qemu_command
 from pcpc.tools.vm.session import Stream
@@ -211,7 +211,8 @@ def test_a_folder_that_the_guest_does_not_share_is_refused(
 
 
 def test_durations_are_read_in_their_unit() -> None:
-    read = [cli.seconds(text) for text in ("500ms", "90s", "1.5min", "2h")]
+    texts = ("500ms", "90s", "1.5min", "2h")
+    read = [parsed(["vm", "--timeout", text, "--", "true"]).timeout for text in texts]
     assert read == [0.5, 90.0, 90.0, 7200.0], f"read {read}"
 
 

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 from live import CHANNEL, ROOT, Frame, candump_into, cansend, frames_in, until
 
 from pcpc.executive.log import reader as logs
-from pcpc.tools import play, play_frames
+from pcpc.tools import play_frames
 
 pytestmark = pytest.mark.vcan
 
@@ -61,7 +62,11 @@ def sent(frames: play_frames.Frames) -> list[Frame]:
 def start(log: Path, *words: str) -> subprocess.Popen[str]:
     words = (str(log), "--bus", CHANNEL, "--json", *words)
     return subprocess.Popen(
-        play.words_of(*words), cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, "-P", "-m", "pcpc.tools.cli", "play", *words],
+        cwd=ROOT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     )
 
 

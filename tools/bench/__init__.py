@@ -15,20 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcpc.drivers.errors import BusError, Exit, UserError
-from pcpc.tools import screen
+from pcpc.tools.commands import SUITES
 from pcpc.tools.progress import Progress
 
-SUITES = {
-    "steps": "one step of controllers and plant against C at -O2",
-    "wake": "how late the executive wakes, against cyclictest and C",
-    "cycle": "one cycle of the executive, in memory and on a bus, against C",
-    "frame": "one frame sent and received against C and python-can",
-    "codec": "packing and unpacking of all frames of the DBC against cantools and C",
-    "recorder": "the recorder's throughput against mcap, its effect on the loop",
-    "simulate": "a virtual run against C and scipy",
-    "rate": "the highest closed-loop rate of two processes against C",
-    "startup": "the time from command to first cycle, warm and cold",
-}
 ON_REQUEST = ("rate", "startup")  # one to three minutes each
 
 
@@ -58,23 +47,6 @@ class Ratio:
         low, median, high = np.percentile(np.divide(own, base), (25.0, 50.0, 75.0)).tolist()
         ours, theirs = (float(np.median(np.asarray(a))) for a in (own, base))
         return cls(suite, what, against, ours, theirs, unit, (low, median, high))
-
-
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `bench`."""
-    text = "measure ratios against C and others, interleaved in one run"
-    one = commands.add_parser(
-        "bench", help=text, description=text,
-        epilog="suites:\n" + "".join(f"  {name:9}{about}\n" for name, about in SUITES.items())
-        + "example: pcpc bench steps --json steps.json",
-        formatter_class=screen.Help,
-    )  # fmt: skip
-    one.add_argument(
-        "names", nargs="*", metavar="NAME", help="suites; default: all but rate and startup"
-    )
-    one.add_argument("--rounds", type=int, default=15, metavar="N", help="default 15")
-    one.add_argument("--json", metavar="FILE", help="write the ratios there too")
-    one.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def command(options: argparse.Namespace) -> int:

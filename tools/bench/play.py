@@ -25,8 +25,8 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools import play_frames
 from pcpc.tools.bench.compiler import compile_to
+from pcpc.tools.cli import parsed
 from pcpc.tools.ending import ended
-from pcpc.tools.play import PRIORITY, add_arguments, words_of
 from pcpc.tools.play_frames import Frames
 from pcpc.tools.progress import Progress
 
@@ -57,21 +57,20 @@ def run_c(program: Path, text: Path, bus: buses.Bus) -> dict[str, Any]:
     place = bus.channel
     if bus.interface == "udp_multicast":
         place = "{}:{}".format(*buses.udp_address(bus.channel))
-    words = [str(program), str(text), place, str(PRIORITY)]
+    words = [str(program), str(text), place, str(parsed(["play", str(text)]).priority)]
     return dict(json.loads(subprocess.run(words, capture_output=True, text=True).stdout))
 
 
 def run_python(log: Path, bus: buses.Bus, words: Sequence[str] = ()) -> dict[str, Any]:
     """Play once with `pcpc play` and return its figures."""
-    line = [*words_of(str(log)), "--bus", str(bus), "--json", "--quiet", *words]
+    line = [sys.executable, "-P", "-m", "pcpc.tools.cli", "play", str(log), "--bus", str(bus)]
+    line += ["--json", "--quiet", *words]
     return dict(json.loads(subprocess.run(line, capture_output=True, text=True).stdout))
 
 
 def scheduled(log: Path, words: Sequence[str]) -> Frames:
     """Return the frames that `pcpc play LOG WORDS` sends, at the times at which it does."""
-    parser = argparse.ArgumentParser()
-    add_arguments(parser.add_subparsers())
-    options = parser.parse_args(["play", str(log), *words])
+    options = parsed(["play", str(log), *words])
     frames = play_frames.choose(play_frames.of(logs.read(log)), options, str(log))
     since = frames.stamp_ns - frames.stamp_ns[0]
     return replace(frames, stamp_ns=np.rint(since / options.rate).astype(np.int64))

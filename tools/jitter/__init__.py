@@ -20,7 +20,6 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import code_of
-from pcpc.tools import screen
 from pcpc.tools.jitter import loops, probe, report
 from pcpc.tools.jitter.figures import LEAST_CYCLES, Result, as_json
 from pcpc.tools.jitter.loops import JitterError, Setup
@@ -30,34 +29,6 @@ ROUNDS = 5  # with --against
 LEAST_INTERVAL_US, MOST_INTERVAL_US = 50, 1_000_000
 MOST_HISTOGRAM_US = 1_000_000  # cyclictest's
 _UNITS_NS = {"us": 10**3, "ms": 10**6, "s": 10**9, "m": 60 * 10**9, "h": 3600 * 10**9}
-_EXAMPLES = """example: pcpc jitter -i 1000us -D 60s -p 80 -h 400 --json=jitter.json
-         pcpc jitter -D 25s --against cyclictest,c,python --plot jitter.png
-exit code: 0 measured, 2 wrong input, 3 the log is not whole, 4 environment, 130 Ctrl-C"""
-
-
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `jitter`."""
-    text = "measure the timing of the loop, beside cyclictest, C and plain Python"
-    one = commands.add_parser(
-        "jitter", help=text, description=text, epilog=_EXAMPLES, add_help=False,
-        formatter_class=screen.Help,
-    )  # fmt: skip
-    add = one.add_argument
-    add("--help", action="help", help="show this help; -h is cyclictest's")
-    add("-i", "--interval", default="1000us", metavar="TIME", help="period; 1000us; 50us to 1s")
-    add("-D", "--duration", default="10s", metavar="TIME", help="of all rounds of a loop; 10s")
-    add("-p", "--priority", type=int, default=80, metavar="1..99",
-        help="of SCHED_FIFO, where that is allowed; 80; the plant's is 10 less")  # fmt: skip
-    add("-h", "--histogram", type=int, metavar="US", help="cyclictest's histogram, up to US")
-    add("-q", "--quiet", action="store_true", help="no progress")
-    add("-a", "--affinity", metavar="CPU[,CPU]",
-        help="processors of executive and plant; other loops: the first one")  # fmt: skip
-    add("--bus", metavar="INTERFACE[:CHANNEL]",
-        help="auto, vcan0, udp_multicast[:GROUP[:PORT]]; one that nobody else uses")  # fmt: skip
-    add("--against", metavar="NAME,...", help=f"compare with {', '.join(loops.NAMES)}")
-    add("--rounds", type=int, metavar="N", help=f"parts of the duration; {ROUNDS} with --against")
-    add("--json", type=Path, metavar="FILE", help="write all figures there")
-    add("--plot", type=Path, metavar="FILE.png", help="draw the histograms of all loops")
 
 
 def command(options: argparse.Namespace) -> int:

@@ -32,32 +32,10 @@ from pcpc.tools.log.series import label, seconds
 from pcpc.tools.log.tally import senseless
 from pcpc.tools.progress import Progress
 
-FORMATS = ("csv", "ndjson", "candump")
 DIRECTIONS = ("sent", "received")
 _LATEST_NS = 20_000_000_000  # frames and events are recorded at most a full ring after their cycle
 _EXTENDED, _ID = 1 << 31, 0x1FFFFFFF
 _FRAMES = "can/frames"
-
-
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `cat`."""
-    one = source.add_parser(
-        commands, "cat", "print the messages of a log as text",
-        "pcpc log cat latest --topics /can/frames --end 500ms",
-    )  # fmt: skip
-    one.add_argument("log", type=Path, metavar="LOG", help="log file or run folder")
-    one.add_argument(
-        "--topics", nargs="+", metavar="TOPIC",
-        help="/state, /timing, /can/frames, /events, /tunings, /plant/state, ...; "
-        "default: /state as csv, /can/frames as candump, all as ndjson",
-    )  # fmt: skip
-    one.add_argument(
-        "--format", choices=FORMATS,
-        help="default: candump for frames, csv for variables, ndjson for all else",
-    )  # fmt: skip
-    one.add_argument("--start", metavar="TIME", help="from here on: 1.5 or 500ms after the start")
-    one.add_argument("--end", metavar="TIME", help="up to here, exclusive")
-    one.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def command(options: argparse.Namespace) -> int:

@@ -16,7 +16,6 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -69,26 +68,6 @@ class Report:
     def equal(self) -> bool:
         """Nothing differs."""
         return not (self.differences or self.only)
-
-
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `diff`."""
-    one = source.add_parser(
-        commands, "diff", "compare two logs, variable by variable and frame by frame",
-        "pcpc log diff runs/A runs/B 'controller.*' --absolute 1e-9",
-        "exit code: 0 equal, 1 they differ, 2 wrong input, 3 equal as far as they are readable, "
-        "130 Ctrl-C",
-    )  # fmt: skip
-    one.add_argument("a", type=Path, metavar="A", help="log file or run folder")
-    one.add_argument("b", type=Path, metavar="B", help="the other one")
-    one.add_argument(
-        "variables", nargs="*", metavar="VAR",
-        help="names or patterns as 'controller.*', without frames; default: all but timing",
-    )  # fmt: skip
-    one.add_argument("--tolerance", type=float, default=0.0, metavar="REL", help="relative")
-    one.add_argument("--absolute", type=float, default=0.0, metavar="ABS", help="absolute")
-    one.add_argument("--json", action="store_true", help="print one JSON object")
-    one.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def command(options: argparse.Namespace) -> int:

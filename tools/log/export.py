@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
-from pcpc.tools import screen
 from pcpc.tools.log import series
 from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.progress import Progress
@@ -43,32 +42,6 @@ FORMATS = {".log": "candump", ".blf": "blf", ".asc": "asc", ".csv": "csv", ".par
 _OF_FRAMES = ("candump", "blf", "asc")
 _STEP = 20_000  # frames or rows from one look at the progress to the next
 _EXTENDED, _ID = 1 << 31, 0x1FFFFFFF
-
-
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `export`."""
-    text = "write frames as candump, BLF, ASC, or variables as CSV, Parquet"
-    one = commands.add_parser(
-        "export", help=text, description=text,
-        epilog="example: pcpc log export latest -o frames.blf\n"
-        "exit code: 0 ok, 2 wrong input, 3 the log is damaged and what is readable was written, "
-        "4 something is not installed or cannot be written, 130 Ctrl-C",
-        formatter_class=screen.Help,
-    )  # fmt: skip
-    one.add_argument("log", type=Path, metavar="LOG", help="log file or run folder")
-    one.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="output")
-    one.add_argument(
-        "--format", choices=tuple(FORMATS.values()), help="instead of what the suffix of FILE says"
-    )
-    one.add_argument(
-        "--topics", nargs="+", metavar="TOPIC",
-        help="/can/frames or /plant/can/frames; /state, /timing, /plant/state, /plant/timing",
-    )  # fmt: skip
-    one.add_argument("--start", metavar="TIME", help="from here on: 1.5 or 500ms after the start")
-    one.add_argument("--end", metavar="TIME", help="up to here, exclusive")
-    one.add_argument("--force", action="store_true", help="overwrite FILE")
-    one.add_argument("--json", action="store_true", help="print one JSON object")
-    one.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def command(options: argparse.Namespace) -> int:

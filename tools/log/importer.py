@@ -27,7 +27,6 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
-from pcpc.tools import screen
 from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.log.recording import Recording, read
 from pcpc.tools.progress import Progress
@@ -39,26 +38,6 @@ _ABOUT_AS_MANY = 0.99
 _FRAMES_AT_ONCE = 4000  # 71 bytes each as a message
 _CDR_HEADER = (0, 1, 0, 0)
 _TOLD_IDS = 8
-
-
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `import`."""
-    text = "make a log of a recording: candump, BLF, ASC, and what else python-can reads"
-    one = commands.add_parser(
-        "import", help=text, description=text,
-        epilog="example: pcpc log import drive.blf --dbc car.dbc -o drive.mcap\n"
-        "exit code: 0 ok, 2 wrong input, 4 something is not installed or cannot be written, "
-        "130 Ctrl-C",
-        formatter_class=screen.Help,
-    )  # fmt: skip
-    one.add_argument("recording", type=Path, metavar="FILE", help="recording of a CAN bus")
-    one.add_argument("--dbc", type=Path, required=True, metavar="FILE.dbc", help="its frames")
-    one.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="log")
-    one.add_argument("--node", metavar="NAME", help="see the bus as this node of the DBC file")
-    one.add_argument("--channel", metavar="NAME", help="only this channel of the recording")
-    one.add_argument("--force", action="store_true", help="overwrite OUT.mcap")
-    one.add_argument("--json", action="store_true", help="print one JSON object")
-    one.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def command(options: argparse.Namespace) -> int:

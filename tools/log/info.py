@@ -31,17 +31,6 @@ _TOPICS = 60  # on the screen; our logs have 15
 _SHOWN = 12  # events and tunings on the screen; all of them with --json
 
 
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `info`."""
-    one = source.add_parser(
-        commands, "info", "tell what a log holds and what is missing in it",
-        "pcpc log info latest",
-    )  # fmt: skip
-    one.add_argument("log", type=Path, metavar="LOG", help="log file or run folder")
-    one.add_argument("--json", action="store_true", help="print one JSON object")
-    one.add_argument("--quiet", action="store_true", help="no progress")
-
-
 def command(options: argparse.Namespace) -> int:
     """Carry out `info`; return the exit code."""
     return _info(options, Progress(options.quiet))

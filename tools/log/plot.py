@@ -17,7 +17,6 @@ import numpy as np
 
 from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.log import reader as logs
-from pcpc.tools import screen
 from pcpc.tools.log import series
 from pcpc.tools.log.drawing import DPI, Source, page_of
 from pcpc.tools.log.outfile import LogCommandError, new_file
@@ -29,31 +28,6 @@ MOST_AXES, MOST_LINES = 12, 8
 _DEFAULT_AXES = 6  # of several logs, where no variable is named
 _DEFAULTS = ("reference.*", "controller.*", "rx.*", "*")
 _PLANTS = Path(__file__).resolve().parents[2] / "plants"
-
-
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `plot`."""
-    text = "draw variables over time, of one log or several"
-    one = commands.add_parser(
-        "plot", help=text, description=text,
-        epilog="example: pcpc log plot runs/A runs/B controller.e_rad 'barrel.*' -o e.png\n"
-        "exit code: 0 ok, 2 wrong input, 3 a log is damaged and what is readable was drawn, "
-        "4 something is not installed or cannot be written, 130 Ctrl-C",
-        formatter_class=screen.Help,
-    )  # fmt: skip
-    one.add_argument(
-        "words", nargs="+", metavar="LOG|VARIABLE",
-        help="logs, and variables (* ? [] as in the shell, in quotes); "
-        "no variables: the plant's own figure",
-    )  # fmt: skip
-    one.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.png", help="picture")
-    one.add_argument(
-        "--rig", type=Path, metavar="RIG",
-        help="where the log's rig file lies, if it is none of the project's",
-    )  # fmt: skip
-    one.add_argument("--start", metavar="TIME", help="from here on: 1.5 or 500ms after the start")
-    one.add_argument("--end", metavar="TIME", help="up to here")
-    one.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def command(options: argparse.Namespace) -> int:

@@ -17,21 +17,6 @@ from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.progress import Progress
 
 
-def add_arguments(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register `recover`."""
-    one = source.add_parser(
-        commands, "recover", "write what is readable of a damaged log to a new file",
-        "pcpc log recover latest",
-        "exit code: 0 something was recovered, 2 nothing was, 4 cannot be written, 130 Ctrl-C",
-    )  # fmt: skip
-    one.add_argument("log", type=Path, metavar="LOG", help="log file or run folder")
-    one.add_argument(
-        "-o", "--output", type=Path, metavar="OUT", help="new file, instead of LOG-recovered.mcap"
-    )
-    one.add_argument("--json", action="store_true", help="print one JSON object")
-    one.add_argument("--quiet", action="store_true", help="no progress")
-
-
 def command(options: argparse.Namespace) -> int:
     """Carry out `recover`; return the exit code."""
     return _recover(options, Progress(options.quiet))

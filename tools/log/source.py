@@ -1,6 +1,5 @@
 """A log as the sub-commands of `pcpc log` get it: named on the command line, read as a stream."""
 
-import argparse
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,22 +9,9 @@ from numpy.typing import NDArray
 
 from pcpc.executive.log.mcap_reader import Piece, Scan, walk
 from pcpc.executive.log.mcap_records import message_dtype
-from pcpc.tools import screen
 from pcpc.tools.progress import Progress
 
 _PATIENCE_S = 1.0
-CODES = "exit code: 0 ok, 2 wrong input, 3 the log is damaged, 130 Ctrl-C"
-
-
-def add_parser(
-    commands: "argparse._SubParsersAction[argparse.ArgumentParser]",
-    name: str, help: str, example: str, codes: str = CODES,
-) -> argparse.ArgumentParser:  # fmt: skip
-    """Register a sub-command; return its parser."""
-    return commands.add_parser(
-        name, help=help, description=help, epilog=f"example: {example}\n{codes}",
-        formatter_class=screen.Help,
-    )  # fmt: skip
 
 
 def file_of(path: Path) -> Path:

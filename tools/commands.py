@@ -1,0 +1,155 @@
+"""All commands of `pcpc`, in the order of use: name, help, example, arguments, exit codes."""
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools import arguments as take
+from pcpc.tools.command import Command, exit_codes
+
+SUITES = {  # of `pcpc bench`: its modules
+    "steps": "one step of controllers and plant against C at -O2",
+    "wake": "how late the executive wakes, against cyclictest and C",
+    "cycle": "one cycle of the executive, in memory and on a bus, against C",
+    "frame": "one frame sent and received against C and python-can",
+    "codec": "packing and unpacking of all frames of the DBC against cantools and C",
+    "recorder": "the recorder's throughput against mcap, its effect on the loop",
+    "simulate": "a virtual run against C and scipy",
+    "rate": "the highest closed-loop rate of two processes against C",
+    "startup": "the time from command to first cycle, warm and cold",
+}
+_VM = """
+The command runs as you, in this folder, with this environment, on the host's
+files (read and write); /run and /dev/shm are the guest's own. Its stdin,
+stdout and stderr are pipes, not a terminal. There is no network but loopback.
+The first run fetches about 70 MB with apt, no root needed. Ctrl-C goes to the
+command; twice, it ends the machine. Emulated time is not real time: use this
+for function, not for timing. Its exit code is the command's; 124 time limit,
+127 no such command.
+"""
+_SIMPLE = {Exit.OK: "", Exit.WRONG_INPUT: ""}
+_ASKING = {**_SIMPLE, Exit.ENVIRONMENT: "no such node, or no answer", Exit.INTERRUPTED: ""}
+_READING = {**_SIMPLE, Exit.LOSS: "the log is damaged", Exit.INTERRUPTED: ""}
+_WRITING = {
+    **_SIMPLE, Exit.LOSS: "a log is damaged, what is readable was written",
+    Exit.ENVIRONMENT: "cannot be written, or a package is missing", Exit.INTERRUPTED: "",
+}  # fmt: skip
+
+_LOG = (
+    Command("info", "tell what a log holds and what is missing in it", "pcpc log info latest",
+            take.log_info, "log.info", _READING),
+    Command("cat", "print the messages of a log as text",
+            "pcpc log cat latest --topics /can/frames --end 500ms",
+            take.log_cat, "log.cat", _READING),
+    Command("diff", "compare two logs, variable by variable and frame by frame",
+            "pcpc log diff runs/A runs/B 'controller.*' --absolute 1e-9",
+            take.log_diff, "log.diff",
+            {Exit.OK: "equal", Exit.NOT_MET: "they differ", Exit.WRONG_INPUT: "",
+             Exit.LOSS: "equal as far as they are readable", Exit.INTERRUPTED: ""}),
+    Command("recover", "write what is readable of a damaged log to a new file",
+            "pcpc log recover latest", take.log_recover, "log.recover",
+            {Exit.OK: "something was recovered", Exit.WRONG_INPUT: "nothing was",
+             Exit.LOSS: "the disk is full", Exit.ENVIRONMENT: "cannot be written",
+             Exit.INTERRUPTED: ""}),
+    Command("export", "write frames as candump, BLF, ASC, or variables as CSV, Parquet",
+            "pcpc log export latest -o frames.blf", take.log_export, "log.export", _WRITING),
+    Command("import", "make a log of a recording: candump, BLF, ASC, what else python-can reads",
+            "pcpc log import drive.blf --dbc car.dbc -o drive.mcap",
+            take.log_import, "log.importer", _WRITING),
+    Command("plot", "draw variables over time, of one log or several",
+            "pcpc log plot runs/A runs/B controller.e_rad 'barrel.*' -o e.png",
+            take.log_plot, "log.plot", _WRITING),
+)  # fmt: skip
+
+GROUPS = {
+    "a rig, from choosing one to a verdict": (
+        Command("rigs", "list the rigs that come with pcpc", "pcpc rigs atb1000 'friction-*'",
+                take.rigs, codes=_SIMPLE),
+        Command("check", "check a rig file and print its wiring and bus load", "pcpc check hull",
+                take.check, codes={**_SIMPLE, Exit.ENVIRONMENT: "the bus"}, judges=True,
+                compiles=True),
+        Command("run", "start emulator, executive and recorder, end with a verdict",
+                "pcpc run hull", take.run, judges=True, compiles=True),
+        Command("simulate", "run the same in virtual time, in one process, without a bus",
+                "pcpc simulate hull --controller pid --set barrel.gap_rad=0.003", take.simulate,
+                "run", judges=True, compiles=True),
+        Command("experiment", "run a whole study in virtual time: tables and figures",
+                "pcpc experiment chapter9 -o results", take.experiment,
+                codes={Exit.OK: "", Exit.NOT_MET: "a run failed", Exit.WRONG_INPUT: "",
+                       Exit.LOSS: "", Exit.ENVIRONMENT: "", Exit.INTERRUPTED: ""},
+                judges=True, compiles=True),
+    ),
+    "its nodes one by one, in several terminals or on several machines": (
+        Command("plant", "start the emulator only", "pcpc plant hull --bus vcan0", take.run,
+                "run", judges=True, compiles=True),
+        Command("exec", "start executive and recorder only", "pcpc exec hull --bus vcan0",
+                take.run, "run", judges=True, compiles=True),
+        Command("local", "start the node between the two only, of a rig with three",
+                "pcpc local telerobot-u1 --bus vcan0", take.run, "run", judges=True,
+                compiles=True),
+    ),
+    "while it runs": (
+        Command("list", "list the variables of a node with values, units and ranges",
+                "pcpc list 'controller.*'", take.list_, "watch", _ASKING),
+        Command("get", "print values", "pcpc get controller.e_rad barrel.theta_rad",
+                take.table("NAME", "+"), "watch", _ASKING),
+        Command("set", "tune parameters, all at once",
+                "pcpc set controller.kv_Nms_rad=120 controller.lam_per_s=15",
+                take.table("NAME=VALUE", "+"), "watch", _ASKING),
+        Command("watch", "print values again and again", "pcpc watch 'controller.*' --every 500ms",
+                take.watch, codes=_ASKING),
+        Command("lock", "forbid tunings (tune, all), or allow them again (none)",
+                "pcpc lock tune", take.table("none|tune|all", 1), "watch", _ASKING),
+    ),
+    "afterwards": (
+        Command("log", "look into logs, compare, draw, convert and repair them",
+                "pcpc log info latest", compiles=True, reads_logs=True, parts=_LOG),
+        Command("replay", "recompute a recorded run and compare it bit by bit",
+                "pcpc replay latest", take.replay,
+                codes={Exit.OK: "bit-identical", Exit.NOT_MET: "different or incomplete",
+                       Exit.WRONG_INPUT: "", Exit.SAFETY_STOP: "a step hangs or raises",
+                       Exit.INTERRUPTED: ""},
+                judges=True, compiles=True, reads_logs=True),
+        Command("play", "put recorded frames on a bus, at their times",
+                "pcpc play latest --bus vcan0\n"
+                "pcpc play latest --start 2 --duration 1 --loop --only FB_A --only 0x080\n"
+                "pcpc play latest --as plant --bus vcan0    # beside: pcpc exec RIG --bus vcan0",
+                take.play,
+                codes={Exit.OK: "played", Exit.WRONG_INPUT: "",
+                       Exit.LOSS: "send errors or damaged log", Exit.ENVIRONMENT: "",
+                       Exit.INTERRUPTED: ""},
+                judges=True, compiles=True, reads_logs=True),
+    ),
+    "this machine": (
+        Command("doctor", "what it offers, and how to get the rest", "pcpc doctor", take.doctor,
+                codes={Exit.OK: "a rig can run", Exit.ENVIRONMENT: "it cannot"}),
+        Command("jitter", "measure the timing of the loop, beside cyclictest and C",
+                "pcpc jitter -i 1000us -D 60s -p 80 -h 400 --json=jitter.json\n"
+                "pcpc jitter -D 25s --against cyclictest,c,python --plot jitter.png",
+                take.jitter,
+                codes={Exit.OK: "measured", Exit.WRONG_INPUT: "",
+                       Exit.LOSS: "the log is not whole", Exit.ENVIRONMENT: "",
+                       Exit.INTERRUPTED: ""},
+                judges=True, own_h=True),
+        Command("bench", "measure ratios against C and others, interleaved in one run",
+                "pcpc bench steps --json steps.json", take.bench,
+                codes={**_SIMPLE, Exit.ENVIRONMENT: "a yardstick is missing", Exit.INTERRUPTED: ""},
+                notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
+                compiles=True),
+        Command("vm", "run a command on a kernel with vcan, in QEMU",
+                "pcpc vm -- sh -c 'candump -n 1 vcan0 & sleep 1; cansend vcan0 123#C0; wait'",
+                take.vm, "vm.cli",
+                {Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "no machine, or it broke"},
+                notes=_VM, judges=True, rest="COMMAND [ARGUMENT ...]"),
+    ),
+}  # fmt: skip
+COMMANDS = {command.name: command for group in GROUPS.values() for command in group}
+
+
+def overview() -> str:
+    """Return the help's list of commands."""
+    lines = []
+    for title, group in GROUPS.items():
+        lines += [f"{title}:", *(f"  {one.name:12}{one.help}" for one in group), ""]
+    return "\n".join([
+        *lines, "`pcpc COMMAND --help` tells the options of each, with an example.",
+        "RIG is a name (pcpc rigs) or a file; LOG a file, a run folder, or `latest`.",
+        exit_codes(),
+    ])  # fmt: skip
