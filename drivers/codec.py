@@ -12,7 +12,7 @@ no signal and are written as 0.
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc
+from pcpc.drivers import can_id, dbc
 from pcpc.drivers.jit import inline
 
 _TWO_52 = 2.0**52  # float64 from here on are integers
@@ -21,10 +21,11 @@ _TOP_BIT = -(2**63)
 
 
 @inline
-def frame_of(can_id: int, extended: int, frames: NDArray[np.int64], n_frames: int) -> int:
-    """Return the row of this frame among the first `n_frames`, -1 when it is none of them."""
+def frame_of(word: int, frames: NDArray[np.int64], n_frames: int) -> int:
+    """Return which of the first `n_frames` has this id, a word of `drivers.can_id`; -1 for none."""
+    number, extended = word & can_id.ID, word >> can_id.EXTENDED_BIT
     for row in range(n_frames):
-        if frames[row, dbc.CAN_ID] == can_id and frames[row, dbc.EXTENDED] == extended:
+        if frames[row, dbc.CAN_ID] == number and frames[row, dbc.EXTENDED] == extended:
             return row
     return -1
 

@@ -25,6 +25,7 @@ from cantools.database.can import Database, Message
 from cantools.database.can.signal import Signal as DbcSignal
 from numpy.typing import NDArray
 
+from pcpc.drivers import can_id
 from pcpc.drivers.dbc_file import load, parse, text
 from pcpc.drivers.errors import BusError, DbcError, printable
 
@@ -107,6 +108,11 @@ class Frame:
     counter: tuple[int, int, int]
     signals: tuple[Signal, ...]
     help: str
+
+    @property
+    def word(self) -> int:
+        """The id with its flag, see `drivers.can_id`."""
+        return can_id.word_of(self.can_id, self.extended)
 
     def every_n(self, rate_hz: float) -> int:
         """Return the number of cycles from one transmission to the next."""

@@ -23,15 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers import dbc
+from pcpc.drivers.e2e_states import (
+    ERROR,
+    NOT_AVAILABLE,
+    OK,
+    OK_SOME_LOST,
+    REPEATED,
+    WRONG_SEQUENCE,
+)
 from pcpc.drivers.jit import inline
-
-OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE, ERROR, NOT_AVAILABLE = range(6)
-ON_PURPOSE = 6  # not judged: a rig lets it be lost
-FOREIGN = 7  # not judged: from another sender of a frame of ours
-STATE_NAMES = (
-    "OK", "OK_SOME_LOST", "REPEATED", "WRONG_SEQUENCE", "ERROR", "NOT_AVAILABLE",
-    "LOST_ON_PURPOSE", "FOREIGN",
-)  # fmt: skip
 
 MAX_DELTA = 4  # 3 frames lost in a row: as many as trip the plant's watchdog
 

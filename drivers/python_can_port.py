@@ -9,6 +9,8 @@ from typing import Any
 
 import can
 
+from pcpc.drivers import can_id
+
 _open: dict[int, can.BusABC] = {}
 _BLOCK_S = 0.1  # as the sockets' receive time-out
 
@@ -26,8 +28,8 @@ def put(wire: Any) -> bool:
     frame = bytes(wire.tx)
     word = int.from_bytes(frame[:4], "little")
     message = can.Message(
-        arbitration_id=word & 0x1FFFFFFF,
-        is_extended_id=bool(word >> 31),
+        arbitration_id=word & can_id.ID,
+        is_extended_id=bool(word & can_id.EXTENDED),
         data=frame[8 : 8 + frame[4]],
     )
     try:
@@ -48,7 +50,7 @@ def get(wire: Any, block: bool) -> int:
     foreign = message.is_remote_frame or message.is_error_frame or message.is_fd
     if foreign or len(message.data) > 8:
         return 2
-    word = message.arbitration_id | (1 << 31 if message.is_extended_id else 0)
+    word = can_id.word_of(message.arbitration_id, message.is_extended_id)
     head = word.to_bytes(4, "little") + bytes([len(message.data), 0, 0, 0])
     for i, byte in enumerate(head + bytes(message.data).ljust(8, b"\0")):
         wire.rx[i] = byte

@@ -85,5 +85,5 @@ def _listens(rig: Rig) -> dict[str, set[int]]:
     found = {}
     for role, section in rig.config.sections.items():
         frames = dbc.frames(database, section.node, "rx")
-        found[str(role)] = {f.can_id | (f.extended << 31) for f in frames}
+        found[str(role)] = {f.word for f in frames}
     return found

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pcpc.drivers import bus as buses
-from pcpc.drivers import choice, realtime
+from pcpc.drivers import can_id, choice, realtime
 from pcpc.drivers.errors import BusError, Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools import play_frames
@@ -137,7 +137,7 @@ class Session:
         player = Player(
             self.frames.raw, due.astype(np.int64), round(lap / rate) if timed else 0, timed=timed
         )
-        player.open(self.bus, [int(i) & 0x1FFFFFFF for i in self._peer_words()])
+        player.open(self.bus, [int(i) & can_id.ID for i in self._peer_words()])
         return player
 
     def _peer_words(self) -> list[int]:

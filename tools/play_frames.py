@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers import can_id
 from pcpc.drivers.errors import UserError
 from pcpc.drivers.wire_layout import FRAME_BYTES
 from pcpc.executive.errors import did_you_mean
@@ -26,7 +27,6 @@ from pcpc.executive.log import reader as logs
 
 SLACK_NS = 1_000_000  # a sender stamps after sending, so the receiver may be earlier
 PEER = {"executive": "plant", "plant": "executive"}
-EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29  # SocketCAN's flags in an id
 _ROW = np.dtype(
     [
         ("stamp_ns", "<i8"), ("cycle", "<i8"), ("place", "<i8"), ("sender", "u1"),
@@ -83,8 +83,7 @@ class Frames:
     def label(self, i: int) -> str:
         """Return the name of frame i, or its id as candump writes it."""
         word = int(self.words[i])
-        number = f"{word & 0x1FFFFFFF:08X}" if word & EXTENDED else f"{word:03X}"
-        return self.names.get(word & 0x1FFFFFFF, number)
+        return self.names.get(word & can_id.ID, can_id.text_of(word))
 
 
 def of(log: logs.Log) -> Frames:
@@ -98,7 +97,7 @@ def of(log: logs.Log) -> Frames:
     if len(nodes) > 1:
         rows = _merged(rows, _rows(log, nodes[1], senders))
     rows = rows[np.lexsort((rows["place"], rows["stamp_ns"]))]
-    flags = rows["frame"][:, 3] & ((REMOTE | ERROR) >> 24)
+    flags = rows["frame"][:, 3] & ((can_id.REMOTE | can_id.ERROR) >> 24)
     data = rows[flags == 0]
     if not len(data):
         raise PlayError(f"{log.path}: holds only remote and error frames; play another log")
@@ -200,7 +199,7 @@ def _named(frames: Frames, wanted: Sequence[str], log: str) -> NDArray[np.bool_]
     chosen = np.zeros(len(frames), bool)
     for text in wanted:
         if text in ids:
-            these = words & 0x1FFFFFFF == ids[text]
+            these = words & can_id.ID == ids[text]
         else:
             these = words == _id_word(text, frames, log)
         if not these.any():
@@ -220,7 +219,7 @@ def _id_word(text: str, frames: Frames, log: str) -> int:
             f"{log}: --only {text}: neither a frame nor a hexadecimal id{hint}"
         ) from None
     digits = text.lower().removeprefix("0x")
-    return number | EXTENDED if len(digits) == 8 or number > 0x7FF else number
+    return can_id.word_of(number, len(digits) == 8 or number > 0x7FF)
 
 
 def _firsts(words: NDArray[np.int64]) -> NDArray[np.int64]:

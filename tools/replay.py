@@ -25,7 +25,9 @@ from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools import log_rig, screen
+from pcpc.tools.log.cat import frame_text
 from pcpc.tools.progress import Progress
+from pcpc.tools.ulp import ulp_distance
 
 ROWS_SHOWN = 20
 MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
@@ -40,7 +42,7 @@ class Difference:
     cycle: int
     recorded: str
     recomputed: str
-    ulp: int
+    ulp: int | None  # of a frame or a NaN none
     count: int = 0
     largest: float = 0.0
 
@@ -245,18 +247,12 @@ def _compare(
         if names[j] not in verdict.differences:
             verdict.differences[names[j]] = Difference(
                 names[j], int(cycle[at[0]]), repr(float(old[0])), repr(float(new[0])),
-                _ulp(int(recorded[at[0], j]), int(computed[at[0], j])),
+                ulp_distance(float(old[0]), float(new[0])),
             )  # fmt: skip
         difference = verdict.differences[names[j]]
         difference.count += len(at)
         distance = np.abs(old - new)
         difference.largest = max(difference.largest, float(np.nanmax(distance, initial=0.0)))
-
-
-def _ulp(a: int, b: int) -> int:
-    """Return how many float64 lie between two, given their bits as int64."""
-    ordered = [x if x >= 0 else -(2**63) - x for x in (a, b)]
-    return abs(ordered[0] - ordered[1])
 
 
 def _compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[Any]) -> None:
@@ -272,18 +268,10 @@ def _compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[
     if not count:
         return
     at = int(differs.argmax()) if differs.any() else n
-    old, new = (_frame_text(frames, at) for frames in (recorded, computed))
+    old, new = ("none" if at >= len(f) else frame_text(f[at]) for f in (recorded, computed))
     longer = recorded if len(recorded) > at else computed
-    first = Difference(SENT, int(longer["cycle"][at]), old, new, 0)
+    first = Difference(SENT, int(longer["cycle"][at]), old, new, None)
     verdict.differences.setdefault(first.name, first).count += count
-
-
-def _frame_text(frames: NDArray[Any], at: int) -> str:
-    """Return a frame as candump writes it."""
-    if at >= len(frames):
-        return "none"
-    frame = frames[at]
-    return f"{int(frame['id']):03X}#{bytes(frame['data'][: int(frame['dlc'])]).hex().upper()}"
 
 
 def _plain(verdict: Verdict) -> dict[str, Any]:
@@ -313,7 +301,8 @@ def show(verdict: Verdict, changed: bool) -> None:
         return
     _say(
         f"first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
-        f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}, {first.ulp} ULP",
+        f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}"
+        + ("" if first.ulp is None else f", {first.ulp} ULP"),
         "  ",
     )
     rows = [("    variable", "cycle", "cycles", "largest", "first recorded, recomputed")]

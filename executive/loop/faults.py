@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from pcpc.drivers import can_id
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import ANOTHER_SENDER, REPEATED_INPUT
 
@@ -18,12 +19,11 @@ def reason(description: Mapping[str, Any], control: Any) -> str:
     return str(description["fault_names"][fault])
 
 
-def frame_text(can_id: int, extended: bool, name: str) -> str:
+def frame_text(word: int, name: str) -> str:
     """Return a frame as users know it: 0x080 (SYNC)."""
-    return f"0x{can_id:0{8 if extended else 3}X} ({name})"
+    return f"0x{can_id.text_of(word)} ({name})"
 
 
 def _culprit(description: Mapping[str, Any], control: Any) -> str:
     word = int(control[sh.CULPRIT])
-    can_id = word & 0x1FFFFFFF
-    return frame_text(can_id, bool(word >> 31), description["frames"].get(str(can_id), "?"))
+    return frame_text(word, description["frames"].get(str(word & can_id.ID), "?"))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers import codec, e2e
+from pcpc.drivers.e2e_states import ON_PURPOSE
 from pcpc.drivers.jit import loop_function
 from pcpc.drivers.structures import data_of
 from pcpc.executive.loop import losses, meeting
@@ -24,7 +25,7 @@ from pcpc.executive.loop.strangers import is_foreign, note_foreign, note_repeat,
 def take_frame(n: Any) -> Any:
     """Check and decode `wire.rx`; return its row in the frame table, -1 if it is not for us."""
     word = word_of(n.wire.rx)
-    row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx, n.n_rx)
+    row = codec.frame_of(word, n.rx, n.n_rx)
     if is_foreign(n, row, word):
         note_foreign(n, word)
         return np.int64(-1)
@@ -63,7 +64,7 @@ def disturbed(n: Any, row: Any) -> Any:
         return False
     n.control[sh.LOST_ON_PURPOSE] += 1
     n.started += n.rx_role[row, sh.STARTS]  # nobody waits for it
-    push_frame(n, n.wire.rx, 1, e2e.ON_PURPOSE)
+    push_frame(n, n.wire.rx, 1, ON_PURPOSE)
     return True
 
 

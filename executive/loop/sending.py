@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import codec, dbc, e2e
+from pcpc.drivers import can_id, codec, dbc, e2e
 from pcpc.drivers.jit import loop_function
 from pcpc.drivers.structures import data_of
 from pcpc.drivers.wire import put_frame
@@ -26,7 +26,7 @@ def copy_inputs(n: Any, block: Any) -> None:
 def encode(n: Any, row: Any, counter: Any) -> Any:
     """Encode and protect the frame of one row of the transmit table; return the values clamped."""
     frame = n.wire.tx
-    word = n.tx[row, dbc.CAN_ID] | n.tx[row, dbc.EXTENDED] << 31
+    word = n.tx[row, dbc.CAN_ID] | n.tx[row, dbc.EXTENDED] << can_id.EXTENDED_BIT
     for i in range(4):
         frame[i] = (word >> (8 * i)) & 255
     frame[4] = n.tx[row, dbc.DLC]

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import codec, dbc, e2e
+from pcpc.drivers import can_id, codec, dbc, e2e, e2e_states
 from pcpc.drivers.jit import loop_function
 from pcpc.drivers.wire import FAILED, FRAME, get_frame
 from pcpc.drivers.wire_layout import MEMORY, STRANGER
@@ -49,7 +49,7 @@ def is_foreign(n: Any, row: Any, word: Any) -> Any:
     """Return whether the frame in `wire.rx`, of `row` in the receive table or -1, is foreign."""
     source = n.wire.source
     if row < 0:
-        return codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.tx, n.n_tx) >= 0
+        return codec.frame_of(word, n.tx, n.n_tx) >= 0
     if source == n.rx_source[row]:
         return False
     silent = n.rx_state[row, e2e.AGE_CYCLES] > SILENT_TURNS * n.rx[row, dbc.EVERY_N]
@@ -63,9 +63,9 @@ def is_foreign(n: Any, row: Any, word: Any) -> Any:
 def note_foreign(n: Any, word: Any) -> None:
     """Count and record the foreign frame in `wire.rx`; too many are a fault."""
     n.control[sh.FOREIGN] += 1
-    push_frame(n, n.wire.rx, 1, e2e.FOREIGN)
+    push_frame(n, n.wire.rx, 1, e2e_states.FOREIGN)
     if _note(n, FOREIGN, FOREIGN_CYCLES) == 1:
-        push_event(n, sh.FOREIGN_EVENT, word & 0x1FFFFFFF, n.control[sh.FOREIGN])
+        push_event(n, sh.FOREIGN_EVENT, word & can_id.ID, n.control[sh.FOREIGN])
     if n.strange[FOREIGN, COUNT] >= FOREIGN_FRAMES or n.passes == 0:
         _blame(n, sv.ANOTHER_SENDER, word)
 
@@ -113,7 +113,7 @@ def listen(n: Any) -> None:
         result = get_frame(n.wire, True)
         if result == FRAME:
             word = word_of(n.wire.rx)
-            row = codec.frame_of(word & 0x1FFFFFFF, word >> 31, n.rx, n.n_rx)
+            row = codec.frame_of(word, n.rx, n.n_rx)
             if row < 0 and is_foreign(n, row, word):
                 note_foreign(n, word)
         elif result == FAILED:

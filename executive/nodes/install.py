@@ -119,7 +119,7 @@ def _install_frames(made: Plan, loop: Any) -> None:
     loop.n_starters, loop.n_awaited, *_ = loop.rx_role[: loop.n_rx].sum(axis=0)
     lost = {name: (loss.share, loss.burst) for name, loss in made.rig.config.losses.items()}
     losses.install(loop, made.rx_frames, lost, made.rig.config.seed)
-    second = [f.can_id | f.extended << 31 for f in made.tx_frames if f.name in made.below]
+    second = [f.word for f in made.tx_frames if f.name in made.below]
     loop.wire.n_second = len(second)
     loop.wire.second[: len(second)] = second
     for i, frame in enumerate(made.tx_frames):

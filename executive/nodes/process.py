@@ -232,12 +232,12 @@ class Process:
         for frame in self.plan.tx_frames:
             lower = below is not None and (self.role == "plant" or frame.name in self.plan.below)
             bus = below if lower else self.bus
-            name = f"frame/{bus}/{frame.can_id | frame.extended << 31:08X}"
+            name = f"frame/{bus}/{frame.word:08X}"
             held = claim.hold(name)
             if held is None:
                 holder = claim.holder(name)
                 who = f", process {holder.pid}" if holder and holder.pid else ""
-                what = faults.frame_text(frame.can_id, frame.extended, frame.name)
+                what = faults.frame_text(frame.word, frame.name)
                 raise BusError(
                     f"{bus}: another sender of {what} is on this bus{who}; "
                     "end it or choose another with --bus"

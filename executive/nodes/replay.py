@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e, wire
+from pcpc.drivers import e2e_states, wire
 from pcpc.drivers.jit import f8, i8, loop, u1
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, STRANGER
@@ -194,7 +194,7 @@ class Replay:
         raw = np.zeros((len(received), FRAME_BYTES), np.uint8)
         raw[:, 0:4] = np.ascontiguousarray(received["id"]).view(np.uint8).reshape(-1, 4)
         raw[:, 4] = received["dlc"]
-        raw[:, 5] = received["e2e"] == e2e.FOREIGN
+        raw[:, 5] = received["e2e"] == e2e_states.FOREIGN
         raw[:, 8:16] = received["data"]
         tunings = [t for t in part.tunings if t[1] in self._index]
         for tuning in tunings:

@@ -17,7 +17,7 @@ from cantools.database.conversion import BaseConversion
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pcpc.drivers import codec, dbc
+from pcpc.drivers import can_id, codec, dbc
 from pcpc.drivers.jit import JIT_OFF
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -287,10 +287,10 @@ def test_nan_is_sent_as_raw_zero_and_counted() -> None:
 
 
 def test_a_frame_is_found_by_id_and_format() -> None:
-    found = [codec.frame_of(entry.can_id, 0, TABLE.frames, len(FRAMES)) for entry in FRAMES]
+    found = [codec.frame_of(entry.word, TABLE.frames, len(FRAMES)) for entry in FRAMES]
     assert found == list(range(len(FRAMES))), f"{found}"
-    others = ((0x7FF, 0), (0x80, 1))
-    missing = [codec.frame_of(*other, TABLE.frames, len(FRAMES)) for other in others]
+    others = (0x7FF, 0x80 | can_id.EXTENDED)
+    missing = [codec.frame_of(word, TABLE.frames, len(FRAMES)) for word in others]
     assert missing == [-1, -1], f"{missing}"
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc, e2e
+from pcpc.drivers import dbc, e2e, e2e_states
 
 DBC = dbc.load(Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc")
 FRAMES = tuple(dbc.frame(message) for message in DBC.messages)
@@ -95,7 +95,7 @@ def test_a_frame_under_the_id_of_another_is_an_error() -> None:
 def test_a_frame_of_wrong_length_is_an_error(length: int) -> None:
     state, row = e2e.new_state(len(FRAMES)), ROWS["CMD"]
     outcome, _ = e2e.check(sent("CMD", 3), length, row, TABLE.frames, state)
-    assert outcome == e2e.ERROR, f"{e2e.STATE_NAMES[outcome]} with {length} bytes"
+    assert outcome == e2e.ERROR, f"{e2e_states.STATE_NAMES[outcome]} with {length} bytes"
 
 
 @pytest.mark.parametrize("name", PROTECTED)
@@ -141,7 +141,7 @@ def test_states_follow_the_step_of_the_counter_and_losses_the_time(
     for counter in counters:
         let_pass(state, "CMD", turns)
         outcomes.append(check(state, "CMD", sent("CMD", counter)))
-    got = [(e2e.STATE_NAMES[outcome], lost) for outcome, lost in outcomes]
+    got = [(e2e_states.STATE_NAMES[outcome], lost) for outcome, lost in outcomes]
     assert got == expected, f"{got}"
 
 

@@ -10,7 +10,7 @@ from engine import ATB1000, Bench, Node, both
 from free_bus import own_bus
 
 from pcpc.drivers import bus as buses
-from pcpc.drivers import dbc, e2e, wire, wire_layout
+from pcpc.drivers import dbc, e2e, e2e_states, wire, wire_layout
 from pcpc.drivers.bus import Bus
 from pcpc.executive.loop import faults, strangers
 from pcpc.executive.loop import shared as sh
@@ -102,7 +102,7 @@ def test_one_frame_of_our_own_id_is_counted_named_and_recorded(node: Node) -> No
     assert (node.count(sh.FOREIGN), int(node.loop.faulted)) == (1, sv.NO_FAULT)
     assert [event[1] for event in node.events(sh.FOREIGN_EVENT)] == [SYNC]
     last = node.loop.frame[int(node.loop.frame_ends[sh.PUT]) - 1]
-    assert (last[3] & 0xFFF, last[3] >> 48) == (SYNC, e2e.FOREIGN)
+    assert (last[3] & 0xFFF, last[3] >> 48) == (SYNC, e2e_states.FOREIGN)
 
 
 def test_three_within_ten_cycles_are_a_fault_that_names_the_id(node: Node) -> None:

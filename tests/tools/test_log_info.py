@@ -10,7 +10,6 @@ import pytest
 from logcommand import PLANT, Done, barrel_log, run
 from mcap.writer import Writer
 
-from pcpc.drivers import e2e
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
@@ -133,10 +132,6 @@ def test_what_is_no_log_is_one_line(content: bytes | None, tmp_path: Path) -> No
         path.write_bytes(content)
     done: Done = run("info", path)
     assert done.code == 2 and done.err.count("\n") == 1 and str(path) in done.err, done
-
-
-def test_names_of_the_check_of_frames_are_those_of_the_drivers() -> None:
-    assert e2e.STATE_NAMES == tally.E2E_STATES
 
 
 def test_every_sub_command_has_help_with_an_example() -> None:

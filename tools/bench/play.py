@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers import bus as buses
+from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools import play_frames
@@ -45,10 +46,9 @@ def candump_text(frames: Frames) -> str:
     """Return frames as `candump -L` writes them, with nanoseconds."""
     lines = []
     for stamp, word, raw in zip(frames.stamp_ns, frames.words, frames.raw, strict=True):
-        number = f"{int(word) & 0x1FFFFFFF:{'08X' if int(word) >> 31 else '03X'}}"
         seconds, ns = divmod(int(stamp), 1_000_000_000)
         data = raw[8 : 8 + min(int(raw[4]), 8)].tobytes().hex().upper()
-        lines.append(f"({seconds}.{ns:09d}) can0 {number}#{data}\n")
+        lines.append(f"({seconds}.{ns:09d}) can0 {can_id.text_of(int(word))}#{data}\n")
     return "".join(lines)
 
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import checks as log_checks
@@ -29,12 +30,10 @@ from pcpc.executive.log.mcap_reader import Scan, walk
 from pcpc.tools.log import source
 from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.log.series import label, seconds
-from pcpc.tools.log.tally import senseless
+from pcpc.tools.log.tally import DIRECTIONS, senseless
 from pcpc.tools.progress import Progress
 
-DIRECTIONS = ("sent", "received")
 _LATEST_NS = 20_000_000_000  # frames and events are recorded at most a full ring after their cycle
-_EXTENDED, _ID = 1 << 31, 0x1FFFFFFF
 _FRAMES = "can/frames"
 
 
@@ -186,19 +185,19 @@ class Printer:
             channel = self._interface()
             for wall_ns, frame in zip(rows["log_time"].tolist(), data, strict=True):
                 us = (int(wall_ns) + 500) // 1000
-                text = f"{_id(frame)}#{_hex(frame)}"
-                yield f"({us // 10**6}.{us % 10**6:06d}) {channel} {text}\n"
+                yield f"({us // 10**6}.{us % 10**6:06d}) {channel} {frame_text(frame)}\n"
             return
         if self.form == "csv" and not self._headed:
             yield "time [s],cycle [1],id,name,direction,dlc,e2e,data\n"
             self._headed = True
         self._names = self._names or logs.frame_names(self.log)
         for time_s, frame in zip(self._time_s(rows), data, strict=True):
+            number, _, payload = frame_text(frame).partition("#")
             entry = {
-                "time_s": time_s, "cycle": int(frame["cycle"]), "id": _id(frame),
+                "time_s": time_s, "cycle": int(frame["cycle"]), "id": number,
                 "name": self._names.get(int(frame["id"]), ""),
                 "direction": DIRECTIONS[int(frame["direction"]) & 1], "dlc": int(frame["dlc"]),
-                "e2e": int(frame["e2e"]), "data": _hex(frame),
+                "e2e": int(frame["e2e"]), "data": payload,
             }  # fmt: skip
             if self.form == "csv":
                 yield ",".join(map(str, entry.values())) + "\n"
@@ -222,13 +221,10 @@ class Printer:
         return "vcan0"
 
 
-def _id(frame: Any) -> str:
-    number = int(frame["id"])
-    return f"{number & _ID:08X}" if number & _EXTENDED else f"{number & _ID:03X}"
-
-
-def _hex(frame: Any) -> str:
-    return bytes(frame["data"][: int(frame["dlc"])]).hex().upper()
+def frame_text(frame: Any) -> str:
+    """Return a recorded frame as candump writes it."""
+    data = bytes(frame["data"][: int(frame["dlc"])]).hex().upper()
+    return f"{can_id.text_of(int(frame['id']))}#{data}"
 
 
 def json_line(entry: dict[str, Any]) -> str:

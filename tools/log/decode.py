@@ -16,14 +16,13 @@ import numpy as np
 from cantools.database.can import Database, Message
 from numpy.typing import NDArray
 
-from pcpc.drivers import codec, dbc, e2e
+from pcpc.drivers import can_id, codec, dbc, e2e
 from pcpc.drivers.errors import BusError
 from pcpc.drivers.jit import compiled
 from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.progress import Progress
 
 _STEP = 20_000  # frames from one look at the progress to the next
-_EXTENDED, _ID = 1 << 31, 0x1FFFFFFF
 _NOT_DECODABLE = (  # what cantools raises for a frame that its message does not fit
     cantools.database.Error, ValueError, TypeError, LookupError, AttributeError, ArithmeticError,
 )  # fmt: skip
@@ -133,7 +132,7 @@ def by_id(
     database: Database, frames: NDArray[Any], progress: Progress
 ) -> tuple[list[Decoded], dict[int, int]]:
     """Return the decoded ids, by id, and how many frames of each other id there are."""
-    messages = {m.frame_id | _EXTENDED * m.is_extended_frame: m for m in database.messages}
+    messages = {can_id.word_of(m.frame_id, m.is_extended_frame): m for m in database.messages}
     ids, which, counts = np.unique(frames["id"], return_inverse=True, return_counts=True)
     order = np.argsort(which, kind="stable")
     found, unknown = [], {}
@@ -145,8 +144,3 @@ def by_id(
         else:
             unknown[number] = count
     return found, unknown
-
-
-def id_text(number: int) -> str:
-    """Return an id as it is written, an extended one with eight digits."""
-    return f"0x{number & _ID:08X}" if number & _EXTENDED else f"0x{number:03X}"

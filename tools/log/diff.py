@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools import screen
@@ -28,6 +29,7 @@ from pcpc.tools.log import series, source
 from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.log.tally import DIRECTIONS
 from pcpc.tools.progress import Progress
+from pcpc.tools.ulp import ulp_distance
 
 _SHOWN = 40  # rows of the table; all of them with --json
 
@@ -186,17 +188,6 @@ def _values(
     return found
 
 
-def ulp_distance(a: float, b: float) -> int | None:
-    """Return how many float64 lie between two numbers; None if one is NaN."""
-    if math.isnan(a) or math.isnan(b):
-        return None
-    ordered = []
-    for value in (a, b):
-        bits = int(np.float64(value).view(np.int64))
-        ordered.append(bits if bits >= 0 else -(1 << 63) - bits)
-    return abs(ordered[0] - ordered[1])
-
-
 def _frames(report: Report, a: logs.Log, b: logs.Log, exact: bool) -> None:
     """Compare the frames of each node, id and direction; `exact`: also their data."""
     names = logs.frame_names(a) | logs.frame_names(b)
@@ -205,7 +196,7 @@ def _frames(report: Report, a: logs.Log, b: logs.Log, exact: bool) -> None:
         ours, theirs = (_by_id(log.node[node].frames) for log in (a, b))
         begin = a.node[node].stamp_ns[:1]
         for key in sorted(ours.keys() | theirs.keys()):
-            name = f"{names.get(key[1], f'{key[1]:03X}')} {DIRECTIONS[key[0]]}"
+            name = f"{names.get(key[1], can_id.text_of(key[1]))} {DIRECTIONS[key[0]]}"
             name = name if node == "executive" else f"{node}.{name}"
             none = np.empty(0, logs.FRAME)
             one, other = ours.get(key, none), theirs.get(key, none)

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
@@ -41,7 +42,6 @@ CHANNEL = "vcan0"
 FORMATS = {".log": "candump", ".blf": "blf", ".asc": "asc", ".csv": "csv", ".parquet": "parquet"}
 _OF_FRAMES = ("candump", "blf", "asc")
 _STEP = 20_000  # frames or rows from one look at the progress to the next
-_EXTENDED, _ID = 1 << 31, 0x1FFFFFFF
 
 
 def command(options: argparse.Namespace) -> int:
@@ -123,9 +123,10 @@ def message(row: Any, timestamp_s: float) -> "Message":
     """Return a frame of a log as python-can's message."""
     from can import Message
 
-    can_id, dlc = int(row["id"]), int(row["dlc"])
+    word, dlc = int(row["id"]), int(row["dlc"])
     return Message(
-        timestamp=timestamp_s, arbitration_id=can_id & _ID, is_extended_id=bool(can_id & _EXTENDED),
+        timestamp=timestamp_s, arbitration_id=word & can_id.ID,
+        is_extended_id=bool(word & can_id.EXTENDED),
         is_rx=bool(row["direction"]), dlc=dlc, data=row["data"][:dlc].tobytes(), channel=CHANNEL,
     )  # fmt: skip
 

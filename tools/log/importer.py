@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers import can_id
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
@@ -64,7 +65,7 @@ def import_recording(options: argparse.Namespace, progress: Progress) -> int:
                 "give the DBC file of this bus"
             )
         log = _Imported(options, recording, found)
-        log.counts["unknown"] = {decode.id_text(i): n for i, n in unknown.items()}
+        log.counts["unknown"] = {f"0x{can_id.text_of(i)}": n for i, n in unknown.items()}
         log.write(path, progress)
     progress.close()
     print(json.dumps(log.counts) if options.json else _report(options, log.counts, unknown))
@@ -200,7 +201,7 @@ class _Imported:
 
 
 def _id_of(one: "Decoded") -> int:
-    return int(one.message.frame_id) | int(one.message.is_extended_frame) << 31
+    return can_id.word_of(int(one.message.frame_id), one.message.is_extended_frame)
 
 
 def _clock_frame(found: "list[Decoded]") -> "Decoded":
@@ -221,10 +222,9 @@ def _records(
 
 
 def _ids(counts: dict[int, int]) -> str:
-    from pcpc.tools.log.decode import id_text
 
     most = sorted(counts, key=lambda i: (-counts[i], i))
-    shown = ", ".join(f"{id_text(i)} ({counts[i]})" for i in most[:_TOLD_IDS])
+    shown = ", ".join(f"0x{can_id.text_of(i)} ({counts[i]})" for i in most[:_TOLD_IDS])
     return shown + (f" and {len(most) - _TOLD_IDS} more ids" if len(most) > _TOLD_IDS else "")
 
 

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit, printable
 from pcpc.drivers.patience import StalledError, patience
 from pcpc.executive.log import reader as logs
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 
 _STEP = 20_000  # frames from one look at the progress to the next
 _ERROR_FRAME = 0x20000000  # in the id of a candump line
-_EXTENDED = 1 << 31
 _STALL_S = 10.0
 _UNPACKED, _UNPACKED_PER_BYTE, _FRAMES = 16 << 20, 200, 1000
 _BLF_OBJECT, _BLF_CONTAINER, _BLF_ZLIB = 16, 10, 2  # size of a head; a kind; a method
@@ -225,12 +225,12 @@ class _Counted:
             if is_so:
                 self.left_out[what] += 1
                 return
-        can_id, dlc, extended = message.arbitration_id, message.dlc, message.is_extended_id
+        number, dlc, extended = message.arbitration_id, message.dlc, message.is_extended_id
         if dlc > 8 or len(message.data) != dlc:
-            raise ValueError(f"id {can_id:#x}: {len(message.data)} of {dlc} bytes")
-        if not 0 <= can_id < (1 << 29 if extended else 1 << 11) or not 0 <= time_ns < 2**63:
-            raise ValueError(f"id {can_id:#x} at {time_ns} ns")
-        row = (time_ns, can_id | _EXTENDED * extended, dlc, int(message.is_rx))
+            raise ValueError(f"id {number:#x}: {len(message.data)} of {dlc} bytes")
+        if not 0 <= number < (1 << 29 if extended else 1 << 11) or not 0 <= time_ns < 2**63:
+            raise ValueError(f"id {number:#x} at {time_ns} ns")
+        row = (time_ns, can_id.word_of(number, extended), dlc, int(message.is_rx))
         for column, value in zip(self._columns, row, strict=True):
             column.append(value)
         self._data += bytes(message.data).ljust(8, b"\0")

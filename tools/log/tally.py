@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers import can_id
+from pcpc.drivers.e2e_states import STATE_NAMES
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan
 
-E2E_STATES = (  # of drivers.e2e, which imports numba
-    "OK", "OK_SOME_LOST", "REPEATED", "WRONG_SEQUENCE", "ERROR", "NOT_AVAILABLE",
-    "LOST_ON_PURPOSE", "FOREIGN",
-)  # fmt: skip
 DIRECTIONS = ("sent", "received")
 _AT_ONCE = 100_000  # frames counted at once
 _NAME = 80  # letters of a name that are shown
@@ -115,7 +113,7 @@ class Tally:
             if topic == heard:
                 total[direction, number] += n
         return [
-            {"name": names.get(number, ""), "id": f"{number & 0x1FFFFFFF:03X}",
+            {"name": names.get(number, ""), "id": can_id.text_of(number),
              "direction": DIRECTIONS[direction], "count": n,
              "rate_hz": round(n / duration_s, 1) if duration_s else None}
             for (direction, number), n in sorted(total.items())
@@ -127,7 +125,7 @@ class Tally:
         for topic, _, direction, state, n in self._counted():
             for name in bad:
                 if topic == logs.topic(name, "can/frames") and direction == 1 and state:
-                    what = E2E_STATES[state] if state < len(E2E_STATES) else str(state)
+                    what = STATE_NAMES[state] if state < len(STATE_NAMES) else str(state)
                     bad[name][what] = bad[name].get(what, 0) + n
         return bad
 
