@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -23,7 +23,7 @@ from free_bus import own_bus
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
-from pcpc.tools import nodes
+from pcpc.executive.nodes import live
 from pcpc.tools.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,12 +62,12 @@ class Run:
 
 def alone(run: Run, monkeypatch: pytest.MonkeyPatch, beside: str = "") -> None:
     """Leave nodes of other runs of this machine, but for `beside`, out of the search for one."""
-    bus, every = run.node.removesuffix(".executive"), nodes._running
+    bus, every = run.node.removesuffix(".executive"), live.running
 
-    def known() -> dict[str, sh.Shared]:
-        return {n: b for n, b in every().items() if n.startswith(f"{bus}.") or n == beside}
+    def known(rig: str = "") -> dict[str, live.Live]:
+        return {n: b for n, b in every(rig).items() if n.startswith(f"{bus}.") or n == beside}
 
-    monkeypatch.setattr(nodes, "_running", known)
+    monkeypatch.setattr(live, "running", known)
 
 
 @pytest.fixture(scope="module")
@@ -172,17 +172,14 @@ def test_get_of_an_unknown_name_suggests_the_likely_one(run: Run, capsys: Screen
 
 
 def test_snapshots_never_mix_two_cycles(run: Run) -> None:
-    block = nodes.find(run.node)
-    places = nodes.names_of(block)
-    time_at, encoder, copied = (
-        places[name] for name in ("time.t_s", "rx.FB_A.encoder", "controller.encoder_rad")
-    )
+    node = live.find(run.node)
+    encoder, copied = "rx.FB_A.encoder", "controller.encoder_rad"
     times: set[float] = set()
     deadline_s = time.monotonic() + ANSWER_S
     while len(times) < 60 and time.monotonic() < deadline_s:
-        table = nodes.read(block)
+        table = node.read()
         assert table[encoder] == table[copied], f"{table[encoder]} became {table[copied]}"
-        times.add(table[time_at])
+        times.add(table["time.t_s"])
     assert len(times) == 60, f"only {len(times)} cycles seen"
 
 
@@ -204,15 +201,15 @@ def test_the_node_that_has_a_variable_is_found(
     run: Run, names: list[str], role: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     alone(run, monkeypatch)
-    assert nodes.find_for(names).description["node"] == role
+    assert live.find_for(names).name.endswith(role)
 
 
 def test_variables_of_no_single_node_are_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     alone(run, monkeypatch)
-    with pytest.raises(nodes.HostError, match="no node has all of them"):
-        nodes.find_for([ERROR, "barrel.theta_rad"])
-    with pytest.raises(nodes.HostError, match=r"did you mean barrel\.theta_rad\?"):
-        nodes.find_for(["barrel.teta_rad"])
+    with pytest.raises(live.LiveError, match="no node has all of them"):
+        live.find_for([ERROR, "barrel.theta_rad"])
+    with pytest.raises(live.LiveError, match=r"did you mean barrel\.theta_rad\?"):
+        live.find_for(["barrel.teta_rad"])
 
 
 # Tuning
@@ -223,7 +220,7 @@ def test_a_tuning_is_acknowledged_with_its_cycle(run: Run, capsys: Screen) -> No
     code, out, err = said(capsys, run, "set", f"{KV}=121.5", "--json")
     assert code == 0, err
     answer = json.loads(out)
-    block = nodes.find(run.node)
+    block = live.find(run.node).block
     assert 0 < answer["cycle"] <= int(block["control"][sh.CYCLE]) + 1, out
     assert answer["values"] == {KV: 121.5}
     assert answer["before"] == {KV: before}
@@ -259,18 +256,18 @@ def test_set_says_old_value_new_value_and_cycle(run: Run, capsys: Screen) -> Non
 def test_a_wrong_tuning_is_refused_with_all_that_came_with_it(
     run: Run, capsys: Screen, words: list[str], message: str
 ) -> None:
-    requests = int(nodes.find(run.node)["mail"][sh.REQUEST])
+    requests = int(live.find(run.node).block["mail"][sh.REQUEST])
     code, out, err = said(capsys, run, "set", "controller.km_Nms_rad=61", *words)
     assert (code, out, err) == (2, "", message + "\n")
-    posted = int(nodes.find(run.node)["mail"][sh.REQUEST]) - requests
+    posted = int(live.find(run.node).block["mail"][sh.REQUEST]) - requests
     assert posted == 0, f"{posted} requests in the mailbox"
     assert value(capsys, run, "controller.km_Nms_rad") == 60.0
 
 
 def test_more_values_than_the_mailbox_holds_are_refused(run: Run) -> None:
     changes = {f"controller.p_{i}": 0.0 for i in range(sh.MAIL_SLOTS + 1)}
-    with pytest.raises(nodes.HostError, match="65 values; at most 64 apply at once"):
-        nodes.tune(nodes.find(run.node), changes)
+    with pytest.raises(live.LiveError, match="65 values; at most 64 apply at once"):
+        live.find(run.node).tune(changes)
 
 
 @pytest.mark.parametrize("level", ["tune", "all"])
@@ -296,9 +293,11 @@ def ask(block: sh.Shared, places: list[int], values: list[float]) -> int:
 
 
 def test_the_node_refuses_what_a_client_did_not_check(run: Run, capsys: Screen) -> None:
-    block = nodes.find(run.node)
-    places, table = nodes.names_of(block), block.description["variables"]
-    before, refused = nodes.read(block), value(capsys, run, "health.requests_refused")
+    node = live.find(run.node)
+    block = node.block
+    table = block.description["variables"]
+    places = {row[0]: at for at, row in enumerate(table)}
+    before, refused = node.read(), value(capsys, run, "health.requests_refused")
     for wrong in (1e300, math.inf, math.nan, -500.0, 1000.5):
         assert ask(block, [places[LAM], places[KV]], [9.0, wrong]) == sh.OUT_OF_RANGE, wrong
     others = [at for at, (_, _, kind, _, _) in enumerate(table) if kind != "parameter"]
@@ -306,23 +305,23 @@ def test_the_node_refuses_what_a_client_did_not_check(run: Run, capsys: Screen) 
         assert ask(block, [places[KV], at], [99.0, 7.0]) == sh.NO_PARAMETER, at
     now = value(capsys, run, "health.requests_refused")
     assert now == refused + 5 + len(others) + 3, f"{now - refused} counted"
-    after = nodes.read(block)
-    parameters = [at for at, (_, _, kind, _, _) in enumerate(table) if kind == "parameter"]
-    assert (after[parameters] == before[parameters]).all()
-    assert nodes.is_running(block) and not block["control"][sh.FAULT]
+    after = node.read()
+    parameters = [name for name, one in node.variables.items() if one.kind == "parameter"]
+    assert parameters and all(after[name] == before[name] for name in parameters)
+    assert node.running and not block["control"][sh.FAULT]
 
 
 def test_a_refusal_by_the_node_is_told_in_one_line(run: Run, capsys: Screen) -> None:
-    block = nodes.find(run.node)
-    block.description["ranges"][KV] = [-math.inf, math.inf]
-    with pytest.raises(nodes.HostError) as caught:
-        nodes.tune(block, {LAM: 15.0, KV: -500.0})
+    node = live.find(run.node)
+    node.variables[KV] = replace(node.variables[KV], range=(-math.inf, math.inf))
+    with pytest.raises(live.LiveError) as caught:
+        node.tune({LAM: 15.0, KV: -500.0})
     assert str(caught.value) == f"{KV}: refused by the node: it is out of range; nothing was set"
     assert caught.value.code == 2
 
 
 def test_a_client_cannot_write_what_the_node_publishes(run: Run) -> None:
-    block = nodes.find(run.node)
+    block = live.find(run.node).block
     for name in ("control", "seq", "answer", "snapshot", "record", "frame", "event", "stages"):
         with pytest.raises(ValueError, match="read-only"):
             block[name][0] = 0
@@ -339,10 +338,10 @@ def test_two_hosts_at_once_both_get_their_tunings_through(run: Run) -> None:
     cycles: dict[int, list[int]] = {0: [], 1: []}
 
     def tune_pairs(host: int) -> None:
-        block = nodes.find(run.node)
+        node = live.find(run.node)
         for i in range(PAIRS):
             gain = 100.0 + 2 * i + host
-            cycles[host].append(nodes.tune(block, {KV: gain, LAM: gain / 10.0}))
+            cycles[host].append(node.tune({KV: gain, LAM: gain / 10.0}))
 
     hosts = [threading.Thread(target=tune_pairs, args=(host,)) for host in cycles]
     for host in hosts:
@@ -409,7 +408,7 @@ def test_watch_refuses_an_interval_that_is_none(run: Run, capsys: Screen) -> Non
 
 
 def test_reading_and_tuning_need_no_numba() -> None:
-    code = "import sys, tools.cli, tools.watch; print('numba' in sys.modules)"
+    code = "import sys, pcpc.tools.cli, pcpc.tools.watch; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout == "False\n", done.stdout + done.stderr
 
@@ -424,7 +423,7 @@ def test_an_unknown_node_is_a_missing_environment(run: Run, capsys: Screen) -> N
 
 HEAD: dict[str, object] = {
     "variables": [["a.gain", "", "parameter", "a", ""]], "ranges": {"a.gain": [0.0, math.inf]},
-    "state_columns": [], "timing_columns": [],
+    "state_columns": [], "timing_columns": [], "period_ns": 1_000_000, "rig": "stand",
 }  # fmt: skip
 
 
@@ -442,7 +441,7 @@ def test_a_role_that_several_nodes_have_is_refused_with_their_names(
     alone(run, monkeypatch, beside=name)
     stand(name)
     code = main(["list"])
-    assert nodes.find_for([ERROR]).name == nodes.find(run.node).name
+    assert live.find_for([ERROR]).name == live.find(run.node).name
     err = capsys.readouterr().err
     assert code == 2, err
     assert name in err and run.node in err and "--node" in err, err
@@ -452,8 +451,8 @@ def test_a_node_that_has_ended_is_no_node(stand: Callable[[str], sh.Shared]) -> 
     name = f"dead.{os.getpid()}.plant"
     stand(name)["control"][sh.DONE] = 1
     for what in ("is leaving", "has left"):
-        with pytest.raises(nodes.HostError, match="no such node is running") as caught:
-            nodes.find(name)
+        with pytest.raises(live.LiveError, match="no such node is running") as caught:
+            live.find(name)
         assert caught.value.code == 4, f"{what}: exit code {caught.value.code}"
         standing.end(name)
 
@@ -464,8 +463,8 @@ def test_a_node_that_takes_no_tunings_keeps_none_of_them(
     name = f"stuck.{os.getpid()}.executive"
     block = stand(name)
     block["control"][[sh.PID, sh.PASSES]] = os.getpid(), 1
-    with pytest.raises(nodes.HostError, match="took no tunings for 2 s; nothing was set"):
-        nodes.tune(nodes.find(name), {"a.gain": 1.0})
+    with pytest.raises(live.LiveError, match="took no tunings for 2 s; nothing was set"):
+        live.find(name).tune({"a.gain": 1.0})
     assert int(block["mail"][sh.COUNT]) == 0, "the request would still apply later"
 
 
@@ -474,13 +473,88 @@ def test_a_node_that_dies_meanwhile_is_told_to_have_ended(
 ) -> None:
     name = f"dying.{os.getpid()}.executive"
     stand(name)["control"][sh.PASSES] = 1
-    found = nodes.find(name)
+    found = live.find(name)
     standing.end(name)
-    with pytest.raises(nodes.HostError, match="ended"):
-        nodes.tune(found, {"a.gain": 1.0})
+    with pytest.raises(live.LiveError, match="ended"):
+        found.tune({"a.gain": 1.0})
+
+
+# From Python
+
+
+def test_all_values_that_are_read_are_of_one_cycle(run: Run) -> None:
+    node = live.find(run.node)
+    first = node.read()
+    later = node.wait_until(lambda now: now.cycle > first.cycle + 3, within_s=ANSWER_S)
+    for now in (first, later):
+        assert now.cycle == round(200 * now["time.t_s"]), (now.cycle, now["time.t_s"])
+        assert set(now) == set(node.variables) and len(now) == len(node.variables)
+    with pytest.raises(live.LiveError, match=f"did you mean {ERROR}"):
+        later["controller.e_rat"]
+
+
+def test_a_wait_ends_with_the_values_for_which_its_condition_holds(run: Run) -> None:
+    node = live.find(run.node)
+    cycle = node.tune({KV: 123.0})
+    now = node.wait_until(lambda now: now[KV] == 123.0, within_s=ANSWER_S)
+    assert now[KV] == 123.0 and now.cycle >= cycle, (now.cycle, cycle)
+
+
+def test_a_wait_looks_once_a_period(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = live.find(run.node)
+    looks: list[live.Values] = []
+    asked: list[int] = []
+    read = node.read
+
+    def looking() -> live.Values:
+        looks.append(read())
+        return looks[-1]
+
+    def tenth(now: live.Values) -> bool:
+        asked.append(now.cycle)
+        return len(asked) == 10
+
+    monkeypatch.setattr(node, "read", looking)
+    node.wait_until(tenth, within_s=ANSWER_S)
+    assert len(set(asked)) == 10, f"a cycle was judged twice: {asked}"
+    assert len(looks) < 40, f"{len(looks)} looks at ten cycles"
+
+
+def test_a_wait_that_takes_too_long_says_for_what(run: Run) -> None:
+    with pytest.raises(live.LiveError, match=r"a miracle: not within 0\.02 s") as caught:
+        live.find(run.node).wait_until(lambda now: False, 0.02, "a miracle")
+    assert caught.value.code == 1
+
+
+def test_nodes_are_found_by_rig(run: Run) -> None:
+    names = set(live.running("hull"))
+    assert {run.node, run.node.replace(".executive", ".plant")} <= names, names
+    assert not live.running("no such rig")
+    with pytest.raises(live.LiveError, match="no such node is running"):
+        live.find("executive", rig="no such rig")
+
+
+def test_a_variable_says_what_it_is(run: Run) -> None:
+    one = live.find(run.node).variables[KV]
+    assert (one.unit, one.kind, one.range) == ("N m s/rad", "parameter", (0.0, 1000.0)), one
+    assert one.shown(12.5) == "12.5 N m s/rad"
 
 
 # The end of the run and its log: these come last, they end it
+
+
+def test_a_wait_ends_with_its_node(run: Run) -> None:
+    node, looks = live.find(run.node), []
+
+    def miracle(now: live.Values) -> bool:
+        if not looks:
+            run.host.send_signal(signal.SIGINT)
+        looks.append(now.cycle)
+        return False
+
+    with pytest.raises(live.LiveError, match="a miracle: it ended before"):
+        node.wait_until(miracle, 60.0, "a miracle")
+    assert not node.running and looks, looks
 
 
 def test_watch_ends_with_the_node(run: Run, finished: logs.Log) -> None:

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.tools.log.outfile import LogCommandError
-from pcpc.tools.nodes import HostError
 from pcpc.tools.progress import Progress
 from pcpc.tools.watch import duration_s
 
@@ -120,7 +120,7 @@ def seconds(text: str | None, otherwise: float, option: str) -> float:
     except ValueError:
         try:
             return duration_s(text)
-        except HostError as error:
+        except UserError as error:
             raise LogCommandError(f"{option} {error}") from None
     if not math.isfinite(value):
         raise LogCommandError(f"{option} {text}: not a time; expected like 0, 1.5, 500ms")

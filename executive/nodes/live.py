@@ -1,0 +1,344 @@
+"""Running nodes from outside: found, read without disturbing them, tuned, waited for.
+
+    live = find("executive")                       of this user, on this machine
+    live["controller.e_rad"]                       the newest value
+    now = live.read()                              all values of one cycle: now["barrel.theta_rad"]
+    live.tune({"controller.kv_Nms_rad": 120.0})    all or none; returns the first cycle with them
+    live.wait_until(lambda now: abs(now["controller.e_rad"]) < 1e-3, within_s=5.0)
+
+Reading copies a table that the node publishes (seqlock: the node never waits). Tuning writes into
+its mailbox, one client at a time: the mailbox's own file is the lock (flock), which the kernel
+frees when a client dies. No numba in here: it is there in a quarter of a second.
+"""
+
+import fcntl
+import math
+import os
+import re
+import select
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+
+LEVELS = ("none", "tune", "all")  # by the value of the mailbox's word LOCK
+_REFUSALS = {
+    sh.BAD_COUNT: "the request was no request",
+    sh.NO_PARAMETER: "it is no parameter",
+    sh.OUT_OF_RANGE: "it is out of range",
+    sh.LOCKED: "it is locked",
+}
+_PATIENCE_S = 2.0  # a node that runs takes tunings within a period
+_POLL_S = 0.001
+_SLICE_S = 0.05  # how soon the end of a loop is noticed; that of its process is at once
+_GLOB = re.compile(r"[*?\[]")
+
+
+class LiveError(UserError):
+    """A node, or what is asked of it, cannot be had; ENVIRONMENT: it is not there."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What a node says about one of its variables; only parameters have a range."""
+
+    name: str
+    unit: str
+    kind: str
+    writer: str
+    help: str
+    range: tuple[float, float] | None = None
+
+    def shown(self, value: float) -> str:
+        """Return a value with its unit."""
+        return f"{value:.9g} {self.unit}".rstrip()
+
+
+class Values(Mapping[str, float]):
+    """All variables of a node, as they were at the end of one cycle."""
+
+    def __init__(self, cycle: int, places: Mapping[str, int], values: NDArray[np.float64]) -> None:
+        self.cycle, self._places, self._values = cycle, places, values
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._values[self._places[known(name, self._places)]])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+class Live:
+    """A running node. What it reads is a cycle old at the most; LiveError where it has ended."""
+
+    def __init__(self, block: sh.Shared) -> None:
+        about = block.description
+        self.block, self.name, self.period_ns = block, block.name, int(about["period_ns"])
+        self.variables = {
+            name: Variable(name, unit, kind, writer, help, _pair(about["ranges"].get(name)))
+            for name, unit, kind, writer, help in about["variables"]
+        }
+        self._places = {name: place for place, name in enumerate(self.variables)}
+
+    # Reading
+
+    @property
+    def running(self) -> bool:
+        """Whether its loop runs; one that waits for the other node does."""
+        return self.block.alive() and not self.block["control"][sh.DONE]
+
+    def __getitem__(self, name: str) -> float:
+        return self.read()[name]
+
+    def read(self) -> Values:
+        """Return all variables, of one and the same cycle.
+
+        LiveError if the node stands still in the middle of writing them.
+        """
+        torn = np.empty(0)
+        deadline_s = time.monotonic() + _PATIENCE_S
+        while (values := sh.snapshot(self.block, torn)) is torn:
+            if not self.block.alive() or time.monotonic() > deadline_s:
+                what = f"{self.name}: stands still in the middle of a cycle"
+                raise LiveError(what, Exit.ENVIRONMENT)
+            self._pause(_POLL_S)
+        t_s = values[self._places["time.t_s"]] if "time.t_s" in self._places else 0.0
+        return Values(round(float(t_s) * 1e9 / self.period_ns), self._places, values)
+
+    def select(self, words: Sequence[str]) -> list[str]:
+        """Return the names that names or patterns (* ? []) choose, in their order, each once."""
+        chosen: dict[str, None] = {}
+        for word in words:
+            if _GLOB.search(word):
+                found = [name for name in self.variables if fnmatchcase(name, word)]
+                if not found:
+                    raise LiveError(f"{word}: matches no variable; `pcpc list` shows all")
+                chosen |= dict.fromkeys(found)
+            else:
+                chosen[known(word, self.variables)] = None
+        return list(chosen)
+
+    # Waiting
+
+    def every(self, seconds: float) -> Iterator[Values]:
+        """Yield the values now and then again and again, until the node ends."""
+        next_s = time.monotonic()
+        while self.running:
+            yield self.read()
+            next_s = max(next_s + seconds, time.monotonic())
+            while self.running and (rest_s := next_s - time.monotonic()) > 0:
+                self._pause(min(rest_s, _SLICE_S))
+
+    def wait_until(
+        self, holds: Callable[[Values], bool], within_s: float, what: str = "what was waited for"
+    ) -> Values:
+        """Return the values for which `holds` is true first; LiveError if that takes too long.
+
+        It looks once a period: what lasts for a single cycle may be missed, and without a clock
+        (lockstep) also what lasts for more. NOT_MET: it was not within `within_s` seconds of this
+        machine, or the node ended before.
+        """
+        deadline_s, seen = time.monotonic() + within_s, -1
+        while True:
+            over = not self.running or time.monotonic() >= deadline_s
+            now = self.read()
+            if now.cycle != seen and holds(now):
+                return now
+            if over:
+                why = f"not within {within_s:g} s" if self.running else "it ended before"
+                raise LiveError(f"{self.name}: {what}: {why}", Exit.NOT_MET)
+            seen = now.cycle
+            self._pause(max(1e-9 * self.period_ns, _POLL_S))
+
+    def _pause(self, seconds: float) -> None:
+        """Sleep, but not beyond the end of the node's process."""
+        client = self.block.client
+        select.select([] if client is None else [client.line], [], [], seconds)
+
+    # Tuning
+
+    def tune(self, changes: Mapping[str, float]) -> int:
+        """Set parameters, all between the same two cycles or none; return the first with them.
+
+        LiveError: unknown, not a parameter, out of range, too many, locked, no answer. The node
+        judges again by itself.
+        """
+        indices = self._checked(changes)
+        mail, answer = self.block["mail"], self.block["answer"]
+        with self._one_client():
+            word = int(mail[sh.LOCK])
+            level = LEVELS[word] if 0 <= word < len(LEVELS) else "all"
+            if level != "none":
+                raise LiveError(f"{self.name}: locked ({level}); `pcpc lock none` allows tunings")
+            if self.block["control"][sh.PASSES] == 0:
+                what = "no cycle yet, it waits for the other node"
+                raise LiveError(f"{self.name}: {what}", Exit.ENVIRONMENT)
+            self._acknowledged(int(mail[sh.REQUEST]))  # of a client that died waiting
+            self.block["mail_index"][: len(indices)] = indices
+            self.block["mail_value"][: len(indices)] = list(changes.values())
+            mail[sh.COUNT] = len(indices)
+            _release()
+            request = int(mail[sh.REQUEST]) + 1
+            mail[sh.REQUEST] = request
+            cycle = self._acknowledged(request)
+            refusal, entry = int(answer[sh.REFUSAL]), int(answer[sh.REFUSED_ENTRY])
+            if refusal != sh.ACCEPTED:
+                name, why = list(changes)[entry], _REFUSALS.get(refusal, f"reason {refusal}")
+                raise LiveError(f"{name}: refused by the node: {why}; nothing was set")
+            return cycle
+
+    def lock(self, level: str) -> None:
+        """Forbid tunings (`tune`, `all`) or allow them (`none`); none is under way on return."""
+        if level not in LEVELS:
+            raise LiveError(f"{level}: no such lock level{did_you_mean(level, LEVELS)}")
+        with self._one_client():
+            self.block["mail"][sh.LOCK] = LEVELS.index(level)
+
+    def _checked(self, changes: Mapping[str, float]) -> list[int]:
+        """Return the places of parameters whose values are in their range; LiveError."""
+        if len(changes) > sh.MAIL_SLOTS:
+            raise LiveError(f"{len(changes)} values; at most {sh.MAIL_SLOTS} apply at once")
+        for name, value in changes.items():
+            one = self.variables[known(name, self.variables)]
+            if one.range is None:
+                what = f"{one.kind}, written by {one.writer} every cycle"
+                raise LiveError(f"{name}: {what}; only parameters can be set")
+            low, high = one.range
+            if not (low <= value <= high and math.isfinite(value)):
+                what = f"{name}: {value:.12g} is outside {low:.12g}..{high:.12g} {one.unit}"
+                raise LiveError(what.rstrip())
+        return [self._places[name] for name in changes]
+
+    @contextmanager
+    def _one_client(self) -> Iterator[None]:
+        """Keep others out of the mailbox; LiveError if one stays in it or the node ended."""
+        client = self.block.client
+        if not self.block.alive() or client is None:
+            raise LiveError(f"{self.name}: ended", Exit.ENVIRONMENT)
+        descriptor = os.open(f"/proc/self/fd/{client.mailbox}", os.O_RDONLY)  # a lock of its own
+        deadline_s = time.monotonic() + 2 * _PATIENCE_S  # the other one waits as long
+        try:
+            while True:
+                try:
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                except BlockingIOError:
+                    if not self.block.alive() or time.monotonic() > deadline_s:
+                        what = f"{self.name}: another host holds the mailbox; end it"
+                        raise LiveError(what, Exit.ENVIRONMENT) from None
+                    self._pause(_POLL_S)
+            yield
+        finally:
+            os.close(descriptor)
+
+    def _acknowledged(self, request: int) -> int:
+        """Wait for the node's acknowledgement; return its cycle, or withdraw: LiveError."""
+        deadline_s = time.monotonic() + _PATIENCE_S
+        while int(self.block["answer"][sh.ACK]) != request:
+            if not self.running or time.monotonic() > deadline_s:
+                self.block["mail"][sh.COUNT] = 0  # the loop looks at it once: all or none here too
+                why = f"took no tunings for {_PATIENCE_S:g} s" if self.running else "ended"
+                raise LiveError(f"{self.name}: {why}; nothing was set", Exit.ENVIRONMENT)
+            self._pause(_POLL_S)
+        return int(self.block["answer"][sh.ACK_CYCLE])
+
+
+def known(name: str, names: Collection[str]) -> str:
+    """Return the name of a variable; LiveError with the likeliest one if it is not in `names`."""
+    if name not in names:
+        raise LiveError(f"{name}: no such variable{did_you_mean(name, names)}")
+    return name
+
+
+def _pair(bounds: Sequence[float] | None) -> tuple[float, float] | None:
+    return None if bounds is None else (bounds[0], bounds[1])
+
+
+def _release() -> None:
+    """Make the slots visible before the request that is stored next, also on ARM.
+
+    Releasing a lock orders what is before it, taking it again what follows.
+    """
+    barrier = threading.Lock()
+    for _ in range(2):
+        barrier.acquire()
+        barrier.release()
+
+
+# Finding
+
+
+def running(rig: str = "") -> dict[str, Live]:
+    """Return this user's nodes whose loop runs, of all rigs or one, by name."""
+    found = (Live(block) for block in sharing.running())
+    return {
+        live.name: live
+        for live in found
+        if live.running and rig in ("", live.block.description.get("rig"))
+    }
+
+
+def find(node: str = "executive", rig: str = "") -> Live:
+    """Return the running node `node`, a role or a full name; `rig`: only of this rig.
+
+    LiveError: none runs (ENVIRONMENT), or several do.
+    """
+    nodes = running(rig)
+    found = [name for name in nodes if node == name or node == name.rpartition(".")[2]]
+    if len(found) > 1:
+        choice = " or ".join(found)
+        raise LiveError(f"{node}: {len(found)} run here; choose one with --node {choice}")
+    if found:
+        return nodes[found[0]]
+    others = f"; running: {', '.join(nodes)}" if nodes else ""
+    other_users = sharing.other_users()
+    if other_users and not nodes:
+        others = f"; user {' and '.join(other_users)} has nodes, which only that user reaches"
+    what = f"{node}: no such node is running{others}; start one with `pcpc run RIG`"
+    raise LiveError(what, Exit.ENVIRONMENT)
+
+
+def find_for(words: Sequence[str]) -> Live:
+    """Return the node that has the variables `words` (* ? []): the executive, if it does.
+
+    LiveError as `find`, and if no node or no single one has them all.
+    """
+    nodes = running()
+    if not words or not nodes:
+        return next(iter(nodes.values())) if len(nodes) == 1 else find("executive")
+    for word in words:
+        if not any(_has(live, word) for live in nodes.values()):
+            if _GLOB.search(word):
+                raise LiveError(f"{word}: matches no variable; `pcpc list` shows all")
+            every = {name: 0 for live in nodes.values() for name in live.variables}
+            raise LiveError(f"{word}: no such variable{did_you_mean(word, every)}")
+    holders = [name for name, live in nodes.items() if all(_has(live, word) for word in words)]
+    found = [name for name in holders if name.endswith(".executive")] or holders
+    if len(found) > 1:
+        choice = " or ".join(found)
+        raise LiveError(f"{words[0]}: {len(found)} nodes have it; choose one with --node {choice}")
+    if not found:
+        raise LiveError(f"{' '.join(words)}: no node has all of them; ask for one node's at a time")
+    return nodes[found[0]]
+
+
+def _has(live: Live, word: str) -> bool:
+    """Return whether a node has the variable, or one that matches."""
+    return word in live.variables or (
+        bool(_GLOB.search(word)) and any(fnmatchcase(name, word) for name in live.variables)
+    )
