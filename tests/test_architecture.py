@@ -49,8 +49,8 @@ MAY_IMPORT = {
 }  # fmt: skip
 NEVER = {"plants": ("executive.laws.controllers",)}
 INSTALLED = {  # what pyproject.toml declares, by the names that are imported
-    "can", "cantools", "llvmlite", "mcap", "msgpack", "msgspec", "numba", "numpy", "rich", "yaml",
-    "zstandard",
+    "argcomplete", "can", "cantools", "llvmlite", "mcap", "msgpack", "msgspec", "numba", "numpy",
+    "rich", "yaml", "zstandard",
 }  # fmt: skip
 LINES = 400
 LONGER: dict[str, int] = {}  # with the reason: one thing that would be harder to read in two files

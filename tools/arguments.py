@@ -255,6 +255,11 @@ def log_plot(add: Add) -> None:
 # This machine
 
 
+def completion(add: Add) -> None:
+    """Take a shell."""
+    add("shell", choices=("bash", "zsh", "fish"), help="the shell that is to complete")
+
+
 def jitter(add: Add) -> None:
     """Take what cyclictest takes, and yardsticks."""
     add("-i", "--interval", default="1000us", metavar="TIME", help="period; 1000us; 50us to 1s")

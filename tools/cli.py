@@ -2,6 +2,7 @@
 
 import argparse
 import importlib.metadata
+import os
 import platform
 import sys
 import time
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import UserError
-from pcpc.tools import screen
+from pcpc.tools import completion, screen
 from pcpc.tools.commands import COMMANDS, overview
 from pcpc.tools.ending import ended
 
@@ -20,6 +21,8 @@ _BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's ow
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `tools.ending` for how it ends."""
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks which words may come next
+        completion.complete(parser())
     words = list(sys.argv[1:] if argv is None else argv)
     goes_on = any(word in COMMANDS and COMMANDS[word].judges for word in words[:1])
     return ended(lambda: _carry_out(words), goes_on=goes_on)

@@ -3,9 +3,10 @@
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pcpc.drivers.errors import Exit
-from pcpc.tools import screen
+from pcpc.tools import completion, screen
 
 Add = Callable[..., argparse.Action]  # add_argument of a command's parser
 
@@ -48,7 +49,13 @@ class Command:
             usage=f"%(prog)s [options] -- {self.rest}" if self.rest else None,
         )  # fmt: skip
         parser.set_defaults(registered=self)
-        self.arguments(parser.add_argument)
+
+        def add(*names: str, **about: Any) -> argparse.Action:
+            action = parser.add_argument(*names, **about)
+            completion.attach(self.name, action)
+            return action
+
+        self.arguments(add)
         if self.parts:
             parts = parser.add_subparsers(required=True, metavar="SUB")
             for part in self.parts:

@@ -118,6 +118,10 @@ GROUPS = {
                 judges=True, compiles=True, reads_logs=True),
     ),
     "this machine": (
+        Command("completion", "let a shell complete commands, rigs, controllers and variables",
+                "pcpc completion bash", take.completion, codes=_SIMPLE,
+                notes='~/.bashrc, ~/.zshrc: eval "$(pcpc completion bash)", or zsh\n'
+                "~/.config/fish/config.fish: pcpc completion fish | source"),
         Command("doctor", "what it offers, and how to get the rest", "pcpc doctor", take.doctor,
                 codes={Exit.OK: "a rig can run", Exit.ENVIRONMENT: "it cannot"}),
         Command("jitter", "measure the timing of the loop, beside cyclictest and C",

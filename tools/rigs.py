@@ -91,8 +91,13 @@ def _matches(rig: Shipped, words: list[str]) -> bool:
     return not words or any(fnmatchcase(name, word) for word in words for name in names)
 
 
+def data_of(file: str | Path) -> dict[str, Any]:
+    """Return what a rig file says, with that of its `base`; RigError."""
+    return dict(yamlfile.load(Path(file)).data)
+
+
 def _about(rig: Shipped) -> dict[str, Any]:
-    data = yamlfile.load(rig.path).data
+    data = data_of(rig.path)
     return {
         "plant": rig.plant, "name": rig.name, "title": data.get("title", ""),
         "file": str(rig.path), "rate_hz": data["rate_hz"], "duration_s": data["duration_s"],
