@@ -52,7 +52,7 @@ INSTALLED = {  # what pyproject.toml declares, by the names that are imported
     "argcomplete", "can", "cantools", "llvmlite", "mcap", "msgpack", "msgspec", "numba", "numpy",
     "rich", "yaml", "zstandard",
 }  # fmt: skip
-LINES = 400
+LINES, COLUMNS = 400, 120
 LONGER: dict[str, int] = {}  # with the reason: one thing that would be harder to read in two files
 NOT_IN_A_STEP = {"math", "np", "numpy", "time", "random", "os", "open", "print"}
 
@@ -296,3 +296,21 @@ def test_nothing_sleeps_but_the_recorders_poll() -> None:
 def test_there_is_no_swamp() -> None:
     swamp = r"(^|/)(utils?|common|helpers?|misc)(/|\.py$)"
     assert not [name for name in TREES if re.search(swamp, name)]
+
+
+def too_long(text: str) -> list[int]:
+    """Return the lines of prose, in Markdown, that are too long; not those of tables and code."""
+    found, fenced = [], False
+    for number, line in enumerate(text.splitlines(), 1):
+        fenced ^= line.lstrip().startswith("```")
+        if not (fenced or line.startswith("    ") or line.lstrip().startswith("|")):
+            found += [number] if len(line) > COLUMNS else []
+    return found
+
+
+def test_prose_fits_its_columns() -> None:
+    texts = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("plants/**/*.md")]
+    wrong = [f"{path}:{n}" for path in texts for n in too_long(path.read_text(encoding="utf-8"))]
+    assert len(texts) > 12 and not wrong, wrong
+    long = "x" * (COLUMNS + 1)
+    assert too_long(f"{long}\n| {long}\n    {long}\n```\n{long}\n```\n{long}") == [1, 7]
