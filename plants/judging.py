@@ -1,4 +1,4 @@
-"""What the evaluations of all plants share: the records of the nodes side by side, windows, pages.
+"""A run as an evaluation sees it: the records of its nodes side by side, windows, figures of merit.
 
 A window holds the cycles k with from <= k T < to: a run as long as `to` ends with its last cycle.
 To a cycle of one node belongs another node's record of the same instant: that of the same cycle
@@ -6,29 +6,35 @@ where no clock runs, else the newest one not stamped later; one older than 2 per
 """
 
 import math
+import sys
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pcpc.executive.errors import did_you_mean
+from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
 from pcpc.executive.log.reader import NODES, Log
-from pcpc.plants.statistics import RMS, Statistic, over_finite, peak, rms
-
-__all__ = ["over_finite", "peak", "rms"]  # and what is defined here
+from pcpc.executive.rig.law_errors import at
+from pcpc.plants.statistics import Statistic
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Made = TypeVar("Made")
+Signal = Callable[["Run"], Vector]
+Source = str | Signal  # a recorded variable `NODE:NAME`, a signal's name, a function
+Place = tuple[str, int]  # file and line
+Windows = Mapping[str, tuple[float, float]]
 
 OLDEST_PERIODS = 2.0  # a paced node's record is up to 1 period old, and later by its jitter
 EDGE_PERIODS = 1e-6  # rounding of a window's edge
+WINDOW, RUN, LATE, EACH = "window", "run", "late", "each"  # what a figure of merit is taken over
+_OWN = [str(Path(__file__).with_name(f"{name}.py")) for name in ("judging", "pages", "evaluation")]
 
 
 def paired_rows(
@@ -47,30 +53,34 @@ def paired_rows(
     return np.where((rows >= 0) & (ours - theirs[rows] <= oldest), rows, -1)
 
 
-def between(cycle: NDArray[np.int64], period_s: float, begin_s: float, end_s: float) -> Mask:
-    """Return which cycles are in the window [begin, end)."""
-    first, past = edges(period_s, begin_s, end_s)
-    return (cycle >= first) & (cycle < past)
-
-
 def edges(period_s: float, begin_s: float, end_s: float) -> tuple[float, float]:
     """Return the first cycle in a window, and the first behind it."""
     first, past = np.ceil(np.array((begin_s, end_s)) / period_s - EDGE_PERIODS)
     return float(first), float(past)
 
 
-class UnknownVariable(KeyError):
-    """A variable that the node has not, in one line with a proposal."""
+class Mistake(RigError):
+    """What is wrong in an evaluation, in one line; `place`: of the declaration that says it."""
 
-    def __str__(self) -> str:
-        return str(self.args[0])
+    def __init__(self, what: str, place: Place | None = None) -> None:
+        super().__init__(at(place, what) if place else what)
+        self.placed = place is not None
+
+
+def declared_at() -> Place:
+    """Return file and line of the evaluation that is being declared."""
+    frame = sys._getframe(1)
+    while frame.f_back and frame.f_code.co_filename in (*_OWN, "<string>"):
+        frame = frame.f_back
+    return frame.f_code.co_filename, frame.f_lineno
 
 
 @dataclass(frozen=True)
 class Run:
     """A run, or a stretch of it, by cycle of the executive or of another `leader`.
 
-    Its columns are (n,), NaN where the log does not tell. `first_row`: of the stretch in the run.
+    `run["plant:arm.q_rad"]`, `run["error_rad"]`: columns (n,), NaN where the log does not tell.
+    `first_row`: of the stretch in the run.
     """
 
     log: Log
@@ -78,6 +88,10 @@ class Run:
     leader: str = "executive"
     first_row: int = 0
     whole: Log | None = None  # of which this is a stretch
+    signals: Mapping[str, Signal] = field(default_factory=dict)
+    windows: Windows = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    _made: dict[str, Any] = field(default_factory=dict, init=False, compare=False)
 
     @cached_property
     def cycle(self) -> NDArray[np.int64]:
@@ -102,50 +116,60 @@ class Run:
             return node is not None and len(node.cycle) > 0
         return bool(self.plant_told.any())
 
-    def once(self, make: "Callable[[Run], Made]") -> "Made":
-        """Return what `make` makes of this run, made once."""
-        made: dict[Any, Any] = self.__dict__.setdefault("_made", {})
-        if make not in made:
-            made[make] = make(self)
-        found: Made = made[make]
+    def __getitem__(self, name: str) -> Vector:
+        """Return a signal of the evaluation, or a variable `NODE:NAME` at the leader's cycles.
+
+        All NaN for a node without records; Mistake for a variable that its records do not have.
+        """
+        if name not in self._made:
+            known = self.signals.get(name)
+            self._made[name] = self._told(name) if known is None else known(self)
+        found: Vector = self._made[name]
         return found
 
-    def executive(self, name: str, *, or_nan: bool = False) -> Vector:
-        """Return a variable of the executive; UnknownVariable, or NaN, if it has none."""
-        return self.of("executive", name, or_nan=or_nan)
+    def get(self, name: str) -> Vector:
+        """As `run[name]`; NaN also for a variable that the records do not have."""
+        known = name in self.signals or self.has(name)
+        return self[name] if known else np.full(len(self.cycle), math.nan)
 
-    def plant(self, name: str, *, or_nan: bool = False) -> Vector:
-        """Return a variable of the plant; UnknownVariable, or NaN, if its record has none."""
-        return self.of("plant", name, or_nan=or_nan)
+    def has(self, name: str) -> bool:
+        """Return whether the records have a variable `NODE:NAME`."""
+        node, _, variable = name.partition(":")
+        return node in self.log.node and variable in self.log.node[node].columns
 
-    def named(self, name: str) -> Vector:
-        """Return `executive:NAME`, `local:NAME` or `plant:NAME`; NaN if the log has none."""
+    def values(self, source: Source, place: Place | None = None) -> Vector:
+        """Return what a source says, a value or a row a cycle; `place`: where it is declared."""
+        given = self.get(source) if isinstance(source, str) else source(self)
+        try:
+            values = np.asarray(given, np.float64)
+        except (TypeError, ValueError):
+            raise Mistake(f"expected numbers, got {type(given).__name__}", place) from None
+        if values.shape[:1] != self.cycle.shape:
+            what = f"expected a value a cycle, {len(self.cycle)}, got the shape {values.shape}"
+            raise Mistake(what, place)
+        return values
+
+    def _told(self, name: str) -> Vector:
         node, _, variable = name.partition(":")
         if node not in NODES:
-            raise UnknownVariable(f"{name}: no node {node}{did_you_mean(node, NODES)}")
-        return self.of(node, variable, or_nan=True)
-
-    def of(self, node: str, name: str, *, or_nan: bool = False) -> Vector:
-        """Return a variable of a node at the cycles of the leader; NaN without its record.
-
-        UnknownVariable, or NaN, if the record does not have it.
-        """
+            known = [f"{n}:{key}" for n, one in self.log.node.items() for key in one.columns]
+            what = f"no signal {name}{did_you_mean(name, [*self.signals, *known])}"
+            raise Mistake(what)
         rows, record = self._rows(node), self.log.node.get(node)
         if record is None or not len(record.cycle) or not len(record.columns):
             return np.full(len(rows), math.nan)
-        found = record.columns.get(name)
-        if found is None and not or_nan:
-            what = f"{node}: no variable {name}{did_you_mean(name, record.columns)}"
-            raise UnknownVariable(what)
+        found = record.columns.get(variable)
         if found is None:
-            return np.full(len(rows), math.nan)
+            known = list(record.columns)
+            raise Mistake(f"{node}: no variable {variable}{did_you_mean(variable, known)}")
         return found if node == self.leader else np.where(rows < 0, math.nan, found[rows])
 
     def _rows(self, node: str) -> NDArray[np.int64]:
-        made: dict[str, NDArray[np.int64]] = self.__dict__.setdefault("_paired", {})
-        if node not in made:
-            made[node] = paired_rows(self.log, self.period_s, node, self.leader)
-        return made[node]
+        key = f"rows of {node}"
+        if key not in self._made:
+            self._made[key] = paired_rows(self.log, self.period_s, node, self.leader)
+        found: NDArray[np.int64] = self._made[key]
+        return found
 
     def before(self, values: Vector) -> Vector:
         """Return the values of the cycle before each; NaN where the log has no such cycle."""
@@ -163,20 +187,16 @@ class Run:
 
     def between(self, begin_s: float, end_s: float) -> Mask:
         """Return which cycles are in the window [begin, end)."""
-        return between(self.cycle, self.period_s, begin_s, end_s)
+        first, past = edges(self.period_s, begin_s, end_s)
+        return (self.cycle >= first) & (self.cycle < past)
 
     def setting(self, name: str) -> float:
         """Return a setting of the controller, else of the plant; NaN if unknown."""
-        return setting(self.log, name)
-
-
-def setting(log: Log, name: str) -> float:
-    """Return a setting of the controller, else of the plant, from the log's rig; NaN if unknown."""
-    rig = _rig(log)
-    laws = [rig.get("controllers", {}).get(rig.get("controller"), {})]
-    laws += rig.get("plant", {}).get("blocks", {}).values()
-    values = (law["parameters"][name] for law in laws if name in law.get("parameters", {}))
-    return float(next(values, math.nan))
+        rig = _rig(self.log)
+        laws = [rig.get("controllers", {}).get(rig.get("controller"), {})]
+        laws += rig.get("plant", {}).get("blocks", {}).values()
+        values = (law["parameters"][name] for law in laws if name in law.get("parameters", {}))
+        return float(next(values, math.nan))
 
 
 def _rig(log: Log) -> dict[str, Any]:
@@ -192,73 +212,91 @@ def _parsed(rig: str) -> Any:
 
 # Figures of merit
 
-Signal = Callable[[Run], Vector]
+
+@dataclass(frozen=True)
+class Merit:
+    """A figure of a run: `scale` times a statistic of a source.
+
+    over     WINDOW    the rig's window; EACH: also each further one, as NAME_...
+             RUN       the whole run;    LATE: from the end of the rig's window on
+             NAME      the rig's further window NAME_from_s to NAME_to_s; absent if it has none
+    needs    a number, or a further window, of the rig without which there is no such figure
+    leader   the node whose cycles count
+    """
+
+    statistic: Statistic
+    source: Source
+    over: str = WINDOW
+    scale: float = 1.0
+    needs: str = ""
+    leader: str = "executive"
+    place: Place = field(default_factory=declared_at, compare=False)
+
+    def of(self, run: Run, own: slice) -> Vector:
+        """Return the source's values in a run's own cycles, and of those in the window."""
+        values = run.values(self.source, self.place)
+        window_s = run.windows[self.over]
+        return values[own] if self.over == RUN else values[own][run.between(*window_s)[own]]
 
 
 @dataclass(frozen=True)
-class Measure:
-    """A figure of a run: `scale` times a statistic of a signal, over a window or the whole run.
+class Judged:
+    """A run of any length with what the rig says of its evaluation."""
 
-    The signal is a function of a run, or of a stretch of it with a cycle more at both ends: what it
-    says of a cycle may depend on the neighbours.
-    """
+    log: Log
+    period_s: float
+    windows: Windows = field(default_factory=lambda: {RUN: (-math.inf, math.inf)})
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    signals: Mapping[str, Signal] = field(default_factory=dict)
 
-    signal: Signal
-    statistic: Statistic = RMS
-    window_s: tuple[float, float] | None = None
-    scale: float = 1.0
+    def run(self, leader: str = "executive") -> Run:
+        """Return the run as a whole, its columns not yet looked at."""
+        return self._run(self.log, leader)
 
+    def _run(self, log: Log, leader: str, row: int = 0, whole: Log | None = None) -> Run:
+        about = self.signals, self.windows, self.numbers
+        return Run(log, self.period_s, leader, row, whole, *about)
 
-def measured(
-    log: Log, period_s: float, measures: Mapping[str, Measure], leader: str = "executive"
-) -> dict[str, float]:
-    """Return the figures of a run of any length by name; NaN where the log does not tell.
+    def stretches(self, leader: str) -> Iterator[tuple[Run, slice]]:
+        """Yield the run, a long one in stretches, with the slice of their own cycles."""
+        if not isinstance(self.log, LongLog):
+            yield self.run(leader), slice(None)
+            return
+        row = 0
+        for part, begin, end in self.log.parts(leader):
+            yield self._run(part, leader, row - begin, self.log), slice(begin, end)
+            row += end - begin
 
-    The signals are those of the cycles of `leader`. A short run is looked at as a whole, a long one
-    stretch by stretch.
-    """
-    if not isinstance(log, LongLog):
-        run = Run(log, period_s, leader)
+    def measured(self, merits: Mapping[str, Merit], leader: str = "executive") -> dict[str, float]:
+        """Return the figures by name; NaN where the log does not tell.
+
+        A short run is looked at as a whole, a long one stretch by stretch.
+        """
+        if not self._reaches(leader):
+            return dict.fromkeys(merits, math.nan)
+        left: dict[str, list[Any]] = {name: [] for name in merits}
+        long = isinstance(self.log, LongLog)
+        for run, own in self.stretches(leader):
+            for name, one in merits.items():
+                values = one.of(run, own)
+                if not long:
+                    left[name] = [one.statistic.whole(values)]
+                    continue
+                if one.statistic.only_finite:
+                    values = values[np.isfinite(values)]
+                if len(values):
+                    with np.errstate(over="ignore"):  # of a run that diverged
+                        left[name].append(one.statistic.part(values))
         return {
-            name: one.scale * one.statistic.whole(_own(run, one, slice(None)))
-            for name, one in measures.items()
+            name: one.scale * (one.statistic.of(left[name]) if long else left[name][0])
+            for name, one in merits.items()
         }
-    left: dict[str, list[Any]] = {name: [] for name in measures}
-    for run, own in stretches(log, period_s, leader):
-        for name, one in measures.items():
-            values = _own(run, one, own)
-            if one.statistic.only_finite:
-                values = values[np.isfinite(values)]
-            if len(values):
-                with np.errstate(over="ignore"):  # of a run that diverged
-                    left[name].append(one.statistic.part(values))
-    return {name: one.scale * one.statistic.of(left[name]) for name, one in measures.items()}
 
-
-def reaches(log: Log, period_s: float, window_s: tuple[float, float], leader: str) -> bool:
-    """Return whether the log has a cycle of `leader` in the window."""
-    if leader not in log.node:
-        return False
-    cycle = log.node[leader].cycle
-    first, past = edges(period_s, *window_s)
-    row = bisect_left(cycle, first)
-    return row < len(cycle) and bool(cycle[row] < past)
-
-
-def _own(run: Run, one: Measure, own: slice) -> Vector:
-    """Return the signal of a measure in a run's own cycles, and of those in the window."""
-    values = one.signal(run)[own]
-    return values if one.window_s is None else values[run.between(*one.window_s)[own]]
-
-
-def stretches(log: LongLog, period_s: float, leader: str) -> Iterator[tuple[Run, slice]]:
-    """Yield stretches of a long run with the slice of their own cycles."""
-    row = 0
-    for part, begin, end in log.parts(leader):
-        yield Run(part, period_s, leader, row - begin, log), slice(begin, end)
-        row += end - begin
-
-
-def known(figures: Mapping[str, float]) -> dict[str, float]:
-    """Return the figures without those that are NaN."""
-    return {name: value for name, value in figures.items() if not math.isnan(value)}
+    def _reaches(self, leader: str) -> bool:
+        """Return whether the log has a cycle of `leader` in the rig's window."""
+        if leader not in self.log.node:
+            return False
+        cycle = self.log.node[leader].cycle
+        first, past = edges(self.period_s, *self.windows.get(WINDOW, self.windows[RUN]))
+        row = bisect_left(cycle, first)
+        return row < len(cycle) and bool(cycle[row] < past)

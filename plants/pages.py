@@ -1,17 +1,26 @@
 """What the figures of all plants share: a page of axes above each other, of runs of any length."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pcpc.executive.log.long_logs import LongLog
-from pcpc.executive.log.reader import Log
-from pcpc.plants.judging import Measure, Run, Signal, Vector, measured, stretches
-from pcpc.plants.statistics import PEAK
+from pcpc.plants.judging import (
+    RUN,
+    WINDOW,
+    Judged,
+    Merit,
+    Place,
+    Run,
+    Source,
+    Vector,
+    declared_at,
+)
+from pcpc.plants.statistics import PEAK, peak
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,31 +31,40 @@ ORANGE, PURPLE, SKY = "#E69F00", "#CC79A7", "#56B4E9"
 GREY, SHADE = "#707070", "#ECEFF3"
 POINTS = 3000  # of a drawn line: more than pixels
 SMALLEST_LATE_US = 1.0  # on the logarithmic axis
+IN_SIGHT = 2.0  # times what is drawn
 TITLE_LETTERS = 60  # of 13 point across the page
 
 
 @dataclass(frozen=True)
 class Line:
-    """A drawn signal: `NODE:NAME` of a recorded variable, or a function of the run."""
+    """A drawn source: a signal of the evaluation, a variable `NODE:NAME`, a function of the run."""
 
-    source: str | Signal
+    source: Source
     label: str
     colour: str = BLUE
     width: float = 1.1
     style: str = "-"
+    place: Place = field(default_factory=declared_at, init=False, compare=False)
 
-    def values(self, run: Run) -> Vector:
-        """Return what to draw."""
-        return run.named(self.source) if isinstance(self.source, str) else self.source(run)
+
+@dataclass(frozen=True)
+class Level:
+    """A bound on both sides of 0; named only where it lies far from what is drawn. NaN: none."""
+
+    value: Callable[[Run], float]
+    label: str
+    colour: str = GREY
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Axes of a page: label with unit, lines, relative height."""
+    """Axes of a page: label with unit, lines, relative height; `when`: drawn where that holds."""
 
     label: str
     lines: Sequence[Line]
     height: float = 5.0
+    levels: Sequence[Level] = ()
+    when: Callable[[Run], bool] | None = None
 
 
 def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
@@ -64,39 +82,64 @@ def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
     return page, axes
 
 
-def draw_page(
-    log: Log, path: Path, title: str, text: str, window_s: tuple[float, float],
-    panels: Sequence[Panel],
-) -> None:  # fmt: skip
+def draw_page(judged: Judged, path: Path, title: str, text: str, panels: Sequence[Panel]) -> None:
     """Write one PNG: `panels` above each other, below them how late a paced executive woke.
 
     `text`: the two lines under the title. The window is shaded. Raises ImportError, with the cure,
     where matplotlib is not installed.
     """
+    log, window_s = judged.log, judged.windows[WINDOW]
     there = "executive" in log.node and len(log.node["executive"].cycle) > 0
-    clocked = there and was_clocked(log)
-    heights = [panel.height for panel in panels]
+    clocked = there and was_clocked(judged)
+    shown = [p for p in panels if not there or p.when is None or p.when(judged.run())]
+    heights = [panel.height for panel in shown]
     page, axes = new_page([*heights, 3.0] if clocked else heights, title, text)
     end_s = window_s[1]
     if there:
-        period_s = 1e-9 * float(log.metadata["executive"]["period_ns"])
-        end_s = period_s * (int(log.node["executive"].cycle[-1]) + 1)
-        lines = [line for panel in panels for line in panel.lines]
-        drawn = iter(traces(log, period_s, [line.values for line in lines]))
-        for ax, panel in zip(axes, panels, strict=False):
-            for line in panel.lines:
-                style: dict[str, Any] = {"linewidth": line.width, "linestyle": line.style}
-                draw_line(ax, *next(drawn), line.label, line.colour, **style)
+        end_s = judged.period_s * (int(log.node["executive"].cycle[-1]) + 1)
+        drawn = iter(traces(judged, [line for panel in shown for line in panel.lines]))
+        for ax, panel in zip(axes, shown, strict=False):
+            draw_panel(ax, panel, [next(drawn) for _ in panel.lines], judged.run())
         if clocked:
-            draw_lateness(axes[-1], period_s, log)
-    labels = [*(panel.label for panel in panels), "wake-up [us]"]
-    for ax, label in zip(axes, labels, strict=False):
+            draw_lateness(axes[-1], judged)
+        mark_tunings(axes, judged)
+    for ax, label in zip(axes, [*(p.label for p in shown), "wake-up [us]"], strict=False):
         ax.set_ylabel(label)
         dress(ax, window_s)
     axes[-1].set_xlabel("time [s]")
     axes[0].set_xlim(0.0, end_s)
     page.align_ylabels(axes)
     page.savefig(path, format="png")
+
+
+def draw_panel(ax: "Axes", panel: Panel, drawn: Sequence[tuple[Vector, Vector]], run: Run) -> None:
+    """Draw lines and levels."""
+    for line, (t, y) in zip(panel.lines, drawn, strict=True):
+        draw_line(ax, t, y, line.label, line.colour, linewidth=line.width, linestyle=line.style)
+    largest = peak(np.concatenate([y for _, y in drawn]))
+    for level in panel.levels:
+        value = level.value(run)
+        if math.isnan(value) or math.isnan(largest):
+            continue
+        style: dict[str, Any] = {"color": level.colour, "linewidth": 0.9, "linestyle": "--"}
+        seen = value <= IN_SIGHT * largest
+        for bound in (-value, value) if seen else ():
+            ax.axhline(bound, **style)
+        ax.plot([], [], label=f"{level.label} ±{value:g}{'' if seen else ', out of view'}", **style)
+
+
+def mark_tunings(axes: Sequence["Axes"], judged: Judged) -> None:
+    """Draw a line through all axes where parameters were tuned, and name them in the second."""
+    tunings = judged.log.node["executive"].tunings
+    for cycle in sorted({int(tuning["cycle"]) for tuning in tunings}):
+        names = [tuning for tuning in tunings if tuning["cycle"] == cycle]
+        words = ", ".join(f"{t['name']} = {t['value']:g}" for t in names[:2])
+        for ax in axes:
+            ax.axvline(cycle * judged.period_s, color=BLACK, linewidth=0.8, linestyle=":")
+        axes[min(1, len(axes) - 1)].annotate(
+            words, (cycle * judged.period_s, 0.04), xycoords=("data", "axes fraction"), fontsize=7,
+            xytext=(3, 0), textcoords="offset points",
+        )  # fmt: skip
 
 
 def thinned(t: Vector, y: Vector, points: int = POINTS) -> tuple[Vector, Vector]:
@@ -113,16 +156,17 @@ def thinned(t: Vector, y: Vector, points: int = POINTS) -> tuple[Vector, Vector]
     return t[kept], y[kept]
 
 
-def traces(log: Log, period_s: float, signals: Sequence[Signal]) -> list[tuple[Vector, Vector]]:
-    """Return time and values of each signal over the whole run; of a long one enough to draw."""
-    if not isinstance(log, LongLog):
-        run = Run(log, period_s)
-        return [(run.t_s, signal(run)) for signal in signals]
-    found: list[list[tuple[Vector, Vector]]] = [[] for _ in signals]
-    points = max(POINTS * log.part_cycles // max(len(log.node["executive"].cycle), 1), 8)
-    for run, own in stretches(log, period_s, "executive"):
-        for pieces, signal in zip(found, signals, strict=True):
-            pieces.append(thinned(run.t_s[own], signal(run)[own], points))
+def traces(judged: Judged, lines: Sequence[Line]) -> list[tuple[Vector, Vector]]:
+    """Return time and values of each line over the whole run; of a long one enough to draw."""
+    cycles = max(len(judged.log.node["executive"].cycle), 1)
+    points = cycles + 2
+    if isinstance(judged.log, LongLog):
+        points = max(POINTS * judged.log.part_cycles // cycles, 8)
+    found: list[list[tuple[Vector, Vector]]] = [[] for _ in lines]
+    for run, own in judged.stretches("executive"):
+        for pieces, line in zip(found, lines, strict=True):
+            y = run.values(line.source, line.place)
+            pieces.append(thinned(run.t_s[own], y[own], points))
     return [
         (np.concatenate([t for t, _ in pieces]), np.concatenate([y for _, y in pieces]))
         for pieces in found
@@ -138,24 +182,24 @@ def draw_line(ax: "Axes", t: Vector, y: Vector, label: str, colour: str, **style
 _LATE = "timing.wake_late_us"
 
 
-def was_clocked(log: Log) -> bool:
+def was_clocked(judged: Judged) -> bool:
     """Return whether the executive woke by a clock."""
-    if _LATE not in log.node["executive"].timing:
+    if _LATE not in judged.log.node["executive"].timing:
         return False
-    return measured(log, 1.0, {"late": Measure(_late, PEAK)})["late"] > 0.0
+    return judged.measured({"late": Merit(PEAK, _late, RUN)})["late"] > 0.0
 
 
 def _late(run: Run) -> Vector:
     return run.log.node["executive"].timing[_LATE]
 
 
-def draw_lateness(ax: "Axes", period_s: float, log: Log) -> None:
+def draw_lateness(ax: "Axes", judged: Judged) -> None:
     """Draw how late a paced executive woke up."""
 
     def late_us(run: Run) -> Vector:
         return np.maximum(_late(run), SMALLEST_LATE_US)
 
-    def after(name: str) -> Signal:
+    def after(name: str) -> Line:
         def marks(run: Run) -> Vector:
             count = run.log.node["executive"].timing.get(f"health.{name}_cycles")
             if count is None:
@@ -163,16 +207,16 @@ def draw_lateness(ax: "Axes", period_s: float, log: Log) -> None:
             begin = 0.0 if run.first_row == 0 else count[0]
             return np.where(np.diff(count, prepend=begin) > 0, late_us(run), math.nan)
 
-        return marks
+        return Line(marks, name)
 
-    late, *marked = traces(log, period_s, [late_us, after("late"), after("skipped")])
+    late, *marked = traces(judged, [Line(late_us, "late"), after("late"), after("skipped")])
     draw_line(ax, *late, "wake-up behind the deadline", BLUE, linewidth=0.6)
     for (t, y), name, what, mark in zip(
         marked, ("late", "skipped"), ("late", "after a skip"), ("x", "v"), strict=True
     ):
         there = np.isfinite(y)
         if there.any():
-            count = log.node["executive"].timing[f"health.{name}_cycles"]
+            count = judged.log.node["executive"].timing[f"health.{name}_cycles"]
             label = f"{what} ({int(count[-1])})"
             ax.plot(t[there], y[there], mark, color=VERMILION, markersize=5, label=label)
     ax.set_yscale("log")

@@ -122,3 +122,21 @@ def _joined_correlation(parts: Sequence[tuple[int, Vector, Vector]]) -> float:
 
 
 CORRELATION = Statistic(correlation, _moments, _joined_correlation, only_finite=False)
+
+
+def _ends(pairs: Vector) -> tuple[float, float]:
+    """Return the latest time, and the latest outside; -inf for none. Rows: time or NaN, outside."""
+    seen = pairs[np.isfinite(pairs[:, 0])]
+    outside = seen[seen[:, 1] > 0.0, 0]
+    return np.max(seen[:, 0], initial=-math.inf), np.max(outside, initial=-math.inf)
+
+
+def _settling(parts: Sequence[tuple[float, float]]) -> float:
+    """Return the latest time outside, 0 for none; inf if none is later, NaN if there is none."""
+    seen, outside = (max(ends) for ends in zip(*parts, strict=True))
+    if seen == -math.inf:
+        return math.nan
+    return math.inf if outside == seen else max(outside, 0.0)
+
+
+SETTLING = Statistic(lambda pairs: _settling([_ends(pairs)]), _ends, _settling, only_finite=False)

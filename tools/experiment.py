@@ -53,7 +53,7 @@ def run_case(case: Case) -> Result:
     if rig.evaluation is None:
         return Result(case, failed=f"{case.rig}: names no evaluation file")
     try:
-        metrics = Judge.of(rig).metrics_within(log, case.window_s or rig.evaluation.window_s)
+        metrics = Judge.of(rig).metrics(log, case.window_s)
     except (RigError, EvaluationError) as error:
         return Result(case, failed=str(error))
     done = len(log.node["executive"].cycle)
@@ -67,7 +67,7 @@ def _traces(run: Run, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     if not names:
         return {}
     step = max(1, len(run.cycle) // TRACE_POINTS)
-    columns = {"t": run.executive("time.t_s")} | {name: run.named(name) for name in names}
+    columns = {"t": run["executive:time.t_s"]} | {name: run.get(name) for name in names}
     return {name: values[::step].copy() for name, values in columns.items()}
 
 

@@ -1,4 +1,4 @@
-"""Judging a run: the rig's evaluation file, what the rig expects, and what could not be judged.
+"""Judging a run: the rig's evaluation, what the rig expects, and what could not be judged.
 
 One rule for values set on the command line and for live tunings: the limits of the rig are judged
 whatever was changed, and what was changed is named. Only where the change leaves nothing to judge
@@ -7,22 +7,21 @@ reason. An evaluation that fails costs its metrics and the verdict, never the re
 """
 
 import errno
-import importlib.util
-import inspect
 import math
-import sys
 import tempfile
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any, TypeVar
 
 from pcpc.executive.errors import FULL, RigError, did_you_mean
 from pcpc.executive.log.long_logs import Columns
 from pcpc.executive.log.reader import Log
+from pcpc.executive.rig.law_errors import cause
+from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.executive.rig.reading import Rig
+from pcpc.plants.evaluation import Evaluation
+from pcpc.plants.judging import Mistake
 from pcpc.tools.imagine import imagined, large, noise, nothing
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
@@ -33,8 +32,6 @@ TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figur
         "frames_lost_on_purpose",
     )),
 )  # fmt: skip
-METRICS = ("log", "window_s", "numbers", "period_s")
-FIGURE = ("log", "path", "title", "metrics", "window_s")
 Result = TypeVar("Result")
 
 
@@ -54,98 +51,84 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Judge:
-    """A rig and its evaluation file, loaded."""
+    """A rig and its evaluation."""
 
     rig: Rig
-    module: ModuleType | None
+    evaluation: Evaluation | None
 
     @classmethod
     def of(cls, rig: Rig) -> "Judge":
-        """Load the rig's evaluation file, if it names one; RigError if it can judge nothing."""
+        """Load the rig's evaluation, if it names one; RigError for what is wrong with it."""
         if rig.evaluation is None:
             return cls(rig, None)
+        file = rig.evaluation.file
         try:
-            module = evaluation_module(rig)
+            found = _guarded(lambda: _loaded(Path(file)))
         except EvaluationError as error:
             raise RigError(str(error)) from None
-        for name, wanted in (("metrics", METRICS), ("figure", FIGURE)):
-            function = getattr(module, name, None)
-            if function is None and name == "figure":
-                continue
-            fault = _fault(name, function, len(wanted))
-            if fault:
-                what = f"{rig.evaluation.file}: {fault}; expected {name}({', '.join(wanted)})"
-                raise RigError(what)
-        return cls(rig, module)
+        judge = cls(rig, found)
+        for name, what in judge.unused().items():
+            if rig.document.place(("evaluation", name)).option:
+                raise rig.error(f"evaluation.{name}", what)
+        return judge
 
-    def metrics(self, log: Log) -> dict[str, float]:
-        """Return the metrics of a run; {} if the rig names no evaluation. EvaluationError."""
-        evaluation = self.rig.evaluation
-        if self.module is None or evaluation is None:
+    def unused(self) -> dict[str, str]:
+        """Return the rig's numbers that nothing in its evaluation asks for, and what to say."""
+        evaluation, given = self.evaluation, self.rig.evaluation
+        if evaluation is None or given is None:
             return {}
-        return self.metrics_within(log, evaluation.window_s)
+        what = f"nothing in {given.file} asks for it"
+        return {name: what + cure for name, cure in evaluation.unknown(given.numbers)}
 
-    def metrics_within(self, log: Log, window_s: tuple[float, float]) -> dict[str, float]:
-        """As `metrics`, over another window than the rig's."""
-        module, evaluation = self.module, self.rig.evaluation
-        assert module is not None and evaluation is not None, "the rig names an evaluation"
-        period_s = 1.0 / self.rig.config.rate_hz
+    def metrics(self, log: Log, window_s: tuple[float, float] | None = None) -> dict[str, float]:
+        """Return the metrics of a run; {} if the rig names no evaluation. EvaluationError.
 
-        def found() -> dict[str, float]:
-            told = module.metrics(log, window_s, evaluation.numbers, period_s)
-            return {str(name): float(value) for name, value in dict(told).items()}
-
-        return _guarded(evaluation.file, log, found)
+        `window_s`: another window than the rig's.
+        """
+        evaluation, given = self.evaluation, self.rig.evaluation
+        if evaluation is None or given is None:
+            return {}
+        about = window_s or given.window_s, given.numbers, 1.0 / self.rig.config.rate_hz
+        return _guarded(lambda: evaluation.judge(log, *about))
 
     def draw(self, log: Log, title: str, metrics: Mapping[str, float], path: Path) -> str:
         """Draw the rig's figure; return "" or the reason why there is none.
 
         Raises EvaluationError; OSError if `path` cannot be written.
         """
-        evaluation, module = self.rig.evaluation, self.module
-        if evaluation is None or not hasattr(module, "figure"):
-            return "the rig names no evaluation file with a figure"
-        assert module is not None, "it has a figure"
-        refused: list[OSError] = []
-
-        def figure() -> None:
-            try:
-                module.figure(log, path, title, metrics, evaluation.window_s)
-            except OSError as error:
-                if error.errno not in FULL and str(error.filename) != str(path):
-                    raise
-                refused.append(error)
-
+        evaluation, given = self.evaluation, self.rig.evaluation
+        if evaluation is None or given is None or not evaluation.panels:
+            return "the rig names no evaluation file with panels"
+        about = title, metrics, given.window_s, given.numbers
         try:
-            _guarded(evaluation.file, log, figure)
+            _guarded(lambda: evaluation.draw(log, path, *about), path)
         except ImportError as error:
             return str(error)
-        if refused:
-            raise refused[0]
         return ""
 
     def asked(self, log: Log, drawn: bool) -> dict[str, list[str]]:
         """Return the columns by node that metrics, and the figure if `drawn`, ask of such a log."""
-        nodes, probes = {}, {}
+        evaluation, nodes = self.evaluation, {}
         for name, node in log.node.items():
-            probes[name] = _first_rows(node.columns), _first_rows(node.timing)
             nodes[name] = replace(
                 node, cycle=node.cycle[:_PROBED], stamp_ns=node.stamp_ns[:_PROBED],
-                columns=probes[name][0], timing=probes[name][1],
+                columns=_first_rows(node.columns), timing=_first_rows(node.timing),
             )  # fmt: skip
         probe = replace(log, node=nodes)
-        found: dict[str, float] = {}
         try:
-            if self.module is not None:
-                found = self.metrics_within(probe, (-math.inf, math.inf))
-                if drawn:
-                    self.draw(probe, "", found, Path("/dev/null"))
+            self.metrics(probe, (-math.inf, math.inf))
+            if drawn and evaluation is not None and self.rig.evaluation is not None:
+                period_s = 1.0 / self.rig.config.rate_hz
+                about = (-math.inf, math.inf), self.rig.evaluation.numbers, period_s
+                run = evaluation.judged(probe, *about).run()
+                _guarded(lambda: evaluation.touch(run))
         except EvaluationError:
-            found = {}  # it will fail again, and be told, on the whole log
-        return {
-            name: [*columns.asked, *timing.asked, *TIMING_COLUMNS]
-            for name, (columns, timing) in probes.items()
-        }
+            pass  # it will fail again, and be told, on the whole log
+        found = {}
+        for name, one in nodes.items():
+            asked = [key for of in (one.columns, one.timing) for key in getattr(of, "asked", ())]
+            found[name] = [*asked, *TIMING_COLUMNS]
+        return found
 
     def judge(self, log: Log, changed: list[str], early: str = "") -> Judgement:
         """Judge a run in which values were `changed`; `early`: why it has not come to its end."""
@@ -179,17 +162,6 @@ def _first_rows(columns: Mapping[str, Any]) -> Columns:
     return Columns(list(columns), lambda name: columns[name][:_PROBED])
 
 
-def _fault(name: str, function: Any, wanted: int) -> str:
-    """Return what is wrong with a function of an evaluation file, "" for nothing."""
-    if not callable(function):
-        return f"no function {name}"
-    try:
-        inspect.signature(function).bind(*range(wanted))
-    except TypeError as error:
-        return f"{name}: {error}"
-    return ""
-
-
 def _beyond(rig: Rig, changed: list[str]) -> str:
     """Return why the changes leave nothing to judge the rig's limits by; "" if they do not."""
     names = [setting.partition("=")[0] for setting in changed]
@@ -207,60 +179,39 @@ def _beyond(rig: Rig, changed: list[str]) -> str:
     return ""
 
 
-def evaluation_module(rig: Rig) -> ModuleType | None:
-    """Import the rig's evaluation file, if it names one; EvaluationError."""
-    if rig.evaluation is None:
-        return None
-    name, file = "pcpc_evaluation", rig.evaluation.file
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
+def _loaded(file: Path) -> Evaluation:
+    """Return what an evaluation file declares."""
+    if file.suffix != ".py":
         raise EvaluationError(f"{file}: no Python file; its name has to end in .py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    loader = spec.loader
-    _guarded(file, None, lambda: loader.exec_module(module))
-    return module
+    with own_streams():
+        found = getattr(module_of("", file), "EVALUATION", None)
+    if not isinstance(found, Evaluation):
+        kind = "no EVALUATION" if found is None else f"EVALUATION is a {type(found).__name__}"
+        what = "expected EVALUATION = Evaluation(...) of pcpc.plants.evaluation"
+        raise EvaluationError(f"{file}: {kind}; {what}")
+    return found
 
 
-def _guarded(file: str, log: Log | None, action: Callable[[], Result]) -> Result:
-    """Return what `action`, code of an evaluation file, returns; EvaluationError if it fails."""
+def _guarded(action: Callable[[], Result], output: Path | None = None) -> Result:
+    """Return what `action`, code of an evaluation file, returns; EvaluationError if it fails.
+
+    What is wrong with the disk, or with writing `output`, stays an OSError.
+    """
     try:
         return action()
+    except EvaluationError:
+        raise
     except ImportError as error:
-        if log is not None and "pip install" in str(error):  # matplotlib's, of a figure
+        if output is not None and "pip install" in str(error):  # matplotlib's, of a figure
             raise
-        raise EvaluationError(f"{_place(file, error)}: {error}") from None
+        raise EvaluationError(cause(error)) from None
     except OSError as error:
-        if error.errno in _FULL:
+        if error.errno in (*_FULL, *FULL) or (output and str(error.filename) == str(output)):
             raise
-        raise EvaluationError(f"{_place(file, error)}: {_words(error, log)}") from None
+        raise EvaluationError(cause(error)) from None
     except (Exception, SystemExit) as error:
-        raise EvaluationError(f"{_place(file, error)}: {_words(error, log)}") from None
-
-
-def _place(file: str, error: BaseException) -> str:
-    """Return `file:line` of the user's code where an error came from."""
-    if isinstance(error, SyntaxError):
-        return f"{error.filename}:{error.lineno}"
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).resolve() == Path(file).resolve()
-    ]
-    return f"{file}:{lines[-1]}" if lines else file
-
-
-def _words(error: BaseException, log: Log | None) -> str:
-    """Return an error's kind and text in one line, with a proposal for a variable not there."""
-    if isinstance(error, SyntaxError):
-        return f"{error.msg}"
-    text = " ".join(str(error).split())
-    if type(error) is KeyError and log is not None and error.args:
-        known = [name for node in log.node.values() for name in (*node.columns, *node.timing)]
-        return f"no variable {text}{did_you_mean(str(error.args[0]), known)}"
-    if isinstance(error, KeyError):  # its own words
-        return text
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+        placed = isinstance(error, Mistake) and error.placed
+        raise EvaluationError(str(error) if placed else cause(error)) from None
 
 
 def foreseen(judge: Judge, pacing: str, drawn: bool) -> dict[str, list[str]]:
@@ -287,8 +238,8 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
         if any(config.expect.values()):
             raise rig.error("expect", "the rig has no evaluation that tells metrics; add one")
         return []
-    unjudged = _beyond(rig, changed)
     told: dict[str, None] = {}
+    assert judge.evaluation is not None, "the rig names one"
     try:
         for fill in (nothing, noise, large):
             log = imagined(rig, config.pacing, fill)
@@ -297,13 +248,19 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
             judge.draw(log, config.title, judge.metrics(log), Path(folder) / "figure.png")
     except EvaluationError as error:
         raise RigError(str(error)) from None
-    expected = config.expect.get(config.controller, {})
-    source = Path(evaluation.file).read_text("utf-8", "replace")
+    for absent in judge.evaluation.absent(log):
+        raise RigError(absent)
+    expected, known = (
+        config.expect.get(config.controller, {}),
+        judge.evaluation.names(evaluation.numbers),
+    )
     for name in expected:
-        if name not in told and name not in source:  # there it may depend on the run
-            what = f"the evaluation tells no such metric{did_you_mean(name, told)}"
+        if name not in known:
+            what = f"the evaluation tells no such metric{did_you_mean(name, known)}"
             raise rig.error(f"expect.{config.controller}.{name}", what)
+    unjudged = _beyond(rig, changed)
     warnings = [f"the limits will not be judged: {unjudged}"] if unjudged and expected else []
+    warnings += [str(rig.error(f"evaluation.{n}", what)) for n, what in judge.unused().items()]
     return warnings + [
         f"{evaluation.file}: {name} is not told by a trial run; it may depend on what happens"
         for name in expected

@@ -35,10 +35,8 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.frames import frames_to, too_many
-from pcpc.tools.judge import Judge, evaluation_module
+from pcpc.tools.judge import Judge
 from pcpc.tools.latest import latest_cycles, level
-
-__all__ = ["evaluation_module"]  # and what is defined here
 
 CODES = {code.meaning: code for code in Exit}
 _PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)

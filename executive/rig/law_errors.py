@@ -14,17 +14,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
+from pcpc.executive.errors import RigError
 from pcpc.executive.rig.yamlfile import shown
 
 _LIBRARIES = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
 _PROJECT = Path(__file__).resolve().parents[2]
-_OWN = {  # how laws are read and stepped
+_OWN = {  # how laws are read and stepped, evaluations read and asked
     _PROJECT / f"{name}.py"
     for name in (
         "drivers/jit", "drivers/stage", "drivers/views", "executive/laws/block",
         "executive/laws/ports",
         "executive/rig/modules", "executive/rig/prepare", "executive/rig/resolve",
-        "executive/rig/trial",
+        "executive/rig/trial", "plants/evaluation", "plants/judging", "plants/pages",
+        "plants/statistics", "plants/two_joints", "tools/judge",
     )
 }  # fmt: skip
 _COLOUR = re.compile("\x1b\\[[0-9;]*m")
@@ -47,7 +49,9 @@ def cause(error: BaseException) -> str:
 def described(error: BaseException) -> str:
     """Return the kind of an error and its text, in one line."""
     if isinstance(error, SystemExit):
-        return "ends the process; a law must not"
+        return "ends the process; it must not"
+    if isinstance(error, RigError):  # its own words
+        return str(error)
     text, name = " ".join(str(error).split()), type(error).__name__
     return f"{name}: {text}" if text else name
 

@@ -32,7 +32,7 @@ REFERENCE = {
     (MAIN, "nn_sigmoid"): ("0.0773", "0.3195", "0.0704", "0.2486", "never"),
 }
 COLUMNS = (
-    ("error_early_rms", 4), ("error_early_max", 4), ("error_rms", 4), ("error_max", 4),
+    ("early_error_rms", 4), ("early_error_max", 4), ("error_rms", 4), ("error_max", 4),
     ("settled_s", 2),
 )  # fmt: skip
 MANY = {  # group: title, the reference's ranges
@@ -146,7 +146,7 @@ def _main(results: Sequence[Result]) -> str:
 def _seeds(results: Sequence[Result]) -> str:
     runs = of_group(results, "seeds")
     known = {
-        "error_early_rms": ("0.0003", "0.0005"), "error_early_max": ("0.0006", "0.0009"),
+        "early_error_rms": ("0.0003", "0.0005"), "early_error_max": ("0.0006", "0.0009"),
         "error_rms": ("0.0009", "0.0032"), "error_max": ("0.009", "0.10"),
         "settled_early_s": ("0.08", "0.27"), "x2_max": ("1.56", ""),
         "command_jump_median": ("0.38", ""), "command_jumps_share": ("0.72", ""),
@@ -168,8 +168,8 @@ def _late(results: Sequence[Result]) -> str:
     rows = []
     for label in dict.fromkeys(result.case.label for result in of_group(results, "late")):
         runs = labelled(results, "late", label)
-        cut = sum(result.metric("latched_off") > 0.5 for result in runs)
-        names = ("error_early_rms", "error_rms", "error_max", "settled_s")
+        cut = sum(result.metric("diverged") > 0.5 for result in runs)
+        names = ("early_error_rms", "error_rms", "error_max", "settled_s")
         values = [span(runs, name, 2 if name == "settled_s" else 3) for name in names]
         rows.append([label, str(len(runs)), *values, str(cut)])
     head = ("law", "seeds", "rms 1-5 s", "rms 10-20 s", "max 10-20 s", "last abs(e) > 0.05",
@@ -194,7 +194,7 @@ def _signs(results: Sequence[Result]) -> str:
     rows = []
     for label, (_, there) in SIGNS.items():
         (run,) = labelled(results, "signs", label)
-        names = ("error_rms", "error_max", "latched_off")
+        names = ("error_rms", "error_max", "diverged")
         rows.append([label, *(figure(run.metric(name), 3) for name in names), there])
     head = ("nn", "rms 10-20 s", "max 10-20 s", "latched off", "independent")
     return "Signs and the prediction.\n\n" + markdown(head, rows)

@@ -134,9 +134,14 @@ def labelled(results: Sequence[Result], group: str, label: str) -> list[Result]:
     return [result for result in of_group(results, group) if result.case.label == label]
 
 
+def in_mrad(result: Result, name: str) -> float:
+    """Return a metric as the tables show it: angles and rates in mrad, mrad/s."""
+    return (1e3 if "_rad" in name else 1.0) * result.metric(name)
+
+
 def span(results: Sequence[Result], name: str, digits: int = 1) -> str:
     """Return `least-largest` of a metric, or one number where they print alike."""
-    values = [result.metric(name) for result in results]
+    values = [in_mrad(result, name) for result in results]
     low, high = f"{min(values):.{digits}f}", f"{max(values):.{digits}f}"
     return low if low == high else f"{low}-{high}"
 
@@ -151,22 +156,20 @@ def report(results: Sequence[Result]) -> str:
 
 def _main(results: Sequence[Result]) -> str:
     figures = (
-        ("error_rms_mrad", 1), ("error_max_mrad", 1), ("rate_error_rms_mrad_s", 1),
-        ("torque_error_rms_Nm", 3), ("error_transient_mrad", 1),
+        ("error_rms_rad", 1), ("error_max_rad", 1), ("rate_error_rms_rad_s", 1),
+        ("torque_error_rms_Nm", 3), ("transient_error_rms_rad", 1),
     )  # fmt: skip
     rows = []
     for result in of_group(results, "main"):
         rig, law = Path(result.case.rig).stem, result.case.controller
         known = REFERENCE.get((rig, law), ("",) * len(figures))
         pairs = [
-            f"{result.metric(name):.{digits}f} ({there})"
+            f"{in_mrad(result, name):.{digits}f} ({there})"
             if there
-            else f"{result.metric(name):.{digits}f}"
+            else f"{in_mrad(result, name):.{digits}f}"
             for (name, digits), there in zip(figures, known, strict=True)
         ]
-        rest = [
-            f"{result.metric(name):.{n}f}" for name, n in (("settled_s", 2), ("command_max_Nm", 1))
-        ]
+        rest = [f"{result.metric('settled_s'):.2f}", f"{result.metric('command_max_Nm'):.1f}"]
         rows.append([rig, law, *pairs, *rest])
     head = ("rig", "law", "rms e1", "max e1", "rms e2", "rms tt", "rms e1 0.5-2 s",
             "last abs(e1) > 10", "max abs(u)")  # fmt: skip
@@ -180,11 +183,11 @@ def _varied(results: Sequence[Result]) -> str:
     rows = []
     for label, (_, rms, largest) in VARIED.items():
         found = labelled(results, "varied", label)
-        pair = (span(found, "error_rms_mrad"), rms, span(found, "error_max_mrad"), largest)
+        pair = (span(found, "error_rms_rad"), rms, span(found, "error_max_rad"), largest)
         rows.append([label, *pair])
     coarse = of_group(results, "coarse")
-    rows.append(["coarse sensors", span(coarse, "error_rms_mrad"), "1.1",
-                 span(coarse, "error_max_mrad"), ""])  # fmt: skip
+    rows.append(["coarse sensors", span(coarse, "error_rms_rad"), "1.1",
+                 span(coarse, "error_max_rad"), ""])  # fmt: skip
     head = ("nn", "rms e1", "independent", "max e1", "independent")
     return (
         f"Delay and rate: ranges over {REPEATS} repeats. Coarse: 1e-4 rad, 1e-2 rad/s, N m.\n\n"
@@ -196,11 +199,11 @@ def _seeds(results: Sequence[Result]) -> str:
     rows = []
     for samples, there in enumerate(WORST):
         runs, minutes = (labelled(results, group, str(samples)) for group in ("seeds", "minute"))
-        values = [result.metric("error_rms_mrad") for result in runs]
+        values = [in_mrad(result, "error_rms_rad") for result in runs]
         settled = [result.metric("settled_s") for result in runs]
         rows.append([
             str(samples), f"{np.median(values):.1f}", f"{max(values):.1f}", there,
-            f"{max(settled):.2f}", f"{max(r.metric('error_rms_mrad') for r in minutes):.1f}",
+            f"{max(settled):.2f}", f"{max(in_mrad(r, 'error_rms_rad') for r in minutes):.1f}",
             f"{max(r.metric('norm_w_max') for r in runs):.0f}",
             f"{max(r.metric('torque_error_rms_Nm') for r in runs):.2f}",
         ])  # fmt: skip
@@ -215,7 +218,7 @@ def _attribution(results: Sequence[Result]) -> str:
         now = labelled(results, "attribution", f"{label} 0")
         later = labelled(results, "attribution", f"{label} 3")
         tt = span(now, "torque_error_rms_Nm", 2)
-        rows.append([label, span(now, "error_rms_mrad"), there, tt, span(later, "error_rms_mrad")])
+        rows.append([label, span(now, "error_rms_rad"), there, tt, span(later, "error_rms_rad")])
     head = ("law", "rms e1", "independent", "rms tt", "rms e1, 3 samples late")
     return "Where the gain comes from.\n\n" + markdown(head, rows)
 
@@ -224,10 +227,10 @@ def _layers(results: Sequence[Result]) -> str:
     rows = []
     for label in dict.fromkeys(result.case.label for result in of_group(results, "layer")):
         runs = labelled(results, "layer", label)
-        cut = sum(result.metric("latched_off") > 0.5 for result in runs)
+        cut = sum(result.metric("diverged") > 0.5 for result in runs)
         width, samples = label.rsplit(", ", 1)
         rows.append([
-            width, samples, f"{cut} of {len(runs)}", span(runs, "error_rms_mrad"),
+            width, samples, f"{cut} of {len(runs)}", span(runs, "error_rms_rad"),
             span(runs, "torque_error_rms_Nm"), span(runs, "command_max_Nm", 0),
         ])  # fmt: skip
     head = ("layer", "samples late", "latched off", "rms e1", "rms tt", "max abs(u)")
@@ -241,10 +244,10 @@ def _models(results: Sequence[Result]) -> str:
     for label in MODELS:
         kinds = ("pd 0", "robust 0", "nn 0", "nn 1")
         values = [
-            span(labelled(results, "model", f"{label} {kind}"), "error_rms_mrad") for kind in kinds
+            span(labelled(results, "model", f"{label} {kind}"), "error_rms_rad") for kind in kinds
         ]
         rows.append([label, *values])
-    filters = span(of_group(results, "filter"), "error_rms_mrad")
+    filters = span(of_group(results, "filter"), "error_rms_rad")
     head = ("right side of the plant", "pd", "robust", "nn", "nn, 1 sample late")
     return (
         "The book's equation of motion is lost; the law knows the one in use.\n\n"

@@ -21,7 +21,7 @@ def draw_cases(results: Sequence[Result], path: Path) -> None:
         tr, law = result.traces, result.case.controller
         t = tr["t"]
         top, middle, bottom = axes[:, column]
-        rms, largest = (result.metric(f"error_{of}_mrad") for of in ("rms", "max"))
+        rms, largest = (1e3 * result.metric(f"error_{of}_rad") for of in ("rms", "max"))
         top.set_title(
             f"{NAMES[law]}\nrms {rms:.1f}, largest {largest:.1f} mrad over 2 to 20 s", size=10
         )
@@ -54,7 +54,7 @@ def draw_attribution(gains: Mapping[str, Result], path: Path) -> None:
     page = Figure(figsize=(8.0, 4.4), dpi=130, layout="constrained")
     ax = page.subplots()
     labels = list(gains)
-    values = [result.metric("error_rms_mrad") for result in gains.values()]
+    values = [1e3 * result.metric("error_rms_rad") for result in gains.values()]
     colours = [_colour(label) for label in labels]
     bars = ax.barh(labels, values, color=colours)
     ax.bar_label(bars, fmt="%.1f", padding=3, fontsize=8)

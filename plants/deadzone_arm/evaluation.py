@@ -1,117 +1,104 @@
 """What judges and draws a run of the arm: errors of both joints against the plant's true angles.
 
     e_i = q_d,i - q_i                             true, not as measured                      (1)
-    settled: from there to the end |e_i| <= SETTLED_RAD                                      (2)
-    overshoot: largest q_i - q_d,i of the run, past a step to a positive angle               (3)
+    error_bias_i: mean of e_i over the window                                                (2)
+    settle_i_s: time until |e_i| <= SETTLED_RAD to the end, inf: never                       (3)
+    overshoot_i: largest q_i - q_d,i of the run, past a step to a positive angle             (4)
 
-Windows, and which record of the plant belongs to a cycle: plants/judging.py. rad, N m, s.
+(3) and (4) where the rig gives `step_rad`, the size of a step. Contract: plants/evaluation.py.
+rad, N m, s.
 """
 
 import math
-from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
-from pcpc.executive.log.reader import Log
-from pcpc.plants.judging import Measure, Run, Signal, Vector, known, measured, reaches
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION, Line, Panel, draw_page
-from pcpc.plants.statistics import HIGH, MEAN, PEAK, RMS
+from pcpc.plants.evaluation import (
+    BLACK,
+    BLUE,
+    EACH,
+    GREEN,
+    GREY,
+    RUN,
+    VERMILION,
+    Evaluation,
+    Figures,
+    Highest,
+    Line,
+    Mean,
+    Panel,
+    Peak,
+    Rms,
+    Run,
+    Vector,
+    diverged,
+    settling,
+)
+from pcpc.plants.two_joints import JOINTS, each
 
 SETTLED_RAD = 0.02
-JOINTS = (1, 2)
+STEP = "step_rad"  # a number of the rig
+COMMAND = "executive:controller.u{}_Nm"
 
 
 def error(run: Run, joint: int) -> Vector:
     """Return (1) by executive cycle, NaN without the plant's record."""
-    return run.executive(f"reference_{joint}.q_d_rad") - run.plant(f"arm.true_q{joint}_rad")
+    q = run[f"plant:arm.true_q{joint}_rad"]
+    return run[f"executive:reference_{joint}.q_d_rad"] - q
 
 
-def metrics(
-    log: Log, window_s: tuple[float, float], numbers: Mapping[str, float], period_s: float
-) -> dict[str, float]:
-    """Return what the log tells about a run; {} without a cycle in the window.
-
-    `numbers`: NAME_from_s with NAME_to_s asks for the rms errors of a further window; `step_rad`,
-    the size of a step, for settling (inf: never) and overshoot.
-    """
-    if not reaches(log, period_s, window_s, "executive"):
-        return {}
-    names = [key.removesuffix("_from_s") for key in numbers if key.endswith("_from_s")]
-    measures: dict[str, Measure] = {}
-    for j in JOINTS:
-        e, u = _error(j), _variable(f"controller.u{j}_Nm")
-        measures[f"e{j}_rms_rad"] = Measure(e, RMS, window_s)
-        measures[f"e{j}_max_rad"] = Measure(e, PEAK, window_s)
-        measures[f"e{j}_mean_rad"] = Measure(e, MEAN, window_s)
-        for name in names:
-            part = numbers[f"{name}_from_s"], numbers[f"{name}_to_s"]
-            measures[f"e{j}_{name}_rms_rad"] = Measure(e, RMS, part)
-        measures[f"u{j}_rms_Nm"] = Measure(u, RMS, window_s)
-        measures[f"u{j}_step_rms_Nm"] = Measure(_steps(u), RMS, window_s)
-        if "step_rad" in numbers:
-            measures[f"settle{j}_s"] = Measure(_seen_s(e, 0.0), HIGH)
-            measures[f"outside{j}_s"] = Measure(_seen_s(e, SETTLED_RAD), HIGH)
-            measures[f"overshoot{j}_rad"] = Measure(_negative(e), HIGH)
-    measures["r_max_rad_s"] = Measure(_size("controller.r1_rad_s", "controller.r2_rad_s"), PEAK)
-    measures["norm_max"] = Measure(_size("controller.norm_wi", "controller.norm_w"), PEAK)
-    measures["ended"] = Measure(_variable("controller.diverged"), HIGH)
-    found = measured(log, period_s, measures)
-    if "step_rad" in numbers:
-        for j in JOINTS:
-            outside_s = found.pop(f"outside{j}_s")
-            found[f"settle{j}_s"] = settling(found[f"settle{j}_s"], outside_s, period_s)
-    return known(found)
+def past(run: Run, joint: int) -> Vector:
+    """Return q_i - q_d,i."""
+    return -error(run, joint)
 
 
-def settling(seen_s: float, outside_s: float, period_s: float) -> float:
-    """Return the time from which on (2) holds, s; inf if not at the end, NaN without truth.
-
-    `seen_s`: when the error was seen last; `outside_s`: when it was last outside, NaN for never.
-    """
-    if math.isnan(seen_s):
-        return math.nan
-    if outside_s == seen_s:
-        return math.inf
-    return 0.0 if math.isnan(outside_s) else outside_s + period_s
+def command_step(run: Run, joint: int) -> Vector:
+    """Return the change of a joint's command."""
+    return run.step(run.get(COMMAND.format(joint)))
 
 
-def _error(joint: int) -> Signal:
-    return lambda run: error(run, joint)
+def size(run: Run, *names: str) -> Vector:
+    """Return the norm of two variables of the controller."""
+    return np.hypot(*(run.get(f"executive:controller.{name}") for name in names))
 
 
-def _variable(name: str) -> Signal:
-    return lambda run: run.executive(name, or_nan=True)
+def settled(metrics: Figures, joint: int) -> str:
+    """Return what the title says of a joint's settling."""
+    after_s = metrics.get(f"settle_{joint}_s", math.nan)
+    if math.isnan(after_s):
+        return ""
+    within = f"within {SETTLED_RAD:g} rad after {after_s:.3g} s"
+    return f"joint {joint} {within if after_s < math.inf else 'not settled'}"
 
 
-def _steps(signal: Signal) -> Signal:
-    return lambda run: run.step(signal(run))
+def torques(joint: int) -> Panel:
+    """Return what a joint's command is made of, and what of it arrives."""
+    return Panel(
+        f"joint {joint} [N m]",
+        (
+            Line(COMMAND.format(joint), "command", GREY, 0.7),
+            Line(f"executive:controller.y{joint}_Nm", "of it the compensator", GREEN, 0.7),
+            Line(f"plant:arm.tau{joint}_Nm", "torque behind the deadzone", BLACK, 0.9),
+        ),
+    )
 
 
-def _negative(signal: Signal) -> Signal:
-    return lambda run: -signal(run)
-
-
-def _size(first: str, second: str) -> Signal:
-    return lambda run: np.hypot(_variable(first)(run), _variable(second)(run))
-
-
-def _seen_s(signal: Signal, beyond: float) -> Signal:
-    """Return the times at which a signal is finite and, if `beyond` is above 0, beyond that."""
-
-    def times(run: Run) -> Vector:
-        values = signal(run)
-        seen = np.isfinite(values) & ((np.abs(values) > beyond) | (beyond == 0.0))
-        return np.where(seen, run.t_s, math.nan)
-
-    return times
-
-
-def figure(
-    log: Log, path: Path, title: str, metrics: Mapping[str, float], window_s: tuple[float, float]
-) -> None:
-    """Write one PNG: angles, errors, commands, compensators; ImportError without matplotlib."""
-    panels = (
+EVALUATION = Evaluation(
+    signals={f"error_{j}_rad": each(error, j) for j in JOINTS},
+    merits={
+        **{f"error_rms_{j}_rad": Rms(f"error_{j}_rad", EACH) for j in JOINTS},
+        **{f"error_max_{j}_rad": Peak(f"error_{j}_rad") for j in JOINTS},
+        **{f"error_bias_{j}_rad": Mean(f"error_{j}_rad") for j in JOINTS},
+        **{f"command_rms_{j}_Nm": Rms(COMMAND.format(j)) for j in JOINTS},
+        **{f"command_step_rms_{j}_Nm": Rms(each(command_step, j)) for j in JOINTS},
+        **{f"settle_{j}_s": settling(f"error_{j}_rad", SETTLED_RAD, needs=STEP) for j in JOINTS},
+        **{f"overshoot_{j}_rad": Highest(each(past, j), RUN, needs=STEP) for j in JOINTS},
+        "r_max_rad_s": Peak(lambda run: size(run, "r1_rad_s", "r2_rad_s"), RUN),
+        "norm_max": Peak(lambda run: size(run, "norm_wi", "norm_w"), RUN),
+        "diverged": Highest("executive:controller.diverged", RUN),
+    },
+    numbers=(STEP,),
+    panels=(
         Panel(
             "angle [rad]",
             (
@@ -122,42 +109,13 @@ def figure(
         ),
         Panel(
             "error [rad]",
-            (
-                Line(lambda run: error(run, 1), "joint 1", BLUE),
-                Line(lambda run: error(run, 2), "joint 2", VERMILION),
-            ),
+            (Line("error_1_rad", "joint 1", BLUE), Line("error_2_rad", "joint 2", VERMILION)),
             6.0,
         ),
-        Panel(
-            "joint 1 [N m]",
-            (
-                Line("executive:controller.u1_Nm", "command", GREY, 0.7),
-                Line("executive:controller.y1_Nm", "of it the compensator", GREEN, 0.7),
-                Line("plant:arm.tau1_Nm", "torque behind the deadzone", BLACK, 0.9),
-            ),
-        ),
-        Panel(
-            "joint 2 [N m]",
-            (
-                Line("executive:controller.u2_Nm", "command", GREY, 0.7),
-                Line("executive:controller.y2_Nm", "of it the compensator", GREEN, 0.7),
-                Line("plant:arm.tau2_Nm", "torque behind the deadzone", BLACK, 0.9),
-            ),
-        ),
-    )
-    draw_page(log, path, title, summary(metrics, window_s), window_s, panels)
-
-
-def summary(metrics: Mapping[str, float], window_s: tuple[float, float]) -> str:
-    """Return the two lines under the title; what is not known is left out."""
-    first, second = [], [f"shaded {window_s[0]:g} to {window_s[1]:g} s"]
-    for joint in JOINTS:
-        if (value := metrics.get(f"e{joint}_rms_rad")) is not None:
-            first.append(f"joint {joint}: {value:.2g} rad rms")
-        if (value := metrics.get(f"settle{joint}_s")) is not None:
-            after = f"within 0.02 rad after {value:.3g} s"
-            within = after if math.isfinite(value) else "not settled to 0.02 rad"
-            second.append(f"joint {joint} {within}")
-    if metrics.get("ended"):
-        second.append("DIVERGED: control ended")
-    return "   ·   ".join(first) + "\n" + "   ·   ".join(second)
+        *map(torques, JOINTS),
+    ),
+    notes=(
+        [f"joint {j}: {{error_rms_{j}_rad:.2g}} rad rms" for j in JOINTS],
+        [lambda metrics: settled(metrics, 1), lambda metrics: settled(metrics, 2), diverged],
+    ),
+)

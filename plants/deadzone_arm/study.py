@@ -16,7 +16,7 @@ TITLE = "Chapter 4.2: deadzone compensation with two neural networks"
 RIGS = Path(__file__).resolve().parent / "rigs"
 SCENARIOS = ("step", "sine")
 SEEDS = range(20)
-COLUMNS = ("e1_early_rms_rad", "e2_early_rms_rad", "e1_rms_rad", "e2_rms_rad")
+COLUMNS = ("early_error_rms_1_rad", "early_error_rms_2_rad", "error_rms_1_rad", "error_rms_2_rad")
 TRACES = (
     "executive:reference_1.q_d_rad", "plant:arm.true_q1_rad", "plant:arm.true_q2_rad",
     "executive:controller.u1_Nm", "executive:controller.u2_Nm", "plant:arm.tau1_Nm",
@@ -163,9 +163,10 @@ def transient_table(single: Mapping[tuple[str, str], list[Result]]) -> str:
         each = [
             " ".join(form.format(of.metric(name.format(joint))) for joint in (1, 2))
             for of, name, form in (
-                (step, "settle{}_s", "{:.2f}"), (step, "overshoot{}_rad", "{:.3f}"),
-                (step, "e{}_mean_rad", "{:.4f}"),
-                (sine, "e{}_start_rms_rad", "{:.4f}"), (sine, "e{}_adapted_rms_rad", "{:.4f}"),
+                (step, "settle_{}_s", "{:.2f}"), (step, "overshoot_{}_rad", "{:.3f}"),
+                (step, "error_bias_{}_rad", "{:.4f}"),
+                (sine, "start_error_rms_{}_rad", "{:.4f}"),
+                (sine, "adapted_error_rms_{}_rad", "{:.4f}"),
             )
         ]  # fmt: skip
         rows.append([label, *each])
@@ -181,7 +182,7 @@ def seeds_table(
     for (label, scenario), runs in drawn.items():
         key, found = (label, scenario), values(runs)
         times = base[scenario] / found
-        overshoot = [run.metric("overshoot1_rad") for run in runs]
+        overshoot = [run.metric("overshoot_1_rad") for run in runs]
         over = f"{np.median(overshoot):.2f}, {max(overshoot):.2f}" if scenario == "step" else ""
         rows.append(
             [f"{label}, {scenario}",
@@ -189,7 +190,7 @@ def seeds_table(
              cell(shown(np.percentile(found, 90, axis=0)), told(WORST, key)),
              cell(f"{np.mean((times > 1).all(axis=1)):.2f}", told(BETTER, key)),
              cell(f"{np.mean((times >= 5).all(axis=1)):.2f}", told(FIVE_TIMES, key)), over,
-             str(sum(run.metric("ended") > 0.5 for run in runs))]
+             str(sum(run.metric("diverged") > 0.5 for run in runs))]
         )  # fmt: skip
     head = ("20 seeds (expected)", "median", "90th percentile", "better than PD", "5 times better",
             "overshoot: median, worst", "ended by the guard")  # fmt: skip

@@ -68,9 +68,9 @@ def keyed(results: Sequence[Result], group: str) -> dict[Key, Result]:
 
 def shown(result: Result) -> str:
     """Return rms, largest error; widths."""
-    if result.metric("ended") > 0.5:
+    if result.metric("diverged") > 0.5:
         return "diverges"
-    text = f"{result.metric('e_rms'):.4f}, {result.metric('e_max'):.4f}"
+    text = f"{result.metric('error_rms'):.4f}, {result.metric('error_max'):.4f}"
     if "d_plus" in result.metrics:
         text += f"; {result.metric('d_plus'):.3f} {result.metric('d_minus'):.3f}"
     return text

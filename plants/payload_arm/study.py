@@ -12,7 +12,7 @@ from pcpc.plants.study import Case, Result, markdown, of_group
 CHAPTER = 7
 TITLE = "Chapter 7: adaptive critic on the two-link arm"
 RIGS = Path(__file__).resolve().parent / "rigs"
-COLUMNS = ("early_rms", "payload_rms", "error_rms", "error_max", "after_max")
+COLUMNS = ("early_error_rms", "payload_error_rms", "error_rms", "error_max", "after_error_max")
 HEADS = ("3-5 s", "5-7 s", "8-10 s", "largest 8-10 s", "largest 5-8 s")
 TRACES = (
     "executive:reference_1.q_d_rad", "executive:reference_2.q_d_rad",

@@ -71,8 +71,8 @@ def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path)
 
     figure = Figure(figsize=(12.0, 5.0), dpi=120, layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
-    windows = (("early_rms", "3 to 5 s, before the payload"),
-               ("payload_rms", "5 to 7 s, with the payload"),
+    windows = (("early_error_rms", "3 to 5 s, before the payload"),
+               ("payload_error_rms", "5 to 7 s, with the payload"),
                ("error_rms", "8 to 10 s, after it"))  # fmt: skip
     labels = list(shown)[::-1]
     whole = labels.index(next(label for label in labels if label.startswith("all:")))

@@ -112,11 +112,11 @@ def _travel(result: Result) -> str:
 
 def _row(result: Result) -> list[str]:
     """Return the cells of the main table; "" where a strut has no such figure."""
-    ef, spool = result.metric("ef_rms_N"), 1e3 * result.metric("spool_max_m")
+    ef, spool = result.metric("force_error_rms_N"), 1e3 * result.metric("spool_max_m")
     return [
-        _speed(result.metric("v_rms_m_s")),
-        _speed(result.metric("v_max_m_s")),
-        f"{result.metric('a_rms_m_s2'):.2f}",
+        _speed(result.metric("speed_rms_m_s")),
+        _speed(result.metric("speed_max_m_s")),
+        f"{result.metric('acceleration_rms_m_s2'):.2f}",
         _travel(result),
         "" if np.isnan(ef) else f"{ef:.0f}",
         f"{spool:.3f}" if spool > 0.0 else "",
@@ -148,7 +148,7 @@ def _road(result: Result) -> int:
 
 def _preloaded(results: Sequence[Result]) -> str:
     cells = [
-        _beside(_speed(r.metric("v_rms_m_s")), known.PRELOADED.get(_road(r), ""))
+        _beside(_speed(r.metric("speed_rms_m_s")), known.PRELOADED.get(_road(r), ""))
         for r in of_group(results, "preloaded")
     ]
     title = (
@@ -161,7 +161,7 @@ def _kick(results: Sequence[Result]) -> str:
     rows = []
     for result in of_group(results, "kick"):
         cells = (
-            f"{result.metric('v_rms_m_s'):.3g}",
+            f"{result.metric('speed_rms_m_s'):.3g}",
             f"{1e3 * result.metric('spool_max_m'):.2g}",
             _number(result.metric("oscillation_rad_s")),
         )
@@ -181,7 +181,7 @@ def _robust(results: Sequence[Result]) -> str:
         own = of_group(results, group)
         rows = []
         for label, row in expected.items():
-            values = [_speed(r.metric("v_rms_m_s")) for r in own if r.case.label == label]
+            values = [_speed(r.metric("speed_rms_m_s")) for r in own if r.case.label == label]
             rows.append([label, *map(_beside, values, row)])
         parts.append(f"{title}\n\n" + markdown(("", *(f"{w} rad/s" for w in ROADS)), rows))
     return "\n".join(parts)
@@ -189,7 +189,10 @@ def _robust(results: Sequence[Result]) -> str:
 
 def _pid_delay(results: Sequence[Result]) -> str:
     own = of_group(results, "pid delay")
-    cells = [_beside(f"{r.metric('a_rms_m_s2'):.2f}", known.PID_DELAYS[r.case.label]) for r in own]
+    cells = [
+        _beside(f"{r.metric('acceleration_rms_m_s2'):.2f}", known.PID_DELAYS[r.case.label])
+        for r in own
+    ]
     head = [f"{r.case.label} samples" for r in own]
     return "pid at 8 rad/s, command late: a_rms\n\n" + markdown(head, [cells])
 
@@ -205,9 +208,9 @@ def _causes(results: Sequence[Result]) -> str:
     rows = []
     for result in of_group(results, "causes"):
         cells = (
-            f"{result.metric('ef_rms_N'):.0f}",
+            f"{result.metric('force_error_rms_N'):.0f}",
             f"{result.metric('force_correlation'):.2f}",
-            _speed(result.metric("v_rms_m_s")),
+            _speed(result.metric("speed_rms_m_s")),
         )
         rows.append([result.case.label, *map(_beside, cells, known.CAUSES[result.case.label])])
     head = ("", "ef_rms N", "correlation of F with Fd", "v_rms m/s")
@@ -221,7 +224,7 @@ def _steps(results: Sequence[Result]) -> str:
     for label in ("passive", "pid", "fl", "no_fl"):
         for road in ROADS:
             runs = [r for r in own if r.case.label == label and _road(r) == road]
-            rows.append([label, str(road), *(f"{r.metric('v_rms_m_s'):.5f}" for r in runs)])
+            rows.append([label, str(road), *(f"{r.metric('speed_rms_m_s'):.5f}" for r in runs)])
     return "Integration step: v_rms\n\n" + markdown(("", "rad/s", *STEPS_S), rows)
 
 

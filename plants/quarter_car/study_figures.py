@@ -74,8 +74,8 @@ def _motion(runs: Runs, close: Close, path: Path) -> None:
             for side in (-1.0, 1.0):
                 travel.axhline(side * 1e3 * STOP_M, color=BLACK, linewidth=0.7, linestyle="--")
             metrics = runs[label, road].metrics
-            text = f"{NAMES[label]}: {metrics['v_rms_m_s']:.4f} m/s, "
-            text += f"{metrics['a_rms_m_s2']:.2f} m/s² rms"
+            text = f"{NAMES[label]}: {metrics['speed_rms_m_s']:.4f} m/s, "
+            text += f"{metrics['acceleration_rms_m_s2']:.2f} m/s² rms"
             speed.set_title(text, fontsize=9, loc="left")
             speed.set_ylim(-0.8, 0.8)
             travel.set_ylim(-140.0, 140.0)
@@ -108,7 +108,7 @@ def _forces(runs: Runs, close: Close, path: Path) -> None:
             force.plot(t, 1e-3 * x["plant:car.strut_N"][late], label="strut", **own)
             valve.plot(t, 1e3 * x["plant:car.spool_true_m"][late], **own)
             metrics = runs[label, road].metrics
-            text = f"{NAMES[label]}, {road} rad/s\nerror {metrics['ef_rms_N']:.0f} N rms, "
+            text = f"{NAMES[label]}, {road} rad/s\nerror {metrics['force_error_rms_N']:.0f} N rms, "
             text += f"correlation {metrics['force_correlation']:.2f}"
             force.set_title(text, fontsize=9, loc="left")
         axes[2 * i, 0].set_ylabel("force [kN]")
@@ -133,7 +133,10 @@ def _bars(runs: Runs, path: Path) -> None:
     """Draw rms speed and acceleration of all struts on all roads."""
     figure = _page((12.0, 6.5))
     axes = figure.subplots(2, len(ROADS), sharex="col")
-    for row, metric, form in ((0, "v_rms_m_s", "{:.4f}"), (1, "a_rms_m_s2", "{:.2f}")):
+    for row, metric, form in (
+        (0, "speed_rms_m_s", "{:.4f}"),
+        (1, "acceleration_rms_m_s2", "{:.2f}"),
+    ):
         for ax, road in zip(axes[row], ROADS, strict=True):
             values = [runs[label, road].metrics[metric] for label in NAMES]
             colours = [COLOURS[label] for label in NAMES]
@@ -165,7 +168,7 @@ def _kick(results: Sequence[Result], path: Path) -> None:
             x = own[name].traces
             ax.plot(x["t"], scale * x[source], color=COLOURS[name], linewidth=0.9)
         metrics = own[name].metrics
-        text = f"{NAMES[name]}: {metrics['v_rms_m_s']:.2g} m/s rms from 3 s on"
+        text = f"{NAMES[name]}: {metrics['speed_rms_m_s']:.2g} m/s rms from 3 s on"
         if "oscillation_rad_s" in metrics:
             text += f", at {metrics['oscillation_rad_s']:.1f} rad/s"
         column[0].set_title(text, fontsize=10, loc="left")

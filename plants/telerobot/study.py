@@ -106,11 +106,11 @@ def draw(results: Sequence[Result], folder: Path) -> None:
     draw_all(results, found(results, "losses"), BURSTS, folder)
 
 
-def pair(result: Result, part: str = "error") -> str:
+def pair(result: Result, part: str = "") -> str:
     """Return the rms errors of both joints; STOPPED where a joint tripped."""
     if "tripped_s" in result.metrics:
         return STOPPED
-    values = [result.metrics.get(f"{part}_rms_{j}_rad", float("nan")) for j in (1, 2)]
+    values = [result.metrics.get(f"{part}error_rms_{j}_rad", float("nan")) for j in (1, 2)]
     return " / ".join(f"{value:.4f}".removeprefix("0") for value in values)
 
 
@@ -142,7 +142,7 @@ def _scenarios(results: Sequence[Result]) -> str:
     runs, rows = found(results, "scenarios"), []
     for controller in CONTROLLERS:
         u0, u1, u2 = (runs[controller, rig] for rig in ("u0", "u1", "u2"))
-        cells = (pair(u0), pair(u1), pair(u2, "before"), pair(u2, "load"), pair(u2))
+        cells = (pair(u0), pair(u1), pair(u2, "before_"), pair(u2, "load_"), pair(u2))
         rows.append([controller, *map(_beside, cells, KNOWN[controller])])
     head = ("", "U0, 15 to 20 s", "U1, 15 to 20 s", "U2, 5 to 10 s", "U2, 10 to 15 s",
             "U2, 15 to 20 s")  # fmt: skip
@@ -178,7 +178,7 @@ def _changed(results: Sequence[Result]) -> str:
     text += (
         f"\n100 s: |W| from 15 to 20 s {metrics['norm_w_low']:.2f} to {metrics['norm_w_high']:.2f};"
         f" from 20 s on {metrics['late_norm_w_low']:.2f} to {metrics['late_norm_w_high']:.2f}"
-        f" (.95 to 12.5), rms error there {pair(found(results, 'long')['rnn', '100 s'], 'late')}\n"
+        f" (.95 to 12.5), rms error there {pair(found(results, 'long')['rnn', '100 s'], 'late_')}\n"
     )
     return text
 

@@ -77,7 +77,7 @@ OUTSIDE = {  # a body; its line, counted from 0, with what is said; the source l
     "by input": ("x.w[0, int(2.0 * u.position * u.position)] = 0.0", 0, "x.w[0, "),
     "not set": ("if t < 0.0:\n        k = 1.0\n    y.command = k", 2, "Unbound"),
     "endless": ("while t < 1.0:\n        y.command = 1.0", 0, "does not return within 0.2 s"),
-    "leaves": ("raise SystemExit(3)", 0, "ends the process; a"),
+    "leaves": ("raise SystemExit(3)", 0, "ends the process; it"),
     "raises": ("raise ValueError('no')", 0, "ValueError: no"),
 }
 
@@ -129,7 +129,7 @@ HUGE = "class Huge(Ports):\n    s = port('', '', shape={shape})\n"
 BLOCKS = {
     "None": ("", "prepare=lambda s, r, n: None", "prepare returned None; expected Prepared(param"),
     "raises": ("", "prepare=lambda s, r, n: {}['k']", "KeyError|prepare=lambda s, r, n: {}['k']"),
-    "leaves": ("", "prepare=lambda s, r, n: exit(3)", "ends the process; a law must not"),
+    "leaves": ("", "prepare=lambda s, r, n: exit(3)", "ends the process; it must not"),
     "unknown": (
         "", 'prepare=lambda s, r, n: Prepared({"gian": 1.0})', "gave gian: no such port; did",
     ),
@@ -155,7 +155,7 @@ def test_a_block_that_no_node_can_hold_is_refused(tmp_path: Path, kind: str) -> 
 MODULES = {
     "exit": (
         "import sys\nsys.exit(0)\n",
-        f"law.py:{FIRST + 2}: ends the process; a|`sys.exit(0)`",
+        f"law.py:{FIRST + 2}: ends the process; it|`sys.exit(0)`",
     ),
     "_exit": (
         "import os\nos._exit(0)\n",

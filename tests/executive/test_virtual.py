@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -19,9 +18,9 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.judge import Judge
 from pcpc.tools.progress import Progress
 from pcpc.tools.replay import replay
-from pcpc.tools.summary import evaluation_module
 
 # engage needs a neural law: test_neural_controllers.py
 RIGS = sorted(p for p in (ATB1000 / "rigs").glob("*.yaml") if p.stem != "engage")
@@ -69,23 +68,9 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Simulate:
     return run
 
 
-@cache
-def evaluation() -> ModuleType:
-    """Return the barrel's evaluation."""
-    module = evaluation_module(load_rig(SLEW10, resolve=False))
-    assert module is not None
-    return module
-
-
 def metrics(path: Path, rig_file: Path) -> dict[str, float]:
     """Return what the rig's evaluation finds in a log."""
-    rig = load_rig(rig_file, resolve=False)
-    judged = rig.evaluation
-    assert judged is not None
-    found: dict[str, float] = evaluation().metrics(
-        logs.read(path), judged.window_s, judged.numbers, 1.0 / rig.config.rate_hz
-    )
-    return found
+    return Judge.of(load_rig(rig_file, resolve=False)).metrics(logs.read(path))
 
 
 def quantised(values: np.ndarray, lsb: float) -> np.ndarray:

@@ -23,7 +23,7 @@ import zstandard
 
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.summary import evaluation_module
+from pcpc.tools.judge import Judge
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
@@ -84,13 +84,7 @@ def whole(file: Path, controller: str) -> dict[str, Any]:
     digest = hashlib.sha256()
     for node in log.node.values():
         digest.update(np.stack(list(node.columns.values())).tobytes())
-    module = evaluation_module(rig)
-    metrics: dict[str, float] = {}
-    if module is not None and rig.evaluation is not None:
-        period_s = 1.0 / rig.config.rate_hz
-        window = rig.evaluation.window_s
-        metrics = module.metrics(log, window, rig.evaluation.numbers, period_s)
-    figures = {key: float(f"{value:.6g}") for key, value in metrics.items()}
+    figures = {key: float(f"{value:.6g}") for key, value in Judge.of(rig).metrics(log).items()}
     return {"controller": controller, "sha256": digest.hexdigest(), "figures": figures}
 
 

@@ -25,7 +25,7 @@ def logged(rig: str, controller: str, *settings: str) -> Log:
 
 
 def measured(rig: str, controller: str, *settings: str) -> dict[str, float]:
-    return evaluation.metrics(logged(rig, controller, *settings), (10.0, 30.0), {}, 0.1)
+    return evaluation.EVALUATION.judge(logged(rig, controller, *settings), (10.0, 30.0), {}, 0.1)
 
 
 def plain(d: float, cf: float, fuzzy: bool, sign: float = -1.0) -> np.ndarray:
@@ -101,18 +101,21 @@ PRINTED = {  # rms, largest error over k = 100..299; widths at the end
 @pytest.mark.parametrize(("rig", "controller", "exact"), PRINTED)
 def test_every_printed_digit_of_the_table(rig: str, controller: str, exact: int) -> None:
     found = measured(rig, controller, *([EXACT] if exact else []))
-    names = ("e_rms", "e_max", "d_plus", "d_minus")
+    names = ("error_rms", "error_max", "d_plus", "d_minus")
     expected = PRINTED[rig, controller, exact]
     for name, value in zip(names, expected, strict=False):
         digits = 3 if name.startswith("d_") else 4
         assert round(found[name], digits) == value, f"{name} {found[name]:.6f}, printed {value}"
-    assert found["ended"] == 0.0
+    assert found["diverged"] == 0.0
 
 
 @pytest.mark.parametrize("rig", ["fuzzy-d01", "fuzzy-d03"])
 def test_the_precompensator_leaves_less_than_a_tenth_of_pds_error(rig: str) -> None:
     for settings in ([], [EXACT]):
-        times = measured(rig, "pd", *settings)["e_rms"] / measured(rig, "fuzzy", *settings)["e_rms"]
+        times = (
+            measured(rig, "pd", *settings)["error_rms"]
+            / measured(rig, "fuzzy", *settings)["error_rms"]
+        )
         assert 10.0 < times < 60.0, f"{times:.1f} times better"
 
 
@@ -130,7 +133,7 @@ def test_what_bears_one_more_sample(
     rig: str, controller: str, settings: tuple[str, ...], rms: float
 ) -> None:
     found = measured(rig, controller, *settings, LATE)
-    assert round(found["e_rms"], 4) == rms and found["ended"] == 0.0, found
+    assert round(found["error_rms"], 4) == rms and found["diverged"] == 0.0, found
 
 
 @pytest.mark.parametrize(

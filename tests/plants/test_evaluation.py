@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from pcpc.executive.log.reader import FRAME, Log, Node
 from pcpc.plants.atb1000 import ports
-from pcpc.plants.atb1000.evaluation import figure, metrics
+from pcpc.plants.atb1000.evaluation import EVALUATION
 from pcpc.plants.judging import paired_rows
 from pcpc.plants.pages import thinned
 
 Array = NDArray[Any]
+metrics, figure = EVALUATION.judge, EVALUATION.draw
 
 PERIOD_S = 0.001
 PERIOD_NS = 1_000_000
@@ -122,7 +123,7 @@ def test_droop_is_taken_at_the_desired_angle_not_at_the_present_one() -> None:
 
 def test_effort_and_step_of_the_command_are_at_the_output() -> None:
     square = run(command=lambda t: np.where(np.arange(len(t)) % 2 == 0, 0.5, -0.5))
-    close(metrics(square, ALL, {}, PERIOD_S), effort_rms_Nm=30.0, command_step_rms_Nm=60.0)
+    close(metrics(square, ALL, {}, PERIOD_S), command_rms_Nm=30.0, command_step_rms_Nm=60.0)
     ramp = run(command=lambda t: 2.0 * t)
     close(metrics(ramp, ALL, {}, PERIOD_S), command_step_rms_Nm=0.12)
     close(metrics(ramp, ALL, {"gear_ratio": 10.0}, PERIOD_S), command_step_rms_Nm=0.02)
@@ -246,7 +247,7 @@ def test_without_plant_only_what_the_executive_knows_is_told() -> None:
     log = run(error=pulse(5), command=lambda t: t)
     alone = replace(log, node={"executive": log.node["executive"]})
     numbers = {"rest_from_s": 0.0, "settle_from_s": 0.0, "vibration_from_s": 0.0}
-    measured = {"hub_error_rms_mrad", "hub_error_max_mrad", "effort_rms_Nm", "command_step_rms_Nm"}
+    measured = {"hub_error_rms_mrad", "hub_error_max_mrad", "command_rms_Nm", "command_step_rms_Nm"}
     found = metrics(alone, ALL, numbers, PERIOD_S)
     assert set(found) == measured, found
     close(found, hub_error_max_mrad=4.0)
@@ -257,7 +258,7 @@ def test_without_plant_only_what_the_executive_knows_is_told() -> None:
 
 def test_without_a_gear_ratio_nothing_is_said_about_the_output() -> None:
     found = metrics(replace(run(), attachments={}), ALL, {}, PERIOD_S)
-    assert "effort_rms_Nm" not in found and "hub_error_rms_mrad" in found, found
+    assert "command_rms_Nm" not in found and "hub_error_rms_mrad" in found, found
 
 
 def test_values_that_are_not_finite_are_left_out_but_do_not_count_as_settled() -> None:
@@ -265,7 +266,7 @@ def test_values_that_are_not_finite_are_left_out_but_do_not_count_as_settled() -
     found = metrics(log, (0.0, 1.0), {"settle_from_s": 0.1}, PERIOD_S)
     close(found, hub_error_rms_mrad=1.0, hub_error_max_mrad=1.0, settle_2mrad_s=math.inf)
     found = metrics(log, (0.6, 1.0), {}, PERIOD_S)
-    assert "hub_error_rms_mrad" not in found and found["effort_rms_Nm"] == 0.0, found
+    assert "hub_error_rms_mrad" not in found and found["command_rms_Nm"] == 0.0, found
     diverged = run(error=lambda t: 10.0 ** (300.0 * t))
     assert metrics(diverged, ALL, {}, PERIOD_S)["hub_error_rms_mrad"] == math.inf
 

@@ -21,7 +21,7 @@ def run(case: str, controller: str, *settings: str) -> tuple[Log, dict[str, floa
     log, judge = in_memory(rig), rig.evaluation
     assert judge is not None
     period_s = 1.0 / rig.config.rate_hz
-    return log, evaluation.metrics(log, judge.window_s, judge.numbers, period_s)
+    return log, evaluation.EVALUATION.judge(log, judge.window_s, judge.numbers, period_s)
 
 
 @cache

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pcpc.executive.log.reader import FRAME, Log, Node
-from pcpc.plants.judging import Run, UnknownVariable
+from pcpc.plants.judging import Mistake, Run
 
 CYCLES, PERIOD_NS = 200, 1_000_000
 PHASES_NS = {"executive": 70_000, "local": 40_000, "plant": 0}  # they wake one after the other
@@ -31,7 +31,7 @@ def log(skipping: str = "", pacing: str = "real", skipped: range = range(50, 57)
 
 def age(run: Run, node: str) -> NDArray[np.float64]:
     """Return how many periods older the record of `node` is than the cycle."""
-    found: NDArray[np.float64] = run.cycle - run.named(f"{node}:{node}.k")
+    found: NDArray[np.float64] = run.cycle - run.get(f"{node}:{node}.k")
     return found
 
 
@@ -51,10 +51,10 @@ def test_cycles_that_one_node_skips_shift_no_other(skipping: str, leader: str, p
 
 def test_the_local_nodes_variables_are_its_own() -> None:
     run = Run(log("executive"), 1e-3)
-    assert np.array_equal(run.named("local:local.k"), run.cycle), "the executive wakes after it"
-    assert np.isnan(run.named("local:plant.k")).all(), "the plant's are not the local node's"
-    with pytest.raises(UnknownVariable, match=r"no node locl; did you mean local\?"):
-        run.named("locl:local.k")
+    assert np.array_equal(run.get("local:local.k"), run.cycle), "the executive wakes after it"
+    assert np.isnan(run.get("local:plant.k")).all(), "the plant's are not the local node's"
+    with pytest.raises(Mistake, match=r"no signal locl:local.k; did you mean local:local.k\?"):
+        run["locl:local.k"]
 
 
 def test_a_node_that_fell_silent_tells_nothing() -> None:
@@ -63,7 +63,7 @@ def test_a_node_that_fell_silent_tells_nothing() -> None:
         whole.node["local"], cycle=np.arange(100), stamp_ns=np.arange(100) * PERIOD_NS,
         columns={"local.k": np.arange(100.0)},
     )  # fmt: skip
-    found = Run(replace(whole, node=whole.node | {"local": local}), 1e-3).named("local:local.k")
+    found = Run(replace(whole, node=whole.node | {"local": local}), 1e-3).get("local:local.k")
     assert np.array_equal(found[:100], np.arange(100.0)) and np.isnan(found[102:]).all(), found
 
 

@@ -20,7 +20,7 @@ def metrics(payload: str, controller: str, *settings: str) -> dict[str, float]:
     judge = rig.evaluation
     assert judge is not None
     window = judge.window_s if rig.config.duration_s < 60.0 else (50.0, 60.0)
-    return evaluation.metrics(in_memory(rig), window, judge.numbers, 1e-3)
+    return evaluation.EVALUATION.judge(in_memory(rig), window, judge.numbers, 1e-3)
 
 
 def errors(found: dict[str, float], name: str) -> tuple[float, float]:
@@ -76,10 +76,10 @@ def test_the_critic_adds_next_to_nothing() -> None:
 
 def test_five_samples_of_delay_change_little() -> None:
     now, late = metrics("on", "critic"), metrics("on", "critic", "arm.delay_samples=5.0")
-    for name in ("early_rms", "payload_rms", "error_rms"):
+    for name in ("early_error_rms", "payload_error_rms", "error_rms"):
         change = np.abs(np.subtract(errors(late, name), errors(now, name))).max()
         assert change < 2.5e-4, f"{name} by {change:.1e} rad"
-    grown = late["after_max_2_rad"] - now["after_max_2_rad"]
+    grown = late["after_error_max_2_rad"] - now["after_error_max_2_rad"]
     assert 5e-4 < grown < 1.5e-3, f"{grown:.1e} rad"
     assert late["torque_peak_Nm"] == pytest.approx(493.0, abs=0.5), late["torque_peak_Nm"]
 
@@ -104,6 +104,6 @@ def test_a_minute_stays_bounded_and_forgets_the_payload() -> None:
 def test_an_integrator_in_place_of_the_action_network_does_as_well() -> None:
     integrator = metrics("on", "critic", "controller.v2_size=0.0", "controller.beta=0.0")
     network = metrics("on", "critic", "controller.beta=0.0")
-    for name in ("early_rms", "payload_rms", "error_rms"):
+    for name in ("early_error_rms", "payload_error_rms", "error_rms"):
         ratio = np.divide(errors(integrator, name), errors(network, name))
         assert ((ratio > 0.9) & (ratio < 1.1)).all(), f"{name}: {ratio} times"

@@ -32,7 +32,7 @@ def run(case: str, controller: str, *settings: str) -> tuple[Log, dict[str, floa
     rig = load_rig(rig_file(case), controller, [*settings])
     log, judge = in_memory(rig), rig.evaluation
     assert judge is not None
-    return log, evaluation.metrics(log, judge.window_s, judge.numbers, H)
+    return log, evaluation.EVALUATION.judge(log, judge.window_s, judge.numbers, H)
 
 
 @cache
@@ -41,9 +41,9 @@ def metrics(case: str, controller: str, *settings: str) -> dict[str, float]:
     return run(case, controller, *settings)[1]
 
 
-def pair(found: dict[str, float], part: str = "error") -> tuple[float, float]:
+def pair(found: dict[str, float], part: str = "") -> tuple[float, float]:
     """Return the rms errors of both joints."""
-    return found[f"{part}_rms_1_rad"], found[f"{part}_rms_2_rad"]
+    return found[f"{part}error_rms_1_rad"], found[f"{part}error_rms_2_rad"]
 
 
 # The blocks by themselves

@@ -14,16 +14,22 @@ from pcpc.tools.judge import Judge, check
 from pcpc.tools.summary import CODES, Outcome, note_figure, summarise
 
 BODY = """\
-from pcpc.plants.judging import Run, rms
+from pcpc.plants.evaluation import RUN, Evaluation, Line, Panel, Rms, started
 
 
-def metrics(log, window_s, numbers, period_s):
-    run = Run(log, period_s)
-    return {"error_rms": rms(run.executive("controller.e_rad"))}
+def error(run):
+    return run["executive:controller.e_rad"]
 
 
-def figure(log, path, title, metrics, window_s):
-    path.write_bytes(b"")
+EVALUATION = Evaluation(
+    signals={"error_rad": error},
+    merits={"error_rms": Rms("error_rad", RUN)},
+    panels=(
+        Panel("error [rad]", (Line("error_rad", "hub"),)),
+        Panel("angle [rad]", (Line("plant:barrel.theta_rad", "hub"),)),
+    ),
+    notes=(("rms {error_rms:.4f} rad",), ()),
+)
 """
 Write = Callable[..., Rig]
 
@@ -55,26 +61,35 @@ def refusal(rig: Rig) -> str:
 
 
 def test_a_sound_evaluation_passes(rig: Write) -> None:
-    assert check(Judge.of(rig()), []) == []
+    told = check(Judge.of(rig()), [])
+    assert all("asks for it" in line for line in told), told  # windows of the base
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("return {", "return {{", "own.py:6: "),
-        ("Run, rms", "Run, rsm", "own.py:1: cannot import name 'rsm'"),
-        ("def metrics", "def metric", "own.py: no function metrics; expected metrics(log, window"),
-        ("numbers, period_s)", "numbers)", "own.py: metrics: too many positional arguments"),
-        ("e_rad", "e_rda", "own.py:6: executive: no variable controller.e_rda; did you mean"),
-        ("rms(run", "rms(runn", "own.py:6: NameError: name 'runn' is not defined"),
-        (
-            'run.executive("controller.e_rad")',
-            'log.node["executive"].columns["controller.e_rda"]',
-            "own.py:6: no variable 'controller.e_rda'; did you mean controller.e_rad",
-        ),
-        ("return {", "return 3 if True else {", "own.py:"),
-        ("return {", "raise SystemExit(3)\n    return {", "own.py:6: SystemExit: 3"),
-        ("path.write_bytes", "path.wriet_bytes", "own.py:10: AttributeError"),
+        ("return run", "return = run", "own.py:5: SyntaxError"),
+        ("Rms, started", "Rsm, started", "own.py:1: ImportError: cannot import name 'Rsm'"),
+        ("EVALUATION = E", "EVALUATE = E", "own.py: no EVALUATION; expected EVALUATION ="),
+        ("EVALUATION = Evaluation(", "EVALUATION = dict(", "own.py: EVALUATION is a dict; exp"),
+        ("merits=", "merit=", "own.py:8: TypeError: Evaluation.__init__() got an une"),
+        ("controller.e_rad", "controller.e_rda",
+         "own.py:5: executive: no variable controller.e_rda; did you mean controller.e_rad?, in"),
+        ('run["executive:', 'run["',
+         "own.py:5: no signal controller.e_rad; did you mean executive:controller.e_rad?"),
+        ("return run", "return rnu", "own.py:5: NameError: name 'rnu' is not defined"),
+        ("return run", "return 3.0 if True else run", "own.py:10: expected a value a cycle, 200"),
+        ("return run", "return 'x' if True else run", "own.py:10: expected numbers, got str"),
+        ("return run", "raise SystemExit(3)\n    return run", "own.py:5: ends the process; it"),
+        ('Rms("error', 'Rms("eror', "own.py:10: no signal eror_rad; did you mean error_rad?"),
+        ('Line("error', 'Line("eror', "own.py:12: no signal eror_rad; did you mean error_rad?"),
+        ("barrel.theta", "barrel.thetta",
+         "own.py:13: plant: no variable barrel.thetta_rad; did you mean barrel.theta_rad?"),
+        ('Rms("error_rad", RUN)', '"error_rad"', "own.py:8: merit error_rms is neither Rms(...)"),
+        ("{error_rms:", "{eror_rms:", "own.py:8: notes: no merit eror_rms; did you mean"),
+        ("{error_rms:.4f}", "{error_rms:.4q}", "own.py:8: notes: "),
+        ("{error_rms:.4f}", "{error_rms:.4f", "own.py:8: notes: "),
+        ("RUN)", '"ret")', "rig.yaml:6:16: expect.own.error_rms: the evaluation tells"),
     ],
 )  # fmt: skip
 def test_what_would_fail_at_the_end_is_refused_with_its_line(
@@ -95,7 +110,8 @@ def test_a_variable_that_only_another_controller_has_is_lawful() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [("rms(run", "rms(runn"), ("return {", "raise SystemExit(3)\n    return {")]
+    ("old", "new"),
+    [("return run", "return rnu"), ("return run", "raise SystemExit\n    return run")],
 )
 def test_an_evaluation_that_fails_at_the_end_costs_its_metrics_only(
     old: str, new: str, rig: Write
@@ -103,7 +119,7 @@ def test_an_evaluation_that_fails_at_the_end_costs_its_metrics_only(
     own = rig(BODY.replace(old, new))
     summary = summarise(own, in_memory(own), Outcome("virtual", "memory"))
     assert summary["verdict"] == "expectation not met" and CODES[summary["verdict"]] == 1
-    assert "own.py:6: " in summary["expectations_failed"][0], summary
+    assert "own.py:5: " in summary["expectations_failed"][0], summary
     assert summary["not_judged"] == {"error_rms": "the evaluation failed"}, summary
     assert summary["cycles"] == 200 and json.dumps(summary), summary
 
@@ -119,17 +135,27 @@ def test_a_figure_that_fails_is_told_and_not_ok(rig: Write) -> None:
     own = rig()
     summary = summarise(own, in_memory(own), Outcome("virtual", "memory"))
     assert summary["verdict"] == "ok", summary
-    note_figure(summary, "no figure: own.py:10: boom")
+    note_figure(summary, "no figure: own.py:12: boom")
     assert summary["verdict"] == "expectation not met", summary
 
 
 def test_the_run_ends_with_a_line_and_the_summary(rig: Write, tmp_path: Path) -> None:
-    own = rig(BODY.replace("path.write_bytes", "path.wriet_bytes"))
+    own = rig(BODY.replace("return run", "return rnu"))
     done = pcpc("simulate", str(own.path), "--controller", "own", "-o", str(tmp_path / "run"))
     assert done.code == 1 and "Traceback" not in done.err, done
-    assert "own.py:10: AttributeError" in " ".join(done.out.split()), done
+    assert "own.py:5: NameError" in " ".join(done.out.split()), done
     assert (tmp_path / "run" / "summary.json").exists()
-    refused = rig(BODY.replace("return {", "return {{"))
+    refused = rig(BODY.replace("return run", "return = run"))
     done = pcpc("simulate", str(refused.path), "--controller", "own", "-o", str(tmp_path / "other"))
-    assert done.code == 2 and "own.py:6" in done.err and done.err.count("\n") == 1, done
+    assert done.code == 2 and "own.py:5" in done.err and done.err.count("\n") == 1, done
     assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize("name", ["resst_from_s", "rest_to_s", "gear_ration"])
+def test_a_number_that_nothing_asks_for_is_told_with_its_place(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(f"base: {RIGS / 'hull.yaml'}\nrig: own\nevaluation: {{{name}: 1.0}}\n")
+    (told,) = check(Judge.of(load_rig(path)), [])
+    assert f"rig.yaml:3:14: evaluation.{name}: nothing in" in told, told
+    with pytest.raises(RigError, match=f"--set evaluation.{name}"):
+        Judge.of(load_rig(RIGS / "hull.yaml", settings=[f"evaluation.{name}=1.0"]))

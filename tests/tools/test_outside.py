@@ -106,11 +106,16 @@ evaluation: {file: evaluation.py, window_s: [2.5, 3.0]}
 expect:
   integral: {end_m: [0.45, 0.55]}      # a hundredth of the way is left then
 """
-EVALUATION = '''\
-def metrics(log, window_s, numbers, period_s):
-    """Return where the mass ends."""
-    return {"end_m": float(log.node["plant"].columns["spring.position_m"][-1])}
-'''
+EVALUATION = """\
+from pcpc.plants.evaluation import BLUE, RUN, Evaluation, Last, Line, Panel
+
+POSITION = "plant:spring.position_m"
+EVALUATION = Evaluation(
+    merits={"end_m": Last(POSITION, RUN)},
+    panels=(Panel("position [m]", (Line(POSITION, "mass", BLUE),)),),
+    notes=(("ends at {end_m:.3f} m",), ()),
+)
+"""
 STUDY = '''\
 from pathlib import Path
 

@@ -1,0 +1,258 @@
+"""What judges and draws a run: the one object that an evaluation.py declares.
+
+    EVALUATION = Evaluation(
+        signals={"error_rad": lambda run: run["executive:reference.q_d"] - run["plant:arm.q_rad"]},
+        merits={"error_rms_rad": Rms("error_rad"), "error_max_rad": Peak("error_rad", RUN)},
+        panels=(Panel("error [rad]", (Line("error_rad", "q_d - q", BLUE),)),),
+        notes=(("error rms {error_rms_rad:.4f} rad",), ()),
+    )
+
+signals   functions of a `Run` (plants/judging.py) that return a value a cycle, NaN where nothing is
+          known. What they say of a cycle may depend on the cycles beside it and on no others: a
+          long run is looked at in stretches. Signals may use each other: run["error_rad"]
+merits    a statistic of a signal, of a recorded variable `NODE:NAME` or of a function like it,
+          over a window; or a function of a `Judged` run. Figures that are NaN are left out
+panels    axes with lines of such sources; below them how late a paced run woke, across them where
+          it was tuned
+notes     the parts of the two lines under the title, with figures by name; a part whose figures are
+          not all known is left out. A function of the figures may return a part, too
+numbers   what the rig may give under `evaluation` besides `window_s` and further windows
+          NAME_from_s, NAME_to_s (default: the end); found in run.numbers and run.windows
+
+A variable that only some controllers have is NaN for the others where a string names it, and by
+run.get(...); run[...] insists on it. `pcpc check` tries all of it out on imagined runs.
+"""
+
+import math
+import re
+import string
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log.reader import NODES, Log
+from pcpc.plants import pages
+from pcpc.plants import statistics as of
+from pcpc.plants.judging import (
+    EACH,
+    LATE,
+    RUN,
+    WINDOW,
+    Judged,
+    Merit,
+    Mistake,
+    Place,
+    Run,
+    Signal,
+    Source,
+    Vector,
+    declared_at,
+)
+from pcpc.plants.pages import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    Level,
+    Line,
+    Panel,
+)
+
+__all__ = [  # for a plant's evaluation, with what is defined here
+    "BLACK", "BLUE", "EACH", "GREEN", "GREY", "LATE", "ORANGE", "PURPLE", "RUN", "SKY", "VERMILION",
+    "WINDOW", "Judged", "Level", "Line", "Merit", "Panel", "Run", "Signal", "Source", "Vector",
+]  # fmt: skip
+
+Rms, Peak, Mean, Median = (partial(Merit, s) for s in (of.RMS, of.PEAK, of.MEAN, of.MEDIAN))
+Lowest, Highest, Last = (partial(Merit, s) for s in (of.LOW, of.HIGH, of.LAST))
+Total, Count, Deviation = (partial(Merit, s) for s in (of.SUM, of.COUNT, of.STD))
+Correlation = partial(Merit, of.CORRELATION)  # of a source (n, 2)
+
+Figures = Mapping[str, float]
+Note = str | Callable[[Figures], str]
+_WINDOW = re.compile("_(from|to)_s$")
+STARTED_S = 0.5  # the start would hide the rest in a panel
+
+
+def diverged(metrics: Figures) -> str:
+    """Return the note of a run that its controller ended."""
+    return "diverged: control ended" if metrics.get("diverged") else ""
+
+
+def started(source: Source) -> Signal:
+    """Return a source from 0.5 s on, NaN before."""
+    return lambda run: np.where(run.t_s < STARTED_S, math.nan, run.values(source))
+
+
+def settling(source: Source, bound: float, over: str = RUN, needs: str = "") -> Merit:
+    """Return the time from the window's begin until |source| stays within `bound`, inf for never.
+
+    Of the cycles with the plant's record; a value that is not finite is outside.
+    """
+
+    def ends(run: Run) -> Vector:
+        begin_s = max(run.windows[over][0], 0.0)
+        seen_s = np.where(run.plant_told, run.t_s + run.period_s - begin_s, math.nan)
+        return np.column_stack((seen_s, ~(np.abs(run.values(source)) <= bound)))
+
+    return Merit(of.SETTLING, ends, over, needs=needs)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What an evaluation.py declares; Mistake, with its place, for what cannot be."""
+
+    signals: Mapping[str, Signal] = field(default_factory=dict)
+    merits: Mapping[str, Merit | Callable[[Judged], float]] = field(default_factory=dict)
+    panels: Sequence[Panel] = ()
+    notes: tuple[Sequence[Note], Sequence[Note]] = ((), ())
+    numbers: Sequence[str] = ()
+    place: Place = field(default_factory=declared_at, init=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for name, signal in self.signals.items():
+            if not callable(signal):
+                raise Mistake(f"signal {name} is no function of a run", self.place)
+        for name, merit in self.merits.items():
+            if not callable(merit) and not isinstance(merit, Merit):
+                raise Mistake(
+                    f"merit {name} is neither Rms(...) or the like nor a function", self.place
+                )
+        for source, place in self._sources():
+            node = source.partition(":")[0]
+            if source not in self.signals and node not in NODES:
+                names = [*self.signals, *(f"{node}:" for node in NODES)]
+                raise Mistake(f"no signal {source}{did_you_mean(source, names)}", place)
+        each = [name for name, merit in self.merits.items() if _over(merit) == EACH]
+        for part in (part for line in self.notes for part in line if isinstance(part, str)):
+            for name in _fields(part, self.place):
+                if name not in self.merits and not name.endswith(tuple(f"_{e}" for e in each)):
+                    raise Mistake(
+                        f"notes: no merit {name}{did_you_mean(name, self.merits)}", self.place
+                    )
+
+    def _sources(self) -> Iterator[tuple[str, Place]]:
+        """Yield the names that merits and lines are taken from, and where that is said."""
+        lines = [line for panel in self.panels for line in panel.lines]
+        for one in (*self.merits.values(), *lines):
+            if not callable(one) and isinstance(one.source, str):
+                yield one.source, one.place
+
+    def judge(
+        self, log: Log, window_s: tuple[float, float], numbers: Mapping[str, float],
+        period_s: float,
+    ) -> dict[str, float]:  # fmt: skip
+        """Return the figures of a run; {} without a cycle in the window."""
+        judged = self.judged(log, window_s, numbers, period_s)
+        merits = self._taken(numbers)
+        found: dict[str, float] = {}
+        for leader in dict.fromkeys(m.leader for m in merits.values() if isinstance(m, Merit)):
+            own = {n: m for n, m in merits.items() if isinstance(m, Merit) and m.leader == leader}
+            found |= judged.measured(own, leader)
+        found |= {n: m(judged) for n, m in merits.items() if not isinstance(m, Merit)}
+        return {name: float(found[name]) for name in merits if not math.isnan(found[name])}
+
+    def judged(
+        self, log: Log, window_s: tuple[float, float], numbers: Mapping[str, float],
+        period_s: float,
+    ) -> Judged:  # fmt: skip
+        """Return a run with its windows."""
+        windows = {WINDOW: window_s, RUN: (-math.inf, math.inf), LATE: (window_s[1], math.inf)}
+        for name in further(numbers):
+            windows[name] = (numbers[f"{name}_from_s"], numbers.get(f"{name}_to_s", math.inf))
+        return Judged(log, period_s, windows, numbers, self.signals)
+
+    def _taken(self, numbers: Mapping[str, float]) -> dict[str, Merit | Callable[[Judged], float]]:
+        """Return the figures of merit that the rig's windows and numbers ask for."""
+        given = {*further(numbers), *numbers, WINDOW, RUN, LATE, ""}
+        found: dict[str, Merit | Callable[[Judged], float]] = {}
+        for name, merit in self.merits.items():
+            if not isinstance(merit, Merit):
+                found[name] = merit
+            elif merit.over == EACH:
+                found[name] = replace(merit, over=WINDOW)
+                parts = further(numbers)
+                found |= {f"{part}_{name}": replace(merit, over=part) for part in parts}
+            elif merit.over in given and merit.needs in given:
+                found[name] = merit
+        return found
+
+    def names(self, numbers: Mapping[str, float]) -> list[str]:
+        """Return the names of all figures that a run may have."""
+        return list(self._taken(numbers))
+
+    def unknown(self, numbers: Mapping[str, float]) -> Iterator[tuple[str, str]]:
+        """Yield the numbers of a rig that nothing here asks for, each with a proposal."""
+        asked = {_over(merit) for merit in self.merits.values()} - {"", WINDOW, RUN, LATE}
+        asked |= {m.needs for m in self.merits.values() if isinstance(m, Merit)} - {""}
+        windows = [f"{name}_{end}_s" for name in sorted(asked) for end in ("from", "to")]
+        known = [
+            *self.numbers,
+            *windows,
+            *(n for n in numbers if EACH in asked and _WINDOW.search(n)),
+        ]
+        for name in numbers:
+            begin = _WINDOW.sub("_from_s", name)
+            if name not in known or begin not in (name, *numbers):
+                yield name, did_you_mean(name, known)
+
+    def draw(
+        self, log: Log, path: Path, title: str, metrics: Figures, window_s: tuple[float, float],
+        numbers: Mapping[str, float] | None = None,
+    ) -> None:  # fmt: skip
+        """Write one PNG, 1200 x 1500 pixels; ImportError, with the cure, without matplotlib."""
+        period_s = 1e-9 * float(log.metadata.get("executive", {}).get("period_ns", 1e9))
+        judged = self.judged(log, window_s, numbers or {}, period_s)
+        text = [[], [f"shaded {window_s[0]:g} to {window_s[1]:g} s"]]
+        for line, parts in zip(text, self.notes, strict=True):
+            line += [told for part in parts if (told := self._told(part, metrics))]
+        words = "\n".join("   ·   ".join(line) for line in text)
+        pages.draw_page(judged, path, title, words, self.panels)
+
+    def _told(self, part: Note, metrics: Figures) -> str:
+        if callable(part):
+            return part(metrics)
+        known = all(name in metrics for name in _fields(part, self.place))
+        return part.format(**metrics) if known else ""
+
+    def touch(self, run: Run) -> None:
+        """Ask a run for all that the panels draw."""
+        for line in (line for panel in self.panels for line in panel.lines):
+            run.values(line.source)
+
+    def absent(self, log: Log) -> Iterator[str]:
+        """Yield what no records have, of blocks whose variables do not depend on the controller."""
+        for source, place in self._sources():
+            node, _, name = source.partition(":")
+            known = list(log.node[node].columns) if node in log.node else []
+            own = source in self.signals or name.startswith("controller.")
+            if known and name not in known and not own:
+                what = f"{node}: no variable {name}{did_you_mean(name, known)}"
+                yield str(Mistake(what, place))
+
+
+def further(numbers: Mapping[str, float]) -> list[str]:
+    """Return the names of the further windows of a rig."""
+    return [key.removesuffix("_from_s") for key in numbers if key.endswith("_from_s")]
+
+
+def _over(merit: object) -> str:
+    return merit.over if isinstance(merit, Merit) else ""
+
+
+def _fields(text: str, place: Place) -> list[str]:
+    """Return the names of the figures in a note."""
+    try:
+        names = [name for _, name, _, _ in string.Formatter().parse(text) if name]
+        text.format(**dict.fromkeys(names, 1.0))
+    except (ValueError, LookupError, AttributeError) as error:
+        raise Mistake(f"notes: {text!r}: {error}", place) from None
+    return names
