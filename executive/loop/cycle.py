@@ -2,8 +2,8 @@
 
     wait       until an absolute deadline (pacing real and sync), or not at all
     receive    drain the bus: check counter and CRC, decode; or block until the frames are here
-    supervise  the state machine and its ramp
     overrun    after a cycle that ran past its end: go on, fault, or fall back
+    supervise  the state machine and its ramp
     tune       take pending tunings, all or none
     step       the blocks in the rig's order, each on its views of the table; note changes
     limit      look for what is no finite number; clamp, rate-limit and ramp what is sent
@@ -27,125 +27,41 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers import dbc, e2e, libc
-from pcpc.drivers.jit import i8, loop, loop_function, types
+from pcpc.drivers.jit import i8, loop, loop_function, loop_inline, types
 from pcpc.drivers.stage import ENTRY, call, part
 from pcpc.drivers.structures import structure
-from pcpc.drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
-from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop import timing
+from pcpc.executive.loop.clock import CLOCKED, next_period, now, runs, set_time, stopping, wait
 from pcpc.executive.loop.limits import begin_ramp, limit_commands, settled
-from pcpc.executive.loop.reception import take_frame
-from pcpc.executive.loop.rings import now, publish, push_event, push_record, stopping
-from pcpc.executive.loop.sending import (
-    announce,
-    announce_again,
-    copy_inputs,
-    request_first_sample,
-    send_frame,
-)
+from pcpc.executive.loop.reception import receive, wait_for_peer
+from pcpc.executive.loop.rings import publish_table, push_event, push_record
+from pcpc.executive.loop.sending import announce, copy_inputs, request_first_sample, send_frame
 from pcpc.executive.loop.strangers import listen, refused
 from pcpc.executive.loop.tuning import tune
 from pcpc.executive.loop.variables import FALLBACK, FAULT, GAIN, MISSING, NMT, STATE, T_S
-
-CLOCKED, ON_FRAMES = 0, 1
-DRAIN_FRAMES = 1024  # at most this many in one pass
 
 N = structure(sh.LOOP)
 STEPS = types.UniTuple(ENTRY, sh.MAX_BLOCKS)
 
 
-# --------------------------------------------------------------------------------------------- wait
+# ------------------------------------------------------------------------------------------ overrun
 
 
 @loop_function
-def wait(n: Any) -> None:
-    """Sleep until the deadline (virtual time is there); note how late the wake-up was."""
-    n.timespec[0] = n.deadline // 1_000_000_000
-    n.timespec[1] = n.deadline % 1_000_000_000
-    until = libc.address(n.timespec)
-    monotonic, absolute = libc.CLOCK_MONOTONIC, libc.TIMER_ABSTIME
-    if n.wire.kind != MEMORY:
-        while libc.clock_nanosleep(monotonic, absolute, until, 0) == libc.EINTR and not stopping(n):
-            pass
-    n.wake = now(n)
-    late = n.wake - n.deadline
-    if late > n.late_ns:
-        n.control[sh.LATE] += 1
-    n.control[sh.WAKE_MAX_NS] = max(n.control[sh.WAKE_MAX_NS], late)
-
-
-@loop_function
-def arm(n: Any) -> None:
-    """Put the first deadline on the common grid of whole periods, plus this node's phase."""
-    soonest = now(n) + n.period_ns // 8 - n.phase_ns
-    n.deadline = (soonest // n.period_ns + 1) * n.period_ns + n.phase_ns
-
-
-@loop_function
-def next_cycle(n: Any) -> None:
-    """Advance by one period, and by every period that is over already."""
-    n.passes += 1
-    n.k += 1
-    n.deadline += n.period_ns
-    n.behind = 0
-    if n.trigger == CLOCKED and n.passes > n.arm_pass and n.done > n.deadline:
-        n.behind = (n.done - n.deadline) // n.period_ns + 1
-        n.k += n.behind
-        n.deadline += n.behind * n.period_ns
-        n.control[sh.SKIPPED] += n.behind
-        push_event(n, sh.SKIP_EVENT, n.behind, 0.0)
-
-
-# ------------------------------------------------------------------------------------------ receive
-
-
-@loop_function
-def patience(n: Any) -> Any:
-    """Return how many time-outs are silence: more while the recorder lags."""
-    lags = n.record_ends[sh.PUT] != libc.load_acquire(n.record_taken, 0)
-    waits = n.wait_recorder != 0 and n.control[sh.RECORDED] != 0 and lags
-    return n.patience * (sh.RECORDER_PATIENCE if waits else 1)
-
-
-@loop_function
-def receive(n: Any) -> None:
-    """Drain what is there; before the clock runs, and in lockstep, block until all is here.
-
-    What is waited for has no limit of frames: those of others may come before it.
-    """
-    gather = n.trigger != CLOCKED or n.passes <= n.arm_pass
-    waits = 0
-    drained = 0
-    while drained < DRAIN_FRAMES:
-        if gather and n.started >= n.n_starters:
-            break
-        result = get_frame(n.wire, gather)
-        if not gather or stopping(n):
-            drained += 1
-        if result == FRAME:
-            take_frame(n)
-            waits = 0
-            if refused(n):
-                break
-        elif result == NOTHING:
-            if not gather or stopping(n):
-                break
-            waits += 1
-            if n.passes == 0 and n.wire.kind != MEMORY:
-                announce_again(n)
-                waits = 0
-            elif waits >= patience(n) or n.wire.kind == MEMORY:
-                n.faulted = sv.PEER_SILENT
-                break
-        elif result == FAILED:
-            n.control[sh.BUS_ERRNO] = n.wire.errno
-            n.faulted = sv.BUS_FAILED
-            break
-        elif result == BUS_ERROR:
-            n.control[sh.BUS_ERRORS] += 1
-    n.received = now(n)
+def judge_overrun(n: Any) -> None:
+    """Count cycles in a row that ran past their end; do what the rig says about too many."""
+    guard, behind = n.guard, n.clock.behind
+    guard.overruns = guard.overruns + 1 if behind > 0 and n.passes > guard.grace_passes else 0
+    if guard.overrun_policy == sh.SKIP or guard.overruns < guard.overrun_after:
+        return
+    if guard.overrun_policy == sh.FAULT_AFTER:
+        if guard.faulted == sv.NO_FAULT:
+            guard.faulted = sv.OVERRUN
+    elif n.v[FALLBACK] == 0.0:
+        n.v[FALLBACK] = 1.0
+        push_event(n, sh.FALLBACK_EVENT, behind, 0.0)
 
 
 # ---------------------------------------------------------------------------------------- supervise
@@ -154,95 +70,118 @@ def receive(n: Any) -> None:
 @loop_function
 def over(n: Any) -> Any:
     """Return True once the run is over, by its duration, its host or the node above."""
-    told = n.mode_index >= 0 and n.v[n.mode_index] == sv.STOP
-    return n.k >= n.cycles or stopping(n) or told
+    guard = n.guard
+    told = guard.mode_index >= 0 and n.v[guard.mode_index] == sv.STOP
+    return n.k >= guard.cycles or stopping(n) or told
+
+
+@loop_inline
+def count_missing(n: Any, running: Any) -> None:
+    """Count cycles without complete valid input; turn to the input of the next one."""
+    guard, rx = n.guard, n.rx
+    if rx.fresh >= rx.awaited:
+        guard.missing = 0
+    else:
+        guard.missing += 1
+        n.control[sh.HELD] += running
+        n.control[sh.STALE] += running and guard.missing > guard.hold_cycles
+    rx.started = 0
+    rx.fresh = 0
+    n.wire.muted = 0
+    e2e.begin_cycle(rx.state, rx.n)
 
 
 @loop_function
 def supervise(n: Any) -> None:
-    """Count missing input, advance the state machine, ramp the gain in FAULT and at the end."""
-    before = np.int64(n.v[STATE])
-    asked = over(n)
-    running = before == sv.RUN or before == sv.HOLD
-    if n.fresh >= n.n_awaited:
-        n.missing = 0
-    else:
-        n.missing += 1
-        n.control[sh.HELD] += running
-        n.control[sh.STALE] += running and n.missing > n.hold_cycles
-    n.started = 0
-    n.fresh = 0
-    n.wire.muted = 0
-    e2e.begin_cycle(n.rx_state, n.n_rx)
-    silent = before != sv.INIT and n.missing >= n.fault_after
-    if silent and n.faulted == sv.NO_FAULT and not asked:
-        n.faulted = sv.INPUT_MISSING
-    safe = settled(n)
-    leave = asked and (safe or (silent and n.trigger != CLOCKED))  # nobody listens any more
-    state = sv.advance(before, n.missing == 0, n.faulted, leave, n.gain <= 0.0 and safe)
-    if n.pace == 0.0 and (state == sv.FAULT or asked):
+    """Advance the state machine by what is missing; ramp the gain in FAULT and at the end."""
+    guard, before, asked = n.guard, np.int64(n.v[STATE]), over(n)
+    count_missing(n, before == sv.RUN or before == sv.HOLD)
+    silent = before != sv.INIT and guard.missing >= guard.fault_after
+    if silent and guard.faulted == sv.NO_FAULT and not asked:
+        guard.faulted = sv.INPUT_MISSING
+    safe = settled(n.limits)
+    listens = n.clock.trigger == CLOCKED or not silent  # the node above, to what is sent
+    leave = asked and (safe or not listens)
+    fresh, ramped = guard.missing == 0, guard.gain <= 0.0 and safe
+    state = sv.advance(before, fresh, guard.faulted, leave, ramped)
+    if guard.pace == 0.0 and (state == sv.FAULT or asked):
         begin_ramp(n, asked)
     if before == sv.FAULT or (asked and not leave):
-        n.gain = max(n.gain - n.pace, 0.0)
+        guard.gain = max(guard.gain - guard.pace, 0.0)
+    enter(n, before, state)
+    watch_input(n, state)
+
+
+@loop_inline
+def enter(n: Any, before: Any, state: Any) -> None:
+    """Tell the state, and the fault with which it was entered."""
+    guard = n.guard
     if state != before:
         push_event(n, sh.STATE_EVENT, state, 0.0)
         if state == sv.FAULT:
-            n.control[sh.FAULT] = n.faulted
-            push_event(n, sh.FAULT_EVENT, n.faulted, 0.0)
+            n.control[sh.FAULT] = guard.faulted
+            push_event(n, sh.FAULT_EVENT, guard.faulted, 0.0)
     n.control[sh.STATE] = state
     n.v[STATE] = state
-    n.v[FAULT] = n.faulted
-    n.v[GAIN] = n.gain
-    n.v[MISSING] = n.missing
+    n.v[FAULT] = guard.faulted
+    n.v[GAIN] = guard.gain
+    n.v[MISSING] = guard.missing
     n.v[NMT] = sv.NMT[state]
-    for i in range(n.n_safe):  # the watchdog: hold, then ramp from the held value to the safe one
-        j = n.safe_index[i]
+
+
+@loop_inline
+def watch_input(n: Any, state: Any) -> None:
+    """Be the watchdog: hold the input, in FAULT ramp it from the held value to the safe one."""
+    guard, safe = n.guard, n.guard.safe
+    for i in range(guard.n_safe):
+        j = guard.safe_index[i]
         if state < sv.FAULT:
-            n.safe[i, sh.LAST] = n.v[j]
+            safe[i, sh.LAST] = n.v[j]
         else:
-            n.v[j] = n.safe[i, sh.SAFE] + n.gain * (n.safe[i, sh.LAST] - n.safe[i, sh.SAFE])
-
-
-@loop_function
-def judge_overrun(n: Any) -> None:
-    """Count cycles in a row that ran past their end; do what the rig says about too many."""
-    n.overruns = n.overruns + 1 if n.behind > 0 and n.passes > n.grace_passes else 0
-    if n.overrun_policy == sh.SKIP or n.overruns < n.overrun_after:
-        return
-    if n.overrun_policy == sh.FAULT_AFTER:
-        if n.faulted == sv.NO_FAULT:
-            n.faulted = sv.OVERRUN
-    elif n.v[FALLBACK] == 0.0:
-        n.v[FALLBACK] = 1.0
-        push_event(n, sh.FALLBACK_EVENT, n.behind, 0.0)
+            n.v[j] = safe[i, sh.SAFE] + guard.gain * (safe[i, sh.LAST] - safe[i, sh.SAFE])
 
 
 # --------------------------------------------------------------------------------------------- step
 
 
 @loop_function
-def step_blocks(n: Any, steps: Any) -> None:
-    """Step every block at time k T; after a stall the emulator makes up the owed periods."""
-    dt = n.period_ns * 1e-9
-    owed = n.behind if n.is_plant != 0 else 0
-    v = n.v
+def step(n: Any, steps: Any) -> None:
+    """Step the blocks for this cycle; after a stall the emulator's for the periods it owes."""
+    owed = n.clock.behind if n.blocks.owe_periods != 0 else 0
     for k in range(n.k - owed, n.k + 1):
-        v[T_S] = k * dt
-        for b in range(n.n_blocks):
-            if b == (n.controller_block if v[FALLBACK] > 0.0 else n.fallback_block):
-                continue
-            copy_inputs(n, b)
-            at = n.views[b]
-            n.control[sh.STEPPING] = b + 1
-            p, x, u, y = part(v, at[0]), part(v, at[2]), part(v, at[4]), part(v, at[6])
-            call(steps[b], v[T_S], dt, p, x, u, y)
+        step_blocks(n, steps, k)
+    note_changes(n)
+    n.timing.stepped = now(n.clock)
+
+
+@loop_inline
+def step_blocks(n: Any, steps: Any, k: Any) -> None:
+    """Step every block at time k T on its views of the table."""
+    v, blocks, dt = n.v, n.blocks, n.clock.period_ns * 1e-9
+    v[T_S] = k * dt
+    for b in range(blocks.n):
+        if b == (blocks.controller if v[FALLBACK] > 0.0 else blocks.fallback):
+            continue
+        copy_inputs(n, b)
+        at = blocks.views[b]
+        n.control[sh.STEPPING] = b + 1
+        p, x, u, y = part(v, at[0]), part(v, at[2]), part(v, at[4]), part(v, at[6])
+        call(steps[b], v[T_S], dt, p, x, u, y)
     n.control[sh.STEPPING] = 0
-    for i in range(n.n_noted):
-        value = v[n.noted_index[i]]
-        if value != n.noted[i]:
-            push_event(n, sh.CHANGE_EVENT, n.noted_index[i], value)
-            n.noted[i] = value
-    n.stepped = now(n)
+
+
+@loop_inline
+def note_changes(n: Any) -> None:
+    """Tell which of the rig's noted variables changed."""
+    blocks = n.blocks
+    for i in range(blocks.n_noted):
+        value = n.v[blocks.noted_index[i]]
+        if value != blocks.noted[i]:
+            push_event(n, sh.CHANGE_EVENT, blocks.noted_index[i], value)
+            blocks.noted[i] = value
+
+
+# ---------------------------------------------------------------------------------- limit, transmit
 
 
 @loop_function
@@ -252,17 +191,40 @@ def limit(n: Any) -> None:
     limit_commands(n)
 
 
-# ----------------------------------------------------------------------------------------- transmit
-
-
 @loop_function
 def transmit(n: Any) -> None:
     """Send what is due: slow frames, frames of every cycle, SYNC last (the rows' order)."""
-    for row in range(n.n_tx):
-        every = n.tx[row, dbc.EVERY_N]
+    tx = n.tx
+    for row in range(tx.n):
+        every = tx.frames[row, dbc.EVERY_N]
         if n.passes % every == 0:
-            send_frame(n, row, n.passes // every + n.tx_role[row, sh.IS_SYNC])
-    n.sent = now(n)
+            send_frame(n, row, n.passes // every + tx.role[row, sh.IS_SYNC])
+    n.timing.sent = now(n.clock)
+
+
+# ------------------------------------------------------------------------------------ publish, next
+
+
+@loop_function
+def publish(n: Any) -> None:
+    """Publish the table and record the cycle; note when it was done."""
+    timing.note(n)
+    publish_table(n)
+    push_record(n)
+    n.control[sh.PASSES] = n.passes + 1
+    n.control[sh.CYCLE] = n.k
+    n.timing.done = now(n.clock)
+    n.timing.publish_ns = n.timing.done - n.timing.sent
+    if runs(n.clock):
+        timing.count(n)
+
+
+@loop_function
+def next_cycle(n: Any) -> None:
+    """Advance to the next cycle; tell how many periods were skipped."""
+    next_period(n)
+    if n.clock.behind > 0:
+        push_event(n, sh.SKIP_EVENT, n.clock.behind, 0.0)
 
 
 # ----------------------------------------------------------------------------------------- the loop
@@ -271,40 +233,22 @@ def transmit(n: Any) -> None:
 @loop_function
 def one_pass(n: Any, steps: Any) -> Any:
     """Run one cycle; return False when the node is to stop."""
-    if n.virtual_time != 0:
-        n.virtual_now = n.k * n.period_ns
-    if n.trigger == CLOCKED and n.passes > n.arm_pass:
-        wait(n)
-        receive(n)
-    else:
-        receive(n)
-        if refused(n):
-            return False
-        if n.trigger == CLOCKED and n.passes == n.arm_pass:
-            arm(n)
-            wait(n)
-        else:
-            n.deadline = n.wake = n.received
-        n.received = n.wake
+    set_time(n)
+    wait(n)
+    receive(n)
+    if refused(n):
+        return False
     judge_overrun(n)
     supervise(n)
-    if n.v[STATE] == sv.STOP or n.faulted == sv.PEER_SILENT:
+    if n.v[STATE] == sv.STOP or n.guard.faulted == sv.PEER_SILENT:
         return False
     tune(n)
-    step_blocks(n, steps)
+    step(n, steps)
     limit(n)
     transmit(n)
-    timing.note(n)
     publish(n)
-    push_record(n)
-    n.control[sh.PASSES] = n.passes + 1
-    n.control[sh.CYCLE] = n.k
-    n.done = now(n)
-    n.publish_ns = n.done - n.sent
-    if n.wire.kind != MEMORY:
-        timing.count(n)
     next_cycle(n)
-    return n.k < n.cycles or not settled(n)
+    return n.k < n.guard.cycles or not settled(n.limits)
 
 
 @loop_function
@@ -313,25 +257,25 @@ def finish(n: Any) -> None:
 
     A node that was refused says nothing: its frames are those of another one.
     """
-    if n.virtual_time != 0:
-        n.virtual_now = n.k * n.period_ns
+    guard = n.guard
+    set_time(n)
     if n.v[STATE] != sv.STOP:
         push_event(n, sh.STATE_EVENT, sv.STOP, 0.0)
     n.v[STATE] = sv.STOP
     n.v[NMT] = sv.NMT[sv.STOP]
-    n.gain = 0.0
+    guard.gain = 0.0
     n.control[sh.STATE] = sv.STOP
     if refused(n):
-        n.control[sh.FAULT] = n.faulted
-    elif n.is_plant == 0:
+        n.control[sh.FAULT] = guard.faulted
+    elif n.tx.last_word == sh.ALL_FRAMES:
         limit(n)
         transmit(n)
     else:
         announce(n)
-    if n.faulted != sv.NO_FAULT and n.control[sh.FAULT] == sv.NO_FAULT:  # in the last cycle
-        n.control[sh.FAULT] = n.faulted
-        push_event(n, sh.FAULT_EVENT, n.faulted, 0.0)
-    publish(n)
+    if guard.faulted != sv.NO_FAULT and n.control[sh.FAULT] == sv.NO_FAULT:  # in the last cycle
+        n.control[sh.FAULT] = guard.faulted
+        push_event(n, sh.FAULT_EVENT, guard.faulted, 0.0)
+    publish_table(n)
     libc.store_release(n.control, sh.DONE, 1)
 
 
@@ -342,38 +286,15 @@ def pass_or_finish(n: Any, steps: Any) -> None:
         finish(n)
 
 
-@loop_function
-def wait_for_peer(n: Any) -> Any:
-    """Block until the node below is heard, and answer; return False when the host stops us.
-
-    Without a clock a local node turns to the node above only then.
-    """
-    n.wire.muted = n.virtual_time
-    while not stopping(n) and n.faulted == sv.NO_FAULT:
-        result = get_frame(n.wire, True)
-        if result == FRAME:
-            row = take_frame(n)
-            if row >= 0 and n.rx_role[row, sh.PEER] != 0:
-                n.wire.muted = 0
-                announce(n)
-                return True
-        if result == NOTHING and (n.virtual_time == 0 or n.wire.n_second == 0):
-            announce_again(n)
-        if result == FAILED:
-            n.control[sh.BUS_ERRNO] = n.wire.errno
-            n.faulted = sv.BUS_FAILED
-            return False
-    return False
-
-
 @loop(i8(N, STEPS))
 def run(n: Any, steps: Any) -> Any:
     """Run the node on its bus to the end; return the number of cycles done."""
     listen(n)
-    if n.is_plant != 0 and n.virtual_time != 0 and not refused(n):
+    if n.meeting.seeks_below != 0:
+        if wait_for_peer(n):
+            request_first_sample(n)
+    elif n.meeting.ordered != 0 and not refused(n):
         announce(n)
-    if n.is_plant == 0 and wait_for_peer(n):
-        request_first_sample(n)
     while not refused(n) and one_pass(n, steps):
         pass
     finish(n)

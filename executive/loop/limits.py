@@ -23,14 +23,14 @@ FINITE = 1e300  # from here on, and as NaN, a value counts as not finite
 
 
 @loop_function
-def find_not_finite(n: Any, first: Any, past: Any) -> Any:
+def find_not_finite(v: Any, first: Any, past: Any) -> Any:
     """Return the first of these places that holds no finite number, -1 for none."""
     odd = np.int64(0)
     for i in range(first, past):
-        odd |= not abs(n.v[i]) < FINITE
+        odd |= not abs(v[i]) < FINITE
     if odd != 0:
         for i in range(first, past):
-            if not abs(n.v[i]) < FINITE:
+            if not abs(v[i]) < FINITE:
                 return np.int64(i)
     return np.int64(-1)
 
@@ -39,11 +39,11 @@ def find_not_finite(n: Any, first: Any, past: Any) -> Any:
 def check_finite(n: Any) -> Any:
     """Look at all outputs and at what is to be sent; note the first value that is not finite."""
     place = np.int64(-1)
-    for b in range(n.n_blocks):
+    for b in range(n.blocks.n):
         if place < 0:
-            place = find_not_finite(n, n.views[b, 6], n.views[b, 7])
+            place = find_not_finite(n.v, n.blocks.views[b, 6], n.blocks.views[b, 7])
     if place < 0:
-        place = find_not_finite(n, n.sent_first, n.sent_past)
+        place = find_not_finite(n.v, n.tx.first, n.tx.past)
     if place >= 0 and n.control[sh.ODD_PLACE] == 0:
         n.control[sh.ODD_PLACE] = place + 1
         n.control[sh.ODD_CYCLE] = n.k
@@ -55,37 +55,39 @@ def check_finite(n: Any) -> Any:
 @loop_function
 def limit_commands(n: Any) -> None:
     """Judge what is to be sent: finite or a fault; clamp, limit the rate, ramp to safe."""
+    guard, table = n.guard, n.limits.table
     odd = check_finite(n)
     n.v[CLAMPED] = 0.0
-    ramping = n.v[STATE] >= sv.FAULT or n.pace > 0.0
-    for i in range(n.n_limits):
-        j = n.limit_index[i]
-        wanted, last, safe = n.v[j], n.limits[i, sh.LAST], n.limits[i, sh.SAFE]
-        rate, sent = n.limits[i, sh.RATE], n.limits[i, sh.SENT_VALUE]
+    ramping = n.v[STATE] >= sv.FAULT or guard.pace > 0.0
+    for i in range(n.limits.n):
+        j = n.limits.place[i]
+        wanted, last, safe = n.v[j], table[i, sh.LAST], table[i, sh.SAFE]
+        rate, sent = table[i, sh.RATE], table[i, sh.SENT_VALUE]
         if not abs(wanted) < FINITE:
-            if n.faulted == sv.NO_FAULT:
-                n.faulted = sv.COMMAND_NOT_FINITE
+            if guard.faulted == sv.NO_FAULT:
+                guard.faulted = sv.COMMAND_NOT_FINITE
             wanted = last
         if ramping:
-            wanted = n.gain * last if safe == 0.0 else safe + n.gain * (last - safe)
-        value = min(max(wanted, n.limits[i, sh.LOW]), n.limits[i, sh.HIGH])
+            wanted = guard.gain * last if safe == 0.0 else safe + guard.gain * (last - safe)
+        value = min(max(wanted, table[i, sh.LOW]), table[i, sh.HIGH])
         value = min(max(value, sent - rate), sent + rate)
-        n.limits[i, sh.SENT_VALUE] = n.v[j] = value
+        table[i, sh.SENT_VALUE] = n.v[j] = value
         if ramping:
             continue
         if value != wanted:
             n.v[CLAMPED] = 1.0
             n.control[sh.SATURATED] += 1
-        n.limits[i, sh.LAST] = value
-    if odd and n.faulted == sv.NO_FAULT:
-        n.faulted = sv.OUTPUT_NOT_FINITE if n.is_plant == 0 else sv.PLANT_NOT_FINITE
+        table[i, sh.LAST] = value
+    if odd and guard.faulted == sv.NO_FAULT:
+        guard.faulted = guard.odd_output
 
 
 @loop_function
-def settled(n: Any) -> Any:
+def settled(limits: Any) -> Any:
     """Return whether every command may be its safe value in the next frame."""
-    for i in range(n.n_limits):
-        if abs(n.limits[i, sh.SENT_VALUE] - n.limits[i, sh.SAFE]) > n.limits[i, sh.RATE]:
+    table = limits.table
+    for i in range(limits.n):
+        if abs(table[i, sh.SENT_VALUE] - table[i, sh.SAFE]) > table[i, sh.RATE]:
             return False
     return True
 
@@ -93,14 +95,15 @@ def settled(n: Any) -> Any:
 @loop_function
 def begin_ramp(n: Any, asked: Any) -> None:
     """Set the pace of the ramp by the slowest command; at an end nobody above is waited for."""
-    n.pace = n.ramp_step
-    for i in range(n.n_limits):
-        way = abs(n.limits[i, sh.LAST] - n.limits[i, sh.SAFE])
-        if way * n.pace > n.limits[i, sh.RATE]:
-            n.pace = n.limits[i, sh.RATE] / way
+    guard, rx, table = n.guard, n.rx, n.limits.table
+    guard.pace = guard.ramp_step
+    for i in range(n.limits.n):
+        way = abs(table[i, sh.LAST] - table[i, sh.SAFE])
+        if way * guard.pace > table[i, sh.RATE]:
+            guard.pace = table[i, sh.RATE] / way
     if asked:
-        n.n_starters = 0
-        n.n_awaited = 0
-        for row in range(n.n_rx):
-            n.n_starters += n.rx_role[row, sh.STARTS] * n.rx_role[row, sh.PEER]
-            n.n_awaited += n.rx_role[row, sh.AWAITED] * n.rx_role[row, sh.PEER]
+        rx.starters = 0
+        rx.awaited = 0
+        for row in range(rx.n):
+            rx.starters += rx.role[row, sh.STARTS] * rx.role[row, sh.PEER]
+            rx.awaited += rx.role[row, sh.AWAITED] * rx.role[row, sh.PEER]

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pcpc.drivers import dbc
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.jit import loop_inline
 
 ENTER, LEAVE = 0, 1  # columns of `loss`: p and q of (1)
 STATE, LOST = 0, 1  # columns of `loss_state`: s of (2), 1 in the lost state
@@ -28,19 +28,19 @@ def install(
         share, burst = losses.get(frame.name, (0.0, 1.0))
         if share > 0.0:
             leave = 1.0 / burst
-            loop.loss[row] = (min(leave * share / (1.0 - share), 1.0), leave)
+            loop.rx.loss[row] = (min(leave * share / (1.0 - share), 1.0), leave)
             drawn = zlib.crc32(f"{seed} {frame.name}".encode())
-            loop.loss_state[row] = (1 + drawn % (_PRIME - 1), 0)
+            loop.rx.loss_state[row] = (1 + drawn % (_PRIME - 1), 0)
 
 
-@loop_function
+@loop_inline
 def is_lost(n: Any, row: Any) -> Any:
     """Draw whether the frame that has just come in on `row` is lost (1) (2)."""
-    if n.loss[row, ENTER] <= 0.0:
+    if n.rx.loss[row, ENTER] <= 0.0:
         return False
-    s = n.loss_state[row, STATE] * _FACTOR % _PRIME
-    n.loss_state[row, STATE] = s
-    turns = s / _PRIME < n.loss[row, LEAVE if n.loss_state[row, LOST] != 0 else ENTER]
+    s = n.rx.loss_state[row, STATE] * _FACTOR % _PRIME
+    n.rx.loss_state[row, STATE] = s
+    turns = s / _PRIME < n.rx.loss[row, LEAVE if n.rx.loss_state[row, LOST] != 0 else ENTER]
     if turns:
-        n.loss_state[row, LOST] = 1 - n.loss_state[row, LOST]
-    return n.loss_state[row, LOST] != 0
+        n.rx.loss_state[row, LOST] = 1 - n.rx.loss_state[row, LOST]
+    return n.rx.loss_state[row, LOST] != 0

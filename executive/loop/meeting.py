@@ -28,34 +28,34 @@ TAKE, LEAVE, HELD_FIRST = range(3)
 @loop_function
 def sorted_out(n: Any, row: Any) -> Any:
     """Return what to do with `wire.rx`, a frame of `row` that came before the first cycle ended."""
-    part = n.rx_role[row, sh.MEETING]
+    part = n.rx.role[row, sh.MEETING]
     if part in (FROM_ABOVE, FROM_BELOW):
-        if n.met[row] == 0 or (part == FROM_BELOW and n.sampled != 0):
-            n.met[row] = 1
+        if n.meeting.met[row] == 0 or (part == FROM_BELOW and n.meeting.sampled != 0):
+            n.meeting.met[row] = 1
             return TAKE
         if part == FROM_BELOW:
-            n.holding = row + 1
-            copy(n.held, n.wire.rx)
+            n.meeting.holding = row + 1
+            copy(n.meeting.held, n.wire.rx)
         return LEAVE
     if part == BEFORE:
-        n.holding = np.int64(0)
+        n.meeting.holding = np.int64(0)
     if part in (BEFORE, AFTER):
-        n.sampled = 1
-    return HELD_FIRST if part == AFTER and n.holding != 0 else TAKE
+        n.meeting.sampled = 1
+    return HELD_FIRST if part == AFTER and n.meeting.holding != 0 else TAKE
 
 
 @loop_function
 def exchange_held(n: Any) -> None:
     """Exchange `wire.rx` for the frame that is held, or back."""
     for i in range(FRAME_BYTES):
-        byte = n.held[i]
-        n.held[i] = n.wire.rx[i]
+        byte = n.meeting.held[i]
+        n.meeting.held[i] = n.wire.rx[i]
         n.wire.rx[i] = byte
 
 
 @loop_function
 def held_row(n: Any) -> Any:
     """Return the row of the frame that is held, which is held no longer."""
-    row = n.holding - 1
-    n.holding = np.int64(0)
+    row = n.meeting.holding - 1
+    n.meeting.holding = np.int64(0)
     return row

@@ -1,5 +1,6 @@
-"""One frame that came, from the bus to the table.
+"""What comes, from the bus to the table.
 
+receive      the frames of a cycle: those that are there, or until all awaited are
 take_frame   whose is it: one of ours, a stranger's, or part of the meeting of the nodes
 disturbed    what the rig does to it on purpose; the one seam between wire and acceptance
 accept       counter and CRC
@@ -10,28 +11,128 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import codec, e2e
+from pcpc.drivers import codec, e2e, libc
 from pcpc.drivers.e2e_states import ON_PURPOSE
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.structures import data_of
+from pcpc.drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
 from pcpc.executive.loop import losses, meeting
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.clock import now, paced, runs, start, stopping
 from pcpc.executive.loop.losses import is_lost
 from pcpc.executive.loop.rings import push_frame
-from pcpc.executive.loop.strangers import is_foreign, note_foreign, note_repeat, word_of
+from pcpc.executive.loop.sending import announce, announce_again
+from pcpc.executive.loop.strangers import is_foreign, note_foreign, note_repeat, refused, word_of
+
+DRAIN_FRAMES = 1024  # at most this many in one cycle
+
+
+@loop_function
+def receive(n: Any) -> None:
+    """Drain what is there; before the clock runs, and in lockstep, block until all is here."""
+    if paced(n):
+        drain(n)
+        n.timing.received = now(n.clock)
+        return
+    gather(n)
+    if not refused(n):
+        start(n)
+        n.timing.received = n.clock.wake
+
+
+@loop_inline
+def drain(n: Any) -> None:
+    """Take the frames that are there."""
+    for _ in range(DRAIN_FRAMES):
+        result = take(n, False)
+        if result in (NOTHING, FAILED):
+            break
+
+
+@loop_function
+def gather(n: Any) -> None:
+    """Block until the frames that start this cycle are here, or the other node counts as silent.
+
+    There is no limit of frames, unless the host asks for the end: those of others may come before.
+    """
+    waits, drained = 0, 0
+    while n.rx.started < n.rx.starters and drained < DRAIN_FRAMES:
+        result = take(n, True)
+        drained += stopping(n)
+        if result == FRAME:
+            waits = 0
+            if refused(n):
+                break
+        elif result == FAILED or (result == NOTHING and stopping(n)):
+            break
+        elif result == NOTHING:
+            waits += 1
+            if n.passes == 0 and runs(n.clock):
+                announce_again(n)
+                waits = 0
+            elif waits >= patience(n) or not runs(n.clock):
+                n.guard.faulted = sv.PEER_SILENT
+                break
+
+
+@loop_function
+def patience(n: Any) -> Any:
+    """Return how many time-outs are silence: more while the recorder lags."""
+    lags = n.record_ends[sh.PUT] != libc.load_acquire(n.record_taken, 0)
+    waits = n.rings.wait_recorder != 0 and n.control[sh.RECORDED] != 0 and lags
+    return n.rx.patience * (sh.RECORDER_PATIENCE if waits else 1)
+
+
+@loop_inline
+def take(n: Any, block: Any) -> Any:
+    """Take one frame, if one comes; return what came, see `drivers.wire.get_frame`."""
+    result = get_frame(n.wire, block)
+    if result == FRAME:
+        take_frame(n)
+    elif result == FAILED:
+        n.control[sh.BUS_ERRNO] = n.wire.errno
+        n.guard.faulted = sv.BUS_FAILED
+    elif result == BUS_ERROR:
+        n.control[sh.BUS_ERRORS] += 1
+    return result
+
+
+@loop_function
+def wait_for_peer(n: Any) -> Any:
+    """Block until the node below is heard, and answer; return False when the host stops us.
+
+    Without a clock a local node turns to the node above only then.
+    """
+    n.wire.muted = n.meeting.ordered
+    while not stopping(n) and n.guard.faulted == sv.NO_FAULT:
+        result = get_frame(n.wire, True)
+        if result == FRAME:
+            row = take_frame(n)
+            if row >= 0 and n.rx.role[row, sh.PEER] != 0:
+                n.wire.muted = 0
+                announce(n)
+                return True
+        if result == NOTHING and (n.meeting.ordered == 0 or n.wire.n_second == 0):
+            announce_again(n)
+        if result == FAILED:
+            n.control[sh.BUS_ERRNO] = n.wire.errno
+            n.guard.faulted = sv.BUS_FAILED
+            return False
+    return False
 
 
 @loop_function
 def take_frame(n: Any) -> Any:
     """Check and decode `wire.rx`; return its row in the frame table, -1 if it is not for us."""
     word = word_of(n.wire.rx)
-    row = codec.frame_of(word, n.rx, n.n_rx)
+    row = codec.frame_of(word, n.rx.frames, n.rx.n)
     if is_foreign(n, row, word):
         note_foreign(n, word)
         return np.int64(-1)
     if row < 0:
         return row
-    if n.virtual_time != 0 and n.passes == 0:
+    if n.meeting.ordered != 0 and n.passes == 0:
         what = meeting.sorted_out(n, row)
         if what == meeting.LEAVE:
             return np.int64(-1)
@@ -45,10 +146,10 @@ def take_frame(n: Any) -> Any:
 @loop_function
 def use_frame(n: Any, row: Any) -> Any:
     """Disturb, accept and decode `wire.rx`, a frame of `row`; return the row, -1 if it is lost."""
-    after_loss = n.loss_state[row, losses.LOST]
+    after_loss = n.rx.loss_state[row, losses.LOST]
     if disturbed(n, row):
         return np.int64(-1)
-    new = n.rx_state[row, e2e.FRESH] == 0
+    new = n.rx.state[row, e2e.FRESH] == 0
     state = accept(n, row)
     if state == e2e.OK or state == e2e.OK_SOME_LOST:
         decode(n, row, new)
@@ -57,36 +158,37 @@ def use_frame(n: Any, row: Any) -> Any:
     return row
 
 
-@loop_function
+@loop_inline
 def disturbed(n: Any, row: Any) -> Any:
     """Do to the frame what the rig wants of its bus; return True if nothing is left of it."""
     if not is_lost(n, row):
         return False
     n.control[sh.LOST_ON_PURPOSE] += 1
-    n.started += n.rx_role[row, sh.STARTS]  # nobody waits for it
+    n.rx.started += n.rx.role[row, sh.STARTS]  # nobody waits for it
     push_frame(n, n.wire.rx, 1, ON_PURPOSE)
     return True
 
 
-@loop_function
+@loop_inline
 def accept(n: Any, row: Any) -> Any:
     """Check counter and CRC, record the frame; return its state."""
     frame = n.wire.rx
-    state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx, n.rx_state)
+    state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
     push_frame(n, frame, 1, state)
     n.control[sh.LOST] += lost
     return state
 
 
-@loop_function
+@loop_inline
 def decode(n: Any, row: Any, new: Any) -> None:
     """Write the frame's signals to the table; `new`: it is the first of its row in this cycle."""
-    codec.unpack(data_of(n.wire.rx), row, n.rx, n.rx_signals, n.rx_scales, n.v)
+    rx = n.rx
+    codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, rx.scales, n.v)
     n.control[sh.RECEIVED] += 1
     if new:
-        n.started += n.rx_role[row, sh.STARTS]
-        n.fresh += n.rx_role[row, sh.AWAITED]
-        if n.wire.n_second > 0 and n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
+        n.rx.started += n.rx.role[row, sh.STARTS]
+        n.rx.fresh += n.rx.role[row, sh.AWAITED]
+        if n.wire.n_second > 0 and n.rx.role[row, sh.STARTS] > n.rx.role[row, sh.AWAITED]:
             n.wire.muted = 1  # what follows this SYNC belongs to the next cycle
 
 
@@ -96,12 +198,12 @@ def refuse(n: Any, row: Any, state: Any, after_loss: Any) -> None:
     if state == e2e.ERROR:
         n.control[sh.CRC_ERRORS] += 1
     elif state == e2e.REPEATED:
-        n.started += n.rx_role[row, sh.STARTS] * after_loss  # of a whole turn of the counter
+        n.rx.started += n.rx.role[row, sh.STARTS] * after_loss  # of a whole turn of the counter
         n.control[sh.REPEATED] += 1 - after_loss
-        if after_loss == 0 and n.rx_role[row, sh.STARTS] + n.rx_role[row, sh.AWAITED] > 0:
+        if after_loss == 0 and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
             note_repeat(n, word_of(n.wire.rx))
     elif state == e2e.WRONG_SEQUENCE:
         n.control[sh.WRONG_SEQUENCE] += 1 - after_loss
-        if n.rx_role[row, sh.STARTS] > n.rx_role[row, sh.AWAITED]:
+        if n.rx.role[row, sh.STARTS] > n.rx.role[row, sh.AWAITED]:
             n.wire.muted = 1
-        n.started += n.rx_role[row, sh.STARTS]  # it came; the next one will be trusted
+        n.rx.started += n.rx.role[row, sh.STARTS]  # it came; the next one will be trusted

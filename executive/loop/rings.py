@@ -11,31 +11,10 @@ import numpy as np
 
 from pcpc.drivers import libc
 from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.clock import stamp, stopping
 
 NAN_BITS = np.float64("nan").view(np.int64)  # the one NaN that logs hold
-
-
-@loop_inline
-def now(n: Any) -> Any:
-    """Return monotonic time, ns; virtual time where the bus is in memory."""
-    if n.wire.kind == MEMORY:
-        return n.virtual_now
-    libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.timespec))
-    return n.timespec[0] * 1_000_000_000 + n.timespec[1]
-
-
-@loop_inline
-def stamp(n: Any) -> Any:
-    """Return what frames and events are stamped with, ns: k T where no clock runs, else `now`."""
-    return n.virtual_now if n.virtual_time != 0 else now(n)
-
-
-@loop_inline
-def stopping(n: Any) -> Any:
-    """Return True once the host asked this node to stop."""
-    return libc.load_acquire(n.control, sh.STOP) != 0
 
 
 @loop_inline
@@ -53,7 +32,7 @@ def _free_row(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
     """
     put = ends[sh.PUT]
     while put - libc.load_acquire(taken, 0) >= rows:
-        if n.wait_recorder == 0 or stopping(n):
+        if n.rings.wait_recorder == 0 or stopping(n):
             ends[sh.DROPPED] += 1
             return np.int64(-1)
         libc.sched_yield()
@@ -72,7 +51,7 @@ def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
     for i in range(8):
         data |= np.int64(frame[8 + i]) << (8 * i)
     n.frame[row, 0] = sh.CDR_HEADER
-    n.frame[row, 1] = stamp(n)
+    n.frame[row, 1] = stamp(n.clock)
     n.frame[row, 2] = n.k
     n.frame[row, 3] = word | np.int64(frame[4]) << 32 | received << 40 | state << 48
     n.frame[row, 4] = data
@@ -85,7 +64,7 @@ def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
     row = _free_row(n, n.event_ends, n.event_taken, sh.EVENT_RING_ROWS)
     if row < 0:
         return
-    n.event[row, 0] = stamp(n)
+    n.event[row, 0] = stamp(n.clock)
     n.event[row, 1] = n.k
     n.event[row, 2] = code
     n.event[row, 3] = argument
@@ -96,26 +75,27 @@ def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
 @loop_function
 def push_record(n: Any) -> None:
     """Append the row of this cycle: the payloads of its state and timing messages."""
-    columns = sh.RECORD_HEAD + n.n_state + 1 + n.n_timing
-    row = _free_row(n, n.record_ends, n.record_taken, n.record_rows)
+    rings, record = n.rings, n.record
+    columns = sh.RECORD_HEAD + rings.n_state + 1 + rings.n_timing
+    row = _free_row(n, n.record_ends, n.record_taken, rings.record_rows)
     if row < 0:
         return
     at = row * columns
-    n.record[at] = n.k
-    n.record[at + 1] = n.wake
-    n.record[at + 2] = sh.CDR_HEADER
+    record[at] = n.k
+    record[at + 1] = n.clock.wake
+    record[at + 2] = sh.CDR_HEADER
     at += sh.RECORD_HEAD
-    for i in range(n.n_state):
-        n.record[at + i] = bits_of(n.v[n.state_columns[i]])
-    at += n.n_state
-    n.record[at] = sh.CDR_HEADER
-    for i in range(n.n_timing):
-        n.record[at + 1 + i] = bits_of(n.v[n.timing_columns[i]])
+    for i in range(rings.n_state):
+        record[at + i] = bits_of(n.v[rings.state_columns[i]])
+    at += rings.n_state
+    record[at] = sh.CDR_HEADER
+    for i in range(rings.n_timing):
+        record[at + 1 + i] = bits_of(n.v[rings.timing_columns[i]])
     libc.store_release(n.record_ends, sh.PUT, n.record_ends[sh.PUT] + 1)
 
 
 @loop_function
-def publish(n: Any) -> None:
+def publish_table(n: Any) -> None:
     """Copy the table into the snapshot under the seqlock."""
     s = n.seq[0] | 1
     libc.store_release(n.seq, 0, s)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers import can_id, codec, dbc, e2e
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.structures import data_of
 from pcpc.drivers.wire import put_frame
 from pcpc.executive.loop import shared as sh
@@ -14,25 +14,25 @@ from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.variables import CLAMPED, NMT, STATE
 
 
-@loop_function
+@loop_inline
 def copy_inputs(n: Any, block: Any) -> None:
     """Carry the wired variables into the inputs of `block` (MAX_BLOCKS: into what is sent)."""
-    first = n.copies_end[block - 1] if block > 0 else 0
-    for i in range(first, n.copies_end[block]):
-        n.v[n.copies[i, 1]] = n.v[n.copies[i, 0]]
+    first = n.blocks.copies_end[block - 1] if block > 0 else 0
+    for i in range(first, n.blocks.copies_end[block]):
+        n.v[n.blocks.copies[i, 1]] = n.v[n.blocks.copies[i, 0]]
 
 
-@loop_function
+@loop_inline
 def encode(n: Any, row: Any, counter: Any) -> Any:
     """Encode and protect the frame of one row of the transmit table; return the values clamped."""
     frame = n.wire.tx
-    word = n.tx[row, dbc.CAN_ID] | n.tx[row, dbc.EXTENDED] << can_id.EXTENDED_BIT
+    word = n.tx.frames[row, dbc.CAN_ID] | n.tx.frames[row, dbc.EXTENDED] << can_id.EXTENDED_BIT
     for i in range(4):
         frame[i] = (word >> (8 * i)) & 255
-    frame[4] = n.tx[row, dbc.DLC]
+    frame[4] = n.tx.frames[row, dbc.DLC]
     data = data_of(frame)
-    clamped = codec.pack(data, row, n.tx, n.tx_signals, n.tx_scales, n.v)
-    e2e.protect(data, row, n.tx, counter)
+    clamped = codec.pack(data, row, n.tx.frames, n.tx.signals, n.tx.scales, n.v)
+    e2e.protect(data, row, n.tx.frames, counter)
     return clamped
 
 
@@ -56,21 +56,21 @@ def announce(n: Any) -> None:
     """Send the heartbeat: to a node that was heard, and at the end."""
     n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
     copy_inputs(n, sh.MAX_BLOCKS)
-    for row in range(n.n_tx):
-        if n.tx_role[row, sh.IS_HEARTBEAT] != 0:
+    for row in range(n.tx.n):
+        if n.tx.role[row, sh.IS_HEARTBEAT] != 0:
             send_frame(n, row, 0)
 
 
 @loop_function
 def announce_again(n: Any) -> None:
     """Send the heartbeat while waiting for the other node; without a clock off the record."""
-    if n.virtual_time == 0:
+    if n.meeting.ordered == 0:
         announce(n)
         return
     n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
     copy_inputs(n, sh.MAX_BLOCKS)
-    for row in range(n.n_tx):
-        if n.tx_role[row, sh.IS_HEARTBEAT] != 0:
+    for row in range(n.tx.n):
+        if n.tx.role[row, sh.IS_HEARTBEAT] != 0:
             encode(n, row, 0)
             put_frame(n.wire)
 
@@ -78,6 +78,6 @@ def announce_again(n: Any) -> None:
 @loop_function
 def request_first_sample(n: Any) -> None:
     """Send SYNC(0): the plant answers with its sample of t = 0."""
-    for row in range(n.n_tx):
-        if n.tx_role[row, sh.IS_SYNC] != 0:
+    for row in range(n.tx.n):
+        if n.tx.role[row, sh.IS_SYNC] != 0:
             send_frame(n, row, 0)

@@ -81,18 +81,19 @@ RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kH
 FRAME_RING_ROWS = 1 << 16  # six seconds of ten frames a cycle at 1 kHz
 EVENT_RING_ROWS = 1 << 10
 
-# columns of `limits` (low, high, change a cycle, last value before a ramp, safe value, value sent)
-# and `safe` (last value, safe value)
+# columns of `limits.table` (low, high, change a cycle, last value before a ramp, safe value, value
+# sent) and of `guard.safe` (last value, safe value)
 LOW, HIGH, RATE, LAST, SAFE, SENT_VALUE = range(6)
-STARTS, AWAITED, PEER = 0, 1, 2  # columns of `rx_role`; PEER: of the node that is waited for
+STARTS, AWAITED, PEER = 0, 1, 2  # columns of `rx.role`; PEER: of the node that is waited for
 MEETING = 3  # a further one: what the frame is to `executive.loop.meeting`
-SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `overrun_policy`
+SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `guard.overrun_policy`
 STAGES, BUCKETS, LATEST = 6, 320, 8  # sizes of `executive.loop.timing`
 COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
 STAGE_FIGURES = 4
 LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
 LATE_FIGURES = LATE_USAGE + 4
-IS_SYNC, IS_HEARTBEAT = 0, 1  # columns of `tx_role`
+HEARTBEAT, ALL_FRAMES = 0, 1  # `tx.last_word`
+IS_SYNC, IS_HEARTBEAT = 0, 1  # columns of `tx.role`
 
 # The record of a node, ordered by who may write it; each part begins on a page of its own.
 _PUBLISHED = [  # written by the node, read by all
@@ -118,105 +119,135 @@ _MAILBOX = [  # written by clients, which the loop does not trust
     ("frame_taken", "<i8", (LINE_WORDS,)),
     ("event_taken", "<i8", (LINE_WORDS,)),
 ]
-_PRIVATE = [  # of the loop alone
-    # set once
+# of the loop alone, each a record of its own: what was set once, then what the loop keeps
+_CLOCK = [
+    ("kind", "<i8"),  # of `executive.loop.clock`
     ("trigger", "<i8"),  # what starts a cycle: CLOCKED, ON_FRAMES
-    ("is_plant", "<i8"),
+    ("arm_pass", "<i8"),  # the pass after which the clock runs
     ("period_ns", "<i8"),
     ("phase_ns", "<i8"),  # of the deadlines, on the common grid of whole periods
     ("late_ns", "<i8"),  # a cycle that starts later than this counts as late
-    ("cycles", "<i8"),
-    ("n_blocks", "<i8"),
-    ("n_variables", "<i8"),
-    ("sent_first", "<i8"),  # places of what is sent
-    ("sent_past", "<i8"),
-    ("n_limits", "<i8"),
-    ("n_safe", "<i8"),
-    ("n_rx", "<i8"),
-    ("n_tx", "<i8"),
-    ("n_starters", "<i8"),  # frames that start a cycle, and frames awaited in it
-    ("n_awaited", "<i8"),
-    ("n_schedule", "<i8"),
-    ("n_noted", "<i8"),
-    ("n_state", "<i8"),
-    ("n_timing", "<i8"),
-    ("record_rows", "<i8"),
-    ("arm_pass", "<i8"),  # the pass after which the clock runs
+    ("wall_offset_ns", "<i8"),  # wall time minus the clock of the loop
+    ("deadline", "<i8"),
+    ("wake", "<i8"),
+    ("behind", "<i8"),  # periods skipped just before this cycle
+    ("now_ns", "<i8"),  # of a clock that somebody else sets
+    ("timespec", "<i8", (2,)),
+]
+_RX = [
+    ("n", "<i8"),
+    ("frames", "<i8", (MAX_FRAMES, 12)),  # tables of drivers.dbc
+    ("signals", "<i8", (MAX_SIGNALS, 10)),
+    ("scales", "<f8", (MAX_SIGNALS, 4)),
+    ("role", "<i8", (MAX_FRAMES, 4)),
+    ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.loop.losses`
     ("listen_ns", "<i8"),  # before the first word on a bus
     ("patience", "<i8"),  # receive time-outs until the other node counts as silent
+    ("starters", "<i8"),  # frames that start a cycle, and frames awaited in it
+    ("awaited", "<i8"),
+    ("started", "<i8"),  # those of this cycle so far
+    ("fresh", "<i8"),
+    ("state", "<i8", (MAX_FRAMES, 10)),  # receivers, see drivers.e2e
+    ("source", "<i8", (MAX_FRAMES,)),  # who sends them, see `executive.loop.strangers`
+    ("strange", "<i8", (2, 2)),
+    ("loss_state", "<i8", (MAX_FRAMES, 2)),
+]
+_MEETING = [  # see `executive.loop.meeting`
+    ("seeks_below", "<i8"),  # 1: waits for the node below; 0: is the lowest, and waits for nobody
+    ("ordered", "<i8"),  # lockstep: takes and records only what always happens
+    ("met", "<i8", (MAX_FRAMES,)),  # heartbeats that were heard
+    ("sampled", "<i8"),  # 1: the first sample of the node below has begun
+    ("holding", "<i8"),  # row + 1 of the frame in `held`, 0 without
+    ("held", "u1", (FRAME_BYTES,)),
+]
+_GUARD = [  # the supervisor
+    ("cycles", "<i8"),  # of the run
     ("hold_cycles", "<i8"),
     ("fault_after", "<i8"),
     ("mode_index", "<i8"),  # the received variable that asks for STOP, or -1
-    ("wait_recorder", "<i8"),  # lockstep: a full ring delays instead of dropping
-    ("virtual_time", "<i8"),  # lockstep: stamps are k T
-    ("wall_offset_ns", "<i8"),  # wall time minus the clock of the loop
     ("overrun_policy", "<i8"),
     ("overrun_after", "<i8"),  # overruns in a row that count
     ("grace_passes", "<i8"),  # cycles at the start in which none does
-    ("controller_block", "<i8"),  # and the one that replaces it on FALL_BACK, or -1
-    ("fallback_block", "<i8"),
+    ("odd_output", "<i8"),  # the fault when an output is no finite number
     ("ramp_step", "<f8"),  # change of the gain a cycle in FAULT
+    ("n_safe", "<i8"),
+    ("safe_index", "<i8", (MAX_LIMITS,)),
+    ("safe", "<f8", (MAX_LIMITS, 5)),
+    ("missing", "<i8"),  # consecutive cycles without complete valid input
+    ("overruns", "<i8"),  # in a row
+    ("faulted", "<i8"),
+    ("gain", "<f8"),  # 1, or how far the ramp of FAULT or of the end has come down
+    ("pace", "<f8"),  # its change a cycle; 0 before a ramp
+]
+_TUNING = [
+    ("low", "<f8", (MAX_VARIABLES,)),  # of a parameter; nan for all other variables
+    ("high", "<f8", (MAX_VARIABLES,)),
+    ("n", "<i8"),
+    ("schedule", "<i8", (MAX_LIMITS, 2)),  # cycle, variable of a scheduled tuning, by cycle
+    ("value", "<f8", (MAX_LIMITS,)),
+    ("done", "<i8"),  # those of the schedule that were applied
+    ("asked_index", "<i8", (MAIL_SLOTS,)),  # a request as it was when it was checked
+    ("asked_value", "<f8", (MAIL_SLOTS,)),
+]
+_BLOCKS = [
+    ("n", "<i8"),
+    ("owe_periods", "<i8"),  # 1: after a stall they are stepped for the skipped periods too
+    ("controller", "<i8"),  # and the one that replaces it on FALL_BACK, or -1
+    ("fallback", "<i8"),
     ("views", "<i8", (MAX_BLOCKS, 8)),  # p0 p1 x0 x1 u0 u1 y0 y1
     ("copies", "<i8", (MAX_COPIES, 2)),  # source, target of the wiring
     ("copies_end", "<i8", (MAX_BLOCKS + 1,)),  # end of each block's copies; last: what is sent
-    ("limit_index", "<i8", (MAX_LIMITS,)),
-    ("limits", "<f8", (MAX_LIMITS, 6)),
-    ("safe_index", "<i8", (MAX_LIMITS,)),
-    ("safe", "<f8", (MAX_LIMITS, 5)),
-    ("schedule", "<i8", (MAX_LIMITS, 2)),  # cycle, variable of a scheduled tuning, by cycle
-    ("schedule_value", "<f8", (MAX_LIMITS,)),
-    ("tunable_low", "<f8", (MAX_VARIABLES,)),  # of a parameter; nan for all other variables
-    ("tunable_high", "<f8", (MAX_VARIABLES,)),
+    ("n_noted", "<i8"),
     ("noted_index", "<i8", (MAX_LIMITS,)),  # variables whose changes are events
     ("noted", "<f8", (MAX_LIMITS,)),  # their last values
+]
+_LIMITS = [
+    ("n", "<i8"),
+    ("place", "<i8", (MAX_LIMITS,)),
+    ("table", "<f8", (MAX_LIMITS, 6)),
+]
+_TX = [
+    ("n", "<i8"),
+    ("frames", "<i8", (MAX_FRAMES, 12)),  # in the order of sending
+    ("signals", "<i8", (MAX_SIGNALS, 10)),
+    ("scales", "<f8", (MAX_SIGNALS, 4)),
+    ("role", "<i8", (MAX_FRAMES, 2)),
+    ("last_word", "<i8"),  # what is sent at the end: ALL_FRAMES, or the HEARTBEAT alone
+    ("first", "<i8"),  # places of what is sent
+    ("past", "<i8"),
+]
+_RINGS = [
+    ("wait_recorder", "<i8"),  # lockstep: a full ring delays instead of dropping
+    ("record_rows", "<i8"),
+    ("n_state", "<i8"),
+    ("n_timing", "<i8"),
     ("state_columns", "<i8", (MAX_VARIABLES,)),
     ("timing_columns", "<i8", (MAX_VARIABLES,)),
-    ("rx", "<i8", (MAX_FRAMES, 12)),  # tables of drivers.dbc
-    ("rx_signals", "<i8", (MAX_SIGNALS, 10)),
-    ("rx_scales", "<f8", (MAX_SIGNALS, 4)),
-    ("rx_role", "<i8", (MAX_FRAMES, 4)),
-    ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.loop.losses`
-    ("tx", "<i8", (MAX_FRAMES, 12)),  # in the order of sending
-    ("tx_signals", "<i8", (MAX_SIGNALS, 10)),
-    ("tx_scales", "<f8", (MAX_SIGNALS, 4)),
-    ("tx_role", "<i8", (MAX_FRAMES, 2)),
-    # what the loop keeps
-    ("k", "<i8"),  # the cycle: time is k T
-    ("passes", "<i8"),  # cycles done; k minus passes were skipped
-    ("behind", "<i8"),  # periods skipped just before this cycle
-    ("deadline", "<i8"),
-    ("wake", "<i8"),
+]
+_TIMING = [  # when this cycle did what; see `executive.loop.timing`
     ("received", "<i8"),
     ("stepped", "<i8"),
     ("sent", "<i8"),
     ("done", "<i8"),
     ("publish_ns", "<i8"),
-    ("virtual_now", "<i8"),
-    ("missing", "<i8"),  # consecutive cycles without complete valid input
-    ("started", "<i8"),  # frames of this cycle so far: starters, awaited
-    ("fresh", "<i8"),
-    ("faulted", "<i8"),
-    ("scheduled", "<i8"),  # tunings of the schedule that were applied
-    ("gain", "<f8"),  # 1, or how far the ramp of FAULT or of the end has come down
-    ("pace", "<f8"),  # its change a cycle; 0 before a ramp
-    ("v", "<f8", (MAX_VARIABLES,)),  # the table
-    ("asked_index", "<i8", (MAIL_SLOTS,)),  # a request as it was when it was checked
-    ("asked_value", "<f8", (MAIL_SLOTS,)),
-    ("rx_state", "<i8", (MAX_FRAMES, 10)),  # receivers, see drivers.e2e
-    ("rx_source", "<i8", (MAX_FRAMES,)),  # who sends them, see `executive.loop.strangers`
-    ("strange", "<i8", (2, 2)),
-    ("loss_state", "<i8", (MAX_FRAMES, 2)),
-    ("met", "<i8", (MAX_FRAMES,)),  # heartbeats that were heard, see `executive.loop.meeting`
-    ("sampled", "<i8"),  # 1: the first sample of the node below has begun
-    ("holding", "<i8"),  # row + 1 of the frame in `held`, 0 without
-    ("held", "u1", (FRAME_BYTES,)),
-    ("overruns", "<i8"),  # in a row
-    ("times", "<i8", (STAGES,)),
+    ("stage_ns", "<i8", (STAGES,)),
     ("usage", "<i8", (18,)),  # struct rusage
     ("usage_before", "<i8", (4,)),
-    ("timespec", "<i8", (2,)),
-    ("wire", WIRE),
 ]
+_PRIVATE = [
+    ("k", "<i8"),  # the cycle: time is k T
+    ("passes", "<i8"),  # cycles done; k minus passes were skipped
+    ("n_variables", "<i8"),
+    ("v", "<f8", (MAX_VARIABLES,)),  # the table
+    *(
+        (name, np.dtype(fields, align=True))
+        for name, fields in (
+            ("clock", _CLOCK), ("rx", _RX), ("meeting", _MEETING), ("guard", _GUARD),
+            ("tuning", _TUNING), ("blocks", _BLOCKS), ("limits", _LIMITS), ("tx", _TX),
+            ("rings", _RINGS), ("timing", _TIMING), ("wire", WIRE),
+        )
+    ),
+]  # fmt: skip
 
 
 def _whole_pages(fields: list[Any], name: str) -> list[Any]:

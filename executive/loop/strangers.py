@@ -23,10 +23,11 @@ import numpy as np
 from pcpc.drivers import can_id, codec, dbc, e2e, e2e_states
 from pcpc.drivers.jit import loop_function
 from pcpc.drivers.wire import FAILED, FRAME, get_frame
-from pcpc.drivers.wire_layout import MEMORY, STRANGER
+from pcpc.drivers.wire_layout import STRANGER
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
-from pcpc.executive.loop.rings import now, push_event, push_frame, stopping
+from pcpc.executive.loop.clock import now, runs, stopping
+from pcpc.executive.loop.rings import push_event, push_frame
 
 FOREIGN_FRAMES, FOREIGN_CYCLES = 3, 10
 REPEATED_FRAMES, REPEATED_CYCLES = 10, 100
@@ -49,12 +50,12 @@ def is_foreign(n: Any, row: Any, word: Any) -> Any:
     """Return whether the frame in `wire.rx`, of `row` in the receive table or -1, is foreign."""
     source = n.wire.source
     if row < 0:
-        return codec.frame_of(word, n.tx, n.n_tx) >= 0
-    if source == n.rx_source[row]:
+        return codec.frame_of(word, n.tx.frames, n.tx.n) >= 0
+    if source == n.rx.source[row]:
         return False
-    silent = n.rx_state[row, e2e.AGE_CYCLES] > SILENT_TURNS * n.rx[row, dbc.EVERY_N]
-    if source != STRANGER and (n.rx_source[row] == 0 or n.passes == 0 or silent):
-        n.rx_source[row] = source
+    silent = n.rx.state[row, e2e.AGE_CYCLES] > SILENT_TURNS * n.rx.frames[row, dbc.EVERY_N]
+    if source != STRANGER and (n.rx.source[row] == 0 or n.passes == 0 or silent):
+        n.rx.source[row] = source
         return False
     return True
 
@@ -66,7 +67,7 @@ def note_foreign(n: Any, word: Any) -> None:
     push_frame(n, n.wire.rx, 1, e2e_states.FOREIGN)
     if _note(n, FOREIGN, FOREIGN_CYCLES) == 1:
         push_event(n, sh.FOREIGN_EVENT, word & can_id.ID, n.control[sh.FOREIGN])
-    if n.strange[FOREIGN, COUNT] >= FOREIGN_FRAMES or n.passes == 0:
+    if n.rx.strange[FOREIGN, COUNT] >= FOREIGN_FRAMES or n.passes == 0:
         _blame(n, sv.ANOTHER_SENDER, word)
 
 
@@ -80,24 +81,24 @@ def note_repeat(n: Any, word: Any) -> None:
 @loop_function
 def _note(n: Any, kind: Any, cycles: Any) -> Any:
     """Count one more of a kind; return how many there were within `cycles` cycles."""
-    if n.strange[kind, COUNT] == 0 or n.passes - n.strange[kind, SINCE] >= cycles:
-        n.strange[kind, SINCE] = n.passes
-        n.strange[kind, COUNT] = 0
-    n.strange[kind, COUNT] += 1
-    return n.strange[kind, COUNT]
+    if n.rx.strange[kind, COUNT] == 0 or n.passes - n.rx.strange[kind, SINCE] >= cycles:
+        n.rx.strange[kind, SINCE] = n.passes
+        n.rx.strange[kind, COUNT] = 0
+    n.rx.strange[kind, COUNT] += 1
+    return n.rx.strange[kind, COUNT]
 
 
 @loop_function
 def _blame(n: Any, fault: Any, word: Any) -> None:
-    if n.faulted == sv.NO_FAULT:
-        n.faulted = fault
+    if n.guard.faulted == sv.NO_FAULT:
+        n.guard.faulted = fault
         n.control[sh.CULPRIT] = word
 
 
 @loop_function
 def refused(n: Any) -> Any:
     """Return True if this node must not begin: another one of its kind is on the bus."""
-    return n.passes == 0 and n.faulted == sv.ANOTHER_SENDER
+    return n.passes == 0 and n.guard.faulted == sv.ANOTHER_SENDER
 
 
 @loop_function
@@ -106,16 +107,16 @@ def listen(n: Any) -> None:
 
     Long enough for the cyclic frames of a running node and the heartbeats of a waiting one.
     """
-    if n.wire.kind == MEMORY:
+    if not runs(n.clock):
         return
-    until = now(n) + n.listen_ns
-    while now(n) < until and not stopping(n) and n.faulted == sv.NO_FAULT:
+    until = now(n.clock) + n.rx.listen_ns
+    while now(n.clock) < until and not stopping(n) and n.guard.faulted == sv.NO_FAULT:
         result = get_frame(n.wire, True)
         if result == FRAME:
             word = word_of(n.wire.rx)
-            row = codec.frame_of(word, n.rx, n.n_rx)
+            row = codec.frame_of(word, n.rx.frames, n.rx.n)
             if row < 0 and is_foreign(n, row, word):
                 note_foreign(n, word)
         elif result == FAILED:
             n.control[sh.BUS_ERRNO] = n.wire.errno
-            n.faulted = sv.BUS_FAILED
+            n.guard.faulted = sv.BUS_FAILED

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers import libc
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.variables import REFUSED, RESET, STATISTICS_AT, TIMING_AT, WALL
@@ -36,19 +36,19 @@ COUNTERS = np.array(
 )  # fmt: skip
 
 
-@loop_function
+@loop_inline
 def note(n: Any) -> None:
     """Write the stage times and the counters of this cycle into the table."""
-    v = n.v
-    v[TIMING_AT] = 0.001 * (n.wake - n.deadline)
-    v[TIMING_AT + 1] = 0.001 * (n.received - n.wake)
-    v[TIMING_AT + 2] = 0.001 * (n.stepped - n.received)
-    v[TIMING_AT + 3] = 0.001 * (n.sent - n.stepped)
-    v[TIMING_AT + 4] = 0.001 * n.publish_ns
+    v, clock, timing = n.v, n.clock, n.timing
+    v[TIMING_AT] = 0.001 * (clock.wake - clock.deadline)
+    v[TIMING_AT + 1] = 0.001 * (timing.received - clock.wake)
+    v[TIMING_AT + 2] = 0.001 * (timing.stepped - timing.received)
+    v[TIMING_AT + 3] = 0.001 * (timing.sent - timing.stepped)
+    v[TIMING_AT + 4] = 0.001 * timing.publish_ns
     for i in range(COUNTERS.shape[0]):
         v[TIMING_AT + 5 + i] = n.control[COUNTERS[i]]
     v[REFUSED] = n.control[sh.REFUSED]
-    v[WALL] = 1e-9 * (n.wake + n.wall_offset_ns)
+    v[WALL] = 1e-9 * (n.clock.wake + n.clock.wall_offset_ns)
 
 
 @loop_function
@@ -91,13 +91,13 @@ def count(n: Any) -> None:
     if n.v[RESET] >= 0.5:
         n.v[RESET] = 0.0
         reset(n)
-    times = n.times
-    times[WAKE_LATE] = n.wake - n.deadline
-    times[RECEIVE] = n.received - n.wake
-    times[STEP] = n.stepped - n.received
-    times[SEND] = n.sent - n.stepped
-    times[PUBLISH] = n.done - n.sent
-    times[WORK] = n.done - n.wake
+    clock, timing, times = n.clock, n.timing, n.timing.stage_ns
+    times[WAKE_LATE] = clock.wake - clock.deadline
+    times[RECEIVE] = timing.received - clock.wake
+    times[STEP] = timing.stepped - timing.received
+    times[SEND] = timing.sent - timing.stepped
+    times[PUBLISH] = timing.done - timing.sent
+    times[WORK] = timing.done - clock.wake
     for s in range(sh.STAGES):
         t = times[s]
         n.stages[s, sh.COUNTED] += 1
@@ -105,10 +105,10 @@ def count(n: Any) -> None:
         n.stages[s, sh.LEAST] = min(n.stages[s, sh.LEAST], t)
         n.stages[s, sh.MOST] = max(n.stages[s, sh.MOST], t)
         n.histogram[s, bucket(t)] += 1
-    libc.getrusage(RUSAGE_THREAD, libc.address(n.usage))
+    libc.getrusage(RUSAGE_THREAD, libc.address(timing.usage))
     _note_latest(n)
     for i in range(USAGE.shape[0]):
-        n.usage_before[i] = n.usage[USAGE[i]]
+        timing.usage_before[i] = timing.usage[USAGE[i]]
     if n.passes % UPDATE_PASSES == 0:
         show(n)
 
@@ -116,18 +116,18 @@ def count(n: Any) -> None:
 @loop_function
 def _note_latest(n: Any) -> None:
     """Keep this cycle if it is among those that woke latest; the first is not comparable."""
-    late = n.times[WAKE_LATE]
+    timing, late = n.timing, n.timing.stage_ns[WAKE_LATE]
     row = np.int64(0)
     for i in range(sh.LATEST):
         if n.latest[i, sh.LATE_NS] < n.latest[row, sh.LATE_NS]:
             row = np.int64(i)
-    if late <= n.late_ns or late <= n.latest[row, sh.LATE_NS]:
+    if late <= n.clock.late_ns or late <= n.latest[row, sh.LATE_NS]:
         return
     n.latest[row, sh.LATE_CYCLE] = n.k
     for s in range(sh.STAGES):
-        n.latest[row, sh.LATE_NS + s] = n.times[s]
+        n.latest[row, sh.LATE_NS + s] = timing.stage_ns[s]
     for i in range(USAGE.shape[0]):
-        n.latest[row, sh.LATE_USAGE + i] = n.usage[USAGE[i]] - n.usage_before[i]
+        n.latest[row, sh.LATE_USAGE + i] = timing.usage[USAGE[i]] - timing.usage_before[i]
     push_event(n, sh.LATE_EVENT, late, 0.0)
 
 

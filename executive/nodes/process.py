@@ -31,17 +31,17 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from pcpc.drivers import bus as buses
-from pcpc.drivers import choice, claim, kernel, realtime, wire
+from pcpc.drivers import choice, claim, kernel, realtime
 from pcpc.drivers.errors import BusError, Exit, UserError
-from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log.facts import facts
 from pcpc.executive.loop import faults, sharing
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.clock import CLOCKED
 from pcpc.executive.loop.cycle import finish, run
 from pcpc.executive.nodes import plausible
-from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, describe, plan
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
 from pcpc.executive.rig import carried
@@ -124,7 +124,7 @@ class Process:
         open_buses(self.rig, self.bus, self.plan, block.loop.wire)
         install(self.plan, block.loop)
         wall_ns, clock_ns = (int(metadata[f"clock_{name}_ns"]) for name in ("wall", "monotonic"))
-        block.loop.wall_offset_ns = wall_ns - clock_ns
+        block.loop.clock.wall_offset_ns = wall_ns - clock_ns
         block["control"][sh.PID] = os.getpid()
         block["snapshot"][:] = block.loop.v[: len(block["snapshot"])]  # until the first cycle
         served.open()
@@ -290,12 +290,10 @@ def warm_up_memory(made: Plan) -> Any:
     scratch = np.recarray(1, sh.LOOP)
     scratch.view(np.uint8)[:] = 0
     loop: Any = scratch[0]
-    wire.prepare(loop.wire, MEMORY, -1, -1)
-    install(made, loop)
-    loop.trigger = 0  # clocked, in memory: every deadline is over already
-    loop.arm_pass = -1
-    loop.is_plant = 1  # waits for nobody
-    loop.cycles = _WARM_UP_CYCLES
+    install_in_memory(made, loop)
+    loop.clock.trigger, loop.clock.arm_pass = CLOCKED, -1  # every deadline is over already
+    loop.meeting.seeks_below = 0  # it waits for nobody
+    loop.guard.cycles = _WARM_UP_CYCLES
     return loop
 
 

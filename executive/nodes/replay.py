@@ -20,20 +20,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e_states, wire
+from pcpc.drivers import e2e_states
 from pcpc.drivers.jit import f8, i8, loop, u1
 from pcpc.drivers.structures import copy
-from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, STRANGER
+from pcpc.drivers.wire_layout import FRAME_BYTES, STRANGER
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.variables import COUNTED
-from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import watched
 from pcpc.executive.rig.messages import heartbeat
@@ -135,11 +136,11 @@ def recompute(
     """
     frame, tuning = 0, 0
     for i in range(rows.shape[0]):
-        n.behind = rows[i, K] - n.k
+        n.clock.behind = rows[i, K] - n.k
         n.k = rows[i, K]
         n.passes = rows[i, PASSES]
-        n.virtual_now = n.deadline = rows[i, STAMP]
-        if n.passes == 0 and n.is_plant == 0:
+        n.clock.now_ns = n.clock.deadline = rows[i, STAMP]
+        if n.passes == 0 and n.meeting.seeks_below != 0:
             request_first_sample(n)
         while frame < rows[i, FRAMES_END]:
             copy(n.wire.rx, frames[frame])
@@ -152,7 +153,7 @@ def recompute(
         for j in range(clocks.shape[0]):
             n.v[clocks[j]] = clocked[i, j]
         if rows[i, BUS_FAILED] != 0:
-            n.faulted = sv.BUS_FAILED
+            n.guard.faulted = sv.BUS_FAILED
         if rows[i, ENDS] != 0:
             n.control[sh.STOP] = 1
         one_pass(n, steps)
@@ -171,9 +172,8 @@ class Replay:
         made = plan(rig, role, "lockstep" if pacing == "virtual" else pacing)
         self.block = sh.private(describe(made, facts()))
         loop = self.block.loop
-        wire.prepare(loop.wire, MEMORY, -1, -1)
-        install(made, loop)
-        loop.n_schedule = loop.wait_recorder = loop.virtual_time = 0
+        install_in_memory(made, loop)
+        loop.clock.kind, loop.tuning.n, loop.meeting.ordered = GIVEN, 0, 0
         self.steps = made.steps
         about = self.block.description
         self.names = [*about["state_columns"], *COUNTED]

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import wire
 from pcpc.drivers.jit import i8, loop
-from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
 from pcpc.executive.log.long_logs import Wanted
 from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish, wait_for_peer
+from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish
+from pcpc.executive.loop.reception import wait_for_peer
 from pcpc.executive.loop.sending import announce, request_first_sample
-from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import watched
 from pcpc.executive.rig.reading import Rig
@@ -116,9 +116,7 @@ class VirtualRun:
         self.blocks: list[sh.Shared] = []
         for p in made:
             block = sh.private(describe(p, metadata))
-            wire.prepare(block.loop.wire, MEMORY, -1, -1)
-            install(p, block.loop)
-            block.loop.wait_recorder = 0
+            install_in_memory(p, block.loop)
             block["control"][sh.PID] = os.getpid()
             self.blocks.append(block)
         self.steps = [p.steps for p in made]

@@ -10,7 +10,8 @@ from typing import Any
 from pcpc.drivers import wire
 from pcpc.drivers.jit import i8, loop, loop_function
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish, wait_for_peer
+from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish
+from pcpc.executive.loop.reception import wait_for_peer
 from pcpc.executive.loop.sending import announce, request_first_sample
 
 
@@ -54,7 +55,9 @@ def run_virtual_with_local(
             finish(executive)
             wire.carry(executive.wire, local.wire)
             _pass_below(executive, local, relays, plant, models)
-            while local.control[sh.DONE] == 0 and local.pace > 0.0:  # its own commands become safe
+            while (
+                local.control[sh.DONE] == 0 and local.guard.pace > 0.0
+            ):  # its own commands become safe
                 _pass_below(executive, local, relays, plant, models)
             if local.control[sh.DONE] == 0:
                 finish(local)

@@ -63,7 +63,7 @@ class Watch:
         self._loops = loops
         self._looks = 0
         self._seen: list[tuple[int, int, float]] = []
-        period_s = max(1e-9 * int(loop.period_ns) for loop in loops)
+        period_s = max(1e-9 * int(loop.clock.period_ns) for loop in loops)
         self._limit_s = max(HANG_S, HANG_PERIODS * period_s)
 
     def stands(self, hurry: bool = False) -> Any:

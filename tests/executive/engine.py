@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import libc, wire
 from pcpc.drivers.jit import i8, loop, u1
-from pcpc.drivers.wire_layout import FRAME_BYTES, MEMORY, QUEUE_FRAMES
+from pcpc.drivers.wire_layout import FRAME_BYTES, QUEUE_FRAMES
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
-from pcpc.executive.loop.cycle import STEPS, N, one_pass, wait_for_peer
-from pcpc.executive.loop.rings import publish, stopping
+from pcpc.executive.loop.clock import stopping
+from pcpc.executive.loop.cycle import STEPS, N, one_pass
+from pcpc.executive.loop.reception import wait_for_peer
+from pcpc.executive.loop.rings import publish_table
 from pcpc.executive.loop.sending import announce, request_first_sample
-from pcpc.executive.nodes.install import install
+from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.reading import Rig
 
@@ -99,12 +101,12 @@ def _drive(
     """Do a cycle for each row of `fates`; return how many the executive did."""
     for c in range(fates.shape[0]):
         _carry(plant, executive, ids, fates[c])
-        executive.virtual_now = max(executive.virtual_now, executive.deadline) + late[c]
+        executive.clock.now_ns = max(executive.clock.now_ns, executive.clock.deadline) + late[c]
         if not one_pass(executive, laws):
             alive[0] = 0
             return c
         _carry(executive, plant, ids, fates[c])
-        plant.virtual_now = executive.virtual_now + PLANT_LAG_NS
+        plant.clock.now_ns = executive.clock.now_ns + PLANT_LAG_NS
         if alive[1] != 0 and not one_pass(plant, models):
             alive[1] = 0
     return fates.shape[0]
@@ -127,9 +129,9 @@ def write_until_stopped(n: Any, pause: Any) -> Any:
         k += 1
         for i in range(n.n_variables):
             n.v[i] = k
-        publish(n)
+        publish_table(n)
         for _ in range(pause):
-            libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.timespec))
+            libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.clock.timespec))
     return k
 
 
@@ -165,9 +167,7 @@ class Node:
     def __init__(self, made: Plan, loop: Any = None) -> None:
         self.plan = made
         self.loop = zeroed() if loop is None else loop
-        wire.prepare(self.loop.wire, MEMORY, -1, -1)
-        install(made, self.loop)
-        self.loop.wait_recorder = 0
+        install_in_memory(made, self.loop)
         self.frames = {f.name: f.can_id for f in (*made.rx_frames, *made.tx_frames)}
 
     def place(self, name: str) -> int:
@@ -201,8 +201,8 @@ class Node:
 
     def records(self) -> NDArray[np.int64]:
         """Return the rows of the record ring that nobody has taken, oldest first."""
-        columns = sh.RECORD_HEAD + int(self.loop.n_state) + 1 + int(self.loop.n_timing)
-        rows = int(self.loop.record_rows)
+        columns = sh.RECORD_HEAD + int(self.loop.rings.n_state) + 1 + int(self.loop.rings.n_timing)
+        rows = int(self.loop.rings.record_rows)
         ring = self.loop.record[: rows * columns].reshape(rows, columns)
         return ring[
             np.arange(int(self.loop.record_taken[0]), int(self.loop.record_ends[sh.PUT])) % rows

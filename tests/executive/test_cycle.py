@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pcpc.drivers.jit import i8, loop
-from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
-from pcpc.executive.loop.cycle import CLOCKED, N, arm, finish, next_cycle
+from pcpc.executive.loop.clock import CLOCKED, GIVEN, arm
+from pcpc.executive.loop.cycle import N, finish, next_cycle
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.reading import load_rig
 
@@ -239,7 +239,7 @@ def test_two_samples_of_one_frame_do_not_stand_in_for_another_frame(
     bench = Bench(clocked)
     bench.run(10)
     assert bench.executive.state == "RUN"
-    bench.plant.loop.virtual_now += PERIOD_NS
+    bench.plant.loop.clock.now_ns += PERIOD_NS
     assert bench.plant.go() == 1, "the plant's second sample before the executive's next cycle"
     received = counters(bench.executive)["frames_received"]
     bench.run(1, {"FB_B": LOST})
@@ -381,7 +381,7 @@ def test_a_value_that_is_not_finite_in_the_last_cycle_is_a_fault_too(
     bench = Bench(plans)
     node = bench.executive
     node["controller.other_Nm"] = math.nan
-    node.loop.cycles = 1
+    node.loop.guard.cycles = 1
     assert bench.run(5) == 0, "the run is over with the first cycle"
     end(node)
     assert node.count(sh.FAULT) == sv.OUTPUT_NOT_FINITE
@@ -415,7 +415,7 @@ def test_what_is_sent_is_the_nearest_value_within_range_and_rate(
 ) -> None:
     bench = Bench(rate_limited)
     node, last = bench.executive, 0.0
-    change = float(node.loop.limits[0, sh.RATE])
+    change = float(node.loop.limits.table[0, sh.RATE])
     assert math.isclose(change, 0.125, rel_tol=1e-12), change
     for value in wanted[:8]:
         node["controller.torque_Nm"] = value
@@ -453,14 +453,14 @@ def test_a_command_goes_to_its_safe_value_within_range_and_rate(
     text = f"executive: {{limits: {{CMD.motor_torque: {{{limits}}}}}}}"
     made = Bench(both(load_rig(puppet_rig(tmp_path, text, "supervisor: {ramp_s: 0.002}"))))
     node = made.executive
-    low, high, rate = (float(node.loop.limits[0, c]) for c in (sh.LOW, sh.HIGH, sh.RATE))
+    low, high, rate = (float(node.loop.limits.table[0, c]) for c in (sh.LOW, sh.HIGH, sh.RATE))
     node["controller.torque_Nm"] = -5.0 if safe < 0.0 and low < safe - 1.0 else 1.9
     made.run(40)
     before = node["tx.CMD.motor_torque"]
     assert abs(before - safe) > 1.0, f"{before}: the test has nothing to ramp"
     done = 40
     if why == "duration":
-        node.loop.cycles = done
+        node.loop.guard.cycles = done
         node.loop.k = done
     elif why == "stop":
         node.loop.control[sh.STOP] = 1
@@ -563,7 +563,7 @@ def test_a_value_outside_of_its_range_is_refused_with_all_that_came_with_it(
 
 def test_an_unbounded_parameter_takes_no_infinity(bench: Bench) -> None:
     node = bench.executive
-    node.loop.tunable_high[node.place(GAIN)] = math.inf
+    node.loop.tuning.high[node.place(GAIN)] = math.inf
     assert refused(bench, [node.place(GAIN)], [math.inf]) == sh.OUT_OF_RANGE
 
 
@@ -604,7 +604,7 @@ def test_garbage_in_the_mailbox_changes_neither_outputs_nor_private_memory(
         assert quiet.run(1) == noisy.run(1) == 1, f"round {i}"
         n.record_taken[0] = n.frame_taken[0] = n.event_taken[0] = 0
     ours, theirs = quiet.executive, noisy.executive
-    names = ("v", "limits", "views", "copies", "rx", "tx", "rx_state", "tunable_low", "schedule")
+    names = ("v", "limits", "blocks", "rx", "tx")
     counted = [theirs.place("health.requests_refused")]
     theirs.loop.v[counted] = 0.0
     different = [x for x in names if ours.loop[x].tobytes() != theirs.loop[x].tobytes()]
@@ -619,7 +619,7 @@ def test_garbage_in_the_mailbox_changes_neither_outputs_nor_private_memory(
 def clock() -> Any:
     """Return a LOOP record with a clock of 1 kHz and nothing else."""
     n = zeroed()
-    n.period_ns, n.trigger, n.wire.kind = PERIOD_NS, CLOCKED, MEMORY
+    n.clock.period_ns, n.clock.trigger, n.clock.kind = PERIOD_NS, CLOCKED, GIVEN
     return n
 
 
@@ -634,10 +634,10 @@ def test_after_a_stall_whole_periods_are_skipped_and_counted(
     clock: Any, deadline: int, late: int, k: int, skipped: int
 ) -> None:
     n = clock
-    n.deadline, n.done, n.k, n.passes = deadline, deadline + PERIOD_NS + late, k, 7
+    n.clock.deadline, n.timing.done, n.k, n.passes = deadline, deadline + PERIOD_NS + late, k, 7
     n.control[sh.SKIPPED] = skipped
     next_cycle(n)
-    after, cycle, behind = int(n.deadline), int(n.k), int(n.behind)
+    after, cycle, behind = int(n.clock.deadline), int(n.k), int(n.clock.behind)
     done = deadline + PERIOD_NS + late
     assert (after - deadline) % PERIOD_NS == 0, "the phase is lost"
     assert after - deadline == (cycle - k) * PERIOD_NS, "k and deadline disagree"
@@ -653,10 +653,10 @@ def test_the_first_deadline_is_soon_and_on_the_common_grid(
     clock: Any, now: int, phase: int
 ) -> None:
     n = clock
-    n.virtual_now, n.phase_ns = now, phase
-    arm(n)
-    ahead = int(n.deadline) - now
-    assert (int(n.deadline) - phase) % PERIOD_NS == 0, "off the grid"
+    n.clock.now_ns, n.clock.phase_ns = now, phase
+    arm(n.clock)
+    ahead = int(n.clock.deadline) - now
+    assert (int(n.clock.deadline) - phase) % PERIOD_NS == 0, "off the grid"
     assert PERIOD_NS // 8 < ahead <= PERIOD_NS + PERIOD_NS // 8, f"{ahead} ns ahead"
 
 

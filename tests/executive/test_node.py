@@ -12,7 +12,7 @@ from engine import ATB1000, SLEW10, Node, both
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.cycle import CLOCKED, ON_FRAMES
+from pcpc.executive.loop.clock import CLOCKED, ON_FRAMES
 from pcpc.executive.nodes.plan import Plan, check_rate, cycles_of, describe, plan
 from pcpc.executive.rig.reading import Rig, load_rig
 
@@ -217,14 +217,14 @@ def test_frames_are_sent_slow_ones_first_and_SYNC_last(plans: tuple[Plan, Plan])
     assert names[-2:] == ["CMD", "SYNC"], names
     assert [frame.name for frame in plant.tx_frames][-3:] == ["FB_A", "FB_B", "FB_C"]
     for made in plans:
-        rows = Node(made).loop.tx[: len(made.tx_frames), 0]
+        rows = Node(made).loop.tx.frames[: len(made.tx_frames), 0]
         assert rows.tolist() == [frame.can_id for frame in made.tx_frames]
 
 
 def test_feedback_is_awaited_and_SYNC_starts_the_plant(plans: tuple[Plan, Plan]) -> None:
     control, plant = (Node(made) for made in plans)
-    assert (int(control.loop.n_starters), int(control.loop.n_awaited)) == (3, 3)
-    assert (int(plant.loop.n_starters), int(plant.loop.n_awaited)) == (1, 1)
+    assert (int(control.loop.rx.starters), int(control.loop.rx.awaited)) == (3, 3)
+    assert (int(plant.loop.rx.starters), int(plant.loop.rx.awaited)) == (1, 1)
 
 
 @pytest.mark.parametrize(
@@ -237,7 +237,7 @@ def test_feedback_is_awaited_and_SYNC_starts_the_plant(plans: tuple[Plan, Plan])
 )
 def test_the_pacing_says_who_has_a_clock(pacing: str, triggers: tuple[int, int]) -> None:
     nodes = [Node(made) for made in both(load_rig(SLEW10), pacing)]
-    assert tuple(int(node.loop.trigger) for node in nodes) == triggers
+    assert tuple(int(node.loop.clock.trigger) for node in nodes) == triggers
 
 
 def test_settings_and_initial_states_stand_in_the_table(plans: tuple[Plan, Plan]) -> None:
@@ -257,10 +257,10 @@ def test_limits_ramp_and_counts_come_from_the_rig(tmp_path: Path) -> None:
         + executive("limits: {CMD.motor_torque: {low: -1.0, high: 1.5, rate_per_s: 100.0}}"),
     )
     n = Node(plan(rig, "executive", "sync")).loop
-    assert (int(n.hold_cycles), int(n.fault_after), int(n.cycles)) == (4, 7, 1250)
-    assert cycles_of(rig) == 1250 and int(n.period_ns) == 2_000_000
-    assert math.isclose(float(n.ramp_step), 0.02) and float(n.gain) == 1.0
-    assert np.allclose(n.limits[0, :3], (-1.0, 1.5, 0.2), rtol=1e-12), n.limits[0]
+    assert (int(n.guard.hold_cycles), int(n.guard.fault_after), int(n.guard.cycles)) == (4, 7, 1250)
+    assert cycles_of(rig) == 1250 and int(n.clock.period_ns) == 2_000_000
+    assert math.isclose(float(n.guard.ramp_step), 0.02) and float(n.guard.gain) == 1.0
+    assert np.allclose(n.limits.table[0, :3], (-1.0, 1.5, 0.2), rtol=1e-12), n.limits.table[0]
 
 
 def test_the_description_is_json_and_explains_the_record(plans: tuple[Plan, Plan]) -> None:

@@ -9,7 +9,6 @@ from engine import SLEW10, Bench, both, puppet_rig, zeroed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcpc.drivers.wire_layout import SOCKETCAN
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
@@ -140,12 +139,13 @@ def counted(lateness_ns: Any, work_ns: Any) -> Any:
     """Return a LOOP record that has counted cycles of these times."""
     n = zeroed()
     timing.reset(n)
-    n.wire.kind, n.late_ns, n.period_ns = SOCKETCAN, 100_000, PERIOD_NS
+    n.clock.late_ns, n.clock.period_ns = 100_000, PERIOD_NS
     for k, (late, work) in enumerate(zip(lateness_ns, work_ns, strict=True)):
         n.k = n.passes = k
-        n.deadline = k * PERIOD_NS
-        n.wake = n.received = n.stepped = n.sent = n.deadline + int(late)
-        n.done = n.wake + int(work)
+        n.clock.deadline = k * PERIOD_NS
+        n.clock.wake = n.clock.deadline + int(late)
+        n.timing.received = n.timing.stepped = n.timing.sent = n.clock.wake
+        n.timing.done = n.clock.wake + int(work)
         timing.count(n)
     timing.show(n)
     return n
@@ -178,9 +178,10 @@ def test_a_reset_starts_anew() -> None:
     n = counted(np.full(50, 70_000), np.full(50, 5_000))
     n.v[timing.RESET] = 1.0
     n.k = n.passes = 50
-    n.deadline = 50 * PERIOD_NS
-    n.wake = n.received = n.stepped = n.sent = n.deadline + 1_000
-    n.done = n.wake + 2_000
+    n.clock.deadline = 50 * PERIOD_NS
+    n.clock.wake = n.clock.deadline + 1_000
+    n.timing.received = n.timing.stepped = n.timing.sent = n.clock.wake
+    n.timing.done = n.clock.wake + 2_000
     timing.count(n)
     timing.show(n)
     at = timing.STATISTICS_AT

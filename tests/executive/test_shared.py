@@ -54,8 +54,8 @@ def block(plans: tuple[Plan, Plan]) -> sh.Shared:
 def bench_with_small_ring(plans: tuple[Plan, Plan], waits: bool) -> Bench:
     """Return a closed loop whose executive has a record ring of a few rows that nobody empties."""
     bench = Bench(plans)
-    bench.executive.loop.record_rows = ROWS
-    bench.executive.loop.wait_recorder = waits
+    bench.executive.loop.rings.record_rows = ROWS
+    bench.executive.loop.rings.wait_recorder = waits
     return bench
 
 
@@ -229,5 +229,5 @@ def test_what_only_the_loop_needs_lies_beyond_what_clients_map() -> None:
     shared_bytes, fields = sh.PUBLISHED_BYTES + sh.MAILBOX_BYTES, sh.LOOP.fields or {}
     assert sh.PUBLISHED_BYTES % sh.PAGE_BYTES == sh.MAILBOX_BYTES % sh.PAGE_BYTES == 0
     private = {name for name, field in fields.items() if field[1] >= shared_bytes}
-    wanted = {"v", "views", "copies", "limits", "schedule", "rx", "tx", "wire", "tunable_low", "k"}
+    wanted = {"v", "k", "clock", "blocks", "limits", "tuning", "guard", "rx", "tx", "rings", "wire"}
     assert wanted <= private, wanted - private

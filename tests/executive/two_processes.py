@@ -72,7 +72,7 @@ def lockstep(rig: Rig, bus_name: str) -> Whole:
         loop = blocks[role].loop
         open_buses(rig, bus, plans[role], loop.wire)
         install(plans[role], loop)
-        loop.listen_ns = 0
+        loop.rx.listen_ns = 0
         run(loop, plans[role].steps)
 
     children = []

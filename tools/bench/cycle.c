@@ -16,18 +16,36 @@ static int stopping(loop *n)
     return __atomic_load_n(&n->control[SH_STOP], __ATOMIC_ACQUIRE) != 0;
 }
 
+/* ------------------------------------------------------------------ executive/loop/clock.py -------- */
+
+static int runs(loop *n)
+{
+    return n->clock.kind == CLK_REAL || n->clock.kind == CLK_LOCKSTEP;
+}
+
 static int64_t now(loop *n)
 {
     struct timespec t;
-    if (n->wire.kind == WIRE_MEMORY)
-        return n->virtual_now;
+    if (!runs(n))
+        return n->clock.now_ns;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return t.tv_sec * 1000000000LL + t.tv_nsec;
 }
 
 static int64_t stamp(loop *n)
 {
-    return n->virtual_time ? n->virtual_now : now(n);
+    return n->clock.kind == CLK_LOCKSTEP ? n->clock.now_ns : now(n);
+}
+
+static int paced(loop *n)
+{
+    return n->clock.trigger == CLK_CLOCKED && n->passes > n->clock.arm_pass;
+}
+
+static void set_time(loop *n)
+{
+    if (n->clock.kind == CLK_LOCKSTEP || n->clock.kind == CLK_VIRTUAL)
+        n->clock.now_ns = n->k * n->clock.period_ns;
 }
 
 /* ------------------------------------------------------------------ executive/loop/rings.py -------- */
@@ -45,7 +63,7 @@ static int64_t free_row(loop *n, int64_t *ends, int64_t *taken, int64_t rows)
 {
     int64_t put = ends[SH_PUT];
     while (put - __atomic_load_n(&taken[0], __ATOMIC_ACQUIRE) >= rows) {
-        if (!n->wait_recorder || stopping(n)) {
+        if (!n->rings.wait_recorder || stopping(n)) {
             ends[SH_DROPPED]++;
             return -1;
         }
@@ -87,21 +105,21 @@ static void push_event(loop *n, int64_t code, int64_t argument, double value)
 
 static void push_record(loop *n)
 {
-    int64_t columns = SH_RECORD_HEAD + n->n_state + 1 + n->n_timing;
-    int64_t at = free_row(n, n->record_ends, n->record_taken, n->record_rows);
+    int64_t columns = SH_RECORD_HEAD + n->rings.n_state + 1 + n->rings.n_timing;
+    int64_t at = free_row(n, n->record_ends, n->record_taken, n->rings.record_rows);
     if (at < 0)
         return;
     int64_t *row = n->record + at * columns;
     row[0] = n->k;
-    row[1] = n->wake;
+    row[1] = n->clock.wake;
     row[2] = SH_CDR_HEADER;
     row += SH_RECORD_HEAD;
-    for (int64_t i = 0; i < n->n_state; i++)
-        row[i] = bits_of(n->v[n->state_columns[i]]);
-    row += n->n_state;
+    for (int64_t i = 0; i < n->rings.n_state; i++)
+        row[i] = bits_of(n->v[n->rings.state_columns[i]]);
+    row += n->rings.n_state;
     row[0] = SH_CDR_HEADER;
-    for (int64_t i = 0; i < n->n_timing; i++)
-        row[1 + i] = bits_of(n->v[n->timing_columns[i]]);
+    for (int64_t i = 0; i < n->rings.n_timing; i++)
+        row[1 + i] = bits_of(n->v[n->rings.timing_columns[i]]);
     was_put(n->record_ends);
 }
 
@@ -118,38 +136,38 @@ static void publish(loop *n)
 
 static void wait(loop *n)
 {
-    struct timespec until = {n->deadline / 1000000000, n->deadline % 1000000000};
-    if (n->wire.kind == WIRE_MEMORY)
-        n->virtual_now = n->virtual_now > n->deadline ? n->virtual_now : n->deadline;
+    struct timespec until = {n->clock.deadline / 1000000000, n->clock.deadline % 1000000000};
+    if (!runs(n))
+        n->clock.now_ns = n->clock.now_ns > n->clock.deadline ? n->clock.now_ns : n->clock.deadline;
     else
         while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL) == EINTR
                && !stopping(n))
             ;
-    n->wake = now(n);
-    int64_t late = n->wake - n->deadline;
-    n->control[SH_LATE] += late > n->late_ns;
+    n->clock.wake = now(n);
+    int64_t late = n->clock.wake - n->clock.deadline;
+    n->control[SH_LATE] += late > n->clock.late_ns;
     if (late > n->control[SH_WAKE_MAX_NS])
         n->control[SH_WAKE_MAX_NS] = late;
 }
 
 static void arm(loop *n)
 {
-    int64_t soonest = now(n) + n->period_ns / 8 - n->phase_ns;
-    n->deadline = (soonest / n->period_ns + 1) * n->period_ns + n->phase_ns;
+    int64_t soonest = now(n) + n->clock.period_ns / 8 - n->clock.phase_ns;
+    n->clock.deadline = (soonest / n->clock.period_ns + 1) * n->clock.period_ns + n->clock.phase_ns;
 }
 
 static void next_cycle(loop *n)
 {
     n->passes++;
     n->k++;
-    n->deadline += n->period_ns;
-    n->behind = 0;
-    if (n->trigger == CYCLE_CLOCKED && n->passes > n->arm_pass && n->done > n->deadline) {
-        n->behind = (n->done - n->deadline) / n->period_ns + 1;
-        n->k += n->behind;
-        n->deadline += n->behind * n->period_ns;
-        n->control[SH_SKIPPED] += n->behind;
-        push_event(n, SH_SKIP_EVENT, n->behind, 0.0);
+    n->clock.deadline += n->clock.period_ns;
+    n->clock.behind = 0;
+    if (paced(n) && n->timing.done > n->clock.deadline) {
+        n->clock.behind = (n->timing.done - n->clock.deadline) / n->clock.period_ns + 1;
+        n->k += n->clock.behind;
+        n->clock.deadline += n->clock.behind * n->clock.period_ns;
+        n->control[SH_SKIPPED] += n->clock.behind;
+        push_event(n, SH_SKIP_EVENT, n->clock.behind, 0.0);
     }
 }
 
@@ -167,20 +185,20 @@ static int is_foreign(loop *n, int64_t row, uint32_t word)
 {
     int64_t source = n->wire.source;
     if (row < 0)
-        return frame_of(word, n->tx, n->n_tx) >= 0;
-    if (source == n->rx_source[row])
+        return frame_of(word, n->tx.frames, n->tx.n) >= 0;
+    if (source == n->rx.source[row])
         return 0;
-    int64_t silent = STRANGERS_SILENT_TURNS * n->rx[row][DBC_EVERY_N];
-    if (source == WIRE_STRANGER || (n->rx_source[row] != 0 && n->passes != 0
-                                    && n->rx_state[row][E2E_AGE_CYCLES] <= silent))
+    int64_t silent = STRANGERS_SILENT_TURNS * n->rx.frames[row][DBC_EVERY_N];
+    if (source == WIRE_STRANGER || (n->rx.source[row] != 0 && n->passes != 0
+                                    && n->rx.state[row][E2E_AGE_CYCLES] <= silent))
         return 1;
-    n->rx_source[row] = source;
+    n->rx.source[row] = source;
     return 0;
 }
 
 static int64_t note(loop *n, int64_t kind, int64_t cycles)
 {
-    int64_t *strange = n->strange[kind];
+    int64_t *strange = n->rx.strange[kind];
     if (strange[STRANGERS_COUNT] == 0 || n->passes - strange[STRANGERS_SINCE] >= cycles) {
         strange[STRANGERS_SINCE] = n->passes;
         strange[STRANGERS_COUNT] = 0;
@@ -190,8 +208,8 @@ static int64_t note(loop *n, int64_t kind, int64_t cycles)
 
 static void blame(loop *n, int64_t fault, uint32_t word)
 {
-    if (n->faulted == SV_NO_FAULT) {
-        n->faulted = fault;
+    if (n->guard.faulted == SV_NO_FAULT) {
+        n->guard.faulted = fault;
         n->control[SH_CULPRIT] = word;
     }
 }
@@ -211,30 +229,30 @@ static void note_foreign(loop *n, uint32_t word)
 
 static int64_t sorted_out(loop *n, int64_t row)
 {
-    int64_t part = n->rx_role[row][SH_MEETING];
+    int64_t part = n->rx.role[row][SH_MEETING];
     if (part == MEETING_FROM_ABOVE || part == MEETING_FROM_BELOW) {
-        if (!n->met[row] || (part == MEETING_FROM_BELOW && n->sampled)) {
-            n->met[row] = 1;
+        if (!n->meeting.met[row] || (part == MEETING_FROM_BELOW && n->meeting.sampled)) {
+            n->meeting.met[row] = 1;
             return MEETING_TAKE;
         }
         if (part == MEETING_FROM_BELOW) {
-            n->holding = row + 1;
-            memcpy(n->held, n->wire.rx, WIRE_FRAME_BYTES);
+            n->meeting.holding = row + 1;
+            memcpy(n->meeting.held, n->wire.rx, WIRE_FRAME_BYTES);
         }
         return MEETING_LEAVE;
     }
     if (part == MEETING_BEFORE)
-        n->holding = 0;
+        n->meeting.holding = 0;
     if (part == MEETING_BEFORE || part == MEETING_AFTER)
-        n->sampled = 1;
-    return part == MEETING_AFTER && n->holding ? MEETING_HELD_FIRST : MEETING_TAKE;
+        n->meeting.sampled = 1;
+    return part == MEETING_AFTER && n->meeting.holding ? MEETING_HELD_FIRST : MEETING_TAKE;
 }
 
 static void exchange_held(loop *n)
 {
     uint8_t frame[WIRE_FRAME_BYTES];
-    memcpy(frame, n->held, sizeof frame);
-    memcpy(n->held, n->wire.rx, sizeof frame);
+    memcpy(frame, n->meeting.held, sizeof frame);
+    memcpy(n->meeting.held, n->wire.rx, sizeof frame);
     memcpy(n->wire.rx, frame, sizeof frame);
 }
 
@@ -246,21 +264,21 @@ static int64_t take_frame(loop *n)
 {
     uint32_t word;
     memcpy(&word, n->wire.rx, sizeof word);
-    int64_t row = frame_of(word, n->rx, n->n_rx);
+    int64_t row = frame_of(word, n->rx.frames, n->rx.n);
     if (is_foreign(n, row, word)) {
         note_foreign(n, word);
         return -1;
     }
     if (row < 0)
         return -1;
-    if (n->virtual_time && n->passes == 0) {
+    if (n->meeting.ordered && n->passes == 0) {
         int64_t what = sorted_out(n, row);
         if (what == MEETING_LEAVE)
             return -1;
         if (what == MEETING_HELD_FIRST) {
-            int64_t first = n->holding - 1;
+            int64_t first = n->meeting.holding - 1;
             exchange_held(n);
-            n->holding = 0;
+            n->meeting.holding = 0;
             use_frame(n, first);
             exchange_held(n);
         }
@@ -274,27 +292,27 @@ static int64_t use_frame(loop *n, int64_t row)
     uint32_t word;
     int64_t lost;
     memcpy(&word, frame, sizeof word);
-    int64_t *receiver = n->rx_state[row], fresh = receiver[E2E_FRESH];
-    int64_t state = check(frame + 8, frame[4], n->rx[row], receiver, &lost);
+    int64_t *receiver = n->rx.state[row], fresh = receiver[E2E_FRESH];
+    int64_t state = check(frame + 8, frame[4], n->rx.frames[row], receiver, &lost);
     push_frame(n, frame, 1, state);
     n->control[SH_LOST] += lost;
     if (state == E2E_OK || state == E2E_OK_SOME_LOST) {
-        unpack(frame + 8, n->rx[row], n->rx_signals, n->rx_scales, n->v);
+        unpack(frame + 8, n->rx.frames[row], n->rx.signals, n->rx.scales, n->v);
         n->control[SH_RECEIVED]++;
         if (!fresh) {
-            n->started += n->rx_role[row][SH_STARTS];
-            n->fresh += n->rx_role[row][SH_AWAITED];
+            n->rx.started += n->rx.role[row][SH_STARTS];
+            n->rx.fresh += n->rx.role[row][SH_AWAITED];
         }
     } else if (state == E2E_ERROR) {
         n->control[SH_CRC_ERRORS]++;
     } else if (state == E2E_REPEATED) {
         n->control[SH_REPEATED]++;
-        if (n->rx_role[row][SH_STARTS] + n->rx_role[row][SH_AWAITED] > 0
+        if (n->rx.role[row][SH_STARTS] + n->rx.role[row][SH_AWAITED] > 0
             && note(n, STRANGERS_REPEATED, STRANGERS_REPEATED_CYCLES) >= STRANGERS_REPEATED_FRAMES)
             blame(n, SV_REPEATED_INPUT, word);
     } else if (state == E2E_WRONG_SEQUENCE) {
         n->control[SH_WRONG_SEQUENCE]++;
-        n->started += n->rx_role[row][SH_STARTS];
+        n->rx.started += n->rx.role[row][SH_STARTS];
     }
     return row;
 }
@@ -303,10 +321,10 @@ static void announce(loop *n);
 
 static void receive(loop *n)
 {
-    int gather = n->trigger != CYCLE_CLOCKED || n->passes <= n->arm_pass;
+    int gather = !paced(n);
     int64_t waits = 0;
-    for (int drained = 0; drained < CYCLE_DRAIN_FRAMES;) {
-        if (gather && n->started >= n->n_starters)
+    for (int drained = 0; drained < RECEPTION_DRAIN_FRAMES;) {
+        if (gather && n->rx.started >= n->rx.starters)
             break;
         int result = get_frame(&n->wire, gather);
         drained += !gather || stopping(n);
@@ -317,22 +335,22 @@ static void receive(loop *n)
             if (!gather || stopping(n))
                 break;
             waits++;
-            if (n->passes == 0 && n->wire.kind != WIRE_MEMORY) {
+            if (n->passes == 0 && runs(n)) {
                 announce(n);
                 waits = 0;
-            } else if (waits >= n->patience || n->wire.kind == WIRE_MEMORY) {
-                n->faulted = SV_PEER_SILENT;
+            } else if (waits >= n->rx.patience || !runs(n)) {
+                n->guard.faulted = SV_PEER_SILENT;
                 break;
             }
         } else if (result == WIRE_FAILED) {
             n->control[SH_BUS_ERRNO] = n->wire.errno_;
-            n->faulted = SV_BUS_FAILED;
+            n->guard.faulted = SV_BUS_FAILED;
             break;
         } else if (result == WIRE_BUS_ERROR) {
             n->control[SH_BUS_ERRORS]++;
         }
     }
-    n->received = now(n);
+    n->timing.received = now(n);
 }
 
 static int64_t advance(int64_t state, int fresh, int64_t fault, int asked, int ramped)
@@ -349,25 +367,25 @@ static int64_t advance(int64_t state, int fresh, int64_t fault, int asked, int r
 
 static void watchdog(loop *n, int64_t state)
 {
-    for (int64_t i = 0; i < n->n_safe; i++) {
-        double *value = &n->v[n->safe_index[i]], *safe = n->safe[i];
+    for (int64_t i = 0; i < n->guard.n_safe; i++) {
+        double *value = &n->v[n->guard.safe_index[i]], *safe = n->guard.safe[i];
         if (state < SV_FAULT)
             safe[SH_LAST] = *value;
         else
-            *value = safe[SH_SAFE] + n->gain * (safe[SH_LAST] - safe[SH_SAFE]);
+            *value = safe[SH_SAFE] + n->guard.gain * (safe[SH_LAST] - safe[SH_SAFE]);
     }
 }
 
 static int over(loop *n)
 {
-    return n->k >= n->cycles || stopping(n)
-           || (n->mode_index >= 0 && n->v[n->mode_index] == SV_STOP);
+    return n->k >= n->guard.cycles || stopping(n)
+           || (n->guard.mode_index >= 0 && n->v[n->guard.mode_index] == SV_STOP);
 }
 
 static int settled(loop *n)
 {
-    for (int64_t i = 0; i < n->n_limits; i++) {
-        const double *limits = n->limits[i];
+    for (int64_t i = 0; i < n->limits.n; i++) {
+        const double *limits = n->limits.table[i];
         if (__builtin_fabs(limits[SH_SENT_VALUE] - limits[SH_SAFE]) > limits[SH_RATE])
             return 0;
     }
@@ -376,20 +394,20 @@ static int settled(loop *n)
 
 static void begin_ramp(loop *n, int asked)
 {
-    n->pace = n->ramp_step;
-    for (int64_t i = 0; i < n->n_limits; i++) {
-        const double *limits = n->limits[i];
+    n->guard.pace = n->guard.ramp_step;
+    for (int64_t i = 0; i < n->limits.n; i++) {
+        const double *limits = n->limits.table[i];
         double way = __builtin_fabs(limits[SH_LAST] - limits[SH_SAFE]);
-        if (way * n->pace > limits[SH_RATE])
-            n->pace = limits[SH_RATE] / way;
+        if (way * n->guard.pace > limits[SH_RATE])
+            n->guard.pace = limits[SH_RATE] / way;
     }
     if (!asked)
         return;
-    n->n_starters = n->n_awaited = 0;
-    for (int64_t row = 0; row < n->n_rx; row++) {
-        const int64_t *role = n->rx_role[row];
-        n->n_starters += role[SH_STARTS] * role[SH_PEER];
-        n->n_awaited += role[SH_AWAITED] * role[SH_PEER];
+    n->rx.starters = n->rx.awaited = 0;
+    for (int64_t row = 0; row < n->rx.n; row++) {
+        const int64_t *role = n->rx.role[row];
+        n->rx.starters += role[SH_STARTS] * role[SH_PEER];
+        n->rx.awaited += role[SH_AWAITED] * role[SH_PEER];
     }
 }
 
@@ -398,55 +416,55 @@ static void supervise(loop *n)
     int64_t before = (int64_t)n->v[V_STATE];
     int asked = over(n);
     int running = before == SV_RUN || before == SV_HOLD;
-    if (n->fresh >= n->n_awaited) {
-        n->missing = 0;
+    if (n->rx.fresh >= n->rx.awaited) {
+        n->guard.missing = 0;
     } else {
-        n->missing++;
+        n->guard.missing++;
         n->control[SH_HELD] += running;
-        n->control[SH_STALE] += running && n->missing > n->hold_cycles;
+        n->control[SH_STALE] += running && n->guard.missing > n->guard.hold_cycles;
     }
-    n->started = n->fresh = 0;
-    for (int64_t i = 0; i < n->n_rx; i++) {
-        n->rx_state[i][E2E_AGE_CYCLES]++;
-        n->rx_state[i][E2E_STILL_CYCLES]++;
-        n->rx_state[i][E2E_FRESH] = 0;
+    n->rx.started = n->rx.fresh = 0;
+    for (int64_t i = 0; i < n->rx.n; i++) {
+        n->rx.state[i][E2E_AGE_CYCLES]++;
+        n->rx.state[i][E2E_STILL_CYCLES]++;
+        n->rx.state[i][E2E_FRESH] = 0;
     }
-    int silent = before != SV_INIT && n->missing >= n->fault_after;
-    if (silent && n->faulted == SV_NO_FAULT && !asked)
-        n->faulted = SV_INPUT_MISSING;
-    int safe = settled(n), leave = asked && (safe || (silent && n->trigger != CYCLE_CLOCKED));
-    int64_t state = advance(before, n->missing == 0, n->faulted, leave, n->gain <= 0.0 && safe);
-    if (n->pace == 0.0 && (state == SV_FAULT || asked))
+    int silent = before != SV_INIT && n->guard.missing >= n->guard.fault_after;
+    if (silent && n->guard.faulted == SV_NO_FAULT && !asked)
+        n->guard.faulted = SV_INPUT_MISSING;
+    int safe = settled(n), leave = asked && (safe || (silent && n->clock.trigger != CLK_CLOCKED));
+    int64_t state = advance(before, n->guard.missing == 0, n->guard.faulted, leave, n->guard.gain <= 0.0 && safe);
+    if (n->guard.pace == 0.0 && (state == SV_FAULT || asked))
         begin_ramp(n, asked);
     if (before == SV_FAULT || (asked && !leave))
-        n->gain = n->gain > n->pace ? n->gain - n->pace : 0.0;
+        n->guard.gain = n->guard.gain > n->guard.pace ? n->guard.gain - n->guard.pace : 0.0;
     if (state != before) {
         push_event(n, SH_STATE_EVENT, state, 0.0);
         if (state == SV_FAULT) {
-            n->control[SH_FAULT] = n->faulted;
-            push_event(n, SH_FAULT_EVENT, n->faulted, 0.0);
+            n->control[SH_FAULT] = n->guard.faulted;
+            push_event(n, SH_FAULT_EVENT, n->guard.faulted, 0.0);
         }
     }
     n->control[SH_STATE] = state;
     n->v[V_STATE] = state;
-    n->v[V_FAULT] = n->faulted;
-    n->v[V_GAIN] = n->gain;
-    n->v[V_MISSING] = n->missing;
+    n->v[V_FAULT] = n->guard.faulted;
+    n->v[V_GAIN] = n->guard.gain;
+    n->v[V_MISSING] = n->guard.missing;
     n->v[V_NMT] = NMT[state];
     watchdog(n, state);
 }
 
 static void judge_overrun(loop *n)
 {
-    n->overruns = n->behind > 0 && n->passes > n->grace_passes ? n->overruns + 1 : 0;
-    if (n->overrun_policy == SH_SKIP || n->overruns < n->overrun_after)
+    n->guard.overruns = n->clock.behind > 0 && n->passes > n->guard.grace_passes ? n->guard.overruns + 1 : 0;
+    if (n->guard.overrun_policy == SH_SKIP || n->guard.overruns < n->guard.overrun_after)
         return;
-    if (n->overrun_policy == SH_FAULT_AFTER) {
-        if (n->faulted == SV_NO_FAULT)
-            n->faulted = SV_OVERRUN;
+    if (n->guard.overrun_policy == SH_FAULT_AFTER) {
+        if (n->guard.faulted == SV_NO_FAULT)
+            n->guard.faulted = SV_OVERRUN;
     } else if (n->v[V_FALLBACK] == 0.0) {
         n->v[V_FALLBACK] = 1.0;
-        push_event(n, SH_FALLBACK_EVENT, n->behind, 0.0);
+        push_event(n, SH_FALLBACK_EVENT, n->clock.behind, 0.0);
     }
 }
 
@@ -458,13 +476,13 @@ static int64_t judge_request(loop *n, int64_t count, int64_t lock, int64_t *entr
     if (lock && count > 0)
         return SH_LOCKED;
     for (int64_t i = 0; i < count; i++) {
-        int64_t j = n->asked_index[i];
-        double value = n->asked_value[i];
+        int64_t j = n->tuning.asked_index[i];
+        double value = n->tuning.asked_value[i];
         *entry = i;
-        if (j < 0 || j >= n->n_variables || n->tunable_low[j] != n->tunable_low[j])
+        if (j < 0 || j >= n->n_variables || n->tuning.low[j] != n->tuning.low[j])
             return SH_NO_PARAMETER;
         int finite = __builtin_fabs(value) < __builtin_inf();
-        if (!(finite && n->tunable_low[j] <= value && value <= n->tunable_high[j]))
+        if (!(finite && n->tuning.low[j] <= value && value <= n->tuning.high[j]))
             return SH_OUT_OF_RANGE;
     }
     *entry = 0;
@@ -474,19 +492,19 @@ static int64_t judge_request(loop *n, int64_t count, int64_t lock, int64_t *entr
 static void answer(loop *n, int64_t request)
 {
     int64_t count = n->mail[SH_COUNT], lock = n->mail[SH_LOCK], entry;
-    memcpy(n->asked_index, n->mail_index, sizeof n->mail_index);
-    memcpy(n->asked_value, n->mail_value, sizeof n->mail_value);
+    memcpy(n->tuning.asked_index, n->mail_index, sizeof n->mail_index);
+    memcpy(n->tuning.asked_value, n->mail_value, sizeof n->mail_value);
     if (__atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE) != request)
         return;
     int64_t refusal = judge_request(n, count, lock, &entry);
     if (refusal == SH_ACCEPTED) {
         for (int64_t i = 0; i < count; i++) {
-            n->v[n->asked_index[i]] = n->asked_value[i];
-            push_event(n, SH_TUNING_EVENT, n->asked_index[i], n->asked_value[i]);
+            n->v[n->tuning.asked_index[i]] = n->tuning.asked_value[i];
+            push_event(n, SH_TUNING_EVENT, n->tuning.asked_index[i], n->tuning.asked_value[i]);
         }
     } else {
         n->control[SH_REFUSED]++;
-        push_event(n, SH_REFUSED_EVENT, n->asked_index[entry], n->asked_value[entry]);
+        push_event(n, SH_REFUSED_EVENT, n->tuning.asked_index[entry], n->tuning.asked_value[entry]);
     }
     n->answer[SH_ACK_CYCLE] = n->k;
     n->answer[SH_REFUSAL] = refusal;
@@ -496,9 +514,9 @@ static void answer(loop *n, int64_t request)
 
 static void tune(loop *n)
 {
-    while (n->scheduled < n->n_schedule && n->schedule[n->scheduled][0] <= n->k) {
-        int64_t j = n->schedule[n->scheduled][1];
-        n->v[j] = n->schedule_value[n->scheduled++];
+    while (n->tuning.done < n->tuning.n && n->tuning.schedule[n->tuning.done][0] <= n->k) {
+        int64_t j = n->tuning.schedule[n->tuning.done][1];
+        n->v[j] = n->tuning.value[n->tuning.done++];
         push_event(n, SH_TUNING_EVENT, j, n->v[j]);
     }
     int64_t request = __atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE);
@@ -508,35 +526,35 @@ static void tune(loop *n)
 
 static void copy_inputs(loop *n, int64_t block)
 {
-    int64_t first = block > 0 ? n->copies_end[block - 1] : 0;
-    for (int64_t i = first; i < n->copies_end[block]; i++)
-        n->v[n->copies[i][1]] = n->v[n->copies[i][0]];
+    int64_t first = block > 0 ? n->blocks.copies_end[block - 1] : 0;
+    for (int64_t i = first; i < n->blocks.copies_end[block]; i++)
+        n->v[n->blocks.copies[i][1]] = n->v[n->blocks.copies[i][0]];
 }
 
 static void step_blocks(loop *n, step_function **steps)
 {
-    double dt = n->period_ns * 1e-9, *v = n->v;
-    int64_t owed = n->is_plant ? n->behind : 0;
+    double dt = n->clock.period_ns * 1e-9, *v = n->v;
+    int64_t owed = n->blocks.owe_periods ? n->clock.behind : 0;
     for (int64_t k = n->k - owed; k <= n->k; k++) {
         v[V_T_S] = k * dt;
-        for (int64_t b = 0; b < n->n_blocks; b++) {
-            if (b == (v[V_FALLBACK] > 0.0 ? n->controller_block : n->fallback_block))
+        for (int64_t b = 0; b < n->blocks.n; b++) {
+            if (b == (v[V_FALLBACK] > 0.0 ? n->blocks.controller : n->blocks.fallback))
                 continue;
             copy_inputs(n, b);
-            const int64_t *at = n->views[b];
+            const int64_t *at = n->blocks.views[b];
             n->control[SH_STEPPING] = b + 1;
             steps[b](v[V_T_S], dt, v + at[0], v + at[2], v + at[4], v + at[6]);
         }
     }
     n->control[SH_STEPPING] = 0;
-    for (int64_t i = 0; i < n->n_noted; i++) {
-        double value = v[n->noted_index[i]];
-        if (value != n->noted[i]) {
-            push_event(n, SH_CHANGE_EVENT, n->noted_index[i], value);
-            n->noted[i] = value;
+    for (int64_t i = 0; i < n->blocks.n_noted; i++) {
+        double value = v[n->blocks.noted_index[i]];
+        if (value != n->blocks.noted[i]) {
+            push_event(n, SH_CHANGE_EVENT, n->blocks.noted_index[i], value);
+            n->blocks.noted[i] = value;
         }
     }
-    n->stepped = now(n);
+    n->timing.stepped = now(n);
 }
 
 static double within(double value, double low, double high)
@@ -560,10 +578,10 @@ static int64_t find_not_finite(loop *n, int64_t first, int64_t past)
 static int check_finite(loop *n)
 {
     int64_t place = -1;
-    for (int64_t b = 0; b < n->n_blocks && place < 0; b++)
-        place = find_not_finite(n, n->views[b][6], n->views[b][7]);
+    for (int64_t b = 0; b < n->blocks.n && place < 0; b++)
+        place = find_not_finite(n, n->blocks.views[b][6], n->blocks.views[b][7]);
     if (place < 0)
-        place = find_not_finite(n, n->sent_first, n->sent_past);
+        place = find_not_finite(n, n->tx.first, n->tx.past);
     if (place >= 0 && n->control[SH_ODD_PLACE] == 0) {
         n->control[SH_ODD_PLACE] = place + 1;
         n->control[SH_ODD_CYCLE] = n->k;
@@ -576,19 +594,19 @@ static int check_finite(loop *n)
 static void limit(loop *n)
 {
     copy_inputs(n, SH_MAX_BLOCKS);
-    int odd = check_finite(n), ramping = n->v[V_STATE] >= SV_FAULT || n->pace > 0.0;
+    int odd = check_finite(n), ramping = n->v[V_STATE] >= SV_FAULT || n->guard.pace > 0.0;
     n->v[V_CLAMPED] = 0.0;
-    for (int64_t i = 0; i < n->n_limits; i++) {
-        double *limits = n->limits[i], *v = &n->v[n->limit_index[i]];
+    for (int64_t i = 0; i < n->limits.n; i++) {
+        double *limits = n->limits.table[i], *v = &n->v[n->limits.place[i]];
         double wanted = *v, last = limits[SH_LAST], safe = limits[SH_SAFE];
         double rate = limits[SH_RATE], sent = limits[SH_SENT_VALUE];
         if (!(__builtin_fabs(wanted) < 1e300)) {
-            if (n->faulted == SV_NO_FAULT)
-                n->faulted = SV_COMMAND_NOT_FINITE;
+            if (n->guard.faulted == SV_NO_FAULT)
+                n->guard.faulted = SV_COMMAND_NOT_FINITE;
             wanted = last;
         }
         if (ramping)
-            wanted = safe == 0.0 ? n->gain * last : safe + n->gain * (last - safe);
+            wanted = safe == 0.0 ? n->guard.gain * last : safe + n->guard.gain * (last - safe);
         double value = within(wanted, limits[SH_LOW], limits[SH_HIGH]);
         value = within(value, sent - rate, sent + rate);
         limits[SH_SENT_VALUE] = *v = value;
@@ -600,18 +618,18 @@ static void limit(loop *n)
         }
         limits[SH_LAST] = value;
     }
-    if (odd && n->faulted == SV_NO_FAULT)
-        n->faulted = n->is_plant ? SV_PLANT_NOT_FINITE : SV_OUTPUT_NOT_FINITE;
+    if (odd && n->guard.faulted == SV_NO_FAULT)
+        n->guard.faulted = n->guard.odd_output;
 }
 
 static void send_frame(loop *n, int64_t row, int64_t counter)
 {
     uint8_t *frame = n->wire.tx;
-    const int64_t *about = n->tx[row];
+    const int64_t *about = n->tx.frames[row];
     uint32_t word = about[DBC_CAN_ID] | about[DBC_EXTENDED] << 31;
     memcpy(frame, &word, sizeof word);
     frame[4] = about[DBC_DLC];
-    int64_t clamped = pack(frame + 8, about, n->tx_signals, n->tx_scales, n->v);
+    int64_t clamped = pack(frame + 8, about, n->tx.signals, n->tx.scales, n->v);
     if (clamped > 0) {
         n->v[V_CLAMPED] = 1.0;
         n->control[SH_SATURATED] += clamped;
@@ -628,42 +646,42 @@ static void send_frame(loop *n, int64_t row, int64_t counter)
 
 static void transmit(loop *n)
 {
-    for (int64_t row = 0; row < n->n_tx; row++) {
-        int64_t every = n->tx[row][DBC_EVERY_N];
+    for (int64_t row = 0; row < n->tx.n; row++) {
+        int64_t every = n->tx.frames[row][DBC_EVERY_N];
         if (n->passes % every == 0)
-            send_frame(n, row, n->passes / every + n->tx_role[row][SH_IS_SYNC]);
+            send_frame(n, row, n->passes / every + n->tx.role[row][SH_IS_SYNC]);
     }
-    n->sent = now(n);
+    n->timing.sent = now(n);
 }
 
 static void announce(loop *n)
 {
     n->v[V_NMT] = NMT[(int64_t)n->v[V_STATE]];
     copy_inputs(n, SH_MAX_BLOCKS);
-    for (int64_t row = 0; row < n->n_tx; row++)
-        if (n->tx_role[row][SH_IS_HEARTBEAT])
+    for (int64_t row = 0; row < n->tx.n; row++)
+        if (n->tx.role[row][SH_IS_HEARTBEAT])
             send_frame(n, row, 0);
 }
 
 static void request_first_sample(loop *n)
 {
-    for (int64_t row = 0; row < n->n_tx; row++)
-        if (n->tx_role[row][SH_IS_SYNC])
+    for (int64_t row = 0; row < n->tx.n; row++)
+        if (n->tx.role[row][SH_IS_SYNC])
             send_frame(n, row, 0);
 }
 
 static void note_timing(loop *n)
 {
     double *v = n->v + V_TIMING_AT;
-    v[0] = 0.001 * (n->wake - n->deadline);
-    v[1] = 0.001 * (n->received - n->wake);
-    v[2] = 0.001 * (n->stepped - n->received);
-    v[3] = 0.001 * (n->sent - n->stepped);
-    v[4] = 0.001 * n->publish_ns;
+    v[0] = 0.001 * (n->clock.wake - n->clock.deadline);
+    v[1] = 0.001 * (n->timing.received - n->clock.wake);
+    v[2] = 0.001 * (n->timing.stepped - n->timing.received);
+    v[3] = 0.001 * (n->timing.sent - n->timing.stepped);
+    v[4] = 0.001 * n->timing.publish_ns;
     for (size_t i = 0; i < sizeof COUNTERS / sizeof *COUNTERS; i++)
         v[5 + i] = n->control[COUNTERS[i]];
     n->v[V_REFUSED] = n->control[SH_REFUSED];
-    n->v[V_WALL] = 1e-9 * (n->wake + n->wall_offset_ns);
+    n->v[V_WALL] = 1e-9 * (n->clock.wake + n->clock.wall_offset_ns);
 }
 
 /* ----------------------------------------------------------------- executive/loop/timing.py -------- */
@@ -685,17 +703,17 @@ static int64_t bucket_end(int64_t i)
 
 static void note_latest(loop *n)
 {
-    int64_t late = n->times[TIMING_WAKE_LATE], row = 0;
+    int64_t late = n->timing.stage_ns[TIMING_WAKE_LATE], row = 0;
     for (int64_t i = 0; i < SH_LATEST; i++)
         if (n->latest[i][SH_LATE_NS] < n->latest[row][SH_LATE_NS])
             row = i;
     int64_t *latest = n->latest[row];
-    if (late <= n->late_ns || late <= latest[SH_LATE_NS])
+    if (late <= n->clock.late_ns || late <= latest[SH_LATE_NS])
         return;
     latest[SH_LATE_CYCLE] = n->k;
-    memcpy(latest + SH_LATE_NS, n->times, sizeof n->times);
+    memcpy(latest + SH_LATE_NS, n->timing.stage_ns, sizeof n->timing.stage_ns);
     for (int i = 0; i < 4; i++)
-        latest[SH_LATE_USAGE + i] = n->usage[USAGE[i]] - n->usage_before[i];
+        latest[SH_LATE_USAGE + i] = n->timing.usage[USAGE[i]] - n->timing.usage_before[i];
     push_event(n, SH_LATE_EVENT, late, 0.0);
 }
 
@@ -736,10 +754,10 @@ static void count(loop *n)
             n->stages[s][SH_LEAST] = 1LL << 62;
     }
     int64_t times[SH_STAGES] = {
-        n->wake - n->deadline, n->received - n->wake, n->stepped - n->received,
-        n->sent - n->stepped, n->done - n->sent, n->done - n->wake,
+        n->clock.wake - n->clock.deadline, n->timing.received - n->clock.wake, n->timing.stepped - n->timing.received,
+        n->timing.sent - n->timing.stepped, n->timing.done - n->timing.sent, n->timing.done - n->clock.wake,
     };
-    memcpy(n->times, times, sizeof times);
+    memcpy(n->timing.stage_ns, times, sizeof times);
     for (int64_t s = 0; s < SH_STAGES; s++) {
         int64_t t = times[s], *stage = n->stages[s];
         stage[SH_COUNTED]++;
@@ -748,10 +766,10 @@ static void count(loop *n)
         stage[SH_MOST] = t > stage[SH_MOST] ? t : stage[SH_MOST];
         n->histogram[s][bucket(t)]++;
     }
-    getrusage(RUSAGE_THREAD, (struct rusage *)n->usage);
+    getrusage(RUSAGE_THREAD, (struct rusage *)n->timing.usage);
     note_latest(n);
     for (int i = 0; i < 4; i++)
-        n->usage_before[i] = n->usage[USAGE[i]];
+        n->timing.usage_before[i] = n->timing.usage[USAGE[i]];
     if (n->passes % TIMING_UPDATE_PASSES == 0)
         show(n);
 }
@@ -760,24 +778,23 @@ static void count(loop *n)
 
 static int one_pass(loop *n, step_function **steps)
 {
-    if (n->virtual_time)
-        n->virtual_now = n->k * n->period_ns;
-    if (n->trigger == CYCLE_CLOCKED && n->passes > n->arm_pass) {
+    set_time(n);
+    if (paced(n)) {
         wait(n);
         receive(n);
     } else {
         receive(n);
-        if (n->trigger == CYCLE_CLOCKED && n->passes == n->arm_pass) {
+        if (n->clock.trigger == CLK_CLOCKED && n->passes == n->clock.arm_pass) {
             arm(n);
             wait(n);
         } else {
-            n->deadline = n->wake = n->received;
+            n->clock.deadline = n->clock.wake = n->timing.received;
         }
-        n->received = n->wake;
+        n->timing.received = n->clock.wake;
     }
     judge_overrun(n);
     supervise(n);
-    if (n->v[V_STATE] == SV_STOP || n->faulted == SV_PEER_SILENT)
+    if (n->v[V_STATE] == SV_STOP || n->guard.faulted == SV_PEER_SILENT)
         return 0;
     tune(n);
     step_blocks(n, steps);
@@ -788,33 +805,32 @@ static int one_pass(loop *n, step_function **steps)
     push_record(n);
     n->control[SH_PASSES] = n->passes + 1;
     n->control[SH_CYCLE] = n->k;
-    n->done = now(n);
-    n->publish_ns = n->done - n->sent;
-    if (n->wire.kind != WIRE_MEMORY)
+    n->timing.done = now(n);
+    n->timing.publish_ns = n->timing.done - n->timing.sent;
+    if (runs(n))
         count(n);
     next_cycle(n);
-    return n->k < n->cycles || !settled(n);
+    return n->k < n->guard.cycles || !settled(n);
 }
 
 static void finish(loop *n)
 {
-    if (n->virtual_time)
-        n->virtual_now = n->k * n->period_ns;
+    set_time(n);
     if (n->v[V_STATE] != SV_STOP)
         push_event(n, SH_STATE_EVENT, SV_STOP, 0.0);
     n->v[V_STATE] = SV_STOP;
     n->v[V_NMT] = NMT[SV_STOP];
-    n->gain = 0.0;
+    n->guard.gain = 0.0;
     n->control[SH_STATE] = SV_STOP;
-    if (n->is_plant) {
-        announce(n);
-    } else {
+    if (n->tx.last_word == SH_ALL_FRAMES) {
         limit(n);
         transmit(n);
+    } else {
+        announce(n);
     }
-    if (n->faulted != SV_NO_FAULT && n->control[SH_FAULT] == SV_NO_FAULT) {
-        n->control[SH_FAULT] = n->faulted;
-        push_event(n, SH_FAULT_EVENT, n->faulted, 0.0);
+    if (n->guard.faulted != SV_NO_FAULT && n->control[SH_FAULT] == SV_NO_FAULT) {
+        n->control[SH_FAULT] = n->guard.faulted;
+        push_event(n, SH_FAULT_EVENT, n->guard.faulted, 0.0);
     }
     publish(n);
     __atomic_store_n(&n->control[SH_DONE], 1, __ATOMIC_RELEASE);
@@ -833,12 +849,12 @@ static void pass_or_finish(loop *n, step_function **steps)
 
 static int wait_for_peer(loop *n)
 {
-    n->wire.muted = n->virtual_time;
+    n->wire.muted = n->meeting.ordered;
     while (!stopping(n)) {
         int result = get_frame(&n->wire, 1);
         if (result == WIRE_FAILED) {
             n->control[SH_BUS_ERRNO] = n->wire.errno_;
-            n->faulted = SV_BUS_FAILED;
+            n->guard.faulted = SV_BUS_FAILED;
             return 0;
         }
         int known = result == WIRE_FRAME && take_frame(n) >= 0;
@@ -854,7 +870,7 @@ static int wait_for_peer(loop *n)
 
 int64_t run(loop *n, step_function **steps)
 {
-    if (!n->is_plant && wait_for_peer(n))
+    if (n->meeting.seeks_below && wait_for_peer(n))
         request_first_sample(n);
     while (one_pass(n, steps))
         ;
@@ -888,7 +904,7 @@ int64_t run_virtual(loop *executive, step_function **laws, loop *plant, step_fun
     for (int64_t i = 0; i < cycles; i++) {
         carry(&plant->wire, &executive->wire);
         int more = one_pass(executive, laws);
-        if (more || executive->k >= executive->cycles) {
+        if (more || executive->k >= executive->guard.cycles) {
             carry(&executive->wire, &plant->wire);
             pass_or_finish(plant, models);
         }
@@ -945,7 +961,7 @@ void drive_memory(loop *n, step_function **steps, const uint8_t (*frames)[16], c
             for (int64_t i = first; i < ends[k]; i++)
                 memcpy(n->wire.inbox[n->wire.inbox_put++ % WIRE_QUEUE_FRAMES], frames[i], 16);
             first = ends[k];
-            n->virtual_now = n->k * n->period_ns;
+            n->clock.now_ns = n->k * n->clock.period_ns;
             n->wire.outbox_put = 0;
             one_pass(n, steps);
         }
@@ -964,7 +980,7 @@ void drive_bus(loop *n, step_function **steps, struct wire *peer, const uint8_t 
         }
         first = ends[k];
         int64_t began = now(n);
-        n->deadline = began - n->period_ns / 2;
+        n->clock.deadline = began - n->clock.period_ns / 2;
         one_pass(n, steps);
         took_ns[k] = now(n) - began;
     }

@@ -31,16 +31,16 @@ from pcpc.drivers import dbc, e2e, wire, wire_layout
 from pcpc.drivers.jit import i8, loop, types, u1
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire import put_frame
-from pcpc.drivers.wire_layout import MEMORY, QUEUE_FRAMES, WIRE
+from pcpc.drivers.wire_layout import QUEUE_FRAMES, WIRE
 from pcpc.executive.laws import references
 from pcpc.executive.laws.controllers.barrel import pd
 from pcpc.executive.laws.idle import idle
-from pcpc.executive.loop import cycle as engine
-from pcpc.executive.loop import meeting, strangers, supervisor, timing, variables
+from pcpc.executive.loop import clock, meeting, reception, strangers, supervisor, timing, variables
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.cycle import CLOCKED, STEPS, N, one_pass
-from pcpc.executive.loop.rings import now, publish
-from pcpc.executive.nodes.install import install
+from pcpc.executive.loop.clock import CLOCKED, LOCKSTEP, now
+from pcpc.executive.loop.cycle import STEPS, N, one_pass
+from pcpc.executive.loop.rings import publish_table
+from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
@@ -59,8 +59,9 @@ REPEATS = 40  # of the recording, in a round in memory: the call itself takes 1 
 PUBLISHED = 256
 PUBLICATIONS = 20_000
 _MODULES = {
-    "SH": sh, "SV": supervisor, "V": variables, "DBC": dbc, "E2E": e2e, "CYCLE": engine,
+    "SH": sh, "SV": supervisor, "V": variables, "DBC": dbc, "E2E": e2e, "CLK": clock,
     "WIRE": wire_layout, "TIMING": timing, "STRANGERS": strangers, "MEETING": meeting,
+    "RECEPTION": reception,
 }  # fmt: skip
 RESULTS = (
     "NOTHING", "FRAME", "FOREIGN", "OWN", "BUS_ERROR", "FAILED", "ERROR_FLAG", "ERROR_FLAGS",
@@ -80,11 +81,12 @@ def library() -> ctypes.CDLL:
 
 def loop_header() -> str:
     """Return loop.h: the LOOP record as a struct, constants and tables of the loop's modules."""
+    fields: Any = sh.LOOP.fields
     texts = [compiler.macros(prefix, module) for prefix, module in _MODULES.items()]
     texts += [
         "".join(f"#define WIRE_{name} {getattr(wire, name)}\n" for name in RESULTS),
         "#include <stddef.h>\n#include <stdint.h>\n",
-        compiler.struct("wire", wire_layout.WIRE),
+        *(compiler.struct(name, kind) for name, (kind, *_) in fields.items() if kind.fields),
         compiler.struct("loop", sh.LOOP),
         compiler.array("CRC_TABLE", "uint8_t", e2e._CRC_TABLE),
         compiler.array("NEXT", "int64_t", supervisor.NEXT),
@@ -124,13 +126,12 @@ def record(first: int = FIRST, cycles: int = CYCLES) -> Recording:
     return Recording(plan(rig, "executive", "lockstep"), words.view(np.uint8), ends)
 
 
-def new_loop(made: Plan, kind: int = MEMORY, fds: tuple[int, int] = (-1, -1)) -> Any:
-    """Return a LOOP record of its own for `made`, with its wire prepared."""
+def new_loop(made: Plan) -> Any:
+    """Return a LOOP record of its own for `made`, without bus and clock."""
     memory = np.recarray(1, sh.LOOP)
     memory.view(np.uint8)[:] = 0
-    wire.prepare(memory[0].wire, kind, *fds)
-    install(made, memory[0])
-    memory[0].cycles = 2**62
+    install_in_memory(made, memory[0])
+    memory[0].guard.cycles = 2**62
     return memory[0]
 
 
@@ -166,7 +167,7 @@ def drive_memory(n: Any, steps: Any, frames: Any, ends: Any, repeats: Any) -> No
                 copy(n.wire.inbox[n.wire.inbox_put % QUEUE_FRAMES], frames[i])
                 n.wire.inbox_put += 1
             first = ends[k]
-            n.virtual_now = n.k * n.period_ns
+            n.clock.now_ns = n.k * n.clock.period_ns
             n.wire.outbox_put = 0
             one_pass(n, steps)
 
@@ -183,17 +184,17 @@ def drive_bus(
             copy(peer.tx, frames[i])
             put_frame(peer)
         first = ends[k]
-        began = now(n)
-        n.deadline = began - n.period_ns // 2
+        began = now(n.clock)
+        n.clock.deadline = began - n.clock.period_ns // 2
         one_pass(n, steps)
-        took[k] = now(n) - began
+        took[k] = now(n.clock) - began
 
 
 @loop(types.void(N, i8))
 def drive_publish(n: Any, repeats: Any) -> None:
     """Publish the table `repeats` times."""
     for _ in range(repeats):
-        publish(n)
+        publish_table(n)
 
 
 def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
@@ -260,8 +261,10 @@ def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...
     buses.open_bus(bus, [], peer[0])
     buses.know_own(n.wire)
     os.close(int(peer[0].fd_rx))  # it only sends
-    n.trigger, n.wait_recorder = CLOCKED, 0
-    n.late_ns = n.period_ns  # half a period counts as on time: a sleep until now would take 50 us
+    n.clock.kind, n.clock.trigger = LOCKSTEP, CLOCKED
+    n.clock.late_ns = (
+        n.clock.period_ns
+    )  # half a period counts as on time: a sleep until now would take 50 us
     took = np.zeros(len(ends), np.int64)
     at, other, table = address(n), pointer(peer), in_c(made.steps, c)
     cycles = ctypes.c_int64(len(ends))

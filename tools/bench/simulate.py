@@ -64,8 +64,8 @@ def nodes(seconds: float = DURATION_S) -> Nodes:
     loops, starts = [], []
     for one in made:
         n = new_loop(one)
-        n.wait_recorder = 0
-        n.cycles = round(seconds * rig.config.rate_hz)
+        n.rings.wait_recorder = 0
+        n.guard.cycles = round(seconds * rig.config.rate_hz)
         loops.append(n)
         starts.append(n.copy())
     return Nodes((loops[0], loops[1]), (made[0].steps, made[1].steps), (starts[0], starts[1]))
@@ -73,13 +73,13 @@ def nodes(seconds: float = DURATION_S) -> Nodes:
 
 def in_python(n: Nodes) -> None:
     """Run from start to end, compiled."""
-    run_virtual(n.loops[0], n.steps[0], n.loops[1], n.steps[1], n.loops[0].cycles + 1)
+    run_virtual(n.loops[0], n.steps[0], n.loops[1], n.steps[1], n.loops[0].guard.cycles + 1)
 
 
 def in_plain_c(n: Nodes, c: ctypes.CDLL) -> None:
     """Run from start to end in C."""
     laws, models = (in_c(steps, c) for steps in n.steps)
-    cycles = ctypes.c_int64(n.loops[0].cycles + 1)
+    cycles = ctypes.c_int64(n.loops[0].guard.cycles + 1)
     c.run_virtual(address(n.loops[0]), laws, address(n.loops[1]), models, cycles)
 
 
@@ -105,9 +105,9 @@ def segment() -> Segment:
     for _ in run.advance():
         pass
     n = run.blocks[1].loop
-    at = n.views[0]
+    at = n.blocks.views[0]
     x = n.v[at[2] : at[3]].copy()
-    dt = n.period_ns * 1e-9
+    dt = n.clock.period_ns * 1e-9
     return Segment(n.v[at[0] : at[1]].copy(), x, n.k * dt, dt, float(States(x).held_Nm))
 
 
