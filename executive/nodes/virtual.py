@@ -7,55 +7,23 @@ same; so the records of a virtual run and of a lockstep run on a bus are equal b
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import wire
-from pcpc.drivers.jit import i8, loop
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
 from pcpc.executive.log.long_logs import Wanted
 from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish
-from pcpc.executive.loop.reception import wait_for_peer
-from pcpc.executive.loop.sending import announce, request_first_sample
+from pcpc.executive.loop.exchange import run_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import watched
 from pcpc.executive.rig.reading import Rig
 
 CYCLES_BETWEEN_DRAINS = 1000  # rows in flight; the rings hold several thousand
-
-
-@loop(i8(N, STEPS, N, STEPS, i8))
-def run_virtual(executive: Any, laws: Any, plant: Any, models: Any, cycles: Any) -> Any:
-    """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
-    if executive.passes == 0:
-        announce(plant)
-        wire.carry(plant.wire, executive.wire)
-        wait_for_peer(executive)
-        request_first_sample(executive)
-        wire.carry(executive.wire, plant.wire)
-        one_pass(plant, models)
-    for _ in range(cycles):
-        wire.carry(plant.wire, executive.wire)
-        before = executive.passes
-        more = one_pass(executive, laws)
-        if executive.passes != before:  # it has sent
-            wire.carry(executive.wire, plant.wire)
-            pass_or_finish(plant, models)
-        if not more:
-            finish(executive)
-            wire.carry(executive.wire, plant.wire)
-            pass_or_finish(plant, models)
-            if plant.control[sh.DONE] == 0:
-                finish(plant)
-            return 0
-    return 1
 
 
 class Memory:
@@ -74,10 +42,6 @@ class Memory:
             block["record_taken"][0] = put
             for name in ("frame", "event"):
                 block[f"{name}_taken"][0] = block[f"{name}_ends"][sh.PUT]
-
-    def forget(self) -> None:
-        """Let the records so far go: of a long run only the latest values matter."""
-        self._rows = [[] for _ in self._blocks]
 
     def log(self) -> logs.Log:
         """Return the run as it would be read back from a file."""
@@ -119,26 +83,20 @@ class VirtualRun:
             install_in_memory(p, block.loop)
             block["control"][sh.PID] = os.getpid()
             self.blocks.append(block)
-        self.steps = [p.steps for p in made]
+        self.steps = tuple(p.steps for p in made)
         self.memory = Memory(self.blocks)
         self._stopped = False
-        self._run = run_virtual
-        if len(self.blocks) == 3:
-            from pcpc.executive.nodes.virtual_local import run_virtual_with_local  # it compiles
-
-            self._run = run_virtual_with_local
         self.recorder = None if log is None else Recorder(
             log, self.blocks, judged=judged, clock=lambda: 0
         )  # fmt: skip
 
     def advance(self) -> Iterator[int]:
         """Run to the end in pieces; yield the cycles done after each. Raises StepError."""
-        loops = [block.loop for block in self.blocks]
-        both = [one for node in zip(loops, self.steps, strict=True) for one in node]
-        more = 1
+        loops = tuple(block.loop for block in self.blocks)
+        run, more = run_of(len(loops)), 1
         while more:
             more = watched(
-                lambda: self._run(*both, CYCLES_BETWEEN_DRAINS), loops, lambda: self._stopped
+                lambda: run(loops, self.steps, CYCLES_BETWEEN_DRAINS), loops, lambda: self._stopped
             )
             (self.recorder or self.memory).drain()
             yield int(self.blocks[0].loop.passes)

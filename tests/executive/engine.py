@@ -2,8 +2,9 @@
 
     plant's frames -> executive's pass, late if a test says so -> its frames -> plant's pass
 
-The passes are the engine's own compiled `one_pass`; only the carrying of frames and the clock are
-the test's. With pacing "sync" the executive has a clock: a missing frame does not end the run.
+The passes are the engine's own compiled `one_pass`, the nodes meet and their frames are carried as
+in `executive.loop.exchange`; the clocks and what happens to frames on their way are the test's.
+With pacing "sync" the executive has a clock: a missing frame does not end the run.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,16 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import libc, wire
-from pcpc.drivers.jit import i8, loop, u1
+from pcpc.drivers import libc
+from pcpc.drivers.jit import i8, loop, loop_function, types, u1
+from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, QUEUE_FRAMES
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import stopping
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
-from pcpc.executive.loop.reception import wait_for_peer
+from pcpc.executive.loop.exchange import meet, pass_on
 from pcpc.executive.loop.rings import publish_table
-from pcpc.executive.loop.sending import announce, request_first_sample
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.reading import Rig
@@ -32,6 +33,7 @@ ATB1000 = ROOT / "plants" / "atb1000"
 SLEW10 = ATB1000 / "rigs" / "slew10.yaml"
 
 ARRIVES, LOST, CORRUPT, TWICE, SHORT = range(5)  # what can happen to a frame
+BOTH = types.UniTuple(N, 2)
 PLANT_LAG_NS = 200_000  # the plant's pass behind the executive's
 
 PUPPET = """\
@@ -61,53 +63,49 @@ BLOCK = Block(step)
 """
 
 
-@loop(i8(N, N))
-def _meet(executive: Any, plant: Any) -> Any:
-    """Greet each other and ask for the first sample, as `executive.nodes.virtual` does."""
-    announce(plant)
-    wire.carry(plant.wire, executive.wire)
-    wait_for_peer(executive)
-    request_first_sample(executive)
-    wire.carry(executive.wire, plant.wire)
-    return 0
-
-
-@loop(i8(N, N, i8[::1], u1[::1]))
-def _carry(source: Any, target: Any, ids: Any, fates: Any) -> Any:
-    """Move the frames of `source`'s outbox; frame `ids[i]` meets `fates[i]`."""
-    a, b = source.wire, target.wire
-    for k in range(a.outbox_put):
+@loop_function
+def _disturb(end: Any, ids: Any, fates: Any) -> None:
+    """Let frame `ids[i]` of the outbox meet `fates[i]`."""
+    kept = np.zeros((QUEUE_FRAMES, FRAME_BYTES), np.uint8)
+    count = np.int64(0)
+    for k in range(end.outbox_put):
         fate = np.int64(0)
         for i in range(ids.shape[0]):
-            if np.int64(a.outbox[k, 0]) | np.int64(a.outbox[k, 1]) << 8 == ids[i]:
+            if np.int64(end.outbox[k, 0]) | np.int64(end.outbox[k, 1]) << 8 == ids[i]:
                 fate = np.int64(fates[i])
         for _ in range(0 if fate == 1 else 2 if fate == 3 else 1):
-            at = b.inbox_put % QUEUE_FRAMES
-            for i in range(FRAME_BYTES):
-                b.inbox[at, i] = a.outbox[k, i]
+            copy(kept[count], end.outbox[k])
             if fate == 2:
-                b.inbox[at, 9] ^= 16
+                kept[count, 9] ^= 16
             if fate == 4:
-                b.inbox[at, 4] = 7
-            b.inbox_put += 1
-    a.outbox_put = 0
+                kept[count, 4] = 7
+            count += 1
+    for k in range(count):
+        copy(end.outbox[k], kept[k])
+    end.outbox_put = count
+
+
+@loop(i8(BOTH))
+def _meet(nodes: Any) -> Any:
+    meet(nodes)
     return 0
 
 
-@loop(i8(N, STEPS, N, STEPS, i8[::1], u1[:, ::1], i8[::1], i8[::1]))
-def _drive(
-    executive: Any, laws: Any, plant: Any, models: Any, ids: Any, fates: Any, late: Any, alive: Any
-) -> Any:
+@loop(i8(BOTH, types.UniTuple(STEPS, 2), i8[::1], u1[:, ::1], i8[::1], i8[::1]))
+def _drive(nodes: Any, steps: Any, ids: Any, fates: Any, late: Any, alive: Any) -> Any:
     """Do a cycle for each row of `fates`; return how many the executive did."""
+    executive, plant = nodes
     for c in range(fates.shape[0]):
-        _carry(plant, executive, ids, fates[c])
+        _disturb(plant.wire, ids, fates[c])
+        pass_on(nodes, 1)
         executive.clock.now_ns = max(executive.clock.now_ns, executive.clock.deadline) + late[c]
-        if not one_pass(executive, laws):
+        if not one_pass(executive, steps[0]):
             alive[0] = 0
             return c
-        _carry(executive, plant, ids, fates[c])
+        _disturb(executive.wire, ids, fates[c])
+        pass_on(nodes, 0)
         plant.clock.now_ns = executive.clock.now_ns + PLANT_LAG_NS
-        if alive[1] != 0 and not one_pass(plant, models):
+        if alive[1] != 0 and not one_pass(plant, steps[1]):
             alive[1] = 0
     return fates.shape[0]
 
@@ -238,7 +236,7 @@ class Bench:
         self.plant = Node(plans[1])
         self.frames = self.executive.frames | self.plant.frames
         self.alive = np.ones(2, np.int64)
-        _meet(self.executive.loop, self.plant.loop)
+        _meet((self.executive.loop, self.plant.loop))
         self.plant.go()
 
     def run(
@@ -256,4 +254,5 @@ class Bench:
         late[: len(late_ns)] = late_ns
         a, b = self.executive, self.plant
         ids = np.array(list(self.frames.values()), np.int64)
-        return int(_drive(a.loop, a.plan.steps, b.loop, b.plan.steps, ids, table, late, self.alive))
+        steps = (a.plan.steps, b.plan.steps)
+        return int(_drive((a.loop, b.loop), steps, ids, table, late, self.alive))

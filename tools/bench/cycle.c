@@ -878,7 +878,7 @@ int64_t run(loop *n, step_function **steps)
     return n->passes;
 }
 
-/* ---------------------------------------------------------------- executive/nodes/virtual.py -------- */
+/* --------------------------------------------------------------- executive/loop/exchange.py -------- */
 
 static void carry(struct wire *from, struct wire *to)
 {

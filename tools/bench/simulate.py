@@ -1,6 +1,6 @@
 """A virtual run of slew10, plant and executive, against C and against scipy's solve_ivp.
 
-    Python   `executive.nodes.virtual.run_virtual`: both nodes, frames encoded, checked and decoded,
+    Python   `executive.loop.exchange`: both nodes, frames encoded, checked and decoded,
     16
              Runge-Kutta steps a period, records in memory
     C        the same in cycle.c and steps.c at -O2 with the functions of emath.py: the same bits
@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.stage import stage
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.exchange import run_of
 from pcpc.executive.nodes.plan import plan
-from pcpc.executive.nodes.virtual import VirtualRun, run_virtual
+from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000 import dynamics, model
 from pcpc.plants.atb1000.ports import External, Motion, Outputs, Parameters, States
@@ -64,7 +65,6 @@ def nodes(seconds: float = DURATION_S) -> Nodes:
     loops, starts = [], []
     for one in made:
         n = new_loop(one)
-        n.rings.wait_recorder = 0
         n.guard.cycles = round(seconds * rig.config.rate_hz)
         loops.append(n)
         starts.append(n.copy())
@@ -73,7 +73,7 @@ def nodes(seconds: float = DURATION_S) -> Nodes:
 
 def in_python(n: Nodes) -> None:
     """Run from start to end, compiled."""
-    run_virtual(n.loops[0], n.steps[0], n.loops[1], n.steps[1], n.loops[0].guard.cycles + 1)
+    run_of(2)(n.loops, n.steps, n.loops[0].guard.cycles + 1)
 
 
 def in_plain_c(n: Nodes, c: ctypes.CDLL) -> None:

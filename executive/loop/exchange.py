@@ -1,0 +1,96 @@
+"""The order in which the nodes of a rig exchange frames where no bus carries them.
+
+    meet     the lowest node greets; each above it answers whom it hears, and asks for a sample
+    cycle k  the executive works on what was sample k; its frames go down; from the lowest node up,
+             each works on what has come and sends its own: sample k + 1 for the one above
+    end      the executive's last frames go down as in a cycle; a local node goes on until its own
+             commands are safe
+
+So each node does one cycle more than the one above it. That is the order of lockstep on a bus.
+`nodes` are LOOP records from the executive down, `steps` what they call, both tuples.
+"""
+
+from functools import cache
+from typing import Any
+
+from pcpc.drivers import wire
+from pcpc.drivers.jit import i8, loop, loop_function, types
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish
+from pcpc.executive.loop.reception import wait_for_peer
+from pcpc.executive.loop.sending import announce, request_first_sample
+
+
+@loop_function
+def pass_on(nodes: Any, i: Any) -> None:
+    """Carry what node `i` has sent to its neighbours."""
+    end = nodes[i].wire
+    if i == 0:
+        wire.carry(end, nodes[1].wire)
+    elif i == len(nodes) - 1:
+        wire.carry(end, nodes[i - 1].wire)
+    else:
+        wire.deal(end, nodes[i - 1].wire, nodes[i + 1].wire)
+
+
+@loop_function
+def meet(nodes: Any) -> None:
+    """Let each node find the one below it, and ask it for the sample of t = 0."""
+    lowest = len(nodes) - 1
+    announce(nodes[lowest])
+    pass_on(nodes, lowest)
+    for i in range(lowest - 1, -1, -1):
+        wait_for_peer(nodes[i])
+        request_first_sample(nodes[i])
+        pass_on(nodes, i)
+
+
+@loop_function
+def work_below(nodes: Any, steps: Any) -> None:
+    """Do a cycle of each node below the executive, which takes what the last one passed on."""
+    for i in range(len(nodes) - 1, 0, -1):
+        pass_or_finish(nodes[i], steps[i])
+        pass_on(nodes, i)
+
+
+@loop_function
+def end_run(nodes: Any, steps: Any) -> None:
+    """Send the executive's last frames and let the nodes below it end."""
+    lowest = len(nodes) - 1
+    finish(nodes[0])
+    pass_on(nodes, 0)
+    work_below(nodes, steps)
+    for i in range(1, lowest):
+        while nodes[i].control[sh.DONE] == 0 and nodes[i].guard.pace > 0.0:
+            work_below(nodes, steps)
+        if nodes[i].control[sh.DONE] == 0:
+            finish(nodes[i])
+            pass_on(nodes, i)
+        pass_or_finish(nodes[i + 1], steps[i + 1])
+    if nodes[lowest].control[sh.DONE] == 0:
+        finish(nodes[lowest])
+
+
+def _run(nodes: Any, steps: Any, cycles: Any) -> Any:
+    """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
+    top = nodes[0]
+    if top.passes == 0:
+        meet(nodes)
+        work_below(nodes, steps)
+    for _ in range(cycles):
+        before = top.passes
+        more = one_pass(top, steps[0])
+        if top.passes != before:  # it has sent
+            pass_on(nodes, 0)
+            work_below(nodes, steps)
+        if not more:
+            end_run(nodes, steps)
+            return 0
+    return 1
+
+
+@cache
+def run_of(count: int) -> Any:
+    """Return `run(nodes, steps, cycles)` for that many nodes, compiled on first use."""
+    kinds = types.UniTuple(N, count), types.UniTuple(STEPS, count), i8
+    return loop(i8(*kinds))(_run)
