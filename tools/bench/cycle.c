@@ -217,7 +217,7 @@ static void blame(loop *n, int64_t fault, uint32_t word)
 static void note_foreign(loop *n, uint32_t word)
 {
     n->control[SH_FOREIGN]++;
-    push_frame(n, n->wire.rx, 1, E2E_FOREIGN);
+    push_frame(n, n->wire.rx, 1, STATES_FOREIGN);
     int64_t found = note(n, STRANGERS_FOREIGN, STRANGERS_FOREIGN_CYCLES);
     if (found == 1)
         push_event(n, SH_FOREIGN_EVENT, word & 0x1FFFFFFF, n->control[SH_FOREIGN]);

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers import bus as buses
-from pcpc.drivers import dbc, e2e, wire, wire_layout
+from pcpc.drivers import dbc, e2e, e2e_states, wire, wire_layout
 from pcpc.drivers.jit import i8, loop, types, u1
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire import put_frame
@@ -61,7 +61,7 @@ PUBLICATIONS = 20_000
 _MODULES = {
     "SH": sh, "SV": supervisor, "V": variables, "DBC": dbc, "E2E": e2e, "CLK": clock,
     "WIRE": wire_layout, "TIMING": timing, "STRANGERS": strangers, "MEETING": meeting,
-    "RECEPTION": reception,
+    "RECEPTION": reception, "STATES": e2e_states,
 }  # fmt: skip
 RESULTS = (
     "NOTHING", "FRAME", "FOREIGN", "OWN", "BUS_ERROR", "FAILED", "ERROR_FLAG", "ERROR_FLAGS",
