@@ -125,6 +125,14 @@ def watch(add: Add) -> None:
 # Logs
 
 
+def _code(add: Add) -> None:
+    add("--trust", action="store_true",
+        help="run the Python that stands in the log: its laws, its evaluation")  # fmt: skip
+    add("--law", action="append", default=[], metavar="FILE",
+        help="a law, an evaluation or a file one reads, of a run whose files moved")  # fmt: skip
+    add("--rig", metavar="RIG", help="the rig file beside which they lie now")
+
+
 def replay(add: Add) -> None:
     """Take a log, and what is changed."""
     add("log", metavar="LOG", help="log file, run folder or latest")
@@ -132,11 +140,7 @@ def replay(add: Add) -> None:
         help="default: all")  # fmt: skip
     add("--controller", metavar="NAME", help="another controller of the log's rig")
     _set(add, "recompute with a change, in open loop: the recorded frames stay what they were")
-    add("--trust", action="store_true",
-        help="run the Python that stands in the log: laws from outside the project")  # fmt: skip
-    add("--law", action="append", default=[], metavar="FILE",
-        help="a law, or a file that one reads, of a run whose files have moved")  # fmt: skip
-    add("--rig", metavar="RIG", help="the rig file beside which the laws lie now")
+    _code(add)
     _json(add, "print one JSON list")
     _quiet(add)
 
@@ -244,10 +248,9 @@ def log_plot(add: Add) -> None:
     """Take logs, variables and a picture."""
     add("words", nargs="+", metavar="LOG|VARIABLE",
         help="logs, and variables (* ? [] as in the shell, in quotes); "
-        "no variables: the plant's own figure")  # fmt: skip
+        "no variables: the figure of its evaluation")  # fmt: skip
     add("-o", "--output", type=Path, required=True, metavar="FILE.png", help="picture")
-    add("--rig", type=Path, metavar="RIG",
-        help="where the log's rig file lies, if it is none of the project's")  # fmt: skip
+    _code(add)
     _window(add, "up to here")
     _quiet(add)
 

@@ -1,6 +1,7 @@
-"""The rig of a log, and from where its laws are taken.
+"""The rig of a log, and from where its laws and its evaluation are taken.
 
-A log carries what its laws from outside the project need (`executive.rig.carried`). Python out of a
+A log carries its evaluation and what laws from outside the project need (`executive.rig.carried`).
+The project's own are those of this installation. Python out of a
 log that somebody else wrote may do anything, so it is not run unasked:
 
     by default   files that lie where the log says, with the content that it records
@@ -30,6 +31,7 @@ import yaml
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig import carried, trial, yamlfile
+from pcpc.executive.rig.modules import PROJECT, project_file
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import today
 
@@ -65,7 +67,7 @@ def rig_of(
     While it is in use, laws open what the run's laws opened.
     """
     options = argparse.Namespace(**({"trust": False, "law": [], "rig": None} | vars(options)))
-    data = _resolved(head, folder)
+    data = _resolved(head, folder) | {"evaluation": None}
     place, controller, settings = folder / "rig.yaml", options.controller, options.set
     rig = load_rig(place, controller, settings, resolve=False, text=yamlfile.dump(data))
     files = carried_by(head)
@@ -98,19 +100,55 @@ def _resolved(head: logs.Log, folder: Path) -> dict[str, Any]:
     data = yamlfile.load(folder / "rig.yaml", text).data
     database = PurePosixPath(str(data.get("dbc", ""))).name
     (folder / "log.dbc").write_text(head.attachments.get(database, ""), encoding="utf-8")
-    data |= {"dbc": "log.dbc", "evaluation": None}
+    data |= {"dbc": "log.dbc"}
     data["schedule"], data["note"] = [], []  # its tunings are in the log
     if isinstance(data.get("plant"), dict):
         data["plant"]["parameters_file"] = None
     return data
 
 
-def carried_by(head: logs.Log) -> list[Carried]:
-    """Return the files of a run that its log names; LogError if it names them wrongly."""
+def judged_rig(head: logs.Log, folder: Path, options: argparse.Namespace) -> tuple[Rig, str]:
+    """Return the rig of a log with its evaluation, no law loaded; LogError, RigError.
+
+    And a word on the evaluation, if it is not the one of the run.
+    """
+    data, note = _resolved(head, folder), ""
+    if isinstance(given := data.get("evaluation"), dict):
+        path, note = _evaluation(head, str(given.get("file")), folder, options)
+        given["file"] = str(path)
+    return load_rig(folder / "rig.yaml", resolve=False, text=yamlfile.dump(data)), note
+
+
+def _evaluation(
+    head: logs.Log, name: str, folder: Path, options: argparse.Namespace
+) -> tuple[Path, str]:
+    """Return the file of a log's evaluation, and a word if it is another one; LogError."""
+    files, own = carried_by(head, judging=True), project_file(name)
+    same = own is not None and (not files or files[0].sha256 == carried.sha256(own))
+    if own is not None and (same or not options.trust):
+        return own, "" if same else f"{name} is another one than the log's; --trust takes that"
+    if not files:  # logs of earlier versions
+        names = {facts.get("rig", "") for facts in head.metadata.values()}
+        shipped = [path for path in PROJECT.glob("plants/*/rigs/*.yaml") if path.stem in names]
+        place = options.rig or next(iter(shipped), None)
+        found = load_rig(place, resolve=False).evaluation if place else None
+        if found is None:
+            raise logs.LogError(f"{head.path}: does not carry its evaluation {name}; try --rig RIG")
+        return Path(found.file), ""
+    return _places(head, files, folder, options)[files[0]], ""
+
+
+def carried_by(head: logs.Log, *, judging: bool = False) -> list[Carried]:
+    """Return the files that a log carries for its laws, or its evaluation and what that imports.
+
+    LogError if it names them wrongly.
+    """
     contents = {hashlib.sha256(data).hexdigest(): data for data in head.files.values()}
     found: dict[str, Carried] = {}
     for node in head.node.values():
         for entry in node.description.get("files", ()):
+            if entry.get("judges", False) is not judging:
+                continue
             try:
                 one = Carried(
                     str(entry["name"]), str(entry["path"]), str(entry["sha256"]),
@@ -128,8 +166,12 @@ def carried_by(head: logs.Log) -> list[Carried]:
                 one.name, one.path, one.sha256, (*laws, *one.laws), (*given, *one.given),
                 one.content,
             )  # fmt: skip
-    for name, text in head.attachments.items():  # logs without such entries
-        if name.endswith(".py") and not any(name in one.laws for one in found.values()):
+    for name, text in () if judging else head.attachments.items():  # of older logs
+        if (
+            not judging
+            and name.endswith(".py")
+            and not any(name in one.laws for one in found.values())
+        ):
             data = text.encode()
             digest = hashlib.sha256(data).hexdigest()
             found.setdefault(name, Carried(name, "", digest, (name,), (), data))

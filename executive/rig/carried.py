@@ -1,4 +1,4 @@
-"""The files that a log carries, so that its laws can be recomputed where they do not lie.
+"""The files that a log carries, so that it can be recomputed and drawn where they do not lie.
 
 A law from outside the project may import modules beside it and read tables, also in `prepare`. What
 it opens then is noted (Python's audit event `open`), and goes into the log with where it lay:
@@ -6,10 +6,12 @@ it opens then is noted (Python's audit event `open`), and goes into the log with
     name     from the rig's folder             sha256, bytes   of the content
     path     absolute                          given           relative texts that it was opened by
     laws     the laws of the rig that it is    left_out        true: more than the log carries
+    judges   true: no law needs it; the first is the rig's evaluation, others are imported by it
 
 Not noted: Python's and the project's own files, what is installed, and devices.
 """
 
+import ast
 import hashlib
 import importlib.util
 import os
@@ -18,7 +20,7 @@ import stat
 import sys
 import sysconfig
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -99,11 +101,31 @@ def _inside() -> list[str]:
     return [folder for folder in folders if folder]
 
 
-def listed(reads: Mapping[Path, set[str]], laws: Mapping[Path, set[str]], rig: Path) -> list[Any]:
-    """Return the entries of a description: `reads`, and the `laws` from outside, by their texts."""
+def beside(file: Path) -> list[Path]:
+    """Return a Python file and the modules in its folder that it imports, and they in turn."""
+    found = {file: None}
+    for one in (todo := [file]):
+        try:
+            tree = ast.parse(one.read_bytes())
+        except (OSError, SyntaxError, ValueError):
+            continue
+        names = [name.name for node in ast.walk(tree) if isinstance(node, ast.Import)
+                 for name in node.names]  # fmt: skip
+        names += [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
+        paths = [file.with_name(f"{name.partition('.')[0]}.py") for name in names]
+        todo += [path for path in paths if path not in found and is_ordinary(path)]
+        found |= dict.fromkeys(todo)
+    return list(found)
+
+
+def listed(
+    reads: Mapping[Path, set[str]], laws: Mapping[Path, set[str]], judges: Sequence[Path],
+    rig: Path,
+) -> list[Any]:  # fmt: skip
+    """Return the entries of a description: `reads`, `laws` by their texts, `judges`."""
     entries: list[dict[str, Any]] = []
-    total = 0
-    for file in sorted({*reads, *laws}, key=lambda f: (f not in laws, str(f))):
+    total, needed = 0, sorted({*reads, *laws}, key=lambda f: (f not in laws, str(f)))
+    for file in dict.fromkeys((*needed, *judges)):
         try:
             size, digest = file.stat().st_size, sha256(file)
         except OSError:
@@ -114,6 +136,7 @@ def listed(reads: Mapping[Path, set[str]], laws: Mapping[Path, set[str]], rig: P
                 "name": Path(os.path.relpath(file, rig.parent)).as_posix(), "path": str(file),
                 "given": sorted(reads.get(file, ())), "laws": sorted(laws.get(file, ())),
                 "sha256": digest, "bytes": size, "left_out": total > MOST_BYTES,
+                "judges": file not in needed,
             }
         )  # fmt: skip
         total -= size if total > MOST_BYTES else 0

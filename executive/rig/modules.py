@@ -64,6 +64,15 @@ def project_name(file: Path) -> str | None:
     return spec.name if spec is not None and found else None
 
 
+def project_file(name: str) -> Path | None:
+    """Return the file of a module of this project by its dotted name; None for another name."""
+    parts = name.removeprefix(OURS).split(".")
+    if not name.startswith(OURS) or not all(part.isidentifier() for part in parts):
+        return None
+    file = PROJECT.joinpath(*parts).with_suffix(".py")
+    return file if project_name(file) == name else None
+
+
 @contextmanager
 def own_streams() -> Iterator[None]:
     """Keep what a module prints out of stdout, and the terminal from a module that reads it."""

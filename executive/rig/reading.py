@@ -26,8 +26,8 @@ from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.alike import take_over
 from pcpc.executive.rig.blocks import BlockSpec, blocks, entries, law_keys, parameters_file
-from pcpc.executive.rig.carried import Reads, listed, merge
-from pcpc.executive.rig.modules import project_name
+from pcpc.executive.rig.carried import Reads, beside, listed, merge
+from pcpc.executive.rig.modules import project_file, project_name
 from pcpc.executive.rig.options import apply, rename, unknown_controller
 from pcpc.executive.rig.resolve import source
 from pcpc.executive.rig.roles import ROLES, Role
@@ -129,7 +129,7 @@ class Rig:
         ]  # fmt: skip
 
     def carried(self, reads: Reads) -> list[Any]:
-        """Return what `carried` says about the laws in use, with other files `reads`."""
+        """Return what `carried` says about evaluation and laws in use, with other files `reads`."""
         found: Reads = {file: set(texts) for file, texts in reads.items()}
         laws: dict[Path, set[str]] = {}
         for keys, law in self.laws():
@@ -138,7 +138,8 @@ class Rig:
             if file is not None:
                 text = _rebased(self.document, keys, law).partition(":")[0]
                 laws.setdefault(file, set()).add(text)
-        return listed(found, laws, self.path)
+        judges = beside(Path(self.evaluation.file)) if self.evaluation else []
+        return listed(found, laws, judges, self.path)
 
     @cached_property
     def _resolved(self) -> str:
@@ -213,7 +214,7 @@ def _check(document: Document, config: Config) -> None:
                 raise document.error(("expect", name, figure), f"{low:g} is above {high:g}")
     _evaluation(document, config)
     for keys in _file_keys(msgspec.to_builtins(config)):
-        if keys[-1] != "law":
+        if keys[-1] != "law" and keys[0] != "evaluation":  # which was looked for just now
             document.file(keys, _get(document.data, keys))
 
 
@@ -287,8 +288,10 @@ def _evaluation(document: Document, config: Config) -> Evaluation | None:
     evaluation = convert(document, named, Evaluation, ("evaluation",))
     if not 0 <= evaluation.window_s[0] < evaluation.window_s[1]:
         raise document.error(("evaluation", "window_s"), "expected 0 <= begin < end")
+    at: Keys = ("evaluation", "file")
+    own = project_file(evaluation.file)
     return Evaluation(
-        file=str(document.file(("evaluation", "file"), evaluation.file)),
+        file=str(document.file(at, evaluation.file) if own is None else own),
         window_s=evaluation.window_s,
         numbers=convert(document, given, dict[str, float], ("evaluation",)),
     )
@@ -308,11 +311,12 @@ def _file_keys(data: Mapping[str, Any]) -> list[Keys]:
 
 def _rebased(document: Document, keys: Keys, text: str) -> str:
     """Return a file or law as the rig file's own folder names it."""
+    is_code = keys[-1] == "law" or keys[0] == "evaluation"
     name, colon, attribute = text.partition(":") if keys[-1] == "law" else (text, "", "")
-    if keys[-1] == "law" and not name.endswith(".py"):
+    if is_code and not name.endswith(".py"):
         return text
     file = os.path.normpath(document.place(keys).folder / name)
-    if keys[-1] == "law" and (own := project_name(Path(file))) is not None:
+    if is_code and (own := project_name(Path(file))) is not None:
         return f"{own}{colon}{attribute}"
     return Path(os.path.relpath(file, document.path.parent)).as_posix() + colon + attribute
 

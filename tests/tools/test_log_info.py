@@ -53,7 +53,8 @@ def test_counts_and_facts_are_those_of_the_log() -> None:
     )
     assert (report["rig"], report["controller"], report["pacing"]) == ("slew10", "pd", "virtual")
     assert report["bytes"] == barrel_log("pd").stat().st_size and report["missing"] == []
-    assert set(report["attachments"]) == set(whole.attachments), f"{report['attachments']}"
+    held = {*whole.attachments, *whole.files}
+    assert set(report["attachments"]) == held, f"{report['attachments']}"
     assert report["versions"]["mcap"] and report["start"].startswith("20"), report["start"]
 
 

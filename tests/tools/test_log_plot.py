@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from logcommand import barrel_log, run
 from matplotlib.image import imread
+from test_outside import EVALUATION, LAW, MODEL, RIG, spring_dbc
 
 from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.virtual import simulate
+from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.log import drawing, plot, series
 
 
@@ -55,7 +58,8 @@ def test_no_python_that_only_the_log_names_is_run(
     evil, mark = tmp_path / "evil.py", tmp_path / "ran"
     evil.write_text(f"open({str(mark)!r}, 'w')\ndef metrics(*a): return {{}}\n")
     log = logs.read(barrel_log())
-    text = log.attachments["rig-resolved.yaml"].replace("../evaluation.py", str(evil))
+    own = "pcpc.plants.atb1000.evaluation"
+    text = log.attachments["rig-resolved.yaml"].replace(own, str(evil))
     assert str(evil) in text
     (tmp_path / "evil.yaml").write_text(text)
     log.attachments["rig-resolved.yaml"] = text
@@ -142,3 +146,61 @@ def test_wrong_input_is_one_line_and_draws_nothing(
     done = run("plot", "-o", tmp_path / "f.png", *given)
     assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done
     assert not list(tmp_path.iterdir())
+
+
+def spring_run(folder: Path) -> Path:
+    """Run a plant of its own, whose evaluation imports a module beside it; return the log."""
+    evaluation = EVALUATION.replace("POSITION =", "from words import MASS\n\nPOSITION =")
+    texts = {
+        "model.py": MODEL, "law.py": LAW, "spring.yaml": RIG, "spring.dbc": spring_dbc(),
+        "evaluation.py": evaluation.replace('"mass"', "MASS"), "words.py": "MASS = 'mass'\n",
+    }  # fmt: skip
+    folder.mkdir()
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    simulate(load_rig(folder / "spring.yaml", settings=["duration_s=0.1"]), folder / "log.mcap")
+    return folder / "log.mcap"
+
+
+def test_a_log_carries_its_evaluation_and_is_drawn_elsewhere_when_trusted(tmp_path: Path) -> None:
+    log = spring_run(tmp_path / "spring")
+    here = run("plot", log, "-o", tmp_path / "here.png")
+    assert here.code == 0 and "the figure of spring" in here.out, here
+    log = log.rename(tmp_path / "log.mcap")
+    rig = (tmp_path / "spring").rename(tmp_path / "moved") / "spring.yaml"
+    foreign = run("plot", log, "-o", tmp_path / "f.png")
+    assert foreign.code == 0 and "controller.force_N" in foreign.out, foreign
+    assert "evaluation.py (sha256 " in foreign.err and "--trust" in foreign.err, foreign
+    beside = run("plot", log, "--rig", rig, "-o", tmp_path / "b.png")
+    assert beside.code == 0 and "the figure of" in beside.out, beside
+    (tmp_path / "moved" / "words.py").write_text("MASS = 'changed'\n")
+    changed = run("plot", log, "--rig", rig, "-o", tmp_path / "c.png")
+    assert "words.py (sha256 " in changed.err and "the figure of" not in changed.out, changed
+    trusted = run("plot", log, "--trust", "-o", tmp_path / "t.png")
+    assert trusted.code == 0 and "the figure of" in trusted.out, trusted
+    assert imread(tmp_path / "t.png").shape[:2] == (1500, 1200)
+
+
+def test_a_mistake_in_an_evaluation_is_one_line_with_its_place(tmp_path: Path) -> None:
+    log = spring_run(tmp_path / "spring")
+    file = tmp_path / "spring" / "evaluation.py"
+    file.write_text(file.read_text().replace("plant:spring.position_m", "plnt:spring.position_m"))
+    done = run("plot", log, "--law", file, "-o", tmp_path / "f.png")
+    assert done.code == 2 and done.err.count("\n") == 1, done
+    assert "evaluation.py:7: no signal plnt:spring.position_m" in done.err, done
+    assert not (tmp_path / "f.png").exists()
+
+
+def test_an_evaluation_of_the_project_is_the_installed_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = logs.read(barrel_log())
+    name = "evaluation:\n  file: pcpc.plants.atb1000.evaluation\n"
+    assert name in log.attachments["rig-resolved.yaml"], "not by its name"
+    for node in log.node.values():
+        (entry,) = (entry for entry in node.description["files"] if entry["judges"])
+        entry["sha256"] = "0" * 64
+    monkeypatch.setattr(logs, "read", lambda path: log)
+    done = run("plot", barrel_log(), "-o", tmp_path / "f.png")
+    assert done.code == 0 and "the figure of atb1000" in done.out, done
+    assert "pcpc.plants.atb1000.evaluation is another one than the log's" in done.err, done

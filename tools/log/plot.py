@@ -2,21 +2,23 @@
 
     one log        an axis for each unit, at most 8 lines on it
     several logs   an axis for each variable, a line for each log
-    no variables   the plant's own figure of a log, else what the controller works with
+    no variables   the figure of the log's evaluation, else what the controller works with
 
 Every pixel column shows the first, last, lowest and highest value that falls into it, so a spike of
 one cycle stays visible in a log of an hour. Time is s from the first record of each log.
 """
 
 import argparse
+import tempfile
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
 
-from pcpc.drivers.errors import Exit, printable
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
+from pcpc.tools import log_rig
 from pcpc.tools.log import series
 from pcpc.tools.log.drawing import DPI, Source, page_of
 from pcpc.tools.log.outfile import LogCommandError, new_file
@@ -27,7 +29,6 @@ SUFFIXES = (".png", ".svg", ".pdf")
 MOST_AXES, MOST_LINES = 12, 8
 _DEFAULT_AXES = 6  # of several logs, where no variable is named
 _DEFAULTS = ("reference.*", "controller.*", "rx.*", "*")
-_PLANTS = Path(__file__).resolve().parents[2] / "plants"
 
 
 def command(options: argparse.Namespace) -> int:
@@ -98,46 +99,30 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 
 
 def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> bool:
-    """Draw the figure of the log's plant; return False, and why, if there is none to be drawn."""
-    try:
-        return _own_figure(log, options)
-    except (LogCommandError, OSError):
-        raise
-    except Exception as error:  # the plant's own code, with a log that it was not written for
-        reason = printable(" ".join(f"{type(error).__name__} {error}".split())[:200])
-        progress.say(f"{log.path}: no figure of its plant ({reason}); variables instead")
-        return False
-
-
-def _own_figure(log: logs.Log, options: argparse.Namespace) -> bool:
-    """Draw the figure of the log's plant; return False if there is none to be found."""
-    from pcpc.executive.rig.reading import load_rig
+    """Draw the figure of the log's evaluation; return False, and say why, if there is none."""
+    from pcpc.executive.errors import RigError
     from pcpc.tools.judge import EvaluationError, Judge
 
-    text = log.attachments.get("rig-resolved.yaml")
-    rig_name = next((log.metadata[node].get("rig", "") for node in log.node), "")
-    shipped = {path.stem: path for path in sorted(_PLANTS.glob("*/rigs/*.yaml"))}
-    place = options.rig or shipped.get(rig_name)
-    if text is None or place is None:
-        return False
-    own = load_rig(place, resolve=False).evaluation  # no Python that only the log names is run
-    rig = load_rig(place, text=text, resolve=False)
-    if own is None or rig.evaluation is None or rig.evaluation.file != own.file:
-        return False
-    judge = Judge.of(rig)
-    title = f"{rig.config.rig}: {rig.config.title}, controller {rig.config.controller}"
-    with new_file(options.output, force=True) as path:
+    with tempfile.TemporaryDirectory() as folder:
         try:
-            reason = judge.draw(log, title, judge.metrics(log), path)
-        except EvaluationError as error:
-            raise LogCommandError(str(error)) from None
-        if "pip install" in reason:
-            raise LogCommandError(reason, Exit.ENVIRONMENT)
-        if reason:
+            rig, note = log_rig.judged_rig(log, Path(folder), options)
+        except (logs.LogError, RigError) as error:
+            progress.say(f"{error}; variables instead")
             return False
-    print(
-        f"{options.output}: the figure of {Path(rig.evaluation.file).parent.name}, rig {rig_name}"
-    )
+        if note:
+            progress.say(f"{log.path}: {note}")
+        config = rig.config
+        title = f"{config.rig}: {config.title}, controller {config.controller}"
+        try:
+            judge, given = Judge.of(rig), rig.evaluation
+            if given is None or judge.evaluation is None or not judge.evaluation.panels:
+                return False
+            with new_file(options.output, force=True) as path:
+                if reason := judge.draw(log, title, judge.metrics(log), path):
+                    raise LogCommandError(reason, Exit.ENVIRONMENT)
+        except (RigError, EvaluationError) as error:
+            raise LogCommandError(str(error)) from None
+    print(f"{options.output}: the figure of {Path(given.file).parent.name}, rig {config.rig}")
     return True
 
 
