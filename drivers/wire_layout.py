@@ -3,7 +3,6 @@
 import numpy as np
 
 MEMORY, SOCKETCAN, UDP, PYTHON_CAN = 0, 1, 2, 3
-KIND_NAMES = ("memory", "socketcan", "udp_multicast", "python-can")
 
 FRAME_BYTES = 16  # struct can_frame: id and flags [0:4], length [4], data [8:16]
 QUEUE_FRAMES = 256  # one virtual-time exchange is about ten frames

@@ -36,7 +36,6 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import today
 
 MOST_UP = 64  # folders that a file may lie above its rig
-_FILES = "files/"  # of the names of such attachments
 
 
 @dataclass(frozen=True)

@@ -244,10 +244,6 @@ class Process:
                 )
             self.choice.claims.append(held)
 
-    def orphaned(self) -> bool:
-        """Return whether the host that started this process, if it named itself, is dead."""
-        return self.host is not None and os.getppid() != self.host
-
     def _loop(self, block: sh.Shared) -> None:
         """Do the real-time settings, the self-test, then the compiled loop."""
         settings = self.rig.config.realtime.of(self.role)

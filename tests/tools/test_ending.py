@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from logcommand import barrel_log
 from processes import PCPC, ROOT, pcpc
 
 from pcpc.drivers.errors import BusError, Exit, UserError
@@ -52,9 +53,14 @@ def in_shell(words: str) -> tuple[list[int], str]:
 @pytest.mark.parametrize("words", [
     "doctor | true", "doctor --json | head -1", "check PROBE | true", "check PROBE >&- 2>&- <&-",
     "--help | true", "--help >&-", "--help 2>&-", "--help <&-",
+    "rigs | head -1", "rigs --json | head -1", "completion bash | head -1", "vm --help | head -1",
+    "log info LOG | head -1", "log info LOG --json | head -1", "log cat LOG --quiet | head -1",
+    "log cat LOG --quiet --format ndjson | true", "log diff LOG LOG --json --quiet | head -1",
+    "replay LOG --json --quiet | head -1",
 ])  # fmt: skip
 def test_a_command_whose_words_nobody_reads_ends_well(words: str) -> None:
-    codes, said = in_shell(f"{PCPC} {words.replace('PROBE', PROBE)}")
+    log = str(barrel_log("pd")) if "LOG" in words else ""
+    codes, said = in_shell(f"{PCPC} {words.replace('PROBE', PROBE).replace('LOG', log)}")
     assert set(codes) == {0} and said == "", f"{words}: {codes}\n{said}"
 
 

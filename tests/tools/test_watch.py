@@ -398,6 +398,13 @@ def test_watch_on_a_terminal_rewrites_its_lines_in_place(run: Run) -> None:
     assert seen.count(f"{ERROR} = ".encode()) >= 3, seen
 
 
+def test_a_watch_that_nobody_reads_any_more_ends_well(run: Run) -> None:
+    words = f"{sys.executable} -m pcpc.tools.cli watch {ERROR} --every 10ms --node {run.node}"
+    script = f"{words} | head -3 >/dev/null; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", script], cwd=ROOT, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("0\n", ""), str(done)
+
+
 def test_watch_refuses_an_interval_that_is_none(run: Run, capsys: Screen) -> None:
     code, out, err = said(capsys, run, "watch", ERROR, "--every", "5x")
     assert (code, out) == (2, ""), out
