@@ -10,10 +10,10 @@ Writes results.md, figures/ and, for studies of rigs, results.csv into a new fol
 import argparse
 import csv
 import importlib
-import importlib.util
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from pcpc import plants
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.rig.law_errors import cause
+from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.plants.judging import Run
 from pcpc.plants.study import Case, Result
 from pcpc.tools.pool import PoolError, workers
@@ -121,24 +123,31 @@ def chosen(name: str) -> list[ModuleType]:
     """Return the studies of a chapter or of a file; none for another name."""
     if not name.endswith(".py"):
         return [study for study in studies() if f"chapter{study.CHAPTER}" == name]
-    spec = importlib.util.spec_from_file_location("pcpc_study", name)
-    assert spec is not None and spec.loader is not None, name  # it ends in .py
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise StudyError(f"{name}: {type(error).__name__}: {error}") from None
+    with told(), own_streams():
+        module = module_of("", Path(name).resolve())
     absent = [part for part in STUDY_PARTS if not hasattr(module, part)]
     if absent:
         raise StudyError(f"{name}: no {', '.join(absent)}; plants/study.py says what a study holds")
     return [module]
 
 
+@contextmanager
+def told() -> Iterator[None]:
+    """Tell what a study's code raises in a line, with its place: StudyError."""
+    try:
+        yield
+    except (UserError, OSError):
+        raise
+    except (Exception, SystemExit) as error:
+        raise StudyError(cause(error)) from None
+
+
 def run_studies(
     parts: Sequence[ModuleType], folder: Path, progress: Progress, jobs: int | None
 ) -> int:
     """Run the cases of all studies, write tables and figures; NOT_MET if a run failed."""
-    cases = [(study, case) for study in parts for case in study.cases()]
+    with told():
+        cases = [(study, case) for study in parts for case in study.cases()]
     results = run_cases([case for _, case in cases], progress, jobs)
     write_csv(results, folder / "results.csv")
     figures = folder / "figures"
@@ -147,8 +156,9 @@ def run_studies(
     for study in parts:
         own = [result for (of, _), result in zip(cases, results, strict=True) if of is study]
         progress.say(f"tables and figures: {study.TITLE}")
-        texts.append(f"# {study.TITLE}\n\n{study.report(own)}")
-        study.draw(own, figures)
+        with told():
+            texts.append(f"# {study.TITLE}\n\n{study.report(own)}")
+            study.draw(own, figures)
     (folder / "results.md").write_text("\n".join(texts))
     failed = [result for result in results if result.failed]
     for result in failed:

@@ -26,7 +26,7 @@ _OWN = {  # how laws are read and stepped, evaluations read and asked
         "executive/laws/ports",
         "executive/rig/modules", "executive/rig/prepare", "executive/rig/resolve",
         "executive/rig/trial", "plants/evaluation", "plants/judging", "plants/pages",
-        "plants/statistics", "plants/two_joints", "tools/judge",
+        "plants/statistics", "plants/study", "plants/two_joints", "tools/experiment", "tools/judge",
     )
 }  # fmt: skip
 _COLOUR = re.compile("\x1b\\[[0-9;]*m")

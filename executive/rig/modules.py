@@ -1,4 +1,4 @@
-"""The modules of laws: imported once a process, under a name that compiled code can be kept by.
+"""Modules of laws, evaluations and studies: imported once, under a name to keep compiled code by.
 
 A law from outside the project may read tables at its import; what it opened is noted, because it
 goes into the log, and because its content is in the compiled code.

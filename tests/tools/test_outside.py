@@ -216,13 +216,34 @@ def test_an_experiment_that_is_none_is_refused_with_the_names(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("text", "why"), [("1 +", "SyntaxError"), ("CHAPTER = 1", "no TITLE, cases, report, draw")]
-)
+    ("text", "why"),
+    [
+        ("1 +", "study.py:1: SyntaxError"), ("CHAPTER = 1", "no TITLE, cases, report, draw"),
+        ("\nimport nosuch", "study.py:2: ModuleNotFoundError"),
+        ("exit(3)", "study.py:1: ends the process"),
+    ],
+)  # fmt: skip
 def test_a_file_that_is_no_study_is_refused_in_a_line(text: str, why: str, tmp_path: Path) -> None:
     (tmp_path / "study.py").write_text(text)
     done = pcpc("experiment", str(tmp_path / "study.py"), "-o", str(tmp_path / "out"))
     assert done.code == 2 and why in done.err and len(done.err.splitlines()) == 1, str(done)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [("[Case(", "[Csae(", "12: NameError"), ("in results]", "in rslts]", "17: NameError")],
+)
+def test_what_a_study_raises_is_told_in_a_line(
+    old: str, new: str, place: str, spring: Path, tmp_path: Path
+) -> None:
+    for name in ("model.py", "law.py", "spring.yaml", "spring.dbc", "evaluation.py"):
+        shutil.copy(spring.with_name(name), tmp_path)
+    (tmp_path / "study.py").write_text(STUDY.replace(old, new))
+    words = ("experiment", str(tmp_path / "study.py"), "-o", str(tmp_path / "out"), "--quiet")
+    done = pcpc(*words)
+    assert done.code == 2 and f"study.py:{place}" in done.err, str(done)
+    assert "Traceback" not in done.err and len(done.err.splitlines()) == 1, str(done)
 
 
 def test_json_of_check_names_the_files_outside(spring: Path) -> None:
