@@ -103,8 +103,7 @@ def table(names: str, count: str | int) -> Callable[[Add], None]:
     def arguments(add: Add) -> None:
         add("names", nargs=count, metavar=names)
         add("--node", metavar="NODE",
-            help="executive, plant, or a block's full name; without it, the one that has NAME",
-            )  # fmt: skip
+            help="executive, plant or a full name; without it, the one that has NAME")  # fmt: skip
         _json(add, "print JSON")
 
     return arguments
@@ -201,8 +200,7 @@ def log_diff(add: Add) -> None:
     add("a", type=Path, metavar="A", help="log file or run folder")
     add("b", type=Path, metavar="B", help="the other one")
     add("variables", nargs="*", metavar="VAR",
-        help="names or patterns as 'controller.*', without frames; default: all but timing",
-        )  # fmt: skip
+        help="names or patterns, without frames; default: all but timing")  # fmt: skip
     add("--tolerance", type=float, default=0.0, metavar="REL", help="relative")
     add("--absolute", type=float, default=0.0, metavar="ABS", help="absolute")
     _json(add)
@@ -224,8 +222,7 @@ def log_export(add: Add) -> None:
     add("--format", choices=("candump", "blf", "asc", "csv", "parquet"),
         help="instead of what the suffix of FILE says")  # fmt: skip
     add("--topics", nargs="+", metavar="TOPIC",
-        help="/can/frames or /plant/can/frames; /state, /timing, /plant/state, /plant/timing",
-        )  # fmt: skip
+        help="/can/frames; /state, /timing; with /plant before them the plant's")  # fmt: skip
     _window(add, "up to here, exclusive")
     add("--force", action="store_true", help="overwrite FILE")
     _json(add)

@@ -136,10 +136,13 @@ class Live:
     # Waiting
 
     def every(self, seconds: float) -> Iterator[Values]:
-        """Yield the values now and then again and again, until the node ends."""
-        next_s = time.monotonic()
+        """Yield the values now and then again and again, no cycle twice, until the node ends."""
+        next_s, seen = time.monotonic(), -1
         while self.running:
-            yield self.read()
+            now = self.read()
+            if now.cycle != seen:
+                yield now
+            seen = now.cycle
             next_s = max(next_s + seconds, time.monotonic())
             while self.running and (rest_s := next_s - time.monotonic()) > 0:
                 self._pause(min(rest_s, _SLICE_S))
