@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import Exit
 from pcpc.plants.actuators import (
     backlash,
     deadzone,
@@ -56,7 +57,7 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     table = markdown(("what", "measured", "exact, or the limit"), rows)
     (folder / "results.md").write_text(f"# Actuator nonlinearities\n\n{table}")
     progress.close()
-    return 0
+    return Exit.OK
 
 
 def each(function: Callable[..., float], values: Vector, *rest: float) -> Vector:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers import can_id
+from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
@@ -69,7 +70,7 @@ def import_recording(options: argparse.Namespace, progress: Progress) -> int:
         log.write(path, progress)
     progress.close()
     print(json.dumps(log.counts) if options.json else _report(options, log.counts, unknown))
-    return 0
+    return Exit.OK
 
 
 class _Imported:

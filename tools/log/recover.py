@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_writer import RecordError, Recovered, recover
 from pcpc.tools.log import source
@@ -38,13 +39,13 @@ def _recover(options: argparse.Namespace, progress: Progress) -> int:
     progress.close()
     if options.json:
         print(json.dumps(report, indent=2))
-        return 0
+        return Exit.OK
     for line in done.missing or ["nothing: the log is whole"]:
         print(f"missing: {line}", file=sys.stderr)
     nodes = report["nodes"].items()
     kept = [f"{name}: {n['cycles']} cycles, {n['seconds']:g} s" for name, n in nodes]
     print(f"{out}: {'; '.join([*kept, f'{sum(done.messages.values())} messages'])}")
-    return 0
+    return Exit.OK
 
 
 def _nodes(out: Path, done: Recovered) -> dict[str, dict[str, float]]:

@@ -78,4 +78,4 @@ def _print_info(options: argparse.Namespace) -> int:
         print(f"kernel       linux {release}, in the cache: {package}")
     print(f"accelerator  {accelerator.explained(options.accel, cache)}")
     print(f"cache        {cache}")
-    return 0
+    return Exit.OK
