@@ -18,39 +18,30 @@ import numpy as np
 
 # ruff: isort: off
 from pcpc.drivers.jit import LOOP_INTERPRETED, numba, types
-from pcpc.drivers.views import Cells, data
+from pcpc.drivers.views import Cells, Fields, Pointer, data
 from llvmlite import ir  # after ours, which set numba's environment
-from numba.core.imputils import lower_getattr_generic, lower_setattr_generic
-from numba.core.typing.templates import AttributeTemplate
-from numba.extending import (
-    NativeValue,
-    infer_getattr,
-    intrinsic,
-    models,
-    register_model,
-    typeof_impl,
-    unbox,
-)
+from numba.extending import NativeValue, intrinsic, register_model, typeof_impl, unbox
 # ruff: isort: on
 
-_I64, _BYTES = ir.IntType(64), ir.IntType(8).as_pointer()
+_I64 = ir.IntType(64)
 
 
-class Structure(types.Type):
+class Structure(Fields):
     """The type of a pointer to a structure; `fields`: name, type, place in bytes."""
+
+    element = types.uint8
 
     def __init__(self, fields: tuple[tuple[str, Any, int], ...]) -> None:
         self.fields = {name: (kind, place) for name, kind, place in fields}
         mark = hashlib.sha256(repr(fields).encode()).hexdigest()[:12]
         super().__init__(f"Structure({mark})")
 
+    def field(self, name: str) -> tuple[Any, int] | None:
+        """Return a number, Cells or a nested structure."""
+        return self.fields.get(name)
 
-class _Pointer(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _BYTES)
 
-
-register_model(Structure)(_Pointer)
+register_model(Structure)(Pointer)
 _known: dict[np.dtype[Any], Structure] = {}
 
 
@@ -87,40 +78,8 @@ def _unbox(kind: Any, value: Any, c: Any) -> Any:
     buffer = c.pyapi.alloca_buffer()
     pointer = c.pyapi.extract_record_data(value, buffer)
     failed = c.builder.icmp_unsigned("==", pointer, ir.Constant(pointer.type, None))
-    pointer = c.builder.bitcast(pointer, _BYTES)
+    pointer = c.builder.bitcast(pointer, c.context.get_value_type(kind))
     return NativeValue(pointer, failed, lambda: c.pyapi.release_buffer(buffer))
-
-
-@infer_getattr
-class _Attributes(AttributeTemplate):
-    key = Structure
-
-    def generic_resolve(self, kind: Structure, name: str) -> Any:  # type: ignore[override]
-        return kind.fields[name][0] if name in kind.fields else None
-
-
-def _address(context: Any, builder: Any, pointer: Any, kind: Structure, name: str) -> Any:
-    field, place = kind.fields[name]
-    address = builder.gep(pointer, [ir.Constant(_I64, place)], inbounds=True)
-    into = context.get_value_type(field)
-    whole = isinstance(field, Cells | Structure)
-    return builder.bitcast(address, into if whole else into.as_pointer())
-
-
-@lower_getattr_generic(Structure)
-def _get(context: Any, builder: Any, kind: Structure, pointer: Any, name: str) -> Any:
-    address = _address(context, builder, pointer, kind, name)
-    return address if isinstance(kind.fields[name][0], Cells | Structure) else builder.load(address)
-
-
-@lower_setattr_generic(Structure)
-def _set(context: Any, builder: Any, signature: Any, arguments: Any, name: str) -> None:
-    kind, given = signature.args
-    field = kind.fields[name][0]
-    if isinstance(field, Cells | Structure):
-        raise TypeError(f"{name} has several values: set them one by one")
-    value = context.cast(builder, arguments[1], given, field)
-    builder.store(value, _address(context, builder, arguments[0], kind, name))
 
 
 @intrinsic

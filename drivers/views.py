@@ -58,19 +58,39 @@ class Layout(NamedTuple):
         return next((field for field in self.fields if field.name == name), None)
 
 
-class View(types.Type):
-    """The type of a pointer to values with the names of a layout."""
+class Fields(types.Type):
+    """The type of a pointer to memory whose parts have names: a View or a Structure."""
 
-    def __init__(self, layout: Layout, element: Any = f8) -> None:
-        self.layout, self.element = layout, element
+    element: Any
+
+    def field(self, name: str) -> tuple[Any, int] | None:
+        """Return the type of a part and its place in bytes; None if there is none."""
+        raise NotImplementedError
+
+
+class View(Fields):
+    """The type of a pointer to float64 values with the names of a layout."""
+
+    element = f8
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
         mark = hashlib.sha256(repr(layout.fields).encode()).hexdigest()[:12]
-        super().__init__(f"View({layout.name}, {mark}, {element})")
+        super().__init__(f"View({layout.name}, {mark})")
+
+    def field(self, name: str) -> tuple[Any, int] | None:
+        """Return a value, Cells or a group."""
+        found = self.layout.field(name)
+        if found is None:
+            return None
+        kind = View(found.group) if found.group else Cells(found.shape, f8) if found.shape else f8
+        return kind, 8 * found.place
 
 
 class Cells(types.Type):
     """The type of a pointer to an array of a fixed shape, row by row."""
 
-    def __init__(self, shape: tuple[int, ...], element: Any = f8) -> None:
+    def __init__(self, shape: tuple[int, ...], element: Any) -> None:
         self.extents, self.element = shape, element
         super().__init__(f"Cells({shape}, {element})")
 
@@ -78,50 +98,49 @@ class Cells(types.Type):
 POINTER = types.CPointer(f8)
 
 
-class _Pointer(models.PrimitiveModel):
+class Pointer(models.PrimitiveModel):
+    """How Cells and Fields are passed."""
+
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, manager[kind.element].get_data_type().as_pointer())
 
 
-register_model(View)(_Pointer)
-register_model(Cells)(_Pointer)
-
-
-def _of(kind: Any, field: Field) -> Any:
-    if field.group is not None:
-        return View(field.group, kind.element)
-    return Cells(field.shape, kind.element) if field.shape else kind.element
+register_model(View)(Pointer)
+register_model(Cells)(Pointer)
 
 
 @infer_getattr
 class _Attributes(AttributeTemplate):
-    key = View
+    key = Fields
 
-    def generic_resolve(self, kind: View, name: str) -> Any:  # type: ignore[override]
-        field = kind.layout.field(name)
-        return None if field is None else _of(kind, field)
-
-
-def _address(builder: Any, pointer: Any, place: int) -> Any:
-    return builder.gep(pointer, [ir.Constant(_I64, place)], inbounds=True) if place else pointer
+    def generic_resolve(self, kind: Fields, name: str) -> Any:  # type: ignore[override]
+        found = kind.field(name)
+        return None if found is None else found[0]
 
 
-@lower_getattr_generic(View)
-def _get(context: Any, builder: Any, kind: View, pointer: Any, name: str) -> Any:
-    field = kind.layout.field(name)
-    assert field is not None, "the typing found it"
-    address = _address(builder, pointer, field.place)
-    return address if field.group or field.shape else builder.load(address)
+def _address(context: Any, builder: Any, pointer: Any, found: Any) -> tuple[Any, bool]:
+    """Return the address of a part, and whether it is one number."""
+    kind, place = found
+    first = builder.bitcast(pointer, ir.IntType(8).as_pointer())
+    address = builder.gep(first, [ir.Constant(_I64, place)], inbounds=True)
+    into, number = context.get_value_type(kind), not isinstance(kind, Cells | Fields)
+    return builder.bitcast(address, into.as_pointer() if number else into), number
 
 
-@lower_setattr_generic(View)
+@lower_getattr_generic(Fields)
+def _get(context: Any, builder: Any, kind: Fields, pointer: Any, name: str) -> Any:
+    address, number = _address(context, builder, pointer, kind.field(name))
+    return builder.load(address) if number else address
+
+
+@lower_setattr_generic(Fields)
 def _set(context: Any, builder: Any, signature: Any, arguments: Any, name: str) -> None:
     kind, given = signature.args
-    field = kind.layout.field(name)
-    if field.group or field.shape:
+    found = kind.field(name)
+    address, number = _address(context, builder, arguments[0], found)
+    if not number:
         raise TypeError(f"{name} has several values: set them one by one")
-    value = context.cast(builder, arguments[1], given, kind.element)
-    builder.store(value, _address(builder, arguments[0], field.place))
+    builder.store(context.cast(builder, arguments[1], given, found[0]), address)
 
 
 def _indices(index: Any) -> tuple[Any, ...]:
@@ -200,7 +219,7 @@ def _length(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
 def _flat(typing: Any, view: Any) -> Any:
     """Return all values of a View, one after the other, as Cells."""
     size = sum(_size(field) for field in view.layout.fields)
-    return Cells((size,), view.element)(view), lambda c, b, signature, arguments: arguments[0]
+    return Cells((size,), f8)(view), lambda c, b, signature, arguments: arguments[0]
 
 
 def _size(field: Field) -> int:

@@ -1,0 +1,83 @@
+"""Structures: compiled code reads and writes the memory that numpy sees under the same names."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pcpc.drivers.jit import loop_function, numba
+from pcpc.drivers.structures import copy, data_of, structure
+
+INNER = np.dtype([("flag", "<i8"), ("table", "<f8", (3, 4)), ("byte", "u1", (5,))], align=True)
+OUTER = np.dtype(
+    [("head", "u1", (3,)), ("gain", "<f8"), ("inner", INNER), ("frame", "u1", (2, 16)),
+     ("count", "<i8"), ("words", "<i8", (6,))],
+    align=True,
+)  # fmt: skip
+structure(OUTER)
+
+
+@loop_function
+def work(n: Any, row: Any) -> Any:
+    """Use every kind of field."""
+    inner = n.inner
+    n.count += 3
+    inner.flag = n.count > 5
+    for i in range(4):
+        inner.table[row, i] = n.gain * i + inner.table[row - 1, i]
+    n.gain = inner.table[row, 3]
+    for i in range(len(inner.byte)):
+        inner.byte[i] = 250 + i + n.words[i]
+    values = inner.table[row]
+    values[0] = n.words[row] + row
+    return n.gain
+
+
+@loop_function
+def use_frames(n: Any) -> None:
+    """Change a frame's data and copy the frame."""
+    data_of(n.frame[0])[7] = n.count
+    copy(n.frame[1], n.frame[0])
+
+
+def record(seed: int) -> Any:
+    """Return an OUTER with known contents."""
+    made = np.recarray(1, OUTER)
+    made.view(np.uint8)[:] = 0
+    n, rng = made[0], np.random.default_rng(seed)
+    n.gain, n.count = rng.normal(), seed
+    n.inner.table[:] = rng.normal(size=(3, 4))
+    n.words[:] = rng.integers(0, 9, 6)
+    n.frame[0] = rng.integers(0, 256, 16)
+    return n
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_a_structure_is_used_as_numpy_uses_the_record(seed: int) -> None:
+    ours, theirs = record(seed), record(seed)
+    row = 1 + seed % 2
+    assert work(ours, row) == work.py_func(theirs, row)
+    assert ours.tobytes() == theirs.tobytes()
+    assert ours.tobytes() != record(seed).tobytes(), "nothing was written"
+
+
+def test_a_frame_is_copied_whole_and_its_data_begin_at_byte_8() -> None:
+    n = record(7)
+    wanted = [*n.frame[0, :15].tolist(), 7]
+    use_frames(n)
+    assert n.frame[0].tolist() == n.frame[1].tolist() == wanted, n.frame
+
+
+def test_a_field_that_is_not_there_and_a_whole_table_are_refused() -> None:
+    @loop_function
+    def read(n: Any) -> Any:
+        return n.conut
+
+    @loop_function
+    def write(n: Any) -> None:
+        n.inner = n.inner
+
+    with pytest.raises(numba.core.errors.TypingError, match="conut"):
+        read(record(1))
+    with pytest.raises(TypeError, match="set them one by one"):
+        write(record(1))
