@@ -54,25 +54,26 @@ def send_frame(n: Any, row: Any, counter: Any) -> None:
 @loop_function
 def announce(n: Any) -> None:
     """Send the heartbeat: to a node that was heard, and at the end."""
-    n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
-    copy_inputs(n, sh.MAX_BLOCKS)
-    for row in range(n.tx.n):
-        if n.tx.role[row, sh.IS_HEARTBEAT] != 0:
-            send_frame(n, row, 0)
+    _send_heartbeat(n, True)
 
 
 @loop_function
 def announce_again(n: Any) -> None:
     """Send the heartbeat while waiting for the other node; without a clock off the record."""
-    if n.meeting.ordered == 0:
-        announce(n)
-        return
+    _send_heartbeat(n, n.meeting.ordered == 0)
+
+
+@loop_function
+def _send_heartbeat(n: Any, recorded: Any) -> None:
     n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
     copy_inputs(n, sh.MAX_BLOCKS)
     for row in range(n.tx.n):
         if n.tx.role[row, sh.IS_HEARTBEAT] != 0:
-            encode(n, row, 0)
-            put_frame(n.wire)
+            if recorded:
+                send_frame(n, row, 0)
+            else:
+                encode(n, row, 0)
+                put_frame(n.wire)
 
 
 @loop_function
