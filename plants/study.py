@@ -26,16 +26,20 @@ class Case:
     label: str
     settings: tuple[str, ...] = ()
     window_s: tuple[float, float] | None = None  # instead of the rig's
-    traces: tuple[str, ...] = ()  # variables to keep, `executive:` or `plant:` before the name
+    traces: tuple[str, ...] = ()  # to keep: variables `NODE:NAME`, signals of the evaluation
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a case came to; `failed`: why there are no metrics; `diverged`: it ended early."""
+    """What a case came to; `failed`: why there are no metrics; `diverged`: it ended early.
+
+    `settings`: all of the run's blocks, as `arm.stop_m`, so that no figure repeats a number.
+    """
 
     case: Case
     metrics: Mapping[str, float] = field(default_factory=dict)
     traces: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    settings: Mapping[str, float] = field(default_factory=dict)
     diverged: bool = False
     failed: str = ""
 

@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ from pcpc.plants.judging import Run
 from pcpc.plants.study import Case, Result
 from pcpc.tools.pool import PoolError, workers
 from pcpc.tools.progress import Compiling, Progress
+
+if TYPE_CHECKING:
+    from pcpc.executive.rig.reading import Rig
 
 STUDY_PARTS = ("CHAPTER", "TITLE", "cases", "report", "draw")
 _LOOK_S = 0.5
@@ -55,19 +59,24 @@ def run_case(case: Case) -> Result:
     if rig.evaluation is None:
         return Result(case, failed=f"{case.rig}: names no evaluation file")
     try:
-        metrics = Judge.of(rig).metrics(log, case.window_s)
+        judge = Judge.of(rig)
+        metrics = judge.metrics(log, case.window_s)
+        traces = _traces(judge.run(log), case.traces) if case.traces else {}
     except (RigError, EvaluationError) as error:
         return Result(case, failed=str(error))
     done = len(log.node["executive"].cycle)
     expected = round(rig.config.duration_s * rig.config.rate_hz)
-    traces = _traces(Run(log, 1.0 / rig.config.rate_hz), case.traces)
-    return Result(case, metrics, traces, diverged=done < expected)
+    return Result(case, metrics, traces, settings_of(rig), diverged=done < expected)
+
+
+def settings_of(rig: "Rig") -> dict[str, float]:
+    """Return the settings of all blocks of a rig, as BLOCK.NAME."""
+    specs = (spec for node in rig.nodes().values() for spec in node.blocks)
+    return {f"{spec.name}.{name}": v for spec in specs for name, v in spec.settings.items()}
 
 
 def _traces(run: Run, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Return the wanted columns over the executive's cycles, thinned, and `t`."""
-    if not names:
-        return {}
+    """Return variables and signals over the executive's cycles, thinned, and `t`."""
     step = max(1, len(run.cycle) // TRACE_POINTS)
     columns = {"t": run["executive:time.t_s"]} | {name: run.get(name) for name in names}
     return {name: values[::step].copy() for name, values in columns.items()}

@@ -21,7 +21,7 @@ from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.executive.rig.reading import Rig
 from pcpc.plants.evaluation import Evaluation
-from pcpc.plants.judging import Mistake
+from pcpc.plants.judging import Mistake, Run
 from pcpc.tools.imagine import imagined, large, noise, nothing
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
@@ -91,6 +91,13 @@ class Judge:
         about = window_s or given.window_s, given.numbers, 1.0 / self.rig.config.rate_hz
         return _guarded(lambda: evaluation.judge(log, *about))
 
+    def run(self, log: Log) -> Run:
+        """Return a run with what the rig says of its evaluation, which it names."""
+        evaluation, given = self.evaluation, self.rig.evaluation
+        assert evaluation is not None and given is not None, "the rig names an evaluation"
+        period_s = 1.0 / self.rig.config.rate_hz
+        return evaluation.judged(log, given.window_s, given.numbers, period_s).run()
+
     def draw(self, log: Log, title: str, metrics: Mapping[str, float], path: Path) -> str:
         """Draw the rig's figure; return "" or the reason why there is none.
 
@@ -117,11 +124,8 @@ class Judge:
         probe = replace(log, node=nodes)
         try:
             self.metrics(probe, (-math.inf, math.inf))
-            if drawn and evaluation is not None and self.rig.evaluation is not None:
-                period_s = 1.0 / self.rig.config.rate_hz
-                about = (-math.inf, math.inf), self.rig.evaluation.numbers, period_s
-                run = evaluation.judged(probe, *about).run()
-                _guarded(lambda: evaluation.touch(run))
+            if drawn and evaluation is not None:
+                _guarded(lambda: evaluation.touch(self.run(probe)))
         except EvaluationError:
             pass  # it will fail again, and be told, on the whole log
         found = {}

@@ -37,10 +37,9 @@ DRAWS, DRAW_SEED, NOISE_SEED = 50, 2024, 1000
 SEEDS = {"hull": 50, "sin0.5": 50, "sin0.2": 10}  # a gap limit cycle makes one seed worthless
 
 TRACES = (
-    "executive:reference.q_d_rad", "plant:barrel.theta_rad", "plant:barrel.muzzle_rad",
-    "plant:barrel.droop_rad", "plant:barrel.elastic_slope_rad",
-    "executive:controller.motor_torque_Nm",
-    "executive:controller.e_rad", "executive:controller.r_rad_s", "executive:controller.network_Nm",
+    "executive:reference.q_d_rad", "plant:barrel.theta_rad", "muzzle_error_rad", "hub_error_rad",
+    "plant:barrel.elastic_slope_rad", "command_Nm", "executive:controller.e_rad",
+    "executive:controller.r_rad_s", "executive:controller.network_Nm",
     "executive:controller.norm_z", "executive:controller.inner_Nm", "executive:controller.norm_z2",
     "plant:barrel.theta_rate_rad_s", "executive:reference.q_d_rate_rad_s",
 )  # fmt: skip

@@ -5,13 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.plants.study import Result
 
 COLOURS = {"pd": "#7f7f7f", "pid": "#0072b2", "pd_nn_fast": "#d55e00", "nn_backstepping": "#009e73"}
 MRAD, DEG = 1e3, 180.0 / np.pi
-GEAR = 60.0
 TIMES = (1.0, 2.3, 5.0)  # counted in the table too
 
 
@@ -73,14 +71,6 @@ def _rms(result: Result) -> float:
     return result.metrics.get("muzzle_error_rms_mrad", float("nan"))
 
 
-def _muzzle_error(traces: Any) -> NDArray[np.float64]:
-    """Return q_d - (muzzle - droop(q_d)) in rad."""
-    q_d = traces["executive:reference.q_d_rad"]
-    theta = traces["plant:barrel.theta_rad"]
-    droop = traces["plant:barrel.droop_rad"] / np.cos(theta) * np.cos(q_d)
-    return np.asarray(q_d - (traces["plant:barrel.muzzle_rad"] - droop))
-
-
 def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
     from matplotlib import pyplot
 
@@ -93,9 +83,9 @@ def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
         style: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}
         t = x["t"]
         axes[0].plot(t, scale * x["plant:barrel.theta_rad"], **style)
-        axes[1].plot(t, MRAD * _muzzle_error(x), **style)
+        axes[1].plot(t, MRAD * x["muzzle_error_rad"], **style)
         axes[2].plot(t, MRAD * x["plant:barrel.elastic_slope_rad"], **style)
-        axes[3].plot(t, GEAR * x["executive:controller.motor_torque_Nm"], **style)
+        axes[3].plot(t, x["command_Nm"], **style)
     t = results[0].traces["t"]
     axes[0].plot(t, scale * q_d, "k--", linewidth=0.8, label="reference")
     labels = (f"hub [{unit}]", "muzzle error [mrad]", "elastic slope [mrad]", "command [N m]")
@@ -109,12 +99,10 @@ def _networks(scenario: str, results: Sequence[Result], path: Path) -> None:
     for result in results:
         x, name = result.traces, result.case.controller
         style: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}
-        if "executive:controller.network_Nm" in x:
-            axes[0].plot(x["t"], x["executive:controller.network_Nm"], **style)
-            axes[1].plot(x["t"], x["executive:controller.norm_z"], **style)
+        axes[0].plot(x["t"], x["executive:controller.network_Nm"], **style)
+        axes[1].plot(x["t"], x["executive:controller.norm_z"], **style)
         rate = x["executive:reference.q_d_rate_rad_s"] - x["plant:barrel.theta_rate_rad_s"]
-        error = x["executive:reference.q_d_rad"] - x["plant:barrel.theta_rad"]
-        axes[2].plot(MRAD * error, MRAD * rate, **style)
+        axes[2].plot(MRAD * x["hub_error_rad"], MRAD * rate, **style)
     for ax, (below, beside) in zip(
         axes,
         (

@@ -19,8 +19,7 @@ LAWS = ("pd", "robust", "nn")
 REPEATS, SEEDS = 12, 10
 
 TRACES = (
-    "executive:reference.q_d_rad", "executive:reference.q_d_rate_rad_s",
-    "plant:pendulum.true_angle_rad", "plant:pendulum.true_torque_Nm", "plant:pendulum.acting_Nm",
+    "error_rad", "torque_error_Nm", "plant:pendulum.true_torque_Nm", "plant:pendulum.acting_Nm",
     "executive:controller.tau_d_Nm", "executive:controller.norm_w",
     "executive:controller.network_Nm_s", "executive:controller.robust_Nm_s",
 )  # fmt: skip

@@ -25,14 +25,13 @@ def draw_cases(results: Sequence[Result], path: Path) -> None:
         top.set_title(
             f"{NAMES[law]}\nrms {rms:.1f}, largest {largest:.1f} mrad over 2 to 20 s", size=10
         )
-        error = MRAD * (tr["plant:pendulum.true_angle_rad"] - tr["executive:reference.q_d_rad"])
-        top.plot(t, error, color=COLOURS[law], linewidth=1.0)
+        top.plot(t, MRAD * tr["error_rad"], color=COLOURS[law], linewidth=1.0)
         tau, tau_d = tr["plant:pendulum.true_torque_Nm"], tr["executive:controller.tau_d_Nm"]
         middle.plot(t, tr["plant:pendulum.acting_Nm"], color=GREY, linewidth=0.9, label="command u")
         middle.plot(t, tau_d, color=BLACK, linewidth=1.4, linestyle="--", label="desired torque")
         middle.plot(t, tau, color=COLOURS[law], linewidth=1.0, label="torque behind the gap")
         middle.legend(fontsize=7, loc="upper right", ncols=1, framealpha=0.9)
-        bottom.plot(t, tau_d - tau, color=COLOURS[law], linewidth=0.8)
+        bottom.plot(t, tr["torque_error_Nm"], color=COLOURS[law], linewidth=0.8)
         bottom.set_xlabel("time [s]")
     axes[0, 0].set_ylim(-60.0, 60.0)
     axes[1, 0].set_ylim(-36.0, 66.0)

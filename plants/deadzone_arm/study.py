@@ -20,7 +20,8 @@ COLUMNS = ("early_error_rms_1_rad", "early_error_rms_2_rad", "error_rms_1_rad", 
 TRACES = (
     "executive:reference_1.q_d_rad", "plant:arm.true_q1_rad", "plant:arm.true_q2_rad",
     "executive:controller.u1_Nm", "executive:controller.u2_Nm", "plant:arm.tau1_Nm",
-    "plant:arm.tau2_Nm", "executive:controller.slope1", "executive:controller.slope2",
+    "plant:arm.tau2_Nm", "error_1_rad", "error_2_rad",
+    "executive:controller.slope1", "executive:controller.slope2",
 )  # fmt: skip
 SINGLE: dict[str, tuple[str, ...]] = {  # of `nn`, seed 11
     "no delay": (),

@@ -22,7 +22,7 @@ def draw_beside(pair: Sequence[Result], path: Path) -> None:
     figure = Figure(figsize=(11.0, 10.0), dpi=120, layout="constrained")
     axes = figure.subplots(4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 3, 3))
     for column, result in zip(axes.T, pair, strict=True):
-        _draw_run(column, result.traces)
+        _draw_run(column, result)
         column[0].set_title(NAMES[result.case.controller], fontsize=11, loc="left")
         column[-1].set_xlabel("time [s]")
     labels = ("angle [rad]", "|error| [rad]", "joint 1 [N m]", "joint 2 [N m]")
@@ -45,22 +45,30 @@ def draw_beside(pair: Sequence[Result], path: Path) -> None:
     figure.savefig(path)
 
 
-def _draw_run(axes: Any, x: Mapping[str, Any]) -> None:
+def _draw_run(axes: Any, result: Result) -> None:
+    x, of = result.traces, result.settings
     t, q_d = x["t"], x["executive:reference_1.q_d_rad"]
+    deadzone_Nm = -of["arm.d_minus_Nm"], of["arm.d_plus_Nm"]
     for joint, colour in ((1, BLUE), (2, VERMILION)):
-        q = x[f"plant:arm.true_q{joint}_rad"]
-        axes[0].plot(t, q, color=colour, linewidth=1.1, label=f"joint {joint}")
-        size = np.maximum(np.abs(q_d - q), SMALLEST_RAD)
-        axes[1].plot(t, size, color=colour, linewidth=0.8, label=f"joint {joint}")
+        style: dict[str, Any] = {"color": colour, "label": f"joint {joint}"}
+        axes[0].plot(t, x[f"plant:arm.true_q{joint}_rad"], linewidth=1.1, **style)
+        size = np.maximum(np.abs(x[f"error_{joint}_rad"]), SMALLEST_RAD)
+        axes[1].plot(t, size, linewidth=0.8, **style)
         command, torque = x[f"executive:controller.u{joint}_Nm"], x[f"plant:arm.tau{joint}_Nm"]
         ax = axes[1 + joint]
-        ax.axhspan(-20.0, 25.0, color="#F3E8D2", linewidth=0, zorder=0, label="deadzone of u")
+        ax.axhspan(*deadzone_Nm, color="#F3E8D2", linewidth=0, zorder=0, label="deadzone of u")
         ax.plot(t, command, color=GREEN, linewidth=0.8, label="command u")
         ax.plot(t, torque, color=BLACK, linewidth=0.8, label="torque behind the deadzone")
     axes[0].plot(t, q_d, color=BLACK, linewidth=0.9, linestyle="--", label="reference")
     if np.ptp(q_d) == 0.0:
-        hang_off = 20.0 / 105.0
-        axes[1].axhline(hang_off, color=GREY, linewidth=0.8, linestyle=":", label="20/(Kv Lam)")
+        edge_Nm = of["controller.kv_Nms_rad"] * of["controller.lam_per_s"]  # per rad
+        axes[1].axhline(
+            of["arm.d_minus_Nm"] / edge_Nm,
+            color=GREY,
+            linewidth=0.8,
+            linestyle=":",
+            label="d/(Kv Lam)",
+        )
 
 
 def draw_seeds(

@@ -116,5 +116,4 @@ def draw(results: Sequence[Result], folder: Path) -> None:
     found = keyed(results, "main")
     for rig in RIG_NAMES[1:]:
         pair = [found[rig, controller, "cf 0.15"] for controller in ("pd", "fuzzy")]
-        width = 0.1 if rig == "fuzzy-d01" else 0.3
-        draw_beside(pair, width, folder / f"{rig}.png")
+        draw_beside(pair, folder / f"{rig}.png")

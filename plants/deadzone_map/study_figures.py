@@ -9,14 +9,14 @@ from pcpc.plants.study import Result
 NAMES = {"pd": "PD", "fuzzy": "PD and fuzzy precompensator"}
 
 
-def draw_beside(pair: Sequence[Result], width: float, path: Path) -> None:
-    """Draw PD in the left column, the precompensator in the right; `width` is the deadzone's."""
+def draw_beside(pair: Sequence[Result], path: Path) -> None:
+    """Draw PD in the left column, the precompensator in the right."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 9.5), dpi=120, layout="constrained")
     axes = figure.subplots(4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 4, 3))
     for column, result in zip(axes.T, pair, strict=True):
-        x = result.traces
+        x, width = result.traces, result.settings["map.d"]
         t, xd, x2 = x["t"], x["executive:reference.now"], x["plant:map.true_x2"]
         column[0].plot(t, x2, color=BLUE, linewidth=1.2, label="x2")
         column[0].plot(t, xd, color=BLACK, linewidth=0.9, linestyle="--", label="reference")

@@ -39,7 +39,7 @@ STEPS_S = ("1e-3", "1e-4", "1e-5")
 TRACES = (
     "executive:reference_1.q_d_rad", "executive:reference_2.q_d_rad",
     "plant:arm.q_1_rad", "plant:arm.q_2_rad", "plant:arm.acting_1_Nm", "plant:arm.acting_2_Nm",
-    "plant:arm.rate_1_rad_s",
+    "error_1_rad", "error_2_rad", "plant:arm.rate_1_rad_s",
     "executive:controller.norm_z", "executive:controller.tuning_gain_Nms_rad",
     "executive:controller.step_weight_1_Nm", "executive:controller.step_weight_2_Nm",
 )  # fmt: skip

@@ -54,9 +54,8 @@ def _errors(results: Sequence[Result], title: str, path: Path) -> None:
         for result in results:
             x = result.traces
             reference = x[f"executive:reference_{j}.q_d_rad"]
-            q = x[f"plant:arm.q_{j}_rad"]
-            angle.plot(x["t"], q, **_style(result))
-            error.plot(x["t"], reference - q, **_style(result))
+            angle.plot(x["t"], x[f"plant:arm.q_{j}_rad"], **_style(result))
+            error.plot(x["t"], x[f"error_{j}_rad"], **_style(result))
             if result.case.controller in ("pd", "nn_standard", "nn_ramp"):
                 torque.plot(x["t"], x[f"plant:arm.acting_{j}_Nm"], **_style(result, 0.9))
         angle.plot(x["t"], reference, color=BLACK, linestyle="--", linewidth=0.9, label="reference")
@@ -79,8 +78,7 @@ def _errors(results: Sequence[Result], title: str, path: Path) -> None:
 def _late_error(result: Result, joint: int) -> float:
     """Return the largest error from 2 s on."""
     x = result.traces
-    e = x[f"executive:reference_{joint}.q_d_rad"] - x[f"plant:arm.q_{joint}_rad"]
-    return float(np.max(np.abs(e[x["t"] >= 2.0])))
+    return float(np.max(np.abs(x[f"error_{joint}_rad"][x["t"] >= 2.0])))
 
 
 def _chatter(results: Sequence[Result], path: Path) -> None:

@@ -17,11 +17,10 @@ HEADS = ("3-5 s", "5-7 s", "8-10 s", "largest 8-10 s", "largest 5-8 s")
 TRACES = (
     "executive:reference_1.q_d_rad", "executive:reference_2.q_d_rad",
     "plant:arm.q_1_rad", "plant:arm.q_2_rad", "plant:arm.acting_1_Nm", "plant:arm.acting_2_Nm",
-    "plant:arm.outer_mass_kg",
+    "plant:arm.outer_mass_kg", "error_1_rad", "error_2_rad",
 )  # fmt: skip
 NETWORK_TRACES = (
-    *TRACES, "executive:controller.critic_1", "executive:controller.critic_2",
-    "executive:controller.norm_w1", "executive:controller.norm_w2",
+    *TRACES, "critic", "executive:controller.norm_w1", "executive:controller.norm_w2",
     "executive:controller.norm_rho",
 )  # fmt: skip
 MAIN: dict[str, tuple[str, ...]] = {  # label: rig, controller, expected

@@ -11,7 +11,6 @@ from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "robust_only": "PD, robust term", "critic": "PD, robust term, both networks"}
 JOINTS = ((1, BLUE), (2, VERMILION))
-PAYLOAD_S = (5.0, 7.0)
 SHADE = "#F3E8D2"
 SMALLEST_RAD = 1e-4  # of the logarithmic axis
 
@@ -20,6 +19,12 @@ def _dress(ax: Any) -> None:
     ax.grid(color="#D0D0D0", linewidth=0.5, which="both", alpha=0.6)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
+
+
+def _shade(ax: Any, result: Result) -> None:
+    """Shade the time with the payload."""
+    ends = (result.settings[f"arm.payload_{end}_s"] for end in ("from", "to"))
+    ax.axvspan(*ends, color=SHADE, linewidth=0, zorder=0)
 
 
 def draw_beside(runs: Sequence[Result], path: Path) -> None:
@@ -33,7 +38,7 @@ def draw_beside(runs: Sequence[Result], path: Path) -> None:
         column[0].set_title(NAMES[result.case.controller], fontsize=11, loc="left")
         column[-1].set_xlabel("time [s]")
         for ax in column:
-            ax.axvspan(*PAYLOAD_S, color=SHADE, linewidth=0, zorder=0)
+            _shade(ax, result)
             _dress(ax)
     for ax, label in zip(
         axes[:, 0], ("angle [rad]", "|error| [rad]", "torque [N m], start cut"), strict=True
@@ -103,10 +108,9 @@ def draw_long(result: Result, path: Path) -> None:
     figure = Figure(figsize=(11.0, 7.0), dpi=120, layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
     for joint, colour in JOINTS:
-        e = x[f"executive:reference_{joint}.q_d_rad"] - x[f"plant:arm.q_{joint}_rad"]
-        axes[0].plot(x["t"], 1e3 * e, color=colour, linewidth=0.9, label=f"joint {joint}")
-    size = np.hypot(x["executive:controller.critic_1"], x["executive:controller.critic_2"])
-    axes[1].plot(x["t"], size, color=PURPLE, label="critic signal |R|")
+        style: dict[str, Any] = {"color": colour, "linewidth": 0.9, "label": f"joint {joint}"}
+        axes[0].plot(x["t"], 1e3 * x[f"error_{joint}_rad"], **style)
+    axes[1].plot(x["t"], x["critic"], color=PURPLE, label="critic signal |R|")
     axes[1].plot(x["t"], x["executive:controller.norm_w1"], color=GREEN, label="critic |W1|")
     axes[1].plot(x["t"], x["executive:controller.norm_rho"], color=ORANGE, label="critic |rho|")
     axes[2].plot(x["t"], x["executive:controller.norm_w2"], color=BLACK, label="action |W2|")
@@ -114,7 +118,7 @@ def draw_long(result: Result, path: Path) -> None:
     axes[0].set_xlim(0.0, x["t"][-1])
     for ax, label in zip(axes, ("error [mrad]", "critic", "action network"), strict=True):
         ax.set_ylabel(label)
-        ax.axvspan(*PAYLOAD_S, color=SHADE, linewidth=0, zorder=0)
+        _shade(ax, result)
         _dress(ax)
         ax.legend(fontsize=8, ncols=3, loc="upper right", framealpha=0.9)
     axes[-1].set_xlabel("time [s]")

@@ -22,7 +22,6 @@ COLOURS = {
 }  # fmt: skip
 SHOWN = ("passive", "pid", "fl")
 SPAN_S = {8: 3.0, 58: 0.8, 150: 0.4}  # the last so many seconds
-STOP_M = 0.1
 
 
 def draw_all(
@@ -71,8 +70,9 @@ def _motion(runs: Runs, close: Close, path: Path) -> None:
             t = x["t"][late]
             speed.plot(t, x["plant:car.body_rate_m_s"][late], **style)
             travel.plot(t, 1e3 * x["plant:car.extension_m"][late], **style)
+            stop_mm = 1e3 * runs[label, road].settings["car.stop_m"]
             for side in (-1.0, 1.0):
-                travel.axhline(side * 1e3 * STOP_M, color=BLACK, linewidth=0.7, linestyle="--")
+                travel.axhline(side * stop_mm, color=BLACK, linewidth=0.7, linestyle="--")
             metrics = runs[label, road].metrics
             text = f"{NAMES[label]}: {metrics['speed_rms_m_s']:.4f} m/s, "
             text += f"{metrics['acceleration_rms_m_s2']:.2f} m/s² rms"

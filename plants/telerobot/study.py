@@ -20,7 +20,7 @@ BURSTS = (1, 5, 20)
 UPLINK = ("TELL_Q", "TELL_V", "ECHO")
 TRACES = (
     "executive:controller.aim_1_rad", "executive:controller.aim_2_rad",
-    "plant:arm.q_1_rad", "plant:arm.q_2_rad",
+    "plant:arm.q_1_rad", "plant:arm.q_2_rad", "error_1_rad", "error_2_rad",
 )  # fmt: skip
 STOPPED = "unstable"
 

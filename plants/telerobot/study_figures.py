@@ -13,7 +13,6 @@ LABELS = {
     "nornn": "robust term only", "rnn": "predictor and RNN",
 }  # fmt: skip
 DETAIL_RAD = (0.15, 0.15)
-LOAD_S = (10.0, 15.0)
 
 
 def draw_all(
@@ -37,19 +36,20 @@ def _errors(results: Sequence[Result], path: Path) -> None:
         angle, error, detail = axes[:, j - 1]
         for result in results:
             x, name = result.traces, result.case.controller
-            aim, q = x[f"executive:controller.aim_{j}_rad"], x[f"plant:arm.q_{j}_rad"]
+            aim, e = x[f"executive:controller.aim_{j}_rad"], x[f"error_{j}_rad"]
             style = {"color": COLOURS[name], "linewidth": 1.1, "label": LABELS[name]}
-            angle.plot(x["t"], q, **style)
-            error.plot(x["t"], aim - q, **style)
+            angle.plot(x["t"], x[f"plant:arm.q_{j}_rad"], **style)
+            error.plot(x["t"], e, **style)
             if name in ("nornn", "rnn"):
-                detail.plot(x["t"], aim - q, **style)
+                detail.plot(x["t"], e, **style)
         angle.plot(x["t"], aim, color=BLACK, linestyle="--", linewidth=0.9, label="wanted, T ago")
         detail.set_ylim(-DETAIL_RAD[j - 1], DETAIL_RAD[j - 1])
         detail.set_title("detail: without and with the network", fontsize=9, color=GREY)
         angle.set_title(f"joint {j}", fontsize=10)
         detail.set_xlabel("time [s]")
         for ax in axes[:, j - 1]:
-            ax.axvspan(*LOAD_S, color="#ECEFF3", linewidth=0, zorder=0)
+            load_s = (result.settings[f"arm.load_{end}_s"] for end in ("from", "to"))
+            ax.axvspan(*load_s, color="#ECEFF3", linewidth=0, zorder=0)
             ax.grid(alpha=0.3)
             ax.set_xlim(0.0, 20.0)
         detail.annotate("payload", (13.4, 0.04), xycoords=("data", "axes fraction"), ha="center",
