@@ -190,7 +190,7 @@ class Evaluation:
         return list(self._taken(numbers))
 
     def unknown(self, numbers: Mapping[str, float]) -> Iterator[tuple[str, str]]:
-        """Yield the numbers of a rig that nothing here asks for, each with a proposal."""
+        """Yield the numbers of a rig that nothing here asks for, each with a cure."""
         asked = {_over(merit) for merit in self.merits.values()} - {"", WINDOW, RUN, LATE}
         asked |= {m.needs for m in self.merits.values() if isinstance(m, Merit)} - {""}
         windows = [f"{name}_{end}_s" for name in sorted(asked) for end in ("from", "to")]
@@ -201,8 +201,10 @@ class Evaluation:
         ]
         for name in numbers:
             begin = _WINDOW.sub("_from_s", name)
-            if name not in known or begin not in (name, *numbers):
+            if name not in known:
                 yield name, did_you_mean(name, known)
+            elif begin not in (name, *numbers) and name not in self.numbers:
+                yield name, f" without {begin}"
 
     def draw(
         self, log: Log, path: Path, title: str, metrics: Figures, window_s: tuple[float, float],

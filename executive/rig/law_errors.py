@@ -1,4 +1,4 @@
-"""What went wrong in a law, in one line with the user's own place and source line.
+"""What went wrong in a law, an evaluation or a study, in a line with the user's place and source.
 
     law.py:12: cannot be compiled: untyped global name 'plain' ..., in `y[0] = plain(u[0])`
 

@@ -1,4 +1,4 @@
-"""Records of different nodes are brought together by time, whatever each of them skipped."""
+"""Records of different nodes belong together by time; figures are taken over the rig's windows."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pcpc.executive.log.reader import FRAME, Log, Node
+from pcpc.plants.evaluation import EACH, LATE, RUN, Evaluation, Mean, Peak
 from pcpc.plants.judging import Mistake, Run
 
 CYCLES, PERIOD_NS = 200, 1_000_000
@@ -75,3 +76,43 @@ def test_neighbours_of_a_gap_have_no_change() -> None:
     assert np.isnan(run.after(values)[[gap - 1, -1]]).all(), run.after(values)[gap - 2 : gap + 1]
     expected = np.delete(2.0 * run.cycle - 1.0, [0, gap])
     assert np.array_equal(np.delete(run.step(values), [0, gap]), expected)
+
+
+SHOWN = "late {late_k_max:.0f}, early {early_k_mean:.1f}"
+EVALUATION = Evaluation(
+    signals={"k": lambda run: run["plant:plant.k"], "twice": lambda run: 2.0 * run["k"]},
+    merits={
+        "k_mean": Mean("k", EACH),
+        "twice_max": Peak("twice", RUN),
+        "late_k_max": Peak("k", LATE),
+        "early_k_max": Peak("k", "early"),
+        "bound_share": Mean(lambda run: run["k"] > run.numbers["bound"], needs="bound"),
+        "spread": lambda judged: judged.measured({"k": Peak("k", RUN)})["k"] / 2.0,
+        "gone": Peak("executive:controller.other_laws_only", RUN),
+    },
+    notes=((SHOWN, "gone {gone}"), (lambda metrics: f"of {len(metrics)}",)),
+    numbers=("bound",),
+)
+
+
+def told(**numbers: float) -> dict[str, float]:
+    """Return the figures of a virtual run of 200 cycles, window 50 to 100 ms."""
+    return EVALUATION.judge(log(pacing="virtual"), (0.05, 0.1), numbers, 1e-3)
+
+
+def test_a_merit_is_taken_over_the_windows_that_the_rig_has() -> None:
+    assert told() == {
+        "k_mean": 74.5, "twice_max": 398.0, "late_k_max": 199.0, "spread": 99.5,
+    }  # fmt: skip
+    found = told(early_from_s=0.01, early_to_s=0.02, rest_from_s=0.19, bound=90.0)
+    assert found["early_k_mean"] == 14.5 and found["early_k_max"] == 19.0, found
+    assert found["rest_k_mean"] == 194.5, f"{found}: no _to_s means the end"
+    assert found["bound_share"] == 9 / 50, found
+    assert EVALUATION.judge(log(pacing="virtual"), (1.0, 2.0), {}, 1e-3) == {}, "behind the end"
+
+
+def test_numbers_that_nothing_asks_for_are_named() -> None:
+    given = {"bound": 1.0, "any_from_s": 0.0, "any_to_s": 0.1, "bond": 1.0, "lost_to_s": 0.1}
+    assert dict(EVALUATION.unknown(given)) == {
+        "bond": "; did you mean bound?", "lost_to_s": " without lost_from_s",
+    }  # fmt: skip
