@@ -20,7 +20,8 @@ numbers   what the rig may give under `evaluation` besides `window_s` and furthe
           NAME_from_s, NAME_to_s (default: the end); found in run.numbers and run.windows
 
 A variable that only some controllers have is NaN for the others where a string names it, and by
-run.get(...); run[...] insists on it. `pcpc check` tries all of it out on imagined runs.
+run.get(...); run[...] insists on it. `pcpc check` tries all of it out on imagined runs, and refuses
+a string that names a variable of no controller of the rig.
 """
 
 import math
@@ -230,15 +231,14 @@ class Evaluation:
         for line in (line for panel in self.panels for line in panel.lines):
             run.values(line.source)
 
-    def absent(self, log: Log) -> Iterator[str]:
-        """Yield what no records have, of blocks whose variables do not depend on the controller."""
+    def absent(self, log: Log) -> Iterator[tuple[str, str]]:
+        """Yield the variables that a string names and no records have, each with what to say."""
         for source, place in self._sources():
             node, _, name = source.partition(":")
             known = list(log.node[node].columns) if node in log.node else []
-            own = source in self.signals or name.startswith("controller.")
-            if known and name not in known and not own:
+            if known and name not in known and source not in self.signals:
                 what = f"{node}: no variable {name}{did_you_mean(name, known)}"
-                yield str(Mistake(what, place))
+                yield source, str(Mistake(what, place))
 
 
 def further(numbers: Mapping[str, float]) -> list[str]:

@@ -10,6 +10,7 @@ import errno
 import math
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,7 +20,7 @@ from pcpc.executive.log.long_logs import Columns
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.modules import module_of, own_streams
-from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.plants.evaluation import Evaluation
 from pcpc.plants.judging import Mistake, Run
 from pcpc.tools.imagine import imagined, large, noise, nothing
@@ -218,6 +219,18 @@ def _guarded(action: Callable[[], Result], output: Path | None = None) -> Result
         raise EvaluationError(str(error) if placed else cause(error)) from None
 
 
+def _check_names(judge: Judge, log: Log) -> None:
+    """Refuse variables that the records of no controller of the rig have; RigError."""
+    assert judge.evaluation is not None, "it is checked"
+    absent = dict(judge.evaluation.absent(log))
+    for name in judge.rig.config.controllers if absent else ():
+        with suppress(RigError):  # its own check tells
+            other = imagined(load_rig(judge.rig.path, name), judge.rig.config.pacing)
+            absent = {k: v for k, v in absent.items() if k in dict(judge.evaluation.absent(other))}
+    for what in absent.values():
+        raise RigError(what)
+
+
 def foreseen(judge: Judge, pacing: str, drawn: bool) -> dict[str, list[str]]:
     """Return the columns by node that will be judged and drawn, of a log that keeps a part only.
 
@@ -252,8 +265,7 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
             judge.draw(log, config.title, judge.metrics(log), Path(folder) / "figure.png")
     except EvaluationError as error:
         raise RigError(str(error)) from None
-    for absent in judge.evaluation.absent(log):
-        raise RigError(absent)
+    _check_names(judge, log)
     expected, known = (
         config.expect.get(config.controller, {}),
         judge.evaluation.names(evaluation.numbers),

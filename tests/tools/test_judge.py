@@ -85,6 +85,8 @@ def test_a_sound_evaluation_passes(rig: Write) -> None:
         ('Line("error', 'Line("eror', "own.py:12: no signal eror_rad; did you mean error_rad?"),
         ("barrel.theta", "barrel.thetta",
          "own.py:13: plant: no variable barrel.thetta_rad; did you mean barrel.theta_rad?"),
+        ('Rms("error_rad"', 'Rms("executive:controller.e_rda"',
+         "own.py:10: executive: no variable controller.e_rda; did you mean controller.e_rad?"),
         ('Rms("error_rad", RUN)', '"error_rad"', "own.py:8: merit error_rms is neither Rms(...)"),
         ("{error_rms:", "{eror_rms:", "own.py:8: notes: no merit eror_rms; did you mean"),
         ("{error_rms:.4f}", "{error_rms:.4q}", "own.py:8: notes: "),
