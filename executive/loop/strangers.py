@@ -29,6 +29,8 @@ from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import now, runs, stopping
 from pcpc.executive.loop.rings import push_event, push_frame
 
+FLOOD_NS = 200_000_000  # of a bus that is never empty
+
 FOREIGN_FRAMES, FOREIGN_CYCLES = 3, 10
 REPEATED_FRAMES, REPEATED_CYCLES = 10, 100
 SILENT_TURNS = 3
@@ -105,13 +107,18 @@ def refused(n: Any) -> Any:
 def listen(n: Any) -> None:
     """Hear the bus before the first word, for another node of this kind.
 
-    Long enough for the cyclic frames of a running node and the heartbeats of a waiting one.
+    Long enough for the cyclic frames of a running node and the heartbeats of a waiting one, counted
+    from when the bus was opened; what has come since then is heard too, but for a flood.
     """
-    if not runs(n.clock):
+    if not runs(n.clock) or n.rx.listen_ns <= 0:
         return
-    until = now(n.clock) + n.rx.listen_ns
-    while now(n.clock) < until and not stopping(n) and n.guard.faulted == sv.NO_FAULT:
-        result = get_frame(n.wire, True)
+    time, result = now(n.clock), np.int64(FRAME)
+    until = time + n.rx.listen_ns
+    while time < until or (result == FRAME and time < until + FLOOD_NS):
+        if stopping(n) or n.guard.faulted != sv.NO_FAULT:
+            break
+        result = np.int64(get_frame(n.wire, time < until))
+        time = now(n.clock)
         if result == FRAME:
             word = word_of(n.wire.rx)
             row = codec.frame_of(word, n.rx.frames, n.rx.n)

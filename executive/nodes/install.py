@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from pcpc.drivers import dbc, e2e, wire
+from pcpc.drivers.bus import RECEIVE_TIMEOUT_US
 from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh
@@ -14,8 +15,8 @@ from pcpc.executive.nodes.plan import Plan, cycles_of
 from pcpc.executive.rig.messages import awaited, heartbeat, parts_in_meeting, starts
 from pcpc.executive.rig.schema import FALLBACK
 
-RECEIVE_TIMEOUT_S = 0.1  # of a blocking receive; see drivers.bus
-LISTEN_S = 0.2  # a waiting node sends its heartbeat every 0.1 s
+RECEIVE_TIMEOUT_S = 1e-6 * RECEIVE_TIMEOUT_US  # of a blocking receive
+LISTEN_S = 0.2  # several cycles of a slow rig; a waiting node sends its heartbeat more often
 PATIENCE_S = 5.0  # lockstep and sync: silence after which the other node is given up
 
 

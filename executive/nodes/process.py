@@ -113,23 +113,24 @@ class Process:
             "rate_hz": repr(self.rig.config.rate_hz),
         }
         self.signals = kernel.signal_file(_SIGNALS)
-        scratch = warm_up_memory(self.plan)
-        self._watch(lambda: run(scratch, self.plan.steps), scratch)
-        self.report = realtime.prepare_process()
         about = describe(self.plan, metadata)
         if lacking := carried.warning(about["files"]):
             print(f"{self.role}: {lacking}", file=sys.stderr, flush=True)
         served = sharing.Served(name, about)
         block = served.block
         open_buses(self.rig, self.bus, self.plan, block.loop.wire)
+        opened_ns = time.monotonic_ns()  # from here on it hears the others
         install(self.plan, block.loop)
+        scratch = warm_up_memory(self.plan)
+        self._watch(lambda: run(scratch, self.plan.steps), scratch)
+        self.report = realtime.prepare_process()
         wall_ns, clock_ns = (int(metadata[f"clock_{name}_ns"]) for name in ("wall", "monotonic"))
         block.loop.clock.wall_offset_ns = wall_ns - clock_ns
         block["control"][sh.PID] = os.getpid()
         block["snapshot"][:] = block.loop.v[: len(block["snapshot"])]  # until the first cycle
         served.open()
         try:
-            self._watch(lambda: self._loop(block), block.loop, served)
+            self._watch(lambda: self._loop(block, opened_ns), block.loop, served)
         except StepError as error:
             print(f"{self.role}: {error}", file=sys.stderr, flush=True)
             finish(block.loop)
@@ -244,8 +245,11 @@ class Process:
                 )
             self.choice.claims.append(held)
 
-    def _loop(self, block: sh.Shared) -> None:
-        """Do the real-time settings, the self-test, then the compiled loop."""
+    def _loop(self, block: sh.Shared, opened_ns: int) -> None:
+        """Do the real-time settings, the self-test, then the compiled loop.
+
+        `opened_ns`: since when the bus is heard.
+        """
         settings = self.rig.config.realtime.of(self.role)
         self.report += realtime.prepare_thread(settings.priority, settings.cpu)
         selftest()
@@ -254,6 +258,8 @@ class Process:
             print(f"{self.role}: {warning}", file=sys.stderr, flush=True)
         block["control"][sh.REALTIME] = self.report.is_realtime
         block["control"][sh.READY] = 1
+        heard_ns = time.monotonic_ns() - opened_ns
+        block.loop.rx.listen_ns = max(block.loop.rx.listen_ns - heard_ns, 1)
         run(block.loop, self.plan.steps)
 
 
