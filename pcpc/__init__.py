@@ -1,1 +1,56 @@
-"""Hardware-in-the-loop in Python: a compiled real-time executive and a plant emulator on CAN."""
+"""Hardware-in-the-loop in Python: a compiled real-time executive and a plant emulator on CAN.
+
+    import pcpc
+
+    run = pcpc.simulate("atb1000/hull", "pd_nn_fast", set={"barrel.gap_rad": 0.003}, seed=7)
+    run["controller.e_rad"], run["plant:barrel.theta_rad"], run.t_s      arrays, a value a cycle
+    run.metrics, run.verdict, run.figure(), run.frames, run.events       what it came to
+    run.check()                                                          raises if it is not ok
+
+    with pcpc.running("atb1000/hull", pacing="real") as live:            real processes, a bus
+        live["controller.e_rad"]
+        live.set({"controller.kv_Nms_rad": 120.0})
+        live.wait_until("controller.e_rad", below=1e-3, within_s=2)
+    live.run                                                             its record
+
+    for sample in (loop := pcpc.loop("atb1000/hull")):                   your controller
+        sample.command["motor_torque_Nm"] = my_law(sample)
+    loop.run
+
+    run = pcpc.open("runs/20260101T120000Z-hull")                        the same of any log
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pcpc.drivers.errors import UserError as Error
+    from pcpc.tools.api.live import Live, NotMet, running
+    from pcpc.tools.api.loop import Loop, Sample, loop
+    from pcpc.tools.api.run import Figure, NotOk, Run, UnknownName
+    from pcpc.tools.api.simulate import open, simulate
+
+_WHERE = {
+    "Error": "drivers.errors:UserError",
+    "Figure": "tools.api.run", "NotOk": "tools.api.run", "Run": "tools.api.run",
+    "UnknownName": "tools.api.run",
+    "Loop": "tools.api.loop", "Sample": "tools.api.loop", "loop": "tools.api.loop",
+    "Live": "tools.api.live", "NotMet": "tools.api.live", "running": "tools.api.live",
+    "open": "tools.api.simulate", "simulate": "tools.api.simulate",
+}  # fmt: skip
+__all__ = [
+    "Error", "Figure", "Live", "Loop", "NotMet", "NotOk", "Run", "Sample", "UnknownName", "loop",
+    "open", "running", "simulate",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for, not before: the command line needs a part of it only."""
+    if name not in _WHERE:
+        raise AttributeError(f"module pcpc has no attribute {name}")
+    module, _, other = _WHERE[name].partition(":")
+    return getattr(import_module(f"pcpc.{module}"), other or name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -69,7 +69,7 @@ GROUPS = {
                 "pcpc run hull", take.run, judges=True, compiles=True),
         Command("simulate", "run the same in virtual time, in one process, without a bus",
                 "pcpc simulate hull --controller pid --set barrel.gap_rad=0.003", take.simulate,
-                "run", judges=True, compiles=True),
+                judges=True, compiles=True),
         Command("experiment", "run a whole study in virtual time: tables and figures",
                 "pcpc experiment chapter9 -o results", take.experiment,
                 codes={Exit.OK: "", Exit.NOT_MET: "a run failed", Exit.WRONG_INPUT: "",

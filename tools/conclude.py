@@ -14,6 +14,7 @@ from pcpc.tools import summary as summaries
 from pcpc.tools.judge import EvaluationError, Judge
 
 LOG = "log.mcap"
+_UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
 _TITLED, _LONGEST = 2, 36  # settings in the figure's title, and letters of one
 
 
@@ -58,6 +59,11 @@ def conclude(
     else:
         report.show(summary, folder)
     return summaries.CODES[summary["verdict"]]
+
+
+def changed(settings: Sequence[str]) -> list[str]:
+    """Return the settings, NAME=VALUE, that change what the rig's expectations are about."""
+    return [s for s in settings if s.partition("=")[0].partition(".")[0] not in _UNJUDGED_KEYS]
 
 
 def changes(settings: Sequence[str]) -> str:

@@ -1,6 +1,5 @@
 """The folder of a run: made before its first cycle, gone again when nothing came of it."""
 
-import argparse
 import contextlib
 import itertools
 import os
@@ -14,7 +13,7 @@ from pcpc.tools.conclude import LOG
 
 
 @contextlib.contextmanager
-def run_folder(options: argparse.Namespace, rig: Rig) -> Iterator[Path]:
+def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
     """Make the run's folder with an empty log, which claims it; RigError if that cannot be.
 
     At the end what is still empty is removed.
@@ -22,14 +21,14 @@ def run_folder(options: argparse.Namespace, rig: Rig) -> Iterator[Path]:
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     for number in itertools.count(1):  # of the runs that start in the same second
         name = f"{stamp}-{rig.config.rig}" + (f"-{number}" if number > 1 else "")
-        folder = Path(options.output or Path("runs") / name)
+        folder = Path(named or Path("runs") / name)
         made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / LOG).touch(exist_ok=False)
             break
         except FileExistsError:
-            if options.output:
+            if named:
                 what = "holds a log already" if folder.is_dir() else "is no folder"
                 raise RigError(f"{folder}: {what}; choose another folder with -o") from None
         except OSError as error:

@@ -170,6 +170,8 @@ def _first_rows(columns: Mapping[str, Any]) -> Columns:
 def _beyond(rig: Rig, changed: list[str]) -> str:
     """Return why the changes leave nothing to judge the rig's limits by; "" if they do not."""
     names = [setting.partition("=")[0] for setting in changed]
+    if "controller" in names:
+        return "the commands came from outside, the limits are about the rig's controllers"
     for name in names:
         if name.partition(".")[0] == "evaluation":
             return f"{name} was changed: the limits are about another window"

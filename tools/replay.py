@@ -141,7 +141,8 @@ class Comparison:
         self.role = role
         self.recorded = Assembler([*about["state_columns"], *about["timing_columns"]])
         pacing = head.metadata[role].get("pacing", "lockstep")
-        self.replay = Replay(rig, role, pacing, self.recorded.names)
+        external = [str(name) for name in about.get("external", [])]
+        self.replay = Replay(rig, role, pacing, self.recorded.names, external)
         theirs, ours = self.recorded.names, self.replay.names
         absent = [name for name in self.replay.needed if name not in theirs]
         if absent or len(set(theirs)) != len(theirs):

@@ -1,8 +1,8 @@
-"""`pcpc run`, `exec`, `plant`, `simulate`: from a rig file to a run folder with a verdict.
+"""`pcpc run`, `exec`, `local`, `plant`: from a rig file to a run folder with a verdict.
 
 The host has loaded all code before it forks the real-time processes, which so need not. It starts
-the recorder, shows progress from the shared blocks,
-ends all of them in order, and then reads the log back: what the summary says is what the log holds.
+the recorder, shows progress from the shared blocks, ends all of them in order, and then reads the
+log back: what the summary says is what the log holds.
 """
 
 import argparse
@@ -19,19 +19,16 @@ from pcpc.drivers import choice, compile_cache
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import long_logs
-from pcpc.executive.log.mcap_writer import RecordError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes import process
-from pcpc.executive.nodes.watched import StepError
-from pcpc.executive.rig import carried
 from pcpc.executive.rig.buses import bus_wanted
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools import pace
 from pcpc.tools import summary as summaries
 from pcpc.tools.children import Child, complain, on_request
-from pcpc.tools.conclude import LOG, conclude
+from pcpc.tools.conclude import LOG, changed, conclude
 from pcpc.tools.folder import run_folder
 from pcpc.tools.interface import named_bus
 from pcpc.tools.judge import Judge, foreseen
@@ -39,7 +36,6 @@ from pcpc.tools.progress import Compiling, Progress, node_line
 from pcpc.tools.waiting import Waiting
 
 REFUSALS = Exit.WRONG_INPUT, Exit.ENVIRONMENT
-UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
 _POLL_S = 0.02
 _END_S = 3.0  # the other node notices the end of the run by itself within this
 _SHORT_END_S = 0.5  # and its death within this, or it is asked
@@ -59,7 +55,7 @@ class Host:
         self.pacing = options.pacing or rig.config.pacing
         self.progress, self.compiling = Progress(options.quiet), Compiling()
         self.outcome = summaries.Outcome(
-            self.pacing, str(self.bus), changed=changed(options), strict=options.judge,
+            self.pacing, str(self.bus), changed=changed(options.set), strict=options.judge,
             begin_ns=options.begin_ns,
         )  # fmt: skip
         self.children: dict[str, Child] = {}
@@ -282,15 +278,6 @@ def _child_arguments(options: argparse.Namespace, bus: str) -> list[str]:
     return arguments
 
 
-def changed(options: argparse.Namespace) -> list[str]:
-    """Return the settings that change what the rig's expectations are about."""
-    return [
-        setting
-        for setting in options.set
-        if setting.partition("=")[0].partition(".")[0] not in UNJUDGED_KEYS
-    ]
-
-
 def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run `roles` of a rig on a bus and sum up; return the exit code."""
     options, said = pace.settle(options, rig, alone=len(roles) == 1)
@@ -298,7 +285,7 @@ def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> in
         print(said, file=sys.stderr)
     if "executive" not in roles:
         return without_executive(options, rig, roles)
-    with run_folder(options, rig) as folder:
+    with run_folder(options.output, rig) as folder:
         host = Host(options, rig, roles, folder)
         code = host.run()
         if code < 0:
@@ -320,53 +307,9 @@ def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, 
     return code if code >= 0 else Exit.SAFETY_STOP if host.outcome.faults else Exit.OK
 
 
-def simulate(options: argparse.Namespace) -> int:
-    """Run a rig in virtual time and sum up; return the exit code."""
-    from pcpc.executive.nodes import plausible
-    from pcpc.executive.nodes.plan import plan
-    from pcpc.executive.nodes.virtual import VirtualRun
-
-    rig = load_rig(options.rig, options.controller, options.set)
-    for role in rig.roles:
-        plausible.check(plan(rig, role, "lockstep"))
-    progress = Progress(options.quiet)
-    judge = Judge.of(rig)
-    judged = foreseen(judge, "lockstep", not options.no_figure)
-    outcome = summaries.Outcome("virtual", "memory", changed=changed(options), strict=options.judge)
-    with run_folder(options, rig) as folder:
-        run = VirtualRun(rig, folder / LOG, judged)
-        if lacking := carried.warning(run.blocks[0].description["files"]):
-            print(lacking, file=sys.stderr)
-
-        def interrupt(number: int, frame: Any) -> None:
-            outcome.interrupted = True
-            run.stop()
-
-        on_request(interrupt)
-        begin, total = time.monotonic(), run.blocks[0].description["cycles"]
-        try:
-            for cycles in run.advance():
-                speed = cycles / rig.config.rate_hz / max(time.monotonic() - begin, 1e-9)
-                progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
-            run.close()
-        except StepError as error:
-            if str(error):
-                print(error, file=sys.stderr)
-            run.close()
-        except RecordError as error:
-            outcome.missing.append(str(error))
-        progress.close()
-        for block in run.blocks:
-            outcome.judge(block.description["node"], 0, block)
-        outcome.realtime = None
-        return conclude(judge, folder, outcome, options, judged)
-
-
 def command(options: argparse.Namespace) -> int:
-    """Carry out `run`, `exec`, `local`, `plant` or `simulate`."""
+    """Carry out `run`, `exec`, `local` or `plant`."""
     alone: dict[str, Role] = {"exec": "executive", "local": "local", "plant": "plant"}
-    if options.command == "simulate":
-        return simulate(options)
     rig = load_rig(options.rig, options.controller, options.set, resolve=False)
     role = alone.get(options.command)
     if role == "local" and rig.config.local is None:

@@ -48,12 +48,13 @@ class Plan:
     read: Reads = field(default_factory=dict)  # by `prepare`
     limits: dict[str, Limit] = field(default_factory=dict)  # by sent signal, `safe` given
     below: frozenset[str] = frozenset()  # of a local node: the frames on its bus to the plant
+    external: dict[str, Any] = field(default_factory=dict)  # entries in the place of blocks' own
 
     @property
     def steps(self) -> tuple[Any, ...]:
         """What the loop calls: the steps of the blocks, filled up with idle ones."""
-        used = tuple(block.block.step.entry for block in self.spec.blocks)
-        return used + (idle.entry,) * (sh.MAX_BLOCKS - len(used))
+        used = [self.external.get(b.name, b.block.step.entry) for b in self.spec.blocks]
+        return (*used, *(idle.entry,) * (sh.MAX_BLOCKS - len(used)))
 
     @property
     def receive_ids(self) -> list[int]:
@@ -354,6 +355,7 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
         "fault_names": list(FAULT_NAMES),
         "attachments": attachments,
         "files": rig.carried(made.read),
+        "external": list(made.external),
         "metadata": metadata,
     }
 

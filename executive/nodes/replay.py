@@ -25,6 +25,7 @@ from pcpc.drivers.jit import f8, i8, loop, u1
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, STRANGER
 from pcpc.executive.laws.emath_selftest import selftest
+from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
 from pcpc.executive.loop import shared as sh
@@ -132,7 +133,7 @@ def recompute(
     """Run the cycles of `rows`; return how many were done before the node stopped of itself.
 
     `frames` (k, 16): byte 5, of no use on a bus, says that a frame was foreign. `clocked` (cycles,
-    clocks): what was measured in the cycle before, for the places `clocks`.
+    clocks): for the places `clocks`, what was measured in the cycle before or written from outside.
     """
     frame, tuning = 0, 0
     for i in range(rows.shape[0]):
@@ -166,10 +167,17 @@ def recompute(
 class Replay:
     """One node of a rig, recomputed slice by slice."""
 
-    def __init__(self, rig: Rig, role: Role, pacing: str, recorded: Collection[str]) -> None:
-        """`pacing` and the variables `recorded` are the recorded run's. RigError, BusError."""
+    def __init__(
+        self, rig: Rig, role: Role, pacing: str, recorded: Collection[str],
+        external: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        """`pacing` and the variables `recorded` are the recorded run's. RigError, BusError.
+
+        `external`: blocks that were stepped from outside; what they wrote is taken from the record.
+        """
         selftest()
         made = plan(rig, role, "lockstep" if pacing == "virtual" else pacing)
+        made.external = dict.fromkeys(external, idle.entry)
         self.block = sh.private(describe(made, facts()))
         loop = self.block.loop
         install_in_memory(made, loop)
@@ -183,9 +191,15 @@ class Replay:
         self._table, self._index = made.table, made.table.index
         measured = [name for name in about["timing_columns"] if name not in COUNTED]
         self._clocks = [name for name in measured if name in recorded]
-        self._clock_places = np.array([self._index[name] for name in self._clocks], np.int64)
+        self._given = [
+            f"{one.name}.{name}"
+            for one in made.spec.blocks if one.name in external
+            for port in one.block.outputs for name in port.names()
+        ]  # fmt: skip
+        places = [self._index[name] for name in (*self._clocks, *self._given)]
+        self._places = np.array(places, np.int64)
         self._clocked = np.zeros((1, len(self._clocks)))  # of the cycle before the next slice
-        self.needed = ["supervisor.fault", *self._clocks]  # of a record
+        self.needed = ["supervisor.fault", *self._clocks, *self._given]  # of a record
         self._heartbeats = [f.can_id for f in made.tx_frames if heartbeat(f)]
 
     def advance(self, part: Slice, names: Sequence[str]) -> Computed:
@@ -213,8 +227,9 @@ class Replay:
         times = np.array([t[0] for t in tunings], np.int64)
         for column, ends in ((FRAMES_END, received["cycle"]), (TUNINGS_END, times)):
             rows[:, column] = np.searchsorted(ends, rows[:, K], side="right")
-        clocked = self._clocked_before(part, names)
-        loop, places = self.block.loop, self._clock_places
+        both = self._clocked_before(part, names), self._written(part, names)
+        clocked = np.ascontiguousarray(np.hstack(both))
+        loop, places = self.block.loop, self._places
         watched(
             lambda: recompute(loop, self.steps, rows, raw, tuned, values, places, clocked), [loop]
         )
@@ -237,6 +252,11 @@ class Replay:
         clocked = np.concatenate((self._clocked, bits.view(np.float64)))
         self._clocked = clocked[-1:]
         return np.ascontiguousarray(clocked[:-1])
+
+    def _written(self, part: Slice, names: Sequence[str]) -> NDArray[np.float64]:
+        """Return what blocks that were stepped from outside wrote in each cycle of `part`."""
+        columns = [HEAD + names.index(name) for name in self._given]
+        return part.rows[:, columns].view(np.float64)
 
     def sent(self, frames: NDArray[Any]) -> NDArray[Any]:
         """Return those of `frames` that a cycle sent: not the heartbeats of the first meeting."""

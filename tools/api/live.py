@@ -1,0 +1,274 @@
+"""`pcpc.running`: a rig on a bus, in processes of its own, read and tuned while it runs."""
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes import live as nodes
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.api.run import Run, UnknownName
+from pcpc.tools.api.settings import settings
+from pcpc.tools.conclude import LOG
+from pcpc.tools.rigs import find
+
+_PR_SET_PDEATHSIG = 1
+_POLL_S = 0.02
+_END_S = 60.0  # in which a run that was asked to end has its summary
+_libc = ctypes.CDLL(None)
+
+
+class NotMet(UserError, AssertionError):
+    """What was waited for did not come in time."""
+
+
+class Live:
+    """A rig that runs.
+
+        live["controller.e_rad"], live["plant:barrel.theta_rad"]    newest values
+        live.set({"controller.kv_Nms_rad": 120.0})                  returns the first cycle with it
+        live.wait_until("controller.e_rad", below=1e-3, within_s=2)
+        live.run                                                    the record, after the end
+
+    UnknownName, with a proposal, for a variable that is not there; pcpc.Error for what is refused.
+    """
+
+    def __init__(
+        self, process: "subprocess.Popen[bytes]", folder: Path, words: IO[bytes], keep: Any
+    ) -> None:
+        self._process, self._folder, self._words, self._keep = process, folder, words, keep
+        self._nodes: dict[str, nodes.Live] = {}
+        self._run: Run | None = None
+
+    def __repr__(self) -> str:
+        return f"<pcpc.Live {self._folder} {'runs' if self.running else 'has ended'}>"
+
+    # Reading
+
+    @property
+    def running(self) -> bool:
+        """Whether its executive goes on."""
+        return self._process.poll() is None and self._node("executive").running
+
+    @property
+    def cycle(self) -> int:
+        """The executive's newest cycle."""
+        return self._node("executive").read().cycle
+
+    @property
+    def state(self) -> str:
+        """The executive's state: INIT, READY, RUN, HOLD, FAULT or STOP."""
+        block = self._node("executive").block
+        return str(block.description["state_names"][int(block["control"][sh.STATE])])
+
+    def __getitem__(self, name: str) -> float:
+        node, variable = self._split(name)
+        return node.read()[variable]
+
+    def read(self, *names: str) -> dict[str, float]:
+        """Return values by name, those of a node of one and the same cycle; of all, without names.
+
+        Without names: the executive's.
+        """
+        if not names:
+            return dict(self._node("executive").read())
+        asked = {name: self._split(name) for name in names}
+        values = {id(node): node.read() for node, _ in asked.values()}
+        return {name: values[id(node)][variable] for name, (node, variable) in asked.items()}
+
+    # Acting
+
+    def set(self, changes: Mapping[str, float]) -> int:
+        """Set parameters of one node, all between the same two cycles or none.
+
+        Returns the first cycle with them. pcpc.Error: unknown, no parameter, out of range, locked.
+        """
+        split = {name: self._split(name) for name in changes}
+        if len({id(node) for node, _ in split.values()}) > 1:
+            raise UserError(f"{', '.join(changes)}: of two nodes; set one node's at a time")
+        if not split:
+            return self.cycle
+        node = next(iter(split.values()))[0]
+        return node.tune({split[name][1]: value for name, value in changes.items()})
+
+    def wait_until(
+        self, what: "str | Callable[[Mapping[str, float]], bool]", *, below: float | None = None,
+        above: float | None = None, magnitude: bool = False, within_s: float,
+    ) -> float:  # fmt: skip
+        """Wait until a variable is `below` and `above` limits; return its value then.
+
+        `what` may be a function of the executive's values, too: it is waited for until it is true,
+        and time, s, is returned. `magnitude`: the limits are about the absolute value. NotMet after
+        `within_s` seconds of this machine, or when the run ends before. It looks once a period.
+        """
+        if callable(what):
+            found = self._wait(self._node("executive"), what, within_s, "the condition")
+            return found.cycle * 1e-9 * self._node("executive").period_ns
+        if below is None and above is None:
+            raise TypeError("wait_until: give a limit, below= or above=")
+        node, variable = self._split(what)
+        low = -float("inf") if above is None else above
+        high = float("inf") if below is None else below
+
+        def inside(now: Mapping[str, float]) -> bool:
+            value = abs(now[variable]) if magnitude else now[variable]
+            return low < value < high
+
+        given = {"above": above, "below": below}
+        limits = " and ".join(
+            f"{word} {value:g}" for word, value in given.items() if value is not None
+        )
+        return self._wait(node, inside, within_s, f"{what} {limits}")[variable]
+
+    def wait(self, within_s: float | None = None) -> Run:
+        """Wait for the run's own end; NotMet if that takes longer than `within_s` seconds."""
+        try:
+            self._process.wait(within_s)
+        except subprocess.TimeoutExpired:
+            raise NotMet(f"the run did not end within {within_s:g} s") from None
+        return self.run
+
+    def stop(self) -> Run:
+        """Ask the run to end, in order, and return its record."""
+        self._end()
+        return self.run
+
+    @property
+    def run(self) -> Run:
+        """The record of the run, once it has ended; pcpc.Error while it runs, or if it has none."""
+        if self._run is None:
+            if self._process.poll() is None:
+                raise UserError("the run goes on; its record is there after its end")
+            if not (self._folder / LOG).is_file():
+                raise UserError(self._said() or "the run left no log")
+            self._run = Run(self._folder / LOG, keep=self._keep)
+        return self._run
+
+    # Inside
+
+    def _split(self, name: str) -> tuple[nodes.Live, str]:
+        """Return node and name of a variable; UnknownName."""
+        role, colon, variable = name.partition(":")
+        if not colon:
+            role, variable = "executive", name
+        if role not in self._nodes and role not in ("executive", "plant", "local"):
+            raise UnknownName(f"{name}: no node {role}; known: {', '.join(self._nodes)}")
+        node = self._node(role)
+        if variable not in node.variables:
+            known = [n if r == "executive" else f"{r}:{n}"
+                     for r, one in self._nodes.items() for n in one.variables]  # fmt: skip
+            raise UnknownName(f"{name}: no such variable{did_you_mean(name, known)}")
+        return node, variable
+
+    def _node(self, role: str) -> nodes.Live:
+        if role not in self._nodes:
+            raise UserError(f"{role}: this rig has no such node; known: {', '.join(self._nodes)}")
+        return self._nodes[role]
+
+    def _wait(self, node: nodes.Live, holds: Any, within_s: float, what: str) -> nodes.Values:
+        try:
+            return node.wait_until(holds, within_s, what)
+        except nodes.LiveError as error:
+            raise NotMet(str(error)) from None
+
+    def _begin(self, roles: tuple[str, ...]) -> None:
+        """Wait until all nodes are there and the executive steps; pcpc.Error if it does not."""
+        while len(self._nodes) < len(roles) or not self._under_way():
+            if self._process.poll() is not None:
+                if len(self._nodes) == len(roles):  # a run may last a millisecond
+                    return
+                if (self._folder / LOG).is_file() and self._process.returncode in (0, 1):
+                    return
+                raise UserError(self._said() or f"it ended with {self._process.returncode}")
+            for name, one in nodes.running().items():
+                pid = int(one.block["control"][sh.PID])
+                if _parent(pid) == self._process.pid:
+                    self._nodes.setdefault(name.rpartition(".")[2], one)
+            time.sleep(_POLL_S)
+
+    def _under_way(self) -> bool:
+        return bool(self._node("executive").block["control"][sh.PASSES])
+
+    def _said(self) -> str:
+        """Return what the command said against itself."""
+        said = os.pread(self._words.fileno(), 1 << 16, 0).decode(errors="replace")
+        return "; ".join(said.splitlines())
+
+    def _end(self) -> None:
+        """End the run in order, or at least for sure."""
+        for number, wait_s in ((signal.SIGINT, _END_S), (signal.SIGKILL, _END_S)):
+            if self._process.poll() is None:
+                self._process.send_signal(number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(wait_s)
+                return
+
+
+@contextmanager
+def running(
+    rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
+    seed: int | None = None, pacing: str | None = None, bus: str | None = None,
+    folder: str | Path | None = None,
+) -> Iterator[Live]:  # fmt: skip
+    """Run a rig on a bus, in real processes, for as long as the `with` block lasts.
+
+        with pcpc.running("atb1000/hull", pacing="real") as live:
+            live.wait_until("controller.e_rad", below=1e-3, magnitude=True, within_s=5)
+        live.run.verdict
+
+    pacing  real, sync or lockstep; None: the rig's
+    bus     as --bus: auto takes a free one, so that any number of rigs run side by side
+
+    The others are those of `pcpc.simulate`. At the end of the block a run that goes on is ended in
+    order (its verdict is then `interrupted`), whatever the block does; processes, memory and
+    sockets are gone, also if this process is killed. pcpc.Error if the run does not begin.
+    """
+    place, words = (
+        find(str(rig)),
+        settings(dict(set or {}) | ({} if seed is None else {"seed": seed})),
+    )
+    roles = load_rig(place, controller, words, resolve=False).roles
+    keep = tempfile.TemporaryDirectory(prefix="pcpc-") if folder is None else None
+    target = Path(keep.name) / "run" if keep is not None else Path(str(folder))
+    command = [sys.executable, "-P", "-m", "pcpc.tools.cli", "run", str(place), "--quiet"]
+    command += ["--no-figure", "--json", "-o", str(target)]
+    options = {"--controller": controller, "--pacing": pacing, "--bus": bus}
+    command += [word for name, value in options.items() if value for word in (name, value)]
+    command += [word for setting in words for word in ("--set", setting)]
+    host = os.getpid()
+
+    def end_with_us() -> None:
+        _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() != host:  # it died before the request stood
+            os._exit(1)
+
+    said = tempfile.TemporaryFile()  # noqa: SIM115  as long as the run is asked for
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
+        preexec_fn=end_with_us, start_new_session=True,
+    )  # fmt: skip
+    live = Live(process, target, said, keep)
+    try:
+        live._begin(roles)
+        yield live
+    finally:
+        live._end()
+
+
+def _parent(pid: int) -> int:
+    """Return the parent of a process; 0 if it is gone."""
+    try:
+        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+    except OSError:
+        return 0

@@ -1,0 +1,177 @@
+"""`pcpc.loop`: a controller in plain Python closes the loop, cycle by cycle."""
+
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, MutableMapping
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.nodes.external import External
+from pcpc.executive.nodes.watched import Work
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools import summary as summaries
+from pcpc.tools.api.run import Run, UnknownName
+from pcpc.tools.api.settings import settings
+from pcpc.tools.conclude import LOG, changed
+from pcpc.tools.progress import Compiling, Progress
+from pcpc.tools.rigs import find
+from pcpc.tools.simulate import Simulation
+
+Vector = NDArray[np.float64]
+
+
+class Values(MutableMapping[str, float]):
+    """Values by name, as the loop has them; UnknownName, with a proposal, for another name."""
+
+    def __init__(self, places: Mapping[str, int], values: Vector, writable: bool = False) -> None:
+        self._places, self._values, self._writable = places, values, writable
+
+    def _place(self, name: str) -> int:
+        if name not in self._places:
+            raise UnknownName(f"{name}: no such variable{did_you_mean(name, self._places)}")
+        return self._places[name]
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._values[self._place(name)])
+
+    def __setitem__(self, name: str, value: float) -> None:
+        place = self._place(name)
+        if not self._writable:
+            raise TypeError(f"{name}: only a sample's command can be set")
+        self._values[place] = value
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError(f"{name}: stays")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+class Sample(Values):
+    """A cycle of the executive, waiting for the controller; valid until the next one.
+
+    sample["rx.FB_A.encoder"]            any variable of the executive
+    sample.inputs["encoder_rad"]         what the rig wires to its controller
+    sample.command["motor_torque_Nm"]    to be set; else it stays what it was
+    sample.t_s, sample.dt_s, sample.cycle
+    """
+
+    inputs: Values
+    command: Values
+    t_s = 0.0
+    dt_s = 0.0
+
+    @property
+    def cycle(self) -> int:
+        """The number of the cycle: t_s / dt_s."""
+        return round(self.t_s / self.dt_s)
+
+
+class Loop:
+    """A rig in virtual time whose controller is the body of a `for`; `run` is there after it.
+
+    An exception in the body, or `break`, ends the run; its record is kept.
+    """
+
+    def __init__(
+        self, rig: str | Path, controller: str | None, changes: Mapping[str, Any],
+        folder: str | Path | None, quiet: bool | None,
+    ) -> None:  # fmt: skip
+        words = settings(changes)
+        if quiet is not True:
+            Compiling().told(False)
+        self._progress = Progress(not sys.stderr.isatty() if quiet is None else quiet)
+        self._rig = load_rig(find(str(rig)), controller, words)
+        spec = next(b for b in self._rig.nodes()["executive"].blocks if b.name == "controller")
+        self._outcome = summaries.Outcome(
+            "virtual", "memory", changed=[*changed(words), "controller=Python"]
+        )
+        self._keep = tempfile.TemporaryDirectory(prefix="pcpc-") if folder is None else None
+        place = Path(self._keep.name) if self._keep is not None else Path(str(folder))
+        place.mkdir(parents=True, exist_ok=True)
+        self._log = place / LOG
+        if self._log.exists():
+            raise UserError(f"{place}: holds a log already; choose another folder")
+        self._external = External(spec.block.step.declared, self._step)
+        self._simulation = Simulation(
+            self._rig, self._log, {}, self._outcome, controller=self._external
+        )
+        node = self._simulation.run.blocks[0]
+        names = [name for name, *_ in node.description["variables"]]
+        self._sample = Sample({name: i for i, name in enumerate(names)}, node.loop.v)
+        self._ports = [
+            {name: i for i, name in enumerate(n for port in ports for n in port.names())}
+            for ports in (spec.block.inputs, spec.block.outputs)
+        ]
+        self._samples: SimpleQueue[bool] = SimpleQueue()  # True: a sample waits; False: the end
+        self._answers: SimpleQueue[None] = SimpleQueue()
+        self._over = False
+        self._run: Run | None = None
+
+    def __iter__(self) -> Iterator[Sample]:
+        if self._run is not None or self._over:
+            raise UserError("a loop runs once; make another one with pcpc.loop")
+        work = Work(
+            lambda: self._simulation.to_end(self._progress), lambda: self._samples.put(False)
+        )
+        work.start()
+        try:
+            while self._samples.get():
+                yield self._sample
+                self._answers.put(None)
+        finally:
+            self._over = True  # from here on the commands stay what they are
+            if work.is_alive():
+                self._simulation.interrupt()
+                self._answers.put(None)
+                work.join()
+            self._run = Run(self._log, self._rig, self._outcome, self._keep)
+        if work.error is not None:
+            raise work.error
+
+    @property
+    def run(self) -> Run:
+        """The record; pcpc.Error before the end."""
+        if self._run is None:
+            raise UserError("the loop has not ended: iterate over it first")
+        return self._run
+
+    def _step(self, t: float, dt: float, p: Vector, x: Vector, u: Vector, y: Vector) -> None:
+        """Hand a sample to the `for` and wait for its command."""
+        if self._over:
+            return
+        sample = self._sample
+        sample.t_s, sample.dt_s = t, dt
+        sample.inputs, sample.command = Values(self._ports[0], u), Values(self._ports[1], y, True)
+        self._samples.put(True)
+        self._answers.get()
+
+
+def loop(
+    rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
+    seed: int | None = None, folder: str | Path | None = None, quiet: bool | None = None,
+) -> Loop:  # fmt: skip
+    """Close a rig's loop with a controller in plain Python, in virtual time.
+
+        loop = pcpc.loop("hull")
+        for sample in loop:
+            error = sample.inputs["q_d_rad"] - sample.inputs["encoder_rad"]
+            sample.command["motor_torque_Nm"] = 2.0 * error
+        loop.run.metrics
+
+    Ports are those of `controller`, one of the rig's, whose law is not used. Everything else is as
+    in `pcpc.simulate`: one sample of delay, the codec's rounding, limits, losses; the same program
+    gives the same bits, and `loop.run.replay()` recomputes all but the commands. It is slow: some
+    20 us a cycle beside your own code. The rig's limits are not judged.
+    """
+    changes = dict(set or {}) | ({} if seed is None else {"seed": seed})
+    return Loop(rig, controller, changes, folder, quiet)

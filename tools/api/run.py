@@ -1,0 +1,303 @@
+"""A recorded run from Python: what `pcpc.simulate` and `pcpc.open` return."""
+
+import argparse
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import Rig
+from pcpc.plants.judging import Judged, paired_rows
+from pcpc.tools import log_rig, play_frames
+from pcpc.tools import summary as summaries
+from pcpc.tools.api.settings import settings
+from pcpc.tools.judge import Judge
+from pcpc.tools.progress import Progress
+
+if TYPE_CHECKING:
+    import pandas
+
+    from pcpc.tools.replay import Verdict as Replayed
+
+Vector = NDArray[np.float64]
+FRAME = np.dtype(
+    [
+        ("t_s", "<f8"), ("cycle", "<i8"), ("sender", "U9"), ("id", "<u4"), ("name", "U32"),
+        ("dlc", "u1"), ("data", "u1", (8,)),
+    ]
+)  # fmt: skip
+_NODE = ":"
+
+
+class UnknownName(UserError, KeyError):
+    """No variable of this name was recorded; the message proposes one."""
+
+    __str__ = Exception.__str__  # KeyError would show its repr
+
+
+class NotOk(UserError, AssertionError):
+    """A run whose verdict is not ok, in the words of its summary."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture of a run; a notebook shows it by itself."""
+
+    png: bytes
+
+    def _repr_png_(self) -> bytes:
+        return self.png
+
+    def save(self, path: str | Path) -> Path:
+        """Write the picture as a PNG file."""
+        Path(path).write_bytes(self.png)
+        return Path(path)
+
+
+class Run:
+    """A recorded run.
+
+        run["controller.e_rad"]         of the executive, (n,) float64, a value a cycle
+        run["plant:barrel.theta_rad"]   of another node, at the executive's cycles; NaN for none
+        run["error_rad"]                a signal of the rig's evaluation
+        run.t_s                         (n,) float64, time of the cycles, k T, s
+
+    UnknownName, with a proposal, for what was not recorded. What is returned is the run's own:
+    copy it before writing into it.
+    """
+
+    def __init__(
+        self, path: Path, rig: Rig | None = None, outcome: summaries.Outcome | None = None,
+        keep: Any = None, *, trust: bool = False,
+    ) -> None:  # fmt: skip
+        self.path = path
+        self._rig_given, self._outcome, self._keep, self._trust = rig, outcome, keep, trust
+
+    def __repr__(self) -> str:
+        about = self.log.metadata.get("executive", {})
+        return f"<pcpc.Run {about.get('rig')} {about.get('controller')} {self.path}>"
+
+    # What was recorded
+
+    @cached_property
+    def log(self) -> logs.Log:
+        """The log as it was read: nodes with their columns, events, tunings, attachments."""
+        return logs.read(self.path)
+
+    @cached_property
+    def period_s(self) -> float:
+        """The period of the loop, s."""
+        node = next(iter(self.log.node.values()))
+        return 1e-9 * float(node.description["period_ns"])
+
+    @cached_property
+    def t_s(self) -> Vector:
+        """Time of the executive's cycles, (n,), s."""
+        return np.asarray(self._records.t_s)
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The names of all variables, those of other nodes as `NODE:NAME`."""
+        return [
+            name if node == "executive" else f"{node}{_NODE}{name}"
+            for node, one in self.log.node.items() for name in (*one.columns, *one.timing)
+        ]  # fmt: skip
+
+    @cached_property
+    def _records(self) -> Any:
+        leader = "executive" if "executive" in self.log.node else next(iter(self.log.node))
+        return Judged(self.log, self.period_s).run(leader)
+
+    def __getitem__(self, name: str) -> Vector:
+        node, colon, variable = name.partition(_NODE)
+        if not colon:
+            node, variable = "executive", name
+        one = self.log.node.get(node)
+        if one is not None and variable in one.timing:
+            return self._at_cycles(node, one.timing[variable])
+        if one is not None and variable in one.columns:
+            return np.asarray(self._records[f"{node}{_NODE}{variable}"])
+        if not colon and (signal := self._signal(name)) is not None:
+            return signal
+        raise self._unknown(name)
+
+    def _unknown(self, name: str) -> UnknownName:
+        """Return why there is no such record."""
+        if name in self.units:
+            return UnknownName(f"{name}: a parameter, not recorded; events tell its changes")
+        return UnknownName(f"{name}: not recorded{did_you_mean(name, self.names)}")
+
+    def _at_cycles(self, node: str, values: Vector) -> Vector:
+        """Return what a node recorded at the executive's cycles."""
+        leader = self._records.leader
+        if node == leader:
+            return np.asarray(values)
+        rows = paired_rows(self.log, self.period_s, node, leader)
+        return np.where(rows < 0, np.nan, values[rows])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Any:
+        return iter(self.names)
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """The unit of each variable; "" for a number without one."""
+        return {
+            name if node == "executive" else f"{node}{_NODE}{name}": unit
+            for node, one in self.log.node.items()
+            for name, unit, *_ in one.description.get("variables", [])
+        }
+
+    @cached_property
+    def frames(self) -> NDArray[Any]:
+        """All frames in the order of the bus, each once.
+
+        (n,) with the fields t_s, cycle, sender, id, name, dlc, data: `run.frames["id"]`.
+        """
+        try:
+            found = play_frames.of(self.log)
+        except play_frames.PlayError:
+            return np.empty(0, FRAME)
+        table = np.zeros(len(found), FRAME)
+        begin_ns = found.stamp_ns[0] - round(1e9 * found.cycle[0] * self.period_s)
+        table["t_s"] = 1e-9 * (found.stamp_ns - begin_ns)
+        table["cycle"], table["id"] = found.cycle, found.words & 0x1FFFFFFF
+        table["sender"] = np.array(found.senders)[found.sender]
+        known = {number: found.names.get(number, "") for number in set(table["id"].tolist())}
+        table["name"] = [known[number] for number in table["id"].tolist()]
+        table["dlc"], table["data"] = found.raw[:, 4], found.raw[:, 8:16]
+        return table
+
+    @cached_property
+    def events(self) -> list[dict[str, Any]]:
+        """States, faults, tunings, skipped periods of all nodes, by cycle; each says its node."""
+        found = [
+            {"node": name, **event}
+            for name, node in self.log.node.items() for event in (*node.events, *node.tunings)
+        ]  # fmt: skip
+        return sorted(found, key=lambda event: int(event.get("cycle", 0)))
+
+    def _signal(self, name: str) -> Vector | None:
+        """Return a signal of the rig's evaluation; None if it has no such one."""
+        try:
+            evaluation = self._judge.evaluation
+        except (logs.LogError, UserError):  # a foreign log's: it does not run unasked
+            return None
+        if evaluation is None or name not in evaluation.signals:
+            return None
+        judged = Judged(self.log, self.period_s, signals=evaluation.signals)
+        return np.asarray(judged.run()[name])
+
+    # What it came to
+
+    @cached_property
+    def rig(self) -> Rig:
+        """The rig of the run, with all that was set."""
+        if self._rig_given is not None:
+            return self._rig_given
+        self._files = tempfile.TemporaryDirectory(prefix="pcpc-")  # of the rig, as long as it
+        options = argparse.Namespace(trust=self._trust, law=[], rig=None)
+        return log_rig.judged_rig(self.log, Path(self._files.name), options)[0]
+
+    @cached_property
+    def _judge(self) -> Judge:
+        return Judge.of(self.rig)
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """What `summary.json` of a run holds."""
+        written = self.path.with_name("summary.json")
+        if self._outcome is None and written.is_file():
+            return dict(json.loads(written.read_text("utf-8")))
+        outcome = self._outcome
+        if outcome is None:
+            facts = self.log.metadata.get("executive", {})
+            outcome = summaries.Outcome(facts.get("pacing", ""), facts.get("bus", ""))
+        return summaries.summarise(self.rig, self.log, outcome, self._judge)
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """The figures of merit of the rig's evaluation."""
+        return dict(self.summary["metrics"])
+
+    @property
+    def verdict(self) -> str:
+        """`ok`, `expectation not met`, `loss`, `safety stop` or `interrupted`."""
+        return str(self.summary["verdict"])
+
+    def check(self) -> "Run":
+        """Return the run itself if its verdict is ok, else raise NotOk (an AssertionError)."""
+        if self.verdict != "ok":
+            said = self.summary
+            why = [*said["faults"], *said["expectations_failed"], *said["log_missing"]]
+            raise NotOk(f"{said['rig']}: {self.verdict}: " + ("; ".join(why) or "see its summary"))
+        return self
+
+    def figure(self, *names: str, path: str | Path | None = None) -> Figure:
+        """Return the figure of the rig's evaluation, or of the variables `names` over time.
+
+        `path`: also written there. ImportError without matplotlib (`pip install 'pcpc[plot]'`).
+        """
+        with tempfile.TemporaryDirectory(prefix="pcpc-") as folder:
+            place = Path(folder) / "figure.png"
+            if names:
+                self._plot(names, place)
+            else:
+                config = self.rig.config
+                title = f"{config.rig}: {config.title}, controller {config.controller}"
+                reason = self._judge.draw(self.log, title, self.metrics, place)
+                if reason:
+                    raise UserError(f"{self.path}: {reason}")
+            found = Figure(place.read_bytes())
+        if path is not None:
+            found.save(path)
+        return found
+
+    def _plot(self, names: Sequence[str], place: Path) -> None:
+        """Draw variables over time as `pcpc log plot` does."""
+        from pcpc.tools.log import plot, series
+        from pcpc.tools.log.drawing import DPI, Source, page_of
+
+        for name in names:
+            if name not in self:
+                raise self._unknown(name)
+        known, begin_ns = series.all_series(self.log), series.start_ns(self.log)
+        source = Source(self.path.stem, self.log, known, begin_ns)
+        groups = plot.groups_of([source], [name.replace(_NODE, ".", 1) for name in names])
+        page_of([source], groups, (-np.inf, np.inf)).savefig(place, dpi=DPI)
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return all variables as a table by time. ImportError without pandas."""
+        try:
+            import pandas
+        except ImportError:
+            raise ImportError("pandas is not installed; pip install 'pcpc[pandas]'") from None
+        index = pandas.Index(self.t_s, name="t_s")
+        return pandas.DataFrame({name: self[name] for name in self.names}, index=index)
+
+    def replay(self, **changes: Any) -> "list[Replayed]":
+        """Recompute every node from the log and compare bit by bit; a verdict for each.
+
+        `all(node.identical for node in run.replay())`. `controller` and `set`, as in `simulate`:
+        what the node would have done with the recorded input instead.
+        """
+        from pcpc.tools.replay import replay
+
+        options = argparse.Namespace(
+            node="all", controller=changes.pop("controller", None),
+            set=settings(changes.pop("set", {})), trust=self._trust, law=[], rig=None,
+        )  # fmt: skip
+        if changes:
+            raise TypeError(f"replay: no option {next(iter(changes))}; known: controller, set")
+        return replay(self.path, options, Progress(quiet=True))

@@ -1,0 +1,39 @@
+"""Values from Python as the command line's NAME=VALUE takes them."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+
+def settings(values: Mapping[str, Any]) -> list[str]:
+    """Return NAME=VALUE for each; TypeError for what no rig file can hold."""
+    return [f"{name}={_text(name, value)}" for name, value in values.items()]
+
+
+def _text(name: str, value: Any) -> str:
+    """Return a value as YAML in one line, floats to the last bit."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, str):
+        return _quoted(value)
+    if value is None or isinstance(value, bool | int):
+        return json.dumps(value)
+    if isinstance(value, float):
+        if math.isnan(value):
+            raise ValueError(f"{name}: nan is no value")
+        return repr(value) if math.isfinite(value) else f"{'-' * (value < 0)}.inf"
+    if isinstance(value, Mapping):
+        inside = (f"{_quoted(str(key))}: {_text(name, one)}" for key, one in value.items())
+        return f"{{{', '.join(inside)}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_text(name, one) for one in value)}]"
+    raise TypeError(f"{name}: a rig holds no {type(value).__name__}")
+
+
+def _quoted(text: str) -> str:
+    """Return a text in YAML's double quotes, in printable ASCII."""
+    plain = (c if " " <= c <= "~" and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)
+    return f'"{"".join(plain)}"'

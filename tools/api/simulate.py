@@ -1,0 +1,74 @@
+"""`pcpc.simulate`: a rig in virtual time, as a function."""
+
+import sys
+import tempfile
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools import summary as summaries
+from pcpc.tools.api.run import Run
+from pcpc.tools.api.settings import settings
+from pcpc.tools.conclude import LOG, changed
+from pcpc.tools.folder import run_folder
+from pcpc.tools.progress import Compiling, Progress
+from pcpc.tools.recorded import log_of
+from pcpc.tools.rigs import find
+from pcpc.tools.simulate import Simulation
+
+
+def simulate(
+    rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
+    seed: int | None = None, folder: str | Path | None = None, quiet: bool | None = None,
+) -> Run:  # fmt: skip
+    """Run a rig in virtual time, in this process, and return what was recorded.
+
+    The bits are those of `pcpc simulate` and of a lockstep run on a bus.
+
+    rig         a rig file, or the name of one that comes with pcpc (`pcpc rigs`)
+    controller  one of the rig's controllers; None: the one that it names
+    set         other values of the rig, as --set: {"barrel.gap_rad": 0.003, "duration_s": 2}
+    seed        of the rig's noises and random draws
+    folder      keeps log and summary there; None: a temporary one, which goes with the run
+    quiet       no progress; None: progress on a terminal only
+
+    Raises pcpc.Error, one line with its place and cure, for a rig, setting or bus that cannot be,
+    and for a log that cannot be written. A fault of the run is no error: see `Run.verdict`.
+    """
+    changes = dict(set or {}) | ({} if seed is None else {"seed": seed})
+    shown = Progress(not sys.stderr.isatty() if quiet is None else quiet)
+    if quiet is not True:
+        Compiling().told(False)
+    words = settings(changes)
+    loaded = load_rig(find(str(rig)), controller, words)
+    outcome = summaries.Outcome("virtual", "memory", changed=changed(words))
+    with ExitStack() as stack:
+        keep = None
+        if folder is None:
+            keep = tempfile.TemporaryDirectory(prefix="pcpc-")
+            place = Path(keep.name)
+        else:
+            place = stack.enter_context(run_folder(folder, loaded))
+        simulation = Simulation(loaded, place / LOG, {}, outcome)
+        try:
+            simulation.to_end(shown)
+        except KeyboardInterrupt:
+            simulation.interrupt()
+            raise
+        run = Run(place / LOG, loaded, outcome, keep)
+        if folder is not None:
+            summaries.write_json(run.summary, place / "summary.json")
+        return run
+
+
+def open(log: str | Path, *, trust: bool = False) -> Run:  # as `pcpc.open`
+    """Return the run of a log file, a run folder, or `"latest"`.
+
+    `trust`: also run the Python that stands in the log, see `pcpc replay --help`. pcpc.Error for
+    what is no log.
+    """
+    run = Run(log_of(str(log)), trust=trust)
+    run.log  # noqa: B018  read now: what is no log is said here
+    return run
