@@ -1,0 +1,82 @@
+"""The plugin for pytest, in a pytest of its own: fixtures, reports of failures, repetition."""
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+pytest_plugins = ["pytester"]
+SIMULATED = """
+def test_it_is_judged(simulate):
+    run = simulate("slew10")
+    assert run.metrics["muzzle_error_rms_mrad"] {relation} 0.0
+"""
+LIVE = """
+import pytest
+KEPT = {{"duration_s": 600}} | dict.fromkeys(
+    ("supervisor.hold_cycles", "supervisor.fault_after_cycles"), 10**6
+)
+
+@pytest.mark.parametrize("gain", [{gains}])
+def test_a_gain_acts(rig, gain):
+    with rig("slew10", pacing="real", set=KEPT) as live:
+        cycle = live.set({{"controller.kv_Nms_rad": gain}})
+        live.wait_until(lambda now: now["time.t_s"] > 1e-3 * (cycle + 20), within_s=120)
+    at = [e["value"] for e in live.run.events if e.get("name") == "controller.kv_Nms_rad"]
+    assert at == [gain]
+"""
+
+
+def test_metrics_of_a_run_are_properties_of_its_test(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(SIMULATED.format(relation=">"))
+    pytester.runpytest_subprocess("--junitxml=junit.xml").assert_outcomes(passed=1)
+    found = ElementTree.parse(pytester.path / "junit.xml").iter("property")
+    properties = {one.get("name"): one.get("value") for one in found}
+    assert properties["run 1: slew10: verdict"] == "ok"
+    value = properties["run 1: slew10: muzzle_error_rms_mrad"]
+    assert value is not None and 3.1 < float(value) < 3.8
+
+
+def test_a_failed_test_names_log_figure_and_replay(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(SIMULATED.format(relation="<"))
+    result = pytester.runpytest_subprocess()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*pcpc, run 1: slew10*", "log *", "verdict *ok", "replay *"])
+    text = result.stdout.str()
+    for word in ("log", "figure"):
+        found = re.search(rf"^{word} +(\S+)$", text, re.MULTILINE)
+        assert found and Path(found[1]).is_file(), text
+
+
+@pytest.mark.parametrize(("why", "outcome"), [("a sleep took long", "passed"), ("", "failed")])
+def test_a_paced_test_is_repeated_once_if_the_machine_cannot_keep_time(
+    pytester: pytest.Pytester, why: str, outcome: str
+) -> None:
+    pytester.makeconftest(
+        f"from pcpc.tools import pytest_pcpc as p\np._cannot_keep_time = lambda: {why!r}"
+    )
+    pytester.makepyfile(
+        "import pytest, pathlib\n@pytest.mark.paced\ndef test_it(tmp_path_factory):\n"
+        "    seen = pathlib.Path('seen')\n    before = seen.exists()\n    seen.touch()\n"
+        "    assert before\n"
+    )
+    result = pytester.runpytest_subprocess("-rA")
+    result.assert_outcomes(**{outcome: 1})
+    assert ("repeated once: a sleep took long" in result.stdout.str()) == bool(why)
+
+
+def test_rigs_run_side_by_side_each_on_a_bus_of_its_own(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(LIVE.format(gains="81.0, 82.0, 83.0, 84.0"))
+    pytester.runpytest_subprocess("-n", "4", "-p", "no:cacheprovider").assert_outcomes(passed=4)
+
+
+def test_a_bus_is_held_for_one_test_at_a_time(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        "from pcpc.drivers import choice\n"
+        "def test_it(bus):\n"
+        "    other = choice.take(choice.Wanted('auto', None, '', ()))\n"
+        "    assert ':' in bus and str(other.bus) != bus\n"
+        "    other.release()\n"
+    )
+    pytester.runpytest_subprocess().assert_outcomes(passed=1)

@@ -1,0 +1,188 @@
+"""The pytest plugin: rigs in tests. It comes with pcpc; nothing is to be imported.
+
+    def test_the_network_halves_the_error(simulate):
+        pd, network = simulate("hull", "pd"), simulate("hull", "pd_nn_fast")
+        assert network.metrics["error_rms_mrad"] < 0.5 * pd.metrics["error_rms_mrad"]
+
+    @pytest.mark.paced
+    def test_a_gain_acts(rig):
+        with rig("hull", pacing="real") as live:
+            live.set({"controller.kv_Nms_rad": 120.0})
+
+    simulate    as `pcpc.simulate`; the log stays with the test
+    rig         as `pcpc.running`: real processes, each on a bus of its own, so that `-n 8` works
+    bus         the name of a bus that nobody else has, for `--bus`
+
+If a test fails, its report names log, figure and what was not met, and how to replay it. Metrics
+are properties of the test (`--junitxml`); with pytest-html the figure stands in the page. A test
+marked `paced` that fails while the machine could not keep time is repeated once, and says so.
+"""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from _pytest.runner import runtestprotocol
+
+if TYPE_CHECKING:
+    import pcpc
+
+_RUNS = pytest.StashKey[list[tuple[str, Path]]]()
+_PROBE_S, _LATE_S = 0.3, 0.002
+_WAKE_S = 0.001
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Register the marker."""
+    config.addinivalue_line(
+        "markers", "paced: keeps time; repeated once if it fails while the machine could not"
+    )
+
+
+@pytest.fixture
+def simulate(request: pytest.FixtureRequest, tmp_path: Path) -> "Callable[..., pcpc.Run]":
+    """Run a rig in virtual time, as `pcpc.simulate`; the log is kept with the test."""
+
+    def run(rig: str | Path, controller: str | None = None, **options: Any) -> "pcpc.Run":
+        import pcpc
+
+        folder = options.pop("folder", None) or _folder(request, tmp_path, rig)
+        _kept(request).append((str(rig), Path(folder)))
+        return pcpc.simulate(rig, controller, folder=folder, quiet=True, **options)
+
+    return run
+
+
+@pytest.fixture
+def rig(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> "Callable[..., AbstractContextManager[pcpc.Live]]":
+    """Run a rig in real processes, as `pcpc.running`; the log is kept with the test."""
+
+    @contextmanager
+    def run(
+        rig: str | Path, controller: str | None = None, **options: Any
+    ) -> "Iterator[pcpc.Live]":
+        import pcpc
+
+        folder = options.pop("folder", None) or _folder(request, tmp_path, rig)
+        _kept(request).append((str(rig), Path(folder)))
+        with pcpc.running(rig, controller, folder=folder, **options) as live:
+            yield live
+
+    return run
+
+
+@pytest.fixture
+def bus() -> Iterator[str]:
+    """Hold a free bus for as long as the test lasts; its name, as --bus takes it."""
+    from pcpc.drivers import choice
+
+    held = choice.take(choice.Wanted("auto", None, "", ()))
+    yield str(held.bus)
+    held.release()
+
+
+def _kept(request: pytest.FixtureRequest) -> list[tuple[str, Path]]:
+    return request.node.stash.setdefault(_RUNS, [])
+
+
+def _folder(request: pytest.FixtureRequest, tmp_path: Path, rig: str | Path) -> Path:
+    """Return the folder of the test's next run."""
+    return tmp_path / f"run-{len(_kept(request)) + 1}-{Path(str(rig)).stem}"
+
+
+# Reports
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
+    """Add metrics, and of a failed test what there is to look at."""
+    report = yield
+    if report.when != "call":
+        return report
+    runs: list[tuple[str, Path]] = item.stash.setdefault(_RUNS, [])
+    for number, (rig, folder) in enumerate(runs, 1):
+        if (folder / "log.mcap").is_file():
+            _report(item, report, f"run {number}: {rig}", folder)
+    return report
+
+
+def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Path) -> None:
+    import pcpc
+
+    lines = [f"log      {folder / 'log.mcap'}"]
+    try:
+        run = pcpc.open(folder)
+        told = {"verdict": run.verdict, **run.metrics}
+        properties = [(f"{title}: {name}", value) for name, value in told.items()]
+        item.user_properties += properties  # of the reports to come, as JUnit takes them
+        report.user_properties += properties
+        if report.failed:
+            lines += _what_it_came_to(run)
+            run.figure(path=folder / "figure.png")
+            lines.append(f"figure   {folder / 'figure.png'}")
+            _show(item, report, title, folder / "figure.png")
+    except Exception as error:  # the test's outcome is what counts
+        lines.append(f"but      {type(error).__name__}: {error}")
+    lines.append(f"replay   pcpc replay {folder}")
+    if report.failed:
+        report.sections.append((f"pcpc, {title}", "\n".join(lines)))
+
+
+def _what_it_came_to(run: "pcpc.Run") -> list[str]:
+    """Return verdict, and what was not met."""
+    said = run.summary
+    against = [*said["faults"], *said["expectations_failed"], *said["log_missing"]]
+    return [f"verdict  {run.verdict}", *(f"         {line}" for line in against)]
+
+
+def _show(item: pytest.Item, report: Any, title: str, figure: Path) -> None:
+    """Put the figure into the page of pytest-html, if it is there."""
+    if item.config.pluginmanager.hasplugin("html"):
+        from base64 import b64encode
+
+        from pytest_html import extras
+
+        picture = extras.png(b64encode(figure.read_bytes()).decode(), name=title)
+        report.extras = [*getattr(report, "extras", []), picture]
+
+
+# Tests that keep time
+
+
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Repeat a failed test marked `paced` once, if the machine could not keep time."""
+    if item.get_closest_marker("paced") is None:
+        return None
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    reports = runtestprotocol(item, nextitem=nextitem, log=False)
+    if any(report.failed for report in reports) and (why := _cannot_keep_time()):
+        item.stash[_RUNS] = []
+        item._initrequest()  # type: ignore[attr-defined]  # as a test that has not run
+        reports = runtestprotocol(item, nextitem=nextitem, log=False)
+        for report in reports:
+            report.sections.append(("pcpc, paced", f"repeated once: {why}"))
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+def _cannot_keep_time() -> str:
+    """Return why this machine cannot keep time at present; "" if it can."""
+    worst_s, end_s = 0.0, time.monotonic() + _PROBE_S
+    while (begin_s := time.monotonic()) < end_s:
+        time.sleep(_WAKE_S)
+        worst_s = max(worst_s, time.monotonic() - begin_s - _WAKE_S)
+    if worst_s > _LATE_S:
+        return f"a sleep of 1 ms took {1e3 * (worst_s + _WAKE_S):.1f} ms"
+    with suppress(OSError):
+        load, processors = os.getloadavg()[0], len(os.sched_getaffinity(0))
+        if load > processors:
+            return f"{load:.1f} programs want {processors} processors"
+    return ""
