@@ -6,7 +6,10 @@ from xml.etree import ElementTree
 
 import pytest
 
+from pcpc.drivers import compile_cache
+
 pytest_plugins = ["pytester"]
+CACHES = compile_cache.user_cache()  # pytester's home is an empty one
 SIMULATED = """
 def test_it_is_judged(simulate):
     run = simulate("slew10")
@@ -26,6 +29,11 @@ def test_a_gain_acts(rig, gain):
     at = [e["value"] for e in live.run.events if e.get("name") == "controller.kv_Nms_rad"]
     assert at == [gain]
 """
+
+
+@pytest.fixture(autouse=True)
+def compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(CACHES))
 
 
 def test_metrics_of_a_run_are_properties_of_its_test(pytester: pytest.Pytester) -> None:
