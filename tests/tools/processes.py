@@ -87,6 +87,12 @@ class Done:
             raise AssertionError(f"no summary came:\n{self}") from None
 
 
+def as_of_a_terminal() -> None:
+    """Begin as a shell of a terminal begins a command, whatever started the tests: nohup, cron."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
 class Running:
     """A started command; `before` are words in front of it, such as setpriv's."""
 
@@ -100,6 +106,7 @@ class Running:
         self.process = subprocess.Popen(
             self.words, stdin=subprocess.DEVNULL, stdout=self._out, stderr=self._err, cwd=cwd,
             env=os.environ | dict(environment or {}), start_new_session=True,
+            preexec_fn=as_of_a_terminal,
         )  # fmt: skip
         self.children: dict[str, int] = {}
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from logcommand import barrel_log
-from processes import PCPC, ROOT, pcpc
+from processes import PCPC, ROOT, as_of_a_terminal, pcpc
 
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.tools import ending
@@ -101,10 +101,15 @@ def test_a_command_in_the_background_ends_when_asked(number: signal.Signals) -> 
 
 def test_a_command_ends_with_its_terminal() -> None:
     words = [sys.executable, "-c", ENDLESS]
-    with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE) as one:
+    with subprocess.Popen(
+        words, cwd=ROOT, stdout=subprocess.PIPE, preexec_fn=as_of_a_terminal
+    ) as one:
         assert one.stdout is not None and one.stdout.readline() == b"waiting\n"
         one.send_signal(signal.SIGHUP)
-        assert one.wait(20.0) == 130
+        try:
+            assert one.wait(20.0) == 130
+        finally:
+            one.kill()
 
 
 def raising(error: BaseException) -> Callable[[], int]:
