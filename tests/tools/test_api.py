@@ -156,7 +156,7 @@ def left_behind() -> Iterator[list[int]]:
 def family(live: pcpc.Live) -> list[int]:
     """Return the pids of a run: of its command and of its nodes."""
     blocks = [node.block for node in live._nodes.values()]
-    return [live._process.pid, *(int(block["control"][27]) for block in blocks)]
+    return [live._command.process.pid, *(int(block["control"][27]) for block in blocks)]
 
 
 LONG = {
@@ -202,7 +202,7 @@ def test_a_python_that_is_killed_leaves_nothing_behind() -> None:
         "import pcpc, sys, signal\n"
         f"with pcpc.running('slew10', pacing='real', set={LONG!r}, bus={own_bus()!r}) as live:\n"
         "    nodes = [int(node.block['control'][27]) for node in live._nodes.values()]\n"
-        "    print(live._process.pid, *nodes, flush=True)\n"
+        "    print(live._command.process.pid, *nodes, flush=True)\n"
         "    signal.pause()\n"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

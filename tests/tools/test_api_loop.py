@@ -1,6 +1,7 @@
 """`pcpc.loop`: the rig's own law, written once more in plain Python, gives the same bits."""
 
 import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -59,6 +60,15 @@ def test_the_record_of_a_loop_recomputes_but_for_the_commands(reference: pcpc.Ru
         sample.command["motor_torque_Nm"] = 0.3 if sample.cycle % 100 < 50 else -0.3
     assert loop.run["controller.motor_torque_Nm"][49:51].tolist() == [0.3, -0.3]
     assert all(node.identical for node in loop.run.replay())
+
+
+def test_a_folder_keeps_log_and_summary_and_is_not_written_twice(tmp_path: Path) -> None:
+    for sample in (loop := pcpc.loop("slew10", set=SHORT, folder=tmp_path / "run", quiet=True)):
+        sample.command["motor_torque_Nm"] = 0.0
+    again = pcpc.open(tmp_path / "run")
+    assert again.verdict == "ok" and again.summary["changed"] == loop.run.summary["changed"]
+    with pytest.raises(pcpc.Error, match="holds a log already"):
+        next(iter(pcpc.loop("slew10", set=SHORT, folder=tmp_path / "run", quiet=True)))
 
 
 def test_a_loop_that_is_left_ends_its_run_and_keeps_the_record() -> None:

@@ -1,17 +1,13 @@
 """`pcpc.running`: a rig on a bus, in processes of its own, read and tuned while it runs."""
 
-import contextlib
-import ctypes
-import os
-import signal
+import math
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
@@ -20,13 +16,12 @@ from pcpc.executive.nodes import live as nodes
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.api.run import Run, UnknownName
 from pcpc.tools.api.settings import settings
+from pcpc.tools.children import Child
 from pcpc.tools.conclude import LOG
 from pcpc.tools.rigs import find
 
-_PR_SET_PDEATHSIG = 1
 _POLL_S = 0.02
 _END_S = 60.0  # in which a run that was asked to end has its summary
-_libc = ctypes.CDLL(None)
 
 
 class NotMet(UserError, AssertionError):
@@ -44,10 +39,8 @@ class Live:
     UnknownName, with a proposal, for a variable that is not there; pcpc.Error for what is refused.
     """
 
-    def __init__(
-        self, process: "subprocess.Popen[bytes]", folder: Path, words: IO[bytes], keep: Any
-    ) -> None:
-        self._process, self._folder, self._words, self._keep = process, folder, words, keep
+    def __init__(self, command: Child, folder: Path, keep: Any) -> None:
+        self._command, self._folder, self._keep = command, folder, keep
         self._nodes: dict[str, nodes.Live] = {}
         self._run: Run | None = None
 
@@ -59,7 +52,7 @@ class Live:
     @property
     def running(self) -> bool:
         """Whether its executive goes on."""
-        return self._process.poll() is None and self._node("executive").running
+        return not self._command.ended and self._node("executive").running
 
     @property
     def cycle(self) -> int:
@@ -118,8 +111,8 @@ class Live:
         if below is None and above is None:
             raise TypeError("wait_until: give a limit, below= or above=")
         node, variable = self._split(what)
-        low = -float("inf") if above is None else above
-        high = float("inf") if below is None else below
+        low = -math.inf if above is None else above
+        high = math.inf if below is None else below
 
         def inside(now: Mapping[str, float]) -> bool:
             value = abs(now[variable]) if magnitude else now[variable]
@@ -134,7 +127,7 @@ class Live:
     def wait(self, within_s: float | None = None) -> Run:
         """Wait for the run's own end; NotMet if that takes longer than `within_s` seconds."""
         try:
-            self._process.wait(within_s)
+            self._command.process.wait(math.inf if within_s is None else within_s)
         except subprocess.TimeoutExpired:
             raise NotMet(f"the run did not end within {within_s:g} s") from None
         return self.run
@@ -148,7 +141,7 @@ class Live:
     def run(self) -> Run:
         """The record of the run, once it has ended; pcpc.Error while it runs, or if it has none."""
         if self._run is None:
-            if self._process.poll() is None:
+            if not self._command.ended:
                 raise UserError("the run goes on; its record is there after its end")
             if not (self._folder / LOG).is_file():
                 raise UserError(self._said() or "the run left no log")
@@ -185,15 +178,15 @@ class Live:
     def _begin(self, roles: tuple[str, ...]) -> None:
         """Wait until all nodes are there and the executive steps; pcpc.Error if it does not."""
         while len(self._nodes) < len(roles) or not self._under_way():
-            if self._process.poll() is not None:
+            if self._command.ended:
                 if len(self._nodes) == len(roles):  # a run may last a millisecond
                     return
-                if (self._folder / LOG).is_file() and self._process.returncode in (0, 1):
+                if (self._folder / LOG).is_file() and self._command.code in (0, 1):
                     return
-                raise UserError(self._said() or f"it ended with {self._process.returncode}")
+                raise UserError(self._said() or f"it ended with {self._command.code}")
             for name, one in nodes.running().items():
                 pid = int(one.block["control"][sh.PID])
-                if _parent(pid) == self._process.pid:
+                if _parent(pid) == self._command.process.pid:
                     self._nodes.setdefault(name.rpartition(".")[2], one)
             time.sleep(_POLL_S)
 
@@ -202,17 +195,11 @@ class Live:
 
     def _said(self) -> str:
         """Return what the command said against itself."""
-        said = os.pread(self._words.fileno(), 1 << 16, 0).decode(errors="replace")
-        return "; ".join(said.splitlines())
+        return "; ".join(self._command.complaint())
 
     def _end(self) -> None:
         """End the run in order, or at least for sure."""
-        for number, wait_s in ((signal.SIGINT, _END_S), (signal.SIGKILL, _END_S)):
-            if self._process.poll() is None:
-                self._process.send_signal(number)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(wait_s)
-                return
+        self._command.end(0.0, _END_S)
 
 
 @contextmanager
@@ -234,31 +221,15 @@ def running(
     order (its verdict is then `interrupted`), whatever the block does; processes, memory and
     sockets are gone, also if this process is killed. pcpc.Error if the run does not begin.
     """
-    place, words = (
-        find(str(rig)),
-        settings(dict(set or {}) | ({} if seed is None else {"seed": seed})),
-    )
+    place, words = find(str(rig)), settings(set, seed)
     roles = load_rig(place, controller, words, resolve=False).roles
     keep = tempfile.TemporaryDirectory(prefix="pcpc-") if folder is None else None
     target = Path(keep.name) / "run" if keep is not None else Path(str(folder))
-    command = [sys.executable, "-P", "-m", "pcpc.tools.cli", "run", str(place), "--quiet"]
-    command += ["--no-figure", "--json", "-o", str(target)]
+    command = ["run", str(place), "--quiet", "--no-figure", "--json", "-o", str(target)]
     options = {"--controller": controller, "--pacing": pacing, "--bus": bus}
     command += [word for name, value in options.items() if value for word in (name, value)]
     command += [word for setting in words for word in ("--set", setting)]
-    host = os.getpid()
-
-    def end_with_us() -> None:
-        _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != host:  # it died before the request stood
-            os._exit(1)
-
-    said = tempfile.TemporaryFile()  # noqa: SIM115  as long as the run is asked for
-    process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
-        preexec_fn=end_with_us, start_new_session=True,
-    )  # fmt: skip
-    live = Live(process, target, said, keep)
+    live = Live(Child.started("pcpc run", "pcpc.tools.cli", command), target, keep)
     try:
         live._begin(roles)
         yield live

@@ -1,7 +1,5 @@
 """`pcpc.loop`: a controller in plain Python closes the loop, cycle by cycle."""
 
-import sys
-import tempfile
 from collections.abc import Iterator, Mapping, MutableMapping
 from pathlib import Path
 from queue import SimpleQueue
@@ -16,10 +14,10 @@ from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.watched import Work
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import summary as summaries
+from pcpc.tools.api.place import finished, log_in, progress
 from pcpc.tools.api.run import Run, UnknownName
 from pcpc.tools.api.settings import settings
-from pcpc.tools.conclude import LOG, changed
-from pcpc.tools.progress import Compiling, Progress
+from pcpc.tools.conclude import changed
 from pcpc.tools.rigs import find
 from pcpc.tools.simulate import Simulation
 
@@ -83,46 +81,44 @@ class Loop:
     """
 
     def __init__(
-        self, rig: str | Path, controller: str | None, changes: Mapping[str, Any],
+        self, rig: str | Path, controller: str | None, words: list[str],
         folder: str | Path | None, quiet: bool | None,
     ) -> None:  # fmt: skip
-        words = settings(changes)
-        if quiet is not True:
-            Compiling().told(False)
-        self._progress = Progress(not sys.stderr.isatty() if quiet is None else quiet)
+        self._progress, self._folder = progress(quiet), folder
         self._rig = load_rig(find(str(rig)), controller, words)
-        spec = next(b for b in self._rig.nodes()["executive"].blocks if b.name == "controller")
         self._outcome = summaries.Outcome(
             "virtual", "memory", changed=[*changed(words), "controller=Python"]
         )
-        self._keep = tempfile.TemporaryDirectory(prefix="pcpc-") if folder is None else None
-        place = Path(self._keep.name) if self._keep is not None else Path(str(folder))
-        place.mkdir(parents=True, exist_ok=True)
-        self._log = place / LOG
-        if self._log.exists():
-            raise UserError(f"{place}: holds a log already; choose another folder")
+        spec = next(b for b in self._rig.nodes()["executive"].blocks if b.name == "controller")
         self._external = External(spec.block.step.declared, self._step)
-        self._simulation = Simulation(
-            self._rig, self._log, {}, self._outcome, controller=self._external
-        )
-        node = self._simulation.run.blocks[0]
-        names = [name for name, *_ in node.description["variables"]]
-        self._sample = Sample({name: i for i, name in enumerate(names)}, node.loop.v)
         self._ports = [
             {name: i for i, name in enumerate(n for port in ports for n in port.names())}
             for ports in (spec.block.inputs, spec.block.outputs)
         ]
+        self._sample: Sample | None = None
         self._samples: SimpleQueue[bool] = SimpleQueue()  # True: a sample waits; False: the end
         self._answers: SimpleQueue[None] = SimpleQueue()
-        self._over = False
+        self._begun = self._over = False
         self._run: Run | None = None
 
     def __iter__(self) -> Iterator[Sample]:
-        if self._run is not None or self._over:
+        if self._begun:
             raise UserError("a loop runs once; make another one with pcpc.loop")
-        work = Work(
-            lambda: self._simulation.to_end(self._progress), lambda: self._samples.put(False)
-        )
+        self._begun = True
+        with log_in(self._folder, self._rig) as (log, keep):
+            try:
+                yield from self._samples_into(log)
+            finally:
+                if log.is_file() and log.stat().st_size:
+                    self._run = finished(log, self._rig, self._outcome, keep)
+
+    def _samples_into(self, log: Path) -> Iterator[Sample]:
+        """Run the rig in a thread, which waits for the command to each sample."""
+        simulation = Simulation(self._rig, log, {}, self._outcome, self._external)
+        node = simulation.run.blocks[0]
+        names = [name for name, *_ in node.description["variables"]]
+        self._sample = Sample({name: i for i, name in enumerate(names)}, node.loop.v)
+        work = Work(lambda: simulation.to_end(self._progress), lambda: self._samples.put(False))
         work.start()
         try:
             while self._samples.get():
@@ -131,10 +127,9 @@ class Loop:
         finally:
             self._over = True  # from here on the commands stay what they are
             if work.is_alive():
-                self._simulation.interrupt()
+                simulation.interrupt()
                 self._answers.put(None)
                 work.join()
-            self._run = Run(self._log, self._rig, self._outcome, self._keep)
         if work.error is not None:
             raise work.error
 
@@ -147,9 +142,9 @@ class Loop:
 
     def _step(self, t: float, dt: float, p: Vector, x: Vector, u: Vector, y: Vector) -> None:
         """Hand a sample to the `for` and wait for its command."""
-        if self._over:
-            return
         sample = self._sample
+        if self._over or sample is None:
+            return
         sample.t_s, sample.dt_s = t, dt
         sample.inputs, sample.command = Values(self._ports[0], u), Values(self._ports[1], y, True)
         self._samples.put(True)
@@ -173,5 +168,4 @@ def loop(
     gives the same bits, and `loop.run.replay()` recomputes all but the commands. It is slow: some
     20 us a cycle beside your own code. The rig's limits are not judged.
     """
-    changes = dict(set or {}) | ({} if seed is None else {"seed": seed})
-    return Loop(rig, controller, changes, folder, quiet)
+    return Loop(rig, controller, settings(set, seed), folder, quiet)

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 
-def settings(values: Mapping[str, Any]) -> list[str]:
-    """Return NAME=VALUE for each; TypeError for what no rig file can hold."""
-    return [f"{name}={_text(name, value)}" for name, value in values.items()]
+def settings(values: Mapping[str, Any] | None, seed: int | None = None) -> list[str]:
+    """Return NAME=VALUE for each; TypeError, ValueError for what no rig file can hold."""
+    given = dict(values or {}) | ({} if seed is None else {"seed": seed})
+    return [f"{name}={_text(name, value)}" for name, value in given.items()]
 
 
 def _text(name: str, value: Any) -> str:

@@ -1,19 +1,15 @@
 """`pcpc.simulate`: a rig in virtual time, as a function."""
 
-import sys
-import tempfile
 from collections.abc import Mapping
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import summary as summaries
+from pcpc.tools.api.place import finished, log_in, progress
 from pcpc.tools.api.run import Run
 from pcpc.tools.api.settings import settings
-from pcpc.tools.conclude import LOG, changed
-from pcpc.tools.folder import run_folder
-from pcpc.tools.progress import Compiling, Progress
+from pcpc.tools.conclude import changed
 from pcpc.tools.recorded import log_of
 from pcpc.tools.rigs import find
 from pcpc.tools.simulate import Simulation
@@ -37,30 +33,17 @@ def simulate(
     Raises pcpc.Error, one line with its place and cure, for a rig, setting or bus that cannot be,
     and for a log that cannot be written. A fault of the run is no error: see `Run.verdict`.
     """
-    changes = dict(set or {}) | ({} if seed is None else {"seed": seed})
-    shown = Progress(not sys.stderr.isatty() if quiet is None else quiet)
-    if quiet is not True:
-        Compiling().told(False)
-    words = settings(changes)
+    words, shown = settings(set, seed), progress(quiet)
     loaded = load_rig(find(str(rig)), controller, words)
     outcome = summaries.Outcome("virtual", "memory", changed=changed(words))
-    with ExitStack() as stack:
-        keep = None
-        if folder is None:
-            keep = tempfile.TemporaryDirectory(prefix="pcpc-")
-            place = Path(keep.name)
-        else:
-            place = stack.enter_context(run_folder(folder, loaded))
-        simulation = Simulation(loaded, place / LOG, {}, outcome)
+    with log_in(folder, loaded) as (log, keep):
+        simulation = Simulation(loaded, log, {}, outcome)
         try:
             simulation.to_end(shown)
         except KeyboardInterrupt:
             simulation.interrupt()
             raise
-        run = Run(place / LOG, loaded, outcome, keep)
-        if folder is not None:
-            summaries.write_json(run.summary, place / "summary.json")
-        return run
+        return finished(log, loaded, outcome, keep)
 
 
 def open(log: str | Path, *, trust: bool = False) -> Run:  # as `pcpc.open`
