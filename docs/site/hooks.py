@@ -1,0 +1,63 @@
+"""The site is the repository's own Markdown, under the same paths: every link holds in both.
+
+mkdocs takes pages from one folder; here it gets README.md, docs/ and the READMEs of the plants. A
+link to a source file leads to a page that shows it, mathematics becomes MathML, and the search
+needs no network.
+"""
+
+import posixpath
+import re
+from pathlib import Path
+
+from latex2mathml.converter import convert
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files, InclusionLevel
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("docs", "plants")
+KINDS = (".md", ".png", ".css", ".js")
+MATH = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"(?<=\]\()(?!\w+:)([^)#\s]+)(?=[)#])")
+SHOWN = (".py", ".yaml", ".yml", ".dbc", ".json", ".csv")  # files that get a page of their own
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Give mkdocs the files of the repository, and pages of the source files they link to."""
+    below = (path for folder in FOLDERS for path in (ROOT / folder).rglob("*"))
+    own = [path.relative_to(ROOT).as_posix() for path in below if path.suffix in KINDS]
+    own = ["README.md", *sorted(own)]
+    found = [File(name, str(ROOT), config.site_dir, config.use_directory_urls) for name in own]
+    theirs = [one for one in files if one.inclusion is not InclusionLevel.EXCLUDED]
+    theme = [one for one in theirs if one.src_dir != config.docs_dir]
+    linked = {to for name in own if name.endswith(".md") for to in _sources(name)}
+    pages = [File.generated(config, f"{name}.md", content=_shown(name)) for name in sorted(linked)]
+    return Files([*theme, *found, *pages])
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Lead links to source files to their pages; put MathML in place of mathematics."""
+    here = page.file.src_uri
+    markdown = MATH.sub(lambda m: f'<div class="law">{convert(m[1], "block")}</div>', markdown)
+    return LINK.sub(lambda m: m[1] + ".md" * (_at(here, m[1]) + ".md" in files.src_uris), markdown)
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Take the script by which pages on a disk are searched from the site, not from the network."""
+    near = "../" * page.url.count("/") + "docs/site/iframe-worker.js"
+    return output.replace("https://unpkg.com/iframe-worker/shim", near)
+
+
+def _at(page: str, link: str) -> str:
+    return posixpath.normpath(posixpath.join(posixpath.dirname(page), link))
+
+
+def _sources(page: str) -> set[str]:
+    links = {_at(page, link) for link in LINK.findall((ROOT / page).read_text("utf-8"))}
+    return {link for link in links if link.endswith(SHOWN) and (ROOT / link).is_file()}
+
+
+def _shown(name: str) -> str:
+    language = {"yml": "yaml", "py": "python"}.get(name.rpartition(".")[2], name.rpartition(".")[2])
+    text = (ROOT / name).read_text("utf-8")
+    return f"---\nsearch: {{exclude: true}}\n---\n# {name}\n\n````{language}\n{text}````\n"
