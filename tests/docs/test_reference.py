@@ -1,0 +1,26 @@
+"""docs/reference tells what the parser and the docstrings say now."""
+
+import importlib.util
+from pathlib import Path
+
+import pcpc
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+SPEC = importlib.util.spec_from_file_location("reference", DOCS / "site" / "reference.py")
+assert SPEC is not None and SPEC.loader is not None
+reference = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(reference)
+
+
+def test_the_written_pages_are_what_the_sources_say() -> None:
+    for name, written in reference.PAGES.items():
+        kept = (DOCS / "reference" / name).read_text("utf-8")
+        assert kept == written(), f"docs/reference/{name} is not up to date; run `make reference`"
+
+
+def test_every_option_and_every_function_has_its_line() -> None:
+    commands, api = reference.commands(), reference.api()
+    for told in ("### pcpc run\n", "### pcpc log cat\n", "`--set NAME=VALUE`", "-- COMMAND"):
+        assert told in commands, told
+    assert all(f"## pcpc.{name}\n" in api for name in pcpc.__all__)
+    assert "`metrics` | `dict[str, float]`" in api and "### pcpc.Live.wait_until" in api
