@@ -34,6 +34,11 @@ def rigs(add: Add) -> None:
     _json(add, "print one JSON list")
 
 
+def new(add: Add) -> None:
+    """Take a folder."""
+    add("dir", type=Path, metavar="DIR", help="a new or empty folder; its name is the rig's")
+
+
 def rig(add: Add) -> None:
     """Take a rig and what is changed in it."""
     add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")

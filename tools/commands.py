@@ -62,6 +62,9 @@ GROUPS = {
     "a rig, from choosing one to a verdict": (
         Command("rigs", "list the rigs that come with pcpc", "pcpc rigs atb1000 'friction-*'",
                 take.rigs, codes=_SIMPLE),
+        Command("new", "write a rig of your own to begin with: a DC motor with an encoder",
+                "pcpc new my-motor", take.new,
+                codes={**_SIMPLE, Exit.ENVIRONMENT: "the folder cannot be written"}),
         Command("check", "check a rig file and print its wiring and bus load", "pcpc check hull",
                 take.check, codes={**_SIMPLE, Exit.ENVIRONMENT: "the bus"}, judges=True,
                 compiles=True),

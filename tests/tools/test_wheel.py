@@ -1,5 +1,6 @@
 """The wheel: one package, with all that its commands read, at work in an empty folder."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -69,3 +70,9 @@ def test_shipped_rigs_are_found_and_a_plant_of_ones_own_is_tried_in_an_empty_fol
     shutil.copytree(installed / "pcpc" / "plants" / "probe", tmp_path / "own")
     told = pcpc(installed, "check", "own/rig.yaml", "--json", cwd=tmp_path)
     assert str(tmp_path / "own" / "rig.yaml") in told and "law.py:BLOCK" in told, told
+
+
+def test_a_new_rig_runs_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:
+    pcpc(installed, "new", "my-motor", cwd=tmp_path)
+    told = json.loads(pcpc(installed, "simulate", "my-motor", "--quiet", "--json", cwd=tmp_path))
+    assert told["rig"] == "my-motor" and told["verdict"] == "ok", told

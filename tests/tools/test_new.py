@@ -1,0 +1,103 @@
+"""`pcpc new`: a rig of the user's own that runs all four ways at once, and what it refuses."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from processes import Running, own_bus, pcpc
+
+from pcpc.executive.log import reader as logs
+from pcpc.tools.new import FILES, NEXT, TEMPLATE
+
+
+@pytest.fixture(scope="module")
+def motor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a new rig."""
+    folder = tmp_path_factory.mktemp("elsewhere") / "my-motor"
+    done = pcpc("new", str(folder))
+    assert done.code == 0, str(done)
+    return folder
+
+
+def test_every_file_of_the_template_is_written_and_named(motor: Path) -> None:
+    known = {path.name for path in TEMPLATE.iterdir() if path.is_file()}
+    assert known == set(FILES) == {path.name for path in motor.iterdir() if path.is_file()}
+    told = (motor / "README.md").read_text(encoding="utf-8")
+    missing = [word for word in (*FILES, *NEXT) if word != "README.md" and f"{word}" not in told]
+    assert not missing, missing
+    assert "\nrig: my-motor\n" in (motor / "rig.yaml").read_text(encoding="utf-8")
+
+
+def test_what_it_prints_fits_80_columns(tmp_path: Path) -> None:
+    done = pcpc("new", "my-motor", cwd=tmp_path)
+    long = [line for line in done.out.splitlines() if len(line) > 80]
+    assert done.code == 0 and not long, long
+    assert done.out.splitlines()[-len(NEXT) - 1] == "  cd my-motor", done.out
+
+
+def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
+    motor: Path, tmp_path: Path
+) -> None:
+    quiet = (str(motor), "--quiet", "--no-figure", "--judge")
+    bus = ("--bus", own_bus())
+    lockstep = (*bus, "--pacing", "lockstep")
+    for way, words in {
+        "virtual": ("simulate", *quiet), "real": ("run", *quiet, *bus),
+        "lockstep": ("run", *quiet, *lockstep),
+    }.items():  # fmt: skip
+        done = pcpc(*words, "-o", str(tmp_path / way))
+        assert done.code == 0 and "verdict  ok (4 limits judged)" in done.out, f"{way}: {done}"
+    with Running("plant", str(motor), *lockstep) as plant:
+        done = pcpc("exec", *quiet, *lockstep, "-o", str(tmp_path / "two"))
+        assert (done.code, plant.done().code) == (0, 0), f"{done}\n{plant}"
+    states = [logs.payloads(tmp_path / way / "log.mcap", "/state")
+              for way in ("virtual", "lockstep", "two")]  # fmt: skip
+    assert len(states[0]) == 1000 and states[0] == states[1] == states[2]
+    again = pcpc("replay", str(tmp_path / "real"), "--quiet")
+    assert again.code == 0, str(again)
+
+
+def test_its_own_tests_pass(motor: Path) -> None:
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
+    words = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
+    done = subprocess.run(words, cwd=motor, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0 and " passed" in done.stdout, done.stdout + done.stderr
+
+
+def test_its_readme_says_the_figures_that_a_run_has(motor: Path, tmp_path: Path) -> None:
+    told = (motor / "README.md").read_text(encoding="utf-8")
+    for controller, form, name in (
+        ("pid", r"within 30 mrad after (\S+) s", "settled_s"),
+        ("pd", r"holds the motor up to (\S+) mrad off", "rest_error_max_mrad"),
+    ):
+        words = ("--controller", controller, "-o", str(tmp_path / controller))
+        done = pcpc("simulate", str(motor), "--json", "--quiet", "--no-figure", *words)
+        found = re.search(form, told)
+        assert found, form
+        digits = len(found[1].partition(".")[2])
+        assert f"{done.summary['metrics'][name]:.{digits}f}" == found[1], str(done)
+
+
+@pytest.mark.parametrize(
+    ("folder", "code", "why"),
+    [
+        ("full", 2, "full: is not empty; name a folder that is new or empty"),
+        ("full/file", 2, "full/file: is a file; name a folder"),
+        ("My Motor", 2, "cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-'; try my-m"),
+        ("m" * 65, 2, f"'{'m' * 65}' cannot be a rig's name"),
+        ("/proc/motor", 4, "/proc/motor: No such file or directory; name a folder that you can"),
+        ("full/file/motor", 4, "Not a directory; name a folder that you can write"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line_with_the_cure(
+    folder: str, code: int, why: str, tmp_path: Path
+) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").write_text("mine")
+    done = pcpc("new", folder, cwd=tmp_path)
+    assert done.code == code and why in done.err and len(done.err.splitlines()) == 1, str(done)
+    assert [path.name for path in tmp_path.rglob("*")] == ["full", "file"]
+    assert (tmp_path / "full" / "file").read_text() == "mine"

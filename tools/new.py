@@ -1,0 +1,66 @@
+"""`pcpc new DIR`: a rig of the user's own, a DC motor with an encoder, to run and to change.
+
+Its files are those of tools/template, a rig like any other; only its name becomes the folder's.
+"""
+
+import argparse
+import re
+import shlex
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import RigError, code_of
+from pcpc.tools import screen
+
+TEMPLATE = Path(__file__).with_name("template")
+FILES = {
+    "rig.yaml": "what runs and how it is wired; begin here",
+    "motor.py": "the plant: driver, winding, rotor with friction, encoder",
+    "control.py": "the law: PID on the encoder's angle",
+    "motor.dbc": "the CAN frames, with counters and CRC",
+    "evaluation.py": "figures of merit and the picture",
+    "test_motor.py": "tests, for pytest",
+    "README.md": "what one sees, and what to change first",
+}
+NEXT = {
+    "pcpc simulate .": "virtual time, in one process",
+    "pcpc run .": "real processes, frames on a bus",
+    "pcpc run . --pacing lockstep": "the same without a clock",
+    "pcpc plant .": "two terminals: the plant here ...",
+    "pcpc exec .": "... and the control there",
+    "pytest": "its tests",
+}
+_NAME = re.compile("[a-z0-9._-]{1,64}")  # of a rig
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write the rig, and say what can be done with it."""
+    folder: Path = options.dir
+    write(folder)
+    print(f"{folder}: a rig of your own, a DC motor with an encoder")
+    print("\n".join(screen.table([(f"  {name}", what) for name, what in FILES.items()])))
+    print(f"next:\n  cd {shlex.quote(str(folder))}")
+    print("\n".join(screen.table([(f"  {line}", what) for line, what in NEXT.items()])))
+    return Exit.OK
+
+
+def write(folder: Path) -> None:
+    """Write the rig into `folder`, which is new or empty; UserError with the cure."""
+    name = folder.resolve().name
+    if not _NAME.fullmatch(name):
+        cure = re.sub("[^a-z0-9._-]+", "-", name.lower()).strip("-")[:64] or "motor"
+        what = f"'{name}' cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-'"
+        raise RigError(f"{folder}: {what}; try {cure}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise RigError(f"{folder}: is not empty; name a folder that is new or empty")
+        for file in FILES:
+            text = (TEMPLATE / file).read_text(encoding="utf-8")
+            text = text.replace("rig: motor\n", f"rig: {name}\n") if file == "rig.yaml" else text
+            (folder / file).write_text(text, encoding="utf-8")
+    except FileExistsError:
+        raise RigError(f"{folder}: is a file; name a folder that is new or empty") from None
+    except OSError as error:
+        what = f"{folder}: {error.strerror}; name a folder that you can write"
+        raise UserError(what, code_of(error)) from None
