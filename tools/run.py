@@ -94,7 +94,6 @@ class Host:
             return Child.started(role, process.MODULE, arguments, interpreted=True)
 
         def main(words: Sequence[str]) -> int:
-            self.choice.release()  # it is the host who holds them
             compile_cache.watch.listener = None
             return process.main(words)
 

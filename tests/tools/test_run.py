@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from processes import DEADLINE_S, RIGS, Running, blocks_left, own_bus, pcpc, until
 
+from pcpc.drivers import claim
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.schemas import field_names
 from pcpc.executive.loop import shared as sh
@@ -329,6 +330,27 @@ def test_killed_host_ends_its_processes_and_leaves_a_whole_log(pacing: str, tmp_
     assert log.missing == [] and len(log.node["plant"].cycle) > 50, log.missing
     assert log.node["executive"].events[-1]["name"] == "STOP", log.node["executive"].events
     assert blocks_left(bus) == [], blocks_left(bus)
+
+
+def test_bus_of_a_killed_host_is_not_free_before_its_nodes_have_ended(tmp_path: Path) -> None:
+    bus = own_bus()
+
+    def seats() -> list[str]:
+        return [name for name in claim.held("seat/") if f"/{bus}/" in name]
+
+    usual = options(bus, "lockstep", LONG)
+    with Running("run", SLEW10, "-o", str(tmp_path / "run"), *usual) as run:
+        run.in_the_middle("slew10", bus)
+        nodes = [run.pid(role) for role in ("executive", "plant")]
+        for node in nodes:
+            os.kill(node, signal.SIGSTOP)  # as long as a loaded machine may take to end them
+        run.process.kill()
+        run.process.wait()
+        assert len(seats()) == 2, seats()
+        for node in nodes:
+            os.kill(node, signal.SIGCONT)
+        assert run.left() == [], run.left()
+    until(lambda: not seats(), "the seats are free")
 
 
 def test_host_killed_at_once_leaves_no_process(tmp_path: Path) -> None:
