@@ -19,7 +19,7 @@ import select
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -288,12 +288,13 @@ def _release() -> None:
 
 def running(rig: str = "") -> dict[str, Live]:
     """Return this user's nodes whose loop runs, of all rigs or one, by name."""
-    found = (Live(block) for block in sharing.running())
-    return {
-        live.name: live
-        for live in found
-        if live.running and rig in ("", live.block.description.get("rig"))
-    }
+    found = {}
+    for block in sharing.running():
+        with suppress(KeyError, TypeError, ValueError):  # what it says is not what a node says
+            live = Live(block)
+            if live.running and rig in ("", block.description.get("rig")):
+                found[live.name] = live
+    return found
 
 
 def find(node: str = "executive", rig: str = "") -> Live:

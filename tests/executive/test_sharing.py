@@ -20,6 +20,7 @@ import standing
 from pcpc.drivers import claim
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
+from pcpc.executive.nodes import live
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAD: dict[str, object] = {
@@ -51,6 +52,12 @@ def files_of(name: str) -> tuple[socket.socket, int, int]:
 
 
 # ---------------------------------------------------------------------------------------- in hands
+
+
+def test_a_search_for_nodes_passes_over_what_is_none(block: sh.Shared, name: str) -> None:
+    assert name in [one.name for one in sharing.running()], "it hands out its memory"
+    assert "period_ns" not in block.description, "a node says its period"
+    assert name not in live.running()
 
 
 def test_a_client_finds_description_and_fields_by_name(block: sh.Shared, name: str) -> None:

@@ -18,6 +18,7 @@ import pcpc
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.api.live import _verdict
 from pcpc.tools.api.settings import settings
 from pcpc.tools.rigs import find
 
@@ -218,6 +219,8 @@ def test_a_run_that_ends_by_itself_is_waited_for_and_one_that_cannot_begin_is_a_
     with pcpc.running("slew10", pacing="lockstep", set=SHORT, bus=own_bus()) as live:
         run = live.wait(within_s=240.0)
     assert run.verdict == "ok" and len(run.t_s) == 300
+    assert _verdict(run.path.parent, 0) == "it ended at once: ok"
+    assert _verdict(run.path, 5) == "it ended with exit code 5"
     virtual = pcpc.simulate("slew10", set=SHORT, quiet=True)
     assert run["controller.e_rad"].tobytes() == virtual["controller.e_rad"].tobytes()
     with (

@@ -1,5 +1,6 @@
 """`pcpc.running`: a rig on a bus, in processes of its own, read and tuned while it runs."""
 
+import json
 import math
 import subprocess
 import tempfile
@@ -183,7 +184,7 @@ class Live:
                     return
                 if (self._folder / LOG).is_file() and self._command.code in (0, 1):
                     return
-                raise UserError(self._said() or f"it ended with {self._command.code}")
+                raise UserError(self._said() or _verdict(self._folder, self._command.code))
             for name, one in nodes.running().items():
                 pid = int(one.block["control"][sh.PID])
                 if _parent(pid) == self._command.process.pid:
@@ -235,6 +236,15 @@ def running(
         yield live
     finally:
         live._end()
+
+
+def _verdict(folder: Path, code: int) -> str:
+    """Return what a run came to that had ended before it was looked at."""
+    try:
+        found = json.loads((folder / "summary.json").read_text("utf-8"))
+        return "; ".join((f"it ended at once: {found['verdict']}", *found["faults"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        return f"it ended with exit code {code}"
 
 
 def _parent(pid: int) -> int:
