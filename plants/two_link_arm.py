@@ -9,7 +9,7 @@ not round. rad, rad/s, N m.
 
 from typing import Any
 
-from pcpc.executive.laws.block import Ports, inline, port
+from pcpc.executive.laws.block import Ports, group, inline, port
 from pcpc.executive.laws.emath import tanh
 from pcpc.executive.laws.models.two_link import gravity_torque, motion, solved
 from pcpc.plants.sensors import rounded
@@ -37,13 +37,18 @@ class Inputs(Ports):
     torque_Nm = port("N m", "newest valid command to joint #", shape=2, named="torque_#_Nm")
 
 
+class Motion(Ports):
+    """Angles and rates; q2 is relative to link 1."""
+
+    q_rad = port("rad", "angle of joint #", shape=2, named="q_#_rad")
+    rate_rad_s = port("rad/s", "rate of joint #", shape=2, named="rate_#_rad_s")
+
+
 class Outputs(Ports):
     """Samples and truths."""
 
-    sample_rad = port("rad", "sensor: q#", shape=2, named="sample_#_rad")
-    rate_sample_rad_s = port("rad/s", "sensor: q#'", shape=2, named="rate_sample_#_rad_s")
-    q_rad = port("rad", "true q#", shape=2, named="q_#_rad")
-    rate_rad_s = port("rad/s", "true q#'", shape=2, named="rate_#_rad_s")
+    sample = group(Motion, "sample_")
+    true = group(Motion)
     acting_Nm = port("N m", "torque on joint # up to this sample", shape=2, named="acting_#_Nm")
 
 
@@ -77,7 +82,7 @@ def receive(p: Any, held: Any, u: Any, y: Any) -> None:
 def sample(p: Any, q: Any, v: Any, y: Any) -> None:
     """Write samples and truths of angles and rates; `p` is an Interface."""
     for j in range(len(q)):
-        y.sample_rad[j] = rounded(q[j], p.position_lsb_rad)
-        y.rate_sample_rad_s[j] = rounded(v[j], p.rate_lsb_rad_s)
-        y.q_rad[j] = q[j]
-        y.rate_rad_s[j] = v[j]
+        y.sample.q_rad[j] = rounded(q[j], p.position_lsb_rad)
+        y.sample.rate_rad_s[j] = rounded(v[j], p.rate_lsb_rad_s)
+        y.true.q_rad[j] = q[j]
+        y.true.rate_rad_s[j] = v[j]

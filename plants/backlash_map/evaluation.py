@@ -41,7 +41,7 @@ HALF_S = 0.5
 
 def tau_error(run: Run) -> Vector:
     """Return tt of (2)."""
-    tau, ahead = run["plant:map.true_tau"], run["executive:controller.ahead"]
+    tau, ahead = run["plant:map.tau"], run["executive:controller.ahead"]
     return run["executive:controller.tau_d"] - np.where(ahead > 0.5, tau, run.after(tau))
 
 
@@ -63,7 +63,7 @@ def early(run: Run, source: str, from_s: float) -> Vector:
 
 EVALUATION = Evaluation(
     signals={
-        "error": lambda run: run["plant:map.true_x2"] - run["executive:reference.now"],  # (1)
+        "error": lambda run: run["plant:map.x2"] - run["executive:reference.now"],  # (1)
         "tau_error": tau_error,
         "jump": lambda run: np.abs(run.step(run["executive:controller.command"])),  # (3)
         "unsettled_s": unsettled_s,
@@ -72,7 +72,7 @@ EVALUATION = Evaluation(
         "error_rms": Rms("error", EACH),
         "error_max": Peak("error", EACH),
         "tau_error_rms": Rms("tau_error"),
-        "x2_max": Peak("plant:map.true_x2", RUN),
+        "x2_max": Peak("plant:map.x2", RUN),
         "command_max": Peak("executive:controller.command", RUN),
         "command_jump_median": Median("jump", RUN),
         "command_jumps_share": Mean(is_jump, RUN),
@@ -86,7 +86,7 @@ EVALUATION = Evaluation(
             "state",
             (
                 Line("executive:reference.now", "x_d", BLACK, 1.6, "--"),
-                Line("plant:map.true_x2", "x2", BLUE),
+                Line("plant:map.x2", "x2", BLUE),
             ),
             6.0,
         ),
@@ -95,7 +95,7 @@ EVALUATION = Evaluation(
         Panel(
             "tau",
             (
-                Line("plant:map.true_tau", "behind the gap", BLUE),
+                Line("plant:map.tau", "behind the gap", BLUE),
                 Line("executive:controller.tau_d", "desired", BLACK, 1.2, "--"),
             ),
             6.0,

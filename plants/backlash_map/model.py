@@ -65,8 +65,8 @@ class Inputs(Ports):
 class Outputs(Ports):
     """Samples and truths."""
 
-    sample = group(Map)
-    true = group(Map, "true_")
+    sample = group(Map, "sample_")
+    true = group(Map)
     acting = port("", "truth: the command before the gap")
 
 

@@ -19,7 +19,7 @@ REPEATS, SEEDS = 40, 40
 UNGUARDED = "controller.r_max=1e12"
 
 TRACES = (
-    "executive:reference.now", "plant:map.true_x2", "plant:map.true_tau", "plant:map.acting",
+    "executive:reference.now", "plant:map.x2", "plant:map.tau", "plant:map.acting",
     "executive:controller.tau_d",
 )  # fmt: skip
 SHORT = ("duration_s=1.0",)  # every step is in its traces

@@ -25,7 +25,7 @@ def draw_laws(results: Sequence[Result], path: Path) -> None:
     for column, result in enumerate(results):
         tr, label = result.traces, result.case.label
         t, colour = tr["t"], COLOURS[label]
-        x_d, x2 = tr["executive:reference.now"], tr["plant:map.true_x2"]
+        x_d, x2 = tr["executive:reference.now"], tr["plant:map.x2"]
         top, middle, bottom = axes[:, column]
         rms, largest = result.metric("error_rms"), result.metric("error_max")
         top.set_title(f"{NAMES[label]}\n10 to 20 s: rms {rms:.4f}, max {largest:.3f}", size=10)
@@ -33,7 +33,7 @@ def draw_laws(results: Sequence[Result], path: Path) -> None:
         top.plot(t, x2, color=colour, linewidth=1.0, label="$x_2$")
         settled = t >= 0.5
         middle.plot(t[settled], (x2 - x_d)[settled], color=colour, linewidth=0.8)
-        tau, tau_d = tr["plant:map.true_tau"], tr["executive:controller.tau_d"]
+        tau, tau_d = tr["plant:map.tau"], tr["executive:controller.tau_d"]
         bottom.plot(t, tau_d, color=BLACK, linewidth=1.4, linestyle="--", label="desired")
         bottom.plot(t, tau, color=colour, linewidth=0.8, label="behind the gap")
         top.set_ylim(-1.2, 1.9)
@@ -64,14 +64,12 @@ def draw_steps(result: Result, path: Path) -> None:
         top, bottom = axes[:, column]
         top.plot(t_ms[part], tr["executive:reference.now"][part], color=BLACK, linestyle="--",
                  label="$x_d$")  # fmt: skip
-        top.plot(
-            t_ms[part], tr["plant:map.true_x2"][part], color=BLUE, linewidth=1.0, label="$x_2$"
-        )
+        top.plot(t_ms[part], tr["plant:map.x2"][part], color=BLUE, linewidth=1.0, label="$x_2$")
         marks = {"marker": "o", "markersize": 2.5, "linewidth": 0.6}
         bottom.plot(
             t_ms[part], tr["plant:map.acting"][part], color=GREY, label="command u", **marks
         )
-        bottom.plot(t_ms[part], tr["plant:map.true_tau"][part], color=BLUE, label="tau", **marks)
+        bottom.plot(t_ms[part], tr["plant:map.tau"][part], color=BLUE, label="tau", **marks)
         bottom.set_xlabel("time [ms]; a step is 1 ms")
         for ax in (top, bottom):
             ax.legend(fontsize=8, loc="upper right", ncols=2, framealpha=0.9)

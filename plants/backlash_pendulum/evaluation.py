@@ -36,12 +36,12 @@ SETTLED_RAD = 0.01
 
 def rate_error(run: Run) -> Vector:
     """Return e2 of (1)."""
-    return run["plant:pendulum.true_rate_rad_s"] - run["executive:reference.q_d_rate_rad_s"]
+    return run["plant:pendulum.rate_rad_s"] - run["executive:reference.q_d_rate_rad_s"]
 
 
 def torque_error(run: Run) -> Vector:
     """Return tt of (2); NaN for a law without tau_d."""
-    return run.get("executive:controller.tau_d_Nm") - run["plant:pendulum.true_torque_Nm"]
+    return run.get("executive:controller.tau_d_Nm") - run["plant:pendulum.torque_Nm"]
 
 
 def unsettled_s(run: Run) -> Vector:
@@ -49,7 +49,7 @@ def unsettled_s(run: Run) -> Vector:
     return np.where(np.abs(run["error_rad"]) > SETTLED_RAD, run.t_s, np.nan)
 
 
-ANGLE, ANGLE_D = "plant:pendulum.true_angle_rad", "executive:reference.q_d_rad"
+ANGLE, ANGLE_D = "plant:pendulum.q_rad", "executive:reference.q_d_rad"
 NORM_W = "executive:controller.norm_w"
 EVALUATION = Evaluation(
     signals={
@@ -79,7 +79,7 @@ EVALUATION = Evaluation(
             (
                 Line("plant:pendulum.acting_Nm", "command before the gap", GREY),
                 Line("executive:controller.tau_d_Nm", "desired", BLACK, 1.6, "--"),
-                Line("plant:pendulum.true_torque_Nm", "behind the gap", BLUE),
+                Line("plant:pendulum.torque_Nm", "behind the gap", BLUE),
             ),
             6.0,
         ),

@@ -41,7 +41,7 @@ class Parameters(Ports):
     d_minus_Nm = port("N m", "d-, the same for falling torque, negative", None, -1e3, 0.0)
     delay_samples = port("", "whole samples of transport", None, 0.0, DELAY_SIZE - 1.0)
     substeps = port("", "Runge-Kutta steps in a period, a whole number", None, 1.0, 64.0)
-    angle_lsb_rad = port("rad", "quantum of the angle samples, 0 none", None, 0.0, 1.0)
+    position_lsb_rad = port("rad", "quantum of the angle samples, 0 none", None, 0.0, 1.0)
     rate_lsb_rad_s = port("rad/s", "quantum of the rate samples, 0 none", None, 0.0, 10.0)
     torque_lsb_Nm = port("N m", "quantum of the torque samples, 0 none", None, 0.0, 10.0)
     command_lsb_Nm = port("N m", "quantum of the command that acts, 0 none", None, 0.0, 10.0)
@@ -50,7 +50,7 @@ class Parameters(Ports):
 class Motion(Ports):
     """What is integrated."""
 
-    angle_rad = port("rad", "x1")
+    q_rad = port("rad", "x1")
     rate_rad_s = port("rad/s", "x2")
 
 
@@ -78,8 +78,8 @@ class Inputs(Ports):
 class Outputs(Ports):
     """Samples and truths."""
 
-    sample = group(Seen)
-    true = group(Seen, "true_")
+    sample = group(Seen, "sample_")
+    true = group(Seen)
     acting_Nm = port("N m", "truth: the command before the gap")
     flank = port("", "truth: 1 pushed up, -1 pushed down, 0 in the gap")
     energy_J = port("J", "truth: E (4)")
@@ -94,8 +94,8 @@ def weight(p: Any) -> float:
 @inline
 def slope(t: float, p: Any, tau: float, x: Any, d: Any) -> None:
     """Write x1' (1) and x2' (2) under the torque `tau`."""
-    d.angle_rad = x.rate_rad_s
-    d.rate_rad_s = tau - x.rate_rad_s / p.time_constant_s - weight(p) * sin(x.angle_rad)
+    d.q_rad = x.rate_rad_s
+    d.rate_rad_s = tau - x.rate_rad_s / p.time_constant_s - weight(p) * sin(x.q_rad)
 
 
 @inline
@@ -116,9 +116,9 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
         n = int(p.substeps)
         for _ in range(n):
             runge_kutta(slope, t, dt / n, p, x.torque_Nm, x.motion, x.integrator)
-    angle, rate = x.motion.angle_rad, x.motion.rate_rad_s
-    y.true.angle_rad, y.true.rate_rad_s, y.true.torque_Nm = angle, rate, x.torque_Nm
-    y.sample.angle_rad = rounded(angle, p.angle_lsb_rad)
+    angle, rate = x.motion.q_rad, x.motion.rate_rad_s
+    y.true.q_rad, y.true.rate_rad_s, y.true.torque_Nm = angle, rate, x.torque_Nm
+    y.sample.q_rad = rounded(angle, p.position_lsb_rad)
     y.sample.rate_rad_s = rounded(rate, p.rate_lsb_rad_s)
     y.sample.torque_Nm = rounded(x.torque_Nm, p.torque_lsb_Nm)
     y.energy_J = 0.5 * rate * rate + weight(p) * (1.0 - cos(angle))  # (4)

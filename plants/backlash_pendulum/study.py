@@ -19,7 +19,7 @@ LAWS = ("pd", "robust", "nn")
 REPEATS, SEEDS = 12, 10
 
 TRACES = (
-    "error_rad", "torque_error_Nm", "plant:pendulum.true_torque_Nm", "plant:pendulum.acting_Nm",
+    "error_rad", "torque_error_Nm", "plant:pendulum.torque_Nm", "plant:pendulum.acting_Nm",
     "executive:controller.tau_d_Nm", "executive:controller.norm_w",
     "executive:controller.network_Nm_s", "executive:controller.robust_Nm_s",
 )  # fmt: skip
@@ -98,7 +98,12 @@ def cases() -> Iterator[Case]:
             yield _case("seeds", MAIN, "nn", str(samples), *drawn)
             minute = ("duration_s=60.0", *drawn)
             yield _case("minute", MAIN, "nn", str(samples), *minute, window_s=(2.0, 60.0))
-    lsb = ("angle_lsb_rad=1e-4", "rate_lsb_rad_s=1e-2", "torque_lsb_Nm=1e-2", "command_lsb_Nm=1e-2")
+    lsb = (
+        "position_lsb_rad=1e-4",
+        "rate_lsb_rad_s=1e-2",
+        "torque_lsb_Nm=1e-2",
+        "command_lsb_Nm=1e-2",
+    )
     yield _case("coarse", MAIN, "nn", "coarse sensors", *(f"pendulum.{one}" for one in lsb))
     for label, (law, settings, _) in ATTRIBUTION.items():
         for samples in (0, 3):

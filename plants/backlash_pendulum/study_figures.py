@@ -26,7 +26,7 @@ def draw_cases(results: Sequence[Result], path: Path) -> None:
             f"{NAMES[law]}\nrms {rms:.1f}, largest {largest:.1f} mrad over 2 to 20 s", size=10
         )
         top.plot(t, MRAD * tr["error_rad"], color=COLOURS[law], linewidth=1.0)
-        tau, tau_d = tr["plant:pendulum.true_torque_Nm"], tr["executive:controller.tau_d_Nm"]
+        tau, tau_d = tr["plant:pendulum.torque_Nm"], tr["executive:controller.tau_d_Nm"]
         middle.plot(t, tr["plant:pendulum.acting_Nm"], color=GREY, linewidth=0.9, label="command u")
         middle.plot(t, tau_d, color=BLACK, linewidth=1.4, linestyle="--", label="desired torque")
         middle.plot(t, tau, color=COLOURS[law], linewidth=1.0, label="torque behind the gap")

@@ -38,12 +38,12 @@ from pcpc.plants.two_joints import JOINTS, each
 
 SETTLED_RAD = 0.02
 STEP = "step_rad"  # a number of the rig
-COMMAND = "executive:controller.u{}_Nm"
+COMMAND = "executive:controller.torque_{}_Nm"
 
 
 def error(run: Run, joint: int) -> Vector:
     """Return (1) by executive cycle, NaN without the plant's record."""
-    q = run[f"plant:arm.true_q{joint}_rad"]
+    q = run[f"plant:arm.q_{joint}_rad"]
     return run[f"executive:reference_{joint}.q_d_rad"] - q
 
 
@@ -77,8 +77,8 @@ def torques(joint: int) -> Panel:
         f"joint {joint} [N m]",
         (
             Line(COMMAND.format(joint), "command", GREY, 0.7),
-            Line(f"executive:controller.y{joint}_Nm", "of it the compensator", GREEN, 0.7),
-            Line(f"plant:arm.tau{joint}_Nm", "torque behind the deadzone", BLACK, 0.9),
+            Line(f"executive:controller.y_{joint}_Nm", "of it the compensator", GREEN, 0.7),
+            Line(f"plant:arm.acting_{joint}_Nm", "torque behind the deadzone", BLACK, 0.9),
         ),
     )
 
@@ -93,7 +93,7 @@ EVALUATION = Evaluation(
         **{f"command_step_rms_{j}_Nm": Rms(each(command_step, j)) for j in JOINTS},
         **{f"settle_{j}_s": settling(f"error_{j}_rad", SETTLED_RAD, needs=STEP) for j in JOINTS},
         **{f"overshoot_{j}_rad": Highest(each(past, j), RUN, needs=STEP) for j in JOINTS},
-        "r_max_rad_s": Peak(lambda run: size(run, "r1_rad_s", "r2_rad_s"), RUN),
+        "r_max_rad_s": Peak(lambda run: size(run, "r_1_rad_s", "r_2_rad_s"), RUN),
         "norm_max": Peak(lambda run: size(run, "norm_wi", "norm_w"), RUN),
         "diverged": Highest("executive:controller.diverged", RUN),
     },
@@ -102,8 +102,8 @@ EVALUATION = Evaluation(
         Panel(
             "angle [rad]",
             (
-                Line("plant:arm.true_q1_rad", "joint 1", BLUE),
-                Line("plant:arm.true_q2_rad", "joint 2", VERMILION),
+                Line("plant:arm.q_1_rad", "joint 1", BLUE),
+                Line("plant:arm.q_2_rad", "joint 2", VERMILION),
                 Line("executive:reference_1.q_d_rad", "reference of both", BLACK, 0.9, "--"),
             ),
         ),

@@ -9,8 +9,8 @@
                                           integrate [t - dt, t] with tau held, sample at t
 
 So with `delay_samples` 0 the command that was computed from the sample at t - dt acts from t - dt
-on. Classic Runge-Kutta, `substeps` equal steps. A resolution of 0 means none. rad, rad/s, N m, kg,
-m, J; no gravity, friction or disturbance.
+on. Classic Runge-Kutta, `substeps` equal steps. Samples, delay and the commands' rounding:
+plants/two_link_arm.py. rad, rad/s, N m, kg, m, J; no gravity, friction or disturbance.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.2; (1) as in executive/laws/models.
 """
 
@@ -19,14 +19,14 @@ from typing import Any
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import cos
 from pcpc.executive.laws.models.two_link import inertia, motion, solved
+from pcpc.plants import two_link_arm
 from pcpc.plants.actuators.deadzone import deadzone
 from pcpc.plants.integrate import runge_kutta, scratch
-from pcpc.plants.sensors import rounded
-from pcpc.plants.transport import DELAY_SIZE, delayed
+from pcpc.plants.two_link_arm import Held, Inputs, Interface, Motion
 
 
-class Parameters(Ports):
-    """The arm, its deadzones, and what is between it and the law."""
+class Arm(Ports):
+    """The arm and its deadzones."""
 
     a1_m = port("m", "length of the first link", None, 1e-3, 100.0)
     a2_m = port("m", "length of the second link", None, 1e-3, 100.0)
@@ -37,63 +37,40 @@ class Parameters(Ports):
     m_plus = port("", "slope on the positive side", None, 1e-3, 1e3)
     m_minus = port("", "slope on the negative side", None, 1e-3, 1e3)
     substeps = port("", "Runge-Kutta steps a period", None, 1.0, 1000.0)
-    delay_samples = port("", "whole samples of transport", 0.0, 0.0, DELAY_SIZE - 1.0)
-    q_lsb_rad = port("rad", "resolution of the angle sensors", 0.0, 0.0, 1.0)
-    v_lsb_rad_s = port("rad/s", "resolution of the rate sensors", 0.0, 0.0, 10.0)
-    u_lsb_Nm = port("N m", "resolution of the commands", 0.0, 0.0, 10.0)
 
 
-class Motion(Ports):
-    """What is integrated; the second angle is relative to the first link."""
-
-    q_rad = port("rad", "angle of joint #", shape=2, named="q#_rad")
-    v_rad_s = port("rad/s", "rate of joint #", shape=2, named="v#_rad_s")
+class Parameters(Arm, Interface):
+    """These, and what is between them and the law."""
 
 
 class States(Ports):
     """Motion, and commands on their way."""
 
     motion = group(Motion, "x_")
-    sent_Nm = port("N m", "commands on their way", shape=(2, DELAY_SIZE), recorded=False)
+    held = group(Held, "held_")
     integrator = group(scratch(Motion))
 
 
-class Inputs(Ports):
-    """The law's commands."""
-
-    u_Nm = port("N m", "newest command of joint #", shape=2, named="u#_Nm")
-
-
-class Outputs(Ports):
+class Outputs(two_link_arm.Outputs):
     """Samples and truths."""
 
-    sample = group(Motion)
-    true = group(Motion, "true_")
-    tau_Nm = port("N m", "torque on joint # in the period that ends here", shape=2, named="tau#_Nm")
     energy_J = port("J", "kinetic energy (3)")
-
-
-@inline
-def torque(u: float, p: Any, sent: Any) -> float:
-    """Put a command into its register and return the torque that now acts (2)."""
-    due = delayed(rounded(u, p.u_lsb_Nm), p.delay_samples, sent)
-    return deadzone(due, p.d_plus_Nm, p.d_minus_Nm, p.m_plus, p.m_minus)
 
 
 @inline
 def slope(t: float, p: Any, y: Any, x: Any, d: Any) -> None:
     """Write q' and v' of (1) under the torques in `y`."""
-    m11, m12, m22, c1, c2 = motion(p, p.m2_kg, x.q_rad, x.v_rad_s)
-    d.q_rad[0], d.q_rad[1] = x.v_rad_s[0], x.v_rad_s[1]
-    b1, b2 = y.tau_Nm[0] - c1, y.tau_Nm[1] - c2
-    d.v_rad_s[0], d.v_rad_s[1] = solved(m11, m12, m22, b1, b2)
+    m11, m12, m22, c1, c2 = motion(p, p.m2_kg, x.q_rad, x.rate_rad_s)
+    d.q_rad[0], d.q_rad[1] = x.rate_rad_s[0], x.rate_rad_s[1]
+    b1, b2 = y.acting_Nm[0] - c1, y.acting_Nm[1] - c2
+    d.rate_rad_s[0], d.rate_rad_s[1] = solved(m11, m12, m22, b1, b2)
 
 
 @inline
 def kinetic_energy(p: Any, x: Any) -> float:
     """Return E of (3), J."""
     m11, m12, m22 = inertia(cos(x.q_rad[1]), p.a1_m, p.a2_m, p.m1_kg, p.m2_kg)
-    v1, v2 = x.v_rad_s[0], x.v_rad_s[1]
+    v1, v2 = x.rate_rad_s[0], x.rate_rad_s[1]
     return 0.5 * (m11 * v1 * v1 + 2.0 * m12 * v1 * v2 + m22 * v2 * v2)
 
 
@@ -101,16 +78,13 @@ def kinetic_energy(p: Any, x: Any) -> float:
 def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Advance the arm from t - dt to t and sample it; at t = 0 only sample."""
     if t > 0.0:
-        for j in range(len(u.u_Nm)):
-            y.tau_Nm[j] = torque(u.u_Nm[j], p, x.sent_Nm[j])
+        two_link_arm.receive(p, x.held, u, y)
+        for j in range(len(y.acting_Nm)):  # (2)
+            tau = deadzone(y.acting_Nm[j], p.d_plus_Nm, p.d_minus_Nm, p.m_plus, p.m_minus)
+            y.acting_Nm[j] = tau
         for _ in range(int(p.substeps)):
             runge_kutta(slope, t, dt / p.substeps, p, y, x.motion, x.integrator)
-    q, v = x.motion.q_rad, x.motion.v_rad_s
-    for j in range(len(q)):
-        y.sample.q_rad[j] = rounded(q[j], p.q_lsb_rad)
-        y.sample.v_rad_s[j] = rounded(v[j], p.v_lsb_rad_s)
-        y.true.q_rad[j] = q[j]
-        y.true.v_rad_s[j] = v[j]
+    two_link_arm.sample(p, x.motion.q_rad, x.motion.rate_rad_s, y)
     y.energy_J = kinetic_energy(p, x.motion)
 
 

@@ -18,16 +18,20 @@ SCENARIOS = ("step", "sine")
 SEEDS = range(20)
 COLUMNS = ("early_error_rms_1_rad", "early_error_rms_2_rad", "error_rms_1_rad", "error_rms_2_rad")
 TRACES = (
-    "executive:reference_1.q_d_rad", "plant:arm.true_q1_rad", "plant:arm.true_q2_rad",
-    "executive:controller.u1_Nm", "executive:controller.u2_Nm", "plant:arm.tau1_Nm",
-    "plant:arm.tau2_Nm", "error_1_rad", "error_2_rad",
-    "executive:controller.slope1", "executive:controller.slope2",
+    "executive:reference_1.q_d_rad", "plant:arm.q_1_rad", "plant:arm.q_2_rad",
+    "executive:controller.torque_1_Nm", "executive:controller.torque_2_Nm", "plant:arm.acting_1_Nm",
+    "plant:arm.acting_2_Nm", "error_1_rad", "error_2_rad",
+    "executive:controller.slope_1", "executive:controller.slope_2",
 )  # fmt: skip
 SINGLE: dict[str, tuple[str, ...]] = {  # of `nn`, seed 11
     "no delay": (),
     "1 sample": ("arm.delay_samples=1.0",),
     "2 samples": ("arm.delay_samples=2.0",),
-    "coarse signals": ("arm.q_lsb_rad=1e-5", "arm.v_lsb_rad_s=1e-3", "arm.u_lsb_Nm=0.01"),
+    "coarse signals": (
+        "arm.position_lsb_rad=1e-5",
+        "arm.rate_lsb_rad_s=1e-3",
+        "arm.torque_lsb_Nm=0.01",
+    ),
 }
 DRAWN: dict[str, tuple[str, ...]] = {  # of `nn`, all seeds
     "rig": (),

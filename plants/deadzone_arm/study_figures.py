@@ -51,10 +51,13 @@ def _draw_run(axes: Any, result: Result) -> None:
     deadzone_Nm = -of["arm.d_minus_Nm"], of["arm.d_plus_Nm"]
     for joint, colour in ((1, BLUE), (2, VERMILION)):
         style: dict[str, Any] = {"color": colour, "label": f"joint {joint}"}
-        axes[0].plot(t, x[f"plant:arm.true_q{joint}_rad"], linewidth=1.1, **style)
+        axes[0].plot(t, x[f"plant:arm.q_{joint}_rad"], linewidth=1.1, **style)
         size = np.maximum(np.abs(x[f"error_{joint}_rad"]), SMALLEST_RAD)
         axes[1].plot(t, size, linewidth=0.8, **style)
-        command, torque = x[f"executive:controller.u{joint}_Nm"], x[f"plant:arm.tau{joint}_Nm"]
+        command, torque = (
+            x[f"executive:controller.torque_{joint}_Nm"],
+            x[f"plant:arm.acting_{joint}_Nm"],
+        )
         ax = axes[1 + joint]
         ax.axhspan(*deadzone_Nm, color="#F3E8D2", linewidth=0, zorder=0, label="deadzone of u")
         ax.plot(t, command, color=GREEN, linewidth=0.8, label="command u")

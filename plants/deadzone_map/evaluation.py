@@ -34,10 +34,10 @@ def true_width(run: Run) -> Vector:
     return np.where(np.isfinite(learned), run.setting("d"), learned)
 
 
-U, D_PLUS, D_MINUS = (f"executive:controller.{name}" for name in ("u", "d_plus", "d_minus"))
+U, D_PLUS, D_MINUS = (f"executive:controller.{name}" for name in ("command", "d_plus", "d_minus"))
 EVALUATION = Evaluation(
     signals={
-        "error": lambda run: run["plant:map.true_x2"] - run["executive:reference.now"],  # (1)
+        "error": lambda run: run["plant:map.x2"] - run["executive:reference.now"],  # (1)
         "command_step": lambda run: run.step(run[U]),
         "true_width": true_width,
     },
@@ -55,7 +55,7 @@ EVALUATION = Evaluation(
         Panel(
             "x2",
             (
-                Line("plant:map.true_x2", "x2", BLUE),
+                Line("plant:map.x2", "x2", BLUE),
                 Line("executive:reference.now", "reference", BLACK, 0.9, "--"),
             ),
         ),

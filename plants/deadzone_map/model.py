@@ -47,14 +47,14 @@ class States(Ports):
 class Inputs(Ports):
     """The law's command."""
 
-    u = port("", "newest command")
+    command = port("", "newest command")
 
 
 class Outputs(Ports):
     """Samples and truths."""
 
-    sample = group(Map)
-    true = group(Map, "true_")
+    sample = group(Map, "sample_")
+    true = group(Map)
     tau = port("", "input of (1) in the step that ends here")
 
 
@@ -63,7 +63,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     """Make the step that ends at t and sample; at t = 0 only sample."""
     now = x.now
     if t > 0.0:
-        y.tau = deadzone(delayed(u.u, p.delay_samples, x.sent), p.d, p.d)  # (2)
+        y.tau = deadzone(delayed(u.command, p.delay_samples, x.sent), p.d, p.d)  # (2)
         now.x1, now.x2 = now.x2, drift(now.x1, now.x2, p.c) + y.tau  # (1)
     y.true.x1, y.true.x2 = now.x1, now.x2
     y.sample.x1, y.sample.x2 = rounded(now.x1, p.x_lsb), rounded(now.x2, p.x_lsb)

@@ -14,11 +14,11 @@ TITLE = "Chapter 4.3: deadzone compensation with fuzzy logic, in discrete time"
 RIGS = Path(__file__).resolve().parent / "rigs"
 RIG_NAMES = ("fuzzy-d00", "fuzzy-d01", "fuzzy-d03")
 CONTROLLERS = ("pd", "fuzzy", "fuzzy_detuned")
-MODELS = {"cf 0.15": (), "cf exact": ("controller.cf=0.1875",)}
+MODELS = {"cf 0.15": (), "cf exact": ("controller.model_c=0.1875",)}
 DELAYED = ("map.delay_samples=1.0",)
 ALPHAS = (0.01, 0.03, 0.1, 0.4)
 TRACES = (
-    "executive:reference.now", "plant:map.true_x2", "executive:controller.u", "plant:map.tau",
+    "executive:reference.now", "plant:map.x2", "executive:controller.command", "plant:map.tau",
     "executive:controller.d_plus", "executive:controller.d_minus",
 )  # fmt: skip
 # What an independent implementation gave: rms, largest error; d+, d-

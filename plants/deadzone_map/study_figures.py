@@ -17,13 +17,13 @@ def draw_beside(pair: Sequence[Result], path: Path) -> None:
     axes = figure.subplots(4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 4, 3))
     for column, result in zip(axes.T, pair, strict=True):
         x, width = result.traces, result.settings["map.d"]
-        t, xd, x2 = x["t"], x["executive:reference.now"], x["plant:map.true_x2"]
+        t, xd, x2 = x["t"], x["executive:reference.now"], x["plant:map.x2"]
         column[0].plot(t, x2, color=BLUE, linewidth=1.2, label="x2")
         column[0].plot(t, xd, color=BLACK, linewidth=0.9, linestyle="--", label="reference")
         column[1].plot(t, x2 - xd, color=VERMILION, linewidth=1.1)
         band = {"color": "#F3E8D2", "linewidth": 0, "zorder": 0, "label": "deadzone of u"}
         column[2].axhspan(-width, width, **band)
-        u, tau = x["executive:controller.u"], x["plant:map.tau"]
+        u, tau = x["executive:controller.command"], x["plant:map.tau"]
         column[2].step(t, u, where="post", color=GREEN, linewidth=1.0, label="command u")
         begin = t[1] - t[0]  # the plant's sample of t tells the input of the step that ends there
         column[2].step(

@@ -1,7 +1,7 @@
 """What judges and draws a run of the two-link arm: errors, torques and their variation.
 
     e_j = q_d,j - q_j, from the true angles                                                  (1)
-    error_mean_j     time mean of |e_j| over the window; `early_...`: over the early window  (2)
+    error_abs_mean_j     time mean of |e_j| over the window; `early_...`: over the early window  (2)
     error_rms_j      root mean square;   error_max_j   largest |e_j|, of the window          (3)
     overshoot_j      largest q_j - q_d,j of the whole run                                    (4)
     torque_peak      largest |tau| of both joints, whole run                                 (5)
@@ -65,8 +65,8 @@ EVALUATION = Evaluation(
     merits={
         "tuning_gain_median_Nms_rad": Median(GAIN, RUN),
         "tuning_gain_max_Nms_rad": Peak(GAIN, RUN),
-        **{f"error_mean_{j}_rad": Mean(each(size, j)) for j in JOINTS},
-        **{f"early_error_mean_{j}_rad": Mean(each(size, j), "early") for j in JOINTS},
+        **{f"error_abs_mean_{j}_rad": Mean(each(size, j)) for j in JOINTS},
+        **{f"early_error_abs_mean_{j}_rad": Mean(each(size, j), "early") for j in JOINTS},
         **{f"error_rms_{j}_rad": Rms(f"error_{j}_rad") for j in JOINTS},
         **{f"error_max_{j}_rad": Peak(f"error_{j}_rad") for j in JOINTS},
         **{f"overshoot_{j}_rad": Highest(each(past, j), RUN) for j in JOINTS},
@@ -92,7 +92,7 @@ EVALUATION = Evaluation(
     ),
     notes=(
         (
-            "mean |error| {error_mean_1_rad:.4f} / {error_mean_2_rad:.4f} rad",
+            "mean |error| {error_abs_mean_1_rad:.4f} / {error_abs_mean_2_rad:.4f} rad",
             "rms {error_rms_1_rad:.4f} / {error_rms_2_rad:.4f}",
             "largest {error_max_1_rad:.4f} / {error_max_2_rad:.4f}",
         ),

@@ -89,11 +89,9 @@ class Settings(Shared):
     )
 
 
-class Motion(Ports):
+class Motion(two_link_arm.Motion):
     """What a step advances."""
 
-    q_rad = port("rad", "q#", shape=2, named="q_#_rad")
-    v_rad_s = port("rad/s", "q#'", shape=2, named="v_#_rad_s")
     z_rad = port("rad", "bristles of joint #, LuGre", shape=2, named="z_#_rad")
     friction_Nm = port("N m", "F# of the last step", shape=2, named="friction_#_Nm")
 
@@ -126,7 +124,7 @@ def set_valued(
     """Return v+ of (2); without friction both levels are 0."""
     c1, c2 = 0.0, 0.0
     if p.friction_model == SET_VALUED:
-        c1, c2 = dt * level(x.v_rad_s[0], p.joint_1), dt * level(x.v_rad_s[1], p.joint_2)
+        c1, c2 = dt * level(x.rate_rad_s[0], p.joint_1), dt * level(x.rate_rad_s[1], p.joint_2)
     return stick_slip.velocities(p1, p2, c1, c2, m11, m12, m22)
 
 
@@ -147,7 +145,7 @@ def lugre(
     p1: float, p2: float, m11: float, m12: float, m22: float, dt: float, p: Any, x: Any
 ) -> tuple[float, float]:
     """Return v+ of (3) and advance the bristles."""
-    v, z = x.v_rad_s, x.z_rad
+    v, z = x.rate_rad_s, x.z_rad
     rate_1, rate_2 = bristle_rate(v[0], p, p.joint_1), bristle_rate(v[1], p, p.joint_2)
     slope_1, offset_1 = torque_line(z[0], rate_1, dt, p, p.joint_1)
     slope_2, offset_2 = torque_line(z[1], rate_2, dt, p, p.joint_2)
@@ -162,7 +160,7 @@ def lugre(
 @inline
 def advance(tau: Any, dt: float, p: Any, x: Any) -> None:
     """One step (4) of positions, rates, bristles and friction torques under a constant torque."""
-    q, v = x.q_rad, x.v_rad_s
+    q, v = x.q_rad, x.rate_rad_s
     m11, m12, m22, c1, c2 = motion(p, p.m2_kg, q, v)
     g1, g2 = gravity_torque(q[0], q[1], p.a1_m, p.a2_m, p.m1_kg, p.m2_kg, p.gravity_m_s2)
     p1 = m11 * v[0] + m12 * v[1] + dt * (tau[0] - c1 - g1)
@@ -185,7 +183,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
         two_link_arm.receive(p, x.held, u, y)
         for _ in range(int(p.substeps)):
             advance(y.acting_Nm, dt / p.substeps, p, x.motion)
-    two_link_arm.sample(p, x.motion.q_rad, x.motion.v_rad_s, y)
+    two_link_arm.sample(p, x.motion.q_rad, x.motion.rate_rad_s, y)
     for j in range(len(y.friction_Nm)):
         y.friction_Nm[j] = x.motion.friction_Nm[j]
 

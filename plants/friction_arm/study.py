@@ -159,7 +159,7 @@ def report(results: Sequence[Result]) -> str:
     stiff = of_group(results, "stiff pd")
     parts.append(
         "PD with the damping that the robust term adds, Kv = 23, case A: "
-        f"{_beside(_pair(stiff, 'error_mean_{}_rad'), '.879 / .470')}\n"
+        f"{_beside(_pair(stiff, 'error_abs_mean_{}_rad'), '.879 / .470')}\n"
     )
     parts += [_tunings(results), _rates(results), _quanta(results), _delays(results)]
     return "\n".join(parts)
@@ -170,9 +170,9 @@ def _regulation(results: Sequence[Result], group: str) -> str:
     for (controller, _), runs in _runs(results, group).items():
         row = known.REGULATION[group].get(controller, ("",) * 6)
         cells = (
-            _pair(runs, "early_error_mean_{}_rad"),
-            _pair(runs, "error_mean_{}_rad"),
-            _pair(runs, "error_mean_{}_rad", "max") if controller != "pd" else "-",
+            _pair(runs, "early_error_abs_mean_{}_rad"),
+            _pair(runs, "error_abs_mean_{}_rad"),
+            _pair(runs, "error_abs_mean_{}_rad", "max") if controller != "pd" else "-",
             _pair(runs, "overshoot_{}_rad") if controller != "pd" else "-",
             f"{statistic(runs, 'torque_peak_Nm', np.max):.0f}",
             f"{statistic(runs, 'torque_variation_Nm_s', np.median):.0f}",
@@ -203,8 +203,8 @@ def _tunings(results: Sequence[Result]) -> str:
         rows = []
         for (controller, label), runs in _runs(results, group).items():
             cells = (
-                _pair(runs, "early_error_mean_{}_rad"),
-                _pair(runs, "error_mean_{}_rad"),
+                _pair(runs, "early_error_abs_mean_{}_rad"),
+                _pair(runs, "error_abs_mean_{}_rad"),
                 f"{statistic(runs, 'torque_peak_Nm', np.max):.0f}",
             )
             other = known.TUNINGS.get((group, controller, label), ("", "", ""))
@@ -221,8 +221,8 @@ def _rates(results: Sequence[Result]) -> str:
     for rate in map(str, RATES_HZ):
         standard, step, ramp = (found[c, rate] for c in ("nn_standard", "nn_step", "nn_ramp"))
         cells = (
-            _pair(standard, "error_mean_{}_rad"),
-            _pair(step, "error_mean_{}_rad"),
+            _pair(standard, "error_abs_mean_{}_rad"),
+            _pair(step, "error_abs_mean_{}_rad"),
             f"{statistic(step, 'torque_variation_Nm_s', np.median):.0f}",
             f"{statistic(ramp, 'torque_variation_Nm_s', np.median):.0f}",
             _number(statistic(step, "overshoot_1_rad", np.median)),
@@ -238,8 +238,8 @@ def _quanta(results: Sequence[Result]) -> str:
     rows = []
     for (controller, label), runs in _runs(results, "quanta").items():
         cells = (
-            _pair(runs, "error_mean_{}_rad"),
-            _pair(runs, "error_mean_{}_rad", "max"),
+            _pair(runs, "error_abs_mean_{}_rad"),
+            _pair(runs, "error_abs_mean_{}_rad", "max"),
             f"{statistic(runs, 'torque_variation_Nm_s', np.median):.0f}",
         )
         other = known.QUANTA.get((controller, label), ("", "", ""))
@@ -252,12 +252,12 @@ def _delays(results: Sequence[Result]) -> str:
     rows = []
     for (_, label), runs in _runs(results, "delays").items():
         overshoot = _number(statistic(runs, "overshoot_1_rad", np.median))
-        cells = (_pair(runs, "error_mean_{}_rad"), _beside(overshoot, known.DELAYS[label]))
+        cells = (_pair(runs, "error_abs_mean_{}_rad"), _beside(overshoot, known.DELAYS[label]))
         rows.append([label, *cells])
     text = "Delay of the torque in samples, case A, nn_step, medians over 5 seeds\n\n"
     text += markdown(("samples", "9 to 10 s", "overshoot 1"), rows)
     rows = [
-        [label, _pair(runs, "early_error_mean_{}_rad"), _pair(runs, "error_mean_{}_rad")]
+        [label, _pair(runs, "early_error_abs_mean_{}_rad"), _pair(runs, "error_abs_mean_{}_rad")]
         for (_, label), runs in _runs(results, "steps").items()
     ]
     text += "\nIntegration step, case A, nn_standard, medians over 3 seeds\n\n"

@@ -136,7 +136,7 @@ def _rates(results: Sequence[Result], path: Path) -> None:
 
     figure, axes = pyplot.subplots(1, 3, figsize=(12, 4), layout="constrained")
     metrics = (
-        ("error_mean_{}_rad", "mean |error|, 9 to 10 s [rad]"),
+        ("error_abs_mean_{}_rad", "mean |error|, 9 to 10 s [rad]"),
         ("torque_variation_Nm_s", "torque variation [N m/s]"),
         ("tuning_gain_median_Nms_rad", "median tuning gain T G [N m s/rad]"),
     )

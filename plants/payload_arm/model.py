@@ -21,7 +21,7 @@ from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.plants import two_link_arm
 from pcpc.plants.integrate import runge_kutta, scratch
-from pcpc.plants.two_link_arm import Held, Inputs, Interface
+from pcpc.plants.two_link_arm import Held, Inputs, Interface, Motion
 
 
 class Arm(Ports):
@@ -43,13 +43,6 @@ class Arm(Ports):
 
 class Parameters(Arm, Interface):
     """The arm, and what is between it and the law."""
-
-
-class Motion(Ports):
-    """What is integrated."""
-
-    q_rad = port("rad", "q#", shape=2, named="q_#_rad")
-    rate_rad_s = port("rad/s", "q#'", shape=2, named="rate_#_rad_s")
 
 
 class States(Ports):

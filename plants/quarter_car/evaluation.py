@@ -124,7 +124,7 @@ EVALUATION = Evaluation(
         "acceleration_rms_m_s2": PlantRms(acceleration),
         "extension_min_m": Lowest(EXTENSION, leader="plant"),
         "extension_max_m": Highest(EXTENSION, leader="plant"),
-        "spool_max_m": PlantPeak("plant:car.spool_true_m"),
+        "spool_max_m": PlantPeak("plant:car.spool_m"),
         "oscillation_rad_s": oscillation,
         "theta_norm_max_m": Peak("executive:controller.norm_theta_m", RUN),
         "theta_max_m": Peak("executive:controller.largest_theta_m", RUN),
@@ -157,7 +157,7 @@ EVALUATION = Evaluation(
             "valve [mm]",
             (
                 scaled(1e3, "executive:controller.wanted_spool_m", "wanted", SKY, 2.2),
-                scaled(1e3, "plant:car.spool_true_m", "spool", VERMILION),
+                scaled(1e3, "plant:car.spool_m", "spool", VERMILION),
             ),
             4.0,
             when=hydraulic,

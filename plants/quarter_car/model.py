@@ -119,19 +119,19 @@ class States(Ports):
 class Inputs(Ports):
     """One of them acts, as the strut has it."""
 
-    spool_m = port("m", "newest valid command to the valve", 0.0)
-    force_N = port("N", "newest valid desired force, for the ideal strut", 0.0)
+    spool_command_m = port("m", "newest valid command to the valve", 0.0)
+    force_command_N = port("N", "newest valid desired force, for the ideal strut", 0.0)
 
 
 class Outputs(Ports):
     """Samples and truths."""
 
-    body_sample_m_s = port("m/s", "sensor: body speed")
-    extension_sample_m = port("m", "sensor: strut extension")
-    wheel_sample_m_s = port("m/s", "sensor: wheel speed")
-    p1_sample_Pa = port("Pa", "sensor: bore side")
-    p2_sample_Pa = port("Pa", "sensor: rod side")
-    spool_sample_m = port("m", "sensor: valve spool")
+    sample_body_rate_m_s = port("m/s", "sensor: body speed")
+    sample_extension_m = port("m", "sensor: strut extension")
+    sample_wheel_rate_m_s = port("m/s", "sensor: wheel speed")
+    sample_p1_Pa = port("Pa", "sensor: bore side")
+    sample_p2_Pa = port("Pa", "sensor: rod side")
+    sample_spool_m = port("m", "sensor: valve spool")
     body_rate_m_s = port("m/s", "true body speed")
     extension_m = port("m", "true strut extension")
     wheel_rate_m_s = port("m/s", "true wheel speed")
@@ -140,7 +140,7 @@ class Outputs(Ports):
     ground_m = port("m", "road under the wheel, zr")
     p1_Pa = port("Pa", "true pressure of the bore side")
     p2_Pa = port("Pa", "true pressure of the rod side")
-    spool_true_m = port("m", "true spool position")
+    spool_m = port("m", "true spool position")
     strut_N = port("N", "strut force F")
     friction_N = port("N", "strut friction Ff")
     bump_N = port("N", "bump stops Fb")
@@ -217,12 +217,12 @@ def advance(t: float, h: float, command: float, p: Any, x: Any) -> None:
 @inline
 def sample(p: Any, s: Any, y: Any) -> None:
     """Write what the sensors say."""
-    y.body_sample_m_s = rounded(s.x2_m_s, p.rate_lsb_m_s)
-    y.extension_sample_m = rounded(s.x3_m, p.extension_lsb_m)
-    y.wheel_sample_m_s = rounded(s.x4_m_s, p.rate_lsb_m_s)
-    y.p1_sample_Pa = rounded(s.x6_Pa, p.pressure_lsb_Pa)
-    y.p2_sample_Pa = rounded(s.x5_Pa, p.pressure_lsb_Pa)
-    y.spool_sample_m = rounded(s.x7_m, p.spool_lsb_m)
+    y.sample_body_rate_m_s = rounded(s.x2_m_s, p.rate_lsb_m_s)
+    y.sample_extension_m = rounded(s.x3_m, p.extension_lsb_m)
+    y.sample_wheel_rate_m_s = rounded(s.x4_m_s, p.rate_lsb_m_s)
+    y.sample_p1_Pa = rounded(s.x6_Pa, p.pressure_lsb_Pa)
+    y.sample_p2_Pa = rounded(s.x5_Pa, p.pressure_lsb_Pa)
+    y.sample_spool_m = rounded(s.x7_m, p.spool_lsb_m)
 
 
 @inline
@@ -231,7 +231,7 @@ def show(t: float, p: Any, s: Any, y: Any) -> None:
     v3 = s.x2_m_s - s.x4_m_s
     y.body_rate_m_s, y.extension_m, y.wheel_rate_m_s = s.x2_m_s, s.x3_m, s.x4_m_s
     y.body_m, y.wheel_m, y.ground_m = s.x1_m, s.x1_m - s.x3_m, road(t, p)
-    y.p1_Pa, y.p2_Pa, y.spool_true_m = s.x6_Pa, s.x5_Pa, s.x7_m
+    y.p1_Pa, y.p2_Pa, y.spool_m = s.x6_Pa, s.x5_Pa, s.x7_m
     y.strut_N = strut_force(y.acting, p, s)
     y.friction_N = friction(v3, p)
     y.bump_N = bump_stop(s.x3_m, v3, p)
@@ -241,7 +241,7 @@ def show(t: float, p: Any, s: Any, y: Any) -> None:
 def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Advance to t, sample; see the module header."""
     if t > 0.0:
-        command = u.force_N if p.strut == IDEAL else u.spool_m
+        command = u.force_command_N if p.strut == IDEAL else u.spool_command_m
         y.acting = delayed(command, p.delay_samples, x.held)
         h = dt / p.substeps
         for i in range(int(p.substeps)):

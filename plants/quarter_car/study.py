@@ -39,7 +39,7 @@ CAUSES = {
 STEPS_S = ("1e-4", "5e-5", "2.5e-5", "1.25e-5")
 TRACES = (
     "plant:car.body_rate_m_s", "plant:car.extension_m", "plant:car.strut_N",
-    "plant:car.spool_true_m", "executive:controller.desired_N", "executive:controller.ef_N",
+    "plant:car.spool_m", "executive:controller.desired_N", "executive:controller.ef_N",
     "executive:controller.norm_theta_m",
 )  # fmt: skip
 

@@ -106,7 +106,7 @@ def _forces(runs: Runs, close: Close, path: Path) -> None:
             force.plot(t, desired, color=BLACK, linewidth=0.9, linestyle="--", label="desired")
             own = {"color": COLOURS[label], "linewidth": 1.0}
             force.plot(t, 1e-3 * x["plant:car.strut_N"][late], label="strut", **own)
-            valve.plot(t, 1e3 * x["plant:car.spool_true_m"][late], **own)
+            valve.plot(t, 1e3 * x["plant:car.spool_m"][late], **own)
             metrics = runs[label, road].metrics
             text = f"{NAMES[label]}, {road} rad/s\nerror {metrics['force_error_rms_N']:.0f} N rms, "
             text += f"correlation {metrics['force_correlation']:.2f}"
@@ -161,7 +161,7 @@ def _kick(results: Sequence[Result], path: Path) -> None:
     signals = (
         ("plant:car.body_rate_m_s", 1.0, "body speed [m/s]"),
         ("executive:controller.ef_N", 1e-3, "force error [kN]"),
-        ("plant:car.spool_true_m", 1e3, "spool [mm]"),
+        ("plant:car.spool_m", 1e3, "spool [mm]"),
     )
     for column, name in zip(axes.T, ("pid", "fl"), strict=True):
         for ax, (source, scale, _) in zip(column, signals, strict=True):

@@ -22,7 +22,7 @@ from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, por
 from pcpc.executive.laws.emath import where
 from pcpc.plants import two_link_arm
 from pcpc.plants.integrate import runge_kutta, scratch
-from pcpc.plants.two_link_arm import Held, Inputs, Interface
+from pcpc.plants.two_link_arm import Held, Inputs, Interface, Motion
 
 STICTION_RAD_S = 0.05
 
@@ -52,13 +52,6 @@ class Settings(Parameters):
 
     start_rad = port("rad", "q# at the start, at rest", None, -10.0, 10.0,
                      shape=2, named="start_#_rad")  # fmt: skip
-
-
-class Motion(Ports):
-    """What is integrated."""
-
-    q_rad = port("rad", "q#", shape=2, named="q_#_rad")
-    rate_rad_s = port("rad/s", "q#'", shape=2, named="v_#_rad_s")
 
 
 class States(Ports):

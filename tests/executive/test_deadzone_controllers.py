@@ -15,7 +15,7 @@ SETTINGS = {
     "s_rate": 24.0, "k1": 0.001, "k2": 0.0001, "jumps_on": 1.0, "nodes": 20.0,
     "norm_max": 5000.0, "network_seed": 11.0, "positive_slope": 1.0,
 }  # fmt: skip
-FUZZY = {"lam": 0.2, "kv": 0.3, "cf": 0.15, "r_max": 20.0, "alpha": 0.1, "gam": 0.001}
+FUZZY = {"lam": 0.2, "kv": 0.3, "model_c": 0.15, "r_max": 20.0, "alpha": 0.1, "gam": 0.001}
 N = nn.MOST_NODES
 TUNED = ("w", "wi")
 FIXED = ("v", "v0", "vi", "v0i")
@@ -46,7 +46,7 @@ def test_with_the_exact_model_pd_leaves_the_linear_error_equation(seed: int) -> 
     inertia = np.array([[3.1 + 1.3 + 2 * far, 1.3 + far], [1.3 + far, 1.3]])
     h = 1.3 * np.sin(q[1])
     vm = np.array([[-h * v[1], -h * (v[0] + v[1])], [h * v[0], 0.0]])
-    v_rate = np.linalg.solve(inertia, found.w_Nm - vm @ v)
+    v_rate = np.linalg.solve(inertia, found.tau_d_Nm - vm @ v)
     r_rate = (acc - v_rate) + 7.0 * (rate - v)
     left = inertia @ r_rate + vm @ found.r_rad_s + 15.0 * found.r_rad_s
     assert np.abs(left).max() < 1e-11, left
@@ -83,7 +83,7 @@ def test_the_slope_is_the_derivative_of_the_deadzone_as_seen(seed: int) -> None:
     found = law.step(random_input(seed), 0.0)
     for joint in (0, 1):
         w, v, v0 = law.x.w[joint], law.x.v[joint], law.x.v0[joint]
-        u = found.w_Nm[joint]  # Wi = 0
+        u = found.tau_d_Nm[joint]  # Wi = 0
         h = 1e-4
         seen = [float(np.sum(w * logistic(v * (u + d) + v0))) for d in (-h, h)]
         slope = (seen[1] - seen[0]) / (2 * h)
@@ -114,7 +114,7 @@ def test_tuning_cancels_the_cross_terms_of_the_lyapunov_function(seed: int) -> N
     )
     cross = 0.0
     for i in (0, 1):
-        r, y, w = found.r_rad_s[i], found.y_Nm[i], found.w_Nm[i]
+        r, y, w = found.r_rad_s[i], found.y_Nm[i], found.tau_d_Nm[i]
         z = logistic(law.x.v[i] * (w + y) + law.x.v0[i])
         b = z * (1 - z) * law.x.v[i]
         s = np.zeros(nn.COLUMN)
@@ -158,7 +158,7 @@ def test_the_guard_ends_both_commands_for_good(bad: float) -> None:
     worse[3] = bad  # |r| beyond 50
     for inputs in (worse, u):
         found = law.step(inputs)
-        assert not found.u_Nm.any() and found.diverged == 1.0, found.u_Nm
+        assert not found.torque_Nm.any() and found.diverged == 1.0, found.torque_Nm
     if np.isfinite(bad):
         assert (law.x.wi == weights).all(), "it went on learning"
 

@@ -104,7 +104,11 @@ def test_the_rules_share_one_and_are_products_of_gaussians() -> None:
     for _ in range(20):
         u = _measured(rng) * (4.0, 6.0, 4.0, 1.0, 1.0, 1.0, 0.0)
         law.step(u)
-        m, v3, dp = law.x.fired, law.u.body_m_s - law.u.wheel_m_s, law.u.p1_Pa - law.u.p2_Pa
+        m, v3, dp = (
+            law.x.fired,
+            law.u.body_rate_m_s - law.u.wheel_rate_m_s,
+            law.u.p1_Pa - law.u.p2_Pa,
+        )
         point = np.clip((law.u.extension_m / 0.1, v3 / 2.0, dp / 10e6), -1.2, 1.2)
         mu = np.array([
             np.exp(-(((point[0] - a) / 0.5) ** 2 + ((point[1] - b) / 0.2) ** 2

@@ -36,5 +36,5 @@ class Loop:
         """Step both; yield after the law's step."""
         for k in range(cycles):
             arm = self.arm.step(*self.law.y.torque_Nm)
-            self.u.q_rad[:], self.u.rate_rad_s[:] = arm.sample_rad, arm.rate_sample_rad_s
+            self.u.q_rad[:], self.u.rate_rad_s[:] = arm.sample.q_rad, arm.sample.rate_rad_s
             yield k * self.arm.dt, arm, self.law.step(*self.u.values())

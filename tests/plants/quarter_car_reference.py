@@ -216,10 +216,13 @@ class Loop:
         (_, x, command, sensed), (_, _, measured, y) = self.car, self.law
         for k in range(cycles):
             do_step(model.BLOCK, k * T, T, self.car)
-            measured.body_m_s, measured.wheel_m_s = sensed.body_sample_m_s, sensed.wheel_sample_m_s
-            measured.extension_m = sensed.extension_sample_m
-            measured.p1_Pa, measured.p2_Pa = sensed.p1_sample_Pa, sensed.p2_sample_Pa
-            measured.spool_m = sensed.spool_sample_m
+            measured.body_rate_m_s, measured.wheel_rate_m_s = (
+                sensed.sample_body_rate_m_s,
+                sensed.sample_wheel_rate_m_s,
+            )
+            measured.extension_m = sensed.sample_extension_m
+            measured.p1_Pa, measured.p2_Pa = sensed.sample_p1_Pa, sensed.sample_p2_Pa
+            measured.spool_m = sensed.sample_spool_m
             do_step(self.block, k * T, T, self.law)
-            command.spool_m, command.force_N = y.command_m, y.desired_N
+            command.spool_command_m, command.force_command_N = y.command_m, y.desired_N
             yield k * T, x.car.values(), y.command_m

@@ -37,7 +37,7 @@ def run(rig: str, controller: str, *settings: str) -> tuple[logs.Log, dict[str, 
 
 def test_an_undamped_pendulum_keeps_its_energy() -> None:
     made = plant(time_constant_s=1e6)
-    made.x.motion.angle_rad = 1.2
+    made.x.motion.q_rad = 1.2
     first = made.step(0.0).energy_J
     last = [made.step(0.0) for _ in range(5000)][-1].energy_J
     spent = first * 1e-5  # the most that friction of 1e6 s can take in 5 s
@@ -58,7 +58,7 @@ def test_energy_changes_by_friction_and_torque_alone() -> None:
 def test_runge_kutta_falls_by_sixteen_per_halving() -> None:
     def end(dt: float) -> float:
         made = plant(dt, d_plus_Nm=0.0, d_minus_Nm=0.0)
-        return float([made.step(15.0) for _ in range(round(2.0 / dt) + 1)][-1].true.angle_rad)
+        return float([made.step(15.0) for _ in range(round(2.0 / dt) + 1)][-1].true.q_rad)
 
     exact = end(1e-3)
     ratio = abs(end(0.04) - exact) / abs(end(0.02) - exact)
@@ -73,10 +73,10 @@ def test_a_command_acts_after_its_samples_of_delay(samples: int) -> None:
 
 
 def test_samples_are_rounded_and_truths_are_not() -> None:
-    made = plant(angle_lsb_rad=0.1, rate_lsb_rad_s=0.5, torque_lsb_Nm=4.0, command_lsb_Nm=3.0)
-    made.x.motion.angle_rad, made.x.motion.rate_rad_s = 0.26, 0.3
+    made = plant(position_lsb_rad=0.1, rate_lsb_rad_s=0.5, torque_lsb_Nm=4.0, command_lsb_Nm=3.0)
+    made.x.motion.q_rad, made.x.motion.rate_rad_s = 0.26, 0.3
     y = made.step(0.0)
-    seen = y.sample.angle_rad, y.sample.rate_rad_s, y.true.angle_rad
+    seen = y.sample.q_rad, y.sample.rate_rad_s, y.true.q_rad
     assert seen == (pytest.approx(0.3), 0.5, 0.26), seen
     y = made.step(20.0)
     seen = y.acting_Nm, y.true.torque_Nm, y.sample.torque_Nm

@@ -44,10 +44,10 @@ class Loop:
         """Return [e1, e2, q1, q2, v1, v2, u1, u2] by tick, as the plain one does."""
         rows = np.empty((ticks, 8))
         for k in range(ticks):
-            sample = self.arm.step(*self.law.y.u_Nm).sample
+            sample = self.arm.step(*self.law.y.torque_Nm).sample
             desired = plain.desired(self.kind, k * T_S)
-            y = self.law.step(*np.column_stack((*desired, sample.q_rad, sample.v_rad_s)).ravel())
-            rows[k] = (*y.e_rad, *sample.values(), *y.u_Nm)
+            y = self.law.step(*np.column_stack((*desired, sample.q_rad, sample.rate_rad_s)).ravel())
+            rows[k] = (*y.e_rad, *sample.values(), *y.torque_Nm)
         return rows
 
 
@@ -83,7 +83,7 @@ def test_the_torque_does_the_work_that_the_energy_gains() -> None:
     for k in range(400):
         after = arm.step(40.0 * np.sin(0.05 * k), 30.0 + 0.1 * k)
         moved = after.true.q_rad - before.true.q_rad
-        work += float(after.tau_Nm @ moved)  # constant torque: exact
+        work += float(after.acting_Nm @ moved)  # constant torque: exact
         before = after
     error = abs(work - before.energy_J) / before.energy_J
     assert error < 1e-8, f"work {work:.9f} J, energy {before.energy_J:.9f} J"
@@ -106,13 +106,13 @@ def test_the_first_call_only_samples_and_a_delay_waits_whole_samples() -> None:
     for delay in range(4):
         arm = Arm(delay_samples=float(delay))
         assert not arm.step(100.0, 100.0).values().any(), "the call at k = 0 moved the arm"
-        torques = [arm.step(35.0 if k == 0 else 0.0, 0.0).tau_Nm[0] for k in range(6)]
+        torques = [arm.step(35.0 if k == 0 else 0.0, 0.0).acting_Nm[0] for k in range(6)]
         expected = [15.0 if k == delay else 0.0 for k in range(6)]
         assert torques == expected, (delay, torques)
 
 
 def test_a_resolution_rounds_the_sample_and_not_the_arm() -> None:
-    fine, coarse = Arm(), Arm(q_lsb_rad=1e-3, v_lsb_rad_s=1e-2)
+    fine, coarse = Arm(), Arm(position_lsb_rad=1e-3, rate_lsb_rad_s=1e-2)
     for _ in range(100):
         fine.step(60.0, 40.0)
         coarse.step(60.0, 40.0)
@@ -222,7 +222,7 @@ def test_networks_with_wrong_signs_that_never_learn_are_worse_than_pd() -> None:
 
 
 def test_coarse_signals_change_no_digit_that_matters() -> None:
-    coarse = ("arm.q_lsb_rad=1e-5", "arm.v_lsb_rad_s=1e-3", "arm.u_lsb_Nm=0.01")
+    coarse = ("arm.position_lsb_rad=1e-5", "arm.rate_lsb_rad_s=1e-3", "arm.torque_lsb_Nm=0.01")
     change = np.abs(four(measured("sine", "nn", *coarse)) - four(measured("sine", "nn")))
     assert change.max() < 3e-4, change
 

@@ -15,7 +15,7 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.deadzone_map import evaluation, model
 
 RIGS = Path(model.__file__).resolve().parent / "rigs"
-EXACT = "controller.cf=0.1875"
+EXACT = "controller.model_c=0.1875"
 LATE = "map.delay_samples=1.0"
 
 
@@ -73,13 +73,13 @@ def test_a_delay_waits_whole_steps() -> None:
 @pytest.mark.parametrize("cf", [0.15, 0.1875])
 @pytest.mark.parametrize("controller", ["pd", "fuzzy"])
 def test_the_rig_runs_as_plain_numpy_does(d: float, cf: float, controller: str) -> None:
-    log = logged(f"fuzzy-d{round(10 * d):02d}", controller, f"controller.cf={cf}")
+    log = logged(f"fuzzy-d{round(10 * d):02d}", controller, f"controller.model_c={cf}")
     expected = plain(d, cf, controller == "fuzzy")
     found = log.node["executive"].columns
-    x2 = log.node["plant"].columns["map.true_x2"][:300]
+    x2 = log.node["plant"].columns["map.x2"][:300]
     wrong = [
         np.abs(x2 - expected[:, 0]).max(),
-        np.abs(found["controller.u"] - expected[:, 2]).max(),
+        np.abs(found["controller.command"] - expected[:, 2]).max(),
     ]
     if controller == "fuzzy":
         learned = np.stack([found["controller.d_plus"], found["controller.d_minus"]], axis=1)
@@ -150,7 +150,7 @@ def test_what_does_not_is_ended_by_the_guard(
     ended = log.node["executive"].columns["controller.diverged"]
     first = int(np.argmax(ended))
     assert ended[-1] == 1.0 and (ended[first:] == 1.0).all(), "not latched"
-    u = log.node["executive"].columns["controller.u"][first:]
+    u = log.node["executive"].columns["controller.command"][first:]
     assert not u.any(), f"command {np.abs(u).max()} after the end"
     assert (log.node["executive"].columns["supervisor.state"][1:-1] == 2.0).all(), "a fault"
 

@@ -37,7 +37,7 @@ def swing(dt: float, seconds: float = 2.0) -> Vector:
     """Return the energy of the frictionless arm at every millisecond of a fall from the side."""
     arm = stepped(friction_model=0.0, step_s=dt)
     found = [arm.step(0.0, 0.0) for _ in range(round(1000.0 * seconds))]
-    return np.array([energy(y.q_rad, y.rate_rad_s) for y in found])
+    return np.array([energy(y.true.q_rad, y.true.rate_rad_s) for y in found])
 
 
 def test_the_energy_of_the_free_arm_drifts_by_the_first_order_of_the_step() -> None:
@@ -162,7 +162,7 @@ def test_a_second_implementation_of_arm_and_law_agrees(friction_model: float) ->
             else:
                 q, v, z = reference_lugre(q, v, z, tau, 2.5e-4)
         tau = law.step(q, v)
-        error = max(np.abs(arm.sample_rad - q).max(), np.abs(arm.rate_sample_rad_s - v).max())
+        error = max(np.abs(arm.sample.q_rad - q).max(), np.abs(arm.sample.rate_rad_s - v).max())
         assert error < 1e-10, f"{error:.1e} at {t} s"
 
 
@@ -172,7 +172,7 @@ def test_arm_and_law_reproduce_the_golden_trace() -> None:
     for t, arm, law in loop.run(201):
         for row in golden:
             if abs(t - row[0]) < 1e-9:
-                motion = (*arm.sample_rad, *arm.rate_sample_rad_s)
+                motion = (*arm.sample.q_rad, *arm.sample.rate_rad_s)
                 ours = np.array((*motion, *law.torque_Nm, law.norm_z))
                 assert ours == pytest.approx(row[1:], rel=1e-6, abs=1e-14), f"{t} s: {ours}"
                 found += 1
@@ -184,7 +184,7 @@ def test_a_stuck_joint_has_exactly_no_velocity_and_friction_balances_its_load() 
     stuck = np.zeros(2, int)
     for t, arm, _ in loop.run(5000):
         for j in range(2):
-            if t > 1.0 and arm.rate_rad_s[j] == 0.0:
+            if t > 1.0 and arm.true.rate_rad_s[j] == 0.0:
                 stuck[j] += 1
                 friction = abs(arm.friction_Nm[j])
                 assert friction <= (36.1, 39.0)[j] * (1 + 1e-9), f"{friction} N m"
@@ -205,10 +205,10 @@ def test_gravity_holds_the_arm_where_its_torque_says() -> None:
     arm = stepped()
     for _ in range(200):  # 0.1 N m short of break-away, without motion of joint 2
         y = arm.step(g1 + 36.0, g2)
-    assert y.rate_rad_s[0] == 0.0 and y.q_rad[0] == 0.0, f"moved to {y.q_rad[0]} rad"
+    assert y.true.rate_rad_s[0] == 0.0 and y.true.q_rad[0] == 0.0, f"moved to {y.true.q_rad[0]} rad"
     for _ in range(200):
         y = arm.step(g1 + 36.2, g2)
-    assert y.q_rad[0] > 0.0, f"held at {y.q_rad[0]} rad beyond break-away"
+    assert y.true.q_rad[0] > 0.0, f"held at {y.true.q_rad[0]} rad beyond break-away"
 
 
 def test_the_delay_is_whole_samples_and_zero_acts_at_once() -> None:
@@ -226,7 +226,10 @@ def test_quanta_round_samples_and_torques_and_nothing_else() -> None:
         y = arm.step(150.3, 90.3)
         if k:
             assert tuple(y.acting_Nm) == (150.5, 90.5), y.acting_Nm
-        pairs = ((y.sample_rad, y.q_rad, 1e-3), (y.rate_sample_rad_s, y.rate_rad_s, 1e-2))
+        pairs = (
+            (y.sample.q_rad, y.true.q_rad, 1e-3),
+            (y.sample.rate_rad_s, y.true.rate_rad_s, 1e-2),
+        )
         for sample, true, quantum in pairs:
             assert sample / quantum == pytest.approx(np.round(sample / quantum), abs=1e-9)
             assert (abs(sample - true) <= 0.5 * quantum * (1 + 1e-9)).all(), f"{sample} of {true}"

@@ -34,7 +34,7 @@ def errors(controller: str, seed: int) -> np.ndarray:
     """Return the early and the late mean errors of both joints in case A, (2, 2) rad."""
     other = () if seed == 1 else (f"controller.network_seed={seed}",)
     found = metrics("a", controller, *other)
-    names = ("early_error_mean_{}_rad", "error_mean_{}_rad")
+    names = ("early_error_abs_mean_{}_rad", "error_abs_mean_{}_rad")
     return np.array([[found[name.format(j)] for j in (1, 2)] for name in names])
 
 
@@ -51,15 +51,15 @@ def test_every_controller_meets_the_limits_of_its_rig(case: str) -> None:
 def test_pd_alone_has_the_known_error_which_gravity_and_friction_leave() -> None:
     for case, known in (("a", (0.9996, 0.5750)), ("b", (0.0253, 0.2770))):
         found = metrics(case, "pd")
-        error = (found["error_mean_1_rad"], found["error_mean_2_rad"])
+        error = (found["error_abs_mean_1_rad"], found["error_abs_mean_2_rad"])
         assert error == pytest.approx(known, abs=6e-5), f"case {case}: {error}"
 
 
 def test_pd_cannot_lift_the_arm_that_the_networks_lift() -> None:
     limits = load_rig(FOLDER / "rigs/friction-a.yaml", resolve=False).config.expect["nn_ramp"]
     found = metrics("a", "pd")
-    low, high = limits["error_mean_1_rad"]
-    assert not low <= found["error_mean_1_rad"] <= high, "a law without a network passes"
+    low, high = limits["error_abs_mean_1_rad"]
+    assert not low <= found["error_abs_mean_1_rad"] <= high, "a law without a network passes"
 
 
 @pytest.mark.parametrize(("controller", "limit"), [("nn_ramp", 0.05), ("nn_step", 0.03)])
@@ -106,5 +106,5 @@ def test_the_step_node_chatters_and_its_variants_do_not() -> None:
 def test_sampling_at_100_hz_still_converges_and_at_8_hz_does_not() -> None:
     for rate, low, high in ((100.0, 0.0, 0.05), (8.0, 0.2, 4.0)):
         found = metrics("a", "nn_step", f"rate_hz={rate}")
-        worst = max(found["error_mean_1_rad"], found["error_mean_2_rad"])
+        worst = max(found["error_abs_mean_1_rad"], found["error_abs_mean_2_rad"])
         assert low <= worst <= high, f"{worst:.3f} rad at {rate} Hz"

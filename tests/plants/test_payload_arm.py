@@ -85,9 +85,9 @@ def compiled_loop(cycles: int, payload_kg: float) -> tuple[Vector, Vector]:
         y = arm.step(*law.y.torque_Nm)
         s, c = np.sin(k * T_S), np.cos(k * T_S)
         u.q_d_rad[:], u.q_d_rate_rad_s[:], u.q_d_acc_rad_s2[:] = (s, c), (c, -s), (-s, -c)
-        u.q_rad[:], u.rate_rad_s[:] = y.sample_rad, y.rate_sample_rad_s
+        u.q_rad[:], u.rate_rad_s[:] = y.sample.q_rad, y.sample.rate_rad_s
         tau = law.step(*u.values()).torque_Nm
-        found[k], m2[k] = (*y.q_rad, *y.rate_rad_s, *tau), y.outer_mass_kg
+        found[k], m2[k] = (*y.true.q_rad, *y.true.rate_rad_s, *tau), y.outer_mass_kg
     return found, m2
 
 
@@ -120,7 +120,10 @@ def test_samples_are_multiples_of_their_quantum_and_the_truth_is_not() -> None:
     arm = Stepped(model.BLOCK, ARM | quanta, T_S)
     for _ in range(50):
         y = arm.step(0.0, 0.0)
-        pairs = ((y.sample_rad, y.q_rad, 1e-3), (y.rate_sample_rad_s, y.rate_rad_s, 1e-2))
+        pairs = (
+            (y.sample.q_rad, y.true.q_rad, 1e-3),
+            (y.sample.rate_rad_s, y.true.rate_rad_s, 1e-2),
+        )
         for sample, true, quantum in pairs:
             assert sample / quantum == pytest.approx(np.round(sample / quantum), abs=1e-9)
             assert (abs(sample - true) <= 0.5 * quantum * (1 + 1e-9)).all(), f"{sample} of {true}"

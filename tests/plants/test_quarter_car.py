@@ -100,8 +100,14 @@ def test_a_tick_is_that_of_a_second_implementation(strut: int) -> None:
         run = Run(strut=strut, limits_on=float(limits), road_rad_s=58.0)
         for _ in range(10):
             run.s[:] = rng.normal(size=7) * 0.8 * SCALE + (0, 0, 0, 0, 1.9e7, 1.9e7, 0)
-            run.u.spool_m, run.u.force_N = rng.uniform(-6e-3, 6e-3), rng.uniform(0.0, 6e3)
-            t, command = rng.uniform(0.1, 6.0), run.u.force_N if strut == 2 else run.u.spool_m
+            run.u.spool_command_m, run.u.force_command_N = (
+                rng.uniform(-6e-3, 6e-3),
+                rng.uniform(0.0, 6e3),
+            )
+            t, command = (
+                rng.uniform(0.1, 6.0),
+                run.u.force_command_N if strut == 2 else run.u.spool_command_m,
+            )
             expected = reference.plant_tick(t - T, run.s.copy(), command, 58.0, strut, limits)
             run.step(t / T)
             assert np.abs((run.s - expected) / SCALE).max() < 1e-10, f"{run.s}, not {expected}"
@@ -127,7 +133,7 @@ def test_the_force_changes_by_drift_and_gain() -> None:
         run = Run(step_s=1e-7)
         spool = rng.choice([-1.0, 1.0]) * rng.uniform(1e-4, 1e-3)
         run.s[:] = rng.normal(size=7) * 0.5 * SCALE + (0, 0, 0, 0, 1.9e7, 1.9e7, 0)
-        run.x.car.x7_m = run.u.spool_m = spool
+        run.x.car.x7_m = run.u.spool_command_m = spool
         _, x2, x3, x4, x5, x6, x7 = run.s.copy()
         before = reference.AC * x6 - reference.AA * x5
         run.p.substeps = 1.0
@@ -160,7 +166,7 @@ def test_pressure_and_spool_stay_within_their_limits() -> None:
     car = run.x.car
     car.x5_Pa = car.x6_Pa = 2e5
     car.x4_m_s = 20.0
-    run.u.spool_m = -1.0
+    run.u.spool_command_m = -1.0
     for k in range(1, 20):
         run.step(k)
         assert car.x5_Pa >= 1e5 and car.x6_Pa >= 1e5 and abs(car.x7_m) <= 2e-3, f"{run.s}"
@@ -191,7 +197,7 @@ def test_a_command_acts_as_many_samples_late_as_set() -> None:
         run = Run(delay_samples=float(delay))
         acting = []
         for k in range(1, 8):
-            run.u.spool_m = 1e-4 * k
+            run.u.spool_command_m = 1e-4 * k
             run.step(k)
             acting.append(run.y.acting)
         expected = [1e-4 * max(0, k - delay) for k in range(1, 8)]
@@ -205,11 +211,11 @@ def test_samples_are_rounded_and_truths_are_not() -> None:
     car.x3_m, car.x4_m_s, car.x7_m = 0.0123456, -0.3333, 1.23456e-4
     car.x5_Pa, car.x6_Pa = 1.2345678e7, 2.3456789e7
     run.step(0)
-    speeds = y.body_sample_m_s, y.wheel_sample_m_s
+    speeds = y.sample_body_rate_m_s, y.sample_wheel_rate_m_s
     assert speeds == pytest.approx((0.05, -0.333), rel=1e-12), f"{speeds}"
-    hydraulic = y.extension_sample_m, y.p1_sample_Pa, y.p2_sample_Pa, y.spool_sample_m
+    hydraulic = y.sample_extension_m, y.sample_p1_Pa, y.sample_p2_Pa, y.sample_spool_m
     assert hydraulic == pytest.approx((0.01235, 2.3456e7, 1.2346e7, 1.235e-4), rel=1e-12)
-    truths = y.body_rate_m_s, y.extension_m, y.wheel_rate_m_s, y.p2_Pa, y.p1_Pa, y.spool_true_m
+    truths = y.body_rate_m_s, y.extension_m, y.wheel_rate_m_s, y.p2_Pa, y.p1_Pa, y.spool_m
     assert np.array_equal(truths, run.s[1:]), "truths are rounded"
 
 

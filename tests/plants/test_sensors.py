@@ -1,11 +1,16 @@
 """Sensors of the barrel plant: what they show, their lags, and their noise."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from barrel_plant import AT, NAMES, NOMINAL, Plant, Vector
 
 from pcpc.drivers.jit import compiled
+from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.sensors import lag_rate
+
+PLANTS = Path(__file__).resolve().parents[2] / "plants"
 
 NOISES = [
     "hub_gyro_noise_rad_s", "muzzle_gyro_noise_rad_s", "hull_pitch_noise_rad",
@@ -109,3 +114,17 @@ def _gain(bandwidth_hz: float, signal_hz: float) -> float:
 def test_lag_takes_3_db_at_its_bandwidth() -> None:
     gain = _gain(200.0, 200.0)
     assert gain == pytest.approx(np.sqrt(0.5), rel=2e-3), f"gain {gain:.4f}"
+
+
+def test_a_plant_that_tells_a_truth_and_its_sample_names_them_alike() -> None:
+    found = 0
+    for rig in sorted(PLANTS.glob("*/rig.yaml")):
+        scenario = next(iter(sorted(rig.parent.glob("rigs/*.yaml"))), rig)
+        for spec in load_rig(scenario).nodes()["plant"].blocks:
+            names = {port.name for port in spec.block.outputs}
+            samples = {name for name in names if "sample" in name}
+            wrong = {s for s in samples if s.removeprefix("sample_") not in names - samples}
+            assert not wrong, f"{rig.parent.name}: samples without their truth: {wrong}"
+            assert not {name for name in names if "true" in name}, f"{rig.parent.name}: {names}"
+            found += len(samples)
+    assert found > 20, f"only {found} samples looked at"

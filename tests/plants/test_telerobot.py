@@ -120,7 +120,7 @@ def test_friction_takes_energy_and_the_hanging_arm_rests() -> None:
         last = energy
     arm.x[:] = (-math.pi / 2, 0.0, 0.0, 0.0)
     arm.step(1000)
-    truths = [*arm.y.q_rad, *arm.y.rate_rad_s]
+    truths = [*arm.y.true.q_rad, *arm.y.true.rate_rad_s]
     assert np.abs(np.subtract(truths, [-math.pi / 2, 0.0, 0.0, 0.0])).max() < 1e-15, truths
 
 
@@ -234,10 +234,10 @@ def test_a_second_implementation_of_the_whole_loop_agrees(network: bool) -> None
         arm.step(k)
         if k > 0:
             reference.arm(tau, 2.5 if k > 250 else 1.0)
-        given.q_rad[:], given.rate_rad_s[:] = y.sample_rad, y.rate_sample_rad_s
+        given.q_rad[:], given.rate_rad_s[:] = y.sample.q_rad, y.sample.rate_rad_s
         do_step(telerobot_local.BLOCK, k, near)
         tau, torque[:] = reference.local(k), answer.torque_Nm
-        told.position_rad[:], told.rate_rad_s[:] = y.sample_rad, y.rate_sample_rad_s
+        told.q_rad[:], told.rate_rad_s[:] = y.sample.q_rad, y.sample.rate_rad_s
         told.position_tick = told.rate_tick = told.echo_tick = answer.sample_tick
         told.echo = answer.echo
         do_step(telerobot_remote.BLOCK, k, far)

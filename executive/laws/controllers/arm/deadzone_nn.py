@@ -45,15 +45,15 @@ def _joint(number: int) -> type[Ports]:
     """Return the declaration of what is wanted and measured of one joint."""
 
     class Joint(Ports):
-        q_d_rad = port("rad", f"desired angle of joint {number}", named=f"q_d{number}_rad")
+        q_d_rad = port("rad", f"desired angle of joint {number}", named=f"q_d_{number}_rad")
         q_d_rate_rad_s = port(
-            "rad/s", f"desired rate of joint {number}", named=f"q_d{number}_rate_rad_s"
+            "rad/s", f"desired rate of joint {number}", named=f"q_d_rate_{number}_rad_s"
         )
         q_d_acc_rad_s2 = port(
-            "rad/s2", f"desired acceleration of joint {number}", named=f"q_d{number}_acc_rad_s2"
+            "rad/s2", f"desired acceleration of joint {number}", named=f"q_d_acc_{number}_rad_s2"
         )
-        q_rad = port("rad", f"measured angle of joint {number}", named=f"q{number}_rad")
-        v_rad_s = port("rad/s", f"measured rate of joint {number}", named=f"v{number}_rad_s")
+        q_rad = port("rad", f"measured angle of joint {number}", named=f"q_{number}_rad")
+        rate_rad_s = port("rad/s", f"measured rate of joint {number}", named=f"rate_{number}_rad_s")
 
     return Joint
 
@@ -68,18 +68,18 @@ class Inputs(Ports):
 class Outputs(Ports):
     """The commands and what led to them."""
 
-    u_Nm = port("N m", "command of joint # (6)", shape=JOINTS, named="u#_Nm")
-    w_Nm = port("N m", "wanted torque of joint # (3)", shape=JOINTS, named="w#_Nm")
-    e_rad = port("rad", "error of joint # as measured", shape=JOINTS, named="e#_rad")
-    r_rad_s = port("rad/s", "filtered error of joint # (1)", shape=JOINTS, named="r#_rad_s")
+    torque_Nm = port("N m", "command of joint # (6)", shape=JOINTS, named="torque_#_Nm")
+    tau_d_Nm = port("N m", "wanted torque of joint # (3)", shape=JOINTS, named="tau_d_#_Nm")
+    e_rad = port("rad", "error of joint # as measured", shape=JOINTS, named="e_#_rad")
+    r_rad_s = port("rad/s", "filtered error of joint # (1)", shape=JOINTS, named="r_#_rad_s")
     diverged = port("", "1 once the guard has ended the control")
 
 
 class NetworkOutputs(Outputs):
     """Those of PD, and the networks'."""
 
-    y_Nm = port("N m", "compensator's output of joint # (6)", shape=JOINTS, named="y#_Nm")
-    slope = port("", "slope of the deadzone as seen by joint # (8)", shape=JOINTS, named="slope#")
+    y_Nm = port("N m", "compensator's output of joint # (6)", shape=JOINTS, named="y_#_Nm")
+    slope = port("", "slope of the deadzone as seen by joint # (8)", shape=JOINTS, named="slope_#")
     norm_wi = port("", "Frobenius norm of Wi, both joints")
     norm_w = port("", "Frobenius norm of W, both joints")
 
@@ -120,7 +120,7 @@ class Settings(Parameters):
 class Guard(Ports):
     """The guard."""
 
-    ended = port("", "1 once the guard has ended the control")
+    latched = port("", "1 once the guard has ended the control")
 
 
 class States(Guard):
@@ -142,7 +142,7 @@ def errors(i: int, lam: float, joint: Any, y: Any) -> tuple[float, float]:
 
     That is q_d'' + Lam e' and q_d' + Lam e.
     """
-    e, e_rate = joint.q_d_rad - joint.q_rad, joint.q_d_rate_rad_s - joint.v_rad_s
+    e, e_rate = joint.q_d_rad - joint.q_rad, joint.q_d_rate_rad_s - joint.rate_rad_s
     y.e_rad[i] = e
     y.r_rad_s[i] = e_rate + lam * e
     return joint.q_d_acc_rad_s2 + lam * e_rate, joint.q_d_rate_rad_s + lam * e
@@ -153,7 +153,7 @@ def follow(p: Any, u: Any, y: Any) -> float:
     """Write w (3), e and r (1) of both joints; return |r|, rad/s."""
     acc_1, rate_1 = errors(0, p.lam_per_s, u.joint_1, y)
     acc_2, rate_2 = errors(1, p.lam_per_s, u.joint_2, y)
-    v_1, v_2 = u.joint_1.v_rad_s, u.joint_2.v_rad_s
+    v_1, v_2 = u.joint_1.rate_rad_s, u.joint_2.rate_rad_s
     sine, cosine = sincos(u.joint_2.q_rad)
     m11, m12, m22 = inertia(cosine, p.a1_m, p.a2_m, p.m1_kg, p.m2_kg)
     h = p.m2_kg * p.a1_m * p.a2_m * sine
@@ -161,16 +161,16 @@ def follow(p: Any, u: Any, y: Any) -> float:
     f_1 = m11 * acc_1 + m12 * acc_2 + c_1  # (2)
     f_2 = m12 * acc_1 + m22 * acc_2 + h * v_1 * rate_1
     r_1, r_2 = y.r_rad_s[0], y.r_rad_s[1]
-    y.w_Nm[0], y.w_Nm[1] = f_1 + p.kv_Nms_rad * r_1, f_2 + p.kv_Nms_rad * r_2  # (3)
+    y.tau_d_Nm[0], y.tau_d_Nm[1] = f_1 + p.kv_Nms_rad * r_1, f_2 + p.kv_Nms_rad * r_2  # (3)
     return sqrt(r_1 * r_1 + r_2 * r_2)
 
 
 @inline
 def guard(healthy: bool, x: Any, y: Any) -> bool:
     """Latch the end of control; return whether it still goes on."""
-    x.ended = where(healthy, x.ended, 1.0)
-    y.diverged = x.ended
-    return bool(x.ended < 0.5)
+    x.latched = where(healthy, x.latched, 1.0)
+    y.diverged = x.latched
+    return bool(x.latched < 0.5)
 
 
 @inline
@@ -218,7 +218,7 @@ def pd_step(t: float, dt: float, p: Gains, x: Guard, u: Inputs, y: Outputs) -> N
     """One control period of (1) to (3) alone."""
     good = guard(follow(p, u, y) <= p.r_max_rad_s, x, y)  # false for NaN
     for i in range(JOINTS):
-        y.u_Nm[i] = where(good, clip(y.w_Nm[i], -p.u_max_Nm, p.u_max_Nm), 0.0)
+        y.torque_Nm[i] = where(good, clip(y.tau_d_Nm[i], -p.u_max_Nm, p.u_max_Nm), 0.0)
 
 
 @stage
@@ -232,9 +232,9 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: NetworkOut
     engaged = p.network_on > 0.5
     tuned_s = where(good & engaged, dt, 0.0)
     for i in range(JOINTS):
-        y.y_Nm[i] = where(engaged, compensate(i, y.w_Nm[i], p, x), 0.0)
-        u_i = y.w_Nm[i] + y.y_Nm[i]
-        y.u_Nm[i] = where(good, clip(u_i, -p.u_max_Nm, p.u_max_Nm), 0.0)  # (6)
+        y.y_Nm[i] = where(engaged, compensate(i, y.tau_d_Nm[i], p, x), 0.0)
+        u_i = y.tau_d_Nm[i] + y.y_Nm[i]
+        y.torque_Nm[i] = where(good, clip(u_i, -p.u_max_Nm, p.u_max_Nm), 0.0)  # (6)
         y.slope[i] = slope(i, u_i, p, x)
         tune(i, tuned_s, norm_r, p, x, y)
 

@@ -97,7 +97,7 @@ class Inputs(Ports):
     q_d_rad = port("rad", "desired angle")
     q_d_rate_rad_s = port("rad/s", "its first derivative")
     q_d_acc_rad_s2 = port("rad/s2", "its second derivative")
-    angle_rad = port("rad", "measured angle")
+    q_rad = port("rad", "measured angle")
     rate_rad_s = port("rad/s", "measured rate")
     torque_Nm = port("N m", "measured torque behind the gap")
 
@@ -138,9 +138,9 @@ def decay(x: Any, of_w: float, of_v: float) -> None:
 def desired_torque(p: Any, u: Any, y: Any) -> None:
     """Write e1, r (1) and tau_d (2)."""
     e2 = u.rate_rad_s - u.q_d_rate_rad_s
-    y.e_rad = u.angle_rad - u.q_d_rad
+    y.e_rad = u.q_rad - u.q_d_rad
     y.r_rad_s = e2 + p.lam_per_s * y.e_rad
-    f = -u.rate_rad_s / p.model_time_constant_s - p.model_gravity_Nm * sin(u.angle_rad)
+    f = -u.rate_rad_s / p.model_time_constant_s - p.model_gravity_Nm * sin(u.q_rad)
     y.tau_d_Nm = u.q_d_acc_rad_s2 - p.kv_Nms_rad * y.r_rad_s - f - p.lam_per_s * e2
 
 

@@ -35,16 +35,16 @@ class Inputs(Ports):
 
     x1 = port("", "measured x1(k)")
     x2 = port("", "measured x2(k)")
-    x_d_previous = port("", "xd(k-1)", named="xd_previous")
-    x_d = port("", "xd(k)", named="xd")
-    x_d_next = port("", "xd(k+1)", named="xd_next")
+    x_d_previous = port("", "xd(k-1)")
+    x_d = port("", "xd(k)")
+    x_d_next = port("", "xd(k+1)")
 
 
 class Outputs(Ports):
     """The command and what led to it."""
 
-    command = port("", "command (5)", named="u")
-    tau_d = port("", "wanted input of the plant (3)", named="w")
+    command = port("", "command (5)")
+    tau_d = port("", "wanted input of the plant (3)")
     e = port("", "error e2 of (1)")
     r = port("", "filtered error (1)")
     diverged = port("", "1 once the guard has ended the control")
@@ -62,7 +62,7 @@ class Gains(Ports):
 
     lam = port("", "weight of the older error", None, -1.0, 1.0)
     kv = port("", "Kv, what remains of r after a step", None, -1.0, 1.0)
-    model_c = port("", "coefficient of the plant, as known", None, 0.0, 1.0, named="cf")
+    model_c = port("", "coefficient of the plant, as known", None, 0.0, 1.0)
     r_max = port("", "|r| at which control ends", None, 0.0, 1e6)
 
 
@@ -76,7 +76,7 @@ class Parameters(Gains):
 class Guard(Ports):
     """The guard."""
 
-    latched = port("", "1 once the guard has ended the control", named="ended")
+    latched = port("", "1 once the guard has ended the control")
 
 
 class States(Guard):

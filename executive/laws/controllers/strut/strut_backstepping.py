@@ -142,7 +142,7 @@ def tune(dt: float, drive: float, p: Any, x: Any, y: Any) -> None:
 @stage
 def step(t: float, dt: float, p: Parameters, x: States, u: outer.Inputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    x3, v3, x7 = u.extension_m, u.body_m_s - u.wheel_m_s, u.spool_m
+    x3, v3, x7 = u.extension_m, u.body_rate_m_s - u.wheel_rate_m_s, u.spool_m
     outer.desired_force(p, x, u, y)
     fd, ef = y.desired_N, y.ef_N
     fd_rate = outer.difference(fd, x.last_desired_N, x.desired_rate_N_s, x.started, p.tf_s, dt)

@@ -31,9 +31,9 @@ from pcpc.executive.laws.models import hydraulic_strut as hydraulic
 class Inputs(Ports):
     """What the sensors say."""
 
-    body_m_s = port("m/s", "measured body speed, x2")
+    body_rate_m_s = port("m/s", "measured body speed, x2")
     extension_m = port("m", "measured strut extension, x3")
-    wheel_m_s = port("m/s", "measured wheel speed, x4")
+    wheel_rate_m_s = port("m/s", "measured wheel speed, x4")
     p1_Pa = port("Pa", "measured pressure of the bore side")
     p2_Pa = port("Pa", "measured pressure of the rod side")
     spool_m = port("m", "measured spool position, x7")
@@ -110,7 +110,7 @@ def desired_force(p: Any, x: Any, u: Any, y: Any) -> None:
     x3 = u.extension_m
     x.xk_m = where(x.started > 0.5, x.xk_m, x3)
     fading = -p.bs_Ns_m * x.xb_m_s - p.ks_N_m * (x3 - x.xk_m)
-    y.desired_N = fading - p.bsky_Ns_m * u.body_m_s + (p.weight_N - p.krh_N_m * x3)  # (3)
+    y.desired_N = fading - p.bsky_Ns_m * u.body_rate_m_s + (p.weight_N - p.krh_N_m * x3)  # (3)
     y.force_N = hydraulic.force(u.p1_Pa, u.p2_Pa, p.h)
     y.ef_N = y.desired_N - y.force_N  # (4)
 
@@ -118,7 +118,7 @@ def desired_force(p: Any, x: Any, u: Any, y: Any) -> None:
 @inline
 def advance(dt: float, p: Any, x: Any, u: Any) -> None:
     """Advance (1) and (2), at the end of a tick."""
-    v3 = u.body_m_s - u.wheel_m_s
+    v3 = u.body_rate_m_s - u.wheel_rate_m_s
     x.xb_m_s += (1.0 - exp(-p.wb_rad_s * dt)) * (v3 - x.xb_m_s)
     x.xk_m += (1.0 - exp(-p.wk_rad_s * dt)) * (u.extension_m - x.xk_m)
     x.started = 1.0

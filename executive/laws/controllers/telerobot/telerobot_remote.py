@@ -81,7 +81,7 @@ class Parameters(Gains):
 class Inputs(Ports):
     """What the robot told, and when."""
 
-    position_rad = port("rad", "q# told by the robot", 0.0, shape=JOINTS, named="position_#_rad")
+    q_rad = port("rad", "q# told by the robot", 0.0, shape=JOINTS, named="q_#_rad")
     rate_rad_s = port("rad/s", "q#' told by the robot", 0.0, shape=JOINTS, named="rate_#_rad_s")
     position_tick = port("", "wire tick of the positions", 0.0)
     rate_tick = port("", "wire tick of the rates", 0.0)
@@ -139,7 +139,7 @@ def remembered(tick: float) -> int:
 def newest(now: float, x: Any, u: Any) -> None:
     """Without a delay, use what came last, whatever its tick."""
     for j in range(JOINTS):
-        x.used.q[j] = where(u.position_tick > 0.5, u.position_rad[j], x.used.q[j])
+        x.used.q[j] = where(u.position_tick > 0.5, u.q_rad[j], x.used.q[j])
         x.used.v[j] = where(u.rate_tick > 0.5, u.rate_rad_s[j], x.used.v[j])
     x.used_tick = now
 
@@ -148,7 +148,7 @@ def newest(now: float, x: Any, u: Any) -> None:
 def store(now: float, delay: float, x: Any, u: Any) -> None:
     """Put what came into the buffers."""
     for j in range(JOINTS):
-        put(x.positions[j], u.position_tick, now, delay, u.position_rad[j])
+        put(x.positions[j], u.position_tick, now, delay, u.q_rad[j])
         put(x.rates[j], u.rate_tick, now, delay, u.rate_rad_s[j])
     age = where(u.echo > 0.5, tick_of(u.echo_tick, now) - tick_of(u.echo, now), delay)
     put(x.ages, u.echo_tick, now, delay, age)
