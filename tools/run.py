@@ -82,6 +82,8 @@ class Host:
             print(said, file=sys.stderr)
             return Exit.ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
+        if any(child.code < 0 for child in self.children.values()):
+            refused = []  # what others refuse for want of a node that was killed is no reason
         complain(refused[:1] or list(self.children.values()))
         if self.outcome.interrupted and not self._under_way():  # nothing has been recorded
             return Exit.INTERRUPTED

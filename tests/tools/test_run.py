@@ -364,6 +364,19 @@ def test_host_killed_at_once_leaves_no_process(tmp_path: Path) -> None:
     assert blocks_left(bus) == [], blocks_left(bus)
 
 
+@pytest.mark.parametrize("then", ["plant", "recorder"])
+def test_executive_killed_at_its_start_is_named(then: str, tmp_path: Path) -> None:
+    usual = options(own_bus(), "lockstep", LONG)
+    with Running("run", SLEW10, "-o", str(tmp_path / "run"), *usual) as running:
+        executive = running.pid("executive")
+        running.pid(then)
+        os.kill(executive, signal.SIGKILL)
+        done = running.done(60.0)
+        assert running.left() == [], running.left()
+    assert done.code == 5, str(done)
+    assert "executive: ended by SIGKILL" in str(done), str(done)
+
+
 def test_executive_gives_up_a_silent_plant_in_lockstep(tmp_path: Path) -> None:
     bus, folder = own_bus(), tmp_path / "run"
     usual = options(bus, "lockstep", LONG)
