@@ -22,6 +22,7 @@ from pathlib import Path
 FUNCTIONS = 150  # compiled by a first start of the barrel, in about half a minute
 _PROJECT = Path(__file__).resolve().parent.parent
 _COMPILED_FOLDERS = ("drivers", "executive", "plants")
+_INTO_CODE = (".py", ".csv", ".txt", ".npy", ".npz", ".mat")  # modules, and tables they may read
 
 
 class _Watch:
@@ -37,13 +38,25 @@ watch = _Watch()
 
 @cache
 def source_hash() -> str:
-    """Return 16 hex digits over all sources that can be compiled, numba's and Python's version."""
+    """Return 16 hex digits over what gets into compiled code, numba's and Python's version."""
     digest = hashlib.sha256(importlib.metadata.version("numba").encode())
     digest.update(sys.version.encode())
     for folder in _COMPILED_FOLDERS:
-        for path in sorted((_PROJECT / folder).rglob("*.py")):
-            digest.update(str(path.relative_to(_PROJECT)).encode() + path.read_bytes())
+        for path in sorted((_PROJECT / folder).rglob("*.*")):
+            if path.suffix in _INTO_CODE and path.is_file():
+                digest.update(str(path.relative_to(_PROJECT)).encode() + path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def place(file: str) -> str:
+    """Return the subfolder for the code of one of these sources; "" for a file that is none.
+
+    It is the same in every copy of the project with equal sources, wherever that lies.
+    """
+    path = Path(file).resolve()
+    if not any(path.is_relative_to(_PROJECT / folder) for folder in _COMPILED_FOLDERS):
+        return ""
+    return "_".join((*path.parent.relative_to(_PROJECT).parts, source_hash()))
 
 
 def user_cache() -> Path | None:

@@ -29,7 +29,7 @@ class _Place(caching.UserProvidedCacheLocator):
 
     def __init__(self, function: Any, file: str) -> None:
         self._py_file, self._lineno = file, function.__code__.co_firstlineno
-        self._cache_path = self.get_suitable_cache_subpath(file)
+        self._cache_path = compile_cache.place(file) or self.get_suitable_cache_subpath(file)
 
     @classmethod
     def from_function(cls, function: Any, file: str) -> "_Place | None":

@@ -2,6 +2,7 @@
 
 import os
 import pwd
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -133,3 +134,32 @@ def test_a_user_without_a_home_has_a_cache(
     monkeypatch.setattr(compile_cache.tempfile, "tempdir", str(tmp_path))
     place = tmp_path / f"pcpc-{os.geteuid()}" / "compiled" / compile_cache.source_hash()
     assert compile_cache.folders() == [place]
+
+
+def test_copies_of_the_project_with_equal_sources_share_code_and_others_do_not(
+    tmp_path: Path,
+) -> None:
+    main = "from pcpc.drivers.compile_cache import watch; import pcpc.executive.laws.idle as _; "
+    main += "print(watch.done)"
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+
+    def compiled(root: Path) -> int:
+        """Return what a copy compiles of one module."""
+        words = [sys.executable, "-c", main]
+        more = {"PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(
+            words, check=True, capture_output=True, text=True, cwd=tmp_path, env=environment | more
+        )
+        return int(done.stdout)
+
+    for name in ("one", "two"):
+        for folder in ("drivers", "executive", "pcpc"):
+            without = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(ROOT / folder, tmp_path / name / folder, symlinks=True, ignore=without)
+        (tmp_path / name / "plants").mkdir()
+    one, two = tmp_path / "one", tmp_path / "two"
+    assert compiled(one) > 0
+    assert compiled(two) == 0, "the folder's name is not in the key"
+    (two / "plants/table.csv").write_text("1.0\n")  # a module may read it at its import
+    assert compiled(two) > 0
+    assert compiled(one) == 0
