@@ -54,7 +54,7 @@ class Child:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", module, *arguments],  # -P: the user's folder has no say
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, env=environment,
-            preexec_fn=None if survives else lambda: _end_with(host), start_new_session=True,
+            preexec_fn=None if survives else lambda: end_with(host), start_new_session=True,
         )  # fmt: skip
         return cls(name, process, stderr)
 
@@ -128,7 +128,7 @@ def _be_child(name: str, call: Callable[[], int], stderr: int, host: int) -> NoR
     code = 1
     try:
         os.setsid()
-        _end_with(host)
+        end_with(host)
         _libc.prctl(_PR_SET_NAME, f"pcpc {name}".encode())
         nothing = os.open(os.devnull, os.O_RDWR)
         for number, file in ((0, nothing), (1, nothing), (2, stderr)):
@@ -152,9 +152,9 @@ def _written_to(number: int) -> TextIO:
     return open(number, "w", buffering=1, errors="backslashreplace", closefd=False)
 
 
-def _end_with(host: int) -> None:
-    """Let this process be asked to end when `host`, its parent, dies."""
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+def end_with(host: int, number: int = signal.SIGTERM) -> None:
+    """Let this process get a signal, asking it to end, when `host`, its parent, dies."""
+    _libc.prctl(_PR_SET_PDEATHSIG, number)
     if os.getppid() != host:  # it died before the request stood
         os._exit(1)
 

@@ -10,9 +10,7 @@ Writes results.md, figures/ and, for studies of rigs, results.csv into a new fol
 import argparse
 import csv
 import importlib
-import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, wait
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,14 +26,13 @@ from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.plants.judging import Run
 from pcpc.plants.study import Case, Result
-from pcpc.tools.pool import PoolError, workers
-from pcpc.tools.progress import Compiling, Progress
+from pcpc.tools.pool import PoolError, each
+from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
     from pcpc.executive.rig.reading import Rig
 
 STUDY_PARTS = ("CHAPTER", "TITLE", "cases", "report", "draw")
-_LOOK_S = 0.5
 TRACE_POINTS = 1500  # of a figure's line: more than its pixels
 
 
@@ -80,26 +77,6 @@ def _traces(run: Run, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     step = max(1, len(run.cycle) // TRACE_POINTS)
     columns = {"t": run["executive:time.t_s"]} | {name: run.get(name) for name in names}
     return {name: values[::step].copy() for name, values in columns.items()}
-
-
-def run_cases(cases: Sequence[Case], progress: Progress, jobs: int | None = None) -> list[Result]:
-    """Run all cases on `jobs` processes (all processors); results in the order of the cases."""
-    results: dict[int, Result] = {}
-    begin, compiling = time.monotonic(), Compiling()
-    with workers(jobs, len(cases)) as pool:
-        futures = {pool.submit(run_case, case): i for i, case in enumerate(cases)}
-        pending = set(futures)
-        while pending:
-            over, pending = wait(pending, _LOOK_S, FIRST_COMPLETED)
-            results |= {futures[future]: future.result() for future in over}
-            done, spent = len(results), time.monotonic() - begin
-            if not done:
-                progress.show(compiling.text() or f"starting, {spent:.0f} s")
-                continue
-            left = spent / done * (len(cases) - done)
-            progress.show(f"run {done}/{len(cases)}, {spent:.0f} s, about {left:.0f} s left")
-    progress.close()
-    return [results[i] for i in range(len(cases))]
 
 
 def write_csv(results: Sequence[Result], path: Path) -> None:
@@ -157,7 +134,7 @@ def run_studies(
     """Run the cases of all studies, write tables and figures; NOT_MET if a run failed."""
     with told():
         cases = [(study, case) for study in parts for case in study.cases()]
-    results = run_cases([case for _, case in cases], progress, jobs)
+    results = each(run_case, [case for _, case in cases], progress, jobs)
     write_csv(results, folder / "results.csv")
     figures = folder / "figures"
     figures.mkdir()

@@ -3,13 +3,20 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from typing import TypeVar
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.children import end_with
+from pcpc.tools.progress import Compiling, Progress
 
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+_LOOK_S = 0.5
 _CURE = "end other programs, or give it fewer with --jobs"
 
 
@@ -27,7 +34,7 @@ def workers(jobs: int | None, most: int | None = None) -> Iterator[ProcessPoolEx
     """
     count = max(1, min(jobs or os.cpu_count() or 1, most or jobs or os.cpu_count() or 1))
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(count, context, initializer=_leave_ctrl_c)
+    pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(os.getpid(),))
     try:
         yield pool
     except BaseException as error:
@@ -42,5 +49,30 @@ def workers(jobs: int | None, most: int | None = None) -> Iterator[ProcessPoolEx
     pool.shutdown()
 
 
-def _leave_ctrl_c() -> None:
+def each(
+    function: Callable[[Item], Result], items: Sequence[Item], progress: Progress,
+    jobs: int | None = None,
+) -> list[Result]:  # fmt: skip
+    """Call `function` with every item on `jobs` processes; results in the order of the items."""
+    results: dict[int, Result] = {}
+    begin, compiling = time.monotonic(), Compiling()
+    with workers(jobs, len(items)) as pool:
+        futures = {pool.submit(function, item): i for i, item in enumerate(items)}
+        pending = set(futures)
+        while pending:
+            over, pending = wait(pending, _LOOK_S, FIRST_COMPLETED)
+            results |= {futures[future]: future.result() for future in over}
+            done, spent = len(results), time.monotonic() - begin
+            if not done:
+                progress.show(compiling.text() or f"starting, {spent:.0f} s")
+                continue
+            left = spent / done * (len(items) - done)
+            progress.show(f"run {done}/{len(items)}, {spent:.0f} s, about {left:.0f} s left")
+    progress.close()
+    return [results[i] for i in range(len(items))]
+
+
+def _begin(host: int) -> None:
+    """Leave Ctrl-C to `host`, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with(host)
