@@ -18,6 +18,7 @@
     loop.run
 
     run = pcpc.open("runs/20260101T120000Z-hull")                        the same of any log
+    pcpc.compare(run, other).markdown()                                  what two runs differ in
 """
 
 from importlib import import_module
@@ -25,12 +26,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pcpc.drivers.errors import UserError as Error
+    from pcpc.tools.api.compare import compare
     from pcpc.tools.api.live import Live, NotMet, running
     from pcpc.tools.api.loop import Loop, Sample, loop
     from pcpc.tools.api.run import Figure, NotOk, Run, UnknownName
     from pcpc.tools.api.simulate import open, simulate
+    from pcpc.tools.compare.comparison import Comparison
 
 _WHERE = {
+    "Comparison": "tools.compare.comparison", "compare": "tools.api.compare",
     "Error": "drivers.errors:UserError",
     "Figure": "tools.api.run", "NotOk": "tools.api.run", "Run": "tools.api.run",
     "UnknownName": "tools.api.run",
@@ -39,8 +43,8 @@ _WHERE = {
     "open": "tools.api.simulate", "simulate": "tools.api.simulate",
 }  # fmt: skip
 __all__ = [
-    "Error", "Figure", "Live", "Loop", "NotMet", "NotOk", "Run", "Sample", "UnknownName", "loop",
-    "open", "running", "simulate",
+    "Comparison", "Error", "Figure", "Live", "Loop", "NotMet", "NotOk", "Run", "Sample",
+    "UnknownName", "compare", "loop", "open", "running", "simulate",
 ]  # fmt: skip
 
 

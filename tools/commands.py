@@ -110,6 +110,14 @@ GROUPS = {
                        Exit.WRONG_INPUT: "", Exit.SAFETY_STOP: "a step hangs or raises",
                        Exit.INTERRUPTED: ""},
                 judges=True, compiles=True, reads_logs=True),
+        Command("compare", "tell what two runs, or two versions of the rigs, differ in",
+                "pcpc compare runs/A runs/B\n"
+                "pcpc compare --against origin/main --markdown table.md -o compared",
+                take.compare, "compare.cli",
+                {Exit.OK: "equal", Exit.NOT_MET: "they differ", Exit.WRONG_INPUT: "",
+                 Exit.LOSS: "a disk is full", Exit.ENVIRONMENT: "git, a package is missing",
+                 Exit.INTERRUPTED: ""},
+                judges=True),
         Command("play", "put recorded frames on a bus, at their times",
                 "pcpc play latest --bus vcan0\n"
                 "pcpc play latest --start 2 --duration 1 --loop --only FB_A --only 0x080\n"

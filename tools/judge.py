@@ -64,7 +64,7 @@ class Judge:
             return cls(rig, None)
         file = rig.evaluation.file
         try:
-            found = _guarded(lambda: _loaded(Path(file)))
+            found = guarded(lambda: _loaded(Path(file)))
         except EvaluationError as error:
             raise RigError(str(error)) from None
         judge = cls(rig, found)
@@ -90,7 +90,7 @@ class Judge:
         if evaluation is None or given is None:
             return {}
         about = window_s or given.window_s, given.numbers, 1.0 / self.rig.config.rate_hz
-        return _guarded(lambda: evaluation.judge(log, *about))
+        return guarded(lambda: evaluation.judge(log, *about))
 
     def run(self, log: Log) -> Run:
         """Return a run with what the rig says of its evaluation, which it names."""
@@ -109,7 +109,7 @@ class Judge:
             return "the rig names no evaluation file with panels"
         about = title, metrics, given.window_s, given.numbers
         try:
-            _guarded(lambda: evaluation.draw(log, path, *about), path)
+            guarded(lambda: evaluation.draw(log, path, *about), path)
         except ImportError as error:
             return str(error)
         return ""
@@ -126,7 +126,7 @@ class Judge:
         try:
             self.metrics(probe, (-math.inf, math.inf))
             if drawn and evaluation is not None:
-                _guarded(lambda: evaluation.touch(self.run(probe)))
+                guarded(lambda: evaluation.touch(self.run(probe)))
         except EvaluationError:
             pass  # it will fail again, and be told, on the whole log
         found = {}
@@ -199,7 +199,7 @@ def _loaded(file: Path) -> Evaluation:
     return found
 
 
-def _guarded(action: Callable[[], Result], output: Path | None = None) -> Result:
+def guarded(action: Callable[[], Result], output: Path | None = None) -> Result:
     """Return what `action`, code of an evaluation file, returns; EvaluationError if it fails.
 
     What is wrong with the disk, or with writing `output`, stays an OSError.

@@ -214,12 +214,20 @@ class Run:
     def _judge(self) -> Judge:
         return Judge.of(self.rig)
 
+    @property
+    def _written(self) -> Path:
+        return self.path.with_name("summary.json")
+
+    @property
+    def judged_at_its_end(self) -> bool:
+        """The verdict is the run's own; that of a log alone knows nothing of what was set."""
+        return self._outcome is not None or self._written.is_file()
+
     @cached_property
     def summary(self) -> dict[str, Any]:
         """What `summary.json` of a run holds."""
-        written = self.path.with_name("summary.json")
-        if self._outcome is None and written.is_file():
-            return dict(json.loads(written.read_text("utf-8")))
+        if self._outcome is None and self._written.is_file():
+            return dict(json.loads(self._written.read_text("utf-8")))
         outcome = self._outcome
         if outcome is None:
             facts = self.log.metadata.get("executive", {})

@@ -1,5 +1,8 @@
 """`pcpc log diff`: where two runs part, variable by variable, sorted by the first difference.
 
+At one instant the order is that of the loop: what the plant computes comes before what the
+executive receives of it, a law's output before the frame that carries it.
+
     differs    |a - b| > absolute + relative |a|; by default both are 0, and every bit counts;
                NaN equals NaN
     ULP        how many float64 lie between the two values at the first difference
@@ -31,6 +34,7 @@ from pcpc.tools.log.tally import DIRECTIONS
 from pcpc.tools.progress import Progress
 from pcpc.tools.ulp import ulp_distance
 
+_STAGES = {"rx": 0, "tx": 2}  # of a cycle; blocks between them, frames at the end
 _SHOWN = 40  # rows of the table; all of them with --json
 
 
@@ -124,8 +128,17 @@ def compare(
                 report.differences.append(found)
     if not patterns:
         _frames(report, a, b, exact=relative == absolute == 0.0)
-    report.differences.sort(key=lambda d: (d.time_s, d.cycle))
+    report.differences.sort(key=_in_the_loop)
     return report
+
+
+def _in_the_loop(one: Difference) -> tuple[float, int, int, int]:
+    """Return what sorts differences by time and, at one instant, by cause before effect."""
+    name = one.name.removeprefix("frame ")
+    node = next((r for r in logs.NODES if name.startswith(f"{r}.")), "executive")
+    kind = name.removeprefix(f"{node}.").partition(".")[0]
+    stage = 3 if name != one.name else _STAGES.get(kind, 1)
+    return one.time_s, one.cycle, -logs.NODES.index(node), stage
 
 
 def _node_of(one: series.Series) -> str:

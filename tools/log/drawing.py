@@ -55,8 +55,9 @@ def decimated(
 
 
 def page_of(
-    sources: Sequence[Source], groups: Sequence[Sequence[str]], window_s: tuple[float, float]
-) -> "Figure":
+    sources: Sequence[Source], groups: Sequence[Sequence[str]], window_s: tuple[float, float],
+    colours: Sequence[str] = _COLOURS,
+) -> "Figure":  # fmt: skip
     """Return a figure with an axis for each group of names; LogCommandError without matplotlib.
 
     One source: lines by variable. Several: by source, and the variable stands above its axis.
@@ -68,18 +69,18 @@ def page_of(
         raise LogCommandError(what, Exit.ENVIRONMENT) from None
     height = _REST_IN + (_AXIS_IN if len(groups) > 1 else 2 * _AXIS_IN) * len(groups)
     page = Figure(figsize=(_WIDTH_IN, height), layout="constrained")
-    axes = page.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
+    axes, n = page.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0], len(colours)
     for ax, names in zip(axes, groups, strict=True):
         by_log = len(sources) > 1
         lines = [
-            (source, name, source.name if by_log else name, number if by_log else i)
+            (source, name, source.name if by_log else name, colours[(number if by_log else i) % n])
             for i, name in enumerate(names)
             for number, source in enumerate(sources)
             if name in source.series
         ]
         drawn = [
-            _draw(ax, source, name, window_s, {"label": _shown(label), "color": _colour(number)})
-            for source, name, label, number in lines
+            _draw(ax, source, name, window_s, {"label": _shown(label), "color": colour})
+            for source, name, label, colour in lines
         ]
         if not any(drawn):
             ax.text(0.5, 0.5, "no value", transform=ax.transAxes, ha="center", color="#707070")
@@ -102,10 +103,6 @@ def _shown(text: str) -> str:
     return (text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}...").replace(
         "$", r"\$"
     )
-
-
-def _colour(number: int) -> str:
-    return _COLOURS[number % len(_COLOURS)]
 
 
 def _draw(

@@ -1,0 +1,171 @@
+"""`pcpc compare A B`: what two runs, or two folders of runs, differ in."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from logcommand import Done, run_here
+
+import pcpc
+from pcpc.executive.log import reader as logs
+from pcpc.tools.conclude import LOG
+
+SHORT = {"duration_s": 0.4, "evaluation.window_s": [0.0, 0.4]}
+GAIN = {"controller.kv_Nms_rad": 111.0}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with runs of the barrel: gain, plant, nothing changed."""
+    folder = tmp_path_factory.mktemp("compare")
+    runs: dict[str, tuple[str, str, dict[str, Any]]] = {
+        "old/gain": ("slew10", "pd", {}), "new/gain": ("slew10", "pd", GAIN),
+        "old/plant": ("hull", "pd", {}), "new/plant": ("hull", "pd", {"barrel.gap_rad": 0.003}),
+        "old/same": ("sin0.5", "pid", {}), "new/same": ("sin0.5", "pid", {}),
+        "new/only": ("sin0.5", "pd", {}),
+    }  # fmt: skip
+    for name, (rig, controller, changes) in runs.items():
+        pcpc.simulate(rig, controller, set=SHORT | changes, folder=folder / name, quiet=True)
+    return folder
+
+
+def compared(*words: str | Path, code: int) -> Done:
+    done = run_here("compare", *words, "--quiet")
+    assert done.code == code, done
+    assert [line for line in done.out.splitlines() if len(line) > 80] == [] or "-" in words, done
+    return done
+
+
+def pairs(*words: str | Path, code: int) -> dict[str, Any]:
+    """Return the pairs that `--json` tells, by rig."""
+    told = json.loads(compared(*words, "--json", "-", code=code).out)
+    assert told["changed"] is any(pair["state"] != "equal" for pair in told["pairs"])
+    return {f"{pair['rig']}/{pair['controller']}": pair for pair in told["pairs"]}
+
+
+def test_the_same_run_again_is_equal_to_the_bit(folder: Path) -> None:
+    out = compared(folder / "old/same", folder / "new/same", code=0).out
+    assert out.endswith("\nequal to the bit: sin0.5 (pid)\n") and ": 1 equal\n" in out, out
+
+
+def test_a_changed_gain_is_named_with_cycle_signal_and_metrics(folder: Path) -> None:
+    pair = pairs(folder / "old/gain", folder / "new/gain", code=1)["slew10/pd"]
+    first, old, new = pair["first"], *(
+        logs.read(folder / side / "gain" / LOG).node["executive"].columns for side in ("old", "new")
+    )  # fmt: skip
+    name = first["name"]
+    assert name == "controller.motor_torque_Nm", "the law comes before the frame it goes into"
+    assert first["cycle"] == int(np.flatnonzero(old[name] != new[name])[0])
+    assert pair["settings"] == [
+        {"name": "controllers.pd.parameters.kv_Nms_rad", "old": 110.0, "new": 111.0}
+    ]
+    told = {metric["name"]: metric for metric in pair["metrics"]}
+    for side in ("old", "new"):
+        metrics = json.loads((folder / side / "gain/summary.json").read_text())["metrics"]
+        assert {name: metric[side] for name, metric in told.items()} == metrics
+    largest = {signal["name"]: signal["largest"] for signal in pair["signals"]}
+    assert largest[name] == np.abs(old[name] - new[name]).max()
+    text = compared(folder / "old/gain", folder / "new/gain", code=1).out
+    assert "slew10, pd: differs from cycle 0 (0.000 s) on" in text
+    assert re.search(r"muzzle_error_rms_mrad +\S+ +-> +\S+ +[+-][\d.]+ %", text), text
+
+
+def test_a_changed_plant_is_seen_in_the_plant_first(folder: Path) -> None:
+    pair = pairs(folder / "old/plant", folder / "new/plant", code=1)["hull/pd"]
+    assert pair["first"]["name"].startswith("plant.barrel."), pair["first"]
+    assert [one["name"] for one in pair["settings"]] == ["plant.blocks.barrel.parameters.gap_rad"]
+
+
+def test_folders_are_compared_rig_by_rig_and_what_has_no_partner_is_named(folder: Path) -> None:
+    found = pairs(folder / "old", folder / "new", code=1)
+    states = {name: pair["state"] for name, pair in found.items()}
+    assert states == {
+        "hull/pd": "changed", "sin0.5/pd": "alone", "sin0.5/pid": "equal", "slew10/pd": "changed",
+    }  # fmt: skip
+    (said,) = found["sin0.5/pd"]["said"]
+    assert said == f"only in {folder / 'new'}: {folder / 'new/only' / LOG}"
+    text = compared(folder / "old", folder / "new", code=1).out
+    assert "2 changed, 1 equal, 1 on one side only" in " ".join(text.split())
+
+
+def test_of_equal_rigs_in_a_folder_the_newest_run_is_taken(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "new/gain", tmp_path / "20260101-later")
+    shutil.copytree(folder / "old/gain", tmp_path / "20260102-earlier")
+    assert pairs(folder / "new/gain", tmp_path, code=0)["slew10/pd"]["state"] == "equal"
+
+
+def test_the_table_for_a_pull_request_is_markdown(folder: Path) -> None:
+    lines = compared(folder / "old", folder / "new", "--markdown", "-", code=1).out.splitlines()
+    assert lines[0].startswith("### pcpc compare: 2 changed, 1 equal")
+    rows = [line for line in lines if line.startswith("|")]
+    assert len(rows) > 4 and {row.count(" |") for row in rows} == {6}, rows
+    assert any(row.startswith("| hull, pd | from cycle") for row in rows), rows
+    assert "<details><summary>1 equal to the bit</summary>" in lines
+
+
+def test_figures_lay_new_over_old(folder: Path, tmp_path: Path) -> None:
+    compared(folder / "old", folder / "new", "-o", tmp_path / "out", code=1)
+    report = (tmp_path / "out/report.md").read_text()
+    drawn = re.findall(r"!\[.*?\]\((.*?)\)", report)
+    assert drawn == ["hull-pd.png", "slew10-pd.png"], report
+    assert all((tmp_path / "out" / name).read_bytes().startswith(b"\x89PNG") for name in drawn)
+    done = compared(folder / "old", folder / "new", "-o", tmp_path / "out", code=2)
+    assert done.err == f"{tmp_path / 'out'}: is not empty; choose another folder with -o\n"
+
+
+def test_a_verdict_that_changed_says_why(folder: Path, tmp_path: Path) -> None:
+    limits = {"good": 1e9, "bad": 1e-9}
+    for name, limit in limits.items():
+        changes = {"expect.pd.muzzle_error_rms_mrad": [0.0, limit]}
+        pcpc.simulate("slew10", "pd", set=changes, folder=tmp_path / name, quiet=True)
+    words = (tmp_path / "good", tmp_path / "bad")
+    text = compared(*words, code=1).out
+    assert "differs in no recorded signal" in text and "verdict  ok -> expectation not met" in text
+    assert "new: muzzle_error_rms_mrad = " in text and "expected 0 to 1e-09" in text, text
+    compared(*words, "--fail-on", "verdict", code=1)
+    compared(folder / "old/gain", folder / "new/gain", "--fail-on", "verdict", code=0)
+
+
+def test_a_tolerance_is_of_metrics_and_never_of_bits(folder: Path) -> None:
+    words = (folder / "old/plant", folder / "new/plant", "--tolerance")
+    for tolerance, code in (("1e-20", 1), ("1e9", 0)):
+        compared(*words, tolerance, "--fail-on", "metrics", code=code)
+    pair = pairs(*words, "1e9", code=1)["hull/pd"]
+    assert pair["state"] == "changed" and pair["first"], pair
+
+
+def test_a_log_alone_is_judged_by_what_it_carries(folder: Path, tmp_path: Path) -> None:
+    moved = shutil.copy(folder / "new/gain" / LOG, tmp_path / "moved.mcap")
+    assert compared(folder / "new/gain", moved, code=0)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "0 runs to compare; name two, old and new, or a version with --against"),
+        (("/nowhere", "/nowhere"), "/nowhere"),
+        (("{folder}/old", "{empty}"), "no log in this folder"),
+        (("{folder}/old/gain", "{folder}/new/gain", "--tolerance", "-1"), "--tolerance -1"),
+    ],
+)
+def test_wrong_input_is_a_line(
+    words: tuple[str, ...], said: str, folder: Path, tmp_path: Path
+) -> None:
+    done = compared(*(word.format(folder=folder, empty=tmp_path) for word in words), code=2)
+    assert said in done.err and done.err.count("\n") == 1, done
+
+
+def test_from_python_it_is_an_object(folder: Path) -> None:
+    runs = [pcpc.open(folder / side / "gain") for side in ("old", "new")]
+    for found in (pcpc.compare(*runs), pcpc.compare(folder / "old/gain", runs[1])):
+        (pair,) = found.pairs
+        assert found.changed and pair.first is not None and pair.first.cycle == 0
+        assert pair.changed_metrics[0].name in runs[0].metrics
+        assert "slew10, pd" in found.markdown() and "slew10, pd" in found.text()
+    assert not pcpc.compare(runs[0], runs[0]).changed
+    with pytest.raises(pcpc.Error, match="no log in this folder"):
+        pcpc.compare(folder / "old", Path(__file__).parent)
