@@ -39,6 +39,12 @@ def new(add: Add) -> None:
     add("dir", type=Path, metavar="DIR", help="a new or empty folder; its name is the rig's")
 
 
+def dbc(add: Add) -> None:
+    """Take a rig, and where to write."""
+    add("rig", metavar="RIG", help="its file or folder; its DBC file need not be there")
+    add("-o", "--output", metavar="FILE", help="default: the file that the rig names")
+
+
 def rig(add: Add) -> None:
     """Take a rig and what is changed in it."""
     add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")

@@ -36,6 +36,7 @@ from pcpc.executive.rig.typed import convert
 from pcpc.executive.rig.yamlfile import Document, Keys, Place
 
 _NO_TEXT = re.compile("[\0\ud800-\udfff]")
+_CURES: dict[Keys, str] = {("dbc",): "; `pcpc dbc` writes one from the wiring"}
 _LONGEST_KEEP_NS = 10**15  # the longest run
 
 
@@ -215,7 +216,7 @@ def _check(document: Document, config: Config) -> None:
     _evaluation(document, config)
     for keys in _file_keys(msgspec.to_builtins(config)):
         if keys[-1] != "law" and keys[0] != "evaluation":  # which was looked for just now
-            document.file(keys, _get(document.data, keys))
+            document.file(keys, _get(document.data, keys), _CURES.get(keys, ""))
 
 
 def _check_limits(document: Document, config: Config) -> None:

@@ -94,7 +94,7 @@ class Document:
             f"{place}: {what}" if place.option or not name else f"{place}: {name}: {what}"
         )
 
-    def file(self, keys: Keys, text: str) -> Path:
+    def file(self, keys: Keys, text: str, cure: str = "") -> Path:
         """Return the file that the value `text` at `keys` names, from where it was written."""
         try:
             file = (self.place(keys).folder / text).resolve()
@@ -102,7 +102,7 @@ class Document:
                 return file
         except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name too long
             raise self.error(keys, f"{text[:60]} is no file: {_reason(error)}") from None
-        raise self.error(keys, f"no such file: {shown(file)}")
+        raise self.error(keys, f"no such file: {shown(file)}{cure}")
 
     def put(self, keys: Keys, value: Any, place: Place) -> None:
         """Set the value at `keys` (texts only), as given at `place`."""

@@ -19,7 +19,7 @@ class Inputs(Ports):
 class Outputs(Ports):
     """To the plant."""
 
-    command = port("", "what the lag is told")
+    command = port("", "what the lag is told", low=-2000.0, high=2000.0)
 
 
 @stage

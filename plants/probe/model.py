@@ -29,7 +29,7 @@ class Inputs(Ports):
 class Outputs(Ports):
     """To the law."""
 
-    position = port("", "the sample")
+    position = port("", "the sample", low=-2000.0, high=2000.0)
 
 
 @stage
