@@ -130,6 +130,17 @@ def test_a_verdict_that_changed_says_why(folder: Path, tmp_path: Path) -> None:
     compared(folder / "old/gain", folder / "new/gain", "--fail-on", "verdict", code=0)
 
 
+def test_margins_of_requirements_in_time_count_as_metrics(folder: Path, tmp_path: Path) -> None:
+    for side, margin in (("old", 0.25), ("new", -0.5)):
+        shutil.copytree(folder / "old/same", tmp_path / side)
+        file = tmp_path / side / "summary.json"
+        told = json.loads(file.read_text())
+        told["requirements"] = [{"name": "calm", "held": margin > 0.0, "margin": margin}]
+        file.write_text(json.dumps(told))
+    text = compared(tmp_path / "old", tmp_path / "new", code=1).out
+    assert re.search(r"metrics +margin of calm +0\.25 +-> +-0\.5 +-300\.0 %", text), text
+
+
 def test_a_tolerance_is_of_metrics_and_never_of_bits(folder: Path) -> None:
     words = (folder / "old/plant", folder / "new/plant", "--tolerance")
     for tolerance, code in (("1e-20", 1), ("1e9", 0)):

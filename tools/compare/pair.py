@@ -115,9 +115,10 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     summaries = [_summary(run, found.said) for run in (old, new)]
     found.metrics = [
         one if not abs(one.relative) <= tolerance else Change(one.name, one.old, one.old)
-        for one in _changes(*(s.get("metrics", {}) for s in summaries))
+        for one in _changes(*({**s.get("metrics", {}), **_margins(s)} for s in summaries))
     ]
-    found.judged = list(dict.fromkeys(name for s in summaries for name in s.get("judged", ())))
+    limited = (name for s in summaries for name in (*s.get("judged", ()), *_margins(s)))
+    found.judged = list(dict.fromkeys(limited))
     if old.judged_at_its_end and new.judged_at_its_end:
         found.verdict = Change("verdict", *(s.get("verdict", "") for s in summaries))
     for side, summary in zip(("old", "new"), summaries, strict=True):
@@ -146,6 +147,12 @@ def _summary(run: Run, said: list[str]) -> dict[str, Any]:
     except _UNTOLD as error:
         said.append(f"no metrics: {error}")
         return {}
+
+
+def _margins(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how far a run was from violating each requirement in time, negative if it did."""
+    told = summary.get("requirements", ())
+    return {f"margin of {one['name']}": one["margin"] for one in told}
 
 
 def _is_nan(value: Any) -> bool:
