@@ -1,0 +1,150 @@
+"""The workflow of docs/ci.md: its steps are carried out in a clean environment.
+
+A fresh repository with a user's rig, an empty home, nothing of this environment. What cannot run
+here is named below; the step on vcan0 belongs to tests/vcan.
+"""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from blocks import ROOT, blocks_of
+
+from pcpc.drivers.compile_cache import user_cache
+from pcpc.tools import cli
+
+(WORKFLOW,) = [
+    yaml.safe_load(block.text) for block in blocks_of(ROOT / "docs/ci.md")
+    if block.text.startswith("# .github/")
+]  # fmt: skip
+JOB = WORKFLOW["jobs"]["rigs"]
+STEPS: dict[str, dict[str, Any]] = {s["name"]: s for s in JOB["steps"] if "run" in s}
+PACKAGES, ON_VCAN = "packages for a machine with CAN", "the same on a CAN interface of the kernel"
+COMMENT, SAME = "tell it under the pull request", "all three have the same bits"
+GH = """#!/bin/sh
+printf '%s\\n' "$@" > "$HOME/words"
+for last; do :; done
+cp "$last" "$HOME/comment.md"
+"""
+
+
+class Runner:
+    """A machine that has Python with pcpc, git and a checked-out pull request, and no more."""
+
+    def __init__(self, folder: Path) -> None:
+        self.home, self.repo = folder / "home", folder / "repo"
+        (self.home / ".cache").mkdir(parents=True)
+        programs = self.home / "bin"
+        programs.mkdir()
+        (programs / "gh").write_text(GH)
+        (programs / "gh").chmod(0o755)
+        self.environment = {
+            "HOME": str(self.home), "LANG": "C.UTF-8", "CI": "true", "GITHUB_BASE_REF": "main",
+            "GITHUB_STEP_SUMMARY": str(self.home / "summary.md"),
+            "PATH": f"{programs}:{Path(sys.executable).parent}:/usr/bin:/bin", **WORKFLOW["env"],
+        }  # fmt: skip
+        cache = user_cache()
+        assert cache is not None
+        (cache / "pcpc").mkdir(parents=True, exist_ok=True)
+        (self.home / ".cache/pcpc").symlink_to(cache / "pcpc")  # as actions/cache brings it
+        origin = folder / "origin.git"
+        self.run(f"git init -q -b main {self.repo}; git init -q -b main --bare {origin}", folder)
+        self.run("git config user.name me; git config user.email me@example.org; pcpc new motor")
+        (self.repo / "requirements.txt").write_text("pcpc[plot]\n")
+        self.run(f"git add .; git commit -q -m one; git remote add origin {origin}")
+        self.run("git push -q origin main; git checkout -q -b stiffer")
+        rig = self.repo / "motor/rig.yaml"
+        rig.write_text(rig.read_text().replace("kp_V_rad: 30.0", "kp_V_rad: 31.0"))
+        self.run("git commit -q -a -m two")
+
+    def run(self, script: str, folder: Path | None = None, **more: str) -> str:
+        """Run a script as a step is run; return what it printed."""
+        done = subprocess.run(
+            ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", script],
+            cwd=folder or self.repo, env=self.environment | more, text=True, check=False,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        assert done.returncode == 0, f"{script}\nended with {done.returncode}\n{done.stdout}"
+        return done.stdout
+
+
+@pytest.fixture(scope="module")
+def runner(tmp_path_factory: pytest.TempPathFactory) -> Runner:
+    """Return a machine on which the steps were carried out, in their order."""
+    runner = Runner(tmp_path_factory.mktemp("ci"))
+    for name, step in STEPS.items():
+        if name in (PACKAGES, ON_VCAN):
+            continue
+        if name == SAME:  # of the run on vcan0, which is not made here
+            shutil.copytree(runner.repo / "runs/lockstep", runner.repo / "runs/vcan0")
+        given = {key: re.sub(r"\$\{\{.*\}\}", "7", v) for key, v in step.get("env", {}).items()}
+        runner.run(step["run"], **given)
+    return runner
+
+
+def test_the_comment_names_the_rig_the_metric_and_the_first_cycle(runner: Runner) -> None:
+    comment = (runner.home / "comment.md").read_text()
+    assert comment.startswith("### pcpc compare: 1 changed\n"), comment
+    assert re.search(r"^\| motor, pid \| from cycle 1\d\d \(0\.1\d\d s\) on, first controller\.",
+                     comment, re.MULTILINE), comment  # fmt: skip
+    assert re.search(r"^\|  \|  \| \w+ \| \S+ \| \S+ \| [+-]\S+ % \|$", comment, re.MULTILINE)
+    assert "controllers.pid.parameters.kp_V_rad 30 -> 31" in comment, comment
+    words = (runner.home / "words").read_text().split("\n")
+    assert words[:3] == ["pr", "comment", "7"], words
+
+
+def test_the_table_of_the_page_is_the_one_that_comes(runner: Runner) -> None:
+    text = (ROOT / "docs/ci.md").read_text("utf-8").partition("## The table\n")[2]
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    comment = (runner.home / "comment.md").read_text().splitlines()
+    assert rows == [line for line in comment if line.startswith("|")]
+
+
+def test_what_is_kept_is_there(runner: Runner) -> None:
+    (kept,) = [step["with"]["path"] for step in JOB["steps"] if "upload" in step.get("uses", "")]
+    assert all((runner.repo / name).exists() for name in kept.split("\n")), kept
+    report = (runner.repo / "compared/report.md").read_text()
+    assert (
+        "![motor, pid](motor-pid.png)" in report
+        and (runner.repo / "compared/motor-pid.png").is_file()
+    )
+    assert (runner.home / "summary.md").read_text() == report
+
+
+def test_nothing_of_the_machine_was_needed(runner: Runner) -> None:
+    left = {path.name for path in runner.home.iterdir()}
+    assert left <= {".cache", ".config", "bin", "words", "comment.md", "summary.md"}, left
+    status = runner.run("git status --short -- ':!*__pycache__*'")
+    assert status == "?? compared/\n?? runs/\n?? table.json\n?? table.md\n"
+
+
+def test_the_packages_are_those_of_make_vcan_tools() -> None:
+    def packages(text: str) -> list[str]:
+        found = re.search(r"--no-install-recommends \\\n(.*)", text)
+        assert found is not None
+        return found[1].split()
+
+    assert packages(STEPS[PACKAGES]["run"]) == packages((ROOT / "Makefile").read_text())
+
+
+def test_the_step_on_vcan0_is_a_command_line() -> None:
+    words = shlex.split(STEPS[ON_VCAN]["run"].replace("$RIG", "motor"))
+    options = cli.parsed(words[1:])
+    inner = cli.parsed(options.rest[1:])
+    assert (words[0], options.rest[0], options.timeout) == ("pcpc", "pcpc", 1200.0)
+    assert (inner.command, inner.bus, inner.pacing, inner.output) == (
+        "run", "vcan0", "lockstep", "runs/vcan0",
+    )  # fmt: skip
+
+
+def test_actions_are_named_with_their_versions() -> None:
+    used = [step["uses"] for step in JOB["steps"] if "uses" in step]
+    assert used and all(re.fullmatch(r"actions/[a-z-]+@v\d+", name) for name in used), used
+    assert os.path.basename(blocks_of(ROOT / "docs/ci.md")[0].text.split()[1]) == "rigs.yaml"
