@@ -1,7 +1,9 @@
 """How nodes find each other, recorded the same in every run without a clock.
 
 Each node repeats its heartbeat until the other one is there. How often depends on who was started
-first, so that in lockstep and virtual time only what always happens is taken and recorded:
+first, so that in lockstep and virtual time only what always happens is taken and recorded; and an
+executive that has answered is silent until the first sample comes: its next heartbeat would be one
+of cycle 1.
 
     sent                 one heartbeat, once the node below was heard (the plant: at once)
     received from above  the first heartbeat, then SYNC(0)
@@ -16,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES
 from pcpc.executive.loop import shared as sh
@@ -42,6 +44,12 @@ def sorted_out(n: Any, row: Any) -> Any:
     if part in (BEFORE, AFTER):
         n.meeting.sampled = 1
     return HELD_FIRST if part == AFTER and n.meeting.holding != 0 else TAKE
+
+
+@loop_inline
+def is_over(n: Any) -> Any:
+    """Return whether, before the first cycle, all who wait for a heartbeat have one (no clock)."""
+    return n.meeting.ordered != 0 and n.meeting.seeks_below != 0 and n.wire.n_second == 0
 
 
 @loop_function

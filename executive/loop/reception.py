@@ -69,7 +69,8 @@ def gather(n: Any) -> None:
         elif result == NOTHING:
             waits += 1
             if n.passes == 0 and runs(n.clock):
-                announce_again(n)
+                if not meeting.is_over(n):
+                    announce_again(n)
                 waits = 0
             elif waits >= patience(n) or not runs(n.clock):
                 n.guard.faulted = sv.PEER_SILENT
