@@ -1,6 +1,6 @@
 """The code blocks of a page, and how each is carried out, in order, in a folder that begins empty.
 
-    sh        run by bash; must end with 0
+    sh        run by bash, from where the block before ended; must end with 0
     output    lines that the last sh block printed; `...` stands for anything
     python    run, all blocks of a page in one namespace
     yaml      parsed
@@ -87,11 +87,14 @@ class Reader:
             "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "80",
         }  # fmt: skip
         done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", block.text], cwd=self.folder, env=environment,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+            ["bash", "-euo", "pipefail", "-c", block.text + "\npwd\n"], cwd=self.folder,
+            env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            check=False,
         )  # fmt: skip
         self.printed = done.stdout
         assert done.returncode == 0, f"{block.where}: ended with {done.returncode}\n{done.stdout}"
+        *_, last = done.stdout.splitlines()
+        self.folder = Path(last)
 
     def _compare(self, block: Block) -> None:
         printed = [" ".join(line.split()) for line in self.printed.splitlines()]

@@ -8,7 +8,11 @@ from blocks import KNOWN, PAGES, ROOT, SHOWN, Block, Reader, blocks_of
 BLOCKS = {page.relative_to(ROOT).as_posix(): blocks_of(page) for page in PAGES}
 RUN = [n for n, blocks in BLOCKS.items() if any(b.language not in SHOWN for b in blocks)]
 NOT_RUN = {  # blocks by page that nobody carries out, each with its reason above it
-    "README.md": 5,
+    "README.md": 3,
+    "docs/howto/bus.md": 1,
+    "docs/howto/can-adapter.md": 2,
+    "docs/howto/test-in-ci.md": 1,
+    "docs/tutorial.md": 1,
 }
 
 
@@ -20,6 +24,7 @@ def test_every_block_does_what_the_page_says(
     reader = Reader(tmp_path)
     for block in BLOCKS[page]:
         reader.follow(block)
+        monkeypatch.chdir(reader.folder)
 
 
 def test_every_block_says_what_it_is() -> None:
