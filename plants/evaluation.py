@@ -210,15 +210,19 @@ class Evaluation:
     def draw(
         self, log: Log, path: Path, title: str, metrics: Figures, window_s: tuple[float, float],
         numbers: Mapping[str, float] | None = None,
+        violations: Sequence[tuple[float, str]] = (),
     ) -> None:  # fmt: skip
-        """Write one PNG, 1200 x 1500 pixels; ImportError, with the cure, without matplotlib."""
+        """Write one PNG, 1200 x 1500 pixels; ImportError, with the cure, without matplotlib.
+
+        `violations`: of requirements, time in s and name.
+        """
         period_s = 1e-9 * float(log.metadata.get("executive", {}).get("period_ns", 1e9))
         judged = self.judged(log, window_s, numbers or {}, period_s)
         text = [[], [f"shaded {window_s[0]:g} to {window_s[1]:g} s"]]
         for line, parts in zip(text, self.notes, strict=True):
             line += [told for part in parts if (told := self._told(part, metrics))]
         words = "\n".join("   ·   ".join(line) for line in text)
-        pages.draw_page(judged, path, title, words, self.panels)
+        pages.draw_page(judged, path, title, words, self.panels, violations)
 
     def _told(self, part: Note, metrics: Figures) -> str:
         if callable(part):

@@ -103,10 +103,14 @@ class Run:
         """Time of the cycles."""
         return np.asarray(self.cycle * self.period_s, np.float64)
 
-    @cached_property
+    @property
     def plant_told(self) -> Mask:
         """Which cycles have the plant's record."""
-        return self._rows("plant") >= 0
+        return self.told("plant")
+
+    def told(self, node: str) -> Mask:
+        """Return which cycles have the record of a node."""
+        return self._rows(node) >= 0
 
     @cached_property
     def plant_tells(self) -> bool:
@@ -135,7 +139,8 @@ class Run:
     def has(self, name: str) -> bool:
         """Return whether the records have a variable `NODE:NAME`."""
         node, _, variable = name.partition(":")
-        return node in self.log.node and variable in self.log.node[node].columns
+        record = self.log.node.get(node)
+        return record is not None and (variable in record.columns or variable in record.timing)
 
     def values(self, source: Source, place: Place | None = None) -> Vector:
         """Return what a source says, a value or a row a cycle; `place`: where it is declared."""
@@ -158,10 +163,10 @@ class Run:
         rows, record = self._rows(node), self.log.node.get(node)
         if record is None or not len(record.cycle) or not len(record.columns):
             return np.full(len(rows), math.nan)
-        found = record.columns.get(variable)
-        if found is None:
-            known = list(record.columns)
+        if not self.has(name):
+            known = [*record.columns, *record.timing]
             raise Mistake(f"{node}: no variable {variable}{did_you_mean(variable, known)}")
+        found = (record.columns if variable in record.columns else record.timing)[variable]
         return found if node == self.leader else np.where(rows < 0, math.nan, found[rows])
 
     def _rows(self, node: str) -> NDArray[np.int64]:

@@ -32,6 +32,7 @@ GREY, SHADE = "#707070", "#ECEFF3"
 POINTS = 3000  # of a drawn line: more than pixels
 SMALLEST_LATE_US = 1.0  # on the logarithmic axis
 IN_SIGHT = 2.0  # times what is drawn
+MOST_VIOLATIONS, NAME_LETTERS = 5, 50  # marked, and of a name beside its mark
 TITLE_LETTERS = 60  # of 13 point across the page
 
 
@@ -82,10 +83,14 @@ def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
     return page, axes
 
 
-def draw_page(judged: Judged, path: Path, title: str, text: str, panels: Sequence[Panel]) -> None:
+def draw_page(
+    judged: Judged, path: Path, title: str, text: str, panels: Sequence[Panel],
+    violations: Sequence[tuple[float, str]] = (),
+) -> None:  # fmt: skip
     """Write one PNG: `panels` above each other, below them how late a paced executive woke.
 
-    `text`: the two lines under the title. The window is shaded. Raises ImportError, with the cure,
+    `text`: the two lines under the title; `violations`: times to mark, s, and of what. The window
+    is shaded. Raises ImportError, with the cure,
     where matplotlib is not installed.
     """
     log, window_s = judged.log, judged.windows[WINDOW]
@@ -103,6 +108,7 @@ def draw_page(judged: Judged, path: Path, title: str, text: str, panels: Sequenc
         if clocked:
             draw_lateness(axes[-1], judged)
         mark_tunings(axes, judged)
+        mark_violations(axes, violations, end_s)
     for ax, label in zip(axes, [*(p.label for p in shown), "wake-up [us]"], strict=False):
         ax.set_ylabel(label)
         dress(ax, window_s)
@@ -139,6 +145,23 @@ def mark_tunings(axes: Sequence["Axes"], judged: Judged) -> None:
         axes[min(1, len(axes) - 1)].annotate(
             words, (cycle * judged.period_s, 0.04), xycoords=("data", "axes fraction"), fontsize=7,
             xytext=(3, 0), textcoords="offset points",
+        )  # fmt: skip
+
+
+def mark_violations(
+    axes: Sequence["Axes"], violations: Sequence[tuple[float, str]], end_s: float
+) -> None:
+    """Draw a line through all axes where requirements were first violated, named in the first."""
+    for i, (time_s, name) in enumerate(sorted(violations)[:MOST_VIOLATIONS]):
+        for ax in axes:
+            ax.axvline(time_s, color=VERMILION, linewidth=0.9, linestyle="-.")
+        words = name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 3]}..."
+        right = time_s > end_s / 2.0  # of the middle: the words go left
+        axes[0].annotate(
+            f"violated: {words}", (time_s, 0.97 - 0.09 * i), xycoords=("data", "axes fraction"),
+            color=VERMILION, fontsize=7, xytext=(-3 if right else 3, 0), va="top",
+            textcoords="offset points", ha="right" if right else "left",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
         )  # fmt: skip
 
 

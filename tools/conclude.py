@@ -12,6 +12,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.tools import report
 from pcpc.tools import summary as summaries
 from pcpc.tools.judge import EvaluationError, Judge
+from pcpc.tools.requirements import violations
 
 LOG = "log.mcap"
 _UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
@@ -80,7 +81,8 @@ def _figure(judge: Judge, log: logs.Log, summary: summaries.Summary, path: Path)
     title = f"{config.rig}: {config.title}, controller {config.controller}"
     title += changes(summary["changed"])
     try:
-        reason = judge.draw(log, title, summary["metrics"], path)
+        marks = violations(summary["requirements"])
+        reason = judge.draw(log, title, summary["metrics"], path, marks)
     except EvaluationError as error:
         return f"no figure: {error}"
     if reason:

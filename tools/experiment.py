@@ -58,7 +58,7 @@ def run_case(case: Case) -> Result:
     try:
         judge = Judge.of(rig)
         metrics = judge.metrics(log, case.window_s)
-        traces = _traces(judge.run(log), case.traces) if case.traces else {}
+        traces = _traces(judge.judged(log).run(), case.traces) if case.traces else {}
     except (RigError, EvaluationError) as error:
         return Result(case, failed=str(error))
     done = len(log.node["executive"].cycle)

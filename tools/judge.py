@@ -9,7 +9,7 @@ reason. An evaluation that fails costs its metrics and the verdict, never the re
 import errno
 import math
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,9 +21,12 @@ from pcpc.executive.log.reader import Log
 from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.requirements import RequirementError, text_of
+from pcpc.executive.rig.schema import Requirement
 from pcpc.plants.evaluation import Evaluation
-from pcpc.plants.judging import Mistake, Run
+from pcpc.plants.judging import Judged, Mistake
 from pcpc.tools.imagine import imagined, large, noise, nothing
+from pcpc.tools.requirements import Names, Result, bound, results
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
     *(f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send", "publish")),
@@ -33,7 +36,7 @@ TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figur
         "frames_lost_on_purpose",
     )),
 )  # fmt: skip
-Result = TypeVar("Result")
+Made = TypeVar("Made")
 
 
 class EvaluationError(Exception):
@@ -48,6 +51,17 @@ class Judgement:
     judged: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     not_judged: dict[str, str] = field(default_factory=dict)
+    requirements: list[Result] = field(default_factory=list)
+
+    def require(self, results: list[Result]) -> None:
+        """Enter what became of requirements."""
+        self.requirements = results
+        for one in results:
+            if one.held is None:
+                self.not_judged[one.name] = one.reason
+            else:
+                self.judged.append(one.name)
+        self.failed += [str(one) for one in results if one.held is False]
 
 
 @dataclass(frozen=True)
@@ -92,22 +106,54 @@ class Judge:
         about = window_s or given.window_s, given.numbers, 1.0 / self.rig.config.rate_hz
         return guarded(lambda: evaluation.judge(log, *about))
 
-    def run(self, log: Log) -> Run:
-        """Return a run with what the rig says of its evaluation, which it names."""
+    def judged(self, log: Log) -> Judged:
+        """Return a run with what the rig says of its evaluation."""
         evaluation, given = self.evaluation, self.rig.evaluation
-        assert evaluation is not None and given is not None, "the rig names an evaluation"
         period_s = 1.0 / self.rig.config.rate_hz
-        return evaluation.judged(log, given.window_s, given.numbers, period_s).run()
+        if evaluation is None or given is None:
+            return Judged(log, period_s)
+        return evaluation.judged(log, given.window_s, given.numbers, period_s)
 
-    def draw(self, log: Log, title: str, metrics: Mapping[str, float], path: Path) -> str:
+    def required(self) -> dict[int, Requirement]:
+        """Return the rig's requirements of the controller that runs, by their numbers."""
+        config = self.rig.config
+        return {
+            number: entry
+            for number, entry in enumerate(config.require)
+            if entry.controllers is None or config.controller in entry.controllers
+        }
+
+    def requirements(self, log: Log, cut: bool | None = None) -> list[Result]:
+        """Return what became of the rig's requirements; EvaluationError, RigError.
+
+        `cut`: whether the run went on behind the log's end; None: as far as the log tells.
+        """
+        self.check_requirements(log)
+        required = list(self.required().values())
+        return guarded(lambda: results(required, self.judged(log), cut)) if required else []
+
+    def check_requirements(self, log: Log) -> None:
+        """Refuse names and units that are wrong for a log like this one; RigError."""
+        signals = self.evaluation.signals if self.evaluation else {}
+        try:
+            bound(list(self.required().values()), Names(log, signals))
+        except RequirementError as error:
+            keys = ("require", list(self.required())[error.number], *error.keys)
+            raise self.rig.document.error(keys, error.what) from None
+
+    def draw(
+        self, log: Log, title: str, metrics: Mapping[str, float], path: Path,
+        violations: Sequence[tuple[float, str]] = (),
+    ) -> str:  # fmt: skip
         """Draw the rig's figure; return "" or the reason why there is none.
 
+        `violations`: of requirements, see `tools.requirements`; they are marked.
         Raises EvaluationError; OSError if `path` cannot be written.
         """
         evaluation, given = self.evaluation, self.rig.evaluation
         if evaluation is None or given is None or not evaluation.panels:
             return "the rig names no evaluation file with panels"
-        about = title, metrics, given.window_s, given.numbers
+        about = title, metrics, given.window_s, given.numbers, violations
         try:
             guarded(lambda: evaluation.draw(log, path, *about), path)
         except ImportError as error:
@@ -124,10 +170,11 @@ class Judge:
             )  # fmt: skip
         probe = replace(log, node=nodes)
         try:
+            self.requirements(probe)
             self.metrics(probe, (-math.inf, math.inf))
             if drawn and evaluation is not None:
-                guarded(lambda: evaluation.touch(self.run(probe)))
-        except EvaluationError:
+                guarded(lambda: evaluation.touch(self.judged(probe).run()))
+        except (EvaluationError, RigError):
             pass  # it will fail again, and be told, on the whole log
         found = {}
         for name, one in nodes.items():
@@ -137,18 +184,32 @@ class Judge:
 
     def judge(self, log: Log, changed: list[str], early: str = "") -> Judgement:
         """Judge a run in which values were `changed`; `early`: why it has not come to its end."""
-        config, found = self.rig.config, Judgement()
+        found = Judgement()
+        self._judge_limits(found, log, changed, early)
+        if any(setting.partition("=")[0] == "controller" for setting in changed):
+            why = _beyond(self.rig, changed)
+            found.not_judged |= {text_of(one): why for one in self.required().values()}
+            return found
+        try:
+            found.require(self.requirements(log, True if early else None))
+        except (EvaluationError, RigError) as error:
+            found.failed += [str(error)] * (str(error) not in found.failed)
+        return found
+
+    def _judge_limits(self, found: Judgement, log: Log, changed: list[str], early: str) -> None:
+        """Judge the metrics that the rig limits."""
+        config = self.rig.config
         expected = config.expect.get(config.controller, {})
         try:
             found.metrics = self.metrics(log)
         except EvaluationError as error:
             found.failed.append(str(error))
             found.not_judged = dict.fromkeys(expected, "the evaluation failed")
-            return found
+            return
         reason = early or _beyond(self.rig, changed)
         if reason:
             found.not_judged = dict.fromkeys(expected, reason)
-            return found
+            return
         for name, (low, high) in expected.items():
             found.judged.append(name)
             value = found.metrics.get(name, math.nan)
@@ -156,7 +217,6 @@ class Judge:
                 known = "" if name in found.metrics else did_you_mean(name, found.metrics)
                 said = "is not told by this run" if math.isnan(value) else f"= {value:.4g}"
                 found.failed.append(f"{name} {said}, expected {low:g} to {high:g}{known}")
-        return found
 
 
 _PROBED = 1000  # rows
@@ -199,7 +259,7 @@ def _loaded(file: Path) -> Evaluation:
     return found
 
 
-def guarded(action: Callable[[], Result], output: Path | None = None) -> Result:
+def guarded(action: Callable[[], Made], output: Path | None = None) -> Made:
     """Return what `action`, code of an evaluation file, returns; EvaluationError if it fails.
 
     What is wrong with the disk, or with writing `output`, stays an OSError.
@@ -236,11 +296,15 @@ def _check_names(judge: Judge, log: Log) -> None:
 def foreseen(judge: Judge, pacing: str, drawn: bool) -> dict[str, list[str]]:
     """Return the columns by node that will be judged and drawn, of a log that keeps a part only.
 
-    {} for a rig whose log keeps everything. RigError, BusError as `plan`.
+    {} for a rig whose log keeps everything. RigError, BusError as `plan`, and for requirements
+    that name what the rig will not record.
     """
-    if judge.rig.config.record.keep is None:
+    config = judge.rig.config
+    if config.record.keep is None and not config.require:
         return {}
-    return judge.asked(imagined(judge.rig, pacing), drawn)
+    log = imagined(judge.rig, pacing)
+    judge.check_requirements(log)
+    return {} if config.record.keep is None else judge.asked(log, drawn)
 
 
 def check(judge: Judge, changed: list[str]) -> list[str]:
@@ -253,6 +317,8 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
     """
     rig, evaluation = judge.rig, judge.rig.evaluation
     config = rig.config
+    if config.require:
+        judge.check_requirements(imagined(rig, config.pacing))
     if evaluation is None:
         if any(config.expect.values()):
             raise rig.error("expect", "the rig has no evaluation that tells metrics; add one")

@@ -19,7 +19,15 @@ METRICS_SHOWN = 24
 LINES_SHOWN = 6  # of problems
 NARROWEST = 40
 _LABEL = 9  # letters
-_LEAST = ("stages", "latest", "records", "frames", "timing", "run")  # goes first, ..., last
+_LEAST = (
+    "stages",
+    "latest",
+    "records",
+    "frames",
+    "timing",
+    "require",
+    "run",
+)  # goes first, ..., last
 _PROMPT = 2  # lines of the terminal that are not ours: the command, the next prompt
 
 Row = tuple[str, str, list[str]]  # kind, label, lines
@@ -77,6 +85,9 @@ def rows(summary: Mapping[str, Any], folder: Path, width: int) -> list[Row]:
         first = [*summary["judged"], *summary["not_judged"]]
         known = sorted(summary["metrics"].items(), key=lambda pair: pair[0] not in first)
         found.append(("metrics", "metrics", _columns(dict(known), wide)))
+    held = [one["text"] for one in summary["requirements"] if one["held"]]
+    for i, line in enumerate(held):
+        add("require", line, "require" if i == 0 else "")
     kinds = ("faults", "expectations_failed", "frames_too_many", "log_missing")
     problems = [line for kind in kinds for line in summary[kind]]
     for i, line in enumerate(problems[:LINES_SHOWN]):

@@ -2,8 +2,8 @@
 
 verdict              exit code
 ok                   0
-expectation not met  1    a metric is outside the rig's two-sided limits, the evaluation failed, or
-                          somebody else ended the run before its last cycle
+expectation not met  1    a metric is outside the rig's two-sided limits, a requirement is violated,
+                          the evaluation failed, or somebody else ended the run too early
 loss                 3    frames lost (but not on purpose) or stale, more wrong ones than the rig's
                           `errors` allow, records dropped, or a part of the log missing
 safety stop          5    a node faulted or died
@@ -199,6 +199,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         "judged": found.judged,
         "not_judged": found.not_judged,
         "expectations_failed": failed,
+        "requirements": [one.json() for one in found.requirements],
         "realtime": outcome.realtime,
         "start_to_first_cycle_s": _start_s(executive, outcome),
         "log_missing": [*log.missing, *absent, *outcome.missing],

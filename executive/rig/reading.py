@@ -213,10 +213,26 @@ def _check(document: Document, config: Config) -> None:
         for figure, (low, high) in figures.items():
             if not low <= high:
                 raise document.error(("expect", name, figure), f"{low:g} is above {high:g}")
+    _check_requirements(document, config)
     _evaluation(document, config)
     for keys in _file_keys(msgspec.to_builtins(config)):
         if keys[-1] != "law" and keys[0] != "evaluation":  # which was looked for just now
             document.file(keys, _get(document.data, keys), _CURES.get(keys, ""))
+
+
+def _check_requirements(document: Document, config: Config) -> None:
+    """Refuse requirements that say nothing, whatever the names in them stand for."""
+    from pcpc.executive.rig.requirements import RequirementError, timed
+
+    for i, entry in enumerate(config.require):
+        for name in entry.controllers or ():
+            if name not in config.controllers:
+                what = f"no controller {name}{did_you_mean(name, config.controllers)}"
+                raise document.error(("require", i, "controllers"), what)
+        try:
+            timed(entry, lambda name: None)
+        except RequirementError as error:
+            raise document.error(("require", i, *error.keys), error.what) from None
 
 
 def _check_limits(document: Document, config: Config) -> None:

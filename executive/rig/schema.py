@@ -23,6 +23,8 @@ Word = Annotated[str, Meta(max_length=200)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Duration = Annotated[str, Meta(pattern=r"\A[0-9]{1,9}(\.[0-9]{1,9})?(ms|s|min)\Z")]
+Condition = Annotated[str, Meta(max_length=300)]  # see `rig.expressions`
 
 
 class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -209,27 +211,56 @@ class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     set: dict[str, float]
 
 
+def duration_ns(text: str) -> int:
+    """Return a Duration in ns."""
+    number = text.rstrip("msin")
+    return round(float(number) * {"ms": 1e6, "s": 1e9, "min": 60e9}[text[len(number) :]])
+
+
 Happening = Literal["fault", "change", "skip", "tuning"]
 
 
 class Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the log keeps: all, or with `keep` what lies around an event; see `log.keep`."""
 
-    keep: Annotated[str, Meta(pattern=r"\A[0-9]{1,9}(\.[0-9]{1,9})?(ms|s|min)\Z")] | None = None
+    keep: Duration | None = None
     on: Happening | list[Happening] = "fault"
 
     @property
     def keep_ns(self) -> int:
         """`keep` in ns; 0 for all."""
-        if self.keep is None:
-            return 0
-        number = self.keep.rstrip("msin")
-        return round(float(number) * {"ms": 1e6, "s": 1e9, "min": 60e9}[self.keep[len(number) :]])
+        return 0 if self.keep is None else duration_ns(self.keep)
 
     @property
     def events(self) -> list[str]:
         """`on` as a list."""
         return [self.on] if isinstance(self.on, str) else list(self.on)
+
+
+class Requirement(
+    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True,
+    rename={"for_": "for"},
+):  # fmt: skip
+    """What has to hold in time, in one of the forms of `rig.requirements`, for `controllers`."""
+
+    name: Word | None = None
+    always: Condition | None = None
+    never: Condition | None = None
+    until: Condition | None = None
+    when: Condition | None = None
+    then: Condition | None = None
+    settles: Condition | None = None
+    to: Condition | float | None = None
+    into: Condition | float | None = None
+    overshoot: Condition | None = None
+    over: Condition | None = None
+    rate: Condition | None = None
+    at_most: Condition | float | None = None
+    within: Duration | None = None
+    for_: Duration | None = None
+    after: Duration | None = None
+    before: Duration | None = None
+    controllers: list[Name] | None = None
 
 
 class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -259,6 +290,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     record: Record = Record()
     schedule: list[Tuning] = []
     note: list[str] = []
+    require: list[Requirement] = []
     expect: dict[str, dict[str, tuple[float, float]]] = {}
 
     @property

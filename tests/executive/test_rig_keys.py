@@ -22,7 +22,7 @@ def rows(
     """
     told = {} if told is None else told
     for field in inspect.type_info(kind).fields:
-        key, found = f"{above}{field.name}", field.type
+        key, found = f"{above}{field.encode_name}", field.type
         below = struct_in(found)
         key += ".NAME" if isinstance(found, inspect.DictType) and below else ""
         key += "[]" if isinstance(found, inspect.ListType) and below else ""

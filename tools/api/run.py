@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,12 +17,15 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.requirements import RequirementError
+from pcpc.executive.rig.schema import Requirement
 from pcpc.plants.judging import Judged, paired_rows
 from pcpc.tools import log_rig, play_frames
 from pcpc.tools import summary as summaries
 from pcpc.tools.api.settings import settings
 from pcpc.tools.judge import Judge
 from pcpc.tools.progress import Progress
+from pcpc.tools.requirements import Result, results, violations
 
 if TYPE_CHECKING:
     import pandas
@@ -190,14 +194,17 @@ class Run:
 
     def _signal(self, name: str) -> Vector | None:
         """Return a signal of the rig's evaluation; None if it has no such one."""
+        if name not in self._judged.signals:
+            return None
+        return np.asarray(self._judged.run()[name])
+
+    @cached_property
+    def _judged(self) -> Judged:
+        """The run with what the rig says of its evaluation, if that can be had."""
         try:
-            evaluation = self._judge.evaluation
+            return self._judge.judged(self.log)
         except (logs.LogError, UserError):  # a foreign log's: it does not run unasked
-            return None
-        if evaluation is None or name not in evaluation.signals:
-            return None
-        judged = Judged(self.log, self.period_s, signals=evaluation.signals)
-        return np.asarray(judged.run()[name])
+            return Judged(self.log, self.period_s)
 
     # What it came to
 
@@ -239,6 +246,30 @@ class Run:
         """The figures of merit of the rig's evaluation."""
         return dict(self.summary["metrics"])
 
+    @cached_property
+    def requirements(self) -> list[Result]:
+        """What became of the rig's requirements: held or not, where first, with which margin."""
+        return self._judge.requirements(self.log)
+
+    def require(self, **entry: Any) -> Result:
+        """Return what became of a requirement that holds in this run, else raise NotOk.
+
+            run.require(always="abs(controller.e_rad) < 2 mrad", after="1s")
+            run.require(when="reference.q_d_rad changes", within="200ms", then=..., for_="1s")
+
+        The keys are those of a rig's `require`, but `for_`. NotOk is an AssertionError; it says
+        where the requirement was first violated, or why it could not be judged.
+        """
+        words = {key.removesuffix("_"): value for key, value in entry.items()}
+        try:
+            asked = msgspec.convert(words, Requirement)
+            (found,) = results([asked], self._judged)
+        except (msgspec.ValidationError, RequirementError) as error:
+            raise UserError(f"require: {error}") from None
+        if not found.held:
+            raise NotOk(str(found))
+        return found
+
     @property
     def verdict(self) -> str:
         """`ok`, `expectation not met`, `loss`, `safety stop` or `interrupted`."""
@@ -264,7 +295,8 @@ class Run:
             else:
                 config = self.rig.config
                 title = f"{config.rig}: {config.title}, controller {config.controller}"
-                reason = self._judge.draw(self.log, title, self.metrics, place)
+                marks = violations(one.json() for one in self.requirements)
+                reason = self._judge.draw(self.log, title, self.metrics, place, marks)
                 if reason:
                     raise UserError(f"{self.path}: {reason}")
             found = Figure(place.read_bytes())

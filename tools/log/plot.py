@@ -102,6 +102,7 @@ def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> 
     """Draw the figure of the log's evaluation; return False, and say why, if there is none."""
     from pcpc.executive.errors import RigError
     from pcpc.tools.judge import EvaluationError, Judge
+    from pcpc.tools.requirements import violations
 
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -118,7 +119,8 @@ def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> 
             if given is None or judge.evaluation is None or not judge.evaluation.panels:
                 return False
             with new_file(options.output, force=True) as path:
-                if reason := judge.draw(log, title, judge.metrics(log), path):
+                marks = violations(one.json() for one in judge.requirements(log))
+                if reason := judge.draw(log, title, judge.metrics(log), path, marks):
                     raise LogCommandError(reason, Exit.ENVIRONMENT)
         except (RigError, EvaluationError) as error:
             raise LogCommandError(str(error)) from None

@@ -1,0 +1,254 @@
+"""Requirements of a rig in its runs: the verdict, the exact cycle in every pacing, the figure."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from processes import PATIENT, RIGS, own_bus, pcpc
+
+from pcpc import Error, NotOk, Run, open, simulate
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import long_logs
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants import pages
+from pcpc.tools import report
+from pcpc.tools.judge import Judge, check
+from pcpc.tools.requirements import Result
+from pcpc.tools.summary import Outcome, summarise
+
+STEP10 = RIGS / "step10.yaml"
+PAST = "never: abs(controller.e_rad) > 100 mrad"  # the step of cycle 500 is one of 175 mrad
+ALL = f"""\
+  - {{{PAST}, name: no large error}}
+  - {{always: "abs(plant:barrel.theta_rad) < 1 rad and health.late_cycles < 1e9"}}
+  - {{when: reference.q_d_rad changes, within: 50ms, then: abs(muzzle_error_rad) < 0.15, for: 20ms}}
+  - {{settles: muzzle_error_rad, into: 3 mrad, when: reference.q_d_rad changes, within: 100ms}}
+  - {{overshoot: "plant:barrel.theta_rad", over: reference.q_d_rad, at_most: 5 %}}
+  - {{rate: controller.e_rad, at_most: 50 rad/s}}
+  - {{always: abs(controller.e_rad) < 5 mrad, until: time.t_s > 0.495 s}}
+"""
+
+
+def rig_file(folder: Path, requirements: str, judged: str = "{window_s: [0.1, 0.7]}") -> Path:
+    """Write the step of 10 deg, short, with other requirements."""
+    path = folder / "rig.yaml"
+    text = f"base: {STEP10}\nduration_s: 0.7\nevaluation: {judged}\nexpect: null\n"
+    path.write_text(f"{text}require:\n{requirements}", "utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Return a run that violates two of its requirements."""
+    folder = tmp_path_factory.mktemp("run")
+    return simulate(rig_file(folder, ALL), folder=folder / "run", quiet=True)
+
+
+# ----------------------------------------------------------------------------------- the verdict
+
+
+def test_a_violation_is_told_with_its_cycle_its_values_and_its_margin(run: Run) -> None:
+    assert run.verdict == "expectation not met", run.summary
+    first, *_ = run.summary["requirements"]
+    assert (first["held"], first["first_cycle"], first["first_s"]) == (False, 500, 0.5), first
+    e = np.abs(run["controller.e_rad"])
+    assert first["value"] == e[500] and first["limit"] == 0.1 and first["unit"] == "rad"
+    assert first["margin"] == 0.1 - e.max() and first["margin_cycle"] == e.argmax()
+    said = [line for line in run.summary["expectations_failed"] if line.startswith("no large")]
+    begin = (
+        f"no large error: violated first at cycle 500, 0.5 s: abs(controller.e_rad) = {e[500]:.4g}"
+    )
+    assert said[0].startswith(f"{begin} rad, limit 0.1 rad, smallest margin"), said
+
+
+def test_each_form_says_what_the_record_says(run: Run) -> None:
+    e, muzzle = run["controller.e_rad"], np.abs(run["muzzle_error_rad"])
+    theta, q_d = run["plant:barrel.theta_rad"], run["reference.q_d_rad"]
+    _, always, then, settles, overshoot, rate, until = run.requirements
+    assert always.held and always.margin == pytest.approx(1.0 - np.abs(theta).max())
+    held = np.lib.stride_tricks.sliding_window_view(muzzle < 0.15, 21).all(axis=1)
+    assert then.held == held[500:551].any(), then
+    broken = 600 + int(np.argmax(muzzle[600:] > 3e-3))
+    assert settles.first_cycle == broken and not settles.held, settles
+    past = (theta - q_d)[500:].max()
+    assert overshoot.held and overshoot.margin == pytest.approx(0.05 * q_d[-1] - past)
+    assert rate.first_cycle == 500 and rate.what == "abs(rate(controller.e_rad))"
+    assert rate.value == pytest.approx(abs(e[500] - e[499]) / 1e-3) and rate.unit == "rad/s"
+    assert until.held and until.margin_cycle is not None and until.margin_cycle >= 496, until
+
+
+def test_the_summary_fits_a_terminal_and_the_strict_verdict_knows_what_was_not_judged(
+    run: Run, tmp_path: Path
+) -> None:
+    for _, label, lines in report.rows(run.summary, tmp_path, 80):
+        assert all(len(line) <= 71 for line in lines), (label, lines)
+    rig = load_rig(rig_file(tmp_path, "  - {when: 5s, then: controller.e_rad < 1}\n"))
+    for strict, verdict in ((False, "ok"), (True, "expectation not met")):
+        found = summarise(rig, run.log, Outcome("virtual", "memory", strict=strict))
+        assert found["verdict"] == verdict, found
+        assert list(found["not_judged"].values()) == ["its event never happened"], found
+
+
+def test_requirements_are_those_of_the_controller(run: Run, tmp_path: Path) -> None:
+    path = rig_file(tmp_path, f"  - {{{PAST}, controllers: [pid]}}\n")
+    assert Judge.of(load_rig(path)).requirements(run.log) == []
+    (found,) = Judge.of(load_rig(path, "pid")).requirements(run.log)
+    assert found.first_cycle == 500
+
+
+# ------------------------------------------------------------------------------------ any record
+
+
+def same(found: list[Result], wanted: list[Result]) -> None:
+    assert [one.json() for one in found] == [one.json() for one in wanted]
+
+
+def test_equal_bits_have_equal_results_in_every_pacing(run: Run) -> None:
+    for pacing in ("real", "sync", "lockstep", "virtual"):
+        facts = {k: {**v, "pacing": pacing} for k, v in run.log.metadata.items()}
+        log = dataclasses.replace(run.log, metadata=facts)
+        same(run._judge.requirements(log), run.requirements)
+
+
+@pytest.mark.parametrize("part", [7, 250, 600])
+def test_a_long_log_has_the_results_of_a_short_one(run: Run, part: int) -> None:
+    judge = run._judge
+    long = long_logs.read(run.path, lambda log: judge.asked(log, True), short=100, part=part)
+    assert isinstance(long, long_logs.LongLog)
+    same(judge.requirements(long), run.requirements)
+    asked = judge.asked(run.log, False)
+    assert {"controller.e_rad", "health.late_cycles"} <= set(asked["executive"]) and (
+        "barrel.theta_rad" in asked["plant"]
+    ), asked
+
+
+def rows_of(log: logs.Log, count: int, node: str) -> logs.Log:
+    """Return a log with the first cycles of a node only."""
+    one = log.node[node]
+    columns, timing = ({k: v[:count] for k, v in of.items()} for of in (one.columns, one.timing))
+    cut = dataclasses.replace(
+        one, cycle=one.cycle[:count], stamp_ns=one.stamp_ns[:count], columns=columns, timing=timing
+    )
+    return dataclasses.replace(log, node=log.node | {node: cut})
+
+
+def test_a_run_cut_short_is_judged_as_far_as_it_goes(run: Run) -> None:
+    found = run._judge.requirements(rows_of(run.log, 520, "executive"))
+    assert [one.held for one in found] == [False, None, None, None, None, False, True], found
+    reasons = {one.reason for one in found if one.held is None}
+    assert reasons == {"the run ended before it was over"}
+
+
+def test_cycles_without_a_record_are_told(run: Run, tmp_path: Path) -> None:
+    gone = rows_of(run.log, 600, "plant")
+    always, settles = run._judge.requirements(gone)[1], run._judge.requirements(gone)[3]
+    assert (always.unrecorded, always.held) == (100, None), "nothing is known up to the end"
+    assert settles.held is None and settles.open == 1, settles
+    there = run._judge.requirements(run.log)[1]
+    assert there.unrecorded == 0 and there.held, there
+    absent = dataclasses.replace(run.log, node={"executive": run.log.node["executive"]})
+    found = run._judge.requirements(absent)
+    assert [one.reason for one in found if one.held is None] == ["the log has no plant"] * 4
+    assert found[0].first_cycle == 500
+
+
+@pytest.mark.parametrize("pacing", ["real", "sync", "lockstep"])
+def test_a_violation_on_purpose_has_its_exact_cycle_on_a_bus(
+    run: Run, pacing: str, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    done = pcpc(
+        "run", str(rig_file(tmp_path, ALL)), "-o", str(folder), "--bus", own_bus(), "--quiet",
+        "--pacing", pacing, "--json", "--no-figure", *PATIENT,
+    )  # fmt: skip
+    assert done.code == 1, done
+    told, recorded = done.summary["requirements"], open(folder)
+    cycle = recorded.log.node["executive"].cycle
+    for number in (0, 5):  # the error that is too large, the step that is too fast
+        first = told[number]["first_cycle"]
+        assert first == cycle[cycle >= 500][0], (first, "the step is at 500, or skipped")
+    same(recorded.requirements, [Result(**_without_text(one)) for one in told])
+    if pacing == "lockstep":
+        same(recorded.requirements, run.requirements)
+
+
+def _without_text(one: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in one.items() if key != "text"}
+
+
+# --------------------------------------------------------------------------------- the user's side
+
+
+def test_the_figure_marks_violations(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    marked: list[Any] = []
+    monkeypatch.setattr(
+        pages, "mark_violations", lambda axes, marks, end_s: marks and marked.append(marks)
+    )
+    run.figure()
+    assert marked[0][0] == (0.5, "no large error") and len(marked[0]) == 4, marked
+
+
+def test_a_run_can_be_asked_from_python(run: Run) -> None:
+    held = run.require(always="abs(controller.e_rad) < 20 deg")
+    assert held.held and held.margin_unit == "rad" and isinstance(held, Result)
+    with pytest.raises(NotOk, match=r"^never .* violated first at cycle 500, 0\.5 s: abs\("):
+        run.require(never="abs(controller.e_rad) > 100 mrad")
+    with pytest.raises(AssertionError, match="not judged: its event never happened"):
+        run.require(when="3s", then="controller.e_rad < 1")
+    with pytest.raises(Error, match=r"^require: always: no variable .* did you mean"):
+        run.require(always="controller.e_rd < 1")
+    with pytest.raises(Error, match="unknown field `alway`"):
+        run.require(alway="controller.e_rad < 1")
+    with pytest.raises(NotOk, match="no large error: violated first at cycle 500"):
+        run.check()
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ("{always: controller.e_rd < 1}", ":6:6: require[0].always: no variable controller"),
+        ('{always: "plant:barrel.theta < 1"}', "did you mean plant:barrel.theta_rad?"),
+        ("{always: controller.e_rad < 1 N m}", "is in 'rad', 1 N m is in 'N m'"),
+        ("{always: controller.kv_Nms_rad < 1}", "controller.kv_Nms_rad is not recorded"),
+        ("{settles: muzzle_error_rad, into: 2 m}", ":6:33: require[0].into: abs(muzzle_error_rad)"),
+        ("{alway: controller.e_rad < 1}", "require[0].alway: unknown key; did you mean always?"),
+        ("{always: x < 1, never: y < 1}", ":6:21: require[0].never: always and never in one"),
+        ("{then: x < 1}", "require[0].then: key when is missing beside it"),
+        ("{always: x < 1, into: 1}", ":6:21: require[0].into: does not go with always"),
+        ("{always: x < 1, within: 1s}", "require[0].within: needs until"),
+        ("{always: x < 1, until: x > 1, before: 1s}", "require[0].before: does not go with until"),
+        ("{always: x < 1, after: 2s, before: 1s}", "1s is not later than after"),
+        ("{always: x < 1, after: 9999999min}", "no more than 12 days"),
+        ("{always: x < 1, after: 2 weeks}", ":6:21: require[0].after: expected text of the form"),
+        ("{always: 1 < 2}", "require[0].always: names no variable"),
+        ("{overshoot: x, over: y, at_most: x}", "require[0].at_most: expected a number"),
+        ("{name: nothing}", "require[0]: nothing that has to hold; give one of always"),
+        ("{always: x < 1, controllers: [pdd]}", "no controller pdd; did you mean pd?"),
+        ("{rate: controller.e_rad, at_most: 3 rad}", "in 'rad/s', 3 rad is in 'rad'"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_refused_before_the_run_with_its_place(
+    entry: str, said: str, tmp_path: Path
+) -> None:
+    path = rig_file(tmp_path, f"  - {entry}\n")
+    with pytest.raises(RigError) as caught:
+        check(Judge.of(load_rig(path)), [])
+    told = str(caught.value)
+    assert told.startswith(str(path)) and said in told and "\n" not in told, told
+
+
+def test_a_rig_without_an_evaluation_has_requirements_too(tmp_path: Path) -> None:
+    path = rig_file(tmp_path, f"  - {{{PAST}}}\n", "null")
+    assert check(Judge.of(load_rig(path)), []) == []
+    done = pcpc("simulate", str(path), "-o", str(tmp_path / "run"), "--quiet", "--json")
+    written = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))
+    assert done.code == 1 and written["requirements"][0]["first_cycle"] == 500, written
+    wrong = rig_file(tmp_path, "  - {always: controller.e_rd < 1}\n")
+    refused = pcpc("simulate", str(wrong), "-o", str(tmp_path / "no"), "--quiet")
+    assert refused.code == 2 and "did you mean controller.e_rad" in refused.err, refused
