@@ -161,6 +161,8 @@ def test_a_log_alone_is_judged_by_what_it_carries(folder: Path, tmp_path: Path) 
         (("/nowhere", "/nowhere"), "/nowhere"),
         (("{folder}/old", "{empty}"), "no log in this folder"),
         (("{folder}/old/gain", "{folder}/new/gain", "--tolerance", "-1"), "--tolerance -1"),
+        (("{folder}/old", "{folder}/new", "--jobs", "2"), "--jobs: only with --against"),
+        (("{folder}/old", "{folder}/new", "--all-controllers"), "--all-controllers: only with"),
     ],
 )
 def test_wrong_input_is_a_line(

@@ -35,6 +35,10 @@ def _compared(options: argparse.Namespace, how: How, progress: Progress) -> Comp
         from pcpc.tools.compare import versions
 
         return versions.compared(options, how, progress)
+    given = {"--controller": options.controller, "--jobs": options.jobs}
+    given["--all-controllers"] = options.all_controllers or None
+    for name in (name for name, value in given.items() if value is not None):
+        raise UserError(f"{name}: only with --against; two recordings are compared as they are")
     if len(options.words) != 2:
         cure = "name two, old and new, or a version with --against"
         raise UserError(f"{len(options.words)} runs to compare; {cure}")

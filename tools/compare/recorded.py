@@ -8,6 +8,7 @@ from pcpc.tools.compare.comparison import Comparison
 from pcpc.tools.compare.overlay import How, examined
 from pcpc.tools.compare.pair import ALONE, FAILED, Pair, fact
 from pcpc.tools.conclude import LOG
+from pcpc.tools.log.series import LARGE_BYTES
 from pcpc.tools.progress import Progress
 from pcpc.tools.recorded import log_of
 
@@ -17,7 +18,12 @@ Key = tuple[str, str]  # rig, controller
 def compared(old: str, new: str, how: How, progress: Progress) -> Comparison:
     """Compare two runs, or two folders of runs: of each rig and controller the newest one."""
     if not any(_holds_runs(Path(text)) for text in (old, new)):
-        return Comparison(old, new, [examined(log_of(old), log_of(new), how)])
+        logs_of = log_of(old), log_of(new)
+        if sum(log.stat().st_size for log in logs_of if log.is_file()) > LARGE_BYTES:
+            progress.show(f"reading {old} and {new}")
+        found = Comparison(old, new, [examined(*logs_of, how)])
+        progress.close()
+        return found
     ours, theirs = (_newest(text, progress) for text in (old, new))
     found = Comparison(old, new)
     keys = sorted({*ours, *theirs})
