@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import pcpc.executive.log.signals  # noqa: F401  tables may be signals of a log
 from pcpc.drivers import dbc
 from pcpc.drivers.errors import Exit, UserError, printable
 from pcpc.executive.errors import RigError, code_of, did_you_mean

@@ -34,6 +34,7 @@ from pcpc.executive.rig import carried, trial, yamlfile
 from pcpc.executive.rig.modules import PROJECT, project_file
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import today
+from pcpc.executive.rig.roles import ROLES
 
 MOST_UP = 64  # folders that a file may lie above its rig
 
@@ -100,10 +101,23 @@ def _resolved(head: logs.Log, folder: Path) -> dict[str, Any]:
     database = PurePosixPath(str(data.get("dbc", ""))).name
     (folder / "log.dbc").write_text(head.attachments.get(database, ""), encoding="utf-8")
     data |= {"dbc": "log.dbc"}
+    for name in (entry["file"] for entry in _entries(data) if isinstance(entry.get("file"), str)):
+        (folder / PurePosixPath(name).name).write_text(head.attachments.get(name, ""), "utf-8")
     data["schedule"], data["note"] = [], []  # its tunings are in the log
     if isinstance(data.get("plant"), dict):
         data["plant"]["parameters_file"] = None
     return data
+
+
+def _entries(data: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """Yield the blocks of all nodes, as far as they are some."""
+    for node in (data.get(role) for role in ROLES):
+        blocks = node.get("blocks") if isinstance(node, dict) else None
+        yield from filter(_is_mapping, blocks.values() if isinstance(blocks, dict) else ())
+
+
+def _is_mapping(value: object) -> bool:
+    return isinstance(value, dict)
 
 
 def judged_rig(head: logs.Log, folder: Path, options: argparse.Namespace) -> tuple[Rig, str]:

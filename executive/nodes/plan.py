@@ -16,6 +16,7 @@ from typing import Any
 from pcpc.drivers import dbc
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.idle import idle
+from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a log
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views, add_block
@@ -334,7 +335,7 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
     """Return the JSON head of the node's shared block; it also goes into the log."""
     rig, table = made.rig, made.table
     attachments = {str(_short(path, rig.path)): text for path, text in rig.document.sources.items()}
-    attachments["rig-resolved.yaml"] = rig.resolved()
+    attachments |= {"rig-resolved.yaml": rig.resolved(), **rig.tables()}
     attachments[rig.dbc.name] = dbc.text(rig.dbc)
     return {
         "node": made.role,

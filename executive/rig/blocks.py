@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig import tables, yamlfile
 from pcpc.executive.rig.resolve import Use, resolve
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import FALLBACK, Config, Entry, Parameter, Plant
@@ -25,13 +25,17 @@ Shared = tuple[Parameter, Document, Keys]  # an entry of a parameters file, and 
 
 @dataclass(frozen=True)
 class BlockSpec:
-    """A block of a node: its complete settings, its wiring, and where each was given."""
+    """A block of a node: its complete settings, its wiring, and where each was given.
+
+    `table`: the numbers of `law: table` as text.
+    """
 
     name: str
     block: "Block"
     settings: dict[str, float]
     inputs: dict[str, str]
     places: dict[str, str] = field(repr=False)
+    table: str = field(repr=False, default="")
 
     def where(self, path: str = "") -> str:
         """Return the place of `law`, `inputs.x` or `parameters.x`, else that of the block."""
@@ -75,7 +79,11 @@ def blocks(
         law = config.controllers[str(keys[1])] if keys[0] == "controllers" else entry
         given = {setting: parameter.value for setting, (parameter, *_) in shared.items()}
         use = Use(given | law.parameters, config.rate_hz, config.seed)
-        block = resolve(document, keys, str(law.law), use)
+        text = ""
+        if law is entry and entry.law == tables.LAW:
+            block, text = tables.read(document, keys, entry)
+        else:
+            block = resolve(document, keys, str(law.law), use)
         places = {"": document.where((section, "blocks", name))}
         places |= {"law": document.where((*keys, "law"))}
         for inputs, at in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):
@@ -83,7 +91,7 @@ def blocks(
         settings = _settings(document, keys, law.parameters, block, shared, places)
         for used in settings:
             unused.pop(used, None)
-        specs.append(BlockSpec(name, block, settings, {**entry.inputs, **law.inputs}, places))
+        specs.append(BlockSpec(name, block, settings, {**entry.inputs, **law.inputs}, places, text))
     for name, (_, source, at) in unused.items():
         known = [setting for spec in specs for setting in spec.settings]
         raise source.error(at, f"no block of the plant has {name}{did_you_mean(name, known)}")

@@ -23,7 +23,7 @@ from typing import Any
 import msgspec
 
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.rig import yamlfile
+from pcpc.executive.rig import tables, yamlfile
 from pcpc.executive.rig.alike import take_over
 from pcpc.executive.rig.blocks import BlockSpec, blocks, entries, law_keys, parameters_file
 from pcpc.executive.rig.carried import Reads, beside, listed, merge
@@ -129,6 +129,15 @@ class Rig:
             for name, _ in entries(self.config, section)
         ]  # fmt: skip
 
+    def tables(self) -> dict[str, str]:
+        """Return the tables of all blocks as texts, by the file names of `resolved`."""
+        return {
+            _table_name(role, block): block.table
+            for role, node in self.nodes().items()
+            for block in node.blocks
+            if block.table
+        }
+
     def carried(self, reads: Reads) -> list[Any]:
         """Return what `carried` says about evaluation and laws in use, with other files `reads`."""
         found: Reads = {file: set(texts) for file, texts in reads.items()}
@@ -151,6 +160,11 @@ class Rig:
             for block in spec.blocks:
                 keys = law_keys(self.config, section, block.name)
                 _put(data, (*keys, "parameters"), dict(block.settings))
+                if block.table:
+                    _put(data, (*keys, "file"), _table_name(section, block))
+                    _put(data, (*keys, "signal"), None)
+                    interpolation = _get(data, (*keys, "interpolation"))
+                    _put(data, (*keys, "interpolation"), interpolation or "hold")
         data["plant"]["parameters_file"] = None
         return yamlfile.dump(data)
 
@@ -181,6 +195,10 @@ def load_rig(
     if resolve:
         rig.nodes()
     return rig
+
+
+def _table_name(role: Role, block: BlockSpec) -> str:
+    return f"{role}-{block.name}.csv"
 
 
 # Checks between keys
@@ -285,6 +303,8 @@ def _check_blocks(document: Document, config: Config) -> None:
                 what = f"the {first[name]} has this block, {where}; rename one"
                 raise document.error(keys, what)
             first[name] = section
+            if entry.law != tables.LAW and (entry.file or entry.signal or entry.interpolation):
+                raise document.error(keys, "only `law: table` takes file, signal, interpolation")
             if section == "executive" and name == "controller":
                 for key in ("law", "parameters"):
                     if getattr(entry, key):

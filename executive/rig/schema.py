@@ -140,9 +140,16 @@ class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A block of a node; only the executive's `controller` has no law here."""
+    """A block of a node; only the executive's `controller` has no law here.
+
+    With `law: table` a `file` of numbers over time, or a log and its `signal`; see `rig.tables`.
+    """
 
     law: str | None = None
+    file: str | None = None
+    signal: str | list[str] | None = None
+    interpolation: Literal["linear", "hold"] | None = None
+    repeat: bool = False
     parameters: dict[str, float] = {}
     inputs: dict[str, str] = {}
 

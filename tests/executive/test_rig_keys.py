@@ -52,6 +52,8 @@ def default(field: inspect.Field) -> str:
     if field.required:
         return "required"
     value = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
     shown = f"{value:g}" if isinstance(value, float) else str(value)
     return "none" if value in (None, "", {}, []) else f"`{shown}`"
 
@@ -70,7 +72,12 @@ def values(kind: inspect.Type) -> str:
         return f"[{', '.join(map(values, kind.item_types))}]"
     if isinstance(kind, inspect.IntType | inspect.FloatType):
         return f"{'whole ' * isinstance(kind, inspect.IntType)}number{span(kind)}"
-    return {inspect.NoneType: "null", inspect.AnyType: "anything"}.get(type(kind), "text")
+    names = {
+        inspect.NoneType: "null",
+        inspect.AnyType: "anything",
+        inspect.BoolType: "true or false",
+    }
+    return names.get(type(kind), "text")
 
 
 def span(kind: inspect.IntType | inspect.FloatType) -> str:

@@ -1,0 +1,42 @@
+"""Logged signals as a table: `law: table, file: run.mcap, signal: controller.e_rad`.
+
+A name without a node is the executive's; `plant:motor.angle_rad` is one of the plant. The column is
+called as the variable, without its block. Times are k T of the cycles.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.tables import MOST_VALUES, Numbers, reads
+from pcpc.executive.rig.yamlfile import shown
+
+
+@reads(".mcap")
+def signals(file: Path, names: Sequence[str]) -> Numbers:
+    """Return what a log recorded of variables of one node; RigError."""
+    where = shown(file)
+    log = logs.read(file)
+    split = [name.rpartition(":") for name in names]
+    roles = list(dict.fromkeys(role or "executive" for role, _, _ in split))
+    if len(roles) != 1 or roles[0] not in log.node:
+        what = "signals of one node are needed" if len(roles) > 1 else f"no node {roles[0]}"
+        raise RigError(f"{where}: {what}; it has {', '.join(log.node)}")
+    node = log.node[roles[0]]
+    units = {name: unit for name, unit, *_ in node.description["variables"]}
+    for _, _, name in split:
+        if name not in node.columns:
+            raise RigError(f"{where}: no signal {name}{did_you_mean(name, node.columns)}")
+    period_ns = float(log.metadata[roles[0]]["period_ns"])
+    columns = [f"{name.rpartition('.')[2]} [{units[name]}]" for _, _, name in split]
+    values = np.column_stack([node.columns[name] for _, _, name in split])
+    if len(values) < 2 or not np.isfinite(values).all():
+        raise RigError(f"{where}: {', '.join(names)}: two records, all finite, are needed")
+    if values.size > MOST_VALUES:
+        what = f"{values.size} values, a table holds {MOST_VALUES}"
+        raise RigError(f"{where}: {what}; take a shorter run or fewer signals")
+    times_s = node.cycle.astype(np.float64) * (period_ns * 1e-9)
+    return Numbers(columns, times_s, values)
