@@ -315,6 +315,8 @@ def test_inputs_are_the_values_and_files_of_the_controller_that_runs(
     sides = []
     for side in ("old", "new"):
         root = copied(tmp_path / side)
+        (root / "lib").symlink_to("motor")
+        edit(root / MOTOR, "dbc: probe.dbc", "dbc: ../lib/probe.dbc")
         (root / "tests").mkdir()
         for name in ("motor/unused.py", "motor/table.csv", "notes.md", "tests/test_motor.py"):
             (root / name).write_text("K = 1.0\n")
@@ -332,7 +334,9 @@ def test_inputs_are_the_values_and_files_of_the_controller_that_runs(
         rig = tree.rig(MOTOR)
         assert rig is not None
         changed = [] if file == "motor/unused.py" else [file]
-        loose = tree.loose(changed, tree.used(rig))
+        used = tree.used(rig)
+        assert used >= {MOTOR, *(f"motor/{n}" for n in ("probe.dbc", "law.py", "inner.py"))}
+        loose = tree.loose(changed, used)
         digests.append(tree.digest(rig, "proportional", loose))
     assert (digests[0] == digests[1]) is same
 

@@ -54,7 +54,7 @@ class Rig:
 
 @dataclass
 class Tree:
-    """The files of one version below `root`, by their paths from there."""
+    """The files of one version below `root`, which is no link, by their paths from there."""
 
     root: Path
     files: Sequence[str]
@@ -119,12 +119,15 @@ class Tree:
         for keys, text in _texts(data, ()):
             name = text.partition(":")[0]
             found.update(self._modules(name))
-            found.add(self._path(document.place(keys).folder / name))
+            file = os.path.normpath(document.place(keys).folder / name)
+            if self._path(file) not in self._known and os.path.isfile(file):
+                file = os.path.realpath(file)  # by way of a linked folder
+            found.add(self._path(file))
         return found & self._known
 
-    def _path(self, file: Path) -> str:
+    def _path(self, file: str | Path) -> str:
         """Return the path of a file from the root, without looking whether there is one."""
-        return os.path.normpath(file).removeprefix(f"{self.root}/")
+        return str(file).removeprefix(f"{self.root}/")
 
     @cached_property
     def _known(self) -> set[str]:

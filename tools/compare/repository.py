@@ -99,7 +99,7 @@ def _git(folder: Path, *words: str, environment: dict[str, str] | None = None) -
 @contextmanager
 def _claimed(name: str) -> Iterator[Path]:
     """Give an empty folder of this name that nobody else uses; OSError."""
-    base = Path(tempfile.gettempdir(), f"pcpc-{os.geteuid()}", "compare")
+    base = Path(tempfile.gettempdir()).resolve() / f"pcpc-{os.geteuid()}" / "compare"
     compile_cache.make(base)
     for left in base.glob("*.lock"):
         with _locked(left) as lock:
