@@ -9,6 +9,7 @@ the code of one function and signature. The one place that uses private parts of
 """
 
 import hashlib
+import os
 import pickle
 import sys
 from collections.abc import Iterator
@@ -95,16 +96,28 @@ def _unsealed(path: Path) -> Any:
 
 
 class Kept(caching.Cache):
-    """The cache of one function: read from the first folder that has it, kept in the first one."""
+    """The cache of one function: read from the first folder that has it, kept in the first one.
+
+    It is set up when it is asked: that of a helper, whose code lies in that of its callers, never
+    is at a warm start, and there are two hundred.
+    """
 
     _impl_class: Any = _Files
 
     def __init__(self, function: Any) -> None:
-        super().__init__(function)
-        where, name = self._impl.locator.get_cache_path(), self._impl.filename_base
+        self._function, self._read = function, _state(function)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or "_impl" in vars(self):
+            raise AttributeError(name)
+        super().__init__(self._function)
+        where, base = self._impl.locator.get_cache_path(), self._impl.filename_base
         stamp = self._impl.locator.get_source_stamp()
+        if _state(self._function) != self._read:  # it is not this text that was imported
+            stamp = f"{stamp} edited since {self._read}"
         self._folders = [folder / where for folder in compile_cache.folders()]
-        self._places = [_Sealed(str(folder), name, stamp) for folder in self._folders]
+        self._places = [_Sealed(str(folder), base, stamp) for folder in self._folders]
+        return getattr(self, name)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return what was kept, without numba's registries: a tenth of a start, for compiling."""
@@ -142,6 +155,15 @@ class Kept(caching.Cache):
     @contextmanager
     def _guard_against_spurious_io_errors(self) -> Iterator[None]:
         yield
+
+
+def _state(function: Any) -> tuple[int, int] | None:
+    """Return by what a function's file is known to be the same as before; None without one."""
+    try:
+        found = os.stat(function.__code__.co_filename)
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
 
 
 _told: list[str] = []  # once a process

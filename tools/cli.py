@@ -1,7 +1,6 @@
 """The `pcpc` command: from the words of a command line to a command of `tools.commands`."""
 
 import argparse
-import importlib.metadata
 import os
 import platform
 import sys
@@ -95,7 +94,9 @@ def _is_log(word: str, latest: str) -> bool:
 
 class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        versions = [f"{name} {importlib.metadata.version(name)}" for name in ("pcpc", "numba")]
+        from importlib.metadata import version
+
+        versions = [f"{name} {version(name)}" for name in ("pcpc", "numba")]
         print(", ".join((versions[0], f"Python {platform.python_version()}", versions[1])))
         parser.exit()
 

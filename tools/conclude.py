@@ -11,16 +11,16 @@ from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.tools import report
 from pcpc.tools import summary as summaries
+from pcpc.tools.folder import LOG
 from pcpc.tools.judge import EvaluationError, Judge
+from pcpc.tools.outcome import Outcome
 from pcpc.tools.requirements import violations
 
-LOG = "log.mcap"
-_UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
 _TITLED, _LONGEST = 2, 36  # settings in the figure's title, and letters of one
 
 
 def conclude(
-    judge: Judge, folder: Path, outcome: summaries.Outcome, options: argparse.Namespace,
+    judge: Judge, folder: Path, outcome: Outcome, options: argparse.Namespace,
     judged: long_logs.Wanted,
 ) -> int:  # fmt: skip
     """Read the log back, write summary and figure, print; return the exit code of the verdict.
@@ -60,11 +60,6 @@ def conclude(
     else:
         report.show(summary, folder)
     return summaries.CODES[summary["verdict"]]
-
-
-def changed(settings: Sequence[str]) -> list[str]:
-    """Return the settings, NAME=VALUE, that change what the rig's expectations are about."""
-    return [s for s in settings if s.partition("=")[0].partition(".")[0] not in _UNJUDGED_KEYS]
 
 
 def changes(settings: Sequence[str]) -> str:

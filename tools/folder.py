@@ -9,7 +9,8 @@ from pathlib import Path
 
 from pcpc.executive.errors import FULL, RigError
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.conclude import LOG
+
+LOG = "log.mcap"
 
 
 @contextlib.contextmanager

@@ -1,8 +1,9 @@
 """`pcpc run`, `exec`, `local`, `plant`: from a rig file to a run folder with a verdict.
 
-The host has loaded all code before it forks the real-time processes, which so need not. It starts
-the recorder, shows progress from the shared blocks, ends all of them in order, and then reads the
-log back: what the summary says is what the log holds.
+The host has loaded what the real-time processes need before it forks them, so that they need not;
+what judges the run it loads while they set themselves up. It starts the recorder, shows progress
+from the shared blocks, ends all of them in order, and then reads the log back: what the summary
+says is what the log holds.
 """
 
 import argparse
@@ -18,20 +19,18 @@ from typing import Any
 from pcpc.drivers import choice, compile_cache
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
-from pcpc.executive.log import long_logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes import process
+from pcpc.executive.nodes.live import Live
 from pcpc.executive.rig.buses import bus_wanted
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools import pace
-from pcpc.tools import summary as summaries
 from pcpc.tools.children import Child, complain, on_request
-from pcpc.tools.conclude import LOG, changed, conclude
-from pcpc.tools.folder import run_folder
+from pcpc.tools.folder import LOG, run_folder
 from pcpc.tools.interface import named_bus
-from pcpc.tools.judge import Judge, foreseen
+from pcpc.tools.outcome import Outcome, changed, follows
 from pcpc.tools.progress import Compiling, Progress, node_line
 from pcpc.tools.waiting import Waiting
 
@@ -54,14 +53,19 @@ class Host:
         self.bus = self.choice.bus
         self.pacing = options.pacing or rig.config.pacing
         self.progress, self.compiling = Progress(options.quiet), Compiling()
-        self.outcome = summaries.Outcome(
+        self.outcome = Outcome(
             self.pacing, str(self.bus), changed=changed(options.set), strict=options.judge,
             begin_ns=options.begin_ns,
         )  # fmt: skip
         self.children: dict[str, Child] = {}
-        self.blocks: dict[str, sh.Shared] = {}
+        self.nodes: dict[str, Live] = {}
         self.begin_ns = options.begin_ns
         self.waiting = Waiting(rig, roles)
+
+    @property
+    def blocks(self) -> dict[str, sh.Shared]:
+        """The memory of each of our own nodes that has appeared."""
+        return {role: node.block for role, node in self.nodes.items()}
 
     def run(self) -> int:
         """Start, watch and end the processes; return an exit code if one was refused, else -1."""
@@ -104,6 +108,8 @@ class Host:
     def _load_judge(self) -> None:
         """Load the rig's evaluation, while the nodes set themselves up; RigError ends them."""
         try:
+            from pcpc.tools.judge import Judge, foreseen
+
             self.judge = Judge.of(self.rig)
             self.judged = foreseen(self.judge, self.pacing, not self.options.no_figure)
         except BaseException:
@@ -144,22 +150,22 @@ class Host:
 
     def _done(self, role: str) -> bool:
         """Return whether the loop of a node has ended; its process stays until we let it go."""
-        return role in self.blocks and bool(self.blocks[role]["control"][sh.DONE])
+        return role in self.nodes and self.nodes[role].ended
 
     def _attach(self) -> None:
         """Map the blocks of our own nodes that have appeared since."""
         for role in self.roles:
-            if role not in self.blocks:
+            if role not in self.nodes:
                 with contextlib.suppress(sh.SharedError):
-                    block = sharing.attach(self._block_name(role), sharing.HOST)
-                    if int(block["control"][sh.PID]) == self.children[role].process.pid:
-                        self.blocks[role] = block
+                    node = Live(sharing.attach(self._block_name(role), sharing.HOST))
+                    if node.pid == self.children[role].process.pid:
+                        self.nodes[role] = node
 
     def _block_name(self, role: str) -> str:
         return sh.block_name(self.rig.config.rig, str(self.bus), role)
 
     def _start_recorder(self) -> None:
-        if "recorder" in self.children or "executive" not in self.blocks:
+        if "recorder" in self.children or "executive" not in self.nodes:
             return
         names = [self._block_name(role) for role in self.rig.roles]
         log = str(self.folder / LOG)
@@ -174,26 +180,26 @@ class Host:
         return "executive" if "executive" in self.roles else self.roles[0]
 
     def _under_way(self) -> bool:
-        block = self.blocks.get(self._leader())
-        return block is not None and bool(block["control"][sh.PASSES])
+        node = self.nodes.get(self._leader())
+        return node is not None and node.under_way
 
     def _state(self) -> str:
         """Return the progress line from the leading node's block."""
         waited = 1e-9 * (time.monotonic_ns() - self.begin_ns)
-        block = self.blocks.get(self._leader())
-        if block is None or not block["control"][sh.READY]:
+        node = self.nodes.get(self._leader())
+        if node is None or not node.ready:
             return self.compiling.text() or f"starting, {waited:.0f} s"
         if not self._under_way():
             return f"waiting for the other node on {self.bus}, {waited:.0f} s"
         known = self._leader() == "executive"  # the plant runs until it is told to stop
-        return node_line(block, f"/{block.description['cycles']}" if known else "")
+        return node_line(node.block, f"/{node.block.description['cycles']}" if known else "")
 
     def _end(self) -> None:
         """Let the nodes end by themselves, then ask; then the recorder, which drains the rings."""
         nodes = [self.children[role] for role in self.rig.roles if role in self.children]
         self._attach()
         first = [name for name, child in self.children.items() if child.ended or self._done(name)]
-        over = all(map(self._done, self.blocks))
+        over = all(node.ended for node in self.nodes.values())
         recorder_first = (
             "recorder" in self.children and self.children["recorder"].ended and not over
         )
@@ -219,7 +225,7 @@ class Host:
             elif recorder_first and recorder.code > 0:
                 self.outcome.faults.append("recorder: ended before the nodes")
         order = (*first, *(name for name in self.children if name not in first))
-        for name in sorted(order, key=lambda name: summaries.follows(self.blocks.get(name))):
+        for name in sorted(order, key=lambda name: follows(self.blocks.get(name))):
             self.outcome.judge(name, self.children[name].code, self.blocks.get(name))
         if all(child.code >= 0 for child in self.children.values()):  # else their death explains it
             self.outcome.faults += filter(None, [pace.silence(self.blocks, self.rig)])
@@ -238,7 +244,7 @@ class Host:
     def _let_go(self, nodes: list[Child], asked_s: float) -> None:
         """Let the processes of nodes end once a recorder has come, or none will."""
         until = time.monotonic() + _DRAIN_S
-        while not all(map(self._is_recorded, self.blocks)) and time.monotonic() < until:
+        while not all(map(self._is_recorded, self.nodes)) and time.monotonic() < until:
             if not self._recorder_may_come():
                 break
             time.sleep(_POLL_S)
@@ -249,8 +255,7 @@ class Host:
 
     def _is_recorded(self, role: str) -> bool:
         """Return whether a recorder has the memory of a node, or it is too late for that."""
-        block = self.blocks[role]
-        return bool(block["control"][sh.RECORDED]) or not block.alive()
+        return self.nodes[role].recorded or not self.nodes[role].block.alive()
 
     def _recorder_may_come(self) -> bool:
         """Return whether our recorder, or that of the executive's host here, is still to come."""
@@ -289,6 +294,9 @@ def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> in
     with run_folder(options.output, rig) as folder:
         host = Host(options, rig, roles, folder)
         code = host.run()
+        from pcpc.executive.log import long_logs
+        from pcpc.tools.conclude import conclude
+
         if code < 0:
             return conclude(host.judge, folder, host.outcome, options, host.judged)
         os.truncate(folder / LOG, 0)  # without a cycle of the executive

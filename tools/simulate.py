@@ -15,11 +15,11 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig import carried
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools import summary as summaries
 from pcpc.tools.children import on_request
-from pcpc.tools.conclude import LOG, changed, conclude
-from pcpc.tools.folder import run_folder
+from pcpc.tools.conclude import conclude
+from pcpc.tools.folder import LOG, run_folder
 from pcpc.tools.judge import Judge, foreseen
+from pcpc.tools.outcome import Outcome, changed
 from pcpc.tools.progress import Progress
 
 
@@ -27,7 +27,7 @@ class Simulation:
     """A rig of which all blocks can run, in virtual time into the file `log`."""
 
     def __init__(
-        self, rig: Rig, log: Path, judged: Wanted, outcome: summaries.Outcome,
+        self, rig: Rig, log: Path, judged: Wanted, outcome: Outcome,
         controller: External | None = None,
     ) -> None:  # fmt: skip
         """`judged`: of the recorder; `controller`: of VirtualRun. RigError, BusError."""
@@ -67,9 +67,7 @@ def command(options: argparse.Namespace) -> int:
     rig = load_rig(options.rig, options.controller, options.set)
     judge = Judge.of(rig)
     judged = foreseen(judge, "lockstep", not options.no_figure)
-    outcome = summaries.Outcome(
-        "virtual", "memory", changed=changed(options.set), strict=options.judge
-    )
+    outcome = Outcome("virtual", "memory", changed=changed(options.set), strict=options.judge)
     with run_folder(options.output, rig) as folder:
         simulation = Simulation(rig, folder / LOG, judged, outcome)
         if simulation.lacking:

@@ -100,7 +100,32 @@ class Live:
     @property
     def running(self) -> bool:
         """Whether its loop runs; one that waits for the other node does."""
-        return self.block.alive() and not self.block["control"][sh.DONE]
+        return self.block.alive() and not self.ended
+
+    @property
+    def ended(self) -> bool:
+        """Whether its loop has ended, in good order; its process stays until it is let go."""
+        return bool(self.block["control"][sh.DONE])
+
+    @property
+    def ready(self) -> bool:
+        """Whether it is set up, and looks for the other node."""
+        return bool(self.block["control"][sh.READY])
+
+    @property
+    def under_way(self) -> bool:
+        """Whether it has done a cycle."""
+        return bool(self.block["control"][sh.PASSES])
+
+    @property
+    def recorded(self) -> bool:
+        """Whether a recorder has its memory."""
+        return bool(self.block["control"][sh.RECORDED])
+
+    @property
+    def pid(self) -> int:
+        """Its process."""
+        return int(self.block["control"][sh.PID])
 
     def __getitem__(self, name: str) -> float:
         return self.read()[name]
@@ -188,7 +213,7 @@ class Live:
             level = LEVELS[word] if 0 <= word < len(LEVELS) else "all"
             if level != "none":
                 raise LiveError(f"{self.name}: locked ({level}); `pcpc lock none` allows tunings")
-            if self.block["control"][sh.PASSES] == 0:
+            if not self.under_way:
                 what = "no cycle yet, it waits for the other node"
                 raise LiveError(f"{self.name}: {what}", Exit.ENVIRONMENT)
             self._acknowledged(int(mail[sh.REQUEST]))  # of a client that died waiting

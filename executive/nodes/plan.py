@@ -95,7 +95,7 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     """Check the wiring of one node and lay out its table; RigError, BusError say what is wrong."""
     spec = rig.nodes()[role]
     made = Plan(rig, role, spec, pacing)
-    database = _database(rig.dbc, rig.dbc.stat().st_mtime_ns)
+    database = _database(rig)
     with _errors_named(rig):
         _take_frames(made, database)
     _lay_out(made)
@@ -125,8 +125,12 @@ def _errors_named(rig: Rig) -> Iterator[None]:
         raise dbc.DbcError(f"{rig.dbc}: {error}") from None
 
 
+def _database(rig: Rig) -> dbc.Database:
+    return _loaded(rig.dbc, rig.dbc.stat().st_mtime_ns)
+
+
 @lru_cache(maxsize=8)  # the nodes of a rig, and a thousand runs of an experiment, share it
-def _database(path: Path, changed_ns: int) -> dbc.Database:
+def _loaded(path: Path, changed_ns: int) -> dbc.Database:
     return dbc.load(path)
 
 
@@ -148,7 +152,7 @@ def check_rate(rig: Rig, pacing: str) -> float:
     bitrate = rig.config.bus.bitrate
     if bitrate is None:
         return 0.0
-    database = dbc.load(rig.dbc)
+    database = _database(rig)
     with _errors_named(rig):
         load = protocol.bus_load(rig, database, rig.config.rate_hz, bitrate)
     if load > 1.0 and pacing in ("real", "sync"):

@@ -22,6 +22,7 @@ import sysconfig
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
 
 def is_outside(file: Path) -> bool:
     """Return whether a file is an ordinary one, and neither installed nor the project's own."""
-    return not any(file.is_relative_to(folder) for folder in _inside()) and is_ordinary(file)
+    return not str(file).startswith(_inside()) and is_ordinary(file)
 
 
 def is_ordinary(file: Path) -> bool:
@@ -92,13 +93,18 @@ def is_ordinary(file: Path) -> bool:
         return False
 
 
-def _inside() -> list[str]:
+def _inside() -> tuple[str, ...]:
+    """Return how the paths begin that are not outside."""
+    folders = [*_installed(), str(cache_folder()), os.environ.get("NUMBA_CACHE_DIR", "")]
+    return tuple(os.path.join(os.path.normpath(folder), "") for folder in folders if folder)
+
+
+@lru_cache
+def _installed() -> list[str]:
     paths = sysconfig.get_paths()
     folders = [paths[key] for key in ("stdlib", "platstdlib", "purelib", "platlib")]
     folders += [*site.getsitepackages(), site.getusersitepackages(), *_SYSTEM]
-    folders += [str(_PROJECT / area) for area in (*AREAS, "pcpc")]
-    folders += [str(cache_folder()), os.environ.get("NUMBA_CACHE_DIR", "")]
-    return [folder for folder in folders if folder]
+    return folders + [str(_PROJECT / area) for area in (*AREAS, "pcpc")]
 
 
 def beside(file: Path) -> list[Path]:

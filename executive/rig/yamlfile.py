@@ -23,6 +23,7 @@ from typing import Any
 import yaml
 
 from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.rig.yaml_parser import compose
 
 __all__ = ["Document", "Keys", "Place", "did_you_mean", "dotted", "dump", "load", "scalar", "value"]
 
@@ -126,21 +127,6 @@ class _Node:
     place: Place
 
 
-class _Loader(yaml.SafeLoader):
-    """PyYAML's parser, refusing what makes a value stand elsewhere than where it is read."""
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> Any:
-        event: Any = self.peek_event()
-        mark = event.start_mark
-        if isinstance(event, yaml.AliasEvent) or event.anchor:
-            raise yaml.MarkedYAMLError(
-                None, None, "anchors are not supported; share values with `base:`", mark
-            )
-        if event.tag:
-            raise yaml.MarkedYAMLError(None, None, f"tag {event.tag} is not supported", mark)
-        return super().compose_node(parent, index)
-
-
 def load(path: str | Path, text: str | None = None) -> Document:
     """Read a mapping from `path`, or from `text` as if it stood there, over its `base:` files.
 
@@ -160,7 +146,7 @@ def load(path: str | Path, text: str | None = None) -> Document:
 def value(text: str, place: Place) -> Any:
     """Return the value of a command line's NAME=`text`: a scalar or a flow list or mapping."""
     try:
-        node = _Loader(text).get_single_node()
+        node = compose(text)
         return None if node is None else _plain(_tree(node, place.file, place))
     except yaml.YAMLError as error:
         raise RigError(f"{place}: {getattr(error, 'problem', error)}") from None
@@ -295,7 +281,7 @@ def _text_of(file: Path) -> str:
 def _parse(file: Path, text: str) -> _Node:
     """Return the tree of a file, which nobody changes."""
     try:
-        node = _Loader(text).get_single_node()
+        node = compose(text)
         if not isinstance(node, yaml.MappingNode):
             raise RigError(f"{Place(file)}: expected a mapping, `key: value` lines")
         return _tree(node, file)
@@ -321,7 +307,7 @@ def _tree(node: yaml.Node, file: Path, place: Place | None = None) -> _Node:
     if isinstance(node, yaml.SequenceNode):
         return _Node([_tree(item, file, place) for item in node.value], place or _at(node, file))
     assert isinstance(node, yaml.ScalarNode), "YAML has three kinds of nodes"
-    if node.style is not None:
+    if node.style:  # quoted, or a block
         return _Node(node.value, place or _at(node, file))
     try:
         return _Node(scalar(node.value), place or _at(node, file))
@@ -335,7 +321,7 @@ def _pairs(node: yaml.MappingNode, file: Path, option: Place | None) -> dict[str
         place, key = option or _at(key_node, file), key_node.value
         if not isinstance(key, str) or not key:
             raise RigError(f"{place}: expected text as the key")
-        if key == "<<" and key_node.style is None:
+        if key == "<<" and not key_node.style:
             raise RigError(f"{place}: merge keys are not supported; share values with `base:`")
         if key in pairs:
             first = pairs[key].place

@@ -163,3 +163,25 @@ def test_copies_of_the_project_with_equal_sources_share_code_and_others_do_not(
     (two / "plants/table.csv").write_text("1.0\n")  # a module may read it at its import
     assert compiled(two) > 0
     assert compiled(one) == 0
+
+
+def test_a_function_whose_file_was_edited_before_it_is_compiled_is_not_kept_under_the_new_text(
+    tmp_path: Path,
+) -> None:
+    """The cache of a function is set up when it is compiled, which may be long after its import."""
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+    text = "from pcpc.drivers.jit import compiled\n\n@compiled()\ndef f(x):\n    return x + {}\n"
+    main = "import sys; sys.path.insert(0, '.'); import law; {} print(law.f(1.0))"
+    (tmp_path / "law.py").write_text(text.format("1.0"))
+    edit = f"open('law.py', 'w').write({text.format('20.0')!r});"
+
+    def said(before: str) -> str:
+        words = [sys.executable, "-c", main.format(before)]
+        done = subprocess.run(
+            words, check=True, capture_output=True, text=True, cwd=tmp_path, env=environment
+        )
+        return done.stdout.strip()
+
+    assert said(edit) == "2.0", "what was imported is what runs"
+    assert said("") == "21.0"
+    assert said("") == "21.0"

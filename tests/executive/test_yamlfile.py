@@ -1,14 +1,19 @@
 """Strict YAML: YAML 1.2 scalars, places, bases, refusals, and dump as the inverse of load."""
 
+import random
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.rig import yaml_parser
 from pcpc.executive.rig.yamlfile import Document, Place, dump, load, scalar, value
+
+PLANTS = Path(__file__).resolve().parents[2] / "plants"
 
 
 def document(folder: Path, text: str, name: str = "rig.yaml") -> Document:
@@ -202,3 +207,38 @@ def test_what_is_dumped_is_read_back(data: dict[str, Any]) -> None:
 def test_every_way_to_write_a_float_reads_as_that_float(number: float) -> None:
     for text in (repr(number), f"{number:.17e}", f"{number:.17E}"):
         assert scalar(text) == number, text
+
+
+def tree(node: Any) -> Any:
+    """Return kind, place, style and content of a tree of PyYAML's."""
+    if isinstance(node.value, str):
+        content = node.value
+    else:
+        content = [[tree(n) for n in (pair if isinstance(pair, tuple) else [pair])]
+                   for pair in node.value]  # fmt: skip
+    style = getattr(node, "style", None) or None
+    return node.id, node.start_mark.line, node.start_mark.column, style, content
+
+
+def test_both_parsers_read_the_same_from_the_same_place() -> None:
+    draw = random.Random(1)
+    rigs = [path.read_text() for path in sorted(PLANTS.glob("**/*.yaml"))]
+    texts = [*rigs]
+    for _ in range(600):
+        whole = draw.choice(rigs)
+        begin = draw.randrange(max(1, len(whole) - 300))
+        text = list(whole[begin : begin + 300])
+        for _ in range(draw.randrange(1, 6)):
+            text[draw.randrange(len(text))] = draw.choice("{}[]:,-#!&*|>'\"%@` \n.~0e1a")
+        texts.append("".join(text))
+    quick = 0
+    for text in texts:
+        try:
+            slow = yaml_parser.Slow(text).get_single_node()
+        except (yaml.YAMLError, ValueError):
+            with pytest.raises(yaml.YAMLError):
+                yaml_parser.compose(text)
+            continue
+        assert tree(yaml_parser.compose(text)) == tree(slow), text
+        quick += yaml_parser.is_alike(text)
+    assert quick > len(rigs), "libyaml read too few of them"

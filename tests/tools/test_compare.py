@@ -12,7 +12,7 @@ from logcommand import Done, run_here
 
 import pcpc
 from pcpc.executive.log import reader as logs
-from pcpc.tools.conclude import LOG
+from pcpc.tools.folder import LOG
 
 SHORT = {"duration_s": 0.4, "evaluation.window_s": [0.0, 0.4]}
 GAIN = {"controller.kv_Nms_rad": 111.0}

@@ -11,7 +11,8 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.judge import Judge, check
-from pcpc.tools.summary import CODES, Outcome, note_figure, summarise
+from pcpc.tools.outcome import Outcome
+from pcpc.tools.summary import CODES, note_figure, summarise
 
 BODY = """\
 from pcpc.plants.evaluation import RUN, Evaluation, Line, Panel, Rms, started

@@ -17,8 +17,9 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.plants import pages
 from pcpc.tools import report
 from pcpc.tools.judge import Judge, check
+from pcpc.tools.outcome import Outcome
 from pcpc.tools.requirements import Result
-from pcpc.tools.summary import Outcome, summarise
+from pcpc.tools.summary import summarise
 
 STEP10 = RIGS / "step10.yaml"
 PAST = "never: abs(controller.e_rad) > 100 mrad"  # the step of cycle 500 is one of 175 mrad

@@ -21,7 +21,8 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import report
 from pcpc.tools.conclude import conclude
 from pcpc.tools.judge import Judge
-from pcpc.tools.summary import Outcome, summarise
+from pcpc.tools.outcome import Outcome
+from pcpc.tools.summary import summarise
 
 SLEW10, HULL = str(RIGS / "slew10.yaml"), str(RIGS / "hull.yaml")
 RELAY = str(Path(__file__).resolve().parents[1] / "executive" / "relay" / "rig.yaml")

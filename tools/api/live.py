@@ -18,7 +18,7 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.api.run import Run, UnknownName
 from pcpc.tools.api.settings import settings
 from pcpc.tools.children import Child
-from pcpc.tools.conclude import LOG
+from pcpc.tools.folder import LOG
 from pcpc.tools.rigs import find
 
 _POLL_S = 0.02
@@ -186,13 +186,12 @@ class Live:
                     return
                 raise UserError(self._said() or _verdict(self._folder, self._command.code))
             for name, one in nodes.running().items():
-                pid = int(one.block["control"][sh.PID])
-                if _parent(pid) == self._command.process.pid:
+                if _parent(one.pid) == self._command.process.pid:
                     self._nodes.setdefault(name.rpartition(".")[2], one)
             time.sleep(_POLL_S)
 
     def _under_way(self) -> bool:
-        return bool(self._node("executive").block["control"][sh.PASSES])
+        return self._node("executive").under_way
 
     def _said(self) -> str:
         """Return what the command said against itself."""

@@ -13,11 +13,10 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.watched import Work
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import summary as summaries
 from pcpc.tools.api.place import finished, log_in, progress
 from pcpc.tools.api.run import Run, UnknownName
 from pcpc.tools.api.settings import settings
-from pcpc.tools.conclude import changed
+from pcpc.tools.outcome import Outcome, changed
 from pcpc.tools.rigs import find
 from pcpc.tools.simulate import Simulation
 
@@ -86,9 +85,7 @@ class Loop:
     ) -> None:  # fmt: skip
         self._progress, self._folder = progress(quiet), folder
         self._rig = load_rig(find(str(rig)), controller, words)
-        self._outcome = summaries.Outcome(
-            "virtual", "memory", changed=[*changed(words), "controller=Python"]
-        )
+        self._outcome = Outcome("virtual", "memory", changed=[*changed(words), "controller=Python"])
         spec = next(b for b in self._rig.nodes()["executive"].blocks if b.name == "controller")
         self._external = External(spec.block.step.declared, self._step)
         self._ports = [

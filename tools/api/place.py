@@ -10,8 +10,8 @@ from typing import Any
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools import summary as summaries
 from pcpc.tools.api.run import Run
-from pcpc.tools.conclude import LOG
-from pcpc.tools.folder import run_folder
+from pcpc.tools.folder import LOG, run_folder
+from pcpc.tools.outcome import Outcome
 from pcpc.tools.progress import Compiling, Progress
 
 
@@ -33,7 +33,7 @@ def log_in(folder: str | Path | None, rig: Rig) -> Iterator[tuple[Path, Any]]:
             yield place / LOG, None
 
 
-def finished(log: Path, rig: Rig, outcome: summaries.Outcome, keep: Any) -> Run:
+def finished(log: Path, rig: Rig, outcome: Outcome, keep: Any) -> Run:
     """Return the run; in a folder of the user's its summary is written too."""
     run = Run(log, rig, outcome, keep)
     if keep is None:

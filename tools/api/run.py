@@ -24,6 +24,7 @@ from pcpc.tools import log_rig, play_frames
 from pcpc.tools import summary as summaries
 from pcpc.tools.api.settings import settings
 from pcpc.tools.judge import Judge
+from pcpc.tools.outcome import Outcome
 from pcpc.tools.progress import Progress
 from pcpc.tools.requirements import Result, results, violations
 
@@ -80,7 +81,7 @@ class Run:
     """
 
     def __init__(
-        self, path: Path, rig: Rig | None = None, outcome: summaries.Outcome | None = None,
+        self, path: Path, rig: Rig | None = None, outcome: Outcome | None = None,
         keep: Any = None, *, trust: bool = False,
     ) -> None:  # fmt: skip
         self.path = path
@@ -238,7 +239,7 @@ class Run:
         outcome = self._outcome
         if outcome is None:
             facts = self.log.metadata.get("executive", {})
-            outcome = summaries.Outcome(facts.get("pacing", ""), facts.get("bus", ""))
+            outcome = Outcome(facts.get("pacing", ""), facts.get("bus", ""))
         return summaries.summarise(self.rig, self.log, outcome, self._judge)
 
     @property

@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import summary as summaries
 from pcpc.tools.api.place import finished, log_in, progress
 from pcpc.tools.api.run import Run
 from pcpc.tools.api.settings import settings
-from pcpc.tools.conclude import changed
+from pcpc.tools.outcome import Outcome, changed
 from pcpc.tools.recorded import log_of
 from pcpc.tools.rigs import find
 from pcpc.tools.simulate import Simulation
@@ -35,7 +34,7 @@ def simulate(
     """
     words, shown = settings(set, seed), progress(quiet)
     loaded = load_rig(find(str(rig)), controller, words)
-    outcome = summaries.Outcome("virtual", "memory", changed=changed(words))
+    outcome = Outcome("virtual", "memory", changed=changed(words))
     with log_in(folder, loaded) as (log, keep):
         simulation = Simulation(loaded, log, {}, outcome)
         try:

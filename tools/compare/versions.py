@@ -25,7 +25,7 @@ from pcpc.tools.compare.inputs import Rig, Tree
 from pcpc.tools.compare.overlay import How, examined
 from pcpc.tools.compare.pair import ALONE, FAILED, UNCHANGED, Pair
 from pcpc.tools.compare.repository import ALIVE, Repository
-from pcpc.tools.conclude import LOG
+from pcpc.tools.folder import LOG
 from pcpc.tools.pool import each
 from pcpc.tools.progress import Progress
 
