@@ -1,5 +1,7 @@
 """What judges and draws a run: the one object that an evaluation.py declares.
 
+    from pcpc.plants.evaluation import *    # the vocabulary, `__all__` below
+
     EVALUATION = Evaluation(
         signals={"error_rad": lambda run: run["executive:reference.q_d"] - run["plant:arm.q_rad"]},
         merits={"error_rms_rad": Rms("error_rad"), "error_max_rad": Peak("error_rad", RUN)},
@@ -67,9 +69,11 @@ from pcpc.plants.pages import (
     Panel,
 )
 
-__all__ = [  # for a plant's evaluation, with what is defined here
+__all__ = [  # the vocabulary of an evaluation.py, which takes it whole: `import *`
     "BLACK", "BLUE", "EACH", "GREEN", "GREY", "LATE", "ORANGE", "PURPLE", "RUN", "SKY", "VERMILION",
-    "WINDOW", "Judged", "Level", "Line", "Merit", "Panel", "Run", "Signal", "Source", "Vector",
+    "WINDOW", "Correlation", "Count", "Deviation", "Evaluation", "Figures", "Highest", "Judged",
+    "Last", "Level", "Line", "Lowest", "Mean", "Median", "Merit", "Panel", "Peak", "Rms", "Run",
+    "Signal", "Source", "Total", "Vector", "diverged", "settling", "started",
 ]  # fmt: skip
 
 Rms, Peak, Mean, Median = (partial(Merit, s) for s in (of.RMS, of.PEAK, of.MEAN, of.MEDIAN))

@@ -145,6 +145,7 @@ def mark_tunings(axes: Sequence["Axes"], judged: Judged) -> None:
         axes[min(1, len(axes) - 1)].annotate(
             words, (cycle * judged.period_s, 0.04), xycoords=("data", "axes fraction"), fontsize=7,
             xytext=(3, 0), textcoords="offset points",
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
         )  # fmt: skip
 
 

@@ -16,23 +16,7 @@ import math
 
 import numpy as np
 
-from pcpc.plants.evaluation import (
-    BLACK,
-    BLUE,
-    GREEN,
-    VERMILION,
-    Deviation,
-    Evaluation,
-    Level,
-    Line,
-    Mean,
-    Panel,
-    Peak,
-    Rms,
-    Run,
-    Vector,
-    settling,
-)
+from pcpc.plants.evaluation import *
 
 SETTLED_RAD = 2e-3
 MRAD = 1e3

@@ -13,26 +13,7 @@ holds the tau that answers the tau_d of cycle k.
 
 import numpy as np
 
-from pcpc.plants.evaluation import (
-    BLACK,
-    BLUE,
-    EACH,
-    GREEN,
-    GREY,
-    RUN,
-    VERMILION,
-    Evaluation,
-    Highest,
-    Line,
-    Mean,
-    Median,
-    Panel,
-    Peak,
-    Rms,
-    Run,
-    Vector,
-    started,
-)
+from pcpc.plants.evaluation import *
 
 SETTLED = 0.05
 JUMP = 0.3

@@ -9,27 +9,7 @@ Contract: plants/evaluation.py. rad, rad/s, N m, s.
 
 import numpy as np
 
-from pcpc.plants.evaluation import (
-    BLACK,
-    BLUE,
-    EACH,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    RUN,
-    VERMILION,
-    Evaluation,
-    Highest,
-    Last,
-    Line,
-    Panel,
-    Peak,
-    Rms,
-    Run,
-    Vector,
-    started,
-)
+from pcpc.plants.evaluation import *
 
 SETTLED_RAD = 0.01
 

@@ -13,27 +13,7 @@ import math
 
 import numpy as np
 
-from pcpc.plants.evaluation import (
-    BLACK,
-    BLUE,
-    EACH,
-    GREEN,
-    GREY,
-    RUN,
-    VERMILION,
-    Evaluation,
-    Figures,
-    Highest,
-    Line,
-    Mean,
-    Panel,
-    Peak,
-    Rms,
-    Run,
-    Vector,
-    diverged,
-    settling,
-)
+from pcpc.plants.evaluation import *
 from pcpc.plants.two_joints import JOINTS, each
 
 SETTLED_RAD = 0.02

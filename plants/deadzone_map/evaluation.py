@@ -7,25 +7,7 @@ Contract: plants/evaluation.py. Without units; s.
 
 import numpy as np
 
-from pcpc.plants.evaluation import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    PURPLE,
-    RUN,
-    VERMILION,
-    Evaluation,
-    Highest,
-    Last,
-    Line,
-    Panel,
-    Peak,
-    Rms,
-    Run,
-    Vector,
-    diverged,
-)
+from pcpc.plants.evaluation import *
 
 
 def true_width(run: Run) -> Vector:

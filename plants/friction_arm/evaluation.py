@@ -15,23 +15,7 @@ plants/evaluation.py.
 
 import numpy as np
 
-from pcpc.plants.evaluation import (
-    GREEN,
-    RUN,
-    Count,
-    Evaluation,
-    Highest,
-    Judged,
-    Line,
-    Mean,
-    Median,
-    Panel,
-    Peak,
-    Rms,
-    Run,
-    Total,
-    Vector,
-)
+from pcpc.plants.evaluation import *
 from pcpc.plants.two_joints import JOINTS, angles, each, error, lines, torque_size
 
 GAIN = "executive:controller.tuning_gain_Nms_rad"

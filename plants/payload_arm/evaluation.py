@@ -11,21 +11,7 @@ Contract: plants/evaluation.py.
 
 import numpy as np
 
-from pcpc.plants.evaluation import (
-    EACH,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    RUN,
-    Evaluation,
-    Line,
-    Panel,
-    Peak,
-    Rms,
-    Run,
-    Vector,
-)
+from pcpc.plants.evaluation import *
 from pcpc.plants.two_joints import COLOURS, JOINTS, angles, each, error, lines, torque_size
 
 WEIGHTS = ("w1", "w2", "rho")

@@ -21,33 +21,7 @@ from functools import partial
 
 import numpy as np
 
-from pcpc.plants.evaluation import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    PURPLE,
-    RUN,
-    SKY,
-    VERMILION,
-    WINDOW,
-    Correlation,
-    Count,
-    Deviation,
-    Evaluation,
-    Highest,
-    Judged,
-    Level,
-    Line,
-    Lowest,
-    Mean,
-    Panel,
-    Peak,
-    Rms,
-    Run,
-    Signal,
-    Vector,
-)
+from pcpc.plants.evaluation import *
 from pcpc.plants.judging import edges
 
 SPEED, EXTENSION = "plant:car.body_rate_m_s", "plant:car.extension_m"

@@ -14,23 +14,7 @@ rad, N m, s. The definitions are this project's. Contract: plants/evaluation.py.
 
 import numpy as np
 
-from pcpc.plants.evaluation import (
-    BLACK,
-    EACH,
-    GREEN,
-    LATE,
-    RUN,
-    VERMILION,
-    Evaluation,
-    Highest,
-    Line,
-    Lowest,
-    Panel,
-    Peak,
-    Rms,
-    Run,
-    Vector,
-)
+from pcpc.plants.evaluation import *
 from pcpc.plants.two_joints import JOINTS, each, lines, torque_size
 
 
