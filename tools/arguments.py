@@ -1,16 +1,15 @@
 """What the commands of `pcpc` take; imports nothing that takes time."""
 
 import argparse
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
+from pcpc.executive.durations import duration_s
 from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.command import Add
 
 _BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
-_SECONDS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def _json(add: Add, help: str = "print one JSON object") -> None:
@@ -329,10 +328,10 @@ def vm(add: Add) -> None:
 
 def _duration_s(text: str) -> float:
     """Return a duration such as 500ms, 10s, 2min in s."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)(ms|s|min|h)", text)
-    if match is None or float(match[1]) == 0.0:
-        raise argparse.ArgumentTypeError(f"expected a duration like 90s or 10min, got {text!r}")
-    return float(match[1]) * _SECONDS[match[2]]
+    try:
+        return duration_s(text, unit="")
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _positive(text: str) -> int:

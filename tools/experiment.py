@@ -46,7 +46,7 @@ def run_case(case: Case) -> Result:
     from pcpc.executive.nodes.virtual import in_memory
     from pcpc.executive.nodes.watched import StepError
     from pcpc.executive.rig.reading import load_rig
-    from pcpc.tools.judge import EvaluationError, Judge
+    from pcpc.tools.judge import Judge
 
     try:
         rig = load_rig(case.rig, case.controller, case.settings)
@@ -59,7 +59,7 @@ def run_case(case: Case) -> Result:
         judge = Judge.of(rig)
         metrics = judge.metrics(log, case.window_s)
         traces = _traces(judge.judged(log).run(), case.traces) if case.traces else {}
-    except (RigError, EvaluationError) as error:
+    except RigError as error:
         return Result(case, failed=str(error))
     done = len(log.node["executive"].cycle)
     expected = round(rig.config.duration_s * rig.config.rate_hz)

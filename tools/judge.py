@@ -39,7 +39,7 @@ TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figur
 Made = TypeVar("Made")
 
 
-class EvaluationError(Exception):
+class EvaluationError(RigError):
     """The rig's evaluation file failed: where and why, in one line."""
 
 
@@ -76,12 +76,8 @@ class Judge:
         """Load the rig's evaluation, if it names one; RigError for what is wrong with it."""
         if rig.evaluation is None:
             return cls(rig, None)
-        file = rig.evaluation.file
-        try:
-            found = guarded(lambda: _loaded(Path(file)))
-        except EvaluationError as error:
-            raise RigError(str(error)) from None
-        judge = cls(rig, found)
+        file = Path(rig.evaluation.file)
+        judge = cls(rig, guarded(lambda: _loaded(file)))
         for name, what in judge.unused().items():
             if rig.document.place(("evaluation", name)).option:
                 raise rig.error(f"evaluation.{name}", what)
@@ -174,7 +170,7 @@ class Judge:
             self.metrics(probe, (-math.inf, math.inf))
             if drawn and evaluation is not None:
                 guarded(lambda: evaluation.touch(self.judged(probe).run()))
-        except (EvaluationError, RigError):
+        except RigError:
             pass  # it will fail again, and be told, on the whole log
         found = {}
         for name, one in nodes.items():
@@ -192,7 +188,7 @@ class Judge:
             return found
         try:
             found.require(self.requirements(log, True if early else None))
-        except (EvaluationError, RigError) as error:
+        except RigError as error:
             found.failed += [str(error)] * (str(error) not in found.failed)
         return found
 
@@ -325,14 +321,11 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
         return []
     told: dict[str, None] = {}
     assert judge.evaluation is not None, "the rig names one"
-    try:
-        for fill in (nothing, noise, large):
-            log = imagined(rig, config.pacing, fill)
-            told |= dict.fromkeys(judge.metrics(log))
-        with tempfile.TemporaryDirectory() as folder:
-            judge.draw(log, config.title, judge.metrics(log), Path(folder) / "figure.png")
-    except EvaluationError as error:
-        raise RigError(str(error)) from None
+    for fill in (nothing, noise, large):
+        log = imagined(rig, config.pacing, fill)
+        told |= dict.fromkeys(judge.metrics(log))
+    with tempfile.TemporaryDirectory() as folder:
+        judge.draw(log, config.title, judge.metrics(log), Path(folder) / "figure.png")
     _check_names(judge, log)
     expected, known = (
         config.expect.get(config.controller, {}),

@@ -8,11 +8,11 @@ import sys
 from collections.abc import Mapping, Sequence
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.durations import duration_s
 from pcpc.executive.nodes.live import Live, Values, Variable, find, find_for
 from pcpc.tools import screen
 
 _CYCLE, _NUMBER = 8, 12  # columns of a cycle number and of a value
-_SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "": 1.0}
 
 
 def command(options: argparse.Namespace) -> int:
@@ -93,22 +93,13 @@ def _lock(live: Live, options: argparse.Namespace) -> None:
 
 
 def _watch(live: Live, options: argparse.Namespace) -> None:
-    every_s = duration_s(options.every)
+    try:
+        every_s = duration_s(options.every)
+    except ValueError as error:
+        raise UserError(str(error)) from None
     shown = _Screen(live, live.select(options.names), options.json)
     for values in live.every(every_s):
         shown.show(values)
-
-
-def duration_s(text: str) -> float:
-    """Return the seconds of `500us`, `5ms`, `10s` or `10`; UserError unless above 0."""
-    number = text.rstrip("mus")
-    try:
-        seconds = float(number) * _SECONDS[text[len(number) :]]
-    except (ValueError, KeyError):
-        seconds = math.nan
-    if not 0 < seconds < math.inf:
-        raise UserError(f"{text}: not a duration above 0; expected like 500us, 5ms, 10s")
-    return seconds
 
 
 class _Screen:

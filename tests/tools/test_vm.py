@@ -182,7 +182,10 @@ def test_a_busybox_that_needs_a_loader_is_not_static(tmp_path: Path) -> None:
         ([], "no command; put it after --"),
         (["--"], "no command"),
         (["true"], "unrecognized arguments: true"),
-        (["--timeout", "10", "--", "true"], "expected a duration like 90s"),
+        (
+            ["--timeout", "10", "--", "true"],
+            "10: not a duration above 0; expected like 500us, 5ms, 10s, 2min",
+        ),
         (["--cpus", "0", "--", "true"], "expected a positive whole number"),
         (["--accel", "xen", "--", "true"], "invalid choice"),
     ],

@@ -408,7 +408,7 @@ def test_a_watch_that_nobody_reads_any_more_ends_well(run: Run) -> None:
 def test_watch_refuses_an_interval_that_is_none(run: Run, capsys: Screen) -> None:
     code, out, err = said(capsys, run, "watch", ERROR, "--every", "5x")
     assert (code, out) == (2, ""), out
-    assert err == "5x: not a duration above 0; expected like 500us, 5ms, 10s\n", err
+    assert err == "5x: not a duration above 0; expected like 500us, 5ms, 10s, 2min\n", err
 
 
 # Finding

@@ -13,7 +13,7 @@ from pcpc.plants.judging import Judged
 from pcpc.plants.pages import Panel, draw_line, dress, new_page, traces
 from pcpc.tools.api.run import Run
 from pcpc.tools.compare.pair import CHANGED, Pair, compare
-from pcpc.tools.judge import EvaluationError, Judge, guarded
+from pcpc.tools.judge import Judge, guarded
 from pcpc.tools.log.drawing import DPI, Source, page_of
 from pcpc.tools.log.series import all_series, start_ns
 
@@ -53,7 +53,7 @@ def _draw(old: Run, new: Run, pair: Pair, path: Path) -> bool:
             ]
             guarded(lambda: _panels(runs, evaluation.panels, pair.name, path))
             return True
-    except (EvaluationError, LogError, UserError):
+    except (LogError, UserError):
         pass  # an evaluation that is not there, or does not fit the older run
     return _signals(old, new, pair, path)
 

@@ -19,6 +19,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
+from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import code_of
 from pcpc.tools.jitter import loops, probe, report
 from pcpc.tools.jitter.figures import LEAST_CYCLES, Result, as_json
@@ -28,7 +29,6 @@ from pcpc.tools.progress import Progress
 ROUNDS = 5  # with --against
 LEAST_INTERVAL_US, MOST_INTERVAL_US = 50, 1_000_000
 MOST_HISTOGRAM_US = 1_000_000  # cyclictest's
-_UNITS_NS = {"us": 10**3, "ms": 10**6, "s": 10**9, "m": 60 * 10**9, "h": 3600 * 10**9}
 
 
 def command(options: argparse.Namespace) -> int:
@@ -43,7 +43,7 @@ def command(options: argparse.Namespace) -> int:
 
 def parse(options: argparse.Namespace) -> tuple[Setup, int, list[str]]:
     """Return what to measure, in how many rounds, against what; JitterError."""
-    interval_ns = duration_ns(options.interval, "-i", "us")
+    interval_ns = _ns(options.interval, "-i", "us")
     interval_us = interval_ns / 1000
     if not LEAST_INTERVAL_US <= interval_us <= MOST_INTERVAL_US or interval_us % 1:
         raise JitterError(f"-i {options.interval}: expected whole us from 50us to 1s")
@@ -54,7 +54,7 @@ def parse(options: argparse.Namespace) -> tuple[Setup, int, list[str]]:
     rounds = options.rounds or (ROUNDS if names else 1)
     if options.rounds is not None and options.rounds < 1:
         raise JitterError(f"--rounds {options.rounds}: expected 1 or more")
-    periods = round(duration_ns(options.duration, "-D", "s") / rounds / interval_ns)
+    periods = round(_ns(options.duration, "-D", "s") / rounds / interval_ns)
     if periods < LEAST_CYCLES:
         raise JitterError(
             f"-D {options.duration}: {periods} cycles a round of {rounds}; expected "
@@ -70,16 +70,11 @@ def parse(options: argparse.Namespace) -> tuple[Setup, int, list[str]]:
     return Setup(int(interval_ns), periods, options.priority, cpus, options.bus), rounds, names
 
 
-def duration_ns(text: str, option: str, unit: str) -> Fraction:
-    """Return the ns of `500us`, `5ms`, `10s`, `2m`, `1h`, or a number of `unit`; JitterError."""
-    number = text.rstrip("umsh")
+def _ns(text: str, option: str, unit: str) -> Fraction:
     try:
-        found = Fraction(number) * _UNITS_NS[text[len(number) :] or unit]
-    except (ValueError, KeyError, ZeroDivisionError):
-        found = Fraction(0)
-    if found <= 0:
-        raise JitterError(f"{option} {text}: not a time above 0; expected like 500us, 5ms, 10s, 2m")
-    return found
+        return duration_ns(text, unit)
+    except ValueError as error:
+        raise JitterError(f"{option} {error}") from None
 
 
 def _cpus(text: str | None) -> tuple[int, ...]:

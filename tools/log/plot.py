@@ -101,7 +101,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> bool:
     """Draw the figure of the log's evaluation; return False, and say why, if there is none."""
     from pcpc.executive.errors import RigError
-    from pcpc.tools.judge import EvaluationError, Judge
+    from pcpc.tools.judge import Judge
     from pcpc.tools.requirements import violations
 
     with tempfile.TemporaryDirectory() as folder:
@@ -122,7 +122,7 @@ def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> 
                 marks = violations(one.json() for one in judge.requirements(log))
                 if reason := judge.draw(log, title, judge.metrics(log), path, marks):
                     raise LogCommandError(reason, Exit.ENVIRONMENT)
-        except (RigError, EvaluationError) as error:
+        except RigError as error:
             raise LogCommandError(str(error)) from None
     print(f"{options.output}: the figure of {Path(given.file).parent.name}, rig {config.rig}")
     return True

@@ -15,12 +15,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.errors import UserError
+from pcpc.executive.durations import duration_s
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.progress import Progress
-from pcpc.tools.watch import duration_s
 
 LARGE_BYTES = 50_000_000  # takes about 2 s to read
 _PREFIXES = tuple(f"{role}." for role in logs.NODES if role != "executive")
@@ -120,7 +119,7 @@ def seconds(text: str | None, otherwise: float, option: str) -> float:
     except ValueError:
         try:
             return duration_s(text)
-        except UserError as error:
+        except ValueError as error:
             raise LogCommandError(f"{option} {error}") from None
     if not math.isfinite(value):
         raise LogCommandError(f"{option} {text}: not a time; expected like 0, 1.5, 500ms")

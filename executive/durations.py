@@ -1,0 +1,26 @@
+"""Durations as people write them: `500us`, `5ms`, `10s`, `2min` or `2m`, `1h`."""
+
+import re
+from fractions import Fraction
+
+_UNITS_NS = {
+    "us": 10**3, "ms": 10**6, "s": 10**9, "m": 60 * 10**9, "min": 60 * 10**9, "h": 3600 * 10**9,
+}  # fmt: skip
+_WRITTEN = re.compile(r"([0-9]*\.?[0-9]*(?:[eE][-+]?[0-9]{1,2})?)([a-z]*)")
+
+
+def duration_ns(text: str, unit: str = "") -> Fraction:
+    """Return the ns of a duration, of a bare number in `unit`; ValueError (what) unless above 0."""
+    written = _WRITTEN.fullmatch(text)
+    try:
+        found = Fraction(written[1]) * _UNITS_NS[written[2] or unit] if written else Fraction(0)
+    except (ValueError, KeyError):
+        found = Fraction(0)
+    if found <= 0:
+        raise ValueError(f"{text}: not a duration above 0; expected like 500us, 5ms, 10s, 2min")
+    return found
+
+
+def duration_s(text: str, unit: str = "s") -> float:
+    """Return the seconds of a duration, as `duration_ns`."""
+    return float(duration_ns(text, unit) / 10**9)
