@@ -16,7 +16,7 @@ import pytest
 import standing
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
-from test_recorder import PERIOD_NS, block_of, put_cycle, put_event
+from rings import PERIOD_NS, block_of, put_cycle, put_event
 
 from pcpc.executive.log import mcap_writer
 from pcpc.executive.log import reader as logs
