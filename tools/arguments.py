@@ -270,6 +270,16 @@ def log_import(add: Add) -> None:
     _quiet(add)
 
 
+def log_require(add: Add) -> None:
+    """Take a log, and what is required of it."""
+    _log(add)
+    add("--require", action="append", default=[], metavar="REQUIREMENT",
+        help="instead of the rig's: 'always: CONDITION', ...; may be repeated")  # fmt: skip
+    _code(add)
+    _json(add, "print one JSON list")
+    _quiet(add)
+
+
 def log_plot(add: Add) -> None:
     """Take logs, variables and a picture."""
     add("words", nargs="+", metavar="LOG|VARIABLE",

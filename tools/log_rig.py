@@ -120,16 +120,19 @@ def _is_mapping(value: object) -> bool:
     return isinstance(value, dict)
 
 
-def judged_rig(head: logs.Log, folder: Path, options: argparse.Namespace) -> tuple[Rig, str]:
+def judged_rig(
+    head: logs.Log, folder: Path, options: argparse.Namespace, settings: Sequence[str] = ()
+) -> tuple[Rig, str]:
     """Return the rig of a log with its evaluation, no law loaded; LogError, RigError.
 
-    And a word on the evaluation, if it is not the one of the run.
+    And a word on the evaluation, if it is not the one of the run. `settings`: as --set.
     """
     data, note = _resolved(head, folder), ""
     if isinstance(given := data.get("evaluation"), dict):
         path, note = _evaluation(head, str(given.get("file")), folder, options)
         given["file"] = str(path)
-    return load_rig(folder / "rig.yaml", resolve=False, text=yamlfile.dump(data)), note
+    text = yamlfile.dump(data)
+    return load_rig(folder / "rig.yaml", None, settings, resolve=False, text=text), note
 
 
 def _evaluation(

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from logcommand import barrel_log
+from logcommand import run as log_command
 from processes import PATIENT, RIGS, own_bus, pcpc
 
 from pcpc import Error, NotOk, Run, open, simulate
@@ -208,6 +210,22 @@ def test_a_run_can_be_asked_from_python(run: Run) -> None:
         run.require(alway="controller.e_rad < 1")
     with pytest.raises(NotOk, match="no large error: violated first at cycle 500"):
         run.check()
+
+
+def test_any_log_is_judged_by_its_rig_and_by_others(run: Run, tmp_path: Path) -> None:
+    own = log_command("require", run.path.parent)
+    lines = " ".join(own.out.split())
+    assert own.code == 1 and "no large error: violated first at cycle 500, 0.5 s: abs(" in lines
+    assert all(len(line) <= 80 for line in own.out.splitlines()), own.out
+    held = log_command(
+        "require", run.path, "--require", "never: controller.e_rad > 1 rad", "--json"
+    )
+    (told,) = json.loads(held.out)
+    assert held.code == 0 and told["held"] and told["margin_unit"] == "rad", held
+    wrong = log_command("require", run.path, "--require", "never: controller.e_rd > 1")
+    assert wrong.code == 2 and "did you mean controller.e_rad?" in wrong.err, wrong
+    none = log_command("require", barrel_log("pd"))
+    assert none.code == 2 and "requires nothing of pd; try --require" in none.err, none
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,42 @@
+"""`pcpc log require`: judge a log by the requirements of its rig, or by others."""
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.log import long_logs
+from pcpc.executive.log import reader as logs
+from pcpc.tools import log_rig, screen
+from pcpc.tools.log import source
+from pcpc.tools.log.outfile import LogCommandError
+from pcpc.tools.progress import Progress
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print what became of each requirement; return the exit code."""
+    from pcpc.tools.judge import Judge
+
+    path, progress = source.file_of(options.log), Progress(options.quiet)
+    settings = [f"require=[{', '.join(f'{{{one}}}' for one in options.require)}]"]
+    with tempfile.TemporaryDirectory() as folder:
+        head = logs.head(path)
+        rig, note = log_rig.judged_rig(
+            head, Path(folder), options, settings if options.require else ()
+        )
+        if note:
+            progress.say(f"{path}: {note}")
+        judge = Judge.of(rig)
+        log = long_logs.read(path, lambda log: judge.asked(log, False))
+        found = judge.requirements(log)
+    if not found:
+        name = rig.config.controller
+        raise LogCommandError(f"{path}: its rig requires nothing of {name}; try --require")
+    if options.json:
+        print(json.dumps([one.json() for one in found], indent=2))
+    for one in () if options.json else found:
+        print("\n".join(screen.wrapped(str(one), "", "    ")))
+    if any(one.held is False for one in found):
+        return Exit.NOT_MET
+    return Exit.LOSS if log.missing else Exit.OK
