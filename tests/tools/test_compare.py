@@ -12,6 +12,8 @@ from logcommand import Done, run_here
 
 import pcpc
 from pcpc.executive.log import reader as logs
+from pcpc.tools.compare.comparison import Comparison
+from pcpc.tools.compare.pair import CHANGED, Change, Pair
 from pcpc.tools.folder import LOG
 
 SHORT = {"duration_s": 0.4, "evaluation.window_s": [0.0, 0.4]}
@@ -139,6 +141,16 @@ def test_margins_of_requirements_in_time_count_as_metrics(folder: Path, tmp_path
         file.write_text(json.dumps(told))
     text = compared(tmp_path / "old", tmp_path / "new", code=1).out
     assert re.search(r"metrics +margin of calm +0\.25 +-> +-0\.5 +-300\.0 %", text), text
+
+
+@pytest.mark.parametrize("name", ["e_rad", "error_of_the_first_joint_rms_rad", "n" * 100])
+def test_metrics_of_any_length_fit_the_terminal_and_show_where_they_differ(name: str) -> None:
+    metrics = [Change(name, 1.0000000000000002e-10, 1.0000000000000004e-10), Change("b", 1.0, 2.0)]
+    text = Comparison("old", "new", [Pair("rig", "pd", CHANGED, metrics=metrics)]).text()
+    assert [line for line in text.splitlines() if len(line) > 80] == [], text
+    words = " ".join(text.split())
+    assert "1.0000000000000002e-10 -> 1.0000000000000004e-10" in words, text
+    assert "b 1 -> 2 +100.0 %" in words, text
 
 
 def test_a_tolerance_is_of_metrics_and_never_of_bits(folder: Path) -> None:

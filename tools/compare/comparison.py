@@ -135,10 +135,13 @@ def _block(pair: Pair) -> Iterator[str]:
     shown = pair.changed_metrics[:_METRICS]
     rows = [(c.name, (v := _values(c))[0], "->", v[1], _percent(c)) for c in shown]
     lines = screen.table(rows, right=(1, 3, 4)) if rows else []
-    for number, (row, line) in enumerate(zip(rows, lines, strict=True)):
+    indent = len(_LABEL.format(""))
+    if len(lines) > len(rows) or any(indent + len(line) > screen.width() for line in lines):
+        lines = [" ".join(row) for row in rows]  # too broad for a table
+    for number, line in enumerate(lines):
         label = _LABEL.format("" if number else "metrics")
-        fits = len(label) + len(line) <= screen.width()
-        yield from [label + line] if fits else screen.wrapped(" ".join(row), label)
+        short = indent + len(line) <= screen.width()
+        yield from [label + line] if short else screen.wrapped(line, label)
     if left := len(pair.changed_metrics) - len(shown):
         yield _LABEL.format("") + f"and {left} more, see --json"
     if pair.figure:
