@@ -262,6 +262,15 @@ def test_what_is_wrong_is_refused_before_the_run_with_its_place(
     assert told.startswith(str(path)) and said in told and "\n" not in told, told
 
 
+def test_what_is_judged_does_not_depend_on_what_is_kept(run: Run, tmp_path: Path) -> None:
+    done = pcpc(
+        "simulate", str(rig_file(tmp_path, ALL)), "-o", str(tmp_path / "run"), "--quiet", "--json",
+        "--no-figure", "--set", "record.keep=10ms",
+    )  # fmt: skip
+    assert done.summary["records"]["written"] == 0, done
+    assert done.summary["requirements"] == [one.json() for one in run.requirements]
+
+
 def test_a_rig_without_an_evaluation_has_requirements_too(tmp_path: Path) -> None:
     path = rig_file(tmp_path, f"  - {{{PAST}}}\n", "null")
     assert check(Judge.of(load_rig(path)), []) == []
