@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 RIG ?= plants/atb1000/rigs/engage.yaml
 PLANT ?= *
 
-.PHONY: run help test test-quiet install lint compiled bless docs reference test-vcan vcan-tools clean
+.PHONY: run help test test-quiet install lint compiled bless docs notebook reference test-vcan vcan-tools clean
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -55,6 +55,9 @@ bless: install ## the golden runs (of PLANT) anew, after a change that is meant
 docs: install ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "open build/site/index.html"
+
+notebook: install ## docs/notebooks, run again
+	$(BIN)/python docs/site/notebook.py
 
 reference: install ## docs/reference, from the parser and the docstrings
 	$(BIN)/python docs/site/reference.py

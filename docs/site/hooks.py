@@ -1,13 +1,15 @@
 """The site is the repository's own Markdown, under the same paths: every link holds in both.
 
 mkdocs takes pages from one folder; here it gets README.md, docs/ and the READMEs of the plants. A
-link to a source file leads to a page that shows it, mathematics becomes MathML, and the search
-needs no network.
+link to a source file or notebook leads to a page that shows it, mathematics becomes MathML, and the
+search needs no network.
 """
 
+import json
 import posixpath
 import re
 from pathlib import Path
+from typing import Any
 
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
@@ -19,7 +21,15 @@ FOLDERS = ("docs", "plants")
 KINDS = (".md", ".png", ".css", ".js")
 MATH = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"(?<=\]\()(?!\w+:)([^)#\s]+)(?=[)#])")
-SHOWN = (".py", ".yaml", ".yml", ".dbc", ".json", ".csv")  # files that get a page of their own
+SHOWN = (
+    ".ipynb",
+    ".py",
+    ".yaml",
+    ".yml",
+    ".dbc",
+    ".json",
+    ".csv",
+)  # files that get a page of their own
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -58,6 +68,25 @@ def _sources(page: str) -> set[str]:
 
 
 def _shown(name: str) -> str:
+    if name.endswith(".ipynb"):
+        cells = json.loads((ROOT / name).read_text("utf-8"))["cells"]
+        return "\n\n".join(part for cell in cells for part in _cell(cell))
     language = {"yml": "yaml", "py": "python"}.get(name.rpartition(".")[2], name.rpartition(".")[2])
     text = (ROOT / name).read_text("utf-8")
     return f"---\nsearch: {{exclude: true}}\n---\n# {name}\n\n````{language}\n{text}````\n"
+
+
+def _cell(cell: dict[str, Any]) -> list[str]:
+    """Return a cell of a notebook, and what it printed and drew."""
+    source = "".join(cell["source"])
+    if cell["cell_type"] == "markdown":
+        return [source]
+    found = [f"```python\n{source}\n```"]
+    for output in cell["outputs"]:
+        data = output.get("data", {})
+        text = "".join(output.get("text", data.get("text/plain", ""))).rstrip()
+        if "image/png" in data:
+            found.append(f"![picture](data:image/png;base64,{''.join(data['image/png'].split())})")
+        elif text:
+            found.append(f"```text\n{text}\n```")
+    return found

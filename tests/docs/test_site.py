@@ -36,6 +36,8 @@ def test_every_page_of_the_repository_is_in_it_and_every_link_leads_somewhere(si
 def test_a_link_to_a_source_file_shows_it(site: Path) -> None:
     assert "plants/probe/rig.yaml.html" in (site / "docs" / "rig.html").read_text("utf-8")
     assert "timing of the loop" in (site / "plants/probe/rig.yaml.html").read_text("utf-8")
+    notebook = (site / "docs/notebooks/first_steps.ipynb.html").read_text("utf-8")
+    assert "data:image/png;base64," in notebook and 'href="../tutorial.html"' in notebook
 
 
 def test_no_page_loads_anything_from_the_network(site: Path) -> None:
