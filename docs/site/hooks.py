@@ -48,7 +48,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Lead links to source files to their pages; put MathML in place of mathematics."""
     here = page.file.src_uri
-    markdown = MATH.sub(lambda m: f'<div class="law">{convert(m[1], "block")}</div>', markdown)
+    markdown = MATH.sub(lambda m: f'<div class="law">{_mathml(m[1])}</div>', markdown)
     return LINK.sub(lambda m: m[1] + ".md" * (_at(here, m[1]) + ".md" in files.src_uris), markdown)
 
 
@@ -56,6 +56,12 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     """Take the script by which pages on a disk are searched from the site, not from the network."""
     near = "../" * page.url.count("/") + "docs/site/iframe-worker.js"
     return output.replace("https://unpkg.com/iframe-worker/shim", near)
+
+
+def _mathml(formula: str) -> str:
+    """Return a formula as browsers show it, also without a font that knows where accents go."""
+    found = convert(formula, display="block").replace(' accent="true"', "")
+    return found.replace("&#x002D9;", ".").replace("&#x000A8;", "..")
 
 
 def _at(page: str, link: str) -> str:

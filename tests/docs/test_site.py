@@ -48,3 +48,9 @@ def test_no_page_loads_anything_from_the_network(site: Path) -> None:
     page = site / "docs" / "rig.html"
     (script,) = re.findall(r'<script src="([^"]*iframe-worker[^"]*)"', page.read_text("utf-8"))
     assert (page.parent / script).is_file(), script
+
+
+def test_mathematics_is_shown_as_such(site: Path) -> None:
+    page = (site / "docs/book/chapter3.html").read_text("utf-8")
+    assert page.count("<math ") == 3 and "<mover><mi>q</mi><mo>..</mo></mover>" in page
+    assert "```" not in page and "\\dot" not in page
