@@ -26,9 +26,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_page_of_the_repository_is_in_it_and_every_link_leads_somewhere(site: Path) -> None:
     pages = [*(ROOT / "docs").rglob("*.md"), *(ROOT / "plants").rglob("*.md")]
+    nav = (ROOT / "mkdocs.yml").read_text("utf-8")
     made = {path.relative_to(site).as_posix() for path in site.rglob("*.html")}
     for page in pages:
-        at = page.relative_to(ROOT).as_posix().removesuffix(".md") + ".html"
+        name = page.relative_to(ROOT).as_posix()
+        assert f"- {name}\n" in nav, f"{name}: no place under `nav` of mkdocs.yml"
+        at = name.removesuffix(".md") + ".html"
         assert at.replace("README", "index") in made, at
     assert len(pages) > 15 and "index.html" in made
 
