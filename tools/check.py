@@ -18,8 +18,8 @@ from pcpc.executive.rig import trial
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import Use, users_case
-from pcpc.tools import screen
-from pcpc.tools.judge import Judge, check
+from pcpc.tools.console import screen
+from pcpc.tools.verdict.judge import Judge, check
 
 _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 

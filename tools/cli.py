@@ -1,4 +1,4 @@
-"""The `pcpc` command: from the words of a command line to a command of `tools.commands`."""
+"""The `pcpc` command: from the words of a command line to a command of `tools.console.commands`."""
 
 import argparse
 import os
@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import UserError
-from pcpc.tools import completion, screen
-from pcpc.tools.commands import COMMANDS, overview
-from pcpc.tools.ending import ended
+from pcpc.tools.console import completion, screen
+from pcpc.tools.console.commands import COMMANDS, overview
+from pcpc.tools.console.ending import ended
 
 _BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code; see `tools.ending` for how it ends."""
+    """Run one command and return its exit code; see `tools.console.ending` for how it ends."""
     if "_ARGCOMPLETE" in os.environ:  # a shell asks which words may come next
         completion.complete(parser())
     words = list(sys.argv[1:] if argv is None else argv)
@@ -33,7 +33,7 @@ def _carry_out(words: Sequence[str]) -> int:
     options.begin_ns = _BEGIN_NS
     _name_files(options)
     if command.compiles:
-        from pcpc.tools.progress import Compiling
+        from pcpc.tools.console.progress import Compiling
 
         Compiling().told(getattr(options, "quiet", False))
     return int(import_module(f"pcpc.tools.{options.registered.at}").command(options))
@@ -79,7 +79,7 @@ def _name_files(options: argparse.Namespace) -> None:
 
         options.rig = type(options.rig)(find(str(options.rig)))
     if COMMANDS[options.command].reads_logs:
-        from pcpc.tools.recorded import LATEST, log_of
+        from pcpc.tools.log.recorded import LATEST, log_of
 
         for key in {"log", "a", "b"} & vars(options).keys():
             value = getattr(options, key)

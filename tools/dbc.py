@@ -29,8 +29,8 @@ from pcpc.executive.loop.supervisor import STATE_NAMES
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import NodeSpec, Rig, load_rig
 from pcpc.executive.rig.roles import Role
-from pcpc.tools import screen
 from pcpc.tools.api.settings import settings
+from pcpc.tools.console import screen
 
 _NMT = {0: "BOOT_UP", 4: "STOPPED", 5: "OPERATIONAL", 127: "PRE_OPERATIONAL"}
 _CODES = {"supervisor.state": (4, dict(enumerate(STATE_NAMES))), "supervisor.nmt": (8, _NMT)}

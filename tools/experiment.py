@@ -26,8 +26,8 @@ from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.plants.judging import Run
 from pcpc.plants.study import Case, Result
-from pcpc.tools.pool import PoolError, each
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.starting.pool import PoolError, each
 
 if TYPE_CHECKING:
     from pcpc.executive.rig.reading import Rig
@@ -46,7 +46,7 @@ def run_case(case: Case) -> Result:
     from pcpc.executive.nodes.virtual import in_memory
     from pcpc.executive.nodes.watched import StepError
     from pcpc.executive.rig.reading import load_rig
-    from pcpc.tools.judge import Judge
+    from pcpc.tools.verdict.judge import Judge
 
     try:
         rig = load_rig(case.rig, case.controller, case.settings)

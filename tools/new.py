@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError, code_of
-from pcpc.tools import screen
+from pcpc.tools.console import screen
 
 TEMPLATE = Path(__file__).with_name("template")
 FILES = {

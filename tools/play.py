@@ -25,10 +25,10 @@ from pcpc.drivers import bus as buses
 from pcpc.drivers import can_id, choice, realtime
 from pcpc.drivers.errors import BusError, Exit
 from pcpc.executive.log import reader as logs
-from pcpc.tools import play_frames
-from pcpc.tools.interface import named_bus
-from pcpc.tools.play_frames import Frames, PlayError
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.log import frames as play_frames
+from pcpc.tools.log.frames import Frames, PlayError
+from pcpc.tools.starting.interface import named_bus
 
 if TYPE_CHECKING:
     from pcpc.executive.nodes.player import Player

@@ -1,7 +1,7 @@
 """`pcpc replay LOG`: recompute a recorded run from its log alone, compare it bit by bit.
 
 Frames, tunings and the rig come from the log; the laws are the project's. A law from outside is
-taken from where it lay, if it is unchanged, or with --trust from the log: see `tools.log_rig`. With
+taken from where it lay, if it is unchanged, or with --trust from the log: see `tools.log.rig`. With
 --controller or --set it recomputes what the node would have done with the recorded input (open
 loop: the plant does not answer) and shows how far that is from the record.
 """
@@ -24,10 +24,11 @@ from pcpc.executive.log.frontier import Frontier
 from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools import log_rig, screen
+from pcpc.tools.console import screen
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.log import rig as log_rig
 from pcpc.tools.log.cat import frame_text
-from pcpc.tools.progress import Progress
-from pcpc.tools.ulp import ulp_distance
+from pcpc.tools.log.ulp import ulp_distance
 
 ROWS_SHOWN = 20
 MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one

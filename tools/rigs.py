@@ -17,7 +17,7 @@ from typing import Any
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yamlfile
-from pcpc.tools import screen
+from pcpc.tools.console import screen
 
 _PLANTS = Path(__file__).resolve().parents[1] / "plants"
 _SUFFIXES = (".yaml", ".yml")

@@ -26,13 +26,13 @@ from pcpc.executive.nodes.live import Live
 from pcpc.executive.rig.buses import bus_wanted
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
-from pcpc.tools import pace
-from pcpc.tools.children import Child, complain, on_request
-from pcpc.tools.folder import LOG, run_folder
-from pcpc.tools.interface import named_bus
-from pcpc.tools.outcome import Outcome, changed, follows
-from pcpc.tools.progress import Compiling, Progress, node_line
-from pcpc.tools.waiting import Waiting
+from pcpc.tools.console.progress import Compiling, Progress, node_line
+from pcpc.tools.starting import pace
+from pcpc.tools.starting.children import Child, complain, on_request
+from pcpc.tools.starting.folder import LOG, run_folder
+from pcpc.tools.starting.interface import named_bus
+from pcpc.tools.starting.waiting import Waiting
+from pcpc.tools.verdict.outcome import Outcome, changed, follows
 
 REFUSALS = Exit.WRONG_INPUT, Exit.ENVIRONMENT
 _POLL_S = 0.02
@@ -108,7 +108,7 @@ class Host:
     def _load_judge(self) -> None:
         """Load the rig's evaluation, while the nodes set themselves up; RigError ends them."""
         try:
-            from pcpc.tools.judge import Judge, foreseen
+            from pcpc.tools.verdict.judge import Judge, foreseen
 
             self.judge = Judge.of(self.rig)
             self.judged = foreseen(self.judge, self.pacing, not self.options.no_figure)
@@ -295,7 +295,7 @@ def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> in
         host = Host(options, rig, roles, folder)
         code = host.run()
         from pcpc.executive.log import long_logs
-        from pcpc.tools.conclude import conclude
+        from pcpc.tools.verdict.conclude import conclude
 
         if code < 0:
             return conclude(host.judge, folder, host.outcome, options, host.judged)

@@ -15,12 +15,12 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig import carried
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.children import on_request
-from pcpc.tools.conclude import conclude
-from pcpc.tools.folder import LOG, run_folder
-from pcpc.tools.judge import Judge, foreseen
-from pcpc.tools.outcome import Outcome, changed
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.starting.children import on_request
+from pcpc.tools.starting.folder import LOG, run_folder
+from pcpc.tools.verdict.conclude import conclude
+from pcpc.tools.verdict.judge import Judge, foreseen
+from pcpc.tools.verdict.outcome import Outcome, changed
 
 
 class Simulation:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.durations import duration_s
 from pcpc.executive.nodes.live import Live, Values, Variable, find, find_for
-from pcpc.tools import screen
+from pcpc.tools.console import screen
 
 _CYCLE, _NUMBER = 8, 12  # columns of a cycle number and of a value
 

@@ -16,8 +16,8 @@ from typing import Any
 import pcpc
 from pcpc.drivers.errors import Exit
 from pcpc.tools import cli
-from pcpc.tools.command import Command
-from pcpc.tools.commands import GROUPS
+from pcpc.tools.console.command import Command
+from pcpc.tools.console.commands import GROUPS
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference"
 _COLUMNS = 100

@@ -26,7 +26,8 @@ _OWN = {  # how laws are read and stepped, evaluations read and asked
         "executive/laws/ports",
         "executive/rig/modules", "executive/rig/prepare", "executive/rig/resolve",
         "executive/rig/trial", "plants/evaluation", "plants/judging", "plants/pages",
-        "plants/statistics", "plants/study", "plants/two_joints", "tools/experiment", "tools/judge",
+        "plants/statistics", "plants/study", "plants/two_joints", "tools/experiment",
+        "tools/verdict/judge",
     )
 }  # fmt: skip
 _COLOUR = re.compile("\x1b\\[[0-9;]*m")

@@ -8,7 +8,7 @@ import pytest
 import zstandard
 from golden import LOG_BYTES, blessed, changes, missing, packed_log, rigs, whole
 
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.replay import replay
 
 RUNS = {name: (file, controller) for name, file, controller in rigs()}

@@ -22,7 +22,7 @@ from pcpc.tools.bench.steps import (
     in_c,
     in_python,
 )
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 STEPS = (*LAWS, "barrel")
 FEW = 200

@@ -26,7 +26,7 @@ from pcpc.tools.bench import (
     startup,
 )  # fmt: skip
 from pcpc.tools.bench.compiler import CompilerError
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 QUIET = Progress(quiet=True)
 CYCLES = 300

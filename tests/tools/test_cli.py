@@ -15,11 +15,12 @@ import pytest
 from processes import ROOT, pcpc
 
 from pcpc.executive.errors import RigError
-from pcpc.tools import cli, recorded, rigs
+from pcpc.tools import cli, rigs
 from pcpc.tools.cli import main
-from pcpc.tools.command import Command
-from pcpc.tools.commands import COMMANDS
-from pcpc.tools.conclude import changes
+from pcpc.tools.console.command import Command
+from pcpc.tools.console.commands import COMMANDS
+from pcpc.tools.log import recorded
+from pcpc.tools.verdict.conclude import changes
 
 PARTS = [(name, part) for name, command in COMMANDS.items() for part in command.parts]
 HELPS = [(), *((name,) for name in COMMANDS), *((name, part.name) for name, part in PARTS)]

@@ -14,7 +14,7 @@ import pcpc
 from pcpc.executive.log import reader as logs
 from pcpc.tools.compare.comparison import Comparison
 from pcpc.tools.compare.pair import CHANGED, Change, Pair
-from pcpc.tools.folder import LOG
+from pcpc.tools.starting.folder import LOG
 
 SHORT = {"duration_s": 0.4, "evaluation.window_s": [0.0, 0.4]}
 GAIN = {"controller.kv_Nms_rad": 111.0}

@@ -362,7 +362,7 @@ def test_each_version_runs_with_its_own_code_where_the_repository_is_pcpcs(
     git(root, "commit", "-q", "-m", "before")
     git(root, "checkout", "-q", "-f", "now")
     assert "before: there pcpc is not yet" in compared(against="before", code=2).err
-    edit(root / "tools/judge.py", code, code.replace("{}", "{'answer': 42.0}"))
+    edit(root / "tools/verdict/judge.py", code, code.replace("{}", "{'answer': 42.0}"))
     pair = pairs("probe", code=1)["probe/proportional"]
     assert pair["first"] is None and pair["settings"] == []
     assert [m for m in pair["metrics"] if m["old"] != m["new"]] == [

@@ -14,7 +14,7 @@ from logcommand import barrel_log
 from processes import PCPC, ROOT, as_of_a_terminal, pcpc
 
 from pcpc.drivers.errors import BusError, Exit, UserError
-from pcpc.tools import ending
+from pcpc.tools.console import ending
 
 PROBE = str(ROOT / "plants/probe/rig.yaml")
 Screen = pytest.CaptureFixture[str]
@@ -26,7 +26,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 """
 ENDLESS = """
 import sys, time
-from pcpc.tools.ending import ended
+from pcpc.tools.console.ending import ended
 def wait():
     print("waiting", flush=True)
     while True:
@@ -79,7 +79,7 @@ def test_an_exit_code_does_not_depend_on_whether_its_words_arrive(where: str) ->
 
 def test_what_is_opened_next_does_not_take_the_place_of_a_closed_stderr() -> None:
     code = (
-        "from pcpc.tools.ending import ended; import os;"
+        "from pcpc.tools.console.ending import ended; import os;"
         "raise SystemExit(ended(lambda: min(os.open('/dev/null', 0), 3), goes_on=True))"
     )
     done = subprocess.run(["bash", "-c", f'"{sys.executable}" -c "{code}" <&- >&- 2>&-'], cwd=ROOT)

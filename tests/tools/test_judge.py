@@ -10,9 +10,9 @@ from processes import RIGS, pcpc
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.judge import Judge, check
-from pcpc.tools.outcome import Outcome
-from pcpc.tools.summary import CODES, note_figure, summarise
+from pcpc.tools.verdict.judge import Judge, check
+from pcpc.tools.verdict.outcome import Outcome
+from pcpc.tools.verdict.summary import CODES, note_figure, summarise
 
 BODY = """\
 from pcpc.plants.evaluation import RUN, Evaluation, Line, Panel, Rms, started

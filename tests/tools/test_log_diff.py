@@ -13,7 +13,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.log import diff
-from pcpc.tools.ulp import ulp_distance
+from pcpc.tools.log.ulp import ulp_distance
 
 
 @pytest.fixture(scope="module")

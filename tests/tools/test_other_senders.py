@@ -15,7 +15,7 @@ from pcpc.drivers import wire
 from pcpc.drivers.wire_layout import WIRE
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.frames import too_many
+from pcpc.tools.verdict.frames import too_many
 
 SLEW10 = str(RIGS / "slew10.yaml")
 SYNC = 0x080

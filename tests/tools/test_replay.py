@@ -17,7 +17,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import replay as replaying
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 ENGAGED = ("duration_s=0.5", "schedule=[{at_s: 0.2, set: {controller.network_on: 1.0}}]")
 

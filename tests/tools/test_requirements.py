@@ -17,11 +17,11 @@ from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants import pages
-from pcpc.tools import report
-from pcpc.tools.judge import Judge, check
-from pcpc.tools.outcome import Outcome
-from pcpc.tools.requirements import Result
-from pcpc.tools.summary import summarise
+from pcpc.tools.verdict import report
+from pcpc.tools.verdict.judge import Judge, check
+from pcpc.tools.verdict.outcome import Outcome
+from pcpc.tools.verdict.requirements import Result
+from pcpc.tools.verdict.summary import summarise
 
 STEP10 = RIGS / "step10.yaml"
 PAST = "never: abs(controller.e_rad) > 100 mrad"  # the step of cycle 500 is one of 175 mrad

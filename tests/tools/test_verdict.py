@@ -18,11 +18,11 @@ from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import report
-from pcpc.tools.conclude import conclude
-from pcpc.tools.judge import Judge
-from pcpc.tools.outcome import Outcome
-from pcpc.tools.summary import summarise
+from pcpc.tools.verdict import report
+from pcpc.tools.verdict.conclude import conclude
+from pcpc.tools.verdict.judge import Judge
+from pcpc.tools.verdict.outcome import Outcome
+from pcpc.tools.verdict.summary import summarise
 
 SLEW10, HULL = str(RIGS / "slew10.yaml"), str(RIGS / "hull.yaml")
 RELAY = str(Path(__file__).resolve().parents[1] / "executive" / "relay" / "rig.yaml")

@@ -7,7 +7,7 @@ from pcpc.tools.compare.comparison import Comparison
 from pcpc.tools.compare.overlay import How
 from pcpc.tools.compare.pair import compare as compare_runs
 from pcpc.tools.compare.recorded import compared
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 
 def compare(old: str | Path | Run, new: str | Path | Run, tolerance: float = 0.0) -> Comparison:

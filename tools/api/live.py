@@ -17,9 +17,9 @@ from pcpc.executive.nodes import live as nodes
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.api.run import Run, UnknownName
 from pcpc.tools.api.settings import settings
-from pcpc.tools.children import Child
-from pcpc.tools.folder import LOG
 from pcpc.tools.rigs import find
+from pcpc.tools.starting.children import Child
+from pcpc.tools.starting.folder import LOG
 
 _POLL_S = 0.02
 _END_S = 60.0  # in which a run that was asked to end has its summary

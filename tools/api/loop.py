@@ -16,9 +16,9 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.api.place import finished, log_in, progress
 from pcpc.tools.api.run import Run, UnknownName
 from pcpc.tools.api.settings import settings
-from pcpc.tools.outcome import Outcome, changed
 from pcpc.tools.rigs import find
 from pcpc.tools.simulate import Simulation
+from pcpc.tools.verdict.outcome import Outcome, changed
 
 Vector = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools import summary as summaries
 from pcpc.tools.api.run import Run
-from pcpc.tools.folder import LOG, run_folder
-from pcpc.tools.outcome import Outcome
-from pcpc.tools.progress import Compiling, Progress
+from pcpc.tools.console.progress import Compiling, Progress
+from pcpc.tools.starting.folder import LOG, run_folder
+from pcpc.tools.verdict import summary as summaries
+from pcpc.tools.verdict.outcome import Outcome
 
 
 def progress(quiet: bool | None) -> Progress:

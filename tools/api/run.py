@@ -20,13 +20,14 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.requirements import RequirementError
 from pcpc.executive.rig.schema import Requirement
 from pcpc.plants.judging import Judged, paired_rows
-from pcpc.tools import log_rig, play_frames
-from pcpc.tools import summary as summaries
 from pcpc.tools.api.settings import settings
-from pcpc.tools.judge import Judge
-from pcpc.tools.outcome import Outcome
-from pcpc.tools.progress import Progress
-from pcpc.tools.requirements import Result, results, violations
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.log import frames as play_frames
+from pcpc.tools.log import rig as log_rig
+from pcpc.tools.verdict import summary as summaries
+from pcpc.tools.verdict.judge import Judge
+from pcpc.tools.verdict.outcome import Outcome
+from pcpc.tools.verdict.requirements import Result, results, violations
 
 if TYPE_CHECKING:
     import pandas

@@ -8,10 +8,10 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.api.place import finished, log_in, progress
 from pcpc.tools.api.run import Run
 from pcpc.tools.api.settings import settings
-from pcpc.tools.outcome import Outcome, changed
-from pcpc.tools.recorded import log_of
+from pcpc.tools.log.recorded import log_of
 from pcpc.tools.rigs import find
 from pcpc.tools.simulate import Simulation
+from pcpc.tools.verdict.outcome import Outcome, changed
 
 
 def simulate(

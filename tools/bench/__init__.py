@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcpc.drivers.errors import BusError, Exit, UserError
-from pcpc.tools.commands import SUITES
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.commands import SUITES
+from pcpc.tools.console.progress import Progress
 
 ON_REQUEST = ("rate", "startup")  # one to three minutes each
 

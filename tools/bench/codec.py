@@ -22,7 +22,7 @@ from pcpc.drivers.jit import compiled, f8, i8, types, u1
 from pcpc.plants.atb1000 import model
 from pcpc.tools.bench import Ratio
 from pcpc.tools.bench.cycle import interleave, library, per_repeat, pointer
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 SUITE = "codec"
 DBC = model.__file__.replace("model.py", "atb1000.dbc")

@@ -46,7 +46,7 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000 import model
 from pcpc.tools.bench import Ratio, compiler, steps
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 SUITE = "cycle"
 AGAINST = "C -O2, the same cycle"

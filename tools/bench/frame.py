@@ -23,7 +23,7 @@ from pcpc.drivers.wire import END, FRAME, get_frame, put_frame
 from pcpc.drivers.wire_layout import WIRE
 from pcpc.tools.bench import BenchError, Ratio
 from pcpc.tools.bench.cycle import interleave, library, per_repeat, pointer
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 SUITE = "frame"
 AGAINST = "C -O2, the same sockets"

@@ -24,12 +24,12 @@ from pcpc.drivers import bus as buses
 from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
-from pcpc.tools import play_frames
 from pcpc.tools.bench.compiler import compile_to
 from pcpc.tools.cli import parsed
-from pcpc.tools.ending import ended
-from pcpc.tools.play_frames import Frames
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.ending import ended
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.log import frames as play_frames
+from pcpc.tools.log.frames import Frames
 
 SOURCE = Path(__file__).with_name("play.c")
 BUS = "udp_multicast:239.74.163.7:43117"

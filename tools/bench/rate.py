@@ -35,8 +35,8 @@ from pcpc.executive.nodes import process
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.bench import BenchError, Ratio
 from pcpc.tools.bench.cycle import RIG, address, in_c, library
-from pcpc.tools.children import Child
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.starting.children import Child
 
 SUITE = "rate"
 BUS = "udp_multicast:239.74.163.64:43164"  # of its own

@@ -29,7 +29,7 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.bench import BenchError, Ratio
 from pcpc.tools.bench.cycle import RIG, interleave
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.run import Host
 
 SUITE = "recorder"

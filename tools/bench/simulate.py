@@ -31,7 +31,7 @@ from pcpc.plants.atb1000 import dynamics, model
 from pcpc.plants.atb1000.ports import External, Motion, Outputs, Parameters, States
 from pcpc.tools.bench import BenchError, Ratio
 from pcpc.tools.bench.cycle import RIG, address, in_c, interleave, library, new_loop, per_repeat
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 SUITE = "simulate"
 DURATION_S = 2.0  # a run: the move up and rest

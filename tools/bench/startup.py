@@ -18,7 +18,7 @@ from pathlib import Path
 from pcpc.executive.log import reader as logs
 from pcpc.tools.bench import BenchError, Ratio
 from pcpc.tools.bench.cycle import RIG
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 SUITE = "startup"
 BUS = "udp_multicast:239.74.163.65:43165"  # of its own

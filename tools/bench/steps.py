@@ -38,7 +38,7 @@ from pcpc.plants.atb1000.ports import HULL_COMPONENTS, Motion
 from pcpc.tools.bench import Ratio
 from pcpc.tools.bench.compiler import CompilerError as CompilerError
 from pcpc.tools.bench.compiler import library
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 SOURCE = Path(__file__).with_name("steps.c")
 RIG = Path(model.__file__).with_name("rigs") / "hull.yaml"

@@ -11,9 +11,9 @@ from pathlib import Path
 from pcpc.drivers.errors import UserError
 from pcpc.tools import jitter
 from pcpc.tools.bench import BenchError, Ratio
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.jitter.figures import PCPC, percentiles
 from pcpc.tools.jitter.loops import Setup
-from pcpc.tools.progress import Progress
 
 SUITE = "wake"
 YARDSTICKS = ("cyclictest", "c")

@@ -9,7 +9,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.compare.comparison import Comparison
 from pcpc.tools.compare.overlay import How
 from pcpc.tools.compare.recorded import compared
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 
 def command(options: argparse.Namespace) -> int:

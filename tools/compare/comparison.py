@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from pcpc.tools import screen
-from pcpc.tools import summary as summaries
 from pcpc.tools.compare.pair import (
     ALONE,
     CHANGED,
@@ -16,6 +14,8 @@ from pcpc.tools.compare.pair import (
     Change,
     Pair,
 )
+from pcpc.tools.console import screen
+from pcpc.tools.verdict import summary as summaries
 
 _METRICS, _SIGNALS, _SETTINGS = 6, 3, 4  # shown of a rig; all of them in JSON
 _LONGEST = 40  # letters of a value

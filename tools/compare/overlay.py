@@ -13,9 +13,9 @@ from pcpc.plants.judging import Judged
 from pcpc.plants.pages import Panel, draw_line, dress, new_page, traces
 from pcpc.tools.api.run import Run
 from pcpc.tools.compare.pair import CHANGED, Pair, compare
-from pcpc.tools.judge import Judge, guarded
 from pcpc.tools.log.drawing import DPI, Source, page_of
 from pcpc.tools.log.series import all_series, start_ns
+from pcpc.tools.verdict.judge import Judge, guarded
 
 _AXES = 6
 _OLD, _NEW = "#B4B4B4", "#0072B2"

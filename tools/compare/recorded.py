@@ -7,10 +7,10 @@ from pcpc.executive.log import reader as logs
 from pcpc.tools.compare.comparison import Comparison
 from pcpc.tools.compare.overlay import How, examined
 from pcpc.tools.compare.pair import ALONE, FAILED, Pair, fact
-from pcpc.tools.folder import LOG
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.log.recorded import log_of
 from pcpc.tools.log.series import LARGE_BYTES
-from pcpc.tools.progress import Progress
-from pcpc.tools.recorded import log_of
+from pcpc.tools.starting.folder import LOG
 
 Key = tuple[str, str]  # rig, controller
 

@@ -19,15 +19,15 @@ from pathlib import Path
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import RigError, did_you_mean, one_line
 from pcpc.executive.log.reader import LogError
-from pcpc.tools.children import end_with
 from pcpc.tools.compare.comparison import Comparison
 from pcpc.tools.compare.inputs import Rig, Tree
 from pcpc.tools.compare.overlay import How, examined
 from pcpc.tools.compare.pair import ALONE, FAILED, UNCHANGED, Pair
 from pcpc.tools.compare.repository import ALIVE, Repository
-from pcpc.tools.folder import LOG
-from pcpc.tools.pool import each
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.starting.children import end_with
+from pcpc.tools.starting.folder import LOG
+from pcpc.tools.starting.pool import each
 
 _SIDES = ("old", "new")
 

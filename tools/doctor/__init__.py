@@ -21,7 +21,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
-from pcpc.tools import screen
+from pcpc.tools.console import screen
 from pcpc.tools.doctor.machine import Row, machine_rows
 
 _PROJECT = Path(__file__).resolve().parents[2]

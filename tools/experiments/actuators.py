@@ -24,7 +24,7 @@ from pcpc.plants.actuators import (
 )
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from pcpc.plants.study import markdown
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 Vector = NDArray[np.float64]
 

@@ -18,6 +18,7 @@ import numpy as np
 from pcpc.executive.laws.approximators import jumps
 from pcpc.executive.laws.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
 from pcpc.plants.study import markdown
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.experiments import _approximation_figures as figures
 from pcpc.tools.experiments._approximation_training import (
     CASES,
@@ -27,8 +28,7 @@ from pcpc.tools.experiments._approximation_training import (
     online_fit,
     trained,
 )
-from pcpc.tools.pool import workers
-from pcpc.tools.progress import Progress
+from pcpc.tools.starting.pool import workers
 
 SIZES = (5, 7, 11)
 FIT_TRAIN = np.linspace(-1.0, 1.0, 31)  # both grids were searched for, see FIT_TEXT

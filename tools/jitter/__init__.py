@@ -21,10 +21,10 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import code_of
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.jitter import loops, probe, report
 from pcpc.tools.jitter.figures import LEAST_CYCLES, Result, as_json
 from pcpc.tools.jitter.loops import JitterError, Setup
-from pcpc.tools.progress import Progress
 
 ROUNDS = 5  # with --against
 LEAST_INTERVAL_US, MOST_INTERVAL_US = 50, 1_000_000

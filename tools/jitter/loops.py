@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.bench.compiler import CompilerError, compile_to
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 SOURCE = Path(__file__).parent.with_name("bench") / "wake.c"
 NAMES = ("cyclictest", "c", "python")

@@ -16,8 +16,8 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.jitter.loops import JitterError, Setup
-from pcpc.tools.progress import Progress
 from pcpc.tools.run import LOG, Host
 
 RIG = Path(__file__).resolve().parents[2] / "plants" / "probe" / "rig.yaml"

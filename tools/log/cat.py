@@ -27,11 +27,11 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan, walk
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.log import source
 from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.log.series import label, seconds
 from pcpc.tools.log.tally import DIRECTIONS, senseless
-from pcpc.tools.progress import Progress
 
 _LATEST_NS = 20_000_000_000  # frames and events are recorded at most a full ring after their cycle
 _FRAMES = "can/frames"

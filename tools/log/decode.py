@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from pcpc.drivers import can_id, codec, dbc, e2e
 from pcpc.drivers.errors import BusError
 from pcpc.drivers.jit import compiled
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import LogCommandError
-from pcpc.tools.progress import Progress
 
 _STEP = 20_000  # frames from one look at the progress to the next
 _NOT_DECODABLE = (  # what cantools raises for a frame that its message does not fit

@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
-from pcpc.tools import screen
+from pcpc.tools.console import screen
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.log import series, source
 from pcpc.tools.log.outfile import LogCommandError
 from pcpc.tools.log.tally import DIRECTIONS
-from pcpc.tools.progress import Progress
-from pcpc.tools.ulp import ulp_distance
+from pcpc.tools.log.ulp import ulp_distance
 
 _STAGES = {"rx": 0, "tx": 2}  # of a cycle; blocks between them, frames at the end
 _SHOWN = 40  # rows of the table; all of them with --json

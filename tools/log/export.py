@@ -31,9 +31,9 @@ from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.log import series
 from pcpc.tools.log.outfile import LogCommandError, new_file
-from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
     from can import Message

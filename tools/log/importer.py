@@ -29,9 +29,9 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
 from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.log.recording import Recording, read
-from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
     from pcpc.tools.log.decode import Decoded

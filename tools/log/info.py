@@ -21,10 +21,10 @@ from rich.text import Text
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.log import source
 from pcpc.tools.log.foreign import survey
 from pcpc.tools.log.tally import Tally
-from pcpc.tools.progress import Progress
 
 _FACTS = ("rig", "controller", "pacing", "bus", "seed", "rate_hz")
 _TOPICS = 60  # on the screen; our logs have 15

@@ -18,12 +18,12 @@ import numpy as np
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
-from pcpc.tools import log_rig
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.log import rig as log_rig
 from pcpc.tools.log import series
 from pcpc.tools.log.drawing import DPI, Source, page_of
 from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.log.series import Series
-from pcpc.tools.progress import Progress
 
 SUFFIXES = (".png", ".svg", ".pdf")
 MOST_AXES, MOST_LINES = 12, 8
@@ -101,8 +101,8 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> bool:
     """Draw the figure of the log's evaluation; return False, and say why, if there is none."""
     from pcpc.executive.errors import RigError
-    from pcpc.tools.judge import Judge
-    from pcpc.tools.requirements import violations
+    from pcpc.tools.verdict.judge import Judge
+    from pcpc.tools.verdict.requirements import violations
 
     with tempfile.TemporaryDirectory() as folder:
         try:

@@ -29,8 +29,8 @@ from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit, printable
 from pcpc.drivers.patience import StalledError, patience
 from pcpc.executive.log import reader as logs
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import LogCommandError
-from pcpc.tools.progress import Progress
 
 if TYPE_CHECKING:
     from can import Message

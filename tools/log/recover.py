@@ -13,9 +13,9 @@ from typing import Any
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_writer import RecordError, Recovered, recover
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.log import source
 from pcpc.tools.log.outfile import LogCommandError, new_file
-from pcpc.tools.progress import Progress
 
 
 def command(options: argparse.Namespace) -> int:

@@ -8,15 +8,16 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
-from pcpc.tools import log_rig, screen
+from pcpc.tools.console import screen
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.log import rig as log_rig
 from pcpc.tools.log import source
 from pcpc.tools.log.outfile import LogCommandError
-from pcpc.tools.progress import Progress
 
 
 def command(options: argparse.Namespace) -> int:
     """Print what became of each requirement; return the exit code."""
-    from pcpc.tools.judge import Judge
+    from pcpc.tools.verdict.judge import Judge
 
     path, progress = source.file_of(options.log), Progress(options.quiet)
     settings = [f"require=[{', '.join(f'{{{one}}}' for one in options.require)}]"]

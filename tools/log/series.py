@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from pcpc.executive.durations import duration_s
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import LogCommandError
-from pcpc.tools.progress import Progress
 
 LARGE_BYTES = 50_000_000  # takes about 2 s to read
 _PREFIXES = tuple(f"{role}." for role in logs.NODES if role != "executive")

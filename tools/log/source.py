@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pcpc.executive.log.mcap_reader import Piece, Scan, walk
 from pcpc.executive.log.mcap_records import message_dtype
-from pcpc.tools.progress import Progress
+from pcpc.tools.console.progress import Progress
 
 _PATIENCE_S = 1.0
 

@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 from pcpc.executive.durations import duration_s
 from pcpc.executive.rig.roles import ROLES
-from pcpc.tools.command import Add
+from pcpc.tools.console.command import Add
 
 _BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
 

@@ -1,8 +1,8 @@
 """All commands of `pcpc`, in the order of use: name, help, example, arguments, exit codes."""
 
 from pcpc.drivers.errors import Exit
-from pcpc.tools import arguments as take
-from pcpc.tools.command import Command, exit_codes
+from pcpc.tools.console import arguments as take
+from pcpc.tools.console.command import Command, exit_codes
 
 SUITES = {  # of `pcpc bench`: its modules
     "steps": "one step of controllers and plant against C at -O2",
@@ -138,7 +138,7 @@ GROUPS = {
     ),
     "this machine": (
         Command("completion", "let a shell complete commands, rigs, controllers and variables",
-                "pcpc completion bash", take.completion, codes=_SIMPLE,
+                "pcpc completion bash", take.completion, module="console.completion", codes=_SIMPLE,
                 notes='~/.bashrc, ~/.zshrc: eval "$(pcpc completion bash)", or zsh\n'
                 "~/.config/fish/config.fish: pcpc completion fish | source"),
         Command("doctor", "what it offers, and how to get the rest", "pcpc doctor", take.doctor,

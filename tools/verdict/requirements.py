@@ -14,7 +14,7 @@ from pcpc.executive.rig.expressions import BARELY, ExpressionError, Rows
 from pcpc.executive.rig.requirements import RequirementError, Timed, text_of, timed
 from pcpc.executive.rig.units import Unit, of_name, unit
 from pcpc.plants.judging import Judged, Run
-from pcpc.tools.monitors import Monitor, monitor
+from pcpc.tools.verdict.monitors import Monitor, monitor
 
 LEADER = "executive"  # whose cycles count
 END_S = 0.1  # before the last cycle a paced run may end: a stall skips its last cycles

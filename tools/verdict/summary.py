@@ -1,4 +1,4 @@
-"""What a run came to: metrics, timing, frames, verdict; as summary.json. As text: tools/report.py.
+"""What a run came to: metrics, timing, frames, verdict; as summary.json. As text: report.py.
 
 verdict              exit code
 ok                   0
@@ -29,10 +29,10 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.distribution import Distribution
 from pcpc.executive.log.long_logs import LongLog
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.frames import frames_to, too_many
-from pcpc.tools.judge import Judge
-from pcpc.tools.latest import level
-from pcpc.tools.outcome import HEALTH, Outcome
+from pcpc.tools.verdict.frames import frames_to, too_many
+from pcpc.tools.verdict.judge import Judge
+from pcpc.tools.verdict.latest import level
+from pcpc.tools.verdict.outcome import HEALTH, Outcome
 
 CODES = {code.meaning: code for code in Exit}
 _PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)

@@ -14,7 +14,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
-from pcpc.tools.latest import latest_cycles
+from pcpc.tools.verdict.latest import latest_cycles
 
 _UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
 

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.tools.children import end_with
-from pcpc.tools.progress import Compiling, Progress
+from pcpc.tools.console.progress import Compiling, Progress
+from pcpc.tools.starting.children import end_with
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -1,4 +1,4 @@
-"""How a command of `pcpc` is registered: one `Command` in `tools.commands` is all that it takes."""
+"""How a command of `pcpc` is registered: one `Command` in commands.py is all that it takes."""
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pcpc.drivers.errors import Exit
-from pcpc.tools import completion, screen
+from pcpc.tools.console import completion, screen
 
 Add = Callable[..., argparse.Action]  # add_argument of a command's parser
 

@@ -71,7 +71,7 @@ def _controllers(options: argparse.Namespace) -> Words:
 
 
 def _logs(options: argparse.Namespace) -> Words:
-    from pcpc.tools.recorded import LATEST, RUNS
+    from pcpc.tools.log.recorded import LATEST, RUNS
 
     return [LATEST, *(f"{run}" for run in RUNS.glob("*/")), *_files(".mcap")]
 
@@ -115,7 +115,7 @@ def _levels(options: argparse.Namespace) -> Words:
 
 
 def _studies(options: argparse.Namespace) -> Words:
-    project = Path(__file__).resolve().parents[1]
+    project = Path(__file__).resolve().parents[2]
     texts = (path.read_text(encoding="utf-8") for path in project.glob("plants/*/study.py"))
     chapters = {f"chapter{found[1]}" for text in texts if (found := _CHAPTER.search(text))}
     return [*chapters, *(path.stem for path in project.glob("tools/experiments/[a-z]*.py"))]

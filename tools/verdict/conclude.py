@@ -9,12 +9,12 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
-from pcpc.tools import report
-from pcpc.tools import summary as summaries
-from pcpc.tools.folder import LOG
-from pcpc.tools.judge import EvaluationError, Judge
-from pcpc.tools.outcome import Outcome
-from pcpc.tools.requirements import violations
+from pcpc.tools.starting.folder import LOG
+from pcpc.tools.verdict import report
+from pcpc.tools.verdict import summary as summaries
+from pcpc.tools.verdict.judge import EvaluationError, Judge
+from pcpc.tools.verdict.outcome import Outcome
+from pcpc.tools.verdict.requirements import violations
 
 _TITLED, _LONGEST = 2, 36  # settings in the figure's title, and letters of one
 

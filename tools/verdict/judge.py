@@ -25,8 +25,8 @@ from pcpc.executive.rig.requirements import RequirementError, text_of
 from pcpc.executive.rig.schema import Requirement
 from pcpc.plants.evaluation import Evaluation
 from pcpc.plants.judging import Judged, Mistake
-from pcpc.tools.imagine import imagined, large, noise, nothing
-from pcpc.tools.requirements import Names, Result, bound, results
+from pcpc.tools.verdict.imagine import imagined, large, noise, nothing
+from pcpc.tools.verdict.requirements import Names, Result, bound, results
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
     *(f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send", "publish")),
@@ -143,7 +143,7 @@ class Judge:
     ) -> str:  # fmt: skip
         """Draw the rig's figure; return "" or the reason why there is none.
 
-        `violations`: of requirements, see `tools.requirements`; they are marked.
+        `violations`: of requirements, see `tools.verdict.requirements`; they are marked.
         Raises EvaluationError; OSError if `path` cannot be written.
         """
         evaluation, given = self.evaluation, self.rig.evaluation

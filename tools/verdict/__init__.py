@@ -1,0 +1,1 @@
+"""What a run came to: judged, summed up, told."""
