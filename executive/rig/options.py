@@ -55,10 +55,11 @@ def rename(document: Document) -> None:
 
 def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys]) -> str:
     """Return the suggestion for a setting that is none: only what this rig has."""
-    own = list(_block_settings(document, config))
+    own, whole = list(_block_settings(document, config)), msgspec.to_builtins(config)
     if same := [setting for setting in own if setting.endswith(f".{name}")]:
         return f"; did you mean {' or '.join(same)}?"
-    return did_you_mean(name, [*keys, *own])
+    lists = {key for key, at in keys.items() if isinstance(_at(whole, at), list)}
+    return did_you_mean(name, [*(key for key in keys if key not in lists), *own])
 
 
 def _block_settings(document: Document, config: Config) -> Iterator[str]:

@@ -86,7 +86,7 @@ class Exact:
         ours = self.local.step(k, **measured, **self.sent)
         told = {}
         if not lost_x:
-            told = {f"position_{j}_rad": self.x.q[j - 1] for j in (1, 2)}
+            told = {f"q_{j}_rad": self.x.q[j - 1] for j in (1, 2)}
             told |= {f"rate_{j}_rad_s": self.x.v[j - 1] for j in (1, 2)}
             ticks = ("position_tick", "rate_tick", "echo_tick")
             told |= dict.fromkeys(ticks, ours["sample_tick"]) | {"echo": ours["echo"]}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from processes import alive, own_bus, until
 
@@ -138,6 +138,7 @@ def test_importing_it_does_not_load_the_compiler() -> None:
         | st.dictionaries(st.text(min_size=1), inner, max_size=3),
     )
 )  # fmt: skip
+@example({"\x1f" * 110: {"a": 1.0}})  # a key of more letters than YAML looks for its colon
 def test_a_value_from_python_arrives_in_the_rig(value: object) -> None:
     text = settings({"name": value})[0].removeprefix("name=")
     assert yamlfile.value(text, yamlfile.Place(Path("rig.yaml"))) == value

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+_SIMPLE_LETTERS = 1000
+
 
 def settings(values: Mapping[str, Any] | None, seed: int | None = None) -> list[str]:
     """Return NAME=VALUE for each; TypeError, ValueError for what no rig file can hold."""
@@ -27,11 +29,17 @@ def _text(name: str, value: Any) -> str:
             raise ValueError(f"{name}: nan is no value")
         return repr(value) if math.isfinite(value) else f"{'-' * (value < 0)}.inf"
     if isinstance(value, Mapping):
-        inside = (f"{_quoted(str(key))}: {_text(name, one)}" for key, one in value.items())
+        inside = (f"{_key(str(key))}: {_text(name, one)}" for key, one in value.items())
         return f"{{{', '.join(inside)}}}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(_text(name, one) for one in value)}]"
     raise TypeError(f"{name}: a rig holds no {type(value).__name__}")
+
+
+def _key(text: str) -> str:
+    """Return a key; YAML wants a mark before one of more than 1024 letters."""
+    quoted = _quoted(text)
+    return f"? {quoted} " if len(quoted) > _SIMPLE_LETTERS else quoted
 
 
 def _quoted(text: str) -> str:
