@@ -49,7 +49,7 @@ def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
         "lockstep": ("run", *quiet, *lockstep),
     }.items():  # fmt: skip
         done = pcpc(*words, "-o", str(tmp_path / way))
-        assert done.code == 0 and "verdict  ok (4 limits judged)" in done.out, f"{way}: {done}"
+        assert done.code == 0 and "verdict  ok (5 limits judged)" in done.out, f"{way}: {done}"
     with Running("plant", str(motor), *lockstep) as plant:
         done = pcpc("exec", *quiet, *lockstep, "-o", str(tmp_path / "two"))
         assert (done.code, plant.done().code) == (0, 0), f"{done}\n{plant}"

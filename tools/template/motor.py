@@ -66,7 +66,7 @@ class Outputs(Ports):
     """Two sensors, with their ranges on the bus; the truth is the states, which are recorded."""
 
     encoder_rad = port("rad", "angle in whole counts (5)", low=-1000.0, high=1000.0)
-    measured_A = port("A", "current of the winding", low=-30.0, high=30.0)
+    sample_current_A = port("A", "of the winding", low=-30.0, high=30.0)
 
 
 @inline
@@ -89,7 +89,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
             advance(x.held_V, dt / n, p, x)
         x.held_V = clip(u.voltage_V, -p.v_max_V, p.v_max_V)  # (1)
     y.encoder_rad = rounded(x.angle_rad, TWO_PI / p.counts_per_turn)  # (5)
-    y.measured_A = x.current_A
+    y.sample_current_A = x.current_A
 
 
 BLOCK = Block(step)
