@@ -5,7 +5,9 @@ BIN := $(VENV)/bin
 RIG ?= plants/atb1000/rigs/engage.yaml
 PLANT ?= *
 
-.PHONY: run help test test-quiet install lint compiled bless docs notebook reference test-vcan vcan-tools clean
+PIP = @$(PYTHON) -P tools/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
+
+.PHONY: run help test test-quiet install lint compiled bless docs notebook reference test-vcan vcan-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -13,14 +15,14 @@ run: install ## the main job: a closed loop; picture, log and verdict in runs/
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-13s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
-test: install ## all tests that need no CAN in the kernel
+test: tools ## all tests that need no CAN in the kernel
 	$(MAKE) --no-print-directory -j2 lint compiled
 	$(BIN)/pytest -n 2 --dist loadfile
 
-test-vcan: install ## the tests on a real vcan0, in a virtual machine if need be
+test-vcan: tools ## the tests on a real vcan0, in a virtual machine if need be
 	bash tools/vcan_stage.sh
 
-test-quiet: install ## gates of timing, for a machine that does nothing else
+test-quiet: tools ## gates of timing, for a machine that does nothing else
 	$(BIN)/pytest tests/quiet -m quiet
 
 install: $(VENV)/installed ## the virtual environment, with pcpc in it
@@ -31,8 +33,13 @@ $(VENV)/installed: pyproject.toml
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 		{ echo "the venv module is missing; run: sudo apt-get install python3-venv" >&2; exit 4; }
 	$(PYTHON) -m venv $(VENV)
-	@$(PYTHON) -P tools/installing.py $(BIN)/pip install --disable-pip-version-check \
-		--progress-bar off -e '.[plot,test]'
+	$(PIP) -e '.[plot]'
+	touch $@
+
+tools: $(VENV)/tools ## what tests, checks and documentation need beside it
+
+$(VENV)/tools: $(VENV)/installed
+	$(PIP) -e '.[plot,test]'
 	touch $@
 
 vcan-tools: ## packages for `pcpc vm` and the vcan tests; uses sudo
@@ -40,26 +47,26 @@ vcan-tools: ## packages for `pcpc vm` and the vcan tests; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends \
 		qemu-system-x86 busybox-static zstd iproute2 can-utils
 
-lint: install ## ruff and mypy
+lint: tools ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-compiled: install ## the loop compiled, so that two processes need not do it
+compiled: tools ## the loop compiled, so that two processes need not do it
 	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --no-figure -o build/compiled >/dev/null
 	@rm -rf build/compiled
 
-bless: install ## the golden runs (of PLANT) anew, after a change that is meant
+bless: tools ## the golden runs (of PLANT) anew, after a change that is meant
 	cd tests/golden && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python golden.py "$(PLANT)"
 
-docs: install ## the documentation as a site, in build/site
+docs: tools ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "open build/site/index.html"
 
-notebook: install ## docs/notebooks, run again
+notebook: tools ## docs/notebooks, run again
 	$(BIN)/python docs/site/notebook.py
 
-reference: install ## docs/reference, from the parser and the docstrings
+reference: tools ## docs/reference, from the parser and the docstrings
 	$(BIN)/python docs/site/reference.py
 
 clean: ## everything that can be made again, but not runs/
