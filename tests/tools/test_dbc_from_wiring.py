@@ -63,7 +63,7 @@ def test_a_file_that_is_there_stays(motor: Path) -> None:
         ("CMD.mode: supervisor.state", "CMD.the mode: supervisor.state", "expected FRAME.signal"),
         ("safe: {CMD.voltage: 0.0}", "safe: {CMD.volts: 0.0}", "plant.safe.CMD.volts: nobody"),
         ("    FB.current: motor.sample_current_A",
-         "    FB.a: motor.sample_current_A\n    FB.b: motor.sample_current_A\n    FB.c: motor.sample_current_A",
+         "\n".join(f"    FB.{name}: motor.sample_current_A" for name in "abc"),
          "4 signals, of at least 16 bits each, do not fit into 6 bytes; send some in another"),
     ],
 )  # fmt: skip
