@@ -85,10 +85,10 @@ def states(*words: str, code: int) -> dict[str, str]:
     return {name: pair["state"] for name, pair in pairs(*words, code=code).items()}
 
 
-def left() -> list[Path]:
-    """Return what lies where versions are written out."""
+def left(repo: Path) -> list[Path]:
+    """Return what lies of a repository where versions are written out."""
     base = Path(tempfile.gettempdir(), f"pcpc-{os.geteuid()}", "compare")
-    return [path for path in base.glob("*") if path.is_dir()]
+    return [path for path in base.glob(f"*-{Repository(repo).mark}*") if path.is_dir()]
 
 
 def test_a_changed_gain_names_rig_metrics_and_first_cycle_and_runs_nothing_else(repo: Path) -> None:
@@ -102,7 +102,7 @@ def test_a_changed_gain_names_rig_metrics_and_first_cycle_and_runs_nothing_else(
     gain = "controllers.proportional.parameters.gain"
     assert motor["settings"] == [{"name": gain, "old": 4.0, "new": 4.5}]
     assert motor["old"] == motor["new"] == "", "its logs are gone"
-    assert not [path for path in left() if (path / "tree/motor/calm.yaml").exists()]
+    assert not left(repo)
     assert git(repo, "status", "--short") == f" M {MOTOR}\n", "nothing else changed"
     assert git(repo, "worktree", "list").count("\n") == 1 and not git(repo, "stash", "list")
 
@@ -248,7 +248,7 @@ def test_ended_early_it_leaves_no_process_and_no_folder(number: int, repo: Path)
 
         until(lambda: any(str(repo) == cwd(pid) for pid in runs()) or command.over(), "it runs")
         family = descendants(command.process.pid)
-        (folder,) = [path for path in left() if (path / "tree" / CALM).exists()]
+        (folder,) = left(repo)
         os.kill(command.process.pid, number)
         done = command.done()
         until(lambda: not any(map(alive, family)), f"{family} end")

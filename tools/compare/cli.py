@@ -10,6 +10,7 @@ from pcpc.tools.compare.comparison import Comparison
 from pcpc.tools.compare.overlay import How
 from pcpc.tools.compare.recorded import compared
 from pcpc.tools.console.progress import Progress
+from pcpc.tools.log.outfile import new_file
 
 
 def command(options: argparse.Namespace) -> int:
@@ -20,12 +21,16 @@ def command(options: argparse.Namespace) -> int:
     found = _compared(options, how, Progress(options.quiet))
     files = {options.markdown: found.markdown(), options.json: found.json()}
     for name in (name for name in files if name not in (None, "-")):
-        Path(name).write_text(files[name] + "\n", encoding="utf-8")
+        _write(Path(name), files[name])
     if how.figures is not None:
-        text = found.markdown(pictures=True)
-        (how.figures / "report.md").write_text(text + "\n", encoding="utf-8")
+        _write(how.figures / "report.md", found.markdown(pictures=True))
     sys.stdout.write(files.get("-", found.text()) + "\n")
     return Exit.NOT_MET if found.fails(options.fail_on) else Exit.OK
+
+
+def _write(path: Path, text: str) -> None:
+    with new_file(path, force=True) as unfinished:
+        unfinished.write_text(text + "\n", encoding="utf-8")
 
 
 def _compared(options: argparse.Namespace, how: How, progress: Progress) -> Comparison:

@@ -14,6 +14,7 @@ from pcpc.plants.pages import Panel, draw_line, dress, new_page, traces
 from pcpc.tools.api.run import Run
 from pcpc.tools.compare.pair import CHANGED, Pair, compare
 from pcpc.tools.log.drawing import DPI, Source, page_of
+from pcpc.tools.log.outfile import new_file
 from pcpc.tools.log.series import all_series, start_ns
 from pcpc.tools.verdict.judge import Judge, guarded
 
@@ -78,7 +79,8 @@ def _panels(runs: Sequence[Judged], panels: Sequence[Panel], title: str, path: P
         dress(ax, runs[1].windows["window"])
     axes[-1].set_xlabel("time [s]")
     axes[0].set_xlim(0.0, end_s)
-    page.savefig(path, format="png")
+    with new_file(path, force=True) as unfinished:
+        page.savefig(unfinished, format="png")
 
 
 def _signals(old: Run, new: Run, pair: Pair, path: Path) -> bool:
@@ -91,5 +93,6 @@ def _signals(old: Run, new: Run, pair: Pair, path: Path) -> bool:
     if not names:
         return False
     page = page_of(sources, [[name] for name in names], (-np.inf, np.inf), (_OLD, _NEW))
-    page.savefig(path, dpi=DPI, format="png")
+    with new_file(path, force=True) as unfinished:
+        page.savefig(unfinished, dpi=DPI, format="png")
     return True

@@ -41,6 +41,11 @@ class Repository:
         """Return the one of the working folder; GitError."""
         return cls(Path(_git(Path(), "rev-parse", "--show-toplevel").rstrip("\n")).resolve())
 
+    @property
+    def mark(self) -> str:
+        """What the names of its folders hold, and no other repository's."""
+        return hashlib.sha256(str(self.root).encode()).hexdigest()[:8]
+
     def commit(self, ref: str) -> str:
         """Return the hash of a version; GitError."""
         try:
@@ -70,8 +75,7 @@ class Repository:
     @contextmanager
     def checked_out(self, commit: str) -> Iterator[Path]:
         """Give a folder with the files of a version in `tree/`; it is gone at the end."""
-        mark = hashlib.sha256(str(self.root).encode()).hexdigest()[:8]
-        with _claimed(f"{commit[:12]}-{mark}") as folder:
+        with _claimed(f"{commit[:12]}-{self.mark}") as folder:
             index = {"GIT_INDEX_FILE": str(folder / "index")}
             _git(self.root, "read-tree", commit, environment=index)
             prefix = f"--prefix={folder / 'tree'}/"
