@@ -9,14 +9,17 @@ _UNITS_NS = {
 _WRITTEN = re.compile(r"([0-9]*\.?[0-9]*(?:[eE][-+]?[0-9]{1,2})?)([a-z]*)")
 
 
-def duration_ns(text: str, unit: str = "") -> Fraction:
-    """Return the ns of a duration, of a bare number in `unit`; ValueError (what) unless above 0."""
+def duration_ns(text: str, unit: str = "", zero: bool = False) -> Fraction:
+    """Return the ns of a duration, of a bare number in `unit`.
+
+    ValueError, in words, for what is none; 0 is one if `zero`.
+    """
     written = _WRITTEN.fullmatch(text)
     try:
-        found = Fraction(written[1]) * _UNITS_NS[written[2] or unit] if written else Fraction(0)
+        found = Fraction(written[1]) * _UNITS_NS[written[2] or unit] if written else Fraction(-1)
     except (ValueError, KeyError):
-        found = Fraction(0)
-    if found <= 0:
+        found = Fraction(-1)
+    if found < 0 or (found == 0 and not zero):
         raise ValueError(f"{text}: not a duration above 0; expected like 500us, 5ms, 10s, 2min")
     return found
 

@@ -30,7 +30,7 @@ ROOMS = ("laws", "loop", "rig", "log", "nodes")  # of `executive`, from below
 def _rooms(top: str) -> tuple[str, ...]:
     """Return the rooms that `top` may import, and what stands beside them all."""
     rooms = ROOMS[: ROOMS.index(top) + 1]
-    return ("executive.errors", *(f"executive.{room}" for room in rooms))
+    return ("executive.durations", "executive.errors", *(f"executive.{room}" for room in rooms))
 
 
 _BARE = ("drivers.jit", "drivers.views", "executive.laws.emath")

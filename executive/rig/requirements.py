@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from pcpc.executive.durations import duration_ns
 from pcpc.executive.rig import expressions as ex
 from pcpc.executive.rig import schema
 from pcpc.executive.rig.expressions import Condition, ExpressionError, Units, Value
@@ -170,7 +171,7 @@ def _form(entry: schema.Requirement) -> str:
 def _seconds(given: Mapping[str, str], key: str) -> float | None:
     if key not in given:
         return None
-    ns = schema.duration_ns(given[key])
+    ns = round(duration_ns(given[key], zero=True))
     if ns > _LONGEST_NS:
         raise RequirementError(key, f"{given[key]}: expected no more than 12 days")
     return 1e-9 * ns
@@ -205,7 +206,7 @@ class _Part:
         """Return the event of `when`."""
         text = self.given["when"].strip()
         if _TIME.fullmatch(text):
-            return Event(at_s=1e-9 * schema.duration_ns(text))
+            return Event(at_s=1e-9 * round(duration_ns(text, zero=True)))
         if found := _CHANGES.fullmatch(text):
             return Event(changes=self.value("when", found[1]))
         return Event(becomes=self.condition("when"))

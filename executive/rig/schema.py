@@ -4,6 +4,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta, Struct
 
+from pcpc.executive.durations import duration_ns
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.yamlfile import Keys
 
@@ -218,12 +219,6 @@ class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     set: dict[str, float]
 
 
-def duration_ns(text: str) -> int:
-    """Return a Duration in ns."""
-    number = text.rstrip("msin")
-    return round(float(number) * {"ms": 1e6, "s": 1e9, "min": 60e9}[text[len(number) :]])
-
-
 Happening = Literal["fault", "change", "skip", "tuning"]
 
 
@@ -236,7 +231,7 @@ class Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def keep_ns(self) -> int:
         """`keep` in ns; 0 for all."""
-        return 0 if self.keep is None else duration_ns(self.keep)
+        return 0 if self.keep is None else round(duration_ns(self.keep, zero=True))
 
     @property
     def events(self) -> list[str]:
