@@ -64,17 +64,16 @@ def block(
     they are columns themselves.
     """
     outputs = {name: port(unit, "of the table") for name, unit in columns.items()}
-    rated = []
+    rate_at = np.full(len(columns), -1)  # the place of each column's slope among the outputs
     for order, what in ((1, "slope of"), (2, "0, second derivative of")):
         for column, (name, unit) in enumerate(columns.items()):
             derived, its_unit = derivative(name, unit, order)
             if derived not in outputs:
+                rate_at[column] = len(outputs) if order == 1 else rate_at[column]
                 outputs[derived] = port(its_unit, f"{what} {name}")
-                rated += [column] if order == 1 else []
     declared: Any = type("Outputs", (Ports,), {"__doc__": "Of a table.", **outputs})
     begins = times_s - _SAME_S
-    last, n, slopes = len(times_s) - 1, len(columns), np.array([*rated, 0], np.int64)
-    n_slopes = len(rated)
+    last, n = len(times_s) - 1, len(columns)
     period = times_s[last] - times_s[0]
 
     @stage
@@ -91,14 +90,11 @@ def block(
         out = flat(y)
         between = linear and i < last and t >= begins[0]
         for c in range(n):
-            out[c] = values[i, c]
+            out[c], slope = values[i, c], 0.0
             if between:
                 slope = (values[i + 1, c] - values[i, c]) / (times_s[i + 1] - times_s[i])
-                out[c] = values[i, c] + slope * (t - times_s[i])
-        for k in range(n_slopes):
-            c = slopes[k]
-            out[n + k] = 0.0
-            if between:
-                out[n + k] = (values[i + 1, c] - values[i, c]) / (times_s[i + 1] - times_s[i])
+                out[c] += slope * (t - times_s[i])
+            if rate_at[c] >= 0:
+                out[rate_at[c]] = slope
 
     return Block(step)
