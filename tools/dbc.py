@@ -22,8 +22,8 @@ from pathlib import Path
 
 import pcpc.executive.log.signals  # noqa: F401  tables may be signals of a log
 from pcpc.drivers import dbc
-from pcpc.drivers.errors import Exit, UserError, printable
-from pcpc.executive.errors import RigError, code_of, did_you_mean
+from pcpc.drivers.errors import Exit, printable
+from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.block import Port
 from pcpc.executive.loop.supervisor import STATE_NAMES
 from pcpc.executive.rig import yamlfile
@@ -31,6 +31,7 @@ from pcpc.executive.rig.reading import NodeSpec, Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.api.settings import settings
 from pcpc.tools.console import screen
+from pcpc.tools.log.outfile import new_file
 
 _NMT = {0: "BOOT_UP", 4: "STOPPED", 5: "OPERATIONAL", 127: "PRE_OPERATIONAL"}
 _CODES = {"supervisor.state": (4, dict(enumerate(STATE_NAMES))), "supervisor.nmt": (8, _NMT)}
@@ -102,15 +103,8 @@ def command(options: argparse.Namespace) -> int:
     nodes = [node.name for node in rigs[0].nodes().values()]
     text = written(frames, nodes, rigs[0].config.rate_hz)
     dbc.parse(target, text, strict=True)
-    try:
-        with target.open("x", encoding="utf-8") as stream:
-            stream.write(text)
-    except FileExistsError:
-        raise RigError(
-            f"{yamlfile.shown(target)}: is there already; -o FILE writes another one"
-        ) from None
-    except OSError as error:
-        raise UserError(f"{target}: {error.strerror}", code_of(error)) from None
+    with new_file(target, force=False, cure="-o FILE writes another one") as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
     print(f"{yamlfile.shown(target)}: {len(frames)} frames")
     print(
         "\n".join(

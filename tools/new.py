@@ -6,6 +6,7 @@ Its files are those of tools/template, a rig like any other; only its name becom
 import argparse
 import re
 import shlex
+from contextlib import suppress
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
@@ -51,6 +52,7 @@ def write(folder: Path) -> None:
         cure = re.sub("[^a-z0-9._-]+", "-", name.lower()).strip("-")[:64] or "motor"
         what = f"'{name}' cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-'"
         raise RigError(f"{folder}: {what}; try {cure}")
+    is_new, written = not folder.exists(), []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
@@ -58,9 +60,15 @@ def write(folder: Path) -> None:
         for file in FILES:
             text = (TEMPLATE / file).read_text(encoding="utf-8")
             text = text.replace("rig: motor\n", f"rig: {name}\n") if file == "rig.yaml" else text
-            (folder / file).write_text(text, encoding="utf-8")
+            written.append(folder / file)
+            written[-1].write_text(text, encoding="utf-8")
     except FileExistsError:
         raise RigError(f"{folder}: is a file; name a folder that is new or empty") from None
     except OSError as error:
-        what = f"{folder}: {error.strerror}; name a folder that you can write"
+        with suppress(OSError):  # nothing half done is left
+            for path in written:
+                path.unlink(missing_ok=True)
+            if is_new:
+                folder.rmdir()
+        what = f"{folder}: cannot be written: {error.strerror}; choose another folder"
         raise UserError(what, code_of(error)) from None

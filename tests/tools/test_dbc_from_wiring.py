@@ -46,7 +46,7 @@ def test_a_rig_without_a_dbc_file_gets_one_and_runs_as_before(motor: Path) -> No
 def test_a_file_that_is_there_stays(motor: Path) -> None:
     motor.with_name("motor.dbc").write_text("mine")
     done = pcpc("dbc", str(motor))
-    assert done.code == 2 and "is there already; -o FILE writes another one" in done.err, str(done)
+    assert done.code == 2 and "exists; -o FILE writes another one" in done.err, str(done)
     assert motor.with_name("motor.dbc").read_text() == "mine"
 
 

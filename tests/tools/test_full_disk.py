@@ -1,6 +1,7 @@
 """A disk without room: exit code 3, a line that says what is missing, the summary all the same."""
 
 import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -87,3 +88,18 @@ def test_a_recorder_tells_a_full_disk_from_one_that_refuses(tmp_path: Path) -> N
     with pytest.raises(RecordError) as refused:
         virtual.simulate(rig, tmp_path)
     assert (full.value.code, refused.value.code) == (Exit.LOSS, Exit.ENVIRONMENT)
+
+
+@pytest.mark.parametrize("words", [("new", "motor"), ("dbc", "rig", "-o", "written.dbc")])
+def test_what_cannot_be_written_whole_is_not_there_and_can_be_tried_again(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
+    """A limit of file sizes ends a write in the middle, as a disk that fills up does."""
+    shutil.copytree(ROOT / "tools/template", tmp_path / "rig")
+    (tmp_path / "rig/motor.dbc").unlink()
+    small = pcpc(*words, cwd=tmp_path, before=["prlimit", "--fsize=500", "--"])
+    assert small.code in (Exit.LOSS, Exit.ENVIRONMENT), str(small)
+    assert "cannot be written: File too large" in lines(small)[-1], str(small)
+    assert "Traceback" not in small.err, str(small)
+    assert not (tmp_path / words[-1]).exists(), sorted(tmp_path.rglob("*"))
+    assert pcpc(*words, cwd=tmp_path).code == 0

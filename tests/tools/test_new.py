@@ -88,8 +88,8 @@ def test_its_readme_says_the_figures_that_a_run_has(motor: Path, tmp_path: Path)
         ("full/file", 2, "full/file: is a file; name a folder"),
         ("My Motor", 2, "cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-'; try my-m"),
         ("m" * 65, 2, f"'{'m' * 65}' cannot be a rig's name"),
-        ("/proc/motor", 4, "/proc/motor: No such file or directory; name a folder that you can"),
-        ("full/file/motor", 4, "Not a directory; name a folder that you can write"),
+        ("/proc/motor", 4, "/proc/motor: cannot be written: No such file or directory; choose"),
+        ("full/file/motor", 4, "Not a directory; choose another folder"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_line_with_the_cure(

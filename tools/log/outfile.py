@@ -14,13 +14,14 @@ class LogCommandError(UserError):
 
 
 @contextmanager
-def new_file(path: Path, force: bool) -> Iterator[Path]:
+def new_file(
+    path: Path, force: bool, cure: str = "choose another name, or overwrite it with --force"
+) -> Iterator[Path]:
     """Give a file to write beside `path` that takes its place at the end, if there was no error.
 
     Raises LogCommandError if `path` exists and not `force`, or cannot be written.
     """
     if path.exists() and not (force and path.is_file()):
-        cure = "choose another name, or overwrite it with --force"
         what = "exists" if path.is_file() else "is no file"
         raise LogCommandError(f"{path}: {what}; {cure}")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")

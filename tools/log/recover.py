@@ -26,7 +26,7 @@ def command(options: argparse.Namespace) -> int:
 def _recover(options: argparse.Namespace, progress: Progress) -> int:
     path = source.file_of(options.log)
     out = options.output or path.with_name(f"{path.stem}-recovered.mcap")
-    with new_file(out, force=False) as unfinished:
+    with new_file(out, force=False, cure="choose another name with -o") as unfinished:
         try:
             done = recover(path, unfinished, source.Watch(path, progress))
         except RecordError as error:

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import RigError
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.tools.console import screen
@@ -23,9 +24,12 @@ def command(options: argparse.Namespace) -> int:
     settings = [f"require=[{', '.join(f'{{{one}}}' for one in options.require)}]"]
     with tempfile.TemporaryDirectory() as folder:
         head = logs.head(path)
-        rig, note = log_rig.judged_rig(
-            head, Path(folder), options, settings if options.require else ()
-        )
+        try:
+            asked = settings if options.require else ()
+            rig, note = log_rig.judged_rig(head, Path(folder), options, asked)
+        except RigError as error:
+            what = str(error).replace(f"--set {settings[0]}", "--require")
+            raise LogCommandError(what) from None
         if note:
             progress.say(f"{path}: {note}")
         judge = Judge.of(rig)
