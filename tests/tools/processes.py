@@ -10,9 +10,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
+from copies import Copies, Copy
 from free_bus import GROUP, own_port
 
 from pcpc.drivers import claim
@@ -93,8 +95,16 @@ def as_of_a_terminal() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
+@cache
+def _copies() -> Copies:
+    return Copies(PCPC, as_of_a_terminal)
+
+
 class Running:
-    """A started command; `before` are words in front of it, such as setpriv's."""
+    """A started command; `before` are words in front of it, such as setpriv's.
+
+    It is a copy, see `copies`, but with an environment or words of its own.
+    """
 
     def __init__(
         self, *words: str, cwd: Path = ROOT, environment: Mapping[str, str] | None = None,
@@ -103,11 +113,15 @@ class Running:
         self.words = [*before, PCPC, *words]
         self._out: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  as long as the command
         self._err: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
-        self.process = subprocess.Popen(
-            self.words, stdin=subprocess.DEVNULL, stdout=self._out, stderr=self._err, cwd=cwd,
-            env=os.environ | dict(environment or {}), start_new_session=True,
-            preexec_fn=as_of_a_terminal,
-        )  # fmt: skip
+        self.process: subprocess.Popen[bytes] | Copy
+        if not before and not environment and _copies().fits:
+            self.process = _copies().start(words, cwd, self._out.fileno(), self._err.fileno())
+        else:
+            self.process = subprocess.Popen(
+                self.words, stdin=subprocess.DEVNULL, stdout=self._out, stderr=self._err, cwd=cwd,
+                env=os.environ | dict(environment or {}), start_new_session=True,
+                preexec_fn=as_of_a_terminal,
+            )  # fmt: skip
         self.children: dict[str, int] = {}
 
     def __enter__(self) -> "Running":
