@@ -7,12 +7,7 @@ tells the state of the node above, whose STOP is obeyed. GenMsgSendType "EveryCy
 once per cycle of the loop, at any rate; any other send type means every GenMsgCycleTime ms.
 
     every_n  = max(1, round(GenMsgCycleTime rate))         cycles from one transmission to the next
-    bits     = 47 + 8 n + floor((34 + 8 n - 1) / 4)        worst case, 11-bit id, n data bytes
-    bus load = sum over frames of bits * frames per s / bitrate
-
-The 47 bits include 3 of interframe space; 34 + 8 n bits are subject to stuffing; with a 29-bit id
-they are 67 and 54. Source: Davis, Burns, Bril, Lukkien, Controller Area Network (CAN)
-schedulability analysis: refuted, revisited and revised, Real-Time Systems 35 (2007), section 2.
+    bus load = sum over frames of bits * frames per s / bitrate           bits: `drivers.frame_bits`
 """
 
 import math
@@ -28,6 +23,7 @@ from numpy.typing import NDArray
 from pcpc.drivers import can_id
 from pcpc.drivers.dbc_file import load, parse, text
 from pcpc.drivers.errors import BusError, DbcError, printable
+from pcpc.drivers.frame_bits import classic_bits
 
 __all__ = [
     "BusError",
@@ -43,7 +39,6 @@ __all__ = [
     "parse",
     "table",
     "text",
-    "worst_case_bits",
 ]
 
 # Columns of Table.frames, int64, a row per frame. Its signals are rows FIRST to END - 1.
@@ -332,12 +327,6 @@ def _float_codes(signal: Signal) -> tuple[float, float]:
     return low, high
 
 
-def worst_case_bits(dlc: int, extended: bool = False) -> int:
-    """Return the most bits of a data frame of `dlc` bytes, stuffing and interframe included."""
-    fixed, stuffed = (67, 54) if extended else (47, 34)
-    return fixed + 8 * dlc + (stuffed + 8 * dlc - 1) // 4
-
-
 def bus_load(
     database: Database, rate_hz: float, bitrate: float, names: Collection[str] | None = None
 ) -> float:
@@ -347,5 +336,5 @@ def bus_load(
         if names is not None and entry.name not in names:
             continue
         frames_per_s = 1000 / entry.cycle_ms if entry.cycle_ms else rate_hz
-        bits_per_s += worst_case_bits(entry.dlc, entry.extended) * frames_per_s
+        bits_per_s += classic_bits(entry.dlc, entry.extended) * frames_per_s
     return bits_per_s / bitrate

@@ -142,17 +142,6 @@ def test_a_cyclic_frame_keeps_its_time_at_any_rate(
     assert got == expected, f"every {got} cycles at {rate_hz} Hz"
 
 
-@pytest.mark.parametrize(("dlc", "bits"), [(8, 135), (4, 95), (2, 75), (1, 65)])
-def test_worst_case_length_is_the_published_one(dlc: int, bits: int) -> None:
-    got = dbc.worst_case_bits(dlc)
-    assert got == bits, f"{got} bits"
-
-
-def test_worst_case_length_of_an_extended_frame_is_the_published_one() -> None:
-    got = dbc.worst_case_bits(8, extended=True)
-    assert got == 160, f"{got} bits"
-
-
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig", "utf-16"])
 def test_units_and_comments_are_read_in_the_encodings_of_the_world(
     tmp_path: Path, encoding: str
