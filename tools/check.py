@@ -18,6 +18,7 @@ from pcpc.executive.rig import trial
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import Use, users_case
+from pcpc.tools.bus import traffic
 from pcpc.tools.console import screen
 from pcpc.tools.verdict.judge import Judge, check
 
@@ -35,7 +36,8 @@ def command(options: argparse.Namespace) -> int:
         plausible.check(made)
     judge = Judge.of(rig)
     report = describe(rig, plans)
-    report["warnings"] += check(judge, options.set)
+    late = traffic.warning(rig, rig.config.pacing)
+    report["warnings"] += [*([late] if late else []), *check(judge, options.set)]
     if options.json:
         print(json.dumps(report, indent=2))
     else:
@@ -120,7 +122,7 @@ def _frame(frame: dbc.Frame, rate_hz: float) -> dict[str, Any]:
 
 
 def _bus(rig: Rig) -> dict[str, Any]:
-    """Return the worst-case load at several rates, and the highest rate that fits the bus."""
+    """Return the worst-case load at several rates, and the rate that fills the bus."""
     config = rig.config
     found: dict[str, Any] = {
         "interface": config.bus.interface, "channel": config.bus.channel,
@@ -208,4 +210,4 @@ def _show_bus(report: dict[str, Any]) -> None:
         this = "  <- this rig" if entry["rate_hz"] == report["rate_hz"] else ""
         print(f"  {entry['rate_hz']:5g} Hz {entry['load']:7.1%}{this}")
     if bus["highest_rate_hz"]:
-        print(f"  {bus['highest_rate_hz']} Hz is the highest rate that fits the bus")
+        _say(f"  {bus['highest_rate_hz']} Hz would fill it; `pcpc bus` tells when frames arrive")

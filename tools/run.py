@@ -106,9 +106,16 @@ class Host:
         return Child.forked(role, main, arguments)
 
     def _load_judge(self) -> None:
-        """Load the rig's evaluation, while the nodes set themselves up; RigError ends them."""
+        """Load the rig's evaluation, while the nodes set themselves up; RigError ends them.
+
+        Also tells what the rig's bus would not take in time.
+        """
         try:
+            from pcpc.tools.bus.traffic import warning
             from pcpc.tools.verdict.judge import Judge, foreseen
+
+            if said := warning(self.rig, self.pacing):
+                print(said, file=sys.stderr)
 
             self.judge = Judge.of(self.rig)
             self.judged = foreseen(self.judge, self.pacing, not self.options.no_figure)

@@ -6,10 +6,7 @@ install(plan, loop)       in `executive.nodes.install`: writes it into a zeroed 
 """
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -95,8 +92,8 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     """Check the wiring of one node and lay out its table; RigError, BusError say what is wrong."""
     spec = rig.nodes()[role]
     made = Plan(rig, role, spec, pacing)
-    database = _database(rig)
-    with _errors_named(rig):
+    database = protocol.database_of(rig)
+    with protocol.errors_named(rig):
         _take_frames(made, database)
     _lay_out(made)
     _wire_blocks(made)
@@ -114,24 +111,6 @@ def _take_frames(made: Plan, database: dbc.Database) -> None:
         made.below = protocol.towards_plant(rig, database)
     protocol.check(rig, role, made.rx_frames, made.tx_frames)
     protocol.check_losses(rig, database)
-
-
-@contextmanager
-def _errors_named(rig: Rig) -> Iterator[None]:
-    """Put the DBC file's name before what is wrong in it."""
-    try:
-        yield
-    except dbc.DbcError as error:
-        raise dbc.DbcError(f"{rig.dbc}: {error}") from None
-
-
-def _database(rig: Rig) -> dbc.Database:
-    return _loaded(rig.dbc, rig.dbc.stat().st_mtime_ns)
-
-
-@lru_cache(maxsize=8)  # the nodes of a rig, and a thousand runs of an experiment, share it
-def _loaded(path: Path, changed_ns: int) -> dbc.Database:
-    return dbc.load(path)
 
 
 def check_pacing(rig: Rig, pacing: str) -> None:
@@ -152,8 +131,8 @@ def check_rate(rig: Rig, pacing: str) -> float:
     bitrate = rig.config.bus.bitrate
     if bitrate is None:
         return 0.0
-    database = _database(rig)
-    with _errors_named(rig):
+    database = protocol.database_of(rig)
+    with protocol.errors_named(rig):
         load = protocol.bus_load(rig, database, rig.config.rate_hz, bitrate)
     if load > 1.0 and pacing in ("real", "sync"):
         raise rig.error(

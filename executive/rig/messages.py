@@ -5,7 +5,10 @@ awaited      of every cycle and no SYNC: a cycle without one counts as missing i
 heartbeat    ids 0x700 to 0x77F, as in CANopen
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
 
 from pcpc.drivers import dbc
 from pcpc.executive.errors import did_you_mean
@@ -14,6 +17,25 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
 SYNC_WAYS = {"executive": ("tx",), "local": ("rx", "tx"), "plant": ("rx",)}
+
+
+@contextmanager
+def errors_named(rig: Rig) -> Iterator[None]:
+    """Put the DBC file's name before what is wrong in it."""
+    try:
+        yield
+    except dbc.DbcError as error:
+        raise dbc.DbcError(f"{rig.dbc}: {error}") from None
+
+
+def database_of(rig: Rig) -> dbc.Database:
+    """Return the frames of a rig's DBC file, read once while it is unchanged."""
+    return _loaded(rig.dbc, rig.dbc.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=8)  # the nodes of a rig, and a thousand runs of an experiment, share it
+def _loaded(path: Path, changed_ns: int) -> dbc.Database:
+    return dbc.load(path)
 
 
 def awaited(frame: dbc.Frame) -> bool:
@@ -83,17 +105,19 @@ def _of(database: dbc.Database, node: str) -> set[str]:
     return {frame.name for frame in both}
 
 
-def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -> float:
-    """Return the worst-case load as a fraction of `bitrate`, of the fuller of a rig's two buses.
+def on_buses(rig: Rig, database: dbc.Database) -> tuple[frozenset[str], ...]:
+    """Return the names of the frames on each of a rig's buses, the executive's first.
 
     Only frames of the rig's nodes count: a DBC file may know more nodes than a rig has.
     """
     known = set[str]().union(*(_of(database, n.node) for n in rig.config.sections.values()))
-    if rig.config.local is None:
-        return dbc.bus_load(database, rate_hz, bitrate, known)
-    below = towards_plant(rig, database)
-    above = known - below
-    return max(dbc.bus_load(database, rate_hz, bitrate, names) for names in (above, below))
+    below = frozenset[str]() if rig.config.local is None else towards_plant(rig, database)
+    return (frozenset(known - below), *([below] if below else []))
+
+
+def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -> float:
+    """Return the worst-case load as a fraction of `bitrate`, of the fuller of a rig's two buses."""
+    return max(dbc.bus_load(database, rate_hz, bitrate, n) for n in on_buses(rig, database))
 
 
 def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: bool) -> list[int]:

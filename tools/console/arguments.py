@@ -1,6 +1,7 @@
 """What the commands of `pcpc` take; imports nothing that takes time."""
 
 import argparse
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
@@ -54,6 +55,21 @@ def rig(add: Add) -> None:
 def check(add: Add) -> None:
     """Take a rig."""
     rig(add)
+    _json(add)
+
+
+def bus(add: Add) -> None:
+    """Take a rig, and the bus that it is to fit."""
+    add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
+    _set(add, "any value of the rig, as realtime.plant.phase=0.4")
+    add("--bitrate", type=_bits_per_s, metavar="RATE",
+        help="500k, 1M; default: the rig's bus.bitrate, else 1M")  # fmt: skip
+    add("--data-bitrate", type=_bits_per_s, metavar="RATE",
+        help="as CAN FD frames that switch to this rate: 2M, 5M")  # fmt: skip
+    add("--rate", type=_hz, metavar="RATE", help="cycles a second, instead of the rig's: 2kHz")
+    add("--jitter", metavar="TIME",
+        help="from a node's cycle to its frames: waking, work; 100us; default 0")  # fmt: skip
+    add("--error-every", metavar="TIME", help="a bus error at most this often: 10ms; default none")
     _json(add)
 
 
@@ -348,3 +364,20 @@ def _positive(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
         raise argparse.ArgumentTypeError(f"expected a positive whole number, got {text!r}")
     return int(text)
+
+
+def _bits_per_s(text: str) -> int:
+    return round(_scaled(text, "bit/s", "500k, 2M"))
+
+
+def _hz(text: str) -> float:
+    return _scaled(text, "Hz", "500, 2kHz")
+
+
+def _scaled(text: str, unit: str, example: str) -> float:
+    """Return a number above 0 with k or M and perhaps its unit behind it."""
+    found = re.fullmatch(rf"([0-9]*\.?[0-9]+) ?([kM]?)(?:{unit})?", text)
+    value = float(found[1]) * {"": 1.0, "k": 1e3, "M": 1e6}[found[2]] if found else 0.0
+    if not 1.0 <= value <= 1e9:
+        raise argparse.ArgumentTypeError(f"expected a rate like {example}, got {text!r}")
+    return value

@@ -1,0 +1,349 @@
+"""`pcpc bus`: response times as published, as simulated, and what the command says of a rig."""
+
+import heapq
+import json
+import math
+import random
+from collections.abc import Sequence
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import own_bus, pcpc
+
+from pcpc.drivers import dbc
+from pcpc.drivers.frame_bits import classic_bits, fd_bits, transmission_ns
+from pcpc.executive.rig.messages import bus_load
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.bus import traffic
+from pcpc.tools.bus.response import Message, responses_ns
+from pcpc.tools.bus.traffic import Sent, Setup
+from pcpc.tools.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+HULL = str(ROOT / "plants/atb1000/rigs/hull.yaml")
+RELAY = ROOT / "tests/executive/relay/rig.yaml"
+MS = 1_000_000
+Screen = pytest.CaptureFixture[str]
+
+# Davis et al. 2007, table 1: seven bytes each, 125 kbit/s; deadlines 2.5, 3.25, 3.25 ms.
+BIT_NS = 8000
+SEVEN_BYTES_NS = transmission_ns(7, False, 125e3, None)
+A, B, C = (Message(SEVEN_BYTES_NS, period) for period in (5 * MS // 2, 7 * MS // 2, 7 * MS // 2))
+
+
+def test_the_three_messages_of_the_paper_have_its_response_times() -> None:
+    """C is schedulable by its first instance, 3 ms, and misses 3.25 ms by its second one."""
+    assert SEVEN_BYTES_NS == MS
+    assert responses_ns([A, B, C], BIT_NS) == [2 * MS, 3 * MS, 7 * MS // 2]
+    alone = Message(C.transmission_ns, 7 * MS)  # no second instance in the busy period
+    assert responses_ns([A, B, alone], BIT_NS)[2] == 3 * MS
+
+
+def test_the_lowest_frame_waits_for_no_lower_one_and_the_highest_for_one() -> None:
+    long, short = Message(135_000, 10 * MS), Message(55_000, 10 * MS)
+    assert responses_ns([short], 1000) == [55_000]
+    assert responses_ns([short, long], 1000) == [190_000, 190_000]
+    assert responses_ns([long, short], 1000) == [190_000, 190_000]
+
+
+# ----------------------------------------------------------------------------- against a simulation
+
+
+def simulated(
+    messages: Sequence[Message], queued: Sequence[Sequence[tuple[int, int]]], busy_ns: int = 0
+) -> list[int]:
+    """Return the longest times from event to end of transmission, on a bus busy until `busy_ns`.
+
+    `queued` gives (time of queueing, of the event before it) for each instance of each message.
+    The bus takes the most urgent of what waits whenever it is idle.
+    """
+    coming = sorted((at, m, event) for m, times in enumerate(queued) for at, event in times)
+    waiting: list[tuple[int, int, int]] = []
+    longest, now = [0] * len(messages), busy_ns
+    while coming or waiting:
+        if not waiting:
+            now = max(now, coming[0][0])
+        while coming and coming[0][0] <= now:
+            at, m, event = coming.pop(0)
+            heapq.heappush(waiting, (m, at, event))
+        m, _, event = heapq.heappop(waiting)
+        now += messages[m].transmission_ns
+        longest[m] = max(longest[m], now - event)
+    return longest
+
+
+def drawn(draw: random.Random) -> list[Message]:
+    """Return messages with a load between 40 and 97 %, jitter up to a period."""
+    while True:
+        messages = [
+            Message(
+                1000 * classic_bits(draw.randrange(9)),
+                period := draw.choice([500, 700, 1000, 2000, 3100, 5000]) * 1000,
+                draw.choice([0, 0, draw.randrange(period)]),
+            )
+            for _ in range(draw.randint(2, 8))
+        ]
+        if 0.4 < math.fsum(k.transmission_ns / k.period_ns for k in messages) < 0.97:
+            return messages
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_simulated_frame_takes_longer_than_its_response_time(seed: int) -> None:
+    draw = random.Random(seed)
+    messages = drawn(draw)
+    bound = responses_ns(messages, 1000)
+    for _ in range(10):
+        queued = []
+        for k in messages:
+            first = draw.choice([0, draw.randrange(k.period_ns)])
+            events = range(first, first + 20 * MS, k.period_ns)
+            queued.append([(e + draw.choice([0, k.jitter_ns]), e) for e in events])
+        for m, longest in enumerate(simulated(messages, queued)):
+            most = bound[m]
+            assert most is None or longest <= most, f"{messages[m]}: {longest} ns, bound {most} ns"
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_response_time_is_reached_at_the_critical_instant(seed: int) -> None:
+    """All are queued as the longest lower frame has just begun, the first of each late by its J."""
+    messages = drawn(random.Random(seed))
+    for m, bound in enumerate(responses_ns(messages, 1)):
+        blocking = max((k.transmission_ns for k in messages[m + 1 :]), default=0)
+        events = [range(-k.jitter_ns, 30 * MS, k.period_ns) for k in messages[: m + 1]]
+        queued = [[(max(e, 0), e) for e in times] for times in events]
+        reached = simulated(messages[: m + 1], queued, blocking)[m]
+        assert reached == bound, f"{m} of {messages}: {reached} ns reached, bound {bound} ns"
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_slower_bits_more_jitter_and_errors_only_lengthen_responses(seed: int) -> None:
+    messages = drawn(random.Random(seed))
+
+    def told(factor: float, jitter_ns: int, error_every_ns: int) -> list[float]:
+        changed = [
+            Message(round(factor * k.transmission_ns), k.period_ns, k.jitter_ns + jitter_ns)
+            for k in messages
+        ]
+        found = responses_ns(changed, round(1000 * factor), error_every_ns)
+        return [math.inf if ns is None else ns for ns in found]
+
+    chain = [told(0.9, 0, 0), told(1.0, 0, 0), told(1.0, 0, 50 * MS), told(1.0, 0, 5 * MS),
+             told(1.0, 50_000, 5 * MS), told(1.1, 50_000, 5 * MS)]  # fmt: skip
+    for shorter, longer in pairwise(chain):
+        assert all(a <= b for a, b in zip(shorter, longer, strict=True)), (shorter, longer)
+    assert chain[0] < chain[-1]
+
+
+def test_an_error_costs_its_frame_and_the_transmission_anew() -> None:
+    """31 bits of error frame, then the longest frame that it can have hit, once in 100 ms."""
+    alone = Message(100_000, 10 * MS)
+    assert responses_ns([alone], 1000, 100 * MS) == [100_000 + 31_000 + 100_000]
+
+
+def test_without_a_bound_there_is_no_number() -> None:
+    half = Message(500, 1000)
+    assert responses_ns([half, half, half], 1) == [1000, None, None]
+    assert responses_ns([Message(100, 1000)], 1, 100) == [None], "errors alone fill the bus"
+
+
+# ----------------------------------------------------------------------------------- a rig's frames
+
+
+def frames_of(rig: str | Path, *settings: str) -> list[list[Sent]]:
+    return traffic.buses(load_rig(rig, None, settings, resolve=False))
+
+
+def names(frames: Sequence[Sent]) -> list[str]:
+    return [sent.frame.name for sent in frames]
+
+
+def test_the_frames_of_each_bus_stand_by_priority() -> None:
+    (hull,) = frames_of(HULL)
+    assert [sent.frame.can_id for sent in hull] == sorted(sent.frame.can_id for sent in hull)
+    assert names(hull)[:3] == ["SYNC", "CMD", "FB_A"]
+    above, below = frames_of(RELAY)
+    assert sorted(names(below)) == ["CMD", "FB", "HB_PLANT", "SYNC_LOCAL"]
+    assert not set(names(above)) & set(names(below))
+
+
+def test_of_equal_first_bits_the_11_bit_id_wins() -> None:
+    def priority(can_id: int, extended: bool) -> tuple[int, bool, int]:
+        frame = dbc.Frame("F", can_id, extended, 8, 0.0, False, False, (0, 0, 0), (), "")
+        return Sent(frame, "").priority
+
+    ids = [(0x080, False), (0x080 << 18, True), (0x080 << 18 | 5, True), (0x081, False)]
+    assert [priority(*one) for one in ids] == sorted(priority(*one) for one in ids)
+
+
+@pytest.mark.parametrize(
+    ("settings", "frame", "share"),
+    [
+        ((), "CMD", 0.5), ((), "SYNC", 0.5), ((), "FB_A", 0.5), ((), "REF", 1.0),
+        (("realtime.plant.phase=0.4",), "CMD", 0.4), (("realtime.plant.phase=0.4",), "FB_A", 0.6),
+        (("realtime.plant.phase=0.0",), "CMD", 1.0), (("pacing=sync",), "FB_A", 0.5),
+        (("pacing=lockstep",), "CMD", 1.0),
+    ],
+)  # fmt: skip
+def test_a_frame_of_every_cycle_is_needed_by_its_receivers_next_one(
+    settings: tuple[str, ...], frame: str, share: float
+) -> None:
+    (hull,) = frames_of(HULL, *settings)
+    (found,) = (sent.wanted for sent in hull if sent.frame.name == frame)
+    assert found == pytest.approx(share, abs=1e-12)
+
+
+@pytest.mark.parametrize("rig", [HULL, RELAY], ids=["hull", "relay"])
+def test_the_load_is_that_of_the_check(rig: str | Path) -> None:
+    loaded = load_rig(rig, resolve=False)
+    setup = Setup(loaded.config.rate_hz, 1_000_000)
+    loads = [traffic.load(traffic.analysed(bus, setup)) for bus in traffic.buses(loaded)]
+    wanted = bus_load(loaded, dbc.load(loaded.dbc), loaded.config.rate_hz, 1e6)
+    assert max(loads) == pytest.approx(wanted, rel=1e-12), loads
+
+
+@pytest.mark.parametrize(
+    ("good", "data_bitrate"), [*product([traffic.fits, traffic.in_time], [None, 2_000_000])]
+)
+def test_the_limits_are_the_last_that_hold(good: traffic.Good, data_bitrate: int | None) -> None:
+    (hull,) = frames_of(HULL)
+    setup = Setup(500.0, 500_000, data_bitrate)
+
+    def holds(**changed: float) -> bool:
+        return good(traffic.analysed(hull, Setup(**{**vars(setup), **changed})))
+
+    hz, bitrate = traffic.highest_hz(hull, setup, good), traffic.lowest_bitrate(hull, setup, good)
+    assert bitrate is not None
+    assert holds(rate_hz=float(hz)) and not holds(rate_hz=hz + 1.0), f"{hz} Hz"
+    assert holds(bitrate=bitrate) and not holds(bitrate=bitrate - 1000), f"{bitrate} bit/s"
+    assert (hz, bitrate) != (500, 500_000)
+
+
+def test_where_nothing_holds_the_limits_say_so() -> None:
+    (hull,) = frames_of(HULL)
+    assert traffic.lowest_bitrate(hull, Setup(5000.0, 1_000_000), traffic.fits) is None
+    assert traffic.highest_hz(hull, Setup(500.0, 1000), traffic.fits) == 0
+    alone = [sent for sent in hull if sent.frame.name == "SYNC"]
+    assert traffic.highest_hz(alone, Setup(1.0, 10**9), traffic.in_time) == traffic.MOST_HZ
+
+
+# -------------------------------------------------------------------------------------- the command
+
+
+def report(screen: Screen, *words: str, code: int = 0) -> dict[str, Any]:
+    given = main(["bus", *words, "--json"])
+    out, err = screen.readouterr()
+    assert (given, err) == (code, ""), err
+    found: dict[str, Any] = json.loads(out)
+    return found
+
+
+def test_the_table_has_a_line_for_each_frame_by_priority(capsys: Screen) -> None:
+    assert main(["bus", HULL]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if len(line) > 80] == []
+    words = [line.split() for line in lines]
+    assert lines[0] == "hull at 1000 Hz, bus at 1 Mbit/s (of the rig), classic CAN"
+    assert words[3] == ["0x080", "SYNC", "EXEC", "2", "75", "1000", "75", "210", "500", "290"]
+    assert words[7] == ["0x122", "FB_C", "PLANT", "8", "135", "1000", "135", "750", "500", "-250"]
+    text = " ".join(" ".join(lines).split())
+    for said in (
+        "load 67.4%",
+        "(up to 1333 Hz; at 1000 Hz from 750 kbit/s on)",
+        "held FB_B, FB_C may miss the receiver's cycle",
+        "(none up to 666 Hz; at 1000 Hz at no bit rate of CAN)",
+    ):
+        assert said in text, text
+
+
+def test_each_bus_of_three_nodes_has_its_own_table_and_bit_rate(capsys: Screen) -> None:
+    local = "local.bus={interface: udp_multicast, channel: '239.74.163.2:43999', bitrate: 500000}"
+    above, below = report(capsys, str(RELAY), "--set", local)["buses"]
+    assert (above["name"], below["name"]) == ("bus", "local bus")
+    assert (above["bitrate"], below["bitrate"]) == (1_000_000, 500_000)
+    assert {frame["name"] for frame in below["frames"]} == {"CMD", "FB", "HB_PLANT", "SYNC_LOCAL"}
+
+
+def test_as_can_fd_the_data_travel_faster(capsys: Screen) -> None:
+    (bus,) = report(capsys, HULL, "--rate", "2kHz", "--data-bitrate", "4M")["buses"]
+    frame = bus["frames"][1]
+    assert (frame["bits"], frame["data_bits"]) == fd_bits(8)
+    assert frame["transmission_us"] == frame["bits"] + frame["data_bits"] / 4
+    assert frame["period_us"] == 500.0 and bus["fits"], bus
+    (classic,) = report(capsys, HULL, "--rate", "2kHz", code=1)["buses"]
+    assert not classic["fits"] and classic["frames"][-1]["response_us"] is None
+
+
+def test_jitter_and_errors_are_told_and_count(capsys: Screen) -> None:
+    (plain,) = report(capsys, HULL)["buses"]
+    (worse,) = report(capsys, HULL, "--jitter", "20us", "--error-every", "1s")["buses"]
+    first, disturbed = plain["frames"][0], worse["frames"][0]
+    assert disturbed["response_us"] == first["response_us"] + 20 + 31 + first["transmission_us"]
+    assert main(["bus", HULL, "--jitter", "20us", "--error-every", "1s"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "jitter 20 us each, a bus error every 1000 ms" in out, out
+
+
+def test_a_rig_without_a_bit_rate_is_judged_at_the_highest(capsys: Screen) -> None:
+    (bus,) = report(capsys, "probe")["buses"]
+    assert (bus["bitrate"], bus["bitrate_from"]) == (1_000_000, "assumed, the rig names none")
+    (bus,) = report(capsys, "probe", "--bitrate", "500 kbit/s")["buses"]
+    assert (bus["bitrate"], bus["bitrate_from"]) == (500_000, "--bitrate")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--bitrate", "0"], "expected a rate like 500k, 2M, got '0'"),
+        (["--bitrate", "fast"], "expected a rate like 500k, 2M, got 'fast'"),
+        (["--rate", "2kbit/s"], "expected a rate like 500, 2kHz, got '2kbit/s'"),
+        (["--rate", "1MHz"], "rate_hz=1000000.0: expected a number <= 20000.0"),
+        (["--jitter", "5"], "--jitter 5: not a duration above 0"),
+        (["--data-bitrate", "500k"], "500 kbit/s: slower than the nominal 1 Mbit/s"),
+    ],
+)
+def test_a_wrong_option_is_told_in_a_line(words: list[str], message: str, capsys: Screen) -> None:
+    assert main(["bus", HULL, *words]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and message in " ".join(err.split()), err
+
+
+def test_what_is_wrong_in_a_dbc_file_is_told_with_its_name(tmp_path: Path, capsys: Screen) -> None:
+    text = (ROOT / "plants/probe/probe.dbc").read_text().replace("BO_ 288 FB: 8", "BO_ 288 FB: 64")
+    for name in ("rig.yaml", "law.py", "model.py"):
+        (tmp_path / name).write_text((ROOT / "plants/probe" / name).read_text())
+    (tmp_path / "probe.dbc").write_text(text)
+    assert main(["bus", str(tmp_path / "rig.yaml")]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and f"{tmp_path}/probe.dbc: frame FB: 64 bytes" in err, err
+
+
+# ----------------------------------------------------------------------------------------- warnings
+
+
+TIGHT = "bus.bitrate=700000"  # load 96 %: FB_C may wait when the next one comes
+
+
+@pytest.mark.parametrize(
+    ("settings", "warns"),
+    [((), False), ((TIGHT,), True), (("bus.bitrate=null",), False),
+     ((TIGHT, "rate_hz=933"), False), ((TIGHT, "rate_hz=934"), True)],
+)  # fmt: skip
+def test_a_rig_that_does_not_fit_its_bus_is_warned_of(
+    settings: tuple[str, ...], warns: bool
+) -> None:
+    rig = load_rig(HULL, None, settings, resolve=False)
+    for pacing in ("real", "sync"):
+        said = traffic.warning(rig, pacing)
+        assert bool(said) == warns, said
+    assert traffic.warning(rig, "lockstep") == ""
+
+
+def test_check_and_run_tell_it_in_a_line(tmp_path: Path, capsys: Screen) -> None:
+    wanted = "FB_C may take 1071.43 us on a bus of 700000 bit/s, its period is 1000 us"
+    assert main(["check", HULL, "--set", TIGHT]) == 0
+    assert wanted in " ".join(capsys.readouterr().out.split())
+    done = pcpc("run", HULL, "-o", str(tmp_path / "run"), "--bus", own_bus(), "--no-figure",
+                "--set", TIGHT, "--set", "duration_s=0.1")  # fmt: skip
+    assert sum(wanted in line for line in done.err.splitlines()) == 1, str(done)

@@ -1,0 +1,62 @@
+"""`pcpc bus RIG`: load and worst-case response time of every frame, and what rate would still fit.
+
+The bit rate is --bitrate, else the rig's `bus.bitrate`, else 1 Mbit/s, classic CAN's highest: what
+is late there is late on any. With --data-bitrate the same frames travel as CAN FD frames that
+switch to it. What the numbers mean stands in `tools.bus.traffic`, the equations in
+`tools.bus.response`.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.durations import duration_ns
+from pcpc.executive.errors import RigError
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.bus import report, traffic
+from pcpc.tools.bus.report import Bus, rate_of
+from pcpc.tools.bus.traffic import MOST_CLASSIC, Setup
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the times of all frames; NOT_MET if a frame is late."""
+    given = [*options.set]
+    if options.rate is not None:
+        given.append(f"rate_hz={options.rate!r}")
+    rig = load_rig(options.rig, None, given, resolve=False)
+    found = list(_buses(rig, options))
+    if options.json:
+        print(json.dumps(report.as_json(rig, found), indent=2))
+    else:
+        print("\n\n".join("\n".join(report.text_of(rig, bus)) for bus in found))
+    return Exit.OK if all(traffic.fits(bus.rows) for bus in found) else Exit.NOT_MET
+
+
+def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
+    config = rig.config
+    below = config.local.bus if config.local else None
+    of_rig = (config.bus.bitrate, (below and below.bitrate) or config.bus.bitrate)
+    names = ("bus", "local bus")
+    for name, own, frames in zip(names, of_rig, traffic.buses(rig), strict=False):
+        bitrate, origin = options.bitrate, "--bitrate"
+        if bitrate is None:
+            bitrate, origin = (
+                (own, "of the rig") if own else (MOST_CLASSIC, "assumed, the rig names none")
+            )
+        if options.data_bitrate is not None and options.data_bitrate < bitrate:
+            asked, than = rate_of(options.data_bitrate), rate_of(bitrate)
+            raise RigError(f"--data-bitrate {asked}: slower than the nominal {than}; give more")
+        setup = Setup(
+            config.rate_hz, bitrate, options.data_bitrate,
+            _ns("--jitter", options.jitter), _ns("--error-every", options.error_every),
+        )  # fmt: skip
+        yield Bus(name, origin, setup, frames, traffic.analysed(frames, setup))
+
+
+def _ns(option: str, text: str | None) -> int:
+    """Return a duration in whole ns, 0 for none; RigError."""
+    try:
+        return 0 if text is None else round(duration_ns(text))
+    except ValueError as error:
+        raise RigError(f"{option} {error}") from None
