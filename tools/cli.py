@@ -1,6 +1,7 @@
 """The `pcpc` command: from the words of a command line to a command of `tools.console.commands`."""
 
 import argparse
+import gc
 import os
 import platform
 import sys
@@ -22,6 +23,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `tools.console.ending` for how it ends."""
     if "_ARGCOMPLETE" in os.environ:  # a shell asks which words may come next
         completion.complete(parser())
+    if argv is None:  # a process of its own: to look for garbage in imports is a fifth of a start
+        gc.disable()
     words = list(sys.argv[1:] if argv is None else argv)
     goes_on = any(word in COMMANDS and COMMANDS[word].judges for word in words[:1])
     return ended(lambda: _carry_out(words), goes_on=goes_on)
@@ -36,7 +39,11 @@ def _carry_out(words: Sequence[str]) -> int:
         from pcpc.tools.console.progress import Compiling
 
         Compiling().told(getattr(options, "quiet", False))
-    return int(import_module(f"pcpc.tools.{options.registered.at}").command(options))
+    module = import_module(f"pcpc.tools.{options.registered.at}")
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
+    return int(module.command(options))
 
 
 def parsed(words: Sequence[str]) -> argparse.Namespace:
