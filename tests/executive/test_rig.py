@@ -382,13 +382,13 @@ def test_paths_start_from_the_file_that_says_them(write: Write, tmp_path: Path) 
 def test_laws_are_found_by_name_module_or_file(
     write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = tmp_path / "own"
+    own = tmp_path / "laws_of_this_test"
     own.mkdir()
     (own / "pd_of_this_test.py").write_text(LAWS)
-    monkeypatch.setattr(resolve, "shipped", lambda: {"bare": "own.pd_of_this_test"})
+    monkeypatch.setattr(resolve, "shipped", lambda: {"bare": "laws_of_this_test.pd_of_this_test"})
     by_name = load_rig(write('"laws.py:PD"', "bare:PD"))
     monkeypatch.syspath_prepend(str(tmp_path))
-    by_module = load_rig(write('"laws.py:PD"', "own.pd_of_this_test:PD"))
+    by_module = load_rig(write('"laws.py:PD"', "laws_of_this_test.pd_of_this_test:PD"))
     by_file = load_rig(write())
     for rig in (by_name, by_module, by_file):
         assert rig.nodes()["executive"].blocks[1].settings["lam_per_s"] == 16.0
