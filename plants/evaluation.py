@@ -212,13 +212,13 @@ class Evaluation:
                 yield name, f" without {begin}"
 
     def draw(
-        self, log: Log, path: Path, title: str, metrics: Figures, window_s: tuple[float, float],
-        numbers: Mapping[str, float] | None = None,
+        self, log: Log, path: Path | None, title: str, metrics: Figures,
+        window_s: tuple[float, float], numbers: Mapping[str, float] | None = None,
         violations: Sequence[tuple[float, str]] = (),
     ) -> None:  # fmt: skip
         """Write one PNG, 1200 x 1500 pixels; ImportError, with the cure, without matplotlib.
 
-        `violations`: of requirements, time in s and name.
+        Without a `path` it is laid out only. `violations`: of requirements, time in s and name.
         """
         period_s = 1e-9 * float(log.metadata.get("executive", {}).get("period_ns", 1e9))
         judged = self.judged(log, window_s, numbers or {}, period_s)

@@ -84,10 +84,12 @@ def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
 
 
 def draw_page(
-    judged: Judged, path: Path, title: str, text: str, panels: Sequence[Panel],
+    judged: Judged, path: Path | None, title: str, text: str, panels: Sequence[Panel],
     violations: Sequence[tuple[float, str]] = (),
 ) -> None:  # fmt: skip
     """Write one PNG: `panels` above each other, below them how late a paced executive woke.
+
+    Without a `path` it is laid out only.
 
     `text`: the two lines under the title; `violations`: times to mark, s, and of what. The window
     is shaded. Raises ImportError, with the cure,
@@ -115,7 +117,10 @@ def draw_page(
     axes[-1].set_xlabel("time [s]")
     axes[0].set_xlim(0.0, end_s)
     page.align_ylabels(axes)
-    page.savefig(path, format="png")
+    if path is None:
+        page.draw_without_rendering()
+    else:
+        page.savefig(path, format="png")
 
 
 def draw_panel(ax: "Axes", panel: Panel, drawn: Sequence[tuple[Vector, Vector]], run: Run) -> None:

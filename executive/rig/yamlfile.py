@@ -184,6 +184,7 @@ def scalar(text: str) -> Any:
     return text
 
 
+@lru_cache(10_000)
 def dotted(keys: Keys) -> str:
     """Return the written form of a path: `a.b[2].c`."""
     parts = (f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)

@@ -92,6 +92,7 @@ def test_a_sound_evaluation_passes(rig: Write) -> None:
         ("{error_rms:", "{eror_rms:", "own.py:8: notes: no merit eror_rms; did you mean"),
         ("{error_rms:.4f}", "{error_rms:.4q}", "own.py:8: notes: "),
         ("{error_rms:.4f}", "{error_rms:.4f", "own.py:8: notes: "),
+        ('"error [rad]"', '"$\\\\frac{$"', "ParseSyntaxException"),
         ("RUN)", '"ret")', "rig.yaml:6:16: expect.own.error_rms: the evaluation tells"),
     ],
 )  # fmt: skip
