@@ -1,0 +1,1 @@
+"""`pcpc sweep`: thousands of runs of a rig with varied values, and what follows from them."""
