@@ -29,10 +29,12 @@ a string that names a variable of no controller of the rig.
 import math
 import re
 import string
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -84,6 +86,7 @@ Correlation = partial(Merit, of.CORRELATION)  # of a source (n, 2)
 Figures = Mapping[str, float]
 Note = str | Callable[[Figures], str]
 _WINDOW = re.compile("_(from|to)_s$")
+NOTE_LINES = 2  # under the title
 STARTED_S = 0.5  # the start would hide the rest in a panel
 
 
@@ -131,6 +134,7 @@ class Evaluation:
                 raise Mistake(
                     f"merit {name} is neither Rms(...) or the like nor a function", self.place
                 )
+        self._check_shapes()
         for source, place in self._sources():
             node = source.partition(":")[0]
             if source not in self.signals and node not in NODES:
@@ -143,6 +147,16 @@ class Evaluation:
                     raise Mistake(
                         f"notes: no merit {name}{did_you_mean(name, self.merits)}", self.place
                     )
+
+    def _check_shapes(self) -> None:
+        """Refuse panels and notes that are not what their type says."""
+        for one in _sequence("panels", self.panels, Panel, self.place):
+            _sequence(f"panel {one.label!r}: lines", one.lines, Line, one.place)
+            _sequence(f"panel {one.label!r}: levels", one.levels, Level, one.place)
+        rows = self.notes if isinstance(self.notes, tuple | list) else ()
+        if len(rows) != NOTE_LINES or any(isinstance(row, str) for row in rows):
+            what = 'expected two rows, (("one {a:.3g}", "another"), ())'
+            raise Mistake(f"notes: {what}; got {_short(self.notes)}", self.place)
 
     def _sources(self) -> Iterator[tuple[str, Place]]:
         """Yield the names that merits and lines are taken from, and where that is said."""
@@ -252,6 +266,20 @@ class Evaluation:
 def further(numbers: Mapping[str, float]) -> list[str]:
     """Return the names of the further windows of a rig."""
     return [key.removesuffix("_from_s") for key in numbers if key.endswith("_from_s")]
+
+
+def _sequence(what: str, given: Any, kind: type, place: Place) -> Any:
+    """Return `given` if it is a sequence of `kind`; Mistake with the cure."""
+    name = kind.__name__
+    if isinstance(given, kind):
+        raise Mistake(f"{what}: a comma is missing behind the only {name}: ({name}(...),)", place)
+    if not isinstance(given, tuple | list) or not all(isinstance(one, kind) for one in given):
+        raise Mistake(f"{what}: expected ({name}(...), ...), got {_short(given)}", place)
+    return given
+
+
+def _short(given: object) -> str:
+    return textwrap.shorten(repr(given), 60, placeholder=" ...")
 
 
 def _over(merit: object) -> str:

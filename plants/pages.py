@@ -66,6 +66,7 @@ class Panel:
     height: float = 5.0
     levels: Sequence[Level] = ()
     when: Callable[[Run], bool] | None = None
+    place: Place = field(default_factory=declared_at, init=False, compare=False)
 
 
 def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:

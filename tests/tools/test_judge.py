@@ -1,12 +1,15 @@
 """Evaluation files: what is wrong with one is told before a run, and costs no summary after it."""
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from processes import RIGS, pcpc
 
+from pcpc import open as open_run
+from pcpc import simulate
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
@@ -93,6 +96,15 @@ def test_a_sound_evaluation_passes(rig: Write) -> None:
         ("{error_rms:.4f}", "{error_rms:.4q}", "own.py:8: notes: "),
         ("{error_rms:.4f}", "{error_rms:.4f", "own.py:8: notes: "),
         ('"error [rad]"', '"$\\\\frac{$"', "ParseSyntaxException"),
+        ('notes=(("rms {error_rms:.4f} rad",), ())', 'notes=(("rms",),)',
+         "own.py:8: notes: expected two rows, ("),
+        ('notes=(("rms {error_rms:.4f} rad",), ())', 'notes=("rms", "max")',
+         "own.py:8: notes: expected two rows, ("),
+        ('(Line("error_rad", "hub"),)', '(Line("error_rad", "hub"))',
+         "own.py:12: panel 'error [rad]': lines: a comma is missing behind the only Line: (Line("),
+        ('(Line("error_rad", "hub"),)', '("error_rad",)',
+         "own.py:12: panel 'error [rad]': lines: expected (Line(...), ...), got ('error_rad',)"),
+        ("panels=(", 'panels=Panel("one", ()) or (', "own.py:8: panels: a comma is missing"),
         ("RUN)", '"ret")', "rig.yaml:6:16: expect.own.error_rms: the evaluation tells"),
     ],
 )  # fmt: skip
@@ -141,6 +153,17 @@ def test_a_figure_that_fails_is_told_and_not_ok(rig: Write) -> None:
     assert summary["verdict"] == "ok", summary
     note_figure(summary, "no figure: own.py:12: boom")
     assert summary["verdict"] == "expectation not met", summary
+
+
+def test_a_metric_that_is_not_finite_is_read_back_and_drawn(rig: Write, tmp_path: Path) -> None:
+    own = rig(BODY.replace(
+        "merits={", "merits={'never_s': lambda run: float('inf'), 'low': lambda run: -float('inf'),"
+    ).replace('rad",), ())', 'rad", "after {never_s:.3f} s, {low:.1f}"), ())'))  # fmt: skip
+    made = simulate(own.path, "own", folder=tmp_path / "run", quiet=True)
+    read = open_run(tmp_path / "run")
+    assert made.metrics["never_s"] == math.inf and read.metrics == made.metrics, read.metrics
+    assert read.metrics["low"] == -math.inf and read.figure().png.startswith(b"\x89PNG")
+    assert '"never_s": "inf"' in (tmp_path / "run" / "summary.json").read_text()
 
 
 def test_the_run_ends_with_a_line_and_the_summary(rig: Write, tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """A recorded run from Python: what `pcpc.simulate` and `pcpc.open` return."""
 
 import argparse
-import json
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -236,7 +235,7 @@ class Run:
     def summary(self) -> dict[str, Any]:
         """What `summary.json` of a run holds."""
         if self._outcome is None and self._written.is_file():
-            return dict(json.loads(self._written.read_text("utf-8")))
+            return summaries.read_json(self._written)
         outcome = self._outcome
         if outcome is None:
             facts = self.log.metadata.get("executive", {})

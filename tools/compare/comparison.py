@@ -99,7 +99,7 @@ class Comparison:
         return {"changed": self.changed, "counts": self.counts, **asdict(self)}
 
     def json(self) -> str:
-        """Return everything as JSON; NaN and infinity are null."""
+        """Return everything as JSON; NaN and infinity are text."""
         return summaries.text_of(self.as_dict())
 
 

@@ -252,7 +252,7 @@ def note_missing(summary: Summary, path: Path, error: OSError) -> None:
 
 
 def write_json(summary: Summary, path: Path) -> str:
-    """Write summary.json (no NaN or infinity: null) if that can be; return its text."""
+    """Write summary.json, see `text_of`, if that can be; return its text."""
     try:
         path.write_text(text_of(summary) + "\n")
     except OSError as error:
@@ -260,14 +260,25 @@ def write_json(summary: Summary, path: Path) -> str:
     return text_of(summary)
 
 
+def read_json(path: Path) -> Summary:
+    """Return what `write_json` wrote; OSError, ValueError."""
+    summary = dict(json.loads(path.read_text("utf-8")))
+    metrics = summary["metrics"].items()
+    summary["metrics"] = {k: math.nan if v is None else float(v) for k, v in metrics}
+    for one in summary["requirements"]:
+        told = {key: one[key] for key in ("value", "limit", "margin") if one[key] is not None}
+        one |= {key: float(value) for key, value in told.items()}
+    return summary
+
+
 def text_of(summary: Mapping[str, Any]) -> str:
-    """Return a summary as JSON."""
-    return json.dumps(_finite(summary), indent=2)
+    """Return a summary as JSON, which has no word for them: with "inf", "-inf", "nan" as text."""
+    return json.dumps(_told(summary), indent=2)
 
 
-def _finite(value: Any) -> Any:
+def _told(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _finite(child) for key, child in value.items()}
+        return {key: _told(child) for key, child in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(child) for child in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return [_told(child) for child in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
