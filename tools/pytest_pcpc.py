@@ -136,9 +136,9 @@ def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Pa
 
 def _what_it_came_to(run: "pcpc.Run") -> list[str]:
     """Return verdict, and what was not met."""
-    said = run.summary
-    against = [*said["faults"], *said["expectations_failed"], *said["log_missing"]]
-    return [f"verdict  {run.verdict}", *(f"         {line}" for line in against)]
+    from pcpc.tools.verdict.summary import problems
+
+    return [f"verdict  {run.verdict}", *(f"         {line}" for line in problems(run.summary))]
 
 
 def _show(item: pytest.Item, report: Any, title: str, figure: Path) -> None:

@@ -1,6 +1,7 @@
 """What the recorder notes of a node beside its messages: of the whole run, whatever the log keeps.
 
 frames    how many of each id were sent, and received in each state of the check
+away      how many of the node's cycles in a row each received id stayed away at most
 table     the columns that the run is judged by, where the log keeps a part: `long_logs.sidecar`
 """
 
@@ -12,10 +13,54 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.e2e_states import OK_SOME_LOST
 from pcpc.executive.log.long_logs import Table, sidecar
 from pcpc.executive.loop import shared
 
 _ID_DIRECTION_E2E = ~(0xFF << 32)  # of the word of a frame's row, without its length
+
+
+class Absences:
+    """The longest absence of each received id, in cycles that the node ran: a stall counts none.
+
+    Records are to be told before the frames of their cycles, some of which may be ahead of them.
+    """
+
+    def __init__(self) -> None:
+        self._first, self._ran = 0, np.empty(0, np.int64)  # the cycles whose frames may come
+        self._waiting = np.empty((0, 2), np.int64)  # cycle and id of frames ahead of the records
+        self._last: dict[int, int] = {}
+        self._longest: dict[int, int] = {}
+
+    def ran(self, cycles: NDArray[np.int64]) -> None:
+        """Take the cycles of records."""
+        self._ran = np.concatenate((self._ran, cycles))
+
+    def came(self, rows: NDArray[np.int64]) -> None:
+        """Take rows of frames."""
+        word = rows[:, 3]
+        used = (word >> 40 & 0xFF != 0) & (word >> 48 & 0xFF <= OK_SOME_LOST)
+        own = np.column_stack((rows[used, 2], word[used] & 0xFFFFFFFF))
+        self._waiting = np.concatenate((self._waiting, own))
+        self._count()
+        over = int(np.searchsorted(self._ran, rows[-1, 2]))
+        self._first, self._ran = self._first + over, self._ran[over:]
+
+    def _count(self) -> None:
+        known = self._waiting[:, 0] <= (self._ran[-1] if len(self._ran) else -1)
+        own, self._waiting = self._waiting[known], self._waiting[~known]
+        at = self._first + np.searchsorted(self._ran, own[:, 0])
+        for number in np.unique(own[:, 1]).tolist():
+            seen = at[own[:, 1] == number]
+            longest = np.diff(seen, prepend=self._last.get(number, 0)).max()
+            self._longest[number] = max(self._longest.get(number, 0), int(longest))
+            self._last[number] = int(seen[-1])
+
+    def told(self) -> dict[int, int]:
+        """Return the longest absence up to now by id."""
+        self._count()
+        cycles, last = self._first + len(self._ran), self._last.items()
+        return {number: max(self._longest[number], cycles - at) for number, at in last}
 
 
 class Beside:
@@ -24,6 +69,7 @@ class Beside:
     def __init__(self, about: Mapping[str, Any]) -> None:
         self._about = about
         self._frames: Counter[int] = Counter()
+        self._absences = Absences()
         self._table: Table | None = None
         self._cells: list[int] = []
 
@@ -42,8 +88,11 @@ class Beside:
         if ring == "frame":
             keys, counts = np.unique(rows[:, 3] & _ID_DIRECTION_E2E, return_counts=True)
             self._frames.update(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
-        elif ring == "record" and self._table is not None:
-            self._table.append(rows[:, self._cells])
+            self._absences.came(rows)
+        elif ring == "record":
+            self._absences.ran(rows[:, 0])
+            if self._table is not None:
+                self._table.append(rows[:, self._cells])
 
     def frame_counts(self) -> dict[str, int]:
         """Return the frames by `node.sent.ID` and `node.received.ID.STATE`, the id in hex."""
@@ -53,6 +102,11 @@ class Beside:
             what = f"received.{number:X}.{state}" if received else f"sent.{number:X}"
             found[f"{self._about['node']}.{what}"] = count
         return found
+
+    def away(self) -> dict[str, int]:
+        """Return the longest absences in cycles by `node.ID`, the id in hex."""
+        told = sorted(self._absences.told().items())
+        return {f"{self._about['node']}.{number:X}": cycles for number, cycles in told}
 
     def close(self) -> None:
         """End the table."""

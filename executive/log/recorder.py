@@ -342,6 +342,8 @@ class Recorder:
         self.writer.add_metadata("run", {key: str(n) for key, n in counts.items()})
         frames = {key: n for node in self.nodes for key, n in node.beside.frame_counts().items()}
         self.writer.add_metadata("frames", {key: str(n) for key, n in frames.items()})
+        away = {key: n for node in self.nodes for key, n in node.beside.away().items()}
+        self.writer.add_metadata("away", {key: str(n) for key, n in away.items()})
         self.writer.finish()
         self.writer.file.close()
 

@@ -74,7 +74,12 @@ def check(rig: Rig, role: Role, rx: Sequence[dbc.Frame], tx: Sequence[dbc.Frame]
             )
     if not any(awaited(frame) for frame in rx):
         node = rig.config.sections[role].node
-        raise rig.error("dbc", f'{node} receives no frame with send type "EveryCycle"')
+        slow = next((str(frame.can_id) for frame in rx if not heartbeat(frame)), "ID")
+        raise rig.error(
+            "dbc",
+            f'{node} receives no frame with send type "EveryCycle"; write '
+            f'BA_ "GenMsgSendType" BO_ {slow} 0; where 0 is EveryCycle in its BA_DEF_',
+        )
 
 
 def check_losses(rig: Rig, database: dbc.Database) -> None:
@@ -82,11 +87,13 @@ def check_losses(rig: Rig, database: dbc.Database) -> None:
     if not rig.config.losses:
         return
     known = set[str]().union(*(_of(database, n.node) for n in rig.config.sections.values()))
-    frames = (dbc.frame(message) for message in database.messages if message.name in known)
+    frames = [dbc.frame(message) for message in database.messages if message.name in known]
     names = [frame.name for frame in frames if awaited(frame)]
     for name in rig.config.losses:
         if name not in names:
-            what = f"no frame of every cycle {name}{did_you_mean(name, names)}"
+            what = f"no frame {name}{did_you_mean(name, names)}"
+            if any(frame.name == name for frame in frames):
+                what = f"{name} is not sent every cycle; losses work on {', '.join(names)}"
             raise rig.error(f"losses.{name}", what)
 
 

@@ -122,10 +122,19 @@ def test_losses_on_purpose_are_replayed_and_no_fault_of_the_run(tmp_path: Path) 
     assert summary["verdict"] == ("loss" if frames["stale"] else "ok"), summary["verdict"]
 
 
-def test_a_loss_of_an_unknown_frame_is_refused_with_a_proposal(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("frame", "said"),
+    [
+        ("TEL", r"losses\.TEL: no frame TEL; did you mean TELL\?"),
+        ("HB_PLANT", r"HB_PLANT is not sent every cycle; losses work on ASK, .*FB"),
+    ],
+)
+def test_a_loss_of_a_frame_that_cannot_have_it_is_refused(
+    frame: str, said: str, tmp_path: Path
+) -> None:
     file = tmp_path / "rig.yaml"
-    file.write_text(f"base: {RELAY}\nrig: wrong\nlosses: {{TEL: {{share: 0.1}}}}\n")
-    with pytest.raises(RigError, match=r"losses\.TEL: no frame of every cycle TEL; did you mean"):
+    file.write_text(f"base: {RELAY}\nrig: wrong\nlosses: {{{frame}: {{share: 0.1}}}}\n")
+    with pytest.raises(RigError, match=said):
         plan(load_rig(file), "executive", "sync")
 
 

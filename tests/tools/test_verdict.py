@@ -14,9 +14,12 @@ import numpy as np
 import pytest
 from processes import RIGS, Done, Running, own_bus, pcpc
 
+from pcpc.drivers import dbc
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
-from pcpc.executive.nodes.virtual import in_memory, simulate
+from pcpc.executive.log.beside import Absences
+from pcpc.executive.loop.shared import IS_HEARTBEAT
+from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.verdict import report
 from pcpc.tools.verdict.conclude import conclude
@@ -170,6 +173,63 @@ def test_frames_add_up(tmp_path: Path) -> None:
         frames = log.node["plant"].frames
         used = np.count_nonzero((frames["direction"] == 1) & (frames["e2e"] <= 1))
         assert account["plant"]["used"] == used, account
+
+
+def with_a_heartbeat_that_ends(path: Path, *settings: str) -> logs.Log:
+    """Return the log of a probe whose plant is told after 1000 cycles to send it no more."""
+    made = VirtualRun(load_rig(PROBE, settings=["duration_s=4.0", *settings]), path)
+    for cycles in made.advance():
+        if cycles == 1000:
+            sent = made.blocks[1].loop.tx
+            sent.frames[np.flatnonzero(sent.role[:, IS_HEARTBEAT]), dbc.EVERY_N] = 10**9
+    made.close()
+    return logs.read(path)
+
+
+@pytest.mark.parametrize("setting", ["record.keep=null", "record.keep=100ms"])
+def test_a_slow_frame_that_stays_away_is_a_loss(setting: str, tmp_path: Path) -> None:
+    log = with_a_heartbeat_that_ends(tmp_path / "log.mcap", setting)
+    for pacing in ("virtual", "lockstep", "sync", "real"):
+        found = summarise(load_rig(PROBE), log, Outcome(pacing, ""))
+        (line,) = found["frames_too_many"]
+        assert line == "HB_PLANT stayed away for 3 s; every 0.1 s was expected", line
+        assert found["verdict"] == "loss", found["verdict"]
+    never = dataclasses.replace(log, metadata={**log.metadata, "away": {}})
+    said = summarise(load_rig(PROBE), never, Outcome("virtual", ""))["frames_too_many"]
+    assert sorted(line.split(";")[0] for line in said) == [
+        "HB_EXEC stayed away for 4.001 s", "HB_PLANT stayed away for 4 s",
+    ]  # fmt: skip
+
+
+def test_nodes_with_different_dbc_files_are_told() -> None:
+    log = in_memory(load_rig(PROBE, settings=["duration_s=0.1"]))
+    other = log.attachments["probe.dbc"].replace("(1e-06", "(1e-05")
+    two = dataclasses.replace(log, attachments={**log.attachments, "plant/probe.dbc": other})
+    found = [summarise(load_rig(PROBE), one, Outcome("real", "")) for one in (log, two)]
+    assert [one["verdict"] for one in found] == ["ok", "loss"]
+    (line,) = found[1]["frames_too_many"]
+    assert line.startswith("the nodes have different DBC files, see probe.dbc, plant/probe"), line
+
+
+@pytest.mark.parametrize("ahead", [0, 2, 50])
+@pytest.mark.parametrize("part", [1, 3, 7, 100])
+def test_an_absence_is_counted_in_cycles_that_the_node_ran(part: int, ahead: int) -> None:
+    cycles = np.r_[0:20, 400:440]  # a stall of 380 periods
+    words = {k: [0x80] for k in cycles}  # sent
+    for k in (0, 10, 400, 410, 425):
+        words[k].append(0x202 | 1 << 40)
+    words[430].append(0x202 | 1 << 40 | 4 << 48)  # a wrong CRC: not used
+    rows = np.array([(0, 0, k, word, 0) for k, own in words.items() for word in own])
+    absences, seen = Absences(), -1
+    for own in np.array_split(cycles, range(part, len(cycles), part)):
+        absences.ran(own)
+        new = rows[(rows[:, 2] > seen) & (rows[:, 2] <= own[-1] + ahead)]
+        if len(new):
+            absences.came(new)
+            seen = new[-1, 2]
+    assert absences.told() == {0x202: 15}, absences.told()
+    absences.ran(np.arange(440, 450))
+    assert absences.told() == {0x202: 25}, "and at the end"
 
 
 # ------------------------------------------------------------------------- on the screen

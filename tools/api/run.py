@@ -280,7 +280,7 @@ class Run:
         """Return the run itself if its verdict is ok, else raise NotOk (an AssertionError)."""
         if self.verdict != "ok":
             said = self.summary
-            why = [*said["faults"], *said["expectations_failed"], *said["log_missing"]]
+            why = summaries.problems(said)
             raise NotOk(f"{said['rig']}: {self.verdict}: " + ("; ".join(why) or "see its summary"))
         return self
 

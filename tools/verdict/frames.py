@@ -8,7 +8,7 @@ ended. The recorder counts them, also where the log keeps only a part.
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from pcpc.drivers import dbc
 from pcpc.drivers.errors import BusError
@@ -19,6 +19,7 @@ STATES = {  # of drivers.e2e, which imports numba; lost frames are those between
     0: "used", 1: "used", 2: "repeated", 3: "wrong_sequence", 4: "crc_errors", 6: "lost_on_purpose",
 }  # fmt: skip
 
+AWAY = 3  # turns
 
 LIMITS = {  # key of the summary's frames -> of the rig's errors, what it counts
     "crc_errors": ("crc", "frames with a wrong CRC or length"),
@@ -42,6 +43,36 @@ def too_many(rig: Rig, counts: Mapping[str, int]) -> list[str]:
     return lines
 
 
+def stayed_away(rig: Rig, log: Log) -> list[str]:
+    """Return a line for each slow frame that a node missed for more than `AWAY` of its turns.
+
+    Of cycles that the node ran. [] of a log that does not tell.
+    """
+    told, ran = log.metadata.get("away"), log.metadata.get("run", {})
+    if told is None:
+        return []
+    rate_hz, lines = rig.config.rate_hz, dict[str, None]()
+    for role, frames in _listens(rig).items():
+        if role in log.node:
+            whole = ran.get(f"written.{role}.record", "0")
+            for frame in (frame for frame in frames if frame.cycle_ms):
+                cycles, every = (
+                    int(told.get(f"{role}.{frame.word:X}", whole)),
+                    frame.every_n(rate_hz),
+                )
+                if cycles > AWAY * every:
+                    what = f"{frame.name} stayed away for {cycles / rate_hz:.4g} s"
+                    lines[f"{what}; every {every / rate_hz:g} s was expected"] = None
+    return list(lines)
+
+
+def unlike(log: Log) -> list[str]:
+    """Return a line if the nodes in the log do not have the same DBC file."""
+    files = {name: text for name, text in log.attachments.items() if name.endswith(".dbc")}
+    what = f"the nodes have different DBC files, see {', '.join(files)} in the log"
+    return [what] if len(set(files.values())) > 1 else []
+
+
 def frames_to(
     rig: Rig, log: Log, health: Mapping[str, Mapping[str, int]]
 ) -> dict[str, dict[str, int]]:
@@ -62,7 +93,7 @@ def frames_to(
             came[role][STATES.get(int(state[0]), "unread")] += int(text)
     if not all(role in log.node and sum(sent[role].values()) for role in rig.roles):
         return {}
-    listens = _listens(rig)
+    listens = {role: {f.word for f in frames} for role, frames in _listens(rig).items()}
     found: dict[str, dict[str, int]] = {}
     for role in rig.roles:
         others = [sent[other] for other in rig.roles if other != role]
@@ -76,14 +107,11 @@ def frames_to(
     return found | {"nobody": {"sent": none}}
 
 
-def _listens(rig: Rig) -> dict[str, set[int]]:
-    """Return the ids, with SocketCAN's flag of extended ones, that each node listens to."""
+def _listens(rig: Rig) -> dict[str, Sequence[dbc.Frame]]:
+    """Return the frames that each node listens to."""
     try:
         database = dbc.load(rig.dbc)
     except BusError:
-        return {role: set() for role in rig.roles}
-    found = {}
-    for role, section in rig.config.sections.items():
-        frames = dbc.frames(database, section.node, "rx")
-        found[str(role)] = {f.word for f in frames}
-    return found
+        return dict.fromkeys(rig.roles, ())
+    sections = rig.config.sections.items()
+    return {str(role): dbc.frames(database, one.node, "rx") for role, one in sections}

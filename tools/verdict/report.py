@@ -14,6 +14,8 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from pcpc.tools.verdict.summary import problems
+
 LATEST_SHOWN = 3  # of those in summary.json
 METRICS_SHOWN = 24
 LINES_SHOWN = 6  # of problems
@@ -88,12 +90,11 @@ def rows(summary: Mapping[str, Any], folder: Path, width: int) -> list[Row]:
     held = [one["text"] for one in summary["requirements"] if one["held"]]
     for i, line in enumerate(held):
         add("require", line, "require" if i == 0 else "")
-    kinds = ("faults", "expectations_failed", "frames_too_many", "log_missing")
-    problems = [line for kind in kinds for line in summary[kind]]
-    for i, line in enumerate(problems[:LINES_SHOWN]):
+    against = problems(summary)
+    for i, line in enumerate(against[:LINES_SHOWN]):
         add("problem", line, "problem" if i == 0 else "")
-    if len(problems) > LINES_SHOWN:
-        add("problem", f"and {len(problems) - LINES_SHOWN} more, see summary.json", "")
+    if len(against) > LINES_SHOWN:
+        add("problem", f"and {len(against) - LINES_SHOWN} more, see summary.json", "")
     if summary["changed"]:
         add("changed", ", ".join(summary["changed"]))
     add("verdict", verdict_text(summary))

@@ -4,8 +4,9 @@ verdict              exit code
 ok                   0
 expectation not met  1    a metric is outside the rig's two-sided limits, a requirement is violated,
                           the evaluation failed, or somebody else ended the run too early
-loss                 3    frames lost (but not on purpose) or stale, more wrong ones than the rig's
-                          `errors` allow, records dropped, or a part of the log missing
+loss                 3    frames lost (but not on purpose) or stale, slow ones that stayed away,
+                          more wrong ones than the rig's `errors` allow, records dropped, or a part
+                          of the log missing
 safety stop          5    a node faulted or died
 interrupted          130  Ctrl-C
 
@@ -29,7 +30,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.distribution import Distribution
 from pcpc.executive.log.long_logs import LongLog
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.verdict.frames import frames_to, too_many
+from pcpc.tools.verdict.frames import frames_to, stayed_away, too_many, unlike
 from pcpc.tools.verdict.judge import Judge
 from pcpc.tools.verdict.latest import level
 from pcpc.tools.verdict.outcome import HEALTH, Outcome
@@ -86,7 +87,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         "timing_share": round(share, 4),
         "latest_cycles": outcome.latest,
         "frames": health,
-        "frames_too_many": too_many(rig, health),
+        "frames_too_many": [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)],
         "frames_to": frames_to(rig, log, _each_health(log, outcome)),
         "records": {
             "written": _written(log, outcome),
@@ -232,6 +233,12 @@ def _written(log: logs.Log, outcome: Outcome) -> int:
         return sum(counts)
     kept = outcome.kept or {name: len(node.cycle) for name, node in log.node.items()}
     return sum(kept.values())
+
+
+def problems(summary: Mapping[str, Any]) -> list[str]:
+    """Return what keeps a run from being ok, a line each."""
+    kinds = ("faults", "expectations_failed", "frames_too_many", "log_missing")
+    return [line for kind in kinds for line in summary[kind]]
 
 
 def note_figure(summary: Summary, problem: str) -> None:
