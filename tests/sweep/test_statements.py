@@ -1,0 +1,201 @@
+"""Statements: bounds cover at their rate, also of who looks after every block; figures by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from pcpc.executive.errors import RigError
+from pcpc.tools.sweep import statements as st
+
+REPETITIONS = 1000
+SLACK = 4.0 * math.sqrt(0.05 * 0.95 / REPETITIONS)  # four deviations of a rate of 5 %
+
+
+def counts(p: float, block: int, blocks: int, seed: int = 1) -> np.ndarray:
+    """Return the failures after each block of `REPETITIONS` campaigns, (repetitions, blocks)."""
+    rng = np.random.default_rng(seed)
+    return rng.binomial(block, p, (REPETITIONS, blocks)).cumsum(axis=1)
+
+
+def ended(statement: st.Statement, p: float, block: int, blocks: int) -> list[tuple[str, int, int]]:
+    """Return outcome, failures and runs of campaigns decided after every block."""
+    found = []
+    for campaign in counts(p, block, blocks).tolist():
+        for i, failures in enumerate(campaign, 1):
+            outcome = statement.decided(failures, i * block)
+            if outcome != st.OPEN or i == blocks:
+                found.append((outcome, failures, i * block))
+                break
+    return found
+
+
+def test_bounds_of_a_fixed_number_of_runs_are_those_of_scipy() -> None:
+    for failures, runs in ((0, 10), (3, 40), (10, 10), (7, 100_000)):
+        exact = binomtest(failures, runs).proportion_ci(0.9, "exact")
+        assert st.clopper_pearson(failures, runs, 0.9) == pytest.approx(exact, rel=1e-9)
+    assert st.clopper_pearson(0, 0, 0.9) == (0.0, 1.0)
+
+
+def test_failure_free_runs_that_are_needed() -> None:
+    assert st.needed(1e-3, 0.95) == 2995 and st.needed(1e-5, 0.95) == 299_572
+    assert st.upper_bound(0, 2995, 0.95) < 1e-3 <= st.upper_bound(0, 2994, 0.95)
+    alone = st.parsed("p_fail < 1e-3 at 95% against 0")
+    assert alone.without_failure == 2995
+    assert alone.bounds(0, 2995)[1] == pytest.approx(st.upper_bound(0, 2995, 0.95))
+    assert st.parsed("p_fail < 1e-3 at 95%").without_failure == 3327
+
+
+@pytest.mark.parametrize("p", [0.003, 0.03, 0.4])
+def test_fixed_intervals_cover_the_truth_at_the_stated_rate(p: float) -> None:
+    covered = [
+        low <= p <= high
+        for failures in counts(p, 400, 1)[:, 0].tolist()
+        for low, high in [st.clopper_pearson(failures, 400, 0.95)]
+    ]
+    assert np.mean(covered) >= 0.95 - SLACK, np.mean(covered)
+
+
+@pytest.mark.parametrize("p", [0.002, 0.01, 0.2])
+def test_bounds_cover_the_truth_at_all_looks_at_once(p: float) -> None:
+    block = 20
+    low_missed = high_missed = 0
+    for campaign in counts(p, block, 150).tolist():
+        both = [st.always_valid(k, i * block, 0.95) for i, k in enumerate(campaign, 1)]
+        low_missed += any(low > p for low, _ in both)
+        high_missed += any(high < p for _, high in both)
+    assert max(low_missed, high_missed) <= (0.05 + SLACK) * REPETITIONS, (low_missed, high_missed)
+    assert low_missed + high_missed > 0.01 * REPETITIONS, "bounds that say hardly anything"
+
+
+def test_fixed_intervals_do_not_stand_repeated_looks() -> None:
+    """The reason for the others: whoever looks after every block is wrong three times as often."""
+    looks = [(i, k) for row in counts(0.01, 20, 150).tolist() for i, k in enumerate(row, 1)]
+    missed = np.array([st.upper_bound(k, 20 * i, 0.95) < 0.01 for i, k in looks])
+    assert missed.reshape(REPETITIONS, -1).any(axis=1).mean() > 0.15
+
+
+@pytest.mark.parametrize("option", ["p_fail < 0.02 at 95%", "p_fail < 0.02 at 95% against 0.008"])
+def test_the_sequential_test_errs_no_more_often_than_stated(option: str) -> None:
+    statement = st.parsed(option)
+    at_p0 = [outcome for outcome, *_ in ended(statement, statement.p0, 10, 400)]
+    at_p1 = [outcome for outcome, *_ in ended(statement, statement.p1, 10, 400)]
+    assert at_p0.count(st.HOLDS) <= (0.05 + SLACK) * REPETITIONS
+    given_up = at_p1.count(st.NOT_SHOWN) + at_p1.count(st.REFUTED)
+    assert given_up <= (0.05 + SLACK) * REPETITIONS
+    assert at_p1.count(st.HOLDS) > 0.9 * REPETITIONS
+    assert at_p0.count(st.REFUTED) <= (0.05 + SLACK) * REPETITIONS
+
+
+@pytest.mark.parametrize("p", [0.001, 0.005, 0.02, 0.06])
+def test_bounds_cover_the_truth_where_the_campaign_ended(p: float) -> None:
+    statement = st.parsed("p_fail < 0.02 at 95%")
+    low, high = zip(
+        *(statement.bounds(k, n) for _, k, n in ended(statement, p, 8, 400)), strict=True
+    )
+    assert np.mean(np.array(low) > p) <= 0.05 + SLACK
+    assert np.mean(np.array(high) < p) <= 0.05 + SLACK
+
+
+@pytest.mark.parametrize("p", [0.0, 0.005, 0.02, 0.1])
+def test_the_expected_number_of_runs_is_about_the_mean(p: float) -> None:
+    statement = st.parsed("p_fail < 0.05 at 95% against 0.025")
+    runs = np.mean([n for *_, n in ended(statement, p, 1, 800)])
+    assert statement.expected(p) == pytest.approx(runs, rel=0.15)
+
+
+def test_expected_runs_where_every_run_fails_and_where_the_mean_stands_still() -> None:
+    statement = st.parsed("p_fail < 0.01 at 95% against 0.005")
+    assert statement.expected(1.0) == 5  # ln(0.05)/ln(0.5) = 4.3
+    still = 1.0 / (1.0 - statement._failed / statement._clean)
+    around = [statement.expected(still * (1.0 + e)) for e in (-1e-3, 0.0, 1e-3)]
+    assert max(around) < 1.01 * min(around) and statement.expected(0.5 * still) < min(around)
+    alone = st.parsed("p_fail < 0.01 at 95% against 0")
+    assert alone.expected(0.0) == alone.without_failure
+    assert alone.expected(0.1) == pytest.approx(10.0, rel=1e-6)
+
+
+def test_the_bound_is_where_the_test_turns() -> None:
+    statement = st.parsed("p_fail < 0.01 at 95%")
+    for failures in (0, 1, 5):
+        first = next(n for n in range(failures, 9000) if statement.bounds(failures, n)[1] < 0.01)
+        assert statement.decided(failures, first) == st.HOLDS
+        assert statement.decided(failures, first - 1) != st.HOLDS
+        upper = statement.bounds(failures, 400)[1]
+        turning = st.Statement(upper, 0.95, upper / 10).likelihood(failures, 400)
+        assert turning == pytest.approx(math.log(20.0))
+
+
+def test_bounds_where_all_runs_fail_and_where_none_was_made() -> None:
+    assert st.always_valid(0, 0, 0.95) == (0.0, 1.0)
+    assert st.always_valid(1, 1, 0.95) == (0.0, 1.0)
+    assert st.always_valid(30, 30, 0.95) == (pytest.approx(0.05 ** (1 / 30)), 1.0)
+    for ratio in (2.0, 10.0, math.inf):
+        for runs in (1, 10, 1000):
+            for failures in range(0, runs + 1, max(runs // 10, 1)):
+                low, high = st.always_valid(failures, runs, 0.95, ratio)
+                assert 0.0 <= low <= failures / runs <= high <= 1.0, (failures, runs, ratio)
+
+
+def test_outcomes_in_words() -> None:
+    statement = st.parsed("p_fail < 1e-3 at 95%")
+    assert statement.told(0, 3327) == (
+        "p_fail < 1e-3 holds at 95 %: 0 failures in 3,327 runs, bound 9.999e-4; "
+        "3,327 were needed without failure"
+    )
+    assert statement.told(30, 3000) == (
+        "p_fail < 1e-3 is refuted at 95 %: 30 failures in 3,000 runs, p_fail is above 2.439e-3"
+    )
+    assert statement.told(0, 1) == (
+        "p_fail < 1e-3 is open after 0 failures in 1 run: bound 0.9548; "
+        "about 3,326 more to show it, if it goes on like this"
+    )
+    assert statement.told(3, 500) == (
+        "p_fail < 1e-3 is not shown: 3 failures in 500 runs, p_fail <= 1e-4 is excluded at 95 %; "
+        "p_fail is above 8.704e-4 and below 0.02187, each at 95 %"
+    )
+    alone = st.parsed("p_fail(peak error (slew)) < 1e-3 at 99.9% against 0")
+    assert alone.requirement == "peak error (slew)"
+    assert alone.told(1, 10) == (
+        "p_fail(peak error (slew)) < 1e-3 is not shown: 1 failure in 10 runs, "
+        "and the test was for none"
+    )
+
+
+@pytest.mark.parametrize(("failures", "runs"), [(0, 0), (0, 1500), (1, 1900), (0, 3326)])
+def test_the_announced_number_of_runs_decides(failures: int, runs: int) -> None:
+    statement = st.parsed("p_fail < 1e-3 at 95%")
+    more = statement.more(failures, runs)
+    rate = failures / runs if runs else 0.0
+    total = runs + more
+    likelihood = rate * total * statement._failed + (1 - rate) * total * statement._clean
+    assert likelihood >= math.log(20.0) * 0.999 or likelihood <= math.log(0.05) * 0.999
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("p_fail", "expected p_fail < 1e-3 at 95%"),
+        ("p_fail > 1e-3 at 95%", "expected p_fail < 1e-3 at 95%"),
+        ("p_fail < 1e-3", "expected p_fail < 1e-3 at 95%"),
+        ("p_fail() < 1e-3 at 95%", "expected p_fail < 1e-3 at 95%"),
+        ("p_fail < few at 95%", "few is no number"),
+        ("p_fail < 2 at 95%", "is no probability"),
+        ("p_fail < 0 at 95%", "is no probability"),
+        ("p_fail < 1e-3 at 100%", "expected 50% or more, below 100%"),
+        ("p_fail < 1e-3 at 0.95%", "expected 50% or more"),
+        ("p_fail < 1e-3 at 95% against 1e-3", "expected 0 or more, below 0.001"),
+    ],
+)
+def test_a_wrong_statement_is_one_line_with_its_cure(option: str, words: str) -> None:
+    with pytest.raises(RigError) as error:
+        st.parsed(option)
+    assert str(error.value).startswith(f"--until '{option}': ") and words in str(error.value)
+
+
+def test_more_failures_than_runs_are_refused() -> None:
+    with pytest.raises(ValueError, match="3 failures in 2 runs"):
+        st.upper_bound(3, 2, 0.95)
+    with pytest.raises(ValueError, match="-1 failures"):
+        st.always_valid(-1, 2, 0.95)
