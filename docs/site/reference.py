@@ -1,7 +1,8 @@
 """Write the pages of docs/reference from what they tell of: `make reference`.
 
-commands.md   the parser of the command line
-api.md        signatures and docstrings of `import pcpc`
+commands.md     the parser of the command line
+api.md          signatures and docstrings of `import pcpc`
+rig-python.md   the same of what a rig's laws, plants and evaluation import
 """
 
 import argparse
@@ -10,11 +11,14 @@ import importlib
 import inspect
 import re
 import textwrap
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pcpc
 from pcpc.drivers.errors import Exit
+from pcpc.executive.laws.block import Block
 from pcpc.tools import cli
 from pcpc.tools.console.command import Command
 from pcpc.tools.console.commands import GROUPS
@@ -34,6 +38,39 @@ _API = f"""# The package
 
 What `import pcpc` offers, from its docstrings; [the guide](../python.md) shows it at work.
 """
+
+_RIG_PYTHON = f"""# The Python of a rig
+{_NOTE}
+
+What a law, a plant and an `evaluation.py` beside your rig may import. [How to write a
+controller](../howto/controller.md) and [the tutorial](../tutorial.md) show it at work.
+
+```text
+from pcpc.executive.laws.block import Block, Ports, inline, port, stage    # in a law and in a plant
+from pcpc.executive.laws.emath import clip, sqrt, where                    # what their steps call
+from pcpc.plants.evaluation import *                                       # in an evaluation.py
+```
+"""
+_TYPES = """
+Colours of lines: `BLACK`, `BLUE`, `VERMILION`, `GREEN`, `ORANGE`, `PURPLE`, `SKY`, `GREY`. Types
+for hints: `Vector`, an array (n,); `Signal`, a function of a run that returns one; `Source`, a name
+or a `Signal`; `Figures`, the figures of merit by name."""
+_BLOCKS = {  # module -> what a law takes of it, by way of laws.block
+    "executive.laws.block": ("Block", "Prepared"),
+    "executive.laws.ports": ("port", "Port", "group", "required", "Nothing"),
+    "drivers.stage": ("stage",),
+    "drivers.jit": ("inline",),
+}
+_PARTS = (
+    "sensors", "noise", "integrate", "transport", "actuators.stick_slip", "actuators.friction",
+    "actuators.lugre_implicit", "actuators.sliding", "actuators.backlash", "actuators.deadzone",
+    "actuators.gear", "actuators.drive",
+)  # fmt: skip
+_EVALUATION = {
+    "plants.judging": ("Run", "Judged", "Merit"),
+    "plants.pages": ("Panel", "Line", "Level"),
+    "plants.evaluation": ("settling", "started", "diverged"),
+}
 
 
 def commands() -> str:
@@ -100,13 +137,94 @@ def api() -> str:
     lines = [_API]
     for name in sorted(pcpc.__all__, key=lambda name: (name[0].isupper(), name)):
         module, _, other = pcpc._WHERE[name].partition(":")
-        source = inspect.getsource(importlib.import_module(f"pcpc.{module}"))
-        (found,) = (
-            node for node in ast.parse(source).body
-            if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == (other or name)
-        )  # fmt: skip
-        lines += _definition(found, f"pcpc.{name}", "##")
+        lines += _definition(_defined(module)[other or name], f"pcpc.{name}", "##")
     return "\n".join(lines) + "\n"
+
+
+def rig_python() -> str:
+    """Return the page of what a rig's Python files import."""
+    lines = [_RIG_PYTHON, "## Laws and plants: blocks\n", _told("executive.laws.block")]
+    lines += _vocabulary(_BLOCKS)
+    lines += ["\n## Functions with the same bits everywhere\n", _told("executive.laws.emath")]
+    lines += _functions("executive.laws.emath")
+    lines.append("\n## Parts of plants")
+    for part in _PARTS:
+        lines += [f"\n### {part}\n", _told(f"plants.{part}"), *_functions(f"plants.{part}")]
+    lines += ["\n## References\n", _told("executive.laws.references"), *_references()]
+    lines += ["\n## An evaluation\n", _told("plants.evaluation"), "\n### Figures of merit\n"]
+    merits = f"A {_statistics()} takes what `Merit` does, but the statistic."
+    lines += [*textwrap.wrap(merits, _COLUMNS), _TYPES]
+    lines += _vocabulary(_EVALUATION)
+    return "\n".join(lines) + "\n"
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(f"pcpc.{name}")
+
+
+def _told(module: str) -> str:
+    return _prose(inspect.cleandoc(_module(module).__doc__))
+
+
+def _defined(module: str) -> dict[str, Any]:
+    """Return the functions and classes that a module defines."""
+    body = ast.parse(inspect.getsource(_module(module))).body
+    kinds = ast.FunctionDef | ast.ClassDef
+    return {node.name: node for node in body if isinstance(node, kinds)}
+
+
+def _vocabulary(parts: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the chapters of functions and classes; of a record also how it is made."""
+    lines = []
+    for module, names in parts.items():
+        for name, node in ((name, _defined(module)[name]) for name in names):
+            head, *rest = _definition(node, name, "###")
+            made = any("dataclass" in ast.unparse(one) for one in node.decorator_list)
+            lines += [head, *([f"```text\n{_made(node)}\n```\n"] if made else []), *rest]
+    return lines
+
+
+def _made(node: ast.ClassDef) -> str:
+    """Return how a record is made: its fields in their order, those with a default as such."""
+    fields = [one for one in node.body if isinstance(one, ast.AnnAssign)]
+    told = {ast.unparse(one.target): ast.unparse(one.value) if one.value else "" for one in fields}
+    texts = [
+        name + (f"={'...' if default.startswith('field') else default}" if default else "")
+        for name, default in told.items() if "init=False" not in default and name[0] != "_"
+    ]  # fmt: skip
+    return f"{node.name}({', '.join(texts)})"
+
+
+def _functions(module: str) -> list[str]:
+    """Return a table of a module's public functions."""
+    lines = [f"\n| `from pcpc.{module} import` | |", "|---|---|"]
+    for name, node in _defined(module).items():
+        if name[0] != "_" and isinstance(node, ast.FunctionDef):
+            said = " ".join((ast.get_docstring(node) or "").split("\n\n")[0].split())
+            text = ", ".join(one.arg for one in node.args.args)
+            lines.append(f"| `{name}({text})` | {said.replace('|', '&#124;')} |")
+    return lines
+
+
+def _references() -> list[str]:
+    """Return a table of the ready-made references with their parameters."""
+    lines = ["\n| `law:` | parameter | unit | default | range | |", "|---|---|---|---|---|---|"]
+    for module in ("references", "sequences"):
+        found = vars(_module(f"executive.laws.{module}")).items()
+        for name, block in ((name, one) for name, one in found if isinstance(one, Block)):
+            for number, one in enumerate(block.settings):
+                law = "" if number else f"`{module}:{name}`"
+                default = "required" if one.default is None else f"`{one.default:g}`"
+                about = f"`{one.name}` | {one.unit} | {default} | {one.low:g} to {one.high:g}"
+                lines.append(f"| {law} | {about} | {one.help} |")
+    return lines
+
+
+def _statistics() -> str:
+    """Return the names of the kinds of Merit."""
+    found = vars(_module("plants.evaluation")).items()
+    names = [f"`{name}`" for name, one in found if isinstance(one, partial)]
+    return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
 def _definition(node: Any, name: str, level: str) -> list[str]:
@@ -136,7 +254,11 @@ def _type(node: ast.FunctionDef) -> str:
 def _call(name: str, node: ast.FunctionDef) -> str:
     """Return a function's signature, an argument a line where it would be too long."""
     node.args.args = [one for one in node.args.args if one.arg != "self"]
-    text = re.sub(r"(: [^=,]+)=", r"\1 = ", ast.unparse(node.args)).replace("'", "")
+    text = (
+        re.sub(r"(: [^=,]+)=", r"\1 = ", ast.unparse(node.args))
+        .replace("''", '""')
+        .replace("'", "")
+    )
     returned = f" -> {_type(node)}"
     if len(f"{name}({text}){returned}") <= _COLUMNS:
         return f"{name}({text}){returned}"
@@ -153,7 +275,7 @@ def _prose(text: str) -> str:
     )
 
 
-PAGES = {"commands.md": commands, "api.md": api}
+PAGES = {"commands.md": commands, "api.md": api, "rig-python.md": rig_python}
 
 if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)

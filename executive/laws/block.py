@@ -43,8 +43,14 @@ class Block:
     """A stage with what a rig may set of it.
 
     `settings` declares that, where it is not the parameters; then `prepare(settings, rate_hz,
-    seed)` computes parameters and initial states from them, once, at set-up. TypeError: the step is
-    no stage.
+    seed)` computes parameters and initial states from them, once, at set-up:
+
+        def prepare(settings, rate_hz, seed):    # settings: those of `p` and begin_m
+            return Prepared(settings, {"level_m": settings["begin_m"]})
+
+        BLOCK = Block(step, Settings, prepare)
+
+    TypeError: the step is no stage.
     """
 
     step: Stage

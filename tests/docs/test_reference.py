@@ -1,9 +1,11 @@
 """docs/reference tells what the parser and the docstrings say now."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import pcpc
+from pcpc.plants import evaluation
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 SPEC = importlib.util.spec_from_file_location("reference", DOCS / "site" / "reference.py")
@@ -23,4 +25,9 @@ def test_every_option_and_every_function_has_its_line() -> None:
     for told in ("### pcpc run\n", "### pcpc log cat\n", "`--set NAME=VALUE`", "-- COMMAND"):
         assert told in commands, told
     assert all(f"## pcpc.{name}\n" in api for name in pcpc.__all__)
+    python = reference.rig_python()
+    for name in evaluation.__all__:
+        assert re.search(rf"\b{name}\b", python), name
+    for told in ("### port\n", "| `clip(x, low, high)`", "| `references:step` | `amplitude_rad`"):
+        assert told in python, told
     assert "`metrics` | `dict[str, float]`" in api and "### pcpc.Live.wait_until" in api

@@ -21,7 +21,7 @@ from pcpc.executive.laws.emath import clip, where
 
 
 class Gains(Ports):
-    """What `pcpc set controller.kp_V_rad=12` tunes while it runs."""
+    """What `pcpc set controller.ki_V_rads=300` tunes while it runs."""
 
     kp_V_rad = port("V/rad", "Kp, on the error", None, 0.0, 1e4)
     ki_V_rads = port("V/(rad s)", "Ki, on its integral", None, 0.0, 1e6)

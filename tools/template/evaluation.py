@@ -5,7 +5,7 @@
     settled_s            time from the window's begin until |e| stays within 30 mrad          (3)
     rest_error_max_mrad  largest |e| from `rest_from_s` on                                    (4)
 
-What else may stand here: pcpc/plants/evaluation.py. mrad, V, A, s.
+What else may stand here: docs/reference/rig-python.md of pcpc. mrad, V, A, s.
 """
 
 import numpy as np
