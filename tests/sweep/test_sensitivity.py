@@ -1,0 +1,103 @@
+"""Sensitivity: closed forms of a linear model, the Ishigami function and an interaction."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pcpc.tools.sweep import vary
+from pcpc.tools.sweep.sensitivity import Share, shares
+
+CUBE = vary.all_parsed([f"x{i}=-3.141592653589793:3.141592653589793" for i in (1, 2, 3)])
+
+
+def ishigami(x: np.ndarray) -> np.ndarray:
+    """S1 = 0.3139, 0.4424, 0; ST = 0.5576, 0.4424, 0.2437 for a = 7, b = 0.1."""
+    return np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+
+
+def drawn(n: int, sampling: str, seed: int = 1) -> np.ndarray:
+    return vary.values(CUBE, vary.points(CUBE, n, sampling, seed), (0.0, 0.0, 0.0))
+
+
+def by_name(found: list[Share]) -> dict[str, Share]:
+    return {share.name: share for share in found}
+
+
+@pytest.mark.parametrize("sampling", ["random", "lhs", "sobol"])
+def test_the_ishigami_function(sampling: str) -> None:
+    x = drawn(4096, sampling)
+    found = shares(("x1", "x2", "x3"), x, ishigami(x))
+    assert [share.name for share in found] == ["x2", "x1", "x3"]
+    for share, exact in zip(found, (0.4424, 0.3139, 0.0), strict=True):
+        assert share.first == pytest.approx(exact, abs=0.03), share
+        assert share.low - 0.01 < exact < share.high + 0.01 and share.high - share.low < 0.1
+        assert math.isnan(share.total)
+
+
+def test_a_linear_model_with_noise_and_a_variation_that_does_nothing() -> None:
+    rng = np.random.default_rng(2)
+    x = rng.random((3000, 3))
+    y = 3.0 * x[:, 0] + 4.0 * x[:, 1] + math.sqrt(25 / 12) * rng.standard_normal(3000)
+    found = by_name(shares("abc", x, y))
+    for name, exact in (("a", 0.18), ("b", 0.32), ("c", 0.0)):  # 9, 16 and 0 of 50
+        assert found[name].first == pytest.approx(exact, abs=0.03), found[name]
+
+
+@pytest.mark.parametrize(("n", "runs"), [(60, 400), (500, 100)])
+def test_the_estimate_has_no_bias_from_noise(n: int, runs: int) -> None:
+    rng = np.random.default_rng(3)
+    found = [
+        shares("a", rng.random((n, 1)), rng.standard_normal(n))[0].first for _ in range(runs // 10)
+    ]
+    error = np.std(found) / math.sqrt(len(found))
+    assert abs(np.mean(found)) < 4.0 * error, (np.mean(found), error)
+
+
+def test_intervals_cover_at_about_their_rate() -> None:
+    covered = []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        x = rng.random((200, 2))
+        share = by_name(shares("ab", x, x[:, 0] + x[:, 1], seed))["a"]
+        covered.append(share.low <= 0.5 <= share.high)
+    assert np.mean(covered) > 0.85, np.mean(covered)
+
+
+def test_a_choice_is_its_values_in_any_order() -> None:
+    rng = np.random.default_rng(4)
+    kind = rng.choice([1.0, 2.0, 7.0], 900)
+    effect = np.array([5.0, -1.0, 2.0])[np.searchsorted([1.0, 2.0, 7.0], kind)]  # not monotone
+    other = rng.standard_normal(900)
+    found = by_name(shares(("kind", "other"), np.column_stack((kind, other)), effect + other))
+    assert found["kind"].first == pytest.approx(np.var(effect) / (np.var(effect) + 1), abs=0.02)
+
+
+def test_an_interaction_is_in_the_totals_of_a_grid_and_in_no_first_order() -> None:
+    two = vary.all_parsed(["a=-1:1:20", "b=choice(-1,1)", "c=0:1:2"])
+    x = vary.values(two, vary.points(two, 80, "grid", 0), (0.0, 0.0, 0.0))
+    rows = np.random.default_rng(5).permutation(80)  # the order of the runs says nothing
+    found = by_name(shares("abc", x[rows], (x[:, 0] * x[:, 1])[rows]))
+    assert (found["a"].total, found["b"].total, found["c"].total) == pytest.approx((1, 1, 0))
+    assert max(abs(share.first) for share in found.values()) < 0.35
+    part = shares("abc", x[:-1], (x[:, 0] * x[:, 1])[:-1])
+    assert all(math.isnan(share.total) for share in part), "a grid with a hole"
+
+
+def test_totals_of_the_ishigami_function_on_a_grid() -> None:
+    middle = (np.arange(24) + 0.5) / 24 * 2.0 * math.pi - math.pi
+    x = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"), axis=-1).reshape(-1, 3)
+    found = by_name(shares(("x1", "x2", "x3"), x, ishigami(x)))
+    assert [found[n].first for n in found] == pytest.approx([0.4424, 0.3139, 0.0], abs=4e-3)
+    totals = {name: share.total for name, share in found.items()}
+    assert totals == pytest.approx({"x1": 0.5576, "x2": 0.4424, "x3": 0.2437}, abs=5e-3)
+
+
+def test_what_cannot_be_told_is_not_a_number() -> None:
+    x = np.arange(10.0)[:, None]
+    for y in (np.ones(10), np.full(10, math.nan)):
+        assert math.isnan(shares("a", x, y)[0].first)
+    assert math.isnan(shares("a", np.ones((10, 1)), np.arange(10.0))[0].first)
+    assert math.isnan(shares("a", np.empty((0, 1)), np.empty(0))[0].first)
+    hole = np.where(np.arange(400) % 7, np.arange(400.0), math.nan)
+    assert shares("a", np.arange(400.0)[:, None], hole)[0].first > 0.99
