@@ -1,11 +1,8 @@
-"""`pcpc bus`: response times as published, as simulated, and what the command says of a rig."""
+"""`pcpc bus`: what it says of a rig's frames, and who else warns of what it finds."""
 
-import heapq
 import json
-import math
-import random
 from collections.abc import Sequence
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,139 +10,17 @@ import pytest
 from processes import own_bus, pcpc
 
 from pcpc.drivers import dbc
-from pcpc.drivers.frame_bits import classic_bits, fd_bits, transmission_ns
+from pcpc.drivers.frame_bits import fd_bits
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.bus import traffic
-from pcpc.tools.bus.response import Message, responses_ns
 from pcpc.tools.bus.traffic import Sent, Setup
 from pcpc.tools.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 HULL = str(ROOT / "plants/atb1000/rigs/hull.yaml")
 RELAY = ROOT / "tests/executive/relay/rig.yaml"
-MS = 1_000_000
 Screen = pytest.CaptureFixture[str]
-
-# Davis et al. 2007, table 1: seven bytes each, 125 kbit/s; deadlines 2.5, 3.25, 3.25 ms.
-BIT_NS = 8000
-SEVEN_BYTES_NS = transmission_ns(7, False, 125e3, None)
-A, B, C = (Message(SEVEN_BYTES_NS, period) for period in (5 * MS // 2, 7 * MS // 2, 7 * MS // 2))
-
-
-def test_the_three_messages_of_the_paper_have_its_response_times() -> None:
-    """C is schedulable by its first instance, 3 ms, and misses 3.25 ms by its second one."""
-    assert SEVEN_BYTES_NS == MS
-    assert responses_ns([A, B, C], BIT_NS) == [2 * MS, 3 * MS, 7 * MS // 2]
-    alone = Message(C.transmission_ns, 7 * MS)  # no second instance in the busy period
-    assert responses_ns([A, B, alone], BIT_NS)[2] == 3 * MS
-
-
-def test_the_lowest_frame_waits_for_no_lower_one_and_the_highest_for_one() -> None:
-    long, short = Message(135_000, 10 * MS), Message(55_000, 10 * MS)
-    assert responses_ns([short], 1000) == [55_000]
-    assert responses_ns([short, long], 1000) == [190_000, 190_000]
-    assert responses_ns([long, short], 1000) == [190_000, 190_000]
-
-
-# ----------------------------------------------------------------------------- against a simulation
-
-
-def simulated(
-    messages: Sequence[Message], queued: Sequence[Sequence[tuple[int, int]]], busy_ns: int = 0
-) -> list[int]:
-    """Return the longest times from event to end of transmission, on a bus busy until `busy_ns`.
-
-    `queued` gives (time of queueing, of the event before it) for each instance of each message.
-    The bus takes the most urgent of what waits whenever it is idle.
-    """
-    coming = sorted((at, m, event) for m, times in enumerate(queued) for at, event in times)
-    waiting: list[tuple[int, int, int]] = []
-    longest, now = [0] * len(messages), busy_ns
-    while coming or waiting:
-        if not waiting:
-            now = max(now, coming[0][0])
-        while coming and coming[0][0] <= now:
-            at, m, event = coming.pop(0)
-            heapq.heappush(waiting, (m, at, event))
-        m, _, event = heapq.heappop(waiting)
-        now += messages[m].transmission_ns
-        longest[m] = max(longest[m], now - event)
-    return longest
-
-
-def drawn(draw: random.Random) -> list[Message]:
-    """Return messages with a load between 40 and 97 %, jitter up to a period."""
-    while True:
-        messages = [
-            Message(
-                1000 * classic_bits(draw.randrange(9)),
-                period := draw.choice([500, 700, 1000, 2000, 3100, 5000]) * 1000,
-                draw.choice([0, 0, draw.randrange(period)]),
-            )
-            for _ in range(draw.randint(2, 8))
-        ]
-        if 0.4 < math.fsum(k.transmission_ns / k.period_ns for k in messages) < 0.97:
-            return messages
-
-
-@pytest.mark.parametrize("seed", range(40))
-def test_no_simulated_frame_takes_longer_than_its_response_time(seed: int) -> None:
-    draw = random.Random(seed)
-    messages = drawn(draw)
-    bound = responses_ns(messages, 1000)
-    for _ in range(10):
-        queued = []
-        for k in messages:
-            first = draw.choice([0, draw.randrange(k.period_ns)])
-            events = range(first, first + 20 * MS, k.period_ns)
-            queued.append([(e + draw.choice([0, k.jitter_ns]), e) for e in events])
-        for m, longest in enumerate(simulated(messages, queued)):
-            most = bound[m]
-            assert most is None or longest <= most, f"{messages[m]}: {longest} ns, bound {most} ns"
-
-
-@pytest.mark.parametrize("seed", range(40))
-def test_the_response_time_is_reached_at_the_critical_instant(seed: int) -> None:
-    """All are queued as the longest lower frame has just begun, the first of each late by its J."""
-    messages = drawn(random.Random(seed))
-    for m, bound in enumerate(responses_ns(messages, 1)):
-        blocking = max((k.transmission_ns for k in messages[m + 1 :]), default=0)
-        events = [range(-k.jitter_ns, 30 * MS, k.period_ns) for k in messages[: m + 1]]
-        queued = [[(max(e, 0), e) for e in times] for times in events]
-        reached = simulated(messages[: m + 1], queued, blocking)[m]
-        assert reached == bound, f"{m} of {messages}: {reached} ns reached, bound {bound} ns"
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_slower_bits_more_jitter_and_errors_only_lengthen_responses(seed: int) -> None:
-    messages = drawn(random.Random(seed))
-
-    def told(factor: float, jitter_ns: int, error_every_ns: int) -> list[float]:
-        changed = [
-            Message(round(factor * k.transmission_ns), k.period_ns, k.jitter_ns + jitter_ns)
-            for k in messages
-        ]
-        found = responses_ns(changed, round(1000 * factor), error_every_ns)
-        return [math.inf if ns is None else ns for ns in found]
-
-    chain = [told(0.9, 0, 0), told(1.0, 0, 0), told(1.0, 0, 50 * MS), told(1.0, 0, 5 * MS),
-             told(1.0, 50_000, 5 * MS), told(1.1, 50_000, 5 * MS)]  # fmt: skip
-    for shorter, longer in pairwise(chain):
-        assert all(a <= b for a, b in zip(shorter, longer, strict=True)), (shorter, longer)
-    assert chain[0] < chain[-1]
-
-
-def test_an_error_costs_its_frame_and_the_transmission_anew() -> None:
-    """31 bits of error frame, then the longest frame that it can have hit, once in 100 ms."""
-    alone = Message(100_000, 10 * MS)
-    assert responses_ns([alone], 1000, 100 * MS) == [100_000 + 31_000 + 100_000]
-
-
-def test_without_a_bound_there_is_no_number() -> None:
-    half = Message(500, 1000)
-    assert responses_ns([half, half, half], 1) == [1000, None, None]
-    assert responses_ns([Message(100, 1000)], 1, 100) == [None], "errors alone fill the bus"
 
 
 # ----------------------------------------------------------------------------------- a rig's frames
@@ -246,13 +121,13 @@ def test_the_table_has_a_line_for_each_frame_by_priority(capsys: Screen) -> None
     words = [line.split() for line in lines]
     assert lines[0] == "hull at 1000 Hz, bus at 1 Mbit/s (of the rig), classic CAN"
     assert words[3] == ["0x080", "SYNC", "EXEC", "2", "75", "1000", "75", "210", "500", "290"]
-    assert words[7] == ["0x122", "FB_C", "PLANT", "8", "135", "1000", "135", "750", "500", "-250"]
+    assert words[7] == ["0x122", "FB_C", "PLANT", "8", "135", "1000", "135", "540", "500", "-40"]
     text = " ".join(" ".join(lines).split())
     for said in (
         "load 67.4%",
         "(up to 1333 Hz; at 1000 Hz from 750 kbit/s on)",
-        "held FB_B, FB_C may miss the receiver's cycle",
-        "(none up to 666 Hz; at 1000 Hz at no bit rate of CAN)",
+        "held FB_C may miss the receiver's cycle",
+        "(none up to 925 Hz; at 1000 Hz at no bit rate of CAN)",
     ):
         assert said in text, text
 
@@ -283,6 +158,33 @@ def test_jitter_and_errors_are_told_and_count(capsys: Screen) -> None:
     assert main(["bus", HULL, "--jitter", "20us", "--error-every", "1s"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "jitter 20 us each, a bus error every 1000 ms" in out, out
+
+
+def test_without_a_common_clock_the_response_times_are_those_of_any_phases(capsys: Screen) -> None:
+    (kept,) = report(capsys, HULL)["buses"]
+    (drifting,) = report(capsys, HULL, "--any-phase")["buses"]
+    found = {frame["name"]: frame for frame in drifting["frames"]}
+    assert (found["FB_C"]["response_us"], found["FB_C"]["deadline_us"]) == (750.0, 1000.0)
+    assert found["CMD"]["response_us"] == 135 + 75 + 135, "one lower frame, SYNC, its own"
+    assert (kept["phases_kept"], drifting["phases_kept"]) == (True, False)
+    (sync,) = report(capsys, HULL, "--set", "pacing=sync")["buses"]
+    assert [frame["response_us"] for frame in sync["frames"]] == [
+        frame["response_us"] for frame in drifting["frames"]
+    ]
+
+
+def test_in_the_order_of_the_loop_slow_frames_are_ahead_of_the_command(capsys: Screen) -> None:
+    (bus,) = report(capsys, HULL, "--in-order", "--rate", "500")["buses"]
+    found = {frame["name"]: frame["response_us"] for frame in bus["frames"]}
+    slow = 5 * 135 + 65
+    assert found["CMD"] == slow + 135, "all slow frames, itself; the plant's are long gone"
+    assert found["SYNC"] == found["CMD"] + 75, "the last of a cycle"
+    (bus,) = report(capsys, HULL, "--in-order", code=1)["buses"]
+    assert not bus["fits"] and not bus["in_time"], bus
+    assert main(["bus", HULL, "--in-order"]) == 1
+    out = capsys.readouterr().out
+    assert "frames of a node in the order of its" in out, out
+    assert [line for line in out.splitlines() if len(line) > 80] == []
 
 
 def test_a_rig_without_a_bit_rate_is_judged_at_the_highest(capsys: Screen) -> None:

@@ -3,7 +3,7 @@
 The bit rate is --bitrate, else the rig's `bus.bitrate`, else 1 Mbit/s, classic CAN's highest: what
 is late there is late on any. With --data-bitrate the same frames travel as CAN FD frames that
 switch to it. What the numbers mean stands in `tools.bus.traffic`, the equations in
-`tools.bus.response`.
+`tools.bus.response` and `tools.bus.arranged`.
 """
 
 import argparse
@@ -38,7 +38,8 @@ def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
     below = config.local.bus if config.local else None
     of_rig = (config.bus.bitrate, (below and below.bitrate) or config.bus.bitrate)
     names = ("bus", "local bus")
-    for name, own, frames in zip(names, of_rig, traffic.buses(rig), strict=False):
+    found = traffic.buses(rig, options.any_phase)
+    for name, own, frames in zip(names, of_rig, found, strict=False):
         bitrate, origin = options.bitrate, "--bitrate"
         if bitrate is None:
             bitrate, origin = (
@@ -50,6 +51,7 @@ def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
         setup = Setup(
             config.rate_hz, bitrate, options.data_bitrate,
             _ns("--jitter", options.jitter), _ns("--error-every", options.error_every),
+            options.in_order,
         )  # fmt: skip
         yield Bus(name, origin, setup, frames, traffic.analysed(frames, setup))
 

@@ -23,6 +23,11 @@ class Bus:
     frames: Sequence[Sent]
     rows: Sequence[Row]
 
+    @property
+    def phases_kept(self) -> bool:
+        """Whether the nodes keep their phases to each other."""
+        return any(sent.phase is not None for sent in self.frames)
+
     def limits(self, good: Good) -> tuple[int, int | None]:
         """Return the highest rate and the lowest bit rate that are `good`."""
         return (
@@ -51,7 +56,8 @@ def _bus(bus: Bus) -> dict[str, Any]:
     return {
         "name": bus.name, "bitrate": bus.setup.bitrate, "bitrate_from": bus.origin,
         "data_bitrate": bus.setup.data_bitrate, "jitter_us": bus.setup.jitter_ns / 1e3,
-        "error_every_us": bus.setup.error_every_ns / 1e3, "load": traffic.load(bus.rows),
+        "error_every_us": bus.setup.error_every_ns / 1e3, "phases_kept": bus.phases_kept,
+        "in_order": bus.setup.in_order, "load": traffic.load(bus.rows),
         "fits": traffic.fits(bus.rows), "fits_to_hz": fits[0], "fits_from_bitrate": fits[1],
         "in_time": traffic.in_time(bus.rows), "in_time_to_hz": in_time[0],
         "in_time_from_bitrate": in_time[1], "frames": [_frame(row, bus) for row in bus.rows],
@@ -103,10 +109,15 @@ def _us(ns: int) -> str:
 
 def _verdicts(bus: Bus) -> Iterator[tuple[str, str]]:
     setup, rows = bus.setup, bus.rows
-    disturbed = [f"jitter {setup.jitter_ns / 1e3:g} us each"] if setup.jitter_ns else []
+    given = ["phases of the nodes as in the rig" if bus.phases_kept else "any phases of the nodes"]
+    if setup.in_order:
+        given.append("frames of a node in the order of its loop")
+    if setup.jitter_ns:
+        given.append(f"jitter {setup.jitter_ns / 1e3:g} us each")
     if setup.error_every_ns:
-        disturbed.append(f"a bus error every {setup.error_every_ns / 1e6:g} ms")
-    yield "load", ", ".join([f"{traffic.load(rows):.1%} in the worst case", *disturbed])
+        given.append(f"a bus error every {setup.error_every_ns / 1e6:g} ms")
+    yield "with", ", ".join(given)
+    yield "load", f"{traffic.load(rows):.1%} in the worst case"
     late = [row.sent.frame.name for row in rows if row.late]
     what = "every frame is gone before the next of its kind ("
     if late:

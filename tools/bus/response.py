@@ -41,12 +41,17 @@ def responses_ns(
     return [_response_ns(messages, m, bit_ns, error_every_ns) for m in range(len(messages))]
 
 
+def error_cost_ns(messages: Sequence[Message], bit_ns: int) -> int:
+    """Return what an error costs at most: an error frame, and one of `messages` anew."""
+    return _ERROR_BITS * bit_ns + max(k.transmission_ns for k in messages)
+
+
 def _response_ns(
     messages: Sequence[Message], m: int, bit_ns: int, error_every_ns: int
 ) -> int | None:
     own, higher = messages[m], messages[:m]
     blocking = max((k.transmission_ns for k in messages[m + 1 :]), default=0)  # (1)
-    error_ns = _ERROR_BITS * bit_ns + max(k.transmission_ns for k in messages[: m + 1])
+    error_ns = error_cost_ns(messages[: m + 1], bit_ns)
     load = math.fsum(k.transmission_ns / k.period_ns for k in messages[: m + 1])
     if load + (error_ns / error_every_ns if error_every_ns else 0.0) > _FULL:
         return None

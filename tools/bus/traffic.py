@@ -4,10 +4,12 @@
     held   a frame of every cycle may come after its receiver's next cycle, which then runs on the
            frame before: one sample of delay more
 
-A frame is needed within its period; one of every cycle before the receiver's next cycle. In pacing
-real that is given by the phases of the nodes (`realtime.*.phase`), in pacing sync command and
-feedback get half a period each, in lockstep nobody waits for a clock. Times count from the sender's
-cycle.
+In pacing real the nodes of one machine keep the phases of the rig (`realtime.*.phase`) to each
+other. Then a frame of every cycle is needed before its receiver's next cycle, and what another
+node sends half a period later does not delay it. In pacing sync the phases may be any, and command
+and feedback get half a period each; in lockstep nobody waits for a clock. All other frames are
+needed within their period, also between machines, whose phases drift. Times count from the
+sender's cycle.
 """
 
 import math
@@ -18,18 +20,23 @@ from pcpc.drivers import dbc
 from pcpc.drivers.frame_bits import transmission_ns
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.bus.response import Message, responses_ns
+from pcpc.tools.bus.arranged import Queued, Wire, bounds_ns
+from pcpc.tools.bus.response import responses_ns
 
 MOST_HZ, MOST_CLASSIC = 20_000, 1_000_000  # of a rig's rate; bit/s of classic CAN
 
 
 @dataclass(frozen=True)
 class Sent:
-    """A frame with its sender, and the share of a period after which its receiver wants it."""
+    """A frame with its sender, and the share of a cycle after which its receiver wants it.
+
+    `phase`: of the sender, as a share of a cycle; None for any.
+    """
 
     frame: dbc.Frame
     sender: str
     wanted: float = 1.0
+    phase: float | None = None
 
     @property
     def priority(self) -> tuple[int, bool, int]:
@@ -40,13 +47,17 @@ class Sent:
 
 @dataclass(frozen=True)
 class Setup:
-    """What the frames meet: rates, and what makes them late. `data_bitrate`: all are FD frames."""
+    """What the frames meet: rates, and what makes them late. `data_bitrate`: all are FD frames.
+
+    `in_order`: a node sends its frames in the order of its loop, not by priority.
+    """
 
     rate_hz: float
     bitrate: int
     data_bitrate: int | None = None
     jitter_ns: int = 0
     error_every_ns: int = 0
+    in_order: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,24 +82,26 @@ class Row:
 
     @property
     def held(self) -> bool:
-        """Whether it may only miss its receiver's next cycle."""
-        return not self.late and self.margin_ns is not None and self.margin_ns < 0
+        """Whether, sent every cycle, it may miss its receiver's next one."""
+        return not self.sent.frame.cycle_ms and (self.margin_ns is None or self.margin_ns < 0)
 
 
-def buses(rig: Rig) -> list[list[Sent]]:
+def buses(rig: Rig, any_phase: bool = False) -> list[list[Sent]]:
     """Return the frames on each of a rig's buses by priority, the executive's bus first."""
     database = messages.database_of(rig)
     role_of = {node.node: role for role, node in rig.config.sections.items()}
-    phase = {node: rig.config.realtime.of(role).phase for node, role in role_of.items()}
+    phases = {node: rig.config.realtime.of(role).phase for node, role in role_of.items()}
+    kept = rig.config.pacing == "real" and not any_phase
 
     def sent(message: dbc.Message) -> Sent:
         frame, sender = dbc.frame(message), next(iter(message.senders), "")
-        heard = [phase[n] for n in message.receivers if n in phase and not frame.cycle_ms]
-        if sender not in phase or not heard or rig.config.pacing == "lockstep":
-            return Sent(frame, sender)
-        if rig.config.pacing == "sync":
-            return Sent(frame, sender, 0.5)
-        return Sent(frame, sender, min((p - phase[sender]) % 1.0 or 1.0 for p in heard))
+        phase = phases.get(sender) if kept else None
+        heard = [phases[name] for name in message.receivers if name in phases]
+        if frame.cycle_ms or sender not in phases or not heard:
+            return Sent(frame, sender, 1.0, phase)
+        if phase is not None:
+            return Sent(frame, sender, min((p - phase) % 1.0 or 1.0 for p in heard), phase)
+        return Sent(frame, sender, 0.5 if rig.config.pacing == "sync" else 1.0)
 
     with messages.errors_named(rig):
         return [
@@ -102,16 +115,38 @@ def buses(rig: Rig) -> list[list[Sent]]:
 
 def analysed(frames: Sequence[Sent], setup: Setup) -> list[Row]:
     """Return the times of the frames of a bus, by priority."""
-    rows = []
+    cycle_ns = 1e9 / setup.rate_hz
+    in_cycle = sorted(frames, key=lambda entry: messages.sending_order(entry.frame))
+    queued, needed = [], []
     for sent in frames:
-        frame, cycle_ns = sent.frame, 1e9 / setup.rate_hz
-        period_ns = math.floor(frame.every_n(setup.rate_hz) * cycle_ns)
+        frame, period_ns = sent.frame, math.floor(sent.frame.every_n(setup.rate_hz) * cycle_ns)
         takes_ns = transmission_ns(frame.dlc, frame.extended, setup.bitrate, setup.data_bitrate)
-        wanted_ns = period_ns if sent.wanted == 1.0 else math.floor(sent.wanted * cycle_ns)
-        rows.append(Row(sent, takes_ns, period_ns, wanted_ns, None))
-    queued = [Message(row.transmission_ns, row.period_ns, setup.jitter_ns) for row in rows]
-    found = responses_ns(queued, math.ceil(1e9 / setup.bitrate), setup.error_every_ns)
-    return [replace(row, response_ns=ns) for row, ns in zip(rows, found, strict=True)]
+        phase_ns = None if sent.phase is None else math.floor(sent.phase * cycle_ns)
+        queued.append(
+            Queued(
+                takes_ns, period_ns, setup.jitter_ns, sent.sender, phase_ns, in_cycle.index(sent)
+            )
+        )
+        needed.append(period_ns if sent.wanted == 1.0 else math.floor(sent.wanted * cycle_ns))
+    wire = Wire(
+        math.ceil(1e9 / setup.bitrate), math.floor(cycle_ns), setup.error_every_ns, setup.in_order
+    )
+    return [
+        Row(sent, k.transmission_ns, k.period_ns, deadline_ns, response_ns)
+        for sent, k, deadline_ns, response_ns in zip(
+            frames, queued, needed, _responses_ns(queued, wire), strict=True
+        )
+    ]
+
+
+def _responses_ns(queued: Sequence[Queued], wire: Wire) -> list[int | None]:
+    """Return the lower of the bounds that hold."""
+    bounds = bounds_ns(queued, wire)
+    if wire.in_order:
+        return bounds
+    exact = responses_ns(queued, wire.bit_ns, wire.error_every_ns)
+    both = zip(bounds, exact, strict=True)
+    return [min((ns for ns in pair if ns is not None), default=None) for pair in both]
 
 
 def load(rows: Sequence[Row]) -> float:

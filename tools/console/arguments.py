@@ -69,6 +69,10 @@ def bus(add: Add) -> None:
     add("--rate", type=_hz, metavar="RATE", help="cycles a second, instead of the rig's: 2kHz")
     add("--jitter", metavar="TIME",
         help="from a node's cycle to its frames: waking, work; 100us; default 0")  # fmt: skip
+    add("--any-phase", action="store_true",
+        help="nodes on clocks of their own, as two machines: their phases drift")  # fmt: skip
+    add("--in-order", action="store_true",
+        help="a node sends in its loop's order, as SocketCAN; default: by priority")  # fmt: skip
     add("--error-every", metavar="TIME", help="a bus error at most this often: 10ms; default none")
     _json(add)
 
