@@ -21,7 +21,7 @@ from cantools.database.can.signal import Signal as DbcSignal
 from numpy.typing import NDArray
 
 from pcpc.drivers import can_id
-from pcpc.drivers.dbc_file import load, parse, text
+from pcpc.drivers.dbc_file import load, parse, place, text
 from pcpc.drivers.errors import BusError, DbcError, printable
 from pcpc.drivers.frame_bits import classic_bits
 
@@ -37,6 +37,7 @@ __all__ = [
     "frames",
     "load",
     "parse",
+    "place",
     "table",
     "text",
 ]
@@ -84,6 +85,12 @@ class Signal:
     kind: int
     codes: tuple[float, float]
     choices: Mapping[int, str]
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The lowest and highest value that it holds."""
+        low, high = sorted(float(code) * self.factor + self.offset for code in self.codes)
+        return low, high
 
 
 @dataclass(frozen=True)

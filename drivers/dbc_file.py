@@ -94,6 +94,20 @@ def parse(path: str | Path, content: str, *, strict: bool) -> Database:
     return database
 
 
+def place(path: str | Path, frame: str, signal: str) -> str:
+    """Return file:line of a signal; the file alone where it is not found."""
+    bare, inside = _without_strings(text(path)), ""
+    for found in _FRAME_OR_SIGNAL.finditer(bare):
+        inside = found[1] or inside
+        if (inside, found[3]) == (frame, signal):
+            return f"{path}:{bare.count(chr(10), 0, found.start()) + 1}"
+    return str(path)
+
+
+def _without_strings(content: str) -> str:
+    return _STRING.sub(lambda found: '""' + "\n" * found[0].count("\n"), content)
+
+
 def _check_format(path: str | Path, content: str) -> None:
     """Raise DbcError for what is plainly something else."""
     begin = content.lstrip()
@@ -107,7 +121,7 @@ def _check_format(path: str | Path, content: str) -> None:
 
 def _check_sizes(path: str | Path, content: str) -> None:
     """Raise DbcError for a number that cantools would make a list of, however long."""
-    bare = _STRING.sub(lambda found: '""' + "\n" * found[0].count("\n"), content)
+    bare = _without_strings(content)
 
     def error(at: int, what: str) -> DbcError:
         line = bare.count("\n", 0, at) + 1

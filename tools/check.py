@@ -6,6 +6,8 @@ A signal that is sent but wired to nothing carries 0: a warning.
 
 import argparse
 import json
+import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from pcpc.executive.rig import trial
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import Use, users_case
+from pcpc.executive.rig.schema import Limit
 from pcpc.tools.bus import traffic
 from pcpc.tools.console import screen
 from pcpc.tools.verdict.judge import Judge, check
@@ -73,7 +76,7 @@ def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:
         "cycles": cycles_of(rig),
         "nodes": {made.role: _node(made) for made in plans},
         "bus": _bus(rig),
-        "warnings": [warning for made in plans for warning in _unwired(made)],
+        "warnings": [line for made in plans for line in (*_unwired(made), *_narrow(made))],
     }
 
 
@@ -118,6 +121,10 @@ def _frame(frame: dbc.Frame, rate_hz: float) -> dict[str, Any]:
         "period_ms": 1000.0 * every / rate_hz,
         "protected": frame.protected,
         "signals": [signal.name for signal in frame.signals],
+        "scales": [
+            {"unit": signal.unit, "quantum": abs(signal.factor), "range": signal.range}
+            for signal in frame.signals
+        ],
     }
 
 
@@ -153,6 +160,22 @@ def _unwired(made: Plan) -> list[str]:
                 f"{place}: {made.spec.name} sends 0 in {', '.join(bare)}: wired to nothing"
             )
     return lines
+
+
+def _narrow(made: Plan) -> Iterator[str]:
+    """Yield a line for each signal that cannot hold what the port that it is wired to may have."""
+    variables, sent = made.table.variables, made.copies[-1]
+    signals = {f"tx.{f.name}.{s.name}": (f, s) for f in made.tx_frames for s in f.signals}
+    for source, target in sent:
+        frame, signal = signals[variables[target].name]
+        name, port, (low, high) = f"{frame.name}.{signal.name}", variables[source], signal.range
+        limit = made.spec.limits.get(name, Limit())
+        asked = max(port.low, limit.low), min(port.high, limit.high)
+        beyond = low - asked[0], asked[1] - high
+        if port.kind == "output" and any(abs(signal.factor) < by < math.inf for by in beyond):
+            place = dbc.place(made.rig.dbc, frame.name, signal.name)
+            has = f"{port.name} goes from {asked[0]:g} to {asked[1]:g} {signal.unit}"
+            yield f"{place}: {name} holds {low:g} to {high:g} {signal.unit}, {has}: it will be cut"
 
 
 def show(report: dict[str, Any]) -> None:
@@ -198,6 +221,13 @@ def _show_node(role: str, node: dict[str, Any]) -> None:
             f"    0x{frame['id']:0{digits}X}  {frame['name']:{width}}  {frame['bytes']} bytes  "
             f"{when:13}{guard}".rstrip()
         )
+    rows = [
+        (f"    {frame['name']}.{name}", f"{scale['quantum']:g} {scale['unit']}".strip(),
+         f"{scale['range'][0]:g} to {scale['range'][1]:g}")
+        for frame in node["sends"]
+        for name, scale in zip(frame["signals"], frame["scales"], strict=True)
+    ]  # fmt: skip
+    print("\n".join(["  signals, their quantum and range", *screen.table(rows, (1,))]))
 
 
 def _show_bus(report: dict[str, Any]) -> None:

@@ -225,11 +225,34 @@ def _wire_blocks(made: Plan) -> None:
                     f"{spec.where()}: {spec.name}.{name} [{port.unit}] is not wired: {port.help}; "
                     f"add it to inputs"
                 )
-            source = made.table.source(
-                spec.inputs[name], port.unit, spec.where(f"inputs.{name}"), f"{spec.name}.{name}"
-            )
+            place = spec.where(f"inputs.{name}")
+            source = _source(made, spec.inputs[name], port.unit, place, f"{spec.name}.{name}")
             copies.append((source, target))
         made.copies.append(copies)
+
+
+def _source(made: Plan, name: str, unit: str, place: str, target: str) -> int:
+    """Return the index of a wiring source; RigError with the cures of a wrong unit."""
+    try:
+        return made.table.source(name, unit, place, target)
+    except RigError as error:
+        cure = _other_cure(made, name, target) if name in made.table.index else ""
+        raise RigError(f"{error}{cure}") from None
+
+
+def _other_cure(made: Plan, name: str, target: str) -> str:
+    """Return what else cures a wiring of two units: a reference from a table, the DBC file."""
+    block = made.rig.config.sections[made.role].blocks.get(name.partition(".")[0])
+    if block is not None and (block.law or "").startswith("references:"):
+        column = target.rpartition(".")[2]
+        what = "the ready-made references are angles"
+        return f"; {what}; for another unit: law: table with a column {column} (docs/rig.md)"
+    for path in (name.removeprefix("rx."), target):
+        frame, _, signal = path.partition(".")
+        if frame in (one.name for one in (*made.rx_frames, *made.tx_frames)):
+            where = dbc.place(made.rig.dbc, frame, signal)
+            return f"; or change unit and scale in {where}: nothing is converted"
+    return ""
 
 
 def _wire_frames(made: Plan) -> None:
@@ -245,7 +268,7 @@ def _wire_frames(made: Plan) -> None:
                 "the DBC file says which node sends a frame"
             )
         copies.append(
-            (table.source(source, sent[name].unit, place, name), table.index[f"tx.{name}"])
+            (_source(made, source, sent[name].unit, place, name), table.index[f"tx.{name}"])
         )
     made.copies += [[] for _ in range(sh.MAX_BLOCKS - len(made.copies))] + [copies]
     received = {v.name[3:] for v in table.variables if v.kind == "received"}

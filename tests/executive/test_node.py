@@ -70,8 +70,15 @@ ERRORS: dict[str, tuple[str, str, str]] = {
     ),
     "another unit": (
         inputs("hub_rate_rad_s: rx.FB_A.encoder"),
-        "controller.hub_rate_rad_s is in 'rad/s' but rx.FB_A.encoder is in 'rad'",
+        "controller.hub_rate_rad_s is in 'rad/s' but rx.FB_A.encoder is in 'rad'; wire a variable "
+        f"of the same unit; or change unit and scale in {SLEW10.parents[1] / 'atb1000.dbc'}:29: n",
         "rx.FB_A.encoder",
+    ),
+    "a reference in another unit": (
+        inputs("hub_rate_rad_s: reference.q_d_rad"),
+        "the ready-made references are angles; for another unit: law: table with a column "
+        "hub_rate_rad_s (docs/rig.md)",
+        "reference.q_d_rad",
     ),
     "missing input": (
         inputs("encoder_rad: null"),
@@ -105,7 +112,8 @@ ERRORS: dict[str, tuple[str, str, str]] = {
     ),
     "a signal with another unit": (
         executive("transmit:\n    CMD.tau_des: controller.e_rad"),
-        "CMD.tau_des is in 'N m' but controller.e_rad is in 'rad'",
+        "CMD.tau_des is in 'N m' but controller.e_rad is in 'rad'; wire a variable of the same "
+        f"unit; or change unit and scale in {SLEW10.parents[1] / 'atb1000.dbc'}:",
         "controller.e_rad",
     ),
     "limits of an unknown signal": (

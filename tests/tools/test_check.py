@@ -4,13 +4,17 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from pcpc import simulate
 from pcpc.drivers import dbc
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import check
 from pcpc.tools.cli import main
+from pcpc.tools.new import write
+from pcpc.tools.verdict.report import rows
 
 ROOT = Path(__file__).resolve().parents[2]
 RIGS = ROOT / "plants/atb1000/rigs"
@@ -118,6 +122,47 @@ def test_a_sent_signal_that_is_wired_to_nothing_is_a_warning_with_its_place(
     assert [name for name in bare if name not in warned] == [], hull["warnings"]
     assert "CMD.motor_torque" not in warned, hull["warnings"]
     assert all(".yaml:" in warning for warning in hull["warnings"]), hull["warnings"]
+
+
+def narrow(folder: Path) -> Path:
+    """Return a rig whose current travels in 8 bits of 0.01 A, of a port that goes to 30 A."""
+    write(folder / "motor")
+    file = folder / "motor" / "motor.dbc"
+    text = file.read_text("utf-8")
+    assert " SG_ current : 32|16@1- (0.001,0) [-30|30]" in text
+    file.write_text(text.replace("32|16@1- (0.001,0) [-30|30]", "32|8@1+ (0.01,0) [-30|30]"))
+    return folder / "motor" / "rig.yaml"
+
+
+def test_a_scale_that_cannot_hold_its_ports_range_is_a_warning(
+    tmp_path: Path, capsys: Screen
+) -> None:
+    rig = narrow(tmp_path)
+    (warning,) = report(capsys, str(rig))["warnings"]
+    line = rig.with_name("motor.dbc").read_text("utf-8").split(" SG_ current")[0].count("\n") + 1
+    assert warning == (
+        f"{rig.with_name('motor.dbc')}:{line}: FB.current holds 0 to 2.55 A, "
+        "motor.sample_current_A goes from -30 to 30 A: it will be cut"
+    )
+    assert main(["check", str(rig)]) == 0
+    words = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "FB.current 0.01 A 0 to 2.55" in words and "FB.encoder 1e-06 rad -1000 to 1000" in words
+    bound = ["--set", "executive.limits.CMD.voltage.high=24"]
+    assert len(report(capsys, str(rig), *bound)["warnings"]) == 1
+
+
+def test_the_summary_names_the_signal_that_was_cut_most(tmp_path: Path) -> None:
+    run = simulate(narrow(tmp_path), quiet=True)
+    current = run["plant:motor.sample_current_A"]
+    above, below = (current > 2.555).sum(), (current < -0.005).sum()
+    assert above < below, "it brakes for longer"
+    first_s = 1e-3 * int(np.argmax(current < -0.005))
+    said = f"FB.current was cut to 0 A in {below} cycles, first at {first_s:.4g} s"
+    assert run.summary["most_cut"] == said, run.summary["most_cut"]
+    lines = [line for _, _, own in rows(run.summary, tmp_path, 80) for line in own]
+    assert said in lines, lines
+    whole = simulate(narrow(tmp_path / "b").parent / "rig.yaml", set={"duration_s": 0.05})
+    assert whole.summary["most_cut"] == "", "it has not moved"
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,17 @@ ended. The recorder counts them, also where the log keeps only a part.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
 
 from pcpc.drivers import dbc
 from pcpc.drivers.errors import BusError
+from pcpc.executive.log.long_logs import LongLog
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.schema import Limit
 
 STATES = {  # of drivers.e2e, which imports numba; lost frames are those between two that came
     0: "used", 1: "used", 2: "repeated", 3: "wrong_sequence", 4: "crc_errors", 6: "lost_on_purpose",
@@ -107,11 +112,46 @@ def frames_to(
     return found | {"nobody": {"sent": none}}
 
 
+def most_cut(rig: Rig, log: Log) -> str:
+    """Return which signal was cut in the most cycles, by its limits or by what it can hold.
+
+    "" for none, and of a log too long to be looked at for it.
+    """
+    found = [] if isinstance(log, LongLog) else [*_cuts(rig, log)]
+    cycles, text = max(found, default=(0, ""))
+    return text.format(cycles) if cycles else ""
+
+
+def _cuts(rig: Rig, log: Log) -> Iterator[tuple[int, str]]:
+    for role, section in rig.config.sections.items():
+        columns = log.node[role].columns if role in log.node else {}
+        limits = getattr(section, "limits", {})
+        for frame in _frames(rig, section.node, "tx"):
+            for signal in frame.signals:
+                name = f"{frame.name}.{signal.name}"
+                values, limit = (
+                    columns.get(section.transmit.get(name, "")),
+                    limits.get(name, Limit()),
+                )
+                if values is None:
+                    continue
+                low, high = max(signal.range[0], limit.low), min(signal.range[1], limit.high)
+                for bound, by in ((low, low - values), (high, values - high)):
+                    beyond = by > 0.5 * abs(signal.factor)
+                    first_s = float(log.node[role].cycle[np.argmax(beyond)]) / rig.config.rate_hz
+                    what = f"{name} was cut to {bound:g} {signal.unit}".rstrip()
+                    yield int(beyond.sum()), f"{what} in {{:,}} cycles, first at {first_s:.4g} s"
+
+
 def _listens(rig: Rig) -> dict[str, Sequence[dbc.Frame]]:
     """Return the frames that each node listens to."""
-    try:
-        database = dbc.load(rig.dbc)
-    except BusError:
-        return dict.fromkeys(rig.roles, ())
     sections = rig.config.sections.items()
-    return {str(role): dbc.frames(database, one.node, "rx") for role, one in sections}
+    return {str(role): _frames(rig, section.node, "rx") for role, section in sections}
+
+
+def _frames(rig: Rig, node: str, way: Literal["rx", "tx"]) -> Sequence[dbc.Frame]:
+    """Return the frames that a node sends or receives; none if the DBC file is not there."""
+    try:
+        return dbc.frames(dbc.load(rig.dbc), node, way)
+    except BusError:
+        return ()

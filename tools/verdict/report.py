@@ -174,6 +174,8 @@ def _frames(summary: Mapping[str, Any], width: int) -> list[Row]:
     others = [f"{name} {count:,}" for name, count in total.items() if name not in known]
     if others:
         found.append(("frames", "", _wrapped("  ".join(others), width)))
+    if summary["most_cut"]:
+        found.append(("frames", "", _wrapped(summary["most_cut"], width)))
     return found
 
 

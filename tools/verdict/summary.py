@@ -30,7 +30,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.distribution import Distribution
 from pcpc.executive.log.long_logs import LongLog
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.verdict.frames import frames_to, stayed_away, too_many, unlike
+from pcpc.tools.verdict.frames import frames_to, most_cut, stayed_away, too_many, unlike
 from pcpc.tools.verdict.judge import Judge
 from pcpc.tools.verdict.latest import level
 from pcpc.tools.verdict.outcome import HEALTH, Outcome
@@ -88,6 +88,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         "latest_cycles": outcome.latest,
         "frames": health,
         "frames_too_many": [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)],
+        "most_cut": most_cut(rig, log) if health["saturated_values"] else "",
         "frames_to": frames_to(rig, log, _each_health(log, outcome)),
         "records": {
             "written": _written(log, outcome),
