@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from pcpc.drivers import dbc
 from pcpc.drivers.frame_bits import fd_bits
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.bus import traffic
+from pcpc.tools.bus import figure, traffic
 from pcpc.tools.bus.traffic import Sent, Setup
 from pcpc.tools.cli import main
 
@@ -185,6 +185,31 @@ def test_in_the_order_of_the_loop_slow_frames_are_ahead_of_the_command(capsys: S
     out = capsys.readouterr().out
     assert "frames of a node in the order of its" in out, out
     assert [line for line in out.splitlines() if len(line) > 80] == []
+
+
+@pytest.mark.parametrize("setup", [Setup(1000.0, 10**6), Setup(500.0, 10**6, in_order=True)])
+def test_the_drawn_frames_are_there_by_their_worst_case(setup: Setup) -> None:
+    (hull,) = frames_of(HULL)
+    rows = traffic.analysed(hull, setup)
+    drawn = figure.arbitrated(*traffic.queued(hull, setup))
+    assert all(before[3] <= after[2] for before, after in pairwise(drawn)), "one at a time"
+    assert {hull[m].frame.name for m, *_ in drawn} == set(names(hull))
+    for m, due, begun, ended in drawn:
+        most = rows[m].response_ns
+        assert due <= begun and most is not None, hull[m]
+        assert ended - due <= most, f"{hull[m].frame.name}: {ended - due} ns, bound {most} ns"
+
+
+def test_the_fullest_cycle_is_drawn(tmp_path: Path, capsys: Screen) -> None:
+    picture = tmp_path / "bus.png"
+    assert main(["bus", str(RELAY), "--plot", str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
+    capsys.readouterr()
+    assert main(["bus", HULL, "--plot", str(tmp_path / "bus.txt")]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and "bus.txt: no picture; expected" in err, err
+    assert main(["bus", HULL, "--plot", str(tmp_path / "none" / "bus.png")]) == 4
+    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_a_rig_without_a_bit_rate_is_judged_at_the_highest(capsys: Screen) -> None:

@@ -14,13 +14,16 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.bus import report, traffic
+from pcpc.tools.bus import figure, report, traffic
 from pcpc.tools.bus.report import Bus, rate_of
 from pcpc.tools.bus.traffic import MOST_CLASSIC, Setup
+from pcpc.tools.console.picture import check_picture
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the times of all frames; NOT_MET if a frame is late."""
+    if options.plot is not None:
+        check_picture("--plot", options.plot)
     given = [*options.set]
     if options.rate is not None:
         given.append(f"rate_hz={options.rate!r}")
@@ -30,6 +33,8 @@ def command(options: argparse.Namespace) -> int:
         print(json.dumps(report.as_json(rig, found), indent=2))
     else:
         print("\n\n".join("\n".join(report.text_of(rig, bus)) for bus in found))
+    if options.plot is not None:
+        figure.draw(rig, found, options.plot)
     return Exit.OK if all(traffic.fits(bus.rows) for bus in found) else Exit.NOT_MET
 
 

@@ -113,38 +113,39 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[Sent]]:
         ]
 
 
-def analysed(frames: Sequence[Sent], setup: Setup) -> list[Row]:
-    """Return the times of the frames of a bus, by priority."""
+def queued(frames: Sequence[Sent], setup: Setup) -> tuple[list[Queued], Wire]:
+    """Return the frames of a bus, by priority, and the bus, as the analysis takes them."""
     cycle_ns = 1e9 / setup.rate_hz
     in_cycle = sorted(frames, key=lambda entry: messages.sending_order(entry.frame))
-    queued, needed = [], []
+    found = []
     for sent in frames:
-        frame, period_ns = sent.frame, math.floor(sent.frame.every_n(setup.rate_hz) * cycle_ns)
+        frame = sent.frame
         takes_ns = transmission_ns(frame.dlc, frame.extended, setup.bitrate, setup.data_bitrate)
+        period_ns = math.floor(frame.every_n(setup.rate_hz) * cycle_ns)
         phase_ns = None if sent.phase is None else math.floor(sent.phase * cycle_ns)
-        queued.append(
-            Queued(
-                takes_ns, period_ns, setup.jitter_ns, sent.sender, phase_ns, in_cycle.index(sent)
-            )
-        )
-        needed.append(period_ns if sent.wanted == 1.0 else math.floor(sent.wanted * cycle_ns))
-    wire = Wire(
-        math.ceil(1e9 / setup.bitrate), math.floor(cycle_ns), setup.error_every_ns, setup.in_order
-    )
-    return [
-        Row(sent, k.transmission_ns, k.period_ns, deadline_ns, response_ns)
-        for sent, k, deadline_ns, response_ns in zip(
-            frames, queued, needed, _responses_ns(queued, wire), strict=True
-        )
-    ]
+        place = in_cycle.index(sent)
+        found.append(Queued(takes_ns, period_ns, setup.jitter_ns, sent.sender, phase_ns, place))
+    bit_ns = math.ceil(1e9 / setup.bitrate)
+    return found, Wire(bit_ns, math.floor(cycle_ns), setup.error_every_ns, setup.in_order)
 
 
-def _responses_ns(queued: Sequence[Queued], wire: Wire) -> list[int | None]:
+def analysed(frames: Sequence[Sent], setup: Setup) -> list[Row]:
+    """Return the times of the frames of a bus, by priority."""
+    queue, wire = queued(frames, setup)
+    rows = []
+    for sent, k, response_ns in zip(frames, queue, _responses_ns(queue, wire), strict=True):
+        share = math.floor(sent.wanted * 1e9 / setup.rate_hz)
+        deadline_ns = k.period_ns if sent.wanted == 1.0 else share
+        rows.append(Row(sent, k.transmission_ns, k.period_ns, deadline_ns, response_ns))
+    return rows
+
+
+def _responses_ns(queue: Sequence[Queued], wire: Wire) -> list[int | None]:
     """Return the lower of the bounds that hold."""
-    bounds = bounds_ns(queued, wire)
+    bounds = bounds_ns(queue, wire)
     if wire.in_order:
         return bounds
-    exact = responses_ns(queued, wire.bit_ns, wire.error_every_ns)
+    exact = responses_ns(queue, wire.bit_ns, wire.error_every_ns)
     both = zip(bounds, exact, strict=True)
     return [min((ns for ns in pair if ns is not None), default=None) for pair in both]
 

@@ -74,6 +74,7 @@ def bus(add: Add) -> None:
     add("--in-order", action="store_true",
         help="a node sends in its loop's order, as SocketCAN; default: by priority")  # fmt: skip
     add("--error-every", metavar="TIME", help="a bus error at most this often: 10ms; default none")
+    add("--plot", type=Path, metavar="FILE.png", help="draw the fullest cycle of the bus")
     _json(add)
 
 

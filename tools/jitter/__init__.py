@@ -21,6 +21,7 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import code_of
+from pcpc.tools.console.picture import check_picture
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.jitter import loops, probe, report
 from pcpc.tools.jitter.figures import LEAST_CYCLES, Result, as_json
@@ -95,7 +96,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
             what = "is a folder" if path.is_dir() else f"there is no folder {path.parent}"
             raise JitterError(f"{option} {path}: {what}; choose another file")
     if options.plot is not None:
-        report.check_plot(options.plot)
+        check_picture("--plot", options.plot)
 
 
 def measure(

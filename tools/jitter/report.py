@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pcpc.drivers.errors import Exit
 from pcpc.tools.jitter.figures import (
     COMPARED,
     PCPC,
@@ -15,7 +14,6 @@ from pcpc.tools.jitter.figures import (
     percentiles,
     ratios,
 )
-from pcpc.tools.jitter.loops import JitterError
 from pcpc.tools.jitter.probe import STAGES, Node
 
 _BAR = 50
@@ -123,17 +121,6 @@ def _comparison(result: Result) -> Iterator[str]:
             line += f"{spread:>25}"
         yield line
     yield "all rounds together; ratios: median over the rounds (least..largest)"
-
-
-def check_plot(path: Path) -> None:
-    """Raise JitterError if no picture can be drawn to `path`, before anything is measured."""
-    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise JitterError(f"--plot {path}: no picture; expected FILE.png, .svg or .pdf")
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
-        what = "a picture needs matplotlib: pip install 'pcpc[plot]'"
-        raise JitterError(f"--plot {path}: {what}", Exit.ENVIRONMENT) from None
 
 
 def draw(result: Result, path: Path) -> None:

@@ -1,0 +1,16 @@
+"""Whether a picture can be drawn to a file, asked before anything is computed for it."""
+
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError
+
+
+def check_picture(option: str, path: Path) -> None:
+    """Raise UserError if matplotlib is missing or `path` is no picture's; `option` named it."""
+    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise UserError(f"{option} {path}: no picture; expected FILE.png, .svg or .pdf")
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        what = "a picture needs matplotlib: pip install 'pcpc[plot]'"
+        raise UserError(f"{option} {path}: {what}", Exit.ENVIRONMENT) from None
