@@ -255,7 +255,8 @@ TIGHT = "bus.bitrate=700000"  # load 96 %: FB_C may wait when the next one comes
 @pytest.mark.parametrize(
     ("settings", "warns"),
     [((), False), ((TIGHT,), True), (("bus.bitrate=null",), False),
-     ((TIGHT, "rate_hz=933"), False), ((TIGHT, "rate_hz=934"), True)],
+     ((TIGHT, "rate_hz=933"), False), ((TIGHT, "rate_hz=934"), True),
+     ((TIGHT, "rate_hz=1050"), False)],  # more than 100 %: refused
 )  # fmt: skip
 def test_a_rig_that_does_not_fit_its_bus_is_warned_of(
     settings: tuple[str, ...], warns: bool

@@ -194,20 +194,23 @@ def _boundary(most: int, yes: Callable[[int], bool]) -> int:
 
 
 def warning(rig: Rig, pacing: str) -> str:
-    """Return in a line which frame a bus of the rig's own bit rate cannot take in time, or ""."""
+    """Return in a line which frame a bus of the rig's own bit rate cannot take in time, or "".
+
+    A load of more than 100 % needs no warning: `nodes.plan.check_rate` refuses it.
+    """
     config = rig.config
     if config.bus.bitrate is None or pacing == "lockstep":
         return ""
     setup = Setup(config.rate_hz, config.bus.bitrate)
-    for frames in buses(rig):
-        rows = analysed(frames, setup)
-        for row in rows:
-            if row.late:
-                us = "without bound" if row.response_ns is None else f"{row.response_ns / 1e3:g} us"
-                return (
-                    f"{rig.where('rate_hz')}: {row.sent.frame.name} may take {us} on a bus of "
-                    f"{setup.bitrate} bit/s, its period is {row.period_ns / 1e3:g} us, the load "
-                    f"{load(rows):.0%}; all frames fit up to {highest_hz(frames, setup, fits)} Hz, "
-                    "see `pcpc bus`"
-                )
-    return ""
+    sent = buses(rig)
+    found = [analysed(frames, setup) for frames in sent]
+    late = [(i, row) for i, rows in enumerate(found) for row in rows if row.late]
+    if not late or max(map(load, found)) > 1.0:
+        return ""
+    i, row = late[0]
+    us = "without bound" if row.response_ns is None else f"{row.response_ns / 1e3:g} us"
+    return (
+        f"{rig.where('rate_hz')}: {row.sent.frame.name} may take {us} on a bus of {setup.bitrate} "
+        f"bit/s, its period is {row.period_ns / 1e3:g} us, the load {load(found[i]):.0%}; all "
+        f"frames fit up to {highest_hz(sent[i], setup, fits)} Hz, see `pcpc bus`"
+    )
