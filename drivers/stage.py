@@ -15,6 +15,7 @@ import numpy as np
 
 # ruff: isort: off
 from pcpc.drivers.jit import JIT_OFF, LOOP_INTERPRETED, OPTIONS, f8, i8, numba, types
+from pcpc.drivers.lanes import LANE
 from pcpc.drivers.views import POINTER, Layout, View, pointer_at
 from llvmlite import ir
 from numba.core.compiler import Compiler  # after ours, which set numba's environment
@@ -43,36 +44,43 @@ class Stage:
         self.py_func = function
         self.__doc__, self.__name__ = function.__doc__, function.__name__
         self.declared = _declared(function)
-        self._dispatcher: Any = None
+        self._single: Any = None if JIT_OFF else self._compiled(f8)
+        self._of_lanes: Any = None
         self._in_c: Any = None
-        if not JIT_OFF:
-            self._compile()
 
     @property
     def entry(self) -> Any:
         """What `call` takes: an address, for the compiled loop."""
-        return self if LOOP_INTERPRETED else self._address("llvm_func_name")
+        return self if LOOP_INTERPRETED else _address(self._single, "llvm_func_name")
 
-    def _address(self, name: str) -> int:
-        (found,) = self._dispatcher.overloads.values()
-        return int(found.library.get_pointer_to_function(getattr(found.fndesc, name)))
+    @property
+    def entry_of_lanes(self) -> int:
+        """What `call` takes for a step of all lanes at once; numba's TypingError if it cannot."""
+        if self._of_lanes is None:
+            self._of_lanes = self._compiled(LANE)
+        return _address(self._of_lanes, "llvm_func_name")
 
     def __call__(self, t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
         """Step on float64 vectors, which may be longer than what is declared."""
         views = (p, x, u, y)
-        if self._dispatcher is None:
+        if self._single is None:
             named = zip(self.declared, views, "pxuy", strict=True)
             self.py_func(t, dt, *(ports(view, letter) for ports, view, letter in named))
             return
         for ports, view, letter in zip(self.declared, views, "pxuy", strict=True):
             _check(view, ports.size, letter)
         if self._in_c is None:
-            self._in_c = _IN_C(self._address("llvm_cfunc_wrapper_name"))
+            self._in_c = _IN_C(_address(self._single, "llvm_cfunc_wrapper_name"))
         self._in_c(t, dt, *(view.ctypes.data for view in views))
 
-    def _compile(self) -> None:
-        kinds = [View(declared.layout) for declared in self.declared]
-        self._dispatcher = numba.njit(types.void(f8, f8, *kinds), **_OPTIONS)(self.py_func)
+    def _compiled(self, element: Any) -> Any:
+        kinds = [View(declared.layout, element) for declared in self.declared]
+        return numba.njit(types.void(f8, f8, *kinds), **_OPTIONS)(self.py_func)
+
+
+def _address(dispatcher: Any, name: str) -> int:
+    (found,) = dispatcher.overloads.values()
+    return int(found.library.get_pointer_to_function(getattr(found.fndesc, name)))
 
 
 def stage(function: Callable[..., None]) -> Any:

@@ -1,7 +1,8 @@
 """Named views: what `p.kv_Nms_rad`, `x.w[n, j]` and `x.network` are in compiled code.
 
-A View is a pointer to float64 values whose names, places and shapes are part of its type; Cells are
-a pointer to an array of fixed shape in it. So every access is a load or store at an address that
+A View is a pointer to values whose names, places and shapes are part of its type; Cells are a
+pointer to an array of fixed shape in it. A value is a float64, or one of each run of a batch
+(`drivers.lanes`). So every access is a load or store at an address that
 the compiler knows, up to the index. Nothing is checked at run time; `executive.rig.trial` does
 that.
 
@@ -33,6 +34,7 @@ from numba.extending import (
     register_model,
     type_callable,
 )
+from pcpc.drivers.lanes import LANE, WIDTH, Lane
 # ruff: isort: on
 
 _I64 = ir.IntType(64)
@@ -69,22 +71,22 @@ class Fields(types.Type):
 
 
 class View(Fields):
-    """The type of a pointer to float64 values with the names of a layout."""
+    """The type of a pointer to values with the names of a layout, each a float64 or a LANE."""
 
-    element = f8
-
-    def __init__(self, layout: Layout) -> None:
-        self.layout = layout
+    def __init__(self, layout: Layout, element: Any = f8) -> None:
+        self.layout, self.element = layout, element
         mark = hashlib.sha256(repr(layout.fields).encode()).hexdigest()[:12]
-        super().__init__(f"View({layout.name}, {mark})")
+        super().__init__(f"View({layout.name}, {mark}, {element})")
 
     def field(self, name: str) -> tuple[Any, int] | None:
         """Return a value, Cells or a group."""
         found = self.layout.field(name)
         if found is None:
             return None
-        kind = View(found.group) if found.group else Cells(found.shape, f8) if found.shape else f8
-        return kind, 8 * found.place
+        each, place = self.element, _BYTES[self.element] * found.place
+        if found.group:
+            return View(found.group, each), place
+        return Cells(found.shape, each) if found.shape else each, place
 
 
 class Cells(types.Type):
@@ -96,6 +98,7 @@ class Cells(types.Type):
 
 
 POINTER = types.CPointer(f8)
+_BYTES = {f8: 8, LANE: 8 * WIDTH}
 
 
 class Pointer(models.PrimitiveModel):
@@ -206,7 +209,7 @@ def _assign(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
 
 for _index in (types.Integer, types.BaseTuple):
     lower_builtin(operator.getitem, Cells, _index)(_item)
-    for _value in (types.Float, types.Integer, types.Boolean):
+    for _value in (types.Float, types.Integer, types.Boolean, Lane):
         lower_builtin(operator.setitem, Cells, _index, _value)(_assign)
 
 
@@ -219,7 +222,7 @@ def _length(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
 def _flat(typing: Any, view: Any) -> Any:
     """Return all values of a View, one after the other, as Cells."""
     size = sum(_size(field) for field in view.layout.fields)
-    return Cells((size,), f8)(view), lambda c, b, signature, arguments: arguments[0]
+    return Cells((size,), view.element)(view), lambda c, b, signature, arguments: arguments[0]
 
 
 def _size(field: Field) -> int:
@@ -251,3 +254,17 @@ def pointer_at(typing: Any, values: Any, place: Any) -> Any:
         return builder.gep(data(context, builder, signature.args[0], arguments[0]), [place])
 
     return POINTER(values, place), generate
+
+
+@intrinsic
+def _lane_rows(typing: Any, values: Any) -> Any:
+    """Return a `drivers.lanes.table` as Cells, a LANE for each of its rows (of any number)."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        first = data(context, builder, signature.args[0], arguments[0])
+        return builder.bitcast(first, context.get_value_type(signature.return_type))
+
+    return Cells((1,), LANE)(values), generate
+
+
+lane_rows: Any = _lane_rows

@@ -24,7 +24,7 @@ MODULES = {name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") 
 
 ENGINE = [name for name in TREES if not name.startswith("tools/")]
 
-ROOMS = ("laws", "loop", "rig", "log", "nodes")  # of `executive`, from below
+ROOMS = ("laws", "loop", "rig", "log", "nodes", "batch")  # of `executive`, from below
 
 
 def _rooms(top: str) -> tuple[str, ...]:
@@ -38,6 +38,7 @@ MAY_IMPORT = {
     "drivers": ("drivers",),
     "executive": ("drivers", "executive"),
     "executive/laws": ("drivers.jit", "drivers.stage", "drivers.views", "executive.laws"),
+    "executive/laws/emath.py": ("drivers.jit", "drivers.lanes"),
     "executive/laws/ports.py": ("drivers.views", "executive.errors"),
     "executive/laws/models": (*_BARE, "executive.laws.models", "executive.laws.ports"),
     "executive/laws/approximators": (*_BARE, "executive.laws.approximators"),

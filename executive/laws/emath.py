@@ -20,7 +20,7 @@ fixes those of a libm. So stages call these functions, never `math` or numpy.
     floor, clip, sign, pow2     exact     all x; pow2: whole numbers -1022..1023
 
 NaN gives NaN (its bits are the processor's). Arguments are float64. `where`, `pow2` and `sqrt` are
-the only primitives: another number type of numba needs these, + - * /, negation, comparison, abs.
+the only primitives, for a number of one run and for one of each lane (`drivers.lanes`).
 
 Polynomials: own Chebyshev fits, computed in 60 digits. Methods: Cody and Waite, Software Manual for
 the Elementary Functions (1980); Dekker, A floating-point technique for extending the available
@@ -37,6 +37,7 @@ from numba.core.errors import TypingError
 from numba.extending import lower_builtin, type_callable
 
 from pcpc.drivers.jit import inline
+from pcpc.drivers.lanes import LANE, WIDTH, Lane, Mask, called
 
 ROUND = 6755399441055744.0  # 1.5 * 2^52: (x + ROUND) - ROUND is x rounded to whole, |x| < 2^51
 WHOLE = 4503599627370496.0  # 2^52: from here on every double is a whole number
@@ -74,6 +75,8 @@ def _type_where(context: Any) -> Any:
     def typer(c: Any, a: Any, b: Any) -> Any:
         if isinstance(c, types.Boolean) and a == b == types.float64:
             return types.float64
+        if isinstance(c, types.Boolean | Mask) and {a, b} <= {LANE, types.float64}:
+            return LANE
         raise TypingError(
             f"where({c}, {a}, {b}): needs a comparison and two float64 (write 0.0, not 0)"
         )
@@ -81,32 +84,49 @@ def _type_where(context: Any) -> Any:
     return typer
 
 
-@lower_builtin(where, types.Boolean, types.float64, types.float64)
+@lower_builtin(where, types.Boolean, types.Number, types.Number)
+@lower_builtin(where, types.Boolean, types.Number, Lane)
+@lower_builtin(where, types.Boolean, Lane, types.Number)
+@lower_builtin(where, types.Boolean, Lane, Lane)
+@lower_builtin(where, Mask, types.Number, types.Number)
+@lower_builtin(where, Mask, types.Number, Lane)
+@lower_builtin(where, Mask, Lane, types.Number)
+@lower_builtin(where, Mask, Lane, Lane)
 def _lower_where(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    return builder.select(*args)
+    result, kinds = signature.return_type, signature.args[1:]
+    chosen = zip(args[1:], kinds, strict=True)
+    a, b = (context.cast(builder, value, kind, result) for value, kind in chosen)
+    return builder.select(args[0], a, b)
 
 
 @type_callable(pow2)
 @type_callable(sqrt)
 def _type_float(context: Any) -> Any:
     def typer(x: Any) -> Any:
-        return types.float64 if x == types.float64 else None
+        return x if x in (types.float64, LANE) else None
 
     return typer
 
 
 @lower_builtin(pow2, types.float64)
+@lower_builtin(pow2, Lane)
 def _lower_pow2(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    word, double = ir.IntType(64), ir.DoubleType()
-    shifted = builder.fadd(args[0], ir.Constant(double, ROUND))
-    biased = builder.add(builder.bitcast(shifted, word), ir.Constant(word, 1023))
-    return builder.bitcast(builder.shl(biased, ir.Constant(word, 52)), double)
+    double, word = args[0].type, ir.IntType(64)
+    is_lane = signature.args[0] == LANE
+    words = ir.VectorType(word, WIDTH) if is_lane else word
+
+    def constant(kind: Any, value: Any) -> Any:
+        return ir.Constant(kind, [value] * WIDTH if is_lane else value)
+
+    shifted = builder.fadd(args[0], constant(double, ROUND))
+    biased = builder.add(builder.bitcast(shifted, words), constant(words, 1023))
+    return builder.bitcast(builder.shl(biased, constant(words, 52)), double)
 
 
 @lower_builtin(sqrt, types.float64)
+@lower_builtin(sqrt, Lane)
 def _lower_sqrt(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    root = builder.module.declare_intrinsic("llvm.sqrt", [ir.DoubleType()])
-    return builder.call(root, args)
+    return called("llvm.sqrt")(context, builder, signature, args)
 
 
 @inline

@@ -17,7 +17,7 @@ from pcpc.drivers.jit import loop_inline
 
 ENTER, LEAVE = 0, 1  # columns of `loss`: p and q of (1)
 STATE, LOST = 0, 1  # columns of `loss_state`: s of (2), 1 in the lost state
-_PRIME, _FACTOR = 2**31 - 1, 48271
+PRIME, FACTOR = 2**31 - 1, 48271
 
 
 def install(
@@ -29,8 +29,12 @@ def install(
         if share > 0.0:
             leave = 1.0 / burst
             loop.rx.loss[row] = (min(leave * share / (1.0 - share), 1.0), leave)
-            drawn = zlib.crc32(f"{seed} {frame.name}".encode())
-            loop.rx.loss_state[row] = (1 + drawn % (_PRIME - 1), 0)
+            loop.rx.loss_state[row] = (first(seed, frame.name), 0)
+
+
+def first(seed: int, name: str) -> int:
+    """Return the s with which the generator of a frame begins (2)."""
+    return 1 + zlib.crc32(f"{seed} {name}".encode()) % (PRIME - 1)
 
 
 @loop_inline
@@ -38,9 +42,9 @@ def is_lost(n: Any, row: Any) -> Any:
     """Draw whether the frame that has just come in on `row` is lost (1) (2)."""
     if n.rx.loss[row, ENTER] <= 0.0:
         return False
-    s = n.rx.loss_state[row, STATE] * _FACTOR % _PRIME
+    s = n.rx.loss_state[row, STATE] * FACTOR % PRIME
     n.rx.loss_state[row, STATE] = s
-    turns = s / _PRIME < n.rx.loss[row, LEAVE if n.rx.loss_state[row, LOST] != 0 else ENTER]
+    turns = s / PRIME < n.rx.loss[row, LEAVE if n.rx.loss_state[row, LOST] != 0 else ENTER]
     if turns:
         n.rx.loss_state[row, LOST] = 1 - n.rx.loss_state[row, LOST]
     return n.rx.loss_state[row, LOST] != 0

@@ -1,0 +1,1 @@
+"""Many runs at once: the lanes of one compiled cycle."""

@@ -1,0 +1,341 @@
+"""The cycle of two nodes for WIDTH runs at once, in the order and with the bits of a single run.
+
+One run is `executive.loop.cycle` and `executive.loop.exchange`. Here are the same steps for what
+lasts from the meeting of the nodes to the end of a run without a fault: no clock, no ring, no CRC,
+since nothing disturbs the bytes; a frame is the rounded codes of its signals.
+
+    supervise   INIT, READY, RUN, HOLD by what is missing
+    tune        the rig's own schedule
+    step        the blocks, each once for all runs
+    limit       carry, clamp, limit the rate of what is sent
+    transmit    the frames that are due: encode, draw the loss, decode at the other node
+    keep        the traces that somebody wants
+
+A run that leaves this path (a fault, a value that is no finite number, a command that is not yet
+safe at the end, a counter that wraps) is marked ODD: its numbers are void from there on, and
+`executive.batch.runs` does it alone. So no reaction to a fault stands here a second time.
+
+A SEAT is a node: `n` its LOOP record, read for its tables; `values` a LANE each: first those of the
+table of variables, then EXTRA, then some of each limit and of each received frame. `heard_as` is
+the row of the other node for each frame sent, -1 where nobody listens.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import dbc, e2e
+from pcpc.drivers.jit import OPTIONS, inline, numba
+from pcpc.drivers.lanes import WIDTH, in_single
+from pcpc.drivers.stage import call, part
+from pcpc.drivers.views import lane_rows
+from pcpc.executive.laws.emath import ROUND, where
+from pcpc.executive.loop import losses
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.limits import FINITE
+from pcpc.executive.loop.timing import COUNTERS
+from pcpc.executive.loop.variables import CLAMPED, MISSING, NMT, STATE, T_S, TIMING_AT, WALL
+
+ODD, COMPLETE, SENT, RECEIVED, LOST, SATURATED, ON_PURPOSE, HELD, STALE = range(9)
+LAST, SENT_VALUE = range(2)
+SEED, IN_LOSS, GAP, HEARD = range(4)
+EXTRA, OF_LIMIT, OF_FRAME = 9, 2, 4  # how many there are of each
+_COUNTED = np.array(  # the row of EXTRA for each of timing.COUNTERS; -1: none is ever counted
+    [{sh.SENT: SENT, sh.RECEIVED: RECEIVED, sh.LOST: LOST, sh.SATURATED: SATURATED,
+      sh.LOST_ON_PURPOSE: ON_PURPOSE, sh.HELD: HELD, sh.STALE: STALE}.get(code, -1)
+     for code in COUNTERS.tolist()]
+)  # fmt: skip
+_PASSES_AT = TIMING_AT + 5 + COUNTERS.tolist().index(sh.PASSES)
+_TWO_52 = 2.0**52
+_PRIME, _FACTOR = float(losses.PRIME), float(losses.FACTOR)
+
+
+class Seat(NamedTuple):
+    """A node of a batch, see the module; `trace` (cycles, wanted, lanes) keeps `wanted` rows."""
+
+    n: Any
+    values: NDArray[np.float64]
+    steps: NDArray[np.int64]
+    heard_as: NDArray[np.int64]
+    wanted: NDArray[np.int64]
+    trace: NDArray[np.float64]
+
+
+def rows_of(loop: Any) -> int:
+    """Return how many rows the values of a seat have."""
+    return int(loop.n_variables + EXTRA + OF_LIMIT * loop.limits.n + OF_FRAME * loop.rx.n)
+
+
+@inline
+def of_limit(n: Any, i: Any) -> Any:
+    """Return the row of the first value of limit `i`."""
+    return n.n_variables + EXTRA + OF_LIMIT * i
+
+
+@inline
+def of_frame(n: Any, row: Any) -> Any:
+    """Return the row of the first value of received frame `row`."""
+    return of_limit(n, n.limits.n) + OF_FRAME * row
+
+
+@inline
+def number(answer: Any) -> Any:
+    """Return 1 where it is true, else 0."""
+    return where(answer, 1.0, 0.0)
+
+
+@inline
+def add(n: Any, w: Any, which: Any, amount: Any) -> None:
+    """Count."""
+    w[n.n_variables + which] = w[n.n_variables + which] + amount
+
+
+# ---------------------------------------------------------------------------------------- supervise
+
+
+@inline
+def supervise(n: Any, w: Any) -> None:
+    """Count what is missing and advance the states; a fault is odd."""
+    own, before = n.n_variables, w[STATE]
+    complete, running = w[own + COMPLETE] > 0.5, w[STATE] >= float(sv.RUN)
+    w[own + COMPLETE] = 1.0
+    missing = where(complete, 0.0, w[MISSING] + 1.0)
+    held = running & ~complete
+    add(n, w, HELD, number(held))
+    add(n, w, STALE, number(held & (missing > float(n.guard.hold_cycles))))
+    silent = (before != float(sv.INIT)) & (missing >= float(n.guard.fault_after))
+    add(n, w, ODD, number(silent))
+    forth = where(before == float(sv.INIT), float(sv.READY), float(sv.RUN))
+    state = where(complete, forth, where(running, float(sv.HOLD), before))
+    w[STATE], w[MISSING] = state, missing
+    w[NMT] = where(state < float(sv.RUN), sv.NMT[sv.INIT], sv.NMT[sv.RUN])
+
+
+@inline
+def tune(n: Any, w: Any, k: Any) -> None:
+    """Apply the rig's tunings whose time has come."""
+    tuning = n.tuning
+    while tuning.done < tuning.n and tuning.schedule[tuning.done, 0] <= k:
+        w[tuning.schedule[tuning.done, 1]] = tuning.value[tuning.done]
+        tuning.done += 1
+
+
+# --------------------------------------------------------------------------------------------- step
+
+
+@inline
+def carry(n: Any, w: Any, block: Any) -> None:
+    """Carry the wired variables into the inputs of `block` (MAX_BLOCKS: into what is sent)."""
+    first = n.blocks.copies_end[block - 1] if block > 0 else 0
+    for i in range(first, n.blocks.copies_end[block]):
+        w[n.blocks.copies[i, 1]] = w[n.blocks.copies[i, 0]]
+
+
+@inline
+def step(n: Any, w: Any, values: Any, steps: Any, k: Any) -> None:
+    """Step every block at time k T, all runs at once."""
+    dt = n.clock.period_ns * 1e-9
+    t = k * dt
+    w[T_S] = t
+    for b in range(n.blocks.n):
+        if b == n.blocks.fallback:
+            continue
+        carry(n, w, b)
+        at = n.blocks.views[b]
+        p, x = part(values, WIDTH * at[0]), part(values, WIDTH * at[2])
+        u, y = part(values, WIDTH * at[4]), part(values, WIDTH * at[6])
+        call(steps[b], t, dt, p, x, u, y)
+
+
+# -------------------------------------------------------------------------------------------- limit
+
+
+@inline
+def look_for_odd(n: Any, w: Any, first: Any, past: Any) -> None:
+    """Mark runs in which one of these values is no finite number."""
+    odd = w[n.n_variables + ODD]
+    for i in range(first, past):
+        odd = where(abs(w[i]) < FINITE, odd, 1.0)
+    w[n.n_variables + ODD] = odd
+
+
+@inline
+def limit(n: Any, w: Any) -> None:
+    """Carry the outputs into what is sent; clamp them and limit their rate."""
+    carry(n, w, sh.MAX_BLOCKS)
+    for b in range(n.blocks.n):
+        look_for_odd(n, w, n.blocks.views[b, 6], n.blocks.views[b, 7])
+    look_for_odd(n, w, n.tx.first, n.tx.past)
+    w[CLAMPED] = 0.0
+    table = n.limits.table
+    for i in range(n.limits.n):
+        j, own = n.limits.place[i], of_limit(n, i)
+        wanted, sent, rate = w[j], w[own + SENT_VALUE], table[i, sh.RATE]
+        value = within(wanted, table[i, sh.LOW], table[i, sh.HIGH])
+        value = within(value, sent - rate, sent + rate)
+        clamped = value != wanted
+        w[CLAMPED] = where(clamped, 1.0, w[CLAMPED])
+        add(n, w, SATURATED, number(clamped))
+        w[j] = value
+        w[own + LAST], w[own + SENT_VALUE] = value, value
+
+
+@inline
+def within(value: Any, low: Any, high: Any) -> Any:
+    """Return min(max(value, low), high) as of a single run: of equals, the first."""
+    above = where(value < low, low, value)
+    return where(above > high, high, above)
+
+
+@inline
+def mark_unsettled(n: Any, w: Any) -> None:
+    """Mark runs at whose end a command may not be safe at once: they go on for a ramp."""
+    for i in range(n.limits.n):
+        way = abs(w[of_limit(n, i) + SENT_VALUE] - n.limits.table[i, sh.SAFE])
+        add(n, w, ODD, number(way > n.limits.table[i, sh.RATE]))
+
+
+@inline
+def end(n: Any, w: Any) -> None:
+    """Be in STOP, every command safe."""
+    w[STATE], w[NMT] = float(sv.STOP), sv.NMT[sv.STOP]
+    carry(n, w, sh.MAX_BLOCKS)
+    for i in range(n.limits.n):
+        w[n.limits.place[i]] = n.limits.table[i, sh.SAFE]
+
+
+# ----------------------------------------------------------------------------------------- transmit
+
+
+@inline
+def survives(m: Any, z: Any, row: Any) -> Any:
+    """Return in which runs a frame of `row` is used, by its loss and its counter."""
+    if m.rx.loss[row, losses.ENTER] <= 0.0:
+        add(m, z, RECEIVED, 1.0)
+        return z[m.n_variables + ODD] == z[m.n_variables + ODD]
+    own = of_frame(m, row)
+    s = z[own + SEED] * _FACTOR
+    s = s - (s * (1.0 / _PRIME) + ROUND - ROUND) * _PRIME
+    s = where(s < 0.0, s + _PRIME, s)
+    lost = z[own + IN_LOSS] > 0.5
+    turns = s / _PRIME < where(lost, m.rx.loss[row, losses.LEAVE], m.rx.loss[row, losses.ENTER])
+    lost = (lost & ~turns) | (turns & ~lost)
+    gap = where(z[own + HEARD] > 0.5, z[own + GAP] + 1.0, 1.0)  # since the last one
+    z[own + SEED], z[own + IN_LOSS] = s, number(lost)
+    used, protected = ~lost, m.rx.frames[row, dbc.PROTECTED] != 0
+    if protected:
+        used = used & (gap <= float(e2e.MAX_DELTA))
+        add(m, z, ODD, number(gap > float(m.rx.frames[row, dbc.COUNTER_MASK])))
+        add(m, z, LOST, where(lost, 0.0, gap - 1.0))
+    z[own + GAP], z[own + HEARD] = where(lost, gap, 0.0), where(lost, z[own + HEARD], 1.0)
+    add(m, z, RECEIVED, number(used))
+    add(m, z, ON_PURPOSE, number(lost))
+    return used
+
+
+@inline
+def encoded(n: Any, w: Any, i: Any) -> Any:
+    """Return the raw value of signal `i` of what is sent, and where it saturated."""
+    scales, kind = n.tx.scales, n.tx.signals[i, dbc.KIND]
+    low, high = scales[i, dbc.CODE_LOW], scales[i, dbc.CODE_HIGH]
+    code = w[n.tx.signals[i, dbc.VARIABLE]]
+    code = (code - scales[i, dbc.OFFSET]) / scales[i, dbc.FACTOR]
+    if kind < dbc.FLOAT_32:
+        size = abs(code)
+        size = where(size < _TWO_52, (size + _TWO_52) - _TWO_52, size)
+        code = where(code < 0.0, -size, size)
+    void = code != code
+    outside = void | (code < low) | (code > high)
+    code = where(void, 0.0, where(code < low, low, where(code > high, high, code)))
+    if kind == dbc.FLOAT_32:
+        return in_single(code), outside
+    return (code + 0.0 if kind < dbc.FLOAT_32 else code), outside
+
+
+@inline
+def decoded(m: Any, i: Any, code: Any) -> Any:
+    """Return the value of signal `i` of what is received."""
+    factor, offset = m.rx.scales[i, dbc.FACTOR], m.rx.scales[i, dbc.OFFSET]
+    whole = m.rx.signals[i, dbc.KIND] < dbc.FLOAT_32
+    return code * factor + offset if whole or factor != 1.0 or offset != 0.0 else code
+
+
+@inline
+def send(n: Any, w: Any, row: Any, m: Any, z: Any, to: Any) -> None:
+    """Send the frame of `row`; the other node hears it as `to`, or not (-1)."""
+    used = z[m.n_variables + ODD] == z[m.n_variables + ODD]
+    if to >= 0:
+        used = survives(m, z, to)
+        if m.rx.role[to, sh.AWAITED] != 0:
+            z[m.n_variables + COMPLETE] = where(used, z[m.n_variables + COMPLETE], 0.0)
+    first = n.tx.frames[row, dbc.FIRST]
+    for i in range(first, n.tx.frames[row, dbc.END]):
+        code, outside = encoded(n, w, i)
+        w[CLAMPED] = where(outside, 1.0, w[CLAMPED])
+        add(n, w, SATURATED, number(outside))
+        if to >= 0:
+            j = m.rx.frames[to, dbc.FIRST] + i - first
+            place = m.rx.signals[j, dbc.VARIABLE]
+            z[place] = where(used, decoded(m, j, code), z[place])
+    add(n, w, SENT, 1.0)
+
+
+@inline
+def transmit(n: Any, w: Any, heard_as: Any, m: Any, z: Any, k: Any) -> None:
+    """Send what is due, in the order of the rows."""
+    for row in range(n.tx.n):
+        if k % n.tx.frames[row, dbc.EVERY_N] == 0:
+            send(n, w, row, m, z, heard_as[row])
+
+
+# ------------------------------------------------------------------------------------------ the run
+
+
+@inline
+def keep(n: Any, w: Any, seat: Any, k: Any) -> None:
+    """Write the counters to the table, and the traces of this cycle."""
+    for i in range(_COUNTED.shape[0]):
+        if _COUNTED[i] >= 0:
+            w[TIMING_AT + 5 + i] = w[n.n_variables + _COUNTED[i]]
+    w[_PASSES_AT] = float(k)
+    w[WALL] = 1e-9 * (k * n.clock.period_ns)
+    trace = lane_rows(seat.trace)
+    first = k * seat.wanted.shape[0]
+    for i in range(seat.wanted.shape[0]):
+        trace[first + i] = w[seat.wanted[i]]
+
+
+@numba.njit(**OPTIONS)
+def one_pass(seat: Any, k: Any, other: Any) -> None:
+    """Do cycle `k` of a node, whose frames go to the other one."""
+    n, w = seat.n, lane_rows(seat.values)
+    supervise(n, w)
+    tune(n, w, k)
+    step(n, w, seat.values, seat.steps, k)
+    limit(n, w)
+    transmit(n, w, seat.heard_as, other.n, lane_rows(other.values), k)
+    keep(n, w, seat, k)
+
+
+@numba.njit(**OPTIONS)
+def advance(top: Any, low: Any, first: Any, past: Any) -> None:
+    """Do the executive's cycles from `first` on, each followed by the plant's for the next one."""
+    if first == 0:
+        one_pass(low, 0, top)
+    for k in range(first, past):
+        one_pass(top, k, low)
+        one_pass(low, k + 1, top)
+
+
+@numba.njit(**OPTIONS)
+def finish(top: Any, low: Any, cycles: Any) -> None:
+    """Mark the runs that go on after their last cycle, or whose plant is not told of the end."""
+    n, m = top.n, low.n
+    w, z = lane_rows(top.values), lane_rows(low.values)
+    mark_unsettled(n, w)
+    end(n, w)
+    transmit(n, w, top.heard_as, m, z, cycles)
+    told = z[m.guard.mode_index] == float(sv.STOP)
+    add(m, z, ODD, where(told, 0.0, 1.0))

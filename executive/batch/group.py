@@ -1,0 +1,148 @@
+"""WIDTH runs of one rig in lanes: laid out once, then filled with settings and run, many times.
+
+What cannot run in lanes is said by NotInLanes when the group is made (a third node, a law that does
+not compile for lanes, a wire from what only a clock knows), or by LanesDiffer when it runs (the
+lanes would take different branches). Such runs are done one by one, with the same bits.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import e2e
+from pcpc.drivers.jit import LOOP_INTERPRETED
+from pcpc.drivers.lanes import WIDTH, table
+from pcpc.drivers.stage import Stage
+from pcpc.executive.batch import cycle
+from pcpc.executive.loop import exchange, losses, reception
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.timing import COUNTERS
+from pcpc.executive.loop.variables import GAIN, TIMING, TIMING_AT, WALL
+from pcpc.executive.nodes.install import install_in_memory
+from pcpc.executive.nodes.plan import Plan, cycles_of, describe, plan
+from pcpc.executive.rig.law_errors import cause
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
+
+PIECE = 1000  # cycles between two looks at whether the user wants the end
+_WHOLE = 2.0**53  # the largest code that float64 counts exactly
+_COUNTERS_AT = range(TIMING_AT + 5, TIMING_AT + 5 + len(COUNTERS))
+
+
+class NotInLanes(Exception):
+    """Why runs of this rig are done one by one."""
+
+
+class Group:
+    """The memory of WIDTH runs; `plans` by role, `seats` executive and plant."""
+
+    def __init__(self, rig: Rig, wanted: Mapping[Role, Sequence[str]]) -> None:
+        """`wanted`: the variables to keep traces of, by node. RigError, BusError, NotInLanes."""
+        if LOOP_INTERPRETED:
+            raise NotInLanes("nothing is compiled")
+        if rig.roles != ("executive", "plant"):
+            raise NotInLanes(f"it has the nodes {', '.join(rig.roles)}")
+        self.cycles = cycles_of(rig)
+        self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
+        self._blocks = [sh.private(describe(made, {})) for made in self.plans.values()]
+        top, low = (block.loop for block in self._blocks)
+        for made, loop in zip(self.plans.values(), (top, low), strict=True):
+            install_in_memory(made, loop)
+            _check_wires(made)
+        exchange.meet((top, low))
+        reception.receive(low)
+        self.seats: dict[Role, cycle.Seat] = {}
+        for (role, made), loop, other in zip(
+            self.plans.items(), (top, low), reversed(list(self.plans.values())), strict=True
+        ):
+            self.seats[role] = _seat(made, loop, other, wanted.get(role, ()), self.cycles)
+        self._begin = {role: _beginning(role, seat) for role, seat in self.seats.items()}
+        if low.guard.mode_index < 0 or low.limits.n > 0:
+            raise NotInLanes("its plant is not told of the end, or has limits")
+
+    def begin(self) -> None:
+        """Put the rig's own values into all lanes."""
+        for role, seat in self.seats.items():
+            seat.values[:] = self._begin[role][:, None]
+            seat.n.tuning.done = 0
+
+    def put(self, lane: int, role: Role, values: Mapping[int, float]) -> None:
+        """Give a run values by their places in the table of a node."""
+        for place, value in values.items():
+            self.seats[role].values[place, lane] = value
+
+    def put_seed(self, lane: int, seed: int) -> None:
+        """Give the losses of a run their seed."""
+        for role, made in self.plans.items():
+            seat = self.seats[role]
+            for row, frame in enumerate(made.rx_frames):
+                if seat.n.rx.loss[row, losses.ENTER] > 0.0:
+                    place = int(cycle.of_frame.py_func(seat.n, row)) + cycle.SEED
+                    seat.values[place, lane] = losses.first(seed, frame.name)
+
+    def run(self) -> NDArray[np.bool_]:
+        """Run all lanes to the end; return which are odd. Raises LanesDiffer."""
+        top, low = self.seats["executive"], self.seats["plant"]
+        for first in range(0, self.cycles, PIECE):
+            cycle.advance(top, low, first, min(first + PIECE, self.cycles))
+        cycle.finish(top, low, self.cycles)
+        odd = [seat.values[seat.n.n_variables + cycle.ODD] for seat in (top, low)]
+        found: NDArray[np.bool_] = (odd[0] != 0.0) | (odd[1] != 0.0)
+        return found
+
+
+def _check_wires(made: Plan) -> None:
+    names, n_clock = made.names, len(TIMING)
+    known = {_COUNTERS_AT[i] for i in range(len(COUNTERS))} | {WALL}
+    for source, _ in (pair for copies in made.copies for pair in copies):
+        if TIMING_AT <= source < TIMING_AT + n_clock and source not in known:
+            raise NotInLanes(f"{names[source]} is wired, which only a clock knows")
+    for spec in made.spec.blocks:
+        if not isinstance(spec.block.step, Stage):
+            raise NotInLanes(f"the step of {spec.name} is none of pcpc's stages")
+
+
+def _seat(
+    made: Plan, loop: Any, other: Plan, wanted: Sequence[str], cycles: int
+) -> cycle.Seat:  # fmt: skip
+    for signal in (signal for frame in made.tx_frames for signal in frame.signals):
+        if not signal.is_float and max(map(abs, signal.codes)) >= _WHOLE:
+            raise NotInLanes(f"signal {signal.name} has codes beyond 2^53")
+    rows = {frame.name: row for row, frame in enumerate(other.rx_frames)}
+    heard = np.array([rows.get(frame.name, -1) for frame in made.tx_frames], np.int64)
+    places = np.array([made.table.index[name] for name in wanted], np.int64)
+    trace = np.zeros((cycles + 1) * len(wanted) * WIDTH)
+    return cycle.Seat(loop, table(cycle.rows_of(loop)), _entries(made), heard, places, trace)
+
+
+def _entries(made: Plan) -> NDArray[np.int64]:
+    found = []
+    for spec in made.spec.blocks:
+        try:
+            found.append(spec.block.step.entry_of_lanes)
+        except Exception as error:  # numba has many
+            raise NotInLanes(f"the step of {spec.name}: {cause(error)}") from error
+    return np.array(found, np.int64)
+
+
+def _beginning(role: Role, seat: cycle.Seat) -> NDArray[np.float64]:
+    """Return the values of a seat after the nodes have met, of the rig as it is."""
+    loop, n = seat.n, int(seat.n.n_variables)
+    values = np.zeros(len(seat.values))
+    values[:n] = loop.v[:n]
+    values[GAIN] = 1.0
+    values[n + cycle.COMPLETE] = role == "executive"  # the plant's first cycle has no command
+    control = loop.control
+    for row, word in ((cycle.SENT, sh.SENT), (cycle.RECEIVED, sh.RECEIVED)):
+        values[n + row] = control[word]
+    for i in range(loop.limits.n):
+        at = int(cycle.of_limit.py_func(loop, i))
+        values[at + cycle.LAST] = loop.limits.table[i, sh.LAST]
+        values[at + cycle.SENT_VALUE] = loop.limits.table[i, sh.SENT_VALUE]
+    for row in range(loop.rx.n):
+        at = n + cycle.EXTRA + cycle.OF_LIMIT * loop.limits.n + cycle.OF_FRAME * row
+        values[at + cycle.SEED] = loop.rx.loss_state[row, losses.STATE]
+        values[at + cycle.HEARD] = loop.rx.state[row, e2e.LAST_COUNTER] >= 0
+    return values
