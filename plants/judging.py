@@ -206,6 +206,8 @@ class Run:
 
 def _rig(log: Log) -> dict[str, Any]:
     """Return the effective rig; {} if the log has none."""
+    if log.rig is not None:
+        return dict(log.rig)
     texts = [text for file, text in log.attachments.items() if file.endswith("rig-resolved.yaml")]
     return _parsed(texts[0]) if texts else {}
 

@@ -47,6 +47,10 @@ class Group:
         self.cycles = cycles_of(rig)
         self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
         self._blocks = [sh.private(describe(made, {})) for made in self.plans.values()]
+        roles: tuple[Role, ...] = rig.roles
+        self.described: dict[Role, dict[str, Any]] = {
+            role: block.description for role, block in zip(roles, self._blocks, strict=True)
+        }
         top, low = (block.loop for block in self._blocks)
         for made, loop in zip(self.plans.values(), (top, low), strict=True):
             install_in_memory(made, loop)

@@ -224,7 +224,7 @@ def whole(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = PART_
     about = log.attachments, log.metadata, log.missing
     if max((len(node.cycle) for node in nodes.values()), default=0) <= short:
         return Log(log.path, nodes, *about)
-    return LongLog(log.path, nodes, *about, log.files, tables, part)
+    return LongLog(log.path, nodes, *about, log.files, tables=tables, part_cycles=part)
 
 
 def _joined(
@@ -259,7 +259,7 @@ def _mapped(
             np.empty(0, logs.FRAME), *entries[name], about[name],
         )  # fmt: skip
     about_all = last.attachments, last.metadata, notes, last.files
-    return LongLog(path, nodes, *about_all, tables, part)
+    return LongLog(path, nodes, *about_all, tables=tables, part_cycles=part)
 
 
 def _more(path: Path, name: str, column: str) -> Table:

@@ -64,7 +64,10 @@ class Node:
 
 @dataclass(frozen=True)
 class Log:
-    """A run. `missing` says in words what could not be read; empty for a whole file."""
+    """A run. `missing` says in words what could not be read; empty for a whole file.
+
+    `rig`: the effective rig's data, of a run in memory; else it is a text of the attachments.
+    """
 
     path: Path
     node: dict[str, Node]
@@ -72,6 +75,7 @@ class Log:
     metadata: dict[str, dict[str, str]]
     missing: list[str]
     files: Mapping[str, bytes] = field(default_factory=dict)  # of `executive.rig.carried`
+    rig: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ at set-up, not in the step. Source: Euler-Bernoulli theory of a cantilever with 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,8 +127,9 @@ def mode_shapes(roots: Vector, length_m: float, x_m: Vector) -> tuple[Vector, Ve
     return f, df, ddf
 
 
+@lru_cache(maxsize=16)  # thousands of runs of a campaign have the same tube
 def modal_data(tube: Tube, modes: int = 3) -> Beam:
-    """Return the modal data of `tube` for its first `modes` bending modes."""
+    """Return the modal data of `tube` for its first `modes` bending modes; not to be written."""
     length, line_mass, tip_mass = tube.length_m, tube.line_mass_kg_m, tube.tip_mass_kg
     mass = line_mass * length
     roots = frequency_roots(tip_mass / mass, modes)

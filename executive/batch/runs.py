@@ -1,0 +1,204 @@
+"""Runs of one rig with other settings and seeds: in lanes where it can be, else alone.
+
+A Case gives settings of blocks and a seed. All that depends on them are values of the tables, so
+that the rig is laid out once. What lanes cannot do is done one by one, from the rig's file on, with
+the same bits: `Done.alone` says why.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pcpc.drivers.lanes import WIDTH, LanesDiffer
+from pcpc.executive.batch.group import Group, NotInLanes
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.supervisor import FAULT_NAMES
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.blocks import law_keys
+from pcpc.executive.rig.prepare import prepared
+from pcpc.executive.rig.reading import BlockSpec, Rig, load_rig
+from pcpc.executive.rig.roles import Role
+
+METADATA = {"pacing": "virtual", "bus": "memory"}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run to do: `settings` are "<block>.<setting>", or other keys of the rig."""
+
+    seed: int
+    settings: Mapping[str, float] = field(default_factory=dict)
+
+    def words(self) -> list[str]:
+        """Return the case as `--set` options."""
+        return [*(f"{name}={value!r}" for name, value in self.settings.items()),
+                f"seed={self.seed}"]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Done:
+    """A run: its log with the wanted columns, or all; `fault` in words, "" without.
+
+    `alone`: why it was not done in lanes, "" if it was. `refused`: why it was not done at all.
+    """
+
+    log: logs.Log | None
+    fault: str = ""
+    alone: str = ""
+    refused: str = ""
+
+
+class Runs:
+    """Runs of one rig and controller, for one thread."""
+
+    def __init__(
+        self, path: Path, controller: str | None, settings: Sequence[str],
+        wanted: Mapping[Role, Sequence[str]],
+    ) -> None:  # fmt: skip
+        """Lay the rig out once. Raises RigError, BusError.
+
+        `settings`: as `--set`, of all runs; `wanted`: the variables that are kept, by node.
+        """
+        self.path, self.controller, self.settings = path, controller, list(settings)
+        self.rig, self.why = load_rig(path, controller, settings), ""
+        self.wanted = {role: list(wanted.get(role, ())) for role in self.rig.roles}
+        self._own = {
+            f"{spec.name}.{name}": (role, spec, name)
+            for role, node in self.rig.nodes().items()
+            for spec in node.blocks
+            for name in spec.settings
+        }
+        try:
+            self.group: Group | None = Group(self.rig, wanted)
+        except NotInLanes as error:
+            self.group, self.why = None, str(error)
+
+    def done(self, cases: Sequence[Case]) -> list[Done]:
+        """Return at most WIDTH runs, in the order of `cases`."""
+        if len(cases) > WIDTH:
+            raise ValueError(f"{len(cases)} cases; a group holds {WIDTH}")
+        why = self.why or self._why_alone(cases)
+        if why or self.group is None:
+            return [self._alone(case, why) for case in cases]
+        refused = self._fill(self.group, cases)
+        try:
+            odd = self.group.run()
+        except LanesDiffer:
+            why = "a step branches differently with these settings"
+            return [self._alone(case, why, refused[i]) for i, case in enumerate(cases)]
+        return [
+            Done(None, refused=refused[lane]) if refused[lane]
+            else self._alone(case, "it left the path of a run without a fault") if odd[lane]
+            else Done(self._log(self.group, case, lane))
+            for lane, case in enumerate(cases)
+        ]  # fmt: skip
+
+    def _why_alone(self, cases: Sequence[Case]) -> str:
+        other = {name for case in cases for name in case.settings if name not in self._own}
+        return f"{', '.join(sorted(other))} is no setting of a block" if other else ""
+
+    def _fill(self, group: Group, cases: Sequence[Case]) -> list[str]:
+        """Put the cases into the lanes; return why one is refused, "" for the others."""
+        group.begin()
+        found = []
+        for lane, case in enumerate(cases):
+            try:
+                for role, spec in self._specs(case):
+                    table = group.plans[role].table
+                    rate_hz = self.rig.config.rate_hz
+                    pairs = prepared(spec.block, spec.settings, rate_hz, case.seed)
+                    places = {
+                        table.index[f"{spec.name}.{name}"]: value
+                        for name, value in (*pairs[0], *pairs[1])
+                    }
+                    group.put(lane, role, places)
+                group.put_seed(lane, case.seed)
+                found.append("")
+            except (ValueError, RigError) as error:
+                found.append(str(error))
+        return found
+
+    def _specs(self, case: Case) -> Iterator[tuple[Role, BlockSpec]]:
+        """Yield the blocks that a case changes, with its settings. ValueError: out of range."""
+        changed: dict[tuple[Role, str], dict[str, float]] = {}
+        for name, value in case.settings.items():
+            role, spec, setting = self._own[name]
+            _check_range(name, spec, setting, value)
+            changed.setdefault((role, spec.name), {})[setting] = value
+        for role, node in self.rig.nodes().items():
+            for spec in node.blocks:
+                own = changed.get((role, spec.name), {})
+                seeded = spec.block.prepare is not None and case.seed != self.rig.config.seed
+                if own or seeded:
+                    yield role, replace(spec, settings=spec.settings | own)
+
+    def _log(self, group: Group, case: Case, lane: int) -> logs.Log:
+        """Return what was kept of a lane, as a log."""
+        nodes = {}
+        for role, about in group.described.items():
+            names, rows = self.wanted[role], group.cycles + (role == "plant")
+            trace = group.seats[role].trace.reshape(group.cycles + 1, len(names), WIDTH)
+            columns = {
+                name: np.ascontiguousarray(trace[:rows, i, lane]) for i, name in enumerate(names)
+            }
+            cycle = np.arange(rows)
+            state, timing = set(about["state_columns"]), set(about["timing_columns"])
+            nodes[str(role)] = logs.Node(
+                cycle, cycle * about["period_ns"],
+                {name: one for name, one in columns.items() if name in state},
+                {name: one for name, one in columns.items() if name in timing},
+                np.empty(0, logs.FRAME), [], [], about,
+            )  # fmt: skip
+        metadata = {str(role): METADATA for role in group.plans}
+        return logs.Log(Path(), nodes, {}, metadata, [], rig=self._data(case))
+
+    @cached_property
+    def _resolved(self) -> Any:
+        return yaml.load(self.rig.resolved(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+    def _data(self, case: Case) -> dict[str, Any]:
+        """Return the effective rig of a case: the common one, what is changed in copies."""
+        data = {**self._resolved, "seed": case.seed}
+        for name, value in case.settings.items():
+            role, spec, setting = self._own[name]
+            at = data
+            for key in (*law_keys(self.rig.config, role, spec.name), "parameters"):
+                at[key] = dict(at[key])
+                at = at[key]
+            at[setting] = value
+        return data
+
+    def rig_of(self, case: Case) -> Rig:
+        """Return the rig of a case, read from its file. RigError for what cannot be."""
+        return load_rig(self.path, self.controller, [*self.settings, *case.words()])
+
+    def _alone(self, case: Case, why: str, refused: str = "") -> Done:
+        """Return a run done by itself."""
+        if refused:
+            return Done(None, alone=why, refused=refused)
+        try:
+            run = VirtualRun(self.rig_of(case), None)
+        except RigError as error:
+            return Done(None, alone=why, refused=str(error))
+        for _ in run.advance():
+            pass
+        codes = [int(block["control"][sh.FAULT]) for block in run.blocks]
+        fault = next((FAULT_NAMES[code] for code in codes if code), "")
+        return Done(run.memory.log(), fault, why)
+
+
+def _check_range(name: str, spec: BlockSpec, setting: str, value: float) -> None:
+    port = next(port for port in spec.block.settings if setting in port.names())
+    if not (port.low <= value <= port.high and math.isfinite(value)):
+        unit = f" {port.unit}" if port.unit else ""
+        raise ValueError(
+            f"{name} = {value:.12g} is outside {port.low:.12g}..{port.high:.12g}{unit}"
+        )

@@ -1,0 +1,157 @@
+"""Draws to rows: a campaign's runs on all processors, judged one by one, in any order.
+
+A row is what a run came to; it depends on its draw and controller alone, not on who did it, when,
+or beside which others. Threads do the runs (compiled code holds no lock of Python's); a piece is
+WIDTH draws of one controller.
+"""
+
+import os
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.lanes import WIDTH
+from pcpc.executive.batch.runs import Case, Done, Runs
+from pcpc.executive.errors import RigError
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.roles import Role
+from pcpc.tools.verdict.imagine import imagined
+from pcpc.tools.verdict.judge import TIMING_COLUMNS, Judge
+
+RAN, FAULT, REFUSED = "ran", "fault", "refused"
+AHEAD = 2  # pieces in flight for each thread
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One point of a campaign: its number, noise seed and values by name."""
+
+    number: int
+    seed: int
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a run came to. `alone`: why it was not done in lanes; "" if it was."""
+
+    draw: int
+    controller: str
+    seed: int
+    values: Mapping[str, float]
+    outcome: str
+    ok: bool
+    why: str = ""
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    margins: Mapping[str, float | None] = field(default_factory=dict)
+    held: Mapping[str, bool | None] = field(default_factory=dict)
+    alone: str = ""
+
+
+class Bench:
+    """Runs of one rig and controller with their judge, for one thread."""
+
+    def __init__(self, path: Path, controller: str, settings: Sequence[str]) -> None:
+        """Raise RigError, BusError, EvaluationError for what is wrong with the rig."""
+        self.controller = controller
+        rig = load_rig(path, controller, settings)
+        self.judge = Judge.of(rig)
+        self.runs = Runs(path, controller, settings, asked(rig, self.judge))
+
+    def rows(self, draws: Sequence[Draw]) -> list[Row]:
+        """Return the rows of at most WIDTH draws."""
+        done = self.runs.done([Case(draw.seed, draw.values) for draw in draws])
+        return [self._row(draw, one) for draw, one in zip(draws, done, strict=True)]
+
+    def _row(self, draw: Draw, done: Done) -> Row:
+        about = draw.number, self.controller, draw.seed, dict(draw.values)
+        if done.log is None:
+            return Row(*about, REFUSED, False, done.refused, alone=done.alone)
+        try:
+            found = self.judge.judge(done.log, [], done.fault)
+        except RigError as error:
+            return Row(*about, FAULT if done.fault else RAN, False, str(error), alone=done.alone)
+        failed = [*([done.fault] if done.fault else []), *found.failed]
+        return Row(
+            *about, FAULT if done.fault else RAN, not failed, failed[0] if failed else "",
+            found.metrics, {one.name: one.margin for one in found.requirements},
+            {one.name: one.held for one in found.requirements}, done.alone,
+        )  # fmt: skip
+
+
+def asked(rig: Rig, judge: Judge) -> dict[Role, list[str]]:
+    """Return the variables by node that the judge will look at."""
+    log = imagined(rig, "lockstep")
+    judge.check_requirements(log)
+    found = judge.asked(log, drawn=False)
+    return {role: list(dict.fromkeys(found[role][: -len(TIMING_COLUMNS)])) for role in rig.roles}
+
+
+class Engine:
+    """The runs of a campaign on `threads` threads of this process."""
+
+    def __init__(
+        self, path: Path, controllers: Sequence[str], settings: Sequence[str] = (),
+        threads: int | None = None,
+    ) -> None:  # fmt: skip
+        """Raise RigError, BusError for what is wrong with the rig; it is compiled here, once."""
+        self._about = path, list(settings)
+        self.threads = threads or len(os.sched_getaffinity(0))
+        self._own = threading.local()
+        self.first = {name: Bench(path, name, settings) for name in controllers}
+        self._free = dict(self.first)
+        self._turn = threading.Lock()
+
+    def why_alone(self) -> dict[str, str]:
+        """Return why runs of a controller are done one by one, of those that are."""
+        return {name: bench.runs.why for name, bench in self.first.items() if bench.runs.why}
+
+    def rows(self, draws: Iterable[Draw], controllers: Sequence[str]) -> Iterator[list[Row]]:
+        """Yield the rows of all draws with all controllers, piece by piece, as they are done."""
+        pieces = self._pieces(draws, controllers)
+        with ThreadPoolExecutor(self.threads) as pool:
+            flying: set[Future[list[Row]]] = set()
+            try:
+                for piece in pieces:
+                    flying.add(pool.submit(self._piece, *piece))
+                    while len(flying) >= AHEAD * self.threads:
+                        done, flying = wait(flying, return_when=FIRST_COMPLETED)
+                        yield from (one.result() for one in done)
+                while flying:
+                    done, flying = wait(flying, return_when=FIRST_COMPLETED)
+                    yield from (one.result() for one in done)
+            finally:
+                for one in flying:
+                    one.cancel()
+
+    @staticmethod
+    def _pieces(
+        draws: Iterable[Draw], controllers: Sequence[str]
+    ) -> Iterator[tuple[str, list[Draw]]]:
+        piece: list[Draw] = []
+        for draw in draws:
+            piece.append(draw)
+            if len(piece) == WIDTH:
+                yield from ((name, piece) for name in controllers)
+                piece = []
+        if piece:
+            yield from ((name, piece) for name in controllers)
+
+    def _piece(self, controller: str, draws: list[Draw]) -> list[Row]:
+        return self._bench(controller).rows(draws)
+
+    def _bench(self, controller: str) -> Bench:
+        """Return this thread's own; one at a time is made, as code is compiled on the way."""
+        own: dict[str, Bench] = self._own.__dict__
+        if controller not in own:
+            path, settings = self._about
+            with self._turn:
+                first = self._free.pop(controller, None)
+                own[controller] = first or Bench(path, controller, settings)
+        return own[controller]
+
+
+Progress = Callable[[int], Any]
