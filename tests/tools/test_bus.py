@@ -132,6 +132,12 @@ def test_the_table_has_a_line_for_each_frame_by_priority(capsys: Screen) -> None
         assert said in text, text
 
 
+def test_where_no_rate_is_slow_enough_it_says_so(capsys: Screen) -> None:
+    assert main(["bus", HULL, "--set", "rate_hz=1", "--jitter", "900ms"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "on the frame before (at any rate; at 1 Hz at no bit rate of CAN)" in out, out
+
+
 def test_each_bus_of_three_nodes_has_its_own_table_and_bit_rate(capsys: Screen) -> None:
     local = "local.bus={interface: udp_multicast, channel: '239.74.163.2:43999', bitrate: 500000}"
     above, below = report(capsys, str(RELAY), "--set", local)["buses"]
@@ -227,6 +233,7 @@ def test_a_rig_without_a_bit_rate_is_judged_at_the_highest(capsys: Screen) -> No
         (["--rate", "2kbit/s"], "expected a rate like 500, 2kHz, got '2kbit/s'"),
         (["--rate", "1MHz"], "rate_hz=1000000.0: expected a number <= 20000.0"),
         (["--jitter", "5"], "--jitter 5: not a duration above 0"),
+        (["--jitter", "1.1ms"], "--jitter 1.1ms: longer than a cycle, 1 ms: frames would meet the"),
         (["--data-bitrate", "500k"], "500 kbit/s: slower than the nominal 1 Mbit/s"),
     ],
 )

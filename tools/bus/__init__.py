@@ -42,23 +42,32 @@ def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
     config = rig.config
     below = config.local.bus if config.local else None
     of_rig = (config.bus.bitrate, (below and below.bitrate) or config.bus.bitrate)
-    names = ("bus", "local bus")
+    jitter_ns = _ns("--jitter", options.jitter)
+    error_every_ns = _ns("--error-every", options.error_every)
+    if jitter_ns > 1e9 / config.rate_hz:
+        what = f"longer than a cycle, {1e3 / config.rate_hz:g} ms: frames would meet the next"
+        raise RigError(f"--jitter {options.jitter}: {what}; give less")
     found = traffic.buses(rig, options.any_phase)
-    for name, own, frames in zip(names, of_rig, found, strict=False):
-        bitrate, origin = options.bitrate, "--bitrate"
-        if bitrate is None:
-            bitrate, origin = (
-                (own, "of the rig") if own else (MOST_CLASSIC, "assumed, the rig names none")
-            )
-        if options.data_bitrate is not None and options.data_bitrate < bitrate:
-            asked, than = rate_of(options.data_bitrate), rate_of(bitrate)
-            raise RigError(f"--data-bitrate {asked}: slower than the nominal {than}; give more")
+    for name, own, frames in zip(("bus", "local bus"), of_rig, found, strict=False):
+        bitrate, origin = _bitrate(options, own)
         setup = Setup(
-            config.rate_hz, bitrate, options.data_bitrate,
-            _ns("--jitter", options.jitter), _ns("--error-every", options.error_every),
+            config.rate_hz, bitrate, options.data_bitrate, jitter_ns, error_every_ns,
             options.in_order,
         )  # fmt: skip
         yield Bus(name, origin, setup, frames, traffic.analysed(frames, setup))
+
+
+def _bitrate(options: argparse.Namespace, of_rig: int | None) -> tuple[int, str]:
+    """Return a bus's bit rate and where it comes from; RigError if the data phase is slower."""
+    bitrate, origin = options.bitrate, "--bitrate"
+    if bitrate is None:
+        bitrate, origin = of_rig, "of the rig"
+    if bitrate is None:
+        bitrate, origin = MOST_CLASSIC, "assumed, the rig names none"
+    if options.data_bitrate is not None and options.data_bitrate < bitrate:
+        asked, than = rate_of(options.data_bitrate), rate_of(bitrate)
+        raise RigError(f"--data-bitrate {asked}: slower than the nominal {than}; give more")
+    return bitrate, origin
 
 
 def _ns(option: str, text: str | None) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 from pcpc.drivers.frame_bits import classic_bits, fd_bits
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.bus import traffic
-from pcpc.tools.bus.traffic import MOST_HZ, Good, Row, Sent, Setup
+from pcpc.tools.bus.traffic import Good, Row, Sent, Setup
 from pcpc.tools.console import screen
 
 _TITLES = ("id", "frame", "from", "bytes", "bits", "T", "C", "R", "D", "margin")
@@ -119,17 +119,15 @@ def _verdicts(bus: Bus) -> Iterator[tuple[str, str]]:
     yield "with", ", ".join(given)
     yield "load", f"{traffic.load(rows):.1%} in the worst case"
     late = [row.sent.frame.name for row in rows if row.late]
-    what = "every frame is gone before the next of its kind ("
+    what = "every frame is gone before the next of its kind"
     if late:
-        what = f"not: {_named(late)} may still wait when the next of its kind comes (none "
-    yield "fits", f"{what}{_limits(bus, traffic.fits)})"
+        what = f"not: {_named(late)} may still wait when the next of its kind comes"
+    yield "fits", f"{what} ({_limits(bus, traffic.fits, not late)})"
     held = [row.sent.frame.name for row in rows if row.held]
-    what = "no frame of a cycle misses that of its receiver ("
+    what = "no frame of a cycle misses that of its receiver"
     if held:
-        what = (
-            f"{_named(held)} may miss the receiver's cycle, which runs on the frame before (none "
-        )
-    yield "held", f"{what}{_limits(bus, traffic.in_time)})"
+        what = f"{_named(held)} may miss the receiver's cycle, which runs on the frame before"
+    yield "held", f"{what} ({_limits(bus, traffic.in_time, not held)})"
 
 
 def _named(names: Sequence[str], most: int = 6) -> str:
@@ -137,10 +135,10 @@ def _named(names: Sequence[str], most: int = 6) -> str:
     return ", ".join(names[:most]) + more
 
 
-def _limits(bus: Bus, good: Good) -> str:
+def _limits(bus: Bus, good: Good, is_good: bool) -> str:
     """Return up to which rate the frames of a bus are `good`, and from which bit rate on."""
     hz, bitrate = bus.limits(good)
-    rates = "at any rate" if hz == MOST_HZ else f"up to {hz} Hz" if hz else "at no rate"
+    rates = f"{'' if is_good else 'none '}up to {hz} Hz" if hz else "at any rate"
     needed = f"from {rate_of(bitrate)} on" if bitrate else "at no bit rate of CAN"
     return f"{rates}; at {bus.setup.rate_hz:g} Hz {needed}"
 
