@@ -11,6 +11,7 @@ or 10?), `0o10`, `.nan`, numbers beyond 64 bits, tags, anchors, merge keys (`bas
 A path such as `a.b[2].c` names a value; its place is that of its key, in the file it comes from.
 """
 
+import contextlib
 import os
 import re
 import stat
@@ -23,7 +24,7 @@ from typing import Any
 import yaml
 
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.rig.yaml_parser import compose
+from pcpc.executive.rig.yaml_parser import compose, is_alike
 
 __all__ = ["Document", "Keys", "Place", "did_you_mean", "dotted", "dump", "load", "scalar", "value"]
 
@@ -36,6 +37,7 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _INFINITY = re.compile(r"([-+]?)\.(inf|Inf|INF)")
 _UNICODE_BREAKS = re.compile("[\x85\u2028\u2029\ufeff]")
 _LEADING_ZERO = re.compile(r"[-+]?0[0-9]+(\.[0-9]*)?([eE][-+]?[0-9]+)?|0o[0-7]+")
+_WIDTH = 100
 _WORDS = {
     "": None, "~": None, "null": None, "Null": None, "NULL": None,
     "true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False,
@@ -156,11 +158,21 @@ def value(text: str, place: Place) -> Any:
 
 def dump(data: Any) -> str:
     """Return YAML text that `load` reads back as equal data, in the same order."""
+    with contextlib.suppress(UnicodeEncodeError):  # half a character, which libyaml refuses
+        text = _written(data, _Fast, readable=True)
+        if is_alike(text) and "\\" not in text and max(map(len, text.splitlines())) <= _WIDTH:
+            return text  # PyYAML's own emitter, four times as slow, writes the same
     for readable in (True, False):
-        text = yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=readable, width=100)
+        text = _written(data, _Slow, readable)
         if not _UNICODE_BREAKS.search(text):  # PyYAML writes them raw and reads them as a space
             break
     return text
+
+
+def _written(data: Any, dumper: Any, readable: bool) -> str:
+    return str(
+        yaml.dump(data, Dumper=dumper, sort_keys=False, allow_unicode=readable, width=_WIDTH)
+    )
 
 
 def scalar(text: str) -> Any:
@@ -213,9 +225,13 @@ def _reason(error: Exception) -> str:
     return "a loop of links" if isinstance(error, RuntimeError) else "no name of a file"
 
 
-class _Dumper(yaml.SafeDumper):
+class _Slow(yaml.SafeDumper):
     def ignore_aliases(self, data: Any) -> bool:
         return True
+
+
+class _Fast(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    ignore_aliases = _Slow.ignore_aliases
 
 
 def _text_node(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
@@ -227,7 +243,8 @@ def _text_node(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 
-_Dumper.add_representer(str, _text_node)
+_Slow.add_representer(str, _text_node)
+_Fast.add_representer(str, _text_node)
 
 
 def _read_file(

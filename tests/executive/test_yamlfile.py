@@ -6,11 +6,12 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.rig import yaml_parser
+from pcpc.executive.rig import yaml_parser, yamlfile
+from pcpc.executive.rig.yaml_parser import is_alike
 from pcpc.executive.rig.yamlfile import Document, Place, dump, load, scalar, value
 
 PLANTS = Path(__file__).resolve().parents[2] / "plants"
@@ -201,6 +202,27 @@ def test_what_is_dumped_is_read_back(data: dict[str, Any]) -> None:
     text = dump(data)
     read = load("/nowhere/rig.yaml", text).data
     assert repr(read) == repr(data), text
+
+
+LINES = st.text(st.sampled_from("ab :,#-?'\"\n{}[]&*!|>%@`.0"), max_size=130)
+
+
+@settings(max_examples=100, suppress_health_check=list(HealthCheck), deadline=None)
+@given(st.dictionaries(KEYS | LINES.filter(bool), DATA | LINES, max_size=4))
+@example({"0" * 123: None})
+@example({"a": "\U0001f600"})
+@example({"a": "\udc80"})
+def test_libyaml_writes_the_bytes_of_pyyaml(data: dict[str, Any]) -> None:
+    texts = [yamlfile._written(data, yamlfile._Slow, readable) for readable in (True, False)]
+    assert dump(data) in texts
+
+
+def test_libyaml_writes_the_shipped_rigs(monkeypatch: pytest.MonkeyPatch) -> None:
+    rigs = [rig for rig in PLANTS.glob("*/rigs/*.yaml") if is_alike(rig.read_text())]
+    documents = [load(rig).data for rig in rigs]
+    slow = [yamlfile._written(data, yamlfile._Slow, True) for data in documents]
+    monkeypatch.delattr(yamlfile, "_Slow")
+    assert len(rigs) > 20 and [dump(data) for data in documents] == slow
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
