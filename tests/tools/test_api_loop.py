@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 import pcpc
+from pcpc.executive.nodes.watched import Work
 
 SHORT = {"duration_s": 0.3}
 
@@ -69,6 +70,15 @@ def test_a_folder_keeps_log_and_summary_and_is_not_written_twice(tmp_path: Path)
     assert again.verdict == "ok" and again.summary["changed"] == loop.run.summary["changed"]
     with pytest.raises(pcpc.Error, match="holds a log already"):
         next(iter(pcpc.loop("slew10", set=SHORT, folder=tmp_path / "run", quiet=True)))
+
+
+def test_a_run_that_is_over_was_not_interrupted_though_its_thread_still_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Work, "is_alive", lambda self: True)
+    for sample in (loop := pcpc.loop("slew10", set=SHORT, quiet=True)):
+        sample.command["motor_torque_Nm"] = 0.0
+    assert loop.run.verdict == "ok"
 
 
 def test_a_loop_that_is_left_ends_its_run_and_keeps_the_record() -> None:

@@ -117,16 +117,18 @@ class Loop:
         self._sample = Sample({name: i for i, name in enumerate(names)}, node.loop.v)
         work = Work(lambda: simulation.to_end(self._progress), lambda: self._samples.put(False))
         work.start()
+        ended = False
         try:
             while self._samples.get():
                 yield self._sample
                 self._answers.put(None)
+            ended = True
         finally:
             self._over = True  # from here on the commands stay what they are
-            if work.is_alive():
+            if not ended:
                 simulation.interrupt()
                 self._answers.put(None)
-                work.join()
+            work.join()
         if work.error is not None:
             raise work.error
 
