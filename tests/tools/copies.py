@@ -147,7 +147,7 @@ if __name__ == "__main__":
     for _command in import_module("pcpc.tools.console.commands").COMMANDS.values():
         for _one in _command.parts or (_command,):
             import_module(f"pcpc.tools.{_one.at}")
-    import_module("pcpc.executive.loop.exchange")
+    import_module("pcpc.executive.loop.exchange").run_of(2)
     gc.collect()
     gc.freeze()
     (_cwd, *_words), _files = _serve(socket.socket(fileno=os.dup(0)))
