@@ -12,7 +12,8 @@
 signals   functions of a `Run` (plants/judging.py) that return a value a cycle, NaN where nothing is
           known. What they say of a cycle may depend on the cycles beside it and on no others: a
           long run is looked at in stretches. Signals may use each other: run["error_rad"]
-merits    a statistic of a signal, of a recorded variable `NODE:NAME` or of a function like it,
+merits    a statistic of a signal, of a recorded variable `NODE:NAME` (of `NAME` alone the
+          executive's, else that of the node that has it) or of a function like it,
           over a window; or a function of a `Judged` run. Figures that are NaN are left out
 panels    axes with lines of such sources; below them how late a paced run woke, across them where
           it was tuned
@@ -39,6 +40,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import names
 from pcpc.executive.log.reader import NODES, Log
 from pcpc.plants import pages
 from pcpc.plants import statistics as of
@@ -136,8 +138,9 @@ class Evaluation:
                 )
         self._check_shapes()
         for source, place in self._sources():
-            node = source.partition(":")[0]
-            if source not in self.signals and node not in NODES:
+            node, colon, _ = source.partition(":")
+            variable = node in NODES if colon else "." in source
+            if source not in self.signals and not variable:
                 names = [*self.signals, *(f"{node}:" for node in NODES)]
                 raise Mistake(f"no signal {source}{did_you_mean(source, names)}", place)
         each = [name for name, merit in self.merits.items() if _over(merit) == EACH]
@@ -256,11 +259,10 @@ class Evaluation:
     def absent(self, log: Log) -> Iterator[tuple[str, str]]:
         """Yield the variables that a string names and no records have, each with what to say."""
         for source, place in self._sources():
-            node, _, name = source.partition(":")
-            known = list(log.node[node].columns) if node in log.node else []
-            if known and name not in known and source not in self.signals:
-                what = f"{node}: no variable {name}{did_you_mean(name, known)}"
-                yield source, str(Mistake(what, place))
+            node, colon, _ = source.partition(":")
+            told = node in log.node if colon else "plant" in log.node
+            if told and source not in self.signals and names.place(log, source) is None:
+                yield source, str(Mistake(names.missing(log, source, self.signals), place))
 
 
 def further(numbers: Mapping[str, float]) -> list[str]:

@@ -18,7 +18,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import names
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
 from pcpc.executive.log.reader import NODES, Log
 from pcpc.executive.rig.law_errors import at
@@ -121,7 +122,9 @@ class Run:
         return bool(self.plant_told.any())
 
     def __getitem__(self, name: str) -> Vector:
-        """Return a signal of the evaluation, or a variable `NODE:NAME` at the leader's cycles.
+        """Return a signal of the evaluation, or a variable at the leader's cycles.
+
+        `NODE:NAME`, or `NAME` alone: the executive's, else that of the node that has it.
 
         All NaN for a node without records; Mistake for a variable that its records do not have.
         """
@@ -137,10 +140,8 @@ class Run:
         return self[name] if known else np.full(len(self.cycle), math.nan)
 
     def has(self, name: str) -> bool:
-        """Return whether the records have a variable `NODE:NAME`."""
-        node, _, variable = name.partition(":")
-        record = self.log.node.get(node)
-        return record is not None and (variable in record.columns or variable in record.timing)
+        """Return whether the records have a variable, `NODE:NAME` or `NAME`."""
+        return names.place(self.whole or self.log, name) is not None
 
     def values(self, source: Source, place: Place | None = None) -> Vector:
         """Return what a source says, a value or a row a cycle; `place`: where it is declared."""
@@ -155,17 +156,17 @@ class Run:
         return values
 
     def _told(self, name: str) -> Vector:
-        node, _, variable = name.partition(":")
+        log = self.whole or self.log
+        node, variable = names.place(log, name) or name.partition(":")[::2]
         if node not in NODES:
-            known = [f"{n}:{key}" for n, one in self.log.node.items() for key in one.columns]
-            what = f"no signal {name}{did_you_mean(name, [*self.signals, *known])}"
-            raise Mistake(what)
+            if "plant" in log.node or "." not in name:
+                raise Mistake(names.missing(log, name, self.signals))
+            return np.full(len(self.cycle), math.nan)
         rows, record = self._rows(node), self.log.node.get(node)
         if record is None or not len(record.cycle) or not len(record.columns):
             return np.full(len(rows), math.nan)
-        if not self.has(name):
-            known = [*record.columns, *record.timing]
-            raise Mistake(f"{node}: no variable {variable}{did_you_mean(variable, known)}")
+        if variable not in record.columns and variable not in record.timing:
+            raise Mistake(names.missing(log, name))
         found = (record.columns if variable in record.columns else record.timing)[variable]
         return found if node == self.leader else np.where(rows < 0, math.nan, found[rows])
 

@@ -23,9 +23,12 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _node(options: argparse.Namespace) -> Live:
-    """Return the node that is named, else the one that has the variables."""
-    if options.node is not None:
-        return find(options.node)
+    """Return the node that is named, also as `plant:NAME`, else the one that has the variables."""
+    pairs = [word.rpartition(":")[::2] for word in options.names]
+    options.names, nodes = [word for _, word in pairs], {node for node, _ in pairs}
+    node = options.node or (nodes.pop() if len(nodes) == 1 else "")
+    if node:
+        return find(node)
     words = [] if options.command == "lock" else options.names
     return find_for([word.partition("=")[0] for word in words])
 

@@ -33,7 +33,8 @@ _KINDS: dict[str, Any] = {
     "variables": list[tuple[str, str, str, str, str]], "ranges": dict[str, tuple[_Number, _Number]],
     "state_columns": list[str], "timing_columns": list[str],
     "frames": dict[Annotated[str, Meta(pattern=r"\A[0-9]{1,10}\Z")], str],
-    "state_names": list[str], "fault_names": list[str], "metadata": dict[str, str],
+    "sources": dict[str, str], "state_names": list[str], "fault_names": list[str],
+    "metadata": dict[str, str],
 }  # fmt: skip
 _ENTRY: dict[str, Any] = {
     "cycle": _Int, "stamp_ns": _Int, "name": str, "event": str, "argument": _Word,

@@ -1,7 +1,7 @@
 """Logged signals as a table: `law: table, file: run.mcap, signal: controller.e_rad`.
 
-A name without a node is the executive's; `plant:motor.angle_rad` is one of the plant. The column is
-called as the variable, without its block. Times are k T of the cycles.
+`plant:motor.angle_rad` is one of the plant, as is `motor.angle_rad`: see `executive.log.names`. The
+column is called as the variable, without its block. Times are k T of the cycles.
 """
 
 from collections.abc import Sequence
@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.names import missing, place
 from pcpc.executive.rig.tables import MOST_VALUES, Numbers, reads
 from pcpc.executive.rig.yamlfile import shown
 
@@ -20,19 +21,19 @@ def signals(file: Path, names: Sequence[str]) -> Numbers:
     """Return what a log recorded of variables of one node; RigError."""
     where = shown(file)
     log = logs.read(file)
-    split = [name.rpartition(":") for name in names]
-    roles = list(dict.fromkeys(role or "executive" for role, _, _ in split))
+    split = [place(log, name) or name.rpartition(":")[::2] for name in names]
+    roles = list(dict.fromkeys(role or "executive" for role, _ in split))
     if len(roles) != 1 or roles[0] not in log.node:
         what = "signals of one node are needed" if len(roles) > 1 else f"no node {roles[0]}"
         raise RigError(f"{where}: {what}; it has {', '.join(log.node)}")
     node = log.node[roles[0]]
     units = {name: unit for name, unit, *_ in node.description["variables"]}
-    for _, _, name in split:
+    for given, (_, name) in zip(names, split, strict=True):
         if name not in node.columns:
-            raise RigError(f"{where}: no signal {name}{did_you_mean(name, node.columns)}")
+            raise RigError(f"{where}: {missing(log, given)}")
     period_ns = float(log.metadata[roles[0]]["period_ns"])
-    columns = [f"{name.rpartition('.')[2]} [{units[name]}]" for _, _, name in split]
-    values = np.column_stack([node.columns[name] for _, _, name in split])
+    columns = [f"{name.rpartition('.')[2]} [{units[name]}]" for _, name in split]
+    values = np.column_stack([node.columns[name] for _, name in split])
     if len(values) < 2 or not np.isfinite(values).all():
         raise RigError(f"{where}: {', '.join(names)}: two records, all finite, are needed")
     if values.size > MOST_VALUES:

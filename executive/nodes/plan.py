@@ -356,6 +356,11 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
         "ranges": {v.name: [v.low, v.high] for v in table.variables if v.kind == "parameter"},
         "state_columns": [table.variables[i].name for i in made.columns(False)],
         "timing_columns": [table.variables[i].name for i in made.columns(True)],
+        "sources": {
+            table.variables[target].name: table.variables[source].name
+            for copies in made.copies
+            for source, target in copies
+        },
         "blocks": [spec.name for spec in made.spec.blocks],
         "frames": {str(f.can_id): f.name for f in (*made.rx_frames, *made.tx_frames)},
         "state_names": list(STATE_NAMES),

@@ -15,15 +15,20 @@ from hypothesis import strategies as st
 from processes import alive, own_bus, until
 
 import pcpc
+from pcpc.executive.log.signals import signals
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.api.live import _verdict
 from pcpc.tools.api.settings import settings
+from pcpc.tools.log import series
 from pcpc.tools.rigs import find
 
 SHORT = {"duration_s": 0.3}
 ROOT = Path(__file__).resolve().parents[2]
+
+
+AN_INPUT = r"an input, not recorded; use its source rx\.FB_A\.encoder"
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +55,40 @@ def test_a_variable_that_was_not_recorded_is_a_line_with_a_proposal(run: pcpc.Ru
         run["plant:controller.e_rad"]
     with pytest.raises(pcpc.UnknownName, match="a parameter"):
         run["controller.kv_Nms_rad"]
+    with pytest.raises(pcpc.UnknownName, match=AN_INPUT):
+        run["controller.encoder_rad"]
+    with pytest.raises(pcpc.UnknownName, match=r"use its source plant:rx\.CMD\.motor_torque$"):
+        run["barrel.motor_command_Nm"]
     assert "controller.e_rad" in run and "controller.e_radd" not in run
     assert run.units["controller.e_rad"] == "rad"
+
+
+def test_a_name_is_known_with_and_without_its_node(run: pcpc.Run) -> None:
+    for name in ("barrel.theta_rad", "controller.e_rad"):
+        node = "plant" if name.startswith("barrel") else "executive"
+        assert run[name].tobytes() == run[f"{node}:{name}"].tobytes(), name
+        assert name in run and f"{node}:{name}" in run
+        entry = f"abs({name}) < 100 rad"
+        assert (
+            run.require(always=entry).margin
+            == run.require(always=f"abs({node}:{name}) < 100").margin
+        )
+        known = series.all_series(run.log)
+        found = [series.choose(known, [n], "", [run.log]) for n in (name, f"{node}:{name}")]
+        assert found[0] == found[1] != [], found
+        assert signals(run.path, [name]).columns == signals(run.path, [f"{node}:{name}"]).columns
+        judged = run._judged.run()
+        assert judged[name].tobytes() == judged[f"{node}:{name}"].tobytes()
+    assert run["time.t_s"].tobytes() == run["executive:time.t_s"].tobytes(), "of both nodes"
+    for refused in (
+        lambda: run.require(always="controller.encoder_rad < 1"),
+        lambda: series.choose([], ["controller.encoder_rad"], "", [run.log]),
+        lambda: signals(run.path, ["controller.encoder_rad"]),
+        lambda: run._judged.run()["controller.encoder_rad"],
+        lambda: run.figure("controller.encoder_rad"),
+    ):
+        with pytest.raises(pcpc.Error, match=AN_INPUT):
+            refused()
 
 
 def test_frames_are_those_of_the_bus_each_once(run: pcpc.Run) -> None:

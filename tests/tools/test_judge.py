@@ -64,8 +64,9 @@ def refusal(rig: Rig) -> str:
     return str(error.value)
 
 
-def test_a_sound_evaluation_passes(rig: Write) -> None:
-    told = check(Judge.of(rig()), [])
+@pytest.mark.parametrize("node", ["executive:", "plant:", "none:"])
+def test_a_sound_evaluation_passes_with_names_of_either_spelling(node: str, rig: Write) -> None:
+    told = check(Judge.of(rig(BODY.replace(f'"{node}', '"'))), [])
     assert all("asks for it" in line for line in told), told  # windows of the base
 
 
@@ -79,8 +80,14 @@ def test_a_sound_evaluation_passes(rig: Write) -> None:
         ("merits=", "merit=", "own.py:8: TypeError: Evaluation.__init__() got an une"),
         ("controller.e_rad", "controller.e_rda",
          "own.py:5: executive: no variable controller.e_rda; did you mean controller.e_rad?, in"),
-        ('run["executive:', 'run["',
-         "own.py:5: no signal controller.e_rad; did you mean executive:controller.e_rad?"),
+        ('run["executive:controller.e_rad', 'run["controller.e_rda',
+         "own.py:5: no signal controller.e_rda; did you mean controller.e_rad?"),
+        ('run["executive:controller.e_rad', 'run["controller.encoder_rad',
+         "own.py:5: controller.encoder_rad: an input, not recorded; use its source rx.FB_A.enc"),
+        ('Line("error_rad"', 'Line("controller.encoder_rad"',
+         "own.py:12: controller.encoder_rad: an input, not recorded; use its source rx.FB_A.enc"),
+        ('"plant:barrel.theta', '"barrel.thetta',
+         "own.py:13: no signal barrel.thetta_rad; did you mean plant:barrel.theta_rad?"),
         ("return run", "return rnu", "own.py:5: NameError: name 'rnu' is not defined"),
         ("return run", "return 3.0 if True else run", "own.py:10: expected a value a cycle, 200"),
         ("return run", "return 'x' if True else run", "own.py:10: expected numbers, got str"),

@@ -204,6 +204,17 @@ def test_the_node_that_has_a_variable_is_found(
     assert live.find_for(names).name.endswith(role)
 
 
+def test_a_variable_is_found_by_its_node_and_name(
+    run: Run, capsys: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone(run, monkeypatch)
+    for words in (["plant:barrel.gap_rad"], ["barrel.gap_rad"], [f"executive:{KV}"], [KV]):
+        assert main(["get", *words]) == 0, capsys.readouterr().err
+        assert capsys.readouterr().out.startswith(words[0].rpartition(":")[2]), words
+    code = main(["get", "plant:barrel.gap_rad", f"executive:{KV}"])
+    assert code == 2 and "no node has all of them" in capsys.readouterr().err
+
+
 def test_variables_of_no_single_node_are_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     alone(run, monkeypatch)
     with pytest.raises(live.LiveError, match="no node has all of them"):

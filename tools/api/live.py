@@ -155,7 +155,9 @@ class Live:
         """Return node and name of a variable; UnknownName."""
         role, colon, variable = name.partition(":")
         if not colon:
-            role, variable = "executive", name
+            having = [one for one, node in self._nodes.items() if name in node.variables]
+            own = "executive" in having or not having
+            role, variable = "executive" if own else having[0], name
         if role not in self._nodes and role not in ("executive", "plant", "local"):
             raise UnknownName(f"{name}: no node {role}; known: {', '.join(self._nodes)}")
         node = self._node(role)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import names
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.requirements import RequirementError
@@ -72,7 +73,8 @@ class Run:
     """A recorded run.
 
         run["controller.e_rad"]         of the executive, (n,) float64, a value a cycle
-        run["plant:barrel.theta_rad"]   of another node, at the executive's cycles; NaN for none
+        run["plant:barrel.theta_rad"]   of another node, at the executive's cycles; NaN for none;
+                                        barrel.theta_rad alone, as the executive has no such name
         run["error_rad"]                a signal of the rig's evaluation
         run.t_s                         (n,) float64, time of the cycles, k T, s
 
@@ -123,23 +125,20 @@ class Run:
         return Judged(self.log, self.period_s).run(leader)
 
     def __getitem__(self, name: str) -> Vector:
-        node, colon, variable = name.partition(_NODE)
-        if not colon:
-            node, variable = "executive", name
-        one = self.log.node.get(node)
-        if one is not None and variable in one.timing:
-            return self._at_cycles(node, one.timing[variable])
-        if one is not None and variable in one.columns:
+        if (found := names.place(self.log, name)) is not None:
+            node, variable = found
+            timing = self.log.node[node].timing
+            if variable in timing:
+                return self._at_cycles(node, timing[variable])
             return np.asarray(self._records[f"{node}{_NODE}{variable}"])
-        if not colon and (signal := self._signal(name)) is not None:
+        if (signal := self._signal(name)) is not None:
             return signal
         raise self._unknown(name)
 
     def _unknown(self, name: str) -> UnknownName:
         """Return why there is no such record."""
-        if name in self.units:
-            return UnknownName(f"{name}: a parameter, not recorded; events tell its changes")
-        return UnknownName(f"{name}: not recorded{did_you_mean(name, self.names)}")
+        cure = did_you_mean(name, self.names)
+        return UnknownName(f"{name}: {names.unrecorded(self.log, name) or f'not recorded{cure}'}")
 
     def _at_cycles(self, node: str, values: Vector) -> Vector:
         """Return what a node recorded at the executive's cycles."""
@@ -150,7 +149,7 @@ class Run:
         return np.where(rows < 0, np.nan, values[rows])
 
     def __contains__(self, name: object) -> bool:
-        return name in self.names
+        return isinstance(name, str) and names.place(self.log, name) is not None
 
     def __iter__(self) -> Any:
         return iter(self.names)
@@ -284,15 +283,15 @@ class Run:
             raise NotOk(f"{said['rig']}: {self.verdict}: " + ("; ".join(why) or "see its summary"))
         return self
 
-    def figure(self, *names: str, path: str | Path | None = None) -> Figure:
-        """Return the figure of the rig's evaluation, or of the variables `names` over time.
+    def figure(self, *variables: str, path: str | Path | None = None) -> Figure:
+        """Return the figure of the rig's evaluation, or of the `variables` over time.
 
         `path`: also written there. ImportError without matplotlib (`pip install 'pcpc[plot]'`).
         """
         with tempfile.TemporaryDirectory(prefix="pcpc-") as folder:
             place = Path(folder) / "figure.png"
-            if names:
-                self._plot(names, place)
+            if variables:
+                self._plot(variables, place)
             else:
                 config = self.rig.config
                 title = f"{config.rig}: {config.title}, controller {config.controller}"
@@ -305,17 +304,17 @@ class Run:
             found.save(path)
         return found
 
-    def _plot(self, names: Sequence[str], place: Path) -> None:
+    def _plot(self, variables: Sequence[str], place: Path) -> None:
         """Draw variables over time as `pcpc log plot` does."""
         from pcpc.tools.log import plot, series
         from pcpc.tools.log.drawing import DPI, Source, page_of
 
-        for name in names:
+        for name in variables:
             if name not in self:
                 raise self._unknown(name)
         known, begin_ns = series.all_series(self.log), series.start_ns(self.log)
         source = Source(self.path.stem, self.log, known, begin_ns)
-        groups = plot.groups_of([source], [name.replace(_NODE, ".", 1) for name in names])
+        groups = plot.groups_of([source], [name.replace(_NODE, ".", 1) for name in variables])
         page_of([source], groups, (-np.inf, np.inf)).savefig(place, dpi=DPI)
 
     def to_pandas(self) -> "pandas.DataFrame":

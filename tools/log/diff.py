@@ -113,7 +113,7 @@ def compare(
     ours, theirs = series.all_series(a), series.all_series(b)
     known = [*ours, *(name for name in theirs if name not in ours)]
     where = f"{a.path}, {b.path}"
-    chosen = series.choose(known, patterns, where) if patterns else [
+    chosen = series.choose(known, patterns, where, (a, b)) if patterns else [
         name for name in known if (ours.get(name) or theirs[name]).topic.endswith("/state")
     ]  # fmt: skip
     _only(report, "variable", *({n for n in chosen if n in s} for s in (ours, theirs)))

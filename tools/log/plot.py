@@ -134,7 +134,10 @@ def groups_of(sources: Sequence[Source], patterns: Sequence[str]) -> list[list[s
     where = sources[0].log.path if len(sources) == 1 else f"{len(sources)} logs"
     if not known:
         raise LogCommandError(f"{where}: no variables recorded")
-    names = series.choose(known, patterns, str(where)) if patterns else _default(sources, known)
+    read = [source.log for source in sources]
+    names = (
+        series.choose(known, patterns, str(where), read) if patterns else _default(sources, known)
+    )
     groups: list[list[str]] = []
     if len(sources) > 1:
         groups = [[name] for name in names]

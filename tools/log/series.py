@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pcpc.executive.durations import duration_s
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.names import unrecorded
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import LogCommandError
 
@@ -86,21 +87,27 @@ def all_series(log: logs.Log) -> dict[str, Series]:
     return found
 
 
-def choose(known: Iterable[str], patterns: Iterable[str], where: str) -> list[str]:
+def choose(
+    known: Iterable[str], patterns: Iterable[str], where: str, of: Iterable[logs.Log]
+) -> list[str]:
     """Return the names that match, in the order of the patterns.
 
-    A name of another node than the executive is also found without its prefix (`plant.`, `local.`),
-    where nothing else matches. Raises LogCommandError for a pattern that matches none.
+    A name of another node than the executive is also found as `plant:NAME`, and without its prefix
+    (`plant.`, `local.`) where nothing else matches. Raises LogCommandError for a pattern that
+    matches none; `of`: the logs that `known` are from.
     """
-    names = list(known)
+    names, told = list(known), list(of)
     chosen: dict[str, None] = {}
-    for pattern in patterns:
+    for given in patterns:
+        pattern = given.replace(":", ".", 1).removeprefix("executive.")
         found = [name for name in names if fnmatchcase(name, pattern)]
         further = [prefix + pattern for prefix in _PREFIXES]
         found = found or [n for n in names if any(fnmatchcase(n, other) for other in further)]
         if not found:
+            if why := next(filter(None, (unrecorded(log, given) for log in told)), ""):
+                raise LogCommandError(f"{where}: {given}: {why}")
             bare = [_bare(name) for name in names]
-            raise LogCommandError(f"{where}: no variable {pattern}{did_you_mean(pattern, bare)}")
+            raise LogCommandError(f"{where}: no variable {given}{did_you_mean(pattern, bare)}")
         chosen |= dict.fromkeys(found)
     return list(chosen)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import names
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import schema
@@ -96,15 +97,12 @@ class Names:
 
         ExpressionError for what is neither.
         """
-        node, colon, variable = name.rpartition(":")
-        node = node if colon else LEADER
-        one = self.log.node.get(node)
-        if one is not None and (variable in one.columns or variable in one.timing):
-            return node, variable
-        if not colon and name in self.signals:
+        if (found := names.place(self.log, name)) is not None:
+            return found
+        if name in self.signals:
             return "", name
-        if (node, variable) in self._units:
-            raise ExpressionError(f"{name} is not recorded")
+        if why := names.unrecorded(self.log, name):
+            raise ExpressionError(f"{name} is {why}")
         raise ExpressionError(f"no variable {name}{did_you_mean(name, self._known())}")
 
     def unit(self, name: str) -> Unit | None:
@@ -126,12 +124,13 @@ class Names:
         asked = [LEADER]
         for name in timed(entry, lambda name: None).names:
             node, colon, _ = name.partition(":")
-            asked.append(node if colon else "plant" if name in self.signals else LEADER)
+            own = names.place(self.log, name) or names.unrecorded(self.log, name)
+            asked.append(node if colon else LEADER if own else "plant")
         return next((node for node in asked if node not in self.log.node), "")
 
-    def rows(self, names: frozenset[str], run: Run, own: slice) -> Rows:
+    def rows(self, asked: frozenset[str], run: Run, own: slice) -> Rows:
         """Return the own cycles of a stretch that have a record of all that is asked."""
-        places = {name: self.place(name) for name in names}
+        places = {name: self.place(name) for name in asked}
         nodes = {node for node, _ in places.values()}
         nodes = set(self.log.node) if "" in nodes else nodes
         told = np.logical_and.reduce([run.told(node) for node in nodes])[own]
@@ -142,7 +141,7 @@ class Names:
         return Rows(run.cycle[own][told], columns, run.period_s)
 
 
-def bound(entries: Sequence[schema.Requirement], names: Names) -> list[Timed | str]:
+def bound(entries: Sequence[schema.Requirement], known: Names) -> list[Timed | str]:
     """Return requirements that can be judged; of others the node that the log does not have.
 
     RequirementError, with the number of the entry, for names and units that are wrong.
@@ -150,7 +149,7 @@ def bound(entries: Sequence[schema.Requirement], names: Names) -> list[Timed | s
     found: list[Timed | str] = []
     for number, entry in enumerate(entries):
         try:
-            found.append(names.absent(entry) or timed(entry, names.unit))
+            found.append(known.absent(entry) or timed(entry, known.unit))
         except RequirementError as error:
             error.number = number
             raise
@@ -164,15 +163,15 @@ def results(
 
     `cut`: whether the run went on behind the log's end; None: as far as the log tells.
     """
-    names = Names(judged.log, judged.signals)
+    known = Names(judged.log, judged.signals)
     able = [
         one if isinstance(one, str) else monitor(one, judged.period_s)
-        for one in bound(entries, names)
+        for one in bound(entries, known)
     ]
     watched = [one for one in able if not isinstance(one, str)]
     for run, own in judged.stretches(LEADER) if watched else ():
         for one in watched:
-            one.take(names.rows(one.timed.names, run, own))
+            one.take(known.rows(one.timed.names, run, own))
     for one in watched:
         one.end(_cut(judged, one.last) if cut is None else cut)
     return [
