@@ -255,11 +255,7 @@ def draw_lateness(ax: "Axes", judged: Judged) -> None:
 def dress(ax: "Axes", window_s: tuple[float, float]) -> None:
     """Shade the window, give axes their grid, their legend above them."""
     ax.axvspan(*window_s, color=SHADE, linewidth=0, zorder=0)
-    ax.grid(color="#D0D0D0", linewidth=0.5)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(labelsize=8)
-    ax.yaxis.label.set_fontsize(9)
+    ruled(ax)
     if ax.get_legend_handles_labels()[0]:
         ax.legend(
             loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=4, frameon=False, fontsize=8,
@@ -268,3 +264,12 @@ def dress(ax: "Axes", window_s: tuple[float, float]) -> None:
     else:
         ax.set_yticks([])
         ax.text(0.5, 0.5, "not in this log", transform=ax.transAxes, color=GREY, ha="center")
+
+
+def ruled(ax: "Axes") -> None:
+    """Give axes their grid, no frame above and beside, and small letters."""
+    ax.grid(color="#D0D0D0", linewidth=0.5)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.tick_params(labelsize=8)
+    ax.yaxis.label.set_fontsize(9)

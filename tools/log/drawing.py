@@ -79,26 +79,26 @@ def page_of(
             if name in source.series
         ]
         drawn = [
-            _draw(ax, source, name, window_s, {"label": _shown(label), "color": colour})
+            _draw(ax, source, name, window_s, {"label": shown(label), "color": colour})
             for source, name, label, colour in lines
         ]
         if not any(drawn):
             ax.text(0.5, 0.5, "no value", transform=ax.transAxes, ha="center", color="#707070")
         one = next(source.series[names[0]] for source in sources if names[0] in source.series)
         unit = series.label(one.unit)
-        ax.set_ylabel(_shown(unit), fontsize=8)
+        ax.set_ylabel(shown(unit), fontsize=8)
         if len(sources) > 1:
-            ax.set_title(_shown(names[0]), fontsize=8, loc="left", pad=2)
+            ax.set_title(shown(names[0]), fontsize=8, loc="left", pad=2)
         ax.grid(color="#D8D8D8", linewidth=0.5)
         ax.tick_params(labelsize=8)
         ax.spines[["top", "right"]].set_visible(False)
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
     axes[-1].set_xlabel("time [s]", fontsize=9)
-    page.suptitle("   ".join(map(_shown, _title(sources))), fontsize=10, x=0.01, ha="left")
+    page.suptitle("   ".join(map(shown, _title(sources))), fontsize=10, x=0.01, ha="left")
     return page
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
     """Return a name as matplotlib draws it: no formula, and no longer than an axis."""
     return (text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}...").replace(
         "$", r"\$"

@@ -18,11 +18,14 @@ alpha at most (Ville), and so it is where p > p0. Hence:
     open        neither of these yet
 
 L grows with p0; the p0 at which it is 1/alpha is therefore an upper bound of p that holds at all n
-at once (a confidence sequence), and says p < p0 exactly when the test does. Mirrored, with p R in
-place of p/R, it is a lower bound. Solved for p, with R = p0/p1:
+at once (a confidence sequence), and says p < p0 exactly when the test does. With R = p0/p1
 
     upper  (g - 1)/(g - 1/R),  g = (R^k/alpha)^(1/(n - k))                                (2)
-    lower  (1 - h)/(R - h),    h = (R^-k/alpha)^(1/(n - k))                               (3)
+
+The lower bound is where the same martingale, its alternative mixed over all p by Jeffreys' prior,
+reaches 1/alpha below k/n (Robbins); it needs no p1 and gets ever closer:
+
+    lower  B(k + 1/2, n - k + 1/2) / (B(1/2, 1/2) p^k (1 - p)^(n - k)) = 1/alpha          (3)
 
 `against 0` is the test without failure: 1/alpha is reached after as many failure-free runs as a
 fixed number would have needed, and one failure ends it as not shown.
@@ -79,18 +82,31 @@ def always_valid(
     failures: int, runs: int, confidence: float, ratio: float = RATIO
 ) -> tuple[float, float]:
     """Return a lower and an upper bound, each of `confidence` for all numbers of runs at once."""
+    from scipy.optimize import brentq
+
     _checked(failures, runs)
-    clean, sure = runs - failures, -math.log(1.0 - confidence)
-    if clean == 0:
-        known = runs > 0 and runs * math.log(ratio) >= sure  # the alternative p R ends at 1
-        return math.exp(-sure / runs) if known else 0.0, 1.0
-    if ratio == math.inf:
-        return 0.0, -math.expm1(-sure / clean) if failures == 0 else 1.0
-    up = (sure + failures * math.log(ratio)) / clean  # ln g
-    down = (sure - failures * math.log(ratio)) / clean  # ln h
-    upper = 1.0 / (1.0 + (1.0 - 1.0 / ratio) / math.expm1(up)) if up < 700.0 else 1.0
-    lower = math.expm1(down) / (math.exp(down) - ratio) if down < 0.0 else 0.0
+    sure, lower, upper = -math.log(1.0 - confidence), 0.0, 1.0
+    if failures < runs and (ratio < math.inf or failures == 0):
+        grown = (sure + (failures * math.log(ratio) if failures else 0.0)) / (runs - failures)
+        if grown < 700.0:  # ln g, of a float64
+            upper = 1.0 / (1.0 + (1.0 - 1.0 / ratio) / math.expm1(grown))
+
+    def excess(p: float) -> float:
+        return _mixed(failures, runs, p) - sure
+
+    if failures:  # below 0 at p = k/n, where nothing is likelier
+        lower = float(brentq(excess, 1e-300, failures / runs, xtol=1e-18))
     return lower, upper
+
+
+def _mixed(failures: int, runs: int, p: float) -> float:
+    """Return the logarithm of (3), left, at 0 < p < 1, or p = 1 without a clean run."""
+    from scipy.special import betaln
+
+    clean = (runs - failures) * math.log1p(-p) if runs > failures else 0.0
+    prior = float(betaln(0.5, 0.5))
+    whole = float(betaln(failures + 0.5, runs - failures + 0.5)) - prior
+    return whole - failures * math.log(p) - clean
 
 
 @dataclass(frozen=True)
@@ -141,7 +157,7 @@ class Statement:
         likelihood = self.likelihood(failures, runs)
         if likelihood >= self._accepted:
             return HOLDS
-        if self.bounds(failures, runs)[0] >= self.p0:
+        if failures > self.p0 * runs and _mixed(failures, runs, self.p0) >= self._accepted:
             return REFUTED
         return NOT_SHOWN if likelihood <= math.log(self.beta) else OPEN
 
@@ -194,17 +210,17 @@ class Statement:
     def told(self, failures: int, runs: int) -> str:
         """Return the outcome in words, in one line."""
         sure = f"at {_short(100.0 * self.confidence)} %"
-        found = f"{_counted(failures, 'failure')} in {_counted(runs, 'run')}"
+        found = f"{counted(failures, 'failure')} in {counted(runs, 'run')}"
         lower, upper = self.bounds(failures, runs)
         outcome = self.decided(failures, runs)
         if outcome == HOLDS:
             need = f"{self.without_failure:,} were needed without failure"
-            return f"{self} holds {sure}: {found}, bound {_bound(upper)}; {need}"
+            return f"{self} holds {sure}: {found}, bound {bound_text(upper)}; {need}"
         if outcome == REFUTED:
-            return f"{self} is refuted {sure}: {found}, p_fail is above {_bound(lower)}"
+            return f"{self} is refuted {sure}: {found}, p_fail is above {bound_text(lower)}"
         if outcome == NOT_SHOWN and self.p1 == 0.0:
             return f"{self} is not shown: {found}, and the test was for none"
-        between = f"p_fail is above {_bound(lower)} and below {_bound(upper)}, each {sure}"
+        between = f"p_fail is above {bound_text(lower)} and below {bound_text(upper)}, each {sure}"
         if outcome == NOT_SHOWN:
             near = f"p_fail <= {_short(self.p1)} is excluded at {_short(100 * (1 - self.beta))} %"
             return f"{self} is not shown: {found}, {near}; {between}"
@@ -212,7 +228,7 @@ class Statement:
         rising = self._drift(failures / max(runs, 1)) > 0.0
         end = "to show it" if rising else "until it is given up"
         ahead = f"about {rest:,} more {end}, if it goes on like this"
-        return f"{self} is open after {found}: bound {_bound(upper)}; {ahead}"
+        return f"{self} is open after {found}: bound {bound_text(upper)}; {ahead}"
 
 
 def parsed(text: str) -> Statement:
@@ -256,10 +272,11 @@ def _short(number: float) -> str:
     return f"{float(mantissa):g}e{power}"
 
 
-def _bound(number: float) -> str:
+def bound_text(number: float) -> str:
     """Return a bound with four digits, 9.998e-4."""
     return _short(float(f"{number:.4g}"))
 
 
-def _counted(count: int, word: str) -> str:
+def counted(count: int, word: str) -> str:
+    """Return `1 run`, `2,995 runs`."""
     return f"{count:,} {word}{'' if count == 1 else 's'}"

@@ -1,0 +1,222 @@
+"""The report of a campaign: its counts are the table's, its lines right, its page whole."""
+
+import json
+import re
+import shlex
+from collections.abc import Sequence
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from campaign import CONTROLLERS, REQUIREMENT, VARIED, spec, table
+from matplotlib.figure import Figure
+
+from pcpc.drivers.errors import UserError
+from pcpc.tools.cli import parsed
+from pcpc.tools.sweep import figures
+from pcpc.tools.sweep.report import report
+from pcpc.tools.sweep.results import Results, compared
+
+ERROR = "metric:error_rms_mrad"
+BARE = ["draw", "controller", "seed", "outcome", "ok", "why"]
+
+
+class Page(HTMLParser):
+    """What a browser would make of a page: its text, tags, pictures and commands."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.text, self.tags, self.sources = "", list[str](), list[str]()
+        self.commands = list[str]()
+        self._in_code = False
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: Sequence[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+        self._in_code = tag == "code"
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+        if self._in_code and data.startswith("pcpc "):
+            self.commands.append(data)
+
+
+def drawn(draws: int, **more: Any) -> Results:
+    return Results(table(draws), spec(draws, **more))
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return report(table(50), spec(50), tmp_path_factory.mktemp("report"))
+
+
+def test_the_page_is_one_file_with_its_pictures_inside(written: Path) -> None:
+    page = Page(written)
+    assert len(page.sources) == page.tags.count("img") == 5  # failures, three metrics, a margin
+    assert all(one.startswith("data:image/png;base64,") for one in page.sources)
+    assert not {"script", "link", "iframe"} & set(page.tags)
+    pictures = sorted(path.name for path in written.parent.glob("*.png"))
+    assert pictures == ["failures.png", "margin-peak-error---co.png", "metric-bias_mrad.png",
+                        "metric-error_rms_mrad.png", "metric-settle_s.png"]  # fmt: skip
+
+
+def test_names_are_text_and_no_markup(written: Path, tmp_path: Path) -> None:
+    page = Page(written)
+    assert "b" not in page.tags and "of" not in page.tags
+    assert CONTROLLERS[1] in page.text and REQUIREMENT in page.text
+    assert page.text.count("Arm <of> a test") == 2  # title and heading
+    faulty = table(5, ("<i>x",)).select(BARE)
+    page = Page(report(faulty, spec(5, variations=["<i>=1:2"], settings=["<i>=1"]), tmp_path))
+    assert "i" not in page.tags and "--controller '<i>x' --set '<i>=1'" in page.text
+
+
+def test_a_fault_is_a_failure_and_what_was_refused_counts_neither_way() -> None:
+    results = drawn(50)
+    rows = table(50).to_pylist()
+    for controller in CONTROLLERS:
+        own = [r for r in rows if r["controller"] == controller and r["outcome"] != "refused"]
+        failed = sum(not r["ok"] for r in own)
+        assert results.failures(controller) == (failed, len(own)) == (failed, 49)
+        assert results.failures(controller, REQUIREMENT) == (failed, 49)
+    unjudged = table(50).to_pylist()
+    for row in unjudged[10:20]:
+        row[f"held:{REQUIREMENT}"] = None  # of runs that ran
+    part = Results(pa.Table.from_pylist(unjudged), spec(50))
+    assert [part.failures(c, REQUIREMENT)[1] for c in CONTROLLERS] == [44, 44]
+    assert [part.failures(c)[1] for c in CONTROLLERS] == [49, 49]
+
+
+def test_pairs_are_the_same_draw_in_any_order_of_rows(written: Path, tmp_path: Path) -> None:
+    rows = table(50).to_pylist()
+    shuffled = [rows[i] for i in np.random.default_rng(1).permutation(len(rows))]
+    again = report(pa.Table.from_pylist(shuffled), spec(50), tmp_path)
+    assert again.read_bytes() == written.read_bytes()
+
+
+def test_ratios_are_counted_pair_by_pair(written: Path) -> None:
+    error = {(r["draw"], r["controller"]): r[ERROR] for r in table(50).to_pylist()}
+    pairs = [(error[d, CONTROLLERS[0]], error[d, CONTROLLERS[1]]) for d in range(50)]
+    pairs = [(a, b) for a, b in pairs if np.isfinite(a) and np.isfinite(b)]
+    counts = [sum(a > b for a, b in pairs), *(sum(a >= r * b for a, b in pairs) for r in (2.3, 5))]
+    ((other, told, found, median),) = compared(drawn(50), ERROR, figures.RATIOS)
+    assert (other, told, found) == (CONTROLLERS[1], len(pairs), counts) and told == 48
+    assert median == pytest.approx(np.median([a / b for a, b in pairs]))
+    assert f"{counts[0]} of 48 ({counts[1]}, {counts[2]})" in Page(written).text
+
+
+@pytest.mark.parametrize("xscale", ["linear", "log"])
+@pytest.mark.parametrize("yscale", ["linear", "log"])
+def test_lines_of_equal_ratio_part_the_pairs_on_any_mix_of_axes(xscale: str, yscale: str) -> None:
+    """As the eye counts: on the screen, below the line as it is drawn."""
+    x, y = drawn(500).pairs(ERROR, *CONTROLLERS)
+    ax = Figure().subplots()
+    ax.set(xscale=xscale, yscale=yscale, xlim=(x.min() * 0.9, x.max() * 1.1),
+           ylim=(y.min() * 0.9, y.max() * 1.1))  # fmt: skip
+    for times in figures.RATIOS:
+        (line,) = ax.plot(*figures.ratio_line(x.min() * 0.9, x.max() * 1.1, times))
+        on_screen = ax.transData.transform(line.get_xydata())
+        points = ax.transData.transform(np.column_stack((x, y)))
+        below = points[:, 1] < np.interp(points[:, 0], on_screen[:, 0], on_screen[:, 1])
+        close = np.abs(x / y / times - 1.0) < 1e-3
+        assert np.array_equal(below[~close], (x / y > times)[~close]), f"{times} times"
+
+
+def test_a_curve_ends_at_the_share_of_runs_that_told_a_value() -> None:
+    results = drawn(50)
+    ax = Figure().subplots()
+    figures.distribution(ax, results, "metric:settle_s")
+    for line, controller in zip(ax.get_lines(), CONTROLLERS, strict=True):
+        told = np.isfinite(results.values("metric:settle_s", controller))
+        assert len(told) == 49 and told.sum() < 45
+        y = line.get_ydata()
+        assert y[0] == 0.0 and y[-1] == told.mean()
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["pd: 42 of 49", "network<b>: 43 of 49"]
+
+
+def test_scales_follow_the_values() -> None:
+    def scale(*values: float) -> str:
+        return figures._scale(np.array(values))
+
+    assert scale(1.0, 29.0) == "linear" and scale(1.0, 31.0) == "log"
+    assert scale(0.0, 100.0) == scale(-1.0, 100.0) == scale() == "linear"
+
+
+def test_labels_tell_the_unit_that_a_name_ends_in() -> None:
+    assert figures.label_of("metric:error_rms_mrad") == "error_rms_mrad [mrad]"
+    assert figures.label_of("metric:speed_m_s") == "speed_m_s [m/s]"
+    assert figures.label_of("metric:count") == "count"
+    assert figures.label_of("margin:a $5") == r"margin of a \$5"
+
+
+def test_worst_cases_come_with_commands_that_give_their_bits(written: Path) -> None:
+    results = drawn(50)
+    worst = results.worst(f"margin:{REQUIREMENT}", 5)
+    margins = [r[f"margin:{REQUIREMENT}"] for r in table(50).to_pylist()]
+    lowest = sorted(m for m in margins if np.isfinite(m))[:5]
+    assert results.column(f"margin:{REQUIREMENT}")[worst].tolist() == lowest
+    commands = Page(written).commands
+    assert len(commands) == 6  # five, and the fault
+    for command, row in zip(commands[1:], worst, strict=True):
+        options = parsed(shlex.split(command)[1:])
+        given = dict(one.split("=") for one in options.set)
+        assert options.controller == results.column("controller")[row]
+        assert int(given["seed"]) == results.column("seed")[row]
+        for name in (one.split("=")[0] for one in VARIED):
+            assert float(given[name]) == results.column(f"vary:{name}")[row]
+        assert given["plant.gap_rad"] == "0.003" and given["plant.motor"] in ("1", "2")
+
+
+def test_the_statement_stands_in_words(tmp_path: Path, written: Path) -> None:
+    assert "pd: p_fail < 0.7106 at 95 %: 29 failures in 49 runs" in Page(written).text
+    until = f"p_fail({REQUIREMENT}) < 0.3 at 95% against 0.1"
+    text = Page(report(table(50), spec(50, until=until), tmp_path)).text
+    assert f"pd: p_fail({REQUIREMENT}) < 0.3 is refuted at 95 %: 29 failures in 49 runs" in text
+    assert "holds at every look" in text and "holds at every look" not in Page(written).text
+
+
+@pytest.mark.parametrize("sampling", ["grid", "lhs", "sobol"])
+def test_draws_that_are_not_independent_are_told(sampling: str, tmp_path: Path) -> None:
+    few = table(30).select(BARE)
+    text = Page(report(few, spec(30, sampling=sampling), tmp_path)).text
+    assert ("no random sample" in text) is (sampling == "grid")
+    assert ("not independent" in text) is (sampling != "grid")
+
+
+def test_what_varied_decides_as_it_was_made() -> None:
+    shares = figures.shares_of(drawn(400), ERROR)
+    assert list(shares) == list(CONTROLLERS)
+    assert [s.name for s in shares["pd"]] == [VARIED[i].split("=")[0] for i in (0, 2, 1)]
+
+
+def test_one_controller_few_runs_and_nothing_judged(tmp_path: Path) -> None:
+    few = table(3, ("pd",)).drop_columns([f"margin:{REQUIREMENT}", f"held:{REQUIREMENT}"])
+    text = Page(report(few, spec(3), tmp_path)).text
+    assert "over the other" not in text and "largest error_rms_mrad" in text
+    bare = few.select(BARE)
+    text = Page(report(bare, spec(3, variations=[]), tmp_path)).text
+    assert "Failures" in text and "Metrics" not in text
+
+
+def test_columns_that_are_all_empty_or_all_refused(tmp_path: Path) -> None:
+    rows = table(12).to_pylist()
+    for row in rows:
+        row.update({ERROR: np.nan, "outcome": "refused", "ok": False, "why": "gap_rad: 3 > 1"})
+    text = Page(report(pa.Table.from_pylist(rows), spec(12), tmp_path)).text
+    assert "24 runs were refused" in text and "0 failures in 0 runs" in text
+
+
+def test_no_runs_and_a_place_that_cannot_be_written_are_one_line(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no run to report on; start"):
+        report(table(2).slice(0, 0), spec(0), tmp_path)
+    with pytest.raises(UserError, match=r"cannot be written: .*; choose another place"):
+        report(table(2), spec(2), tmp_path / "missing")
+
+
+def test_the_spec_travels_in_the_table() -> None:
+    about = json.loads(table(2).schema.metadata[b"pcpc"])
+    assert about == spec(2) and re.fullmatch(r"[\w.]+", about["rig"])
