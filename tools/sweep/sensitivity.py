@@ -12,8 +12,9 @@ there (Kelley's epsilon squared, one-way analysis of variance):
 About sqrt(n) classes: what varies within a class is missing from S_i, of the order 1/m^2.
 
 (2) only from a full grid, where runs exist that differ in x_i alone. Of random, Latin hypercube and
-Sobol' draws the total index is not estimable, however many (Saltelli's needs n (d + 2) runs in a
-design of its own); there 1 - sum of S_i says how much interactions and noise have together.
+Sobol' draws it is not told: Saltelli's estimator needs n (d + 2) runs in a design of its own, and
+nearest neighbours are too far apart for more than a few variations. There 1 - sum of S_i says how
+much interactions and noise have together.
 
 Source: Saltelli et al., Global Sensitivity Analysis, 2008, ch. 1 and 4; Plischke, Borgonovo, Smith,
 EJOR 226, 2013 (given data); Kelley, PNAS 21, 1935.
