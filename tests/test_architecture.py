@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from pcpc.executive.rig.purity import impure, marked
+
 ROOT = Path(__file__).resolve().parents[1]
 AREAS = ("drivers", "executive", "plants", "tools")
 FILES = sorted(path for area in AREAS for path in (ROOT / area).rglob("*.py"))
@@ -55,7 +57,6 @@ INSTALLED = {  # what pyproject.toml declares, by the names that are imported
 }  # fmt: skip
 LINES, COLUMNS = 400, 120
 LONGER: dict[str, int] = {}  # with the reason: one thing that would be harder to read in two files
-NOT_IN_A_STEP = {"math", "np", "numpy", "time", "random", "os", "open", "print"}
 
 
 def imports(tree: ast.AST) -> Iterator[tuple[str, int]]:
@@ -192,20 +193,10 @@ def test_a_law_imports_nothing_but_numpy_beside_its_block() -> None:
     assert len(laws) > 2 and not wrong, wrong
 
 
-def marked(function: ast.stmt, *marks: str) -> bool:
-    """Return whether this is a function with one of these decorators."""
-    decorators = function.decorator_list if isinstance(function, ast.FunctionDef) else []
-    return any(isinstance(d, ast.Name) and d.id in marks for d in decorators)
-
-
 def impurities(tree: ast.Module) -> list[str]:
     """Return what would make the bits or the time of a step depend on the machine."""
-    found = []
+    found = [f"{line}: {name}" for line, name in impure(tree)]
     for node in (n for f in tree.body if marked(f, "stage", "inline") for n in ast.walk(f)):
-        if isinstance(node, ast.Name) and node.id in NOT_IN_A_STEP:
-            found.append(f"{node.lineno}: {node.id}")
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-            found.append(f"{node.lineno}: **")
         if isinstance(node, ast.Global | ast.Try | ast.With | ast.ListComp | ast.Dict):
             found.append(f"{node.lineno}: {type(node).__name__}")
     return found

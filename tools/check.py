@@ -16,7 +16,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import plausible
 from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of, plan
-from pcpc.executive.rig import trial
+from pcpc.executive.rig import law_errors, purity, trial
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import Use, users_case
@@ -32,7 +32,7 @@ def command(options: argparse.Namespace) -> int:
     """Check and describe a rig."""
     rig = load_rig(options.rig, options.controller, options.set)
     plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
-    _try_laws(rig)
+    impure = _try_laws(rig)
     check_pacing(rig, rig.config.pacing)
     check_rate(rig, rig.config.pacing)
     for made in plans:
@@ -40,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
     judge = Judge.of(rig)
     report = describe(rig, plans)
     late = traffic.warning(rig, rig.config.pacing)
-    report["warnings"] += [*([late] if late else []), *check(judge, options.set)]
+    report["warnings"] += [*impure, *([late] if late else []), *check(judge, options.set)]
     if options.json:
         print(json.dumps(report, indent=2))
     else:
@@ -48,9 +48,13 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def _try_laws(rig: Rig) -> None:
-    """Step the laws from outside the project with these settings; RigError for what is wrong."""
+def _try_laws(rig: Rig) -> list[str]:
+    """Step the laws from outside the project with these settings; RigError for what is wrong.
+
+    Return a line for each thing in them that has other bits, or does other things, elsewhere.
+    """
     config = rig.config
+    found: dict[str, None] = {}
     blocks = [block for role in config.sections for block in rig.nodes()[role].blocks]
     for block, (at, law) in zip(blocks, rig.laws(), strict=True):
         module = law.partition(":")[0]
@@ -59,6 +63,13 @@ def _try_laws(rig: Rig) -> None:
         case = users_case(law, file, use)
         if case is not None and (problem := trial.attempt(case)):
             raise rig.document.error(at, problem)
+        if case is not None:
+            for line, name in purity.warnings(Path(case.file).read_text("utf-8")):
+                where = law_errors.at((case.file, line), f"{name} in a step")
+                found[f"{where}: not the same on every machine; see docs/howto/controller.md"] = (
+                    None
+                )
+    return [*found]
 
 
 def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:

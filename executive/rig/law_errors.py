@@ -54,7 +54,18 @@ def described(error: BaseException) -> str:
     if isinstance(error, RigError):  # its own words
         return str(error)
     text, name = " ".join(str(error).split()), type(error).__name__
-    return f"{name}: {text}" if text else name
+    cure = _import_of(str(error.name)) if isinstance(error, NameError) else ""
+    return f"{name}: {text}{cure}" if text else name
+
+
+def _import_of(name: str) -> str:
+    """Return how a name is imported that our modules for laws and evaluations offer."""
+    for module in ("executive.laws.emath", "executive.laws.block", "plants.evaluation"):
+        text = (_PROJECT / f"{module.replace('.', '/')}.py").read_text("utf-8")
+        offered = text if module.endswith("emath") else text[text.find("__all__") :]
+        if re.search(rf'^def {re.escape(name)}\(|"{re.escape(name)}"', offered, re.M):
+            return f"; from pcpc.{module} import {name}"
+    return ""
 
 
 def is_numbas(error: BaseException) -> bool:

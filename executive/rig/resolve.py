@@ -88,7 +88,8 @@ def resolve(document: Document, keys: Keys, law: str, use: Use) -> "Block":
     blocks = [key for key, known in vars(module).items() if isinstance(known, Block)]
     kind = type(block).__name__
     what = f"is of type {kind}, not Block" if hasattr(module, name) else "does not exist"
-    raise document.error(at, f"{name} of {module_name} {what}{did_you_mean(name, blocks)}")
+    cure = did_you_mean(name, blocks) if blocks else f"; end the file with {name} = Block(step)"
+    raise document.error(at, f"{name} of {module_name} {what}{cure}")
 
 
 def users_case(law: str, file: Path, use: Use) -> trial.Case | None:

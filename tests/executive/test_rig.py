@@ -118,7 +118,7 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
     def write(old: str = "", new: str = "") -> Path:
         texts = {
             "small.yaml": RIG, "parameters.yaml": PARAMETERS, "laws.py": LAWS, "model.py": MODEL,
-            "small.dbc": "", "evaluation.py": "",
+            "small.dbc": "", "evaluation.py": "", "none.py": "",
         }  # fmt: skip
         assert not old or sum(text.count(old) for text in texts.values()) == 1, old
         for name, text in texts.items():
@@ -296,6 +296,8 @@ LAW_FAULTS = [
          "28:7: plant.blocks.barrel.law: BLOCK of model.py does not exist; known: BARREL"),
     Case("laws.py:PD", "laws.py:NUMBER",
          "10:5: controllers.pd.law: NUMBER of laws.py is of type int"),
+    Case('"laws.py:PD"', "none.py",
+         "10:5: controllers.pd.law: BLOCK of none.py does not exist; end the file with BLOCK = B"),
     Case('"laws.py:PD"', "a:b:c", "10:5: controllers.pd.law: 'a:b:c' is no law; expected NAME"),
     Case('"laws.py:PD"', "nosuchlaw",
          "10:5: controllers.pd.law: no law nosuchlaw"),

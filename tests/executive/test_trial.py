@@ -79,6 +79,12 @@ OUTSIDE = {  # a body; its line, counted from 0, with what is said; the source l
     "endless": ("while t < 1.0:\n        y.command = 1.0", 0, "does not return within 0.2 s"),
     "leaves": ("raise SystemExit(3)", 0, "ends the process; it"),
     "raises": ("raise ValueError('no')", 0, "ValueError: no"),
+    "forgotten": (
+        "y.command = tanh(u.position)",
+        0,
+        "NameError: name 'tanh' is not defined; from pcpc.executive.laws.emath import t",
+    ),
+    "unknown": ("y.command = tanhh(u.position)", 0, "name 'tanhh' is not defined, in"),
 }
 
 

@@ -10,6 +10,7 @@ import pytest
 from pcpc import simulate
 from pcpc.drivers import dbc
 from pcpc.executive.nodes.plan import plan
+from pcpc.executive.rig.purity import warnings
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import check
 from pcpc.tools.cli import main
@@ -122,6 +123,42 @@ def test_a_sent_signal_that_is_wired_to_nothing_is_a_warning_with_its_place(
     assert [name for name in bare if name not in warned] == [], hull["warnings"]
     assert "CMD.motor_torque" not in warned, hull["warnings"]
     assert all(".yaml:" in warning for warning in hull["warnings"]), hull["warnings"]
+
+
+IMPURE = """
+import math as m
+from math import sin
+
+@inline
+def helper(a: float) -> float:
+    return sin(a) + m.pi
+
+def unused(a: float) -> float:
+    return m.cos(a)
+
+@stage
+def other(t: float, dt: float, p: Gains, x: States, u: Inputs, y: Outputs) -> None:
+    print(1)
+    y.e_rad = m.exp(p.kp_V_rad) + np.hypot(1.0, 2.0)
+    y.e_rad **= 0.5
+    y.speed_rad_s = math.pi * helper(u.q_d_rad) + u.q_d_rad * u.q_d_rad
+"""
+
+
+def test_what_has_other_bits_elsewhere_is_a_warning_with_its_line(
+    tmp_path: Path, capsys: Screen
+) -> None:
+    assert warnings(IMPURE) == [(7, "sin"), (14, "print"), (15, "m"), (15, "np"), (16, "**")]
+    write(tmp_path / "motor")
+    law = tmp_path / "motor" / "control.py"
+    text = law.read_text("utf-8")
+    law.write_text(
+        text.replace("y.e_rad = u.q_d_rad - u.encoder_rad", "y.e_rad = math.sin(u.q_d_rad)")
+        .replace("from pcpc", "import math\nfrom pcpc", 1)
+    )  # fmt: skip
+    (warning,) = report(capsys, str(tmp_path / "motor" / "rig.yaml"))["warnings"]
+    assert "control.py:62: math in a step, in `y.e_rad = math.sin(u.q_d_rad)" in warning, warning
+    assert "not the same on every machine" in warning, warning
 
 
 def narrow(folder: Path) -> Path:
