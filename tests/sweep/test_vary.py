@@ -161,6 +161,13 @@ def test_snapped_points_have_the_values_of_their_own_and_one_number_for_each() -
     assert len(np.unique(close[:, 2])) == 2 and np.array_equal(close[:, :2], draws[:, :2])
 
 
+def test_normal_coordinates_have_values_however_far_out() -> None:
+    far = vary.of_normal(np.array([[-40.0] * 3, [0.0] * 3, [40.0] * 3]))
+    assert far[1].tolist() == [0.5] * 3 and far.min() > 0.0 and far.max() < 1.0
+    found = vary.values(THREE, far, (1.0, 1.0, 1.0))
+    assert np.isfinite(found).all() and found[:, 2].tolist() == [1.0, 2.0, 2.0]
+
+
 def test_no_two_draws_of_a_campaign_share_a_noise_seed() -> None:
     for campaign in (0, 1, 2**40):
         seeds = [vary.run_seed(campaign, draw) for draw in range(20_000)]

@@ -18,8 +18,9 @@ Intervals of that cover in 75 to 90 % of the cases where 95 % are meant (linear 
 3e-7), those of (2) in 95 % and more. p has a bias of the order cov^2, as b_i come from the same
 points.
 
-Space: independent standard normal coordinates, one a variation; Phi(z) is its u. With the noise's
-seed held the same for all points the margin is a function of the point, as this needs.
+Space: independent standard normal coordinates, one a variation; `vary.of_normal` makes u of them.
+With the noise's seed held the same for all points the margin is a function of the point, as this
+needs.
 
 Source: Au and Beck, Prob. Eng. Mech. 16, 2001, 263-277, sections 4 to 6.
 """

@@ -33,6 +33,7 @@ SAMPLINGS = ("random", "lhs", "sobol", "grid")
 KINDS = {"choice": (1, math.inf), "normal": (2, 4), "lognormal": (2, 2)}  # how many numbers
 SOBOL_BITS = 32  # more points than any campaign has; half a step from 0 is a float64
 SEED_BITS = 31
+LEAST, MOST = 2.0**-54, 1.0 - 2.0**-53  # of a coordinate: 0 and 1 have no value
 _CALL = re.compile(r"([a-z]+)\((.*)\)", re.DOTALL)
 _FORMS = "lo:hi, lo:hi:n, normal(m,s), lognormal(median,factor), choice(a,b,...), or x before one"
 
@@ -175,6 +176,13 @@ def snapped(
     return found
 
 
+def of_normal(z: "NDArray[np.float64]") -> "NDArray[np.float64]":
+    """Return the points (n, d) of standard normal coordinates, as `rare.subset` asks for them."""
+    from scipy.special import ndtr
+
+    return np.clip(ndtr(z), LEAST, MOST)
+
+
 def grid_size(variations: Sequence[Variation]) -> int:
     """Return how many points the full grid has. RigError where a variation has no levels."""
     for variation in variations:
@@ -202,12 +210,12 @@ def points(
         axes = [(np.arange(v.levels or 1) + 0.5) / (v.levels or 1) for v in variations]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(n, d)
     if sampling == "random":
-        return np.clip(np.random.default_rng(seed).random((n, d)), 2.0**-54, 1.0 - 2.0**-53)
+        return np.clip(np.random.default_rng(seed).random((n, d)), LEAST, MOST)
     from scipy.stats import qmc
 
     if sampling == "lhs":
         found = qmc.LatinHypercube(d, rng=np.random.default_rng(seed)).random(n)
-        return np.clip(found, 2.0**-54, 1.0 - 2.0**-53)
+        return np.clip(found, LEAST, MOST)
     if sampling == "sobol":
         if d > qmc.Sobol.MAXDIM:
             raise RigError(f"{d} variations; sobol takes {qmc.Sobol.MAXDIM}, choose random")
