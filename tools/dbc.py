@@ -210,20 +210,29 @@ def _ports(node: NodeSpec) -> dict[str, Port]:
 
 
 def _check_received(rig: Rig, role: Role, sent: dict[str, Signal]) -> None:
-    """Refuse inputs and safe values of signals that the other node does not send."""
+    """Refuse inputs and safe values of signals that the other node does not send so."""
     node = rig.nodes()[role]
     wanted = {f"{role}.safe.{name}": name for name in node.safe}
     places = {at: rig.where(at) for at in wanted}
+    units: dict[str, str] = {}
     for spec in node.blocks:
+        ports = {name: port for port in spec.block.inputs for name in port.names()}
         for name, source in spec.inputs.items():
             if source.startswith("rx."):
                 at = f"{spec.name}.{name}"
                 wanted[at], places[at] = source[3:], spec.where(f"inputs.{name}")
+                units |= {at: ports[name].unit} if name in ports else {}
     for at, name in wanted.items():
         if name not in sent:
             raise RigError(
                 f"{places[at]}: {at}: nobody sends {name}{did_you_mean(name, sent)}; add it to "
                 "transmit of the other node"
+            )
+        unit = sent[name].unit
+        if units.get(at, unit) != unit:
+            raise RigError(
+                f"{places[at]}: {at} is in {units[at] or '1'!r}, what is sent as {name} in "
+                f"{unit or '1'!r}; give both ports the same unit: nothing is converted"
             )
 
 

@@ -13,9 +13,10 @@
     rig         as `pcpc.running`: real processes, each on a bus of its own, so that `-n 8` works
     bus         the name of a bus that nobody else has, for `--bus`
 
-If a test fails, its report names log, figure and what was not met, and how to replay it. Metrics
-are properties of the test (`--junitxml`); with pytest-html the figure stands in the page. A test
-marked `paced` that fails while the machine could not keep time is repeated once, and says so.
+What pcpc refuses is a line in the report. If a test fails, its report names log, figure and what
+was not met, and how to replay it. Metrics are properties of the test (`--junitxml`); with
+pytest-html the figure stands in the page. A test marked `paced` that fails while the machine could
+not keep time is repeated once, and says so.
 """
 
 import os
@@ -27,6 +28,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from _pytest.runner import runtestprotocol
+
+from pcpc.drivers.errors import UserError
 
 if TYPE_CHECKING:
     import pcpc
@@ -103,6 +106,8 @@ def _folder(request: pytest.FixtureRequest, tmp_path: Path, rig: str | Path) -> 
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
     """Add metrics, and of a failed test what there is to look at."""
     report = yield
+    if call.excinfo is not None and isinstance(call.excinfo.value, UserError) and report.failed:
+        report.longrepr = call.excinfo.getrepr(style="value")  # a line, not how pcpc came to it
     if report.when != "call":
         return report
     runs: list[tuple[str, Path]] = item.stash.setdefault(_RUNS, [])

@@ -58,6 +58,12 @@ def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys
     own, whole = list(_block_settings(document, config)), msgspec.to_builtins(config)
     if same := [setting for setting in own if setting.endswith(f".{name}")]:
         return f"; did you mean {' or '.join(same)}?"
+    first, _, rest = name.partition(".")
+    if rest and whole.get(first) == {}:  # entries by name, and the rig has none
+        entry = (
+            "".join(f"{{{key}: " for key in rest.split(".")) + "..." + "}" * len(rest.split("."))
+        )
+        return f"; write {first}: {entry} into the rig file, then --set can change it"
     lists = {key for key, at in keys.items() if isinstance(_at(whole, at), list)}
     return did_you_mean(name, [*(key for key in keys if key not in lists), *own])
 

@@ -307,8 +307,8 @@ def _parse(file: Path, text: str) -> _Node:
         mark = error.problem_mark or error.context_mark
         place = Place(file, mark.line + 1, mark.column + 1) if mark else Place(file)
         what = str(error.problem or error.context).replace("'\\t'", "a tab")
-        cure = "; indent with spaces" if "tab" in what.split() else ""
-        raise RigError(f"{place}: {what}{cure}") from None
+        what = "found a tab; indent with spaces" if "a tab" in what else what
+        raise RigError(f"{place}: {what}") from None
     except yaml.reader.ReaderError as error:
         before = text[: int(error.position)]
         place = Place(file, before.count("\n") + 1, len(before) - before.rfind("\n"))

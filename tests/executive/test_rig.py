@@ -350,6 +350,11 @@ def test_a_wrong_parameters_file_is_refused_at_its_place(write: Write, case: Cas
         ("rate_h=1", "no such setting; did you mean rate_hz?"),
         ("rate_hz=0", "expected a number >= 1.0, got 0"),
         ("bus.bitrat=1", "no such setting; did you mean bus.bitrate?"),
+        (
+            "losses.FB.share=0.1",
+            "no such setting; write losses: {FB: {share: ...}} into the rig "
+            "file, then --set can change it",
+        ),
         ("seed=010", "010 could be read as octal; write it in decimal, or quote it as text"),
         ("controller=pdd", "no controller pdd; did you mean pd?"),
         ("rate_hz", "expected NAME=VALUE"),

@@ -61,7 +61,7 @@ def test_numbers_that_hide_a_mistake_are_refused_with_their_place(
     [
         ("a: 1\nb: 2\na: 3\n", "rig.yaml:3:1: a: given twice, first at FOLDER/rig.yaml:1:1; "),
         ("a: {x: 1, x: 2}\n", "rig.yaml:1:11: x: given twice"),
-        ("a:\n\tb: 1\n", "rig.yaml:2:1: found character a tab that cannot start any token; indent"),
+        ("a:\n\tb: 1\n", "rig.yaml:2:1: found a tab; indent with spaces"),
         ("a: b: c\n", "rig.yaml:1:5: mapping values are not allowed here"),
         ("a: [1, 2\n", "rig.yaml:2:1: "),
         ("a: 'x\n", "rig.yaml:2:1: "),

@@ -59,6 +59,8 @@ def test_a_file_that_is_there_stays(motor: Path) -> None:
          "nobody sends FB.encode; did you mean FB.encoder?"),
         ("CMD.voltage: controller.voltage_V", "CMD.voltage: controller.voltage",
          "no output controller.voltage; did you mean controller.voltage_V?"),
+        ("encoder_rad: rx.FB.encoder", "encoder_rad: rx.FB.current",
+         "controller.encoder_rad is in 'rad', what is sent as FB.current in 'A'; give both ports"),
         ("CMD.mode: supervisor.state", "CMD.crc: supervisor.state", "crc is sent without being"),
         ("CMD.mode: supervisor.state", "CMD.the mode: supervisor.state", "expected FRAME.signal"),
         ("safe: {CMD.voltage: 0.0}", "safe: {CMD.volts: 0.0}", "plant.safe.CMD.volts: nobody"),

@@ -112,7 +112,7 @@ def test_a_sound_evaluation_passes_with_names_of_either_spelling(node: str, rig:
         ('(Line("error_rad", "hub"),)', '("error_rad",)',
          "own.py:12: panel 'error [rad]': lines: expected (Line(...), ...), got ('error_rad',)"),
         ("panels=(", 'panels=Panel("one", ()) or (', "own.py:8: panels: a comma is missing"),
-        ("RUN)", '"ret")', "rig.yaml:6:16: expect.own.error_rms: the evaluation tells"),
+        ("RUN)", '"ret")', "rig.yaml:6:16: expect.own.error_rms: the evaluation has"),
     ],
 )  # fmt: skip
 def test_what_would_fail_at_the_end_is_refused_with_its_line(

@@ -57,6 +57,23 @@ def test_a_failed_test_names_log_figure_and_replay(pytester: pytest.Pytester) ->
         assert found and Path(found[1]).is_file(), text
 
 
+def test_what_a_rig_lacks_is_a_line_and_can_be_expected(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        "import pcpc, pytest\n"
+        "def test_refused(simulate):\n    simulate('slew10', set={'barrel.gapp': 1})\n"
+        "def test_not_ok(simulate):\n"
+        "    simulate('slew10', set={'expect.pd.muzzle_error_rms_mrad': [0.0, 1e-9]}).check()\n"
+        "def test_expected(simulate):\n"
+        "    with pytest.raises(pcpc.Error):\n        simulate('slew11')\n"
+    )
+    result = pytester.runpytest_subprocess()
+    result.assert_outcomes(failed=2, passed=1)
+    text = result.stdout.str().partition("= FAILURES =")[2].partition("= short test")[0]
+    lines = [line for line in text.splitlines() if "did you mean gap_rad" in line]
+    assert len(lines) == 1 and "Traceback" not in text and "def run(" not in text, text
+    assert "muzzle_error_rms_mrad = " in text and "raise NotOk" not in text, text
+
+
 @pytest.mark.parametrize(("why", "outcome"), [("a sleep took long", "passed"), ("", "failed")])
 def test_a_paced_test_is_repeated_once_if_the_machine_cannot_keep_time(
     pytester: pytest.Pytester, why: str, outcome: str

@@ -69,7 +69,7 @@ def test_a_live_tuning_is_named_like_a_setting_and_a_planned_one_is_not() -> Non
 @pytest.mark.parametrize(
     ("setting", "reason"),
     [
-        ("duration_s=1.0", "the run is to end at 1 s, the window at 6 s"),
+        ("duration_s=1.0", "the run ends at 1 s, before the window does at 6 s"),
         ("evaluation.window_s=[1.0, 2.0]", "evaluation.window_s was changed"),
     ],
 )

@@ -67,7 +67,7 @@ class Compiling:
 
         def say(done: int) -> None:
             nonlocal next_s
-            if time.monotonic() >= next_s:
+            if (done or not self._had) and time.monotonic() >= next_s:
                 next_s = time.monotonic() + _COMPILING_S
                 progress.say(self._words(done))
 

@@ -124,7 +124,7 @@ def _isolated() -> Row:
     if isolated:
         return Row("isolated CPUs", "ok", f"{isolated} (use with `taskset -c {isolated}`)")
     if count < 4:
-        return Row("isolated CPUs", "ok", f"none; {count} CPUs leave none to spare")
+        return Row("isolated CPUs", "ok", f"none, and none of {count} to spare")
     cpus = f"{count - 2},{count - 1}"
     cost = "other programs share the loops' CPUs"
     options = f"isolcpus={cpus} nohz_full={cpus} rcu_nocbs={cpus}"
@@ -132,7 +132,7 @@ def _isolated() -> Row:
         f"sudo sed -i 's/^GRUB_CMDLINE_LINUX=\"/&{options} /' /etc/default/grub && "
         f"sudo update-grub && sudo reboot    # then taskset -c {cpus} pcpc run RIG"
     )
-    return Row("isolated CPUs", "warn", f"none of {count}", cost, cure)
+    return Row("isolated CPUs", "warn", f"none of {count} CPUs", cost, cure)
 
 
 def _governor() -> Row:

@@ -213,11 +213,11 @@ class Printer:
                 yield json_line({"topic": topic, "time_s": time_s} | entry)
 
     def _interface(self) -> str:
-        """Return the name of the CAN interface of the run; vcan0 if it was none."""
+        """Return the name of the CAN interface of the run, else the kind of bus that it had."""
         for facts in self.log.metadata.values():
             interface, _, channel = facts.get("bus", "").partition(":")
-            if interface == "socketcan" and channel:
-                return channel
+            if interface:
+                return channel if interface == "socketcan" and channel else interface
         return "vcan0"
 
 

@@ -239,7 +239,7 @@ def _beyond(rig: Rig, changed: list[str]) -> str:
     numbers = rig.evaluation.numbers.items()
     last = max([rig.evaluation.window_s[1], *(v for k, v in numbers if k.endswith("_to_s"))])
     if rig.config.duration_s < last:
-        return f"the run is to end at {rig.config.duration_s:g} s, the window at {last:g} s"
+        return f"the run ends at {rig.config.duration_s:g} s, before the window does at {last:g} s"
     return ""
 
 
@@ -333,7 +333,7 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
     )
     for name in expected:
         if name not in known:
-            what = f"the evaluation tells no such metric{did_you_mean(name, known)}"
+            what = f"the evaluation has no such metric{did_you_mean(name, known)}"
             raise rig.error(f"expect.{config.controller}.{name}", what)
     unjudged = _beyond(rig, changed)
     warnings = [f"the limits will not be judged: {unjudged}"] if unjudged and expected else []

@@ -14,6 +14,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.tools.verdict.summary import problems
 
 LATEST_SHOWN = 3  # of those in summary.json
@@ -69,7 +70,7 @@ def rows(summary: Mapping[str, Any], folder: Path, width: int) -> list[Row]:
     def add(kind: str, text: str, label: str | None = None) -> None:
         found.append((kind, kind if label is None else label, _wrapped(text, wide)))
 
-    real = {None: "", True: ", real-time", False: ", not real-time"}[summary["realtime"]]
+    real = {None: "", True: ", SCHED_FIFO", False: ", no SCHED_FIFO"}[summary["realtime"]]
     add("rig", f"{summary['rig']}: {summary['title']}".removesuffix(": "))
     run = (summary["controller"], summary["pacing"], summary["bus"], f"seed {summary['seed']}")
     add("run", ", ".join(run) + real)
@@ -135,6 +136,8 @@ def _timing(summary: Mapping[str, Any], width: int) -> list[Row]:
         f"{stage:10}" + "".join(f"{values[p]:9.1f}" for p in points)
         for stage, values in stages.items()
     ]
+    if summary["pacing"] in WITHOUT_CLOCK:  # nothing that could be late
+        return [("stages", "stages", lines)]
     share = f"lateness and work at p99.9: {summary['timing_share']:.1%} of a period"
     return [
         ("stages", "stages", lines),
