@@ -5,10 +5,11 @@ serves another machine or an emulated one.
 
 Everything else gets numba from here, because numba reads its environment when it is first imported.
 
-Two switches, read once at import (they select what is compiled, so they cannot be arguments):
+Switches, read once at import (they select what is compiled, so they cannot be arguments):
 
     NUMBA_DISABLE_JIT=1      everything runs interpreted: debugging, and the bit-identity tests
     PCPC_LOOP=interpreted    only the loop runs interpreted: for buses that only python-can has
+    PCPC_CPU=native          for this machine's processor: lanes in its widest registers; equal bits
 """
 
 import os
@@ -22,6 +23,11 @@ _FEATURES = {  # every machine of the kind has these; empty means what this one 
     "x86_64": "+64bit,+cmov,+cx8,+fxsr,+mmx,+sse,+sse2",
     "aarch64": "+fp-armv8,+neon",
 }
+if os.environ.get("PCPC_CPU") == "native":
+    from llvmlite import binding
+
+    os.environ.setdefault("NUMBA_CPU_NAME", binding.get_host_cpu_name())
+    os.environ.setdefault("NUMBA_CPU_FEATURES", binding.get_host_cpu_features().flatten())
 os.environ.setdefault("NUMBA_CPU_NAME", "generic")
 os.environ.setdefault("NUMBA_CPU_FEATURES", _FEATURES.get(platform.machine(), ""))
 

@@ -84,7 +84,7 @@ class _MaskModel(models.PrimitiveModel):
 
 
 def table(rows: int) -> NDArray[np.float64]:
-    """Return zeroed memory (rows, WIDTH), at an address that the registers like."""
+    """Return zeroed memory (rows, WIDTH) at an address that the registers insist on."""
     memory = np.zeros(8 * rows * WIDTH + _ALIGNED, np.uint8)
     first = -memory.ctypes.data % _ALIGNED
     return memory[first : first + 8 * rows * WIDTH].view(np.float64).reshape(rows, WIDTH)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import e2e
 from pcpc.drivers.jit import LOOP_INTERPRETED
-from pcpc.drivers.lanes import WIDTH, table
+from pcpc.drivers.lanes import table
 from pcpc.drivers.stage import Stage
 from pcpc.executive.batch import cycle
 from pcpc.executive.loop import exchange, losses, reception
@@ -117,7 +117,7 @@ def _seat(
     rows = {frame.name: row for row, frame in enumerate(other.rx_frames)}
     heard = np.array([rows.get(frame.name, -1) for frame in made.tx_frames], np.int64)
     places = np.array([made.table.index[name] for name in wanted], np.int64)
-    trace = np.zeros((cycles + 1) * len(wanted) * WIDTH)
+    trace = table((cycles + 1) * len(wanted)).reshape(-1)
     return cycle.Seat(loop, table(cycle.rows_of(loop)), _entries(made), heard, places, trace)
 
 

@@ -99,6 +99,30 @@ def simulate(add: Add) -> None:
     _run_folder(add)
 
 
+def sweep(add: Add) -> None:
+    """Take a rig, what varies, how often; or the shards of a campaign."""
+    add("words", nargs="+", metavar="RIG|merge DIR",
+        help="name of a rig (pcpc rigs), or its file; folders of shards to merge")  # fmt: skip
+    add("--controllers", metavar="A,B", help="these on the same draws; the rig's own")
+    add("--vary", action="append", default=[], metavar="NAME=SPEC",
+        help="lo:hi, lo:hi:n, normal(m,s), lognormal(median,factor), choice(a,b); x before one: "
+        "a factor on the rig's value")  # fmt: skip
+    add(
+        "--draws", type=int, metavar="N", help="1000; of a grid all, with --until as many as needed"
+    )
+    add("--sampling", choices=("random", "lhs", "sobol", "grid"),
+        help="sobol; random with --until")  # fmt: skip
+    add("--seed", type=int, default=1, metavar="N", help="of the draws and of the runs' noises")
+    _set(add, "any value of the rig or a block, of all runs")
+    add("--until", metavar="STATEMENT",
+        help="end when it is decided: 'p_fail < 1e-3 at 95%%', 'p_fail(NAME) < ...'")  # fmt: skip
+    add("--shard", metavar="I/N", help="part I of N: N processes or machines share the draws")
+    add("--threads", type=int, metavar="N", help="all processors")
+    add("-o", "--output", metavar="DIR",
+        help="folder, not runs/<UTC time>-sweep-<rig>; what was begun goes on")  # fmt: skip
+    _quiet(add)
+
+
 def _run_folder(add: Add) -> None:
     add("-o", "--output", metavar="DIR", help="run folder, instead of runs/<UTC time>-<rig>")
     _json(add, "print the summary as one JSON object")

@@ -85,6 +85,15 @@ GROUPS = {
         Command("simulate", "run the same in virtual time, in one process, without a bus",
                 "pcpc simulate hull --controller pid --set barrel.gap_rad=0.003", take.simulate,
                 judges=True, compiles=True),
+        Command("sweep", "run it a thousand times with values that vary: table, statement, report",
+                "pcpc sweep hull --controllers pd,pd_nn --vary barrel.gap_rad=x0.5:2 --draws 200\n"
+                "pcpc sweep hull --vary barrel.gap_rad=x0.5:2 --until 'p_fail < 1e-2 at 95%'\n"
+                "pcpc sweep merge SHARDS ...",
+                take.sweep, "sweep.start",
+                {Exit.OK: "done, whatever the runs came to", Exit.WRONG_INPUT: "",
+                 Exit.LOSS: "the disk is full", Exit.ENVIRONMENT: "a package is missing",
+                 Exit.INTERRUPTED: "the same command with -o goes on"},
+                judges=True, compiles=True),
         Command("experiment", "run a whole study in virtual time: tables and figures",
                 "pcpc experiment chapter9 -o results", take.experiment,
                 codes={Exit.OK: "", Exit.NOT_MET: "a run failed", Exit.WRONG_INPUT: "",

@@ -5,6 +5,7 @@ or beside which others. Threads do the runs (compiled code holds no lock of Pyth
 WIDTH draws of one controller.
 """
 
+import itertools
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -109,13 +110,15 @@ class Engine:
         """Return why runs of a controller are done one by one, of those that are."""
         return {name: bench.runs.why for name, bench in self.first.items() if bench.runs.why}
 
-    def rows(self, draws: Iterable[Draw], controllers: Sequence[str]) -> Iterator[list[Row]]:
-        """Yield the rows of all draws with all controllers, piece by piece, as they are done."""
-        pieces = self._pieces(draws, controllers)
+    def rows(self, draws: Iterable[tuple[str, list[Draw]]]) -> Iterator[list[Row]]:
+        """Yield the rows of pieces as they are done: of at most WIDTH draws of a controller.
+
+        Whoever stops to listen ends the work, after what is being done.
+        """
         with ThreadPoolExecutor(self.threads) as pool:
             flying: set[Future[list[Row]]] = set()
             try:
-                for piece in pieces:
+                for piece in draws:
                     flying.add(pool.submit(self._piece, *piece))
                     while len(flying) >= AHEAD * self.threads:
                         done, flying = wait(flying, return_when=FIRST_COMPLETED)
@@ -126,19 +129,6 @@ class Engine:
             finally:
                 for one in flying:
                     one.cancel()
-
-    @staticmethod
-    def _pieces(
-        draws: Iterable[Draw], controllers: Sequence[str]
-    ) -> Iterator[tuple[str, list[Draw]]]:
-        piece: list[Draw] = []
-        for draw in draws:
-            piece.append(draw)
-            if len(piece) == WIDTH:
-                yield from ((name, piece) for name in controllers)
-                piece = []
-        if piece:
-            yield from ((name, piece) for name in controllers)
 
     def _piece(self, controller: str, draws: list[Draw]) -> list[Row]:
         return self._bench(controller).rows(draws)
@@ -154,4 +144,12 @@ class Engine:
         return own[controller]
 
 
-Progress = Callable[[int], Any]
+def pieces(
+    numbered: Iterable[tuple[int, Any]], controllers: Sequence[str],
+    draw: Callable[[str, int, Any], Draw],
+) -> Iterator[tuple[str, list[Draw]]]:  # fmt: skip
+    """Yield numbered points in pieces of WIDTH, each for every controller, as draws."""
+    left = iter(numbered)
+    while some := list(itertools.islice(left, WIDTH)):
+        for name in controllers:
+            yield name, [draw(name, number, point) for number, point in some]

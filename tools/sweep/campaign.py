@@ -1,0 +1,131 @@
+"""A campaign: which rig, controllers, values and seeds; each process makes the same draws of it."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.errors import printable
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.sweep.engine import Draw
+from pcpc.tools.sweep.vary import Variation, all_parsed, points, run_seed
+
+_BLOCK = 4096  # draws made at once
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Part `number` of `of`: the draws i with i mod of = number - 1."""
+
+    number: int = 1
+    of: int = 1
+
+    @classmethod
+    def parsed(cls, text: str) -> "Shard":
+        """Return what `--shard i/N` says; RigError."""
+        number, slash, of = text.partition("/")
+        if not (slash and number.isdecimal() and of.isdecimal() and 0 < int(number) <= int(of)):
+            raise RigError(f"--shard {text}: expected i/N, with i from 1 to N, as 2/8")
+        return cls(int(number), int(of))
+
+    def __str__(self) -> str:
+        return f"shard-{self.number}-of-{self.of}"
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What a table of runs follows from. `vary` and `settings` are texts of options."""
+
+    rig: str
+    controllers: tuple[str, ...]
+    vary: tuple[str, ...]
+    draws: int
+    sampling: str = "sobol"
+    seed: int = 1
+    settings: tuple[str, ...] = ()
+
+    def spec(self) -> dict[str, Any]:
+        """Return it as JSON has it, with the title, and a digest of the rigs that it runs."""
+        about = asdict(self) | {"variations": list(self.vary), "title": self.of[0].config.title}
+        texts = [rig.resolved() for rig in self.of]
+        return about | {"rigs": hashlib.sha256("\0".join(texts).encode()).hexdigest()}
+
+    @cached_property
+    def of(self) -> list[Rig]:
+        """The rig with each of the controllers; RigError."""
+        return [load_rig(self.rig, name, self.settings) for name in self.controllers]
+
+    @cached_property
+    def variations(self) -> tuple[Variation, ...]:
+        """What is varied; RigError."""
+        return all_parsed(self.vary)
+
+    def check(self) -> None:
+        """Raise RigError for a name that no run of a controller has, or values it cannot take."""
+        if not self.variations and self.sampling == "grid":
+            raise RigError("--sampling grid: nothing is varied; give --vary NAME=lo:hi:n")
+        for rig in self.of:
+            for number, point in self.numbered(Shard(1, self.draws)):
+                self.draw(rig.config.controller, number, point)
+
+    def _own(self, rig: Rig) -> list[float]:
+        known = {
+            f"{spec.name}.{name}": value
+            for node in rig.nodes().values()
+            for spec in node.blocks
+            for name, value in spec.settings.items()
+        }
+        found = []
+        for one in self.variations:
+            if one.name not in known:
+                if one.name == "seed":
+                    raise one.error("each run has a seed of its own; --seed gives the campaign's")
+                what = f"{rig.config.controller} has no setting {one.name}"
+                raise one.error(what + did_you_mean(one.name, known))
+            found.append(known[one.name])
+        return found
+
+    def numbered(self, shard: Shard) -> Iterator[tuple[int, np.ndarray[Any, Any]]]:
+        """Yield number and point of the draws of a shard."""
+        whole = self.sampling in ("lhs", "grid") or self.draws <= _BLOCK
+        size = self.draws if whole else _BLOCK
+        made = 0
+        while made < self.draws:
+            size = min(max(size, 2 * made), self.draws)
+            made_points = points(self.variations, size, self.sampling, self.seed)
+            for number in range(made, size):
+                if number % shard.of == shard.number - 1:
+                    yield number, made_points[number]
+            made = size
+
+    def draw(self, controller: str, number: int, point: Any) -> Draw:
+        """Return a draw for a controller; RigError for a factor on a value that is 0."""
+        pairs = zip(self.variations, point, self.own[controller], strict=True)
+        values = {one.name: one.value(float(u), value) for one, u, value in pairs}
+        return Draw(number, run_seed(self.seed, number), values)
+
+    @cached_property
+    def own(self) -> dict[str, list[float]]:
+        """The rig's own values of what is varied, by controller; RigError."""
+        return {rig.config.controller: self._own(rig) for rig in self.of}
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Return the spec in a file `sweep.json`; RigError for what is none."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if not {"rig", "controllers", "vary", "draws"} <= set(found):
+            raise ValueError("keys are missing")
+    except FileNotFoundError:
+        raise RigError(
+            f"{path.parent}: no campaign; expected the folder of a `pcpc sweep`"
+        ) from None
+    except (OSError, ValueError, TypeError) as error:
+        raise RigError(f"{path}: no campaign: {printable(str(error))}") from None
+    return dict(found)
