@@ -101,8 +101,12 @@ def simulate(add: Add) -> None:
 
 def sweep(add: Add) -> None:
     """Take a rig, what varies, how often; or the shards of a campaign."""
-    add("words", nargs="+", metavar="RIG|merge DIR",
-        help="name of a rig (pcpc rigs), or its file; folders of shards to merge")  # fmt: skip
+    add("words", nargs="+", metavar="RIG | merge DIR | rerun DIR",
+        help="name of a rig (pcpc rigs), or its file; merge: folders of shards; "
+        "rerun: a folder, the number of a draw, a controller")  # fmt: skip
+    add(
+        "--on-bus", action="store_true", help="rerun: also on a bus, in lockstep; compares the bits"
+    )
     add("--controllers", metavar="A,B", help="these on the same draws; the rig's own")
     add("--vary", action="append", default=[], metavar="NAME=SPEC",
         help="lo:hi, lo:hi:n, normal(m,s), lognormal(median,factor), choice(a,b); x before one: "

@@ -88,7 +88,8 @@ GROUPS = {
         Command("sweep", "run it a thousand times with values that vary: table, statement, report",
                 "pcpc sweep hull --controllers pd,pd_nn --vary barrel.gap_rad=x0.5:2 --draws 200\n"
                 "pcpc sweep hull --vary barrel.gap_rad=x0.5:2 --until 'p_fail < 1e-2 at 95%'\n"
-                "pcpc sweep merge SHARDS ...",
+                "pcpc sweep merge SHARDS ...\n"
+                "pcpc sweep rerun runs/SWEEP 39 pd --on-bus",
                 take.sweep, "sweep.start",
                 {Exit.OK: "done, whatever the runs came to", Exit.WRONG_INPUT: "",
                  Exit.LOSS: "the disk is full", Exit.ENVIRONMENT: "a package is missing",

@@ -14,7 +14,7 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import new_file
 from pcpc.tools.rigs import find
-from pcpc.tools.sweep import statements, store, told
+from pcpc.tools.sweep import rerun, statements, store, told
 from pcpc.tools.sweep.campaign import Campaign, Shard
 from pcpc.tools.sweep.engine import FAULT, REFUSED, Engine, Row, pieces
 from pcpc.tools.sweep.vary import all_parsed, grid_size
@@ -28,6 +28,8 @@ def command(options: argparse.Namespace) -> int:
     """Carry out `pcpc sweep`; return the exit code."""
     if options.words[0] == "merge":
         return _merge(options)
+    if options.words[0] == "rerun":
+        return rerun.command(options)
     if options.words[1:]:
         raise RigError(f"{' '.join(options.words[1:])}: one rig at a time")
     if options.threads is not None and options.threads < 1:
@@ -195,7 +197,7 @@ def _tell(folder: Path, folders: Sequence[Path], ended: str) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         with new_file(folder / "sweep.parquet", force=True) as unfinished:
             pyarrow.parquet.write_table(table, unfinished)
-    print(told.summary(table, spec))
+    print(told.summary(table, spec, folder))
     for line in ended.splitlines():
         print(line)
     print(folder)

@@ -1,8 +1,8 @@
 """What a table of runs says, in 80 columns; which runs are the worst; how one is done again."""
 
 import math
-import shlex
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,11 +10,11 @@ import numpy as np
 if TYPE_CHECKING:
     import pyarrow
 
-WORST = 3  # runs that are told
+WORST, COLUMNS = 2, 80  # runs of a controller that are told
 
 
-def summary(table: "pyarrow.Table", spec: Mapping[str, Any]) -> str:
-    """Return counts, metrics and worst runs by controller."""
+def summary(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path) -> str:
+    """Return counts, metrics and worst runs by controller; `folder`: of the campaign."""
     frame = {name: table[name].to_pylist() for name in table.column_names}
     controllers = list(spec["controllers"])
     of = {
@@ -40,7 +40,7 @@ def summary(table: "pyarrow.Table", spec: Mapping[str, Any]) -> str:
         for title, share in (("5 %", 5.0), ("median", 50.0), ("95 %", 95.0)):
             cells = [_cell(values[of[one]], share) for one in controllers]
             lines.append(f"  {title:26}" + "".join(f"{cell:>{width + 1}}" for cell in cells))
-    return "\n".join([*lines, *_worst(frame, table.column_names, spec)])
+    return "\n".join([*lines, *_worst(frame, table.column_names, spec, folder)])
 
 
 def _cell(values: Any, share: float) -> str:
@@ -68,20 +68,23 @@ def order_of(frame: Mapping[str, Any], names: Any) -> list[int]:
     return sorted(rows, key=badness, reverse=True)
 
 
-def words_of(frame: Mapping[str, Any], i: int, spec: Mapping[str, Any]) -> list[str]:
-    """Return the command that does a row's run again."""
+def settings_of(frame: Mapping[str, Any], i: int, spec: Mapping[str, Any]) -> list[str]:
+    """Return the `--set` options of a row's run."""
     varied = {name[5:]: frame[name][i] for name in frame if name.startswith("vary:")}
-    settings = [*spec["settings"], *(f"{name}={value!r}" for name, value in varied.items())]
-    settings.append(f"seed={frame['seed'][i]}")
-    words = ["pcpc", "simulate", spec["rig"], "--controller", frame["controller"][i]]
-    return [*words, *(word for setting in settings for word in ("--set", setting))]
+    words = [*spec["settings"], *(f"{name}={value!r}" for name, value in varied.items())]
+    return [*words, f"seed={frame['seed'][i]}"]
 
 
-def _worst(frame: Mapping[str, Any], names: Any, spec: Mapping[str, Any]) -> list[str]:
-    rows = order_of(frame, names)[:WORST]
-    lines = ["worst runs:"] if rows else []
-    for i in rows:
-        why = frame["why"][i] or "ok"
-        lines += [f"  draw {frame['draw'][i]}, {frame['controller'][i]}: {why}"[:80],
-                  f"    {shlex.join(words_of(frame, i, spec))}"]  # fmt: skip
-    return lines
+def _worst(
+    frame: Mapping[str, Any], names: Any, spec: Mapping[str, Any], folder: Path
+) -> list[str]:  # fmt: skip
+    """Return the worst runs of each controller, and how to do one again."""
+    rows, lines = order_of(frame, names), []
+    for controller in spec["controllers"]:
+        for i in [i for i in rows if frame["controller"][i] == controller][:WORST]:
+            why = frame["why"][i] or "ok"
+            lines.append(f"  draw {frame['draw'][i]} {controller}: {why}"[:COLUMNS])
+    if not lines:
+        return []
+    again = f"again, with a log: pcpc sweep rerun {folder} DRAW CONTROLLER"
+    return ["the worst runs:", *lines, again]

@@ -1,0 +1,188 @@
+"""Campaigns: each row is the run that `pcpc simulate` does, whoever did it, when, beside whom."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet
+import pytest
+import yaml
+
+from pcpc.executive.errors import RigError
+from pcpc.tools.api.simulate import simulate
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.sweep import statements, store
+from pcpc.tools.sweep.campaign import Campaign, Shard
+from pcpc.tools.sweep.cli import Work, counted
+from pcpc.tools.sweep.engine import FAULT, RAN, REFUSED, Bench, Draw, Row
+
+ROOT = Path(__file__).resolve().parents[2]
+RIG = str(ROOT / "tools/template/rig.yaml")
+SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
+VARY = ("motor.coulomb_Nm=x0.5:2", "motor.inertia_kg_m2=normal(19e-6,1e-6)")
+BOTH = Campaign(RIG, ("pid", "pd"), VARY, 21, "random", 5, SHORT)
+QUIET, WHOLE = Progress(quiet=True), Shard()
+
+
+def done(
+    campaign: Campaign, folder: Path, shard: Shard = WHOLE, threads: int = 2,
+    until: statements.Statement | None = None,
+) -> tuple[dict[tuple[int, str], Row], str]:  # fmt: skip
+    work = Work(campaign, shard, folder, until, threads)
+    try:
+        told = work.to_end(QUIET)
+        return work.store.rows, told
+    finally:
+        work.store.close()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("whole")
+    done(BOTH, folder)
+    return folder
+
+
+def rows_of(folder: Path) -> list[dict[str, object]]:
+    table, _ = store.merged([folder])
+    return [repr(sorted(row.items())) for row in table.to_pylist()]  # type: ignore[misc]
+
+
+def pair(setting: str) -> tuple[str, object]:
+    name, _, value = setting.partition("=")
+    return name, yaml.safe_load(value)
+
+
+def test_a_row_is_what_simulate_says_of_its_settings(whole: Path) -> None:
+    table, spec = store.merged([whole])
+    rows = table.to_pylist()
+    assert [row["draw"] for row in rows] == [i for i in range(21) for _ in range(2)]
+    assert {row["alone"] for row in rows} == {""}, "all in lanes"
+    for row in (rows[0], rows[1], rows[-1]):
+        settings = dict(pair(setting) for setting in spec["settings"])
+        varied = {name[5:]: row[name] for name in row if name.startswith("vary:")}
+        run = simulate(
+            RIG, row["controller"], set={**settings, **varied}, seed=row["seed"], quiet=True
+        )
+        told = {name[7:]: row[name] for name in row if name.startswith("metric:")}
+        assert {k: v for k, v in told.items() if v == v} == run.metrics
+        margins = {one.name: one.margin for one in run.requirements}
+        assert {name: row[f"margin:{name}"] for name in margins} == margins
+    assert rows[0]["margin:it arrives and stays"] == rows[0]["margin:it arrives and stays"], "told"
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_shards_in_any_order_by_any_number_of_threads_make_the_same_table(
+    whole: Path, tmp_path: Path, threads: int
+) -> None:
+    for number in (3, 1, 2):
+        done(BOTH, tmp_path, Shard(number, 3), threads)
+    assert len(list(store.tables(tmp_path))) == 3
+    assert rows_of(tmp_path) == rows_of(whole)
+
+
+def test_what_was_done_is_not_done_again_and_a_torn_line_is_dropped(
+    whole: Path, tmp_path: Path
+) -> None:
+    work = Work(BOTH, Shard(), tmp_path, None, 1)
+    kept, spec = store.merged([whole])
+    rows = [row for row in done(BOTH, tmp_path / "other")[0].values() if row.draw < 9]
+    marked = [dataclasses.replace(row, why="kept") for row in rows]
+    work.store.add(marked)
+    work.store.close()
+    with work.store.journal.open("a") as journal:
+        journal.write('{"draw": 9, "controller": "pid", "se')
+    again, _ = done(BOTH, tmp_path)
+    assert sum(row.why == "kept" for row in again.values()) == 18 and len(again) == 42
+    assert kept.num_rows == 42 and spec["draws"] == 21
+
+
+def test_a_killed_campaign_loses_no_row_that_was_written(tmp_path: Path) -> None:
+    long = dataclasses.replace(BOTH, draws=400, settings=())
+    words = [sys.executable, "-c", "from pcpc.tools.cli import main; main()", "sweep", RIG,
+             "--controllers", "pid,pd", "--sampling", "random", "--seed", "5", "--draws", "400",
+             "--threads", "1", "--quiet", "-o", str(tmp_path)]  # fmt: skip
+    words += [word for one in VARY for word in ("--vary", one)]
+    process = subprocess.Popen(words, env=os.environ | {"PCPC_CPU": "generic"})
+    journal, give_up = tmp_path / "shard-1-of-1.jsonl", time.monotonic() + 240.0
+    while time.monotonic() < give_up and process.poll() is None:
+        if journal.exists() and journal.read_text().count("\n") >= 24:
+            break
+        os.sched_yield()
+    assert process.poll() is None, "it ended before it could be killed"
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = [json.loads(line) for line in journal.read_text().splitlines(keepends=True)
+              if line.endswith("\n")]  # fmt: skip
+    assert 24 <= len(before) < 800
+    work = Work(long, Shard(), tmp_path, None, 1)
+    work.store.close()
+    assert [dataclasses.asdict(row) for row in work.store.rows.values()] == before
+
+
+def test_one_process_at_a_time_has_a_shard_and_a_folder_one_campaign(tmp_path: Path) -> None:
+    first = store.Store(tmp_path, BOTH.spec(), Shard(1, 2))
+    with pytest.raises(RigError, match="another process works on this shard; wait"):
+        store.Store(tmp_path, BOTH.spec(), Shard(1, 2))
+    store.Store(tmp_path, BOTH.spec(), Shard(2, 2)).close()
+    other = dataclasses.replace(BOTH, seed=6)
+    with pytest.raises(RigError, match="another campaign, whose seed differ; choose another"):
+        store.Store(tmp_path, other.spec(), Shard(2, 2))
+    first.close()
+
+
+@pytest.mark.parametrize(
+    ("vary", "what"),
+    [
+        ("motor.coulomb_NM=1:2", "has no setting motor.coulomb_NM; did you mean motor.coulomb_Nm"),
+        ("seed=1:9", "each run has a seed of its own"),
+        ("reference.start_s=xchoice(1,2)", ""),
+        ("motor.viscous_Nms_rad=xbeta(1,2)", "unknown distribution"),
+    ],
+)
+def test_a_wrong_name_or_distribution_is_told_before_a_run(vary: str, what: str) -> None:
+    campaign = dataclasses.replace(BOTH, vary=(vary,))
+    if not what:
+        campaign.check()
+        return
+    with pytest.raises(RigError, match=what):
+        campaign.check()
+
+
+def test_what_is_out_of_range_or_diverges_is_counted_and_the_rest_goes_on() -> None:
+    bench = Bench(Path(RIG), "pid", SHORT)
+    values = [19e-6, -1.0, 1e-9, 19e-6, 2e4, 19e-6, 19e-6, 19e-6]
+    rows = bench.rows([Draw(i, 7, {"motor.inertia_kg_m2": v}) for i, v in enumerate(values)])
+    assert [row.outcome for row in rows] == [
+        RAN, REFUSED, rows[2].outcome, RAN, REFUSED, RAN, RAN, RAN,
+    ]  # fmt: skip
+    assert "motor.inertia_kg_m2 = -1 is outside 1e-09..1000 kg m^2" in rows[1].why
+    alone = Bench(Path(RIG), "pid", SHORT).rows([Draw(0, 7, {"motor.inertia_kg_m2": 1e-9})])
+    assert (rows[2].ok, rows[2].metrics) == (alone[0].ok, alone[0].metrics)
+    assert (
+        len({repr(row.metrics) for row in rows if row.values["motor.inertia_kg_m2"] == 19e-6}) == 1
+    )
+
+
+def test_a_fault_is_a_failure_and_a_refused_run_is_none() -> None:
+    def row(outcome: str, ok: bool, held: bool | None = None) -> Row:
+        return Row(0, "pid", 1, {}, outcome, ok, held={"on time": held})
+
+    rows = [row(RAN, True, True), row(RAN, False, False), row(FAULT, False), row(REFUSED, False)]
+    assert counted(rows, None) == (2, 3)
+    assert counted(rows, "on time") == (2, 3)
+
+
+def test_a_statement_ends_a_campaign_at_the_same_draw_by_any_threads(tmp_path: Path) -> None:
+    campaign = dataclasses.replace(BOTH, controllers=("pid",), draws=100_000)
+    until = statements.parsed("p_fail < 0.02 at 90%")
+    found = [done(campaign, tmp_path / str(n), threads=n, until=until) for n in (1, 3)]
+    assert found[0][1] == found[1][1] != ""
+    assert len(found[0][0]) == len(found[1][0]) < 100_000
+    read = pyarrow.parquet.read_table(tmp_path / "1" / "shard-1-of-1.parquet")
+    assert read.num_rows == len(found[0][0])
