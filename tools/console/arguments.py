@@ -13,11 +13,13 @@ from pcpc.tools.console.command import Add
 _BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
 
 
-def _json(add: Add, help: str = "print one JSON object") -> None:
+def json(add: Add, help: str = "print one JSON object") -> None:
+    """Take whether to print JSON."""
     add("--json", action="store_true", help=help)
 
 
-def _quiet(add: Add, *short: str) -> None:
+def quiet(add: Add, *short: str) -> None:
+    """Take whether to show progress."""
     add(*short, "--quiet", action="store_true", help="no progress")
 
 
@@ -31,7 +33,7 @@ def _set(add: Add, help: str) -> None:
 def rigs(add: Add) -> None:
     """Take names or patterns."""
     add("names", nargs="*", metavar="NAME", help="only these rigs or plants; * ? []")
-    _json(add, "print one JSON list")
+    json(add, "print one JSON list")
 
 
 def new(add: Add) -> None:
@@ -55,7 +57,7 @@ def rig(add: Add) -> None:
 def check(add: Add) -> None:
     """Take a rig."""
     rig(add)
-    _json(add)
+    json(add)
 
 
 def bus(add: Add) -> None:
@@ -75,12 +77,12 @@ def bus(add: Add) -> None:
         help="a node sends in its loop's order, as SocketCAN; default: by priority")  # fmt: skip
     add("--error-every", metavar="TIME", help="a bus error at most this often: 10ms; default none")
     add("--plot", type=Path, metavar="FILE.png", help="draw the fullest cycle of the bus")
-    _json(add)
+    json(add)
 
 
 def doctor(add: Add) -> None:
     """Take only how to print."""
-    _json(add)
+    json(add)
 
 
 def run(add: Add) -> None:
@@ -124,13 +126,13 @@ def sweep(add: Add) -> None:
     add("--threads", type=int, metavar="N", help="all processors")
     add("-o", "--output", metavar="DIR",
         help="folder, not runs/<UTC time>-sweep-<rig>; what was begun goes on")  # fmt: skip
-    _quiet(add)
+    quiet(add)
 
 
 def _run_folder(add: Add) -> None:
     add("-o", "--output", metavar="DIR", help="run folder, instead of runs/<UTC time>-<rig>")
-    _json(add, "print the summary as one JSON object")
-    _quiet(add)
+    json(add, "print the summary as one JSON object")
+    quiet(add)
     add("--no-figure", action="store_true", help="do not draw figure.png")
     add("--judge", action="store_true",
         help="a limit that could not be judged, or nothing to judge, is exit code 1")  # fmt: skip
@@ -150,7 +152,7 @@ def experiment(add: Add) -> None:
     )
     add("-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME")
     add("--jobs", type=int, metavar="N", help="processes; all processors")
-    _quiet(add)
+    quiet(add)
 
 
 # Live nodes
@@ -163,7 +165,7 @@ def table(names: str, count: str | int) -> Callable[[Add], None]:
         add("names", nargs=count, metavar=names)
         add("--node", metavar="NODE",
             help="executive, plant or a full name; without it, the one that has NAME")  # fmt: skip
-        _json(add, "print JSON")
+        json(add, "print JSON")
 
     return arguments
 
@@ -183,7 +185,8 @@ def watch(add: Add) -> None:
 # Logs
 
 
-def _code(add: Add) -> None:
+def code_of_laws(add: Add) -> None:
+    """Take whose code of a log may run."""
     add("--trust", action="store_true",
         help="run the Python that stands in the log: its laws, its evaluation")  # fmt: skip
     add("--law", action="append", default=[], metavar="FILE",
@@ -198,9 +201,9 @@ def replay(add: Add) -> None:
         help="default: all")  # fmt: skip
     add("--controller", metavar="NAME", help="another controller of the log's rig")
     _set(add, "recompute with a change, in open loop: the recorded frames stay what they were")
-    _code(add)
-    _json(add, "print one JSON list")
-    _quiet(add)
+    code_of_laws(add)
+    json(add, "print one JSON list")
+    quiet(add)
 
 
 def compare(add: Add) -> None:
@@ -219,7 +222,7 @@ def compare(add: Add) -> None:
     add("--markdown", metavar="FILE", help="a table for a pull request; - is stdout")
     add("--json", metavar="FILE", help="everything as one JSON object; - is stdout")
     add("-o", "--output", metavar="DIR", help="report.md and figures of old over new")
-    _quiet(add)
+    quiet(add)
 
 
 def play(add: Add) -> None:
@@ -241,103 +244,8 @@ def play(add: Add) -> None:
     add("--no-wait", action="store_true", help="with --as: begin without the other node")
     add("-p", "--priority", type=int, default=70, metavar="1..99",
         help="of SCHED_FIFO, where that is allowed; %(default)s, an emulator's")  # fmt: skip
-    _json(add, "print the result as one JSON object")
-    _quiet(add)
-
-
-def _log(add: Add) -> None:
-    add("log", type=Path, metavar="LOG", help="log file or run folder")
-
-
-def _window(add: Add, end: str) -> None:
-    add("--start", metavar="TIME", help="from here on: 1.5 or 500ms after the start")
-    add("--end", metavar="TIME", help=end)
-
-
-def log_info(add: Add) -> None:
-    """Take a log."""
-    _log(add)
-    _json(add)
-    _quiet(add)
-
-
-def log_cat(add: Add) -> None:
-    """Take a log, which part of it, and in which format."""
-    _log(add)
-    add("--topics", nargs="+", metavar="TOPIC",
-        help="/state, /timing, /can/frames, /events, /tunings, /plant/state, ...; "
-        "default: /state as csv, /can/frames as candump, all as ndjson")  # fmt: skip
-    add("--format", choices=("csv", "ndjson", "candump"),
-        help="default: candump for frames, csv for variables, ndjson for all else")  # fmt: skip
-    _window(add, "up to here, exclusive")
-    _quiet(add)
-
-
-def log_diff(add: Add) -> None:
-    """Take two logs, and what counts as a difference."""
-    add("a", type=Path, metavar="A", help="log file or run folder")
-    add("b", type=Path, metavar="B", help="the other one")
-    add("variables", nargs="*", metavar="VAR",
-        help="names or patterns, without frames; default: all but timing")  # fmt: skip
-    add("--tolerance", type=float, default=0.0, metavar="REL", help="relative")
-    add("--absolute", type=float, default=0.0, metavar="ABS", help="absolute")
-    _json(add)
-    _quiet(add)
-
-
-def log_recover(add: Add) -> None:
-    """Take a damaged log."""
-    _log(add)
-    add("-o", "--output", type=Path, metavar="OUT", help="new file, instead of LOG-recovered.mcap")
-    _json(add)
-    _quiet(add)
-
-
-def log_export(add: Add) -> None:
-    """Take a log, which part of it, and a file."""
-    _log(add)
-    add("-o", "--output", type=Path, required=True, metavar="FILE", help="output")
-    add("--format", choices=("candump", "blf", "asc", "csv", "parquet"),
-        help="instead of what the suffix of FILE says")  # fmt: skip
-    add("--topics", nargs="+", metavar="TOPIC",
-        help="/can/frames; /state, /timing; with /plant before them the plant's")  # fmt: skip
-    _window(add, "up to here, exclusive")
-    add("--force", action="store_true", help="overwrite FILE")
-    _json(add)
-    _quiet(add)
-
-
-def log_import(add: Add) -> None:
-    """Take a recording and its DBC file."""
-    add("recording", type=Path, metavar="FILE", help="recording of a CAN bus")
-    add("--dbc", type=Path, required=True, metavar="FILE.dbc", help="its frames")
-    add("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="log")
-    add("--node", metavar="NAME", help="see the bus as this node of the DBC file")
-    add("--channel", metavar="NAME", help="only this channel of the recording")
-    add("--force", action="store_true", help="overwrite OUT.mcap")
-    _json(add)
-    _quiet(add)
-
-
-def log_require(add: Add) -> None:
-    """Take a log, and what is required of it."""
-    _log(add)
-    add("--require", action="append", default=[], metavar="REQUIREMENT",
-        help="instead of the rig's: 'always: CONDITION', ...; may be repeated")  # fmt: skip
-    _code(add)
-    _json(add, "print one JSON list")
-    _quiet(add)
-
-
-def log_plot(add: Add) -> None:
-    """Take logs, variables and a picture."""
-    add("words", nargs="+", metavar="LOG|VARIABLE",
-        help="logs, and variables (* ? [] as in the shell, in quotes); "
-        "no variables: the figure of its evaluation")  # fmt: skip
-    add("-o", "--output", type=Path, required=True, metavar="FILE.png", help="picture")
-    _code(add)
-    _window(add, "up to here")
-    _quiet(add)
+    json(add, "print the result as one JSON object")
+    quiet(add)
 
 
 # This machine
@@ -355,7 +263,7 @@ def jitter(add: Add) -> None:
     add("-p", "--priority", type=int, default=80, metavar="1..99",
         help="of SCHED_FIFO, where that is allowed; 80; the plant's is 10 less")  # fmt: skip
     add("-h", "--histogram", type=int, metavar="US", help="cyclictest's histogram, up to US")
-    _quiet(add, "-q")
+    quiet(add, "-q")
     add("-a", "--affinity", metavar="CPU[,CPU]",
         help="processors of executive and plant; other loops: the first one")  # fmt: skip
     add("--bus", metavar="INTERFACE[:CHANNEL]",
@@ -371,7 +279,7 @@ def bench(add: Add) -> None:
     add("names", nargs="*", metavar="NAME", help="suites; default: all but rate and startup")
     add("--rounds", type=int, default=15, metavar="N", help="default 15")
     add("--json", metavar="FILE", help="write the ratios there too")
-    _quiet(add)
+    quiet(add)
 
 
 def vm(add: Add) -> None:

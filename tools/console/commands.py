@@ -2,6 +2,7 @@
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.console import arguments as take
+from pcpc.tools.console import log_arguments as take_log
 from pcpc.tools.console.command import Command, exit_codes
 
 SUITES = {  # of `pcpc bench`: its modules
@@ -34,33 +35,33 @@ _WRITING = {
 
 _LOG = (
     Command("info", "tell what a log holds and what is missing in it", "pcpc log info latest",
-            take.log_info, "log.info", _READING),
+            take_log.info, "log.info", _READING),
     Command("cat", "print the messages of a log as text",
             "pcpc log cat latest --topics /can/frames --end 500ms",
-            take.log_cat, "log.cat", _READING),
+            take_log.cat, "log.cat", _READING),
     Command("diff", "compare two logs, variable by variable and frame by frame",
             "pcpc log diff runs/A runs/B 'controller.*' --absolute 1e-9",
-            take.log_diff, "log.diff",
+            take_log.diff, "log.diff",
             {Exit.OK: "equal", Exit.NOT_MET: "they differ", Exit.WRONG_INPUT: "",
              Exit.LOSS: "equal as far as they are readable", Exit.INTERRUPTED: ""}),
     Command("recover", "write what is readable of a damaged log to a new file",
-            "pcpc log recover latest", take.log_recover, "log.recover",
+            "pcpc log recover latest", take_log.recover, "log.recover",
             {Exit.OK: "something was recovered", Exit.WRONG_INPUT: "nothing was",
              Exit.LOSS: "the disk is full", Exit.ENVIRONMENT: "cannot be written",
              Exit.INTERRUPTED: ""}),
     Command("export", "write frames as candump, BLF, ASC, or variables as CSV, Parquet",
-            "pcpc log export latest -o frames.blf", take.log_export, "log.export", _WRITING),
+            "pcpc log export latest -o frames.blf", take_log.export, "log.export", _WRITING),
     Command("import", "make a log of a recording: candump, BLF, ASC, what else python-can reads",
             "pcpc log import drive.blf --dbc car.dbc -o drive.mcap",
-            take.log_import, "log.importer", _WRITING),
+            take_log.import_, "log.importer", _WRITING),
     Command("require", "judge a log by what its rig requires in time, or by other requirements",
             "pcpc log require latest --require 'never: abs(controller.e_rad) > 5 mrad, after: 1s'",
-            take.log_require, "log.require",
+            take_log.require, "log.require",
             {Exit.OK: "held", Exit.NOT_MET: "violated", Exit.WRONG_INPUT: "",
              Exit.LOSS: "held as far as the log is readable", Exit.INTERRUPTED: ""}),
     Command("plot", "draw variables over time, of one log or several",
             "pcpc log plot runs/A runs/B controller.e_rad 'barrel.*' -o e.png",
-            take.log_plot, "log.plot", _WRITING),
+            take_log.plot, "log.plot", _WRITING),
 )  # fmt: skip
 
 GROUPS = {
