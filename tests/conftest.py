@@ -1,4 +1,4 @@
-"""Of all tests: what they import stays, so nothing in it is searched for garbage again and again."""
+"""Of all tests: what they import stays, and is not searched for garbage again and again."""
 
 import gc
 
