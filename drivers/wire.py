@@ -13,6 +13,7 @@ in from both. A fourth kind, PYTHON_CAN, hands frames to a `can.Bus` and exists 
 runs interpreted.
 """
 
+import errno
 from typing import Any
 
 import msgpack
@@ -29,12 +30,14 @@ from pcpc.drivers.wire_layout import (
     PYTHON_CAN,
     QUEUE_FRAMES,
     SOCKETCAN,
+    UDP,
     WIRE,
 )
 
 END = structure(WIRE)  # the type of what all functions here take
 WAIT_MS = 100  # as the receive time-out of drivers.bus
 ERROR_FLAG, ERROR_FLAGS = 0x20, 0x60  # in the id's top byte: error frame; that or a remote one
+NO_SUCH_KIND = errno.EPROTONOSUPPORT
 NOTHING, FRAME, FOREIGN, OWN, BUS_ERROR, FAILED = 0, 1, 2, 3, 4, -1
 
 
@@ -215,8 +218,11 @@ def put_frame(wire: Any) -> Any:
         return _put_python_can(wire)
     if wire.kind == SOCKETCAN:
         n, at = np.int64(FRAME_BYTES), libc.address(wire.tx)
-    else:
+    elif wire.kind == UDP:
         n, at = _write_packet(wire.tx, wire.packet_tx), libc.address(wire.packet_tx)
+    else:
+        wire.errno = NO_SUCH_KIND
+        return False
     fd = wire.fd_tx2 if on_second(wire, wire.tx) else wire.fd_tx
     if libc.send(fd, at, n, libc.MSG_DONTWAIT) != n:
         wire.errno = libc.errno()
@@ -269,7 +275,7 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
         known = n == FRAME_BYTES and wire.rx[3] & ERROR_FLAGS == 0
         if n == FRAME_BYTES and wire.rx[3] & ERROR_FLAG != 0:
             return BUS_ERROR
-    else:
+    elif wire.kind == UDP:
         wire.address_bytes[0] = ADDRESS_BYTES
         packet, address = libc.address(wire.packet_rx), libc.address(wire.address)
         size = libc.address(wire.address_bytes)
@@ -278,6 +284,9 @@ def _take(wire: Any, fd: Any, flags: Any) -> Any:
         if n >= 0 and (wire.source == wire.own[0] or wire.source == wire.own[1]):
             return OWN
         known = n > 0 and _read_packet(wire.packet_rx, n, wire.rx)
+    else:
+        wire.errno = NO_SUCH_KIND
+        return FAILED
     if n < 0:
         e = libc.errno()
         if e == libc.EAGAIN or e == libc.EINTR:

@@ -5,6 +5,7 @@ compiled, an IndexError when interpreted.
 """
 
 import ctypes
+import errno
 import math
 import mmap
 import os
@@ -252,6 +253,15 @@ def test_a_closed_descriptor_fails_with_its_error_number() -> None:
     closed.errno = 0
     got = wire.get_frame(closed, False)
     assert got == wire.FAILED and closed.errno == 9, f"{got}, errno {closed.errno}"
+
+
+def test_a_kind_that_nobody_wrote_fails_both_ways() -> None:
+    unknown = new_wire(max(wire_layout.UDP, wire_layout.PYTHON_CAN) + 1)
+    assert not wire.put_frame(unknown) and unknown.errno == errno.EPROTONOSUPPORT
+    unknown.errno = 0
+    for block in (False, True):
+        assert wire.get_frame(unknown, block) == wire.FAILED
+        assert unknown.errno == errno.EPROTONOSUPPORT
 
 
 def test_a_wire_holds_what_its_numbers_promise() -> None:

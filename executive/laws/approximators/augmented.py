@@ -94,10 +94,12 @@ def tuning_gain(x: Any, net: Any, n: int, rate_s: float, rate_t: float, rate_e: 
 
 
 @inline
-def tune(x: Any, net: Any, n: int, r: Any, leak: float, ds: float, dt: float, de: float) -> None:
+def tune(
+    x: Any, net: Any, n: int, r: Any, leak: float, step_s: float, step_t: float, step_e: float
+) -> None:
     """One Euler step of (6) to (8) in place.
 
-    `leak` = kappa |r|; `ds`, `dt`, `de` are S, T, E times the period.
+    `leak` = kappa |r|; `step_s`, `step_t`, `step_e` are S, T, E times the period.
     """
     phi, v, w1, w2 = net.phi, net.v, net.w1, net.w2
     for j in range(n):
@@ -107,10 +109,10 @@ def tune(x: Any, net: Any, n: int, r: Any, leak: float, ds: float, dt: float, de
         for i in range(len(r)):
             back += w1[j + 1, i] * r[i]
         for i in range(len(x)):
-            v[i, j] += dt * (x[i] * slope * back - leak * v[i, j])  # (7), W1 still old
+            v[i, j] += step_t * (x[i] * slope * back - leak * v[i, j])  # (7), W1 still old
         for i in range(len(r)):
-            w1[j + 1, i] += ds * ((s - slope * net.z[j]) * r[i] - leak * w1[j + 1, i])  # (6)
+            w1[j + 1, i] += step_s * ((s - slope * net.z[j]) * r[i] - leak * w1[j + 1, i])  # (6)
     for i in range(len(r)):
-        w1[0, i] += ds * (r[i] - leak * w1[0, i])  # (6) of the threshold
+        w1[0, i] += step_s * (r[i] - leak * w1[0, i])  # (6) of the threshold
         for j in range(len(phi)):
-            w2[j, i] += de * (phi[j] * r[i] - leak * w2[j, i])  # (8)
+            w2[j, i] += step_e * (phi[j] * r[i] - leak * w2[j, i])  # (8)

@@ -1,7 +1,8 @@
 """PD law of `arm_pd.py` with the augmented network of `augmented.py`, which learns the friction.
 
     x    = [1, e1, e2, e1', e2', q_d1, q_d2, q_d1', q_d2', q_d1'', q_d2'']                   (1)
-    phi  = [phi_0(q1'), phi_1(q1'), phi_0(q2'), phi_1(q2')],  q' = q_d' - e'                 (2)
+    phi  = [phi_0(q1'), phi_1(q1'), phi_0(q2'), phi_1(q2')],  q' = q_d' - e',
+           phi_0 and phi_1 as (4) of augmented.py                                            (2)
     fhat = W1's(V'x) + W2'phi                                                                (3)
     tau  = Kv r + fhat + Kz (|Z| + Z_B) r,  Z = blkdiag(W1, W2, V)                           (4)
     tuning (6) to (8) of augmented.py, driven by r, after (4) with the weights of (4)        (5)

@@ -3,7 +3,7 @@
     x   = [1, e/0.02, e'/0.2, q_d/0.5, q_d'/0.5, q_d''/3, w/0.2]   entries 2.. within +-3    (1)
     v_j = q_d' - hull rate             DESIRED speed against the hull: at rest the measured
                                        one is zero and could not flip the friction term      (2)
-    phi = [1, s_1..s_10, j+-(v_j; 0.004), j+-(v_j; 0.04)]                                    (3)
+    phi = [1, s_1..s_10, j+-(v_j; 0.004), j+-(v_j; 0.04)]   j+-(v; v_s): (5) of two_layer.py (3)
     y   = W'phi                                                                              (4)
     rob = Kz (|Z|_F + Z_B) r,  Z = blkdiag(W, V)       robust term                           (5)
     tuning of two_layer.py, driven by clip(r, +-0.3), only while |e| > 0.1 mrad or the
@@ -14,7 +14,8 @@ y and |Z| use the weights before the update. w is the measured speed of the hub 
 Health: as soon as y is no finite number within y_max or |Z| exceeds z_max, the network is latched
 off: the torque of (4) and (5) that was last sent fades away in 0.1 s and the PD law beneath goes on
 alone. With W = 0 at the start, V uniform in +-1 from `network_seed`, tuning laws and
-e-modification, the errors are uniformly ultimately bounded:
+e-modification, without clip and dead band of (6) and with a torque below tau_max, the errors are
+uniformly ultimately bounded:
 L = r'M r/2 + tr(W~'F^-1 W~)/2 + tr(V~'G^-1 V~)/2.
 
 rad, rad/s, N m. Source: augmented network and tuning after Lewis, Campos, Selmic (SIAM 2002),
@@ -72,7 +73,7 @@ class States(Ports):
     w = port("N m", "output weights W", shape=PHI, recorded=False)
     v = port("", "first-layer weights V, row by row", shape=(INPUTS, NODES), recorded=False)
     network_fault = port("", "1 once the network was latched off")
-    faded_Nm = port("N m", "network torque last sent, fading after a fault")
+    faded_Nm = port("N m", "torque of (4) and (5) as sent; fading after a fault")
     x = port("", "inputs of the network", shape=INPUTS, recorded=False)
     a = port("", "inputs of the nodes", shape=NODES, recorded=False)
     phi = port("", "hidden vector", shape=PHI, recorded=False)
@@ -99,7 +100,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 @inline
 def learned_torque(dt: float, e: float, r: float, p: Any, x: Any, u: Any, y: Any) -> float:
-    """Return network and robust torque (4) (5), and tune (6).
+    """Return network and robust torque (4) (5), fading once it is latched off, and tune (6).
 
     `u` has the inputs of PD and q_d''; `p`, `x`, `y` are this file's.
     """
