@@ -15,11 +15,13 @@ import yaml
 
 from pcpc.executive.errors import RigError
 from pcpc.tools.api.simulate import simulate
+from pcpc.tools.cli import main
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.sweep import statements, store
 from pcpc.tools.sweep.campaign import Campaign, Shard
-from pcpc.tools.sweep.cli import Work, counted
-from pcpc.tools.sweep.engine import FAULT, RAN, REFUSED, Bench, Draw, Row
+from pcpc.tools.sweep.engine import Bench, Draw, Row
+from pcpc.tools.sweep.results import FAULT, RAN, REFUSED, failures
+from pcpc.tools.sweep.work import LOOK, Work
 
 ROOT = Path(__file__).resolve().parents[2]
 RIG = str(ROOT / "tools/template/rig.yaml")
@@ -31,7 +33,7 @@ QUIET, WHOLE = Progress(quiet=True), Shard()
 
 def done(
     campaign: Campaign, folder: Path, shard: Shard = WHOLE, threads: int = 2,
-    until: statements.Statement | None = None,
+    until: str | None = None,
 ) -> tuple[dict[tuple[int, str], Row], str]:  # fmt: skip
     work = Work(campaign, shard, folder, until, threads)
     try:
@@ -169,20 +171,43 @@ def test_what_is_out_of_range_or_diverges_is_counted_and_the_rest_goes_on() -> N
     )
 
 
-def test_a_fault_is_a_failure_and_a_refused_run_is_none() -> None:
-    def row(outcome: str, ok: bool, held: bool | None = None) -> Row:
-        return Row(0, "pid", 1, {}, outcome, ok, held={"on time": held})
-
-    rows = [row(RAN, True, True), row(RAN, False, False), row(FAULT, False), row(REFUSED, False)]
-    assert counted(rows, None) == (2, 3)
-    assert counted(rows, "on time") == (2, 3)
+def test_a_fault_is_a_failure_and_a_refused_or_unjudged_run_is_not_counted() -> None:
+    outcomes = [RAN, RAN, FAULT, REFUSED, RAN]
+    assert failures(outcomes, [True, False, False, False, True]) == (2, 4)
+    assert failures(outcomes, [True, False, None, None, None]) == (2, 3)
 
 
 def test_a_statement_ends_a_campaign_at_the_same_draw_by_any_threads(tmp_path: Path) -> None:
     campaign = dataclasses.replace(BOTH, controllers=("pid",), draws=100_000)
-    until = statements.parsed("p_fail < 0.02 at 90%")
+    until = "p_fail(it arrives and stays) < 0.02 at 90%"
     found = [done(campaign, tmp_path / str(n), threads=n, until=until) for n in (1, 3)]
-    assert found[0][1] == found[1][1] != ""
-    assert len(found[0][0]) == len(found[1][0]) < 100_000
+    assert found[0][1] == found[1][1] and "holds at 90 %: 0 failures" in found[0][1]
+    enough = -(-statements.parsed(until).without_failure // LOOK) * LOOK
+    assert LOOK < len(found[0][0]) == len(found[1][0]) == enough
     read = pyarrow.parquet.read_table(tmp_path / "1" / "shard-1-of-1.parquet")
     assert read.num_rows == len(found[0][0])
+
+
+def test_a_statement_counts_every_controller(tmp_path: Path) -> None:
+    rows, told = done(
+        dataclasses.replace(BOTH, draws=10_000), tmp_path, until="p_fail < 0.5 at 90%"
+    )
+    assert len(rows) == 2 * LOOK
+    for name, line in zip(BOTH.controllers, told.splitlines(), strict=True):
+        good = [row.ok for row in rows.values() if row.controller == name]
+        assert f"{name}: p_fail < 0.5" in line
+        assert statements.counted(good.count(False), "failure") + f" in {LOOK} runs" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--until", "p_fail < 0.1 at 90%", "--sampling", "sobol"], "leave --sampling out"),
+        (["--until", "p_fail(it arives) < 0.1 at 90%"], "did you mean it arrives and stays?"),
+    ],
+)
+def test_a_statement_that_would_not_hold_is_refused(
+    words: list[str], what: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert main(["sweep", RIG, "--vary", VARY[0], *words, "-o", str(tmp_path / "a")]) == 2
+    assert what in capsys.readouterr().err and not (tmp_path / "a").exists()

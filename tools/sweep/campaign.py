@@ -13,8 +13,10 @@ import numpy as np
 from pcpc.drivers.errors import printable
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.requirements import text_of
 from pcpc.tools.sweep.engine import Draw
 from pcpc.tools.sweep.vary import Variation, all_parsed, points, run_seed
+from pcpc.tools.verdict.judge import Judge
 
 _BLOCK = 4096  # draws made at once
 
@@ -70,9 +72,17 @@ class Campaign:
         """Raise RigError for a name that no run of a controller has, or values it cannot take."""
         if not self.variations and self.sampling == "grid":
             raise RigError("--sampling grid: nothing is varied; give --vary NAME=lo:hi:n")
+        first = next(self.numbered(Shard()))
+        for name in self.controllers:
+            self.draw(name, *first)
+
+    def check_requirement(self, name: str) -> None:
+        """Raise RigError where a controller has no requirement of this name."""
         for rig in self.of:
-            for number, point in self.numbered(Shard(1, self.draws)):
-                self.draw(rig.config.controller, number, point)
+            known = [text_of(entry) for entry in Judge(rig, None).required().values()]
+            if name not in known:
+                what = f"{rig.config.controller} has no requirement {name}"
+                raise RigError(f"{self.rig}: {what}{did_you_mean(name, known)}")
 
     def _own(self, rig: Rig) -> list[float]:
         known = {

@@ -19,10 +19,10 @@ from pcpc.executive.batch.runs import Case, Done, Runs
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
+from pcpc.tools.sweep.results import FAULT, RAN, REFUSED
 from pcpc.tools.verdict.imagine import imagined
 from pcpc.tools.verdict.judge import TIMING_COLUMNS, Judge
 
-RAN, FAULT, REFUSED = "ran", "fault", "refused"
 AHEAD = 2  # pieces in flight for each thread
 
 

@@ -1,7 +1,7 @@
 """The table of a campaign by column: failures, pairs, worst cases, and how to run one again."""
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,20 @@ if TYPE_CHECKING:
 
 VARY, METRIC, MARGIN, HELD = "vary:", "metric:", "margin:", "held:"
 RAN, FAULT, REFUSED = "ran", "fault", "refused"
+
+
+def failures(outcomes: Iterable[str], judged: Iterable[bool | None]) -> tuple[int, int]:
+    """Return failures and runs; `judged`: of each the verdict, or whether a requirement held.
+
+    A fault is a failure; a refused run, or one that could not be judged, is not counted.
+    """
+    pairs = zip(outcomes, judged, strict=True)
+    good = [
+        outcome != FAULT and bool(held)
+        for outcome, held in pairs
+        if outcome == FAULT or (outcome == RAN and held is not None)
+    ]
+    return good.count(False), len(good)
 
 
 class Results:
@@ -50,19 +64,10 @@ class Results:
         return (self.column("controller") == controller) & ~self.refused
 
     def failures(self, controller: str, requirement: str | None = None) -> tuple[int, int]:
-        """Return failures and runs, of a requirement or of the verdict.
-
-        A fault is a failure; a run in which the requirement could not be judged is not counted.
-        """
+        """Return failures and runs, of a requirement or of the verdict."""
         own = self.of(controller)
-        fault = self.column("outcome") == FAULT
-        if requirement is None:
-            failed, counted = fault | ~self.column("ok").astype(bool), own
-        else:
-            held = self.column(HELD + requirement)
-            failed = fault | np.array([value is not None and not value for value in held])
-            counted = own & (fault | np.array([value is not None for value in held]))
-        return int(np.count_nonzero(failed & counted)), int(np.count_nonzero(counted))
+        judged = self.column("ok" if requirement is None else HELD + requirement)[own]
+        return failures(self.column("outcome")[own], judged)
 
     def values(self, name: str, controller: str) -> "NDArray[np.float64]":
         """Return a column of numbers of a controller's runs, NaN where not told or at a fault."""
