@@ -17,6 +17,7 @@ from pcpc.tools.bench import (
     ON_REQUEST,
     SUITES,
     Ratio,
+    batch,
     codec,
     cycle,
     frame,
@@ -204,10 +205,18 @@ def test_without_a_compiler_the_cure_is_named(
 
 
 def test_suites_of_minutes_run_only_when_asked_by_name() -> None:
-    assert set(ON_REQUEST) == {"rate", "startup"} and set(ON_REQUEST) < set(SUITES)
+    assert set(ON_REQUEST) == {"batch", "rate", "startup"} and set(ON_REQUEST) < set(SUITES)
 
 
 def test_without_scipy_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "scipy.integrate", None)
     with pytest.raises(simulate.BenchError, match="no scipy; `pip install scipy`"):
         simulate.by_scipy(simulate.segment(), "RK45", 1e-3)
+
+
+def test_the_lanes_of_the_suite_are_runs_of_their_own_and_fault_in_none() -> None:
+    one = batch.group()
+    batch.once(one)
+    theta = one.plans["plant"].names.index("barrel.theta_rad")
+    assert len(set(one.seats["plant"].values[theta].tolist())) == 8, "each its own play"
+    assert batch.in_threads([one], 1) > 0.0

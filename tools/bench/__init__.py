@@ -6,6 +6,7 @@ the quartiles over rounds: on a machine that others use too, times mean little a
 
 import argparse
 import json
+import os
 import sys
 from dataclasses import dataclass
 from importlib import import_module
@@ -18,7 +19,7 @@ from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.tools.console.commands import SUITES
 from pcpc.tools.console.progress import Progress
 
-ON_REQUEST = ("rate", "startup")  # one to three minutes each
+ON_REQUEST = ("rate", "startup", "batch")  # one to three minutes each
 
 
 class BenchError(UserError):
@@ -53,6 +54,8 @@ def command(options: argparse.Namespace) -> int:
     """Run suites and print their ratios; ENVIRONMENT where a yardstick is missing."""
     if unknown := [name for name in options.names if name not in SUITES]:
         raise UserError(f"{' '.join(unknown)}: no such suite; known: {', '.join(SUITES)}")
+    if options.names == ["batch"]:
+        os.environ.setdefault("PCPC_CPU", "native")  # as `pcpc sweep`; numba is not imported yet
     if options.rounds < 1:
         raise UserError(f"--rounds {options.rounds}: expected 1 or more")
     progress, found, code = Progress(options.quiet), [], Exit.OK

@@ -276,7 +276,7 @@ def jitter(add: Add) -> None:
 
 def bench(add: Add) -> None:
     """Take suites."""
-    add("names", nargs="*", metavar="NAME", help="suites; default: all but rate and startup")
+    add("names", nargs="*", metavar="NAME", help="suites; default: all but batch, rate, startup")
     add("--rounds", type=int, default=15, metavar="N", help="default 15")
     add("--json", metavar="FILE", help="write the ratios there too")
     quiet(add)

@@ -13,6 +13,7 @@ SUITES = {  # of `pcpc bench`: its modules
     "codec": "packing and unpacking of all frames of the DBC against cantools and C",
     "recorder": "the recorder's throughput against mcap, its effect on the loop",
     "simulate": "a virtual run against C and scipy",
+    "batch": "runs in lanes against C and scipy, two threads against one",
     "rate": "the highest closed-loop rate of two processes against C",
     "startup": "the time from command to first cycle, warm and cold",
 }

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,9 +15,11 @@ from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.requirements import text_of
 from pcpc.tools.sweep.engine import Draw
-from pcpc.tools.sweep.vary import Variation, all_parsed, points, run_seed
+from pcpc.tools.sweep.vary import Variation, all_parsed, grid_size, points, run_seed
 from pcpc.tools.verdict.judge import Judge
 
+DRAWS = 1000
+MOST = 10_000_000  # draws of a campaign that ends by its statement
 _BLOCK = 4096  # draws made at once
 
 
@@ -124,6 +126,26 @@ class Campaign:
     def own(self) -> dict[str, list[float]]:
         """The rig's own values of what is varied, by controller; RigError."""
         return {rig.config.controller: self._own(rig) for rig in self.of}
+
+
+def asked(
+    rig: str | Path, controllers: Sequence[str], vary: Sequence[str], draws: int | None,
+    sampling: str | None, seed: int, settings: Sequence[str], until: bool,
+) -> Campaign:  # fmt: skip
+    """Return what is asked for, completed; `until`: it ends by a statement. RigError."""
+    names = tuple(dict.fromkeys(controllers))
+    names = names or (load_rig(rig, None, settings).config.controller,)
+    sampling = sampling or ("random" if until or not vary else "sobol")
+    if until and sampling != "random":
+        what = f"--until counts independent draws, and --sampling {sampling} makes others"
+        raise RigError(f"{what}; leave --sampling out")
+    if sampling == "grid" and draws is None:
+        draws = grid_size(all_parsed(vary))
+    if draws is None:
+        draws = MOST if until else DRAWS
+    if draws < 1:
+        raise RigError(f"--draws {draws}: expected 1 or more")
+    return Campaign(str(rig), names, tuple(vary), draws, sampling, seed, tuple(settings))
 
 
 def read(path: Path) -> dict[str, Any]:

@@ -7,17 +7,13 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import new_file
 from pcpc.tools.rigs import find
 from pcpc.tools.sweep import rerun, statements, store, told
-from pcpc.tools.sweep.campaign import Campaign, Shard
-from pcpc.tools.sweep.vary import all_parsed, grid_size
+from pcpc.tools.sweep.campaign import Campaign, Shard, asked
+from pcpc.tools.sweep.report import report
 from pcpc.tools.sweep.work import Work
-
-DRAWS = 1000
-MOST = 10_000_000  # draws of a campaign that ends by its statement
 
 
 def command(options: argparse.Namespace) -> int:
@@ -62,27 +58,11 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _campaign(options: argparse.Namespace) -> Campaign:
-    controllers = (
-        tuple(dict.fromkeys(options.controllers.split(","))) if options.controllers else ()
-    )
-    settings = tuple(options.set)
-    first = Campaign(options.rig, controllers or ("",), tuple(options.vary), 1, settings=settings)
-    if not controllers:
-        controllers = (load_rig(options.rig, None, settings).config.controller,)
-    draws = options.draws
-    if options.sampling == "grid" and draws is None:
-        draws = grid_size(all_parsed(first.vary))
-    if draws is None:
-        draws = MOST if options.until else DRAWS
-    if options.until and options.sampling not in (None, "random"):
-        what = f"--until counts independent draws, and --sampling {options.sampling} makes others"
-        raise RigError(f"{what}; leave --sampling out")
-    if draws < 1:
-        raise RigError(f"--draws {draws}: expected 1 or more")
-    sampling = options.sampling or ("random" if options.until or not options.vary else "sobol")
-    return Campaign(
-        str(options.rig), controllers, tuple(options.vary), draws, sampling, options.seed, settings
-    )
+    named = options.controllers.split(",") if options.controllers else ()
+    return asked(
+        options.rig, named, options.vary, options.draws, options.sampling, options.seed,
+        options.set, options.until is not None,
+    )  # fmt: skip
 
 
 def _merge(options: argparse.Namespace) -> int:
@@ -104,5 +84,5 @@ def _tell(folder: Path, folders: Sequence[Path], ended: str) -> int:
     print(told.summary(table, spec, folder))
     for line in ended.splitlines():
         print(line)
-    print(folder)
+    print(f"report   {report(table, spec, folder)}")
     return Exit.OK

@@ -135,6 +135,7 @@ def _failures(results: Results, pictures: _Pictures) -> str:
         ]
         for controller in results.controllers
     ]
+    rows = [row for row in rows if row[-1] > 0 or row[0] == "any failure"]  # of other controllers
     cells = []
     for what, controller, failures, runs in rows:
         low, high = statements.clopper_pearson(failures, runs, CONFIDENCE)
