@@ -49,12 +49,18 @@ class Absences:
     def _count(self) -> None:
         known = self._waiting[:, 0] <= (self._ran[-1] if len(self._ran) else -1)
         own, self._waiting = self._waiting[known], self._waiting[~known]
-        at = self._first + np.searchsorted(self._ran, own[:, 0])
-        for number in np.unique(own[:, 1]).tolist():
-            seen = at[own[:, 1] == number]
-            longest = np.diff(seen, prepend=self._last.get(number, 0)).max()
-            self._longest[number] = max(self._longest.get(number, 0), int(longest))
-            self._last[number] = int(seen[-1])
+        if not len(own):
+            return
+        own = own[np.argsort(own[:, 1], kind="stable")]  # by id, the frames of each in their order
+        ids, at = own[:, 1], self._first + np.searchsorted(self._ran, own[:, 0])
+        begin = np.flatnonzero(np.concatenate(([True], ids[1:] != ids[:-1])))
+        gaps, numbers = at.copy(), ids[begin].tolist()
+        gaps[1:] -= at[:-1]
+        gaps[begin] = at[begin] - [self._last.get(number, 0) for number in numbers]
+        longest, last = np.maximum.reduceat(gaps, begin), at[[*(begin[1:] - 1), -1]]
+        for number, most, place in zip(numbers, longest.tolist(), last.tolist(), strict=True):
+            self._longest[number] = max(self._longest.get(number, 0), most)
+            self._last[number] = place
 
     def told(self) -> dict[int, int]:
         """Return the longest absence up to now by id."""

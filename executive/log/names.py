@@ -29,11 +29,9 @@ def unrecorded(log: Log, name: str) -> str:
     for node in nodes:
         about = log.node[node].description
         kind = next((row[2] for row in about.get("variables", ()) if row[0] == variable), "")
-        source, before = (
-            about.get("sources", {}).get(variable),
-            "" if node == LEADER else f"{node}:",
-        )
+        source = about.get("sources", {}).get(variable)
         if kind == "input" and source:
+            before = "" if node == LEADER else f"{node}:"
             return f"an input, not recorded; use its source {before}{source}"
         if kind == "parameter":
             return "a parameter, not recorded; events tell its changes"
