@@ -271,10 +271,10 @@ def write_json(summary: Summary, path: Path) -> str:
 def read_json(path: Path) -> Summary:
     """Return what `write_json` wrote; OSError, ValueError."""
     summary = dict(json.loads(path.read_text("utf-8")))
-    metrics = summary["metrics"].items()
+    metrics = summary.get("metrics", {}).items()
     summary["metrics"] = {k: math.nan if v is None else float(v) for k, v in metrics}
-    for one in summary["requirements"]:
-        told = {key: one[key] for key in ("value", "limit", "margin") if one[key] is not None}
+    for one in summary.get("requirements", ()):
+        told = {key: one[key] for key in ("value", "limit", "margin") if one.get(key) is not None}
         one |= {key: float(value) for key, value in told.items()}
     return summary
 
