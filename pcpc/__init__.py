@@ -18,6 +18,9 @@
     loop.run
 
     run = pcpc.open("runs/20260101T120000Z-hull")                        the same of any log
+    many = pcpc.sweep("atb1000/hull", ["pd", "pd_nn"], vary={"barrel.gap_rad": "x0.5:2"}, draws=200)
+    many.table, many.failures("pd"), many.report("report")               thousands of runs
+
     pcpc.compare(run, other).markdown()                                  what two runs differ in
 """
 
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
     from pcpc.tools.api.loop import Loop, Sample, loop
     from pcpc.tools.api.run import Figure, NotOk, Run, UnknownName
     from pcpc.tools.api.simulate import open, simulate
+    from pcpc.tools.api.sweep import Sweep, sweep
     from pcpc.tools.compare.comparison import Comparison
 
 _WHERE = {
@@ -41,10 +45,11 @@ _WHERE = {
     "Loop": "tools.api.loop", "Sample": "tools.api.loop", "loop": "tools.api.loop",
     "Live": "tools.api.live", "NotMet": "tools.api.live", "running": "tools.api.live",
     "open": "tools.api.simulate", "simulate": "tools.api.simulate",
+    "Sweep": "tools.api.sweep", "sweep": "tools.api.sweep",
 }  # fmt: skip
 __all__ = [
     "Comparison", "Error", "Figure", "Live", "Loop", "NotMet", "NotOk", "Run", "Sample",
-    "UnknownName", "compare", "loop", "open", "running", "simulate",
+    "Sweep", "UnknownName", "compare", "loop", "open", "running", "simulate", "sweep",
 ]  # fmt: skip
 
 

@@ -13,6 +13,7 @@ import pyarrow.parquet
 import pytest
 import yaml
 
+import pcpc
 from pcpc.executive.errors import RigError
 from pcpc.tools.api.simulate import simulate
 from pcpc.tools.cli import main
@@ -211,3 +212,19 @@ def test_a_statement_that_would_not_hold_is_refused(
 ) -> None:
     assert main(["sweep", RIG, "--vary", VARY[0], *words, "-o", str(tmp_path / "a")]) == 2
     assert what in capsys.readouterr().err and not (tmp_path / "a").exists()
+
+
+def test_the_same_campaign_from_python_and_in_a_folder_that_goes_on(
+    whole: Path, tmp_path: Path
+) -> None:
+    vary = dict(one.split("=", 1) for one in VARY)
+    changed = dict(pair(setting) for setting in SHORT)
+    many = pcpc.sweep(
+        RIG, BOTH.controllers, vary=vary, draws=21, sampling="random", seed=5, set=changed,
+        folder=tmp_path,
+    )  # fmt: skip
+    assert many.table.to_pylist() != [] and rows_of(tmp_path) == rows_of(whole)
+    assert many.failures("pid")[1] == 21 and len(many.to_pandas()) == 42
+    assert many.report().stat().st_size > 10_000
+    with pytest.raises(pcpc.Error, match="has no setting motor"):
+        pcpc.sweep(RIG, vary={"motor.x": "1:2"}, draws=3)

@@ -1,6 +1,7 @@
 """`pcpc sweep`: thousands of runs of a rig in virtual time, a table, a report, a statement."""
 
 import argparse
+import textwrap
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -83,6 +84,6 @@ def _tell(folder: Path, folders: Sequence[Path], ended: str) -> int:
             pyarrow.parquet.write_table(table, unfinished)
     print(told.summary(table, spec, folder))
     for line in ended.splitlines():
-        print(line)
+        print(textwrap.fill(line, told.COLUMNS, subsequent_indent="  "))
     print(f"report   {report(table, spec, folder)}")
     return Exit.OK

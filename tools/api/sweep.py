@@ -1,0 +1,104 @@
+"""`pcpc.sweep`: a campaign of runs in virtual time, as a function."""
+
+import os
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pcpc.tools.api.place import progress
+from pcpc.tools.api.settings import settings
+from pcpc.tools.rigs import find
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+    from pcpc.tools.sweep.results import Results
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A campaign: `table`, a row a run; `spec`, what it follows from; `statement` in words.
+
+    Columns: draw, controller, seed, `vary:NAME`, `metric:NAME`, `margin:NAME` and `held:NAME` of
+    requirements, ok, why, outcome (ran, fault, refused), alone (why it was not done in lanes).
+    """
+
+    table: "pyarrow.Table"
+    spec: Mapping[str, Any]
+    folder: Path
+    statement: str = ""
+    _keep: Any = field(default=None, repr=False)
+
+    @property
+    def results(self) -> "Results":
+        """Columns and counts by controller."""
+        from pcpc.tools.sweep.results import Results
+
+        return Results(self.table, self.spec)
+
+    def failures(self, controller: str, requirement: str | None = None) -> tuple[int, int]:
+        """Return failures and runs of a controller, of a requirement or of the verdict."""
+        return self.results.failures(controller, requirement)
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return the table as a data frame; ImportError without pandas."""
+        return self.table.to_pandas()
+
+    def report(self, folder: str | Path | None = None) -> Path:
+        """Write report.html and its figures; return the page."""
+        from pcpc.tools.sweep.report import report
+
+        return report(self.table, self.spec, Path(folder or self.folder))
+
+
+def sweep(
+    rig: str | Path, controllers: Sequence[str] | None = None, *,
+    vary: Mapping[str, str] | None = None, draws: int | None = None, sampling: str | None = None,
+    seed: int = 1, set: Mapping[str, Any] | None = None, until: str | None = None,
+    threads: int | None = None, folder: str | Path | None = None, quiet: bool | None = None,
+) -> Sweep:  # fmt: skip
+    """Run a rig again and again with values that vary, in virtual time, eight runs at once.
+
+    Each row is what `pcpc simulate` says of its settings, bit for bit.
+
+    rig          a rig file, or the name of one that comes with pcpc (`pcpc rigs`)
+    controllers  of the rig, each on the same draws; None: the one that it names
+    vary         {"barrel.gap_rad": "x0.5:2"}: lo:hi, lo:hi:n, normal(m,s), lognormal(median,
+                 factor), choice(a,b); x before one: a factor on the rig's value
+    draws        1000; of a grid all, with `until` as many as it needs
+    sampling     random, lhs, sobol (default), grid
+    seed         of the draws, and of the runs' noises
+    set          other values of the rig, of all runs
+    until        a statement that ends it, as "p_fail < 1e-3 at 95%"; needs sampling random
+    threads      all processors
+    folder       keeps the rows there, and goes on with what is there; None: a temporary one
+    quiet        no progress; None: progress on a terminal only
+
+    Raises pcpc.Error, one line with its place and cure, for what cannot be. A run that ends in a
+    fault, or whose values are out of range, is a row like any other.
+    """
+    if "numba" not in sys.modules:
+        os.environ.setdefault("PCPC_CPU", "native")
+    from pcpc.tools.sweep import store
+    from pcpc.tools.sweep.campaign import Shard, asked
+    from pcpc.tools.sweep.work import Work
+
+    varied = [f"{name}={text}" for name, text in (vary or {}).items()]
+    campaign = asked(
+        find(str(rig)), controllers or (), varied, draws, sampling, seed, settings(set),
+        until is not None,
+    )  # fmt: skip
+    campaign.check()
+    keep = None if folder else tempfile.TemporaryDirectory(prefix="pcpc-")
+    place = Path(folder or keep.name)  # type: ignore[union-attr]
+    work = Work(campaign, Shard(), place, until, threads)
+    try:
+        told = work.to_end(progress(quiet))
+    finally:
+        work.store.close()
+    table, spec = store.merged([place])
+    return Sweep(table, spec, place, told, keep)
