@@ -59,7 +59,8 @@ def sweep(
     rig: str | Path, controllers: Sequence[str] | None = None, *,
     vary: Mapping[str, str] | None = None, draws: int | None = None, sampling: str | None = None,
     seed: int = 1, set: Mapping[str, Any] | None = None, until: str | None = None,
-    threads: int | None = None, folder: str | Path | None = None, quiet: bool | None = None,
+    threads: int | None = None, scheduler: str | None = None,
+    folder: str | Path | None = None, quiet: bool | None = None,
 ) -> Sweep:  # fmt: skip
     """Run a rig again and again with values that vary, in virtual time, eight runs at once.
 
@@ -75,6 +76,8 @@ def sweep(
     set          other values of the rig, of all runs
     until        a statement that ends it, as "p_fail < 1e-3 at 95%"; needs sampling random
     threads      all processors
+    scheduler    Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine (then below
+                 `if __name__ == "__main__":`, as each of them imports your script)
     folder       keeps the rows there, and goes on with what is there; None: a temporary one
     quiet        no progress; None: progress on a terminal only
 
@@ -95,7 +98,7 @@ def sweep(
     campaign.check()
     keep = None if folder else tempfile.TemporaryDirectory(prefix="pcpc-")
     place = Path(folder or keep.name)  # type: ignore[union-attr]
-    work = Work(campaign, Shard(), place, until, threads)
+    work = Work(campaign, Shard(), place, until, threads, scheduler)
     try:
         told = work.to_end(progress(quiet))
     finally:

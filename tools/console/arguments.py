@@ -124,6 +124,8 @@ def sweep(add: Add) -> None:
         help="end when it is decided: 'p_fail < 1e-3 at 95%%', 'p_fail(NAME) < ...'")  # fmt: skip
     add("--shard", metavar="I/N", help="part I of N: N processes or machines share the draws")
     add("--threads", type=int, metavar="N", help="all processors")
+    add("--scheduler", metavar="ADDRESS",
+        help="Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine")  # fmt: skip
     add("-o", "--output", metavar="DIR",
         help="folder, not runs/<UTC time>-sweep-<rig>; what was begun goes on")  # fmt: skip
     quiet(add)

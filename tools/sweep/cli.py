@@ -11,7 +11,7 @@ from pcpc.executive.errors import RigError
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import new_file
 from pcpc.tools.rigs import find
-from pcpc.tools.sweep import rerun, statements, store, told
+from pcpc.tools.sweep import rerun, store, told
 from pcpc.tools.sweep.campaign import Campaign, Shard, asked
 from pcpc.tools.sweep.report import report
 from pcpc.tools.sweep.work import Work
@@ -25,8 +25,6 @@ def command(options: argparse.Namespace) -> int:
         return rerun.command(options)
     if options.words[1:]:
         raise RigError(f"{' '.join(options.words[1:])}: one rig at a time")
-    if options.threads is not None and options.threads < 1:
-        raise RigError(f"--threads {options.threads}: expected 1 or more")
     options.rig = find(options.words[0])
     campaign = _campaign(options)
     campaign.check()
@@ -34,13 +32,8 @@ def command(options: argparse.Namespace) -> int:
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     name = campaign.of[0].config.rig
     folder = Path(options.output or f"runs/{stamp}-sweep-{name}")
-    statement = statements.parsed(options.until) if options.until else None
-    if statement and shard.of > 1:
-        raise RigError("--until needs all draws in their order; leave --shard out")
-    if statement and statement.requirement is not None:
-        campaign.check_requirement(statement.requirement)
     progress = Progress(options.quiet)
-    work = Work(campaign, shard, folder, options.until, options.threads)
+    work = Work(campaign, shard, folder, options.until, options.threads, options.scheduler)
     try:
         ended = work.to_end(progress)
     except KeyboardInterrupt:

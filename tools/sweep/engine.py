@@ -52,6 +52,10 @@ class Row:
     alone: str = ""
 
 
+Piece = tuple[str, list[Draw]]  # at most WIDTH draws of a controller
+Pieces = Iterable[Piece]
+
+
 class Bench:
     """Runs of one rig and controller with their judge, for one thread."""
 
@@ -110,7 +114,7 @@ class Engine:
         """Return why runs of a controller are done one by one, of those that are."""
         return {name: bench.runs.why for name, bench in self.first.items() if bench.runs.why}
 
-    def rows(self, draws: Iterable[tuple[str, list[Draw]]]) -> Iterator[list[Row]]:
+    def rows(self, draws: Pieces) -> Iterator[list[Row]]:
         """Yield the rows of pieces as they are done: of at most WIDTH draws of a controller.
 
         Whoever stops to listen ends the work, after what is being done.
@@ -119,7 +123,7 @@ class Engine:
             flying: set[Future[list[Row]]] = set()
             try:
                 for piece in draws:
-                    flying.add(pool.submit(self._piece, *piece))
+                    flying.add(pool.submit(self.piece, *piece))
                     while len(flying) >= AHEAD * self.threads:
                         done, flying = wait(flying, return_when=FIRST_COMPLETED)
                         yield from (one.result() for one in done)
@@ -130,7 +134,8 @@ class Engine:
                 for one in flying:
                     one.cancel()
 
-    def _piece(self, controller: str, draws: list[Draw]) -> list[Row]:
+    def piece(self, controller: str, draws: Sequence[Draw]) -> list[Row]:
+        """Return the rows of at most WIDTH draws, done in the thread that calls."""
         return self._bench(controller).rows(draws)
 
     def _bench(self, controller: str) -> Bench:
@@ -147,7 +152,7 @@ class Engine:
 def pieces(
     numbered: Iterable[tuple[int, Any]], controllers: Sequence[str],
     draw: Callable[[str, int, Any], Draw],
-) -> Iterator[tuple[str, list[Draw]]]:  # fmt: skip
+) -> Iterator[Piece]:  # fmt: skip
     """Yield numbered points in pieces of WIDTH, each for every controller, as draws."""
     left = iter(numbered)
     while some := list(itertools.islice(left, WIDTH)):

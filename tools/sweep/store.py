@@ -2,6 +2,7 @@
 
     sweep.json               what the campaign is; another one is refused in the same folder
     shard-1-of-4.jsonl       a row a line, written before anybody is told that it is done
+    shard-1-of-4.0.64.jsonl  the same of a worker's task, until its rows are in the journal
     shard-1-of-4.parquet     the same rows in the order of draws and controllers; takes its place
 
 A process that is killed loses no finished row: a line that is not whole is dropped, and the draws
@@ -28,6 +29,51 @@ if TYPE_CHECKING:
 SPEC = "sweep.json"
 
 
+class Journal:
+    """Rows in a file, a row a line; one process at a time has it."""
+
+    def __init__(self, path: Path, wait: bool = False) -> None:
+        """Open it and take its rows; OSError. BlockingIOError, or `wait`: another one has it."""
+        self.path = path
+        self.rows: dict[tuple[int, str], Row] = {}
+        self._file: IO[str] = path.open("a+", encoding="utf-8")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            self._file.close()
+            raise
+        self._read()
+
+    def _read(self) -> None:
+        """Take the whole lines; cut off what a killed process left of another."""
+        self._file.seek(0)
+        whole = 0
+        for line in iter(self._file.readline, ""):
+            try:
+                row = row_of(json.loads(line)) if line.endswith("\n") else None
+            except (ValueError, TypeError, KeyError):
+                row = None
+            if row is None:
+                break
+            self.rows[row.draw, row.controller] = row
+            whole = self._file.tell()
+        self._file.seek(whole)
+        self._file.truncate()
+
+    def add(self, rows: Iterable[Row]) -> None:
+        """Write rows; OSError."""
+        for row in rows:
+            self._file.write(json.dumps(dataclasses.asdict(row)) + "\n")
+            self.rows[row.draw, row.controller] = row
+        self._file.flush()
+
+    def close(self, drop: bool = False) -> None:
+        """Let it go, and the file with it if it is to be dropped."""
+        if drop:
+            self.path.unlink(missing_ok=True)
+        self._file.close()
+
+
 class Store:
     """The folder of a campaign, and one shard in it; one process at a time has a shard."""
 
@@ -37,27 +83,29 @@ class Store:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._claim_spec()
-            self._journal: IO[str] = self.journal.open("a+", encoding="utf-8")
+            self._journal = Journal(folder / f"{shard}.jsonl")
+            self._take_tasks()
+        except BlockingIOError:
+            what = f"{folder / str(shard)}.jsonl: another process works on this shard; wait for it"
+            raise RigError(what) from None
         except OSError as error:
             what = f"{folder}: {error.strerror}; choose another folder with -o"
             raise UserError(what, code_of(error)) from None
-        try:
-            fcntl.flock(self._journal, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            what = f"{self.journal}: another process works on this shard; wait for it"
-            raise RigError(what) from None
-        self.rows: dict[tuple[int, str], Row] = {}
-        self._read_journal()
-
-    @property
-    def journal(self) -> Path:
-        """The file of rows while the shard is not complete."""
-        return self.folder / f"{self.shard}.jsonl"
+        self.journal, self.rows, self.add = (
+            self._journal.path,
+            self._journal.rows,
+            self._journal.add,
+        )
 
     @property
     def table(self) -> Path:
         """The Parquet file."""
         return self.folder / f"{self.shard}.parquet"
+
+    def of_task(self, draw: int, controller: str) -> Path:
+        """Return the journal of a worker's task that begins with this run."""
+        which = list(self.spec["controllers"]).index(controller)
+        return self.folder / f"{self.shard}.{which}.{draw}.jsonl"
 
     def _claim_spec(self) -> None:
         path = self.folder / SPEC
@@ -71,28 +119,15 @@ class Store:
             what = f"{self.folder} holds another campaign, whose {', '.join(keys)} differ"
             raise RigError(f"{what}; choose another folder with -o")
 
-    def _read_journal(self) -> None:
-        """Take the whole lines; cut off what a killed process left of another."""
-        self._journal.seek(0)
-        whole = 0
-        for line in iter(self._journal.readline, ""):
+    def _take_tasks(self) -> None:
+        """Take the rows of tasks whose client was killed; one that goes on keeps its journal."""
+        for path in self.folder.glob(f"{self.shard}.*.*.jsonl"):
             try:
-                row = row_of(json.loads(line)) if line.endswith("\n") else None
-            except (ValueError, TypeError, KeyError):
-                row = None
-            if row is None:
-                break
-            self.rows[row.draw, row.controller] = row
-            whole = self._journal.tell()
-        self._journal.seek(whole)
-        self._journal.truncate()
-
-    def add(self, rows: Iterable[Row]) -> None:
-        """Write rows; OSError."""
-        for row in rows:
-            self._journal.write(json.dumps(dataclasses.asdict(row)) + "\n")
-            self.rows[row.draw, row.controller] = row
-        self._journal.flush()
+                task = Journal(path)
+            except BlockingIOError:
+                continue
+            self._journal.add(row for of, row in task.rows.items() if of not in self._journal.rows)
+            task.close(drop=True)
 
     def has(self, draw: int, controllers: Sequence[str]) -> bool:
         """Return whether all rows of a draw are there."""
@@ -105,14 +140,13 @@ class Store:
         table = arrow(self.rows.values(), self.spec)
         with new_file(self.table, force=True) as unfinished:
             pyarrow.parquet.write_table(table, unfinished)
-        self.journal.unlink(missing_ok=True)
+        for path in (self.journal, *self.folder.glob(f"{self.shard}.*.*.jsonl")):
+            path.unlink(missing_ok=True)
         return self.table
 
     def close(self) -> None:
         """Let the shard go; a journal without a row goes, too."""
-        if not self.rows and not self.table.exists():
-            self.journal.unlink(missing_ok=True)
-        self._journal.close()
+        self._journal.close(drop=not self.rows or self.table.exists())
 
 
 def row_of(data: Mapping[str, Any]) -> Row:

@@ -2,15 +2,18 @@
 
 import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pcpc.executive.errors import RigError
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.sweep import statements, store
 from pcpc.tools.sweep.campaign import Campaign, Shard
-from pcpc.tools.sweep.engine import Engine, pieces
+from pcpc.tools.sweep.cluster import Cluster
+from pcpc.tools.sweep.engine import Engine, Pieces, Row, pieces
 from pcpc.tools.sweep.results import failures
 
 LOOK, LATER = 64, 16  # draws between two looks at the statement, or this part of those done
@@ -25,11 +28,21 @@ class Work:
     folder: Path
     until: str | None
     threads: int | None
+    scheduler: str | None = None
 
     def __post_init__(self) -> None:
+        """Claim the folder. RigError for what contradicts itself, or is another campaign's."""
         spec = self.campaign.spec()
+        if self.threads is not None and self.threads < 1:
+            raise RigError(f"--threads {self.threads}: expected 1 or more")
+        if self.threads is not None and self.scheduler:
+            raise RigError("--threads is of this process; workers of --scheduler have their own")
         self.statement = statements.parsed(self.until) if self.until else None
-        if self.until:
+        if self.statement is not None:
+            if self.shard.of > 1:
+                raise RigError("--until needs all draws in their order; leave --shard out")
+            if self.statement.requirement is not None:
+                self.campaign.check_requirement(self.statement.requirement)
             spec["until"] = self.until
         self.store = store.Store(self.folder, spec, self.shard)
         self._counts = {name: [0, 0] for name in self.campaign.controllers}  # failures, runs
@@ -41,9 +54,22 @@ class Work:
             progress.say(f"{self.store.table}: complete")
             return ""
         progress.show("compiling")
-        engine = Engine(Path(campaign.rig), names, campaign.settings, self.threads)
+        engine = Engine(Path(campaign.rig).resolve(), names, campaign.settings, self.threads)
         for name, why in engine.why_alone().items():
             progress.say(f"{name}: runs one by one: {why}")
+        with self._runner(engine) as runner:
+            self._run(runner.rows, progress)
+        self.store.complete()
+        return self._told()
+
+    def _runner(self, engine: Engine) -> AbstractContextManager[Engine | Cluster]:
+        if self.scheduler is None:
+            return nullcontext(engine)
+        return Cluster(self.scheduler, self.campaign, self.store)
+
+    def _run(self, rows_of: Callable[[Pieces], Iterator[list[Row]]], progress: Progress) -> None:
+        """Do the draws that are not there."""
+        campaign, names = self.campaign, self.campaign.controllers
         if had := len(self.store.rows):
             progress.say(f"{had} rows are there, going on")
         numbered = campaign.numbered(self.shard)
@@ -52,14 +78,12 @@ class Work:
         done = 0
         while some := self._some(numbered, done):
             left = [one for one in some if not self.store.has(one[0], names)]
-            for rows in engine.rows(pieces(left, names, campaign.draw)):
+            for rows in rows_of(pieces(left, names, campaign.draw)):
                 self.store.add(rows)
                 clock.show(len(self.store.rows))
             done += len(some)
             if self.statement and self._decided([number for number, _ in some], self.statement):
                 break
-        self.store.complete()
-        return self._told()
 
     def _some(self, numbered: Iterator[tuple[int, Any]], done: int) -> list[tuple[int, Any]]:
         """Return the draws until the next look; all of them if nobody looks."""
