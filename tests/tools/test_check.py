@@ -42,7 +42,8 @@ def report(screen: Screen, *words: str) -> dict[str, Any]:
 def test_every_shipped_rig_passes(rig: Path, capsys: Screen) -> None:
     code = main(["check", str(rig)])
     out, err = capsys.readouterr()
-    assert (code, err) == (0, ""), err
+    said = [line for line in err.splitlines() if not line.startswith("compiling for this machine")]
+    assert (code, said) == (0, []), err
     assert out.startswith(f"{rig.stem}: "), out
 
 
