@@ -122,6 +122,12 @@ def sweep(add: Add) -> None:
     _set(add, "any value of the rig or a block, of all runs")
     add("--until", metavar="STATEMENT",
         help="end when it is decided: 'p_fail < 1e-3 at 95%%', 'p_fail(NAME) < ...'")  # fmt: skip
+    add("--worst", type=int, metavar="RUNS",
+        help="search for the smallest margin of the requirements, or the largest --of")  # fmt: skip
+    add("--rare", type=int, metavar="RUNS",
+        help="probability of a rare failure: subset simulation, RUNS a step, as 1000")  # fmt: skip
+    add("--of", metavar="METRIC", help="in place of the requirements; --rare: with --limit")
+    add("--limit", type=float, metavar="X", help="--rare: the metric fails above it")
     add("--shard", metavar="I/N", help="part I of N: N processes or machines share the draws")
     add("--threads", type=int, metavar="N", help="all processors")
     add("--scheduler", metavar="ADDRESS",

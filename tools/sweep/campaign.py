@@ -20,6 +20,7 @@ from pcpc.tools.verdict.judge import Judge
 
 DRAWS = 1000
 MOST = 10_000_000  # draws of a campaign that ends by its statement
+SEARCHES = ("worst", "rare")  # samplings that depend on the rows: see `search`
 _BLOCK = 4096  # draws made at once
 
 
@@ -74,17 +75,24 @@ class Campaign:
         """Raise RigError for a name that no run of a controller has, or values it cannot take."""
         if not self.variations and self.sampling == "grid":
             raise RigError("--sampling grid: nothing is varied; give --vary NAME=lo:hi:n")
-        first = next(self.numbered(Shard()))
+        middle = 0, np.full(len(self.variations), 0.5)
+        first = middle if self.sampling in SEARCHES else next(self.numbered(Shard()))
         for name in self.controllers:
             self.draw(name, *first)
 
     def check_requirement(self, name: str) -> None:
         """Raise RigError where a controller has no requirement of this name."""
-        for rig in self.of:
-            known = [text_of(entry) for entry in Judge(rig, None).required().values()]
+        for controller, known in self.requirements().items():
             if name not in known:
-                what = f"{rig.config.controller} has no requirement {name}"
+                what = f"{controller} has no requirement {name}"
                 raise RigError(f"{self.rig}: {what}{did_you_mean(name, known)}")
+
+    def requirements(self) -> dict[str, list[str]]:
+        """Return the names of the requirements of each controller."""
+        return {
+            rig.config.controller: [text_of(one) for one in Judge(rig, None).required().values()]
+            for rig in self.of
+        }
 
     def _own(self, rig: Rig) -> list[float]:
         known = {
@@ -120,7 +128,8 @@ class Campaign:
         """Return a draw for a controller; RigError for a factor on a value that is 0."""
         pairs = zip(self.variations, point, self.own[controller], strict=True)
         values = {one.name: one.value(float(u), value) for one, u, value in pairs}
-        return Draw(number, run_seed(self.seed, number), values)
+        noise = run_seed(self.seed, 0 if self.sampling in SEARCHES else number)
+        return Draw(number, noise, values)
 
     @cached_property
     def own(self) -> dict[str, list[float]]:

@@ -12,8 +12,9 @@ from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import new_file
 from pcpc.tools.rigs import find
 from pcpc.tools.sweep import rerun, store, told
-from pcpc.tools.sweep.campaign import Campaign, Shard, asked
+from pcpc.tools.sweep.campaign import SEARCHES, Campaign, Shard, asked
 from pcpc.tools.sweep.report import report
+from pcpc.tools.sweep.search import Search
 from pcpc.tools.sweep.work import Work
 
 
@@ -33,7 +34,8 @@ def command(options: argparse.Namespace) -> int:
     name = campaign.of[0].config.rig
     folder = Path(options.output or f"runs/{stamp}-sweep-{name}")
     progress = Progress(options.quiet)
-    work = Work(campaign, shard, folder, options.until, options.threads, options.scheduler)
+    search = _search(options, campaign)
+    work = Work(campaign, shard, folder, options.until, options.threads, options.scheduler, search)
     try:
         ended = work.to_end(progress)
     except KeyboardInterrupt:
@@ -51,7 +53,22 @@ def command(options: argparse.Namespace) -> int:
     return _tell(folder, [folder], ended)
 
 
+def _search(options: argparse.Namespace, campaign: Campaign) -> Search | None:
+    if campaign.sampling in SEARCHES:
+        return Search(campaign, options.of, options.limit)
+    if options.of or options.limit is not None:
+        raise RigError("--of and --limit are of --worst and --rare")
+    return None
+
+
 def _campaign(options: argparse.Namespace) -> Campaign:
+    for kind in SEARCHES:
+        if (runs := getattr(options, kind)) is None:
+            continue
+        for other in ("draws", "sampling", "until", "shard"):
+            if getattr(options, other) is not None:
+                raise RigError(f"--{other}: --{kind} chooses its own draws, all of them; leave it")
+        options.sampling, options.draws = kind, runs
     named = options.controllers.split(",") if options.controllers else ()
     return asked(
         options.rig, named, options.vary, options.draws, options.sampling, options.seed,
@@ -71,12 +88,22 @@ def _tell(folder: Path, folders: Sequence[Path], ended: str) -> int:
     import pyarrow.parquet
 
     table, spec = store.merged(folders)
+    if spec["sampling"] in SEARCHES:  # its rows are no sample: no share of them says a thing
+        print(f"{spec['title']}: {table.num_rows:,} runs")
+        print(_filled(ended) or "pcpc sweep with its -o tells what came out", folder, sep="\n")
+        return Exit.OK
     if len(folders) > 1 or len(list(store.tables(folder))) != 1:
         folder.mkdir(parents=True, exist_ok=True)
         with new_file(folder / "sweep.parquet", force=True) as unfinished:
             pyarrow.parquet.write_table(table, unfinished)
     print(told.summary(table, spec, folder))
-    for line in ended.splitlines():
-        print(textwrap.fill(line, told.COLUMNS, subsequent_indent="  "))
+    print(_filled(ended), end="\n" if ended else "")
     print(f"report   {report(table, spec, folder)}")
     return Exit.OK
+
+
+def _filled(text: str) -> str:
+    """Return lines in as many as fit the terminal."""
+    return "\n".join(
+        textwrap.fill(line, told.COLUMNS, subsequent_indent="    ") for line in text.splitlines()
+    )

@@ -2,7 +2,7 @@
 
 import itertools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +13,9 @@ from pcpc.tools.console.progress import Progress
 from pcpc.tools.sweep import statements, store
 from pcpc.tools.sweep.campaign import Campaign, Shard
 from pcpc.tools.sweep.cluster import Cluster
-from pcpc.tools.sweep.engine import Engine, Pieces, Row, pieces
+from pcpc.tools.sweep.engine import Engine, pieces
 from pcpc.tools.sweep.results import failures
+from pcpc.tools.sweep.search import Rows, Search
 
 LOOK, LATER = 64, 16  # draws between two looks at the statement, or this part of those done
 
@@ -29,6 +30,7 @@ class Work:
     until: str | None
     threads: int | None
     scheduler: str | None = None
+    search: Search | None = None
 
     def __post_init__(self) -> None:
         """Claim the folder. RigError for what contradicts itself, or is another campaign's."""
@@ -44,46 +46,54 @@ class Work:
             if self.statement.requirement is not None:
                 self.campaign.check_requirement(self.statement.requirement)
             spec["until"] = self.until
+        if self.search is not None:
+            spec |= self.search.spec()
         self.store = store.Store(self.folder, spec, self.shard)
         self._counts = {name: [0, 0] for name in self.campaign.controllers}  # failures, runs
 
     def to_end(self, progress: Progress) -> str:
-        """Do what is not done; return what became of the statement, "" without one."""
-        campaign, names = self.campaign, self.campaign.controllers
+        """Do what is not done; return what became of the statement or the search, "" of neither."""
+        outcome = self.folder / "outcome.txt"
         if self.store.table.exists():
             progress.say(f"{self.store.table}: complete")
-            return ""
+            return outcome.read_text(encoding="utf-8") if outcome.exists() else ""
         progress.show("compiling")
-        engine = Engine(Path(campaign.rig).resolve(), names, campaign.settings, self.threads)
+        campaign = self.campaign
+        path = Path(campaign.rig).resolve()
+        engine = Engine(path, campaign.controllers, campaign.settings, self.threads)
         for name, why in engine.why_alone().items():
             progress.say(f"{name}: runs one by one: {why}")
+        if had := len(self.store.rows):
+            progress.say(f"{had} rows are there, going on")
         with self._runner(engine) as runner:
-            self._run(runner.rows, progress)
+            told = self._run(runner.rows, progress)
+        if told:
+            outcome.write_text(told, encoding="utf-8")
         self.store.complete()
-        return self._told()
+        return told
 
     def _runner(self, engine: Engine) -> AbstractContextManager[Engine | Cluster]:
         if self.scheduler is None:
             return nullcontext(engine)
         return Cluster(self.scheduler, self.campaign, self.store)
 
-    def _run(self, rows_of: Callable[[Pieces], Iterator[list[Row]]], progress: Progress) -> None:
-        """Do the draws that are not there."""
-        campaign, names = self.campaign, self.campaign.controllers
-        if had := len(self.store.rows):
-            progress.say(f"{had} rows are there, going on")
-        numbered = campaign.numbered(self.shard)
+    def _run(self, rows_of: Rows, progress: Progress) -> str:
+        """Do the draws that are not there; return what came out."""
+        campaign, names, rows = self.campaign, self.campaign.controllers, self.store.rows
         total = -(-campaign.draws // self.shard.of) * len(names)
-        clock = _Clock(progress, total, had)
-        done = 0
+        clock = _Clock(progress, None if campaign.sampling == "rare" else total, len(rows))
+        if self.search is not None:
+            return self.search.outcome(rows_of, self.store, lambda: clock.show(len(rows)))
+        numbered, done = campaign.numbered(self.shard), 0
         while some := self._some(numbered, done):
             left = [one for one in some if not self.store.has(one[0], names)]
-            for rows in rows_of(pieces(left, names, campaign.draw)):
-                self.store.add(rows)
-                clock.show(len(self.store.rows))
+            for found in rows_of(pieces(left, names, campaign.draw)):
+                self.store.add(found)
+                clock.show(len(rows))
             done += len(some)
             if self.statement and self._decided([number for number, _ in some], self.statement):
                 break
+        return self._told()
 
     def _some(self, numbered: Iterator[tuple[int, Any]], done: int) -> list[tuple[int, Any]]:
         """Return the draws until the next look; all of them if nobody looks."""
@@ -112,7 +122,8 @@ class Work:
 class _Clock:
     """Shows how far the rows are, and how long it will take."""
 
-    def __init__(self, progress: Progress, total: int, had: int) -> None:
+    def __init__(self, progress: Progress, total: int | None, had: int) -> None:
+        """`total`: None where nobody knows."""
         self._progress, self._total, self._had = progress, total, had
         self._begin_s = time.monotonic()
 
@@ -120,6 +131,9 @@ class _Clock:
         if not self._progress.due():
             return
         rate = (count - self._had) / max(time.monotonic() - self._begin_s, 1e-9)
+        if self._total is None:
+            self._progress.show(f"{count:,} runs, {rate:.1f} runs/s")
+            return
         left_s = (self._total - count) / max(rate, 1e-9)
         self._progress.show(
             f"{count:,} of {self._total:,} runs, {rate:.1f} runs/s, {_duration(left_s)} left"

@@ -33,9 +33,10 @@ def worst(
 ) -> tuple["NDArray[np.float64]", "NDArray[np.float64]"]:  # fmt: skip
     """Return the `most` worst distinct points, (k, d) in u, and their margins (k,), lowest first.
 
-    `margins` takes points (m, d) and returns (m,), -inf or NaN for a run that failed without one;
-    it is asked for `runs` points in all, the first population of `batch`. No two of the points that
-    are returned lie within APART of each other. The same seed asks for the same points.
+    `margins` takes points (m, d) and returns (m,), -inf or NaN for a run that failed without one,
+    inf for one that could not be done; it is asked for `runs` points in all, the first population
+    of `batch`. No two of the points that are returned lie within APART of each other. The same seed
+    asks for the same points.
     """
     if runs < 1 or not variations:
         raise ValueError(f"{runs} runs, {len(variations)} variations: nothing to search")
@@ -82,7 +83,7 @@ def _descent(
         points, found = np.concatenate((points, batch)), np.concatenate((found, margin))
         if len(margin) == len(asked):
             finite = margin[np.isfinite(margin)]
-            spread = np.ptp(finite) + 1.0 if len(finite) else 1.0
-            least = (finite.min() if len(finite) else 0.0) - spread  # below all of its population
-            search.tell(asked, np.clip(margin, least, None).tolist())
+            low, high = (finite.min(), finite.max()) if len(finite) else (0.0, 0.0)
+            spread = high - low + 1.0  # -inf is told below all of its population, inf above
+            search.tell(asked, np.clip(margin, low - spread, high + spread).tolist())
     return points, found

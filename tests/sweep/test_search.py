@@ -1,0 +1,142 @@
+"""Searches of a campaign: the same rows and words after a break, judged by margin or metric."""
+
+import dataclasses
+import itertools
+import math
+from pathlib import Path
+
+import pytest
+
+from pcpc.executive.errors import RigError
+from pcpc.tools.cli import main
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.sweep import store
+from pcpc.tools.sweep.campaign import Campaign, Shard
+from pcpc.tools.sweep.engine import Engine, Row
+from pcpc.tools.sweep.results import FAULT, RAN, REFUSED
+from pcpc.tools.sweep.search import Search
+from pcpc.tools.sweep.work import Work
+
+RIG = str(Path(__file__).resolve().parents[2] / "tools/template/rig.yaml")
+SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
+VARY = ("motor.coulomb_Nm=x0.5:2", "motor.inertia_kg_m2=normal(19e-6,1e-6)")
+WORST = Campaign(RIG, ("pid",), VARY, 70, "worst", 3, SHORT)
+RARE = dataclasses.replace(WORST, draws=40, sampling="rare")
+OVERSHOOT = "overshoot_mrad"
+
+
+def done(search: Search, folder: Path, threads: int) -> str:
+    work = Work(search.campaign, Shard(), folder, None, threads, None, search)
+    try:
+        return work.to_end(Progress(quiet=True))
+    finally:
+        work.store.close()
+
+
+class Killed(Exception):
+    """Ends a search in its middle."""
+
+
+def broken_off(search: Search, folder: Path, rows: int) -> None:
+    """Leave a folder as a search that is killed after this many rows leaves it."""
+    work = Work(search.campaign, Shard(), folder, None, 1, None, search)
+
+    def shown() -> None:
+        if len(work.store.rows) >= rows:
+            raise Killed
+
+    engine = Engine(Path(RIG), search.campaign.controllers, SHORT, 1)
+    with pytest.raises(Killed):
+        search.outcome(engine.rows, work.store, shown)
+    work.store.close()
+
+
+@pytest.mark.parametrize(
+    "search",
+    [Search(WORST), Search(WORST, OVERSHOOT), Search(RARE, OVERSHOOT, 9.0)],
+    ids=["worst margin", "worst metric", "rare"],
+)
+def test_a_search_that_was_broken_off_comes_to_the_same_rows(
+    search: Search, tmp_path: Path
+) -> None:
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    told = done(search, whole, 1)
+    broken_off(search, parts, 24)
+    assert not (parts / "shard-1-of-1.parquet").exists()
+    again = done(search, parts, 3)
+    assert told.replace(str(whole), "") == again.replace(str(parts), "") != ""
+    rows, others = (store.merged([folder])[0].to_pylist() for folder in (whole, parts))
+    assert repr(rows) == repr(others) and len(rows) >= 40
+    assert len({row["seed"] for row in rows}) == 1, "the margin is no function of what varies"
+    assert done(search, whole, 1) == told, "what came out is told again"
+
+
+def test_the_worst_is_the_worst_row_and_is_run_again_by_its_number(tmp_path: Path) -> None:
+    lines = done(Search(WORST, OVERSHOOT), tmp_path, 2).splitlines()
+    rows = store.merged([tmp_path])[0].to_pylist()
+    worst = max(rows, key=lambda row: row[f"metric:{OVERSHOOT}"])
+    assert len(rows) == 70 and lines[0] == "pid: the worst of 70 runs"
+    assert lines[1].startswith(f"  draw {worst['draw']}: {worst[f'metric:{OVERSHOOT}']:.4g}: ")
+    assert lines[-1].endswith(f"pcpc sweep rerun {tmp_path} DRAW CONTROLLER")
+    metrics = [row[f"metric:{OVERSHOOT}"] for row in rows]
+    assert max(metrics[:16]) < max(metrics), "it came no further than its first draws"
+
+
+def test_a_likely_failure_is_the_share_of_the_rows(tmp_path: Path) -> None:
+    told = done(Search(RARE, OVERSHOOT, 0.0), tmp_path / "likely", 2)
+    rows = store.merged([tmp_path / "likely"])[0].to_pylist()
+    failed = [row[f"metric:{OVERSHOOT}"] > 0.0 for row in rows]
+    assert len(rows) == 40 and sum(failed) > 0
+    assert f"p_fail = {sum(failed) / 40:.2g}, between" in told and "by 40 runs" in told
+    first = f"  draw {failed.index(True)}: "
+    assert told.splitlines()[1].startswith(first)
+
+
+def test_the_margin_of_a_row() -> None:
+    def row(outcome: str, **more: object) -> Row:
+        return Row(0, "pid", 1, {}, outcome, **({"ok": True} | more))  # type: ignore[arg-type]
+
+    by_requirement, by_metric = Search(WORST), Search(RARE, "m", 3.0)
+    assert by_requirement.margin(row(RAN, margins={"a": 0.5, "b": -0.25, "c": None})) == -0.25
+    assert by_requirement.margin(row(RAN, margins={"c": None})) == math.inf
+    assert by_requirement.margin(row(RAN, ok=False)) == -math.inf, "it could not be judged"
+    assert by_metric.margin(row(RAN, metrics={"m": 5.0})) == -2.0
+    assert by_metric.margin(row(RAN, metrics={"m": math.nan})) == -math.inf
+    for search, (outcome, margin) in itertools.product(
+        (by_requirement, by_metric), ((FAULT, -math.inf), (REFUSED, math.inf))
+    ):
+        told = row(outcome, margins={"a": 1.0}, metrics={"m": 0.0})
+        assert search.margin(told) == margin
+
+
+def test_rows_of_other_points_are_no_answer(tmp_path: Path) -> None:
+    search = Search(WORST)
+    work = Work(WORST, Shard(), tmp_path, None, 1, None, search)
+    work.store.add([Row(0, "pid", 1, {"motor.coulomb_Nm": 1.0}, RAN, True)])
+    work.store.close()
+    with pytest.raises(RigError, match=r"draw 0 was of other values than now.*another -o"):
+        done(search, tmp_path, 1)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        ("--rare 25", "--rare 25: expected a multiple of 10"),
+        ("--worst 0", "--draws 0: expected 1 or more"),
+        ("--worst 20 --draws 9", "--draws: --worst chooses its own draws"),
+        ("--worst 20 --shard 1/2", "--shard: --worst chooses its own draws"),
+        ("--rare 20 --of settled_s", "--limit X is what --rare needs with --of METRIC"),
+        ("--worst 20 --of settled_s --limit 1", "--limit X is what --rare needs"),
+        ("--of settled_s", "--of and --limit are of --worst and --rare"),
+        ("--worst 20 --controllers pd", "pd has no requirement; name a metric"),
+        ("--worst 20 --of setled_s", "no metric setled_s; did you mean settled_s?"),
+        ("--rare 20 --vary motor.resistance_ohm=choice(-1,4)", "draw values that a run can have"),
+    ],
+)
+def test_a_search_that_cannot_be_is_refused_in_one_line(
+    words: str, what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    about = ["--vary", VARY[0], "--quiet", *(w for one in SHORT for w in ("--set", one))]
+    assert main(["sweep", RIG, *about, *words.split(), "-o", str(tmp_path / "a")]) == 2
+    error = capsys.readouterr().err
+    assert what in error and error.count("\n") == 1
