@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import e2e
 from pcpc.drivers.jit import LOOP_INTERPRETED
-from pcpc.drivers.lanes import table
+from pcpc.drivers.lanes import WIDTH, table
 from pcpc.drivers.stage import Stage
 from pcpc.executive.batch import cycle
 from pcpc.executive.loop import exchange, losses, reception
@@ -26,6 +26,7 @@ from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
+Traces = dict[Role, NDArray[np.float64]]
 PIECE = 1000  # cycles between two looks at whether the user wants the end
 _WHOLE = 2.0**53  # the largest code that float64 counts exactly
 _COUNTERS_AT = range(TIMING_AT + 5, TIMING_AT + 5 + len(COUNTERS))
@@ -38,8 +39,13 @@ class NotInLanes(Exception):
 class Group:
     """The memory of WIDTH runs; `plans` by role, `seats` executive and plant."""
 
-    def __init__(self, rig: Rig, wanted: Mapping[Role, Sequence[str]]) -> None:
-        """`wanted`: the variables to keep traces of, by node. RigError, BusError, NotInLanes."""
+    def __init__(
+        self, rig: Rig, wanted: Mapping[Role, Sequence[str]], traces: Traces | None = None
+    ) -> None:
+        """`wanted`: the variables to keep traces of, by node. RigError, BusError, NotInLanes.
+
+        `traces`: memory for them, shared by groups of which one runs at a time.
+        """
         if LOOP_INTERPRETED:
             raise NotInLanes("nothing is compiled")
         if rig.roles != ("executive", "plant"):
@@ -61,7 +67,9 @@ class Group:
         for (role, made), loop, other in zip(
             self.plans.items(), (top, low), reversed(list(self.plans.values())), strict=True
         ):
-            self.seats[role] = _seat(made, loop, other, wanted.get(role, ()), self.cycles)
+            names = wanted.get(role, ())
+            trace = _trace({} if traces is None else traces, role, (self.cycles + 1) * len(names))
+            self.seats[role] = _seat(made, loop, other, names, trace)
         self._begin = {role: _beginning(role, seat) for role, seat in self.seats.items()}
         if low.guard.mode_index < 0 or low.limits.n > 0:
             raise NotInLanes("its plant is not told of the end, or has limits")
@@ -108,8 +116,15 @@ def _check_wires(made: Plan) -> None:
             raise NotInLanes(f"the step of {spec.name} is none of pcpc's stages")
 
 
+def _trace(traces: Traces, role: Role, rows: int) -> NDArray[np.float64]:
+    """Return memory for `rows` LANEs, as much as is needed of what there is."""
+    if role not in traces or len(traces[role]) < rows * WIDTH:
+        traces[role] = table(rows).reshape(-1)
+    return traces[role][: rows * WIDTH]
+
+
 def _seat(
-    made: Plan, loop: Any, other: Plan, wanted: Sequence[str], cycles: int
+    made: Plan, loop: Any, other: Plan, wanted: Sequence[str], trace: NDArray[np.float64]
 ) -> cycle.Seat:  # fmt: skip
     for signal in (signal for frame in made.tx_frames for signal in frame.signals):
         if not signal.is_float and max(map(abs, signal.codes)) >= _WHOLE:
@@ -117,7 +132,6 @@ def _seat(
     rows = {frame.name: row for row, frame in enumerate(other.rx_frames)}
     heard = np.array([rows.get(frame.name, -1) for frame in made.tx_frames], np.int64)
     places = np.array([made.table.index[name] for name in wanted], np.int64)
-    trace = table((cycles + 1) * len(wanted)).reshape(-1)
     return cycle.Seat(loop, table(cycle.rows_of(loop)), _entries(made), heard, places, trace)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from pcpc.drivers.lanes import WIDTH, LanesDiffer
-from pcpc.executive.batch.group import Group, NotInLanes
+from pcpc.executive.batch.group import Group, NotInLanes, Traces
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
@@ -61,11 +61,12 @@ class Runs:
 
     def __init__(
         self, path: Path, controller: str | None, settings: Sequence[str],
-        wanted: Mapping[Role, Sequence[str]],
+        wanted: Mapping[Role, Sequence[str]], traces: Traces | None = None,
     ) -> None:  # fmt: skip
         """Lay the rig out once. Raises RigError, BusError.
 
-        `settings`: as `--set`, of all runs; `wanted`: the variables that are kept, by node.
+        `settings`: as `--set`, of all runs; `wanted`: the variables that are kept, by node;
+        `traces`: see `Group`.
         """
         self.path, self.controller, self.settings = path, controller, list(settings)
         self.rig, self.why = load_rig(path, controller, settings), ""
@@ -77,7 +78,7 @@ class Runs:
             for name in spec.settings
         }
         try:
-            self.group: Group | None = Group(self.rig, wanted)
+            self.group: Group | None = Group(self.rig, wanted, traces)
         except NotInLanes as error:
             self.group, self.why = None, str(error)
 

@@ -152,6 +152,29 @@ def test_runs_that_fault_are_odd_and_only_those(tmp_path: Path) -> None:
     assert 0 < sum(faulted) < WIDTH, "the seeds are chosen so"
 
 
+RATED = "{CMD.voltage: {low: -24.0, high: 24.0, rate_per_s: %s}}"
+
+
+@pytest.mark.parametrize(("rate", "settles"), [("2000.0", True), ("20.0", False)])
+def test_a_limited_rate_is_kept_and_a_command_not_safe_at_the_end_is_odd(
+    rate: str, settles: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "rated.yaml"
+    base, limits = ROOT / "tools/template/rig.yaml", RATED % rate
+    path.write_text(f"base: {base}\nrig: rated\nduration_s: 0.4\nexecutive: {{limits: {limits}}}\n")
+    rig = load_rig(path, "pd")
+    names = wanted(rig)
+    group = Group(rig, names)
+    group.begin()
+    assert group.run().tolist() == [not settles] * WIDTH
+    log = alone(rig, {})
+    assert log.node["executive"].columns["supervisor.saturated"].any(), "the limit was met"
+    if settles:
+        assert differences(log, group, names, 0) == []
+    else:
+        assert len(log.node["executive"].cycle) > group.cycles, "it went on for a ramp"
+
+
 def test_a_value_that_is_no_number_makes_its_run_odd_and_no_other() -> None:
     rig = load_rig(ROOT / "tools/template/rig.yaml", settings=["duration_s=0.2"])
     group = Group(rig, {})

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.lanes import WIDTH
+from pcpc.executive.batch.group import Traces
 from pcpc.executive.batch.runs import Case, Done, Runs
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.reading import Rig, load_rig
@@ -59,12 +60,17 @@ Pieces = Iterable[Piece]
 class Bench:
     """Runs of one rig and controller with their judge, for one thread."""
 
-    def __init__(self, path: Path, controller: str, settings: Sequence[str]) -> None:
-        """Raise RigError, BusError, EvaluationError for what is wrong with the rig."""
+    def __init__(
+        self, path: Path, controller: str, settings: Sequence[str], traces: Traces | None = None
+    ) -> None:
+        """Raise RigError, BusError, EvaluationError for what is wrong with the rig.
+
+        `traces`: memory that the benches of a thread share.
+        """
         self.controller = controller
         rig = load_rig(path, controller, settings)
         self.judge = Judge.of(rig)
-        self.runs = Runs(path, controller, settings, asked(rig, self.judge))
+        self.runs = Runs(path, controller, settings, asked(rig, self.judge), traces)
 
     def rows(self, draws: Sequence[Draw]) -> list[Row]:
         """Return the rows of at most WIDTH draws."""
@@ -107,7 +113,6 @@ class Engine:
         self.threads = threads or len(os.sched_getaffinity(0))
         self._own = threading.local()
         self.first = {name: Bench(path, name, settings) for name in controllers}
-        self._free = dict(self.first)
         self._turn = threading.Lock()
 
     def why_alone(self) -> dict[str, str]:
@@ -140,12 +145,13 @@ class Engine:
 
     def _bench(self, controller: str) -> Bench:
         """Return this thread's own; one at a time is made, as code is compiled on the way."""
-        own: dict[str, Bench] = self._own.__dict__
+        if not hasattr(self._own, "benches"):
+            self._own.benches, self._own.traces = {}, {}
+        own: dict[str, Bench] = self._own.benches
         if controller not in own:
             path, settings = self._about
             with self._turn:
-                first = self._free.pop(controller, None)
-                own[controller] = first or Bench(path, controller, settings)
+                own[controller] = Bench(path, controller, settings, self._own.traces)
         return own[controller]
 
 
