@@ -4,6 +4,7 @@ import dataclasses
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -61,7 +62,7 @@ def start() -> Iterator[Start]:
         where = subprocess.PIPE if pipe else subprocess.DEVNULL
         started.append(subprocess.Popen(
             [sys.executable, *words], env=GENERIC, stdout=subprocess.DEVNULL, stderr=where,
-            text=True,
+            text=True, start_new_session=True,
         ))  # fmt: skip
         return started[-1]
 
@@ -174,6 +175,15 @@ def test_a_killed_worker_client_and_scheduler_lose_no_finished_row(
     assert sum(row["why"] == "'kept'" for row in marked) == kept
     without = [{k: v for k, v in row.items() if k != "why"} for row in plain]
     assert [{k: v for k, v in row.items() if k != "why"} for row in marked] == without
+
+
+def test_ctrl_c_ends_a_local_cluster_without_a_traceback(tmp_path: Path, start: Start) -> None:
+    sweep = client(start, "local:1", tmp_path)
+    wait_for(8, tmp_path, sweep)
+    os.killpg(sweep.pid, signal.SIGINT)  # as a terminal sends it: to the workers, too
+    _, error = sweep.communicate(timeout=GIVE_UP_S)
+    assert (sweep.returncode, error) == (Exit.INTERRUPTED, "")
+    assert 8 <= written(tmp_path) < 320
 
 
 def test_a_task_that_is_sent_again_goes_on_where_it_was(tmp_path: Path) -> None:

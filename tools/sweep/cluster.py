@@ -14,6 +14,7 @@ import functools
 import itertools
 import logging
 import re
+import signal
 import socket
 import threading
 from collections.abc import Iterator
@@ -50,7 +51,7 @@ class Cluster:
         local = _LOCAL.fullmatch(scheduler)
         self._own: Any = local and distributed.LocalCluster(
             n_workers=int(local[1]) if local[1] else None, threads_per_worker=1,
-            dashboard_address=None, silence_logs=logging.CRITICAL,
+            dashboard_address=None, silence_logs=logging.CRITICAL, preload=__name__,
         )  # fmt: skip
         try:
             self._client = distributed.Client(self._own or scheduler, timeout=ANSWER_S)
@@ -116,6 +117,11 @@ class Cluster:
         left = itertools.chain(first, left)
         while task := list(itertools.islice(left, size)):
             yield task
+
+
+def dask_setup(worker: object) -> None:
+    """Leave Ctrl-C to the client; Dask calls this at the start of a worker that it was to load."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 _turn = threading.Lock()
