@@ -228,3 +228,9 @@ def test_the_same_campaign_from_python_and_in_a_folder_that_goes_on(
     assert many.report().stat().st_size > 10_000
     with pytest.raises(pcpc.Error, match="has no setting motor"):
         pcpc.sweep(RIG, vary={"motor.x": "1:2"}, draws=3)
+
+
+def test_what_is_not_installed_is_told_before_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "_PACKAGES", ("scipy", "no_such_package"))
+    with pytest.raises(pcpc.Error, match=r"no no_such_package; `pip install 'pcpc\[sweep\]'`"):
+        pcpc.sweep(RIG, draws=1)

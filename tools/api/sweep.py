@@ -90,6 +90,7 @@ def sweep(
     from pcpc.tools.sweep.campaign import Shard, asked
     from pcpc.tools.sweep.work import Work
 
+    store.check_packages()
     varied = [f"{name}={text}" for name, text in (vary or {}).items()]
     campaign = asked(
         find(str(rig)), controllers or (), varied, draws, sampling, seed, settings(set),

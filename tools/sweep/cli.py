@@ -20,6 +20,7 @@ from pcpc.tools.sweep.work import Work
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `pcpc sweep`; return the exit code."""
+    store.check_packages()
     if options.words[0] == "merge":
         return _merge(options)
     if options.words[0] == "rerun":

@@ -14,10 +14,11 @@ import fcntl
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from pcpc.drivers.errors import UserError
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError, code_of
 from pcpc.tools.log.outfile import new_file
 from pcpc.tools.sweep.campaign import Shard, read
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 SPEC = "sweep.json"
+_PACKAGES = ("scipy", "pyarrow", "matplotlib", "cma")
 
 
 class Journal:
@@ -72,6 +74,14 @@ class Journal:
         if drop:
             self.path.unlink(missing_ok=True)
         self._file.close()
+
+
+def check_packages() -> None:
+    """Raise UserError if what a campaign needs is not installed, before a run is done in vain."""
+    missing = [name for name in _PACKAGES if find_spec(name) is None]
+    if missing:
+        what = f"no {' and no '.join(missing)}; `pip install 'pcpc[sweep]'` brings what is needed"
+        raise UserError(what, Exit.ENVIRONMENT)
 
 
 class Store:
