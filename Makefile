@@ -52,7 +52,7 @@ lint: tools ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-compiled: tools ## loop, laws and plants compiled, so that two processes need not do it
+compiled: tools ## loop, laws and plants, compiled once for all tests
 	@$(BIN)/python tests/compile_all.py
 	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --no-figure -o build/compiled >/dev/null
 	@rm -rf build/compiled
