@@ -19,6 +19,7 @@ from pcpc.drivers.lanes import WIDTH, LanesDiffer
 from pcpc.executive.batch.group import Group, NotInLanes, Traces
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.long_logs import Columns
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES
 from pcpc.executive.nodes.virtual import VirtualRun
@@ -151,10 +152,10 @@ class Runs:
                 name: np.ascontiguousarray(trace[:rows, i, lane]) for i, name in enumerate(names)
             }
             cycle = np.arange(rows)
-            state, timing = set(about["state_columns"]), set(about["timing_columns"])
+            timing = set(about["timing_columns"])
             nodes[str(role)] = logs.Node(
                 cycle, cycle * about["period_ns"],
-                {name: one for name, one in columns.items() if name in state},
+                Columns(about["state_columns"], columns.__getitem__),
                 {name: one for name, one in columns.items() if name in timing},
                 np.empty(0, logs.FRAME), [], [], about,
             )  # fmt: skip
