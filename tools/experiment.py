@@ -15,68 +15,21 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pcpc import plants
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.modules import module_of, own_streams
-from pcpc.plants.judging import Run
-from pcpc.plants.study import Case, Result
+from pcpc.plants.study import Result
 from pcpc.tools.console.progress import Progress
-from pcpc.tools.starting.pool import PoolError, each
-
-if TYPE_CHECKING:
-    from pcpc.executive.rig.reading import Rig
+from pcpc.tools.experiments._runs import done
+from pcpc.tools.starting.pool import PoolError
 
 STUDY_PARTS = ("CHAPTER", "TITLE", "cases", "report", "draw")
-TRACE_POINTS = 1500  # of a figure's line: more than its pixels
 
 
 class StudyError(UserError):
     """A file that is no study."""
-
-
-def run_case(case: Case) -> Result:
-    """Run one case in virtual time in this process."""
-    from pcpc.executive.errors import RigError
-    from pcpc.executive.nodes.virtual import in_memory
-    from pcpc.executive.nodes.watched import StepError
-    from pcpc.executive.rig.reading import load_rig
-    from pcpc.tools.verdict.judge import Judge
-
-    try:
-        rig = load_rig(case.rig, case.controller, case.settings)
-        log = in_memory(rig)
-    except (RigError, StepError) as error:
-        return Result(case, failed=str(error) or "a step does not return")
-    if rig.evaluation is None:
-        return Result(case, failed=f"{case.rig}: names no evaluation file")
-    try:
-        judge = Judge.of(rig)
-        metrics = judge.metrics(log, case.window_s)
-        traces = _traces(judge.judged(log).run(), case.traces) if case.traces else {}
-    except RigError as error:
-        return Result(case, failed=str(error))
-    done = len(log.node["executive"].cycle)
-    expected = round(rig.config.duration_s * rig.config.rate_hz)
-    return Result(case, metrics, traces, settings_of(rig), diverged=done < expected)
-
-
-def settings_of(rig: "Rig") -> dict[str, float]:
-    """Return the settings of all blocks of a rig, as BLOCK.NAME."""
-    specs = (spec for node in rig.nodes().values() for spec in node.blocks)
-    return {f"{spec.name}.{name}": v for spec in specs for name, v in spec.settings.items()}
-
-
-def _traces(run: Run, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Return variables and signals over the executive's cycles, thinned, and `t`."""
-    step = max(1, len(run.cycle) // TRACE_POINTS)
-    columns = {"t": run["executive:time.t_s"]} | {name: run.get(name) for name in names}
-    return {name: values[::step].copy() for name, values in columns.items()}
 
 
 def write_csv(results: Sequence[Result], path: Path) -> None:
@@ -134,7 +87,7 @@ def run_studies(
     """Run the cases of all studies, write tables and figures; NOT_MET if a run failed."""
     with told():
         cases = [(study, case) for study in parts for case in study.cases()]
-    results = each(run_case, [case for _, case in cases], progress, jobs)
+    results = done([case for _, case in cases], progress, jobs)
     write_csv(results, folder / "results.csv")
     figures = folder / "figures"
     figures.mkdir()

@@ -51,23 +51,27 @@ def workers(jobs: int | None, most: int | None = None) -> Iterator[ProcessPoolEx
 
 def each(
     function: Callable[[Item], Result], items: Sequence[Item], progress: Progress,
-    jobs: int | None = None,
+    jobs: int | None = None, runs: Callable[[Item], int] = lambda item: 1,
 ) -> list[Result]:  # fmt: skip
-    """Call `function` with every item on `jobs` processes; results in the order of the items."""
+    """Call `function` with every item on `jobs` processes; results in the order of the items.
+
+    `runs`: how many of them an item stands for, of which the progress tells.
+    """
     results: dict[int, Result] = {}
     begin, compiling = time.monotonic(), Compiling()
+    total = sum(map(runs, items))
     with workers(jobs, len(items)) as pool:
         futures = {pool.submit(function, item): i for i, item in enumerate(items)}
         pending = set(futures)
         while pending:
             over, pending = wait(pending, _LOOK_S, FIRST_COMPLETED)
             results |= {futures[future]: future.result() for future in over}
-            done, spent = len(results), time.monotonic() - begin
+            done, spent = sum(runs(items[i]) for i in results), time.monotonic() - begin
             if not done:
                 progress.show(compiling.text() or f"starting, {spent:.0f} s")
                 continue
-            left = spent / done * (len(items) - done)
-            progress.show(f"run {done}/{len(items)}, {spent:.0f} s, about {left:.0f} s left")
+            left = spent / done * (total - done)
+            progress.show(f"run {done}/{total}, {spent:.0f} s, about {left:.0f} s left")
     progress.close()
     return [results[i] for i in range(len(items))]
 

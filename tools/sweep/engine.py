@@ -93,11 +93,11 @@ class Bench:
         )  # fmt: skip
 
 
-def asked(rig: Rig, judge: Judge) -> dict[Role, list[str]]:
-    """Return the variables by node that the judge will look at."""
+def asked(rig: Rig, judge: Judge, names: Sequence[str] = ()) -> dict[Role, list[str]]:
+    """Return the variables by node that the judge will look at, and those behind `names`."""
     log = imagined(rig, "lockstep")
     judge.check_requirements(log)
-    found = judge.asked(log, drawn=False)
+    found = judge.asked(log, drawn=False, names=names)
     return {role: list(dict.fromkeys(found[role][: -len(TIMING_COLUMNS)])) for role in rig.roles}
 
 

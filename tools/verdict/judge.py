@@ -157,8 +157,11 @@ class Judge:
             return str(error)
         return ""
 
-    def asked(self, log: Log, drawn: bool) -> dict[str, list[str]]:
-        """Return the columns by node that metrics, and the figure if `drawn`, ask of such a log."""
+    def asked(self, log: Log, drawn: bool, names: Sequence[str] = ()) -> dict[str, list[str]]:
+        """Return the columns by node that metrics, and the figure if `drawn`, ask of such a log.
+
+        `names`: of variables and signals that are asked for besides.
+        """
         evaluation, nodes = self.evaluation, {}
         for name, node in log.node.items():
             nodes[name] = replace(
@@ -169,6 +172,8 @@ class Judge:
         try:
             self.requirements(probe)
             self.metrics(probe, (-math.inf, math.inf))
+            for name in names:
+                self.judged(probe).run().get(name)
             if drawn and evaluation is not None:
                 guarded(lambda: evaluation.touch(self.judged(probe).run()))
         except RigError:
