@@ -65,8 +65,9 @@ def test_few_runs_are_not_worth_lanes() -> None:
 
 
 def test_whole_numbers_are_switches_but_for_seeds() -> None:
-    switched = [case(f"barrel.friction_model={i % 2}", f"seed={i}") for i in range(8)]
-    assert [len(piece.own) for piece in runs.pieces(switched, least=1)] == [4, 4]
+    for values in ((0, 1), (0.0, 1.0)):
+        switched = [case(f"barrel.friction_model={values[i % 2]}", f"seed={i}") for i in range(8)]
+        assert [len(piece.own) for piece in runs.pieces(switched, least=1)] == [4, 4]
     rig = str(RIGS.parents[1] / "friction_arm" / "rigs" / "friction-a.yaml")
     seeded = [case(f"controller.network_seed={i}", rig=rig) for i in range(8)]
     assert [len(piece.own) for piece in runs.pieces(seeded, least=1)] == [8]

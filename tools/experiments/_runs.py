@@ -111,7 +111,7 @@ def _parted(case: Case) -> tuple[Common, Own]:
         value = _value(text)
         if blocks and name == "seed" and type(value) is int:
             seed = value
-        elif name.partition(".")[0] in blocks and (type(value) is float or _is_seed(name, value)):
+        elif name.partition(".")[0] in blocks and _may_differ(name, value):
             numbers[name] = float(value)
         else:
             common.append(setting)
@@ -119,9 +119,14 @@ def _parted(case: Case) -> tuple[Common, Own]:
     return about, Own(case, seed, numbers)
 
 
-def _is_seed(name: str, value: Any) -> bool:
-    """Return whether a whole number is a seed: others are counts and switches, equal in lanes."""
-    return type(value) is int and name.endswith("_seed")
+def _may_differ(name: str, value: Any) -> bool:
+    """Return whether alike runs may differ in a number: not in counts and switches, but in seeds.
+
+    A step decides by those, and lanes that differ in them would be done alone, all of them.
+    """
+    if type(value) is int:
+        return name.endswith("_seed")
+    return type(value) is float and value not in (0.0, 1.0)
 
 
 def _value(text: str) -> Any:
