@@ -1,6 +1,5 @@
 """`pcpc.sweep`: a campaign of runs in virtual time, as a function."""
 
-import os
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pcpc.tools.api.place import progress
 from pcpc.tools.api.settings import settings
 from pcpc.tools.rigs import find
+from pcpc.tools.starting.native import native
 
 if TYPE_CHECKING:
     import pandas
@@ -84,11 +84,10 @@ def sweep(
     Raises pcpc.Error, one line with its place and cure, for what cannot be. A run that ends in a
     fault, or whose values are out of range, is a row like any other.
     """
-    if "numba" not in sys.modules:
-        os.environ.setdefault("PCPC_CPU", "native")
-    from pcpc.tools.sweep import store
-    from pcpc.tools.sweep.campaign import Shard, asked
-    from pcpc.tools.sweep.work import Work
+    with native("numba" not in sys.modules):
+        from pcpc.tools.sweep import store
+        from pcpc.tools.sweep.campaign import Shard, asked
+        from pcpc.tools.sweep.work import Work
 
     store.check_packages()
     varied = [f"{name}={text}" for name, text in (vary or {}).items()]

@@ -6,7 +6,6 @@ the quartiles over rounds: on a machine that others use too, times mean little a
 
 import argparse
 import json
-import os
 import sys
 from dataclasses import dataclass
 from importlib import import_module
@@ -18,6 +17,7 @@ from numpy.typing import ArrayLike
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.tools.console.commands import SUITES
 from pcpc.tools.console.progress import Progress
+from pcpc.tools.starting.native import native
 
 ON_REQUEST = ("rate", "startup", "batch")  # one to three minutes each
 
@@ -54,10 +54,13 @@ def command(options: argparse.Namespace) -> int:
     """Run suites and print their ratios; ENVIRONMENT where a yardstick is missing."""
     if unknown := [name for name in options.names if name not in SUITES]:
         raise UserError(f"{' '.join(unknown)}: no such suite; known: {', '.join(SUITES)}")
-    if options.names == ["batch"]:
-        os.environ.setdefault("PCPC_CPU", "native")  # as `pcpc sweep`; numba is not imported yet
     if options.rounds < 1:
         raise UserError(f"--rounds {options.rounds}: expected 1 or more")
+    with native(options.names == ["batch"]):  # as `pcpc sweep`
+        return _measured(options)
+
+
+def _measured(options: argparse.Namespace) -> int:
     progress, found, code = Progress(options.quiet), [], Exit.OK
     for name in options.names or [name for name in SUITES if name not in ON_REQUEST]:
         try:

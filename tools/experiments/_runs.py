@@ -4,7 +4,6 @@ Alike are cases of one rig and controller that differ in seed and numbers of set
 keep the same traces. What lanes cannot do, or refuse, `alone` does anew from the rig's file.
 """
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,6 +20,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.plants.judging import Run
 from pcpc.plants.study import Case, Result
 from pcpc.tools.console.progress import Progress
+from pcpc.tools.starting.native import native
 from pcpc.tools.starting.pool import each
 
 if TYPE_CHECKING:
@@ -65,11 +65,10 @@ class Piece:
 def done(cases: Sequence[Case], progress: Progress, jobs: int | None) -> list[Result]:
     """Return the results of cases, in their order, done on `jobs` processes."""
     todo = pieces(cases)
-    if len(todo) < len(cases):
-        os.environ.setdefault("PCPC_CPU", "native")  # of the processes
     found: dict[int, Result] = {}
-    for piece, made in zip(todo, each(results, todo, progress, jobs, _size), strict=True):
-        found |= zip(piece.places, made, strict=True)
+    with native(len(todo) < len(cases)):
+        for piece, made in zip(todo, each(results, todo, progress, jobs, _size), strict=True):
+            found |= zip(piece.places, made, strict=True)
     return [found[place] for place in range(len(cases))]
 
 

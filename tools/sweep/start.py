@@ -1,12 +1,13 @@
 """`pcpc sweep` in a process of its own: compiled for this machine's processor, with equal bits."""
 
 import argparse
-import os
+
+from pcpc.tools.starting.native import native
 
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `pcpc sweep`; return the exit code."""
-    os.environ.setdefault("PCPC_CPU", "native")  # numba has not been imported yet
-    from pcpc.tools.sweep import cli
+    with native():
+        from pcpc.tools.sweep import cli  # which imports numba
 
-    return cli.command(options)
+        return cli.command(options)
