@@ -79,6 +79,31 @@ def test_a_row_is_what_simulate_says_of_its_settings(whole: Path) -> None:
     assert rows[0]["margin:it arrives and stays"] == rows[0]["margin:it arrives and stays"], "told"
 
 
+def test_a_row_is_ok_where_simulate_says_so_and_none_where_nothing_is_judged() -> None:
+    vary, both = "motor.inertia_kg_m2", {True: 0, False: 0}
+    bench = Bench(Path(RIG), "pid", [])
+    for i, row in enumerate(
+        bench.rows([Draw(i, 1 + i, {vary: 19e-6 * (1 + i)}) for i in range(5)])
+    ):
+        run = simulate(RIG, "pid", set={vary: 19e-6 * (1 + i)}, seed=1 + i, quiet=True)
+        assert row.ok == (run.verdict == "ok"), (row.why, run.verdict)
+        both[bool(row.ok)] += 1
+    assert all(both.values()), both
+    (row,) = Bench(ROOT / "plants/probe/rig.yaml", "proportional", ["duration_s=0.02"]).rows(
+        [Draw(0, 1, {})]
+    )
+    assert (row.ok, row.why) == (None, "nothing was judged")
+
+
+def test_a_statement_about_what_nothing_judges_is_refused(tmp_path: Path) -> None:
+    probe = Campaign(
+        str(ROOT / "plants/probe/rig.yaml"), ("proportional",), (), 10_000, "random", 1,
+        ("duration_s=0.02",),
+    )  # fmt: skip
+    with pytest.raises(RigError, match="no run of proportional could be judged, with draw 0 noth"):
+        done(probe, tmp_path, until="p_fail < 0.1 at 90%")
+
+
 @pytest.mark.parametrize("threads", [1, 3])
 def test_shards_in_any_order_by_any_number_of_threads_make_the_same_table(
     whole: Path, tmp_path: Path, threads: int
@@ -179,7 +204,7 @@ def test_a_fault_is_a_failure_and_a_refused_or_unjudged_run_is_not_counted() -> 
 
 
 def test_a_statement_ends_a_campaign_at_the_same_draw_by_any_threads(tmp_path: Path) -> None:
-    campaign = dataclasses.replace(BOTH, controllers=("pid",), draws=100_000)
+    campaign = dataclasses.replace(BOTH, controllers=("pid",), draws=100_000, settings=())
     until = "p_fail(it arrives and stays) < 0.02 at 90%"
     found = [done(campaign, tmp_path / str(n), threads=n, until=until) for n in (1, 3)]
     assert found[0][1] == found[1][1] and "holds at 90 %: 0 failures" in found[0][1]
@@ -191,7 +216,7 @@ def test_a_statement_ends_a_campaign_at_the_same_draw_by_any_threads(tmp_path: P
 
 def test_a_statement_counts_every_controller(tmp_path: Path) -> None:
     rows, told = done(
-        dataclasses.replace(BOTH, draws=10_000), tmp_path, until="p_fail < 0.5 at 90%"
+        dataclasses.replace(BOTH, draws=10_000, settings=()), tmp_path, until="p_fail < 0.5 at 90%"
     )
     assert len(rows) == 2 * LOOK
     for name, line in zip(BOTH.controllers, told.splitlines(), strict=True):
@@ -224,7 +249,8 @@ def test_the_same_campaign_from_python_and_in_a_folder_that_goes_on(
         folder=tmp_path,
     )  # fmt: skip
     assert many.table.to_pylist() != [] and rows_of(tmp_path) == rows_of(whole)
-    assert many.failures("pid")[1] == 21 and len(many.to_pandas()) == 42
+    assert many.failures("pid", "it arrives and stays")[1] == 21 and len(many.to_pandas()) == 42
+    assert many.failures("pid") == (0, 0), "another window: what the rig expects is not judged"
     assert many.report().stat().st_size > 10_000
     with pytest.raises(pcpc.Error, match="has no setting motor"):
         pcpc.sweep(RIG, vary={"motor.x": "1:2"}, draws=3)

@@ -23,6 +23,7 @@ from pcpc.executive.rig.roles import Role
 from pcpc.tools.sweep.results import FAULT, RAN, REFUSED
 from pcpc.tools.verdict.imagine import imagined
 from pcpc.tools.verdict.judge import TIMING_COLUMNS, Judge
+from pcpc.tools.verdict.outcome import changed
 
 AHEAD = 2  # pieces in flight for each thread
 
@@ -38,14 +39,17 @@ class Draw:
 
 @dataclass(frozen=True)
 class Row:
-    """What a run came to. `alone`: why it was not done in lanes; "" if it was."""
+    """What a run came to. `ok`: None where nothing, or not all, could be judged, and `why`.
+
+    `alone`: why it was not done in lanes; "" if it was.
+    """
 
     draw: int
     controller: str
     seed: int
     values: Mapping[str, float]
     outcome: str
-    ok: bool
+    ok: bool | None
     why: str = ""
     metrics: Mapping[str, float] = field(default_factory=dict)
     margins: Mapping[str, float | None] = field(default_factory=dict)
@@ -67,7 +71,7 @@ class Bench:
 
         `traces`: memory that the benches of a thread share.
         """
-        self.controller = controller
+        self.controller, self.settings = controller, list(settings)
         rig = load_rig(path, controller, settings)
         self.judge = Judge.of(rig)
         self.runs = Runs(path, controller, settings, asked(rig, self.judge), traces)
@@ -82,12 +86,16 @@ class Bench:
         if done.log is None:
             return Row(*about, REFUSED, False, done.refused, alone=done.alone)
         try:
-            found = self.judge.judge(done.log, [], done.fault)
+            words = [*self.settings, *(f"{name}={value}" for name, value in draw.values.items())]
+            found = self.judge.judge(done.log, changed(words), done.fault)
         except RigError as error:
             return Row(*about, FAULT if done.fault else RAN, False, str(error), alone=done.alone)
         failed = [*([done.fault] if done.fault else []), *found.failed]
+        left = [f"{name} was not judged: {why}" for name, why in found.not_judged.items()]
+        left += ["nothing was judged"] * (not found.judged and not left)
+        ok = False if failed else None if left else True
         return Row(
-            *about, FAULT if done.fault else RAN, not failed, failed[0] if failed else "",
+            *about, FAULT if done.fault else RAN, ok, next(iter([*failed, *left]), ""),
             found.metrics, {one.name: one.margin for one in found.requirements},
             {one.name: one.held for one in found.requirements}, done.alone,
         )  # fmt: skip

@@ -178,7 +178,7 @@ def _statements(results: Results) -> list[str]:
 
 
 def _reasons(results: Results) -> str:
-    failed = ~results.column("ok").astype(bool) & ~results.refused
+    failed = np.equal(results.column("ok"), False).astype(bool) & ~results.refused
     pairs = zip(results.column("controller")[failed], results.column("why")[failed], strict=True)
     counted = Counter(pairs).most_common()
     if not counted:

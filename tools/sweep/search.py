@@ -89,7 +89,7 @@ class Search:
             value = row.metrics.get(self.of, math.nan)
             return -math.inf if math.isnan(value) else (self.limit or 0.0) - value
         told = [margin for margin in row.margins.values() if margin is not None]
-        return min(told, default=math.inf if row.ok else -math.inf)
+        return min(told, default=-math.inf if row.ok is False else math.inf)
 
 
 def _rare(asked: "_Asked") -> list[str]:

@@ -28,6 +28,7 @@ def summary(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path) -> st
         "runs": lambda i: True, "ok": lambda i: frame["ok"][i],
         "faults": lambda i: frame["outcome"][i] == "fault",
         "refused": lambda i: frame["outcome"][i] == "refused",
+        "not judged": lambda i: frame["ok"][i] is None,
         "done one by one": lambda i: bool(frame["alone"][i]),
     }  # fmt: skip
     for title, counts_it in counts.items():

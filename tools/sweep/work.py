@@ -116,6 +116,10 @@ class Work:
                 judged = (row.ok if of is None else row.held.get(of) for row in rows)
                 more = failures((row.outcome for row in rows), judged)
                 count[:] = count[0] + more[0], count[1] + more[1]
+                if count[1] == 0:
+                    why = f"with draw {draws[0]} {rows[0].why or 'nothing was judged'}"
+                    what = f"no run of {name} could be judged, {why}"
+                    raise RigError(f"--until {self.until!r}: {what}; give the rig `require`")
         return all(statement.decided(*n) != statements.OPEN for n in self._counts.values())
 
 
