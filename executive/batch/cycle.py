@@ -39,9 +39,8 @@ from pcpc.executive.loop.timing import COUNTERS
 from pcpc.executive.loop.variables import CLAMPED, MISSING, NMT, STATE, T_S, TIMING_AT, WALL
 
 ODD, COMPLETE, SENT, RECEIVED, LOST, SATURATED, ON_PURPOSE, HELD, STALE = range(9)
-LAST, SENT_VALUE = range(2)
 SEED, IN_LOSS, GAP, HEARD = range(4)
-EXTRA, OF_LIMIT, OF_FRAME = 9, 2, 4  # how many there are of each
+EXTRA, OF_FRAME = 9, 4  # how many there are of each; of a limit, one: the value sent
 _COUNTED = np.array(  # the row of EXTRA for each of timing.COUNTERS; -1: none is ever counted
     [{sh.SENT: SENT, sh.RECEIVED: RECEIVED, sh.LOST: LOST, sh.SATURATED: SATURATED,
       sh.LOST_ON_PURPOSE: ON_PURPOSE, sh.HELD: HELD, sh.STALE: STALE}.get(code, -1)
@@ -65,13 +64,13 @@ class Seat(NamedTuple):
 
 def rows_of(loop: Any) -> int:
     """Return how many rows the values of a seat have."""
-    return int(loop.n_variables + EXTRA + OF_LIMIT * loop.limits.n + OF_FRAME * loop.rx.n)
+    return int(loop.n_variables + EXTRA + loop.limits.n + OF_FRAME * loop.rx.n)
 
 
 @inline
 def of_limit(n: Any, i: Any) -> Any:
-    """Return the row of the first value of limit `i`."""
-    return n.n_variables + EXTRA + OF_LIMIT * i
+    """Return the row of the value that was sent last under limit `i`."""
+    return n.n_variables + EXTRA + i
 
 
 @inline
@@ -146,7 +145,9 @@ def step(n: Any, w: Any, values: Any, steps: Any, k: Any) -> None:
         at = n.blocks.views[b]
         p, x = part(values, WIDTH * at[0]), part(values, WIDTH * at[2])
         u, y = part(values, WIDTH * at[4]), part(values, WIDTH * at[6])
+        n.control[sh.STEPPING] = b + 1  # for `executive.nodes.watched`
         call(steps[b], t, dt, p, x, u, y)
+    n.control[sh.STEPPING] = 0
 
 
 # -------------------------------------------------------------------------------------------- limit
@@ -172,14 +173,13 @@ def limit(n: Any, w: Any) -> None:
     table = n.limits.table
     for i in range(n.limits.n):
         j, own = n.limits.place[i], of_limit(n, i)
-        wanted, sent, rate = w[j], w[own + SENT_VALUE], table[i, sh.RATE]
+        wanted, sent, rate = w[j], w[own], table[i, sh.RATE]
         value = within(wanted, table[i, sh.LOW], table[i, sh.HIGH])
         value = within(value, sent - rate, sent + rate)
         clamped = value != wanted
         w[CLAMPED] = where(clamped, 1.0, w[CLAMPED])
         add(n, w, SATURATED, number(clamped))
-        w[j] = value
-        w[own + LAST], w[own + SENT_VALUE] = value, value
+        w[j], w[own] = value, value
 
 
 @inline
@@ -193,7 +193,7 @@ def within(value: Any, low: Any, high: Any) -> Any:
 def mark_unsettled(n: Any, w: Any) -> None:
     """Mark runs at whose end a command may not be safe at once: they go on for a ramp."""
     for i in range(n.limits.n):
-        way = abs(w[of_limit(n, i) + SENT_VALUE] - n.limits.table[i, sh.SAFE])
+        way = abs(w[of_limit(n, i)] - n.limits.table[i, sh.SAFE])
         add(n, w, ODD, number(way > n.limits.table[i, sh.RATE]))
 
 
@@ -311,6 +311,7 @@ def keep(n: Any, w: Any, seat: Any, k: Any) -> None:
 def one_pass(seat: Any, k: Any, other: Any) -> None:
     """Do cycle `k` of a node, whose frames go to the other one."""
     n, w = seat.n, lane_rows(seat.values)
+    n.control[sh.PASSES] = k
     supervise(n, w)
     tune(n, w, k)
     step(n, w, seat.values, seat.steps, k)

@@ -6,6 +6,7 @@ lanes would take different branches). Such runs are done one by one, with the sa
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,17 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import e2e
 from pcpc.drivers.jit import LOOP_INTERPRETED
-from pcpc.drivers.lanes import WIDTH, table
+from pcpc.drivers.lanes import WIDTH, LanesDiffer, table
 from pcpc.drivers.stage import Stage
 from pcpc.executive.batch import cycle
 from pcpc.executive.loop import exchange, losses, reception
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.timing import COUNTERS
 from pcpc.executive.loop.variables import GAIN, TIMING, TIMING_AT, WALL
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, cycles_of, describe, plan
+from pcpc.executive.nodes.watched import StepError, watched
 from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
@@ -79,6 +82,7 @@ class Group:
         for role, seat in self.seats.items():
             seat.values[:] = self._begin[role][:, None]
             seat.n.tuning.done = 0
+            seat.n.control[sh.STEPPING] = seat.n.control[sh.FAULT] = 0
 
     def put(self, lane: int, role: Role, values: Mapping[int, float]) -> None:
         """Give a run values by their places in the table of a node."""
@@ -95,14 +99,41 @@ class Group:
                     seat.values[place, lane] = losses.first(seed, frame.name)
 
     def run(self) -> NDArray[np.bool_]:
-        """Run all lanes to the end; return which are odd. Raises LanesDiffer."""
+        """Run all lanes to the end; return which are odd: all, where a step ends with an exception.
+
+        Raises LanesDiffer; StepError, with its name, for a step that does not return.
+        """
         top, low = self.seats["executive"], self.seats["plant"]
         for first in range(0, self.cycles, PIECE):
-            cycle.advance(top, low, first, min(first + PIECE, self.cycles))
+            try:
+                differ = watched(partial(self._piece, first), (top.n, low.n))
+            except StepError:
+                for role, seat in self.seats.items():
+                    if what := hung(self.described[role], seat.n.control):
+                        raise StepError(what) from None
+                return np.ones(WIDTH, np.bool_)
+            if differ:
+                raise LanesDiffer("the lanes differ")
         cycle.finish(top, low, self.cycles)
         odd = [seat.values[seat.n.n_variables + cycle.ODD] for seat in (top, low)]
         found: NDArray[np.bool_] = (odd[0] != 0.0) | (odd[1] != 0.0)
         return found
+
+    def _piece(self, first: int) -> bool:
+        """Do a piece of the cycles; return whether the lanes differ in it."""
+        top, low = self.seats["executive"], self.seats["plant"]
+        try:
+            cycle.advance(top, low, first, min(first + PIECE, self.cycles))
+        except LanesDiffer:
+            return True
+        return False
+
+
+def hung(description: Mapping[str, Any], control: Any) -> str:
+    """Return which step of a node does not return; "" for none."""
+    if control[sh.FAULT] != sv.STEP_HANGS:
+        return ""
+    return f"the step of {description['blocks'][control[sh.STEPPING] - 1]} does not return"
 
 
 def _check_wires(made: Plan) -> None:
@@ -156,11 +187,9 @@ def _beginning(role: Role, seat: cycle.Seat) -> NDArray[np.float64]:
     for row, word in ((cycle.SENT, sh.SENT), (cycle.RECEIVED, sh.RECEIVED)):
         values[n + row] = control[word]
     for i in range(loop.limits.n):
-        at = int(cycle.of_limit.py_func(loop, i))
-        values[at + cycle.LAST] = loop.limits.table[i, sh.LAST]
-        values[at + cycle.SENT_VALUE] = loop.limits.table[i, sh.SENT_VALUE]
+        values[n + cycle.EXTRA + i] = loop.limits.table[i, sh.SENT_VALUE]
     for row in range(loop.rx.n):
-        at = n + cycle.EXTRA + cycle.OF_LIMIT * loop.limits.n + cycle.OF_FRAME * row
+        at = n + cycle.EXTRA + loop.limits.n + cycle.OF_FRAME * row
         values[at + cycle.SEED] = loop.rx.loss_state[row, losses.STATE]
         values[at + cycle.HEARD] = loop.rx.state[row, e2e.LAST_COUNTER] >= 0
     return values

@@ -16,13 +16,14 @@ import numpy as np
 import yaml
 
 from pcpc.drivers.lanes import WIDTH, LanesDiffer
-from pcpc.executive.batch.group import Group, NotInLanes, Traces
+from pcpc.executive.batch.group import Group, NotInLanes, Traces, hung
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import Columns
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES
 from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.blocks import law_keys
 from pcpc.executive.rig.prepare import prepared
 from pcpc.executive.rig.reading import BlockSpec, Rig, load_rig
@@ -190,8 +191,13 @@ class Runs:
             run = VirtualRun(self.rig_of(case), None)
         except RigError as error:
             return Done(None, alone=why, refused=str(error))
-        for _ in run.advance():
-            pass
+        try:
+            for _ in run.advance():
+                pass
+        except StepError:  # one that raises is a fault of this run; one that hangs goes on hanging
+            for block in run.blocks:
+                if what := hung(block.description, block["control"]):
+                    raise StepError(what) from None
         codes = [int(block["control"][sh.FAULT]) for block in run.blocks]
         fault = next((FAULT_NAMES[code] for code in codes if code), "")
         return Done(run.memory.log(), fault, why)

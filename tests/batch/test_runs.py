@@ -1,6 +1,8 @@
 """Runs of other settings and seeds: each the one that its rig, read from the file, would do."""
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,15 @@ from pcpc.executive.rig.reading import load_rig
 ROOT = Path(__file__).resolve().parents[2]
 BARREL = ROOT / "plants/atb1000/rigs/firetrack.yaml"
 WANTED = {"executive": ["rx.FB_A.hub_rate"], "plant": ["barrel.theta_rad"]}
+LAST = "    x.integral_V += where(winds_up, 0.0, dt * p.ki_V_rads * y.e_rad)  # (5)\n"
+
+
+def motor_with(folder: Path, line: str) -> Path:
+    shutil.copytree(ROOT / "tools/template", folder)
+    control = folder / "control.py"
+    assert LAST in control.read_text()
+    control.write_text(control.read_text().replace(LAST, f"{LAST}    {line}\n"))
+    return folder / "rig.yaml"
 
 
 def test_a_seed_gives_its_noise_in_lanes_too_also_where_nothing_else_is_changed() -> None:
@@ -42,16 +53,23 @@ def test_what_is_no_setting_of_a_block_is_done_alone_and_says_so() -> None:
 
 
 def test_an_output_that_nobody_sends_is_looked_at_too(tmp_path: Path) -> None:
-    folder = tmp_path / "motor"
-    shutil.copytree(ROOT / "tools/template", folder)
-    control = folder / "control.py"
-    last = "    x.integral_V += where(winds_up, 0.0, dt * p.ki_V_rads * y.e_rad)  # (5)\n"
-    text = control.read_text()
-    assert last in text
-    control.write_text(text.replace(last, f"{last}    y.speed_rad_s = 1.0 / p.weight\n"))
-    group = Group(load_rig(folder / "rig.yaml", settings=["duration_s=0.02"]), {})
+    rig = motor_with(tmp_path / "motor", "y.speed_rad_s = 1.0 / p.weight")
+    group = Group(load_rig(rig, settings=["duration_s=0.02"]), {})
     group.begin()
     place = group.plans["executive"].table.index["controller.weight"]
     for lane in range(WIDTH):
         group.put(lane, "executive", {place: 0.0 if lane == 6 else 1.0})
     assert np.flatnonzero(group.run()).tolist() == [6]
+
+
+def test_a_step_that_does_not_return_ends_the_campaign_with_its_name(tmp_path: Path) -> None:
+    rig = motor_with(
+        tmp_path / "motor", "while t > 0.3 and p.weight < 1.0:\n        y.e_rad += 0.0"
+    )
+    words = [sys.executable, "-m", "pcpc.tools.cli", "sweep", str(rig), "--draws", "9", "--quiet"]
+    done = subprocess.run(
+        [*words, "-o", str(tmp_path / "out")], capture_output=True, text=True, timeout=240.0,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (5, ""), str(done)
+    assert done.stderr.endswith("the step of controller does not return\n"), done.stderr

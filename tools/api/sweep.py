@@ -24,7 +24,8 @@ class Sweep:
     """A campaign: `table`, a row a run; `spec`, what it follows from; `statement` in words.
 
     Columns: draw, controller, seed, `vary:NAME`, `metric:NAME`, `margin:NAME` and `held:NAME` of
-    requirements, ok (null: not judged), why, outcome (ran, fault, refused), alone (why it was not done in lanes).
+    requirements, ok (null: not judged), why, outcome (ran, fault, refused), alone (why it was not
+    done in lanes).
     """
 
     table: "pyarrow.Table"
