@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import tracemalloc
 from pathlib import Path
 
 import pyarrow.parquet
@@ -39,7 +40,7 @@ def done(
     work = Work(campaign, shard, folder, until, threads)
     try:
         told = work.to_end(QUIET)
-        return work.store.rows, told
+        return dict(work.store.rows), told
     finally:
         work.store.close()
 
@@ -149,8 +150,9 @@ def test_a_killed_campaign_loses_no_row_that_was_written(tmp_path: Path) -> None
               if line.endswith("\n")]  # fmt: skip
     assert 24 <= len(before) < 800
     work = Work(long, Shard(), tmp_path, None, 1)
+    there = {key: dataclasses.asdict(row) for key, row in work.store.rows.items()}
     work.store.close()
-    assert [dataclasses.asdict(row) for row in work.store.rows.values()] == before
+    assert there == {(row["draw"], row["controller"]): row for row in before}
 
 
 def test_one_process_at_a_time_has_a_shard_and_a_folder_one_campaign(tmp_path: Path) -> None:
@@ -162,6 +164,55 @@ def test_one_process_at_a_time_has_a_shard_and_a_folder_one_campaign(tmp_path: P
     with pytest.raises(RigError, match="another campaign, whose seed differ; choose another"):
         store.Store(tmp_path, other.spec(), Shard(2, 2))
     first.close()
+
+
+def test_a_row_costs_its_place_in_the_file_and_is_read_back_from_there(tmp_path: Path) -> None:
+    metrics = {f"metric_{i}": i / 3.0 for i in range(20)}
+    journal = store.Journal(tmp_path / "rows.jsonl")
+    tracemalloc.start()
+    journal.add(Row(i, "pid", 2**30 + i, {}, RAN, None, metrics=metrics) for i in range(4000))
+    each = tracemalloc.get_traced_memory()[0] / len(journal.rows)
+    tracemalloc.stop()
+    assert each < 200, f"{each:.0f} B a row in memory"
+    assert journal.rows[3999, "pid"] == Row(
+        3999, "pid", 2**30 + 3999, {}, RAN, None, metrics=metrics
+    )
+    assert (4000, "pid") not in journal.rows and (1, "pd") not in journal.rows
+    journal.close()
+
+
+def test_a_table_in_chunks_has_the_columns_of_all_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = store.Journal(tmp_path / "rows.jsonl")
+    some = ({"a": 1.0}, {}, {"b": 2.0, "a": 3.0}, {"c": 4.0}, {})
+    journal.add(
+        Row(
+            i,
+            "pid",
+            i,
+            {"x": 0.5},
+            RAN,
+            True,
+            "",
+            own,
+            {"m": None},
+            {f"held {n}": None for n in own},
+        )
+        for i, own in reversed(list(enumerate(some)))
+    )
+    whole = store.arrow(journal.rows, {"controllers": ["pid"]})
+    monkeypatch.setattr(store, "CHUNK", 1)
+    chunked = store.arrow(journal.rows, {"controllers": ["pid"]})
+    journal.close()
+    assert whole.schema.equals(chunked.schema, check_metadata=True)
+    assert repr(whole.to_pylist()) == repr(chunked.to_pylist())
+    assert whole.column_names == [
+        "draw", "controller", "seed", "vary:x", "metric:a", "metric:b", "metric:c", "margin:m",
+        "held:held a", "held:held b", "held:held c", "ok", "why", "outcome", "alone",
+    ]  # fmt: skip
+    assert repr(whole["metric:a"].to_pylist()) == "[1.0, nan, 3.0, nan, nan]"
+    assert repr(whole["margin:m"].to_pylist()) == "[nan, nan, nan, nan, nan]"
 
 
 @pytest.mark.parametrize(

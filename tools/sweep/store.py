@@ -6,39 +6,72 @@
     shard-1-of-4.parquet     the same rows in the order of draws and controllers; takes its place
 
 A process that is killed loses no finished row: a line that is not whole is dropped, and the draws
-that are there are not done again.
+that are there are not done again. A row stays on disk and is read when it is asked for: what a
+process holds of it is its place in the file.
 """
 
 import dataclasses
 import fcntl
+import itertools
 import json
 import math
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, cast
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError, code_of
 from pcpc.tools.log.outfile import new_file
 from pcpc.tools.sweep.campaign import Shard, read
 from pcpc.tools.sweep.engine import Row
+from pcpc.tools.sweep.results import HELD, MARGIN, METRIC, VARY
 
 if TYPE_CHECKING:
     import pyarrow
 
 SPEC = "sweep.json"
+CHUNK = 4096  # rows of a table that are in memory at once, about 5 kB each
+_FIRST, _LAST = ("draw", "controller", "seed"), ("ok", "why", "outcome", "alone")  # columns
 _PACKAGES = ("scipy", "pyarrow", "matplotlib", "cma")
 
 
+class Rows(Mapping[tuple[int, str], Row]):
+    """The rows in an open file, a line each, by draw and controller."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self._places: dict[str, dict[int, int]] = {}  # of each controller's draws
+
+    def at(self, row: Row, place: int) -> None:
+        """Take note where a row's line begins."""
+        self._places.setdefault(row.controller, {})[row.draw] = place
+
+    def __getitem__(self, of: tuple[int, str]) -> Row:
+        draw, controller = of
+        self._file.seek(self._places[controller][draw])
+        return row_of(json.loads(self._file.readline()))
+
+    def __contains__(self, of: object) -> bool:
+        draw, controller = cast(tuple[int, str], of)
+        return draw in self._places.get(controller, ())
+
+    def __iter__(self) -> Iterator[tuple[int, str]]:
+        return ((draw, name) for name, places in self._places.items() for draw in places)
+
+    def __len__(self) -> int:
+        return sum(map(len, self._places.values()))
+
+
 class Journal:
-    """Rows in a file, a row a line; one process at a time has it."""
+    """Rows in a file, a row a line; one process at a time has it. `rows`: until it is closed."""
 
     def __init__(self, path: Path, wait: bool = False) -> None:
         """Open it and take its rows; OSError. BlockingIOError, or `wait`: another one has it."""
         self.path = path
-        self.rows: dict[tuple[int, str], Row] = {}
-        self._file: IO[str] = path.open("a+", encoding="utf-8")
+        self._file: IO[bytes] = path.open("a+b")
+        self.rows = Rows(self._file)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError:
@@ -50,23 +83,26 @@ class Journal:
         """Take the whole lines; cut off what a killed process left of another."""
         self._file.seek(0)
         whole = 0
-        for line in iter(self._file.readline, ""):
+        for line in iter(self._file.readline, b""):
             try:
-                row = row_of(json.loads(line)) if line.endswith("\n") else None
+                row = row_of(json.loads(line)) if line.endswith(b"\n") else None
             except (ValueError, TypeError, KeyError):
                 row = None
             if row is None:
                 break
-            self.rows[row.draw, row.controller] = row
-            whole = self._file.tell()
+            self.rows.at(row, whole)
+            whole += len(line)
         self._file.seek(whole)
         self._file.truncate()
 
     def add(self, rows: Iterable[Row]) -> None:
         """Write rows; OSError."""
+        place = self._file.seek(0, os.SEEK_END)
         for row in rows:
-            self._file.write(json.dumps(dataclasses.asdict(row)) + "\n")
-            self.rows[row.draw, row.controller] = row
+            line = json.dumps(dataclasses.asdict(row)) + "\n"
+            self._file.write(line.encode())
+            self.rows.at(row, place)
+            place += len(line)
         self._file.flush()
 
     def close(self, drop: bool = False) -> None:
@@ -94,6 +130,8 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True)
             self._claim_spec()
             self._journal = Journal(folder / f"{shard}.jsonl")
+            self.journal, self.rows = self._journal.path, self._journal.rows
+            self.add = self._journal.add
             self._take_tasks()
         except BlockingIOError:
             what = f"{folder / str(shard)}.jsonl: another process works on this shard; wait for it"
@@ -101,11 +139,6 @@ class Store:
         except OSError as error:
             what = f"{folder}: {error.strerror}; choose another folder with -o"
             raise UserError(what, code_of(error)) from None
-        self.journal, self.rows, self.add = (
-            self._journal.path,
-            self._journal.rows,
-            self._journal.add,
-        )
 
     @property
     def table(self) -> Path:
@@ -136,7 +169,7 @@ class Store:
                 task = Journal(path)
             except BlockingIOError:
                 continue
-            self._journal.add(row for of, row in task.rows.items() if of not in self._journal.rows)
+            self._journal.add(task.rows[of] for of in task.rows if of not in self.rows)
             task.close(drop=True)
 
     def has(self, draw: int, controllers: Sequence[str]) -> bool:
@@ -147,7 +180,7 @@ class Store:
         """Write the Parquet file, drop the journal, return the file; OSError, LogCommandError."""
         import pyarrow.parquet
 
-        table = arrow(self.rows.values(), self.spec)
+        table = arrow(self.rows, self.spec)
         with new_file(self.table, force=True) as unfinished:
             pyarrow.parquet.write_table(table, unfinished)
         for path in (self.journal, *self.folder.glob(f"{self.shard}.*.*.jsonl")):
@@ -166,31 +199,47 @@ def row_of(data: Mapping[str, Any]) -> Row:
     return row
 
 
-def arrow(rows: Iterable[Row], spec: Mapping[str, Any]) -> "pyarrow.Table":
-    """Return rows as a table; see `tools.sweep.report` for its columns."""
+def arrow(rows: Mapping[tuple[int, str], Row], spec: Mapping[str, Any]) -> "pyarrow.Table":
+    """Return rows as a table, by draw and controller; `tools.sweep.results` has its columns."""
     import pyarrow as pa
+    import pyarrow.compute
 
     order = {name: i for i, name in enumerate(spec["controllers"])}
-    done = sorted(rows, key=lambda row: (row.draw, order[row.controller]))
+    left = iter(sorted(rows, key=lambda of: (of[0], order[of[1]])))
+    parts = [_part([])]
+    while some := [rows[of] for of in itertools.islice(left, CHUNK)]:
+        parts.append(_part(some))
+    table = pa.concat_tables(parts, promote_options="default")
+    for i, name in enumerate(table.column_names):
+        if name.startswith((METRIC, MARGIN)):  # a run that did not tell it
+            table = table.set_column(i, name, pa.compute.fill_null(table[name], math.nan))
+    kinds = [*_FIRST, VARY, METRIC, MARGIN, HELD, *_LAST]
+    names = sorted(table.column_names, key=lambda name: kinds.index(_kind(name)))
+    return table.select(names).replace_schema_metadata({"pcpc": json.dumps(dict(spec))})
+
+
+def _part(rows: Sequence[Row]) -> "pyarrow.Table":
+    """Return rows as a table with the columns that they have."""
+    import pyarrow as pa
+
+    types = {"draw": pa.int64(), "seed": pa.int64(), "ok": pa.bool_()}
     columns: dict[str, Any] = {
-        "draw": pa.array([row.draw for row in done], pa.int64()),
-        "controller": pa.array([row.controller for row in done], pa.string()),
-        "seed": pa.array([row.seed for row in done], pa.int64()),
+        name: pa.array([getattr(row, name) for row in rows], types.get(name, pa.string()))
+        for name in (*_FIRST, *_LAST)
     }
     for kind, of, type_ in (
-        ("vary", "values", pa.float64()), ("metric", "metrics", pa.float64()),
-        ("margin", "margins", pa.float64()), ("held", "held", pa.bool_()),
+        (VARY, "values", pa.float64()), (METRIC, "metrics", pa.float64()),
+        (MARGIN, "margins", pa.float64()), (HELD, "held", pa.bool_()),
     ):  # fmt: skip
-        names = dict.fromkeys(name for row in done for name in getattr(row, of))
-        for name in names:
-            values = [getattr(row, of).get(name) for row in done]
-            if kind in ("metric", "margin"):
-                values = [math.nan if value is None else value for value in values]
-            columns[f"{kind}:{name}"] = pa.array(values, type_)
-    columns["ok"] = pa.array([row.ok for row in done], pa.bool_())
-    for name in ("why", "outcome", "alone"):
-        columns[name] = pa.array([getattr(row, name) for row in done], pa.string())
-    return pa.table(columns).replace_schema_metadata({"pcpc": json.dumps(dict(spec))})
+        for name in dict.fromkeys(name for row in rows for name in getattr(row, of)):
+            columns[kind + name] = pa.array([getattr(row, of).get(name) for row in rows], type_)
+    return pa.table(columns)
+
+
+def _kind(column: str) -> str:
+    """Return the kind of a column; a name of its own is one."""
+    kind, colon, _ = column.partition(":")
+    return kind + colon
 
 
 def tables(folder: Path) -> Iterator[Path]:

@@ -15,7 +15,7 @@ WORST, COLUMNS = 2, 80  # runs of a controller that are told
 
 def summary(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path) -> str:
     """Return counts, metrics and worst runs by controller; `folder`: of the campaign."""
-    frame = {name: table[name].to_pylist() for name in table.column_names}
+    frame = {name: _values(table[name]) for name in table.column_names}
     controllers = list(spec["controllers"])
     of = {
         name: np.array([i for i, one in enumerate(frame["controller"]) if one == name])
@@ -42,6 +42,13 @@ def summary(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path) -> st
             cells = [_cell(values[of[one]], share) for one in controllers]
             lines.append(f"  {title:26}" + "".join(f"{cell:>{width + 1}}" for cell in cells))
     return "\n".join([*lines, *_worst(frame, table.column_names, spec, folder)])
+
+
+def _values(column: "pyarrow.ChunkedArray") -> Any:
+    """Return a column; numbers as an array, as there may be many, with NaN where none was told."""
+    import pyarrow as pa
+
+    return column.to_numpy() if pa.types.is_floating(column.type) else column.to_pylist()
 
 
 def _cell(values: Any, share: float) -> str:

@@ -2,7 +2,7 @@
 
 import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,27 +84,22 @@ class Work:
         clock = _Clock(progress, None if campaign.sampling == "rare" else total, len(rows))
         if self.search is not None:
             return self.search.outcome(rows_of, self.store, lambda: clock.show(len(rows)))
-        numbered, done = campaign.numbered(self.shard), 0
-        while some := self._some(numbered, done):
-            left = [one for one in some if not self.store.has(one[0], names)]
+
+        def do(numbered: Iterable[tuple[int, Any]]) -> None:
+            left = (one for one in numbered if not self.store.has(one[0], names))
             for found in rows_of(pieces(left, names, campaign.draw)):
                 self.store.add(found)
                 clock.show(len(rows))
-            done += len(some)
-            if self.statement and self._decided([number for number, _ in some], self.statement):
-                break
-        return self._told()
 
-    def _some(self, numbered: Iterator[tuple[int, Any]], done: int) -> list[tuple[int, Any]]:
-        """Return the draws until the next look; all of them if nobody looks."""
+        numbered, done = campaign.numbered(self.shard), 0
         if self.statement is None:
-            return list(numbered)
-        return list(itertools.islice(numbered, max(LOOK, done // LATER)))
-
-    def _told(self) -> str:
-        """Return what became of the statement, a line a controller."""
-        if self.statement is None:
+            do(numbered)
             return ""
+        while some := list(itertools.islice(numbered, max(LOOK, done // LATER))):
+            do(some)
+            done += len(some)
+            if self._decided([number for number, _ in some], self.statement):
+                break
         return "\n".join(f"{name}: {self.statement.told(*n)}" for name, n in self._counts.items())
 
     def _decided(self, draws: Sequence[int], statement: statements.Statement) -> bool:
