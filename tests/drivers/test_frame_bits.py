@@ -5,9 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pcpc.drivers.frame_bits import UNSTUFFED, classic_bits, fd_bits, transmission_ns
+from pcpc.drivers.stuffing import RAW_BITS, WIRE_BITS, encode
 
 CRC15 = 0x4599
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
@@ -77,11 +80,16 @@ def arbitration(can_id: int, extended: bool) -> Bits:
     return [0, *number(can_id, 11), 0, 0]
 
 
-def classic_frame(can_id: int, extended: bool, data: bytes) -> int:
-    """Return the bits of a classic frame on the wire, interframe space included."""
+def classic_stream(can_id: int, extended: bool, data: bytes) -> Bits:
+    """Return the bits of a classic frame, SOF to EOF."""
     head = [*arbitration(can_id, extended), 0, *([0] if extended else [])]
     body = [*head, *number(len(data), 4), *of_bytes(data)]
-    return len(stuffed([*body, *number(crc15(body), 15)])) + UNSTUFFED
+    return [*stuffed([*body, *number(crc15(body), 15)]), 1, 0, 1, *[1] * 7]
+
+
+def classic_frame(can_id: int, extended: bool, data: bytes) -> int:
+    """Return the bits of a classic frame on the wire, interframe space included."""
+    return len(classic_stream(can_id, extended, data)) + 3
 
 
 def fd_frame(can_id: int, extended: bool, data: bytes) -> tuple[int, int]:
@@ -100,6 +108,25 @@ def test_real_frames_are_built_as_the_standard_says() -> None:
     assert classic_frame(0x555, False, data) == 47 + 64 + 1
     assert classic_frame(0, False, b"") == 47 + 6, "34 zeros, CRC included"
     assert fd_frame(0x555, False, data) == (17 + 13, 5 + 64 + 27)
+
+
+RUNS = st.sampled_from([0x00, 0xFF, 0x78, 0x87, 0x0F, 0xC3])  # bytes that are stuffed often
+
+
+@given(st.booleans(), st.integers(0, 2**29 - 1), st.lists(RUNS | st.integers(0, 255), max_size=8))
+@settings(max_examples=400, deadline=None)
+def test_the_bits_on_the_line_are_those_of_an_encoder_of_lists(
+    extended: bool, can_id: int, data: list[int]
+) -> None:
+    can_id &= 0x1FFFFFFF if extended else 0x7FF
+    word = can_id | extended << 31
+    frame = np.frombuffer(
+        word.to_bytes(4, "little") + bytes([len(data), 0, 0, 0, *data]).ljust(12, b"\0"), np.uint8
+    )
+    wire = np.zeros(WIRE_BITS, np.uint8)
+    n = encode(frame, np.zeros(RAW_BITS, np.uint8), wire)
+    assert wire[:n].tolist() == classic_stream(can_id, extended, bytes(data))
+    assert n + 3 <= classic_bits(len(data), extended)
 
 
 @pytest.mark.parametrize("extended", [False, True], ids=["11 bit", "29 bit"])

@@ -1,0 +1,358 @@
+"""A CAN line as a pure model: who sends when, bit by bit, and what errors do. No clock; bit times.
+
+    start      at the first bit at which the line is idle and a frame waits; the lowest id of what
+               waits then wins, and keeps the line to its end                                    (1)
+    length     of the frame's real bits (`drivers.stuffing`), then 3 bits of intermission        (2)
+    error      a bit is flipped: the sender's error flag begins at the next one. Receivers see the
+               error at once (flag 6 bits), or after six equal bits of which m <= 5 were there
+               (flags together 12 - m bits); then 8 bits of delimiter, 3 of intermission, and the
+               frame comes again                                                                 (3)
+    counters   sender: error + 8, sent - 1. Receivers: error + 1, received - 1, from above 127 to
+               127. Passive above 127: its flags are recessive and it lets others go first for 8
+               bits after sending. Bus off above 255: what waits is lost                         (4)
+    recovery   of bus off: 128 times 11 recessive bits, both counters 0                          (5)
+    alone      nobody acknowledges: an error in the ACK slot, not counted once passive           (6)
+
+Each sender is one controller with a transmit queue of `room` frames, the most urgent first, or
+`in_order` the oldest first. A frame more than that is refused, as by ENOBUFS. Errors are drawn:
+each bit is hit with probability `p`; after a hit the next transmission is hit too with 1 - 1/burst.
+
+Left out: two senders of one id in the same bit (the first sender wins), a hit in the last bit of
+EOF (the frame would come twice), errors of one receiver alone, overload frames. All hits count as
+errors of the sender, also in the arbitration field. Source: ISO 11898-1:2015, 10.4, 10.11, 12.1.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.structures import copy, structure
+from pcpc.drivers.stuffing import (
+    END_BITS,
+    EOF_BITS,
+    INTERMISSION_BITS,
+    RAW_BITS,
+    WIRE_BITS,
+    encode,
+)
+
+SENDERS, MOST_ROOM = 4, 256
+NOTHING, SENT, ERROR, BUS_OFF, RECOVERED = range(5)  # what `advance` returns
+ACTIVE, WARNING, PASSIVE, OFF = range(4)  # the state of a sender
+WARNING_AT, PASSIVE_AT, OFF_AT = 96, 128, 256  # of the higher counter; bus off by that of sending
+RECESSIVE_RUN, RUNS_TO_RECOVER = 11, 128
+SUSPENDED_BITS, DELIMITER_BITS, FLAG_BITS = 8, 8, 6
+_PRIME, _FACTOR = 2**31 - 1, 48271  # Park and Miller's generator, as `executive.loop.losses`
+_NEVER = 2**62
+
+LINE = np.dtype(
+    [
+        ("senders", "<i8"),
+        ("room", "<i8"),
+        ("in_order", "<i8"),
+        ("p", "<f8"),
+        ("burst", "<f8"),
+        ("draw", "<i8"),  # the generator's state
+        ("hit_before", "<i8"),
+        ("free_at", "<i8"),  # the end of the last intermission
+        ("recessive_since", "<i8"),
+        ("sending", "<i8"),  # the sender on the line, -1 for none
+        ("entry", "<i8"),  # its frame's place in its queue
+        ("begin", "<i8"),
+        ("length", "<i8"),  # SOF to EOF
+        ("hit", "<i8"),  # the bit that is flipped, -1 for none
+        ("due", "<i8"),  # when what is on the line has happened; with nothing there no meaning
+        ("who", "<i8"),  # of what `advance` returned: the sender
+        ("at", "<i8"),  # its time
+        ("waited", "<i8"),  # SENT: since the frame was queued
+        ("frame", "u1", (16,)),  # what is, or was last, on the line
+        ("busy", "<i8"),  # bits, intermission included
+        ("transmit_errors", "<i8", (SENDERS,)),  # TEC and REC
+        ("receive_errors", "<i8", (SENDERS,)),
+        ("worst", "<i8", (SENDERS,)),  # the highest TEC so far
+        ("off", "<i8", (SENDERS,)),
+        ("runs_left", "<i8", (SENDERS,)),  # to recover
+        ("not_before", "<i8", (SENDERS,)),  # of a passive sender
+        ("waiting", "<i8", (SENDERS,)),  # counts, from here on
+        ("most_waiting", "<i8", (SENDERS,)),
+        ("sent", "<i8", (SENDERS,)),
+        ("refused", "<i8", (SENDERS,)),
+        ("lost_off", "<i8", (SENDERS,)),
+        ("errors", "<i8", (SENDERS,)),
+        ("times_off", "<i8", (SENDERS,)),
+        ("longest_bits", "<i8", (SENDERS,)),  # from the queue to the end of the frame
+        ("frames", "u1", (SENDERS * MOST_ROOM, 16)),
+        ("urgency", "<i8", (SENDERS, MOST_ROOM)),
+        ("since", "<i8", (SENDERS, MOST_ROOM)),
+        ("raw", "u1", (RAW_BITS,)),
+        ("wire", "u1", (WIRE_BITS,)),
+    ],
+    align=True,
+)
+N = structure(LINE)
+
+
+def prepare(
+    line: Any, senders: int, room: int = 64, *, in_order: bool = False, p: float = 0.0,
+    burst: float = 1.0, seed: int = 1,
+) -> None:  # fmt: skip
+    """Fill the zeroed LINE record `line`."""
+    if not 1 <= senders <= SENDERS or not 1 <= room <= MOST_ROOM:
+        raise ValueError(f"{senders} senders with room for {room}: at most {SENDERS}, {MOST_ROOM}")
+    line.senders, line.room, line.in_order = senders, room, in_order
+    line.p, line.burst, line.draw = p, burst, 1 + seed % (_PRIME - 1)
+    line.sending = -1
+
+
+@loop_inline
+def urgency_of(frame: Any) -> Any:
+    """Return what arbitration compares, the lowest wins: 11 bits of id, RTR or SRR, IDE, the rest.
+
+    A long id loses against the short one that begins like it.
+    """
+    word = np.int64(0)
+    for i in range(4):
+        word |= np.int64(frame[i]) << (8 * i)
+    if word >> 31 != 0:
+        return ((word >> 18) & 0x7FF) << 19 | 1 << 18 | (word & 0x3FFFF)
+    return (word & 0x7FF) << 19
+
+
+@loop_function
+def put(line: Any, s: Any, frame: Any, at: Any) -> Any:
+    """Queue `frame` (16,) of sender `s` at bit `at`; return False if it is lost.
+
+    `at` is not before the last `until` of `advance`.
+    """
+    if line.off[s] != 0:
+        line.lost_off[s] += 1
+        return False
+    k = line.waiting[s]
+    if k >= line.room:
+        line.refused[s] += 1
+        return False
+    copy(line.frames[s * MOST_ROOM + k], frame)
+    line.urgency[s, k] = urgency_of(frame)
+    line.since[s, k] = at
+    line.waiting[s] = k + 1
+    line.most_waiting[s] = max(line.most_waiting[s], k + 1)
+    return True
+
+
+@loop_function
+def advance(line: Any, until: Any) -> Any:
+    """Return what happens next up to bit `until`, NOTHING if nothing does; call until then.
+
+    A frame begins only before `until`: all that is queued by then must have been put.
+    """
+    if line.sending < 0:
+        begin = _next_begin(line)
+        if _recovers(line, min(begin, until)):
+            return RECOVERED
+        if begin >= until:
+            return NOTHING
+        _begin(line, begin)
+    if line.due > until:
+        return NOTHING
+    line.who, line.at = line.sending, line.due
+    line.sending = -1
+    if line.hit >= 0:
+        return _fail(line, line.who)
+    _succeed(line, line.who)
+    return SENT
+
+
+@loop_function
+def next_due(line: Any) -> Any:
+    """Return until when `advance` returns NOTHING if nothing more is put; 2^62 for ever."""
+    if line.sending >= 0:
+        return line.due
+    due = _next_begin(line) + 1
+    for s in range(line.senders):
+        if line.off[s] != 0:
+            due = min(due, line.recessive_since + RECESSIVE_RUN * line.runs_left[s])
+    return min(due, np.int64(_NEVER))
+
+
+@loop_inline
+def passive(line: Any, s: Any) -> Any:
+    """Return whether a sender is error passive."""
+    return max(line.transmit_errors[s], line.receive_errors[s]) >= PASSIVE_AT
+
+
+@loop_function
+def state_of(line: Any, s: Any) -> Any:
+    """Return ACTIVE, WARNING, PASSIVE or OFF."""
+    if line.off[s] != 0:
+        return OFF
+    if passive(line, s):
+        return PASSIVE
+    worse = max(line.transmit_errors[s], line.receive_errors[s]) >= WARNING_AT
+    return WARNING if worse else ACTIVE
+
+
+@loop_inline
+def _ready(line: Any, s: Any) -> Any:
+    """Return the first bit at which a sender can begin (1)."""
+    if line.waiting[s] == 0:
+        return np.int64(_NEVER)
+    return max(line.free_at, line.since[s, 0], line.not_before[s])
+
+
+@loop_function
+def _next_begin(line: Any) -> Any:
+    begin = np.int64(_NEVER)
+    for s in range(line.senders):
+        begin = min(begin, _ready(line, s))
+    return begin
+
+
+@loop_function
+def _begin(line: Any, begin: Any) -> None:
+    """Let the most urgent frame of those that are ready begin (1)."""
+    least = np.int64(_NEVER)
+    for s in range(line.senders):
+        if _ready(line, s) <= begin:
+            for k in range(1 if line.in_order != 0 else line.waiting[s]):
+                if line.since[s, k] <= begin and line.urgency[s, k] < least:
+                    least = line.urgency[s, k]
+                    line.sending, line.entry = s, k
+    run = (begin - line.recessive_since) // RECESSIVE_RUN
+    for s in range(line.senders):
+        line.runs_left[s] -= run * line.off[s]
+    copy(line.frame, line.frames[line.sending * MOST_ROOM + line.entry])
+    line.begin, line.length = begin, encode(line.frame, line.raw, line.wire)
+    line.hit = _hit(line)
+    if _listeners(line) == 0 and (line.hit < 0 or line.hit > _slot(line)):
+        line.hit = _slot(line)  # (6)
+    line.due = begin + (line.length if line.hit < 0 else line.hit + 1)
+
+
+@loop_inline
+def _slot(line: Any) -> Any:
+    """Return the place of the ACK slot."""
+    return line.length - EOF_BITS - 2
+
+
+@loop_inline
+def _listeners(line: Any) -> Any:
+    """Return how many hear the frame that is on the line."""
+    count = np.int64(-1)
+    for s in range(line.senders):
+        count += line.off[s] == 0
+    return count
+
+
+@loop_inline
+def _uniform(line: Any) -> Any:
+    line.draw = line.draw * _FACTOR % _PRIME
+    return line.draw / _PRIME
+
+
+@loop_function
+def _hit(line: Any) -> Any:
+    """Draw which bit of the frame is flipped, -1 for none."""
+    if line.p <= 0.0:
+        return np.int64(-1)
+    u = _uniform(line)
+    if line.hit_before != 0:
+        again = 1.0 - 1.0 / line.burst
+        if u < again:
+            return np.int64(u / again * (line.length - 1))
+        u = (u - again) / (1.0 - again)
+    clear = 1.0  # the probability that nothing was hit so far
+    for i in range(line.length - 1):
+        clear *= 1.0 - line.p
+        if u >= clear:
+            return np.int64(i)
+    return np.int64(-1)
+
+
+@loop_function
+def _rest(line: Any, free_at: Any, recessive: Any) -> None:
+    """Note the end of a transmission, and that its last `recessive` bits were so."""
+    line.busy += free_at - line.begin
+    line.free_at, line.recessive_since = free_at, free_at - recessive
+
+
+@loop_function
+def _succeed(line: Any, s: Any) -> None:
+    line.hit_before = 0
+    line.sent[s] += 1
+    line.waited = line.at - line.since[s, line.entry]
+    line.longest_bits[s] = max(line.longest_bits[s], line.waited)
+    _take_out(line, s, line.entry)
+    _rest(line, line.at + INTERMISSION_BITS, np.int64(1 + EOF_BITS + INTERMISSION_BITS))
+    if passive(line, s):
+        line.not_before[s] = line.free_at + SUSPENDED_BITS
+    line.transmit_errors[s] = max(line.transmit_errors[s] - 1, 0)  # (4)
+    for r in range(line.senders):
+        if r != s and line.off[r] == 0:
+            fewer = min(line.receive_errors[r], np.int64(PASSIVE_AT)) - 1
+            line.receive_errors[r] = max(fewer, np.int64(0))
+
+
+@loop_function
+def _fail(line: Any, s: Any) -> Any:
+    """Send the error frame (3), count (4); return ERROR or BUS_OFF."""
+    alone, was_passive = _listeners(line) == 0, passive(line, s)
+    line.hit_before = 1
+    line.errors[s] += 1
+    flag = FLAG_BITS if alone else _flag_bits(line, np.int64(was_passive))
+    end = DELIMITER_BITS + INTERMISSION_BITS
+    silent = was_passive
+    for r in range(line.senders):
+        if r != s and line.off[r] == 0:
+            silent = silent and passive(line, r)
+            line.receive_errors[r] = min(line.receive_errors[r] + 1, 2 * PASSIVE_AT - 1)
+    _rest(line, line.at + flag + end, np.int64(end + (flag if silent else 0)))
+    if not (alone and was_passive and line.hit == _slot(line)):  # (6)
+        line.transmit_errors[s] += 8
+    line.worst[s] = max(line.worst[s], line.transmit_errors[s])
+    if line.transmit_errors[s] >= OFF_AT:
+        line.off[s], line.runs_left[s] = 1, RUNS_TO_RECOVER
+        line.times_off[s] += 1
+        line.lost_off[s] += line.waiting[s]
+        line.waiting[s] = 0
+        return BUS_OFF
+    if passive(line, s):
+        line.not_before[s] = line.free_at + SUSPENDED_BITS
+    return ERROR
+
+
+@loop_function
+def _flag_bits(line: Any, recessive: Any) -> Any:
+    """Return how long the flags of the sender, `recessive` or not, and of all others last (3)."""
+    wire, hit = line.wire, line.hit
+    if hit >= line.length - END_BITS:
+        return FLAG_BITS
+    level = 1 - wire[hit]
+    m = np.int64(1)
+    while hit - m >= 0 and wire[hit - m] == level:
+        m += 1
+    if m > 5:
+        return FLAG_BITS
+    return 2 * FLAG_BITS - (m if level == recessive else 0)
+
+
+@loop_function
+def _take_out(line: Any, s: Any, k: Any) -> None:
+    """Close the gap that a frame leaves in its queue."""
+    line.waiting[s] -= 1
+    for i in range(k, line.waiting[s]):
+        copy(line.frames[s * MOST_ROOM + i], line.frames[s * MOST_ROOM + i + 1])
+        line.urgency[s, i] = line.urgency[s, i + 1]
+        line.since[s, i] = line.since[s, i + 1]
+
+
+@loop_function
+def _recovers(line: Any, until: Any) -> Any:
+    """Return whether a sender that is off comes back up to bit `until` of an idle line (5)."""
+    for s in range(line.senders):
+        at = line.recessive_since + RECESSIVE_RUN * line.runs_left[s]
+        if line.off[s] != 0 and at <= until:
+            line.off[s] = line.transmit_errors[s] = line.receive_errors[s] = 0
+            line.who, line.at = s, at
+            return True
+    return False

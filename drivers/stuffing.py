@@ -1,0 +1,75 @@
+"""The bits of one classic data frame on the wire, one by one: CRC-15, stuff bits, fixed end.
+
+    SOF, id, RTR, IDE, r0, DLC, data, CRC     behind five equal bits comes one of the other kind
+    CRC delimiter, ACK slot and delimiter, 7 EOF                              not stuffed
+
+0 is dominant. The ACK slot is dominant, as receivers make it. The interframe space is not part of
+it. `drivers.frame_bits` has the longest that such a frame can be. Source: ISO 11898-1:2015, 10.4.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.jit import loop_function
+
+RAW_BITS = 128  # SOF to CRC: 118 with a 29-bit id
+WIRE_BITS = 160  # with stuff bits and the end: 157 at most
+END_BITS = 10  # CRC delimiter to EOF
+EOF_BITS, INTERMISSION_BITS = 7, 3
+_POLYNOMIAL = 0x4599
+
+
+@loop_function
+def _append(bits: Any, n: Any, value: Any, count: Any) -> Any:
+    for i in range(count):
+        bits[n + i] = (value >> (count - 1 - i)) & 1
+    return n + count
+
+
+@loop_function
+def _head(frame: Any, raw: Any) -> Any:
+    """Write SOF to DLC of `frame` (16,); return the number of bits."""
+    word = np.int64(0)
+    for i in range(4):
+        word |= np.int64(frame[i]) << (8 * i)
+    raw[0] = 0
+    if word >> 31 != 0:
+        n = _append(raw, 1, (word >> 18) & 0x7FF, 11)
+        n = _append(raw, n, 3, 2)  # SRR, IDE
+        n = _append(raw, n, word & 0x3FFFF, 18)
+        n = _append(raw, n, 0, 3)  # RTR, r1, r0
+    else:
+        n = _append(raw, 1, word & 0x7FF, 11)
+        n = _append(raw, n, 0, 3)  # RTR, IDE, r0
+    return _append(raw, n, np.int64(frame[4]), 4)
+
+
+@loop_function
+def _crc15(raw: Any, n: Any) -> Any:
+    crc = np.int64(0)
+    for i in range(n):
+        feedback = (crc >> 14) ^ np.int64(raw[i])
+        crc = (crc << 1) & 0x7FFF
+        if feedback != 0:
+            crc ^= _POLYNOMIAL
+    return crc
+
+
+@loop_function
+def encode(frame: Any, raw: Any, wire: Any) -> Any:
+    """Write the bits of `frame` (16,) to `wire`, SOF to EOF; return how many. `raw` is scratch."""
+    n = _head(frame, raw)
+    for i in range(min(np.int64(frame[4]), np.int64(8))):
+        n = _append(raw, n, np.int64(frame[8 + i]), 8)
+    n = _append(raw, n, _crc15(raw, n), 15)
+    out, run = np.int64(0), np.int64(0)
+    for i in range(n):
+        run = run + 1 if out > 0 and wire[out - 1] == raw[i] else np.int64(1)
+        wire[out] = raw[i]
+        out += 1
+        if run == 5:
+            wire[out] = 1 - raw[i]
+            out += 1
+            run = np.int64(1)
+    return _append(wire, out, 0x2FF, END_BITS)  # 1 0 1 1111111
