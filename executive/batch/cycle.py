@@ -172,6 +172,7 @@ def limit(n: Any, w: Any) -> None:
     w[CLAMPED] = 0.0
     table = n.limits.table
     for i in range(n.limits.n):
+        add(n, w, ODD, number(w[STATE] == float(sv.INIT)))  # its commands are safe ones
         j, own = n.limits.place[i], of_limit(n, i)
         wanted, sent, rate = w[j], w[own], table[i, sh.RATE]
         value = within(wanted, table[i, sh.LOW], table[i, sh.HIGH])

@@ -84,7 +84,7 @@ def count_missing(n: Any, running: Any) -> None:
     else:
         guard.missing += 1
         n.control[sh.HELD] += running
-        n.control[sh.STALE] += running and guard.missing > guard.hold_cycles
+        n.control[sh.STALE] += running if guard.missing > guard.hold_cycles else 0
     rx.started = 0
     rx.fresh = 0
     n.wire.muted = 0
@@ -95,8 +95,8 @@ def count_missing(n: Any, running: Any) -> None:
 def supervise(n: Any) -> None:
     """Advance the state machine by what is missing; ramp the gain in FAULT and at the end."""
     guard, before, asked = n.guard, np.int64(n.v[STATE]), over(n)
-    count_missing(n, before == sv.RUN or before == sv.HOLD)
-    silent = before != sv.INIT and guard.missing >= guard.fault_after
+    count_missing(n, sv.DOES[before, sv.RUNS])
+    silent = sv.DOES[before, sv.EXPECTS] != 0 and guard.missing >= guard.fault_after
     if silent and guard.faulted == sv.NO_FAULT and not asked:
         guard.faulted = sv.INPUT_MISSING
     safe = settled(n.limits)
@@ -104,9 +104,9 @@ def supervise(n: Any) -> None:
     leave = asked and (safe or not listens)
     fresh, ramped = guard.missing == 0, guard.gain <= 0.0 and safe
     state = sv.advance(before, fresh, guard.faulted, leave, ramped)
-    if guard.pace == 0.0 and (state == sv.FAULT or asked):
+    if guard.pace == 0.0 and (sv.DOES[state, sv.RAMPS] != 0 or asked):
         begin_ramp(n, asked)
-    if before == sv.FAULT or (asked and not leave):
+    if sv.DOES[before, sv.RAMPS] != 0 or (asked and not leave):
         guard.gain = max(guard.gain - guard.pace, 0.0)
     enter(n, before, state)
     watch_input(n, state)
@@ -135,7 +135,7 @@ def watch_input(n: Any, state: Any) -> None:
     guard, safe = n.guard, n.guard.safe
     for i in range(guard.n_safe):
         j = guard.safe_index[i]
-        if state < sv.FAULT:
+        if sv.DOES[state, sv.RAMPS] == 0:
             safe[i, sh.LAST] = n.v[j]
         else:
             n.v[j] = safe[i, sh.SAFE] + guard.gain * (safe[i, sh.LAST] - safe[i, sh.SAFE])

@@ -5,6 +5,8 @@ finite   every output and every value to be sent is a finite number, else it is 
 range    low <= command <= high
 rate     |change| <= rate_per_s T a cycle, from the value sent before, also on a ramp and at
          the end of the run
+begin    before the first valid input (state INIT) a command is its safe value; only a local node
+         already acts on what it hears from below
 ramp     command = safe + gain (last - safe), gain falling from 1 to 0 by `pace` a cycle: as
          fast as the supervisor's ramp_s, or as slow as the slowest command's rate
 """
@@ -58,7 +60,9 @@ def limit_commands(n: Any) -> None:
     guard, table = n.guard, n.limits.table
     odd = check_finite(n)
     n.v[CLAMPED] = 0.0
-    ramping = n.v[STATE] >= sv.FAULT or guard.pace > 0.0
+    state = np.int64(n.v[STATE])
+    waits = guard.safe_start != 0 and sv.DOES[state, sv.SENDS] == 0
+    ramping = sv.DOES[state, sv.RAMPS] != 0 or guard.pace > 0.0
     for i in range(n.limits.n):
         j = n.limits.place[i]
         wanted, last, safe = n.v[j], table[i, sh.LAST], table[i, sh.SAFE]
@@ -67,6 +71,8 @@ def limit_commands(n: Any) -> None:
             if guard.faulted == sv.NO_FAULT:
                 guard.faulted = sv.COMMAND_NOT_FINITE
             wanted = last
+        if waits:
+            wanted = safe
         if ramping:
             wanted = guard.gain * last if safe == 0.0 else safe + guard.gain * (last - safe)
         value = min(max(wanted, table[i, sh.LOW]), table[i, sh.HIGH])

@@ -169,6 +169,7 @@ _GUARD = [  # the supervisor
     ("overrun_after", "<i8"),  # overruns in a row that count
     ("grace_passes", "<i8"),  # cycles at the start in which none does
     ("odd_output", "<i8"),  # the fault when an output is no finite number
+    ("safe_start", "<i8"),  # 1: before the first valid input commands are safe
     ("ramp_step", "<f8"),  # change of the gain a cycle in FAULT
     ("n_safe", "<i8"),
     ("safe_index", "<i8", (MAX_LIMITS,)),

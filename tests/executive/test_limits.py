@@ -14,6 +14,7 @@ from pcpc.drivers.jit import i8, loop
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.cycle import N, finish
+from pcpc.executive.loop.losses import ENTER
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.reading import load_rig
 
@@ -189,3 +190,15 @@ def test_a_command_goes_to_its_safe_value_within_range_and_rate(
     assert states <= ({RUN, FAULT} if why == "fault" else {RUN}), states
     assert (node.count(sh.FAULT) == sv.NO_FAULT) == (why != "fault")
     assert why == "fault" or math.isfinite(rate) or len(sent) == done + 1, "cycles more"
+
+
+def test_before_the_first_valid_input_a_command_is_safe(plans: tuple[Plan, Plan]) -> None:
+    made = Bench(plans)
+    node = made.executive
+    node["controller.torque_Nm"] = 1.5
+    node.loop.rx.loss[:, ENTER] = 1.0  # of every frame the first is lost
+    assert made.run(1) == 1
+    assert (node.state, node["tx.CMD.motor_torque"]) == ("INIT", 0.0)
+    node.loop.rx.loss[:, ENTER] = 0.0
+    made.run(1)
+    assert (node.state, node["tx.CMD.motor_torque"]) == ("READY", 1.5)

@@ -1,10 +1,16 @@
 """The supervisor: its table is the documented one, FAULT is latched, STOP is final."""
 
+import re
 from itertools import product
 
 import pytest
+from engine import ROOT, SLEW10
 
+from pcpc.executive.loop import strangers
 from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.nodes.install import PATIENCE_S
+from pcpc.executive.nodes.watched import HANG_PERIODS, HANG_S
+from pcpc.executive.rig.reading import load_rig
 
 EVENTS = ("NONE", "FRESH", "MISSED", "LOSS", "STOP_REQUEST", "RAMPED")
 
@@ -86,6 +92,49 @@ def test_the_heartbeat_says_operational_exactly_where_the_loop_is_closed() -> No
     said = dict(zip(sv.STATE_NAMES, sv.NMT.tolist(), strict=True))
     expected = {"INIT": 127, "READY": 127, "RUN": 5, "HOLD": 5, "FAULT": 4, "STOP": 4}
     assert said == expected, said
+
+
+def test_what_a_state_does_is_documented() -> None:
+    lines = (sv.__doc__ or "").splitlines()
+    head = next(i for i, line in enumerate(lines) if line.split()[:2] == ["state", "runs"])
+    told = [re.split(r"\s{2,}", line.strip()) for line in lines[head + 1 : head + 7]]
+    nmt = {127.0: "pre-operational", 5.0: "operational", 4.0: "stopped"}
+    columns = zip(sv.STATE_NAMES, sv.DOES, sv.NMT, sv.DRIVE, strict=True)
+    expected = [
+        [name, *(str(int(one)) for one in does), nmt[float(beat)], drive.lower().replace("_", " ")]
+        for name, does, beat, drive in columns
+    ]
+    assert told == expected
+
+
+def test_the_page_tells_every_named_fault_with_its_limit_and_reaction() -> None:
+    page = (ROOT / "docs/bus-safety.md").read_text(encoding="utf-8")
+    told = re.findall(r"^\| (\d+) \| (.*?) \| (.*?) \| (.*?) \|$", page, re.MULTILINE)
+    expected = []
+    for code, fault in enumerate(sv.FAULTS[1:], 1):
+        cycles = "1 cycle" if fault.within == 1 else f"{fault.within} cycles"
+        limit = f"`{fault.within}`" if isinstance(fault.within, str) else cycles
+        words = [] if fault.within is None else [limit]
+        limit = "; ".join([*words, *filter(None, [fault.why])])
+        expected.append((str(code), fault.says, limit, fault.reaction))
+    assert told == expected
+
+
+def test_the_limit_of_a_fault_is_a_key_of_the_rig_or_a_number_of_the_loop() -> None:
+    config = load_rig(SLEW10).config
+    for fault in sv.FAULTS[1:]:
+        if isinstance(fault.within, str):
+            section, _, key = fault.within.partition(".")
+            assert hasattr(getattr(config, section), key), fault
+        assert fault.within is not None or fault.why, fault
+    foreign, repeated = sv.FAULTS[sv.ANOTHER_SENDER], sv.FAULTS[sv.REPEATED_INPUT]
+    counts = strangers.FOREIGN_FRAMES, strangers.REPEATED_FRAMES
+    assert (foreign.within, repeated.within) == counts
+    assert foreign.why == f"{counts[0]} frames in {strangers.FOREIGN_CYCLES} cycles"
+    assert repeated.why == f"{counts[1]} frames in {strangers.REPEATED_CYCLES} cycles"
+    silent, hangs = sv.FAULTS[sv.PEER_SILENT], sv.FAULTS[sv.STEP_HANGS]
+    assert f"after {PATIENCE_S:g} s" in silent.why
+    assert hangs.why == f"after {HANG_S:g} s or {HANG_PERIODS:g} periods"
 
 
 def test_every_fault_has_a_name() -> None:

@@ -1,0 +1,168 @@
+"""The supervisor as a model to be checked: the compiled pieces under any order of events.
+
+Hypothesis looks for a sequence of inputs, wishes, faults and requests that breaks what a supervisor
+promises. A cycle is here what the loop does of it: supervise, then limit what is sent.
+"""
+
+import math
+import tempfile
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+from engine import Node, puppet_rig
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
+
+from pcpc.drivers.jit import i8, loop
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.cycle import N, supervise
+from pcpc.executive.loop.limits import limit_commands, settled
+from pcpc.executive.nodes.plan import Plan, plan
+from pcpc.executive.rig.reading import load_rig
+
+LOW, HIGH, SAFE, RATE = -1.0, 2.0, 0.25, 0.125  # of the command; the last a cycle
+RAMP_CYCLES = 8
+WAY_CYCLES = math.ceil((HIGH - LOW) / RATE)
+COMMAND = "tx.CMD.motor_torque"
+WISHES = st.floats(allow_nan=True, allow_infinity=True) | st.floats(-4.0, 4.0)
+
+
+@cache
+def executive() -> Plan:
+    """Return the plan of a node with a command of limited range and rate."""
+    limit = f"{{low: {LOW}, high: {HIGH}, rate_per_s: {1000 * RATE}, safe: {SAFE}}}"
+    lines = f"executive: {{limits: {{CMD.motor_torque: {limit}}}}}", "supervisor: {ramp_s: 0.008}"
+    with tempfile.TemporaryDirectory() as folder:
+        return plan(load_rig(puppet_rig(Path(folder), *lines)), "executive", "sync")
+
+
+@loop(i8(N))
+def _cycle(n: Any) -> Any:
+    """Do what is the supervisor's of a cycle; return whether the command may be safe by now."""
+    supervise(n)
+    limit_commands(n)
+    n.k += 1
+    return settled(n.limits)
+
+
+class Supervised(RuleBasedStateMachine):
+    """A node; what happens to it, and what must hold in each of its cycles."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.node = Node(executive())
+        self.n = self.node.loop
+        self.state, self.gain, self.sent, self.asked = sv.INIT, 1.0, SAFE, False
+
+    @property
+    def over(self) -> bool:
+        """Whether it has stopped, so that no cycle follows."""
+        return self.state == sv.STOP
+
+    @precondition(lambda self: not self.over)
+    @rule(fresh=st.booleans(), wish=WISHES)
+    def cycle(self, fresh: bool, wish: float) -> None:
+        """Do a cycle with or without complete input; `wish` is what the law wants."""
+        n = self.n
+        n.rx.fresh = n.rx.awaited if fresh else 0
+        if n.rx.awaited == 0:
+            n.rx.fresh = 0
+        self.node[COMMAND] = wish
+        _cycle(n)
+        self.hold(fresh)
+
+    @precondition(lambda self: not self.over)
+    @rule(count=st.integers(1, 6), wish=WISHES)
+    def cycles_without_input(self, count: int, wish: float) -> None:
+        """Hear nothing for some cycles."""
+        for _ in range(count):
+            if not self.over:
+                self.cycle(False, wish)
+
+    @rule(fault=st.integers(1, len(sv.FAULTS) - 1))
+    def detect(self, fault: int) -> None:
+        """Let a detector of the loop see a fault; the first one counts."""
+        if self.n.guard.faulted == sv.NO_FAULT:
+            self.n.guard.faulted = fault
+
+    @rule()
+    def ask_to_stop(self) -> None:
+        """Let the host ask for the end."""
+        self.n.control[sh.STOP] = 1
+        self.asked = True
+
+    @rule()
+    def be_over(self) -> None:
+        """Let the run have its duration."""
+        self.n.guard.cycles = self.n.k
+        self.asked = True
+
+    def hold(self, fresh: bool) -> None:
+        """Check what a cycle may do, against the one before."""
+        before, gain, sent = self.state, self.gain, self.sent
+        self.state = state = int(self.node["supervisor.state"])
+        self.gain, self.sent = float(self.n.guard.gain), self.node[COMMAND]
+        told = f"{sv.STATE_NAMES[before]} to {sv.STATE_NAMES[state]}, {sent} to {self.sent}"
+        assert state in sv.NEXT[before], told
+        if before == sv.FAULT:
+            assert state in (sv.FAULT, sv.STOP), f"{told}: FAULT is latched"
+        if state in (sv.READY, sv.RUN) and state != before:
+            assert fresh or self.asked, f"{told}: nothing fresh"
+        if state == sv.HOLD:
+            assert not fresh, told
+        assert state != sv.FAULT or self.node["supervisor.fault"] != sv.NO_FAULT, told
+        assert self.gain <= gain, f"{told}: the gain rises from {gain} to {self.gain}"
+        assert self.gain == 1.0 or self.asked or sv.DOES[state, sv.RAMPS], told
+        self.hold_command(state, sent, told)
+        assert self.n.control[sh.STATE] == state
+
+    def hold_command(self, state: int, sent: float, told: str) -> None:
+        """Check what is sent: in range and rate in any case; safe before input, else on its way."""
+        assert LOW <= self.sent <= HIGH, told
+        assert abs(self.sent - sent) <= RATE * (1 + 1e-12), told
+        if state == sv.INIT:
+            assert self.sent == SAFE, told
+        if self.asked or sv.DOES[state, sv.RAMPS]:
+            assert abs(self.sent - SAFE) <= abs(sent - SAFE) + 1e-15, f"{told}: away from safe"
+
+    def teardown(self) -> None:
+        """Let it end: a fault stops in its time, with a safe command; STOP is final."""
+        if self.state == sv.FAULT:
+            for _ in range(RAMP_CYCLES + WAY_CYCLES + 2):
+                if not self.over:
+                    self.cycle(True, HIGH)
+            assert self.over, f"still in FAULT, sent {self.sent}"
+        if self.over:
+            assert abs(self.sent - SAFE) <= RATE, f"stopped with a command of {self.sent}"
+            self.n.guard.faulted = sv.NO_FAULT
+            for fresh in (True, False):
+                _cycle(self.n)
+                assert self.node["supervisor.state"] == sv.STOP, f"STOP is left, {fresh=}"
+
+
+Supervised.TestCase.settings = settings(
+    max_examples=300, stateful_step_count=40, derandomize=True, deadline=None
+)
+TestSupervised = Supervised.TestCase
+
+
+@pytest.mark.parametrize("state", range(6), ids=sv.STATE_NAMES)
+def test_every_way_through_the_table_is_a_safe_one(state: int) -> None:
+    """All ways of four events from each state: what each does on its way, from the table alone."""
+    for events in product(range(sv.NEXT.shape[1]), repeat=4):
+        at, faulted, stopped = state, state == sv.FAULT, state == sv.STOP
+        for event in events:
+            before, at = at, int(sv.NEXT[at, event])
+            closes = sv.DOES[at, sv.RUNS] > sv.DOES[before, sv.RUNS]
+            way = f"{sv.STATE_NAMES[state]} by {events}: {sv.STATE_NAMES[before]} to {at}"
+            assert not closes or (event == sv.FRESH and not faulted), way
+            assert not stopped or at == sv.STOP, way
+            assert not faulted or sv.DOES[at, sv.RAMPS], way
+            assert event != sv.LOSS or sv.DOES[at, sv.RAMPS], way
+            assert event != sv.STOP_REQUEST or at == sv.STOP, way
+            faulted, stopped = faulted or at == sv.FAULT, stopped or at == sv.STOP
