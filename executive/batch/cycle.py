@@ -170,11 +170,10 @@ def limit(n: Any, w: Any) -> None:
         look_for_odd(n, w, n.blocks.views[b, 6], n.blocks.views[b, 7])
     look_for_odd(n, w, n.tx.first, n.tx.past)
     w[CLAMPED] = 0.0
-    table = n.limits.table
+    table, waits = n.limits.table, w[STATE] == float(sv.INIT)
     for i in range(n.limits.n):
-        add(n, w, ODD, number(w[STATE] == float(sv.INIT)))  # its commands are safe ones
         j, own = n.limits.place[i], of_limit(n, i)
-        wanted, sent, rate = w[j], w[own], table[i, sh.RATE]
+        wanted, sent, rate = where(waits, table[i, sh.SAFE], w[j]), w[own], table[i, sh.RATE]
         value = within(wanted, table[i, sh.LOW], table[i, sh.HIGH])
         value = within(value, sent - rate, sent + rate)
         clamped = value != wanted
