@@ -173,8 +173,11 @@ class Evaluation:
         period_s: float,
     ) -> dict[str, float]:  # fmt: skip
         """Return the figures of a run; {} without a cycle in the window."""
-        judged = self.judged(log, window_s, numbers, period_s)
-        merits = self._taken(numbers)
+        return self.figures(self.judged(log, window_s, numbers, period_s))
+
+    def figures(self, judged: Judged) -> dict[str, float]:
+        """Return the figures of a run; {} without a cycle in the window."""
+        merits = self._taken(judged.numbers)
         found: dict[str, float] = {}
         for leader in dict.fromkeys(m.leader for m in merits.values() if isinstance(m, Merit)):
             own = {n: m for n, m in merits.items() if isinstance(m, Merit) and m.leader == leader}

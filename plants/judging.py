@@ -196,6 +196,14 @@ class Run:
         first, past = edges(self.period_s, begin_s, end_s)
         return (self.cycle >= first) & (self.cycle < past)
 
+    def window(self, name: str) -> Mask:
+        """Return which cycles are in one of `windows`; not to be changed."""
+        key = f"window {name}"
+        if key not in self._made:
+            self._made[key] = self.between(*self.windows[name])
+        found: Mask = self._made[key]
+        return found
+
     def setting(self, name: str) -> float:
         """Return a setting of the controller, else of the plant; NaN if unknown."""
         rig = _rig(self.log)
@@ -243,8 +251,7 @@ class Merit:
     def of(self, run: Run, own: slice) -> Vector:
         """Return the source's values in a run's own cycles, and of those in the window."""
         values = run.values(self.source, self.place)
-        window_s = run.windows[self.over]
-        return values[own] if self.over == RUN else values[own][run.between(*window_s)[own]]
+        return values[own] if self.over == RUN else values[own][run.window(self.over)[own]]
 
 
 @dataclass(frozen=True)
@@ -256,10 +263,15 @@ class Judged:
     windows: Windows = field(default_factory=lambda: {RUN: (-math.inf, math.inf)})
     numbers: Mapping[str, float] = field(default_factory=dict)
     signals: Mapping[str, Signal] = field(default_factory=dict)
+    _runs: dict[str, Run] = field(default_factory=dict, init=False, compare=False)
 
     def run(self, leader: str = "executive") -> Run:
-        """Return the run as a whole, its columns not yet looked at."""
-        return self._run(self.log, leader)
+        """Return the run as a whole; of a short one its signals are computed once."""
+        if isinstance(self.log, LongLog):
+            return self._run(self.log, leader)
+        if leader not in self._runs:
+            self._runs[leader] = self._run(self.log, leader)
+        return self._runs[leader]
 
     def _run(self, log: Log, leader: str, row: int = 0, whole: Log | None = None) -> Run:
         about = self.signals, self.windows, self.numbers

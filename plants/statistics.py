@@ -19,7 +19,8 @@ Vector = NDArray[np.float64]
 
 def over_finite(values: Vector, statistic: Callable[[Vector], Any]) -> float:
     """Return the statistic of the finite values; NaN if there are none."""
-    finite = values[np.isfinite(values)]
+    told = np.isfinite(values)
+    finite = values if told.all() else values[told]
     with np.errstate(over="ignore"):  # of a run that diverged
         return float(statistic(finite)) if finite.size else math.nan
 

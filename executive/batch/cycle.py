@@ -48,6 +48,7 @@ _COUNTED = np.array(  # the row of EXTRA for each of timing.COUNTERS; -1: none i
 )  # fmt: skip
 _PASSES_AT = TIMING_AT + 5 + COUNTERS.tolist().index(sh.PASSES)
 _TWO_52 = 2.0**52
+_OPTIONS = OPTIONS | {"_nrt": False}  # nothing is allocated: counting references is 4 % of a run
 _PRIME, _FACTOR = float(losses.PRIME), float(losses.FACTOR)
 
 
@@ -307,7 +308,7 @@ def keep(n: Any, w: Any, seat: Any, k: Any) -> None:
         trace[first + i] = w[seat.wanted[i]]
 
 
-@numba.njit(**OPTIONS)
+@numba.njit(**_OPTIONS)
 def one_pass(seat: Any, k: Any, other: Any) -> None:
     """Do cycle `k` of a node, whose frames go to the other one."""
     n, w = seat.n, lane_rows(seat.values)
@@ -320,7 +321,7 @@ def one_pass(seat: Any, k: Any, other: Any) -> None:
     keep(n, w, seat, k)
 
 
-@numba.njit(**OPTIONS)
+@numba.njit(**_OPTIONS)
 def advance(top: Any, low: Any, first: Any, past: Any) -> None:
     """Do the executive's cycles from `first` on, each followed by the plant's for the next one."""
     if first == 0:
@@ -330,7 +331,7 @@ def advance(top: Any, low: Any, first: Any, past: Any) -> None:
         one_pass(low, k + 1, top)
 
 
-@numba.njit(**OPTIONS)
+@numba.njit(**_OPTIONS)
 def finish(top: Any, low: Any, cycles: Any) -> None:
     """Mark the runs that go on after their last cycle, or whose plant is not told of the end."""
     n, m = top.n, low.n

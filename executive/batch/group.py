@@ -30,6 +30,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
 Traces = dict[Role, NDArray[np.float64]]
+_AT_ONCE = 256  # rows of a trace turned at once: they fit the nearest memory
 PIECE = 1000  # cycles between two looks at whether the user wants the end
 _WHOLE = 2.0**53  # the largest code that float64 counts exactly
 _COUNTERS_AT = range(TIMING_AT + 5, TIMING_AT + 5 + len(COUNTERS))
@@ -86,8 +87,7 @@ class Group:
 
     def put(self, lane: int, role: Role, values: Mapping[int, float]) -> None:
         """Give a run values by their places in the table of a node."""
-        for place, value in values.items():
-            self.seats[role].values[place, lane] = value
+        self.seats[role].values[list(values), lane] = list(values.values())
 
     def put_seed(self, lane: int, seed: int) -> None:
         """Give the losses of a run their seed."""
@@ -117,6 +117,17 @@ class Group:
         cycle.finish(top, low, self.cycles)
         odd = [seat.values[seat.n.n_variables + cycle.ODD] for seat in (top, low)]
         found: NDArray[np.bool_] = (odd[0] != 0.0) | (odd[1] != 0.0)
+        return found
+
+    def columns(self) -> Traces:
+        """Return what was kept, by node: (wanted, WIDTH, cycles)."""
+        found = {}
+        for role, seat in self.seats.items():
+            rows = seat.trace.reshape(self.cycles + 1, -1)
+            columns = np.empty((rows.shape[1], len(rows)))
+            for first in range(0, len(rows), _AT_ONCE):
+                columns[:, first : first + _AT_ONCE] = rows[first : first + _AT_ONCE].T
+            found[role] = columns.reshape(-1, WIDTH, len(rows))
         return found
 
     def _piece(self, first: int) -> bool:

@@ -79,6 +79,7 @@ class Runs:
             for spec in node.blocks
             for name in spec.settings
         }
+        self._known: dict[tuple[Role, str], dict[str, int]] = {}
         try:
             self.group: Group | None = Group(self.rig, wanted, traces)
         except NotInLanes as error:
@@ -89,20 +90,29 @@ class Runs:
         if len(cases) > WIDTH:
             raise ValueError(f"{len(cases)} cases; a group holds {WIDTH}")
         why = self.why or self._why_alone(cases)
-        if why or self.group is None:
+        if why or (group := self.group) is None:
             return [self._alone(case, why) for case in cases]
-        refused = self._fill(self.group, cases)
+        refused = self._fill(group, cases)
         try:
-            odd = self.group.run()
+            odd = group.run()
         except LanesDiffer:
             why = "a step branches differently with these settings"
             return [self._alone(case, why, refused[i]) for i, case in enumerate(cases)]
+        traces = group.columns()
         return [
             Done(None, refused=refused[lane]) if refused[lane]
             else self._alone(case, "it left the path of a run without a fault") if odd[lane]
-            else Done(self._log(self.group, case, lane))
+            else Done(self._log(group, case, lane, traces))
             for lane, case in enumerate(cases)
         ]  # fmt: skip
+
+    def _places(self, group: Group, role: Role, spec: BlockSpec) -> Mapping[str, int]:
+        """Return the places of a block's own names in the table of its node."""
+        known = self._known.setdefault((role, spec.name), {})
+        if not known:
+            index, before = group.plans[role].table.index, f"{spec.name}."
+            known |= {k.removeprefix(before): i for k, i in index.items() if k.startswith(before)}
+        return known
 
     def _why_alone(self, cases: Sequence[Case]) -> str:
         other = {name for case in cases for name in case.settings if name not in self._own}
@@ -115,14 +125,11 @@ class Runs:
         for lane, case in enumerate(cases):
             try:
                 for role, spec in self._specs(case):
-                    table = group.plans[role].table
                     rate_hz = self.rig.config.rate_hz
                     pairs = prepared(spec.block, spec.settings, rate_hz, case.seed)
-                    places = {
-                        table.index[f"{spec.name}.{name}"]: value
-                        for name, value in (*pairs[0], *pairs[1])
-                    }
-                    group.put(lane, role, places)
+                    places = self._places(group, role, spec)
+                    own = {places[name]: value for name, value in (*pairs[0], *pairs[1])}
+                    group.put(lane, role, own)
                 group.put_seed(lane, case.seed)
                 found.append("")
             except (ValueError, RigError) as error:
@@ -143,14 +150,14 @@ class Runs:
                 if own or seeded:
                     yield role, replace(spec, settings=spec.settings | own)
 
-    def _log(self, group: Group, case: Case, lane: int) -> logs.Log:
-        """Return what was kept of a lane, as a log."""
+    def _log(self, group: Group, case: Case, lane: int, traces: Traces) -> logs.Log:
+        """Return what was kept of a lane, as a log; `traces`: of all, see `Group.columns`."""
         nodes = {}
         for role, about in group.described.items():
-            names, rows = self.wanted[role], group.cycles + (role == "plant")
-            trace = group.seats[role].trace.reshape(group.cycles + 1, len(names), WIDTH)
+            rows = group.cycles + (role == "plant")
             columns = {
-                name: np.ascontiguousarray(trace[:rows, i, lane]) for i, name in enumerate(names)
+                name: own[lane, :rows]
+                for name, own in zip(self.wanted[role], traces[role], strict=True)
             }
             cycle = np.arange(rows)
             timing = set(about["timing_columns"])

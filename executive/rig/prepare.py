@@ -5,6 +5,7 @@ numba is not needed here: the trial of a law (`executive.rig.trial`) uses it as 
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -54,11 +55,19 @@ def prepared(
     ports = block.parameters
     computed = block.prepare is not None
     if computed:
-        known = {n for port in (*ports, *block.states) for n in (port.name, *port.names())}
-        for name in (*parameters, *states):
-            if name not in known and name not in settings:  # a setting may be handed on
-                raise ValueError(f"prepare gave {name}: no such port{did_you_mean(name, known)}")
+        _check_names((*ports, *block.states), (*parameters, *states), settings)
     return _values(ports, parameters, computed), _values(block.states, states, computed)
+
+
+def _check_names(
+    ports: "Sequence[Port]", given: Sequence[str], settings: Mapping[str, float]
+) -> None:
+    """Raise ValueError for a name that is no port's, and no setting handed on."""
+    others = set(given) - settings.keys() - {port.name for port in ports}
+    if others and (others := others - {name for port in ports for name in port.names()}):
+        known = {name for port in ports for name in (port.name, *port.names())}
+        name = next(name for name in given if name in others)
+        raise ValueError(f"prepare gave {name}: no such port{did_you_mean(name, known)}")
 
 
 def _values(ports: "Sequence[Port]", given: Mapping[str, Any], computed: bool) -> Values:
@@ -78,10 +87,18 @@ def _elements(port: "Port", given: Mapping[str, Any], computed: bool) -> Values:
             raise ValueError(
                 f"{port.name}: prepare gave shape {values.shape}, expected ({port.size},)"
             )
+        if computed:
+            return list(zip(names, _numbers(port.name, values.tobytes()), strict=True))
         pairs = list(zip(names, values.tolist(), strict=True))
     else:
         pairs = [(name, given.get(name, default)) for name in names]
     return [(name, _number(name, value) if computed else float(value)) for name, value in pairs]
+
+
+@lru_cache(maxsize=1024)  # in a campaign most of them stay what they were
+def _numbers(name: str, values: bytes) -> list[float]:
+    """Return the prepared numbers of a port of several, as `_number`."""
+    return [_number(f"{name}_{i}", value) for i, value in enumerate(np.frombuffer(values))]
 
 
 def _number(name: str, value: Any) -> float:

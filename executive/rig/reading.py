@@ -68,7 +68,7 @@ class Rig:
         """The DBC file."""
         return self.document.file(("dbc",), self.config.dbc)
 
-    @property
+    @cached_property
     def evaluation(self) -> Evaluation | None:
         """How a run is judged; `file` is an absolute path."""
         return _evaluation(self.document, self.config)

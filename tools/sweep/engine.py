@@ -24,6 +24,7 @@ from pcpc.tools.sweep.results import FAULT, RAN, REFUSED
 from pcpc.tools.verdict.imagine import imagined
 from pcpc.tools.verdict.judge import TIMING_COLUMNS, Judge
 from pcpc.tools.verdict.outcome import changed
+from pcpc.tools.verdict.requirements import Bound
 
 AHEAD = 2  # pieces in flight for each thread
 
@@ -75,6 +76,7 @@ class Bench:
         rig = load_rig(path, controller, settings)
         self.judge = Judge.of(rig)
         self.runs = Runs(path, controller, settings, asked(rig, self.judge), traces)
+        self._those: Bound | None = None  # of all logs of the lanes
 
     def rows(self, draws: Sequence[Draw]) -> list[Row]:
         """Return the rows of at most WIDTH draws."""
@@ -87,7 +89,10 @@ class Bench:
             return Row(*about, REFUSED, False, done.refused, alone=done.alone)
         try:
             words = [*self.settings, *(f"{name}={value}" for name, value in draw.values.items())]
-            found = self.judge.judge(done.log, changed(words), done.fault)
+            if self._those is None and not done.alone:
+                self._those = self.judge.check_requirements(done.log)
+            those = None if done.alone else self._those
+            found = self.judge.judge(done.log, changed(words), done.fault, those)
         except RigError as error:
             return Row(*about, FAULT if done.fault else RAN, False, str(error), alone=done.alone)
         failed = [*([done.fault] if done.fault else []), *found.failed]

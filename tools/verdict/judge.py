@@ -26,7 +26,7 @@ from pcpc.executive.rig.schema import Requirement
 from pcpc.plants.evaluation import Evaluation
 from pcpc.plants.judging import Judged, Mistake
 from pcpc.tools.verdict.imagine import imagined, large, noise, nothing
-from pcpc.tools.verdict.requirements import Names, Result, bound, results
+from pcpc.tools.verdict.requirements import Bound, Names, Result, bound, results
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
     *(f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send", "publish")),
@@ -102,6 +102,10 @@ class Judge:
         about = window_s or given.window_s, given.numbers, 1.0 / self.rig.config.rate_hz
         return guarded(lambda: evaluation.judge(log, *about))
 
+    def _figures(self, judged: Judged) -> dict[str, float]:
+        evaluation = self.evaluation
+        return {} if evaluation is None else guarded(lambda: evaluation.figures(judged))
+
     def judged(self, log: Log) -> Judged:
         """Return a run with what the rig says of its evaluation."""
         evaluation, given = self.evaluation, self.rig.evaluation
@@ -124,15 +128,20 @@ class Judge:
 
         `cut`: whether the run went on behind the log's end; None: as far as the log tells.
         """
-        self.check_requirements(log)
-        required = list(self.required().values())
-        return guarded(lambda: results(required, self.judged(log), cut)) if required else []
+        return self._results(self.judged(log), cut, self.check_requirements(log))
 
-    def check_requirements(self, log: Log) -> None:
-        """Refuse names and units that are wrong for a log like this one; RigError."""
+    def _results(self, judged: Judged, cut: bool | None, those: Bound) -> list[Result]:
+        required = list(self.required().values())
+        return guarded(lambda: results(required, judged, cut, those)) if required else []
+
+    def check_requirements(self, log: Log) -> Bound:
+        """Return the requirements as they can be judged in a log like this one.
+
+        RigError for names and units that are wrong.
+        """
         signals = self.evaluation.signals if self.evaluation else {}
         try:
-            bound(list(self.required().values()), Names(log, signals))
+            return bound(list(self.required().values()), Names(log, signals))
         except RequirementError as error:
             keys = ("require", list(self.required())[error.number], *error.keys)
             raise self.rig.document.error(keys, error.what) from None
@@ -184,26 +193,34 @@ class Judge:
             found[name] = [*asked, *TIMING_COLUMNS]
         return found
 
-    def judge(self, log: Log, changed: list[str], early: str = "") -> Judgement:
-        """Judge a run in which values were `changed`; `early`: why it has not come to its end."""
-        found = Judgement()
-        self._judge_limits(found, log, changed, early)
+    def judge(
+        self, log: Log, changed: list[str], early: str = "", those: Bound | None = None
+    ) -> Judgement:
+        """Judge a run in which values were `changed`; `early`: why it has not come to its end.
+
+        `those`: what `check_requirements` returned for a log with the same variables.
+        """
+        found, judged = Judgement(), self.judged(log)
+        self._judge_limits(found, judged, changed, early)
         if any(setting.partition("=")[0] == "controller" for setting in changed):
             why = _beyond(self.rig, changed)
             found.not_judged |= {text_of(one): why for one in self.required().values()}
             return found
         try:
-            found.require(self.requirements(log, True if early else None))
+            those = self.check_requirements(log) if those is None else those
+            found.require(self._results(judged, True if early else None, those))
         except RigError as error:
             found.failed += [str(error)] * (str(error) not in found.failed)
         return found
 
-    def _judge_limits(self, found: Judgement, log: Log, changed: list[str], early: str) -> None:
+    def _judge_limits(
+        self, found: Judgement, judged: Judged, changed: list[str], early: str
+    ) -> None:
         """Judge the metrics that the rig limits."""
         config = self.rig.config
         expected = config.expect.get(config.controller, {})
         try:
-            found.metrics = self.metrics(log)
+            found.metrics = self._figures(judged)
         except EvaluationError as error:
             found.failed.append(str(error))
             found.not_judged = dict.fromkeys(expected, "the evaluation failed")

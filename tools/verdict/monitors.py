@@ -150,8 +150,9 @@ class Hold(Monitor):
         forced[:new] = False
         if not forced.any():
             return
-        begun = np.unique(since[forced])
-        self.judged += len(begun) - int(begun[0] == self._counted)
+        begun = since[forced]  # in ascending order
+        events = 1 + int(np.count_nonzero(begun[1:] != begun[:-1]))
+        self.judged += events - int(begun[0] == self._counted)
         self._counted = int(begun[-1])
         margin = np.where(forced, holds.margin(rows), math.inf)
         i = int(np.argmin(margin))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from pcpc.executive.rig.units import Unit, of_name, unit
 from pcpc.plants.judging import Judged, Run
 from pcpc.tools.verdict.monitors import Monitor, monitor
 
+Bound = list[Timed | str]  # a node that is missing
 LEADER = "executive"  # whose cycles count
 END_S = 0.1  # before the last cycle a paced run may end: a stall skips its last cycles
 
@@ -86,9 +88,12 @@ class Names:
 
     def __init__(self, log: Log, signals: Mapping[str, Any]) -> None:
         self.log, self.signals = log, signals
-        self._units = {
+
+    @cached_property
+    def _units(self) -> dict[tuple[str, str], str]:
+        return {
             (node, name): text
-            for node, one in log.node.items()
+            for node, one in self.log.node.items()
             for name, text, *_ in one.description.get("variables", [])
         }
 
@@ -141,12 +146,12 @@ class Names:
         return Rows(run.cycle[own][told], columns, run.period_s)
 
 
-def bound(entries: Sequence[schema.Requirement], known: Names) -> list[Timed | str]:
+def bound(entries: Sequence[schema.Requirement], known: Names) -> Bound:
     """Return requirements that can be judged; of others the node that the log does not have.
 
     RequirementError, with the number of the entry, for names and units that are wrong.
     """
-    found: list[Timed | str] = []
+    found: Bound = []
     for number, entry in enumerate(entries):
         try:
             found.append(known.absent(entry) or timed(entry, known.unit))
@@ -157,16 +162,18 @@ def bound(entries: Sequence[schema.Requirement], known: Names) -> list[Timed | s
 
 
 def results(
-    entries: Sequence[schema.Requirement], judged: Judged, cut: bool | None = None
-) -> list[Result]:
+    entries: Sequence[schema.Requirement], judged: Judged, cut: bool | None = None,
+    those: Bound | None = None,
+) -> list[Result]:  # fmt: skip
     """Return what became of requirements; RequirementError as `bound`.
 
-    `cut`: whether the run went on behind the log's end; None: as far as the log tells.
+    `cut`: whether the run went on behind the log's end; None: as far as the log tells. `those`:
+    what `bound` says of the entries, if that was asked already.
     """
     known = Names(judged.log, judged.signals)
     able = [
         one if isinstance(one, str) else monitor(one, judged.period_s)
-        for one in bound(entries, known)
+        for one in (bound(entries, known) if those is None else those)
     ]
     watched = [one for one in able if not isinstance(one, str)]
     for run, own in judged.stretches(LEADER) if watched else ():
