@@ -120,10 +120,11 @@ def _make_vcan(name: str) -> bool:
     return code == 0
 
 
-def open_bus(bus: Bus, receive_ids: list[int], end: Any) -> None:
+def open_bus(bus: Bus, receive_ids: list[int] | None, end: Any) -> None:
     """Open `bus` for one node that listens to `receive_ids` and put it into the WIRE record `end`.
 
-    `receive_ids` are SocketCAN's filter, above 0x7FF extended; other buses deliver every frame.
+    `receive_ids` are SocketCAN's filter, above 0x7FF extended; other buses deliver every frame, and
+    None stands for every frame.
     Raises BusError: what is missing and the cure.
     """
     from pcpc.drivers import wire  # here, because it imports numba
@@ -172,7 +173,7 @@ def know_own(end: Any) -> None:
             end.own[i] = int.from_bytes(address, "little", signed=True)
 
 
-def _open_socketcan(name: str, receive_ids: list[int]) -> int:
+def _open_socketcan(name: str, receive_ids: list[int] | None) -> int:
     up = f"sudo ip link set {name} up"
     cure = f"create it with `sudo ip link add dev {name} type vcan && {up}`"
     if not name.startswith("vcan"):
@@ -186,7 +187,8 @@ def _open_socketcan(name: str, receive_ids: list[int]) -> int:
             f"{name}: this kernel has no CAN ({error.strerror}); {cure}{others}"
         ) from None
     try:
-        can.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, _can_filters(receive_ids))
+        if receive_ids is not None:
+            can.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, _can_filters(receive_ids))
         can.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ERRORS)
         _receive_options(can)
         can.bind((name,))

@@ -25,6 +25,7 @@ _SIGNATURES = {
     "clock_gettime": (_i4, _i4, _i8),
     "getrusage": (_i4, _i4, _i8),
     "poll": (_i4, _i8, _i8, _i4),
+    "ppoll": (_i4, _i8, _i8, _i8, _i8),
     "recv": (_i8, _i4, _i8, _i8, _i4),
     "recvfrom": (_i8, _i4, _i8, _i8, _i4, _i8, _i8),
     "send": (_i8, _i4, _i8, _i8, _i4),
@@ -52,6 +53,7 @@ if not LOOP_INTERPRETED:
     clock_gettime = _external("clock_gettime")
     getrusage = _external("getrusage")
     poll = _external("poll")
+    ppoll = _external("ppoll")
     recv = _external("recv")
     recvfrom = _external("recvfrom")
     send = _external("send")
@@ -123,6 +125,7 @@ else:
     clock_gettime = _bind("clock_gettime")
     getrusage = _bind("getrusage")
     poll = _bind("poll")
+    ppoll = _bind("ppoll")
     recv = _bind("recv")
     recvfrom = _bind("recvfrom")
     send = _bind("send")

@@ -164,6 +164,13 @@ def advance(line: Any, until: Any) -> Any:
 
 
 @loop_function
+def close(line: Any, at: Any) -> None:
+    """Let what waits at bit `at`, up to which `advance` went, begin: nothing more comes for it."""
+    if line.sending < 0 and _next_begin(line) <= at:
+        _begin(line, at)
+
+
+@loop_function
 def next_due(line: Any) -> Any:
     """Return until when `advance` returns NOTHING if nothing more is put; 2^62 for ever."""
     if line.sending >= 0:

@@ -94,8 +94,8 @@ def _send(n: Any, frame: Any) -> Any:
 
 
 @loop_function
-def _note(n: Any, error: Any) -> None:
-    """Count one timing error, ns."""
+def note(n: Any, error: Any) -> None:
+    """Count one timing error, ns, in `control` and `bins`."""
     n.control[MAX_NS] = max(n.control[MAX_NS], error)
     n.control[WITHIN] += error <= WITHIN_NS
     doublings = np.int64(0)
@@ -127,7 +127,7 @@ def play(n: Any, frames: Any, due: Any, start: Any, lap: Any, laps: Any) -> Any:
             n.control[SENT] += 1
             taken += 1
             if n.timed != 0:
-                _note(n, max(at - deadline, np.int64(0)))
+                note(n, max(at - deadline, np.int64(0)))
         done += 1
     return taken
 
@@ -204,13 +204,18 @@ class Player:
 
     def error_us(self, share: float) -> float:
         """Return the timing error that `share` of the frames do not exceed, within 1 %."""
-        total = np.cumsum(self.n.bins)
-        if total[-1] == 0:
-            return 0.0
-        place = int(np.searchsorted(total, share * total[-1]))
-        doublings = max(place // FINE - 1, 0)
-        upper = (place - FINE * doublings + 1 << doublings) - 1
-        return 1e-3 * min(upper, self.count(MAX_NS))
+        return error_us(self.n, share)
+
+
+def error_us(n: Any, share: float) -> float:
+    """Return the timing error that `share` of what was noted does not exceed, within 1 %."""
+    total = np.cumsum(n.bins)
+    if total[-1] == 0:
+        return 0.0
+    place = int(np.searchsorted(total, share * total[-1]))
+    doublings = max(place // FINE - 1, 0)
+    upper = (place - FINE * doublings + 1 << doublings) - 1
+    return 1e-3 * min(upper, int(n.control[MAX_NS]))
 
 
 def _block(timed: bool) -> Any:

@@ -152,6 +152,19 @@ def test_what_is_put_ahead_of_its_time_goes_as_if_it_had_come_then(seed: int) ->
     assert sent(line, [], 20_000) == sent(new(), arrivals, 20_000)
 
 
+def test_a_bit_that_is_closed_begins_what_waits_and_the_rest_comes_too_late() -> None:
+    line = new()
+    lines.put(line, A, frame(0x700), 50)
+    assert events(line, 50) == []
+    lines.close(line, 50)
+    lines.put(line, B, frame(1), 50)
+    assert lines.next_due(line) == 50 + bits(frame(0x700)) - 3
+    assert [at for _, at, _ in events(line, 1000)] == [
+        50 + bits(frame(0x700)) - 3,
+        50 + bits(frame(0x700)) + bits(frame(1)) - 3,
+    ]
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_bound_is_reached_within_a_bit_when_all_come_as_a_lower_frame_has_begun(
     seed: int,

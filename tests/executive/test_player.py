@@ -98,7 +98,7 @@ def test_an_endless_player_stops_when_it_is_asked(line: tuple[Player, socket.soc
 @pytest.mark.parametrize("error_ns", [0, 7, 255, 256, 12_345, 200_000, 7_654_321, 3 * 10**12])
 def test_a_percentile_is_within_one_percent(error_ns: int) -> None:
     made = Player(np.zeros((1, 16), np.uint8), np.zeros(1, np.int64), 0, timed=True)
-    player._note(made.n, error_ns)
-    player._note(made.n, 10**14)
+    player.note(made.n, error_ns)
+    player.note(made.n, 10**14)
     found = 1e3 * made.error_us(0.5)
     assert error_ns - 1e-3 <= found <= 1.01 * error_ns + 1e-3, f"{error_ns} ns counts as {found}"

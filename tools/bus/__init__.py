@@ -1,5 +1,7 @@
 """`pcpc bus RIG`: load and worst-case response time of every frame, and what rate would still fit.
 
+`pcpc bus emulate A B` makes a line with a bit rate of two buses, see `tools.bus.emulate`.
+
 The bit rate is --bitrate, else the rig's `bus.bitrate`, else 1 Mbit/s, classic CAN's highest: what
 is late there is late on any. With --data-bitrate the same frames travel as CAN FD frames that
 switch to it. What the numbers mean stands in `tools.bus.traffic`, the equations in
@@ -18,16 +20,23 @@ from pcpc.tools.bus import figure, report, traffic
 from pcpc.tools.bus.report import Bus, rate_of
 from pcpc.tools.bus.traffic import MOST_CLASSIC, Setup
 from pcpc.tools.console.picture import check_picture
+from pcpc.tools.rigs import find
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the times of all frames; NOT_MET if a frame is late."""
+    if options.words[0] == "emulate":
+        from pcpc.tools.bus import emulate  # here, because it imports numba
+
+        return emulate.command(options)
+    if options.words[1:]:
+        raise RigError(f"{' '.join(options.words[1:])}: one rig at a time")
     if options.plot is not None:
         check_picture("--plot", options.plot)
     given = [*options.set]
     if options.rate is not None:
         given.append(f"rate_hz={options.rate!r}")
-    rig = load_rig(options.rig, None, given, resolve=False)
+    rig = load_rig(find(options.words[0]), None, given, resolve=False)
     found = list(_buses(rig, options))
     if options.json:
         print(json.dumps(report.as_json(rig, found), indent=2))

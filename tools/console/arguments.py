@@ -61,8 +61,10 @@ def check(add: Add) -> None:
 
 
 def bus(add: Add) -> None:
-    """Take a rig, and the bus that it is to fit."""
-    add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
+    """Take a rig, and the bus that it is to fit; or two buses to make one of."""
+    add("words", nargs="+", metavar="RIG | emulate A B",
+        help="name of a rig (pcpc rigs), or its file; emulate: two buses, as vcan0 vcan1, "
+        "udp_multicast:GROUP:PORT")  # fmt: skip
     _set(add, "any value of the rig, as realtime.plant.phase=0.4")
     add("--bitrate", type=_bits_per_s, metavar="RATE",
         help="500k, 1M; default: the rig's bus.bitrate, else 1M")  # fmt: skip
@@ -75,8 +77,15 @@ def bus(add: Add) -> None:
         help="nodes on clocks of their own, as two machines: their phases drift")  # fmt: skip
     add("--in-order", action="store_true",
         help="a node sends in its loop's order, as SocketCAN; default: by priority")  # fmt: skip
+    add("--queue", type=_positive, default=64, metavar="N",
+        help="emulate: frames that wait on a side, no more; default: %(default)s")  # fmt: skip
+    add("--errors", metavar="p=P,...",
+        help="emulate: bit error rate p; burst=N transmissions in a row; seed=N")  # fmt: skip
+    add("--for", type=_duration_s, dest="for_s", metavar="DURATION",
+        help="emulate: end after it; default: at Ctrl-C")  # fmt: skip
     add("--error-every", metavar="TIME", help="a bus error at most this often: 10ms; default none")
     add("--plot", type=Path, metavar="FILE.png", help="draw the fullest cycle of the bus")
+    quiet(add)
     json(add)
 
 

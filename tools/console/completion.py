@@ -125,5 +125,5 @@ _OF = {  # by the name of an argument, or of a command and its argument
     "rig": _rigs, "controller": _controllers, "node": _nodes, "log": _logs, "a": _logs, "b": _logs,
     "words": _logs, "rigs names": _plants, "list names": _variables, "get names": _variables,
     "watch names": _variables, "set names": _parameters, "lock names": _levels,
-    "experiment name": _studies,
+    "experiment name": _studies, "bus words": _rigs,
 }  # fmt: skip

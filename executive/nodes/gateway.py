@@ -1,0 +1,194 @@
+"""A gateway that makes one CAN line of two channels: the model of `drivers.line` on a clock.
+
+What comes on one side waits in that side's transmit queue, and goes out on the other at the time
+at which its last bit would be there. The model's bit 0 is the start of the gateway; a frame counts
+as queued when it is read. Deadlines are absolute: a late wake-up delays one frame, not the line.
+What is measured is the time at which the other side had taken a frame, behind that deadline.
+"""
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers import bus as buses
+from pcpc.drivers import libc, line, wire
+from pcpc.drivers.errors import BusError
+from pcpc.drivers.jit import i8, loop, loop_function
+from pcpc.drivers.structures import copy, structure
+from pcpc.drivers.wire_layout import MEMORY, WIRE
+from pcpc.executive.nodes.player import (
+    CONTROL_WORDS,
+    DOUBLINGS,
+    ERRNO,
+    ERRORS,
+    FINE,
+    MAX_NS,
+    STOP,
+    error_us,
+    note,
+)
+
+_LONGEST_SLEEP_NS = 50_000_000  # between two looks at the stop word
+_READ_AT_ONCE = 64  # frames of a side; then what is due goes first
+_S = 1_000_000_000
+
+GATEWAY = np.dtype(
+    [
+        ("control", "<i8", (CONTROL_WORDS,)),
+        ("bins", "<i8", (FINE * (DOUBLINGS + 2),)),
+        ("timespec", "<i8", (2,)),
+        ("polled", "<i8", (2,)),  # two of struct pollfd, as in WIRE
+        ("bitrate", "<i8"),
+        ("start_ns", "<i8"),
+        ("until", "<i8"),  # the bit up to which the model is
+        ("foreign", "<i8", (2,)),  # frames that cannot be carried: FD, remote, no CAN
+        ("line", line.LINE),
+        ("a", WIRE),
+        ("b", WIRE),
+    ],
+    align=True,
+)
+N = structure(GATEWAY)
+
+
+@loop_function
+def _now(n: Any) -> Any:
+    libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.timespec))
+    return n.timespec[0] * _S + n.timespec[1]
+
+
+@loop_function
+def bit_at(bitrate: Any, ns: Any) -> Any:
+    """Return how many bits have passed after `ns`; no product passes 2^63."""
+    return ns // _S * bitrate + ns % _S * bitrate // _S
+
+
+@loop_function
+def ns_of(bitrate: Any, bit: Any) -> Any:
+    """Return when `bit` bits have passed, rounded up."""
+    return bit // bitrate * _S - -(bit % bitrate) * _S // bitrate
+
+
+@loop_function
+def _read(n: Any, end: Any, s: Any) -> Any:
+    """Queue what has come on a side; return False if its bus failed."""
+    for _ in range(_READ_AT_ONCE):
+        what = wire.get_frame(end, False)
+        if what == wire.FRAME:
+            line.put(n.line, s, end.rx, n.until)
+        elif what == wire.FOREIGN:
+            n.foreign[s] += 1
+        elif what == wire.FAILED:
+            n.control[ERRNO] = end.errno
+            return False
+        elif what == wire.NOTHING:
+            break
+    return True
+
+
+@loop_function
+def _hand_over(n: Any, end: Any) -> None:
+    """Put the frame that is through on the other side, and note how late that is."""
+    copy(end.tx, n.line.frame)
+    if not wire.put_frame(end):
+        n.control[ERRORS] += 1
+        n.control[ERRNO] = end.errno
+    late = _now(n) - n.start_ns - ns_of(n.bitrate, n.line.at)
+    note(n, max(late, np.int64(0)))
+
+
+@loop_function
+def _go_on(n: Any) -> None:
+    """Let the line go on to bit `until`."""
+    what = line.advance(n.line, n.until)
+    while what != line.NOTHING:
+        if what == line.SENT:
+            if n.line.who == 0:
+                _hand_over(n, n.b)
+            else:
+                _hand_over(n, n.a)
+        what = line.advance(n.line, n.until)
+
+
+@loop_function
+def _sleep(n: Any) -> None:
+    """Wait for a frame, or until something is due."""
+    passed = _now(n) - n.start_ns
+    due = line.next_due(n.line)
+    soonest = passed + _LONGEST_SLEEP_NS
+    if due <= bit_at(n.bitrate, soonest):
+        soonest = ns_of(n.bitrate, due)
+    n.timespec[0], n.timespec[1] = 0, max(soonest - passed, np.int64(0))
+    n.polled[0] = n.a.fd_rx | libc.POLLIN << 32
+    n.polled[1] = n.b.fd_rx | libc.POLLIN << 32
+    libc.ppoll(libc.address(n.polled), 2, libc.address(n.timespec), 0)
+
+
+@loop(i8(N))
+def carry(n: Any) -> Any:
+    """Carry frames until the stop word; return 0 if a bus failed."""
+    if n.start_ns == 0:
+        n.start_ns = _now(n)
+    while True:
+        n.until = max(n.until, bit_at(n.bitrate, _now(n) - n.start_ns))
+        _go_on(n)
+        if not _read(n, n.a, 0) or not _read(n, n.b, 1):
+            return np.int64(0)
+        line.close(n.line, n.until)
+        if libc.load_acquire(n.control, STOP) != 0:
+            return np.int64(1)
+        _sleep(n)
+
+
+class Gateway:
+    """A gateway between two buses; `carry` runs in a thread of the caller until `stop`."""
+
+    def __init__(self, bitrate: int, room: int, **options: Any) -> None:
+        """`options` are those of `drivers.line.prepare`."""
+        self.bitrate = bitrate
+        self.n = self._block(bitrate, room, options)
+        dry = self._block(bitrate, room, options)  # compiled, loaded, touched
+        for end in (dry.a, dry.b):
+            wire.prepare(end, MEMORY, -1, -1)
+        dry.control[STOP] = 1
+        carry(dry)
+
+    def _block(self, bitrate: int, room: int, options: dict[str, Any]) -> Any:
+        n: Any = np.zeros(1, GATEWAY).view(np.recarray)[0]
+        n.bitrate = bitrate
+        line.prepare(n.line, 2, room, **options)
+        return n
+
+    def open(self, sides: Sequence[buses.Bus]) -> None:
+        """Open both sides, which are heard from now on; BusError."""
+        for bus, end in zip(sides, (self.n.a, self.n.b), strict=True):
+            buses.open_bus(bus, None, end)
+            buses.know_own(end)
+
+    def carry(self) -> None:
+        """Carry frames until `stop`; BusError."""
+        if not carry(self.n):
+            raise BusError(f"the gateway ends: {os.strerror(int(self.n.control[ERRNO]))}")
+
+    def stop(self) -> None:
+        """Ask `carry`, in another thread, to return."""
+        self.n.control[STOP] = 1
+
+    @property
+    def bits(self) -> int:
+        """How far the line is."""
+        return int(self.n.until)
+
+    def late_us(self) -> dict[str, float]:
+        """Return how late frames were handed over."""
+        shares = {"p50": 0.5, "p99": 0.99}
+        return {name: error_us(self.n, share) for name, share in shares.items()} | {
+            "max": 1e-3 * int(self.n.control[MAX_NS])
+        }
+
+    @property
+    def not_taken(self) -> int:
+        """Frames that the other side did not take."""
+        return int(self.n.control[ERRORS])

@@ -1,0 +1,79 @@
+"""`pcpc bus emulate`: what it says at its end, how it ends, what it refuses."""
+
+import json
+import signal
+import subprocess
+from typing import Any
+
+import can
+import pytest
+from processes import PCPC, own_bus
+
+from pcpc.drivers import bus as buses
+from pcpc.executive.errors import RigError
+from pcpc.tools.bus.emulate import Errors
+from pcpc.tools.cli import main
+
+Screen = pytest.CaptureFixture[str]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["vcan0"], "expected two buses"),
+        (["auto", "vcan0"], "name the bus"),
+        (["udp_multicast:239.74.163.9:43777"] * 2, "both are one bus"),
+        (["udp_multicast:10.0.0.1:1", "vcan0"], "expected an IPv4 multicast group"),
+        (["virtual:x", "vcan0"], "expected socketcan or udp_multicast"),
+        (["vcan0", "vcan1", "--errors", "p=2"], "p=2: expected 0, or 1e-9 to 1"),
+        (["vcan0", "vcan1", "--errors", "q=2"], "q=2: expected p=1e-5,burst=2,seed=7"),
+        (["vcan0", "vcan1", "--errors", "p=0.1,burst=0"], "burst=0: expected 1"),
+        (["vcan0", "vcan1", "--queue", "300"], "at most 256"),
+        (["vcan0", "vcan1", "--bitrate", "2M"], "classic CAN ends at 1 Mbit/s"),
+    ],
+)
+def test_what_makes_no_line_is_refused_in_a_line(
+    words: list[str], said: str, capsys: Screen
+) -> None:
+    assert main(["bus", "emulate", *words]) == 2
+    (told,) = capsys.readouterr().err.splitlines()
+    assert said in told
+
+
+def test_errors_are_given_in_any_order() -> None:
+    assert Errors.parsed("seed=7, p=1e-5") == Errors(1e-5, 1.0, 7)
+    assert Errors.parsed(None) == Errors()
+    with pytest.raises(RigError, match="seed=-1"):
+        Errors.parsed("seed=-1")
+
+
+def port(text: str) -> can.BusABC:
+    _, channel = buses.parse(text)
+    group, number = buses.udp_address(str(channel))
+    return can.Bus(group, interface="udp_multicast", port=number)
+
+
+def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> None:
+    first = own_bus()
+    sides = [first, str(buses.beside(buses.choose(*buses.parse(first))))]
+    words = [PCPC, "bus", "emulate", *sides, "--bitrate", "125k", "--json", "--errors", "p=1e-4"]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as gateway:
+        assert gateway.stderr is not None
+        for said in gateway.stderr:
+            if "are one line of 125 kbit/s" in said:
+                break
+        with port(sides[0]) as a, port(sides[1]) as b:
+            for k in range(50):
+                a.send(can.Message(arbitration_id=0x100 + k, data=[k] * 8, is_extended_id=False))
+                heard = b.recv(20.0)
+                assert heard is not None and heard.arbitration_id == 0x100 + k
+        gateway.send_signal(signal.SIGINT)
+        out, _ = gateway.communicate(timeout=60.0)
+    assert gateway.returncode == 130
+    found: dict[str, Any] = json.loads(out)
+    assert [side["sent"] for side in found["sides"]] == [50, 0]
+    assert found["bitrate"] == 125_000 and found["not_taken"] == 0
+    assert found["sides"][0]["longest_us"] >= 8 * 108 and found["sides"][0]["lost_off"] == 0
+    assert 0.0 < found["load"] <= 1.0
