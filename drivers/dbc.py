@@ -4,7 +4,8 @@ A DBC is the wire contract of a plant. Beyond the format, four signal names have
 `crc` (8 bits, last byte) with `counter` or `sequence` (within one byte) make a frame protected;
 they are filled and checked by `drivers.e2e` and are no variables. `mode`, where a node receives it,
 tells the state of the node above, whose STOP is obeyed. GenMsgSendType "EveryCycle" means
-once per cycle of the loop, at any rate; any other send type means every GenMsgCycleTime ms.
+once per cycle of the loop, at any rate; any other send type means every GenMsgCycleTime ms, but
+"Event" without one a frame that comes when something happens.
 
     every_n  = max(1, round(GenMsgCycleTime rate))         cycles from one transmission to the next
     bus load = sum over frames of bits * frames per s / bitrate           bits: `drivers.frame_bits`
@@ -58,7 +59,7 @@ SCALE_COLUMNS = 4
 SCALED, WIDE, UNSIGNED_64, FLOAT_32, FLOAT_64 = range(5)
 
 _BREAKS = "\n\xa0"  # kept in comments
-_LONGEST_MS = 2**31  # between two transmissions of a frame; 25 days
+_LONGEST_MS = 2**31  # between two transmissions of a frame; 25 days; of one without a cycle
 _EXACT = 2**53  # every integer up to here is a float64
 _FLOAT_MAX = {32: float(np.finfo(np.float32).max), 64: float(np.finfo(np.float64).max)}
 
@@ -110,6 +111,7 @@ class Frame:
     counter: tuple[int, int, int]
     signals: tuple[Signal, ...]
     help: str
+    on_event: bool = False
 
     @property
     def word(self) -> int:
@@ -167,13 +169,20 @@ def frame(message: Message) -> Frame:
             _signal(s, message.length, where) for s in message.signals if s.name not in tail
         ),
         help=printable(message.comment or "", _BREAKS),
+        on_event=_on_event(message),
     )
+
+
+def _on_event(message: Message) -> bool:
+    return message.send_type == "Event" and not message.cycle_time
 
 
 def _cycle_ms(message: Message, where: str) -> float:
     """Return the time from one transmission to the next, 0 for every cycle of the loop."""
     if message.send_type == "EveryCycle":
         return 0.0
+    if _on_event(message):
+        return float(_LONGEST_MS)
     if not message.cycle_time:
         raise DbcError(f'{where}: give a GenMsgCycleTime, or GenMsgSendType "EveryCycle"')
     if not isinstance(message.cycle_time, int | float) or not 0 < message.cycle_time <= _LONGEST_MS:

@@ -21,7 +21,14 @@ from pcpc.executive.loop import exchange, losses, reception
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.timing import COUNTERS
-from pcpc.executive.loop.variables import GAIN, TIMING, TIMING_AT, WALL
+from pcpc.executive.loop.variables import (
+    GAIN,
+    RESET_ASKED,
+    STOP_ASKED,
+    TIMING,
+    TIMING_AT,
+    WALL,
+)
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, cycles_of, describe, plan
 from pcpc.executive.nodes.watched import StepError, watched
@@ -75,6 +82,10 @@ class Group:
             trace = _trace({} if traces is None else traces, role, (self.cycles + 1) * len(names))
             self.seats[role] = _seat(made, loop, other, names, trace)
         self._begin = {role: _beginning(role, seat) for role, seat in self.seats.items()}
+        for made, loop in zip(self.plans.values(), (top, low), strict=True):
+            requests = {place for _, place, _ in made.schedule} & {RESET_ASKED, STOP_ASKED}
+            if loop.guard.estop_index >= 0 or loop.guard.stop_row >= 0 or requests:
+                raise NotInLanes("it may be stopped by a signal, a frame or its schedule")
         if low.guard.mode_index < 0 or low.limits.n > 0:
             raise NotInLanes("its plant is not told of the end, or has limits")
 

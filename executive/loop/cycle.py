@@ -34,13 +34,23 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop import timing
 from pcpc.executive.loop.clock import CLOCKED, next_period, now, runs, set_time, stopping, wait
-from pcpc.executive.loop.limits import begin_ramp, limit_commands, settled
+from pcpc.executive.loop.limits import begin_ramp, limit_commands, quick_stop, settled
 from pcpc.executive.loop.reception import receive, wait_for_peer
 from pcpc.executive.loop.rings import publish_table, push_event, push_record
 from pcpc.executive.loop.sending import announce, copy_inputs, request_first_sample, send_frame
 from pcpc.executive.loop.strangers import listen, refused
 from pcpc.executive.loop.tuning import tune
-from pcpc.executive.loop.variables import FALLBACK, FAULT, GAIN, MISSING, NMT, STATE, T_S
+from pcpc.executive.loop.variables import (
+    FALLBACK,
+    FAULT,
+    GAIN,
+    MISSING,
+    NMT,
+    RESET_ASKED,
+    STATE,
+    STOP_ASKED,
+    T_S,
+)
 
 N = structure(sh.LOOP)
 STEPS = types.UniTuple(ENTRY, sh.MAX_BLOCKS)
@@ -72,7 +82,7 @@ def over(n: Any) -> Any:
     """Return True once the run is over, by its duration, its host or the node above."""
     guard = n.guard
     told = guard.mode_index >= 0 and n.v[guard.mode_index] == sv.STOP
-    return n.k >= guard.cycles or stopping(n) or told
+    return n.k >= guard.cycles or stopping(n) or told or guard.stop != 0
 
 
 @loop_inline
@@ -99,17 +109,62 @@ def supervise(n: Any) -> None:
     silent = sv.DOES[before, sv.EXPECTS] != 0 and guard.missing >= guard.fault_after
     if silent and guard.faulted == sv.NO_FAULT and not asked:
         guard.faulted = sv.INPUT_MISSING
+    watch_estop(n)
     safe = settled(n.limits)
     listens = n.clock.trigger == CLOCKED or not silent  # the node above, to what is sent
     leave = asked and (safe or not listens)
     fresh, ramped = guard.missing == 0, guard.gain <= 0.0 and safe
-    state = sv.advance(before, fresh, guard.faulted, leave, ramped)
-    if guard.pace == 0.0 and (sv.DOES[state, sv.RAMPS] != 0 or asked):
+    if guard.reset != 0:
+        judge_reset(n, fresh and ramped)
+    state = sv.advance(before, fresh, guard.faulted, leave, ramped and guard.waits == 0)
+    ramps = sv.DOES[state, sv.RAMPS] != 0 or asked
+    if ramps and (guard.pace == 0.0 or guard.quick == sh.ASKED):
         begin_ramp(n, asked)
     if sv.DOES[before, sv.RAMPS] != 0 or (asked and not leave):
         guard.gain = max(guard.gain - guard.pace, 0.0)
+    elif not ramps and sv.DOES[state, sv.SENDS] != 0:
+        guard.gain = min(guard.gain + guard.ramp_step, 1.0)
     enter(n, before, state)
     watch_input(n, state)
+
+
+@loop_inline
+def watch_estop(n: Any) -> None:
+    """Let an emergency stop be a fault, whatever else is wrong, and the ramp a quick stop."""
+    guard = n.guard
+    if guard.estop_index >= 0 and n.v[guard.estop_index] != 0.0:
+        quick_stop(n, sv.EMERGENCY_STOP)
+
+
+@loop_function
+def hear_requests(n: Any) -> None:
+    """Note what was asked of the supervisor, for its next cycle; a request is heard once.
+
+    A reset forgets the fault, so that a detector that still sees one tells it until then.
+    """
+    guard, safe = n.guard, n.guard.gain <= 0.0 and settled(n.limits)
+    if n.v[RESET_ASKED] != 0.0:
+        n.v[RESET_ASKED] = 0.0
+        if n.v[STATE] == sv.FAULT and guard.waits != 0 and safe:
+            guard.reset, guard.faulted, guard.quick = 1, sv.NO_FAULT, 0
+    if n.v[STOP_ASKED] != 0.0:
+        guard.stop = 1
+        if n.v[STOP_ASKED] > 1.0 and guard.quick == 0:
+            guard.quick = sh.ASKED
+
+
+@loop_inline
+def judge_reset(n: Any, possible: Any) -> None:
+    """Leave no fault, if that is possible and none was seen since; else tell which one is there."""
+    guard = n.guard
+    guard.reset = 0
+    if guard.faulted == sv.NO_FAULT and possible:
+        guard.pace = 0.0
+        return
+    if guard.faulted == sv.NO_FAULT:
+        guard.faulted = n.control[sh.FAULT]
+    n.control[sh.FAULT] = guard.faulted
+    push_event(n, sh.FAULT_EVENT, guard.faulted, 0.0)
 
 
 @loop_inline
@@ -131,13 +186,15 @@ def enter(n: Any, before: Any, state: Any) -> None:
 
 @loop_inline
 def watch_input(n: Any, state: Any) -> None:
-    """Be the watchdog: hold the input, in FAULT ramp it from the held value to the safe one."""
+    """Be the watchdog: hold the input, in FAULT ramp it to the safe value, after a reset back."""
     guard, safe = n.guard, n.guard.safe
+    ramps = sv.DOES[state, sv.RAMPS] != 0
+    rises = not ramps and guard.gain < 1.0 and guard.pace == 0.0
     for i in range(guard.n_safe):
         j = guard.safe_index[i]
-        if sv.DOES[state, sv.RAMPS] == 0:
+        if not ramps and (not rises or guard.missing == 0):
             safe[i, sh.LAST] = n.v[j]
-        else:
+        if ramps or rises:
             n.v[j] = safe[i, sh.SAFE] + guard.gain * (safe[i, sh.LAST] - safe[i, sh.SAFE])
 
 
@@ -243,6 +300,7 @@ def one_pass(n: Any, steps: Any) -> Any:
     if n.v[STATE] == sv.STOP or n.guard.faulted == sv.PEER_SILENT:
         return False
     tune(n)
+    hear_requests(n)
     step(n, steps)
     limit(n)
     transmit(n)

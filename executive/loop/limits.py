@@ -9,13 +9,14 @@ begin    before the first valid input (state INIT) a command is its safe value; 
          already acts on what it hears from below
 ramp     command = safe + gain (last - safe), gain falling from 1 to 0 by `pace` a cycle: as
          fast as the supervisor's ramp_s, or as slow as the slowest command's rate
+reset    command = safe + gain (wanted - safe), gain rising; last is what it would be at gain 1
 """
 
 from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.rings import bits_of, push_event
@@ -63,6 +64,7 @@ def limit_commands(n: Any) -> None:
     state = np.int64(n.v[STATE])
     waits = guard.safe_start != 0 and sv.DOES[state, sv.SENDS] == 0
     ramping = sv.DOES[state, sv.RAMPS] != 0 or guard.pace > 0.0
+    rising = guard.gain < 1.0
     for i in range(n.limits.n):
         j = n.limits.place[i]
         wanted, last, safe = n.v[j], table[i, sh.LAST], table[i, sh.SAFE]
@@ -75,6 +77,8 @@ def limit_commands(n: Any) -> None:
             wanted = safe
         if ramping:
             wanted = guard.gain * last if safe == 0.0 else safe + guard.gain * (last - safe)
+        elif rising:
+            wanted = safe + guard.gain * (wanted - safe)
         value = min(max(wanted, table[i, sh.LOW]), table[i, sh.HIGH])
         value = min(max(value, sent - rate), sent + rate)
         table[i, sh.SENT_VALUE] = n.v[j] = value
@@ -84,6 +88,8 @@ def limit_commands(n: Any) -> None:
             n.v[CLAMPED] = 1.0
             n.control[sh.SATURATED] += 1
         table[i, sh.LAST] = value
+        if rising and guard.gain > 0.0:
+            table[i, sh.LAST] = safe + (value - safe) / guard.gain
     if odd and guard.faulted == sv.NO_FAULT:
         guard.faulted = guard.odd_output
 
@@ -98,11 +104,22 @@ def settled(limits: Any) -> Any:
     return True
 
 
+@loop_inline
+def quick_stop(n: Any, fault: Any) -> None:
+    """Note a fault whose ramp is a quick stop, also if another fault came first."""
+    if n.guard.faulted == sv.NO_FAULT:
+        n.guard.faulted = fault
+    if n.guard.quick == 0:
+        n.guard.quick = sh.ASKED
+
+
 @loop_function
 def begin_ramp(n: Any, asked: Any) -> None:
     """Set the pace of the ramp by the slowest command; at an end nobody above is waited for."""
     guard, rx, table = n.guard, n.rx, n.limits.table
     guard.pace = guard.ramp_step
+    if guard.quick != 0:
+        guard.pace, guard.quick = guard.quick_step, sh.BEGUN
     for i in range(n.limits.n):
         way = abs(table[i, sh.LAST] - table[i, sh.SAFE])
         if way * guard.pace > table[i, sh.RATE]:

@@ -20,6 +20,7 @@ from pcpc.executive.loop import losses, meeting
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import now, paced, runs, start, stopping
+from pcpc.executive.loop.limits import quick_stop
 from pcpc.executive.loop.losses import is_lost
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.sending import announce, announce_again
@@ -186,6 +187,8 @@ def decode(n: Any, row: Any, new: Any) -> None:
     rx = n.rx
     codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, rx.scales, n.v)
     n.control[sh.RECEIVED] += 1
+    if row == n.guard.stop_row:
+        quick_stop(n, sv.STOP_FRAME)
     if new:
         n.rx.started += n.rx.role[row, sh.STARTS]
         n.rx.fresh += n.rx.role[row, sh.AWAITED]

@@ -58,7 +58,7 @@ REQUEST, COUNT, LOCK = 0, 1, 8  # words of `mail`; LOCK: 0 none, 1 tune, 2 all
 MAIL_WORDS = 16
 MAIL_SLOTS = 64
 ACK, ACK_CYCLE, REFUSAL, REFUSED_ENTRY = range(4)  # words of `answer`
-ACCEPTED, BAD_COUNT, NO_PARAMETER, OUT_OF_RANGE, LOCKED = range(5)  # values of REFUSAL
+ACCEPTED, BAD_COUNT, NO_PARAMETER, OUT_OF_RANGE, LOCKED, NO_RESET = range(6)  # of REFUSAL
 
 RINGS = ("record", "frame", "event")
 RECORD_HEAD = 3  # cycle, stamp, CDR header
@@ -86,6 +86,7 @@ EVENT_RING_ROWS = 1 << 10
 LOW, HIGH, RATE, LAST, SAFE, SENT_VALUE = range(6)
 STARTS, AWAITED, PEER = 0, 1, 2  # columns of `rx.role`; PEER: of the node that is waited for
 MEETING = 3  # a further one: what the frame is to `executive.loop.meeting`
+ASKED, BEGUN = 1, 2  # values of `guard.quick`
 SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `guard.overrun_policy`
 STAGES, BUCKETS, LATEST = 6, 320, 8  # sizes of `executive.loop.timing`
 COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
@@ -170,13 +171,20 @@ _GUARD = [  # the supervisor
     ("grace_passes", "<i8"),  # cycles at the start in which none does
     ("odd_output", "<i8"),  # the fault when an output is no finite number
     ("safe_start", "<i8"),  # 1: before the first valid input commands are safe
+    ("waits", "<i8"),  # 1: FAULT lasts until a reset; 0: until its ramp is over
+    ("estop_index", "<i8"),  # the received variable that is an emergency stop, or -1
+    ("stop_row", "<i8"),  # the received frame that is a stop, or -1
     ("ramp_step", "<f8"),  # change of the gain a cycle in FAULT
+    ("quick_step", "<f8"),  # the same of a quick stop
     ("n_safe", "<i8"),
     ("safe_index", "<i8", (MAX_LIMITS,)),
     ("safe", "<f8", (MAX_LIMITS, 5)),
     ("missing", "<i8"),  # consecutive cycles without complete valid input
     ("overruns", "<i8"),  # in a row
     ("faulted", "<i8"),
+    ("reset", "<i8"),  # 1: asked for in the cycle before
+    ("stop", "<i8"),  # 1: the end was asked for
+    ("quick", "<i8"),  # of a quick stop: ASKED, BEGUN
     ("gain", "<f8"),  # 1, or how far the ramp of FAULT or of the end has come down
     ("pace", "<f8"),  # its change a cycle; 0 before a ramp
 ]

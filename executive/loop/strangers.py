@@ -53,7 +53,7 @@ def is_foreign(n: Any, row: Any, word: Any) -> Any:
     source = n.wire.source
     if row < 0:
         return codec.frame_of(word, n.tx.frames, n.tx.n) >= 0
-    if source == n.rx.source[row]:
+    if source == n.rx.source[row] or row == n.guard.stop_row:  # which anybody may send
         return False
     silent = n.rx.state[row, e2e.AGE_CYCLES] > SILENT_TURNS * n.rx.frames[row, dbc.EVERY_N]
     if source != STRANGER and (n.rx.source[row] == 0 or n.passes == 0 or silent):

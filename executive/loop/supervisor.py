@@ -4,13 +4,13 @@
     RUN    the loop is closed                  HOLD   a cycle ran on the last valid sample
     FAULT  the command ramps to its safe value STOP   the command is safe, the node ends
 
-               NONE   FRESH  MISSED  LOSS   STOP_REQUEST  RAMPED
-      INIT     INIT   READY  INIT    FAULT  STOP          INIT
-      READY    READY  RUN    READY   FAULT  STOP          READY
-      RUN      RUN    RUN    HOLD    FAULT  STOP          RUN
-      HOLD     HOLD   RUN    HOLD    FAULT  STOP          HOLD
-      FAULT    FAULT  FAULT  FAULT   FAULT  STOP          STOP
-      STOP     STOP   STOP   STOP    STOP   STOP          STOP
+               NONE   FRESH  MISSED  LOSS   STOP_REQUEST  RAMPED  RESET
+      INIT     INIT   READY  INIT    FAULT  STOP          INIT    INIT
+      READY    READY  RUN    READY   FAULT  STOP          READY   READY
+      RUN      RUN    RUN    HOLD    FAULT  STOP          RUN     RUN
+      HOLD     HOLD   RUN    HOLD    FAULT  STOP          HOLD    HOLD
+      FAULT    FAULT  FAULT  FAULT   FAULT  STOP          STOP    INIT
+      STOP     STOP   STOP   STOP    STOP   STOP          STOP    STOP
 
 What a state does stands beside it (`DOES`), and the loop reads it there:
 
@@ -33,9 +33,13 @@ the node goes on in its state (so that its peer still takes the command), `super
 from 1 as in FAULT, no missing input is a fault, and STOP comes with the frame that is safe. A ramp
 is as fast as `supervisor.ramp_s` says, or as slow as the slowest command's rate limit.
 
-FAULT is latched: only a new start leaves it. The same table serves the executive (fresh = a
-complete valid set of feedback) and the emulator (fresh = a valid command), whose FAULT is its
-watchdog.
+FAULT is latched. Its ramp ends in STOP, or, where the rig says `on_fault: wait`, it lasts until a
+reset that was asked for: in a cycle with valid input, commands safe, and no detector having seen a
+fault since the cycle before. The laws went on all the while and keep their states; `gain` rises
+from 0 to 1 as fast as it fell, so that commands begin where they are.
+
+The same table serves the executive (fresh = a complete valid set of feedback) and the emulator
+(fresh = a valid command), whose FAULT is its watchdog.
 """
 
 from typing import Any, NamedTuple
@@ -47,16 +51,16 @@ from pcpc.drivers.jit import loop_inline
 INIT, READY, RUN, HOLD, FAULT, STOP = range(6)
 STATE_NAMES = ("INIT", "READY", "RUN", "HOLD", "FAULT", "STOP")
 
-NONE, FRESH, MISSED, LOSS, STOP_REQUEST, RAMPED = range(6)
+NONE, FRESH, MISSED, LOSS, STOP_REQUEST, RAMPED, RESET = range(7)
 
 NEXT = np.array(
     [
-        [INIT, READY, INIT, FAULT, STOP, INIT],
-        [READY, RUN, READY, FAULT, STOP, READY],
-        [RUN, RUN, HOLD, FAULT, STOP, RUN],
-        [HOLD, RUN, HOLD, FAULT, STOP, HOLD],
-        [FAULT, FAULT, FAULT, FAULT, STOP, STOP],
-        [STOP, STOP, STOP, STOP, STOP, STOP],
+        [INIT, READY, INIT, FAULT, STOP, INIT, INIT],
+        [READY, RUN, READY, FAULT, STOP, READY, READY],
+        [RUN, RUN, HOLD, FAULT, STOP, RUN, RUN],
+        [HOLD, RUN, HOLD, FAULT, STOP, HOLD, HOLD],
+        [FAULT, FAULT, FAULT, FAULT, STOP, STOP, INIT],
+        [STOP, STOP, STOP, STOP, STOP, STOP, STOP],
     ],
     np.int64,
 )
@@ -84,6 +88,7 @@ class Fault(NamedTuple):
 
 
 RAMP = "ramp to safe values"
+QUICK = "quick stop"
 END = "the node ends with its safe values"
 DIES = "the node ends; the watchdog of the other one acts"
 FAULTS = (
@@ -102,21 +107,27 @@ FAULTS = (
     Fault("the plant diverged: an output was not a finite number", 1, RAMP),
     Fault("a step ended with an exception", 1, DIES),
     Fault("a step does not return", None, DIES, "after 3 s or 20 periods"),
+    Fault("the emergency stop is pressed", 1, QUICK),
+    Fault("a stop frame came", 1, QUICK),
 )  # fmt: skip
 FAULT_NAMES = tuple(fault.says for fault in FAULTS)
 NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED, OVERRUN = range(6)
 ANOTHER_SENDER, REPEATED_INPUT = 6, 7
 OUTPUT_NOT_FINITE, PLANT_NOT_FINITE, STEP_RAISED, STEP_HANGS = 8, 9, 10, 11
+EMERGENCY_STOP, STOP_FRAME = 12, 13
 
 
 @loop_inline
 def advance(state: Any, fresh: Any, fault: Any, stopping: Any, ramped: Any) -> Any:
-    """Return the next state. `fresh`: this cycle's input is complete; `fault`: a fault code."""
+    """Return the next state. `fresh`: this cycle's input is complete; `fault`: a fault code.
+
+    In FAULT no fault code means that a reset was granted.
+    """
     event = MISSED
     if stopping:
         event = STOP_REQUEST
     elif state == FAULT:
-        event = RAMPED if ramped else NONE
+        event = RESET if fault == NO_FAULT else RAMPED if ramped else NONE
     elif fault != NO_FAULT:
         event = LOSS
     elif fresh:

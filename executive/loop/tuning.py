@@ -13,6 +13,8 @@ from pcpc.drivers import libc
 from pcpc.drivers.jit import loop_function
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.rings import push_event
+from pcpc.executive.loop.supervisor import FAULT
+from pcpc.executive.loop.variables import RESET_ASKED, STATE, STOP_ASKED
 
 INFINITE = float("inf")
 
@@ -64,7 +66,8 @@ def judge_request(n: Any, count: Any, lock: Any) -> Any:
     tuning, first = n.tuning, np.int64(0)
     if count < 0 or count > sh.MAIL_SLOTS:
         return sh.BAD_COUNT, first
-    if lock != 0 and count > 0:
+    stops = count == 1 and tuning.asked_index[0] == STOP_ASKED  # which nobody can lock
+    if lock != 0 and count > 0 and not stops:
         return sh.LOCKED, first
     for i in range(count):
         j, value = tuning.asked_index[i], tuning.asked_value[i]
@@ -72,4 +75,6 @@ def judge_request(n: Any, count: Any, lock: Any) -> Any:
             return sh.NO_PARAMETER, np.int64(i)
         if not (abs(value) < INFINITE and tuning.low[j] <= value <= tuning.high[j]):
             return sh.OUT_OF_RANGE, np.int64(i)
+        if j == RESET_ASKED and (n.v[STATE] != FAULT or n.guard.waits == 0 or n.guard.gain > 0.0):
+            return sh.NO_RESET, np.int64(i)
     return sh.ACCEPTED, first

@@ -42,10 +42,16 @@ TIMING = (
 )
 RESETS = (("timing.reset", "", "set to 1: timing statistics start anew"),)
 REFUSALS = (("health.requests_refused", "", "requests for tunings that the loop refused"),)
+REQUESTS = (  # parameters of the loop itself: name, unit, meaning, highest value
+    ("supervisor.reset", "", "set to 1: out of a FAULT that waits, if its cause is gone", 1.0),
+    ("supervisor.stop", "", "set to 1: the run ends; to 2: as a quick stop", 2.0),
+)
 TIMING_AT = len(HEAD)
 WALL = TIMING_AT + [name for name, *_ in TIMING].index("timing.wall_s")
 RESET = TIMING_AT + len(TIMING)
 REFUSED = RESET + len(RESETS)
+RESET_ASKED = REFUSED + len(REFUSALS)
+STOP_ASKED = RESET_ASKED + 1
 STATISTICS_AT = RESET - 12
 COUNTED = (  # of these, what follows from the frames alone, not from clocks
     "health.held_cycles",

@@ -38,7 +38,9 @@ def install(made: Plan, loop: Any) -> None:
     period_s = loop.clock.period_ns * 1e-9
     guard.hold_cycles = config.supervisor.hold_cycles
     guard.fault_after = config.supervisor.fault_after_cycles
+    guard.waits = config.supervisor.on_fault == "wait"
     guard.ramp_step = period_s / config.supervisor.ramp_s
+    guard.quick_step = period_s / (config.supervisor.quick_stop_s or config.supervisor.ramp_s)
     guard.gain = 1.0
     loop.v[:] = 0.0
     for place, value in made.values.items():
@@ -49,6 +51,10 @@ def install(made: Plan, loop: Any) -> None:
         tuning.high[place] = variable.high if tunable else math.nan
     _install_frames(made, loop)
     _install_wiring(made, loop)
+    guard.estop_index = made.table.index.get(f"rx.{config.supervisor.estop}", -1)
+    names = [frame.name for frame in made.rx_frames]
+    stop = config.supervisor.stop_frame
+    guard.stop_row = names.index(stop) if stop in names else -1
     guard.mode_index = -1
     if made.role != "executive":
         modes = [

@@ -37,6 +37,7 @@ _REFUSALS = {
     sh.NO_PARAMETER: "it is no parameter",
     sh.OUT_OF_RANGE: "it is out of range",
     sh.LOCKED: "it is locked",
+    sh.NO_RESET: "there is no fault that waits for it with safe commands",
 }
 _PATIENCE_S = 2.0  # a node that runs takes tunings within a period
 _POLL_S = 0.001
@@ -211,7 +212,7 @@ class Live:
         with self._one_client():
             word = int(mail[sh.LOCK])
             level = LEVELS[word] if 0 <= word < len(LEVELS) else "all"
-            if level != "none":
+            if level != "none" and [*changes] != ["supervisor.stop"]:
                 raise LiveError(f"{self.name}: locked ({level}); `pcpc lock none` allows tunings")
             if not self.under_way:
                 what = "no cycle yet, it waits for the other node"

@@ -17,7 +17,7 @@ from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views, add_block
-from pcpc.executive.loop.variables import HEAD, REFUSALS, RESETS, TIMING
+from pcpc.executive.loop.variables import HEAD, REFUSALS, REQUESTS, RESETS, TIMING
 from pcpc.executive.rig import messages as protocol
 from pcpc.executive.rig.carried import Reads, merge, noted
 from pcpc.executive.rig.commands import commands
@@ -111,6 +111,7 @@ def _take_frames(made: Plan, database: dbc.Database) -> None:
         made.below = protocol.towards_plant(rig, database)
     protocol.check(rig, role, made.rx_frames, made.tx_frames)
     protocol.check_losses(rig, database)
+    protocol.check_stops(rig, database)
 
 
 def check_pacing(rig: Rig, pacing: str) -> None:
@@ -155,6 +156,8 @@ def _lay_out(made: Plan) -> None:
         table.add(Variable(name, unit, "parameter", "loop", help, 0.0, 1.0, recorded=False))
     for name, unit, help in REFUSALS:
         table.add(Variable(name, unit, "health", "loop", help, recorded=False))
+    for name, unit, help, high in REQUESTS:
+        table.add(Variable(name, unit, "parameter", "loop", help, 0.0, high, recorded=False))
     for kind, prefix, frames in (
         ("received", "rx", made.rx_frames),
         ("sent", "tx", made.tx_frames),

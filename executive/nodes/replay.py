@@ -198,6 +198,7 @@ class Replay:
         ]  # fmt: skip
         places = [self._index[name] for name in (*self._clocks, *self._given)]
         self._places = np.array(places, np.int64)
+        self._gain = np.ones(1)  # of the cycle before the next slice
         self._clocked = np.zeros((1, len(self._clocks)))  # of the cycle before the next slice
         self.needed = ["supervisor.fault", *self._clocks, *self._given]  # of a record
         self._heartbeats = [f.can_id for f in made.tx_frames if heartbeat(f)]
@@ -223,7 +224,9 @@ class Replay:
             part.rows[:, HEAD + names.index(f"supervisor.{name}")].view(np.float64)
             for name in ("gain", "state")
         )
-        rows[:, ENDS] = (gain < 1.0) & (state < sv.FAULT)
+        before = np.concatenate((self._gain, gain[:-1]))
+        self._gain = gain[-1:]
+        rows[:, ENDS] = (gain < before) & (state < sv.FAULT)  # after a reset it rises
         times = np.array([t[0] for t in tunings], np.int64)
         for column, ends in ((FRAMES_END, received["cycle"]), (TUNINGS_END, times)):
             rows[:, column] = np.searchsorted(ends, rows[:, K], side="right")

@@ -97,6 +97,27 @@ def check_losses(rig: Rig, database: dbc.Database) -> None:
             raise rig.error(f"losses.{name}", what)
 
 
+def check_stops(rig: Rig, database: dbc.Database) -> None:
+    """Raise RigError for an emergency stop or a stop frame that no node hears or that one sends."""
+    nodes = [node.node for node in rig.config.sections.values()]
+    heard = [frame for node in nodes for frame in dbc.frames(database, node, "rx")]
+    signals = [f"{frame.name}.{signal.name}" for frame in heard for signal in frame.signals]
+    single = [frame.name for frame in heard if frame.on_event]
+    stops = rig.config.supervisor
+    for key, name, known in (
+        ("estop", stops.estop, signals),
+        ("stop_frame", stops.stop_frame, single),
+    ):
+        if name is not None and name not in known:
+            what = "signal" if key == "estop" else "frame of GenMsgSendType Event"
+            cure = did_you_mean(name, known)
+            raise rig.error(f"supervisor.{key}", f"no node receives a {what} {name}{cure}")
+    sent = [frame.name for node in nodes for frame in dbc.frames(database, node, "tx")]
+    if stops.stop_frame in sent:
+        what = f"{stops.stop_frame} is sent by a node of the rig; leave its sender open"
+        raise rig.error("supervisor.stop_frame", what)
+
+
 def towards_plant(rig: Rig, database: dbc.Database) -> frozenset[str]:
     """Return the frames of the local node's bus to the plant; RigError if one is on both buses."""
     known = {role: _of(database, node.node) for role, node in rig.config.sections.items()}

@@ -224,6 +224,10 @@ def _check(document: Document, config: Config) -> None:
         what = f"{config.record.keep}: expected more than 0 and no more than 12 days"
         raise document.error(("record", "keep"), what)
     _check_limits(document, config)
+    patience_s = config.supervisor.peer_timeout_s
+    if patience_s * config.rate_hz < 2.0:
+        what = f"{patience_s:g} s is less than 2 periods, {2.0 / config.rate_hz:g} s"
+        raise document.error(("supervisor", "peer_timeout_s"), what)
     for name, figures in config.expect.items():
         if name not in config.controllers:
             what = f"no such controller{did_you_mean(name, config.controllers)}"

@@ -39,12 +39,18 @@ class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Reactions to missing frames, in cycles, and the ramp to safe values.
 
-    `peer_timeout_s`: how long a node that is ready waits for the other one.
+    `peer_timeout_s`: how long a node that is ready waits for the other one. `on_fault`: what
+    follows the ramp. `estop`: a received signal, 0 as long as all is well; `stop_frame`: a frame
+    that any node may send; both are a quick stop and a fault.
     """
 
-    hold_cycles: Annotated[int, Meta(ge=0)] = 2
+    hold_cycles: Annotated[int, Meta(ge=2)] = 2
     fault_after_cycles: Annotated[int, Meta(ge=2)] = 3
     ramp_s: Annotated[float, Meta(gt=0, le=3600)] = 0.05
+    quick_stop_s: Annotated[float, Meta(gt=0, le=3600)] | None = None
+    on_fault: Literal["stop", "wait"] = "stop"
+    estop: str | None = None
+    stop_frame: str | None = None
     peer_timeout_s: Annotated[float, Meta(gt=0, le=1e6)] = 300.0
 
 

@@ -122,7 +122,7 @@ def lossy(folder: Path, supervisor: str, losses: str = LOSSES) -> Path:
 
 
 def test_lost_frames_are_lost_as_in_a_single_run_each_by_its_own_seed(tmp_path: Path) -> None:
-    path = lossy(tmp_path, "{hold_cycles: 1, fault_after_cycles: 40}")
+    path = lossy(tmp_path, "{hold_cycles: 2, fault_after_cycles: 40}")
     rigs = [load_rig(path, "pd_nn", [f"seed={seed}"]) for seed in range(1, WIDTH + 1)]
     names = wanted(rigs[0])
     group = Group(rigs[0], names)

@@ -3,6 +3,7 @@
 import re
 from itertools import product
 
+import numpy as np
 import pytest
 from engine import ROOT, SLEW10
 
@@ -12,7 +13,7 @@ from pcpc.executive.nodes.install import PATIENCE_S
 from pcpc.executive.nodes.watched import HANG_PERIODS, HANG_S
 from pcpc.executive.rig.reading import load_rig
 
-EVENTS = ("NONE", "FRESH", "MISSED", "LOSS", "STOP_REQUEST", "RAMPED")
+EVENTS = ("NONE", "FRESH", "MISSED", "LOSS", "STOP_REQUEST", "RAMPED", "RESET")
 
 
 def documented_table() -> dict[tuple[str, str], str]:
@@ -56,18 +57,19 @@ def test_nothing_leaves_STOP() -> None:
         assert to == sv.STOP, f"{inputs}: {sv.STATE_NAMES[to]}"
 
 
-def test_FAULT_is_latched_until_the_ramp_is_over() -> None:
+def test_FAULT_is_latched_until_the_ramp_is_over_or_a_reset_was_granted() -> None:
     for fresh, fault, stopping, ramped in ALL_INPUTS:
         to = step(sv.FAULT, fresh, fault, stopping, ramped)
         expected = sv.STOP if stopping or ramped else sv.FAULT
+        expected = sv.INIT if fault == sv.NO_FAULT and not stopping else expected
         assert to == expected, f"{fresh=} {fault=} {stopping=} {ramped=}: {sv.STATE_NAMES[to]}"
 
 
-def test_no_sequence_of_events_leads_from_FAULT_back_to_the_closed_loop() -> None:
+def test_no_sequence_of_events_but_a_reset_leads_from_FAULT_back_to_the_closed_loop() -> None:
     reached, new = set(), {sv.FAULT}
     while new:
         reached |= new
-        new = {int(to) for state in new for to in sv.NEXT[state]} - reached
+        new = {int(to) for state in new for to in np.delete(sv.NEXT[state], sv.RESET)} - reached
     assert reached == {sv.FAULT, sv.STOP}, [sv.STATE_NAMES[s] for s in reached]
 
 
@@ -151,5 +153,7 @@ def test_every_fault_has_a_name() -> None:
         sv.PLANT_NOT_FINITE,
         sv.STEP_RAISED,
         sv.STEP_HANGS,
+        sv.EMERGENCY_STOP,
+        sv.STOP_FRAME,
     )
     assert codes == tuple(range(len(sv.FAULT_NAMES))), codes

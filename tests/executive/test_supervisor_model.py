@@ -15,12 +15,12 @@ import pytest
 from engine import Node, puppet_rig
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
 from pcpc.drivers.jit import i8, loop
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
-from pcpc.executive.loop.cycle import N, supervise
+from pcpc.executive.loop.cycle import N, hear_requests, supervise
 from pcpc.executive.loop.limits import limit_commands, settled
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.reading import load_rig
@@ -28,7 +28,7 @@ from pcpc.executive.rig.reading import load_rig
 LOW, HIGH, SAFE, RATE = -1.0, 2.0, 0.25, 0.125  # of the command; the last a cycle
 RAMP_CYCLES = 8
 WAY_CYCLES = math.ceil((HIGH - LOW) / RATE)
-COMMAND = "tx.CMD.motor_torque"
+COMMAND, ESTOP = "tx.CMD.motor_torque", "rx.FB_A.encoder"
 WISHES = st.floats(allow_nan=True, allow_infinity=True) | st.floats(-4.0, 4.0)
 
 
@@ -45,6 +45,7 @@ def executive() -> Plan:
 def _cycle(n: Any) -> Any:
     """Do what is the supervisor's of a cycle; return whether the command may be safe by now."""
     supervise(n)
+    hear_requests(n)
     limit_commands(n)
     n.k += 1
     return settled(n.limits)
@@ -57,7 +58,14 @@ class Supervised(RuleBasedStateMachine):
         super().__init__()
         self.node = Node(executive())
         self.n = self.node.loop
-        self.state, self.gain, self.sent, self.asked = sv.INIT, 1.0, SAFE, False
+        self.state, self.gain, self.sent = sv.INIT, 1.0, SAFE
+        self.asked = self.reset = self.due = self.was_reset = self.pressed = False
+        self.n.guard.estop_index = self.node.place(ESTOP)
+
+    @initialize(waits=st.booleans())
+    def begin(self, waits: bool) -> None:
+        """Choose whether a fault waits for a reset."""
+        self.n.guard.waits = waits
 
     @property
     def over(self) -> bool:
@@ -73,6 +81,8 @@ class Supervised(RuleBasedStateMachine):
         if n.rx.awaited == 0:
             n.rx.fresh = 0
         self.node[COMMAND] = wish
+        self.asked = self.asked or n.guard.stop != 0
+        self.due, self.reset = n.guard.reset != 0, False
         _cycle(n)
         self.hold(fresh)
 
@@ -96,6 +106,23 @@ class Supervised(RuleBasedStateMachine):
         self.n.control[sh.STOP] = 1
         self.asked = True
 
+    @rule(quick=st.booleans())
+    def ask_to_stop_as_a_client(self, quick: bool) -> None:
+        """Let a client ask for it, for the cycle after next."""
+        self.node["supervisor.stop"] = 1.0 + quick
+
+    @rule()
+    def ask_for_a_reset(self) -> None:
+        """Let a client ask, at any time."""
+        self.node["supervisor.reset"] = 1.0
+        self.reset = True
+
+    @rule(pressed=st.booleans())
+    def press(self, pressed: bool) -> None:
+        """Press or release the emergency stop."""
+        self.node[ESTOP] = float(pressed)
+        self.pressed = pressed
+
     @rule()
     def be_over(self) -> None:
         """Let the run have its duration."""
@@ -109,17 +136,23 @@ class Supervised(RuleBasedStateMachine):
         self.gain, self.sent = float(self.n.guard.gain), self.node[COMMAND]
         told = f"{sv.STATE_NAMES[before]} to {sv.STATE_NAMES[state]}, {sent} to {self.sent}"
         assert state in sv.NEXT[before], told
-        if before == sv.FAULT:
-            assert state in (sv.FAULT, sv.STOP), f"{told}: FAULT is latched"
+        if before == sv.FAULT and state not in (sv.FAULT, sv.STOP):
+            assert state == sv.INIT and self.due, f"{told}: FAULT is latched"
+            assert fresh and not self.pressed and gain == 0.0 and abs(sent - SAFE) <= RATE, told
+            self.was_reset = True
+        assert not self.pressed or sv.DOES[state, sv.RAMPS], f"{told}: pressed"
         if state in (sv.READY, sv.RUN) and state != before:
             assert fresh or self.asked, f"{told}: nothing fresh"
         if state == sv.HOLD:
             assert not fresh, told
         assert state != sv.FAULT or self.node["supervisor.fault"] != sv.NO_FAULT, told
-        assert self.gain <= gain, f"{told}: the gain rises from {gain} to {self.gain}"
-        assert self.gain == 1.0 or self.asked or sv.DOES[state, sv.RAMPS], told
+        ramps = self.asked or bool(sv.DOES[state, sv.RAMPS])
+        step = 1.0 / RAMP_CYCLES if self.was_reset and not ramps and state != sv.INIT else 0.0
+        assert self.gain <= gain + step, f"{told}: the gain rises from {gain} to {self.gain}"
+        assert self.gain == 1.0 or ramps or self.was_reset, told
         self.hold_command(state, sent, told)
         assert self.n.control[sh.STATE] == state
+        assert self.n.guard.reset == 0 or state == sv.FAULT, f"{told}: a reset of no fault"
 
     def hold_command(self, state: int, sent: float, told: str) -> None:
         """Check what is sent: in range and rate in any case; safe before input, else on its way."""
@@ -128,11 +161,16 @@ class Supervised(RuleBasedStateMachine):
         if state == sv.INIT:
             assert self.sent == SAFE, told
         if self.asked or sv.DOES[state, sv.RAMPS]:
-            assert abs(self.sent - SAFE) <= abs(sent - SAFE) + 1e-15, f"{told}: away from safe"
+            assert abs(self.sent - SAFE) <= abs(sent - SAFE) + 1e-12, f"{told}: away from safe"
 
     def teardown(self) -> None:
         """Let it end: a fault stops in its time, with a safe command; STOP is final."""
+        self.n.guard.waits = 0
         if self.state == sv.FAULT:
+            self.node["supervisor.reset"] = 0.0
+            self.n.guard.reset = 0
+            if self.n.guard.faulted == sv.NO_FAULT:
+                self.n.guard.faulted = sv.OVERRUN
             for _ in range(RAMP_CYCLES + WAY_CYCLES + 2):
                 if not self.over:
                     self.cycle(True, HIGH)
@@ -159,6 +197,7 @@ def test_every_way_through_the_table_is_a_safe_one(state: int) -> None:
         for event in events:
             before, at = at, int(sv.NEXT[at, event])
             closes = sv.DOES[at, sv.RUNS] > sv.DOES[before, sv.RUNS]
+            faulted = faulted and not (before == sv.FAULT and event == sv.RESET)
             way = f"{sv.STATE_NAMES[state]} by {events}: {sv.STATE_NAMES[before]} to {at}"
             assert not closes or (event == sv.FRESH and not faulted), way
             assert not stopped or at == sv.STOP, way

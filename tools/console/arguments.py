@@ -199,6 +199,18 @@ def watch(add: Add) -> None:
     add("--every", default="200ms", metavar="TIME", help="interval: 500us, 5ms, 10s")
 
 
+def reset(add: Add) -> None:
+    """Take which rig's nodes, if there are several."""
+    add("rig", metavar="RIG", nargs="?", help="if several run: name of the rig, or its file")
+    json(add, "print JSON")
+
+
+def stop(add: Add) -> None:
+    """Take which rig's run, and how."""
+    reset(add)
+    add("--quick", action="store_true", help="in supervisor.quick_stop_s instead of ramp_s")
+
+
 # Logs
 
 

@@ -127,6 +127,10 @@ GROUPS = {
                 take.watch, codes=_ASKING),
         Command("lock", "forbid tunings (tune, all), or allow them again (none)",
                 "pcpc lock tune", take.table("none|tune|all", 1), "watch", _ASKING),
+        Command("stop", "end a run in order, also one that is locked", "pcpc stop --quick",
+                take.stop, "stop", _ASKING),
+        Command("reset", "go on after a fault that waits (supervisor.on_fault)", "pcpc reset hull",
+                take.reset, "stop", {**_ASKING, Exit.NOT_MET: "its cause is still there"}),
     ),
     "afterwards": (
         Command("log", "look into logs, compare, draw, convert and repair them",
