@@ -7,7 +7,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
 out=build/vcan
-least=40                 # tests; a stage that collects fewer has lost some
+least=42                 # tests; a stage that collects fewer has lost some
 limit=30min              # an idle machine needs 5
 rig=plants/atb1000/rigs/slew10.yaml
 
@@ -28,6 +28,8 @@ quietly "$bin/pcpc" run "$rig" "${once[@]}" -o "$out/warm" --pacing lockstep \
     --bus udp_multicast:239.74.163.3:43119
 quietly "$bin/python" -m pytest tests/executive/test_every_rig.py -q -p no:cacheprovider
 quietly "$bin/pcpc" play "$out/simulated/log.mcap" -r 0 --quiet --bus udp_multicast:239.74.163.3:43119
+quietly "$bin/pcpc" bus emulate udp_multicast:239.74.163.3:43119 udp_multicast:239.74.163.3:43120 \
+    --for 50ms
 quietly "$bin/python" - <<'PY'
 from pcpc.drivers import wire, wire_layout
 from pcpc.drivers.jit import numba
