@@ -67,6 +67,7 @@ LINE = np.dtype(
         ("at", "<i8"),  # its time
         ("waited", "<i8"),  # SENT: since the frame was queued
         ("frame", "u1", (16,)),  # what is, or was last, on the line
+        ("first", "<i8"),  # where the first frame began
         ("busy", "<i8"),  # bits, intermission included
         ("transmit_errors", "<i8", (SENDERS,)),  # TEC and REC
         ("receive_errors", "<i8", (SENDERS,)),
@@ -229,6 +230,8 @@ def _begin(line: Any, begin: Any) -> None:
     for s in range(line.senders):
         line.runs_left[s] -= run * line.off[s]
     copy(line.frame, line.frames[line.sending * MOST_ROOM + line.entry])
+    if line.busy == 0:
+        line.first = begin
     line.begin, line.length = begin, encode(line.frame, line.raw, line.wire)
     line.hit = _hit(line)
     if _listeners(line) == 0 and (line.hit < 0 or line.hit > _slot(line)):

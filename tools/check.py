@@ -144,14 +144,14 @@ def _bus(rig: Rig) -> dict[str, Any]:
     config = rig.config
     found: dict[str, Any] = {
         "interface": config.bus.interface, "channel": config.bus.channel,
-        "bitrate": config.bus.bitrate,
+        "bitrate": config.bus.bits_per_s,
     }  # fmt: skip
-    if config.bus.bitrate is None:
+    if config.bus.bits_per_s is None:
         return found | {"load": [], "highest_rate_hz": None}
     database = dbc.load(rig.dbc)
     rates = sorted({*_RATES_HZ, config.rate_hz})
-    load = {rate: bus_load(rig, database, rate, config.bus.bitrate) for rate in rates}
-    slow = bus_load(rig, database, 0.0, config.bus.bitrate)  # frames with a time of their own
+    load = {rate: bus_load(rig, database, rate, config.bus.bits_per_s) for rate in rates}
+    slow = bus_load(rig, database, 0.0, config.bus.bits_per_s)  # frames with a time of their own
     per_hz = (load[config.rate_hz] - slow) / config.rate_hz
     return found | {
         "load": [{"rate_hz": rate, "load": round(share, 6)} for rate, share in load.items()],

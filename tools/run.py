@@ -27,6 +27,7 @@ from pcpc.executive.rig.buses import bus_wanted
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.console.progress import Compiling, Progress, node_line
+from pcpc.tools.starting import line as lines
 from pcpc.tools.starting import pace
 from pcpc.tools.starting.children import Child, complain, on_request
 from pcpc.tools.starting.folder import LOG, run_folder
@@ -72,6 +73,8 @@ class Host:
         self._greet()
         on_request(self._interrupt)
         try:
+            if self.rig.config.bus.emulate is not None and "executive" in self.roles:
+                self.children["line"] = lines.started(self.rig, self.bus, self.folder)
             for role in self.roles:
                 self.children[role] = self._node(role)
             self._load_judge()
@@ -224,6 +227,10 @@ class Host:
         if not unborn and not any(child.ended and child.code in REFUSALS for child in nodes):
             self._start_recorder()  # a run may be shorter than our look at it
         self._let_go(nodes, asked_s)
+        if "line" in self.children:
+            self.children["line"].end(0.0)
+            if said := lines.told(self.folder):
+                self.progress.say(said)
         if "recorder" in self.children:
             recorder = self.children["recorder"]
             recorder.end(_DRAIN_S)

@@ -19,6 +19,7 @@ from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views, add_block
 from pcpc.executive.loop.variables import HEAD, REFUSALS, REQUESTS, RESETS, TIMING
 from pcpc.executive.rig import messages as protocol
+from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.carried import Reads, merge, noted
 from pcpc.executive.rig.commands import commands
 from pcpc.executive.rig.prepare import prepared
@@ -90,6 +91,7 @@ class Plan:
 
 def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     """Check the wiring of one node and lay out its table; RigError, BusError say what is wrong."""
+    check_line(rig, pacing)
     spec = rig.nodes()[role]
     made = Plan(rig, role, spec, pacing)
     database = protocol.database_of(rig)
@@ -129,7 +131,7 @@ def check_pacing(rig: Rig, pacing: str) -> None:
 
 def check_rate(rig: Rig, pacing: str) -> float:
     """Return the worst-case load of the rig's bus; RigError if frames on a clock would not fit."""
-    bitrate = rig.config.bus.bitrate
+    bitrate = rig.config.bus.bits_per_s
     if bitrate is None:
         return 0.0
     database = protocol.database_of(rig)

@@ -277,10 +277,13 @@ def open_buses(rig: Rig, bus: buses.Bus, made: Plan, end: Any) -> None:
 
 
 def bus_below(rig: Rig, bus: buses.Bus) -> buses.Bus | None:
-    """Return the bus between local node and plant; None for a rig of two nodes."""
+    """Return the bus of the plant; None where that is the executive's.
+
+    It is that between local node and plant, or the other side of an emulated line.
+    """
     local = rig.config.local
     if local is None:
-        return None
+        return None if rig.config.bus.emulate is None else buses.beside(bus)
     if local.bus is None:
         return buses.beside(bus)
     channel = None if local.bus.channel is None else str(local.bus.channel)

@@ -11,5 +11,20 @@ def bus_wanted(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
     config = rig.config
     channel = None if config.bus.channel is None else str(config.bus.channel)
     asked = (config.bus.interface, channel) if named is None else buses.parse(named)
-    two = config.local is not None and config.local.bus is None
+    two = config.bus.emulate is not None or (config.local is not None and config.local.bus is None)
     return Wanted(*asked, rig=config.rig, roles=roles, two=two)
+
+
+def check_line(rig: Rig, pacing: str) -> None:
+    """Raise RigError if the rig's line cannot be emulated."""
+    if rig.config.bus.emulate is None:
+        return
+    what = ""
+    if pacing == "lockstep":
+        what = "in lockstep and virtual time no clock runs; --set bus.emulate=null leaves it out"
+    elif rig.config.local is not None:
+        what = "this rig has a local node and so two buses; only one can be emulated"
+    elif not 1000 <= (rig.config.bus.bits_per_s or 0) <= 1_000_000:
+        what = f"{rig.config.bus.emulate}: classic CAN has 1 kbit/s to 1 Mbit/s"
+    if what:
+        raise rig.error("bus.emulate", what)

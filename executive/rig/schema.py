@@ -25,15 +25,33 @@ Fraction = Annotated[float, Meta(ge=0, le=1)]
 Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Duration = Annotated[str, Meta(pattern=r"\A[0-9]{1,9}(\.[0-9]{1,9})?(ms|s|min)\Z")]
+BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s)?\Z")]
 Condition = Annotated[str, Meta(max_length=300)]  # see `rig.expressions`
 
 
 class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A bus as python-can names it; `bitrate` null means that its load is not checked."""
+    """A bus as python-can names it; `bitrate` null means that its load is not checked.
+
+    `emulate`: a gateway with this bit rate stands between the nodes, see `drivers.line`, with
+    transmit queues of `queue` frames and errors of `bit_error_rate`, `error_burst` in a row.
+    """
 
     interface: Word = "auto"
     channel: Word | Annotated[int, Meta(ge=0, le=2**31)] | None = None
     bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
+    emulate: BitRate | None = None
+    queue: Annotated[int, Meta(ge=1, le=256)] = 64
+    bit_error_rate: Fraction = 0.0
+    error_burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
+
+    @property
+    def bits_per_s(self) -> int | None:
+        """The rate that its frames meet: the emulated one, else `bitrate`."""
+        if self.emulate is None:
+            return self.bitrate
+        number = self.emulate.removesuffix("bit/s").strip()
+        scale = {"k": 1e3, "M": 1e6}.get(number[-1], 1.0)
+        return round(scale * float(number.rstrip("kM ")))
 
 
 class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

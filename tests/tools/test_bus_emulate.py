@@ -3,11 +3,12 @@
 import json
 import signal
 import subprocess
+from pathlib import Path
 from typing import Any
 
 import can
 import pytest
-from processes import PCPC, own_bus
+from processes import PATIENT, PCPC, own_bus
 
 from pcpc.drivers import bus as buses
 from pcpc.executive.errors import RigError
@@ -77,3 +78,47 @@ def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> No
     assert found["bitrate"] == 125_000 and found["not_taken"] == 0
     assert found["sides"][0]["longest_us"] >= 8 * 108 and found["sides"][0]["lost_off"] == 0
     assert 0.0 < found["load"] <= 1.0
+
+
+# --------------------------------------------------------------------------- a rig with bus.emulate
+
+
+@pytest.mark.parametrize(
+    ("rig", "settings", "said"),
+    [
+        ("hull", ["bus.emulate=1M", "pacing=lockstep"], "no clock runs"),
+        ("hull", ["bus.emulate=2 Mbit/s"], "classic CAN has 1 kbit/s to 1 Mbit/s"),
+        ("telerobot-u1", ["bus.emulate=1M"], "only one can be emulated"),
+        ("hull", ["bus.emulate=fast"], "of the form"),
+        ("hull", ["bus.emulate=100k"], "lower rate_hz"),
+    ],
+)
+def test_a_rig_whose_line_cannot_be_emulated_is_refused(
+    rig: str, settings: list[str], said: str, capsys: Screen
+) -> None:
+    words = [word for setting in settings for word in ("--set", setting)]
+    assert main(["run", rig, *words, "--bus", own_bus(), "--quiet"]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(
+    tmp_path: Path,
+) -> None:
+    done = subprocess.run(
+        [PCPC, "run", "hull", "--bus", own_bus(), "--set", "bus.emulate=1 Mbit/s", *PATIENT,
+         "--set", "duration_s=0.3", "-o", str(tmp_path / "run"), "--no-figure", "--json"],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    line = json.loads((tmp_path / "run" / "line.json").read_text())
+    sent, heard = summary["frames"]["sent"], summary["frames"]["received"]
+    carried = sum(side["sent"] for side in line["sides"])
+    lost = sum(side["refused"] + side["lost_off"] for side in line["sides"]) + line["not_taken"]
+    assert lost == 0
+    assert sent - 20 <= carried <= sent, f"{carried} of {sent}, a few are still on the way"
+    assert sent > 1000
+    assert heard <= carried
+    assert "line: 1 Mbit/s" in done.stderr
+    first, second = (side["bus"] for side in line["sides"])
+    assert summary["bus"] == first != second

@@ -50,7 +50,7 @@ def command(options: argparse.Namespace) -> int:
 def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
     config = rig.config
     below = config.local.bus if config.local else None
-    of_rig = (config.bus.bitrate, (below and below.bitrate) or config.bus.bitrate)
+    of_rig = (config.bus.bits_per_s, (below and below.bits_per_s) or config.bus.bits_per_s)
     jitter_ns = _ns("--jitter", options.jitter)
     error_every_ns = _ns("--error-every", options.error_every)
     if jitter_ns > 1e9 / config.rate_hz:

@@ -7,10 +7,13 @@ and how far behind its time the gateway handed the frames over.
 
 import argparse
 import json
+import os
 import signal
+import sys
 import threading
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pcpc.drivers import bus as buses
@@ -18,6 +21,7 @@ from pcpc.drivers import choice, line, realtime
 from pcpc.drivers.errors import BusError, Exit
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
+from pcpc.executive.rig.reading import Rig
 from pcpc.tools.bus.report import rate_of
 from pcpc.tools.bus.traffic import MOST_CLASSIC
 from pcpc.tools.console.progress import Progress
@@ -142,6 +146,40 @@ def _run(gateway: Gateway, names: list[str], options: argparse.Namespace) -> boo
     return interrupted
 
 
+def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
+    """Be the line of a run, in a process of its own, until SIGTERM; tell `ready`, a file, at once.
+
+    Writes `result` to `report`. BusError goes to stderr.
+    """
+    config, sides = rig.config.bus, [bus, buses.beside(bus)]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    gateway = Gateway(
+        config.bits_per_s or MOST_CLASSIC, config.queue, p=config.bit_error_rate,
+        burst=config.error_burst, seed=rig.config.seed,
+    )  # fmt: skip
+    try:
+        gateway.open(sides)
+        os.close(ready)
+        _run(gateway, [str(one) for one in sides], argparse.Namespace(quiet=True, for_s=None))
+    except BusError as error:
+        print(f"line: {error}", file=sys.stderr)
+        return error.code
+    report.write_text(json.dumps(result(gateway, [str(one) for one in sides]), indent=2) + "\n")
+    return Exit.OK
+
+
+def told(found: dict[str, Any]) -> str:
+    """Return the result in a line."""
+    sides, late = found["sides"], found["handed_over_late_us"]
+    counts = {key: sum(side[key] for side in sides)
+              for key in ("sent", "errors", "refused", "lost_off", "times_off")}  # fmt: skip
+    return (
+        f"line: {rate_of(found['bitrate'])}, {counts['sent']} frames, load {found['load']:.1%}, "
+        f"{counts['errors']} errors, {counts['refused'] + counts['lost_off']} lost, "
+        f"{counts['times_off']} times bus-off, late p99 {late['p99']:.0f} us"
+    )
+
+
 def _state(gateway: Gateway, busy: int, bits: int) -> str:
     """Return a line of progress, with the load since the last one."""
     n = gateway.n.line
@@ -159,7 +197,7 @@ def result(gateway: Gateway, names: list[str]) -> dict[str, Any]:
     bit_us = 1e6 / gateway.bitrate
     return {
         "bitrate": gateway.bitrate, "duration_s": gateway.bits / gateway.bitrate,
-        "load": int(n.busy) / max(gateway.bits, 1),
+        "load": int(n.busy) / max(int(n.free_at - n.first), 1),  # from first to last frame
         "sides": [
             {"bus": name} | {
                 key: int(n[key][s]) for key in ("sent", "errors", "refused", "lost_off",

@@ -199,9 +199,9 @@ def warning(rig: Rig, pacing: str) -> str:
     A load of more than 100 % needs no warning: `nodes.plan.check_rate` refuses it.
     """
     config = rig.config
-    if config.bus.bitrate is None or pacing == "lockstep":
+    if config.bus.bits_per_s is None or pacing == "lockstep":
         return ""
-    setup = Setup(config.rate_hz, config.bus.bitrate)
+    setup = Setup(config.rate_hz, config.bus.bits_per_s)
     sent = buses(rig)
     found = [analysed(frames, setup) for frames in sent]
     late = [(i, row) for i, rows in enumerate(found) for row in rows if row.late]

@@ -1,0 +1,38 @@
+"""The CAN line of a run with `bus.emulate`: a gateway between the sides of its nodes."""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from pcpc.drivers.bus import Bus
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.starting.children import Child
+
+REPORT = "line.json"  # in the run's folder
+
+
+def started(rig: Rig, bus: Bus, folder: Path) -> Child:
+    """Start the gateway; return once it hears both sides, or has ended."""
+    ready, told = os.pipe()
+
+    def main(words: Sequence[str]) -> int:
+        from pcpc.tools.bus import emulate  # here, because it compiles
+
+        return emulate.serve(rig, bus, folder / REPORT, told)
+
+    child = Child.forked("line", main, ())
+    os.close(told)
+    os.read(ready, 1)  # nothing comes but the end, when the other side is closed
+    os.close(ready)
+    return child
+
+
+def told(folder: Path) -> str:
+    """Return in a line what the gateway had to tell at its end; "" if it did not come to that."""
+    from pcpc.tools.bus import emulate
+
+    try:
+        return emulate.told(json.loads((folder / REPORT).read_text()))
+    except OSError:
+        return ""
