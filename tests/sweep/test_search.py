@@ -4,9 +4,12 @@ import dataclasses
 import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
+import pcpc
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
 from pcpc.tools.console.progress import Progress
@@ -118,9 +121,47 @@ def test_rows_of_other_points_are_no_answer(tmp_path: Path) -> None:
         done(search, tmp_path, 1)
 
 
+def from_python(vary: tuple[str, ...], **more: Any) -> pcpc.Sweep:
+    short = {name: yaml.safe_load(text) for name, text in (one.split("=", 1) for one in SHORT)}
+    return pcpc.sweep(
+        RIG, ["pid"], vary=dict(one.split("=", 1) for one in vary), set=short, quiet=True, **more
+    )
+
+
+def test_python_searches_as_the_command_does(tmp_path: Path) -> None:
+    for search, asked in (
+        (Search(WORST), {"worst": WORST.draws}),
+        (Search(RARE, OVERSHOOT, 9.0), {"rare": RARE.draws, "of": OVERSHOOT, "limit": 9.0}),
+    ):
+        whole = tmp_path / search.campaign.sampling
+        told = done(search, whole, 1)
+        own = from_python(search.campaign.vary, seed=search.campaign.seed, **asked)
+        assert own.statement.replace(str(own.folder), str(whole)) == told
+        assert repr(own.table.to_pylist()) == repr(store.merged([whole])[0].to_pylist())
+    for wrong, what in (
+        ({"worst": 20, "until": "p_fail < 0.1 at 90%"}, "--until: --worst chooses its own draws"),
+        ({"worst": 20, "rare": 20}, "--worst and --rare: give one of them"),
+        ({"limit": 1.0}, "--of and --limit are of --worst and --rare"),
+    ):
+        with pytest.raises(pcpc.Error, match=what):
+            from_python(WORST.vary, **wrong)
+
+
+def test_python_is_told_what_decides_and_what_a_statement_came_to() -> None:
+    many = from_python(WORST.vary, draws=64, sampling="random")
+    (shares,) = many.sensitivity(f"metric:{OVERSHOOT}").values()
+    assert {one.name for one in shares} == {one.partition("=")[0] for one in WORST.vary}
+    assert shares[0].first > 0.3, f"{shares[0]}: nothing decides"
+    with pytest.raises(pcpc.UnknownName, match=f"did you mean metric:{OVERSHOOT}"):
+        many.sensitivity(f"metric:{OVERSHOOT[:-1]}")
+    sure = from_python(WORST.vary, until="p_fail(it arrives and stays) < 0.5 at 90%")
+    assert sure.statement.startswith("pid: p_fail(it arrives and stays) < 0.5 holds at 90 %: 0 fai")
+
+
 @pytest.mark.parametrize(
     ("words", "what"),
     [
+        ("--worst 20 --rare 20", "--worst and --rare: give one of them"),
         ("--rare 25", "--rare 25: expected a multiple of 10"),
         ("--worst 0", "--draws 0: expected 1 or more"),
         ("--worst 20 --draws 9", "--draws: --worst chooses its own draws"),

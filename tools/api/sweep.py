@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pcpc.executive.errors import did_you_mean
 from pcpc.tools.api.place import progress
+from pcpc.tools.api.run import UnknownName
 from pcpc.tools.api.settings import settings
 from pcpc.tools.rigs import find
 from pcpc.tools.starting.native import native
@@ -17,11 +19,15 @@ if TYPE_CHECKING:
     import pyarrow
 
     from pcpc.tools.sweep.results import Results
+    from pcpc.tools.sweep.sensitivity import Share
 
 
 @dataclass(frozen=True)
 class Sweep:
     """A campaign: `table`, a row a run; `spec`, what it follows from; `statement` in words.
+
+    Of `until`, `worst` and `rare` the statement is what came out. Rows that `worst` and `rare` have
+    chosen are no sample: no share of them is a probability.
 
     Columns: draw, controller, seed, `vary:NAME`, `metric:NAME`, `margin:NAME` and `held:NAME` of
     requirements, ok (null: not judged), why, outcome (ran, fault, refused), alone (why it was not
@@ -45,6 +51,19 @@ class Sweep:
         """Return failures and runs of a controller, of a requirement or of the verdict."""
         return self.results.failures(controller, requirement)
 
+    def sensitivity(self, name: str) -> dict[str, list["Share"]]:
+        """Return what each variation decides of a column, `metric:NAME` or `margin:NAME`.
+
+        By controller, largest first: shares of its variance, see `Share`. Controllers with too few
+        runs, or where nothing varies, are left out. UnknownName for another column.
+        """
+        from pcpc.tools.sweep.figures import shares_of
+
+        known = [one for one in self.table.column_names if one.startswith(("metric:", "margin:"))]
+        if name not in known:
+            raise UnknownName(f"no column {name}{did_you_mean(name, known)}")
+        return shares_of(self.results, name)
+
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the table as a data frame; ImportError without pandas."""
         return self.table.to_pandas()
@@ -60,7 +79,8 @@ def sweep(
     rig: str | Path, controllers: Sequence[str] | None = None, *,
     vary: Mapping[str, str] | None = None, draws: int | None = None, sampling: str | None = None,
     seed: int = 1, set: Mapping[str, Any] | None = None, until: str | None = None,
-    threads: int | None = None, scheduler: str | None = None,
+    worst: int | None = None, rare: int | None = None, of: str | None = None,
+    limit: float | None = None, threads: int | None = None, scheduler: str | None = None,
     folder: str | Path | None = None, quiet: bool | None = None,
 ) -> Sweep:  # fmt: skip
     """Run a rig again and again with values that vary, in virtual time, eight runs at once.
@@ -76,6 +96,12 @@ def sweep(
     seed         of the draws, and of the runs' noises
     set          other values of the rig, of all runs
     until        a statement that ends it, as "p_fail < 1e-3 at 95%"; needs sampling random
+    worst        search for the worst case with so many runs, in place of draws: the smallest margin
+                 of the requirements
+    rare         the probability of a rare failure, by subset simulation with so many runs a step,
+                 as 1000, in place of draws
+    of           a metric that worst makes large, or that rare has above `limit` when a run fails
+    limit        see `of`
     threads      all processors
     scheduler    Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine (then below
                  `if __name__ == "__main__":`, as each of them imports your script)
@@ -88,18 +114,23 @@ def sweep(
     with native("numba" not in sys.modules):
         from pcpc.tools.sweep import store
         from pcpc.tools.sweep.campaign import Shard, asked
+        from pcpc.tools.sweep.search import chosen, search
         from pcpc.tools.sweep.work import Work
 
     store.check_packages()
     varied = [f"{name}={text}" for name, text in (vary or {}).items()]
+    others = {"draws": draws, "sampling": sampling, "until": until}
+    if kind := chosen({"worst": worst, "rare": rare}, others):
+        sampling, draws = kind
     campaign = asked(
         find(str(rig)), controllers or (), varied, draws, sampling, seed, settings(set),
         until is not None,
     )  # fmt: skip
     campaign.check()
+    looked_for = search(campaign, of, limit)
     keep = None if folder else tempfile.TemporaryDirectory(prefix="pcpc-")
     place = Path(folder or keep.name)  # type: ignore[union-attr]
-    work = Work(campaign, Shard(), place, until, threads, scheduler)
+    work = Work(campaign, Shard(), place, until, threads, scheduler, looked_for)
     try:
         told = work.to_end(progress(quiet))
     finally:

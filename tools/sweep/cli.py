@@ -14,7 +14,7 @@ from pcpc.tools.rigs import find
 from pcpc.tools.sweep import rerun, store, told
 from pcpc.tools.sweep.campaign import SEARCHES, Campaign, Shard, asked
 from pcpc.tools.sweep.report import report
-from pcpc.tools.sweep.search import Search
+from pcpc.tools.sweep.search import chosen, search
 from pcpc.tools.sweep.work import Work
 
 
@@ -35,8 +35,9 @@ def command(options: argparse.Namespace) -> int:
     name = campaign.of[0].config.rig
     folder = Path(options.output or f"runs/{stamp}-sweep-{name}")
     progress = Progress(options.quiet)
-    search = _search(options, campaign)
-    work = Work(campaign, shard, folder, options.until, options.threads, options.scheduler, search)
+    looked_for = search(campaign, options.of, options.limit)
+    about = options.until, options.threads, options.scheduler, looked_for
+    work = Work(campaign, shard, folder, *about)
     try:
         ended = work.to_end(progress)
     except KeyboardInterrupt:
@@ -54,22 +55,10 @@ def command(options: argparse.Namespace) -> int:
     return _tell(folder, [folder], ended)
 
 
-def _search(options: argparse.Namespace, campaign: Campaign) -> Search | None:
-    if campaign.sampling in SEARCHES:
-        return Search(campaign, options.of, options.limit)
-    if options.of or options.limit is not None:
-        raise RigError("--of and --limit are of --worst and --rare")
-    return None
-
-
 def _campaign(options: argparse.Namespace) -> Campaign:
-    for kind in SEARCHES:
-        if (runs := getattr(options, kind)) is None:
-            continue
-        for other in ("draws", "sampling", "until", "shard"):
-            if getattr(options, other) is not None:
-                raise RigError(f"--{other}: --{kind} chooses its own draws, all of them; leave it")
-        options.sampling, options.draws = kind, runs
+    others = {name: getattr(options, name) for name in ("draws", "sampling", "until", "shard")}
+    if kind := chosen({name: getattr(options, name) for name in SEARCHES}, others):
+        options.sampling, options.draws = kind
     named = options.controllers.split(",") if options.controllers else ()
     return asked(
         options.rig, named, options.vary, options.draws, options.sampling, options.seed,
