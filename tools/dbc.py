@@ -34,7 +34,13 @@ from pcpc.tools.console import screen
 from pcpc.tools.log.outfile import new_file
 
 _NMT = {0: "BOOT_UP", 4: "STOPPED", 5: "OPERATIONAL", 127: "PRE_OPERATIONAL"}
-_CODES = {"supervisor.state": (4, dict(enumerate(STATE_NAMES))), "supervisor.nmt": (8, _NMT)}
+_CODES: dict[str, tuple[int, dict[int, str]]] = {  # bits and names of what the loop has to say
+    "supervisor.state": (4, dict(enumerate(STATE_NAMES))),
+    "supervisor.nmt": (8, _NMT),
+    "supervisor.status_word": (16, {}),
+    "supervisor.error_code": (16, {}),
+    "supervisor.error_register": (8, {}),
+}
 _OWN = ("counter", "crc", "sequence")  # the loop's
 _PAYLOAD_BITS, _WIDTHS = 48, (32, 24, 16)
 _FIRST_ID: dict[Role, int] = {"executive": 0x0A0, "plant": 0x120}

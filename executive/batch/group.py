@@ -22,8 +22,10 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.timing import COUNTERS
 from pcpc.executive.loop.variables import (
+    ERROR_REGISTER,
     GAIN,
     RESET_ASKED,
+    STATUS_WORD,
     STOP_ASKED,
     TIMING,
     TIMING_AT,
@@ -160,10 +162,14 @@ def hung(description: Mapping[str, Any], control: Any) -> str:
 
 def _check_wires(made: Plan) -> None:
     names, n_clock = made.names, len(TIMING)
+    if any(frame.on_event for frame in made.tx_frames):
+        raise NotInLanes("it has an emergency frame")
     known = {_COUNTERS_AT[i] for i in range(len(COUNTERS))} | {WALL}
     for source, _ in (pair for copies in made.copies for pair in copies):
         if TIMING_AT <= source < TIMING_AT + n_clock and source not in known:
             raise NotInLanes(f"{names[source]} is wired, which only a clock knows")
+        if STATUS_WORD <= source <= ERROR_REGISTER:
+            raise NotInLanes(f"{names[source]} is wired")
     for spec in made.spec.blocks:
         if not isinstance(spec.block.step, Stage):
             raise NotInLanes(f"the step of {spec.name} is none of pcpc's stages")

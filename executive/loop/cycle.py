@@ -34,6 +34,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop import timing
 from pcpc.executive.loop.clock import CLOCKED, next_period, now, runs, set_time, stopping, wait
+from pcpc.executive.loop.drive import tell_drive
 from pcpc.executive.loop.limits import begin_ramp, limit_commands, quick_stop, settled
 from pcpc.executive.loop.reception import receive, wait_for_peer
 from pcpc.executive.loop.rings import publish_table, push_event, push_record
@@ -41,6 +42,7 @@ from pcpc.executive.loop.sending import announce, copy_inputs, request_first_sam
 from pcpc.executive.loop.strangers import listen, refused
 from pcpc.executive.loop.tuning import tune
 from pcpc.executive.loop.variables import (
+    ERROR_CODE,
     FALLBACK,
     FAULT,
     GAIN,
@@ -182,6 +184,7 @@ def enter(n: Any, before: Any, state: Any) -> None:
     n.v[GAIN] = guard.gain
     n.v[MISSING] = guard.missing
     n.v[NMT] = sv.NMT[state]
+    tell_drive(n, state)
 
 
 @loop_inline
@@ -254,7 +257,12 @@ def transmit(n: Any) -> None:
     tx = n.tx
     for row in range(tx.n):
         every = tx.frames[row, dbc.EVERY_N]
-        if n.passes % every == 0:
+        if tx.role[row, sh.IS_EMERGENCY] != 0:
+            code = np.int64(n.v[ERROR_CODE])
+            if code != tx.role[row, sh.TOLD]:
+                tx.role[row, sh.TOLD] = code
+                send_frame(n, row, 0)
+        elif n.passes % every == 0:
             send_frame(n, row, n.passes // every + tx.role[row, sh.IS_SYNC])
     n.timing.sent = now(n.clock)
 
@@ -322,6 +330,7 @@ def finish(n: Any) -> None:
     n.v[STATE] = sv.STOP
     n.v[NMT] = sv.NMT[sv.STOP]
     guard.gain = 0.0
+    tell_drive(n, sv.STOP)
     n.control[sh.STATE] = sv.STOP
     if refused(n):
         n.control[sh.FAULT] = guard.faulted

@@ -94,7 +94,7 @@ STAGE_FIGURES = 4
 LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
 LATE_FIGURES = LATE_USAGE + 4
 HEARTBEAT, ALL_FRAMES = 0, 1  # `tx.last_word`
-IS_SYNC, IS_HEARTBEAT = 0, 1  # columns of `tx.role`
+IS_SYNC, IS_HEARTBEAT, IS_EMERGENCY, TOLD = range(4)  # columns of `tx.role`; TOLD: its last code
 
 # The record of a node, ordered by who may write it; each part begins on a page of its own.
 _PUBLISHED = [  # written by the node, read by all
@@ -220,7 +220,7 @@ _TX = [
     ("frames", "<i8", (MAX_FRAMES, 12)),  # in the order of sending
     ("signals", "<i8", (MAX_SIGNALS, 10)),
     ("scales", "<f8", (MAX_SIGNALS, 4)),
-    ("role", "<i8", (MAX_FRAMES, 2)),
+    ("role", "<i8", (MAX_FRAMES, 4)),
     ("last_word", "<i8"),  # what is sent at the end: ALL_FRAMES, or the HEARTBEAT alone
     ("first", "<i8"),  # places of what is sent
     ("past", "<i8"),

@@ -14,18 +14,18 @@
 
 What a state does stands beside it (`DOES`), and the loop reads it there:
 
-      state   runs  expects  ramps  sends  NMT              CiA 402
-      INIT    0     0        0      0      pre-operational  not ready to switch on
-      READY   0     1        0      1      pre-operational  switched on
-      RUN     1     1        0      1      operational      operation enabled
-      HOLD    1     1        0      1      operational      operation enabled
-      FAULT   0     1        1      1      stopped          fault
-      STOP    0     1        1      1      stopped          switch on disabled
+      state   runs  expects  ramps  sends  NMT
+      INIT    0     0        0      0      pre-operational
+      READY   0     1        0      1      pre-operational
+      RUN     1     1        0      1      operational
+      HOLD    1     1        0      1      operational
+      FAULT   0     1        1      1      stopped
+      STOP    0     1        1      1      stopped
 
 runs: the loop is closed, a cycle without input is a held one. expects: the other node is known, so
 that its silence is a fault. ramps: commands go from their last value to the safe one. sends: what
 the law wants may be a command; without, commands are safe (but a local node's, which already acts
-on what it hears from below).
+on what it hears from below). Its state as a drive of CiA 402 stands in `executive.loop.drive`.
 
 A run is over when its duration is, when the host asks, or when a frame of the node above says STOP.
 While a command with a rate limit is then farther from its safe value than one cycle may move it,
@@ -65,26 +65,33 @@ NEXT = np.array(
     np.int64,
 )
 
-# What each state does: a row a state; the last two are a CANopen heartbeat and a CiA 402 state.
+# What each state does: a row a state; NMT is its CANopen heartbeat.
 RUNS, EXPECTS, RAMPS, SENDS = range(4)
 DOES = np.array(
     [[0, 0, 0, 0], [0, 1, 0, 1], [1, 1, 0, 1], [1, 1, 0, 1], [0, 1, 1, 1], [0, 1, 1, 1]], np.int64
 )
 NMT = np.array([127.0, 127.0, 5.0, 5.0, 4.0, 4.0])
-DRIVE = ("NOT_READY_TO_SWITCH_ON", "SWITCHED_ON", *("OPERATION_ENABLED",) * 2, "FAULT",
-         "SWITCH_ON_DISABLED")  # fmt: skip
+
+
+SOFTWARE, LAW, EXTERNAL, BUS, HEARTBEAT, COLLISION, PROTOCOL = (
+    0x6100, 0x6200, 0x9000, 0x8100, 0x8130, 0x8150, 0x8200
+)  # fmt: skip
+GENERIC, COMMUNICATION = 0x01, 0x11
 
 
 class Fault(NamedTuple):
     """A named fault: what it says, the cycles in which it is noticed, what follows.
 
-    `within` may be a key of the rig; without one, a time of its own is in `why`.
+    `within` may be a key of the rig; without one, a time of its own is in `why`. `code` and
+    `register` are those of CiA 301's emergency frame.
     """
 
     says: str
     within: int | str | None
     reaction: str
     why: str = ""
+    code: int = SOFTWARE
+    register: int = GENERIC
 
 
 RAMP = "ramp to safe values"
@@ -92,25 +99,29 @@ QUICK = "quick stop"
 END = "the node ends with its safe values"
 DIES = "the node ends; the watchdog of the other one acts"
 FAULTS = (
-    Fault("none", None, "none"),
+    Fault("none", None, "none", code=0, register=0),
     Fault("no valid input frame for the rig's limit of cycles",
-          "supervisor.fault_after_cycles", RAMP),
+          "supervisor.fault_after_cycles", RAMP, "", HEARTBEAT, COMMUNICATION),
     Fault("a command was not a finite number", 1, RAMP, "its last value is sent in that cycle"),
-    Fault("the other node fell silent", None, END, "without a clock, after 5 s"),
-    Fault("the bus failed", 1, RAMP, "as told by the system"),
+    Fault("the other node fell silent", None, END, "without a clock, after 5 s", HEARTBEAT,
+          COMMUNICATION),
+    Fault("the bus failed", 1, RAMP, "as told by the system", BUS, COMMUNICATION),
     Fault("cycles ran past their end, more in a row than the rig allows",
           "overrun.fault_after", RAMP),
-    Fault("another sender of one of its frames is on the bus", 3, RAMP, "3 frames in 10 cycles"),
+    Fault("another sender of one of its frames is on the bus", 3, RAMP, "3 frames in 10 cycles",
+          COLLISION, COMMUNICATION),
     Fault("an awaited frame was repeated again and again: somebody else sends it", 10, RAMP,
-          "10 frames in 100 cycles"),
+          "10 frames in 100 cycles", PROTOCOL, COMMUNICATION),
     Fault("an output was not a finite number", 1, RAMP),
     Fault("the plant diverged: an output was not a finite number", 1, RAMP),
-    Fault("a step ended with an exception", 1, DIES),
-    Fault("a step does not return", None, DIES, "after 3 s or 20 periods"),
-    Fault("the emergency stop is pressed", 1, QUICK),
-    Fault("a stop frame came", 1, QUICK),
+    Fault("a step ended with an exception", 1, DIES, "", LAW),
+    Fault("a step does not return", None, DIES, "after 3 s or 20 periods", LAW),
+    Fault("the emergency stop is pressed", 1, QUICK, "", EXTERNAL),
+    Fault("a stop frame came", 1, QUICK, "", EXTERNAL),
 )  # fmt: skip
 FAULT_NAMES = tuple(fault.says for fault in FAULTS)
+ERROR_CODES = np.array([float(fault.code) for fault in FAULTS])
+ERROR_REGISTERS = np.array([float(fault.register) for fault in FAULTS])
 NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED, OVERRUN = range(6)
 ANOTHER_SENDER, REPEATED_INPUT = 6, 7
 OUTPUT_NOT_FINITE, PLANT_NOT_FINITE, STEP_RAISED, STEP_HANGS = 8, 9, 10, 11

@@ -46,12 +46,19 @@ REQUESTS = (  # parameters of the loop itself: name, unit, meaning, highest valu
     ("supervisor.reset", "", "set to 1: out of a FAULT that waits, if its cause is gone", 1.0),
     ("supervisor.stop", "", "set to 1: the run ends; to 2: as a quick stop", 2.0),
 )
+DRIVE = (  # as CiA 402 and CiA 301 have them, see `executive.loop.drive`
+    ("supervisor.status_word", "", "CiA 402: state of the drive"),
+    ("supervisor.error_code", "", "CiA 301: 0 without a fault"),
+    ("supervisor.error_register", "", "CiA 301: kind of the fault"),
+)
 TIMING_AT = len(HEAD)
 WALL = TIMING_AT + [name for name, *_ in TIMING].index("timing.wall_s")
 RESET = TIMING_AT + len(TIMING)
 REFUSED = RESET + len(RESETS)
 RESET_ASKED = REFUSED + len(REFUSALS)
 STOP_ASKED = RESET_ASKED + 1
+STATUS_WORD = STOP_ASKED + 1
+ERROR_CODE, ERROR_REGISTER = STATUS_WORD + 1, STATUS_WORD + 2
 STATISTICS_AT = RESET - 12
 COUNTED = (  # of these, what follows from the frames alone, not from clocks
     "health.held_cycles",

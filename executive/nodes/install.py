@@ -12,7 +12,7 @@ from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, LOCKSTEP, ON_FRAMES, REAL, VIRTUAL
 from pcpc.executive.loop.timing import reset
 from pcpc.executive.nodes.plan import Plan, cycles_of
-from pcpc.executive.rig.messages import awaited, heartbeat, parts_in_meeting, starts
+from pcpc.executive.rig.messages import awaited, emergency, heartbeat, parts_in_meeting, starts
 from pcpc.executive.rig.schema import FALLBACK
 
 RECEIVE_TIMEOUT_S = 1e-6 * RECEIVE_TIMEOUT_US  # of a blocking receive
@@ -154,7 +154,7 @@ def _install_frames(made: Plan, loop: Any) -> None:
     loop.wire.n_second = len(second)
     loop.wire.second[: len(second)] = second
     for i, frame in enumerate(made.tx_frames):
-        tx.role[i] = (frame.has_sequence, heartbeat(frame))
+        tx.role[i, :3] = (frame.has_sequence, heartbeat(frame), emergency(frame))
 
 
 def _install_wiring(made: Plan, loop: Any) -> None:

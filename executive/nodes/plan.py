@@ -17,7 +17,7 @@ from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views, add_block
-from pcpc.executive.loop.variables import HEAD, REFUSALS, REQUESTS, RESETS, TIMING
+from pcpc.executive.loop.variables import DRIVE, HEAD, REFUSALS, REQUESTS, RESETS, TIMING
 from pcpc.executive.rig import messages as protocol
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.carried import Reads, merge, noted
@@ -160,6 +160,8 @@ def _lay_out(made: Plan) -> None:
         table.add(Variable(name, unit, "health", "loop", help, recorded=False))
     for name, unit, help, high in REQUESTS:
         table.add(Variable(name, unit, "parameter", "loop", help, 0.0, high, recorded=False))
+    for name, unit, help in DRIVE:
+        table.add(Variable(name, unit, "supervisor", "loop", help, recorded=False))
     for kind, prefix, frames in (
         ("received", "rx", made.rx_frames),
         ("sent", "tx", made.tx_frames),

@@ -58,6 +58,11 @@ def heartbeat(frame: dbc.Frame) -> bool:
     return 0x700 <= frame.can_id < 0x780
 
 
+def emergency(frame: dbc.Frame) -> bool:
+    """Return True for CANopen's emergency frame, which is sent when a fault comes or goes."""
+    return frame.on_event and 0x080 < frame.can_id < 0x100 and not frame.protected
+
+
 def sending_order(frame: dbc.Frame) -> tuple[bool, bool, int]:
     """Slow frames first, then the frames of every cycle, SYNC last; each by id."""
     return frame.has_sequence, frame.cycle_ms == 0.0, frame.can_id
@@ -71,6 +76,13 @@ def check(rig: Rig, role: Role, rx: Sequence[dbc.Frame], tx: Sequence[dbc.Frame]
                 "dbc",
                 "no SYNC frame from executive to plant; give one frame of each node to the one "
                 "below the signals sequence and crc",
+            )
+    for frame in tx:
+        if frame.on_event and not emergency(frame):
+            raise rig.error(
+                "dbc",
+                f"nothing sends {frame.name}, of send type Event; only an emergency frame, 0x081 "
+                "to 0x0FF and without counter and crc, is sent so; give it a GenMsgCycleTime",
             )
     if not any(awaited(frame) for frame in rx):
         node = rig.config.sections[role].node
