@@ -63,6 +63,8 @@ class Group:
             raise NotInLanes("nothing is compiled")
         if rig.roles != ("executive", "plant"):
             raise NotInLanes(f"it has the nodes {', '.join(rig.roles)}")
+        if rig.config.faults:
+            raise NotInLanes("it has faults on purpose")
         self.cycles = cycles_of(rig)
         self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
         self._blocks = [sh.private(describe(made, {})) for made in self.plans.values()]

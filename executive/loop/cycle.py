@@ -35,10 +35,12 @@ from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop import timing
 from pcpc.executive.loop.clock import CLOCKED, next_period, now, runs, set_time, stopping, wait
 from pcpc.executive.loop.drive import tell_drive
+from pcpc.executive.loop.injected_values import OUTPUTS, PARAMETERS, SENT, spoil
 from pcpc.executive.loop.limits import begin_ramp, limit_commands, quick_stop, settled
 from pcpc.executive.loop.reception import receive, wait_for_peer
 from pcpc.executive.loop.rings import publish_table, push_event, push_record
 from pcpc.executive.loop.sending import announce, copy_inputs, request_first_sample, send_frame
+from pcpc.executive.loop.stalls import own_up, stalled, stand_still
 from pcpc.executive.loop.strangers import listen, refused
 from pcpc.executive.loop.tuning import tune
 from pcpc.executive.loop.variables import (
@@ -208,6 +210,8 @@ def watch_input(n: Any, state: Any) -> None:
 def step(n: Any, steps: Any) -> None:
     """Step the blocks for this cycle; after a stall the emulator's for the periods it owes."""
     owed = n.clock.behind if n.blocks.owe_periods != 0 else 0
+    if n.faults.n_values > 0:
+        spoil(n, PARAMETERS)
     for k in range(n.k - owed, n.k + 1):
         step_blocks(n, steps, k)
     note_changes(n)
@@ -223,10 +227,14 @@ def step_blocks(n: Any, steps: Any, k: Any) -> None:
         if b == (blocks.controller if v[FALLBACK] > 0.0 else blocks.fallback):
             continue
         copy_inputs(n, b)
+        if n.faults.n_values > 0:
+            spoil(n, b)
         at = blocks.views[b]
         n.control[sh.STEPPING] = b + 1
         p, x, u, y = part(v, at[0]), part(v, at[2]), part(v, at[4]), part(v, at[6])
         call(steps[b], v[T_S], dt, p, x, u, y)
+        if n.faults.n_values > 0:
+            spoil(n, OUTPUTS + b)
     n.control[sh.STEPPING] = 0
 
 
@@ -248,6 +256,8 @@ def note_changes(n: Any) -> None:
 def limit(n: Any) -> None:
     """Carry the outputs into what is sent; clamp them, limit their rate, ramp them to safe."""
     copy_inputs(n, sh.MAX_BLOCKS)
+    if n.faults.n_values > 0:
+        spoil(n, SENT)
     limit_commands(n)
 
 
@@ -300,6 +310,10 @@ def one_pass(n: Any, steps: Any) -> Any:
     """Run one cycle; return False when the node is to stop."""
     set_time(n)
     wait(n)
+    if stalled(n):
+        stand_still(n)
+        return n.k < n.guard.cycles or not settled(n.limits)
+    own_up(n)
     receive(n)
     if refused(n):
         return False
@@ -309,6 +323,7 @@ def one_pass(n: Any, steps: Any) -> Any:
         return False
     tune(n)
     hear_requests(n)
+    n.faults.stalled = 0
     step(n, steps)
     limit(n)
     transmit(n)

@@ -80,7 +80,7 @@ def _run(nodes: Any, steps: Any, cycles: Any) -> Any:
     for _ in range(cycles):
         before = top.passes
         more = one_pass(top, steps[0])
-        if top.passes != before:  # it has sent
+        if more or top.passes != before:  # it has sent, or stands still
             pass_on(nodes, 0)
             work_below(nodes, steps)
         if not more:

@@ -14,12 +14,14 @@ import numpy as np
 from pcpc.drivers import codec, e2e, libc
 from pcpc.drivers.e2e_states import ON_PURPOSE
 from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.structures import data_of
+from pcpc.drivers.structures import copy, data_of
 from pcpc.drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
 from pcpc.executive.loop import losses, meeting
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import now, paced, runs, start, stopping
+from pcpc.executive.loop.injected_frames import AND_ANOTHER, GONE, excused, inject, judge
+from pcpc.executive.loop.injection import peer_stalled
 from pcpc.executive.loop.limits import quick_stop
 from pcpc.executive.loop.losses import is_lost
 from pcpc.executive.loop.rings import push_frame
@@ -58,6 +60,8 @@ def gather(n: Any) -> None:
     There is no limit of frames, unless the host asks for the end: those of others may come before.
     """
     waits, drained = 0, 0
+    if peer_stalled(n):
+        n.rx.started += n.rx.starters
     while n.rx.started < n.rx.starters and drained < DRAIN_FRAMES:
         result = take(n, True)
         drained += stopping(n)
@@ -151,6 +155,11 @@ def use_frame(n: Any, row: Any) -> Any:
     after_loss = n.rx.loss_state[row, losses.LOST]
     if disturbed(n, row):
         return np.int64(-1)
+    if n.faults.n > n.faults.n_values:
+        done = inject(n, row)
+        if done != 0:
+            put_in_place(n, row, done)
+            return row
     new = n.rx.state[row, e2e.FRESH] == 0
     state = accept(n, row)
     if state == e2e.OK or state == e2e.OK_SOME_LOST:
@@ -158,6 +167,26 @@ def use_frame(n: Any, row: Any) -> Any:
     else:
         refuse(n, row, state, after_loss)
     return row
+
+
+@loop_function
+def put_in_place(n: Any, row: Any, done: Any) -> None:
+    """Accept what faults put in the place of a frame, and the one that comes after it."""
+    new, used = n.rx.state[row, e2e.FRESH] == 0, False
+    if done & GONE == 0:
+        state = judge(n, row)
+        used = state == e2e.OK or state == e2e.OK_SOME_LOST
+        if used:
+            decode(n, row, new)
+            n.control[sh.LOST_ON_PURPOSE] -= 1
+    if done & AND_ANOTHER != 0:
+        copy(n.wire.rx, n.faults.another)
+        state = judge(n, row)
+        if state == e2e.OK or state == e2e.OK_SOME_LOST:
+            decode(n, row, new and not used)
+            used = True
+    if not used:
+        n.rx.started += n.rx.role[row, sh.STARTS]  # nobody waits for it
 
 
 @loop_inline
@@ -198,8 +227,13 @@ def decode(n: Any, row: Any, new: Any) -> None:
 
 @loop_function
 def refuse(n: Any, row: Any, state: Any, after_loss: Any) -> None:
-    """Count a frame that is not used, by its state; after a loss on purpose it is no mistake."""
-    if state == e2e.ERROR:
+    """Count a frame that is not used, by its state; after what was on purpose it is no mistake."""
+    if excused(n, row):
+        n.control[sh.INJECTED_FOUND] += 1
+        n.rx.started += n.rx.role[row, sh.STARTS]
+        if state == e2e.REPEATED and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
+            note_repeat(n, word_of(n.wire.rx))
+    elif state == e2e.ERROR:
         n.control[sh.CRC_ERRORS] += 1
     elif state == e2e.REPEATED:
         n.rx.started += n.rx.role[row, sh.STARTS] * after_loss  # of a whole turn of the counter

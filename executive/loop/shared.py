@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.drivers.wire_layout import FRAME_BYTES, WIRE
+from pcpc.executive.loop.injection_layout import faults
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
 
@@ -46,6 +47,7 @@ RECORDED = 32  # a recorder has come
 RECORDER_PATIENCE = 12  # times the patience with a node that may wait for the recorder
 STEPPING = 51  # the block that is being stepped, + 1
 WRONG_SEQUENCE, BUS_ERRORS, CULPRIT = 52, 53, 54  # CULPRIT: the id that a fault is about
+INJECTED, INJECTED_FOUND = 62, 63  # frames that faults put on the way; of these, not used
 ODD_PLACE, ODD_CYCLE, ODD_BITS = 48, 49, 50  # the first value not finite: its variable + 1, when
 CONTROL_WORDS = 64
 
@@ -77,6 +79,7 @@ MAX_COPIES = 1024
 MAX_LIMITS = 64
 MAX_FRAMES = 32
 MAX_SIGNALS = 256
+MAX_SCHEDULE = 2048
 RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kHz
 FRAME_RING_ROWS = 1 << 16  # six seconds of ten frames a cycle at 1 kHz
 EVENT_RING_ROWS = 1 << 10
@@ -192,8 +195,8 @@ _TUNING = [
     ("low", "<f8", (MAX_VARIABLES,)),  # of a parameter; nan for all other variables
     ("high", "<f8", (MAX_VARIABLES,)),
     ("n", "<i8"),
-    ("schedule", "<i8", (MAX_LIMITS, 2)),  # cycle, variable of a scheduled tuning, by cycle
-    ("value", "<f8", (MAX_LIMITS,)),
+    ("schedule", "<i8", (MAX_SCHEDULE, 2)),  # cycle, variable of a scheduled tuning, by cycle
+    ("value", "<f8", (MAX_SCHEDULE,)),
     ("done", "<i8"),  # those of the schedule that were applied
     ("asked_index", "<i8", (MAIL_SLOTS,)),  # a request as it was when it was checked
     ("asked_value", "<f8", (MAIL_SLOTS,)),
@@ -234,11 +237,7 @@ _RINGS = [
     ("timing_columns", "<i8", (MAX_VARIABLES,)),
 ]
 _TIMING = [  # when this cycle did what; see `executive.loop.timing`
-    ("received", "<i8"),
-    ("stepped", "<i8"),
-    ("sent", "<i8"),
-    ("done", "<i8"),
-    ("publish_ns", "<i8"),
+    *((name, "<i8") for name in ("received", "stepped", "sent", "done", "publish_ns")),
     ("stage_ns", "<i8", (STAGES,)),
     ("usage", "<i8", (18,)),  # struct rusage
     ("usage_before", "<i8", (4,)),
@@ -252,8 +251,9 @@ _PRIVATE = [
         (name, np.dtype(fields, align=True))
         for name, fields in (
             ("clock", _CLOCK), ("rx", _RX), ("meeting", _MEETING), ("guard", _GUARD),
-            ("tuning", _TUNING), ("blocks", _BLOCKS), ("limits", _LIMITS), ("tx", _TX),
-            ("rings", _RINGS), ("timing", _TIMING), ("wire", WIRE),
+            ("tuning", _TUNING), ("faults", faults(MAX_FRAMES)), ("blocks", _BLOCKS),
+            ("limits", _LIMITS), ("tx", _TX), ("rings", _RINGS), ("timing", _TIMING),
+            ("wire", WIRE),
         )
     ),
 ]  # fmt: skip

@@ -12,6 +12,8 @@ import numpy as np
 from pcpc.drivers import libc
 from pcpc.drivers.jit import loop_function
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.clock import GIVEN
+from pcpc.executive.loop.injection import count_down
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.supervisor import FAULT
 from pcpc.executive.loop.variables import RESET_ASKED, STATE, STOP_ASKED
@@ -23,6 +25,8 @@ INFINITE = float("inf")
 def tune(n: Any) -> None:
     """Apply the tunings whose time has come, and those in the mailbox, which are answered."""
     tuning = n.tuning
+    if n.faults.n_places > 0 and n.clock.kind != GIVEN:
+        count_down(n, 1 + n.clock.behind - n.faults.stalled)
     while tuning.done < tuning.n and tuning.schedule[tuning.done, 0] <= n.k:
         j, value = tuning.schedule[tuning.done, 1], tuning.value[tuning.done]
         n.v[j] = value

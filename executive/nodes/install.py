@@ -12,6 +12,7 @@ from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, LOCKSTEP, ON_FRAMES, REAL, VIRTUAL
 from pcpc.executive.loop.timing import reset
 from pcpc.executive.nodes.plan import Plan, cycles_of
+from pcpc.executive.nodes.planned_faults import install_faults
 from pcpc.executive.rig.messages import awaited, emergency, heartbeat, parts_in_meeting, starts
 from pcpc.executive.rig.schema import FALLBACK
 
@@ -55,6 +56,7 @@ def install(made: Plan, loop: Any) -> None:
     names = [frame.name for frame in made.rx_frames]
     stop = config.supervisor.stop_frame
     guard.stop_row = names.index(stop) if stop in names else -1
+    install_faults(made.rig, made.role, made.faults, loop)
     guard.mode_index = -1
     if made.role != "executive":
         modes = [

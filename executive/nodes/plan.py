@@ -18,6 +18,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views, add_block
 from pcpc.executive.loop.variables import DRIVE, HEAD, REFUSALS, REQUESTS, RESETS, TIMING
+from pcpc.executive.nodes import planned_faults
 from pcpc.executive.rig import messages as protocol
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.carried import Reads, merge, noted
@@ -43,6 +44,7 @@ class Plan:
     tx_frames: list[dbc.Frame] = field(default_factory=list)
     values: dict[int, float] = field(default_factory=dict)
     schedule: list[tuple[int, int, float]] = field(default_factory=list)
+    faults: list[planned_faults.Planned] = field(default_factory=list)
     noted: list[int] = field(default_factory=list)
     read: Reads = field(default_factory=dict)  # by `prepare`
     limits: dict[str, Limit] = field(default_factory=dict)  # by sent signal, `safe` given
@@ -101,6 +103,8 @@ def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     _wire_blocks(made)
     _wire_frames(made)
     _plan_schedule(made)
+    _plan_faults(made, database)
+    made.schedule.sort(key=lambda row: row[0])
     _check_sizes(made)
     return made
 
@@ -312,12 +316,22 @@ def _plan_schedule(made: Plan) -> None:
                 )
             cycle = round(tuning.at_s * config.rate_hz)
             made.schedule.append((cycle, table.index[name], value))
-    made.schedule.sort(key=lambda row: row[0])
     for i, name in enumerate(config.note):
         if name not in table.index:
             what = f"no variable {name}{did_you_mean(name, table.index)}"
             raise made.rig.error(f"note[{i}]", what)
         made.noted.append(table.index[name])
+
+
+def _plan_faults(made: Plan, database: dbc.Database) -> None:
+    """Add what the rig's faults on purpose need in this node, and when they begin."""
+    rig, role = made.rig, made.role
+    planned_faults.check_frames(rig, protocol.received(rig, database))
+    place = made.table, made.views, made.rx_frames
+    made.faults = planned_faults.add_faults(rig, role, made.pacing, *place)
+    for one in made.faults:
+        made.values.update(planned_faults.values_of(one))
+        made.schedule += planned_faults.moments_of(rig, role, one)
 
 
 def _check_sizes(made: Plan) -> None:
@@ -329,7 +343,7 @@ def _check_sizes(made: Plan) -> None:
         ("frames", max(len(made.rx_frames), len(made.tx_frames)), sh.MAX_FRAMES),
         ("signals", max(len(rx.variables), len(tx.variables)), sh.MAX_SIGNALS),
         ("limits", max(len(made.limits), len(made.spec.safe)), sh.MAX_LIMITS),
-        ("scheduled values", len(made.schedule), sh.MAX_LIMITS),
+        ("scheduled values", len(made.schedule), sh.MAX_SCHEDULE),
         ("noted variables", len(made.noted), sh.MAX_LIMITS),
     ):
         if size > limit:
@@ -369,6 +383,7 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
             for source, target in copies
         },
         "blocks": [spec.name for spec in made.spec.blocks],
+        "faults_act_later": [one.name for one in made.faults if one.acts_later],
         "frames": {str(f.can_id): f.name for f in (*made.rx_frames, *made.tx_frames)},
         "state_names": list(STATE_NAMES),
         "fault_names": list(FAULT_NAMES),

@@ -32,6 +32,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
+from pcpc.executive.loop.injection import count_down, peer_stalled
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.variables import COUNTED
@@ -126,10 +127,11 @@ class Assembler:
             yield Slice(rows, frames, tunings)
 
 
-@loop(i8(N, STEPS, i8[:, ::1], u1[:, ::1], i8[::1], f8[::1], i8[::1], f8[:, ::1]))
+@loop(i8(N, STEPS, i8[:, ::1], u1[:, ::1], i8[::1], i8[::1], f8[::1], i8[::1], f8[:, ::1]))
 def recompute(
-    n: Any, steps: Any, rows: Any, frames: Any, tuned: Any, values: Any, clocks: Any, clocked: Any
-) -> Any:
+    n: Any, steps: Any, rows: Any, frames: Any, times: Any, tuned: Any, values: Any, clocks: Any,
+    clocked: Any,
+) -> Any:  # fmt: skip
     """Run the cycles of `rows`; return how many were done before the node stopped of itself.
 
     `frames` (k, 16): byte 5, of no use on a bus, says that a frame was foreign. `clocked` (cycles,
@@ -137,7 +139,8 @@ def recompute(
     """
     frame, tuning = 0, 0
     for i in range(rows.shape[0]):
-        n.clock.behind = rows[i, K] - n.k
+        k = n.k
+        n.clock.behind = rows[i, K] - k
         n.k = rows[i, K]
         n.passes = rows[i, PASSES]
         n.clock.now_ns = n.clock.deadline = rows[i, STAMP]
@@ -148,9 +151,15 @@ def recompute(
             n.wire.source = STRANGER if frames[frame, 5] != 0 else 0
             take_frame(n)
             frame += 1
+        if peer_stalled(n):
+            n.rx.started += n.rx.starters
         while tuning < rows[i, TUNINGS_END]:
+            periods = max(times[tuning] + 1 - k, 0)
+            count_down(n, periods)
+            k += periods
             n.v[tuned[tuning]] = values[tuning]
             tuning += 1
+        count_down(n, rows[i, K] + 1 - k)
         for j in range(clocks.shape[0]):
             n.v[clocks[j]] = clocked[i, j]
         if rows[i, BUS_FAILED] != 0:
@@ -205,7 +214,8 @@ class Replay:
 
     def advance(self, part: Slice, names: Sequence[str]) -> Computed:
         """Recompute the cycles of `part`, whose variables are `names`. Raises StepError."""
-        received = part.frames[part.frames["direction"] == 1]
+        wire = part.frames["e2e"] < e2e_states.INJECTED  # others are put in their place again
+        received = part.frames[(part.frames["direction"] == 1) & wire]
         raw = np.zeros((len(received), FRAME_BYTES), np.uint8)
         raw[:, 0:4] = np.ascontiguousarray(received["id"]).view(np.uint8).reshape(-1, 4)
         raw[:, 4] = received["dlc"]
@@ -234,7 +244,8 @@ class Replay:
         clocked = np.ascontiguousarray(np.hstack(both))
         loop, places = self.block.loop, self._places
         watched(
-            lambda: recompute(loop, self.steps, rows, raw, tuned, values, places, clocked), [loop]
+            lambda: recompute(loop, self.steps, rows, raw, times, tuned, values, places, clocked),
+            [loop],
         )
         self._taken("event")
         return Computed(self._taken("record")[:, self._columns], self.sent(self._frames()))

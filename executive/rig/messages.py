@@ -139,6 +139,14 @@ def towards_plant(rig: Rig, database: dbc.Database) -> frozenset[str]:
     return frozenset(own & below)
 
 
+def received(rig: Rig, database: dbc.Database) -> dict[Role, list[str]]:
+    """Return the names of the frames that each node receives."""
+    return {
+        role: [frame.name for frame in dbc.frames(database, node.node, "rx")]
+        for role, node in rig.config.sections.items()
+    }
+
+
 def _of(database: dbc.Database, node: str) -> set[str]:
     """Return the names of the frames that a node sends or receives."""
     both = (*dbc.frames(database, node, "rx"), *dbc.frames(database, node, "tx"))

@@ -236,6 +236,33 @@ class Loss(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
 
 
+class Fault(
+    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True,
+    rename={"from_": "from", "for_": "for"},
+):  # fmt: skip
+    """A fault on purpose: of a value `at` a variable, of a `frame`, or a stall of a `node`.
+
+    On `from` a time on, `for` a while (null: to the end), again `every` so often, or `times` times
+    at moments drawn from the rig's seed; without any of them only when a client asks for it. How
+    large (`value`) and how often it acts meanwhile (`share`, in runs of `burst`): see
+    `loop.injection`, `loop.injected_values`, `loop.injected_frames`.
+    """
+
+    kind: Word
+    at: Word | None = None
+    frame: Word | None = None
+    node: Role | None = None
+    data_of: Word | None = None
+    how: Literal["value", "freeze", "random", "offset"] | None = None
+    value: float | None = None
+    share: Annotated[float, Meta(gt=0, le=1)] = 1.0
+    burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
+    from_: Duration | None = None
+    for_: Duration | None = None
+    every: Duration | None = None
+    times: Annotated[int, Meta(ge=1, le=1000)] | None = None
+
+
 class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Parameters that change at a time of the run, all in the same cycle."""
 
@@ -311,6 +338,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     plant: Plant
     local: Local | None = None
     losses: dict[str, Loss] = {}
+    faults: dict[BlockName, Fault] = {}
     evaluation: dict[str, Any] | None = None
     watch: str | None = None
     record: Record = Record()

@@ -13,6 +13,7 @@ from typing import Any
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes import injecting
 from pcpc.executive.nodes import live as nodes
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.api.run import Run, UnknownName
@@ -35,6 +36,7 @@ class Live:
         live["controller.e_rad"], live["plant:barrel.theta_rad"]    newest values
         live.set({"controller.kv_Nms_rad": 120.0})                  returns the first cycle with it
         live.wait_until("controller.e_rad", below=1e-3, within_s=2)
+        live.inject("encoder_stuck", for_s=0.2)                     a fault of the rig file
         live.run                                                    the record, after the end
 
     UnknownName, with a proposal, for a variable that is not there; pcpc.Error for what is refused.
@@ -95,6 +97,22 @@ class Live:
             return self.cycle
         node = next(iter(split.values()))[0]
         return node.tune({split[name][1]: value for name, value in changes.items()})
+
+    def inject(
+        self, fault: str, *, for_s: float | None = None, value: float | None = None,
+        share: float | None = None,
+    ) -> int:  # fmt: skip
+        """Begin a fault of the rig (`faults:`), in every node that has it; return the first cycle.
+
+        It ends after `for_s` seconds of the run, or by `clear`. `value`, `share`: instead of the
+        rig's. pcpc.Error: no such fault, a value out of range, a stall where no clock runs.
+        """
+        nodes = list(self._nodes.values())
+        return min(injecting.inject(nodes, fault, for_s, value, share).values())
+
+    def clear(self, fault: str) -> int:
+        """End a fault of the rig; return the first cycle without it. pcpc.Error: no such fault."""
+        return min(injecting.inject(list(self._nodes.values()), fault, end=True).values())
 
     def wait_until(
         self, what: "str | Callable[[Mapping[str, float]], bool]", *, below: float | None = None,

@@ -193,6 +193,17 @@ def list_(add: Add) -> None:
     add("-l", "--long", action="store_true", help="also writer and meaning")
 
 
+def fault(add: Add) -> None:
+    """Take a fault of the rig, how long and how large."""
+    add("name", nargs="?", metavar="NAME", help="a name under faults: in the rig file")
+    add("--for", dest="for_", metavar="TIME", help="200ms, 5s; without it, until --end")
+    add("--value", type=float, metavar="X", help="how large, instead of the rig's value")
+    add("--share", type=float, metavar="X", help="in how many of all chances it acts, 0 to 1")
+    add("--end", action="store_true", help="end it")
+    add("--node", metavar="NODE", help="only there: executive, plant or a full name")
+    json(add, "print JSON")
+
+
 def watch(add: Add) -> None:
     """Take variables, and how often."""
     table("NAME", "+")(add)

@@ -131,6 +131,8 @@ GROUPS = {
                 take.stop, "stop", _ASKING),
         Command("reset", "go on after a fault that waits (supervisor.on_fault)", "pcpc reset hull",
                 take.reset, "stop", {**_ASKING, Exit.NOT_MET: "its cause is still there"}),
+        Command("fault", "list the faults on purpose of a rig, begin or end one",
+                "pcpc fault encoder_stuck --for 200ms", take.fault, codes=_ASKING),
     ),
     "afterwards": (
         Command("log", "look into logs, compare, draw, convert and repair them",

@@ -108,6 +108,13 @@ def _live(options: argparse.Namespace) -> "list[Variable]":
     return [one for live in nodes for one in live.variables.values()]
 
 
+def _faults(options: argparse.Namespace) -> Words:
+    from pcpc.executive.nodes.injecting import faults_of
+    from pcpc.executive.nodes.live import running
+
+    return {one.name for one in faults_of([*running().values()])}
+
+
 def _levels(options: argparse.Namespace) -> Words:
     from pcpc.executive.nodes.live import LEVELS
 
@@ -125,5 +132,5 @@ _OF = {  # by the name of an argument, or of a command and its argument
     "rig": _rigs, "controller": _controllers, "node": _nodes, "log": _logs, "a": _logs, "b": _logs,
     "words": _logs, "rigs names": _plants, "list names": _variables, "get names": _variables,
     "watch names": _variables, "set names": _parameters, "lock names": _levels,
-    "experiment name": _studies, "bus words": _rigs,
+    "experiment name": _studies, "bus words": _rigs, "fault name": _faults,
 }  # fmt: skip

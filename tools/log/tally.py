@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers import can_id
-from pcpc.drivers.e2e_states import STATE_NAMES
+from pcpc.drivers.e2e_states import name_of
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan
@@ -125,7 +125,7 @@ class Tally:
         for topic, _, direction, state, n in self._counted():
             for name in bad:
                 if topic == logs.topic(name, "can/frames") and direction == 1 and state:
-                    what = STATE_NAMES[state] if state < len(STATE_NAMES) else str(state)
+                    what = name_of(state)
                     bad[name][what] = bad[name].get(what, 0) + n
         return bad
 

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from pcpc.drivers import dbc
+from pcpc.drivers.e2e_states import INJECTED
 from pcpc.drivers.errors import BusError
 from pcpc.executive.log.long_logs import LongLog
 from pcpc.executive.log.reader import Log
@@ -95,7 +96,8 @@ def frames_to(
         if direction == "sent":
             sent[role][int(number, 16)] += int(text)
         else:
-            came[role][STATES.get(int(state[0]), "unread")] += int(text)
+            if int(state[0]) < INJECTED:  # others were on no wire
+                came[role][STATES.get(int(state[0]), "unread")] += int(text)
     if not all(role in log.node and sum(sent[role].values()) for role in rig.roles):
         return {}
     listens = {role: {f.word for f in frames} for role, frames in _listens(rig).items()}

@@ -84,6 +84,8 @@ def rows(summary: Mapping[str, Any], folder: Path, width: int) -> list[Row]:
     cycles = ("late", "skipped", "held")
     counts = ", ".join(f"{name} {summary[f'{name}_cycles']}" for name in cycles)
     add("cycles", f"{summary['cycles']:,} at {summary['rate_hz']:g} Hz; {counts}")
+    if summary["injected"]:
+        add("injected", ", ".join(summary["injected"]))
     if summary["metrics"]:
         first = [*summary["judged"], *summary["not_judged"]]
         known = sorted(summary["metrics"].items(), key=lambda pair: pair[0] not in first)

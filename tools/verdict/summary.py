@@ -96,6 +96,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
             **({"kept_back": True} if kept_back else {}),
         },
         "faults": outcome.faults,
+        "injected": _injected(log),
         "changed": changed,
         "judged": found.judged,
         "not_judged": found.not_judged,
@@ -116,11 +117,33 @@ def _tuned(rig: Rig, log: logs.Log) -> list[str]:
     for node in log.node.values():
         for tuning in node.tunings:
             name, value = str(tuning.get("name")), float(tuning.get("value", math.nan))
+            if name.startswith("fault."):
+                continue  # told with the faults on purpose
             if (name, value) in planned:
                 planned.remove((name, value))
             else:
                 last[name] = f"{name}={value:g}"
     return list(last.values())
+
+
+def _injected(log: logs.Log) -> list[str]:
+    """Return what faults on purpose began, by time: how often, and when first."""
+    begun: dict[str, list[float]] = {}
+    for node in log.node.values():
+        own: dict[str, list[float]] = {}
+        later = node.description.get("faults_act_later", [])
+        period_s = 1e-9 * node.description["period_ns"]
+        for tuning in node.tunings:
+            name, value = str(tuning.get("name")), float(tuning.get("value", math.nan))
+            if name.startswith("fault.") and name.endswith(".left") and value > 0.0:
+                fault = name[6:-5]
+                cycle = int(tuning["cycle"]) + (fault in later)
+                own.setdefault(fault, []).append(cycle * period_s)
+        begun |= {name: min(times, begun.get(name, times)) for name, times in own.items()}
+    return [
+        f"{name} at {min(times):.4g} s" + (f", {len(times)} times" if len(times) > 1 else "")
+        for name, times in sorted(begun.items(), key=lambda pair: min(pair[1]))
+    ]
 
 
 def _cycles(executive: logs.Node | None) -> int:
@@ -145,7 +168,8 @@ def _verdict(summary: Mapping[str, Any], outcome: Outcome) -> str:
         return "safety stop"
     frames = summary["frames"]
     astray = frames["lost"] > frames["lost_on_purpose"]  # counted when a later frame comes
-    lost = astray or frames["stale"] or summary["records"]["dropped"]
+    missing = (astray or frames["stale"]) and not summary["injected"]  # that is what faults do
+    lost = missing or summary["records"]["dropped"]
     if lost or summary["frames_too_many"] or summary["log_missing"]:
         return "loss"
     return "expectation not met" if summary["expectations_failed"] else "ok"

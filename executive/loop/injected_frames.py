@@ -1,0 +1,184 @@
+"""Faults of communication, at a receiver, between the wire and the acceptance.
+
+    loss         the frame does not come; with share 1, a blocked channel
+    corruption   `value` bits of its data are inverted, each drawn anew
+    repetition   the frame before it comes once more, after it
+    sequence     frames come in pairs, the later one first
+    delay        it comes with the frame that is `value` later; those that wait at the end are lost
+    insertion    a frame of the same id, its data drawn, comes after it
+    masquerade   its data are drawn, counter and CRC are right
+    addressing   it carries the data of another frame, as that one came last
+    length       its length is `value`
+    counter      its counter is `value`, that of the first one (freeze), drawn (random) or shifted
+                 by `value` (offset); the CRC is right
+    checksum     the same with its CRC
+    payload      its data are those of the first one (freeze), counter and CRC are right
+
+A fault takes frames from the wire (LOST_ON_PURPOSE in the log, as they came) and puts others in
+their place (INJECTED and what the acceptance made of them). Of several faults of a frame each
+changes what the one before it left. A frame that is taken away is not waited for.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers import dbc, e2e
+from pcpc.drivers.e2e_states import INJECTED, ON_PURPOSE
+from pcpc.drivers.jit import loop_function
+from pcpc.drivers.structures import copy, data_of
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.injection import acts, is_on, size, uniform
+from pcpc.executive.loop.injection_layout import FAULT_DEPTH
+from pcpc.executive.loop.rings import push_frame
+from pcpc.executive.loop.strangers import note_repeat, word_of
+
+KINDS = (
+    "loss", "corruption", "repetition", "sequence", "delay", "insertion", "masquerade",
+    "addressing", "length", "counter", "checksum", "payload",
+)  # fmt: skip
+(LOSS, CORRUPTION, REPETITION, SEQUENCE, DELAY, INSERTION, MASQUERADE, ADDRESSING, LENGTH, COUNTER,
+ CHECKSUM, PAYLOAD) = range(12)  # fmt: skip
+HOWS = ("value", "freeze", "random", "offset")
+FIXED, FREEZE, AT_RANDOM, OFFSET = range(4)
+GONE, CHANGED, AND_ANOTHER = 1, 2, 4  # what faults did to a frame
+EXCUSED_CYCLES = 20  # after a fault a frame that does not fit the counter is its consequence
+
+
+@loop_function
+def inject(n: Any, row: Any) -> Any:
+    """Do to the frame in `wire.rx` what faults do; return 0 if none did, else GONE, CHANGED, ..."""
+    faults, done = n.faults, 0
+    copy(faults.raw, n.wire.rx)
+    for f in range(faults.n_values, faults.n):
+        if faults.kind[f] == ADDRESSING and faults.other[f] == row:
+            copy(faults.waiting[f, 0], faults.raw)
+        if faults.target[f] != row:
+            continue
+        if not is_on(n, f):
+            faults.count[f] = 0
+        elif acts(n, f):
+            done |= disturb(n, row, f)
+        if faults.kind[f] == REPETITION:
+            copy(faults.waiting[f, 0], faults.raw)
+    if done != 0:
+        faults.acted[row] = n.passes + 1
+        n.control[sh.LOST_ON_PURPOSE] += 1
+        push_frame(n, faults.raw, 1, ON_PURPOSE)
+    return done
+
+
+@loop_function
+def disturb(n: Any, row: Any, f: Any) -> Any:
+    """Do to the frame in `wire.rx` what fault `f` does, and note a further one to come."""
+    faults, frame = n.faults, n.wire.rx
+    kind, data = faults.kind[f], data_of(n.wire.rx)
+    if kind == LOSS:
+        return GONE
+    if kind == REPETITION:
+        copy(faults.another, faults.waiting[f, 0])
+        return CHANGED | (AND_ANOTHER if faults.another[4] != 0 else 0)
+    if kind == INSERTION:
+        copy(faults.another, frame)
+        draw(n, f, data_of(faults.another))
+        return CHANGED | AND_ANOTHER
+    if kind in (SEQUENCE, DELAY):
+        return hold(n, f)
+    if kind == CORRUPTION:
+        for _ in range(np.int64(size(n, f))):
+            bit = np.int64(uniform(n, f) * 8 * max(np.int64(frame[4]), 1))
+            data[bit >> 3] = data[bit >> 3] ^ (1 << (bit & 7))
+    elif kind == LENGTH:
+        frame[4] = np.uint8(min(max(size(n, f), 0.0), 8.0))
+    elif kind == ADDRESSING:
+        for i in range(8):
+            data[i] = faults.waiting[f, 0, 8 + i]
+    else:
+        rewrite(n, row, f)
+    return CHANGED
+
+
+@loop_function
+def hold(n: Any, f: Any) -> Any:
+    """Let the frame wait for later ones; return what came instead of it."""
+    faults, frame = n.faults, n.wire.rx
+    if faults.kind[f] == SEQUENCE:
+        if faults.count[f] == 0:
+            copy(faults.waiting[f, 0], frame)
+            faults.count[f] = 1
+            return GONE
+        copy(faults.another, faults.waiting[f, 0])
+        faults.count[f] = 0
+        return CHANGED | AND_ANOTHER
+    late = np.int64(min(max(size(n, f), 0.0), FAULT_DEPTH - 1.0))
+    at = faults.count[f]
+    faults.count[f] = at + 1
+    copy(faults.waiting[f, at % FAULT_DEPTH], frame)
+    if at < late:
+        return GONE
+    copy(frame, faults.waiting[f, (at - late) % FAULT_DEPTH])
+    return CHANGED
+
+
+@loop_function
+def draw(n: Any, f: Any, data: Any) -> None:
+    """Fill 8 data bytes at random."""
+    for i in range(8):
+        data[i] = np.uint8(256.0 * uniform(n, f))
+
+
+@loop_function
+def rewrite(n: Any, row: Any, f: Any) -> None:
+    """Change data, counter or CRC of the frame in `wire.rx`, and make the rest right."""
+    faults, frames, data = n.faults, n.rx.frames, data_of(n.wire.rx)
+    kind, how, crc = faults.kind[f], faults.how[f], n.rx.frames[row, dbc.CRC_BYTE]
+    byte, shift = frames[row, dbc.COUNTER_BYTE], frames[row, dbc.COUNTER_SHIFT]
+    counter = np.int64(data[byte]) >> shift & frames[row, dbc.COUNTER_MASK]
+    if faults.count[f] == 0:
+        faults.count[f] = 1
+        copy(faults.waiting[f, 0], n.wire.rx)
+        faults.first[f] = data[crc] if kind == CHECKSUM else counter
+    if kind == CHECKSUM:
+        data[crc] = np.uint8(altered(n, f, how, np.int64(data[crc])) & 255)
+        return
+    if kind == COUNTER:
+        counter = altered(n, f, how, counter)
+    elif kind == PAYLOAD and how == FREEZE:
+        for i in range(8):
+            data[i] = faults.waiting[f, 0, 8 + i]
+    else:
+        draw(n, f, data)
+    e2e.protect(data, row, frames, counter)
+
+
+@loop_function
+def altered(n: Any, f: Any, how: Any, true: Any) -> Any:
+    """Return a counter or checksum in the place of the true one."""
+    if how == FREEZE:
+        return n.faults.first[f]
+    if how == AT_RANDOM:
+        return np.int64(256.0 * uniform(n, f))
+    wanted = np.int64(size(n, f))
+    return true + wanted if how == OFFSET else wanted
+
+
+@loop_function
+def judge(n: Any, row: Any) -> Any:
+    """Check an injected frame in `wire.rx` and record it; return its state."""
+    frame = n.wire.rx
+    state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
+    push_frame(n, frame, 1, INJECTED + state)
+    n.control[sh.INJECTED] += 1
+    n.control[sh.LOST] += lost
+    if state != e2e.OK and state != e2e.OK_SOME_LOST:
+        n.control[sh.INJECTED_FOUND] += 1
+        if state == e2e.REPEATED and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
+            note_repeat(n, word_of(frame))
+    return state
+
+
+@loop_function
+def excused(n: Any, row: Any) -> Any:
+    """Return whether what is wrong with a frame of `row` may follow from a fault on purpose."""
+    acted = n.faults.acted[row]  # 0 without faults
+    return acted > 0 and n.passes + 1 - acted <= EXCUSED_CYCLES

@@ -1,0 +1,39 @@
+"""What the loop keeps of faults on purpose: a part of the LOOP record."""
+
+from typing import Any
+
+from pcpc.drivers.wire_layout import FRAME_BYTES
+
+MAX_FAULTS = 32
+FAULT_DEPTH = 64  # values or frames that a fault may hold back
+
+
+def faults(frames: int) -> list[Any]:
+    """Return the fields, those of values first; `frames`: how many frames a node receives."""
+    return [
+        ("n", "<i8"),
+        ("n_values", "<i8"),
+        ("n_places", "<i8"),
+        ("every_place", "<i8", (MAX_FAULTS,)),  # of `left`, of faults and stalls
+        ("own_stall", "<i8"),  # places of `left`, -1 for none
+        ("peer_stall", "<i8"),
+        ("stalled", "<i8"),  # periods of a stall since the last cycle
+        ("kind", "<i8", (MAX_FAULTS,)),
+        ("how", "<i8", (MAX_FAULTS,)),
+        ("place", "<i8", (MAX_FAULTS,)),  # of `fault.NAME.left`
+        ("seam", "<i8", (MAX_FAULTS,)),
+        ("target", "<i8", (MAX_FAULTS,)),  # a variable, or a row of the received frames
+        ("other", "<i8", (MAX_FAULTS,)),  # a further row
+        ("seed", "<i8", (MAX_FAULTS,)),
+        ("acting", "<i8", (MAX_FAULTS,)),
+        ("since", "<i8", (MAX_FAULTS,)),  # the cycle in which it began, -1 while it is off
+        ("true", "<f8", (MAX_FAULTS,)),
+        ("kept", "<f8", (MAX_FAULTS,)),
+        ("earlier", "<f8", (MAX_FAULTS, FAULT_DEPTH)),
+        ("count", "<i8", (MAX_FAULTS,)),  # frames held back
+        ("first", "<i8", (MAX_FAULTS,)),
+        ("waiting", "u1", (MAX_FAULTS, FAULT_DEPTH, FRAME_BYTES)),
+        ("raw", "u1", (FRAME_BYTES,)),
+        ("another", "u1", (FRAME_BYTES,)),
+        ("acted", "<i8", (frames,)),  # pass + 1 in which a fault last acted on frames of a row
+    ]

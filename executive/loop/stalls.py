@@ -1,0 +1,48 @@
+"""A node that stands still on purpose: its periods pass, nothing of a cycle is done.
+
+On a clock the bus keeps what comes meanwhile; without one it is taken frame by frame, so that the
+other node, which does not wait, and this one stay in step. Afterwards the node has skipped the
+periods, as after a stall of the machine.
+"""
+
+from typing import Any
+
+from pcpc.drivers import e2e
+from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.clock import GIVEN, paced
+from pcpc.executive.loop.reception import receive
+from pcpc.executive.loop.rings import push_event
+from pcpc.executive.loop.tuning import tune
+
+
+@loop_inline
+def stalled(n: Any) -> Any:
+    """Return whether this node stands still now."""
+    at = n.faults.own_stall
+    return at >= 0 and n.v[at] > 0.0 and n.clock.kind != GIVEN
+
+
+@loop_function
+def stand_still(n: Any) -> None:
+    """Let a period pass in a stall on purpose: what comes is not worked on, nothing is sent."""
+    if not paced(n):
+        receive(n)
+        n.rx.started = 0
+        for row in range(n.rx.n):
+            n.rx.state[row, e2e.FRESH] = 0
+    stalled, n.faults.stalled = n.faults.stalled, 0
+    tune(n)
+    n.faults.stalled = stalled + 1 + n.clock.behind
+    n.clock.behind = 0
+    n.k += 1
+    n.clock.deadline += n.clock.period_ns
+    n.control[sh.SKIPPED] += 1
+
+
+@loop_inline
+def own_up(n: Any) -> None:
+    """After a stall on purpose, have skipped its periods."""
+    if n.faults.stalled > 0:
+        n.clock.behind = n.faults.stalled
+        push_event(n, sh.SKIP_EVENT, n.faults.stalled, 0.0)

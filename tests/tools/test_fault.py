@@ -1,0 +1,105 @@
+"""Faults on purpose in real processes: the bits of virtual time, replay, begun and ended live."""
+
+from pathlib import Path
+
+import pytest
+from processes import Running, own_bus, pcpc
+
+import pcpc as package
+
+FAULTS = """\
+  bias: {kind: bias, at: "plant:tx.FB.encoder", value: 0.02, from: 120ms, for: 20ms}
+  noise: {kind: noise, at: controller.voltage_V, value: 0.5, share: 0.3, every: 60ms, for: 9ms}
+  heavy: {kind: gain, at: "plant:motor.inertia_kg_m2", value: 2.0, from: 150ms, for: 40ms}
+  bits: {kind: corruption, frame: CMD, value: 3, share: 0.3, times: 4, for: 10ms}
+  delay: {kind: delay, frame: FB, value: 2, from: 200ms, for: 10ms}
+  turn: {kind: sequence, frame: FB, from: 130ms, for: 6ms}
+  late: {kind: stall, node: executive, from: 215ms, for: 3ms}
+  low: {kind: stall, node: plant, from: 240ms, for: 3ms}
+  forged: {kind: masquerade, frame: FB, from: 260ms, for: 1ms}
+  spare: {kind: stuck, at: "plant:tx.FB.encoder"}
+  break: {kind: stall, node: plant}
+"""
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the motor with faults of all groups; what it has to hold is left out."""
+    folder = tmp_path_factory.mktemp("faults") / "motor"
+    done = pcpc("new", str(folder))
+    assert done.code == 0, str(done)
+    path = folder / "rig.yaml"
+    path.write_text(f"{path.read_text().partition('evaluation:')[0]}faults:\n{FAULTS}")
+    return path
+
+
+def test_virtual_time_and_a_bus_without_a_clock_give_the_same_bits(
+    rig: Path, tmp_path: Path
+) -> None:
+    short = "--set", "duration_s=0.3", "--quiet", "-o"
+    done = pcpc("simulate", str(rig), *short, str(tmp_path / "virtual"), "--json")
+    assert done.code == 0, str(done)
+    told = {line.split(" at ")[0] for line in done.summary["injected"]}
+    assert told == {
+        "noise", "late", "turn", "bias", "heavy", "bits", "delay", "low", "forged"
+    }  # fmt: skip
+    bus = own_bus()
+    done = pcpc("run", str(rig), "--pacing", "lockstep", "--bus", bus, *short,
+                str(tmp_path / "bus"))  # fmt: skip
+    assert done.code == 0, str(done)
+    done = pcpc("log", "diff", str(tmp_path / "virtual"), str(tmp_path / "bus"))
+    assert done.code == 0, str(done)
+    for run in ("virtual", "bus"):
+        done = pcpc("replay", str(tmp_path / run))
+        assert done.code == 0 and done.out.count("bit-identical") == 2, str(done)
+
+
+def test_a_paced_run_with_faults_is_replayed_bit_by_bit(rig: Path, tmp_path: Path) -> None:
+    for pacing in ("real", "sync"):
+        folder = tmp_path / pacing
+        pcpc("run", str(rig), "--pacing", pacing, "--bus", own_bus(), "--set", "duration_s=0.3",
+             "--quiet", "-o", str(folder))  # fmt: skip
+        done = pcpc("replay", str(folder))
+        assert done.code == 0 and done.out.count("bit-identical") == 2, str(done)
+
+
+def test_a_fault_is_begun_and_ended_while_the_rig_runs(rig: Path) -> None:
+    with package.running(rig, pacing="real", set={"duration_s": 60.0}) as live:
+        before = live.inject("spare")
+        live.wait_until("plant:fault.spare.left", above=0.5, within_s=20)
+        after = live.clear("spare")
+        live.wait_until("plant:fault.spare.left", below=0.5, within_s=20)
+        assert after > before
+        live.inject("spare", for_s=0.05)
+        live.wait_until("plant:fault.spare.left", below=0.5, within_s=20)
+        with pytest.raises(package.Error, match="spar: no such fault; did you mean spare"):
+            live.inject("spar")
+        with pytest.raises(package.Error, match="outside"):
+            live.inject("spare", share=2.0)
+        skipped = live["plant:health.skipped_cycles"]
+        live.inject("break", for_s=0.01)
+        live.wait_until("plant:health.skipped_cycles", above=skipped + 9.5, within_s=20)
+    run = live.run
+    assert all(node.identical for node in run.replay())
+
+
+def test_the_command_lists_begins_and_ends_them(rig: Path, tmp_path: Path) -> None:
+    bus = own_bus()
+    with Running("run", str(rig), "--pacing", "real", "--bus", bus, "--set", "duration_s=60",
+                 "--set", "rig=faulty", "--quiet", "-o", str(tmp_path / "run")) as run:  # fmt: skip
+        run.in_the_middle("faulty", bus)
+        name = run.block("faulty", bus, "plant").name
+        done = pcpc("fault", "--node", name)
+        assert done.code == 0 and "spare" in done.out and "stuck of plant:tx.FB.encoder" in done.out
+        assert max(map(len, done.out.splitlines())) <= 80, done.out
+        done = pcpc("fault", "spare", "--for", "10s", "--node", name)
+        assert done.code == 0 and done.out.startswith("spare on for 10s: plant from cycle ")
+        done = pcpc("fault", "spare", "--end", "--node", name)
+        assert done.code == 0 and done.out.startswith("spare ended: plant from cycle ")
+        done = pcpc("fault", "sparse", "--node", name)
+        assert (done.code, done.err) == (2, "sparse: no such fault; did you mean spare?\n")
+
+
+def test_without_a_rig_it_says_so() -> None:
+    done = pcpc("fault", "--node", "nowhere.executive")
+    assert done.code == 4 and "no such node is running" in done.err, str(done)
