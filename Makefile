@@ -7,7 +7,7 @@ PLANT ?= *
 
 PIP = @$(PYTHON) -P tools/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
 
-.PHONY: run help test test-quiet install lint compiled bless docs notebook reference test-vcan vcan-tools clean tools
+.PHONY: run help test test-quiet install lint loop laws compiled bless docs notebook reference test-vcan vcan-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -15,8 +15,9 @@ run: install ## the main job: a closed loop; picture, log and verdict in runs/
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-13s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
+test: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
 test: tools ## all tests that need no CAN in the kernel
-	$(MAKE) --no-print-directory -j2 lint compiled
+	$(MAKE) --no-print-directory -j2 compiled lint
 	$(BIN)/pytest -n 2 --dist loadfile
 
 test-vcan: tools ## the tests on a real vcan0, in a virtual machine if need be
@@ -52,10 +53,15 @@ lint: tools ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-compiled: tools ## loop, laws and plants, compiled once for all tests
-	@$(BIN)/python tests/compile_all.py
+compiled: loop laws ## loop, laws and what tests import, compiled once for all of them
+	@$(BIN)/pytest --collect-only >/dev/null || true # the tests will tell
+
+loop: tools
 	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --no-figure -o build/compiled >/dev/null
 	@rm -rf build/compiled
+
+laws: tools
+	@$(BIN)/python tests/compile_all.py
 
 bless: tools ## the golden runs (of PLANT) anew, after a change that is meant
 	cd tests/golden && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python golden.py "$(PLANT)"
