@@ -105,7 +105,10 @@ def client(start: Start, address: str, folder: Path) -> "subprocess.Popen[str]":
 def written(folder: Path, files: str = "*.jsonl") -> int:
     found = set()
     for path in folder.glob(files):
-        lines = path.read_text().splitlines(keepends=True)
+        try:
+            lines = path.read_text().splitlines(keepends=True)
+        except FileNotFoundError:  # taken into the journal just now
+            continue
         rows = [json.loads(line) for line in lines if line.endswith("\n")]
         found |= {(row["draw"], row["controller"]) for row in rows}
     return len(found)

@@ -104,7 +104,7 @@ def test_the_fault_after_the_death_of_the_plant_is_recomputed(tmp_path: Path) ->
     bus, log = own_bus(), tmp_path / "r" / "log.mcap"
     with Running(
         "run", str(RIGS / "slew10.yaml"), "--bus", bus, "--no-figure", "--quiet", "-o",
-        str(log.parent),
+        str(log.parent), "--set", "supervisor.fault_after_cycles=300",  # a stall is no death
     ) as run:  # fmt: skip
         run.in_the_middle("slew10", bus)
         os.kill(run.pid("plant"), signal.SIGKILL)
