@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
+from copies import copies
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("plants/*/README.md")])
@@ -84,7 +85,8 @@ class Reader:
 
     def _run(self, block: Block) -> None:
         environment = os.environ | {
-            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "80",
+            "PATH": f"{copies().bin_folder()}:{Path(sys.executable).parent}:{os.environ['PATH']}",
+            "COLUMNS": "80",
         }  # fmt: skip
         done = subprocess.run(
             ["bash", "-euo", "pipefail", "-c", block.text + "\npwd\n"], cwd=self.folder,

@@ -4,17 +4,15 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
-from copies import Copies, Copy
+from copies import PROGRAMS, Copy, as_of_a_terminal, copies
 from free_bus import GROUP, own_port
 
 from pcpc.drivers import claim
@@ -24,7 +22,7 @@ from pcpc.executive.loop import sharing
 ROOT = Path(__file__).resolve().parents[2]
 ATB1000 = ROOT / "plants" / "atb1000"
 RIGS = ATB1000 / "rigs"
-PCPC = str(Path(sys.executable).with_name("pcpc"))
+PCPC = PROGRAMS["pcpc"]
 DEADLINE_S = 240.0  # the first start on a machine compiles
 PATIENT = (  # for paced runs that are not about missing frames: a loaded machine stalls
     "--set", "supervisor.hold_cycles=100000", "--set", "supervisor.fault_after_cycles=100000",
@@ -89,21 +87,10 @@ class Done:
             raise AssertionError(f"no summary came:\n{self}") from None
 
 
-def as_of_a_terminal() -> None:
-    """Begin as a shell of a terminal begins a command, whatever started the tests: nohup, cron."""
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
-
-
-@cache
-def _copies() -> Copies:
-    return Copies(PCPC, as_of_a_terminal)
-
-
 class Running:
     """A started command; `before` are words in front of it, such as setpriv's.
 
-    It is a copy, see `copies`, but with an environment or words of its own.
+    It is a copy, see `copies`, where no words stand in front of it.
     """
 
     def __init__(
@@ -114,14 +101,16 @@ class Running:
         self._out: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  as long as the command
         self._err: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         self.process: subprocess.Popen[bytes] | Copy
-        if not before and not environment and _copies().fits:
-            self.process = _copies().start(words, cwd, self._out.fileno(), self._err.fileno())
-        else:
+        files = [os.open(os.devnull, os.O_RDONLY), self._out.fileno(), self._err.fileno()]
+        surroundings = os.environ | dict(environment or {})
+        if before:
             self.process = subprocess.Popen(
-                self.words, stdin=subprocess.DEVNULL, stdout=self._out, stderr=self._err, cwd=cwd,
-                env=os.environ | dict(environment or {}), start_new_session=True,
-                preexec_fn=as_of_a_terminal,
+                self.words, stdin=files[0], stdout=files[1], stderr=files[2], cwd=cwd,
+                env=surroundings, start_new_session=True, preexec_fn=as_of_a_terminal,
             )  # fmt: skip
+        else:
+            self.process = Copy(copies().address, self.words, cwd, surroundings, files)
+        os.close(files[0])
         self.children: dict[str, int] = {}
 
     def __enter__(self) -> "Running":

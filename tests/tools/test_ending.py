@@ -10,8 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from copies import as_of_a_terminal
 from logcommand import barrel_log
-from processes import PCPC, ROOT, as_of_a_terminal, pcpc
+from processes import PCPC, ROOT, pcpc
 
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.tools.console import ending

@@ -3,10 +3,10 @@
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from copies import copies
 from processes import Running, own_bus, pcpc
 
 from pcpc.executive.log import reader as logs
@@ -62,8 +62,14 @@ def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
 
 def test_its_own_tests_pass(motor: Path) -> None:
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
-    words = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
-    done = subprocess.run(words, cwd=motor, env=environment, capture_output=True, text=True)
+    words = ["-q", "-x", "-p", "no:cacheprovider"]
+    done = subprocess.run(
+        [copies().bin_folder() / "pytest", *words],
+        cwd=motor,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0 and " passed" in done.stdout, done.stdout + done.stderr
 
 

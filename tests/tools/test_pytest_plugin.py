@@ -5,6 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from copies import copies
 
 from pcpc.drivers import compile_cache
 
@@ -36,9 +37,16 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(CACHES))
 
 
+def run(pytester: pytest.Pytester, *words: str) -> pytest.RunResult:
+    """Run pytest in a copy, see `copies`."""
+    return pytester.run(
+        copies().bin_folder() / "pytest", "-p", "pytester", "--basetemp=kept", *words
+    )
+
+
 def test_metrics_of_a_run_are_properties_of_its_test(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(SIMULATED.format(relation=">"))
-    pytester.runpytest_subprocess("--junitxml=junit.xml").assert_outcomes(passed=1)
+    run(pytester, "--junitxml=junit.xml").assert_outcomes(passed=1)
     found = ElementTree.parse(pytester.path / "junit.xml").iter("property")
     properties = {one.get("name"): one.get("value") for one in found}
     assert properties["run 1: slew10: verdict"] == "ok"
@@ -48,7 +56,7 @@ def test_metrics_of_a_run_are_properties_of_its_test(pytester: pytest.Pytester) 
 
 def test_a_failed_test_names_log_figure_and_replay(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(SIMULATED.format(relation="<"))
-    result = pytester.runpytest_subprocess()
+    result = run(pytester)
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*pcpc, run 1: slew10*", "log *", "verdict *ok", "replay *"])
     text = result.stdout.str()
@@ -66,7 +74,7 @@ def test_what_a_rig_lacks_is_a_line_and_can_be_expected(pytester: pytest.Pyteste
         "def test_expected(simulate):\n"
         "    with pytest.raises(pcpc.Error):\n        simulate('slew11')\n"
     )
-    result = pytester.runpytest_subprocess()
+    result = run(pytester)
     result.assert_outcomes(failed=2, passed=1)
     text = result.stdout.str().partition("= FAILURES =")[2].partition("= short test")[0]
     lines = [line for line in text.splitlines() if "did you mean gap_rad" in line]
@@ -86,14 +94,14 @@ def test_a_paced_test_is_repeated_once_if_the_machine_cannot_keep_time(
         "    seen = pathlib.Path('seen')\n    before = seen.exists()\n    seen.touch()\n"
         "    assert before\n"
     )
-    result = pytester.runpytest_subprocess("-rA")
+    result = run(pytester, "-rA")
     result.assert_outcomes(**{outcome: 1})
     assert ("repeated once: a sleep took long" in result.stdout.str()) == bool(why)
 
 
 def test_rigs_run_side_by_side_each_on_a_bus_of_its_own(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(LIVE.format(gains="81.0, 82.0, 83.0, 84.0"))
-    pytester.runpytest_subprocess("-n", "4", "-p", "no:cacheprovider").assert_outcomes(passed=4)
+    run(pytester, "-n", "4", "-p", "no:cacheprovider").assert_outcomes(passed=4)
 
 
 def test_a_bus_is_held_for_one_test_at_a_time(pytester: pytest.Pytester) -> None:
@@ -104,4 +112,4 @@ def test_a_bus_is_held_for_one_test_at_a_time(pytester: pytest.Pytester) -> None
         "    assert ':' in bus and str(other.bus) != bus\n"
         "    other.release()\n"
     )
-    pytester.runpytest_subprocess().assert_outcomes(passed=1)
+    run(pytester).assert_outcomes(passed=1)

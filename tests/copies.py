@@ -1,0 +1,245 @@
+"""Commands in copies of a process that has imported what they need: most of a start is imports.
+
+A server, one a test process, imports all commands and forks for each request. The copy runs the
+command's script in a session of its own, with the folder, environment and streams that it is given;
+the server hands on its exit code. What an environment would change
+at an import starts a new Python instead.
+
+`bin_folder` holds programs that ask for a copy, for shells and for pytest in a pytest.
+"""
+
+import atexit
+import gc
+import json
+import os
+import runpy
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NoReturn
+
+PROGRAMS = {name: str(Path(sys.executable).with_name(name)) for name in ("pcpc", "pytest")}
+_AT_RUN_TIME = {  # read when they are needed, not at an import
+    "PATH", "PWD", "OLDPWD", "SHLVL", "_", "COLUMNS", "LINES", "HOME", "USERPROFILE",
+    "XDG_CACHE_HOME",
+}  # fmt: skip
+_BEFORE = dict(os.environ)  # imports add to it
+_LOOK_S = 0.005
+_LARGEST = 1 << 20
+_PROGRAM = """\
+#!{python} -SE
+import sys
+sys.path.insert(0, {here!r})
+from copies import stand_in
+stand_in({address!r}, {script!r})
+"""
+
+
+class Copies:
+    """The server, from the side of the tests; it ends with them."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="copies-")
+        self.address = str(Path(self._folder.name, "socket"))
+        self._ours, theirs = socket.socketpair()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listening, theirs:
+            listening.bind(self.address)
+            listening.listen(16)
+            self._server = subprocess.Popen(
+                [sys.executable, __file__, str(listening.fileno())], pass_fds=[listening.fileno()],
+                stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE,  # cannot be sought
+                start_new_session=True, preexec_fn=as_of_a_terminal,
+            )  # fmt: skip
+        atexit.register(self.end)
+
+    def end(self) -> None:
+        """End the server."""
+        self._ours.close()
+        self._server.wait()
+        self._folder.cleanup()
+
+    def bin_folder(self) -> Path:
+        """Return a folder with a program for each of PROGRAMS."""
+        folder = Path(self._folder.name, "bin")
+        if not folder.exists():
+            folder.mkdir()
+            here = str(Path(__file__).parent)
+            for name, script in PROGRAMS.items():
+                values = {"here": here, "address": self.address, "script": script}
+                (folder / name).write_text(_PROGRAM.format(python=sys.executable, **values))
+                (folder / name).chmod(0o755)
+        return folder
+
+
+@cache
+def copies() -> Copies:
+    """Return the server of this test process."""
+    return Copies()
+
+
+class Copy:
+    """A started script, used as a `subprocess.Popen` is; `files`: stdin, stdout, stderr."""
+
+    def __init__(
+        self, address: str, words: Sequence[str], cwd: Path, environment: Mapping[str, str],
+        files: Sequence[int],
+    ) -> None:  # fmt: skip
+        self.returncode: int | None = None
+        self._status = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._status.connect(address)
+        request = json.dumps([str(cwd), dict(environment), *words]).encode()
+        socket.send_fds(self._status, [request], list(files))
+        self.pid = int(self._status.recv(64))
+        self._status.setblocking(False)
+
+    def poll(self) -> int | None:
+        """Return the exit code, None while it runs."""
+        if self.returncode is None:
+            try:
+                self.returncode = int(self._status.recv(64))
+                self._status.close()
+            except BlockingIOError:
+                pass
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end and return the exit code; subprocess.TimeoutExpired."""
+        end = None if timeout is None else time.monotonic() + timeout
+        while (code := self.poll()) is None:
+            if end is not None and time.monotonic() >= end:
+                raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)
+            time.sleep(_LOOK_S)
+        return code
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, if it is still there."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self.send_signal(signal.SIGKILL)
+
+
+def as_of_a_terminal() -> None:
+    """Begin as a shell of a terminal begins a command, whatever started the tests: nohup, cron."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
+def stand_in(address: str, script: str) -> NoReturn:
+    """Be a copy that runs `script` with the words of this process, as far as others can tell."""
+    copy = Copy(address, [script, *sys.argv[1:]], Path.cwd(), os.environ, [0, 1, 2])
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda which, _: copy.send_signal(which))
+    code = copy.wait()
+    if code < 0:
+        signal.signal(-code, signal.SIG_DFL)
+        os.kill(os.getpid(), -code)
+    sys.exit(code)
+
+
+def _fits(environment: Mapping[str, str]) -> bool:
+    """Return whether imports have read nothing else than they would in this environment."""
+    return all(
+        environment.get(name) in (_BEFORE.get(name), os.environ.get(name))
+        for name in {*environment, *_BEFORE, *os.environ} - _AT_RUN_TIME
+        if not name.startswith("PYTEST_")
+    )
+
+
+def _serve(listening: socket.socket, tests: socket.socket) -> tuple[list[Any], list[int]]:
+    """Fork for each request until the tests end; return, in the copy, what it got: words, files."""
+    with selectors.DefaultSelector() as selector:
+        selector.register(listening, selectors.EVENT_READ)
+        selector.register(tests, selectors.EVENT_READ)
+        while True:
+            for key, _ in selector.select():
+                if key.data is not None:
+                    selector.unregister(key.fd)
+                    _hand_on(key.fd, *key.data)
+                    continue
+                if key.fileobj is tests:
+                    sys.exit()
+                client, _ = listening.accept()
+                text, files, _, _ = socket.recv_fds(client, _LARGEST, 3, socket.MSG_CMSG_CLOEXEC)
+                if not text:
+                    continue  # who asked is gone
+                pid = os.fork()
+                if pid == 0:
+                    return json.loads(text), files
+                for file in files:
+                    os.close(file)
+                client.send(str(pid).encode())
+                selector.register(os.pidfd_open(pid), selectors.EVENT_READ, (pid, client))
+
+
+def _hand_on(watched: int, pid: int, client: socket.socket) -> None:
+    """Tell the exit code of a copy that has ended."""
+    os.close(watched)
+    code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    with client, suppress(BrokenPipeError):  # a test that wants it no more
+        client.send(str(code).encode())
+
+
+def _become(cwd: str, environment: dict[str, str], words: list[str], files: Sequence[int]) -> None:
+    """Take the place of a Python that was started with this folder, environment and streams."""
+    os.setsid()
+    for number, file in enumerate(files):
+        os.dup2(file, number)
+    os.closerange(3, 256)
+    os.chdir(cwd)
+    if not _fits(environment):
+        os.execve(sys.executable, [sys.executable, *words], environment)
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.argv[:] = words
+    sys.path[0] = str(Path(words[0]).parent)
+
+
+def _leave(code: int) -> None:
+    """End as Python does, but do not tear down what is imported: that copies every page of it."""
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+            continue
+        sys.exit(code)  # Python tells what it could not write
+    os._exit(code)
+
+
+if __name__ == "__main__":
+    for _command in import_module("pcpc.tools.console.commands").COMMANDS.values():
+        for _one in _command.parts or (_command,):
+            import_module(f"pcpc.tools.{_one.at}")
+    for _name in ("matplotlib.figure", "matplotlib.backends.backend_agg", "pytest"):
+        import_module(_name)
+    import_module("pcpc.executive.loop.exchange").run_of(2)
+    gc.collect()
+    gc.freeze()
+    with socket.socket(fileno=int(sys.argv[1])) as _listening, socket.socket(fileno=0) as _tests:
+        (_cwd, _environment, *_words), _files = _serve(_listening, _tests)
+        _listening.detach()
+        _tests.detach()
+    _become(_cwd, _environment, _words, _files)
+    try:
+        runpy.run_path(sys.argv[0], run_name="__main__")
+    except SystemExit as _end:
+        if not isinstance(_end.code, int):
+            raise
+        _leave(_end.code)
