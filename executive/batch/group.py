@@ -113,6 +113,11 @@ class Group:
                     place = int(cycle.of_frame.py_func(seat.n, row)) + cycle.SEED
                     seat.values[place, lane] = losses.first(seed, frame.name)
 
+    def repeat(self, lane: int, others: Sequence[int]) -> None:
+        """Let other lanes do what a lane does."""
+        for seat in self.seats.values():
+            seat.values[:, others] = seat.values[:, lane : lane + 1]
+
     def run(self) -> NDArray[np.bool_]:
         """Run all lanes to the end; return which are odd: all, where a step ends with an exception.
 

@@ -29,6 +29,8 @@ from pcpc.executive.rig.prepare import prepared
 from pcpc.executive.rig.reading import BlockSpec, Rig, load_rig
 from pcpc.executive.rig.roles import Role
 
+_DIFFERS = "a step branches differently with these settings"
+_ODD = "it left the path of a run without a fault"
 METADATA = {"pacing": "virtual", "bus": "memory"}
 
 
@@ -92,19 +94,31 @@ class Runs:
         why = self.why or self._why_alone(cases)
         if why or (group := self.group) is None:
             return [self._alone(case, why) for case in cases]
-        refused = self._fill(group, cases)
-        try:
-            odd = group.run()
-        except LanesDiffer:
-            why = "a step branches differently with these settings"
-            return [self._alone(case, why, refused[i]) for i, case in enumerate(cases)]
-        traces = group.columns()
-        return [
-            Done(None, refused=refused[lane]) if refused[lane]
-            else self._alone(case, "it left the path of a run without a fault") if odd[lane]
-            else Done(self._log(group, case, lane, traces))
-            for lane, case in enumerate(cases)
-        ]  # fmt: skip
+        found: dict[int, Done] = {}
+        left = [dict(enumerate(cases))]
+        while left:
+            some = left.pop()
+            if len(some) == 1 < len(cases):
+                found |= {i: self._alone(case, _DIFFERS) for i, case in some.items()}
+                continue
+            refused = self._fill(group, list(some.values()))
+            found |= {
+                i: Done(None, refused=why) for i, why in zip(some, refused, strict=True) if why
+            }
+            able = {i: case for i, case in some.items() if i not in found}
+            try:
+                odd = group.run()
+            except LanesDiffer:
+                left += _parted(able)
+                continue
+            traces = group.columns()
+            for lane, (i, case) in enumerate(some.items()):
+                if i in able:
+                    found[i] = (
+                        self._alone(case, _ODD) if odd[lane]
+                        else Done(self._log(group, case, lane, traces))
+                    )  # fmt: skip
+        return [found[i] for i in range(len(cases))]
 
     def _places(self, group: Group, role: Role, spec: BlockSpec) -> Mapping[str, int]:
         """Return the places of a block's own names in the table of its node."""
@@ -134,6 +148,8 @@ class Runs:
                 found.append("")
             except (ValueError, RigError) as error:
                 found.append(str(error))
+        if "" in found:  # lanes without a run do what another does: none is stopped by them
+            group.repeat(found.index(""), [i for i in range(WIDTH) if i >= len(found) or found[i]])
         return found
 
     def _specs(self, case: Case) -> Iterator[tuple[Role, BlockSpec]]:
@@ -208,6 +224,21 @@ class Runs:
         codes = [int(block["control"][sh.FAULT]) for block in run.blocks]
         fault = next((FAULT_NAMES[code] for code in codes if code), "")
         return Done(run.memory.log(), fault, why)
+
+
+def _parted(cases: dict[int, Case]) -> list[dict[int, Case]]:
+    """Return the cases in parts: by the setting with the fewest values, else in halves."""
+    names = {name for case in cases.values() for name in case.settings}
+    values = {name: {case.settings.get(name) for case in cases.values()} for name in names}
+    few = [name for name in sorted(names) if 1 < len(values[name]) < len(cases)]
+    if few:
+        name = min(few, key=lambda name: len(values[name]))
+        return [
+            {i: case for i, case in cases.items() if case.settings.get(name) == value}
+            for value in values[name]
+        ]
+    half, own = len(cases) // 2, list(cases.items())
+    return [dict(part) for part in (own[:half], own[half:]) if part]
 
 
 def _check_range(name: str, spec: BlockSpec, setting: str, value: float) -> None:

@@ -52,6 +52,21 @@ def test_what_is_no_setting_of_a_block_is_done_alone_and_says_so() -> None:
     assert done.log is not None and len(done.log.node["executive"].cycle) == 50
 
 
+def test_runs_that_branch_otherwise_are_parted_and_their_like_stay_in_lanes(tmp_path: Path) -> None:
+    """Two of eight are of another kind, one is refused, and one alone would stop the others."""
+    rig = motor_with(tmp_path / "motor", "if p.ki_V_rads > 100.0: y.e_rad += 0.0 * p.weight")
+    runs = Runs(rig, "pid", ["duration_s=0.05"], {"plant": ["motor.angle_rad"]})
+    gains = [10.0, 10.0, 200.0, 10.0, -5.0, 200.0, 10.0, 300.0]
+    cases = [Case(i, {"controller.ki_V_rads": gain}) for i, gain in enumerate(gains)]
+    done = runs.done(cases)
+    assert [bool(one.refused) for one in done] == [gain < 0.0 for gain in gains]
+    assert [bool(one.alone) for one in done] == [gain == 300.0 for gain in gains]
+    for case, one in zip(cases, done, strict=True):
+        if one.log is not None:
+            alone = in_memory(runs.rig_of(case)).node["plant"].columns["motor.angle_rad"]
+            assert one.log.node["plant"].columns["motor.angle_rad"].tobytes() == alone.tobytes()
+
+
 def test_an_output_that_nobody_sends_is_looked_at_too(tmp_path: Path) -> None:
     rig = motor_with(tmp_path / "motor", "y.speed_rad_s = 1.0 / p.weight")
     group = Group(load_rig(rig, settings=["duration_s=0.02"]), {})
