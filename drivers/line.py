@@ -45,6 +45,7 @@ RECESSIVE_RUN, RUNS_TO_RECOVER = 11, 128
 SUSPENDED_BITS, DELIMITER_BITS, FLAG_BITS = 8, 8, 6
 _PRIME, _FACTOR = 2**31 - 1, 48271  # Park and Miller's generator, as `executive.loop.losses`
 _NEVER = 2**62
+_S = 1_000_000_000
 
 LINE = np.dtype(
     [
@@ -104,6 +105,18 @@ def prepare(
     line.senders, line.room, line.in_order = senders, room, in_order
     line.p, line.burst, line.draw = p, burst, 1 + seed % (_PRIME - 1)
     line.sending = -1
+
+
+@loop_function
+def bit_at(bitrate: Any, ns: Any) -> Any:
+    """Return how many bits have passed after `ns`; no product passes 2^63."""
+    return ns // _S * bitrate + ns % _S * bitrate // _S
+
+
+@loop_function
+def ns_of(bitrate: Any, bit: Any) -> Any:
+    """Return when `bit` bits have passed, rounded up."""
+    return bit // bitrate * _S - -(bit % bitrate) * _S // bitrate
 
 
 @loop_inline

@@ -321,14 +321,14 @@ def deal(source: Any, first: Any, second: Any) -> None:
     """Move `source`'s outbox into the inboxes of the ends of its two buses (kind MEMORY)."""
     for k in range(source.outbox_put):
         if on_second(source, source.outbox[k]):
-            _deliver(source.outbox[k], second)
+            deliver(source.outbox[k], second)
         else:
-            _deliver(source.outbox[k], first)
+            deliver(source.outbox[k], first)
     source.outbox_put = 0
 
 
 @loop_function
-def _deliver(frame: Any, target: Any) -> None:
+def deliver(frame: Any, target: Any) -> None:
     """Put `frame` into an inbox; one more than it holds is lost, as on a bus."""
     if target.inbox_put - target.inbox_taken >= QUEUE_FRAMES:
         return

@@ -17,6 +17,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import plausible
 from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of, plan
 from pcpc.executive.rig import law_errors, purity, trial
+from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import Use, users_case
@@ -31,6 +32,7 @@ _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 def command(options: argparse.Namespace) -> int:
     """Check and describe a rig."""
     rig = load_rig(options.rig, options.controller, options.set)
+    check_line(rig, "virtual")
     plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
     impure = _try_laws(rig)
     check_pacing(rig, rig.config.pacing)

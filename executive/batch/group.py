@@ -65,6 +65,8 @@ class Group:
             raise NotInLanes(f"it has the nodes {', '.join(rig.roles)}")
         if rig.config.faults:
             raise NotInLanes("it has faults on purpose")
+        if rig.config.bus.emulate is not None:
+            raise NotInLanes("its line is emulated")
         self.cycles = cycles_of(rig)
         self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
         self._blocks = [sh.private(describe(made, {})) for made in self.plans.values()]

@@ -60,18 +60,6 @@ def _now(n: Any) -> Any:
 
 
 @loop_function
-def bit_at(bitrate: Any, ns: Any) -> Any:
-    """Return how many bits have passed after `ns`; no product passes 2^63."""
-    return ns // _S * bitrate + ns % _S * bitrate // _S
-
-
-@loop_function
-def ns_of(bitrate: Any, bit: Any) -> Any:
-    """Return when `bit` bits have passed, rounded up."""
-    return bit // bitrate * _S - -(bit % bitrate) * _S // bitrate
-
-
-@loop_function
 def _read(n: Any, end: Any, s: Any) -> Any:
     """Queue what has come on a side; return False if its bus failed."""
     for _ in range(_READ_AT_ONCE):
@@ -95,7 +83,7 @@ def _hand_over(n: Any, end: Any) -> None:
     if not wire.put_frame(end):
         n.control[ERRORS] += 1
         n.control[ERRNO] = end.errno
-    late = _now(n) - n.start_ns - ns_of(n.bitrate, n.line.at)
+    late = _now(n) - n.start_ns - line.ns_of(n.bitrate, n.line.at)
     note(n, max(late, np.int64(0)))
 
 
@@ -118,8 +106,8 @@ def _sleep(n: Any) -> None:
     passed = _now(n) - n.start_ns
     due = line.next_due(n.line)
     soonest = passed + _LONGEST_SLEEP_NS
-    if due <= bit_at(n.bitrate, soonest):
-        soonest = ns_of(n.bitrate, due)
+    if due <= line.bit_at(n.bitrate, soonest):
+        soonest = line.ns_of(n.bitrate, due)
     n.timespec[0], n.timespec[1] = 0, max(soonest - passed, np.int64(0))
     n.polled[0] = n.a.fd_rx | libc.POLLIN << 32
     n.polled[1] = n.b.fd_rx | libc.POLLIN << 32
@@ -132,7 +120,7 @@ def carry(n: Any) -> Any:
     if n.start_ns == 0:
         n.start_ns = _now(n)
     while True:
-        n.until = max(n.until, bit_at(n.bitrate, _now(n) - n.start_ns))
+        n.until = max(n.until, line.bit_at(n.bitrate, _now(n) - n.start_ns))
         _go_on(n)
         if not _read(n, n.a, 0) or not _read(n, n.b, 1):
             return np.int64(0)

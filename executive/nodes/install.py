@@ -13,6 +13,7 @@ from pcpc.executive.loop.clock import CLOCKED, GIVEN, LOCKSTEP, ON_FRAMES, REAL,
 from pcpc.executive.loop.timing import reset
 from pcpc.executive.nodes.plan import Plan, cycles_of
 from pcpc.executive.nodes.planned_faults import install_faults
+from pcpc.executive.rig.buses import OVER_LINE
 from pcpc.executive.rig.messages import awaited, emergency, heartbeat, parts_in_meeting, starts
 from pcpc.executive.rig.schema import FALLBACK
 
@@ -25,7 +26,7 @@ def install_in_memory(made: Plan, loop: Any) -> None:
     """Write `made` into the zeroed LOOP record `loop` without bus, clock and recorder."""
     wire.prepare(loop.wire, MEMORY, -1, -1)
     install(made, loop)
-    loop.clock.kind = VIRTUAL if made.pacing == "lockstep" else GIVEN
+    loop.clock.kind = VIRTUAL if made.pacing in ("lockstep", OVER_LINE) else GIVEN
     loop.rings.wait_recorder = 0
 
 
@@ -87,13 +88,13 @@ def install(made: Plan, loop: Any) -> None:
 def _install_schedule(made: Plan, loop: Any) -> None:
     config, clock = made.rig.config, loop.clock
     leads = made.role == "executive"
-    clocked = made.pacing == "real" or (made.pacing == "sync" and leads)
+    clocked = made.pacing in ("real", OVER_LINE) or (made.pacing == "sync" and leads)
     clock.trigger = CLOCKED if clocked else ON_FRAMES
     clock.period_ns = round(1e9 / config.rate_hz)
     clock.phase_ns = round(clock.period_ns * config.realtime.of(made.role).phase)
     clock.late_ns = round(clock.period_ns * config.realtime.late_fraction)
     loop.guard.cycles = cycles_of(made.rig) if leads else 2**62
-    clock.arm_pass = 0 if leads else 1
+    clock.arm_pass = -1 if made.pacing == OVER_LINE else 0 if leads else 1
     loop.rx.listen_ns = round(1e9 * LISTEN_S)
     loop.rx.patience = round(PATIENCE_S / RECEIVE_TIMEOUT_S)
     lockstep = made.pacing == "lockstep"

@@ -45,7 +45,7 @@ from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, describe, plan
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
 from pcpc.executive.rig import carried
-from pcpc.executive.rig.buses import bus_wanted
+from pcpc.executive.rig.buses import bus_wanted, check_line
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES, Role
 
@@ -94,6 +94,7 @@ class Process:
         self.pacing: str = options.pacing or self.rig.config.pacing
         check_pacing(self.rig, self.pacing)
         check_rate(self.rig, self.pacing)
+        check_line(self.rig, self.pacing)
         self.choice = choice.take(bus_wanted(self.rig, (self.role,), options.bus))
         self.bus = self.choice.bus
         self.plan: Plan = plan(self.rig, self.role, self.pacing)

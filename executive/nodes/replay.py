@@ -39,6 +39,7 @@ from pcpc.executive.loop.variables import COUNTED
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import watched
+from pcpc.executive.rig.buses import without_bus
 from pcpc.executive.rig.messages import heartbeat
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
@@ -185,7 +186,7 @@ class Replay:
         `external`: blocks that were stepped from outside; what they wrote is taken from the record.
         """
         selftest()
-        made = plan(rig, role, "lockstep" if pacing == "virtual" else pacing)
+        made = plan(rig, role, without_bus(rig) if pacing == "virtual" else pacing)
         made.external = dict.fromkeys(external, idle.entry)
         self.block = sh.private(describe(made, facts()))
         loop = self.block.loop

@@ -1,7 +1,8 @@
 """Virtual time: all nodes of a rig in one thread, the same cycle, the bus in memory, no clock.
 
 Frames are encoded, protected, checked and decoded as on a bus, and the one sample of delay is the
-same; so the records of a virtual run and of a lockstep run on a bus are equal bit for bit.
+same; so the records of a virtual run and of a lockstep run on a bus are equal bit for bit. With
+`bus.emulate` frames take their time on a CAN line, see `executive.loop.over_line`.
 """
 
 import os
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers import line as lines
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
@@ -19,10 +21,12 @@ from pcpc.executive.log.long_logs import Wanted
 from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.exchange import run_of
+from pcpc.executive.loop.over_line import run_over_line
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import watched
+from pcpc.executive.rig.buses import check_line, line_options, without_bus
 from pcpc.executive.rig.reading import Rig
 
 CYCLES_BETWEEN_DRAINS = 1000  # rows in flight; the rings hold several thousand
@@ -77,7 +81,8 @@ class VirtualRun:
         `controller`: its step, in the place of the rig's own; it may take any time.
         """
         selftest()
-        made = [plan(rig, role, "lockstep") for role in rig.roles]
+        check_line(rig, "virtual")
+        made = [plan(rig, role, without_bus(rig)) for role in rig.roles]
         if controller is not None:
             made[0].external["controller"] = controller.entry
         metadata = facts() | {
@@ -94,6 +99,7 @@ class VirtualRun:
             block["control"][sh.PID] = os.getpid()
             self.blocks.append(block)
         self.steps = tuple(p.steps for p in made)
+        self.over = () if rig.config.bus.emulate is None else _over_line(rig)
         self._controller = controller
         self.memory = Memory(self.blocks)
         self._stopped = False
@@ -104,9 +110,11 @@ class VirtualRun:
     def advance(self) -> Iterator[int]:
         """Run to the end in pieces; yield the cycles done after each. Raises StepError."""
         loops = tuple(block.loop for block in self.blocks)
-        run, more = run_of(len(loops)), 1
+        run, more = run_over_line() if self.over else run_of(len(loops)), 1
         while more:
-            more = self._watched(lambda: run(loops, self.steps, CYCLES_BETWEEN_DRAINS), loops)
+            more = self._watched(
+                lambda: run(loops, self.steps, *self.over, CYCLES_BETWEEN_DRAINS), loops
+            )
             (self.recorder or self.memory).drain()
             yield int(self.blocks[0].loop.passes)
 
@@ -125,6 +133,16 @@ class VirtualRun:
         """Finish the log file."""
         if self.recorder is not None:
             self.recorder.finish()
+
+
+def _over_line(rig: Rig) -> tuple[Any, int, int]:
+    """Return the rig's emulated line, its bit rate, and how far the plant is behind, ns."""
+    config, bitrate = rig.config, rig.config.bus.bits_per_s
+    line: Any = np.zeros(1, lines.LINE).view(np.recarray)[0]
+    lines.prepare(line, 2, config.bus.queue, **line_options(rig))
+    behind = (config.realtime.plant.phase - config.realtime.executive.phase) % 1.0 or 1.0
+    assert bitrate is not None, "emulate gives it"
+    return line, bitrate, round(behind * round(1e9 / config.rate_hz))
 
 
 def simulate(rig: Rig, log: Path) -> VirtualRun:

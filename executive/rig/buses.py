@@ -1,9 +1,13 @@
 """The buses that a rig and a command line ask for."""
 
+from typing import Any
+
 from pcpc.drivers import bus as buses
 from pcpc.drivers.choice import Wanted
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
+
+OVER_LINE = "line"  # the pacing of a plan
 
 
 def bus_wanted(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
@@ -16,15 +20,26 @@ def bus_wanted(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
 
 
 def check_line(rig: Rig, pacing: str) -> None:
-    """Raise RigError if the rig's line cannot be emulated."""
+    """Raise RigError if the rig's line cannot be emulated; `pacing` may be virtual."""
     if rig.config.bus.emulate is None:
         return
     what = ""
     if pacing == "lockstep":
-        what = "in lockstep and virtual time no clock runs; --set bus.emulate=null leaves it out"
+        what = "in lockstep no clock runs; choose another pacing, `pcpc simulate`, or null"
     elif rig.config.local is not None:
         what = "this rig has a local node and so two buses; only one can be emulated"
     elif not 1000 <= (rig.config.bus.bits_per_s or 0) <= 1_000_000:
         what = f"{rig.config.bus.emulate}: classic CAN has 1 kbit/s to 1 Mbit/s"
     if what:
         raise rig.error("bus.emulate", what)
+
+
+def without_bus(rig: Rig) -> str:
+    """Return the pacing of nodes in virtual time: lockstep, or over the rig's emulated line."""
+    return "lockstep" if rig.config.bus.emulate is None else OVER_LINE
+
+
+def line_options(rig: Rig) -> dict[str, Any]:
+    """Return what the rig says of its emulated line, for `drivers.line.prepare`."""
+    bus = rig.config.bus
+    return {"p": bus.bit_error_rate, "burst": bus.error_burst, "seed": rig.config.seed}

@@ -32,7 +32,7 @@ Condition = Annotated[str, Meta(max_length=300)]  # see `rig.expressions`
 class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A bus as python-can names it; `bitrate` null means that its load is not checked.
 
-    `emulate`: a gateway with this bit rate stands between the nodes, see `drivers.line`, with
+    `emulate`: a CAN line with this bit rate lies between the nodes, see `drivers.line`, with
     transmit queues of `queue` frames and errors of `bit_error_rate`, `error_burst` in a row.
     """
 

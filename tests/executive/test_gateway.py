@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from pcpc.drivers import bus as buses
 from pcpc.drivers import line, wire, wire_layout
-from pcpc.executive.nodes.gateway import Gateway, bit_at, ns_of
+from pcpc.drivers.line import bit_at, ns_of
+from pcpc.executive.nodes.gateway import Gateway
 from pcpc.executive.nodes.player import STOP
 
 S = 1_000_000_000

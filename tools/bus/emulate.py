@@ -21,6 +21,7 @@ from pcpc.drivers import choice, line, realtime
 from pcpc.drivers.errors import BusError, Exit
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
+from pcpc.executive.rig.buses import line_options
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.bus.report import rate_of
 from pcpc.tools.bus.traffic import MOST_CLASSIC
@@ -153,10 +154,7 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
     """
     config, sides = rig.config.bus, [bus, buses.beside(bus)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    gateway = Gateway(
-        config.bits_per_s or MOST_CLASSIC, config.queue, p=config.bit_error_rate,
-        burst=config.error_burst, seed=rig.config.seed,
-    )  # fmt: skip
+    gateway = Gateway(config.bits_per_s or MOST_CLASSIC, config.queue, **line_options(rig))
     try:
         gateway.open(sides)
         os.close(ready)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pcpc.drivers.bus import Bus
+from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.starting.children import Child
 
@@ -13,7 +14,8 @@ REPORT = "line.json"  # in the run's folder
 
 
 def started(rig: Rig, bus: Bus, folder: Path) -> Child:
-    """Start the gateway; return once it hears both sides, or has ended."""
+    """Start the gateway; return once it hears both sides, or has ended. RigError."""
+    check_line(rig, "real")
     ready, told = os.pipe()
 
     def main(words: Sequence[str]) -> int:

@@ -1,0 +1,70 @@
+"""The exchange of `executive.loop.exchange` over an emulated CAN line, in virtual time.
+
+    executive   cycle k at k T: takes what is through by then, sends
+    plant       its next cycle at k T + phi T, phi its phase behind the executive's, above 0 up
+                to 1: takes what is through by then, sends
+
+What is sent waits for the line (`drivers.line`) from that time on; a frame that is not through when
+its receiver's cycle begins is taken in a later one. Nobody waits for frames: both nodes are as on a
+clock from their first cycle on. The meeting before it and the last words are carried at once.
+"""
+
+from functools import cache
+from typing import Any
+
+from pcpc.drivers import line as lines
+from pcpc.drivers import wire
+from pcpc.drivers.jit import i8, loop, loop_function, types
+from pcpc.executive.loop.cycle import STEPS, N, one_pass, pass_or_finish
+from pcpc.executive.loop.exchange import end_run, meet, work_below
+
+_REST_BITS = 1_000_000  # in which what is on its way at the end comes through
+
+
+@loop_function
+def _queue(line: Any, s: Any, end: Any, at: Any) -> None:
+    """Queue what node `s` has sent at bit `at`."""
+    for k in range(end.outbox_put):
+        lines.put(line, s, end.outbox[k], at)
+    end.outbox_put = 0
+
+
+@loop_function
+def _go_on(line: Any, nodes: Any, until: Any) -> None:
+    """Let the line go on to bit `until`, and put what is through into its receiver's inbox."""
+    what = lines.advance(line, until)
+    while what != lines.NOTHING:
+        if what == lines.SENT:
+            wire.deliver(line.frame, nodes[1 - line.who].wire)
+        what = lines.advance(line, until)
+
+
+def _run(nodes: Any, steps: Any, line: Any, bitrate: Any, phase_ns: Any, cycles: Any) -> Any:
+    """Run at most `cycles` cycles; return 1 while the rig goes on, 0 at its end."""
+    top, low = nodes[0], nodes[1]
+    if top.passes == 0:
+        meet(nodes)
+        work_below(nodes, steps)
+    for _ in range(cycles):
+        before, time_ns = top.passes, top.k * top.clock.period_ns
+        at = lines.bit_at(bitrate, time_ns)
+        _go_on(line, nodes, at)
+        more = one_pass(top, steps[0])
+        _queue(line, 0, top.wire, at)
+        at = lines.bit_at(bitrate, time_ns + phase_ns)
+        _go_on(line, nodes, at)
+        if more or top.passes != before:  # else it has not sent
+            pass_or_finish(low, steps[1])
+            _queue(line, 1, low.wire, at)
+        if not more:
+            _go_on(line, nodes, at + _REST_BITS)
+            end_run(nodes, steps)
+            return 0
+    return 1
+
+
+@cache
+def run_over_line() -> Any:
+    """Return `run(nodes, steps, line, bitrate, phase_ns, cycles)`, compiled on first use."""
+    kinds = types.UniTuple(N, 2), types.UniTuple(STEPS, 2), lines.N, i8, i8, i8
+    return loop(i8(*kinds))(_run)
