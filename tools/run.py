@@ -19,6 +19,7 @@ from typing import Any
 from pcpc.drivers import choice, compile_cache
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
+from pcpc.executive.log import recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes import process
@@ -179,12 +180,8 @@ class Host:
             return
         names = [self._block_name(role) for role in self.rig.roles]
         log = str(self.folder / LOG)
-        self.children["recorder"] = Child.started(
-            "recorder",
-            "pcpc.executive.log.recorder",
-            [log, *names, "--judged", json.dumps(self.judged)],
-            survives=True,
-        )
+        words = [log, *names, "--judged", json.dumps(self.judged)]
+        self.children["recorder"] = Child.forked("recorder", recorder.main, words, survives=True)
 
     def _leader(self) -> str:
         return "executive" if "executive" in self.roles else self.roles[0]
@@ -232,11 +229,11 @@ class Host:
             if said := lines.told(self.folder):
                 self.progress.say(said)
         if "recorder" in self.children:
-            recorder = self.children["recorder"]
-            recorder.end(_DRAIN_S)
-            if recorder.code == Exit.LOSS:  # the run is whole, its log is not
-                self.outcome.missing += recorder.complaint()
-            elif recorder_first and recorder.code > 0:
+            recording = self.children["recorder"]
+            recording.end(_DRAIN_S)
+            if recording.code == Exit.LOSS:  # the run is whole, its log is not
+                self.outcome.missing += recording.complaint()
+            elif recorder_first and recording.code > 0:
                 self.outcome.faults.append("recorder: ended before the nodes")
         order = (*first, *(name for name in self.children if name not in first))
         for name in sorted(order, key=lambda name: follows(self.blocks.get(name))):

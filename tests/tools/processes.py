@@ -27,8 +27,8 @@ DEADLINE_S = 240.0  # the first start on a machine compiles
 PATIENT = (  # for paced runs that are not about missing frames: a loaded machine stalls
     "--set", "supervisor.hold_cycles=100000", "--set", "supervisor.fault_after_cycles=100000",
 )  # fmt: skip
-_ROLES = ("executive", "local", "plant")
-_RECORDER, _NODE = "pcpc.executive.log.recorder", "pcpc.executive.nodes.process"
+_ROLES = ("executive", "local", "plant", "recorder")
+_NODE = "pcpc.executive.nodes.process"
 
 
 def own_bus() -> str:
@@ -135,11 +135,9 @@ class Running:
                 continue
             if int(parent) == self.process.pid:
                 role = name.removeprefix("pcpc ")
-                if _RECORDER in words:
-                    role = "recorder"
-                elif _NODE in words:
+                if _NODE in words:
                     role = words[words.index(_NODE) + 1]
-                if role in (*_ROLES, "recorder"):
+                if role in _ROLES:
                     self.children[role] = int(folder.name)
         return self.children
 

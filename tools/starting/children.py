@@ -1,8 +1,7 @@
 """The processes of a run: started together, watched, ended in order.
 
-    forked     a copy of the host, which has loaded everything already: the nodes
-    started    a Python of its own: the recorder, which outlives its host, and nodes of which the
-               loop is to be interpreted
+    forked     a copy of the host, which has loaded everything already: the nodes, the recorder
+    started    a Python of its own: nodes of which the loop is to be interpreted
 
 Either has a session of its own (Ctrl-C is for the host, which ends them in order), nothing to read,
 nobody who reads its stdout, and a stderr that is kept.
@@ -34,18 +33,21 @@ class Child:
 
     @classmethod
     def forked(
-        cls, name: str, main: Callable[[Sequence[str]], int], arguments: Sequence[str]
-    ) -> "Child":
-        """Call `main` in a copy of this process, which has no other thread; it ends with it."""
+        cls, name: str, main: Callable[[Sequence[str]], int], arguments: Sequence[str],
+        *, survives: bool = False,
+    ) -> "Child":  # fmt: skip
+        """Call `main` in a copy of this process, which has no other thread; it ends with it.
+
+        `survives`: it lives on when this process dies, and holds nothing that this one has open.
+        """
         stderr = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the child
-        return cls(name, Forked(name, lambda: main(arguments), stderr.fileno()), stderr)
+        return cls(name, Forked(name, lambda: main(arguments), stderr.fileno(), survives), stderr)
 
     @classmethod
     def started(
-        cls, name: str, module: str, arguments: Sequence[str], *, interpreted: bool = False,
-        survives: bool = False,
-    ) -> "Child":  # fmt: skip
-        """Start a Python module; `survives`: it lives on when this process dies."""
+        cls, name: str, module: str, arguments: Sequence[str], *, interpreted: bool = False
+    ) -> "Child":
+        """Start a Python module; it ends with this process."""
         host = os.getpid()
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         if interpreted:
@@ -54,7 +56,7 @@ class Child:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", module, *arguments],  # -P: the user's folder has no say
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, env=environment,
-            preexec_fn=None if survives else lambda: end_with(host), start_new_session=True,
+            preexec_fn=lambda: end_with(host), start_new_session=True,
         )  # fmt: skip
         return cls(name, process, stderr)
 
@@ -92,14 +94,14 @@ class Child:
 class Forked:
     """A copy of this process, used as a `subprocess.Popen` is."""
 
-    def __init__(self, name: str, call: Callable[[], int], stderr: int) -> None:
+    def __init__(self, name: str, call: Callable[[], int], stderr: int, survives: bool) -> None:
         self.returncode: int | None = None
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         gc.freeze()  # what is here stays shared with the copy
         host, self.pid = os.getpid(), os.fork()
         if self.pid == 0:
-            _be_child(name, call, stderr, host)
+            _be_child(name, call, stderr, 0 if survives else host)
 
     def poll(self) -> int | None:
         """Return the exit code, None while it runs."""
@@ -124,15 +126,18 @@ class Forked:
 
 
 def _be_child(name: str, call: Callable[[], int], stderr: int, host: int) -> NoReturn:
-    """Go on as a process of its own, which ends with `call`."""
+    """Go on as a process of its own, which ends with `call`, and with `host` unless that is 0."""
     code = 1
     try:
         os.setsid()
-        end_with(host)
+        if host:
+            end_with(host)
         _libc.prctl(_PR_SET_NAME, f"pcpc {name}".encode())
         nothing = os.open(os.devnull, os.O_RDWR)
         for number, file in ((0, nothing), (1, nothing), (2, stderr)):
             os.dup2(file, number)
+        if not host:
+            _let_go(nothing)
         sys.stdout, sys.stderr = map(_written_to, (1, 2))
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -146,6 +151,13 @@ def _be_child(name: str, call: Callable[[], int], stderr: int, host: int) -> NoR
         with contextlib.suppress(OSError, ValueError):
             sys.stderr.flush()
         os._exit(code)
+
+
+def _let_go(nothing: int) -> None:
+    """Close what was open; its numbers stay taken, so that no object of the host closes ours."""
+    for number in map(int, os.listdir("/proc/self/fd")):
+        if number > 2:
+            os.dup2(nothing, number)
 
 
 def _written_to(number: int) -> TextIO:
