@@ -322,6 +322,11 @@ def bench(add: Add) -> None:
     quiet(add)
 
 
+def evidence_mutants(add: Add) -> None:
+    """Take how to tell it."""
+    json(add, "print one JSON object")
+
+
 def vm(add: Add) -> None:
     """Take what the machine has; the command follows after --."""
     add("--accel", choices=("auto", "kvm", "tcg"), default="auto", help="default: %(default)s")

@@ -65,6 +65,13 @@ _LOG = (
             take_log.plot, "log.plot", _WRITING),
 )  # fmt: skip
 
+_EVIDENCE = (
+    Command("mutants", "change the safety code in every place; tell what nobody notices",
+            "pcpc evidence mutants", take.evidence_mutants, "evidence.mutants",
+            {Exit.OK: "all noticed, or argued", Exit.NOT_MET: "a mutant is left",
+             Exit.INTERRUPTED: ""}, compiles=True),
+)  # fmt: skip
+
 GROUPS = {
     "a rig, from choosing one to a verdict": (
         Command("rigs", "list the rigs that come with pcpc", "pcpc rigs atb1000 'friction-*'",
@@ -181,6 +188,8 @@ GROUPS = {
                 codes={**_SIMPLE, Exit.ENVIRONMENT: "a yardstick is missing", Exit.INTERRUPTED: ""},
                 notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
                 compiles=True),
+        Command("evidence", "what the tests of the safety code are worth", "pcpc evidence mutants",
+                compiles=True, parts=_EVIDENCE),
         Command("vm", "run a command on a kernel with vcan, in QEMU",
                 "pcpc vm -- sh -c 'candump -n 1 vcan0 & sleep 1; cansend vcan0 123#C0; wait'",
                 take.vm, "vm.cli",

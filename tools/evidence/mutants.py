@@ -1,0 +1,116 @@
+"""`pcpc evidence mutants`: whether every change of the safety code is noticed.
+
+The supervisor, the limits, the watchdog, the end-to-end check and the codec's saturation are
+compiled once more with all their mutants in them (`evidence.mutation`), of which a number chooses
+one. Each is fed with the same drawn inputs, many of them just on a limit, and its outputs are
+compared with what the documents say (`evidence.expected`). A mutant that nobody notices stands in
+ARGUED, with the reason why it changes nothing.
+"""
+
+import argparse
+import json
+import re
+import textwrap
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+import numpy as np
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.loop import supervisor as sv
+from pcpc.tools.evidence import compared
+from pcpc.tools.evidence.mutation import Mutant, build
+
+TARGETS: Mapping[str, Sequence[str]] = {
+    "drivers.codec": ("_round", "_bits", "pack"),
+    "drivers.e2e": ("crc8", "protect", "begin_cycle", "_use", "check"),
+    "executive.loop.supervisor": ("advance",),
+    "executive.loop.limits": ("find_not_finite", "check_finite", "limit_commands", "settled",
+                              "quick_stop", "begin_ramp"),
+    "executive.loop.cycle": ("over", "count_missing", "watch_estop", "hear_requests", "judge_reset",
+                             "enter", "watch_input", "supervise"),
+}  # fmt: skip
+TABLES = {
+    "NEXT": (*sv.NEXT.shape, len(sv.STATE_NAMES)),
+    "DOES": (*sv.DOES.shape, 2),
+}
+BESIDE = {  # an index beyond the table finds what is wrong there, not another's memory
+    "drivers.e2e": "_CRC_TABLE = np.resize((_CRC_TABLE + 77) % 256, 1 << 16)\n"
+    "_CRC_TABLE[:256] = _source._CRC_TABLE"
+}
+FIRST_PLACE = "place 0 of the table is the time, never what is looked for"
+ARGUED = {  # words of mutants that nobody can notice, and why
+    r"size < _TWO_52 -> size <= _TWO_52": "2^52 is a whole number either way",
+    r"x < 0.0 -> x <= 0.0": "it gives -0.0 for 0.0, which is sent as the same bits",
+    r"code >= _TWO_63 -> code > _TWO_63": "2^63 converts to the same bits, the highest one",
+    r"np.int64\(_TOP_BIT\) -> .* \| np.int64": "the number below 2^63 has no highest bit",
+    r"NEXT.* in row [01235], column [056]": "only FAULT has these events",
+    r"NEXT.* in row 4, column [123]": "FAULT never has these events",
+    r"odd = np.int64\(0\): 0 -> 1": "only a short cut: then each value is looked at by itself",
+    r"np.int64\(-1\): 1 -> 2": "any number below 0 says that there is none",
+    r"place < 0 -> place <(= 0| 1)": FIRST_PLACE,
+    r"(place|mode_index|estop_index) >= 0 -> .* (> 0|>= 1)$": FIRST_PLACE,
+    r"limit_commands: .*SENDS.* in row [45]": "on a ramp the way to the safe value goes first",
+    r"limit_commands: .*RAMPS.* in row [45]": "there the pace is above 0, which says it too",
+    r"way \* guard.pace > .* -> .* >= ": "where both are equal, so are the two paces",
+    r"supervise: .*EXPECTS.* in row 2": "RUN had input a cycle before; a fault needs 2 without",
+    r"supervise: .*SENDS.* in row [45]": "these states ramp, so that the gain does not rise anyway",
+}
+
+
+def command(options: argparse.Namespace) -> int:
+    """Tell how many mutants there are, and which nobody notices."""
+    mutants, left = score()
+    told = [mutant.change for mutant in left]
+    surprising = [mutant for mutant in left if not reason(mutant)]
+    idle = [words for words in ARGUED if not any(re.search(words, text) for text in told)]
+    counts = {"mutants": len(mutants), "noticed": len(mutants) - len(left)}
+    argued = {str(one): reason(one) for one in left if one not in surprising}
+    if options.json:
+        named = {"left": [*map(str, surprising)], "reasons of none": idle}
+        print(json.dumps(counts | {"argued": argued} | named))
+    else:
+        print(f"{counts['mutants']} mutants, {counts['noticed']} noticed, {len(argued)} argued")
+        for why, number in Counter(argued.values()).items():
+            print(f"  {number:4} {why}")
+        for mutant in surprising:
+            print(textwrap.fill(f"nobody notices {mutant}", 80, subsequent_indent="  "))
+        print("".join(f"a reason of no mutant: {words}\n" for words in idle), end="")
+    return Exit.NOT_MET if surprising or idle else Exit.OK
+
+
+def reason(mutant: Mutant) -> str:
+    """Return why nobody can notice a mutant; "" if there is no reason."""
+    return next((why for words, why in ARGUED.items() if re.search(words, mutant.change)), "")
+
+
+def score() -> tuple[list[Mutant], list[Mutant]]:
+    """Return all mutants, and those that nobody notices."""
+    mutants, compares = prepared()
+    for name, compare in compares.items():
+        if compare(0):
+            raise AssertionError(f"{name}: the code itself is not as expected")
+    return mutants, [mutant for mutant in mutants if not noticed(mutant)]
+
+
+def noticed(mutant: Mutant, compiled: bool = True) -> bool:
+    """Return whether any comparison sees a mutant."""
+    groups = {"drivers.codec": ("codec",), "drivers.e2e": ("receiver", "sender")}
+    compares = prepared(compiled)[1]
+    return any(compares[name](mutant.number) for name in groups.get(mutant.module, ("supervisor",)))
+
+
+@cache
+def prepared(compiled: bool = True) -> tuple[list[Mutant], dict[str, compared.Compare]]:
+    """Return all mutants, and the comparisons by name."""
+    mutants, driver = build(TARGETS, TABLES, compared.DRIVER, BESIDE, compiled)
+    count = compared.EPISODES if compiled else compared.FEW
+    draw = np.random.default_rng(compared.SEED)
+    compares = {
+        "supervisor": compared.supervisor(driver, draw, count),
+        "receiver": compared.receiver(driver, draw),
+        "sender": compared.sender(driver, draw),
+        "codec": compared.codec(driver, draw),
+    }
+    return mutants, compares
