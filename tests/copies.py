@@ -87,6 +87,11 @@ def copies() -> Copies:
     return Copies()
 
 
+def program(name: str = "pcpc") -> str:
+    """Return a program that asks for a copy, for what starts programs."""
+    return str(copies().bin_folder() / name)
+
+
 class Copy:
     """A started script, used as a `subprocess.Popen` is; `files`: stdin, stdout, stderr."""
 
@@ -170,8 +175,7 @@ def _serve(listening: socket.socket, tests: socket.socket) -> tuple[list[Any], l
         while True:
             for key, _ in selector.select():
                 if key.data is not None:
-                    selector.unregister(key.fd)
-                    _hand_on(key.fd, *key.data)
+                    _look(selector, *key.data)
                     continue
                 if key.fileobj is tests:
                     sys.exit()
@@ -185,15 +189,26 @@ def _serve(listening: socket.socket, tests: socket.socket) -> tuple[list[Any], l
                 for file in files:
                     os.close(file)
                 client.send(str(pid).encode())
-                selector.register(os.pidfd_open(pid), selectors.EVENT_READ, (pid, client))
+                watched = os.pidfd_open(pid)
+                for one in (watched, client):
+                    selector.register(one, selectors.EVENT_READ, (pid, watched, client))
 
 
-def _hand_on(watched: int, pid: int, client: socket.socket) -> None:
-    """Tell the exit code of a copy that has ended."""
+def _look(selector: selectors.BaseSelector, pid: int, watched: int, client: socket.socket) -> None:
+    """Tell the exit code of a copy that has ended; end one that nobody waits for any more."""
+    if watched not in selector.get_map():
+        return  # both had something to say
+    found, status = os.waitpid(pid, os.WNOHANG)
+    if not found:
+        selector.unregister(client)
+        os.kill(pid, signal.SIGKILL)
+        return
+    selector.unregister(watched)
     os.close(watched)
-    code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-    with client, suppress(BrokenPipeError):  # a test that wants it no more
-        client.send(str(code).encode())
+    with suppress(KeyError):
+        selector.unregister(client)
+    with client, suppress(BrokenPipeError):
+        client.send(str(os.waitstatus_to_exitcode(status)).encode())
 
 
 def _become(cwd: str, environment: dict[str, str], words: list[str], files: Sequence[int]) -> None:

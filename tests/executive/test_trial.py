@@ -8,10 +8,10 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from copies import program
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.plan import plan
@@ -280,7 +280,7 @@ def test_a_step_that_is_none_is_told_how_one_looks(tmp_path: Path, kind: str) ->
 
 def test_check_steps_a_law_with_the_rigs_settings_even_if_it_passed_before(tmp_path: Path) -> None:
     rig = rig_with(tmp_path, f"{STEP}    y.command = x.w[0, int(p.gain) - 4]\n")
-    words = [sys.executable, "-m", "pcpc.tools.cli", "check", str(rig), "--json"]
+    words = [program(), "check", str(rig), "--json"]
     good = subprocess.run(words, capture_output=True, text=True)
     assert good.returncode == 0 and json.loads(good.stdout)["rig"] == "probe", good
     words += ["--set", "controller.gain=9.0"]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from copies import program
 from hypothesis import example, given
 from hypothesis import strategies as st
 from processes import alive, own_bus, until
@@ -114,7 +115,7 @@ def test_a_run_recomputes_to_the_bit_and_a_change_shows(run: pcpc.Run) -> None:
 
 def test_what_a_run_came_to_is_that_of_the_command_line(tmp_path: Path) -> None:
     of_api = pcpc.simulate("hull", set={"duration_s": 12.0}, folder=tmp_path / "api")
-    command = [str(Path(sys.executable).with_name("pcpc")), "simulate", "hull", "--quiet"]
+    command = [program(), "simulate", "hull", "--quiet"]
     command += ["--no-figure", "-o", str(tmp_path / "cli")]
     subprocess.run(command, check=True, capture_output=True)
     of_command = pcpc.open(tmp_path / "cli")

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from copies import program
 from logcommand import Done, run_here
-from processes import PCPC as PCPC_FILE
 from processes import ROOT, blocks_left, own_bus, until
 
 from pcpc.executive.log import reader as logs
@@ -343,7 +343,7 @@ def test_processors_go_to_executive_and_plant_in_turn() -> None:
 
 def test_ctrl_c_ends_with_the_statistics_so_far(sigint: None) -> None:
     bus = own_bus()
-    words = [PCPC_FILE, "jitter", "-D", "100s", "--bus", bus]
+    words = [program(), "jitter", "-D", "100s", "--bus", bus]
     with subprocess.Popen(
         words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,

@@ -5,12 +5,12 @@ import io
 import json
 import math
 import subprocess
-import sys
 from pathlib import Path
 
 import can
 import numpy as np
 import pytest
+from copies import program
 from logcommand import barrel_log, run
 
 from pcpc.executive.log import reader as logs
@@ -93,7 +93,7 @@ def test_numbers_that_json_has_not_are_text() -> None:
 
 def test_closed_pipe_ends_quietly() -> None:
     log = str(barrel_log("pd"))
-    words = [sys.executable, "-m", "pcpc.tools.cli", "log", "cat", log, "--format", "ndjson"]
+    words = [program(), "log", "cat", log, "--format", "ndjson"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT)
     assert process.stdout is not None and process.stderr is not None
     assert process.stdout.readline().startswith(b"{")

@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from copies import copies
+from copies import program
 from processes import Running, own_bus, pcpc
 
 from pcpc.executive.log import reader as logs
@@ -64,7 +64,7 @@ def test_its_own_tests_pass(motor: Path) -> None:
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
     words = ["-q", "-x", "-p", "no:cacheprovider"]
     done = subprocess.run(
-        [copies().bin_folder() / "pytest", *words],
+        [program("pytest"), *words],
         cwd=motor,
         env=environment,
         capture_output=True,

@@ -17,7 +17,8 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from processes import PCPC, RIGS, ROOT, Running, blocks_left, own_bus
+from copies import program
+from processes import RIGS, ROOT, Running, blocks_left, own_bus
 
 from pcpc.drivers import bus as buses
 from pcpc.drivers.wire_layout import WIRE
@@ -197,7 +198,7 @@ class Playing:
     def __init__(self, path: Path, bus: str, *words: str) -> None:
         self.listener = Listener(bus)
         self.process = subprocess.Popen(
-            [PCPC, "play", str(path), "--bus", bus, "--json", *words], cwd=ROOT, text=True,
+            [program(), "play", str(path), "--bus", bus, "--json", *words], cwd=ROOT, text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from copies import copies
+from copies import program
 
 from pcpc.drivers import compile_cache
 
@@ -39,9 +39,7 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def run(pytester: pytest.Pytester, *words: str) -> pytest.RunResult:
     """Run pytest in a copy, see `copies`."""
-    return pytester.run(
-        copies().bin_folder() / "pytest", "-p", "pytester", "--basetemp=kept", *words
-    )
+    return pytester.run(program("pytest"), "-p", "pytester", "--basetemp=kept", *words)
 
 
 def test_metrics_of_a_run_are_properties_of_its_test(pytester: pytest.Pytester) -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 import standing
+from copies import program
 from free_bus import own_bus
 
 from pcpc.executive.log import reader as logs
@@ -45,7 +46,7 @@ def until(what: str, holds: Callable[[], bool], within_s: float = ANSWER_S) -> N
 def pcpc(*words: str) -> subprocess.Popen[str]:
     """Start the command with its output in pipes."""
     return subprocess.Popen(
-        [sys.executable, "-m", "pcpc.tools.cli", *words],
+        [program(), *words],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -396,7 +397,7 @@ def test_a_watch_that_is_too_wide_for_columns_has_a_line_for_each(run: Run) -> N
 def test_watch_on_a_terminal_rewrites_its_lines_in_place(run: Run) -> None:
     ours, theirs = pty.openpty()
     watching = subprocess.Popen(
-        [sys.executable, "-m", "pcpc.tools.cli", "watch", ERROR, "--every", "10ms", "--node",
+        [program(), "watch", ERROR, "--every", "10ms", "--node",
          run.node], cwd=ROOT, stdout=theirs,
     )  # fmt: skip
     os.close(theirs)
@@ -410,7 +411,7 @@ def test_watch_on_a_terminal_rewrites_its_lines_in_place(run: Run) -> None:
 
 
 def test_a_watch_that_nobody_reads_any_more_ends_well(run: Run) -> None:
-    words = f"{sys.executable} -m pcpc.tools.cli watch {ERROR} --every 10ms --node {run.node}"
+    words = f"{program()} watch {ERROR} --every 10ms --node {run.node}"
     script = f"{words} | head -3 >/dev/null; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", script], cwd=ROOT, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("0\n", ""), str(done)
