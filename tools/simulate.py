@@ -43,6 +43,17 @@ class Simulation:
         self.outcome.interrupted = True
         self.run.stop()
 
+    def tell_line(self, folder: Path) -> str:
+        """Write what became of an emulated line, and return it in a line; "" without one."""
+        if not self.run.over:
+            return ""
+        from pcpc.tools.bus import line_report
+
+        line, bitrate, _ = self.run.over
+        found = line_report.of(line, self.rig.roles, bitrate)
+        line_report.write(found, folder / line_report.FILE)
+        return line_report.told(found)
+
     def to_end(self, progress: Progress) -> None:
         """Run it; what came of it goes into the outcome."""
         begin_s, total = time.monotonic(), self.run.blocks[0].description["cycles"]
@@ -78,5 +89,8 @@ def command(options: argparse.Namespace) -> int:
             simulation.interrupt()
 
         on_request(interrupt)
-        simulation.to_end(Progress(options.quiet))
+        progress = Progress(options.quiet)
+        simulation.to_end(progress)
+        if said := simulation.tell_line(folder):
+            progress.say(said)
         return conclude(judge, folder, outcome, options, judged)

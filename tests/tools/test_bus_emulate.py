@@ -122,3 +122,15 @@ def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(
     assert "line: 1 Mbit/s" in done.stderr
     first, second = (side["bus"] for side in line["sides"])
     assert summary["bus"] == first != second
+
+
+def test_a_simulated_line_tells_the_same(tmp_path: Path, capsys: Screen) -> None:
+    words = ["--set", "bus.emulate=350k", "--set", "duration_s=0.2", "--no-figure"]
+    assert main(["simulate", "probe", *words, "-o", str(tmp_path / "run")]) == 0
+    found = json.loads((tmp_path / "run" / "line.json").read_text())
+    assert [side["bus"] for side in found["sides"]] == ["executive", "plant"]
+    assert found["sides"][0]["sent"] > 2 * 190 and found["sides"][1]["sent"] > 190
+    assert 0.5 < found["load"] < 1.0
+    assert f"line: 350 kbit/s, {sum(side['sent'] for side in found['sides'])} frames" in (
+        capsys.readouterr().err
+    )

@@ -23,13 +23,13 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
 from pcpc.executive.rig.buses import line_options
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.bus import line_report
 from pcpc.tools.bus.report import rate_of
 from pcpc.tools.bus.traffic import MOST_CLASSIC
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.starting.interface import named_bus
 
 PRIORITY = 85  # above the executive's 80: a wire waits for nobody
-STATES = "active", "warning", "passive", "bus-off"
 _POLL_S = 0.1
 
 
@@ -162,26 +162,14 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
     except BusError as error:
         print(f"line: {error}", file=sys.stderr)
         return error.code
-    report.write_text(json.dumps(result(gateway, [str(one) for one in sides]), indent=2) + "\n")
+    line_report.write(result(gateway, [str(one) for one in sides]), report)
     return Exit.OK
-
-
-def told(found: dict[str, Any]) -> str:
-    """Return the result in a line."""
-    sides, late = found["sides"], found["handed_over_late_us"]
-    counts = {key: sum(side[key] for side in sides)
-              for key in ("sent", "errors", "refused", "lost_off", "times_off")}  # fmt: skip
-    return (
-        f"line: {rate_of(found['bitrate'])}, {counts['sent']} frames, load {found['load']:.1%}, "
-        f"{counts['errors']} errors, {counts['refused'] + counts['lost_off']} lost, "
-        f"{counts['times_off']} times bus-off, late p99 {late['p99']:.0f} us"
-    )
 
 
 def _state(gateway: Gateway, busy: int, bits: int) -> str:
     """Return a line of progress, with the load since the last one."""
     n = gateway.n.line
-    states = " ".join(STATES[line.state_of(n, s)] for s in range(2))
+    states = " ".join(line_report.STATES[line.state_of(n, s)] for s in range(2))
     waiting = "+".join(str(int(n.waiting[s])) for s in range(2))
     return (
         f"{int(n.sent.sum())} frames, load {busy / max(bits, 1):.0%}, {int(n.errors.sum())} errors"
@@ -191,23 +179,12 @@ def _state(gateway: Gateway, busy: int, bits: int) -> str:
 
 def result(gateway: Gateway, names: list[str]) -> dict[str, Any]:
     """Return what `--json` prints."""
-    n = gateway.n.line
-    bit_us = 1e6 / gateway.bitrate
-    return {
-        "bitrate": gateway.bitrate, "duration_s": gateway.bits / gateway.bitrate,
-        "load": int(n.busy) / max(int(n.free_at - n.first), 1),  # from first to last frame
-        "sides": [
-            {"bus": name} | {
-                key: int(n[key][s]) for key in ("sent", "errors", "refused", "lost_off",
-                                                "times_off", "most_waiting")
-            } | {
-                "not_carried": int(gateway.n.foreign[s]), "state": STATES[line.state_of(n, s)],
-                "tec": int(n.transmit_errors[s]), "rec": int(n.receive_errors[s]),
-                "worst_tec": int(n.worst[s]), "longest_us": int(n.longest_bits[s]) * bit_us,
-            }
-            for s, name in enumerate(names)
-        ],
-        "not_taken": gateway.not_taken, "handed_over_late_us": gateway.late_us(),
+    found = line_report.of(gateway.n.line, names, gateway.bitrate)
+    for side, count in zip(found["sides"], gateway.n.foreign, strict=True):
+        side["not_carried"] = int(count)
+    return found | {
+        "duration_s": gateway.bits / gateway.bitrate, "not_taken": gateway.not_taken,
+        "handed_over_late_us": gateway.late_us(),
     }  # fmt: skip
 
 

@@ -8,9 +8,8 @@ from pathlib import Path
 from pcpc.drivers.bus import Bus
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.bus import line_report
 from pcpc.tools.starting.children import Child
-
-REPORT = "line.json"  # in the run's folder
 
 
 def started(rig: Rig, bus: Bus, folder: Path) -> Child:
@@ -21,7 +20,7 @@ def started(rig: Rig, bus: Bus, folder: Path) -> Child:
     def main(words: Sequence[str]) -> int:
         from pcpc.tools.bus import emulate  # here, because it compiles
 
-        return emulate.serve(rig, bus, folder / REPORT, told)
+        return emulate.serve(rig, bus, folder / line_report.FILE, told)
 
     child = Child.forked("line", main, ())
     os.close(told)
@@ -32,9 +31,7 @@ def started(rig: Rig, bus: Bus, folder: Path) -> Child:
 
 def told(folder: Path) -> str:
     """Return in a line what the gateway had to tell at its end; "" if it did not come to that."""
-    from pcpc.tools.bus import emulate
-
     try:
-        return emulate.told(json.loads((folder / REPORT).read_text()))
+        return line_report.told(json.loads((folder / line_report.FILE).read_text()))
     except OSError:
         return ""
