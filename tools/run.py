@@ -212,7 +212,12 @@ class Host:
         )
         codes = [child.code for child in nodes if child.ended]
         patience = _END_S
-        if recorder_first or any(code not in (Exit.OK, Exit.SAFETY_STOP) for code in codes):
+        line_gone = "line" in self.children and self.children["line"].ended
+        if (
+            recorder_first
+            or line_gone
+            or any(code not in (Exit.OK, Exit.SAFETY_STOP) for code in codes)
+        ):
             patience = _SHORT_END_S
         unborn = self.outcome.interrupted and not self._under_way()
         unborn = unborn or bool(self.waiting.given_up_s)

@@ -1,14 +1,16 @@
 """`pcpc bus emulate`: what it says at its end, how it ends, what it refuses."""
 
 import json
+import os
 import signal
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import can
 import pytest
-from processes import PATIENT, PCPC, own_bus
+from processes import DEADLINE_S, PATIENT, PCPC, own_bus, until
 
 from pcpc.drivers import bus as buses
 from pcpc.executive.errors import RigError
@@ -122,6 +124,28 @@ def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(
     assert "line: 1 Mbit/s" in done.stderr
     first, second = (side["bus"] for side in line["sides"])
     assert summary["bus"] == first != second
+
+
+def children(pid: int) -> dict[str, int]:
+    """Return the processes that `pid` started, by name."""
+    found = {}
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        with suppress(OSError):
+            found[Path(f"/proc/{child}/comm").read_text().strip()] = int(child)
+    return found
+
+
+def test_a_run_whose_line_dies_ends_with_a_word_about_it(tmp_path: Path) -> None:
+    words = ["--set", "bus.emulate=1M", "--set", "duration_s=600.0", "-o", str(tmp_path / "run")]
+    with subprocess.Popen(
+        [PCPC, "run", "probe", "--bus", own_bus(), *words, "--no-figure", "--quiet"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as run:  # fmt: skip
+        until(lambda: "pcpc recorder" in children(run.pid), "it records")
+        os.kill(children(run.pid)["pcpc line"], signal.SIGKILL)
+        out, _ = run.communicate(timeout=DEADLINE_S)
+    assert run.returncode == 5, out
+    assert "line: ended by SIGKILL" in out
 
 
 def test_a_simulated_line_tells_the_same(tmp_path: Path, capsys: Screen) -> None:
