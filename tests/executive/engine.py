@@ -120,16 +120,21 @@ def _passes(n: Any, steps: Any, count: Any) -> Any:
 
 
 @loop(i8(N, i8))
-def write_until_stopped(n: Any, pause: Any) -> Any:
-    """Publish 1, 2, 3, ... in all variables, with a pause of clock readings; return how often."""
+def write_until_stopped(n: Any, burst: Any) -> Any:
+    """Publish 1, 2, 3, ... in all variables; return how often.
+
+    After each `burst` of them, if that is not 0, wait until a reader has put the last into `mail`.
+    """
     k = 0
     while not stopping(n):
         k += 1
         for i in range(n.n_variables):
             n.v[i] = k
         publish_table(n)
-        for _ in range(pause):
+        for _ in range(100 if burst > 0 else 0):  # a reader begins to copy here
             libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(n.clock.timespec))
+        while burst > 0 and k % burst == 0 and n.mail[sh.REQUEST] < k and not stopping(n):
+            libc.sched_yield()
     return k
 
 
