@@ -2,8 +2,12 @@
 
 import itertools
 import math
+import os
 import random
+import subprocess
+import sys
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -342,10 +346,12 @@ def test_who_is_alone_gets_no_acknowledgement_and_never_goes_off_by_it() -> None
 # --------------------------------------------------------------------------------------- chance
 
 
-def drawn(seed: int, p: float, burst: float = 1.0) -> tuple[list[tuple[int, int, int]], Any]:
+def drawn(
+    seed: int, p: float, burst: float = 1.0, frames: int = 3000
+) -> tuple[list[tuple[int, int, int]], Any]:
     line = new(p=p, burst=burst, seed=seed)
     found = []
-    for k in range(3000):
+    for k in range(frames):
         lines.put(line, k % 2, frame(k % 7, bytes([k % 251] * 8)), 200 * k)
         found += events(line, 200 * (k + 1))
     return found, line
@@ -356,6 +362,17 @@ def test_equal_seeds_give_equal_events_and_others_do_not() -> None:
     again, other = drawn(1, 1e-3, 2.0)
     assert once == again and line.tobytes() == other.tobytes()
     assert drawn(2, 1e-3, 2.0)[0] != once
+
+
+def test_interpreted_it_gives_the_same_events() -> None:
+    code = "from test_line import drawn; print(drawn(1, 3e-3, 2.0, 200)[0])"
+    paths = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[2])])
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths},
+    )  # fmt: skip
+    found = drawn(1, 3e-3, 2.0, 200)[0]
+    assert done.stdout.strip() == str(found) and len(found) > 250
 
 
 @pytest.mark.parametrize("p", [1e-5, 1e-4, 1e-3])
