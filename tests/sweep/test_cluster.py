@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import distributed
 import pytest
 
 from pcpc.drivers.errors import Exit, UserError
@@ -178,6 +179,21 @@ def test_a_killed_worker_client_and_scheduler_lose_no_finished_row(
     assert sum(row["why"] == "'kept'" for row in marked) == kept
     without = [{k: v for k, v in row.items() if k != "why"} for row in plain]
     assert [{k: v for k, v in row.items() if k != "why"} for row in marked] == without
+
+
+def test_a_worker_that_is_lost_leaves_its_tasks_to_the_other(
+    whole: Path, tmp_path: Path, start: Start
+) -> None:
+    _, address = scheduler(start)
+    both = [worker(start, address) for _ in range(2)]
+    with distributed.Client(address) as waiting:
+        waiting.wait_for_workers(2, timeout=GIVE_UP_S)
+    sweep = client(start, address, tmp_path)
+    wait_for(24, tmp_path, sweep)
+    both[0].kill()
+    _, error = sweep.communicate(timeout=GIVE_UP_S)
+    assert (sweep.returncode, error) == (Exit.OK, "")
+    assert table(tmp_path) == table(whole)
 
 
 def test_ctrl_c_ends_a_local_cluster_without_a_traceback(tmp_path: Path, start: Start) -> None:

@@ -86,7 +86,8 @@ class Cluster:
             tasks, flying = self._tasks(pieces), dict[Any, Path]()
             queue = as_completed()
             while True:
-                for task in itertools.islice(tasks, AHEAD * self._threads() - len(flying)):
+                wanted = AHEAD * self._threads() - len(flying)  # below 0 where a worker was lost
+                for task in itertools.islice(tasks, max(wanted, 0)):
                     journal = self._store.of_task(task[0][1][0].number, task[0][0])
                     about = self._campaign, journal.resolve(), task
                     future = self._client.submit(carried_out, *about, pure=False)
