@@ -14,10 +14,13 @@ from pcpc.tools.experiments import _runs as runs
 RIGS = Path(plants.__file__).parent / "atb1000" / "rigs"
 HULL = str(RIGS / "hull.yaml")
 SHORT = "duration_s=0.3"
+TRACES = ("plant:barrel.theta_rad", "executive:controller.e_rad", "theta_rad", "no.such")
 
 
-def case(*settings: str, controller: str = "pd_nn", rig: str = HULL) -> Case:
-    traces = ("plant:barrel.theta_rad", "executive:controller.e_rad", "theta_rad", "no.such")
+def case(
+    *settings: str, controller: str = "pd_nn", rig: str = HULL,
+    traces: tuple[str, ...] = TRACES,
+) -> Case:  # fmt: skip
     return Case("g", rig, controller, "a label", (SHORT, *settings), (0.1, 0.2), traces)
 
 
@@ -65,12 +68,23 @@ def test_few_runs_are_not_worth_lanes() -> None:
 
 
 def test_whole_numbers_are_switches_but_for_seeds() -> None:
-    for values in ((0, 1), (0.0, 1.0)):
-        switched = [case(f"barrel.friction_model={values[i % 2]}", f"seed={i}") for i in range(8)]
-        assert [len(piece.own) for piece in runs.pieces(switched, least=1)] == [4, 4]
+    switched = [case(f"barrel.friction_model={i % 2}", f"seed={i}") for i in range(8)]
+    assert [len(piece.own) for piece in runs.pieces(switched, least=1)] == [4, 4]
     rig = str(RIGS.parents[1] / "friction_arm" / "rigs" / "friction-a.yaml")
     seeded = [case(f"controller.network_seed={i}", rig=rig) for i in range(8)]
     assert [len(piece.own) for piece in runs.pieces(seeded, least=1)] == [8]
+
+
+def test_alike_runs_may_differ_in_traces_and_in_switches_that_part_them() -> None:
+    some = [(), TRACES[:1], TRACES[2:]]
+    cases = [
+        case(f"barrel.friction_model={i % 3 != 0:.1f}", f"seed={i}", traces=some[i % 3])
+        for i in range(6)
+    ]
+    found, sizes = in_process(cases)
+    assert sizes == [6]
+    assert [bits(one) for one in found] == [bits(runs.alone(one)) for one in cases]
+    assert [len(one.traces) for one in found] == [0, 2, 3] * 2, "each its own, and the time"
 
 
 def test_what_lanes_refuse_says_what_it_says_alone() -> None:

@@ -1,11 +1,11 @@
 """The runs of studies: in lanes where enough are alike, else one by one, with the same bits.
 
-Alike are cases of one rig and controller that differ in seed and numbers of settings alone, and
-keep the same traces. What lanes cannot do, or refuse, `alone` does anew from the rig's file.
+Alike are cases of one rig and controller that differ in seed, numbers of settings and traces alone.
+What lanes cannot do, or refuse, `alone` does anew from the rig's file.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,12 +36,15 @@ PLANTS = Path(plants.__file__).resolve().parent
 
 @dataclass(frozen=True)
 class Common:
-    """What alike cases have in common; `settings`: those that are no numbers of blocks."""
+    """What alike cases have in common; `settings`: those that are no numbers of blocks.
+
+    `traces`: what any of them keeps.
+    """
 
     rig: str
     controller: str
     settings: tuple[str, ...]
-    traces: tuple[str, ...]
+    traces: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,10 +90,15 @@ def pieces(cases: Sequence[Case], least: int = MANY) -> list[Piece]:
         alike.setdefault(common, []).append((own, place))
     many = sum(len(some) for some in alike.values() if len(some) >= LEAST) >= least
     return [
-        Piece(common, *zip(*some, strict=True))
+        Piece(_keeping(common, one_kind), *zip(*some, strict=True))
         for common, one_kind in alike.items()
         for some in _cut(one_kind, many)
     ]
+
+
+def _keeping(common: Common, cases: list[tuple[Own, int]]) -> Common:
+    names = dict.fromkeys(name for own, _ in cases for name in own.case.traces)
+    return replace(common, traces=tuple(names))
 
 
 def _cut(cases: list[tuple[Own, int]], many: bool) -> Iterator[list[tuple[Own, int]]]:
@@ -114,18 +122,15 @@ def _parted(case: Case) -> tuple[Common, Own]:
             numbers[name] = float(value)
         else:
             common.append(setting)
-    about = Common(case.rig, case.controller, tuple(common), case.traces)
-    return about, Own(case, seed, numbers)
+    return Common(case.rig, case.controller, tuple(common)), Own(case, seed, numbers)
 
 
 def _may_differ(name: str, value: Any) -> bool:
-    """Return whether alike runs may differ in a number: not in counts and switches, but in seeds.
+    """Return whether alike runs may differ in a number: not in counts, but in seeds.
 
-    A step decides by those, and lanes that differ in them would be done alone, all of them.
+    A step decides by counts. One that decides by a float parts the lanes that differ in it.
     """
-    if type(value) is int:
-        return name.endswith("_seed")
-    return type(value) is float and value not in (0.0, 1.0)
+    return name.endswith("_seed") if type(value) is int else type(value) is float
 
 
 def _value(text: str) -> Any:
