@@ -39,7 +39,7 @@ class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     interface: Word = "auto"
     channel: Word | Annotated[int, Meta(ge=0, le=2**31)] | None = None
     bitrate: Annotated[int, Meta(ge=1, le=10**9)] | None = None
-    emulate: BitRate | None = None
+    emulate: BitRate | Annotated[int, Meta(ge=1000, le=10**6)] | None = None
     queue: Annotated[int, Meta(ge=1, le=256)] = 64
     bit_error_rate: Fraction = 0.0
     error_burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
@@ -47,8 +47,8 @@ class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def bits_per_s(self) -> int | None:
         """The rate that its frames meet: the emulated one, else `bitrate`."""
-        if self.emulate is None:
-            return self.bitrate
+        if not isinstance(self.emulate, str):
+            return self.emulate or self.bitrate
         number = self.emulate.removesuffix("bit/s").strip()
         scale = {"k": 1e3, "M": 1e6}.get(number[-1], 1.0)
         return round(scale * float(number.rstrip("kM ")))

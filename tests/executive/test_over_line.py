@@ -137,6 +137,12 @@ def test_no_frame_of_a_rig_takes_longer_than_its_analysis_says(
     assert 0.4 * longest < waited_ns <= longest, f"{waited_ns} ns, bound {longest} ns"
 
 
+@pytest.mark.parametrize("text", ["500 kbit/s", "500k", "0.5 Mbit/s", "0.5M", "500000"])
+def test_a_bit_rate_is_given_as_people_write_it(text: str) -> None:
+    rig = load_rig(PROBE, None, [f"bus.emulate={text}", "bus.bitrate=1000000"])
+    assert rig.config.bus.bits_per_s == 500_000
+
+
 @pytest.mark.parametrize(
     ("rig", "setting", "said"),
     [(HULL, "bus.emulate=2M", "classic CAN"),
