@@ -10,7 +10,7 @@ from pcpc.tools.bus.report import rate_of
 
 FILE = "line.json"  # in a run's folder
 STATES = "active", "warning", "passive", "bus-off"
-_COUNTS = ("sent", "errors", "refused", "lost_off", "times_off", "most_waiting")
+_COUNTS = ("sent", "waiting", "errors", "refused", "lost_off", "times_off", "most_waiting")
 
 
 def of(line: Any, names: Sequence[str], bitrate: int) -> dict[str, Any]:
