@@ -327,6 +327,15 @@ def evidence_mutants(add: Add) -> None:
     json(add, "print one JSON object")
 
 
+def evidence_kills(add: Add) -> None:
+    """Take how many runs, and how to tell it."""
+    add("--runs", type=_positive, default=100, metavar="N", help="default: %(default)s")
+    add("--seed", type=int, default=1, metavar="N", help="of the moments; %(default)s")
+    add("--jobs", type=_positive, default=2, metavar="N", help="runs side by side; %(default)s")
+    json(add, "print the rows as JSON")
+    quiet(add)
+
+
 def vm(add: Add) -> None:
     """Take what the machine has; the command follows after --."""
     add("--accel", choices=("auto", "kvm", "tcg"), default="auto", help="default: %(default)s")

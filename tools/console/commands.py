@@ -70,6 +70,10 @@ _EVIDENCE = (
             "pcpc evidence mutants", take.evidence_mutants, "evidence.mutants",
             {Exit.OK: "all noticed, or argued", Exit.NOT_MET: "a mutant is left",
              Exit.INTERRUPTED: ""}, compiles=True),
+    Command("kills", "kill, stop or slow down each process of paced runs; tell what is left",
+            "pcpc evidence kills --runs 32", take.evidence_kills, "evidence.kills",
+            {Exit.OK: "all safe, readable, tidy", Exit.NOT_MET: "a run was not",
+             Exit.ENVIRONMENT: "no bus", Exit.INTERRUPTED: ""}, compiles=True),
 )  # fmt: skip
 
 GROUPS = {
