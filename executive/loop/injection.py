@@ -63,7 +63,16 @@ def count_down(n: Any, periods: Any) -> None:
         n.v[at] = max(n.v[at] - periods, 0.0)
 
 
+@loop_function
+def any_on(n: Any, places: Any, count: Any) -> Any:
+    """Return whether one of `count` faults, by the places of `left`, is on."""
+    on = False
+    for i in range(count):
+        on |= n.v[places[i]] > 0.0
+    return on
+
+
 @loop_inline
 def peer_stalled(n: Any) -> Any:
     """Return whether the other node stands still now, so that nobody waits for it."""
-    return n.faults.peer_stall >= 0 and n.v[n.faults.peer_stall] > 0.0
+    return any_on(n, n.faults.peer_stall, n.faults.n_peer_stalls)

@@ -15,8 +15,10 @@ def faults(frames: int) -> list[Any]:
         ("n_values", "<i8"),
         ("n_places", "<i8"),
         ("every_place", "<i8", (MAX_FAULTS,)),  # of `left`, of faults and stalls
-        ("own_stall", "<i8"),  # places of `left`, -1 for none
-        ("peer_stall", "<i8"),
+        ("n_own_stalls", "<i8"),
+        ("own_stall", "<i8", (MAX_FAULTS,)),  # places of `left`
+        ("n_peer_stalls", "<i8"),
+        ("peer_stall", "<i8", (MAX_FAULTS,)),
         ("stalled", "<i8"),  # periods of a stall since the last cycle
         ("kind", "<i8", (MAX_FAULTS,)),
         ("how", "<i8", (MAX_FAULTS,)),

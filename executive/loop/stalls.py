@@ -11,6 +11,7 @@ from pcpc.drivers import e2e
 from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN, paced
+from pcpc.executive.loop.injection import any_on
 from pcpc.executive.loop.reception import receive
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.tuning import tune
@@ -18,9 +19,10 @@ from pcpc.executive.loop.tuning import tune
 
 @loop_inline
 def stalled(n: Any) -> Any:
-    """Return whether this node stands still now."""
-    at = n.faults.own_stall
-    return at >= 0 and n.v[at] > 0.0 and n.clock.kind != GIVEN
+    """Return whether this node stands still now; in a replay the record says when it did."""
+    if n.faults.n_own_stalls == 0 or n.clock.kind == GIVEN:
+        return False
+    return any_on(n, n.faults.own_stall, n.faults.n_own_stalls)
 
 
 @loop_function

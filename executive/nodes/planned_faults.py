@@ -118,16 +118,17 @@ def _cycles(duration: str | None, rate_hz: float) -> int | None:
 def install_faults(rig: Rig, role: Role, planned: list[Planned], loop: Any) -> None:
     """Write a node's faults into its LOOP record."""
     faults = loop.faults
-    faults.own_stall = faults.peer_stall = -1
     rows = [one for one in planned if one.group in (VALUES, FRAMES)]
     faults.n, faults.n_values = len(rows), sum(one.group == VALUES for one in rows)
     faults.n_places = len(planned)
     for i, one in enumerate(planned):
         faults.every_place[i] = one.place
         if one.group == OWN_STALL:
-            faults.own_stall = one.place
+            faults.own_stall[faults.n_own_stalls] = one.place
+            faults.n_own_stalls += 1
         elif one.group == PEER_STALL:
-            faults.peer_stall = one.place
+            faults.peer_stall[faults.n_peer_stalls] = one.place
+            faults.n_peer_stalls += 1
     for f, one in enumerate(rows):
         kinds = injected_values.KINDS if one.group == VALUES else injected_frames.KINDS
         faults.kind[f] = kinds.index(one.fault.kind)

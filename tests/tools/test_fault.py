@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from processes import Running, own_bus, pcpc
 
 import pcpc as package
+from pcpc.executive.log import reader
 
 FAULTS = """\
   bias: {kind: bias, at: "plant:tx.FB.encoder", value: 0.02, from: 120ms, for: 20ms}
@@ -39,6 +41,10 @@ def test_virtual_time_and_a_bus_without_a_clock_give_the_same_bits(
     short = "--set", "duration_s=0.3", "--quiet", "-o"
     done = pcpc("simulate", str(rig), *short, str(tmp_path / "virtual"), "--json")
     assert done.code == 0, str(done)
+    log = reader.read(tmp_path / "virtual" / "log.mcap")
+    assert [sum(np.diff(node.cycle) - 1) for node in log.node.values()] == [3, 3], (
+        "both stood still"
+    )
     told = {line.split(" at ")[0] for line in done.summary["injected"]}
     assert told == {
         "noise", "late", "turn", "bias", "heavy", "bits", "delay", "low", "forged"
