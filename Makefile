@@ -56,11 +56,11 @@ lint: tools ## ruff and mypy
 compiled: loop laws ## loop, laws and what tests import, compiled once for all of them
 	@$(BIN)/pytest --collect-only >/dev/null || true # the tests will tell
 
-loop: tools
+loop: tools ## the loop alone, compiled
 	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --no-figure -o build/compiled >/dev/null
 	@rm -rf build/compiled
 
-laws: tools
+laws: tools ## the laws, compiled
 	@$(BIN)/python tests/compile_all.py
 
 bless: tools ## the golden runs (of PLANT) anew, after a change that is meant

@@ -237,7 +237,7 @@ class Loss(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Fault(
-    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True,
+    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     rename={"from_": "from", "for_": "for"},
 ):  # fmt: skip
     """A fault on purpose: of a value `at` a variable, of a `frame`, or a stall of a `node`.

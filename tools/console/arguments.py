@@ -193,6 +193,20 @@ def list_(add: Add) -> None:
     add("-l", "--long", action="store_true", help="also writer and meaning")
 
 
+def evidence(add: Add) -> None:
+    """Take the parts of the evidence, how much of each, and where it goes."""
+    from pcpc.tools.evidence.parts import PARTS
+
+    add("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; all")
+    add("--runs", type=_positive, default=3000, metavar="N", help="of each fault; 3000")
+    add("--hours", type=float, default=100.0, metavar="H", help="without a fault; 100")
+    add("--frames", type=_positive, default=1_000_000, metavar="N", help="damaged frames; 10^6")
+    add("--seed", type=_positive, default=1, metavar="N", help="the first of the seeds; 1")
+    add("-j", "--jobs", type=_positive, metavar="N", help="processes; as many as processors")
+    add("-o", "--output", default="evidence", metavar="FOLDER", help="for faults.md, faults.json")
+    add("-q", "--quiet", action="store_true", help="no progress")
+
+
 def fault(add: Add) -> None:
     """Take a fault of the rig, how long and how large."""
     add("name", nargs="?", metavar="NAME", help="a name under faults: in the rig file")

@@ -66,6 +66,13 @@ _LOG = (
 )  # fmt: skip
 
 _EVIDENCE = (
+    Command("report", "inject every fault, count what notices it, write a page of all",
+            "pcpc evidence report -o evidence\n"
+            "pcpc evidence report matrix --runs 300 -o evidence",
+            take.evidence, "evidence.start",
+            {Exit.OK: "all as stated", Exit.NOT_MET: "something was not", Exit.WRONG_INPUT: "",
+             Exit.ENVIRONMENT: "the folder cannot be written", Exit.INTERRUPTED: ""},
+            compiles=True),
     Command("mutants", "change the safety code in every place; tell what nobody notices",
             "pcpc evidence mutants", take.evidence_mutants, "evidence.mutants",
             {Exit.OK: "all noticed, or argued", Exit.NOT_MET: "a mutant is left",
@@ -192,7 +199,8 @@ GROUPS = {
                 codes={**_SIMPLE, Exit.ENVIRONMENT: "a yardstick is missing", Exit.INTERRUPTED: ""},
                 notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
                 compiles=True),
-        Command("evidence", "what the tests of the safety code are worth", "pcpc evidence mutants",
+        Command("evidence", "what happens with each fault, what the safety code's tests are worth",
+                "pcpc evidence report -o evidence",
                 compiles=True, parts=_EVIDENCE),
         Command("vm", "run a command on a kernel with vcan, in QEMU",
                 "pcpc vm -- sh -c 'candump -n 1 vcan0 & sleep 1; cansend vcan0 123#C0; wait'",

@@ -1,0 +1,96 @@
+"""The evidence: a run that is set back is a run, the code's weights, rows that are not kept."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcpc.drivers import e2e
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.evidence import campaign, matrix, report, residual
+from pcpc.tools.evidence.campaign import WARM, Bench
+from pcpc.tools.evidence.cases import CASES, Case
+
+SETTINGS = [f"duration_s={matrix.LONGEST_S}"]
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    """Return the rig of the evidence."""
+    return matrix.bench()
+
+
+@pytest.mark.parametrize("name", ["loss", "delay_6", "encoder_stuck", "plant_stall_2",
+                                  "executive_stall_6", "friction_x5", "law_nan"])  # fmt: skip
+def test_a_run_that_was_set_back_is_one_of_its_own(name: str, bench: Bench) -> None:
+    bench.once((name,), 20, 5)  # leave something behind
+    bench.once((name,), 7, 3)
+    begin = WARM + int(np.random.default_rng(3).integers(2, campaign.SPREAD))
+    words = [f"faults.{name}.from={begin}ms", f"faults.{name}.for=7ms"]
+    whole = in_memory(load_rig(matrix.RIG, matrix.CONTROLLER, [*SETTINGS, *words]))
+    for node, role in enumerate(("executive", "plant")):
+        own = whole.node[role]
+        rows = bench._rows(node)
+        at = np.searchsorted(own.cycle, rows[0, 0])
+        length = min(len(rows), len(own.cycle) - at)
+        assert length > 40 and begin in range(int(rows[0, 0]), int(rows[-1, 0]))
+        np.testing.assert_array_equal(rows[:length, 0], own.cycle[at : at + length])
+        for column, values in own.columns.items():
+            found = bench._column(node, column)[:length]
+            assert found.tobytes() == values[at : at + length].tobytes(), (role, column)
+
+
+def test_a_few_runs_of_every_case_are_as_stated(bench: Bench) -> None:
+    rows = [
+        matrix.row(case, [bench.once(case.faults, case.cycles, seed) for seed in range(900, 906)])
+        for case in CASES
+    ]
+    assert [row["fault"] for row in rows if not row["kept"] and row["wanted"] == 6] == []
+    assert all(row["noticed"] == 0 for row in rows if row["limit_cycles"] is None)
+    page = "".join(report._parts({"matrix": {
+        "rows": rows, "seed": 900, "after_cycles": 60, "clean_mrad": 0.2}}))  # fmt: skip
+    assert page.count("\n| ") == len(rows) + 2 and max(
+        len(line) for line in page.splitlines() if not line.startswith("|")
+    ) <= 120  # fmt: skip
+
+
+@pytest.mark.parametrize("changed", [
+    {"limit": 0, "cycles": 10, "faults": ("counter_frozen",)},  # it takes a cycle to be seen
+    {"answer": "none", "faults": ("loss",)},  # HOLD follows
+    {"limit": None, "faults": ("loss",)},  # it is noticed
+    {"limit": 0, "faults": ("payload_frozen",)},  # nothing notices it
+])  # fmt: skip
+def test_a_row_that_is_not_as_stated_is_told(changed: dict[str, object], bench: Bench) -> None:
+    case = Case(("loss",), 1, 0, "HOLD")._replace(**changed)  # type: ignore[arg-type]
+    seen = [bench.once(case.faults, case.cycles, seed) for seed in range(4)]
+    assert not matrix.row(case, seen)["kept"]
+
+
+def test_the_weights_of_the_code_are_those_that_counting_gives() -> None:
+    single, known = residual.syndromes(), residual.weights()
+    assert known[0] == 1 and sum(known) == 2**56, "all words whose CRC is right"
+    for w in (1, 2, 3, 4):
+        found = sum(_xor(some) == 0 for some in itertools.combinations(single, w))
+        assert known[w] == found, w
+    assert known[3] == 198
+
+
+def _xor(some: tuple[int, ...]) -> int:
+    total = 0
+    for one in some:
+        total ^= one
+    return total
+
+
+def test_measured_shares_are_the_predicted_ones() -> None:
+    found = residual.residual(20_000, 7)
+    assert all(row["kept"] for row in found["weights"]) and found["drawn_frames"]["kept"]
+    assert found["weights"][2]["measured"] > 0.0
+    assert residual.measured(3, 100, 1).sum() == 100 and e2e.MAX_DELTA == 4
+
+
+def test_the_page_and_its_numbers_are_written(tmp_path: Path) -> None:
+    page = report.write(tmp_path / "new", {"residual": residual.residual(2000, 1)})
+    assert "198 | 41,664" in page.read_text() and (tmp_path / "new/faults.json").is_file()

@@ -1,0 +1,145 @@
+"""One run of a rig that is gone back to again and again: the same begin, other faults and draws.
+
+Both nodes are in memory, so that a run is set back by writing its memory back: a thousand runs
+with a fault take as long as their cycles, and each has the bits of a run of its own.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.e2e_states import INJECTED, OK_SOME_LOST
+from pcpc.executive.log.reader import FRAME
+from pcpc.executive.loop import losses
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.exchange import run_of
+from pcpc.executive.loop.supervisor import FAULT, HOLD, NO_FAULT
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.reading import Rig
+
+WARM = 1000  # cycles before all that is compared
+SPREAD = 100  # cycles over which the begin of a fault is drawn
+AFTER = 60  # cycles that are looked at after it
+_RINGS = {*sh.RINGS, "histogram", "snapshot"}  # what is not written back
+
+
+class Seen(NamedTuple):
+    """What came of one run; cycles count from the first one in which the fault acted."""
+
+    noticed: int | None
+    by: str
+    answer: str
+    fault: str
+    worst_rad: float
+
+
+class Bench:
+    """A rig, warmed up, that is set back before each run."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.run = VirtualRun(rig, None)
+        self._loops = tuple(block.loop for block in self.run.blocks)
+        self._go = run_of(len(self._loops))
+        self._go(self._loops, self.run.steps, WARM)
+        fields = [name for name in sh.LOOP.names or () if name not in _RINGS]
+        self._saved = [{name: loop[name].copy() for name in fields} for loop in self._loops]
+        self._columns = [
+            {name: sh.RECORD_HEAD + i for i, name in enumerate(block.description["state_columns"])}
+            for block in self.run.blocks
+        ]
+        self._places = [
+            {variable[0]: i for i, variable in enumerate(block.description["variables"])}
+            for block in self.run.blocks
+        ]
+        self._later = [set(block.description["faults_act_later"]) for block in self.run.blocks]
+
+    def clean(self, cycles: int) -> NDArray[np.float64]:
+        """Return the pointing error without a fault, rad, from the end of the warming on."""
+        self._back()
+        self._go(self._loops, self.run.steps, cycles)
+        return self._column(1, "barrel.theta_rad")
+
+    def once(self, faults: Sequence[str], cycles: int, seed: int) -> Seen:
+        """Run once: all `faults` act from the same drawn cycle on, for `cycles`."""
+        self._back()
+        begin = int(np.random.default_rng(seed).integers(2, SPREAD))
+        for i, (loop, places) in enumerate(zip(self._loops, self._places, strict=True)):
+            tuning = loop.tuning
+            rows = []
+            for name in faults:
+                place = places.get(f"fault.{name}.left")
+                if place is not None:
+                    early = name in self._later[i] and not self._is_peer(i, name)
+                    rows.append((WARM + begin - early, place))
+            for row in sorted(rows):
+                tuning.schedule[tuning.n] = row
+                tuning.value[tuning.n] = float(cycles)
+                tuning.n += 1
+            for f in range(loop.faults.n):
+                loop.faults.seed[f] = losses.first(seed, str(f))
+        self._go(self._loops, self.run.steps, begin + cycles + AFTER)
+        return self._seen(WARM + begin)
+
+    def _is_peer(self, node: int, name: str) -> bool:
+        """Return whether the plant only knows of a stall of the executive, one cycle later."""
+        places = self._loops[node].faults
+        stalls = set(places.peer_stall[: int(places.n_peer_stalls)].tolist())
+        return node == 1 and self._places[node][f"fault.{name}.left"] in stalls
+
+    def _back(self) -> None:
+        for loop, saved in zip(self._loops, self._saved, strict=True):
+            for name, value in saved.items():
+                loop[name] = value
+            for ring in sh.RINGS:
+                loop[f"{ring}_ends"][sh.PUT] = loop[f"{ring}_taken"][0] = 0
+
+    def _column(self, node: int, name: str) -> NDArray[np.float64]:
+        """Return a variable in the cycles since the run was set back."""
+        return self._rows(node).view(np.float64)[:, self._columns[node][name]]
+
+    def _rows(self, node: int) -> NDArray[np.int64]:
+        block = self.run.blocks[node]
+        return np.asarray(block["record"][: int(block["record_ends"][sh.PUT])])
+
+    def _seen(self, begin: int) -> Seen:
+        first: list[tuple[int, int, str]] = []  # cycle, rank, who
+        answer, fault = "none", ""
+        for node, block in enumerate(self.run.blocks):
+            rows = self._rows(node)
+            cycle = rows[:, 0]
+            state, missing, code = (
+                self._column(node, f"supervisor.{name}")
+                for name in ("state", "missing_cycles", "fault")
+            )
+            after = cycle >= begin
+            for rank, who, found in (
+                (1, "missing input", after & (missing > 0) & (state < FAULT)),
+                (2, "fault", after & (code != NO_FAULT)),
+            ):
+                if found.any():
+                    first.append((int(cycle[found][0]), rank, who))
+            if (state[after] == FAULT).any():
+                number = int(block["control"][sh.FAULT])
+                answer, fault = "FAULT", block.description["fault_names"][number]
+            elif (state[after] == HOLD).any() and answer == "none":
+                answer = "HOLD"
+            refused = self._refused(block)
+            if len(refused):
+                first.append((int(refused[0]), 0, "counter or CRC"))
+        own = self._rows(1)[:, 0] >= begin
+        error = self._column(1, "barrel.theta_rad")[own]
+        worst = float(np.abs(error).max()) if len(error) else 0.0
+        if not first:
+            return Seen(None, "", answer, fault, worst)
+        soonest, _, who = min(first)
+        return Seen(max(soonest - begin, 0), who, answer, fault, worst)
+
+    @staticmethod
+    def _refused(block: Any) -> NDArray[np.int64]:
+        """Return the cycles in which a frame that a fault put on the way was not plainly used."""
+        put = int(block["frame_ends"][sh.PUT])
+        frames = np.ascontiguousarray(block["frame"][:put, 1:]).view(FRAME)[:, 0]
+        state = frames["e2e"].astype(np.int64) - INJECTED
+        return np.asarray(frames["cycle"][state >= OK_SOME_LOST], np.int64)

@@ -1,0 +1,92 @@
+"""What is injected, how soon something has to notice it, and what has to follow.
+
+`limit`: cycles from the first one in which the fault acts to the one in which it is noticed; None
+where nothing can notice it, which the matrix says. `by`: who may notice it first. `answer`: the
+most that follows: none, HOLD or FAULT.
+"""
+
+from typing import NamedTuple
+
+CHECK, MISSING, FAULT = "counter or CRC", "missing input", "fault"
+
+
+class Case(NamedTuple):
+    """One row of the matrix: faults of `faults.yaml` that begin together."""
+
+    faults: tuple[str, ...]
+    cycles: int  # for which they are on
+    limit: int | None
+    answer: str
+    share: float = 1.0  # of the runs that have to be noticed within the limit
+
+    @property
+    def name(self) -> str:
+        """The names of its faults."""
+        return " + ".join(self.faults)
+
+
+def _of(name: str, cycles: int, limit: int | None, answer: str, share: float = 1.0) -> Case:
+    return Case((name,), cycles, limit, answer, share)
+
+
+HOLD, NONE = "HOLD", "none"
+ONE_IN_256 = 1.0 - 1.0 / 256.0
+CASES = (
+    # a frame that is refused is a cycle without input: noticed in it
+    _of("corruption_1", 1, 0, HOLD),
+    _of("corruption_2", 1, 0, HOLD, 1.0 - 1.0 / 64.0),  # twice the same bit is no change
+    _of("corruption_many", 1, 0, HOLD, ONE_IN_256),
+    _of("repetition", 1, 0, NONE),
+    _of("sequence", 10, 0, HOLD),
+    _of("loss", 1, 0, HOLD),
+    _of("loss", 2, 0, HOLD),
+    _of("blocked", 50, 0, "FAULT"),
+    _of("delay_2", 30, 0, HOLD),
+    _of("delay_6", 30, 0, "FAULT"),
+    _of("insertion", 1, 0, HOLD, ONE_IN_256),
+    _of("masquerade", 1, None, NONE),
+    _of("addressing", 1, 0, HOLD, ONE_IN_256),
+    _of("length", 1, 0, HOLD),
+    _of("counter_frozen", 10, 1, "FAULT"),
+    _of("counter_drawn", 1, 0, HOLD, 12.0 / 16.0),  # up to 4 ahead passes as frames lost
+    _of("counter_ahead", 10, 0, HOLD),
+    _of("counter_ahead_2", 10, 0, HOLD),
+    _of("checksum_drawn", 1, 0, HOLD, ONE_IN_256),
+    _of("checksum_frozen", 10, 1, "FAULT", ONE_IN_256),
+    _of("payload_frozen", 30, None, NONE),
+    _of("command_corruption", 1, 0, HOLD, ONE_IN_256),
+    _of("command_loss", 2, 0, HOLD),
+    _of("command_blocked", 50, 0, "FAULT"),
+    _of("command_delay", 30, 0, "FAULT"),
+    _of("command_insertion", 1, 0, HOLD, ONE_IN_256),
+    _of("command_masquerade", 1, None, NONE),
+    _of("sync_loss", 1, None, NONE),
+    _of("encoder_bias", 100, None, NONE),
+    _of("encoder_drift", 100, None, NONE),
+    _of("encoder_stuck", 100, None, NONE),
+    _of("encoder_noise", 100, None, NONE),
+    _of("encoder_quantised", 100, None, NONE),
+    _of("encoder_dropout", 100, None, NONE),
+    _of("encoder_delay", 100, None, NONE),
+    _of("encoder_jump", 100, None, NONE),
+    _of("torque_lost", 100, None, NONE),
+    _of("torque_half", 100, None, NONE),
+    _of("torque_limited", 100, None, NONE),
+    _of("torque_slow", 100, None, NONE),
+    _of("torque_dead_zone", 100, None, NONE),
+    _of("law_nan", 1, 1, "FAULT"),
+    _of("law_huge", 1, 1, "FAULT"),
+    _of("wrong_gain", 100, None, NONE),
+    _of("plant_nan", 1, 1, "FAULT"),
+    _of("friction_x5", 100, None, NONE),
+    _of("executive_stall_2", 2, 1, HOLD),  # its last frames still come
+    _of("executive_stall_6", 6, 1, "FAULT"),
+    _of("plant_stall_2", 2, 0, HOLD),
+    _of("plant_stall_6", 6, 0, "FAULT"),
+    # pairs at the same time
+    Case(("loss", "command_loss"), 2, 0, HOLD),
+    Case(("corruption_1", "encoder_stuck"), 20, 0, "FAULT"),
+    Case(("delay_2", "torque_half"), 30, 0, HOLD),
+    Case(("executive_stall_2", "corruption_1"), 2, 0, HOLD),
+    Case(("encoder_noise", "command_corruption"), 2, 0, HOLD, ONE_IN_256),
+)
