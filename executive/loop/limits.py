@@ -5,8 +5,7 @@ finite   every output and every value to be sent is a finite number, else it is 
 range    low <= command <= high
 rate     |change| <= rate_per_s T a cycle, from the value sent before, also on a ramp and at
          the end of the run
-begin    before the first valid input (state INIT) a command is its safe value; only a local node
-         already acts on what it hears from below
+begin    before the first valid input (state INIT) the executive's commands are their safe values
 ramp     command = safe + gain (last - safe), gain falling from 1 to 0 by `pace` a cycle: as
          fast as the supervisor's ramp_s, or as slow as the slowest command's rate
 reset    command = safe + gain (wanted - safe), gain rising; last is what it would be at gain 1

@@ -109,7 +109,7 @@ def _install_part(made: Plan, loop: Any) -> None:
     is_plant = made.role == "plant"
     loop.meeting.seeks_below = not is_plant
     loop.blocks.owe_periods = is_plant
-    loop.guard.safe_start = made.role != "local"
+    loop.guard.safe_start = made.role == "executive"
     loop.guard.odd_output = sv.PLANT_NOT_FINITE if is_plant else sv.OUTPUT_NOT_FINITE
     loop.tx.last_word = sh.HEARTBEAT if is_plant else sh.ALL_FRAMES
 

@@ -108,7 +108,7 @@ class Rig:
             )  # fmt: skip
         found["plant"] = NodeSpec(
             plant.node, blocks(document, config, "plant", parameters_file(document, plant)),
-            dict(plant.transmit), {}, dict(plant.safe),
+            dict(plant.transmit), dict(plant.limits), dict(plant.safe),
         )  # fmt: skip
         return found
 

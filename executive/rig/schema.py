@@ -202,12 +202,16 @@ class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The plant node; `safe` are the values that its watchdog substitutes."""
+    """The plant node; `safe` are the values that its watchdog substitutes.
+
+    `limits`: what it sends may be bounded too, and is then safe in its FAULT.
+    """
 
     node: str
     blocks: dict[BlockName, Entry]
     parameters_file: str | None = None
     transmit: dict[str, str] = {}
+    limits: dict[str, Limit] = {}
     safe: dict[str, float] = {}
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from engine import Bench, Node, both, puppet_rig
+from engine import LOST, Bench, Node, both, puppet_rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -202,3 +202,15 @@ def test_before_the_first_valid_input_a_command_is_safe(plans: tuple[Plan, Plan]
     node.loop.rx.loss[:, ENTER] = 0.0
     made.run(1)
     assert (node.state, node["tx.CMD.motor_torque"]) == ("READY", 1.5)
+
+
+def test_what_a_plant_sends_may_have_a_safe_value_too(tmp_path: Path) -> None:
+    limits = "plant: {limits: {FB_A.hub_rate: {safe: 0.5, low: -3.0, high: 3.0}}}"
+    made = Bench(both(load_rig(puppet_rig(tmp_path, limits, "supervisor: {on_fault: wait}"))))
+    plant = made.plant
+    made.run(10)
+    assert plant["tx.FB_A.hub_rate"] == plant["barrel.hub_rate_rad_s"] != 0.5
+    assert plant["rx.CMD.mode"] == RUN
+    made.run(RAMP_CYCLES + 5, {"CMD": LOST})
+    assert plant.state == "FAULT" and plant["tx.FB_A.hub_rate"] == 0.5
+    assert made.executive["rx.FB_A.hub_rate"] == pytest.approx(0.5, abs=1e-4)
