@@ -2,11 +2,13 @@
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import standing
 from engine import Bench, both, puppet_rig
 from rings import block_of
+from small_rig import LAWS, MODEL, PARAMETERS, RIG, Write
 
 from pcpc.executive.loop import shared
 from pcpc.executive.nodes.plan import Plan
@@ -45,3 +47,33 @@ def name() -> Iterator[str]:
 def block(name: str) -> shared.Shared:
     """Return an executive's block."""
     return block_of(name)
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder for files as they stand here: their laws are compiled once."""
+    return tmp_path_factory.mktemp("compiled")
+
+
+@pytest.fixture
+def write(compiled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
+    """Write a small rig to an own folder, with `old` replaced by `new` in any of its files."""
+
+    def write(old: str = "", new: str = "") -> Path:
+        texts = {
+            "small.yaml": RIG, "parameters.yaml": PARAMETERS, "laws.py": LAWS, "model.py": MODEL,
+            "small.dbc": "", "evaluation.py": "", "none.py": "",
+        }  # fmt: skip
+        assert not old or sum(text.count(old) for text in texts.values()) == 1, old
+        for name, text in texts.items():
+            (tmp_path / name).unlink(missing_ok=True)
+            if name in ("laws.py", "model.py") and (not old or old not in text):
+                if not (compiled / name).exists():
+                    (compiled / name).write_text(text)
+                (tmp_path / name).symlink_to(compiled / name)
+            else:
+                (tmp_path / name).write_text(text.replace(old, new) if old else text)
+        return Path("small.yaml")
+
+    monkeypatch.chdir(tmp_path)
+    return write
