@@ -8,8 +8,10 @@ from pathlib import Path
 
 import commands
 import corpus
+import log_parts
 import numpy as np
 import pytest
+from log_parts import chunk, finished
 from mcap.records import Attachment, Metadata
 
 from pcpc.executive.log import mcap_reader
@@ -50,12 +52,12 @@ def test_no_odd_log_brings_a_command_down(
         assert not any(found), f"case {number}, {what}: {[one for one in found if one]}"
 
 
-def changed(true_log: Path, path: Path, **kinds: object) -> corpus.Parts:
+def changed(true_log: Path, path: Path, **kinds: object) -> log_parts.Parts:
     """Write the true log with parts replaced; return them."""
-    parts = corpus.take_apart(true_log.read_bytes())
+    parts = log_parts.take_apart(true_log.read_bytes())
     for name, value in kinds.items():
         setattr(parts, name, value)
-    path.write_bytes(corpus.put_together(parts))
+    path.write_bytes(log_parts.put_together(parts))
     return parts
 
 
@@ -69,7 +71,7 @@ def test_a_description_with_a_wrong_type_at_any_key_is_no_description(
     true_log: Path, tmp_path: Path, out: Path
 ) -> None:
     """Each key in turn; what is left out is told, and nothing that uses it falls."""
-    parts = corpus.take_apart(true_log.read_bytes())
+    parts = log_parts.take_apart(true_log.read_bytes())
     (about,) = (a for a in parts.attachments if a.name == "executive.json")
     value = json.loads(about.data)
     log = tmp_path / "log.mcap"
@@ -81,7 +83,7 @@ def test_a_description_with_a_wrong_type_at_any_key_is_no_description(
             Attachment(0, 0, a.name, "", data) if a.name == about.name else a
             for a in parts.attachments
         ]
-        log.write_bytes(corpus.put_together(parts))
+        log.write_bytes(log_parts.put_together(parts))
         found = logs.read(log)
         assert key not in found.node["executive"].description
         assert f"executive: {key} of its description is not readable" in found.missing
@@ -94,7 +96,7 @@ def test_a_description_with_a_wrong_type_at_any_key_is_no_description(
 def test_frames_that_no_bus_carries_are_left_out_and_counted(
     true_log: Path, tmp_path: Path, out: Path
 ) -> None:
-    parts = corpus.take_apart(true_log.read_bytes())
+    parts = log_parts.take_apart(true_log.read_bytes())
     (frames,) = (i for i, c in parts.channels.items() if c.topic == "/can/frames")
     rows = [n for n, row in enumerate(parts.content) if row[0] == frames]
     for n, place, odd in ((0, 24, 255), (1, 25, 7), (2, 11, 0x7F), (3, 19, 0x80)):
@@ -102,7 +104,7 @@ def test_frames_that_no_bus_carries_are_left_out_and_counted(
         data = data[:place] + bytes([odd]) + data[place + 1 :]
         parts.content[rows[n]] = (channel, sequence, at, data)
     log = tmp_path / "log.mcap"
-    log.write_bytes(corpus.put_together(parts))
+    log.write_bytes(log_parts.put_together(parts))
     whole, odd_one = logs.read(true_log), logs.read(log)
     lost = len(whole.node["executive"].frames) - len(odd_one.node["executive"].frames)
     assert (lost, len(odd_one.missing)) == (4, 1), odd_one.missing
@@ -110,7 +112,7 @@ def test_frames_that_no_bus_carries_are_left_out_and_counted(
 
 
 def test_times_beyond_all_clocks_are_left_out(true_log: Path, tmp_path: Path, out: Path) -> None:
-    parts = corpus.take_apart(true_log.read_bytes())
+    parts = log_parts.take_apart(true_log.read_bytes())
     for n, at in ((3, 2**64 - 1), (40, 2**63), (77, 2**62)):
         parts.content[n] = (*parts.content[n][:2], at, parts.content[n][3])
     changed(true_log, log := tmp_path / "log.mcap", content=parts.content)
@@ -122,7 +124,7 @@ def test_times_beyond_all_clocks_are_left_out(true_log: Path, tmp_path: Path, ou
 def test_a_count_of_passes_that_is_none_is_a_gap(
     odd: float, true_log: Path, tmp_path: Path, out: Path
 ) -> None:
-    parts = corpus.take_apart(true_log.read_bytes())
+    parts = log_parts.take_apart(true_log.read_bytes())
     names = list(logs.read(true_log).node["executive"].timing)
     place = 4 + 8 * names.index("health.passes")
     (timing,) = (i for i, c in parts.channels.items() if c.topic == "/timing")
@@ -138,7 +140,7 @@ def test_a_count_of_passes_that_is_none_is_a_gap(
 def test_metadata_that_is_no_number_is_told(
     wrong: str, true_log: Path, tmp_path: Path, out: Path
 ) -> None:
-    parts = corpus.take_apart(true_log.read_bytes())
+    parts = log_parts.take_apart(true_log.read_bytes())
     notes = [
         Metadata(name=m.name, metadata=m.metadata | {"clock_wall_ns": wrong, "period_ns": wrong})
         if m.name == "executive"
@@ -153,30 +155,30 @@ def test_metadata_that_is_no_number_is_told(
 
 def bombs() -> dict[str, bytes]:
     """Return small files that declare, or hold, much more than they are."""
-    tiny = (corpus._message(1, 7, 7, b"") + corpus._message(2, 7, 7, b"")) * (1 << 16)
-    zeros, head = bytes(9 << 20), corpus.MAGIC
-    frame = corpus.packed(zeros, "lz4")
+    tiny = (log_parts._message(1, 7, 7, b"") + log_parts._message(2, 7, 7, b"")) * (1 << 16)
+    zeros, head = bytes(9 << 20), log_parts.MAGIC
+    frame = log_parts.packed(zeros, "lz4")
     # a chunk that declares 100 bytes and holds 9 MiB
-    short = struct.pack("<QQQI", 0, 0, 100, zlib.crc32(zeros)) + corpus._text("lz4")
-    short = corpus._record(6, short + struct.pack("<Q", len(frame)) + frame)
+    short = struct.pack("<QQQI", 0, 0, 100, zlib.crc32(zeros)) + log_parts._text("lz4")
+    short = log_parts._record(6, short + struct.pack("<Q", len(frame)) + frame)
     channel = "".join(f"float64 a{n}  # b [c\n" for n in range(9)) + "float64 x  # " + " [" * 50_000
-    schema = corpus._schema(corpus.Schema(1, channel.encode(), "ros2msg", "s"))
+    schema = log_parts._schema(log_parts.Schema(1, channel.encode(), "ros2msg", "s"))
     alike = b"".join(
-        corpus._channel(corpus.Channel(n, "/state", "cdr", {}, 1)) for n in range(1, 2000)
+        log_parts._channel(log_parts.Channel(n, "/state", "cdr", {}, 1)) for n in range(1, 2000)
     )
-    each = b"".join(corpus._message(n, n, n, b"1234") for n in range(1, 2000))
-    node = corpus.metadata("executive", {"period_ns": "1000000"})
+    each = b"".join(log_parts._message(n, n, n, b"1234") for n in range(1, 2000))
+    node = log_parts.metadata("executive", {"period_ns": "1000000"})
     lookalike = struct.pack("<BQ", 9, 300_000 - 9) + bytes(3)
     return {
-        "many chunks of zeros": corpus.finished(head + node + corpus.chunk(zeros) * 10),
-        "many tiny messages": corpus.finished(head + node + corpus.chunk(tiny) * 3),
-        "lz4 that declares less": corpus.finished(head + node + short),
-        "lz4 that declares all": corpus.finished(head + node + corpus.chunk(zeros, "lz4") * 3),
-        "a declared size without data": corpus.finished(
-            head + node + corpus.chunk(b"12", "zstd", 2**64 - 1) + corpus.chunk(b"12", "lz4", 2**40)
+        "many chunks of zeros": finished(head + node + chunk(zeros) * 10),
+        "many tiny messages": finished(head + node + chunk(tiny) * 3),
+        "lz4 that declares less": finished(head + node + short),
+        "lz4 that declares all": finished(head + node + chunk(zeros, "lz4") * 3),
+        "a declared size without data": finished(
+            head + node + chunk(b"12", "zstd", 2**64 - 1) + chunk(b"12", "lz4", 2**40)
         ),
-        "many channels of one topic": corpus.finished(
-            head + node + corpus.chunk(schema + alike + each)
+        "many channels of one topic": finished(
+            head + node + chunk(schema + alike + each)
         ),
         "lookalikes": head + node + lookalike * 8_000 + bytes(300_000),
         "damage after damage": head + (node + b"\x05" + bytes(20)) * 3000,
@@ -207,7 +209,7 @@ def test_a_true_log_is_far_from_the_bounds(true_log: Path) -> None:
 
 
 def test_a_sequence_out_of_order_is_no_wrap_of_its_counter(true_log: Path, tmp_path: Path) -> None:
-    parts = corpus.take_apart(true_log.read_bytes())
+    parts = log_parts.take_apart(true_log.read_bytes())
     (state,) = (i for i, c in parts.channels.items() if c.topic == "/state")
     rows = [n for n, row in enumerate(parts.content) if row[0] == state]
     for n, sequence in zip(rows, (5, 4, 2**32 - 1, 0, 1), strict=False):

@@ -1,27 +1,19 @@
 """`pcpc play`: which frames, in which order, at which time; who drives whom; what is refused."""
 
 import argparse
-import json
 import shutil
 import signal
-import socket
 import statistics
-import subprocess
 from collections import Counter
-from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import msgpack
 import numpy as np
 import pytest
-from copies import program
-from processes import RIGS, ROOT, Running, blocks_left, own_bus
+from playing import Listener, Playing, Sent
+from processes import RIGS, Running, blocks_left, own_bus
 
 from pcpc.drivers import bus as buses
-from pcpc.drivers.wire_layout import WIRE
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.supervisor import RUN
 from pcpc.executive.nodes.virtual import simulate
@@ -35,9 +27,6 @@ from pcpc.tools.log.frames import PEER
 SLEW10 = str(RIGS / "slew10.yaml")
 PATIENT = ("supervisor.hold_cycles=100000", "supervisor.fault_after_cycles=100000")
 FEEDBACK, SYNC = ("FB_A", "FB_B", "FB_C"), 0x80
-ENOUGH_S = 120.0
-
-Sent = tuple[int, bytes]  # id, data
 
 
 @pytest.fixture(scope="module")
@@ -169,61 +158,6 @@ def test_a_cycle_to_step_begins_where_the_recording_nodes_cycle_does(
 
 
 # The command on a bus
-
-
-class Listener:
-    """Hears a bus in python-can's udp_multicast format, decoded by msgpack."""
-
-    def __init__(self, bus: str) -> None:
-        end = np.zeros(1, WIRE).view(np.recarray)[0]
-        buses.open_bus(buses.choose(*buses.parse(bus)), [], end)
-        socket.socket(fileno=int(end.fd_tx)).close()
-        self.socket = socket.socket(fileno=int(end.fd_rx))  # with a time-out of 0.1 s
-        self.heard: list[Sent] = []
-
-    def hear(self, at_least: int, running: Callable[[], bool]) -> None:
-        """Listen until `at_least` frames have come, or nobody runs and nothing comes any more."""
-        on = True
-        while on and len(self.heard) < at_least:
-            on = running()
-            with suppress(BlockingIOError):
-                while len(self.heard) < at_least:
-                    message = msgpack.unpackb(self.socket.recv(512))
-                    self.heard.append((message["arbitration_id"], message["data"]))
-
-
-class Playing:
-    """A player in a process of its own, and what a listener on its bus hears."""
-
-    def __init__(self, path: Path, bus: str, *words: str) -> None:
-        self.listener = Listener(bus)
-        self.process = subprocess.Popen(
-            [program(), "play", str(path), "--bus", bus, "--json", *words], cwd=ROOT, text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
-
-    @property
-    def heard(self) -> list[Sent]:
-        """The frames heard so far."""
-        return self.listener.heard
-
-    def hear(self, at_least: int) -> None:
-        """Listen until `at_least` frames have come or the player has ended."""
-        self.listener.hear(at_least, lambda: self.process.poll() is None)
-
-    def result(self, text: str = "") -> tuple[int, dict[str, Any], str]:
-        """Return exit code, the printed JSON and stderr."""
-        out, err = self.process.communicate(text, timeout=ENOUGH_S)
-        assert out, f"{self.process.returncode}, no result: {err}"
-        return self.process.returncode, json.loads(out), err
-
-    def __enter__(self) -> "Playing":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.process.kill()
-        self.process.communicate()
-        self.listener.socket.close()
 
 
 def test_the_bus_carries_the_recording_frame_by_frame(
