@@ -201,6 +201,7 @@ def evidence(add: Add) -> None:
     add("--runs", type=_positive, default=3000, metavar="N", help="of each fault; 3000")
     add("--hours", type=float, default=100.0, metavar="H", help="without a fault; 100")
     add("--frames", type=_positive, default=1_000_000, metavar="N", help="damaged frames; 10^6")
+    add("--kills", type=_positive, default=100, metavar="N", help="disturbed processes; 100")
     add("--seed", type=_positive, default=1, metavar="N", help="the first of the seeds; 1")
     add("-j", "--jobs", type=_positive, metavar="N", help="processes; as many as processors")
     add("-o", "--output", default="evidence", metavar="FOLDER", help="for faults.md, faults.json")
