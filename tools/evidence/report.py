@@ -93,12 +93,13 @@ def _mutants(found: Mapping[str, Any]) -> Iterator[str]:
 def _kills(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield "\n## Processes killed, stopped and slowed down\n\n"
     yield _filled(
-        f"{len(rows)} paced runs of the barrel at 1 kHz, each disturbed once at a drawn cycle. "
-        "KILL is kill -9, STOP a stop of 20 to 600 ms, SLOW many short ones. *cycles* is the longest "
-        "time in which a node that had noticed acted on a command neither fresh nor safe; *log* "
-        "in how many runs the log opens, with the ms that it lacks; *left* how often a process or a "
-        "claim stayed; *next ok* how often the next run on the same bus ended well. These figures "
-        "are of one machine and time: others give others."
+        f"{len(rows)} "
+        "paced runs of the barrel at 1 kHz, each disturbed once at a drawn cycle. KILL is "
+        "kill -9, STOP a stop of 20 to 600 ms, SLOW many short ones. *cycles* is the longest "
+        "time in which a node that had noticed acted on a command neither fresh nor safe; "
+        "*log* in how many runs the log opens, with the ms that it lacks; *left* how often a "
+        "process or a claim stayed; *next ok* how often the next run on the same bus ended "
+        "well. These figures are of one machine and time: others give others."
     )
     yield "\n```text\n" + "\n".join(kills.table(rows)) + "\n```\n"
 
