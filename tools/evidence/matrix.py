@@ -88,4 +88,5 @@ def _replay(case: Case) -> str:
         for name in case.faults
     )
     end_s = 1e-3 * (WARM + SPREAD + case.cycles + AFTER)
-    return f"pcpc simulate {RIG.name} --controller {CONTROLLER} --set duration_s={end_s:g} {words}"
+    rig = f"tools/evidence/{RIG.name} --controller {CONTROLLER}"
+    return f"pcpc simulate {rig} --set duration_s={end_s:g} {words}"
