@@ -342,6 +342,13 @@ def evidence_mutants(add: Add) -> None:
     json(add, "print one JSON object")
 
 
+def evidence_soak(add: Add) -> None:
+    """Take a rig and for how long."""
+    add("rig", metavar="RIG", help="rig file, or the name of one that comes with pcpc")
+    add("--hours", type=float, default=1.0, metavar="H", help="default: %(default)s")
+    add("--seed", type=int, default=1, metavar="N", help="of what is drawn; %(default)s")
+
+
 def evidence_kills(add: Add) -> None:
     """Take how many runs, and how to tell it."""
     add("--runs", type=_positive, default=100, metavar="N", help="default: %(default)s")
