@@ -23,6 +23,7 @@ from pcpc.drivers import compile_cache
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import one_line
 
+_NEW = ("ls-files", "-z", "--others", "--exclude-standard", "--exclude=__pycache__/")
 ALIVE = "alive"  # a file in the folder, locked by everything that still writes into it
 
 
@@ -57,8 +58,7 @@ class Repository:
 
     def files(self) -> list[str]:
         """Return the files of the working tree that are tracked, or could be."""
-        words = ("ls-files", "-z", "--cached", "--others", "--exclude-standard")
-        names = dict.fromkeys(_git(self.root, *words).split("\0"))
+        names = dict.fromkeys(_git(self.root, *_NEW, "--cached").split("\0"))
         return sorted(name for name in names if name and (self.root / name).is_file())
 
     def files_of(self, commit: str) -> list[str]:
@@ -69,7 +69,7 @@ class Repository:
     def changed(self, commit: str) -> list[str]:
         """Return the files in which the working tree differs from a version."""
         tracked = _git(self.root, "diff", "--name-only", "--no-renames", "-z", commit, "--")
-        new = _git(self.root, "ls-files", "-z", "--others", "--exclude-standard")
+        new = _git(self.root, *_NEW)
         return sorted({name for name in (tracked + new).split("\0") if name})
 
     @contextmanager
