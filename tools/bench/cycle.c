@@ -411,6 +411,31 @@ static void begin_ramp(loop *n, int asked)
     }
 }
 
+static int64_t drive_state(loop *n, int64_t state)
+{
+    if (state == SV_STOP)
+        return DRIVE_SWITCH_ON_DISABLED;
+    if (state == SV_FAULT)
+        return n->guard.gain <= 0.0 && settled(n) ? DRIVE_FAULT : DRIVE_FAULT_REACTION_ACTIVE;
+    if (state == SV_INIT)
+        return n->control[SH_FAULT] == 0 ? DRIVE_NOT_READY_TO_SWITCH_ON : DRIVE_SWITCH_ON_DISABLED;
+    if (n->guard.pace > 0.0)
+        return DRIVE_QUICK_STOP_ACTIVE;
+    if (state == SV_READY)
+        return DRIVE_READY_TO_SWITCH_ON;
+    return n->guard.gain >= 1.0 ? DRIVE_OPERATION_ENABLED : DRIVE_SWITCHED_ON;
+}
+
+static void tell_drive(loop *n, int64_t state)
+{
+    int64_t word = drive_state(n, state);
+    word |= state == SV_HOLD ? DRIVE_WARNING : 0;
+    word |= n->v[V_CLAMPED] != 0.0 ? DRIVE_LIMIT_ACTIVE : 0;
+    n->v[V_STATUS_WORD] = word;
+    n->v[V_ERROR_CODE] = ERROR_CODES[n->guard.faulted];
+    n->v[V_ERROR_REGISTER] = ERROR_REGISTERS[n->guard.faulted];
+}
+
 static void supervise(loop *n)
 {
     int64_t before = (int64_t)n->v[V_STATE];
@@ -451,6 +476,7 @@ static void supervise(loop *n)
     n->v[V_GAIN] = n->guard.gain;
     n->v[V_MISSING] = n->guard.missing;
     n->v[V_NMT] = NMT[state];
+    tell_drive(n, state);
     watchdog(n, state);
 }
 
@@ -821,6 +847,7 @@ static void finish(loop *n)
     n->v[V_STATE] = SV_STOP;
     n->v[V_NMT] = NMT[SV_STOP];
     n->guard.gain = 0.0;
+    tell_drive(n, SV_STOP);
     n->control[SH_STATE] = SV_STOP;
     if (n->tx.last_word == SH_ALL_FRAMES) {
         limit(n);

@@ -35,7 +35,16 @@ from pcpc.drivers.wire_layout import QUEUE_FRAMES, WIRE
 from pcpc.executive.laws import references
 from pcpc.executive.laws.controllers.barrel import pd
 from pcpc.executive.laws.idle import idle
-from pcpc.executive.loop import clock, meeting, reception, strangers, supervisor, timing, variables
+from pcpc.executive.loop import (
+    clock,
+    drive,
+    meeting,
+    reception,
+    strangers,
+    supervisor,
+    timing,
+    variables,
+)
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import CLOCKED, LOCKSTEP, now
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
@@ -61,7 +70,7 @@ PUBLICATIONS = 20_000
 _MODULES = {
     "SH": sh, "SV": supervisor, "V": variables, "DBC": dbc, "E2E": e2e, "CLK": clock,
     "WIRE": wire_layout, "TIMING": timing, "STRANGERS": strangers, "MEETING": meeting,
-    "RECEPTION": reception, "STATES": e2e_states,
+    "RECEPTION": reception, "STATES": e2e_states, "DRIVE": drive,
 }  # fmt: skip
 RESULTS = (
     "NOTHING", "FRAME", "FOREIGN", "OWN", "BUS_ERROR", "FAILED", "ERROR_FLAG", "ERROR_FLAGS",
@@ -91,6 +100,8 @@ def loop_header() -> str:
         compiler.array("CRC_TABLE", "uint8_t", e2e._CRC_TABLE),
         compiler.array("NEXT", "int64_t", supervisor.NEXT),
         compiler.array("NMT", "double", supervisor.NMT),
+        compiler.array("ERROR_CODES", "double", supervisor.ERROR_CODES),
+        compiler.array("ERROR_REGISTERS", "double", supervisor.ERROR_REGISTERS),
         compiler.array("USAGE", "int64_t", timing.USAGE),
         compiler.array("COUNTERS", "int64_t", timing.COUNTERS),
     ]
