@@ -1,5 +1,6 @@
 """The bits of frames as canbusload counts them, and a gateway between vcan0 and vcan1."""
 
+import os
 import random
 import subprocess
 import threading
@@ -75,5 +76,7 @@ def test_a_gateway_carries_between_vcan0_and_vcan1_both_ways() -> None:
             assert found == sorted((m.arbitration_id, bytes(m.data)) for m in messages)
     gateway.stop()
     thread.join()
+    for end in (gateway.n.a, gateway.n.b):
+        os.close(end.fd_rx)  # other tests wait for the first who hears all of vcan0
     assert gateway.n.line.sent.tolist()[:2] == [60, 60]
     assert gateway.n.line.busy == 2 * sum(map(bits_of, messages))
