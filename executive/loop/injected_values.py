@@ -82,7 +82,8 @@ def wrong(n: Any, f: Any, x: Any) -> Any:
     kind, a, cycles = faults.kind[f], size(n, f), n.k - faults.since[f]
     faults.earlier[f, cycles % FAULT_DEPTH] = x
     if not acts(n, f):
-        faults.kept[f] = x
+        if kind != STUCK:
+            faults.kept[f] = x
         return x
     value = changed(n, f, x, a, cycles)
     if kind == RATE:

@@ -7,8 +7,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.live import Live
-
-_FIRST, _LAST = "fault.", ".left"
+from pcpc.executive.nodes.planned_faults import STALL
 
 
 @dataclass(frozen=True)
@@ -28,17 +27,19 @@ def faults_of(nodes: Sequence[Live]) -> list[Injected]:
     """Return the faults that these nodes have."""
     found = []
     for live in nodes:
-        values = live.read()
-        for variable in live.variables.values():
-            if variable.name.startswith(_FIRST) and variable.name.endswith(_LAST):
-                name = variable.name[len(_FIRST) : -len(_LAST)]
-                left, value, share = (values[f"{_FIRST}{name}.{x}"]
-                                      for x in ("left", "value", "share"))  # fmt: skip
-                unit = live.variables[f"{_FIRST}{name}.value"].unit
-                about = variable.help.rpartition(": ")[0]
-                role = live.name.rpartition(".")[2]
-                found.append(Injected(name, role, about, left, value, unit, share))
+        values, role = live.read(), live.name.rpartition(".")[2]
+        for name, about in _known(live).items():
+            left, value, share = (values[f"fault.{name}.{x}"] for x in ("left", "value", "share"))
+            unit = live.variables[f"fault.{name}.value"].unit
+            what = f"{about['kind']} of {about['of']}"
+            found.append(Injected(name, role, what, left, value, unit, share))
     return found
+
+
+def _known(live: Live) -> Mapping[str, Mapping[str, str]]:
+    """Return the faults of a node, as `nodes.planned_faults` describes them."""
+    known: Mapping[str, Mapping[str, str]] = live.block.description.get("faults", {})
+    return known
 
 
 def inject(
@@ -50,26 +51,20 @@ def inject(
     `for_s` None: until it is ended. UserError for a fault that the rig does not name, a stall where
     no clock runs, or what the node refuses.
     """
-    having = [live for live in nodes if f"{_FIRST}{name}{_LAST}" in live.variables]
+    having = [live for live in nodes if name in _known(live)]
     if not having:
-        known = [one.name for one in faults_of(nodes)]
+        known = [one for live in nodes for one in _known(live)]
         cure = did_you_mean(name, known) if known else "; the rig file has no faults"
         raise UserError(f"{name}: no such fault{cure}")
     cycles = {}
     for live in having:
-        about = live.variables[f"{_FIRST}{name}{_LAST}"].help
-        if about.startswith("stall ") and live.block.description["metadata"]["pacing"] not in (
-            "real", "sync",
-        ):  # fmt: skip
+        clocked = live.block.description["metadata"]["pacing"] in ("real", "sync")
+        if _known(live)[name]["kind"] == STALL and not clocked:
             what = "without a clock nobody would notice; give it a time in the rig file"
             raise UserError(f"{name}: a stall on demand needs pacing real or sync: {what}")
-        left = FOR_EVER if for_s is None else round(for_s * 1e9 / live.period_ns)
-        changes = {_LAST: 0.0 if end else float(left), ".value": value, ".share": share}
+        left = FOR_EVER if for_s is None else float(round(for_s * 1e9 / live.period_ns))
+        changes = {"left": 0.0 if end else left, "value": value, "share": share}
         cycles[live.name.rpartition(".")[2]] = live.tune(
-            {
-                f"{_FIRST}{name}{key}": number
-                for key, number in changes.items()
-                if number is not None
-            }
+            {f"fault.{name}.{key}": x for key, x in changes.items() if x is not None}
         )
     return cycles

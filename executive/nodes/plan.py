@@ -381,7 +381,7 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
             for source, target in copies
         },
         "blocks": [spec.name for spec in made.spec.blocks],
-        "faults_act_later": [one.name for one in made.faults if one.acts_later],
+        "faults": planned_faults.described(made.faults),
         "frames": {str(f.can_id): f.name for f in (*made.rx_frames, *made.tx_frames)},
         "state_names": list(STATE_NAMES),
         "fault_names": list(FAULT_NAMES),

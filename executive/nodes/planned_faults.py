@@ -1,5 +1,6 @@
 """The rig's faults on purpose, planned for one node: variables, seams, moments; then installed."""
 
+import math
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import injected_frames, injected_values, losses
 from pcpc.executive.loop.injection import FOR_EVER
-from pcpc.executive.loop.injection_layout import MAX_FAULTS
+from pcpc.executive.loop.injection_layout import FAULT_DEPTH, MAX_FAULTS
 from pcpc.executive.loop.table import Table, Variable, Views
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
@@ -20,6 +21,13 @@ STALL = "stall"
 WITHOUT_VALUE = {"stuck", "dropout", "nan", "loss", "repetition", "sequence", "insertion",
                  "masquerade", "addressing", "payload", STALL}  # fmt: skip
 GIVEN = {"corruption": 1.0, "delay": 1.0}  # sizes where the rig gives none
+ABOVE_0 = (0.0, math.inf)
+RANGES = {  # of sizes, where not every number makes sense
+    "corruption": (0.0, 64.0), "delay": (0.0, FAULT_DEPTH - 1.0), "length": (0.0, 8.0),
+    "counter": (-255.0, 255.0), "checksum": (-255.0, 255.0), "noise": ABOVE_0,
+    "quantise": ABOVE_0, "saturation": ABOVE_0, "rate": ABOVE_0, "dead_zone": ABOVE_0,
+}  # fmt: skip
+ANY = (-math.inf, math.inf)
 HOWS = {"counter": injected_frames.HOWS, "checksum": injected_frames.HOWS, "payload": ("freeze",)}
 
 
@@ -62,7 +70,8 @@ def add_faults(
         help = f"{fault.kind} of {fault.at or fault.frame or fault.node}"
         place = table.add(_variable(name, "left", "", f"{help}: cycles for which it is on",
                                     0.0, FOR_EVER, True))  # fmt: skip
-        table.add(_variable(name, "value", unit, f"{help}: how large it is"))
+        span = RANGES.get(fault.kind, ANY)
+        table.add(_variable(name, "value", unit, f"{help}: how large it is", *span))
         table.add(_variable(name, "share", "", f"{help}: in how many of all chances", 1e-9, 1.0))
         table.add(_variable(name, "burst", "", f"{help}: in a row, on average", 1.0, 1e9))
         planned.append(Planned(name, fault, place, group, seam, target, other))
@@ -188,8 +197,45 @@ def _check(rig: Rig, key: str, fault: Fault) -> None:
     needless = fault.kind in WITHOUT_VALUE or fault.how in ("freeze", "random")
     if fault.value is None and not needless and fault.kind not in GIVEN:
         raise rig.error(key, f"{fault.kind} needs a value: how large it is")
+    low, high = RANGES.get(fault.kind, ANY)
+    if fault.value is not None and not low <= fault.value <= high:
+        what = f"{fault.value:g} is outside {low:g}..{high:g}, which a {fault.kind} may have"
+        raise rig.error(f"{key}.value", what)
+    _check_moments(rig, key, fault)
+    if fault.at is not None and fault.node is not None:
+        raise rig.error(f"{key}.node", "of a value, at says the node: plant:NAME")
     if (fault.data_of is None) == (fault.kind == "addressing"):
         raise rig.error(key, "addressing, and nothing else, has data_of: another frame's name")
+
+
+def _check_moments(rig: Rig, key: str, fault: Fault) -> None:
+    """Raise RigError for a fault that would never begin, or never end where it has to."""
+    begins = (fault.from_, fault.every, fault.times)
+    if fault.for_ is not None and all(one is None for one in begins):
+        raise rig.error(f"{key}.for", "when does it begin? give from, every or times as well")
+    if fault.every is not None and fault.times is not None:
+        raise rig.error(f"{key}.times", "it begins either every so often or a number of times")
+    if fault.every is not None and fault.for_ is None:
+        raise rig.error(f"{key}.every", "how long is it on each time? give for as well")
+    config = rig.config
+    late = (_cycles(fault.from_, config.rate_hz) or 0) >= round(config.duration_s * config.rate_hz)
+    shortened, own = (
+        rig.where(path).startswith("--set ") for path in ("duration_s", f"{key}.from")
+    )
+    if late and (own or not shortened):
+        end = f"the end of the run at {config.duration_s:g} s"
+        raise rig.error(f"{key}.from", f"{fault.from_} is behind {end}")
+
+
+def described(planned: list[Planned]) -> dict[str, dict[str, Any]]:
+    """Return what clients and summaries need to know of each fault of a node."""
+    return {
+        one.name: {
+            "kind": one.fault.kind, "of": one.fault.at or one.fault.frame or one.fault.node,
+            "next_cycle": one.acts_later,
+        }
+        for one in planned
+    }  # fmt: skip
 
 
 def _list(names: tuple[str, ...]) -> str:

@@ -165,7 +165,18 @@ def test_several_at_once_are_carried_out_in_their_order(true: Series, tmp_path: 
     np.testing.assert_array_equal(x[50:70], 2.0 * true[50:70])
 
 
+def test_what_is_stuck_in_part_shows_the_value_of_its_begin(true: Series, tmp_path: Path) -> None:
+    x = reference(rig_with(tmp_path, "kind: stuck, at: reference.q_d_rad, share: 0.5"))
+    wrong = (x != true)[FROM + 1 : FROM + CYCLES]
+    assert 5 < wrong.sum() < CYCLES - 5
+    assert set(x[FROM + 1 : FROM + CYCLES][wrong]) == {true[FROM]}
+
+
 WRONG = [
+    ("kind: corruption, frame: CMD, value: 1.0e+15", "outside 0..64, which a corruption may have"),
+    ("kind: rate, at: reference.q_d_rad, value: -1", "outside 0..inf"),
+    ("kind: bias, at: reference.q_d_rad, value: 1, every: 10ms, times: 3", "either every so often"),
+    ("kind: bias, at: reference.q_d_rad, value: 1, node: plant", "at says the node"),
     ("kind: bios, at: reference.q_d_rad", "faults.it.kind: no kind bios; did you mean bias?"),
     ("kind: bias, at: reference.q_rad, value: 1", "did you mean reference.q_d_rad?"),
     ("kind: bias, at: reference.q_d_rad", "bias needs a value: how large it is"),
@@ -192,4 +203,23 @@ def test_what_is_wrong_with_a_fault_is_said_with_its_place(
         rig = rig_with(tmp_path, fault)
         for role in rig.roles:
             plan(rig, role, "lockstep")
+    assert why in str(caught.value) and "wrong.yaml:" in str(caught.value)
+
+
+MOMENTS = [
+    ("from: 10s", "faults.it.from: 10s is behind the end of the run at 0.1 s"),
+    ("for: 10ms", "faults.it.for: when does it begin?"),
+    ("every: 10ms", "faults.it.every: how long is it on each time?"),
+]
+
+
+@pytest.mark.parametrize(("moments", "why"), MOMENTS)
+def test_a_fault_that_would_never_begin_or_never_end_is_refused(
+    moments: str, why: str, tmp_path: Path
+) -> None:
+    rig_with(tmp_path, "kind: bias, at: reference.q_d_rad, value: 1")
+    path = tmp_path / "motor" / "wrong.yaml"
+    path.write_text(path.read_text().replace("from: 30ms, for: 40ms", moments))
+    with pytest.raises(RigError) as caught:
+        plan(load_rig(path), "executive", "lockstep")
     assert why in str(caught.value) and "wrong.yaml:" in str(caught.value)

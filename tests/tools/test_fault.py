@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import Running, own_bus, pcpc
+from processes import ROOT, Running, own_bus, pcpc
 
 import pcpc as package
 from pcpc.executive.log import reader
@@ -109,3 +109,19 @@ def test_the_command_lists_begins_and_ends_them(rig: Path, tmp_path: Path) -> No
 def test_without_a_rig_it_says_so() -> None:
     done = pcpc("fault", "--node", "nowhere.executive")
     assert done.code == 4 and "no such node is running" in done.err, str(done)
+
+
+def test_a_wrong_value_excuses_no_frame_that_is_missing(rig: Path, tmp_path: Path) -> None:
+    own = rig.with_name("excused.yaml")
+    for fault, verdict in (
+        ('{kind: bias, at: "plant:tx.FB.encoder", value: 0.0, from: 120ms, for: 5ms}', "loss"),
+        ("{kind: corruption, frame: CMD, from: 120ms, for: 1ms}", "ok"),
+    ):
+        own.write_text(
+            f"base: {ROOT / 'tools/template/rig.yaml'}\nrig: excused\nevaluation: null\n"
+            "expect: null\nrequire: null\nlosses: {FB: {share: 0.3, burst: 30}}\n"
+            f"faults: {{it: {fault}}}\n"
+        )
+        done = pcpc("simulate", str(own), "--quiet", "--json", "-o", str(tmp_path / verdict))
+        assert done.summary["verdict"] == verdict and done.summary["injected"], str(done)
+        assert done.summary["frames"]["stale"] > 0

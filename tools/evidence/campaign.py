@@ -53,7 +53,10 @@ class Bench:
             {variable[0]: i for i, variable in enumerate(block.description["variables"])}
             for block in self.run.blocks
         ]
-        self._later = [set(block.description["faults_act_later"]) for block in self.run.blocks]
+        self._later = [
+            {name for name, about in block.description["faults"].items() if about["next_cycle"]}
+            for block in self.run.blocks
+        ]
 
     def clean(self, cycles: int) -> NDArray[np.float64]:
         """Return the pointing error without a fault, rad, from the end of the warming on."""

@@ -69,6 +69,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         failed += [f"{name} was not judged: {why}" for name, why in found.not_judged.items()]
         failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
+    injected, excused = _injected(log)
     summary: dict[str, Any] = {
         "rig": rig.config.rig,
         "title": rig.config.title,
@@ -96,7 +97,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
             **({"kept_back": True} if kept_back else {}),
         },
         "faults": outcome.faults,
-        "injected": _injected(log),
+        "injected": injected,
         "changed": changed,
         "judged": found.judged,
         "not_judged": found.not_judged,
@@ -106,7 +107,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         "start_to_first_cycle_s": _start_s(executive, outcome),
         "log_missing": [*log.missing, *absent, *outcome.missing],
     }
-    summary["verdict"] = _verdict(summary, outcome)
+    summary["verdict"] = _verdict(summary, outcome, excused)
     return summary
 
 
@@ -117,7 +118,7 @@ def _tuned(rig: Rig, log: logs.Log) -> list[str]:
     for node in log.node.values():
         for tuning in node.tunings:
             name, value = str(tuning.get("name")), float(tuning.get("value", math.nan))
-            if name.startswith("fault."):
+            if name.startswith("fault.") and name.endswith(".left"):
                 continue  # told with the faults on purpose
             if (name, value) in planned:
                 planned.remove((name, value))
@@ -126,24 +127,31 @@ def _tuned(rig: Rig, log: logs.Log) -> list[str]:
     return list(last.values())
 
 
-def _injected(log: logs.Log) -> list[str]:
-    """Return what faults on purpose began, by time: how often, and when first."""
+def _injected(log: logs.Log) -> tuple[list[str], bool]:
+    """Return what faults on purpose began, by time, how often; and whether frames may be missing.
+
+    Frames are missing by faults of frames and by stalls, never by a wrong value.
+    """
     begun: dict[str, list[float]] = {}
+    of_frames = False
     for node in log.node.values():
         own: dict[str, list[float]] = {}
-        later = node.description.get("faults_act_later", [])
+        known = node.description.get("faults", {})
         period_s = 1e-9 * node.description["period_ns"]
         for tuning in node.tunings:
-            name, value = str(tuning.get("name")), float(tuning.get("value", math.nan))
-            if name.startswith("fault.") and name.endswith(".left") and value > 0.0:
-                fault = name[6:-5]
-                cycle = int(tuning["cycle"]) + (fault in later)
-                own.setdefault(fault, []).append(cycle * period_s)
+            first, _, rest = str(tuning.get("name")).partition(".")
+            fault, _, what = rest.partition(".")
+            value = float(tuning.get("value", math.nan))
+            if (first, what) == ("fault", "left") and value > 0.0:
+                later = bool(known.get(fault, {}).get("next_cycle"))
+                own.setdefault(fault, []).append((int(tuning["cycle"]) + later) * period_s)
+                of_frames |= later
         begun |= {name: min(times, begun.get(name, times)) for name, times in own.items()}
-    return [
+    told = [
         f"{name} at {min(times):.4g} s" + (f", {len(times)} times" if len(times) > 1 else "")
         for name, times in sorted(begun.items(), key=lambda pair: min(pair[1]))
     ]
+    return told, of_frames
 
 
 def _cycles(executive: logs.Node | None) -> int:
@@ -161,14 +169,15 @@ def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
     return round(1e-9 * (first_ns - outcome.begin_ns), 2)
 
 
-def _verdict(summary: Mapping[str, Any], outcome: Outcome) -> str:
+def _verdict(summary: Mapping[str, Any], outcome: Outcome, excused: bool) -> str:
+    """Return the verdict; `excused`: a fault on purpose let frames be missing."""
     if outcome.interrupted:
         return "interrupted"
     if outcome.faults:
         return "safety stop"
     frames = summary["frames"]
     astray = frames["lost"] > frames["lost_on_purpose"]  # counted when a later frame comes
-    missing = (astray or frames["stale"]) and not summary["injected"]  # that is what faults do
+    missing = (astray or frames["stale"]) and not excused
     lost = missing or summary["records"]["dropped"]
     if lost or summary["frames_too_many"] or summary["log_missing"]:
         return "loss"
