@@ -42,18 +42,42 @@ def source_hash() -> str:
     digest = hashlib.sha256(importlib.metadata.version("numba").encode())
     digest.update(sys.version.encode())
     for folder in _COMPILED_FOLDERS:
-        for path in sorted((_PROJECT / folder).rglob("*.*")):
-            if path.suffix in _INTO_CODE and path.is_file():
-                digest.update(str(path.relative_to(_PROJECT)).encode() + path.read_bytes())
+        files = (os.path.join(at, name) for at, _, names in os.walk(_PROJECT / folder)
+                 for name in names if name.endswith(_INTO_CODE))  # fmt: skip
+        for file in filter(os.path.isfile, sorted(files)):
+            with open(file, "rb") as content:
+                digest.update(os.path.relpath(file, _PROJECT).encode() + content.read())
     return digest.hexdigest()[:16]
 
 
+_by_content: dict[str, str] = {}  # files of users' laws, and what their code is kept by
+_lies_at: dict[str, str] = {}  # folders in which such code was compiled, and where its file is now
+
+
+def keep_by(file: Path, name: str) -> None:
+    """Let the code of a user's file be kept by `name`, wherever an equal file lies; "": by path."""
+    _by_content[str(file.resolve())] = name
+
+
+def was_compiled(there: str, here: str) -> None:
+    """Note that code of the file `here` was compiled when it lay elsewhere."""
+    _lies_at[os.path.dirname(there)] = os.path.dirname(here)
+
+
+def lies_at(file: str) -> str:
+    """Return where a file lies that compiled code names."""
+    folder, name = os.path.split(file)
+    return os.path.join(_lies_at.get(folder, folder), name)
+
+
 def place(file: str) -> str:
-    """Return the subfolder for the code of one of these sources; "" for a file that is none.
+    """Return the subfolder for the code of a file; "" for one that is kept by its path.
 
     It is the same in every copy of the project with equal sources, wherever that lies.
     """
     path = Path(file).resolve()
+    if name := _by_content.get(str(path)):
+        return "_".join((name, source_hash()))
     if not any(path.is_relative_to(_PROJECT / folder) for folder in _COMPILED_FOLDERS):
         return ""
     return "_".join((*path.parent.relative_to(_PROJECT).parts, source_hash()))
@@ -134,10 +158,5 @@ def made(name: str) -> Path:
 
 def count() -> int:
     """Return how many functions are compiled for the present sources."""
-    found = 0
-    for folder in folders():
-        try:
-            found += sum(1 for _ in folder.rglob("*.nbc"))
-        except OSError:  # a part of it went away
-            continue
-    return found
+    parts = (names for folder in folders() for _, _, names in os.walk(folder))
+    return sum(name.endswith(".nbc") for names in parts for name in names)

@@ -1,8 +1,10 @@
 """Frames and signals of a DBC file, as plain records and as flat tables for the compiled loop.
 
 A DBC is the wire contract of a plant. Beyond the format, four signal names have a meaning here:
-`crc` (8 bits, last byte) with `counter` or `sequence` (within one byte) make a frame protected;
-they are filled and checked by `drivers.e2e` and are no variables. `mode`, where a node receives it,
+`crc` (8 bits, last byte) with `counter` or `sequence` (within one byte) make a frame protected; a
+`crc` of 16 bits (whole bytes, Intel), behind it the counter's whole byte, is that of AUTOSAR's E2E
+profile 5. They are filled and checked by `drivers.e2e` and are no variables. The id in a CRC is the
+frame's, in one of 16 bits E2EDataId where the message has it. `mode`, where a node receives it,
 tells the state of the node above, whose STOP is obeyed. GenMsgSendType "EveryCycle" means
 once per cycle of the loop, at any rate; any other send type means every GenMsgCycleTime ms, but
 "Event" without one a frame that comes when something happens.
@@ -14,6 +16,7 @@ once per cycle of the loop, at any rate; any other send type means every GenMsgC
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -45,8 +48,11 @@ __all__ = [
 
 # Columns of Table.frames, int64, a row per frame. Its signals are rows FIRST to END - 1.
 (CAN_ID, EXTENDED, DLC, FIRST, END, EVERY_N, PROTECTED, SEQUENCE, COUNTER_BYTE, COUNTER_SHIFT,
- COUNTER_MASK, CRC_BYTE) = range(12)  # fmt: skip
-FRAME_COLUMNS = 12
+ COUNTER_MASK, CRC_BYTE, DATA_ID) = range(13)  # fmt: skip
+FRAME_COLUMNS = 13
+
+# Values of PROTECTED.
+UNPROTECTED, CRC_8, CRC_16 = range(3)
 
 # Columns of Table.signals, int64, and of Table.scales, float64, a row per signal.
 (BIG_ENDIAN, SHIFT, MASK, SIGN, KIND, VARIABLE, INT_FACTOR, INT_OFFSET, BITS_LOW,
@@ -98,7 +104,8 @@ class Signal:
 class Frame:
     """One frame. `signals` are its variables: in a protected frame all but counter and CRC.
 
-    `counter` is (byte, shift, mask), zeros without protection. `cycle_ms` is 0 for every cycle.
+    `counter` is (byte, shift, mask), `crc` (one of PROTECTED, byte, id that it is over), zeros
+    without protection. `cycle_ms` is 0 for every cycle.
     """
 
     name: str
@@ -106,12 +113,17 @@ class Frame:
     extended: bool
     dlc: int
     cycle_ms: float
-    protected: bool
     has_sequence: bool
     counter: tuple[int, int, int]
+    crc: tuple[int, int, int]
     signals: tuple[Signal, ...]
     help: str
     on_event: bool = False
+
+    @property
+    def protected(self) -> bool:
+        """Whether it has counter and CRC."""
+        return self.crc[0] != UNPROTECTED
 
     @property
     def word(self) -> int:
@@ -145,6 +157,7 @@ def frames(database: Database, node: str, direction: Literal["tx", "rx"]) -> tup
     return tuple(frame(message) for message in messages if node in message.receivers)
 
 
+@lru_cache(maxsize=1024)  # a rig's nodes ask for the same ones, several times each
 def frame(message: Message) -> Frame:
     """Return one message as a record; DbcError if the loop cannot handle it."""
     where = f"frame {message.name}"
@@ -162,9 +175,9 @@ def frame(message: Message) -> Frame:
         extended=message.is_extended_frame,
         dlc=message.length,
         cycle_ms=_cycle_ms(message, where),
-        protected=bool(tail),
         has_sequence="sequence" in tail,
         counter=_counter(message.get_signal_by_name(tail[0]), where) if tail else (0, 0, 0),
+        crc=_crc(message, tail[0]) if tail else (UNPROTECTED, 0, 0),
         signals=tuple(
             _signal(s, message.length, where) for s in message.signals if s.name not in tail
         ),
@@ -198,12 +211,30 @@ def _tail(message: Message) -> tuple[str, ...]:
     if crc is None:
         return ()
     start = 8 * (message.length - 1) + (7 if crc.byte_order == "big_endian" else 0)
-    if crc.length != 8 or crc.start != start:
-        raise DbcError(f"frame {message.name}: crc must be the 8 bits of the last byte")
+    if crc.length != 16 and (crc.length != 8 or crc.start != start):
+        what = "crc must be the 8 bits of the last byte, or 16 bits"
+        raise DbcError(f"frame {message.name}: {what}")
     for name in ("counter", "sequence"):
         if name in signals:
             return name, "crc"
     raise DbcError(f"frame {message.name}: has a crc but no counter or sequence; add one")
+
+
+def _crc(message: Message, counter: str) -> tuple[int, int, int]:
+    """Return which CRC a protected frame has, where, and the id that it is over."""
+    crc, where = message.get_signal_by_name("crc"), f"frame {message.name}"
+    if crc.length == 8:
+        return CRC_8, message.length - 1, message.frame_id
+    place = crc.start // 8
+    whole = (place + 2, 0, 255) == _counter(message.get_signal_by_name(counter), where)
+    if crc.start % 8 or crc.byte_order == "big_endian" or not whole:
+        what = "a crc of 16 bits takes two whole bytes (Intel), and the one behind it is"
+        raise DbcError(f"{where}: {what} the {counter}'s, as in AUTOSAR's E2E profile 5")
+    given = message.dbc.attributes.get("E2EDataId") if message.dbc else None
+    data_id = message.frame_id & 0xFFFF if given is None else given.value
+    if not isinstance(data_id, int) or not 0 <= data_id <= 0xFFFF:
+        raise DbcError(f"{where}: E2EDataId {printable(repr(data_id)[:40])}; expected 0 to 65535")
+    return CRC_16, place, data_id
 
 
 def _counter(signal: DbcSignal, where: str) -> tuple[int, int, int]:
@@ -304,7 +335,7 @@ def table(
             scales.append([signal.factor, signal.offset, *_float_codes(signal)])
         rows[row] = [
             entry.can_id, entry.extended, entry.dlc, first, len(signals), entry.every_n(rate_hz),
-            entry.protected, entry.has_sequence, *entry.counter, entry.dlc - 1,
+            entry.crc[0], entry.has_sequence, *entry.counter, *entry.crc[1:],
         ]  # fmt: skip
     return Table(
         rows,

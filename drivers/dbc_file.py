@@ -11,6 +11,7 @@ Strictly: signals fit and do not overlap, ids and names are unique.
 import codecs
 import logging
 import re
+from functools import lru_cache
 from pathlib import Path
 
 import cantools
@@ -58,7 +59,12 @@ def text(path: str | Path) -> str:
 
 def load(path: str | Path) -> Database:
     """Read a DBC file strictly; DbcError: path, line and column if known, what is wrong."""
-    database = parse(path, text(path), strict=True)
+    return _loaded(path, text(path))
+
+
+@lru_cache(maxsize=16)  # the nodes of a rig, and a thousand runs of an experiment, share it
+def _loaded(path: str | Path, content: str) -> Database:
+    database = parse(path, content, strict=True)
     seen: dict[object, str] = {}
     for message in database.messages:
         for key in (message.name, (message.frame_id, message.is_extended_frame)):

@@ -1,6 +1,7 @@
-"""End-to-end protection of frames: a counter and a CRC-8, checked by the receiver.
+"""End-to-end protection of frames: a counter and a CRC, checked by the receiver.
 
     crc   = CRC-8 SAE J1850 over [id low byte, id high byte, data bytes before the crc]
+    crc   = CRC-16 CCITT-FALSE over [all data bytes but the crc, id low byte, id high byte]
     delta = (counter - last counter) mod 2^bits
 
     state            when                              used   counts
@@ -16,7 +17,9 @@ ERROR leaves the counter as it was; WRONG_SEQUENCE takes it over, so that the ne
 that is lost is counted in full, a counter that jumps at will is not believed. A frame without
 protection is OK when its length is right. CRC-8 SAE J1850: polynomial 0x1D, start
 0xFF, not reflected, inverted at the end; "123456789" gives 0x4B. It detects every error of 1 or 2
-bits in 8 bytes. Source: SAE J1850; names of the states: AUTOSAR, E2E protocol specification.
+bits in 8 bytes. The CRC-16, with a counter of 8 bits, is that of AUTOSAR's E2E profile 5:
+polynomial 0x1021, start 0xFFFF, not reflected; "123456789" gives 0x29B1. It detects every error of
+1 to 3 bits, and of any odd number. Source: SAE J1850; AUTOSAR, E2E protocol specification.
 """
 
 import numpy as np
@@ -31,7 +34,7 @@ from pcpc.drivers.e2e_states import (
     REPEATED,
     WRONG_SEQUENCE,
 )
-from pcpc.drivers.jit import inline
+from pcpc.drivers.jit import compiled, inline
 
 MAX_DELTA = 4  # 3 frames lost in a row: as many as trip the plant's watchdog
 
@@ -46,17 +49,19 @@ STATE_COLUMNS = (
 )  # fmt: skip
 
 
-def _crc_table(polynomial: int = 0x1D) -> NDArray[np.uint8]:
-    table = np.zeros(256, np.uint8)
+def _crc_table(polynomial: int, bits: int) -> NDArray[np.uint64]:
+    """Return what a byte does to a CRC; unsigned, since numba tests a signed index for its sign."""
+    table = np.zeros(256, np.uint64)
     for byte in range(256):
-        crc = byte
+        crc = byte << bits - 8
         for _ in range(8):
-            crc = (crc << 1) ^ (polynomial if crc & 0x80 else 0)
-        table[byte] = crc & 0xFF
+            crc = (crc << 1) ^ (polynomial if crc >> bits - 1 & 1 else 0)
+        table[byte] = crc & (1 << bits) - 1
     return table
 
 
-_CRC_TABLE = _crc_table().astype(np.uint64)  # unsigned: numba tests a signed index for its sign
+_CRC_TABLE = _crc_table(0x1D, 8)
+_CRC_16_TABLE = _crc_table(0x1021, 16)
 
 
 def new_state(n_frames: int) -> NDArray[np.int64]:
@@ -77,6 +82,46 @@ def crc8(can_id: int, data: NDArray[np.uint8], n_bytes: int) -> np.int64:
     return np.int64(crc) ^ 0xFF
 
 
+@compiled()
+def crc16(data_id: int, data: NDArray[np.uint8], place: int, n_bytes: int) -> np.int64:
+    """Return the CRC-16 over `n_bytes` of `data` but the two at `place`, and two of the id."""
+    crc = np.uint64(0xFFFF)
+    for i in range(n_bytes + 2):
+        byte = data[i] if i < n_bytes else data_id >> 8 * (i - n_bytes)
+        if i < place or i > place + 1:
+            known = _CRC_16_TABLE[(crc >> np.uint64(8) ^ np.uint64(byte)) & np.uint64(0xFF)]
+            crc = crc << np.uint64(8) & np.uint64(0xFFFF) ^ known
+    return np.int64(crc)
+
+
+@compiled()
+def right_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64]) -> np.int64:
+    """Return the CRC that belongs to the data of a protected frame."""
+    place = frames[frame, dbc.CRC_BYTE]
+    if frames[frame, dbc.PROTECTED] == dbc.CRC_16:
+        return crc16(frames[frame, dbc.DATA_ID], data, place, frames[frame, dbc.DLC])
+    return crc8(frames[frame, dbc.CAN_ID], data, place)
+
+
+@compiled()
+def crc_of(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64]) -> np.int64:
+    """Return the CRC that stands in the data of a protected frame."""
+    place = frames[frame, dbc.CRC_BYTE]
+    crc = np.int64(data[place])
+    if frames[frame, dbc.PROTECTED] == dbc.CRC_16:
+        crc |= np.int64(data[place + 1]) << 8
+    return crc
+
+
+@compiled()
+def put_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64], crc: int) -> None:
+    """Write a CRC into the data of a protected frame, as many bits of it as it has."""
+    place = frames[frame, dbc.CRC_BYTE]
+    data[place] = crc & 0xFF
+    if frames[frame, dbc.PROTECTED] == dbc.CRC_16:
+        data[place + 1] = crc >> 8 & 0xFF
+
+
 @inline
 def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64], counter: int) -> None:
     """Write counter (modulo its width) and CRC into packed `data`; does nothing to a frame without.
@@ -89,8 +134,11 @@ def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64], coun
     mask = frames[frame, dbc.COUNTER_MASK]
     kept = np.int64(data[byte]) & ~(mask << shift)
     data[byte] = kept | ((counter & mask) << shift)
-    last = frames[frame, dbc.CRC_BYTE]
-    data[last] = crc8(frames[frame, dbc.CAN_ID], data, last)
+    if frames[frame, dbc.PROTECTED] == dbc.CRC_8:
+        last = frames[frame, dbc.CRC_BYTE]
+        data[last] = crc8(frames[frame, dbc.CAN_ID], data, last)
+    else:
+        put_crc(data, frame, frames, right_crc(data, frame, frames))
 
 
 @inline
@@ -123,15 +171,16 @@ def check(
     Returns the receiver state and the number of frames lost before this one. Decode the frame only
     if the state is OK or OK_SOME_LOST.
     """
-    last = frames[frame, dbc.CRC_BYTE]
-    protected = frames[frame, dbc.PROTECTED] != 0
+    last, protected = frames[frame, dbc.CRC_BYTE], frames[frame, dbc.PROTECTED]
     if length != frames[frame, dbc.DLC] or (
-        protected and crc8(frames[frame, dbc.CAN_ID], data, last) != np.int64(data[last])
+        crc8(frames[frame, dbc.CAN_ID], data, last) != np.int64(data[last])
+        if protected == dbc.CRC_8
+        else protected != 0 and right_crc(data, frame, frames) != crc_of(data, frame, frames)
     ):
         state[frame, STATE] = ERROR
         state[frame, N_ERRORS] += 1
         return ERROR, 0
-    if not protected:
+    if protected == 0:
         _use(state, frame, OK)
         return OK, 0
     mask = frames[frame, dbc.COUNTER_MASK]

@@ -127,8 +127,10 @@ class Kept(caching.Cache):
     def _load_overload(self, signature: Any, context: Any) -> Any:
         key = self._index_key(signature, context.codegen())
         for place in self._places:
-            data = place.load(key)
-            if data is not None and self._enabled:
+            found = place.load(key)
+            if found is not None and self._enabled:
+                file, data = found
+                compile_cache.was_compiled(file, self._function.__code__.co_filename)
                 return self._impl.rebuild(context, data)
         watch = compile_cache.watch
         if watch.listener is not None:
@@ -139,7 +141,8 @@ class Kept(caching.Cache):
         compile_cache.watch.done += 1
         if not (self._enabled and self._impl.check_cachable(data)):
             return
-        key, content = self._index_key(signature, data.codegen), self._impl.reduce(data)
+        key = self._index_key(signature, data.codegen)
+        content = self._function.__code__.co_filename, self._impl.reduce(data)
         refused = ""
         for folder, place in zip(self._folders, self._places, strict=True):
             try:

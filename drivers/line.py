@@ -74,6 +74,8 @@ LINE = np.dtype(
         ("receive_errors", "<i8", (SENDERS,)),
         ("worst", "<i8", (SENDERS,)),  # the highest TEC so far
         ("off", "<i8", (SENDERS,)),
+        ("told", "<i8", (SENDERS,)),  # the state that was told last, see `drivers.error_frames`
+        ("news", "u1", (16,)),
         ("runs_left", "<i8", (SENDERS,)),  # to recover
         ("not_before", "<i8", (SENDERS,)),  # of a passive sender
         ("waiting", "<i8", (SENDERS,)),  # counts, from here on

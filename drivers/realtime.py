@@ -3,14 +3,16 @@
     setting          what it buys                                    who may
     gc               no collection pauses                            everyone
     cpu_dma_latency  wake-up from idle 45 -> 21 us                   writers of /dev/cpu_dma_latency
-    mlockall         no page faults in the loop                      CAP_IPC_LOCK, memlock unlimited
+    mlockall         no page faults in the loop; paced runs only     CAP_IPC_LOCK, memlock unlimited
     timer slack      48 us earlier wake-up of an ordinary thread     everyone
     SCHED_FIFO       37 times better p99 under load                  CAP_SYS_NICE, rtprio limit
     affinity         little; set on request, and never without FIFO  everyone
 
 mlockall is not tried under a finite memlock limit: once future pages are locked too, the allocation
-that passes the limit fails. Slack comes before SCHED_FIFO, under which newer kernels fix it at 0.
-Scheduling, slack and affinity belong to the calling thread alone. Gains: measured on one machine.
+that passes the limit fails. Nor in lockstep, where nothing waits for a clock: every page that a
+forked node shares with its host is copied, some 0.2 s of processor time. Slack comes before
+SCHED_FIFO, under which newer kernels fix it at 0. Scheduling, slack and affinity belong to the
+calling thread alone. Gains: measured on one machine.
 """
 
 import ctypes
@@ -87,9 +89,13 @@ class Report:
         return text
 
 
-def prepare_process() -> Report:
-    """Set up this process, once, after imports and before the loop thread starts."""
-    return Report((_freeze_garbage_collector(), _hold_cpu_awake(), _lock_memory()))
+def prepare_process(paced: bool = True) -> Report:
+    """Set up this process, once, after imports and before the loop thread starts.
+
+    `paced`: its loop waits for a clock, and its memory is locked.
+    """
+    memory = (_lock_memory(),) if paced else ()
+    return Report((_freeze_garbage_collector(), _hold_cpu_awake(), *memory))
 
 
 def prepare_thread(priority: int, cpu: int | None) -> Report:

@@ -248,7 +248,7 @@ def get_frame(wire: Any, block: Any) -> Any:
             return NOTHING
         copy(wire.rx, wire.inbox[wire.inbox_taken % QUEUE_FRAMES])
         wire.inbox_taken += 1
-        return FRAME
+        return BUS_ERROR if wire.rx[3] & ERROR_FLAG != 0 else FRAME
     if wire.kind == PYTHON_CAN:
         return _get_python_can(wire, block)
     if wire.fd_rx2 < 0:

@@ -65,6 +65,8 @@ class Group:
             raise NotInLanes(f"it has the nodes {', '.join(rig.roles)}")
         if rig.config.faults:
             raise NotInLanes("it has faults on purpose")
+        if any(section.plausible for section in rig.config.sections.values()):
+            raise NotInLanes("it limits what it receives")
         if rig.config.bus.emulate is not None:
             raise NotInLanes("its line is emulated")
         self.cycles = cycles_of(rig)

@@ -34,7 +34,7 @@ _KINDS: dict[str, Any] = {
     "state_columns": list[str], "timing_columns": list[str],
     "frames": dict[Annotated[str, Meta(pattern=r"\A[0-9]{1,10}\Z")], str],
     "sources": dict[str, str], "state_names": list[str], "fault_names": list[str],
-    "metadata": dict[str, str],
+    "metadata": dict[str, str], "faults": dict[str, dict[str, Any]],
 }  # fmt: skip
 _ENTRY: dict[str, Any] = {
     "cycle": _Int, "stamp_ns": _Int, "name": str, "event": str, "argument": _Word,

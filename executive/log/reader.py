@@ -143,8 +143,8 @@ def assemble(path: Path, found: Scan, told: int = 0) -> Log:
     """
     notes = found.missing[told:]
     metadata = {record.name: record.metadata for record in found.metadata}
-    if "run" in metadata:
-        metadata["run"] = log_checks.counts(metadata["run"])
+    for name in {"run", "frames", "away"} & metadata.keys():
+        metadata[name] = log_checks.counts(metadata[name])
     files = {one.name: one.data for one in found.attachments if one.name.startswith(CARRIED)}
     attachments = {
         one.name: one.data.decode("utf-8", "replace")

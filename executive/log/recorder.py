@@ -1,11 +1,5 @@
 """The recorder drains the rings of the nodes' shared blocks into one MCAP file.
 
-    row of the ring   [cycle, stamp, header, state..., header, timing...]   cells of 8 bytes
-    /state            the upper half of the first header and all state cells, byte for byte
-    /timing           the same of the second header
-    log_time          stamp - clock_monotonic_ns + clock_wall_ns            wall time, ns
-                      without a clock: k T + clock_wall_ns of the first node
-
 A chunk (at most 1 MiB, zstd) is ended and handed to the kernel every 0.5 s, and what explains a log
 (description, rig, DBC) is written first: `kill -9` costs less than a second. As a process:
 `python -m pcpc.executive.log.recorder OUT.mcap EXECUTIVE_BLOCK [PLANT_BLOCK]`. Topics: see
@@ -14,7 +8,6 @@ A chunk (at most 1 MiB, zstd) is ended and handed to the kernel every 0.5 s, and
 
 import argparse
 import json
-import math
 import os
 import signal
 import sys
@@ -22,26 +15,20 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import code_of
-from pcpc.executive.log import reader as logs
 from pcpc.executive.log.beside import Beside
+from pcpc.executive.log.channels import Channels, explain
 from pcpc.executive.log.keep import Sink, SnapshotRing
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
-from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError, message_records
-from pcpc.executive.log.schemas import EVENTS, FRAME_SCHEMA, JSON_SCHEMAS, field_names
+from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError
 from pcpc.executive.loop import shared, sharing
+from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.loop.shared import RINGS, Shared, SharedError
-from pcpc.executive.rig import carried
 
 FLUSH_NS = 500_000_000  # half of the second that a kill may cost
 POLL_S = 0.02
-_OF_THE_MEMORY = ("attachments", "blocks", "record_columns", "name")  # not described in a log
 
 
 class _Node:
@@ -50,42 +37,12 @@ class _Node:
     def __init__(self, block: Shared, writer: BulkWriter) -> None:
         about = block.description
         self.block, self.name = block, str(about["node"])
-        facts = about["metadata"]
-        self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
-        self.clocked = facts.get("pacing") not in WITHOUT_CLOCK
-        self.period_ns = int(about["period_ns"])
+        self.channels = Channels(about, writer)
+        self.alarms = Alarms(block)
         self.written = dict.fromkeys(RINGS, 0)
         self.backlog = dict.fromkeys(RINGS, 0)
         self.taken = {ring: _taken(block, ring) for ring in RINGS}
         self.beside = Beside(about)
-        self.state_end = 8 * (shared.RECORD_HEAD + len(about["state_columns"]))
-        self.channels = {
-            "state": self._register_columns(writer, "state", about["state_columns"]),
-            "timing": self._register_columns(writer, "timing", about["timing_columns"]),
-        }
-        frames = writer.register(self._topic("can/frames"), "pcpc/Frame", FRAME_SCHEMA, "cdr")
-        self.channels["can/frames"] = frames
-        for kind, schema in JSON_SCHEMAS.items():
-            topic = f"{kind.lower()}s"
-            self.channels[topic] = writer.register(
-                self._topic(topic), f"pcpc.{kind}", json.dumps(schema), "json"
-            )
-
-    def _topic(self, kind: str) -> str:
-        return logs.topic(self.name, kind)
-
-    def _register_columns(self, writer: BulkWriter, kind: str, names: Sequence[str]) -> int:
-        known = {row[0]: row for row in self.block.description["variables"]}
-        lines, mapping = [], {}
-        for field, name in zip(field_names(names), names, strict=True):
-            _, unit, sort, owner, text = known.get(name, (name, "", "", "", ""))
-            comment = f"{name} [{unit or '1'}] {' '.join(text.split())}"
-            lines.append(f"float64 {field}  # {comment.rstrip()}")
-            about = {"name": name, "unit": unit, "kind": sort, "writer": owner, "help": text}
-            mapping[field] = json.dumps(about)
-        schema = f"pcpc/{'' if self.name == 'executive' else self.name.title()}{kind.title()}"
-        writer.add_metadata(f"variables:{self._topic(kind)}", mapping)
-        return writer.register(self._topic(kind), schema, "\n".join(lines) + "\n", "cdr")
 
     def over(self) -> bool:
         """Return whether the loop has ended, in good order or by death: it puts no more rows."""
@@ -102,6 +59,10 @@ class _Node:
 
     def drain(self, sink: Sink) -> bool:
         """Move the rows that are now in the rings on; return whether one was 1/8 full."""
+        for alarm in self.alarms.look():
+            entry = {"event": "alarm", "name": alarm.kind, "value": float(alarm.count)}
+            told = self.channels.entry("events", time.monotonic_ns(), alarm.cycle, entry)
+            sink.pass_on([told])
         full = False
         for ring in RINGS:
             rows, taken = self.block[ring], self.taken[ring]
@@ -113,7 +74,7 @@ class _Node:
             while taken < put:
                 start = taken % len(rows)
                 count = min(put - taken, len(rows) - start, most)
-                messages = self._convert(ring, rows[start : start + count])
+                messages = self.channels.messages(ring, rows[start : start + count])
                 self.beside.note(ring, rows[start : start + count])
                 taken += count
                 self.taken[ring] = self.block[f"{ring}_taken"][0] = taken
@@ -121,52 +82,8 @@ class _Node:
                 self.written[ring] += count
                 if ring == "event":
                     for row in rows[start : start + count]:
-                        sink.happened(int(row[2]), int(row[0]) + self.wall_ns)
+                        sink.happened(int(row[2]), int(row[0]) + self.channels.wall_ns)
         return full
-
-    def _convert(self, ring: str, rows: NDArray[np.int64]) -> list[NDArray[Any]]:
-        """Return copies of ring rows as message records."""
-        cells = rows.view(np.uint8)
-        if ring == "record":
-            cycle, end = rows[:, 0], self.state_end
-            stamps = rows[:, 1] if self.clocked else cycle * self.period_ns
-            log_ns = stamps + self.wall_ns
-            head = 8 * shared.RECORD_HEAD - logs.CDR_BYTES
-            state, timing = cells[:, head:end], cells[:, end + 8 - logs.CDR_BYTES :]
-            ids = self.channels
-            return [
-                message_records(ids["state"], cycle, log_ns, state),
-                message_records(ids["timing"], cycle, log_ns, timing),
-            ]
-        if ring == "frame":
-            log_ns, data = rows[:, 1] + self.wall_ns, cells[:, 8 - logs.CDR_BYTES :]
-            return [message_records(self.channels["can/frames"], rows[:, 2], log_ns, data)]
-        return [self._event(row) for row in rows]
-
-    def _event(self, row: NDArray[np.int64]) -> NDArray[Any]:
-        stamp, cycle, code, argument = (int(word) for word in row[:4])
-        number = float(row[4:].view(np.float64)[0])
-        value = number if math.isfinite(number) else repr(number)  # JSON has no nan, inf
-        entry: dict[str, Any] = {"cycle": cycle, "stamp_ns": stamp}
-        about = self.block.description
-        if code == shared.TUNING_EVENT:
-            entry |= {"name": about["variables"][argument][0], "value": value}
-        elif code in (shared.CHANGE_EVENT, shared.NOT_FINITE_EVENT):
-            kind = "change" if code == shared.CHANGE_EVENT else "not finite"
-            entry |= {"event": kind, "name": about["variables"][argument][0], "value": value}
-        else:
-            kind = EVENTS.get(code, f"code_{code}")
-            entry |= {"event": kind, "argument": argument, "value": value}
-            names = about.get(f"{kind}_names", ())
-            if code == shared.REFUSED_EVENT:
-                names = [variable[0] for variable in about["variables"]]
-            if 0 <= argument < len(names):
-                entry["name"] = names[argument]
-            if code == shared.FOREIGN_EVENT:
-                entry["name"] = about["frames"].get(str(argument), "")
-        data = np.frombuffer(json.dumps(entry).encode(), np.uint8)[None, :]
-        channel = self.channels["tunings" if code == shared.TUNING_EVENT else "events"]
-        return message_records(channel, row[1:2], row[0:1] + self.wall_ns, data)
 
 
 def _taken(block: Shared, ring: str) -> int:
@@ -239,17 +156,7 @@ class Recorder:
         node = _Node(block, self.writer)
         if node.name in self.judged:
             node.beside.judge_by(self.path, self.judged[node.name])
-        facts = {str(key): str(value) for key, value in about["metadata"].items()}
-        facts |= {"rig": str(about["rig"]), "period_ns": str(about["period_ns"])}
-        self.writer.add_metadata(node.name, facts)
-        rest = {k: v for k, v in about.items() if k not in _OF_THE_MEMORY}
-        about_json = {f"{node.name}.json": json.dumps(rest)}
-        wall_ns = int(about["metadata"]["clock_wall_ns"])
-        for name, data, digest in carried.attachments(about, about_json):
-            place = name if self._files.get(name, digest) == digest else f"{node.name}/{name}"
-            if self._files.setdefault(place, "") == "":
-                self._files[place] = digest
-                self.writer.add_attachment(wall_ns, wall_ns, place, "text/plain", data)
+        explain(self.writer, about, self._files)
         self.nodes.append(node)
 
     def _set_clock(self, facts: dict[str, str]) -> None:

@@ -21,6 +21,17 @@ JSON_SCHEMAS = {
     "Tuning": {"type": "object", "properties": _ENTRY},
 }
 
+VALUE_EVENTS = {  # kinds of events about a variable and its value, by code
+    shared.CHANGE_EVENT: "change",
+    shared.NOT_FINITE_EVENT: "not finite",
+    shared.IMPLAUSIBLE_EVENT: "implausible",
+}
+OF_A_FRAME = {  # kinds of events about an id, by code
+    shared.FOREIGN_EVENT: "foreign",
+    shared.TWO_SENDERS_EVENT: "two senders",
+    shared.AHEAD_EVENT: "counter ahead",
+    shared.TWO_PLACES_EVENT: "heartbeat from two places",
+}
 EVENTS = {  # kinds of events without a variable, by code
     shared.FAULT_EVENT: "fault",
     shared.STATE_EVENT: "state",
@@ -28,7 +39,7 @@ EVENTS = {  # kinds of events without a variable, by code
     shared.LATE_EVENT: "late",
     shared.FALLBACK_EVENT: "fallback",
     shared.REFUSED_EVENT: "refused",
-    shared.FOREIGN_EVENT: "foreign",
+    **OF_A_FRAME,
 }
 
 

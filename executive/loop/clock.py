@@ -26,12 +26,16 @@ def runs(clock: Any) -> Any:
 
 
 @loop_inline
-def now(clock: Any) -> Any:
-    """Return the time, ns."""
-    if not runs(clock):
-        return clock.now_ns
+def machine_ns(clock: Any) -> Any:
+    """Return the time of this machine's monotonic clock, ns."""
     libc.clock_gettime(libc.CLOCK_MONOTONIC, libc.address(clock.timespec))
     return clock.timespec[0] * 1_000_000_000 + clock.timespec[1]
+
+
+@loop_inline
+def now(clock: Any) -> Any:
+    """Return the time, ns."""
+    return machine_ns(clock) if runs(clock) else clock.now_ns
 
 
 @loop_inline

@@ -35,6 +35,7 @@ from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop import timing
 from pcpc.executive.loop.clock import CLOCKED, next_period, now, runs, set_time, stopping, wait
 from pcpc.executive.loop.drive import tell_drive
+from pcpc.executive.loop.floods import flood
 from pcpc.executive.loop.injected_values import OUTPUTS, PARAMETERS, SENT, spoil
 from pcpc.executive.loop.limits import begin_ramp, limit_commands, quick_stop, settled
 from pcpc.executive.loop.reception import receive, wait_for_peer
@@ -265,11 +266,13 @@ def limit(n: Any) -> None:
 def transmit(n: Any) -> None:
     """Send what is due: slow frames, frames of every cycle, SYNC last (the rows' order)."""
     tx = n.tx
+    if n.faults.n_floods > 0:
+        flood(n)
     for row in range(tx.n):
         every = tx.frames[row, dbc.EVERY_N]
         if tx.role[row, sh.IS_EMERGENCY] != 0:
             code = np.int64(n.v[ERROR_CODE])
-            if code != tx.role[row, sh.TOLD]:
+            if code != tx.role[row, sh.TOLD] and n.guard.off == 0:
                 tx.role[row, sh.TOLD] = code
                 send_frame(n, row, 0)
         elif n.passes % every == 0:

@@ -5,7 +5,7 @@ from typing import Any
 
 from pcpc.drivers import can_id
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.supervisor import ANOTHER_SENDER, REPEATED_INPUT
+from pcpc.executive.loop.supervisor import ANOTHER_SENDER, INTRUSION, REPEATED_INPUT
 
 
 def reason(description: Mapping[str, Any], control: Any) -> str:
@@ -16,6 +16,8 @@ def reason(description: Mapping[str, Any], control: Any) -> str:
     if fault == REPEATED_INPUT:
         what = "was repeated again and again: another sender of it is on this bus"
         return f"{_culprit(description, control)} {what}"
+    if fault == INTRUSION:
+        return f"{_culprit(description, control)} comes from two senders"
     return str(description["fault_names"][fault])
 
 

@@ -7,10 +7,12 @@
     delay        it comes with the frame that is `value` later; those that wait at the end are lost
     insertion    a frame of the same id, its data drawn, comes after it
     masquerade   its data are drawn, counter and CRC are right
+    forgery      such a frame comes before the true one
     addressing   it carries the data of another frame, as that one came last
     length       its length is `value`
     counter      its counter is `value`, that of the first one (freeze), drawn (random) or shifted
-                 by `value` (offset); the CRC is right
+                 by `value` (offset); the CRC is right; if it `goes_on`, it counts on from there
+                 when the fault is over, as after a restart of the sender
     checksum     the same with its CRC
     payload      its data are those of the first one (freeze), counter and CRC are right
 
@@ -30,15 +32,16 @@ from pcpc.drivers.structures import copy, data_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH
+from pcpc.executive.loop.intrusion import suspect
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.strangers import note_repeat, word_of
 
 KINDS = (
     "loss", "corruption", "repetition", "sequence", "delay", "insertion", "masquerade",
-    "addressing", "length", "counter", "checksum", "payload",
+    "addressing", "length", "counter", "checksum", "payload", "forgery",
 )  # fmt: skip
 (LOSS, CORRUPTION, REPETITION, SEQUENCE, DELAY, INSERTION, MASQUERADE, ADDRESSING, LENGTH, COUNTER,
- CHECKSUM, PAYLOAD) = range(12)  # fmt: skip
+ CHECKSUM, PAYLOAD, FORGERY) = range(13)  # fmt: skip
 HOWS = ("value", "freeze", "random", "offset")
 FIXED, FREEZE, AT_RANDOM, OFFSET = range(4)
 GONE, CHANGED, AND_ANOTHER = 1, 2, 4  # what faults did to a frame
@@ -56,7 +59,11 @@ def inject(n: Any, row: Any) -> Any:
         if faults.target[f] != row:
             continue
         if not is_on(n, f):
-            faults.count[f] = 0
+            if faults.goes_on[f] != 0 and faults.count[f] != 0:
+                rewrite(n, row, f)
+                done |= CHANGED
+            else:
+                faults.count[f] = 0
         elif acts(n, f):
             done |= disturb(n, row, f)
         if faults.kind[f] == REPETITION:
@@ -81,6 +88,10 @@ def disturb(n: Any, row: Any, f: Any) -> Any:
     if kind == INSERTION:
         copy(faults.another, frame)
         draw(n, f, data_of(faults.another))
+        return CHANGED | AND_ANOTHER
+    if kind == FORGERY:
+        copy(faults.another, frame)
+        rewrite(n, row, f)
         return CHANGED | AND_ANOTHER
     if kind in (SEQUENCE, DELAY):
         return hold(n, f)
@@ -131,18 +142,21 @@ def draw(n: Any, f: Any, data: Any) -> None:
 def rewrite(n: Any, row: Any, f: Any) -> None:
     """Change data, counter or CRC of the frame in `wire.rx`, and make the rest right."""
     faults, frames, data = n.faults, n.rx.frames, data_of(n.wire.rx)
-    kind, how, crc = faults.kind[f], faults.how[f], n.rx.frames[row, dbc.CRC_BYTE]
+    kind, how, crc = faults.kind[f], faults.how[f], e2e.crc_of(data, row, frames)
     byte, shift = frames[row, dbc.COUNTER_BYTE], frames[row, dbc.COUNTER_SHIFT]
     counter = np.int64(data[byte]) >> shift & frames[row, dbc.COUNTER_MASK]
     if faults.count[f] == 0:
         faults.count[f] = 1
         copy(faults.waiting[f, 0], n.wire.rx)
-        faults.first[f] = data[crc] if kind == CHECKSUM else counter
+        faults.first[f] = crc if kind == CHECKSUM else counter
     if kind == CHECKSUM:
-        data[crc] = np.uint8(altered(n, f, how, np.int64(data[crc])) & 255)
+        span = 65536.0 if frames[row, dbc.PROTECTED] == dbc.CRC_16 else 256.0
+        e2e.put_crc(data, row, frames, altered(n, f, how, crc, span))
         return
+    if kind == COUNTER and is_on(n, f):
+        faults.kept[f] = altered(n, f, how, counter, 256.0) - counter
     if kind == COUNTER:
-        counter = altered(n, f, how, counter)
+        counter += np.int64(faults.kept[f])
     elif kind == PAYLOAD and how == FREEZE:
         for i in range(8):
             data[i] = faults.waiting[f, 0, 8 + i]
@@ -152,12 +166,12 @@ def rewrite(n: Any, row: Any, f: Any) -> None:
 
 
 @loop_function
-def altered(n: Any, f: Any, how: Any, true: Any) -> Any:
-    """Return a counter or checksum in the place of the true one."""
+def altered(n: Any, f: Any, how: Any, true: Any, span: Any) -> Any:
+    """Return a counter or checksum in the place of the true one; a drawn one is below `span`."""
     if how == FREEZE:
         return n.faults.first[f]
     if how == AT_RANDOM:
-        return np.int64(256.0 * uniform(n, f))
+        return np.int64(span * uniform(n, f))
     wanted = np.int64(size(n, f))
     return true + wanted if how == OFFSET else wanted
 
@@ -168,12 +182,11 @@ def judge(n: Any, row: Any) -> Any:
     frame = n.wire.rx
     state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
     push_frame(n, frame, 1, INJECTED + state)
-    n.control[sh.INJECTED] += 1
     n.control[sh.LOST] += lost
     if state != e2e.OK and state != e2e.OK_SOME_LOST:
-        n.control[sh.INJECTED_FOUND] += 1
-        if state == e2e.REPEATED and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
-            note_repeat(n, word_of(frame))
+        suspect(n, row, state, lost)
+    if state == e2e.REPEATED and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
+        note_repeat(n, word_of(frame))
     return state
 
 

@@ -9,10 +9,11 @@ FAULT_DEPTH = 64  # values or frames that a fault may hold back
 
 
 def faults(frames: int) -> list[Any]:
-    """Return the fields, those of values first; `frames`: how many frames a node receives."""
+    """Return the fields: of values, of frames, of floods; `frames`: how many a node receives."""
     return [
         ("n", "<i8"),
         ("n_values", "<i8"),
+        ("n_floods", "<i8"),  # behind the first n
         ("n_places", "<i8"),
         ("every_place", "<i8", (MAX_FAULTS,)),  # of `left`, of faults and stalls
         ("n_own_stalls", "<i8"),
@@ -24,7 +25,8 @@ def faults(frames: int) -> list[Any]:
         ("how", "<i8", (MAX_FAULTS,)),
         ("place", "<i8", (MAX_FAULTS,)),  # of `fault.NAME.left`
         ("seam", "<i8", (MAX_FAULTS,)),
-        ("target", "<i8", (MAX_FAULTS,)),  # a variable, or a row of the received frames
+        ("goes_on", "<i8", (MAX_FAULTS,)),  # a counter, after its fault
+        ("target", "<i8", (MAX_FAULTS,)),  # a variable, a row of the received frames, an id
         ("other", "<i8", (MAX_FAULTS,)),  # a further row
         ("seed", "<i8", (MAX_FAULTS,)),
         ("acting", "<i8", (MAX_FAULTS,)),

@@ -5,15 +5,16 @@
                 to 1: takes what is through by then, sends
 
 What is sent waits for the line (`drivers.line`) from that time on; a frame that is not through when
-its receiver's cycle begins is taken in a later one. Nobody waits for frames: both nodes are as on a
-clock from their first cycle on. The meeting before it and the last words are carried at once.
+its receiver's cycle begins is taken in a later one. What becomes of a node's controller, an error
+frame tells it. Nobody waits for frames: both nodes are as on a clock from their first cycle on. The
+meeting before it and the last words are carried at once.
 """
 
 from functools import cache
 from typing import Any
 
+from pcpc.drivers import error_frames, wire
 from pcpc.drivers import line as lines
-from pcpc.drivers import wire
 from pcpc.drivers.jit import i8, loop, loop_function, types
 from pcpc.executive.loop.cycle import STEPS, N, one_pass, pass_or_finish
 from pcpc.executive.loop.exchange import end_run, meet, work_below
@@ -36,6 +37,9 @@ def _go_on(line: Any, nodes: Any, until: Any) -> None:
     while what != lines.NOTHING:
         if what == lines.SENT:
             wire.deliver(line.frame, nodes[1 - line.who].wire)
+        for s in range(2):
+            if error_frames.news(line, s, line.news):
+                wire.deliver(line.news, nodes[s].wire)
         what = lines.advance(line, until)
 
 

@@ -4,7 +4,7 @@ receive      the frames of a cycle: those that are there, or until all awaited a
 take_frame   whose is it: one of ours, a stranger's, or part of the meeting of the nodes
 disturbed    what the rig does to it on purpose; the one seam between wire and acceptance
 accept       counter and CRC
-decode       signals to the table; or refuse, which counts why not
+decode       signals to the table, but for what is not plausible; or refuse, which counts why not
 """
 
 from typing import Any
@@ -19,9 +19,11 @@ from pcpc.drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
 from pcpc.executive.loop import losses, meeting
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
 from pcpc.executive.loop.clock import now, paced, runs, start, stopping
 from pcpc.executive.loop.injected_frames import AND_ANOTHER, GONE, excused, inject, judge
 from pcpc.executive.loop.injection import peer_stalled
+from pcpc.executive.loop.intrusion import suspect, unpack_with_care
 from pcpc.executive.loop.limits import quick_stop
 from pcpc.executive.loop.losses import is_lost
 from pcpc.executive.loop.rings import push_frame
@@ -37,8 +39,12 @@ def receive(n: Any) -> None:
     if paced(n):
         drain(n)
         n.timing.received = now(n.clock)
+        if n.guard.off != 0:
+            fault_while_off(n)
         return
     gather(n)
+    if n.guard.off != 0:
+        fault_while_off(n)
     if not refused(n):
         start(n)
         n.timing.received = n.clock.wake
@@ -100,7 +106,7 @@ def take(n: Any, block: Any) -> Any:
         n.control[sh.BUS_ERRNO] = n.wire.errno
         n.guard.faulted = sv.BUS_FAILED
     elif result == BUS_ERROR:
-        n.control[sh.BUS_ERRORS] += 1
+        note_bus_error(n)
     return result
 
 
@@ -161,10 +167,11 @@ def use_frame(n: Any, row: Any) -> Any:
             put_in_place(n, row, done)
             return row
     new = n.rx.state[row, e2e.FRESH] == 0
-    state = accept(n, row)
+    state, lost = accept(n, row)
     if state == e2e.OK or state == e2e.OK_SOME_LOST:
         decode(n, row, new)
     else:
+        suspect(n, row, state, lost)
         refuse(n, row, state, after_loss)
     return row
 
@@ -202,19 +209,23 @@ def disturbed(n: Any, row: Any) -> Any:
 
 @loop_inline
 def accept(n: Any, row: Any) -> Any:
-    """Check counter and CRC, record the frame; return its state."""
+    """Check counter and CRC, record the frame; return its state, and how many were lost."""
     frame = n.wire.rx
     state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
     push_frame(n, frame, 1, state)
     n.control[sh.LOST] += lost
-    return state
+    return state, lost
 
 
 @loop_inline
 def decode(n: Any, row: Any, new: Any) -> None:
     """Write the frame's signals to the table; `new`: it is the first of its row in this cycle."""
     rx = n.rx
-    codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, rx.scales, n.v)
+    if n.intrusion.care[row] != 0:
+        unpack_with_care(n, row, new)
+    else:
+        codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, rx.scales, n.v)
+    copy(n.intrusion.counted_frame[row], n.wire.rx)
     n.control[sh.RECEIVED] += 1
     if row == n.guard.stop_row:
         quick_stop(n, sv.STOP_FRAME)
@@ -229,7 +240,6 @@ def decode(n: Any, row: Any, new: Any) -> None:
 def refuse(n: Any, row: Any, state: Any, after_loss: Any) -> None:
     """Count a frame that is not used, by its state; after what was on purpose it is no mistake."""
     if excused(n, row):
-        n.control[sh.INJECTED_FOUND] += 1
         n.rx.started += n.rx.role[row, sh.STARTS]
         if state == e2e.REPEATED and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
             note_repeat(n, word_of(n.wire.rx))

@@ -2,7 +2,8 @@
 
 Each ring has one writer (the loop) and one reader; its layout stands in `executive.loop.shared`. A
 full ring drops the row and counts it; in lockstep, where no clock runs, the loop waits for the
-recorder instead.
+recorder instead. One that was told to stop waits LAST_WAIT_NS for it, once: the recorder may be
+what has gone.
 """
 
 from typing import Any
@@ -12,8 +13,9 @@ import numpy as np
 from pcpc.drivers import libc
 from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.clock import stamp, stopping
+from pcpc.executive.loop.clock import machine_ns, stamp, stopping
 
+LAST_WAIT_NS = 2_000_000_000
 NAN_BITS = np.float64("nan").view(np.int64)  # the one NaN that logs hold
 
 
@@ -30,9 +32,13 @@ def _free_row(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
 
     The row follows from the loop's own words alone: `taken` may hold anything.
     """
-    put = ends[sh.PUT]
+    put, until = ends[sh.PUT], np.int64(0)
     while put - libc.load_acquire(taken, 0) >= rows:
-        if n.rings.wait_recorder == 0 or stopping(n):
+        over = n.rings.wait_recorder == 0
+        if not over and stopping(n):
+            until = machine_ns(n.clock) + LAST_WAIT_NS if until == 0 else until
+            over = ends[sh.DROPPED] > 0 or machine_ns(n.clock) >= until
+        if over:
             ends[sh.DROPPED] += 1
             return np.int64(-1)
         libc.sched_yield()

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.drivers.wire_layout import FRAME_BYTES, WIRE
 from pcpc.executive.loop.injection_layout import faults
+from pcpc.executive.loop.reception_layout import intrusion, plausible
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
 
@@ -41,13 +42,11 @@ STOP, STATE, CYCLE, DONE, FAULT = 0, 8, 9, 10, 11
 PASSES, LATE, SKIPPED, HELD, STALE = 12, 13, 14, 15, 16
 SENT, RECEIVED, LOST, CRC_ERRORS, REPEATED = 17, 18, 19, 20, 21
 SATURATED, SEND_ERRORS, BUS_ERRNO, FOREIGN, WAKE_MAX_NS = 22, 23, 24, 25, 26
-PID, READY, REALTIME = 27, 28, 29
-LOST_ON_PURPOSE, REFUSED = 30, 31
-RECORDED = 32  # a recorder has come
+PID, READY, REALTIME, LOST_ON_PURPOSE, REFUSED, RECORDED = range(27, 33)  # last: by a recorder
+BUS_WARNINGS, BUS_PASSIVES, BUS_OFFS, BUS_RESTARTS, NO_ACKS, TX_TIMEOUTS = range(33, 39)
 RECORDER_PATIENCE = 12  # times the patience with a node that may wait for the recorder
 STEPPING = 51  # the block that is being stepped, + 1
-WRONG_SEQUENCE, BUS_ERRORS, CULPRIT = 52, 53, 54  # CULPRIT: the id that a fault is about
-INJECTED, INJECTED_FOUND = 62, 63  # frames that faults put on the way; of these, not used
+WRONG_SEQUENCE, BUS_ERRORS, CULPRIT, IMPLAUSIBLE, INTRUSIONS = range(52, 57)  # CULPRIT: id, why
 ODD_PLACE, ODD_CYCLE, ODD_BITS = 48, 49, 50  # the first value not finite: its variable + 1, when
 CONTROL_WORDS = 64
 
@@ -68,9 +67,8 @@ FRAME_WORDS = 5
 EVENT_WORDS = 5
 
 FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT, CHANGE_EVENT = 1, 2, 3, 4, 5
-LATE_EVENT, FALLBACK_EVENT, REFUSED_EVENT = 6, 7, 8
-FOREIGN_EVENT = 12
-NOT_FINITE_EVENT = 9
+LATE_EVENT, FALLBACK_EVENT, REFUSED_EVENT, NOT_FINITE_EVENT = 6, 7, 8, 9
+FOREIGN_EVENT, IMPLAUSIBLE_EVENT, TWO_SENDERS_EVENT, AHEAD_EVENT, TWO_PLACES_EVENT = range(12, 17)
 
 # Sizes are fixed, so that one compiled loop serves every rig; `nodes.plan` checks the fit.
 MAX_VARIABLES = 8192
@@ -140,7 +138,7 @@ _CLOCK = [
 ]
 _RX = [
     ("n", "<i8"),
-    ("frames", "<i8", (MAX_FRAMES, 12)),  # tables of drivers.dbc
+    ("frames", "<i8", (MAX_FRAMES, 13)),  # tables of drivers.dbc
     ("signals", "<i8", (MAX_SIGNALS, 10)),
     ("scales", "<f8", (MAX_SIGNALS, 4)),
     ("role", "<i8", (MAX_FRAMES, 4)),
@@ -187,6 +185,7 @@ _GUARD = [  # the supervisor
     ("faulted", "<i8"),
     ("reset", "<i8"),  # 1: asked for in the cycle before
     ("stop", "<i8"),  # 1: the end was asked for
+    ("off", "<i8"),  # 1: the CAN controller is bus-off
     ("quick", "<i8"),  # of a quick stop: ASKED, BEGUN
     ("gain", "<f8"),  # 1, or how far the ramp of FAULT or of the end has come down
     ("pace", "<f8"),  # its change a cycle; 0 before a ramp
@@ -220,7 +219,7 @@ _LIMITS = [
 ]
 _TX = [
     ("n", "<i8"),
-    ("frames", "<i8", (MAX_FRAMES, 12)),  # in the order of sending
+    ("frames", "<i8", (MAX_FRAMES, 13)),  # in the order of sending
     ("signals", "<i8", (MAX_SIGNALS, 10)),
     ("scales", "<f8", (MAX_SIGNALS, 4)),
     ("role", "<i8", (MAX_FRAMES, 4)),
@@ -253,7 +252,8 @@ _PRIVATE = [
             ("clock", _CLOCK), ("rx", _RX), ("meeting", _MEETING), ("guard", _GUARD),
             ("tuning", _TUNING), ("faults", faults(MAX_FRAMES)), ("blocks", _BLOCKS),
             ("limits", _LIMITS), ("tx", _TX), ("rings", _RINGS), ("timing", _TIMING),
-            ("wire", WIRE),
+            ("wire", WIRE), ("plausible", plausible(MAX_LIMITS)),
+            ("intrusion", intrusion(MAX_FRAMES, MAX_SIGNALS)),
         )
     ),
 ]  # fmt: skip

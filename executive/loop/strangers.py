@@ -70,14 +70,14 @@ def note_foreign(n: Any, word: Any) -> None:
     if _note(n, FOREIGN, FOREIGN_CYCLES) == 1:
         push_event(n, sh.FOREIGN_EVENT, word & can_id.ID, n.control[sh.FOREIGN])
     if n.rx.strange[FOREIGN, COUNT] >= FOREIGN_FRAMES or n.passes == 0:
-        _blame(n, sv.ANOTHER_SENDER, word)
+        blame(n, sv.ANOTHER_SENDER, word)
 
 
 @loop_function
 def note_repeat(n: Any, word: Any) -> None:
     """Count a repeated awaited frame; too many are a fault."""
     if _note(n, REPEATED, REPEATED_CYCLES) >= REPEATED_FRAMES:
-        _blame(n, sv.REPEATED_INPUT, word)
+        blame(n, sv.REPEATED_INPUT, word)
 
 
 @loop_function
@@ -91,7 +91,8 @@ def _note(n: Any, kind: Any, cycles: Any) -> Any:
 
 
 @loop_function
-def _blame(n: Any, fault: Any, word: Any) -> None:
+def blame(n: Any, fault: Any, word: Any) -> None:
+    """Fault because of a frame, if nothing else was wrong before."""
     if n.guard.faulted == sv.NO_FAULT:
         n.guard.faulted = fault
         n.control[sh.CULPRIT] = word

@@ -73,8 +73,8 @@ DOES = np.array(
 NMT = np.array([127.0, 127.0, 5.0, 5.0, 4.0, 4.0])
 
 
-SOFTWARE, LAW, EXTERNAL, BUS, HEARTBEAT, COLLISION, PROTOCOL = (
-    0x6100, 0x6200, 0x9000, 0x8100, 0x8130, 0x8150, 0x8200
+SOFTWARE, LAW, EXTERNAL, BUS, HEARTBEAT, BACK_FROM_OFF, COLLISION, PROTOCOL, SENSOR = (
+    0x6100, 0x6200, 0x9000, 0x8100, 0x8130, 0x8140, 0x8150, 0x8200, 0x7300
 )  # fmt: skip
 GENERIC, COMMUNICATION = 0x01, 0x11
 
@@ -118,6 +118,12 @@ FAULTS = (
     Fault("a step does not return", None, DIES, "after 3 s or 20 periods", LAW),
     Fault("the emergency stop is pressed", 1, QUICK, "", EXTERNAL),
     Fault("a stop frame came", 1, QUICK, "", EXTERNAL),
+    Fault("received values were not plausible", "supervisor.fault_after_cycles", RAMP,
+          "or the signal's fault_after, in a row", SENSOR),
+    Fault("a frame comes from two senders", 3, RAMP,
+          "1 or 3 signs, if `supervisor.intrusion` says so", COLLISION, COMMUNICATION),
+    Fault("the CAN controller went bus-off", 1, RAMP, "as told by an error frame", BACK_FROM_OFF,
+          COMMUNICATION),
 )  # fmt: skip
 FAULT_NAMES = tuple(fault.says for fault in FAULTS)
 ERROR_CODES = np.array([float(fault.code) for fault in FAULTS])
@@ -125,7 +131,7 @@ ERROR_REGISTERS = np.array([float(fault.register) for fault in FAULTS])
 NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED, OVERRUN = range(6)
 ANOTHER_SENDER, REPEATED_INPUT = 6, 7
 OUTPUT_NOT_FINITE, PLANT_NOT_FINITE, STEP_RAISED, STEP_HANGS = 8, 9, 10, 11
-EMERGENCY_STOP, STOP_FRAME = 12, 13
+EMERGENCY_STOP, STOP_FRAME, NOT_PLAUSIBLE, INTRUSION, BUS_OFF = range(12, 17)
 
 
 @loop_inline

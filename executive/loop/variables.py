@@ -33,6 +33,7 @@ TIMING = (
     ("health.frames_foreign", "", "frames of this node's from another sender"),
     ("health.send_errors", "", "frames that the bus did not take"),
     ("health.bus_errors", "", "errors that the CAN controller told"),
+    ("health.intrusions", "", "signs of a second sender of a received frame"),
     ("timing.wall_s", "s", "wall time of the cycle's start, since 1970; k T in virtual time"),
     *(
         (f"timing.{stage}_{figure}_us", "us", f"{what}: {figure} so far, renewed now and then")
@@ -51,6 +52,14 @@ DRIVE = (  # as CiA 402 and CiA 301 have them, see `executive.loop.drive`
     ("supervisor.error_code", "", "CiA 301: 0 without a fault"),
     ("supervisor.error_register", "", "CiA 301: kind of the fault"),
 )
+BUS = (  # counted by `executive.loop.bus_state`, in this order
+    ("health.bus_warnings", "", "times an error counter of the CAN controller reached 96"),
+    ("health.bus_passives", "", "times the CAN controller became error passive"),
+    ("health.bus_offs", "", "times the CAN controller went bus-off"),
+    ("health.bus_restarts", "", "times it came back"),
+    ("health.bus_no_acks", "", "frames that nobody acknowledged, as the controller told"),
+    ("health.bus_tx_timeouts", "", "transmissions that timed out, as the controller told"),
+)
 TIMING_AT = len(HEAD)
 WALL = TIMING_AT + [name for name, *_ in TIMING].index("timing.wall_s")
 RESET = TIMING_AT + len(TIMING)
@@ -59,6 +68,7 @@ RESET_ASKED = REFUSED + len(REFUSALS)
 STOP_ASKED = RESET_ASKED + 1
 STATUS_WORD = STOP_ASKED + 1
 ERROR_CODE, ERROR_REGISTER = STATUS_WORD + 1, STATUS_WORD + 2
+BUS_AT = ERROR_REGISTER + 1
 STATISTICS_AT = RESET - 12
 COUNTED = (  # of these, what follows from the frames alone, not from clocks
     "health.held_cycles",

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers import bus as buses
-from pcpc.drivers import libc, line, wire
+from pcpc.drivers import error_frames, libc, line, wire
 from pcpc.drivers.errors import BusError
 from pcpc.drivers.jit import i8, loop, loop_function
 from pcpc.drivers.structures import copy, structure
-from pcpc.drivers.wire_layout import MEMORY, WIRE
+from pcpc.drivers.wire_layout import MEMORY, SOCKETCAN, WIRE
 from pcpc.executive.nodes.player import (
     CONTROL_WORDS,
     DOUBLINGS,
@@ -97,6 +97,11 @@ def _go_on(n: Any) -> None:
                 _hand_over(n, n.b)
             else:
                 _hand_over(n, n.a)
+        if n.a.kind == SOCKETCAN:  # udp_multicast carries no error frames to us
+            if error_frames.news(n.line, 0, n.a.tx):
+                wire.put_frame(n.a)
+            if error_frames.news(n.line, 1, n.b.tx):
+                wire.put_frame(n.b)
         what = line.advance(n.line, n.until)
 
 

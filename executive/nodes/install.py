@@ -10,9 +10,11 @@ from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, LOCKSTEP, ON_FRAMES, REAL, VIRTUAL
+from pcpc.executive.loop.intrusion import REACTIONS
 from pcpc.executive.loop.timing import reset
 from pcpc.executive.nodes.plan import Plan, cycles_of
 from pcpc.executive.nodes.planned_faults import install_faults
+from pcpc.executive.nodes.planned_plausible import install_plausible
 from pcpc.executive.rig.buses import OVER_LINE
 from pcpc.executive.rig.messages import awaited, emergency, heartbeat, parts_in_meeting, starts
 from pcpc.executive.rig.schema import FALLBACK
@@ -58,6 +60,8 @@ def install(made: Plan, loop: Any) -> None:
     stop = config.supervisor.stop_frame
     guard.stop_row = names.index(stop) if stop in names else -1
     install_faults(made.rig, made.role, made.faults, loop)
+    _install_intrusion(made, loop)
+    install_plausible(made.rig, made.role, made.table, made.rx_frames, loop)
     guard.mode_index = -1
     if made.role != "executive":
         modes = [
@@ -158,6 +162,19 @@ def _install_frames(made: Plan, loop: Any) -> None:
     loop.wire.second[: len(second)] = second
     for i, frame in enumerate(made.tx_frames):
         tx.role[i, :3] = (frame.has_sequence, heartbeat(frame), emergency(frame))
+
+
+def _install_intrusion(made: Plan, loop: Any) -> None:
+    """Say what follows a second sender of a frame, and how often heartbeats come."""
+    watch, config = loop.intrusion, made.rig.config
+    watch.reaction = REACTIONS.index(config.supervisor.intrusion)
+    limited = {name.partition(".")[0] for name in config.sections[made.role].plausible}
+    watch.early_at[:] = -(2**62)
+    for row, frame in enumerate(made.rx_frames):
+        if heartbeat(frame) and frame.cycle_ms:
+            watch.beat_every[row] = frame.every_n(config.rate_hz)
+        doubted = watch.reaction > 0 or frame.name in limited
+        watch.care[row] = doubted or watch.beat_every[row] > 0
 
 
 def _install_wiring(made: Plan, loop: Any) -> None:

@@ -207,7 +207,7 @@ class Live:
         LiveError: unknown, not a parameter, out of range, too many, locked, no answer. The node
         judges again by itself.
         """
-        indices = self._checked(changes)
+        indices = self.check(changes)
         mail, answer = self.block["mail"], self.block["answer"]
         with self._one_client():
             word = int(mail[sh.LOCK])
@@ -238,7 +238,7 @@ class Live:
         with self._one_client():
             self.block["mail"][sh.LOCK] = LEVELS.index(level)
 
-    def _checked(self, changes: Mapping[str, float]) -> list[int]:
+    def check(self, changes: Mapping[str, float]) -> list[int]:
         """Return the places of parameters whose values are in their range; LiveError."""
         if len(changes) > sh.MAIL_SLOTS:
             raise LiveError(f"{len(changes)} values; at most {sh.MAIL_SLOTS} apply at once")
@@ -324,12 +324,13 @@ def running(rig: str = "") -> dict[str, Live]:
 
 
 def find(node: str = "executive", rig: str = "") -> Live:
-    """Return the running node `node`, a role or a full name; `rig`: only of this rig.
+    """Return the running node `node`; `rig`: only of this rig.
 
-    LiveError: none runs (ENVIRONMENT), or several do.
+    It may be called by its role, its rig (the executive), RIG.ROLE or in full. LiveError: none runs
+    (ENVIRONMENT), or several do.
     """
     nodes = running(rig)
-    found = [name for name in nodes if node == name or node == name.rpartition(".")[2]]
+    found = [name for name, live in nodes.items() if node in _names(live)]
     if len(found) > 1:
         choice = " or ".join(found)
         raise LiveError(f"{node}: {len(found)} run here; choose one with --node {choice}")
@@ -341,6 +342,12 @@ def find(node: str = "executive", rig: str = "") -> Live:
         others = f"; user {' and '.join(other_users)} has nodes, which only that user reaches"
     what = f"{node}: no such node is running{others}; start one with `pcpc run RIG`"
     raise LiveError(what, Exit.ENVIRONMENT)
+
+
+def _names(live: Live) -> set[str]:
+    """Return what a node may be called."""
+    rig, role = str(live.block.description.get("rig")), live.name.rpartition(".")[2]
+    return {live.name, role, f"{rig}.{role}", *([rig] if role == "executive" else [])}
 
 
 def find_for(words: Sequence[str]) -> Live:

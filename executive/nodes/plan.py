@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import asdict
+
 from pcpc.drivers import dbc
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.idle import idle
@@ -17,8 +19,8 @@ from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views, add_block
-from pcpc.executive.loop.variables import DRIVE, HEAD, REFUSALS, REQUESTS, RESETS, TIMING
-from pcpc.executive.nodes import planned_faults
+from pcpc.executive.loop.variables import BUS, DRIVE, HEAD, REFUSALS, REQUESTS, RESETS, TIMING
+from pcpc.executive.nodes import planned_faults, planned_plausible
 from pcpc.executive.rig import messages as protocol
 from pcpc.executive.rig.carried import Reads, merge, noted
 from pcpc.executive.rig.commands import commands
@@ -78,11 +80,7 @@ class Plan:
 
     def columns(self, timing: bool) -> list[int]:
         """Return the places of the recorded variables, of the timing or of the state record."""
-        return [
-            place
-            for place, variable in enumerate(self.table.variables)
-            if variable.recorded and variable.timing == timing
-        ]
+        return [i for i, v in enumerate(self.table.variables) if v.recorded and v.timing == timing]
 
     @property
     def names(self) -> list[str]:
@@ -164,6 +162,8 @@ def _lay_out(made: Plan) -> None:
         table.add(Variable(name, unit, "parameter", "loop", help, 0.0, high, recorded=False))
     for name, unit, help in DRIVE:
         table.add(Variable(name, unit, "supervisor", "loop", help, recorded=False))
+    for name, unit, help in BUS:
+        table.add(Variable(name, unit, "health", "loop", help, recorded=False))
     for kind, prefix, frames in (
         ("received", "rx", made.rx_frames),
         ("sent", "tx", made.tx_frames),
@@ -178,6 +178,7 @@ def _lay_out(made: Plan) -> None:
         except RigError as error:
             raise RigError(f"{spec.where()}: {error}") from None
         _initial_values(made, spec)
+    planned_plausible.add_counts(made.rig, made.role, table)
 
 
 def _views(made: Plan, spec: BlockSpec) -> Views:
@@ -368,6 +369,7 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
         "period_ns": round(1e9 / rig.config.rate_hz),
         "cycles": cycles_of(rig),
         "watch": rig.config.watch,
+        "alarms": asdict(rig.config.alarms) if made.pacing in ("real", "sync") else {},
         "timing": {"warn": rig.config.timing.warn, "error": rig.config.timing.error},
         "keep_ns": rig.config.record.keep_ns,
         "keep_on": rig.config.record.events,

@@ -17,21 +17,23 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import Fault
 
-STALL = "stall"
+STALL, FLOOD = "stall", "flood"
 WITHOUT_VALUE = {"stuck", "dropout", "nan", "loss", "repetition", "sequence", "insertion",
-                 "masquerade", "addressing", "payload", STALL}  # fmt: skip
+                 "masquerade", "addressing", "payload", "forgery", STALL}  # fmt: skip
 GIVEN = {"corruption": 1.0, "delay": 1.0}  # sizes where the rig gives none
 ABOVE_0 = (0.0, math.inf)
 RANGES = {  # of sizes, where not every number makes sense
     "corruption": (0.0, 64.0), "delay": (0.0, FAULT_DEPTH - 1.0), "length": (0.0, 8.0),
     "counter": (-255.0, 255.0), "checksum": (-255.0, 255.0), "noise": ABOVE_0,
-    "quantise": ABOVE_0, "saturation": ABOVE_0, "rate": ABOVE_0, "dead_zone": ABOVE_0,
+    "flood": (1.0, 200.0), "quantise": ABOVE_0,
+    "saturation": ABOVE_0, "rate": ABOVE_0, "dead_zone": ABOVE_0,
 }  # fmt: skip
+PROTECTED = {"counter", "checksum", "payload", "masquerade", "forgery"}  # what has both
 ANY = (-math.inf, math.inf)
 HOWS = {"counter": injected_frames.HOWS, "checksum": injected_frames.HOWS, "payload": ("freeze",)}
 
 
-VALUES, FRAMES, OWN_STALL, PEER_STALL = range(4)
+VALUES, FRAMES, FLOODS, OWN_STALL, PEER_STALL = range(5)
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Planned:
     name: str
     fault: Fault
     place: int
-    group: int  # VALUES, FRAMES, OWN_STALL, PEER_STALL
+    group: int  # VALUES, FRAMES, FLOODS, OWN_STALL, PEER_STALL
     seam: int = 0
     target: int = 0
     other: int = -1
@@ -49,7 +51,7 @@ class Planned:
     @property
     def acts_later(self) -> bool:
         """Whether it acts from the cycle after the one in which it is set."""
-        return self.group != VALUES
+        return self.group not in (VALUES, FLOODS)
 
 
 def add_faults(
@@ -127,8 +129,11 @@ def _cycles(duration: str | None, rate_hz: float) -> int | None:
 def install_faults(rig: Rig, role: Role, planned: list[Planned], loop: Any) -> None:
     """Write a node's faults into its LOOP record."""
     faults = loop.faults
-    rows = [one for one in planned if one.group in (VALUES, FRAMES)]
-    faults.n, faults.n_values = len(rows), sum(one.group == VALUES for one in rows)
+    rows = [one for one in planned if one.group in (VALUES, FRAMES, FLOODS)]
+    faults.n_values, faults.n_floods = (
+        sum(one.group == group for one in rows) for group in (VALUES, FLOODS)
+    )
+    faults.n = len(rows) - faults.n_floods
     faults.n_places = len(planned)
     for i, one in enumerate(planned):
         faults.every_place[i] = one.place
@@ -139,13 +144,13 @@ def install_faults(rig: Rig, role: Role, planned: list[Planned], loop: Any) -> N
             faults.peer_stall[faults.n_peer_stalls] = one.place
             faults.n_peer_stalls += 1
     for f, one in enumerate(rows):
-        kinds = injected_values.KINDS if one.group == VALUES else injected_frames.KINDS
+        kinds = (injected_values.KINDS, injected_frames.KINDS, (FLOOD,))[one.group]
         faults.kind[f] = kinds.index(one.fault.kind)
         faults.how[f] = injected_frames.HOWS.index(one.fault.how or "value")
         faults.place[f], faults.seam[f] = one.place, one.seam
         faults.target[f], faults.other[f] = one.target, one.other
         faults.seed[f] = losses.first(rig.config.seed, f"{one.name} {role}")
-        faults.since[f] = -1
+        faults.since[f], faults.goes_on[f] = -1, one.fault.goes_on
 
 
 def _places(
@@ -164,6 +169,9 @@ def _places(
         if fault.frame in names and fault.node in (None, role):
             row = names.index(fault.frame)
             yield FRAMES, 0, row, _other(rig, key, fault, rx, row)
+    elif fault.kind == FLOOD:
+        if fault.node == role:
+            yield FLOODS, 0, _unknown_id(rig), -1
     elif fault.node == role:
         yield OWN_STALL, 0, 0, -1
     elif pacing == "lockstep":
@@ -173,15 +181,16 @@ def _places(
 def _check(rig: Rig, key: str, fault: Fault) -> None:
     """Raise RigError for keys that do not go together."""
     of_values, of_frames = injected_values.KINDS, injected_frames.KINDS
-    known = [*of_values, *(kind for kind in of_frames if kind not in of_values), STALL]
+    known = [*of_values, *(k for k in of_frames if k not in of_values), STALL, FLOOD]
     if fault.kind not in known:
         raise rig.error(f"{key}.kind", f"no kind {fault.kind}{did_you_mean(fault.kind, known)}")
     if sum(place is not None for place in (fault.at, fault.frame)) > 1:
         raise rig.error(f"{key}.frame", "a fault has either at or frame")
-    if fault.kind == STALL:
+    if fault.kind in (STALL, FLOOD):
         if fault.node is None or fault.at is not None or fault.frame is not None:
-            raise rig.error(key, "a stall has node: executive or plant, and neither at nor frame")
-        if rig.config.local is not None:
+            what = f"a {fault.kind} has node: executive or plant, and neither at nor frame"
+            raise rig.error(key, what)
+        if fault.kind == STALL and rig.config.local is not None:
             raise rig.error(key, "a stall needs a rig of two nodes")
     elif fault.at is None and fault.frame is None:
         what = f"at: a variable ({', '.join(of_values)})"
@@ -194,6 +203,8 @@ def _check(rig: Rig, key: str, fault: Fault) -> None:
         raise rig.error(f"{key}.how", f"{fault.kind} knows {_list(HOWS.get(fault.kind, ()))}")
     if fault.kind == "payload" and fault.how is None:
         raise rig.error(key, "payload has how: freeze; drawn data are a masquerade")
+    if fault.goes_on and fault.kind != "counter":
+        raise rig.error(f"{key}.goes_on", "a counter goes on from where its fault left it, no more")
     needless = fault.kind in WITHOUT_VALUE or fault.how in ("freeze", "random")
     if fault.value is None and not needless and fault.kind not in GIVEN:
         raise rig.error(key, f"{fault.kind} needs a value: how large it is")
@@ -232,7 +243,7 @@ def described(planned: list[Planned]) -> dict[str, dict[str, Any]]:
     return {
         one.name: {
             "kind": one.fault.kind, "of": one.fault.at or one.fault.frame or one.fault.node,
-            "next_cycle": one.acts_later,
+            "next_cycle": one.acts_later, "of_frames": one.group != VALUES,
         }
         for one in planned
     }  # fmt: skip
@@ -270,7 +281,7 @@ def _other(rig: Rig, key: str, fault: Fault, rx: list[dbc.Frame], row: int) -> i
     """Return the row of the frame whose data come instead, -1 for none; check counter and CRC."""
     table = dbc.table(rx, rig.config.rate_hz)
     protected = table.frames[row, dbc.PROTECTED] != 0
-    if fault.kind in ("counter", "checksum", "payload", "masquerade") and not protected:
+    if fault.kind in PROTECTED and not protected:
         raise rig.error(f"{key}.frame", f"{fault.frame} has no counter and CRC")
     if fault.data_of is None:
         return -1
@@ -279,6 +290,12 @@ def _other(rig: Rig, key: str, fault: Fault, rx: list[dbc.Frame], row: int) -> i
         what = f"{fault.data_of} does not come to the same node{did_you_mean(fault.data_of, names)}"
         raise rig.error(f"{key}.data_of", what)
     return names.index(fault.data_of)
+
+
+def _unknown_id(rig: Rig) -> int:
+    """Return the lowest id of 11 bits that the rig's DBC file has not."""
+    known = {message.frame_id for message in dbc.load(rig.dbc).messages}
+    return next(i for i in range(1, 2048) if i not in known)
 
 
 def check_frames(rig: Rig, known: dict[Role, list[str]]) -> None:

@@ -114,7 +114,7 @@ class Process:
             "rate_hz": repr(self.rig.config.rate_hz),
         }
         self.signals = kernel.signal_file(_SIGNALS)
-        about = describe(self.plan, metadata)
+        about = describe(self.plan, metadata) | {"initial": self._parameters()}
         if lacking := carried.warning(about["files"]):
             print(f"{self.role}: {lacking}", file=sys.stderr, flush=True)
         served = sharing.Served(name, about)
@@ -124,7 +124,7 @@ class Process:
         install(self.plan, block.loop)
         scratch = warm_up_memory(self.plan)
         self._watch(lambda: run(scratch, self.plan.steps), scratch)
-        self.report = realtime.prepare_process()
+        self.report = realtime.prepare_process(self.pacing != "lockstep")
         wall_ns, clock_ns = (int(metadata[f"clock_{name}_ns"]) for name in ("wall", "monotonic"))
         block.loop.clock.wall_offset_ns = wall_ns - clock_ns
         block["control"][sh.PID] = os.getpid()
@@ -224,6 +224,12 @@ class Process:
             return bool(os.read(self.signals, 8 * _SIGNAL_BYTES))
         except BlockingIOError:
             return False
+
+    def _parameters(self) -> dict[str, float]:
+        """Return what the rig gives for its parameters, by name."""
+        table, given = self.plan.table, self.plan.values
+        found = [i for i in sorted(given) if table.variables[i].kind == "parameter"]
+        return {table.variables[i].name: given[i] for i in found}
 
     def claim_frames(self) -> None:
         """Claim the frames that this node sends; BusError if one of them has a sender here.

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e_states
+from pcpc.drivers import e2e_states, error_frames
 from pcpc.drivers.jit import f8, i8, loop, u1
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, STRANGER
@@ -30,6 +30,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.facts import facts
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.bus_state import note_bus_error
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.injection import count_down, peer_stalled
@@ -150,7 +151,10 @@ def recompute(
         while frame < rows[i, FRAMES_END]:
             copy(n.wire.rx, frames[frame])
             n.wire.source = STRANGER if frames[frame, 5] != 0 else 0
-            take_frame(n)
+            if frames[frame, 3] & error_frames.FLAG != 0:
+                note_bus_error(n)
+            else:
+                take_frame(n)
             frame += 1
         if peer_stalled(n):
             n.rx.started += n.rx.starters

@@ -24,7 +24,7 @@ from pcpc.executive.loop.exchange import run_of
 from pcpc.executive.loop.over_line import run_over_line
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
-from pcpc.executive.nodes.plan import describe, plan
+from pcpc.executive.nodes.plan import Plan, describe, plan
 from pcpc.executive.nodes.watched import watched
 from pcpc.executive.rig.buses import check_line, line_options, without_bus
 from pcpc.executive.rig.reading import Rig
@@ -74,15 +74,18 @@ class VirtualRun:
 
     def __init__(
         self, rig: Rig, log: Path | None, judged: Wanted | None = None,
-        controller: External | None = None,
+        controller: External | None = None, check: Callable[[Plan], None] = lambda made: None,
     ) -> None:  # fmt: skip
         """`log` None keeps the records in memory (`memory.log()`). `judged`: of the recorder.
 
-        `controller`: its step, in the place of the rig's own; it may take any time.
+        `controller`: its step, in the place of the rig's own; it may take any time. `check` may
+        refuse the plan of a node.
         """
         selftest()
         check_line(rig, "virtual")
         made = [plan(rig, role, without_bus(rig)) for role in rig.roles]
+        for one in made:
+            check(one)
         if controller is not None:
             made[0].external["controller"] = controller.entry
         metadata = facts() | {

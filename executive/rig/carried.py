@@ -7,6 +7,7 @@ it opens then is noted (Python's audit event `open`), and goes into the log with
     path     absolute                          given           relative texts that it was opened by
     laws     the laws of the rig that it is    left_out        true: more than the log carries
     judges   true: no law needs it; the first is the rig's evaluation, others are imported by it
+    draws    true: the first is the rig's drawing, others are imported by it
 
 Not noted: Python's and the project's own files, what is installed, and devices.
 """
@@ -107,18 +108,23 @@ def _installed() -> list[str]:
     return folders + [str(_PROJECT / area) for area in (*AREAS, "pcpc")]
 
 
+def imported(text: bytes) -> list[str]:
+    """Return the outermost names of the modules that a Python text imports; SyntaxError."""
+    tree = list(ast.walk(ast.parse(text)))
+    names = [name.name for node in tree if isinstance(node, ast.Import) for name in node.names]
+    names += [node.module or "" for node in tree if isinstance(node, ast.ImportFrom)]
+    return [name.partition(".")[0] for name in names]
+
+
 def beside(file: Path) -> list[Path]:
     """Return a Python file and the modules in its folder that it imports, and they in turn."""
     found = {file: None}
     for one in (todo := [file]):
         try:
-            tree = ast.parse(one.read_bytes())
+            names = imported(one.read_bytes())
         except (OSError, SyntaxError, ValueError):
             continue
-        names = [name.name for node in ast.walk(tree) if isinstance(node, ast.Import)
-                 for name in node.names]  # fmt: skip
-        names += [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
-        paths = [file.with_name(f"{name.partition('.')[0]}.py") for name in names]
+        paths = [file.with_name(f"{name}.py") for name in names]
         todo += [path for path in paths if path not in found and is_ordinary(path)]
         found |= dict.fromkeys(todo)
     return list(found)
@@ -126,12 +132,14 @@ def beside(file: Path) -> list[Path]:
 
 def listed(
     reads: Mapping[Path, set[str]], laws: Mapping[Path, set[str]], judges: Sequence[Path],
-    rig: Path,
+    draws: Sequence[Path], rig: Path,
 ) -> list[Any]:  # fmt: skip
-    """Return the entries of a description: `reads`, `laws` by their texts, `judges`."""
+    """Return the entries of a description: `reads`, `laws` by their texts, `judges`, `draws`."""
     entries: list[dict[str, Any]] = []
     total, needed = 0, sorted({*reads, *laws}, key=lambda f: (f not in laws, str(f)))
-    for file in dict.fromkeys((*needed, *judges)):
+    others = [file for file in judges if file not in needed]
+    for file, kind in (*((f, "") for f in needed), *((f, "judges") for f in others),
+                       *((f, "draws") for f in draws)):  # fmt: skip
         try:
             size, digest = file.stat().st_size, sha256(file)
         except OSError:
@@ -142,7 +150,7 @@ def listed(
                 "name": Path(os.path.relpath(file, rig.parent)).as_posix(), "path": str(file),
                 "given": sorted(reads.get(file, ())), "laws": sorted(laws.get(file, ())),
                 "sha256": digest, "bytes": size, "left_out": total > MOST_BYTES,
-                "judges": file not in needed,
+                "judges": kind == "judges", "draws": kind == "draws",
             }
         )  # fmt: skip
         total -= size if total > MOST_BYTES else 0

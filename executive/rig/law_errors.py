@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
+from pcpc.drivers.compile_cache import lies_at
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.yamlfile import shown
 
@@ -25,9 +26,9 @@ _OWN = {  # how laws are read and stepped, evaluations read and asked
         "drivers/jit", "drivers/stage", "drivers/views", "executive/laws/block",
         "executive/laws/ports",
         "executive/rig/modules", "executive/rig/prepare", "executive/rig/resolve",
-        "executive/rig/trial", "plants/evaluation", "plants/judging", "plants/pages",
-        "plants/statistics", "plants/study", "plants/two_joints", "tools/experiment",
-        "tools/verdict/judge",
+        "executive/rig/trial", "plants/drawing", "plants/evaluation", "plants/judging",
+        "plants/pages", "plants/scene", "plants/statistics", "plants/study", "plants/two_joints",
+        "tools/experiment", "tools/verdict/judge",
     )
 }  # fmt: skip
 _COLOUR = re.compile("\x1b\\[[0-9;]*m")
@@ -87,7 +88,7 @@ def at(where: tuple[str, int] | None, what: str) -> str:
 
 def place(frames: TracebackType | None) -> tuple[str, int] | None:
     """Return file and line of the innermost frame that is the user's; else the innermost one."""
-    found = [(f.filename, f.lineno or 0) for f in traceback.extract_tb(frames)]
+    found = [(lies_at(f.filename), f.lineno or 0) for f in traceback.extract_tb(frames)]
     ours = [frame for frame in found if is_users(frame[0])]
     both = ours or found
     return both[-1] if both else None

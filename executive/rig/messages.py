@@ -7,8 +7,6 @@ heartbeat    ids 0x700 to 0x77F, as in CANopen
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
-from pathlib import Path
 
 from pcpc.drivers import dbc
 from pcpc.executive.errors import did_you_mean
@@ -29,13 +27,8 @@ def errors_named(rig: Rig) -> Iterator[None]:
 
 
 def database_of(rig: Rig) -> dbc.Database:
-    """Return the frames of a rig's DBC file, read once while it is unchanged."""
-    return _loaded(rig.dbc, rig.dbc.stat().st_mtime_ns)
-
-
-@lru_cache(maxsize=8)  # the nodes of a rig, and a thousand runs of an experiment, share it
-def _loaded(path: Path, changed_ns: int) -> dbc.Database:
-    return dbc.load(path)
+    """Return the frames of a rig's DBC file."""
+    return dbc.load(rig.dbc)
 
 
 def awaited(frame: dbc.Frame) -> bool:
@@ -128,6 +121,20 @@ def check_stops(rig: Rig, database: dbc.Database) -> None:
     if stops.stop_frame in sent:
         what = f"{stops.stop_frame} is sent by a node of the rig; leave its sender open"
         raise rig.error("supervisor.stop_frame", what)
+    if rig.config.watchdog is not None:
+        stop_frame_of(rig)
+
+
+def stop_frame_of(rig: Rig) -> str:
+    """Return the name of the frame by which a watchdog stops a rig; RigError if it could not."""
+    stop = rig.config.supervisor.stop_frame
+    if stop is None:
+        what = "a watchdog needs a frame that stops the rig; name one as supervisor.stop_frame"
+        raise rig.error("watchdog", f"{what} (docs/bus-safety.md)")
+    if "supervisor.state" not in rig.nodes()["executive"].transmit.values():
+        what = "a watchdog does not see the end of a run; transmit supervisor.state, as CMD.mode"
+        raise rig.error("executive.transmit", what)
+    return stop
 
 
 def towards_plant(rig: Rig, database: dbc.Database) -> frozenset[str]:

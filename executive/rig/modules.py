@@ -15,14 +15,18 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from types import ModuleType
 
-from pcpc.drivers.compile_cache import cache_folder
+from pcpc.drivers.compile_cache import cache_folder, keep_by
 from pcpc.executive.rig import carried
 from pcpc.executive.rig.carried import AREAS, Reads, merge
 
 PROJECT = Path(__file__).resolve().parents[2]
 OURS = "pcpc."  # modules of the project
 _outside: dict[Path, ModuleType] = {}
-_read_by: dict[str, Reads] = {}  # what the import of a module opened, by its name
+_read_by: dict[str, Reads] = {}  # what the import of a module opened, by its file or name
+_ALONE = {  # a law that imports nothing else, and reads nothing, is what its text says
+    "__future__", "collections", "dataclasses", "functools", "itertools", "math", "numpy", "pcpc",
+    "typing",
+}  # fmt: skip
 
 
 def module_of(name: str, file: Path) -> ModuleType:
@@ -37,7 +41,7 @@ def outside(file: Path) -> ModuleType | None:
 
 def read_by(module: ModuleType) -> Reads:
     """Return what the import of a module opened."""
-    return _read_by.get(module.__name__, {})
+    return _read_by.get(_key(module), {})
 
 
 def opened() -> Reads:
@@ -88,8 +92,8 @@ def own_streams() -> Iterator[None]:
 def _import_file(file: Path) -> ModuleType:
     """Import a Python file, once per process.
 
-    A file of the project gets its dotted name, any other one a name made of its path: the compile
-    cache stores the module's name, so that it must be the same in every process.
+    A file of the project gets its dotted name, any other one a name made of its text or its path:
+    the compile cache stores the module's name, so that it must be the same in every process.
     """
     if (own_name := project_name(file)) is not None:
         return importlib.import_module(own_name)
@@ -101,8 +105,13 @@ def _import_file(file: Path) -> ModuleType:
     reads.pop(file, None)
     if known.is_news(reads):
         module = _execute(file, known.module_name())
-    _outside[file], _read_by[module.__name__] = module, reads
+    _outside[file], _read_by[_key(module)] = module, reads
     return module
+
+
+def _key(module: ModuleType) -> str:
+    """Return what tells a module from others; equal laws in two folders have the same name."""
+    return module.__file__ or module.__name__
 
 
 def _import_module(name: str) -> ModuleType:
@@ -111,15 +120,25 @@ def _import_module(name: str) -> ModuleType:
         return importlib.import_module(name)
     with carried.noted() as reads:
         module = importlib.import_module(name)
-    _read_by[name] = reads
+    _read_by[_key(module)] = reads
     return module
+
+
+def _alone(file: Path) -> bytes:
+    """Return the text of a law that depends on nothing else; b"" of another."""
+    with suppress(OSError, SyntaxError, ValueError):
+        text = file.read_bytes()
+        if _ALONE.issuperset(carried.imported(text)) and b"__file__" not in text:
+            return text
+    return b""
 
 
 class _Remembered:
     """What the import of a law opened the last time, kept beside the compiled code.
 
     Tables and modules that a law reads end up in its compiled code, so that their content is in the
-    name under which that is cached.
+    name under which that is cached. The code of a law that stands alone is cached by its text, for
+    whatever folder that lies in: a copy, another version of a rig, a log.
     """
 
     def __init__(self, file: Path) -> None:
@@ -132,7 +151,12 @@ class _Remembered:
             self._files = [str(name) for name in noted if isinstance(noted, list)]
 
     def module_name(self) -> str:
-        """Return a name made of the law's path and of what it read."""
+        """Return a name made of the law's text, or of its path and of what it read."""
+        if not self._files and (text := _alone(self.file)):
+            name = f"{self.file.stem}_{hashlib.sha256(text).hexdigest()[:16]}"
+            keep_by(self.file, name)
+            return name
+        keep_by(self.file, "")
         digest = hashlib.sha256(self._path.encode())
         for name in self._files:
             with suppress(OSError):

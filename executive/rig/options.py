@@ -1,4 +1,9 @@
-"""`--set NAME=VALUE` put into a rig's data: a key of the rig, or a setting of one of its blocks."""
+"""`--set NAME=VALUE` put into a rig's data: a key of the rig, or a setting of one of its blocks.
+
+`--set @FILE` puts all of a YAML file `NAME: VALUE`, as `pcpc save` writes it.
+
+`--set 'faults.NAME={kind: ..., ...}'` adds a fault on purpose that the rig file has not.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn
@@ -19,18 +24,21 @@ def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
     keys_of |= {dotted(earlier): keys for earlier, keys in EARLIER.items()}
     blocks = {name: role for role, node in config.sections.items() for name in node.blocks}
     rest: list[tuple[str, Any, Place]] = []
-    for setting in settings:
-        place = Place(document.path, option=f"--set {setting}")
-        name, equals, text = setting.partition("=")
-        if not equals:
-            raise RigError(f"{place}: expected NAME=VALUE")
-        value = yamlfile.value(text, place)
-        if name in keys_of:
+    for name, value, place in _given(document, settings):
+        section, _, fault = name.partition(".")
+        if not place.option:  # of a file: settings of blocks only
+            rest.append((name, value, place))
+        elif name in keys_of:
             document.put(keys_of[name], value, place)
+        elif section == "faults" and fault and isinstance(value, dict):
+            document.put((section, fault), value, place)
+            keys_of |= {f"{name}.{key}": (section, fault, key) for key in value}
         else:
             rest.append((name, value, place))
     for name, value, place in rest:
         block, _, setting = name.partition(".")
+        if name in keys_of:
+            raise RigError(f"{place}: {name} is no setting of a block; give it with --set {name}=")
         if block not in blocks or not setting:
             raise RigError(f"{place}: no such setting{_cure(document, config, name, keys_of)}")
         chosen = document.data["controller"]
@@ -39,6 +47,21 @@ def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
         own: Keys = (blocks[block], "blocks", block)
         keys = ("controllers", chosen) if block == "controller" else own
         document.put((*keys, "parameters", setting), value, place)
+
+
+def _given(document: Document, settings: Sequence[str]) -> Iterator[tuple[str, Any, Place]]:
+    """Yield name, value and place of each setting, also of those in a file, `@FILE`."""
+    for setting in settings:
+        place = Place(document.path, option=f"--set {setting}")
+        name, equals, text = setting.partition("=")
+        if setting.startswith("@"):
+            file = yamlfile.load(setting[1:])
+            document.sources.update(file.sources)
+            yield from ((name, one, file.place((name,))) for name, one in file.data.items())
+        elif equals:
+            yield name, yamlfile.value(text, place), place
+        else:
+            raise RigError(f"{place}: expected NAME=VALUE")
 
 
 def rename(document: Document) -> None:
@@ -59,11 +82,14 @@ def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys
     if same := [setting for setting in own if setting.endswith(f".{name}")]:
         return f"; did you mean {' or '.join(same)}?"
     first, _, rest = name.partition(".")
-    if rest and whole.get(first) == {}:  # entries by name, and the rig has none
+    missing = first in ("local", "watchdog") and whole[first] is None  # sections on request
+    if rest and (missing or whole.get(first) == {}):  # entries by name, and the rig has none
         entry = (
             "".join(f"{{{key}: " for key in rest.split(".")) + "..." + "}" * len(rest.split("."))
         )
-        return f"; write {first}: {entry} into the rig file, then --set can change it"
+        whole_one = f", or --set '{first}.{rest.partition('.')[0]}={{kind: ...}}'"
+        cure = f"; write {first}: {entry} into the rig file, then --set can change it"
+        return cure + whole_one * (first == "faults")
     lists = {key for key, at in keys.items() if isinstance(_at(whole, at), list)}
     return did_you_mean(name, [*(key for key in keys if key not in lists), *own])
 

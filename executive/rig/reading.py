@@ -73,6 +73,12 @@ class Rig:
         """How a run is judged; `file` is an absolute path."""
         return _evaluation(self.document, self.config)
 
+    @property
+    def drawing(self) -> Path | None:
+        """The file that draws the plant: beside the evaluation, else beside the rig file."""
+        beside = Path(self.evaluation.file) if self.evaluation else self.path
+        return file if (file := beside.with_name("drawing.py")).is_file() else None
+
     def where(self, path: str) -> str:
         """Return `file:line:column` of a path such as `executive.transmit.CMD.motor_torque`."""
         return self.document.where(path)
@@ -139,7 +145,7 @@ class Rig:
         }
 
     def carried(self, reads: Reads) -> list[Any]:
-        """Return what `carried` says about evaluation and laws in use, with other files `reads`."""
+        """Return what `carried` says of evaluation, drawing and laws, with other files `reads`."""
         found: Reads = {file: set(texts) for file, texts in reads.items()}
         laws: dict[Path, set[str]] = {}
         for keys, law in self.laws():
@@ -149,7 +155,8 @@ class Rig:
                 text = _rebased(self.document, keys, law).partition(":")[0]
                 laws.setdefault(file, set()).add(text)
         judges = beside(Path(self.evaluation.file)) if self.evaluation else []
-        return listed(found, laws, judges, self.path)
+        draws = beside(self.drawing) if self.drawing else []
+        return listed(found, laws, judges, draws, self.path)
 
     @cached_property
     def _resolved(self) -> str:

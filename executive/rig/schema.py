@@ -6,6 +6,7 @@ from msgspec import Meta, Struct
 
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.scheduling import Fraction, Realtime
 from pcpc.executive.rig.yamlfile import Keys
 
 EARLIER: dict[Keys, Keys] = {  # keys of earlier versions and of their logs, and today's
@@ -21,8 +22,7 @@ FALLBACK = "fallback"  # name of the block that waits for `overrun.fallback`
 Name = Annotated[str, Meta(pattern=r"\A[a-z0-9._-]{1,64}\Z")]  # it becomes part of a file's name
 BlockName = Annotated[str, Meta(pattern=r"\A[a-z][a-z0-9_]{0,63}\Z")]
 Word = Annotated[str, Meta(max_length=200)]
-Fraction = Annotated[float, Meta(ge=0, le=1)]
-Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
+PerSecond = Annotated[float, Meta(ge=0, le=1e9)]
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Duration = Annotated[str, Meta(pattern=r"\A[0-9]{1,9}(\.[0-9]{1,9})?(ms|s|min)\Z")]
 BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s)?\Z")]
@@ -59,7 +59,8 @@ class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     `peer_timeout_s`: how long a node that is ready waits for the other one. `on_fault`: what
     follows the ramp. `estop`: a received signal, 0 as long as all is well; `stop_frame`: a frame
-    that any node may send; both are a quick stop and a fault.
+    that any node may send; both are a quick stop and a fault. `intrusion`: what follows when two
+    senders of a frame are recognised, see `loop.intrusion`.
     """
 
     hold_cycles: Annotated[int, Meta(ge=2)] = 2
@@ -69,46 +70,16 @@ class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     on_fault: Literal["stop", "wait"] = "stop"
     estop: str | None = None
     stop_frame: str | None = None
+    intrusion: Literal["count", "hold", "fault"] = "count"
     peer_timeout_s: Annotated[float, Meta(gt=0, le=1e6)] = 300.0
 
 
-class Scheduling(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Of a node: SCHED_FIFO `priority`, and the processor to stay on with it, null for any.
+class Watchdog(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A process that sees only the bus and sends the stop frame; see `tools.watchdog`."""
 
-    `phase`: fraction of a period by which its cycles lie behind the common grid of whole periods.
-    """
-
-    priority: Priority
-    phase: Fraction
-    cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
-
-
-class _Executive(Scheduling, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    priority: Priority = 80
-    phase: Fraction = 0.0
-
-
-class _Local(Scheduling, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    priority: Priority = 75
-    phase: Fraction = 0.3333
-
-
-class _Plant(Scheduling, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    priority: Priority = 70
-    phase: Fraction = 0.5
-
-
-class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Scheduling of each node; `late_fraction` of a period after its time a wake-up is late."""
-
-    executive: _Executive = _Executive()
-    local: _Local = _Local()
-    plant: _Plant = _Plant()
-    late_fraction: Fraction = 0.1
-
-    def of(self, role: Role) -> Scheduling:
-        """Return the settings of a node."""
-        return {"executive": self.executive, "local": self.local, "plant": self.plant}[role]
+    silent_cycles: Annotated[int, Meta(ge=2)] = 50
+    wrong_frames: Annotated[int, Meta(ge=1, le=10)] = 3
+    feed: str | None = None
 
 
 class Overrun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -144,8 +115,21 @@ class Errors(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     crc: Count = 0
     repeated: Count = 0
     wrong_sequence: Count = 0
+    implausible: Count = 0
     send: Count = 0
     bus: Count = 0
+
+
+class Alarms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is told at once while a run goes on: more than so many in a second; null: never.
+
+    `late_us`: a cycle that wakes later; null: than a period.
+    """
+
+    late_us: Annotated[float, Meta(gt=0)] | None = None
+    lost_per_s: PerSecond | None = 0.0
+    crc_per_s: PerSecond | None = 0.0
+    held_per_s: PerSecond | None = 10.0  # single ones are what holding is for
 
 
 class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -192,6 +176,20 @@ class Limit(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     safe: float | None = None
 
 
+class Plausible(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a received signal may be, in its unit; a value beyond it is not taken.
+
+    `rate_per_s`, `still_cycles` null: not judged. `fault_after` such values in a row are a fault,
+    null: as many as `supervisor.fault_after_cycles`.
+    """
+
+    low: float = float("-inf")
+    high: float = float("inf")
+    rate_per_s: Annotated[float, Meta(gt=0)] | None = None
+    still_cycles: Annotated[int, Meta(ge=1, le=10**9)] | None = None
+    fault_after: Annotated[int, Meta(ge=1, le=10**9)] | None = None
+
+
 class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The controller node; the order of `blocks` is the schedule."""
 
@@ -199,6 +197,7 @@ class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     blocks: dict[BlockName, Entry]
     transmit: dict[str, str] = {}
     limits: dict[str, Limit] = {}
+    plausible: dict[str, Plausible] = {}
 
 
 class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -212,6 +211,7 @@ class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     parameters_file: str | None = None
     transmit: dict[str, str] = {}
     limits: dict[str, Limit] = {}
+    plausible: dict[str, Plausible] = {}
     safe: dict[str, float] = {}
 
 
@@ -227,6 +227,7 @@ class Local(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     bus: Bus | None = None
     transmit: dict[str, str] = {}
     limits: dict[str, Limit] = {}
+    plausible: dict[str, Plausible] = {}
     safe: dict[str, float] = {}
 
 
@@ -258,6 +259,7 @@ class Fault(
     node: Role | None = None
     data_of: Word | None = None
     how: Literal["value", "freeze", "random", "offset"] | None = None
+    goes_on: bool = False
     value: float | None = None
     share: Annotated[float, Meta(gt=0, le=1)] = 1.0
     burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
@@ -334,8 +336,10 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     controller: str
     controllers: dict[Name, Law]
     supervisor: Supervisor = Supervisor()
+    watchdog: Watchdog | None = None
     realtime: Realtime = Realtime()
     errors: Errors = Errors()
+    alarms: Alarms = Alarms()
     overrun: Overrun = Overrun()
     timing: Timing = Timing()
     executive: Executive

@@ -1,0 +1,121 @@
+"""What becomes of the rows of a node's rings in a log: topics, their schemas, messages.
+
+The bytes of a row become the payloads of two messages:
+
+    row of the ring   [cycle, stamp, header, state..., header, timing...]   cells of 8 bytes
+    /state            the upper half of the first header and all state cells, byte for byte
+    /timing           the same of the second header
+    log_time          stamp - clock_monotonic_ns + clock_wall_ns            wall time, ns
+                      without a clock: k T + clock_wall_ns of the first node
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.event_entries import entry_of
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK
+from pcpc.executive.log.mcap_writer import BulkWriter, message_records
+from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
+from pcpc.executive.loop import shared
+from pcpc.executive.rig import carried
+
+_OF_THE_MEMORY = ("attachments", "blocks", "initial", "record_columns", "name")  # not in a log
+
+
+class Channels:
+    """The topics of a node, of which `about` is the description."""
+
+    def __init__(self, about: Mapping[str, Any], writer: BulkWriter) -> None:
+        self.about, self.name = about, str(about["node"])
+        facts = about["metadata"]
+        self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
+        self.clocked = facts.get("pacing") not in WITHOUT_CLOCK
+        self.period_ns = int(about["period_ns"])
+        self.state_end = 8 * (shared.RECORD_HEAD + len(about["state_columns"]))
+        self.ids = {
+            kind: self._columns(writer, kind, about[f"{kind}_columns"])
+            for kind in ("state", "timing")
+        }
+        self.ids |= others(writer, self.name)
+
+    def _columns(self, writer: BulkWriter, kind: str, names: Sequence[str]) -> int:
+        known = {row[0]: row for row in self.about["variables"]}
+        rows = [known.get(name, (name, "", "", "", "")) for name in names]
+        schema = f"pcpc/{'' if self.name == 'executive' else self.name.title()}{kind.title()}"
+        return columns(writer, logs.topic(self.name, kind), schema, rows)
+
+    def messages(self, ring: str, rows: NDArray[np.int64]) -> list[NDArray[Any]]:
+        """Return copies of ring rows as message records."""
+        cells = rows.view(np.uint8)
+        if ring == "record":
+            cycle, end = rows[:, 0], self.state_end
+            stamps = rows[:, 1] if self.clocked else cycle * self.period_ns
+            log_ns = stamps + self.wall_ns
+            head = 8 * shared.RECORD_HEAD - logs.CDR_BYTES
+            state, timing = cells[:, head:end], cells[:, end + 8 - logs.CDR_BYTES :]
+            return [
+                message_records(self.ids["state"], cycle, log_ns, state),
+                message_records(self.ids["timing"], cycle, log_ns, timing),
+            ]
+        if ring == "frame":
+            log_ns, data = rows[:, 1] + self.wall_ns, cells[:, 8 - logs.CDR_BYTES :]
+            return [message_records(self.ids["can/frames"], rows[:, 2], log_ns, data)]
+        return [self._event(row) for row in rows]
+
+    def _event(self, row: NDArray[np.int64]) -> NDArray[Any]:
+        topic, entry = entry_of(row, self.about)
+        return self.entry(topic, int(row[0]), int(row[1]), entry)
+
+    def entry(self, kind: str, stamp: int, cycle: int, entry: dict[str, Any]) -> NDArray[Any]:
+        """Return an entry of the topic `kind`, events or tunings, as a message record."""
+        whole = json.dumps({"cycle": cycle, "stamp_ns": stamp} | entry).encode()
+        k, log_ns = np.array([[cycle], [stamp + self.wall_ns]])
+        data = np.frombuffer(whole, np.uint8)[None, :]
+        return message_records(self.ids[kind], k, log_ns, data)
+
+
+def columns(writer: BulkWriter, topic: str, schema: str, variables: Sequence[Sequence[str]]) -> int:
+    """Register a topic of columns, each variable with unit, kind, writer, help; return its id."""
+    lines, mapping = [], {}
+    for field, row in zip(field_names([row[0] for row in variables]), variables, strict=True):
+        name, unit, kind, owner, text = row
+        comment = f"{name} [{unit or '1'}] {' '.join(text.split())}"
+        lines.append(f"float64 {field}  # {comment.rstrip()}")
+        about = {"name": name, "unit": unit, "kind": kind, "writer": owner, "help": text}
+        mapping[field] = json.dumps(about)
+    writer.add_metadata(f"variables:{topic}", mapping)
+    return writer.register(topic, schema, "\n".join(lines) + "\n", "cdr")
+
+
+def others(writer: BulkWriter, node: str) -> dict[str, int]:
+    """Register the topics of a node that are no columns; return their ids by kind."""
+    place = logs.topic(node, "can/frames")
+    found = {"can/frames": writer.register(place, "pcpc/Frame", FRAME_SCHEMA, "cdr")}
+    for kind, schema in JSON_SCHEMAS.items():
+        topic = f"{kind.lower()}s"
+        place = logs.topic(node, topic)
+        found[topic] = writer.register(place, f"pcpc.{kind}", json.dumps(schema), "json")
+    return found
+
+
+def explain(writer: BulkWriter, about: Mapping[str, Any], files: dict[str, str]) -> None:
+    """Write what explains the messages of a node; `files` are those that stand in the log so far.
+
+    A file that differs from one of its name stands below the node's name.
+    """
+    name = str(about["node"])
+    facts = {str(key): str(value) for key, value in about["metadata"].items()}
+    facts |= {"rig": str(about["rig"]), "period_ns": str(about["period_ns"])}
+    writer.add_metadata(name, facts)
+    rest = {k: v for k, v in about.items() if k not in _OF_THE_MEMORY}
+    wall_ns = int(about["metadata"]["clock_wall_ns"])
+    for file, data, digest in carried.attachments(about, {f"{name}.json": json.dumps(rest)}):
+        place = file if files.get(file, digest) == digest else f"{name}/{file}"
+        if files.setdefault(place, "") == "":
+            files[place] = digest
+            writer.add_attachment(wall_ns, wall_ns, place, "text/plain", data)

@@ -1,0 +1,37 @@
+"""What a log says of an event in a node's ring, by its code."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.executive.log.schemas import EVENTS, OF_A_FRAME, VALUE_EVENTS
+from pcpc.executive.loop import shared
+
+
+def entry_of(row: NDArray[np.int64], about: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return the topic of an event in a node's ring, and what the log says of it.
+
+    `about` is the node's description.
+    """
+    code, argument = int(row[2]), int(row[3])
+    number = float(row[4:].view(np.float64)[0])
+    value = number if math.isfinite(number) else repr(number)  # JSON has no nan, inf
+    variables = about["variables"]
+    if code == shared.TUNING_EVENT:
+        return "tunings", {"name": variables[argument][0], "value": value}
+    if code in VALUE_EVENTS:
+        name = variables[argument][0]
+        return "events", {"event": VALUE_EVENTS[code], "name": name, "value": value}
+    kind = EVENTS.get(code, f"code_{code}")
+    entry = {"event": kind, "argument": argument, "value": value}
+    names = about.get(f"{kind}_names", ())
+    if code == shared.REFUSED_EVENT:
+        names = [variable[0] for variable in variables]
+    if 0 <= argument < len(names):
+        entry["name"] = names[argument]
+    if code in OF_A_FRAME:
+        entry["name"] = about["frames"].get(str(argument), "")
+    return "events", entry

@@ -1,0 +1,31 @@
+"""A flood on purpose: a node that sends frames which nobody knows, ahead of its own.
+
+`value` frames a cycle of the lowest id that the DBC file has not, so that they win every
+arbitration. A bus that knows its bits (a real one, or `bus.emulate`) has less room for others; one
+that does not only carries them to receivers, which leave them. They are not in the log.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.jit import loop_function
+from pcpc.drivers.structures import data_of
+from pcpc.drivers.wire import put_frame
+from pcpc.executive.loop.injection import acts, is_on, size
+
+
+@loop_function
+def flood(n: Any) -> None:
+    """Send what the floods that are on send in a cycle."""
+    faults, frame = n.faults, n.wire.tx
+    for f in range(faults.n, faults.n + faults.n_floods):
+        if is_on(n, f) and acts(n, f):
+            data = data_of(frame)
+            for i in range(4):
+                frame[i] = (faults.target[f] >> (8 * i)) & 255
+            frame[4] = 8
+            for i in range(8):
+                data[i] = 0
+            for _ in range(np.int64(size(n, f))):
+                put_frame(n.wire)

@@ -1,0 +1,133 @@
+"""Two senders of one frame, recognised by what a single one never does.
+
+    two senders     a counter that was there already comes with other data; or, as a hint, a counter
+                    goes back, or a frame with a wrong CRC comes beside a good one of the cycle
+    counter ahead   a counter moved by more than the time since it last did, and MAX_DELTA
+    two places      a heartbeat comes before three quarters of its turn are over, and again so
+                    within HINT_TURNS turns (a hint)
+
+The first two are judged within a turn of the frame, so that a counter that went all the way round
+is none. A bus that repeats a frame repeats its bytes; one that loses frames or lets them wait moves
+a counter by no more than the time that passed. One that lets frames overtake each other looks like
+two senders, for which a hint alone is not believed: HINTS of them within HINT_TURNS turns are.
+
+What is believed leads to what the rig chose: it is counted and told (always), the frame is none of
+this cycle's input and what came of it is taken back (hold), the node faults as well (fault).
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers import can_id, codec, dbc, e2e
+from pcpc.drivers.jit import loop_function
+from pcpc.drivers.structures import copy, data_of
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.plausibility import take_plausible
+from pcpc.executive.loop.rings import push_event
+from pcpc.executive.loop.strangers import blame, word_of
+
+REACTIONS = ("count", "hold", "fault")
+COUNT, HOLD, FAULT = range(3)
+HINTS, HINT_TURNS = 3, 10
+EVENT_CYCLES = 100  # a frame is told at most this often
+
+
+@loop_function
+def suspect(n: Any, row: Any, state: Any, lost: Any) -> None:
+    """Look for a second sender in a frame that is not used; `lost` before it, as of its check."""
+    rx, every, before = n.rx, n.rx.frames[row, dbc.EVERY_N], n.intrusion.counted_frame[row]
+    if state == e2e.ERROR:
+        if rx.state[row, e2e.FRESH] != 0:
+            note_sign(n, row, sh.TWO_SENDERS_EVENT, 1)
+    elif state == e2e.REPEATED:
+        if rx.state[row, e2e.STILL_CYCLES] <= every and differs(n, row):
+            note_sign(n, row, sh.TWO_SENDERS_EVENT, HINTS)
+    else:
+        mask = rx.frames[row, dbc.COUNTER_MASK]
+        heard = np.int64(before[8 + rx.frames[row, dbc.COUNTER_BYTE]])
+        ahead = rx.state[row, e2e.LAST_COUNTER] - (heard >> rx.frames[row, dbc.COUNTER_SHIFT])
+        ahead &= mask
+        turns = lost + 1  # since the counter moved, or more than it did
+        if ahead > mask >> 1:
+            if turns == 1:
+                note_sign(n, row, sh.TWO_SENDERS_EVENT, 1)
+        elif ahead >= turns + n.clock.behind // every + e2e.MAX_DELTA:
+            note_sign(n, row, sh.AHEAD_EVENT, HINTS)
+        copy(before, n.wire.rx)
+
+
+@loop_function
+def differs(n: Any, row: Any) -> Any:
+    """Return whether the frame in `wire.rx` is another than the one that had its counter."""
+    other = False
+    for i in range(8, 8 + n.rx.frames[row, dbc.DLC]):
+        other |= n.wire.rx[i] != n.intrusion.counted_frame[row, i]
+    return other
+
+
+@loop_function
+def watch_beat(n: Any, row: Any) -> None:
+    """Look at the time between two heartbeats; after a stall they come together."""
+    watch = n.intrusion
+    every, before = watch.beat_every[row], watch.beat_at[row]
+    watch.beat_at[row] = n.k
+    if before > 0 and n.clock.behind == 0 and 4 * (n.k - before) < 3 * every:
+        if n.k - watch.early_at[row] <= HINT_TURNS * every:
+            note_sign(n, row, sh.TWO_PLACES_EVENT, 1)
+        watch.early_at[row] = n.k
+
+
+@loop_function
+def note_sign(n: Any, row: Any, event: Any, weight: Any) -> None:
+    """Count and tell a sign of a second sender of a frame; believe it, or HINTS of them."""
+    watch, word = n.intrusion, word_of(n.wire.rx)
+    n.control[sh.INTRUSIONS] += 1
+    if n.passes - watch.hint_since[row] >= HINT_TURNS * n.rx.frames[row, dbc.EVERY_N]:
+        watch.hint_since[row], watch.hints[row] = n.passes, 0
+    watch.hints[row] += weight
+    if n.k >= watch.told_until[row]:
+        watch.told_until[row] = n.k + EVENT_CYCLES
+        push_event(n, event, word & can_id.ID, n.control[sh.INTRUSIONS])
+    if watch.hints[row] >= HINTS and watch.reaction != COUNT:
+        take_back(n, row)
+        if watch.reaction == FAULT:
+            blame(n, sv.INTRUSION, word)
+
+
+@loop_function
+def take_back(n: Any, row: Any) -> None:
+    """Let a frame be none of this cycle's input; its values are those of the cycle before."""
+    rx, watch, cycle = n.rx, n.intrusion, n.passes + 1
+    watch.doubted[row] = cycle
+    if watch.kept[row] != cycle:
+        return
+    watch.kept[row] = 0
+    rx.fresh -= watch.fresh[row]
+    for i in range(rx.frames[row, dbc.FIRST], rx.frames[row, dbc.END]):
+        n.v[rx.signals[i, dbc.VARIABLE]] = watch.before[i]
+    for i in range(n.plausible.n):
+        if n.plausible.row[i] == row:
+            n.plausible.taken[i] = n.v[n.plausible.place[i]]
+
+
+@loop_function
+def unpack_with_care(n: Any, row: Any, new: Any) -> None:
+    """Decode `wire.rx`, of a row whose frames or values are doubted; what is no input is none."""
+    rx, watch, cycle = n.rx, n.intrusion, n.passes + 1
+    awaited = rx.role[row, sh.AWAITED] * new
+    if watch.beat_every[row] > 0:
+        watch_beat(n, row)
+    if watch.doubted[row] == cycle:
+        rx.fresh -= awaited
+        return
+    if new and watch.reaction != COUNT:
+        watch.kept[row] = cycle
+        for i in range(rx.frames[row, dbc.FIRST], rx.frames[row, dbc.END]):
+            watch.before[i] = n.v[rx.signals[i, dbc.VARIABLE]]
+    codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, rx.scales, n.v)
+    known = take_plausible(n, row)
+    if new:
+        watch.fresh[row] = awaited * known
+        rx.fresh -= awaited - watch.fresh[row]

@@ -1,0 +1,76 @@
+"""Received values that cannot be true: not taken, counted, and too many in a row a fault.
+
+For each signal that its receiver limits, in each frame that the check of counter and CRC let
+pass, with x the value that came, y the one taken last, and m the periods since then:
+
+    no number  no finite number
+    outside    not low <= x <= high
+    too fast   |x - y| > rate_per_s T max(m, 1)
+    still      x has been the same for more than still_cycles periods
+
+Then y stays in the table (0 before the first). `fault_after` such values in a row are a fault.
+Until each of its limited signals has been taken once, a frame is not the input that starts a node.
+"""
+
+from typing import Any
+
+from pcpc.drivers.jit import loop_function
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.limits import FINITE
+from pcpc.executive.loop.rings import bits_of, push_event
+
+WHYS = ("", "no finite number", "outside of its bounds", "too fast", "standing still")
+GOOD, NO_NUMBER, OUTSIDE, TOO_FAST, STILL = range(5)
+EVENT_CYCLES = 100  # a signal is told at most this often
+
+
+@loop_function
+def take_plausible(n: Any, row: Any) -> Any:
+    """Put back what of the frame just decoded is not plausible; return whether all is known."""
+    these, known = n.plausible, True
+    for i in range(these.n):
+        if these.row[i] == row:
+            j = these.place[i]
+            x = n.v[j]
+            why = judged(n, i, x)
+            if why == GOOD:
+                these.taken[i], these.taken_at[i], these.in_a_row[i] = x, n.k, 0
+            else:
+                n.v[j] = these.taken[i]
+                note_implausible(n, i, x, why)
+            known = known and these.taken_at[i] >= 0
+    return known
+
+
+@loop_function
+def judged(n: Any, i: Any, x: Any) -> Any:
+    """Return what is wrong with a value of limited signal `i`."""
+    these, bounds = n.plausible, n.plausible.bounds[i]
+    if x != these.came[i]:
+        these.came[i], these.came_at[i] = x, n.k
+    if not abs(x) < FINITE:
+        return NO_NUMBER
+    if x < bounds[sh.LOW] or x > bounds[sh.HIGH]:
+        return OUTSIDE
+    periods = max(n.k - these.taken_at[i], 1)
+    if these.taken_at[i] >= 0 and abs(x - these.taken[i]) > bounds[sh.RATE] * periods:
+        return TOO_FAST
+    return STILL if n.k - these.came_at[i] > these.still_cycles[i] else GOOD
+
+
+@loop_function
+def note_implausible(n: Any, i: Any, x: Any, why: Any) -> None:
+    """Count a value that was not taken, tell it, and be a fault in the end."""
+    these, place = n.plausible, n.plausible.place[i]
+    n.control[sh.IMPLAUSIBLE] += 1
+    n.v[these.count_place[i]] += 1.0
+    these.in_a_row[i] += 1
+    if n.k >= these.told_until[i]:
+        these.told_until[i] = n.k + EVENT_CYCLES
+        push_event(n, sh.IMPLAUSIBLE_EVENT, place, x)
+    if these.in_a_row[i] >= these.fault_after[i] and n.guard.faulted == sv.NO_FAULT:
+        n.guard.faulted = sv.NOT_PLAUSIBLE
+        n.control[sh.CULPRIT] = why
+        n.control[sh.ODD_PLACE], n.control[sh.ODD_CYCLE] = place + 1, n.k
+        n.control[sh.ODD_BITS] = bits_of(x)

@@ -1,0 +1,43 @@
+"""What the loop keeps of what it doubts, values and senders: parts of the LOOP record."""
+
+from typing import Any
+
+from pcpc.drivers.wire_layout import FRAME_BYTES
+
+
+def plausible(limits: int) -> list[Any]:
+    """Return the fields; a cycle of -1 is none yet. See `executive.loop.plausibility`."""
+    return [
+        ("n", "<i8"),
+        ("row", "<i8", (limits,)),  # of the received frames
+        ("place", "<i8", (limits,)),
+        ("count_place", "<i8", (limits,)),
+        ("still_cycles", "<i8", (limits,)),
+        ("fault_after", "<i8", (limits,)),
+        ("bounds", "<f8", (limits, 3)),  # LOW, HIGH, RATE a cycle
+        ("taken", "<f8", (limits,)),
+        ("taken_at", "<i8", (limits,)),
+        ("came", "<f8", (limits,)),
+        ("came_at", "<i8", (limits,)),
+        ("in_a_row", "<i8", (limits,)),
+        ("told_until", "<i8", (limits,)),
+    ]
+
+
+def intrusion(frames: int, signals: int) -> list[Any]:
+    """Return the fields, most by received frame. See `executive.loop.intrusion`."""
+    return [
+        ("reaction", "<i8"),  # to what is believed
+        ("care", "<i8", (frames,)),  # 1: it may be taken back, its values not taken, or it beats
+        ("counted_frame", "u1", (frames, FRAME_BYTES)),  # the one that moved the counter
+        ("hints", "<i8", (frames,)),
+        ("hint_since", "<i8", (frames,)),  # the pass in which they began
+        ("told_until", "<i8", (frames,)),
+        ("beat_every", "<i8", (frames,)),  # cycles, of a heartbeat
+        ("beat_at", "<i8", (frames,)),
+        ("early_at", "<i8", (frames,)),
+        ("doubted", "<i8", (frames,)),  # pass + 1 in which it is no input
+        ("kept", "<i8", (frames,)),  # pass + 1 in which `before` holds
+        ("fresh", "<i8", (frames,)),  # what it added to the input of that cycle
+        ("before", "<f8", (signals,)),  # values before this cycle's frame
+    ]

@@ -1,0 +1,101 @@
+"""Every cycle, frame and event of a running node, beside its recorder.
+
+    tap = Tap(live)
+    rows = tap.rows()          the cycles since the last look: rows.cycle, rows["controller.e_rad"]
+    tap.frames(), tap.events() the same of what went over the bus, of what happened
+
+The rings have one reader that counts for the loop, the recorder. A tap reads the same rows with a
+place of its own, which the node does not know: it costs the loop nothing and never holds it. A row
+is there until the ring has come round; what was overwritten before it was read is counted in
+`missed`. Where no recorder takes rows, the rings fill up and nothing new comes (`stuck`).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.executive.log.event_entries import entry_of
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.live import Live, known
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Recorded variables of successive cycles.
+
+    cycle     (n,) int64
+    stamp_ns  (n,) int64, when each woke, on the clock of the node
+    values    (n, columns) float64, of the columns `places`
+    """
+
+    cycle: NDArray[np.int64]
+    stamp_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+    places: dict[str, int]
+
+    def __len__(self) -> int:
+        return len(self.cycle)
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        """Return a variable's values; LiveError if no row has it."""
+        return self.values[:, self.places[known(name, self.places)]]
+
+
+class Tap:
+    """A place in the rings of a node; begins with what is put from now on.
+
+    `past`: with what the rings hold, but for the oldest quarter, which may go at any moment.
+    """
+
+    def __init__(self, live: Live, past: bool = False) -> None:
+        self.live = live
+        about, head = live.block.description, sh.RECORD_HEAD
+        states, timings = about["state_columns"], about["timing_columns"]
+        self.names = (*states, *timings)
+        self._columns = [*range(head, head + len(states))]
+        self._columns += range(head + len(states) + 1, head + len(states) + 1 + len(timings))
+        self._places = {name: place for place, name in enumerate(self.names)}
+        self._next = {ring: self._put(ring) for ring in sh.RINGS}
+        if past:
+            held = {ring: 3 * len(live.block[ring]) // 4 for ring in sh.RINGS}
+            self._next = {ring: max(put - held[ring], 0) for ring, put in self._next.items()}
+        self.missed = dict.fromkeys(sh.RINGS, 0)
+
+    @property
+    def stuck(self) -> bool:
+        """Whether a ring is full, as nobody records the node: nothing new comes."""
+        return any(int(self.live.block[f"{ring}_ends"][sh.DROPPED]) > 0 for ring in sh.RINGS)
+
+    def rows(self) -> Rows:
+        """Return the cycles since the last look."""
+        taken = self._take("record")
+        values = taken.view(np.float64)[:, self._columns]
+        return Rows(taken[:, 0], taken[:, 1], values, self._places)
+
+    def frames(self) -> NDArray[np.int64]:
+        """Return the frames since the last look, (n, FRAME_WORDS); see `executive.loop.shared`."""
+        return self._take("frame")
+
+    def events(self) -> Iterator[tuple[int, str, dict[str, Any]]]:
+        """Yield cycle, topic and entry of what happened since the last look."""
+        for row in self._take("event"):
+            yield int(row[1]), *entry_of(row, self.live.block.description)
+
+    def _put(self, ring: str) -> int:
+        return int(self.live.block[f"{ring}_ends"][sh.PUT])
+
+    def _take(self, ring: str) -> NDArray[np.int64]:
+        """Return copies of the rows since the last look that were whole when they were copied.
+
+        The row after the newest may be in the middle of being written, over the oldest.
+        """
+        rows, start, end = self.live.block[ring], self._next[ring], self._put(ring)
+        begin = max(start, end - len(rows) + 1)
+        copied = rows[np.arange(begin, end) % len(rows)]
+        whole = max(begin, self._put(ring) - len(rows) + 1)
+        self.missed[ring] += min(whole, end) - start
+        self._next[ring] = end
+        return copied[whole - begin :]
