@@ -206,14 +206,14 @@ class Run:
 
     def setting(self, name: str) -> float:
         """Return a setting of the controller, else of the plant; NaN if unknown."""
-        rig = _rig(self.log)
+        rig = effective_rig(self.log)
         laws = [rig.get("controllers", {}).get(rig.get("controller"), {})]
         laws += rig.get("plant", {}).get("blocks", {}).values()
         values = (law["parameters"][name] for law in laws if name in law.get("parameters", {}))
         return float(next(values, math.nan))
 
 
-def _rig(log: Log) -> dict[str, Any]:
+def effective_rig(log: Log) -> dict[str, Any]:
     """Return the effective rig; {} if the log has none."""
     if log.rig is not None:
         return dict(log.rig)
