@@ -22,6 +22,11 @@ from pcpc.executive.rig.reading import Rig
 WARM = 1000  # cycles before all that is compared
 SPREAD = 100  # cycles over which the begin of a fault is drawn
 AFTER = 60  # cycles that are looked at after it
+NOTICED_BY = {  # what is told of a received value, and of a frame
+    sh.IMPLAUSIBLE_EVENT: "plausibility",
+    sh.TWO_SENDERS_EVENT: "two senders",
+    sh.AHEAD_EVENT: "counter ahead",
+}
 _RINGS = {*sh.RINGS, "histogram", "snapshot"}  # what is not written back
 
 
@@ -38,18 +43,19 @@ class Seen(NamedTuple):
 class Bench:
     """A rig, warmed up, that is set back before each run."""
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, warm: int = WARM) -> None:
         self.run = VirtualRun(rig, None)
-        self._loops = tuple(block.loop for block in self.run.blocks)
-        self._go = run_of(len(self._loops))
-        self._go(self._loops, self.run.steps, WARM)
+        self.loops = tuple(block.loop for block in self.run.blocks)
+        self._go = run_of(len(self.loops))
+        if warm:
+            self.go(warm)
         fields = [name for name in sh.LOOP.names or () if name not in _RINGS]
-        self._saved = [{name: loop[name].copy() for name in fields} for loop in self._loops]
+        self._saved = [{name: loop[name].copy() for name in fields} for loop in self.loops]
         self._columns = [
             {name: sh.RECORD_HEAD + i for i, name in enumerate(block.description["state_columns"])}
             for block in self.run.blocks
         ]
-        self._places = [
+        self.places = [
             {variable[0]: i for i, variable in enumerate(block.description["variables"])}
             for block in self.run.blocks
         ]
@@ -60,49 +66,63 @@ class Bench:
 
     def clean(self, cycles: int) -> NDArray[np.float64]:
         """Return the pointing error without a fault, rad, from the end of the warming on."""
-        self._back()
-        self._go(self._loops, self.run.steps, cycles)
-        return self._column(1, "barrel.theta_rad")
+        self.back()
+        self.go(cycles)
+        return self.column(1, "barrel.theta_rad")
 
     def once(self, faults: Sequence[str], cycles: int, seed: int) -> Seen:
         """Run once: all `faults` act from the same drawn cycle on, for `cycles`."""
-        self._back()
+        self.back()
         begin = int(np.random.default_rng(seed).integers(2, SPREAD))
-        for i, (loop, places) in enumerate(zip(self._loops, self._places, strict=True)):
-            tuning = loop.tuning
+        self.arrange([(WARM + begin, f"fault.{name}.left", float(cycles)) for name in faults], seed)
+        self.go(begin + cycles + AFTER)
+        return self._seen(WARM + begin)
+
+    def arrange(self, events: Sequence[tuple[int, str, float]], seed: int) -> None:
+        """Let variables be set in cycles of this run, in each node that has them; seed the draws.
+
+        A fault acts from its cycle on; `executive:NAME` is set in the executive alone.
+        """
+        for i, (loop, places) in enumerate(zip(self.loops, self.places, strict=True)):
             rows = []
-            for name in faults:
-                place = places.get(f"fault.{name}.left")
+            for at, name, value in events:
+                place = places.get(name.removeprefix("executive:") if i == 0 else name)
                 if place is not None:
-                    early = name in self._later[i] and not self._is_peer(i, name)
-                    rows.append((WARM + begin - early, place))
-            for row in sorted(rows):
-                tuning.schedule[tuning.n] = row
-                tuning.value[tuning.n] = float(cycles)
+                    fault = name.split(".")[1]
+                    early = fault in self._later[i] and not self._is_peer(i, fault)
+                    rows.append((at - early, place, value))
+            tuning = loop.tuning
+            for at, place, value in sorted(rows):
+                tuning.schedule[tuning.n] = at, place
+                tuning.value[tuning.n] = value
                 tuning.n += 1
             for f in range(loop.faults.n):
                 loop.faults.seed[f] = losses.first(seed, str(f))
-        self._go(self._loops, self.run.steps, begin + cycles + AFTER)
-        return self._seen(WARM + begin)
 
     def _is_peer(self, node: int, name: str) -> bool:
         """Return whether the plant only knows of a stall of the executive, one cycle later."""
-        places = self._loops[node].faults
+        places = self.loops[node].faults
         stalls = set(places.peer_stall[: int(places.n_peer_stalls)].tolist())
-        return node == 1 and self._places[node][f"fault.{name}.left"] in stalls
+        return node == 1 and self.places[node][f"fault.{name}.left"] in stalls
 
-    def _back(self) -> None:
-        for loop, saved in zip(self._loops, self._saved, strict=True):
+    def go(self, cycles: int) -> None:
+        """Do some cycles."""
+        self._go(self.loops, self.run.steps, cycles)
+
+    def back(self) -> None:
+        """Be where the warming ended."""
+        for loop, saved in zip(self.loops, self._saved, strict=True):
             for name, value in saved.items():
                 loop[name] = value
             for ring in sh.RINGS:
                 loop[f"{ring}_ends"][sh.PUT] = loop[f"{ring}_taken"][0] = 0
 
-    def _column(self, node: int, name: str) -> NDArray[np.float64]:
+    def column(self, node: int, name: str) -> NDArray[np.float64]:
         """Return a variable in the cycles since the run was set back."""
-        return self._rows(node).view(np.float64)[:, self._columns[node][name]]
+        return self.rows(node).view(np.float64)[:, self._columns[node][name]]
 
-    def _rows(self, node: int) -> NDArray[np.int64]:
+    def rows(self, node: int) -> NDArray[np.int64]:
+        """Return the records of a node since then."""
         block = self.run.blocks[node]
         return np.asarray(block["record"][: int(block["record_ends"][sh.PUT])])
 
@@ -110,10 +130,10 @@ class Bench:
         first: list[tuple[int, int, str]] = []  # cycle, rank, who
         answer, fault = "none", ""
         for node, block in enumerate(self.run.blocks):
-            rows = self._rows(node)
+            rows = self.rows(node)
             cycle = rows[:, 0]
             state, missing, code = (
-                self._column(node, f"supervisor.{name}")
+                self.column(node, f"supervisor.{name}")
                 for name in ("state", "missing_cycles", "fault")
             )
             after = cycle >= begin
@@ -128,11 +148,15 @@ class Bench:
                 answer, fault = "FAULT", block.description["fault_names"][number]
             elif (state[after] == HOLD).any() and answer == "none":
                 answer = "HOLD"
+            told = block["event"][: int(block["event_ends"][sh.PUT])]
+            for event, who in NOTICED_BY.items():
+                if (told[:, 2] == event).any():
+                    first.append((int(told[told[:, 2] == event][0, 1]), 3, who))
             refused = self._refused(block)
             if len(refused):
                 first.append((int(refused[0]), 0, "counter or CRC"))
-        own = self._rows(1)[:, 0] >= begin
-        error = self._column(1, "barrel.theta_rad")[own]
+        own = self.rows(1)[:, 0] >= begin
+        error = self.column(1, "barrel.theta_rad")[own]
         worst = float(np.abs(error).max()) if len(error) else 0.0
         if not first:
             return Seen(None, "", answer, fault, worst)

@@ -18,15 +18,20 @@ class Case(NamedTuple):
     limit: int | None
     answer: str
     share: float = 1.0  # of the runs that have to be noticed within the limit
+    rig: str = "faults"  # or limited, which says what may be received
 
     @property
     def name(self) -> str:
-        """The names of its faults."""
-        return " + ".join(self.faults)
+        """The names of its faults, and the rig where that is another one."""
+        return " + ".join(self.faults) + (", limited" if self.rig == "limited" else "")
 
 
 def _of(name: str, cycles: int, limit: int | None, answer: str, share: float = 1.0) -> Case:
     return Case((name,), cycles, limit, answer, share)
+
+
+def _limited(name: str, cycles: int, limit: int, answer: str, share: float = 1.0) -> Case:
+    return Case((name,), cycles, limit, answer, share, "limited")
 
 
 HOLD, NONE = "HOLD", "none"
@@ -90,4 +95,16 @@ CASES = (
     Case(("executive_stall_2", "corruption_1"), 2, 0, HOLD),
     # one of 256 passes, with a wrong counter: the frames behind it are refused as well
     Case(("encoder_noise", "command_corruption"), 2, 0, "FAULT", ONE_IN_256),
+    # where the rig says what may be received, and two senders are a fault
+    _limited("forgery", 10, 0, "FAULT"),
+    _limited("command_forgery", 10, 0, "FAULT"),
+    _limited("counter_ahead", 10, 0, "FAULT"),
+    _limited("masquerade", 1, 0, NONE, 1.0 - 0.004 / 25.13),  # drawn beside the true angle
+    _limited("command_masquerade", 1, 0, NONE, 1.0 - 0.4 / 6.5536),
+    _limited("payload_frozen", 30, 21, "FAULT"),
+    _limited("encoder_bias", 100, 0, "FAULT"),
+    _limited("encoder_jump", 100, 0, "FAULT"),
+    _limited("encoder_noise", 100, 39, "FAULT"),
+    _limited("encoder_quantised", 100, 99, "FAULT"),
+    _limited("encoder_stuck", 300, 201, "FAULT"),
 )

@@ -1,20 +1,30 @@
-"""`pcpc evidence report`: inject every fault, count what noticed it, write it down."""
+"""`pcpc evidence`: inject every fault, count what noticed it, write it down."""
 
 import argparse
-from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.tools.console.progress import Progress
-from pcpc.tools.evidence import alarms, campaign, kills, matrix, mutants, report, residual
+from pcpc.tools.evidence import (
+    alarms,
+    campaign,
+    envelope,
+    frames,
+    kills,
+    matrix,
+    mutants,
+    report,
+    residual,
+)
 from pcpc.tools.evidence.parts import PARTS
+from pcpc.tools.starting.pool import each
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out the parts asked for; NOT_MET if one is not kept."""
+    """Carry out the parts asked for, beside those in the folder; NOT_MET if one is not kept."""
     progress = Progress(options.quiet)
     for name in options.parts:
         if name not in PARTS:
@@ -22,16 +32,26 @@ def command(options: argparse.Namespace) -> int:
     parts: Mapping[str, Callable[[], Any]] = {
         "matrix": lambda: _matrix(options, progress),
         "residual": lambda: residual.residual(options.frames, options.seed),
+        "frames": lambda: each(
+            frames.task, frames.tasks(options.frames, options.seed), progress, options.jobs
+        ),
+        "envelope": lambda: envelope.envelope(options.laws, options.seed, progress, options.jobs),
         "alarms": lambda: alarms.alarms(options.hours, options.seed, progress, options.jobs),
-        "mutants": _mutants,
-        "kills": lambda: kills.run(options.kills, options.seed, options.jobs or 2, progress),
+        "mutants": mutants.found,
+        "kills": lambda: kills.run(
+            options.kills, options.seed, options.jobs or kills.JOBS, progress
+        ),
     }
-    evidence = {name: parts[name]() for name in options.parts or PARTS}
+    evidence = report.read(Path(options.output))
+    for number, name in enumerate(wanted := options.parts or PARTS, 1):
+        progress.say(f"{name}, part {number} of {len(wanted)}")
+        evidence[name] = parts[name]()
+    evidence = {name: evidence[name] for name in PARTS if name in evidence}
     page = report.write(Path(options.output), evidence)
-    missed = list(_missed(evidence))
-    print("\n".join([*missed, f"{len(missed)} not as stated" if missed else "all as stated"]))
+    wrong = list(missed(evidence))
+    print("\n".join([*wrong, f"{len(wrong)} not as stated" if wrong else "all as stated"]))
     print(f"{page} and {report.NUMBERS}")
-    return Exit.NOT_MET if missed else Exit.OK
+    return Exit.NOT_MET if wrong else Exit.OK
 
 
 def _matrix(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -40,30 +60,37 @@ def _matrix(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return {"seed": options.seed, "after_cycles": campaign.AFTER, "clean_mrad": clean, "rows": rows}
 
 
-def _mutants() -> dict[str, Any]:
-    every, left = mutants.score()
-    return {
-        "mutants": len(every), "noticed": len(every) - len(left),
-        "argued": dict(Counter(mutants.reason(one) for one in left if mutants.reason(one))),
-        "left": [str(one) for one in left if not mutants.reason(one)],
-    }  # fmt: skip
-
-
-def _missed(evidence: Mapping[str, Any]) -> list[str]:
+def missed(evidence: Mapping[str, Any]) -> list[str]:
     """Return a line for each row that is not as stated."""
     lines = [
         f"{row['fault']}: {row['within_limit']} of {row['runs']} within {row['limit_cycles']} "
         f"cycles, {row['wanted']} wanted; {row['answers']}"
         for row in evidence.get("matrix", {}).get("rows", ()) if not row["kept"]
     ]  # fmt: skip
-    found = evidence.get("residual", {})
-    lines += [f"{row['bits']} wrong bits: {row['measured']:.3g}, {row['predicted']:.3g} predicted"
-              for row in found.get("weights", ()) if not row["kept"]]  # fmt: skip
-    if found and not found["drawn_frames"]["kept"]:
-        lines.append(f"drawn frames: {found['drawn_frames']['used']} used")
+    if found := evidence.get("residual"):
+        lines += [f"CRC-8: {line}" for line in _not_kept(found)]
+        lines += [f"CRC-16: {line}" for line in _not_kept(found["crc_16"])]
+    lines += [f"{row['format']}, {row['kind']}: {row['fates']}, {row['misjudged']} misjudged"
+              for row in evidence.get("frames", ()) if not row["kept"]]  # fmt: skip
+    if not (held := evidence.get("envelope", {"kept": True}))["kept"]:
+        lines.append(f"beyond the envelope: {held['broken']}; met {held['met']}")
     if "alarms" in evidence and not evidence["alarms"]["kept"]:
-        lines.append(f"false alarms: {evidence['alarms']['alarms']}")
+        lines += [f"false alarms of {row['rig']}: {row['alarms']}"
+                  for row in evidence["alarms"]["rigs"] if any(row["alarms"].values())]  # fmt: skip
     lines += [f"nobody notices {one}" for one in evidence.get("mutants", {}).get("left", ())]
+    lines += [
+        f"a reason of no mutant: {one}" for one in evidence.get("mutants", {}).get("idle", ())
+    ]
     lines += [f"{row['process']} {row['signal']} in cycle {row['cycle']}: {row['wrong']}"
               for row in evidence.get("kills", ()) if not row["ok"]]  # fmt: skip
     return lines
+
+
+def _not_kept(found: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what a CRC lets pass otherwise than predicted."""
+    for row in found["weights"]:
+        if not row["kept"]:
+            predicted = f"{row['predicted']:.3g} predicted"
+            yield f"{row['bits']} wrong bits: {row['measured']:.3g}, {predicted}"
+    if not found["drawn_frames"]["kept"]:
+        yield f"drawn frames: {found['drawn_frames']['used']} used"

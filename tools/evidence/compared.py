@@ -22,7 +22,7 @@ from pcpc.tools.evidence import expected
 AT, OUTPUTS, WATCHED, ESTOP, MODE = 100, 102, 105, 106, 107  # places in the table
 NOT_FINITE = sh.NOT_FINITE_EVENT  # the event that carries a value
 SEED = 16
-EPISODES, CYCLES, FRAMES = 60, 80, 3000
+EPISODES, CYCLES, FRAMES = 200, 80, 10_000
 FEW = 30  # episodes of code that is not compiled
 DRIVER = """
 from pcpc.executive.loop import shared as sh
@@ -222,14 +222,17 @@ ROWS = (
     expected.Protected(0x080, 2, 1, byte=0, shift=0, mask=255),
     expected.Protected(0x2A1, 3, 1),
     expected.Protected(0x345, 8, 5, byte=5, shift=2, mask=15),
+    expected.Protected(0x456, 8, 2, byte=3, mask=255, wide=True, data_id=0xA5C3),
+    expected.Protected(0x457, 7, 1, byte=6, mask=255, wide=True, data_id=0x0457),
 )
 
 
 def _frames() -> NDArray[np.int64]:
     table = np.zeros((len(ROWS), dbc.FRAME_COLUMNS), np.int64)
     for row, one in enumerate(ROWS):
-        table[row] = (one.can_id, 0, one.dlc, 0, 0, one.every, one.mask != 0, 0, one.byte,
-                      one.shift, one.mask, one.dlc - 1)  # fmt: skip
+        crc = (one.mask != 0) + one.wide
+        table[row] = (one.can_id, 0, one.dlc, 0, 0, one.every, crc, 0, one.byte,
+                      one.shift, one.mask, one.place.start, one.data_id)  # fmt: skip
     return table
 
 

@@ -237,9 +237,19 @@ def crc8(data: bytes) -> int:
     return crc ^ 0xFF
 
 
+def crc16(data: bytes) -> int:
+    """Return the CRC-16 CCITT-FALSE of bytes, by long division."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = crc << 1 ^ (0x11021 if crc & 0x8000 else 0)
+    return crc
+
+
 @dataclass
 class Protected:
-    """Where a frame has its counter and CRC; `mask` 0: it has none."""
+    """Where a frame has its counter and CRC; `mask` 0: it has none; `wide`: a CRC of 16 bits."""
 
     can_id: int
     dlc: int
@@ -247,10 +257,20 @@ class Protected:
     byte: int = 0
     shift: int = 0
     mask: int = 0
+    wide: bool = False
+    data_id: int = 0
 
-    def crc(self, data: bytes) -> int:
-        """Return the CRC over id and data before the last byte."""
-        return crc8(struct.pack("<H", self.can_id) + data[: self.dlc - 1])
+    def crc(self, data: bytes) -> bytes:
+        """Return the CRC over id and data before the last byte; a wide one before the counter."""
+        if self.wide:
+            rest = data[: self.byte - 2] + data[self.byte : self.dlc]
+            return struct.pack("<H", crc16(rest + struct.pack("<H", self.data_id)))
+        return bytes([crc8(struct.pack("<H", self.can_id) + data[: self.dlc - 1])])
+
+    @property
+    def place(self) -> slice:
+        """Where the CRC stands."""
+        return slice(self.byte - 2, self.byte) if self.wide else slice(self.dlc - 1, self.dlc)
 
     def sent(self, data: bytes, counter: int) -> bytes:
         """Return the data with counter and CRC."""
@@ -259,7 +279,7 @@ class Protected:
         out = bytearray(data)
         place = self.mask << self.shift
         out[self.byte] = out[self.byte] & (0xFF ^ place) | (counter & self.mask) << self.shift
-        out[self.dlc - 1] = self.crc(bytes(out))
+        out[self.place] = self.crc(bytes(out))
         return bytes(out)
 
 
@@ -289,7 +309,7 @@ class Receiver:
         step = 1
         if frame.mask and self.last >= 0:
             step = ((data[frame.byte] >> frame.shift) - self.last) & frame.mask
-        if length != frame.dlc or (frame.mask and frame.crc(data) != data[frame.dlc - 1]):
+        if length != frame.dlc or (frame.mask and frame.crc(data) != data[frame.place]):
             self.state, self.errors = 4, self.errors + 1
         elif step == 0:
             self.state, self.repeated = 2, self.repeated + 1

@@ -2,6 +2,7 @@
 
     KILL   kill -9                       STOP   SIGSTOP, SIGCONT after 20 to 600 ms
     TERM   SIGTERM                       SLOW   both in quick turns for half a second
+    BORN   kill -9 of the recorder within 50 ms of its start, before the nodes' first cycles
 
 Of each: how long the plant had a command that was neither fresh nor safe, and whether the last one
 is safe; whether the log opens and what it lacks; what is left behind; whether the next run on the
@@ -15,25 +16,22 @@ its last command, nor is a plant that was asked to end: the emulator takes its p
 plant was told when a run ended in order is the last command frame in its memory.
 """
 
-import argparse
-import json
 import math
 import os
 import random
 import select
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pcpc.drivers import choice
-from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes.live import Live, LiveError
@@ -48,7 +46,9 @@ from pcpc.tools.sweep.statements import lower_bound
 
 PROCESSES = ("host", "executive", "plant", "recorder")
 SIGNALS = ("KILL", "TERM", "STOP", "SLOW")
+CASES = (*product(SIGNALS, PROCESSES), ("BORN", "recorder"))
 CONFIDENCE = 0.95
+JOBS = 3  # side by side, each on a bus of its own: they wait more than they work
 MOST_MS = 1000.0  # what a kill may cost of a log, see `executive.log.recorder`
 _HEADER = ("process", "signal", "runs", "safe", "at 95 %", "cycles", "log", "ms p50", "max", "left",
            "next ok")  # fmt: skip
@@ -65,6 +65,7 @@ _NEXT = ("--pacing", "lockstep", "--set", "duration_s=0.2", "--set", "evaluation
 _FIRST, _LAST = 20, 1500  # cycles from which the moments are drawn
 _TRIES = 3  # a loaded machine may end a run before its moment
 _START_S, _END_S, _LOOK_S = 120.0, 40.0, 0.005  # the first start compiles
+_SOON_S, _BORN_S = 0.0005, 0.05
 _LET_GO_S = 1.0  # from the end of a process to that of its sockets
 _GOES_ON_S = 0.3  # a run that has not ended by then may go on
 
@@ -86,7 +87,8 @@ class Ended(Exception):
 class _Run:
     """A run under way: its processes, as descriptors that name no other one, and their memory."""
 
-    def __init__(self, rig: str, bus: str, folder: Path) -> None:
+    def __init__(self, rig: str, bus: str, folder: Path, born_s: float = math.inf) -> None:
+        """`born_s`: kill the recorder so long after it was seen first."""
         self.host = Child.started("host", "pcpc.tools.cli", _words(rig, bus, folder))
         self.pids: dict[str, int] = {}
         self.nodes: dict[str, Live] = {}
@@ -97,7 +99,11 @@ class _Run:
                 self.__exit__()
                 raise Ended("\n".join(self.host.complaint()))
             self._look(bus)
-            time.sleep(_LOOK_S)
+            if "recorder" in self.pids and born_s < math.inf:
+                time.sleep(born_s)
+                self.send("recorder", signal.SIGKILL)
+                born_s = math.inf
+            time.sleep(_LOOK_S if born_s == math.inf else _SOON_S)
 
     def _note(self, name: str, pid: int) -> None:
         with suppress(ProcessLookupError):
@@ -144,15 +150,14 @@ class _Run:
 
 
 def run(
-    kills: int = 100, seed: int = 1, jobs: int = 2, progress: Progress | None = None
+    kills: int = 100, seed: int = 1, jobs: int = JOBS, progress: Progress | None = None
 ) -> list[dict[str, Any]]:
     """Disturb `kills` runs, `jobs` side by side; return a row for each. RigError, PoolError."""
-    pairs = [(process, name) for name in SIGNALS for process in PROCESSES]
     with tempfile.TemporaryDirectory(prefix="pcpc-kills-") as folder:
         rig = Path(folder) / "kills.yaml"
         rig.write_text(_RIG.format(base=Path(rigs.find("hull")).resolve()), encoding="utf-8")
         cases = [
-            Case(str(rig), i, *pairs[i % len(pairs)],
+            Case(str(rig), i, CASES[i % len(CASES)][1], CASES[i % len(CASES)][0],
                  random.Random(f"{seed}/{i}").randint(_FIRST, _LAST))
             for i in range(kills)
         ]  # fmt: skip
@@ -176,19 +181,27 @@ def disturb(case: Case) -> dict[str, Any]:
 
 def _disturbed(case: Case, bus: str, tries: int) -> dict[str, Any]:
     folder = Path(case.rig).parent / f"{case.number}-{tries}"
-    with _Run(case.rig, bus, folder) as process:
+    born = case.signal == "BORN"
+    born_s = random.Random(case.cycle).uniform(0.0, _BORN_S) if born else math.inf
+    with _Run(case.rig, bus, folder, born_s) as process:
         try:
-            process.nodes["executive"].wait_until(lambda now: now.cycle >= case.cycle, _START_S)
+            if not born:
+                process.nodes["executive"].wait_until(lambda now: now.cycle >= case.cycle, _START_S)
         except LiveError as error:
             raise Ended(str(error)) from None
         at = {role: int(node.block["control"][sh.CYCLE]) for role, node in process.nodes.items()}
-        _act(process, case)
+        if not born:
+            _act(process, case)
         left = process.left(_END_S)
         end_s = time.monotonic() + _LET_GO_S
         while (names := left_on(bus)) and time.monotonic() < end_s:
             time.sleep(_LOOK_S)
         seen = {role: seen_of(node, case.rig, role) for role, node in process.nodes.items()}
-    row = {"at": at["executive"], "left": left + names} | _of_nodes(seen, case)
+    row: dict[str, Any] = {
+        "signal": case.signal,
+        "at": at["executive"],
+        "left": left + names,
+    } | _of_nodes(seen, case)
     row |= of_the_log(folder / LOG, seen, at if case.process == "recorder" else {})
     words = [*_words(case.rig, bus, f"{folder}-next"), *_NEXT]
     following = Child.started("next", "pcpc.tools.cli", words)
@@ -220,7 +233,7 @@ def _act(process: _Run, case: Case) -> None:
 
 def _of_nodes(seen: Mapping[str, Seen], case: Case) -> dict[str, Any]:
     """Return for how long commands were neither fresh nor safe, and how they were at the end."""
-    gone = case.process if case.signal == "KILL" else ""
+    gone = case.process if case.signal in ("KILL", "BORN") else ""
     return {
         "exposed": {role: one.exposed for role, one in seen.items()},
         "limit": max(one.limit for one in seen.values()),
@@ -237,9 +250,9 @@ def wrong_of(row: Mapping[str, Any]) -> list[str]:
         f"{role} had no safe command for {n} cycles, the limit is {row['limit']}"
         for role, n in row["exposed"].items() if n > row["limit"]
     ]  # fmt: skip
-    if not row["opens"]:
+    if not row["opens"] and row["signal"] != "BORN":
         found.append(f"the log does not open: {row['why']}")
-    elif row["missing_ms"] > MOST_MS or row["holes"]:
+    elif row["opens"] and (row["missing_ms"] > MOST_MS or row["holes"]):
         found.append(f"the log lacks {row['missing_ms']:.0f} ms and {row['holes']} cycles before")
     found += [f"left behind: {name}" for name in row["left"]]
     return found + [f"the next run ended with {row['next']}"] * (row["next"] != 0)
@@ -248,11 +261,10 @@ def wrong_of(row: Mapping[str, Any]) -> list[str]:
 def table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return a line for each process and signal: how many runs ended as they should."""
     cells: list[Sequence[str]] = [_HEADER]
-    for process in PROCESSES:
-        for name in SIGNALS:
-            some = [row for row in rows if (row["process"], row["signal"]) == (process, name)]
-            if some:
-                cells.append((process, name, *_counted(some)))
+    for name, process in sorted(CASES, key=lambda case: PROCESSES.index(case[1])):
+        some = [row for row in rows if (row["process"], row["signal"]) == (process, name)]
+        if some:
+            cells.append((process, name, *_counted(some)))
     return screen.table(cells, right=range(2, len(_HEADER)))
 
 
@@ -260,24 +272,11 @@ def _counted(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the figures of one line of the table."""
     done = [row for row in rows if "at" in row]  # the others never got to their moment
     safe = sum(not row["unsafe"] and max(row["exposed"].values()) <= row["limit"] for row in done)
-    missing = [row["missing_ms"] for row in done if row["opens"]] or [math.nan]
+    missing = [row["missing_ms"] for row in done if row["opens"]]
     return [
         str(len(rows)), str(safe), f"{100.0 * lower_bound(safe, len(rows), CONFIDENCE):.1f} %",
         str(max((max(row["exposed"].values()) for row in done), default=0)),
-        str(sum(row["opens"] for row in done)), f"{np.median(missing):.0f}", f"{max(missing):.0f}",
+        str(len(missing)),
+        *(f"{figure(missing):.0f}" if missing else "" for figure in (np.median, max)),
         str(sum(bool(row["left"]) for row in done)), str(sum(row["next"] == 0 for row in done)),
     ]  # fmt: skip
-
-
-def command(options: argparse.Namespace) -> int:
-    """Kill, stop and slow down processes of runs; print the table and what was wrong."""
-    rows = run(options.runs, options.seed, options.jobs, Progress(options.quiet))
-    if options.json:
-        print(json.dumps(rows))
-    else:
-        print("\n".join(table(rows)))
-    wrong = [row for row in rows if not row["ok"]]
-    for row in wrong:
-        where = f"{row['process']} {row['signal']} in cycle {row['cycle']}"
-        print("\n".join(screen.wrapped(f"{where}: {row['wrong']}")), file=sys.stderr)
-    return Exit.NOT_MET if wrong else Exit.OK

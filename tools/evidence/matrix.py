@@ -19,22 +19,23 @@ from pcpc.tools.evidence.cases import CASES, Case
 from pcpc.tools.starting.pool import each
 from pcpc.tools.sweep.statements import lower_bound
 
-RIG = Path(__file__).with_name("faults.yaml")
+RIG = Path(__file__).with_name("faults.yaml")  # and limited.yaml beside it
 CONTROLLER, CONFIDENCE, AT_ONCE = "pd_nn_fast", 0.95, 250
 LONGEST_S = 2.0  # more than any run of the matrix takes
 Task = tuple[int, int, int]  # case, first seed, seed past the last
 
 
-@lru_cache(maxsize=1)
-def bench() -> Bench:
-    """Return this process' rig, warmed up."""
-    return Bench(load_rig(RIG, CONTROLLER, [f"duration_s={LONGEST_S}"]))
+@lru_cache(maxsize=2)
+def bench(rig: str = "faults") -> Bench:
+    """Return this process' rig of that name, warmed up."""
+    return Bench(load_rig(RIG.with_stem(rig), CONTROLLER, [f"duration_s={LONGEST_S}"]))
 
 
 def runs_of(task: Task) -> list[Seen]:
     """Return what came of some runs of a case."""
     case = CASES[task[0]]
-    return [bench().once(case.faults, case.cycles, seed) for seed in range(task[1], task[2])]
+    own = bench(case.rig)
+    return [own.once(case.faults, case.cycles, seed) for seed in range(task[1], task[2])]
 
 
 def matrix(runs: int, seed: int, progress: Progress, jobs: int | None = None) -> list[Any]:
@@ -88,5 +89,5 @@ def _replay(case: Case) -> str:
         for name in case.faults
     )
     end_s = 1e-3 * (WARM + SPREAD + case.cycles + AFTER)
-    rig = f"tools/evidence/{RIG.name} --controller {CONTROLLER}"
+    rig = f"tools/evidence/{case.rig}.yaml --controller {CONTROLLER}"
     return f"pcpc simulate {rig} --set duration_s={end_s:g} {words}"

@@ -1,35 +1,36 @@
-"""`pcpc evidence mutants`: whether every change of the safety code is noticed.
+"""Mutants: whether every change of the safety code is noticed.
 
-The supervisor, the limits, the watchdog, the end-to-end check and the codec's saturation are
-compiled once more with all their mutants in them (`evidence.mutation`), of which a number chooses
-one. Each is fed with the same drawn inputs, many of them just on a limit, and its outputs are
-compared with what the documents say (`evidence.expected`). A mutant that nobody notices stands in
-ARGUED, with the reason why it changes nothing.
+Supervisor, limits, watchdog, overrun, other senders, end-to-end check and the codec's saturation
+are compiled once more with all their mutants in them (`evidence.mutation`), of which a number
+chooses one. Each is fed with the same drawn inputs, many of them just on a limit, and its outputs
+are compared with what the documents say (`evidence.expected`). A mutant that nobody notices stands
+in ARGUED, with the reason why it changes nothing.
 """
 
-import argparse
-import json
 import re
-import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import supervisor as sv
-from pcpc.tools.evidence import compared
+from pcpc.tools.evidence import compared, compared_plausible, compared_senders
 from pcpc.tools.evidence.mutation import Mutant, build
 
 TARGETS: Mapping[str, Sequence[str]] = {
     "drivers.codec": ("_round", "_bits", "pack"),
-    "drivers.e2e": ("crc8", "protect", "begin_cycle", "_use", "check"),
+    "drivers.e2e": ("crc8", "crc16", "right_crc", "crc_of", "put_crc", "protect", "begin_cycle",
+                    "_use", "check"),
     "executive.loop.supervisor": ("advance",),
     "executive.loop.limits": ("find_not_finite", "check_finite", "limit_commands", "settled",
                               "quick_stop", "begin_ramp"),
-    "executive.loop.cycle": ("over", "count_missing", "watch_estop", "hear_requests", "judge_reset",
-                             "enter", "watch_input", "supervise"),
+    "executive.loop.strangers": ("_note", "blame", "refused", "is_foreign", "note_foreign",
+                                 "note_repeat"),
+    "executive.loop.plausibility": ("take_plausible", "judged", "note_implausible"),
+    "executive.loop.cycle": ("judge_overrun", "over", "count_missing", "watch_estop",
+                             "hear_requests", "judge_reset", "enter", "watch_input", "supervise"),
 }  # fmt: skip
 TABLES = {
     "NEXT": (*sv.NEXT.shape, len(sv.STATE_NAMES)),
@@ -37,7 +38,9 @@ TABLES = {
 }
 BESIDE = {  # an index beyond the table finds what is wrong there, not another's memory
     "drivers.e2e": "_CRC_TABLE = np.resize((_CRC_TABLE + 77) % 256, 1 << 16)\n"
-    "_CRC_TABLE[:256] = _source._CRC_TABLE"
+    "_CRC_TABLE[:256] = _source._CRC_TABLE\n"
+    "_CRC_16_TABLE = np.resize((_CRC_16_TABLE + 77) % 65536, 1 << 16)\n"
+    "_CRC_16_TABLE[:256] = _source._CRC_16_TABLE"
 }
 FIRST_PLACE = "place 0 of the table is the time, never what is looked for"
 ARGUED = {  # words of mutants that nobody can notice, and why
@@ -59,25 +62,16 @@ ARGUED = {  # words of mutants that nobody can notice, and why
 }
 
 
-def command(options: argparse.Namespace) -> int:
-    """Tell how many mutants there are, and which nobody notices."""
-    mutants, left = score()
+def found() -> dict[str, Any]:
+    """Return how many mutants there are, which nobody notices, and reasons of none."""
+    every, left = score()
     told = [mutant.change for mutant in left]
-    surprising = [mutant for mutant in left if not reason(mutant)]
-    idle = [words for words in ARGUED if not any(re.search(words, text) for text in told)]
-    counts = {"mutants": len(mutants), "noticed": len(mutants) - len(left)}
-    argued = {str(one): reason(one) for one in left if one not in surprising}
-    if options.json:
-        named = {"left": [*map(str, surprising)], "reasons of none": idle}
-        print(json.dumps(counts | {"argued": argued} | named))
-    else:
-        print(f"{counts['mutants']} mutants, {counts['noticed']} noticed, {len(argued)} argued")
-        for why, number in Counter(argued.values()).items():
-            print(f"  {number:4} {why}")
-        for mutant in surprising:
-            print(textwrap.fill(f"nobody notices {mutant}", 80, subsequent_indent="  "))
-        print("".join(f"a reason of no mutant: {words}\n" for words in idle), end="")
-    return Exit.NOT_MET if surprising or idle else Exit.OK
+    return {
+        "mutants": len(every), "noticed": len(every) - len(left),
+        "argued": dict(Counter(reason(one) for one in left if reason(one))),
+        "left": [str(one) for one in left if not reason(one)],
+        "idle": [words for words in ARGUED if not any(re.search(words, text) for text in told)],
+    }  # fmt: skip
 
 
 def reason(mutant: Mutant) -> str:
@@ -96,15 +90,22 @@ def score() -> tuple[list[Mutant], list[Mutant]]:
 
 def noticed(mutant: Mutant, compiled: bool = True) -> bool:
     """Return whether any comparison sees a mutant."""
-    groups = {"drivers.codec": ("codec",), "drivers.e2e": ("receiver", "sender")}
-    compares = prepared(compiled)[1]
-    return any(compares[name](mutant.number) for name in groups.get(mutant.module, ("supervisor",)))
+    groups = {
+        "drivers.codec": ("codec",), "drivers.e2e": ("receiver", "sender"),
+        "executive.loop.strangers": ("senders",), "judge_overrun": ("senders",),
+        "executive.loop.plausibility": ("values",),
+    }  # fmt: skip
+    names = groups.get(mutant.function, groups.get(mutant.module, ("supervisor",)))
+    return any(prepared(compiled)[1][name](mutant.number) for name in names)
 
 
 @cache
 def prepared(compiled: bool = True) -> tuple[list[Mutant], dict[str, compared.Compare]]:
     """Return all mutants, and the comparisons by name."""
-    mutants, driver = build(TARGETS, TABLES, compared.DRIVER, BESIDE, compiled)
+    mutants, driver = build(
+        TARGETS, TABLES, compared.DRIVER + compared_senders.DRIVER + compared_plausible.DRIVER,
+        BESIDE, compiled,
+    )  # fmt: skip
     count = compared.EPISODES if compiled else compared.FEW
     draw = np.random.default_rng(compared.SEED)
     compares = {
@@ -112,5 +113,7 @@ def prepared(compiled: bool = True) -> tuple[list[Mutant], dict[str, compared.Co
         "receiver": compared.receiver(driver, draw),
         "sender": compared.sender(driver, draw),
         "codec": compared.codec(driver, draw),
+        "senders": compared_senders.senders(driver, draw, count),
+        "values": compared_plausible.receiver(driver, draw, count),
     }
     return mutants, compares

@@ -1,3 +1,3 @@
 """The parts of the evidence, in their order."""
 
-PARTS = ("matrix", "residual", "alarms", "mutants", "kills")
+PARTS = ("matrix", "residual", "frames", "envelope", "alarms", "mutants", "kills")

@@ -1,16 +1,17 @@
-"""What the counter and the CRC-8 let pass: exactly, by the code's weights, and measured.
+"""What the counter and the CRC let pass: exactly, by the code's weights, and measured.
 
-A frame with the CRC over two bytes of its id and seven of data is a word of 64 bits of which 8
-follow from the others; errors that are words of this linear code themselves are not seen. How many
-there are of each number of bits follows from the 256 words of the dual code (MacWilliams):
+A frame of 8 bytes is a word of 64 bits of which the r bits of the CRC follow from the others and
+the id; errors that are words of this linear code themselves are not seen. How many there are of
+each number of bits follows from the 2^r words of the dual code (MacWilliams):
 
-    A_w = 2^-8 sum_j B_j K_w(j),  K_w(j) = sum_i (-1)^i C(j, i) C(n - j, w - i),  n = 64      (1)
+    A_w = 2^-r sum_j B_j K_w(j),  K_w(j) = sum_i (-1)^i C(j, i) C(n - j, w - i),  n = 64      (1)
     P(passes | w bits wrong) = A_w / C(n, w)                                                 (2)
     P(passes | each bit wrong with p) = sum_w A_w p^w (1 - p)^(n - w)                         (3)
 """
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,29 +21,59 @@ from pcpc.drivers import dbc, e2e
 from pcpc.drivers.jit import LOOP_INTERPRETED, numba
 
 BITS, CAN_ID = 64, 0x120
-WEIGHTS = (1, 2, 3, 4, 5, 8, 16, 32)
+WEIGHTS = (1, 2, 3, 4, 5, 6, 8, 16, 32)
 RATES = (1e-2, 1e-3, 1e-4, 1e-6)
 
 
-def syndromes() -> list[int]:
+@dataclass(frozen=True)
+class Code:
+    """A protection: its CRC's bits, where in 8 bytes CRC and counter are, the counter's mask.
+
+    Frames of drawn data that it lets pass are rare; `times` as many are drawn.
+    """
+
+    crc_bits: int
+    crc: tuple[int, int]  # which, byte
+    counter: tuple[int, int, int]  # byte, shift, mask
+    times: int = 1
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """The table of the one frame."""
+        rows = np.zeros((1, dbc.FRAME_COLUMNS), np.int64)
+        rows[0, dbc.CAN_ID] = rows[0, dbc.DATA_ID] = CAN_ID
+        rows[0, dbc.DLC], rows[0, dbc.EVERY_N] = BITS // 8, 1
+        rows[0, [dbc.PROTECTED, dbc.CRC_BYTE]] = self.crc
+        rows[0, [dbc.COUNTER_BYTE, dbc.COUNTER_SHIFT, dbc.COUNTER_MASK]] = self.counter
+        return rows
+
+    @property
+    def share(self) -> float:
+        """How many of the frames with drawn data are used."""
+        return e2e.MAX_DELTA / (self.counter[2] + 1) / 2**self.crc_bits
+
+
+CRC_8 = Code(8, (dbc.CRC_8, 7), (6, 4, 15))
+CRC_16 = Code(16, (dbc.CRC_16, 0), (2, 0, 255), times=50)
+
+
+def syndromes(code: Code = CRC_8) -> list[int]:
     """Return what each single wrong bit of data and CRC changes between the two CRCs."""
-    zero = np.zeros(8, np.uint8)
-    right, found = int(e2e.crc8(CAN_ID, zero, 7)), []
+    zero, rows = np.zeros(8, np.uint8), code.rows
+    right, found = int(e2e.right_crc(zero, 0, rows)), []
     for bit in range(BITS):
         data = zero.copy()
         data[bit >> 3] = 1 << (bit & 7)
-        last = int(data[7])
-        found.append(int(e2e.crc8(CAN_ID, data, 7)) ^ right ^ last)
+        found.append(int(e2e.right_crc(data, 0, rows)) ^ right ^ int(e2e.crc_of(data, 0, rows)))
     return found
 
 
-def weights() -> list[int]:
+def weights(code: Code = CRC_8) -> list[int]:
     """Return A_0 to A_64 of (1)."""
-    single = syndromes()
-    dual = [0] * (BITS + 1)
-    for mask in range(256):  # a word of the dual code: one parity of each syndrome
-        dual[sum((one & mask).bit_count() & 1 for one in single)] += 1
-    return [sum(dual[j] * _krawtchouk(w, j) for j in range(BITS + 1)) // 256
+    masks = np.arange(1 << code.crc_bits)  # a word of the dual code: one parity of each syndrome
+    words = sum(np.bitwise_count(masks & one) & 1 for one in syndromes(code))
+    dual = np.bincount(words, minlength=BITS + 1).tolist()
+    return [sum(dual[j] * _krawtchouk(w, j) for j in range(BITS + 1)) >> code.crc_bits
             for w in range(BITS + 1)]  # fmt: skip
 
 
@@ -50,10 +81,9 @@ def _krawtchouk(w: int, j: int) -> int:
     return sum((-1) ** i * math.comb(j, i) * math.comb(BITS - j, w - i) for i in range(w + 1))
 
 
-def passes(p: float, known: list[int] | None = None) -> float:
+def passes(p: float, known: list[int]) -> float:
     """Return (3)."""
-    return sum(a * p**w * (1.0 - p) ** (BITS - w)
-               for w, a in enumerate(known or weights()) if w)  # fmt: skip
+    return sum(a * p**w * (1.0 - p) ** (BITS - w) for w, a in enumerate(known) if w)
 
 
 def _count(frames: Any, wrong: int, runs: int, seed: int, into: Any) -> None:
@@ -77,15 +107,10 @@ def _count(frames: Any, wrong: int, runs: int, seed: int, into: Any) -> None:
         into[result] += 1
 
 
-def measured(wrong: int, runs: int, seed: int) -> NDArray[np.int64]:
+def measured(wrong: int, runs: int, seed: int, code: Code = CRC_8) -> NDArray[np.int64]:
     """Return how often the receiver came to each of its states."""
-    rows = np.zeros((1, 12), np.int64)
-    names = {"CAN_ID": CAN_ID, "DLC": 8, "PROTECTED": 1, "CRC_BYTE": 7, "COUNTER_BYTE": 6,
-             "COUNTER_SHIFT": 4, "COUNTER_MASK": 15, "EVERY_N": 1}  # fmt: skip
-    for name, value in names.items():
-        rows[0, getattr(dbc, name)] = value
     into = np.zeros(6, np.int64)
-    _counted()(rows, wrong, runs, seed, into)
+    _counted()(code.rows, wrong, runs, seed, into)
     return into
 
 
@@ -99,11 +124,16 @@ def _counted() -> Any:
 
 
 def residual(runs: int, seed: int) -> Mapping[str, Any]:
-    """Return predicted and measured shares of errors that the CRC does not see."""
-    known = weights()
+    """Return what the CRC-8 does not see, and by itself what the CRC-16 does not."""
+    return {**_unseen(CRC_8, runs, seed), "crc_16": _unseen(CRC_16, runs, seed)}
+
+
+def _unseen(code: Code, runs: int, seed: int) -> dict[str, Any]:
+    """Return predicted and measured shares of errors that a CRC does not see."""
+    known = weights(code)
     rows = []
     for w in WEIGHTS:
-        states = measured(w, runs, seed + w)
+        states = measured(w, runs, seed + w, code)
         unseen, predicted = int(states.sum() - states[e2e.ERROR]), known[w] / math.comb(BITS, w)
         spread = math.sqrt(runs * predicted * (1.0 - predicted))
         rows.append({
@@ -111,11 +141,12 @@ def residual(runs: int, seed: int) -> Mapping[str, Any]:
             "predicted": predicted, "measured": unseen / runs, "runs": runs,
             "kept": abs(unseen - runs * predicted) <= 5.0 * spread + (predicted > 0.0),
         })  # fmt: skip
-    drawn = measured(0, runs, seed)
+    runs *= code.times
+    drawn, share = measured(0, runs, seed, code), code.share
     used = int(drawn[e2e.OK] + drawn[e2e.OK_SOME_LOST])
-    share = e2e.MAX_DELTA / 16 / 256
     spread = math.sqrt(runs * share * (1.0 - share))
     return {
+        "distance": next(w for w in range(1, BITS + 1) if known[w]),
         "weights": rows,
         "rates": [{"bit_error_rate": p, "predicted": passes(p, known)} for p in RATES],
         "drawn_frames": {

@@ -1,25 +1,23 @@
-"""Soak: run after run of a rig with other seeds, tunings and faults, for hours; each log is judged.
+"""`pcpc soak`: run after run with other seeds, tunings and faults, for hours; each log is judged.
 
-Every second run is in virtual time, the others are on a clock, with tunings and faults of the rig's
-own `faults:` begun while they run. Of each log, whatever became of the run:
+Every second run is in virtual time, with faults of the rig's own `faults:` at drawn moments. The
+others are on a clock and last `each`: every few seconds a parameter of each node is tuned, a fault
+begun, a node in FAULT reset; one of three is stopped or interrupted at a drawn moment, and the next
+one starts. What has to hold in each log: `evidence.invariants`.
 
-    whole       nothing missing, nothing dropped, no frame of which nobody knows
-    limits      every command within its bounds and its rate in every cycle
-    safe        commands are their safe value in INIT, and never rise again in a row of FAULT
-    replay      `pcpc replay` gives the same bits
-
-On a clock the memory that the nodes hold is taken in the middle; that of the last tenth of the runs
-must not be more than 2 % above that of the first.
+On a clock the memory of host, nodes and recorder (RSS) is looked at every second. A run that lasts
+has to end with what it held when it had settled, within 2 %.
 """
 
 import argparse
 import json
 import random
+import shutil
+import signal
 import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -27,61 +25,100 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.log import reader as logs
-from pcpc.executive.loop.supervisor import FAULT, INIT
+from pcpc.executive.loop.supervisor import FAULT
 from pcpc.executive.nodes.injecting import faults_of, inject
 from pcpc.executive.nodes.live import Live, LiveError, running
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.roles import ROLES
 from pcpc.tools import rigs
+from pcpc.tools.console import screen
 from pcpc.tools.console.progress import Progress
+from pcpc.tools.evidence.invariants import broken
 from pcpc.tools.starting.children import Child
-from pcpc.tools.starting.folder import LOG
+from pcpc.tools.starting.folder import LOG, run_folder
 
 _FACTORS = 0.8, 1.25  # of a tuning, within the parameter's range
-_MOST, _GROWS = 3, 1.02
+_MOST = 3
 _OWN = {"timing", "supervisor", "fault"}  # parameters of the loop itself
-_LOOK_S, _RUN_S = 0.02, 600.0
-_ENDS = Exit.OK, Exit.NOT_MET, Exit.LOSS, Exit.SAFETY_STOP  # how a disturbed run may end
+_ENDS = Exit.OK, Exit.NOT_MET, Exit.LOSS, Exit.SAFETY_STOP, Exit.INTERRUPTED
+_LOOK_S, _SAMPLE_S, _CHANGE_S, _JUDGE_S = 0.02, 1.0, 3.0, 1200.0
+_SETTLED, _GROWS = 30, 1.02  # samples until all rings have been written once; of the memory
+_FEW = 30  # samples after that: fewer tell nothing
 
 
 def command(options: argparse.Namespace) -> int:
     """Run for the time asked for; print what was wrong; NOT_MET if anything was."""
-    rig, progress = rigs.find(options.rig), Progress()
+    rig, progress = rigs.find(options.rig), Progress(options.quiet)
     rows: list[dict[str, Any]] = []
-    begin_s, spent_h = time.monotonic(), 0.0
-    while not rows or (spent_h := (time.monotonic() - begin_s) / 3600.0) < options.hours:
-        rows.append(one(rig, options.seed, len(rows)))
+    begin_s, spent_s, wanted_s = time.monotonic(), 0.0, 3600.0 * options.hours
+    while not rows or spent_s < wanted_s:
+        rows.append(one(rig, options.seed, len(rows), min(options.each, wanted_s - spent_s)))
+        spent_s = time.monotonic() - begin_s
+        if options.json:
+            print(json.dumps(rows[-1]), flush=True)
+        for line in rows[-1]["wrong"]:
+            progress.say(f"run {len(rows) - 1}: {line}")
         wrong = sum(bool(row["wrong"]) for row in rows)
-        progress.show(f"run {len(rows)}, {spent_h:.2f} h of {options.hours:g}, {wrong} with errors")
+        spent = f"{spent_s / 3600.0:.2f} h of {options.hours:g}"
+        progress.show(f"run {len(rows)}, {spent}, {wrong} with errors")
     progress.close()
-    grown = growth(rows)
-    cycles = sum(row["cycles"] for row in rows)
-    print(f"{len(rows)} runs, {cycles:,} cycles, {sum(row['tuned'] for row in rows)} tunings, "
-          f"{sum(row['faults'] for row in rows)} faults on purpose")  # fmt: skip
-    wrongs = [f"run {row['run']}: {line}" for row in rows for line in row["wrong"]]
-    print("".join(f"{line}\n" for line in (*wrongs, *grown)), end="")
-    return Exit.NOT_MET if grown or wrongs else Exit.OK
+    if not options.json:
+        print("\n".join(told(rows)))
+    return Exit.NOT_MET if any(row["wrong"] for row in rows) else Exit.OK
 
 
-def one(rig: str, seed: int, number: int) -> dict[str, Any]:
+def told(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return how much was done, the memory of each process at its worst, and what was wrong."""
+    paced = sum(row["paced"] for row in rows)
+    sums = {key: sum(row[key] for row in rows) for key in ("cycles", "tuned", "faults", "resets")}
+    lines = [
+        f"{len(rows)} runs, {paced} of them on a clock, {sums['cycles']:,} cycles",
+        f"{sums['tuned']} tunings, {sums['faults']} faults on purpose, {sums['resets']} resets",
+    ]
+    settled = [row["settled"] for row in rows if row["settled"]]
+    cells = [("process", "RSS [kB] settled", "at the end", "change")]
+    for name in sorted({name for one in settled for name in one}):
+        first, last = max((one[name] for one in settled if name in one), key=lambda x: x[1] / x[0])
+        cells.append((name, f"{first:,}", f"{last:,}", f"{100.0 * (last / first - 1.0):+.2f} %"))
+    short = ["no run lasted long enough to tell whether its memory grows"]
+    lines += screen.table(cells, right=(1, 2, 3)) if settled else short
+    return lines + [f"run {row['run']}: {line}" for row in rows for line in row["wrong"]]
+
+
+def one(rig: str, seed: int, number: int, each_s: float) -> dict[str, Any]:
     """Do a run and judge its log; return its row."""
-    draw = random.Random(f"{seed}/{number}")
-    row: dict[str, Any] = {"run": number, "tuned": 0, "faults": 0, "rss_kb": {}, "cycles": 0}
-    paced = number % 2 == 1
+    draw, loaded, paced = random.Random(f"{seed}/{number}"), load_rig(rig), number % 2 == 1
+    row: dict[str, Any] = {"run": number, "paced": paced, "faults": 0, "resets": 0}
+    settings: dict[str, Any] = tunings(loaded, draw)
+    row["tuned"], memory = len(settings), dict[str, list[int]]()
+    settings["seed"] = draw.randint(1, 10**6)
+    if paced:
+        settings |= {"duration_s": max(each_s, loaded.config.duration_s)}
+        settings |= {"supervisor.on_fault": "wait"}
+    else:
+        settings |= faults(loaded, draw, row)
     with tempfile.TemporaryDirectory(prefix="pcpc-soak-") as folder:
-        loaded = load_rig(rig)
-        settings = tunings(loaded, draw) | {"seed": draw.randint(1, 10**6)}
-        row["tuned"] = len(settings) - 1
         words = ["run" if paced else "simulate", rig, "-o", f"{folder}/run", "--quiet"]
-        words += ["--no-figure", *(f"--set={name}={x!r}" for name, x in settings.items())]
+        words += ["--no-figure", *(f"--set={name}={x}" for name, x in settings.items())]
         child = Child.started("run", "pcpc.tools.cli", words)
         if paced:
-            _disturb(child, loaded.config.rig, draw, row)
-        child.end(loaded.config.duration_s + _RUN_S)
+            _disturb(child, loaded.config.rig, draw, row, memory, settings["duration_s"])
+        child.end(_JUDGE_S)
         row["wrong"] = [] if child.code in _ENDS else [f"exit {child.code}", *child.complaint()]
-        row["wrong"] += judged(Path(folder) / "run" / LOG, row)
+        row["cycles"], wrong = broken(Path(folder) / "run" / LOG, loaded)
+        row["settled"] = settled(memory)
+        row["wrong"] += wrong + grown(row["settled"])
+        if row["wrong"]:
+            row["wrong"].append(f"its log: {_kept(Path(folder) / 'run', loaded)}")
     return row
+
+
+def _kept(run: Path, rig: Rig) -> Path:
+    """Move a run's folder to those of other runs; return where it is."""
+    with run_folder(None, rig) as folder:
+        shutil.copytree(run, folder, dirs_exist_ok=True)
+    return folder
 
 
 def tunings(rig: Rig, draw: random.Random) -> dict[str, float]:
@@ -95,31 +132,106 @@ def tunings(rig: Rig, draw: random.Random) -> dict[str, float]:
     return {name: min(max(x, known[name].low), known[name].high) for name, x in drawn.items()}
 
 
-def _disturb(child: Child, name: str, draw: random.Random, row: dict[str, Any]) -> None:
-    """Tune a paced run under way, begin its faults, note the memory of its nodes."""
-    nodes: dict[str, Live] = {}
-    host = child.process.pid
-    while not child.ended and not any(node.under_way for node in nodes.values()):
-        nodes = {
-            key: node for key, node in running(name).items() if _status(node.pid, "PPid") == host
-        }
+def faults(rig: Rig, draw: random.Random, row: dict[str, Any]) -> dict[str, str]:
+    """Return moments for some of the rig's faults."""
+    known, cycles = [*rig.config.faults], int(rig.config.duration_s * rig.config.rate_hz)
+    chosen = draw.sample(known, min(_MOST, len(known)))
+    row["faults"], period_ms = len(chosen), 1e3 / rig.config.rate_hz
+    return {
+        f"faults.{name}.{key}": f"{period_ms * draw.randint(1, most):.9g}ms"
+        for name in chosen for key, most in (("from", max(cycles - 100, 1)), ("for", 100))
+    }  # fmt: skip
+
+
+def _disturb(
+    child: Child, name: str, draw: random.Random, row: dict[str, Any],
+    memory: dict[str, list[int]], for_s: float,
+) -> None:  # fmt: skip
+    """Note the memory of a paced run under way, tune it, begin its faults, end some early."""
+    nodes = _nodes(child, name)
+    begin_s = next_s = time.monotonic()
+    ends_s = begin_s + for_s * draw.uniform(0.3, 1.0) if draw.random() < 1.0 / 3.0 else np.inf
+    while not child.ended:
+        if any(node.running for node in nodes):  # not while the host judges
+            for key, size in _held(child.process.pid).items():
+                memory.setdefault(key, []).append(size)
+        with suppress(LiveError, UserError):  # the run may end in between
+            if time.monotonic() >= next_s:
+                next_s += draw.expovariate(1.0 / _CHANGE_S)
+                _change(nodes, draw, row)
+            if time.monotonic() >= ends_s:
+                ends_s = np.inf
+                _end(child, nodes, draw)
+        with suppress(subprocess.TimeoutExpired):
+            child.process.wait(min(_SAMPLE_S, max(next_s - time.monotonic(), _LOOK_S)))
+
+
+def _nodes(child: Child, name: str) -> list[Live]:
+    """Wait for the nodes of a run; return them, the lowest first."""
+    found: list[Live] = []
+    while not child.ended and not any(node.under_way for node in found):
+        pid = child.process.pid
+        found = [node for node in running(name).values() if _status(node.pid, "PPid") == pid]
         time.sleep(_LOOK_S)
-    with suppress(LiveError, UserError):  # the run may end in between
-        for node in nodes.values():
-            row["rss_kb"][node.name.rpartition(".")[2]] = _status(node.pid, "VmRSS")
-            for change, value in _live(node, draw).items():
-                node.tune({change: value})
-                row["tuned"] += 1
-        known = faults_of(list(nodes.values()))
-        for fault in draw.sample(known, min(_MOST, len(known))):
-            inject(list(nodes.values()), fault.name, for_s=draw.uniform(0.001, 0.1))
-            row["faults"] += 1
+    return sorted(found, key=lambda node: -ROLES.index(node.name.rpartition(".")[2]))
+
+
+def _change(nodes: Sequence[Live], draw: random.Random, row: dict[str, Any]) -> None:
+    for node in nodes:
+        if node["supervisor.state"] == FAULT:
+            with suppress(LiveError):  # its ramp is not over, its cause is still there
+                node.tune({"supervisor.reset": 1.0})
+                row["resets"] += 1
+        for change, value in _live(node, draw).items():
+            node.tune({change: value})
+            row["tuned"] += 1
+    known = faults_of(nodes)
+    if known:
+        inject(nodes, draw.choice(known).name, for_s=draw.uniform(0.001, 0.1))
+        row["faults"] += 1
+
+
+def _end(child: Child, nodes: Sequence[Live], draw: random.Random) -> None:
+    """Stop a run by the executive, at once or by its ramp, or by a signal to its host."""
+    how = draw.randint(0, 2)
+    if how:
+        nodes[-1].tune({"supervisor.stop": float(how)})
+    else:
+        child.process.send_signal(signal.SIGTERM)
+
+
+def _held(host: int) -> dict[str, int]:
+    """Return the memory, kB, that the processes of a run hold, by name."""
+    found = {"host": _status(host, "VmRSS")}
+    with suppress(OSError):
+        for pid in Path(f"/proc/{host}/task/{host}/children").read_text().split():
+            name = Path(f"/proc/{pid}/comm").read_text().split()[-1]
+            found[name] = _status(int(pid), "VmRSS")
+    return {name: size for name, size in found.items() if size}
+
+
+def settled(memory: Mapping[str, Sequence[int]]) -> dict[str, tuple[int, int]]:
+    """Return what each process of a run that lasted held when it had settled, and at its end."""
+    found = {}
+    for name, sizes in memory.items():
+        sizes = sizes[_SETTLED:]
+        part = len(sizes) // 10
+        if len(sizes) >= _FEW:
+            found[name] = int(np.median(sizes[:part])), int(np.median(sizes[-part:]))
+    return found
+
+
+def grown(held: Mapping[str, tuple[int, int]]) -> list[str]:
+    """Return which processes ended with more memory than they had settled with."""
+    return [f"{name}: {first:,} kB once it had settled, {last:,} kB at the end"
+            for name, (first, last) in held.items() if last > _GROWS * first]  # fmt: skip
 
 
 def _status(pid: int, key: str) -> int:
     """Return a number that the system tells of a process; 0 of one that is gone."""
     with suppress(OSError):
-        return int(Path(f"/proc/{pid}/status").read_text().partition(f"{key}:")[2].split()[0])
+        words = Path(f"/proc/{pid}/status").read_text().partition(f"{key}:")[2].split()
+        return int(words[0]) if words else 0
     return 0
 
 
@@ -135,55 +247,3 @@ def _live(node: Live, draw: random.Random) -> dict[str, float]:
     name = draw.choice(sorted(known))
     low, high = known[name]
     return {name: min(max(now[name] * draw.uniform(*_FACTORS), low), high)}
-
-
-def judged(path: Path, row: dict[str, Any]) -> list[str]:
-    """Return what is wrong with a log."""
-    try:
-        log = logs.read(path)
-    except logs.LogError as error:
-        return [str(error)]
-    lost = [f"{key} {n}" for key, n in log.metadata.get("run", {}).items()
-            if key.startswith("dropped.") and n != "0"]  # fmt: skip
-    found = [*log.missing, *lost]
-    summary = json.loads((path.parent / "summary.json").read_text())
-    found += [f"{node}: {account['unread']} frames unread" for node, account in
-              summary.get("frames_to", {}).items() if account.get("unread", 0) < 0]  # fmt: skip
-    rig = load_rig(path.name, text=log.attachments["rig-resolved.yaml"])
-    for role, node in log.node.items():
-        row["cycles"] += len(node.cycle)
-        found += [f"{role}: {line}" for line in commands(rig, role, node)]
-    words = [sys.executable, "-P", "-m", "pcpc.tools.cli", "replay", str(path), "--quiet"]
-    replayed = subprocess.run(words, capture_output=True, text=True)
-    return found + [f"replay: {replayed.stdout}{replayed.stderr}"] * (replayed.returncode != 0)
-
-
-def commands(rig: Rig, role: Any, node: logs.Node) -> Iterator[str]:
-    """Yield where a command of a node left its bounds or its rate, or was not safe."""
-    state = node.columns["supervisor.state"]
-    for name, limit in plan(rig, role, "virtual").limits.items():
-        sent, safe = node.columns[f"tx.{name}"], limit.safe or 0.0
-        if not ((sent >= limit.low) & (sent <= limit.high)).all():
-            yield f"{name} was beyond its bounds"
-        if limit.rate_per_s is not None:
-            most = limit.rate_per_s / rig.config.rate_hz * (1.0 + 1e-9)
-            if (np.abs(np.diff(sent)) > most * np.diff(node.cycle)).any():
-                yield f"{name} was faster than its rate"
-        if (sent[state == INIT] != safe).any():
-            yield f"{name} was not safe in INIT"
-        ramps = (state[1:] == FAULT) & (state[:-1] == FAULT)
-        if (np.diff(np.abs(sent - safe))[ramps] > 0.0).any():
-            yield f"{name} rose in FAULT"
-
-
-def growth(rows: list[dict[str, Any]]) -> list[str]:
-    """Return which process needed more memory in the last tenth of the runs than in the first."""
-    found = []
-    held = [row["rss_kb"] for row in rows if row["rss_kb"]]
-    part = max(1, len(held) // 10)
-    for role in ("executive", "plant"):
-        first, last = (np.mean([row[role] for row in some if role in row] or [0.0])
-                       for some in (held[:part], held[-part:]))  # fmt: skip
-        if last > _GROWS * first:
-            found.append(f"{role}: {first:.0f} kB in the first runs, {last:.0f} kB in the last")
-    return found

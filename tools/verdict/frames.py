@@ -4,9 +4,11 @@
 
 `sent` are the frames that the other nodes here put on the bus and that the DBC has this node
 listen to; `unread` are those that it never took: sent before it listened, or on the way when it
-ended. The recorder counts them, also where the log keeps only a part.
+ended. A stop frame comes from elsewhere and is none of them. The recorder counts them, also where
+the log keeps only a part.
 """
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
@@ -26,24 +28,39 @@ STATES = {  # of drivers.e2e, which imports numba; lost frames are those between
 }  # fmt: skip
 
 AWAY = 3  # turns
+_COUNTED = re.compile(  # a key of what the recorder counted
+    r"(?P<role>\w+)\.(sent\.|received\.(?=\w+\.))(?P<id>[0-9A-F]{1,8})(\.(?P<state>[0-9]{1,3}))?"
+)
 
 LIMITS = {  # key of the summary's frames -> of the rig's errors, what it counts
     "crc_errors": ("crc", "frames with a wrong CRC or length"),
     "repeated": ("repeated", "repeated frames"),
     "wrong_sequence": ("wrong_sequence", "frames with a jump of the counter"),
+    "implausible": ("implausible", "received values that were not plausible"),
     "send_errors": ("send", "frames that the bus did not take"),
     "bus_errors": ("bus", "errors told by the CAN controller"),
 }
+CONTROLLER = {  # of these errors: key of the summary's frames without `bus_`, what it counts
+    "warnings": "warning", "passives": "passive", "offs": "bus-off", "restarts": "restarted",
+    "no_acks": "not acknowledged", "tx_timeouts": "timed out",
+}  # fmt: skip
 
 
 def too_many(rig: Rig, counts: Mapping[str, int]) -> list[str]:
     """Return a line for each kind of wrong frames of which there were more than the rig allows."""
     limits = rig.config.errors
+    told = {what: counts.get(f"bus_{name}", 0) for name, what in CONTROLLER.items()}
+    parts = ", ".join(f"{count} {what}" for what, count in told.items() if count)
+    details = {"bus": f" ({parts})" if parts else ""}
     lines = [
-        f"{counts[name]:,} {what}; errors.{key} allows {getattr(limits, key):,}"
+        f"{counts[name]:,} {what}{details.get(key, '')}; "
+        f"errors.{key} allows {getattr(limits, key):,}"
         for name, (key, what) in LIMITS.items()
         if counts[name] > getattr(limits, key)
     ]
+    answered = rig.config.supervisor.intrusion != "count" and not rig.config.faults
+    if answered and counts["intrusions"]:
+        lines.insert(0, f"{counts['intrusions']:,} signs of a second sender of a frame")
     if counts["foreign"]:
         lines.insert(0, f"{counts['foreign']:,} frames of this rig's from another sender")
     return lines
@@ -87,31 +104,33 @@ def frames_to(
     {} of a log that does not tell, or of which a node is elsewhere: its frames are not known.
     """
     counts = log.metadata.get("frames", {})
+    sections = rig.config.sections.values()
+    ours = {frame.word for one in sections for frame in _frames(rig, one.node, "tx")}
     sent: dict[str, Counter[int]] = {role: Counter() for role in rig.roles}
     came: dict[str, Counter[str]] = {role: Counter() for role in rig.roles}
     for key, text in counts.items():
-        role, direction, number, *state = key.split(".")
-        if role not in sent:
+        found = _COUNTED.fullmatch(key)
+        if found is None or found["role"] not in sent:
             continue
-        if direction == "sent":
-            sent[role][int(number, 16)] += int(text)
-        else:
-            if int(state[0]) < INJECTED:  # others were on no wire
-                came[role][STATES.get(int(state[0]), "unread")] += int(text)
+        role, number, state = found["role"], int(found["id"], 16), int(found["state"] or -1)
+        if state < 0:
+            sent[role][number] += int(text)
+        elif number in ours and state < INJECTED:  # others were on no wire
+            came[role][STATES.get(state, "unread")] += int(text)
     if not all(role in log.node and sum(sent[role].values()) for role in rig.roles):
         return {}
     listens = {role: {f.word for f in frames} for role, frames in _listens(rig).items()}
-    found: dict[str, dict[str, int]] = {}
+    account: dict[str, dict[str, int]] = {}
     for role in rig.roles:
         others = [sent[other] for other in rig.roles if other != role]
         total = sum(count for own in others for i, count in own.items() if i in listens[role])
         row = {name: came[role][name] for name in dict.fromkeys(STATES.values())}
         lost = max(health.get(role, {}).get("lost", 0) - row["lost_on_purpose"], 0)
-        found[role] = {"sent": total, **row, "lost": lost}
-        found[role]["unread"] = total - sum(row.values()) - lost
+        account[role] = {"sent": total, **row, "lost": lost}
+        account[role]["unread"] = total - sum(row.values()) - lost
     heard = set().union(*listens.values())
     none = sum(n for own in sent.values() for i, n in own.items() if i not in heard)
-    return found | {"nobody": {"sent": none}}
+    return account | {"nobody": {"sent": none}}
 
 
 def most_cut(rig: Rig, log: Log) -> str:

@@ -14,9 +14,17 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.plausibility import WHYS
 from pcpc.tools.verdict.latest import latest_cycles
 
 _UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
+
+_OF_A_VALUE = (
+    sv.COMMAND_NOT_FINITE,
+    sv.OUTPUT_NOT_FINITE,
+    sv.PLANT_NOT_FINITE,
+    sv.NOT_PLAUSIBLE,
+)
 
 HEALTH = {  # key of the summary -> word of `control`, variable of the log
     "late_cycles": (sh.LATE, "late_cycles"),
@@ -31,9 +39,17 @@ HEALTH = {  # key of the summary -> word of `control`, variable of the log
     "saturated_values": (sh.SATURATED, "saturated_values"),
     "lost_on_purpose": (sh.LOST_ON_PURPOSE, "frames_lost_on_purpose"),
     "wrong_sequence": (sh.WRONG_SEQUENCE, "wrong_sequence"),
+    "implausible": (sh.IMPLAUSIBLE, "implausible"),
+    "intrusions": (sh.INTRUSIONS, "intrusions"),
     "foreign": (sh.FOREIGN, "frames_foreign"),
     "send_errors": (sh.SEND_ERRORS, "send_errors"),
     "bus_errors": (sh.BUS_ERRORS, "bus_errors"),
+    "bus_warnings": (sh.BUS_WARNINGS, "bus_warnings"),
+    "bus_passives": (sh.BUS_PASSIVES, "bus_passives"),
+    "bus_offs": (sh.BUS_OFFS, "bus_offs"),
+    "bus_restarts": (sh.BUS_RESTARTS, "bus_restarts"),
+    "bus_no_acks": (sh.NO_ACKS, "bus_no_acks"),
+    "bus_tx_timeouts": (sh.TX_TIMEOUTS, "bus_tx_timeouts"),
 }
 
 
@@ -67,7 +83,7 @@ class Outcome:
             killer = f"{name}: ended by {signal.Signals(-code).name}{cycle and f' in {cycle}'}"
             hint = " (`dmesg` tells if memory ran out)" if -code == signal.SIGKILL else ""
             self.faults.append(killer + hint)
-        elif code == Exit.SAFETY_STOP:
+        elif code == Exit.SAFETY_STOP and name != "watchdog":
             self.faults.append(f"{name}: ended before its first cycle, see above")
         elif code == 1:
             self.faults.append(f"{name}: failed, see its traceback above")
@@ -108,12 +124,13 @@ def _fault(block: sh.Shared) -> str:
         did = "does not return" if fault == sv.STEP_HANGS else "ended with an exception"
         at = int(control[sh.CYCLE]) + 1 if control[sh.PASSES] else 0
         return f"the step of {block.description['blocks'][step - 1]} {did}, in cycle {at}"
-    if fault not in (sv.COMMAND_NOT_FINITE, sv.OUTPUT_NOT_FINITE, sv.PLANT_NOT_FINITE):
+    if fault not in _OF_A_VALUE:
         return f"{faults.reason(block.description, control)}, cycle {int(control[sh.CYCLE])}"
     name = block.description["variables"][int(control[sh.ODD_PLACE]) - 1][0]
     value = float(control[sh.ODD_BITS : sh.ODD_BITS + 1].view(np.float64)[0])
     what = "the plant diverged: " if fault == sv.PLANT_NOT_FINITE else ""
-    return f"{what}{name} was {value:g} in cycle {int(control[sh.ODD_CYCLE])}"
+    why = f", {WHYS[int(control[sh.CULPRIT])]}" if fault == sv.NOT_PLAUSIBLE else ""
+    return f"{what}{name} was {value:g} in cycle {int(control[sh.ODD_CYCLE])}{why}"
 
 
 def changed(settings: Sequence[str]) -> list[str]:

@@ -4,6 +4,7 @@ On a terminal with few lines what matters least is left out, in the order of `_L
 holds everything.
 """
 
+import shlex
 import shutil
 import sys
 import textwrap
@@ -23,6 +24,7 @@ LINES_SHOWN = 6  # of problems
 NARROWEST = 40
 _LABEL = 9  # letters
 _LEAST = (
+    "report",
     "stages",
     "latest",
     "records",
@@ -102,6 +104,7 @@ def rows(summary: Mapping[str, Any], folder: Path, width: int) -> list[Row]:
         add("changed", ", ".join(summary["changed"]))
     add("verdict", verdict_text(summary))
     add("folder", str(folder))
+    add("report", f"pcpc report {shlex.quote(str(folder))}")
     return found
 
 

@@ -29,7 +29,9 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.distribution import Distribution
 from pcpc.executive.log.long_logs import LongLog
+from pcpc.executive.nodes.planned_plausible import COUNT
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.verdict import on_purpose
 from pcpc.tools.verdict.frames import frames_to, most_cut, stayed_away, too_many, unlike
 from pcpc.tools.verdict.judge import Judge
 from pcpc.tools.verdict.latest import level
@@ -69,7 +71,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         failed += [f"{name} was not judged: {why}" for name, why in found.not_judged.items()]
         failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
-    injected, excused = _injected(log)
+    each = _each_health(log, outcome)
     summary: dict[str, Any] = {
         "rig": rig.config.rig,
         "title": rig.config.title,
@@ -90,14 +92,14 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         "frames": health,
         "frames_too_many": [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)],
         "most_cut": most_cut(rig, log) if health["saturated_values"] else "",
-        "frames_to": frames_to(rig, log, _each_health(log, outcome)),
+        "frames_to": frames_to(rig, log, each),
         "records": {
             "written": _written(log, outcome),
             "dropped": _dropped(log, outcome),
             **({"kept_back": True} if kept_back else {}),
         },
         "faults": outcome.faults,
-        "injected": injected,
+        "injected": on_purpose.begun(log),
         "changed": changed,
         "judged": found.judged,
         "not_judged": found.not_judged,
@@ -107,7 +109,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         "start_to_first_cycle_s": _start_s(executive, outcome),
         "log_missing": [*log.missing, *absent, *outcome.missing],
     }
-    summary["verdict"] = _verdict(summary, outcome, excused)
+    summary["verdict"] = _verdict(summary, outcome, on_purpose.missing(log, each))
     return summary
 
 
@@ -127,33 +129,6 @@ def _tuned(rig: Rig, log: logs.Log) -> list[str]:
     return list(last.values())
 
 
-def _injected(log: logs.Log) -> tuple[list[str], bool]:
-    """Return what faults on purpose began, by time, how often; and whether frames may be missing.
-
-    Frames are missing by faults of frames and by stalls, never by a wrong value.
-    """
-    begun: dict[str, list[float]] = {}
-    of_frames = False
-    for node in log.node.values():
-        own: dict[str, list[float]] = {}
-        known = node.description.get("faults", {})
-        period_s = 1e-9 * node.description["period_ns"]
-        for tuning in node.tunings:
-            first, _, rest = str(tuning.get("name")).partition(".")
-            fault, _, what = rest.partition(".")
-            value = float(tuning.get("value", math.nan))
-            if (first, what) == ("fault", "left") and value > 0.0:
-                later = bool(known.get(fault, {}).get("next_cycle"))
-                own.setdefault(fault, []).append((int(tuning["cycle"]) + later) * period_s)
-                of_frames |= later
-        begun |= {name: min(times, begun.get(name, times)) for name, times in own.items()}
-    told = [
-        f"{name} at {min(times):.4g} s" + (f", {len(times)} times" if len(times) > 1 else "")
-        for name, times in sorted(begun.items(), key=lambda pair: min(pair[1]))
-    ]
-    return told, of_frames
-
-
 def _cycles(executive: logs.Node | None) -> int:
     return 0 if executive is None or not len(executive.cycle) else int(executive.cycle[-1]) + 1
 
@@ -169,15 +144,12 @@ def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
     return round(1e-9 * (first_ns - outcome.begin_ns), 2)
 
 
-def _verdict(summary: Mapping[str, Any], outcome: Outcome, excused: bool) -> str:
-    """Return the verdict; `excused`: a fault on purpose let frames be missing."""
+def _verdict(summary: Mapping[str, Any], outcome: Outcome, missing: bool) -> str:
+    """Return the verdict; `missing`: frames that no fault on purpose took."""
     if outcome.interrupted:
         return "interrupted"
     if outcome.faults:
         return "safety stop"
-    frames = summary["frames"]
-    astray = frames["lost"] > frames["lost_on_purpose"]  # counted when a later frame comes
-    missing = (astray or frames["stale"]) and not excused
     lost = missing or summary["records"]["dropped"]
     if lost or summary["frames_too_many"] or summary["log_missing"]:
         return "loss"
@@ -195,6 +167,8 @@ def _each_health(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, int]]:
         if role not in found:
             timing = node.timing
             found[role] = {k: _last(timing.get(f"health.{v}")) for k, (_, v) in HEALTH.items()}
+            refused = [name for name in node.columns if name.startswith(COUNT)]
+            found[role]["implausible"] = sum(_last(node.columns[name]) for name in refused)
     return found
 
 
@@ -220,7 +194,7 @@ def _timing(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, float]]:
     names = [f"timing.{stage}_us" for stage in _STAGES]
     if not all(name in executive.timing for name in names):
         return {}
-    for part in _parts(log):
+    for part in parts(log):
         timing = {stage: part.timing[f"timing.{stage}_us"] for stage in _STAGES}
         timing["together"] = np.sum([timing[stage] for stage in _STAGES[:4]], axis=0)
         for stage, values in timing.items():
@@ -239,7 +213,7 @@ def _timing(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, float]]:
     }
 
 
-def _parts(log: logs.Log) -> Iterator[logs.Node]:
+def parts(log: logs.Log) -> Iterator[logs.Node]:
     """Yield the executive's record, of a long log piece by piece."""
     if not isinstance(log, LongLog):
         yield log.node["executive"]
