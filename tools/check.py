@@ -13,6 +13,7 @@ from typing import Any
 
 from pcpc.drivers import dbc
 from pcpc.drivers.errors import Exit
+from pcpc.executive.log import names
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import plausible
 from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of, plan
@@ -22,8 +23,10 @@ from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import Use, users_case
 from pcpc.executive.rig.schema import Limit
+from pcpc.plants.drawing import drawing_of, settings_of
 from pcpc.tools.bus import traffic
 from pcpc.tools.console import screen
+from pcpc.tools.verdict.imagine import imagined
 from pcpc.tools.verdict.judge import Judge, check
 
 _RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
@@ -43,6 +46,7 @@ def command(options: argparse.Namespace) -> int:
     report = describe(rig, plans)
     late = traffic.warning(rig, rig.config.pacing)
     report["warnings"] += [*impure, *([late] if late else []), *check(judge, options.set)]
+    report["warnings"] += _try_drawing(rig)
     if options.json:
         print(json.dumps(report, indent=2))
     else:
@@ -72,6 +76,18 @@ def _try_laws(rig: Rig) -> list[str]:
                     None
                 )
     return [*found]
+
+
+def _try_drawing(rig: Rig) -> list[str]:
+    """Draw the plant with zeros and with nothing; DrawingError. Return what it needs in vain."""
+    made = drawing_of(rig)
+    if made is None:
+        return []
+    for value in (0.0, math.nan):
+        made.scene(dict.fromkeys((*made.needs, "t"), value), settings_of(rig))
+    log = imagined(rig, rig.config.pacing)
+    absent = [source for source in made.needs.values() if names.place(log, source) is None]
+    return [f"{made.file}: NEEDS: {names.missing(log, source)}" for source in absent]
 
 
 def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:
@@ -133,6 +149,7 @@ def _frame(frame: dbc.Frame, rate_hz: float) -> dict[str, Any]:
         "every_cycles": every,
         "period_ms": 1000.0 * every / rate_hz,
         "protected": frame.protected,
+        "crc_bits": 8 * frame.crc[0],
         "signals": [signal.name for signal in frame.signals],
         "scales": [
             {"unit": signal.unit, "quantum": abs(signal.factor), "range": signal.range}
@@ -229,7 +246,7 @@ def _show_node(role: str, node: dict[str, Any]) -> None:
     for frame in node["sends"]:
         digits = 8 if frame["extended"] else 3
         when = "every cycle" if frame["every_cycles"] == 1 else f"every {frame['period_ms']:g} ms"
-        guard = "  counter, crc" if frame["protected"] else ""
+        guard = {0: "", 8: "  counter, crc", 16: "  counter, crc16"}[frame["crc_bits"]]
         print(
             f"    0x{frame['id']:0{digits}X}  {frame['name']:{width}}  {frame['bytes']} bytes  "
             f"{when:13}{guard}".rstrip()

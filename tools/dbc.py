@@ -4,7 +4,8 @@
     supervisor.state               as `mode` of 4 bits; supervisor.nmt alone in a frame: a heartbeat
     range                          of `limits` if the signal has them, else of the port that is sent
     bits                           32, 24 or 16, the most with which the frame's signals fit into 6
-                                   bytes; behind them counter and crc
+                                   bytes, counter and crc behind them; with a crc of 16 bits 20,
+                                   too, and into 5, behind crc and counter
     resolution                     the smallest of 1, 2, 5 times a power of ten with that range,
                                    offset 0: 0 is exactly 0
 
@@ -42,7 +43,10 @@ _CODES: dict[str, tuple[int, dict[int, str]]] = {  # bits and names of what the 
     "supervisor.error_register": (8, {}),
 }
 _OWN = ("counter", "crc", "sequence")  # the loop's
-_PAYLOAD_BITS, _WIDTHS = 48, (32, 24, 16)
+_PAYLOAD = {  # by bits of the crc: first and number of the others' bits, and each one's
+    8: (0, 48, (32, 24, 16)),
+    16: (24, 40, (32, 24, 20, 16)),
+}
 _FIRST_ID: dict[Role, int] = {"executive": 0x0A0, "plant": 0x120}
 _HEARTBEAT: dict[Role, int] = {"executive": 0x701, "plant": 0x702}
 _NAME = re.compile(r"[A-Za-z_]\w{0,31}", re.ASCII)  # of a DBC's frame or signal
@@ -97,6 +101,7 @@ class Frame:
     nbytes: int
     every_ms: int
     signals: tuple[Signal, ...]
+    crc_bits: int = 8
 
 
 def command(options: argparse.Namespace) -> int:
@@ -105,7 +110,7 @@ def command(options: argparse.Namespace) -> int:
     given = document.place(("dbc",)).folder / str(document.data.get("dbc", "rig.dbc"))
     target = Path(options.output or given)
     rigs = rigs_of(options.rig)
-    frames = frames_of(rigs)
+    frames = frames_of(rigs, options.crc)
     nodes = [node.name for node in rigs[0].nodes().values()]
     text = written(frames, nodes, rigs[0].config.rate_hz)
     dbc.parse(target, text, strict=True)
@@ -145,15 +150,15 @@ def rigs_of(path: Path) -> list[Rig]:
         return [first, *(load_rig(path, name, words) for name in others)]
 
 
-def frames_of(rigs: list[Rig]) -> list[Frame]:
+def frames_of(rigs: list[Rig], crc_bits: int = 8) -> list[Frame]:
     """Return the frames of a rig, by id; RigError for what the wiring does not say."""
     rig = rigs[0]
     if rig.config.local is not None:
         raise rig.error("local", "`pcpc dbc` writes files of two nodes; write that of three")
     names = {role: rig.nodes()[role].name for role in rig.roles}
-    sync = Frame(0x080, "SYNC", names["executive"], names["plant"], 2, 0, (
-        Signal("sequence", "", "Cycle number modulo 256.", 0.0, 255.0, 8),
-    ))  # fmt: skip
+    sync = Frame(0x080, "SYNC", names["executive"], names["plant"], 1 + crc_bits // 8, 0, (
+        Signal("sequence", "", "Cycle number modulo 256.", 0.0, 255.0, 8, 16 * (crc_bits > 8)),
+    ), crc_bits)  # fmt: skip
     frames = [sync]
     ends: tuple[tuple[Role, Role], ...] = (("executive", "plant"), ("plant", "executive"))
     for role, other in ends:
@@ -162,7 +167,7 @@ def frames_of(rigs: list[Rig]) -> list[Frame]:
             _add(sent, one, role)
         for one in rigs:
             _check_received(one, other, sent)
-        frames += _frames(rig, role, sent, names[role], names[other])
+        frames += _frames(rig, role, sent, names[role], names[other], crc_bits)
     return sorted(frames, key=lambda frame: frame.can_id)
 
 
@@ -243,7 +248,7 @@ def _check_received(rig: Rig, role: Role, sent: dict[str, Signal]) -> None:
 
 
 def _frames(
-    rig: Rig, role: Role, sent: dict[str, Signal], sender: str, receiver: str
+    rig: Rig, role: Role, sent: dict[str, Signal], sender: str, receiver: str, crc_bits: int
 ) -> Iterator[Frame]:
     """Yield the frames of a node; RigError if one has more signals than fit."""
     grouped: dict[str, list[Signal]] = {}
@@ -257,20 +262,22 @@ def _frames(
                 raise rig.error(f"{role}.transmit", "a node has one heartbeat, of one signal")
             yield Frame(_HEARTBEAT[role], name, sender, receiver, 1, 100, tuple(signals))
             continue
-        placed = _placed(rig, f"{role}.transmit.{name}.{signals[0].name}", signals)
-        yield Frame(_FIRST_ID[role] + number, name, sender, receiver, 8, 0, placed)
+        placed = _placed(rig, f"{role}.transmit.{name}.{signals[0].name}", signals, crc_bits)
+        yield Frame(_FIRST_ID[role] + number, name, sender, receiver, 8, 0, placed, crc_bits)
         number += 1
 
 
-def _placed(rig: Rig, at: str, signals: list[Signal]) -> tuple[Signal, ...]:
+def _placed(rig: Rig, at: str, signals: list[Signal], crc_bits: int) -> tuple[Signal, ...]:
     """Return the signals of a frame with bits and resolution, those with codes last."""
-    free = _PAYLOAD_BITS - sum(signal.nbits for signal in signals)
+    start, most, widths = _PAYLOAD[crc_bits]
+    free = most - sum(signal.nbits for signal in signals)
     ranged = [signal for signal in signals if not signal.codes]
-    fitting = [width for width in _WIDTHS if width * len(ranged) <= free]
+    fitting = [width for width in widths if width * len(ranged) <= free]
     if not fitting:
-        what = f"{len(signals)} signals, of at least 16 bits each, do not fit into 6 bytes"
+        room = f"{most // 8} bytes"
+        what = f"{len(signals)} signals, of at least 16 bits each, do not fit into {room}"
         raise rig.error(at, f"{what}; send some in another frame")
-    start, found = 0, []
+    found = []
     for signal in (*ranged, *(signal for signal in signals if signal.codes)):
         nbits = signal.nbits or fitting[0]
         factor = 1.0 if signal.codes else resolution(signal.low, signal.high, nbits)
@@ -318,8 +325,12 @@ def _tail(frame: Frame) -> tuple[Signal, ...]:
     """Return what `drivers.e2e` fills in; in SYNC the sequence is the counter."""
     if frame.every_ms:
         return ()
-    crc = Signal("crc", "", "", 0.0, 255.0, 8, 8 * (frame.nbytes - 1))
-    counter = Signal("counter", "", "", 0.0, 15.0, 4, 8 * (frame.nbytes - 2))
+    if frame.crc_bits == 8:
+        crc = Signal("crc", "", "", 0.0, 255.0, 8, 8 * (frame.nbytes - 1))
+        counter = Signal("counter", "", "", 0.0, 15.0, 4, 8 * (frame.nbytes - 2))
+    else:
+        crc = Signal("crc", "", "", 0.0, 65535.0, 16)
+        counter = Signal("counter", "", "", 0.0, 255.0, 8, 16)
     return (crc,) if frame.name == "SYNC" else (counter, crc)
 
 

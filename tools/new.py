@@ -20,6 +20,7 @@ FILES = {
     "control.py": "the law: PID on the encoder's angle",
     "motor.dbc": "the CAN frames, with counters and CRC",
     "evaluation.py": "figures of merit and the picture",
+    "drawing.py": "how it is drawn while it moves",
     "test_motor.py": "tests, for pytest",
     "README.md": "what one sees, and what to change first",
 }

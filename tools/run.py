@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers import choice, compile_cache
-from pcpc.drivers.errors import Exit
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
+from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes import process
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.rig.buses import bus_wanted
@@ -61,7 +62,8 @@ class Host:
         )  # fmt: skip
         self.children: dict[str, Child] = {}
         self.nodes: dict[str, Live] = {}
-        self.begin_ns = options.begin_ns
+        self.alarms: dict[str, Alarms] = {}
+        self.begin_ns, self.heard = options.begin_ns, 0  # lines of the watchdog
         self.waiting = Waiting(rig, roles)
 
     @property
@@ -76,6 +78,8 @@ class Host:
         try:
             if self.rig.config.bus.emulate is not None and "executive" in self.roles:
                 self.children["line"] = lines.started(self.rig, self.bus, self.folder)
+            if self.rig.config.watchdog is not None and "executive" in self.roles:
+                self.children["watchdog"] = Child.serving("watchdog", self._watchdog)
             for role in self.roles:
                 self.children[role] = self._node(role)
             self._load_judge()
@@ -92,7 +96,8 @@ class Host:
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
         if any(child.code < 0 for child in self.children.values()):
             refused = []  # what others refuse for want of a node that was killed is no reason
-        complain(refused[:1] or list(self.children.values()))
+        spoken = refused[:1] or list(self.children.values())
+        complain([child for child in spoken if child.name != "watchdog"])
         if self.outcome.interrupted and not self._under_way():  # nothing has been recorded
             return Exit.INTERRUPTED
         return refused[0].code if refused else -1
@@ -108,6 +113,16 @@ class Host:
             return process.main(words)
 
         return Child.forked(role, main, arguments)
+
+    def _watchdog(self, ready: int) -> int:
+        from pcpc.tools.watchdog import serve  # here, because it compiles
+
+        compile_cache.watch.listener = None
+        try:
+            return serve(self.rig, self.bus, self.pacing, None, ready)
+        except UserError as error:
+            print(f"watchdog: {error}", file=sys.stderr)
+            return error.code
 
     def _load_judge(self) -> None:
         """Load the rig's evaluation, while the nodes set themselves up; RigError ends them.
@@ -153,11 +168,24 @@ class Host:
                 break
             self._attach()
             self._start_recorder()
+            self._hear_watchdog()
+            for alarm in [one for alarms in self.alarms.values() for one in alarms.look()]:
+                self.progress.say(str(alarm))
             if self.waiting.too_long(self.blocks, self._under_way()):
                 break
             if self.progress.due():
                 self.progress.show(self._state())
             time.sleep(_POLL_S)
+
+    def _hear_watchdog(self) -> None:
+        """Tell at once what the watchdog has done; it belongs to what ended the run."""
+        if "watchdog" in self.children:
+            said = self.children["watchdog"].complaint()
+            for line in said[self.heard :]:
+                self.progress.close()
+                print(line, file=sys.stderr, flush=True)
+                self.outcome.faults.append(line)
+            self.heard = len(said)
 
     def _done(self, role: str) -> bool:
         """Return whether the loop of a node has ended; its process stays until we let it go."""
@@ -170,7 +198,7 @@ class Host:
                 with contextlib.suppress(sh.SharedError):
                     node = Live(sharing.attach(self._block_name(role), sharing.HOST))
                     if node.pid == self.children[role].process.pid:
-                        self.nodes[role] = node
+                        self.nodes[role], self.alarms[role] = node, Alarms(node.block)
 
     def _block_name(self, role: str) -> str:
         return sh.block_name(self.rig.config.rig, str(self.bus), role)
@@ -233,6 +261,9 @@ class Host:
             self.children["line"].end(0.0)
             if said := lines.told(self.folder):
                 self.progress.say(said)
+        if "watchdog" in self.children:
+            self.children["watchdog"].end(0.0)
+            self._hear_watchdog()
         if "recorder" in self.children:
             recording = self.children["recorder"]
             recording.end(_DRAIN_S)

@@ -10,11 +10,9 @@ from pcpc.executive.log.long_logs import Wanted
 from pcpc.executive.log.mcap_writer import RecordError
 from pcpc.executive.nodes import plausible
 from pcpc.executive.nodes.external import External
-from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig import carried
-from pcpc.executive.rig.buses import without_bus
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.starting.children import on_request
@@ -32,10 +30,8 @@ class Simulation:
         controller: External | None = None,
     ) -> None:  # fmt: skip
         """`judged`: of the recorder; `controller`: of VirtualRun. RigError, BusError."""
-        for role in rig.roles:
-            plausible.check(plan(rig, role, without_bus(rig)))
         self.rig, self.outcome = rig, outcome
-        self.run = VirtualRun(rig, log, judged, controller)
+        self.run = VirtualRun(rig, log, judged, controller, plausible.check)
         self.lacking = carried.warning(self.run.blocks[0].description["files"])
 
     def interrupt(self) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.durations import duration_s
+from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes.live import Live, Values, Variable, find, find_for
 from pcpc.tools.console import screen
 
@@ -78,9 +79,14 @@ def _set(live: Live, options: argparse.Namespace) -> None:
             changes[name] = float(text)
         except ValueError:
             raise UserError(f"{word}: {text!r} is not a number") from None
+    tune(live, changes, options.json)
+
+
+def tune(live: Live, changes: Mapping[str, float], as_json: bool) -> None:
+    """Set parameters and print what they were, what they are and from which cycle on."""
     before = live.read()
     cycle = live.tune(changes)
-    if options.json:
+    if as_json:
         old = {name: _json(before[name]) for name in changes}
         print(json.dumps({"cycle": cycle, "values": changes, "before": old}))
         return
@@ -101,7 +107,10 @@ def _watch(live: Live, options: argparse.Namespace) -> None:
     except ValueError as error:
         raise UserError(str(error)) from None
     shown = _Screen(live, live.select(options.names), options.json)
+    alarms = Alarms(live.block)
     for values in live.every(every_s):
+        for alarm in alarms.look():
+            shown.tell(str(alarm))
         shown.show(values)
 
 
@@ -121,6 +130,11 @@ class _Screen:
             print(self._row("cycle", {name: name for name in names}))
             told = {name: f"[{unit}]" if unit else "" for name, unit in units.items()}
             print(self._row("", told).rstrip(), flush=True)
+
+    def tell(self, line: str) -> None:
+        """Print a line that stays, on stderr; what is shown in place goes on below it."""
+        print(line, file=sys.stderr, flush=True)
+        self._shown = 0
 
     def show(self, values: Values) -> None:
         if self._json:

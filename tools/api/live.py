@@ -16,7 +16,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import injecting
 from pcpc.executive.nodes import live as nodes
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.api.run import Run, UnknownName
+from pcpc.tools.api.run import Figure, Run, UnknownName
 from pcpc.tools.api.settings import settings
 from pcpc.tools.rigs import find
 from pcpc.tools.starting.children import Child
@@ -37,6 +37,7 @@ class Live:
         live.set({"controller.kv_Nms_rad": 120.0})                  returns the first cycle with it
         live.wait_until("controller.e_rad", below=1e-3, within_s=2)
         live.inject("encoder_stuck", for_s=0.2)                     a fault of the rig file
+        live.plot("controller.e_rad", window_s=5)                   moves while the cell runs
         live.run                                                    the record, after the end
 
     UnknownName, with a proposal, for a variable that is not there; pcpc.Error for what is refused.
@@ -142,6 +143,28 @@ class Live:
             f"{word} {value:g}" for word, value in given.items() if value is not None
         )
         return self._wait(node, inside, within_s, f"{what} {limits}")[variable]
+
+    def plot(
+        self, name: str, *names: str, window_s: float = 5.0, every_s: float = 0.2,
+        for_s: float | None = None,
+    ) -> Figure:  # fmt: skip
+        """Draw recorded variables over the last seconds again and again, until the run ends.
+
+        Or for `for_s` seconds of the run, or until the cell is interrupted, which the run survives.
+        A notebook shows the plot where it began, at most each `every_s` seconds; elsewhere nothing
+        is shown. Returns the last picture. UnknownName: not there, or not recorded.
+        """
+        from pcpc.tools.api.moving import Moving, follow, in_place
+
+        asked = [(one, *self._split(one)) for one in (name, *names)]
+        moving = Moving(asked, window_s)
+        first, period_s = self.cycle, 1e-9 * self._node("executive").period_ns
+
+        def goes_on() -> bool:
+            over = for_s is not None and (self.cycle - first) * period_s >= for_s
+            return self.running and not over
+
+        return follow(moving, goes_on, every_s, in_place())
 
     def wait(self, within_s: float | None = None) -> Run:
         """Wait for the run's own end; NotMet if that takes longer than `within_s` seconds."""

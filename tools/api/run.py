@@ -304,6 +304,15 @@ class Run:
             found.save(path)
         return found
 
+    def report(self, path: str | Path) -> Path:
+        """Write the run as one HTML file that needs no network, as `pcpc report`; return `path`."""
+        from pcpc.tools.report import write
+
+        options = argparse.Namespace(trust=self._trust, law=[], rig=None)
+        known = self.summary if self.judged_at_its_end else None
+        write(self.path, Path(path), options, Progress(quiet=True), known)
+        return Path(path)
+
     def _plot(self, variables: Sequence[str], place: Path) -> None:
         """Draw variables over time as `pcpc log plot` does."""
         from pcpc.tools.log import plot, series

@@ -19,7 +19,7 @@ from pcpc.tools.console.commands import SUITES
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.starting.native import native
 
-ON_REQUEST = ("rate", "startup", "batch")  # one to three minutes each
+ON_REQUEST = ("rate", "host", "startup", "batch")  # one to three minutes each
 
 
 class BenchError(UserError):

@@ -286,6 +286,14 @@ static int64_t take_frame(loop *n)
     return use_frame(n, row);
 }
 
+static void watch_beat(loop *n, int64_t row)
+{
+    int64_t every = n->intrusion.beat_every[row], before = n->intrusion.beat_at[row];
+    n->intrusion.beat_at[row] = n->k;
+    if (before > 0 && n->clock.behind == 0 && 4 * (n->k - before) < 3 * every)
+        n->intrusion.early_at[row] = n->k; /* what follows of more of them, nobody tries here */
+}
+
 static int64_t use_frame(loop *n, int64_t row)
 {
     const uint8_t *frame = n->wire.rx;
@@ -298,6 +306,9 @@ static int64_t use_frame(loop *n, int64_t row)
     n->control[SH_LOST] += lost;
     if (state == E2E_OK || state == E2E_OK_SOME_LOST) {
         unpack(frame + 8, n->rx.frames[row], n->rx.signals, n->rx.scales, n->v);
+        memcpy(n->intrusion.counted_frame[row], frame, WIRE_FRAME_BYTES);
+        if (n->intrusion.care[row] && n->intrusion.beat_every[row] > 0)
+            watch_beat(n, row);
         n->control[SH_RECEIVED]++;
         if (!fresh) {
             n->rx.started += n->rx.role[row][SH_STARTS];
@@ -350,6 +361,8 @@ static void receive(loop *n)
             n->control[SH_BUS_ERRORS]++;
         }
     }
+    if (n->guard.off && n->guard.faulted == SV_NO_FAULT)
+        n->guard.faulted = SV_BUS_OFF;
     n->timing.received = now(n);
 }
 

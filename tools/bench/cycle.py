@@ -98,6 +98,7 @@ def loop_header() -> str:
         *(compiler.struct(name, kind) for name, (kind, *_) in fields.items() if kind.fields),
         compiler.struct("loop", sh.LOOP),
         compiler.array("CRC_TABLE", "uint8_t", e2e._CRC_TABLE),
+        compiler.array("CRC_16_TABLE", "uint16_t", e2e._CRC_16_TABLE),
         compiler.array("NEXT", "int64_t", supervisor.NEXT),
         compiler.array("NMT", "double", supervisor.NMT),
         compiler.array("ERROR_CODES", "double", supervisor.ERROR_CODES),

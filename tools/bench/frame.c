@@ -140,6 +140,30 @@ static inline uint8_t crc8(int64_t id, const uint8_t *data, int64_t n)
     return crc ^ 0xFF;
 }
 
+static uint16_t crc16(int64_t id, const uint8_t *data, int64_t place, int64_t n)
+{
+    uint16_t crc = 0xFFFF;
+    for (int64_t i = 0; i < n + 2; i++)
+        if (i < place || i > place + 1) {
+            uint8_t byte = i < n ? data[i] : id >> 8 * (i - n);
+            crc = crc << 8 ^ CRC_16_TABLE[crc >> 8 ^ byte];
+        }
+    return crc;
+}
+
+static inline uint16_t right_crc(const uint8_t *data, const int64_t *frame)
+{
+    if (frame[DBC_PROTECTED] == DBC_CRC_16)
+        return crc16(frame[DBC_DATA_ID], data, frame[DBC_CRC_BYTE], frame[DBC_DLC]);
+    return crc8(frame[DBC_CAN_ID], data, frame[DBC_CRC_BYTE]);
+}
+
+static inline uint16_t crc_of(const uint8_t *data, const int64_t *frame)
+{
+    int64_t place = frame[DBC_CRC_BYTE];
+    return data[place] | (frame[DBC_PROTECTED] == DBC_CRC_16 ? data[place + 1] << 8 : 0);
+}
+
 static inline void protect(uint8_t *data, const int64_t *frame, int64_t counter)
 {
     if (!frame[DBC_PROTECTED])
@@ -147,7 +171,10 @@ static inline void protect(uint8_t *data, const int64_t *frame, int64_t counter)
     uint8_t *byte = data + frame[DBC_COUNTER_BYTE];
     int64_t shift = frame[DBC_COUNTER_SHIFT], mask = frame[DBC_COUNTER_MASK];
     *byte = (*byte & ~(mask << shift)) | (counter & mask) << shift;
-    data[frame[DBC_CRC_BYTE]] = crc8(frame[DBC_CAN_ID], data, frame[DBC_CRC_BYTE]);
+    int64_t place = frame[DBC_CRC_BYTE], crc = right_crc(data, frame);
+    data[place] = crc;
+    if (frame[DBC_PROTECTED] == DBC_CRC_16)
+        data[place + 1] = crc >> 8;
 }
 
 static inline void use(int64_t *state, int64_t outcome)
@@ -161,10 +188,9 @@ static inline void use(int64_t *state, int64_t outcome)
 static inline int64_t check(const uint8_t *data, int64_t length, const int64_t *frame,
                             int64_t *state, int64_t *lost)
 {
-    int64_t last = frame[DBC_CRC_BYTE], protected = frame[DBC_PROTECTED];
+    int64_t protected = frame[DBC_PROTECTED];
     *lost = 0;
-    if (length != frame[DBC_DLC]
-        || (protected && crc8(frame[DBC_CAN_ID], data, last) != data[last])) {
+    if (length != frame[DBC_DLC] || (protected && right_crc(data, frame) != crc_of(data, frame))) {
         state[E2E_N_ERRORS]++;
         return state[E2E_STATE] = E2E_ERROR;
     }
@@ -322,7 +348,7 @@ static inline int get_frame(struct wire *wire, int block)
         if (wire->inbox_taken == wire->inbox_put)
             return WIRE_NOTHING;
         memcpy(wire->rx, wire->inbox[wire->inbox_taken++ % WIRE_QUEUE_FRAMES], WIRE_FRAME_BYTES);
-        return WIRE_FRAME;
+        return wire->rx[3] & WIRE_ERROR_FLAG ? WIRE_BUS_ERROR : WIRE_FRAME;
     }
     if (wire->kind == WIRE_SOCKETCAN) {
         n = recv(wire->fd_rx, wire->rx, WIRE_FRAME_BYTES, flags);

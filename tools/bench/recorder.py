@@ -135,8 +135,8 @@ def _messages(recorder: Recorder, run: VirtualRun) -> tuple[int, list[tuple[int,
         put = {ring: int(block[f"{ring}_ends"][sh.PUT]) for ring in ("record", "frame")}
         for row in block["record"][: put["record"]]:
             data = row.tobytes()
-            messages.append((channel, data[20 : node.state_end]))
-            messages.append((channel + 1, data[node.state_end + 4 :]))
+            messages.append((channel, data[20 : node.channels.state_end]))
+            messages.append((channel + 1, data[node.channels.state_end + 4 :]))
         for row in block["frame"][: put["frame"]]:
             messages.append((channel + 2, row.tobytes()[4:]))
         channel += 3

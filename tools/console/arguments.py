@@ -1,16 +1,15 @@
 """What the commands of `pcpc` take; imports nothing that takes time."""
 
 import argparse
-import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
 from pcpc.executive.durations import duration_s
 from pcpc.executive.rig.roles import ROLES
 from pcpc.tools.console.command import Add
+from pcpc.tools.console.rates import bits_per_s, hz
 
-_BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
+BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
 
 
 def json(add: Add, help: str = "print one JSON object") -> None:
@@ -45,13 +44,20 @@ def dbc(add: Add) -> None:
     """Take a rig, and where to write."""
     add("rig", metavar="RIG", help="its file or folder; its DBC file need not be there")
     add("-o", "--output", metavar="FILE", help="default: the file that the rig names")
+    add(
+        "--crc",
+        type=int,
+        choices=(8, 16),
+        default=8,
+        help="its bits, of every frame of every cycle; 16 as in AUTOSAR's E2E profile 5",
+    )
 
 
 def rig(add: Add) -> None:
     """Take a rig and what is changed in it."""
     add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
     add("--controller", metavar="NAME", help="controller, instead of the rig's")
-    _set(add, "any value of the rig or a block, as controller.kv_Nms_rad=130")
+    _set(add, "any value of the rig or a block, as controller.kv_Nms_rad=130; @FILE: of pcpc save")
 
 
 def check(add: Add) -> None:
@@ -66,22 +72,22 @@ def bus(add: Add) -> None:
         help="name of a rig (pcpc rigs), or its file; emulate: two buses, as vcan0 vcan1, "
         "udp_multicast:GROUP:PORT")  # fmt: skip
     _set(add, "any value of the rig, as realtime.plant.phase=0.4")
-    add("--bitrate", type=_bits_per_s, metavar="RATE",
+    add("--bitrate", type=bits_per_s, metavar="RATE",
         help="500k, 1M; default: the rig's bus.bitrate, else 1M")  # fmt: skip
-    add("--data-bitrate", type=_bits_per_s, metavar="RATE",
+    add("--data-bitrate", type=bits_per_s, metavar="RATE",
         help="as CAN FD frames that switch to this rate: 2M, 5M")  # fmt: skip
-    add("--rate", type=_hz, metavar="RATE", help="cycles a second, instead of the rig's: 2kHz")
+    add("--rate", type=hz, metavar="RATE", help="cycles a second, instead of the rig's: 2kHz")
     add("--jitter", metavar="TIME",
         help="from a node's cycle to its frames: waking, work; 100us; default 0")  # fmt: skip
     add("--any-phase", action="store_true",
         help="nodes on clocks of their own, as two machines: their phases drift")  # fmt: skip
     add("--in-order", action="store_true",
         help="a node sends in its loop's order, as SocketCAN; default: by priority")  # fmt: skip
-    add("--queue", type=_positive, default=64, metavar="N",
+    add("--queue", type=positive, default=64, metavar="N",
         help="emulate: frames that wait on a side, no more; default: %(default)s")  # fmt: skip
     add("--errors", metavar="p=P,...",
         help="emulate: bit error rate p; burst=N transmissions in a row; seed=N")  # fmt: skip
-    add("--for", type=_duration_s, dest="for_s", metavar="DURATION",
+    add("--for", type=duration, dest="for_s", metavar="DURATION",
         help="emulate: end after it; default: at Ctrl-C")  # fmt: skip
     add("--error-every", metavar="TIME", help="a bus error at most this often: 10ms; default none")
     add("--plot", type=Path, metavar="FILE.png", help="draw the fullest cycle of the bus")
@@ -99,7 +105,7 @@ def run(add: Add) -> None:
     rig(add)
     add("--pacing", choices=("real", "sync", "lockstep"),
         help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock")  # fmt: skip
-    add("--bus", metavar="INTERFACE[:CHANNEL]", help=_BUSES)
+    add("--bus", metavar="INTERFACE[:CHANNEL]", help=BUSES)
     _run_folder(add)
 
 
@@ -165,76 +171,13 @@ class _Refused(argparse.Action):
 def experiment(add: Add) -> None:
     """Take a study."""
     add(
-        "name", metavar="NAME", help="chapterN of the book, approximation, actuators, or a study.py"
+        "name",
+        metavar="NAME",
+        help="chapterN of the book, approximation, actuators, drawings, or a study.py",
     )
     add("-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME")
     add("--jobs", type=int, metavar="N", help="processes; all processors")
     quiet(add)
-
-
-# Live nodes
-
-
-def table(names: str, count: str | int) -> Callable[[Add], None]:
-    """Return what takes `count` variables of a node, called `names`."""
-
-    def arguments(add: Add) -> None:
-        add("names", nargs=count, metavar=names)
-        add("--node", metavar="NODE",
-            help="executive, plant or a full name; without it, the one that has NAME")  # fmt: skip
-        json(add, "print JSON")
-
-    return arguments
-
-
-def list_(add: Add) -> None:
-    """Take variables, and how much about them."""
-    table("NAME", "*")(add)
-    add("-l", "--long", action="store_true", help="also writer and meaning")
-
-
-def evidence(add: Add) -> None:
-    """Take the parts of the evidence, how much of each, and where it goes."""
-    from pcpc.tools.evidence.parts import PARTS
-
-    add("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; all")
-    add("--runs", type=_positive, default=3000, metavar="N", help="of each fault; 3000")
-    add("--hours", type=float, default=100.0, metavar="H", help="without a fault; 100")
-    add("--frames", type=_positive, default=1_000_000, metavar="N", help="damaged frames; 10^6")
-    add("--kills", type=_positive, default=100, metavar="N", help="disturbed processes; 100")
-    add("--seed", type=_positive, default=1, metavar="N", help="the first of the seeds; 1")
-    add("-j", "--jobs", type=_positive, metavar="N", help="processes; as many as processors")
-    add("-o", "--output", default="evidence", metavar="FOLDER", help="for faults.md, faults.json")
-    add("-q", "--quiet", action="store_true", help="no progress")
-
-
-def fault(add: Add) -> None:
-    """Take a fault of the rig, how long and how large."""
-    add("name", nargs="?", metavar="NAME", help="a name under faults: in the rig file")
-    add("--for", dest="for_", metavar="TIME", help="200ms, 5s; without it, until --end")
-    add("--value", type=float, metavar="X", help="how large, instead of the rig's value")
-    add("--share", type=float, metavar="X", help="in how many of all chances it acts, 0 to 1")
-    add("--end", action="store_true", help="end it")
-    add("--node", metavar="NODE", help="only there: executive, plant or a full name")
-    json(add, "print JSON")
-
-
-def watch(add: Add) -> None:
-    """Take variables, and how often."""
-    table("NAME", "+")(add)
-    add("--every", default="200ms", metavar="TIME", help="interval: 500us, 5ms, 10s")
-
-
-def reset(add: Add) -> None:
-    """Take which rig's nodes, if there are several."""
-    add("rig", metavar="RIG", nargs="?", help="if several run: name of the rig, or its file")
-    json(add, "print JSON")
-
-
-def stop(add: Add) -> None:
-    """Take which rig's run, and how."""
-    reset(add)
-    add("--quick", action="store_true", help="in supervisor.quick_stop_s instead of ramp_s")
 
 
 # Logs
@@ -283,7 +226,7 @@ def compare(add: Add) -> None:
 def play(add: Add) -> None:
     """Take a log, and which of its frames go where and when."""
     add("log", metavar="LOG", help="log file, run folder or latest")
-    add("--bus", default="auto", metavar="INTERFACE[:CHANNEL]", help=_BUSES)
+    add("--bus", default="auto", metavar="INTERFACE[:CHANNEL]", help=BUSES)
     add("-r", "--rate", type=float, default=1.0, metavar="FACTOR",
         help="speed: 2 is twice as fast, 0 as fast as the bus takes frames")  # fmt: skip
     add("--loop", type=int, nargs="?", const=0, metavar="N", help="N times; for ever without N")
@@ -337,39 +280,18 @@ def bench(add: Add) -> None:
     quiet(add)
 
 
-def evidence_mutants(add: Add) -> None:
-    """Take how to tell it."""
-    json(add, "print one JSON object")
-
-
-def evidence_soak(add: Add) -> None:
-    """Take a rig and for how long."""
-    add("rig", metavar="RIG", help="rig file, or the name of one that comes with pcpc")
-    add("--hours", type=float, default=1.0, metavar="H", help="default: %(default)s")
-    add("--seed", type=int, default=1, metavar="N", help="of what is drawn; %(default)s")
-
-
-def evidence_kills(add: Add) -> None:
-    """Take how many runs, and how to tell it."""
-    add("--runs", type=_positive, default=100, metavar="N", help="default: %(default)s")
-    add("--seed", type=int, default=1, metavar="N", help="of the moments; %(default)s")
-    add("--jobs", type=_positive, default=2, metavar="N", help="runs side by side; %(default)s")
-    json(add, "print the rows as JSON")
-    quiet(add)
-
-
 def vm(add: Add) -> None:
     """Take what the machine has; the command follows after --."""
     add("--accel", choices=("auto", "kvm", "tcg"), default="auto", help="default: %(default)s")
-    add("--memory", type=_positive, default=2048, metavar="MB", help="default: %(default)s")
-    add("--cpus", type=_positive, default=2, metavar="N", help="default: %(default)s")
-    add("--timeout", type=_duration_s, default=600.0, metavar="DURATION", help="default: 600s")
+    add("--memory", type=positive, default=2048, metavar="MB", help="default: %(default)s")
+    add("--cpus", type=positive, default=2, metavar="N", help="default: %(default)s")
+    add("--timeout", type=duration, default=600.0, metavar="DURATION", help="default: 600s")
     add("--update", action="store_true", help="fetch the distribution's present kernel")
     add("--verbose", action="store_true", help="show the guest's console on stderr")
     add("--info", action="store_true", help="print kernel and accelerator, run nothing")
 
 
-def _duration_s(text: str) -> float:
+def duration(text: str) -> float:
     """Return a duration such as 500ms, 10s, 2min in s."""
     try:
         return duration_s(text, unit="")
@@ -377,24 +299,8 @@ def _duration_s(text: str) -> float:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def _positive(text: str) -> int:
+def positive(text: str) -> int:
+    """Return a whole number above 0."""
     if not text.isdecimal() or int(text) == 0:
         raise argparse.ArgumentTypeError(f"expected a positive whole number, got {text!r}")
     return int(text)
-
-
-def _bits_per_s(text: str) -> int:
-    return round(_scaled(text, "bit/s", "500k, 2M"))
-
-
-def _hz(text: str) -> float:
-    return _scaled(text, "Hz", "500, 2kHz")
-
-
-def _scaled(text: str, unit: str, example: str) -> float:
-    """Return a number above 0 with k or M and perhaps its unit behind it."""
-    found = re.fullmatch(rf"([0-9]*\.?[0-9]+) ?([kM]?)(?:{unit})?", text)
-    value = float(found[1]) * {"": 1.0, "k": 1e3, "M": 1e6}[found[2]] if found else 0.0
-    if not 1.0 <= value <= 1e9:
-        raise argparse.ArgumentTypeError(f"expected a rate like {example}, got {text!r}")
-    return value

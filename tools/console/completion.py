@@ -89,7 +89,9 @@ def _nodes(options: argparse.Namespace) -> Words:
     from pcpc.executive.nodes.live import running
     from pcpc.executive.rig.roles import ROLES
 
-    return [*ROLES, *running()]
+    nodes = running()
+    rigs = {str(live.block.description.get("rig")) for live in nodes.values()}
+    return [*ROLES, *nodes, *rigs]
 
 
 def _variables(options: argparse.Namespace) -> Words:
@@ -131,6 +133,7 @@ def _studies(options: argparse.Namespace) -> Words:
 _OF = {  # by the name of an argument, or of a command and its argument
     "rig": _rigs, "controller": _controllers, "node": _nodes, "log": _logs, "a": _logs, "b": _logs,
     "words": _logs, "rigs names": _plants, "list names": _variables, "get names": _variables,
-    "watch names": _variables, "set names": _parameters, "lock names": _levels,
+    "watch names": _variables, "scope names": _variables, "set names": _parameters,
+    "lock names": _levels,
     "experiment name": _studies, "bus words": _rigs, "fault name": _faults,
 }  # fmt: skip

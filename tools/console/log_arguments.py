@@ -99,3 +99,22 @@ def plot(add: Add) -> None:
     code_of_laws(add)
     _window(add, "up to here")
     quiet(add)
+
+
+def animate(add: Add) -> None:
+    """Take a log, and a film."""
+    _log(add)
+    add("-o", "--output", type=Path, required=True, metavar="FILE.gif", help="film")
+    add("--speed", type=float, default=1.0, metavar="X", help="seconds of the log a second; 1")
+    code_of_laws(add)
+    _window(add, "up to here")
+    quiet(add)
+
+
+def report(add: Add) -> None:
+    """Take a log, and a page."""
+    add("log", metavar="LOG", help="log file, run folder or latest")
+    add("-o", "--output", type=Path, metavar="FILE.html",
+        help="instead of report.html in the run folder, LOG.html beside another log")  # fmt: skip
+    code_of_laws(add)
+    quiet(add)

@@ -26,9 +26,9 @@ from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.channels import columns, others
 from pcpc.executive.log.facts import facts
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
-from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import LogCommandError, new_file
 from pcpc.tools.log.recording import Recording, read
@@ -155,20 +155,8 @@ class _Imported:
 
     def _register(self, writer: BulkWriter) -> tuple[int, int]:
         """Register the topics as the recorder does; return the ids of /state and /can/frames."""
-        names = [row[0] for row in self.variables]
-        lines, mapping = [], {}
-        for field, row in zip(field_names(names), self.variables, strict=True):
-            name, unit, kind, owner, text = row
-            comment = f"{name} [{unit or '1'}] {' '.join(text.split())}"
-            lines.append(f"float64 {field}  # {comment.rstrip()}")
-            about = {"name": name, "unit": unit, "kind": kind, "writer": owner, "help": text}
-            mapping[field] = json.dumps(about)
-        writer.add_metadata("variables:/state", mapping)
-        state = writer.register("/state", "pcpc/State", "\n".join(lines) + "\n", "cdr")
-        frames = writer.register("/can/frames", "pcpc/Frame", FRAME_SCHEMA, "cdr")
-        for kind, schema in JSON_SCHEMAS.items():
-            writer.register(f"/{kind.lower()}s", f"pcpc.{kind}", json.dumps(schema), "json")
-        return state, frames
+        state = columns(writer, "/state", "pcpc/State", self.variables)
+        return state, others(writer, "executive")["can/frames"]
 
     def _messages(self, writer: BulkWriter, channels: tuple[int, int], progress: Progress) -> None:
         """Write rows and frames in pieces, so that what belongs together lies together."""

@@ -67,7 +67,7 @@ def describe(path: Path, progress: Progress) -> dict[str, Any]:
         "file": str(path), "bytes": found.size,
         "bytes_per_hour": round(found.size / duration_s * 3600) if duration_s else None,
         **{name: facts.get(name, "") for name in _FACTS},
-        "start": _start(facts, zero_ns), "duration_s": duration_s,
+        "start": start_of(facts, zero_ns), "duration_s": duration_s,
         "versions": {k.removeprefix("version_"): v for k, v in facts.items()
                      if k.startswith("version_") or k in ("python", "git")},
         "machine": {k: facts.get(k, "") for k in ("kernel", "machine", "processor", "cpus")},
@@ -83,7 +83,7 @@ def describe(path: Path, progress: Progress) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _start(facts: Mapping[str, str], wall_ns: int) -> str:
+def start_of(facts: Mapping[str, str], wall_ns: int) -> str:
     """Return when the run began, ISO 8601 in UTC; empty if the log does not tell."""
     if facts.get("pacing") == "virtual" or not wall_ns:
         wall_ns = int(facts.get("clock_wall_ns", 0))
@@ -158,7 +158,7 @@ def _recorder_text(counts: Mapping[str, str]) -> str:
 def entry_text(entry: Mapping[str, Any]) -> str:
     """Return an event or a tuning in words: what happened, to what, and the number that it has."""
     kind, name, value = (entry.get(key) for key in ("event", "name", "value"))
-    if kind in (None, "change"):
+    if kind in (None, "change", "alarm"):
         return " ".join(str(word) for word in (kind, name, value) if word is not None)
     count = entry.get("argument")
     numbers = {

@@ -35,6 +35,7 @@ from pcpc.executive.rig.modules import PROJECT, project_file
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import today
 from pcpc.executive.rig.roles import ROLES
+from pcpc.plants.judging import effective_rig
 
 MOST_UP = 64  # folders that a file may lie above its rig
 
@@ -139,7 +140,7 @@ def _evaluation(
     head: logs.Log, name: str, folder: Path, options: argparse.Namespace
 ) -> tuple[Path, str]:
     """Return the file of a log's evaluation, and a word if it is another one; LogError."""
-    files, own = carried_by(head, judging=True), project_file(name)
+    files, own = carried_by(head, "judges"), project_file(name)
     same = own is not None and (not files or files[0].sha256 == carried.sha256(own))
     if own is not None and (same or not options.trust):
         return own, "" if same else f"{name} is another one than the log's; --trust takes that"
@@ -154,16 +155,36 @@ def _evaluation(
     return _places(head, files, folder, options)[files[0]], ""
 
 
-def carried_by(head: logs.Log, *, judging: bool = False) -> list[Carried]:
-    """Return the files that a log carries for its laws, or its evaluation and what that imports.
+def drawing_of_log(
+    head: logs.Log, folder: Path, options: argparse.Namespace
+) -> tuple[Path | None, str]:
+    """Return the file of a log's drawing, None without one, and a word if it is another one.
 
-    LogError if it names them wrongly.
+    LogError as for its evaluation: the log's own copy is run with --trust only.
+    """
+    files = carried_by(head, "draws")
+    digest = files[0].sha256 if files else ""
+    evaluation = project_file(str((effective_rig(head).get("evaluation") or {}).get("file")))
+    shipped = evaluation.with_name("drawing.py") if evaluation else None
+    for own in [shipped] if shipped else PROJECT.glob("*/*/drawing.py"):
+        if own.is_file() and carried.sha256(own) == digest:
+            return own, ""
+    if shipped and shipped.is_file() and not (files and options.trust):
+        word = f"{shipped} is another one than the log's; --trust takes that"
+        return shipped, word if files else ""
+    return (_places(head, files, folder, options)[files[0]] if files else None), ""
+
+
+def carried_by(head: logs.Log, kind: str = "") -> list[Carried]:
+    """Return the files that a log carries for its laws; its evaluation's, if `kind` is judges.
+
+    Those of its drawing, if it is draws. LogError if it names them wrongly.
     """
     contents = {hashlib.sha256(data).hexdigest(): data for data in head.files.values()}
     found: dict[str, Carried] = {}
     for node in head.node.values():
         for entry in node.description.get("files", ()):
-            if entry.get("judges", False) is not judging:
+            if kind != next((one for one in ("judges", "draws") if entry.get(one)), ""):
                 continue
             try:
                 one = Carried(
@@ -182,12 +203,8 @@ def carried_by(head: logs.Log, *, judging: bool = False) -> list[Carried]:
                 one.name, one.path, one.sha256, (*laws, *one.laws), (*given, *one.given),
                 one.content,
             )  # fmt: skip
-    for name, text in () if judging else head.attachments.items():  # of older logs
-        if (
-            not judging
-            and name.endswith(".py")
-            and not any(name in one.laws for one in found.values())
-        ):
+    for name, text in () if kind else head.attachments.items():  # of older logs
+        if name.endswith(".py") and not any(name in one.laws for one in found.values()):
             data = text.encode()
             digest = hashlib.sha256(data).hexdigest()
             found.setdefault(name, Carried(name, "", digest, (name,), (), data))

@@ -7,7 +7,7 @@ time        wall time, ns, k T from the start in lockstep and virtual time; t = 
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -71,8 +71,8 @@ def start_ns(log: logs.Log) -> int:
     return 0
 
 
-def all_series(log: logs.Log) -> dict[str, Series]:
-    """Return all variables by name, in the order of recording."""
+def all_series(log: logs.Log, only: Collection[str] | None = None) -> dict[str, Series]:
+    """Return all variables by name, in the order of recording; `only`: these, the others unread."""
     found: dict[str, Series] = {}
     for name, node in log.node.items():
         about = {row[0]: row for row in node.description.get("variables", [])}
@@ -80,8 +80,11 @@ def all_series(log: logs.Log) -> dict[str, Series]:
         prefix = "" if name == "executive" else f"{name}."
         for kind, columns in (("state", node.columns), ("timing", node.timing)):
             topic = logs.topic(name, kind)
-            for column, values in columns.items():
+            for column in columns:
+                if only is not None and prefix + column not in only:
+                    continue
                 unit, text = (about[column][i] if column in about else "" for i in (1, 4))
+                values = columns[column]
                 one = Series(prefix + column, unit, text, topic, time_ns, node.cycle, values)
                 found[one.name] = one
     return found

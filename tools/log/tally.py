@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers import can_id
-from pcpc.drivers.e2e_states import name_of
+from pcpc.drivers.e2e_states import INJECTED, name_of
+from pcpc.drivers.frame_bits import classic_bits
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan
@@ -68,8 +69,9 @@ class Tally:
         self._left_out[topic] += len(data) - int(sane.sum())
         data = data[sane]
         key = data["id"].astype(np.uint64) | data["direction"].astype(np.uint64) << np.uint64(32)
+        key |= data["e2e"].astype(np.uint64) << np.uint64(40)
         self._keys.setdefault(topic, []).append(
-            key | data["e2e"].astype(np.uint64) << np.uint64(40)
+            key | data["dlc"].astype(np.uint64) << np.uint64(48)
         )
         self._waiting += len(rows)
         if self._waiting >= _AT_ONCE:
@@ -81,11 +83,11 @@ class Tally:
                 self._frames[topic, int(key)] += int(n)
         self._keys, self._waiting = {}, 0
 
-    def _counted(self) -> Iterator[tuple[str, int, int, int, int]]:
-        """Yield (topic, id, direction, e2e, count)."""
+    def _counted(self) -> Iterator[tuple[str, int, int, int, int, int]]:
+        """Yield (topic, id, direction, e2e, bytes, count)."""
         self._settle()
         for (topic, key), n in self._frames.items():
-            yield topic, key & 0xFFFFFFFF, key >> 32 & 1, key >> 40, n
+            yield topic, key & 0xFFFFFFFF, key >> 32 & 1, key >> 40 & 0xFF, key >> 48, n
 
     def cycles(self, topic: str) -> dict[str, int]:
         """Return count, first and last of a node's cycles, and how many between are not there."""
@@ -104,17 +106,29 @@ class Tally:
         """Return the time from the first message of a topic to its last."""
         return (self.last_ns.get(topic, 0) - self.first_ns.get(topic, 0)) / 1e9
 
-    def frames(self, names: Mapping[int, str], duration_s: float) -> list[dict[str, Any]]:
-        """Return the executive's frames by direction and id; in a log without one, the plant's."""
-        topics = [logs.topic(node, "can/frames") for node in logs.NODES]
-        heard = next((topic for topic in topics if self.messages[topic]), topics[0])
+    def heard(self) -> str:
+        """Return the node whose frames are told: the executive, in a log without it the plant."""
+        with_frames = (n for n in logs.NODES if self.messages[logs.topic(n, "can/frames")])
+        return next(with_frames, logs.NODES[0])
+
+    def frames(
+        self, names: Mapping[int, str], duration_s: float, node: str = ""
+    ) -> list[dict[str, Any]]:  # fmt: skip
+        """Return a node's frames by direction and id; without one those of the node `heard`.
+
+        `bits`: on the wire, at most; what was injected was on none.
+        """
+        heard = logs.topic(node or self.heard(), "can/frames")
         total: Counter[tuple[int, int]] = Counter()
-        for topic, number, direction, _, n in self._counted():
+        bits: Counter[tuple[int, int]] = Counter()
+        for topic, number, direction, state, size, n in self._counted():
             if topic == heard:
                 total[direction, number] += n
+                wired = n if state < INJECTED else 0
+                bits[direction, number] += wired * classic_bits(size, number > can_id.ID)
         return [
             {"name": names.get(number, ""), "id": can_id.text_of(number),
-             "direction": DIRECTIONS[direction], "count": n,
+             "direction": DIRECTIONS[direction], "count": n, "bits": bits[direction, number],
              "rate_hz": round(n / duration_s, 1) if duration_s else None}
             for (direction, number), n in sorted(total.items())
         ]  # fmt: skip
@@ -122,7 +136,7 @@ class Tally:
     def e2e(self, nodes: Iterable[str]) -> dict[str, dict[str, int]]:
         """Return how many received frames were not OK, by node and state of the check."""
         bad: dict[str, dict[str, int]] = {name: {} for name in nodes}
-        for topic, _, direction, state, n in self._counted():
+        for topic, _, direction, state, _, n in self._counted():
             for name in bad:
                 if topic == logs.topic(name, "can/frames") and direction == 1 and state:
                     what = name_of(state)

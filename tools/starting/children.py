@@ -44,6 +44,16 @@ class Child:
         return cls(name, Forked(name, lambda: main(arguments), stderr.fileno(), survives), stderr)
 
     @classmethod
+    def serving(cls, name: str, main: Callable[[int], int]) -> "Child":
+        """Call `main(ready)` in a copy of this process; return once it closes `ready`, or ends."""
+        ready, told = os.pipe()
+        child = cls.forked(name, lambda _: main(told), ())
+        os.close(told)
+        os.read(ready, 1)  # nothing comes but the end, when the other side is closed
+        os.close(ready)
+        return child
+
+    @classmethod
     def started(
         cls, name: str, module: str, arguments: Sequence[str], *, interpreted: bool = False
     ) -> "Child":

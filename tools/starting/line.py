@@ -1,8 +1,6 @@
 """The CAN line of a run with `bus.emulate`: a gateway between the sides of its nodes."""
 
 import json
-import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from pcpc.drivers.bus import Bus
@@ -15,18 +13,13 @@ from pcpc.tools.starting.children import Child
 def started(rig: Rig, bus: Bus, folder: Path) -> Child:
     """Start the gateway; return once it hears both sides, or has ended. RigError."""
     check_line(rig, "real")
-    ready, told = os.pipe()
 
-    def main(words: Sequence[str]) -> int:
+    def main(ready: int) -> int:
         from pcpc.tools.bus import emulate  # here, because it compiles
 
-        return emulate.serve(rig, bus, folder / line_report.FILE, told)
+        return emulate.serve(rig, bus, folder / line_report.FILE, ready)
 
-    child = Child.forked("line", main, ())
-    os.close(told)
-    os.read(ready, 1)  # nothing comes but the end, when the other side is closed
-    os.close(ready)
-    return child
+    return Child.serving("line", main)
 
 
 def told(folder: Path) -> str:

@@ -5,11 +5,8 @@ runs failed, the worst cases with the command that runs each again, then every m
 requirement's margin: distribution, pairs of controllers on the same draws, what varied decides.
 """
 
-import base64
-import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +14,7 @@ import numpy as np
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.log.outfile import new_file
+from pcpc.tools.report.html import image, page, png_of, table, text
 from pcpc.tools.sweep import figures, statements
 from pcpc.tools.sweep.results import MARGIN, METRIC, Results, compared
 from pcpc.tools.sweep.sensitivity import Share
@@ -34,23 +32,12 @@ _NOT_INDEPENDENT = {
     "sobol": "The draws are a Sobol' sequence, not independent: the intervals are those of "
     "independent draws, which are rather too wide here.",
 }
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em;
-       color: #111 }
-h1 { font-size: 1.5em } h2 { font-size: 1.2em; margin-top: 2em } h3 { font-size: 1em }
-table { border-collapse: collapse; font-size: 0.87em; margin: 0.8em 0 }
-th, td { text-align: left; padding: 0.2em 0.9em 0.2em 0; border-bottom: 1px solid #D0D0D0;
-         vertical-align: top }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums }
-code { font-size: 0.92em; overflow-wrap: anywhere } img { max-width: 100%; display: block }
-p.note { color: #555 }
-"""
 
 
-def report(table: Any, spec: Mapping[str, Any], folder: Path) -> Path:
+def report(runs: Any, spec: Mapping[str, Any], folder: Path) -> Path:
     """Write report.html and its PNGs into `folder`; return the path of the page.
 
-    `table` as `Results` takes it, of one run or more; `spec`: rig, title, controllers, variations
+    `runs` as `Results` takes them, of one run or more; `spec`: rig, title, controllers, variations
     (texts NAME=SPEC), draws, sampling, seed, settings (texts NAME=VALUE), and where there was one
     `until`. Raises UserError where matplotlib is missing, there is nothing to report or a file
     cannot be written.
@@ -60,70 +47,48 @@ def report(table: Any, spec: Mapping[str, Any], folder: Path) -> Path:
     except ImportError:
         cure = "a report needs matplotlib: pip install 'pcpc[sweep]'"
         raise UserError(cure, Exit.ENVIRONMENT) from None
-    if not table.num_rows:
+    if not runs.num_rows:
         raise UserError(f"{folder}: no run to report on; start the campaign first")
-    results = Results(table, spec)
+    results = Results(runs, spec)
     pictures = _Pictures(folder)
-    title = escape(str(spec.get("title") or spec["rig"]))
-    parts = [f"<h1>{title}</h1>", _drawn(results), _failures(results, pictures), _reasons(results),
-             _worst(results), _metrics(results, pictures)]  # fmt: skip
-    body = "\n".join(part for part in parts if part)
-    page = f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>
-{body}
-</body></html>
-"""
+    title = str(spec.get("title") or spec["rig"])
+    parts = [f"<h1>{text(title)}</h1>", _drawn(results), _failures(results, pictures),
+             _reasons(results), _worst(results), _metrics(results, pictures)]  # fmt: skip
     with new_file(folder / "report.html", force=True) as unfinished:
-        unfinished.write_text(page, encoding="utf-8")
+        unfinished.write_text(page(title, parts), encoding="utf-8")
     return folder / "report.html"
 
 
 class _Pictures:
-    """PNGs in a folder, and the same as `img` elements that carry their picture."""
+    """PNGs in a folder, and the same in the page."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._names = set[str]()
 
-    def image(self, page: "Figure", name: str, alt: str) -> str:
+    def image(self, drawn: "Figure", name: str, alt: str) -> str:
         stem = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)[:80]
         while stem in self._names:  # of names that differ in what a file's name cannot say
             stem += "-"
         self._names.add(stem)
-        written = io.BytesIO()
-        page.savefig(written, format="png")
+        png = png_of(drawn)
         with new_file(self._folder / f"{stem}.png", force=True) as unfinished:
-            unfinished.write_bytes(written.getvalue())
-        data = base64.b64encode(written.getvalue()).decode()
-        return f'<img alt="{escape(alt)}" src="data:image/png;base64,{data}">'
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """Return a table of cells that are HTML already; `numbers`: columns aligned right."""
-
-    def line(cells: Sequence[str], tag: str) -> str:
-        right = [' class="n"' if i in numbers else "" for i in range(len(cells))]
-        pairs = zip(right, cells, strict=True)
-        return "".join(f"<{tag}{style}>{cell}</{tag}>" for style, cell in pairs)
-
-    body = "\n".join(f"<tr>{line(row, 'td')}</tr>" for row in rows)
-    first = f"<tr>{line(head, 'th')}</tr>\n" if any(head) else ""
-    return f"<table>{first}{body}</table>"
+            unfinished.write_bytes(png)
+        return image(png, alt)
 
 
 def _drawn(results: Results) -> str:
     spec = results.spec
     settings = ", ".join(str(one) for one in spec.get("settings", ()))
     rows = [
-        ("rig", f"<code>{escape(str(spec['rig']))}</code>"),
-        ("controllers", escape(", ".join(c or "the rig's own" for c in results.controllers))),
+        ("rig", f"<code>{text(spec['rig'])}</code>"),
+        ("controllers", text(", ".join(c or "the rig's own" for c in results.controllers))),
         ("draws", f"{int(np.unique(results.column('draw')).size):,}, "
-                  f"{escape(str(spec.get('sampling', '')))}, seed {spec.get('seed', '')}"),
-        *(("varied", f"<code>{escape(str(one))}</code>") for one in spec.get("variations", ())),
-        *([("set", f"<code>{escape(settings)}</code>")] if settings else []),
+                  f"{text(spec.get('sampling', ''))}, seed {spec.get('seed', '')}"),
+        *(("varied", f"<code>{text(one)}</code>") for one in spec.get("variations", ())),
+        *([("set", f"<code>{text(settings)}</code>")] if settings else []),
     ]  # fmt: skip
-    return _table(("", ""), rows)
+    return table(("", ""), rows)
 
 
 def _failures(results: Results, pictures: _Pictures) -> str:
@@ -140,7 +105,7 @@ def _failures(results: Results, pictures: _Pictures) -> str:
     for what, controller, failures, runs in rows:
         low, high = statements.clopper_pearson(failures, runs, CONFIDENCE)
         rate = f"{failures / runs:.3g}" if runs else "not judged"
-        cells.append((escape(what), escape(controller), f"{failures:,}", f"{runs:,}", rate,
+        cells.append((text(what), text(controller), f"{failures:,}", f"{runs:,}", rate,
                       f"{low:.3g} to {high:.3g}"))  # fmt: skip
     refused = int(results.refused.sum())
     notes = [_NOT_INDEPENDENT.get(str(results.spec.get("sampling")), "")]
@@ -150,11 +115,11 @@ def _failures(results: Results, pictures: _Pictures) -> str:
               "are those of a number of runs fixed beforehand; what the statement says holds at "
               "every look."] if "until" in results.spec else []  # fmt: skip
     image = pictures.image(figures.failures_page(results, rows), "failures", "failures")
-    table = _table(("requirement", "controller", "failures", "runs", "p_fail", "95 % interval"),
+    counts = table(("requirement", "controller", "failures", "runs", "p_fail", "95 % interval"),
                    cells, (2, 3, 4, 5))  # fmt: skip
-    said = "".join(f"<p>{escape(line)}</p>" for line in _statements(results))
+    said = "".join(f"<p>{text(line)}</p>" for line in _statements(results))
     noted = "".join(f'<p class="note">{note}</p>' for note in notes if note)
-    return f"<h2>Failures</h2>{said}{image}{table}{noted}"
+    return f"<h2>Failures</h2>{said}{image}{counts}{noted}"
 
 
 def _statements(results: Results) -> list[str]:
@@ -183,11 +148,11 @@ def _reasons(results: Results) -> str:
     counted = Counter(pairs).most_common()
     if not counted:
         return ""
-    rows = [(escape(c), escape(why), f"{n:,}") for (c, why), n in counted[:MOST_REASONS]]
+    rows = [(text(c), text(why), f"{n:,}") for (c, why), n in counted[:MOST_REASONS]]
     rest = sum(n for _, n in counted[MOST_REASONS:])
     rows += [("", "other reasons", f"{rest:,}")] if rest else []
     head = ("controller", "first reason", "runs")
-    return f"<h2>Why runs failed</h2>{_table(head, rows, (2,))}"
+    return f"<h2>Why runs failed</h2>{table(head, rows, (2,))}"
 
 
 def _worst(results: Results) -> str:
@@ -205,15 +170,13 @@ def _worst(results: Results) -> str:
         cells = []
         for row in rows.tolist():
             value = f"{results.column(column)[row]:.4g}" if column else results.column("why")[row]
-            command = f"<code>{escape(results.command(row))}</code>"
+            command = f"<code>{text(results.command(row))}</code>"
             draw = f"{results.column('draw')[row]:,}"
-            cells.append((draw, escape(results.column("controller")[row]), escape(value), command))
+            cells.append((draw, text(results.column("controller")[row]), text(value), command))
         if cells:
             label = "margin" if column.startswith(MARGIN) else "value" if column else "why"
             head = ("draw", "controller", label, "to run it again, with its log")
-            parts.append(
-                f"<h3>{escape(what)}</h3>{_table(head, cells, (0, 2) if column else (0,))}"
-            )
+            parts.append(f"<h3>{text(what)}</h3>{table(head, cells, (0, 2) if column else (0,))}")
     return f"<h2>Worst cases</h2>{''.join(parts)}" if parts else ""
 
 
@@ -225,9 +188,7 @@ def _metrics(results: Results, pictures: _Pictures) -> str:
         found = figures.shares_of(results, name)
         bare = name.removeprefix(METRIC).replace(MARGIN, "margin of ")
         image = pictures.image(figures.page_of(results, name, found), name.replace(":", "-"), bare)
-        parts.append(
-            f"<h3>{escape(bare)}</h3>{image}{_summary(results, name)}{_interacting(found)}"
-        )
+        parts.append(f"<h3>{text(bare)}</h3>{image}{_summary(results, name)}{_interacting(found)}")
     if not parts:
         return ""
     note = ("A curve ends below 1 where runs told no value, as after a safety stop. Pairs are runs "
@@ -244,16 +205,16 @@ def _summary(results: Results, name: str) -> str:
         values = results.values(name, controller)
         told = values[np.isfinite(values)]
         points = np.percentile(told, (0, 50, 95, 100)) if len(told) else [np.nan] * 4
-        row = [escape(controller), f"{len(told):,} of {len(values):,}"]
+        row = [text(controller), f"{len(told):,} of {len(values):,}"]
         row += ["" if np.isnan(p) else f"{p:.4g}" for p in points]
         if pairs:
             row += _against(*pairs[controller]) if controller in pairs else ["", ""]
         rows.append(row)
     head = ["controller", "runs", "smallest", "median", "95 %", "largest"]
     if pairs:
-        first = escape(results.controllers[0])
+        first = text(results.controllers[0])
         head += [f"smaller than {first} (2.3, 5 times)", f"{first} over it, median"]
-    return _table(head, rows, range(1, len(head)))
+    return table(head, rows, range(1, len(head)))
 
 
 def _against(told: int, counts: Sequence[int], ratio: float) -> list[str]:
@@ -267,10 +228,10 @@ def _against(told: int, counts: Sequence[int], ratio: float) -> list[str]:
 def _interacting(found: Mapping[str, Sequence[Share]]) -> str:
     """Return the total shares where they are estimable, on a full grid."""
     rows = [
-        (escape(controller), escape(s.name), f"{s.first:.3f}", f"{s.total:.3f}")
+        (text(controller), text(s.name), f"{s.first:.3f}", f"{s.total:.3f}")
         for controller, own in found.items()
         for s in own
         if np.isfinite(s.total)
     ]
     head = ("controller", "varied", "first order", "with interactions")
-    return _table(head, rows, (2, 3)) if rows else ""
+    return table(head, rows, (2, 3)) if rows else ""

@@ -82,8 +82,6 @@ def always_valid(
     failures: int, runs: int, confidence: float, ratio: float = RATIO
 ) -> tuple[float, float]:
     """Return a lower and an upper bound, each of `confidence` for all numbers of runs at once."""
-    from scipy.optimize import brentq
-
     _checked(failures, runs)
     sure, lower, upper = -math.log(1.0 - confidence), 0.0, 1.0
     if failures < runs and (ratio < math.inf or failures == 0):
@@ -95,6 +93,8 @@ def always_valid(
         return _mixed(failures, runs, p) - sure
 
     if failures:  # below 0 at p = k/n, where nothing is likelier
+        from scipy.optimize import brentq
+
         lower = float(brentq(excess, 1e-300, failures / runs, xtol=1e-18))
     return lower, upper
 

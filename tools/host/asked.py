@@ -1,0 +1,106 @@
+"""What a client may ask, as messages of JSON: {"do": "panel", "id": 1, "names": [...], ...}.
+
+What has another form, an unknown key, a number out of its range or more than MOST_BYTES is refused
+before anything is done with it. An answer to one that acts repeats its `id`.
+"""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct
+
+MOST_BYTES = 64 * 1024
+Number = Annotated[int, Meta(ge=0, le=10**6)]
+Name = Annotated[str, Meta(min_length=1, max_length=300)]
+Names = Annotated[list[Name], Meta(max_length=32)]
+Seconds = Annotated[float, Meta(ge=-1e9, le=1e9)]
+Bins = Annotated[int, Meta(ge=2, le=4096)]
+
+
+class _Asked(Struct, tag_field="do", forbid_unknown_fields=True, frozen=True):
+    pass
+
+
+class Hello(_Asked, frozen=True, tag="hello"):
+    """The first word of a client."""
+
+    token: Annotated[str, Meta(max_length=200)]
+
+
+class Panel(_Asked, frozen=True, tag="panel"):
+    """Curves over time, of at most 32 variables: of the newest `window_s`, or of a span."""
+
+    id: Number
+    names: Names
+    bins: Bins
+    window_s: Annotated[float, Meta(gt=0, le=3600)] | None = None
+    from_s: Seconds = 0.0
+    to_s: Seconds = 0.0
+
+
+class Phase(_Asked, frozen=True, tag="phase"):
+    """One variable over another: at most `points` of the newest `window_s`, or up to `to_s`."""
+
+    id: Number
+    names: Annotated[list[Name], Meta(min_length=2, max_length=2)]
+    points: Bins
+    window_s: Annotated[float, Meta(gt=0, le=3600)]
+    to_s: Seconds | None = None
+
+
+class Drop(_Asked, frozen=True, tag="drop"):
+    """A panel is not shown any more."""
+
+    id: Number
+
+
+class At(_Asked, frozen=True, tag="at"):
+    """The instant of a log that is looked at."""
+
+    t_s: Seconds
+
+
+class Set(_Asked, frozen=True, tag="set"):
+    """Parameters of one node, all between the same two cycles or none."""
+
+    id: Number
+    values: Annotated[dict[Name, float], Meta(min_length=1, max_length=64)]
+
+
+class Undo(_Asked, frozen=True, tag="undo"):
+    """Give the parameters back what they had before the newest tuning."""
+
+    id: Number
+
+
+class Act(_Asked, frozen=True, tag="act"):
+    """One of ACTIONS."""
+
+    id: Number
+    what: Annotated[str, Meta(max_length=20)]
+
+
+class Fault(_Asked, frozen=True, tag="fault"):
+    """Begin a fault on purpose of the rig, or end it."""
+
+    id: Number
+    name: Name
+    end: bool = False
+    for_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None
+
+
+Wanted = Panel | Phase | Drop
+Acting = Set | Undo | Act | Fault
+_decoder = msgspec.json.Decoder(Hello | Panel | Phase | Drop | At | Set | Undo | Act | Fault)
+
+
+class Wrong(ValueError):
+    """A message that is none of these, in words."""
+
+
+def read(message: str | bytes) -> Hello | Wanted | At | Acting:
+    """Return what a message asks; Wrong."""
+    try:
+        return _decoder.decode(message)
+    except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
+        raise Wrong(f"not a message: {error}") from None

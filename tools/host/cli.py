@@ -1,0 +1,118 @@
+"""`pcpc host [RIG|RUN|LOG]`: a page in the browser that shows a run or a log."""
+
+import argparse
+import asyncio
+import os
+import signal
+import socket
+import sys
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools import rigs
+from pcpc.tools.host import guard
+from pcpc.tools.host.sources import Source, Watch, of_log
+from pcpc.tools.log.recorded import LATEST, log_of
+
+PORT = 8642
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_TRIES = 20
+
+
+def command(options: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C."""
+    try:
+        import uvicorn
+        import websockets  # noqa: F401  uvicorn loads it by its name
+
+        from pcpc.tools.host.server import Server, config
+    except ImportError as error:
+        what = f"the page needs {error.name}: pip install 'pcpc[web]'"
+        raise UserError(what, Exit.ENVIRONMENT) from None
+    certificate = _certificate(options)
+    _check_address(options.address, certificate, options.plain)
+    shown = _shown(options.what, options.node)
+    line = _listening(options.address, options.port)
+    port = line.getsockname()[1]
+    token = guard.token_of(os.environ, options.new_token)
+    local = options.address in _LOOPBACK
+    names = guard.names_of({options.address, *(_LOOPBACK if local else ()), *options.name}, port)
+    server = Server(shown, token, options)
+    scheme = "https" if certificate else "http"
+    name = options.name[0] if options.name else options.address
+    place = f"[{name}]" if ":" in name else name
+    print(f"{scheme}://{place}:{port}/#{token}", flush=True)
+    print(_told(options, shown), file=sys.stderr, flush=True)
+    os.nice(5)  # the loop and its bus go first
+    web = uvicorn.Server(config(server.app(names, certificate is not None), certificate))
+    web.install_signal_handlers = lambda: None  # type: ignore
+    asyncio.run(_serve(web, line))
+    return Exit.OK
+
+
+async def _serve(web: "object", line: socket.socket) -> None:
+    loop = asyncio.get_running_loop()
+
+    def end() -> None:
+        web.should_exit = True  # type: ignore
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, end)
+    await web.serve(sockets=[line])  # type: ignore
+
+
+def _told(options: argparse.Namespace, shown: Source | Watch) -> str:
+    what = "everything on it" if options.write else "it only shows; --write lets it tune"
+    if isinstance(shown, Source):
+        return f"{shown.rig}, a finished log; Ctrl-C ends"
+    return f"shows {options.node or options.what or 'whatever rig runs'}; {what}; Ctrl-C ends"
+
+
+def _shown(what: str | None, node: str) -> Source | Watch:
+    """Return what is to be shown: a log or run folder, a rig by name, or whatever runs."""
+    if what is None:
+        return Watch(node=node)
+    path = Path(what)
+    if path.suffix == ".mcap" or what == LATEST or (path.is_dir() and not _is_rig(path)):
+        return of_log(log_of(what))
+    return Watch(str(rigs.data_of(rigs.find(what))["rig"]), node)
+
+
+def _is_rig(path: Path) -> bool:
+    return (path / "rig.yaml").is_file()
+
+
+def _certificate(options: argparse.Namespace) -> tuple[str, str] | None:
+    if bool(options.tls_cert) != bool(options.tls_key):
+        raise UserError("--tls-cert and --tls-key belong together")
+    for path in filter(None, (options.tls_cert, options.tls_key)):
+        if not Path(path).is_file():
+            raise UserError(f"{path}: no such file")
+    return (options.tls_cert, options.tls_key) if options.tls_cert else None
+
+
+def _check_address(address: str, certificate: object, plain: bool) -> None:
+    if address not in _LOOPBACK and certificate is None and not plain:
+        raise UserError(
+            f"--address {address}: who listens there reads the token and all data; give "
+            "--tls-cert and --tls-key, or --plain if that network is yours alone"
+        )
+
+
+def _listening(address: str, port: int | None) -> socket.socket:
+    """Return a socket at the port, or without one at the first free from PORT on."""
+    if port is not None and not 0 <= port <= 65535:
+        raise UserError(f"--port {port}: not a port; expected 0..65535, 0 for a free one")
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    wanted = range(PORT, PORT + _TRIES) if port is None else [port]
+    for one in wanted:
+        line = socket.socket(family, socket.SOCK_STREAM)
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            line.bind((address, one))
+            line.listen(128)
+            return line
+        except OSError as error:
+            line.close()
+            why = error.strerror
+    raise UserError(f"{address}:{wanted[0]}: {why}; choose another --port", Exit.ENVIRONMENT)

@@ -1,0 +1,194 @@
+"""A browser that is connected: what it wants to see, and what it is sent.
+
+Each has a task of its own that sends what is new and then waits until the network has taken it: a
+slow one gets fewer and larger pieces, one that takes nothing for SILENT_S is cut off. None of that
+is felt by other clients, and nothing of it by the loop.
+"""
+
+import asyncio
+import json
+from typing import Any, Protocol
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from pcpc.drivers.errors import UserError
+from pcpc.tools.host import asked, guard, status
+from pcpc.tools.host.actions import Actions
+from pcpc.tools.host.derived import MARK, Derived
+from pcpc.tools.host.drawn import layout
+from pcpc.tools.host.panels import Shown
+from pcpc.tools.host.sources import Source
+
+TICK_S, SCENE_S, STATUS_S = 1 / 60, 1 / 30, 0.2
+HELLO_S, SILENT_S = 5.0, 10.0
+MOST_PANELS = 16
+WRONG_TOKEN, TOO_MANY, BAD_MESSAGE = 4401, 4429, 4400  # why a connection was closed
+
+
+class Show(Protocol):
+    """What a client is shown; `events` are messages with their numbers, rising."""
+
+    token: str
+    actions: Actions
+    events: list[tuple[int, dict[str, Any]]]
+    most_clients: int
+    clients: "set[Client]"
+
+    @property
+    def source(self) -> Source:
+        """The run that is shown now."""
+        ...
+
+    def scene(self, cycle: int) -> dict[str, Any]:
+        """Return the drawing of its plant at a cycle, empty without one."""
+        ...
+
+
+class Client:
+    """One connection, from its first word to its end."""
+
+    def __init__(self, socket: WebSocket, show: Show) -> None:
+        self._socket, self._show = socket, show
+        self._panels: dict[int, Shown] = {}
+        self._run, self._event = -1, 0
+        self._status = status.Status()
+        self._status_s = self._scene_s = 0.0
+        self._at: int | None = None  # the cycle of a log that is looked at
+        self._drawn: tuple[int, int] = (-1, -1)  # run and cycle of the scene that was sent
+        self._lock = asyncio.Lock()
+
+    async def serve(self) -> None:
+        """Serve it until it leaves; whatever it does ends only itself."""
+        await self._socket.accept()
+        try:
+            if not await self._greeted():
+                return
+            self._show.clients.add(self)
+            async with asyncio.TaskGroup() as tasks:
+                sending = tasks.create_task(self._send())
+                await self._hear()
+                sending.cancel()
+        except* (WebSocketDisconnect, RuntimeError, TimeoutError, OSError):
+            pass  # it is gone
+        finally:
+            self._show.clients.discard(self)
+
+    async def _greeted(self) -> bool:
+        """Return whether the first word is the token, and there is room."""
+        try:
+            async with asyncio.timeout(HELLO_S):
+                word = asked.read(await self._word())
+        except (asked.Wrong, TimeoutError):
+            word = None
+        if not isinstance(word, asked.Hello) or not guard.same(word.token, self._show.token):
+            await self._socket.close(WRONG_TOKEN, "the token is missing or wrong")
+            return False
+        if len(self._show.clients) >= self._show.most_clients:
+            await self._socket.close(TOO_MANY, "there are too many clients")
+            return False
+        return True
+
+    async def _word(self) -> str | bytes:
+        message = await self._socket.receive()
+        if message["type"] != "websocket.receive":
+            raise WebSocketDisconnect(1000)
+        return message.get("text") or message.get("bytes") or b""
+
+    # Hearing
+
+    async def _hear(self) -> None:
+        flood = guard.Flood()
+        while True:
+            message = await self._word()
+            if flood.too_many():
+                await self._socket.close(TOO_MANY, "too many messages")
+                return
+            try:
+                await self._take(asked.read(message))
+            except asked.Wrong as error:
+                await self._socket.close(BAD_MESSAGE, str(error)[:120])
+                return
+
+    async def _take(self, word: Any) -> None:
+        if isinstance(word, asked.Panel | asked.Phase):
+            try:
+                places = [self._curve(name) for name in word.names]
+            except UserError as error:
+                await self._tell({"refused": word.id, "why": str(error)})
+                return
+            if len(self._panels) >= MOST_PANELS and word.id not in self._panels:
+                await self._tell({"refused": word.id, "why": f"at most {MOST_PANELS} panels"})
+                return
+            self._panels[word.id] = Shown(word, places)
+        elif isinstance(word, asked.Drop):
+            self._panels.pop(word.id, None)
+        elif isinstance(word, asked.At):
+            self._at = round(word.t_s / self._show.source.period_s)
+        elif isinstance(word, asked.Set | asked.Undo | asked.Act | asked.Fault):
+            try:
+                told = await asyncio.to_thread(self._show.actions.do, word)
+                await self._tell({"done": word.id, "undoes": self._show.actions.undoes, **told})
+            except UserError as error:
+                await self._tell({"refused": word.id, "why": str(error)})
+
+    def _curve(self, name: str) -> tuple[str, str] | Derived:
+        """Return what a curve is of; UserError."""
+        source = self._show.source
+        if name.startswith(MARK):
+            return Derived(name, source)
+        role, variable = source.place(name)
+        if variable not in source.nodes[role].names:
+            raise UserError(f"{name}: not recorded, so it has no curve")
+        return role, variable
+
+    # Sending
+
+    async def _send(self) -> None:
+        """Send what is new, again and again."""
+        loop = asyncio.get_running_loop()
+        next_s = loop.time()
+        while True:
+            await self._new_run()
+            source = self._show.source
+            for shown in list(self._panels.values()):
+                if message := shown.message(source):
+                    await self._put(self._socket.send_bytes(message))
+            if loop.time() >= self._scene_s:
+                self._scene_s = loop.time() + SCENE_S
+                await self._draw(source)
+            if source.live and source.nodes and loop.time() >= self._status_s:
+                self._status_s = loop.time() + STATUS_S
+                await self._tell({"status": self._status.message(source)})
+            for number, event in [e for e in self._show.events if e[0] > self._event]:
+                self._event = number
+                await self._tell({"event": event})
+            next_s = max(next_s + TICK_S, loop.time())
+            await asyncio.sleep(next_s - loop.time())
+
+    async def _draw(self, source: Source) -> None:
+        """Send the plant as it is now, or at the instant of a log that is looked at."""
+        first, last = source.span()
+        cycle = last if self._at is None or source.live else max(first, min(last, self._at))
+        if cycle >= 0 and self._drawn != (source.number, cycle):
+            self._drawn = source.number, cycle
+            if scene := self._show.scene(cycle):
+                await self._tell({"scene": scene})
+
+    async def _new_run(self) -> None:
+        """Tell of a run that is not the one before; its panels have to be asked for again."""
+        source = self._show.source
+        mark = source.number * 10 + len(source.nodes)
+        if self._run != mark:
+            self._run = mark
+            self._panels.clear()
+            self._status = status.Status()
+            first, last = source.span()
+            told = status.about(source, self._show.actions.write) | {"layout": layout(source)}
+            await self._tell({"about": told, "span": [first, last]})
+
+    async def _tell(self, message: dict[str, Any]) -> None:
+        await self._put(self._socket.send_text(json.dumps(message, allow_nan=False)))
+
+    async def _put(self, sending: Any) -> None:
+        async with self._lock, asyncio.timeout(SILENT_S):
+            await sending

@@ -1,0 +1,108 @@
+"""What of a panel goes to a client: all of it at first, then only the bins that are new.
+
+    head    8 float64: kind, id, curves, first bin, bins, width (cycles), period (s), newest cycle
+    curves  of bins: each curve's least values, then each curve's greatest, float32 (history)
+    phase   of points: x, then y, float32
+
+kind is BINS (the newest, to be appended), WHOLE (forget what was) or PHASE.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pcpc.tools.host import asked
+from pcpc.tools.host.derived import Derived
+from pcpc.tools.host.history import Values, envelope
+from pcpc.tools.host.sources import Source
+
+BINS, WHOLE, PHASE = range(3)
+
+
+@dataclass
+class Shown:
+    """A panel of a client, and up to which bin it has been sent."""
+
+    wanted: asked.Panel | asked.Phase
+    places: list[tuple[str, str] | Derived]  # node and variable, or what is calculated
+    sent: int | None = None  # the newest bin that was sent, perhaps in part
+    newest: int = -1
+
+    def message(self, source: Source) -> bytes:
+        """Return what is new, b"" for nothing."""
+        if isinstance(self.wanted, asked.Phase):
+            return self._phase(self.wanted, source)
+        return self._bins(self.wanted, source)
+
+    def _bins(self, wanted: asked.Panel, source: Source) -> bytes:
+        """Return the bins since the one that was sent last, which may have been incomplete."""
+        begin, newest = source.span()
+        period_s = source.period_s
+        if wanted.window_s is not None:
+            if newest == self.newest:
+                return b""
+            width = max(1, round(wanted.window_s / period_s / wanted.bins))
+            last = newest // width
+            first = max(last - wanted.bins + 1, begin // width)
+            kind = WHOLE if self.sent is None or self.sent < first else BINS
+            first = first if kind == WHOLE or self.sent is None else self.sent
+            bins = last - first + 1
+            self.sent, self.newest = last, newest
+        else:
+            if self.sent is not None:
+                return b""
+            from_k, to_k = round(wanted.from_s / period_s), round(wanted.to_s / period_s)
+            from_k, to_k = max(from_k, begin), min(to_k, newest)
+            width = max(1, -(-(to_k - from_k + 1) // wanted.bins))
+            kind, first, bins = WHOLE, from_k // width, max(0, to_k // width - from_k // width + 1)
+            self.sent = first
+        if bins <= 0:
+            return b""
+        low, high = self._envelopes(source, first, bins, width)
+        head = kind, wanted.id, len(self.places), first, bins, width, period_s, newest
+        return _packed(head, low, high)
+
+    def _envelopes(
+        self, source: Source, first: int, bins: int, width: int
+    ) -> tuple[Values, Values]:
+        low = np.full((len(self.places), bins), np.nan)
+        high = low.copy()
+        begin, last = first * width, (first + bins) * width - 1
+        groups: dict[Any, list[int]] = {}
+        for i, place in enumerate(self.places):
+            groups.setdefault(place if isinstance(place, Derived) else place[0], []).append(i)
+        for of, mine in groups.items():
+            if isinstance(of, Derived):
+                cycle, values = of.part(source, begin, last)
+            else:
+                names = [self.places[i][1] for i in mine]  # type: ignore[index]
+                cycle, values = source.nodes[of].part(names, begin, last)
+            low[mine], high[mine] = envelope(cycle, values, first, bins, width)
+        return low, high
+
+    def _phase(self, wanted: asked.Phase, source: Source) -> bytes:
+        """Return the newest points of one variable over the other, at the cycles of both."""
+        _, newest = source.span()
+        if wanted.to_s is not None:
+            newest = min(newest, round(wanted.to_s / source.period_s))
+        if newest == self.newest:
+            return b""
+        self.newest = newest
+        first = max(0, newest - round(wanted.window_s / source.period_s))
+        (cycle_x, of_x), (cycle_y, of_y) = (
+            place.part(source, first, newest) if isinstance(place, Derived)
+            else source.nodes[place[0]].part([place[1]], first, newest)
+            for place in self.places
+        )  # fmt: skip
+        both, at_x, at_y = np.intersect1d(cycle_x, cycle_y, True, True)
+        every = slice(None, None, max(1, -(-len(both) // wanted.points)))
+        xy = of_x[at_x, 0][every], of_y[at_y, 0][every]
+        head = PHASE, wanted.id, 2, int(both[0]) if len(both) else 0, len(xy[0]), 1
+        return _packed((*head, source.period_s, newest), *xy)
+
+
+def _packed(head: tuple[float, ...], *arrays: Values) -> bytes:
+    with np.errstate(over="ignore"):
+        parts = [np.asarray(array).astype(np.float32).tobytes() for array in arrays]
+    return b"".join([np.array(head, np.float64).tobytes(), *parts])

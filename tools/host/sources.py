@@ -1,0 +1,205 @@
+"""What the host shows: a run that goes on, or a finished log. Both look alike to the page.
+
+Variables are called as in Python: `controller.e_rad` of the executive, `plant:barrel.theta_rad` of
+another node. A node gives any part of its cycles, of recorded variables; how many of the newest a
+running one keeps is bounded.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes import live as nodes
+from pcpc.executive.nodes.tap import Tap
+from pcpc.tools.host.history import Cycles, History, Values
+
+KEPT_S, KEPT_BYTES = 120.0, 64 << 20  # of each node, whichever is less
+
+
+class Node(Protocol):
+    """A node of a run."""
+
+    role: str
+    period_s: float
+    variables: Mapping[str, nodes.Variable]
+    names: Sequence[str]  # those of its recorded variables
+
+    def part(self, names: Sequence[str], first: int, last: int) -> tuple[Cycles, Values]:
+        """Return the cycles `first` to `last` that are there, and values (n, names)."""
+        ...
+
+    def span(self) -> tuple[int, int]:
+        """Return the first and the last cycle that are there; (0, -1) for none."""
+        ...
+
+
+class LiveNode:
+    """A running node, and its newest cycles."""
+
+    def __init__(self, live: nodes.Live) -> None:
+        self.live, self.tap = live, Tap(live)
+        self.role = str(live.block.description["node"])
+        self.period_s, self.variables = 1e-9 * live.period_ns, live.variables
+        self.names = self.tap.names
+        self._places = {name: place for place, name in enumerate(self.names)}
+        rows = int(min(KEPT_S / self.period_s, KEPT_BYTES / (16 * len(self.names) + 16)))
+        self._history = History(max(rows, 2), len(self.names))
+
+    def poll(self) -> None:
+        """Take what the node has recorded since."""
+        rows = self.tap.rows()
+        if len(rows):
+            self._history.add(rows.cycle, rows.values)
+
+    def clear(self) -> None:
+        """Forget the cycles that were."""
+        self._history.clear()
+
+    def part(self, names: Sequence[str], first: int, last: int) -> tuple[Cycles, Values]:
+        """See Node."""
+        return self._history.part([self._places[name] for name in names], first, last)
+
+    def span(self) -> tuple[int, int]:
+        """See Node."""
+        cycle = self._history.cycle
+        return (int(cycle[0]), int(cycle[-1])) if len(cycle) else (0, -1)
+
+
+class LoggedNode:
+    """A node as a log has it."""
+
+    def __init__(self, role: str, node: logs.Node, units: Mapping[str, nodes.Variable]) -> None:
+        self.role, self._node, self.variables = role, node, units
+        self.description = node.description
+        self.period_s = 1e-9 * float(node.description["period_ns"])
+        self._columns = {**node.columns, **node.timing}
+        self.names = [*self._columns]
+
+    def part(self, names: Sequence[str], first: int, last: int) -> tuple[Cycles, Values]:
+        """See Node."""
+        begin, end = np.searchsorted(self._node.cycle, (first, last + 1))
+        columns = [self._columns[name][begin:end] for name in names]
+        return self._node.cycle[begin:end], np.array(columns).T.reshape(end - begin, len(names))
+
+    def span(self) -> tuple[int, int]:
+        """See Node."""
+        cycle = self._node.cycle
+        return (int(cycle[0]), int(cycle[-1])) if len(cycle) else (0, -1)
+
+
+@dataclass
+class Source:
+    """One run. `number` changes with every run that is shown."""
+
+    rig: str
+    live: bool
+    nodes: dict[str, Any] = field(default_factory=dict)
+    number: int = 0
+    log: logs.Log | None = None
+
+    def place(self, name: str) -> tuple[str, str]:
+        """Return role and variable of a name; UserError."""
+        role, colon, variable = name.rpartition(":")
+        if not colon:
+            having = [one for one, node in self.nodes.items() if variable in node.variables]
+            role = having[0] if having else "executive"  # which comes first
+        if role not in self.nodes or variable not in self.nodes[role].variables:
+            raise UserError(f"{name}: no such variable{did_you_mean(name, [*self.names()])}")
+        return role, variable
+
+    def names(self) -> Iterator[str]:
+        """Yield all variables, the executive's first."""
+        for role, node in self.nodes.items():
+            yield from (full(role, name) for name in node.variables)
+
+    @property
+    def period_s(self) -> float:
+        """The period of its cycles."""
+        return min((node.period_s for node in self.nodes.values()), default=1.0)
+
+    def span(self) -> tuple[int, int]:
+        """Return the first and last cycle of any node; (0, -1) for none."""
+        spans = [node.span() for node in self.nodes.values()]
+        spans = [span for span in spans if span[1] >= span[0]]
+        return (min(a for a, _ in spans), max(b for _, b in spans)) if spans else (0, -1)
+
+
+def full(role: str, name: str) -> str:
+    """Return what the page calls a variable of a node."""
+    return name if role == "executive" else f"{role}:{name}"
+
+
+def of_log(path: Path) -> Source:
+    """Return a finished log. LogError, RigError."""
+    log = logs.read(path)
+    found: dict[str, Any] = {}
+    for role in sorted(log.node, key=lambda role: (role != "executive", role)):
+        node = log.node[role]
+        known = {row[0]: row for row in node.description.get("variables", [])}
+        units = {
+            name: nodes.Variable(*known.get(name, (name, "", "", "", "")))
+            for name in (*node.columns, *node.timing)
+        }
+        found[role] = LoggedNode(role, node, units)
+    rig = next(iter(log.node.values())).description.get("rig", path.stem)
+    return Source(str(rig), False, found, 1, log)
+
+
+class Watch:
+    """A run of this user's rigs, or of one: found, followed, and kept after its end.
+
+    `node`: the full name of one of its nodes, where several run.
+    """
+
+    def __init__(self, rig: str = "", node: str = "") -> None:
+        self._rig, self._run = rig, node.rpartition(".")[0]
+        self.source = Source(rig, True)
+
+    def find(self) -> bool:
+        """Look for nodes that have come or gone; return whether another run is shown now."""
+        shown = self.source.nodes
+        if shown and any(node.live.running for node in shown.values()):
+            return self._joined()
+        found = nodes.running(self._rig)
+        runs = {live.name.rpartition(".")[0] for live in found.values() if live.under_way}
+        runs = runs & {self._run} if self._run else runs
+        if not runs:
+            return False
+        run = min(runs)
+        live = [one for one in found.values() if one.name.rpartition(".")[0] == run]
+        rig = str(live[0].block.description["rig"])
+        self.source = Source(rig, True, {}, self.source.number + 1)
+        self._take(live)
+        return True
+
+    def _joined(self) -> bool:
+        """Take up nodes of the run that came later."""
+        first = next(iter(self.source.nodes.values())).live
+        run = first.name.rpartition(".")[0]
+        having = {node.live.name for node in self.source.nodes.values()}
+        late = [
+            live for live in nodes.running(self._rig).values()
+            if live.name.rpartition(".")[0] == run and live.name not in having
+        ]  # fmt: skip
+        self._take(late)
+        return bool(late)
+
+    def _take(self, found: Sequence[nodes.Live]) -> None:
+        for live in found:
+            with suppress(KeyError, TypeError, ValueError):  # it says nothing sensible of itself
+                node = LiveNode(live)
+                self.source.nodes[node.role] = node
+        order = sorted(self.source.nodes, key=lambda role: (role != "executive", role))
+        self.source.nodes = {role: self.source.nodes[role] for role in order}
+
+    def poll(self) -> None:
+        """Take what the nodes have recorded since."""
+        for node in self.source.nodes.values():
+            node.poll()

@@ -1,0 +1,139 @@
+"""What a run's nodes did since the last look: cycles, frames, alarms; read as a tap reads.
+
+load     the longest that the frames on the wire can have been, over the rig's bit rate; a frame
+         counts once, by the node that saw most of it
+errors   the rig's `watch`, then outputs called e or error, with the largest magnitude of the
+         last interval and of all
+"""
+
+import re
+import time
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from pcpc.drivers import can_id
+from pcpc.drivers.e2e_states import BUS_ERROR, OK
+from pcpc.drivers.frame_bits import classic_bits
+from pcpc.executive.loop import faults
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.alarms import Alarms
+from pcpc.executive.nodes.live import Live, Values
+from pcpc.executive.nodes.tap import Tap
+from pcpc.executive.rig import schema, yamlfile
+
+_ERROR = re.compile(r"\.(e|err|error)(_|$|\d)")
+_ALARMS = 3
+
+
+@dataclass(frozen=True)
+class FrameRow:
+    """A frame as a node receives it: how many a second, and what the check made of them so far."""
+
+    name: str
+    node: str
+    rate_hz: float
+    counts: Mapping[int, int]  # by state of `drivers.e2e_states`
+
+    @property
+    def wrong(self) -> int:
+        """How many were not as they should be."""
+        return sum(count for state, count in self.counts.items() if state != OK)
+
+
+class NodeMeter:
+    """One node between looks."""
+
+    def __init__(self, live: Live) -> None:
+        about = live.block.description
+        self.live, self.role = live, str(about["node"])
+        self.tap, self.alarms = Tap(live), Alarms(live.block)
+        self.names = {int(word): str(name) for word, name in about["frames"].items()}
+        watched = [about["watch"]] if about["watch"] in self.tap.names else []
+        outputs = (name for name in self.tap.names if live.variables[name].kind == "output")
+        self.errors = [*dict.fromkeys([*watched, *(n for n in outputs if _ERROR.search(n))])]
+        self.worst, self.lately = dict.fromkeys(self.errors, 0.0), dict.fromkeys(self.errors, 0.0)
+        self.passes, self.rate_hz = int(live.block["control"][sh.PASSES]), 0.0
+        self.received: dict[int, Counter[int]] = {}  # by id and state, of all looks
+        self.seen: Counter[tuple[int, int]] = Counter()  # by id and length, of the last one
+        self.came: Counter[int] = Counter()
+        self.now: Values = live.read()
+
+    def look(self, over_s: float) -> None:
+        """Take what came in the last `over_s` seconds."""
+        self.now = self.live.read()
+        passes = int(self.live.block["control"][sh.PASSES])
+        self.rate_hz, self.passes = (passes - self.passes) / over_s, passes
+        rows = self.tap.rows()
+        for name in self.errors if len(rows) else ():
+            self.lately[name] = float(np.max(np.abs(rows[name])))
+            self.worst[name] = max(self.worst[name], self.lately[name])
+        self.seen.clear()
+        self.came.clear()
+        words, counts = np.unique(self.tap.frames()[:, 3], return_counts=True)
+        for word, count in zip(words.tolist(), counts.tolist(), strict=True):
+            number, length = word & 0xFFFFFFFF, word >> 32 & 0xFF
+            self.seen[number, length] += count * (word >> 48 & 0xFF != BUS_ERROR)
+            if word >> 40 & 0xFF:
+                self.came[number] += count
+                self.received.setdefault(number, Counter())[word >> 48 & 0xFF] += count
+
+    def fault(self) -> str:
+        """Return the reason of its fault, "" for none."""
+        control = self.live.block["control"]
+        return faults.reason(self.live.block.description, control) if control[sh.FAULT] else ""
+
+
+class Meter:
+    """All nodes of a run that are here."""
+
+    def __init__(self, nodes: Mapping[str, Live]) -> None:
+        self.bitrate = _bitrate(next(iter(nodes.values())).block.description)
+        self.nodes = [NodeMeter(live) for live in nodes.values()]
+        self._last_s, self.over_s = time.monotonic(), 0.0
+        self.nodes.sort(key=lambda one: ("executive", "local", "plant").index(one.role))
+        self.leader = self.nodes[0]
+        self.told: deque[str] = deque(maxlen=_ALARMS)
+
+    @property
+    def running(self) -> bool:
+        """Whether its leading node goes on."""
+        return self.leader.live.running
+
+    def look(self) -> None:
+        """Read all nodes."""
+        now_s = time.monotonic()
+        self.over_s, self._last_s = max(now_s - self._last_s, 1e-3), now_s
+        for one in self.nodes:
+            one.look(self.over_s)
+            self.told.extend(str(alarm) for alarm in one.alarms.look())
+
+    def bits_per_s(self) -> float:
+        """Return what the bus carried a second, at most."""
+        most: Counter[tuple[int, int]] = Counter()
+        for one in self.nodes:
+            most |= one.seen
+        bits = (n * classic_bits(min(length, 8), bool(number & can_id.EXTENDED))
+                for (number, length), n in most.items())  # fmt: skip
+        return sum(bits) / self.over_s
+
+    def frames(self) -> list[FrameRow]:
+        """Return the frames that came, those with something wrong first."""
+        found = [
+            FrameRow(one.names.get(number & can_id.ID, f"{number & can_id.ID:X}"), one.role,
+                     one.came[number] / self.over_s, counts)
+            for one in self.nodes for number, counts in one.received.items()
+        ]  # fmt: skip
+        return sorted(
+            found, key=lambda row: (-sum(n for s, n in row.counts.items() if s), row.name)
+        )
+
+
+def _bitrate(about: Mapping[str, Any]) -> int | None:
+    """Return the bit rate that the rig says, None for none."""
+    data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data["bus"]
+    return msgspec.convert(data, schema.Bus).bits_per_s
