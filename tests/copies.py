@@ -1,9 +1,9 @@
 """Commands in copies of a process that has imported what they need: most of a start is imports.
 
-A server, one a test process, imports all commands and forks for each request. The copy runs the
-command's script in a session of its own, with the folder, environment and streams that it is given;
-the server hands on its exit code. What an environment would change
-at an import starts a new Python instead.
+A server, one a test process, imports all commands, steps a rig, so that compiled code is loaded,
+and forks for each request. The copy runs the command's script in a session of its own, with the
+folder, environment and streams that it is given; the server hands on its exit code. What an
+environment would change at an import starts a new Python instead.
 
 `bin_folder` holds programs that ask for a copy, for shells and for pytest in a pytest.
 """
@@ -33,7 +33,8 @@ _AT_RUN_TIME = {  # read when they are needed, not at an import
     "PATH", "PWD", "OLDPWD", "SHLVL", "_", "COLUMNS", "LINES", "HOME", "USERPROFILE",
     "XDG_CACHE_HOME",
 }  # fmt: skip
-_BEFORE = dict(os.environ)  # imports add to it
+_BEFORE = dict(os.environ)  # imports add to it, and tests, one of which may start the server
+_RIG = str(Path(__file__).resolve().parents[1] / "plants" / "atb1000" / "rigs" / "slew10.yaml")
 _LOOK_S = 0.005
 _LARGEST = 1 << 20
 _PROGRAM = """\
@@ -58,7 +59,7 @@ class Copies:
             self._server = subprocess.Popen(
                 [sys.executable, __file__, str(listening.fileno())], pass_fds=[listening.fileno()],
                 stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE,  # cannot be sought
-                start_new_session=True, preexec_fn=as_of_a_terminal,
+                start_new_session=True, preexec_fn=as_of_a_terminal, env=_BEFORE,
             )  # fmt: skip
         atexit.register(self.end)
 
@@ -244,7 +245,8 @@ if __name__ == "__main__":
             import_module(f"pcpc.tools.{_one.at}")
     for _name in ("matplotlib.figure", "matplotlib.backends.backend_agg", "pytest"):
         import_module(_name)
-    import_module("pcpc.executive.loop.exchange").run_of(2)
+    _rig = import_module("pcpc.executive.rig.reading").load_rig(_RIG, None, ("duration_s=0.001",))
+    import_module("pcpc.executive.nodes.virtual").in_memory(_rig)
     gc.collect()
     gc.freeze()
     with socket.socket(fileno=int(sys.argv[1])) as _listening, socket.socket(fileno=0) as _tests:

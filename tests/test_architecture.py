@@ -157,6 +157,7 @@ def test_no_module_is_imported_by_its_name_against_the_direction() -> None:
 
 
 FOR_PYTEST = ("tools/pytest_pcpc.py", "tools/template/test_motor.py")
+FOR_WEB = {"tools/host/clients.py", "tools/host/server.py"}
 
 
 def test_only_declared_packages_are_imported_at_the_start() -> None:
@@ -165,9 +166,18 @@ def test_only_declared_packages_are_imported_at_the_start() -> None:
     for name, tree in TREES.items():
         start = ast.Module([n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)], [])
         more = {"pytest", "_pytest"} if name in FOR_PYTEST else set()  # pytest itself loads it
+        more |= {"starlette", "uvicorn"} if name in FOR_WEB else set()  # loaded by a function
         found = [(m, n) for m, n in imports(start) if m.split(".")[0] not in known | more]
         wrong += [f"{name}:{n}: {m}" for m, n in found]
     assert not wrong, wrong
+
+
+def test_modules_of_the_web_server_are_loaded_by_functions_only() -> None:
+    modules = {name.removesuffix(".py").replace("/", ".") for name in FOR_WEB}
+    for name, tree in TREES.items():
+        start = ast.Module([n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)], [])
+        found = modules & {module for module, _ in imports(start)}
+        assert not found or name in FOR_WEB, (name, found)
 
 
 def test_what_can_be_installed_is_used() -> None:

@@ -202,6 +202,14 @@ def test_a_rig_of_three_nodes_is_not_for_lanes() -> None:
         Group(rig, {})
 
 
+def test_a_rig_that_limits_what_it_receives_is_not_for_lanes() -> None:
+    path = ROOT / "plants/atb1000/rigs/hull.yaml"
+    text = f"base: {path}\nrig: limited\n"
+    text += "executive: {plausible: {FB_A.encoder: {high: 1}}}\n"
+    with pytest.raises(NotInLanes, match="it limits what it receives"):
+        Group(load_rig(path.with_name("limited.yaml"), text=text), {})
+
+
 NOT_FOR_LANES = (
     (
         "y.voltage_V = min(clip(wanted_V, -p.u_max_V, p.u_max_V), 9.0)",

@@ -79,6 +79,18 @@ def test_a_syntax_error_has_line_and_column(tmp_path: Path) -> None:
         ("2 A\n" + SG.format("crc : 0|8@1+ (1,0) [0|0]"), "crc must be the 8 bits of the last"),
         ("3 A\n" + SG.format("crc : 16|8@1+ (1,0) [0|0]")
          + SG.format("counter : 6|4@1+ (1,0) [0|0]"), "unsigned and lie within one byte"),
+        ("4 A\n" + SG.format("crc : 0|16@1+ (1,0) [0|0]")
+         + SG.format("counter : 24|8@1+ (1,0) [0|0]"), "as in AUTOSAR's E2E profile 5"),
+        ("4 A\n" + SG.format("crc : 0|16@1+ (1,0) [0|0]")
+         + SG.format("counter : 16|4@1+ (1,0) [0|0]"), "the one behind it is the counter's"),
+        ("4 A\n" + SG.format("crc : 7|16@0+ (1,0) [0|0]")
+         + SG.format("counter : 16|8@1+ (1,0) [0|0]"), "two whole bytes (Intel)"),
+        ("4 A\n" + SG.format("crc : 4|16@1+ (1,0) [0|0]")
+         + SG.format("counter : 20|8@1+ (1,0) [0|0]"), "unsigned and lie within one byte"),
+        ("4 A\n" + SG.format("crc : 0|16@1+ (1,0) [0|0]")
+         + SG.format("counter : 16|8@1+ (1,0) [0|0]")
+         + 'BA_DEF_ BO_ "E2EDataId" INT 0 0;\nBA_DEF_DEF_ "E2EDataId" 0;\n'
+         'BA_ "E2EDataId" BO_ 1 65536;\n', "frame M: E2EDataId 65536; expected 0 to 65535"),
         ("1 A\n" + SG.format("a : 0|8@1+ (0,0) [0|0]"), "M: a: factor 0.0"),
         ("1 A\n" + SG.format("a : 0|8@1+ (1,0) [300|400]"), "no raw value lies in [300.0|400.0]"),
         ("8 A\n" + SG.format("a : 0|64@1+ (3,0) [0|0]"), "scaled values exceed 64 bits"),
@@ -124,7 +136,7 @@ def test_a_protected_frame_has_its_tail_in_the_frame_row_only(tmp_path: Path) ->
     entries = dbc.frames(dbc.load(written(tmp_path, body)), "A", "tx")
     table = dbc.table(entries, 1000.0, {"M.a": 5})
     row = table.frames[0].tolist()
-    assert row == [352, 1, 4, 0, 1, 10, 1, 0, 0, 4, 15, 3], f"{row}"
+    assert row == [352, 1, 4, 0, 1, 10, 1, 0, 0, 4, 15, 3, 352], f"{row}"
     assert table.variables == ("M.a",), f"{table.variables}"
     assert table.signals[0, dbc.VARIABLE] == 5, f"{table.signals}"
     scales = table.scales[0].tolist()

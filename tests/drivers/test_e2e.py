@@ -12,7 +12,26 @@ from numpy.typing import NDArray
 from pcpc.drivers import dbc, e2e, e2e_states
 
 DBC = dbc.load(Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc")
-FRAMES = tuple(dbc.frame(message) for message in DBC.messages)
+WIDE_DBC = """VERSION ""
+BU_: A B
+BO_ 291 WIDE: 8 A
+ SG_ crc : 0|16@1+ (1,0) [0|0] "" B
+ SG_ counter : 16|8@1+ (1,0) [0|0] "" B
+ SG_ rest : 24|40@1+ (1,0) [0|0] "" B
+BO_ 292 WIDE_BEHIND: 7 A
+ SG_ crc : 32|16@1+ (1,0) [0|0] "" B
+ SG_ counter : 48|8@1+ (1,0) [0|0] "" B
+BO_ 2566848513 WIDE_ID: 8 A
+ SG_ crc : 8|16@1+ (1,0) [0|0] "" B
+ SG_ counter : 24|8@1+ (1,0) [0|0] "" B
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_ BO_ "E2EDataId" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 1;
+BA_DEF_DEF_ "E2EDataId" 0;
+BA_ "E2EDataId" BO_ 292 4660;
+"""
+WIDE = dbc.parse(Path("wide.dbc"), WIDE_DBC, strict=True)
+FRAMES = tuple(dbc.frame(message) for message in (*DBC.messages, *WIDE.messages))
 TABLE = dbc.table(FRAMES, 1000.0)
 ROWS = {entry.name: row for row, entry in enumerate(FRAMES)}
 PROTECTED = [entry.name for entry in FRAMES if entry.protected]
@@ -70,6 +89,35 @@ def test_crc_equals_division_of_polynomials_bit_by_bit() -> None:
         assert got == crc ^ 0xFF, f"{got:#04x}, not {crc ^ 0xFF:#04x} for {data}"
 
 
+@pytest.mark.parametrize(
+    ("data_id", "place", "data", "expected"),
+    [
+        (0x3938, 0, "00 00 31 32 33 34 35 36 37", 0x29B1),  # "123456789": CRC-16/CCITT-FALSE
+        (0x1234, 0, "00 00 00 00 00 00 00 00", 0xCA1C),  # AUTOSAR's examples of profile 5
+        (0x1234, 8, "00 " * 16, 0x9128),
+        (38848, 5, "f0 a4 f2 1e 0a 00 00 be", 0xC12B),  # three of the package autosar-e2e
+        (39763, 1, "13 00 00 48 a1 ae 6b 96", 0x2F90),
+        (33432, 0, "00 00 2f 1e", 0x1F8A),
+    ],
+)
+def test_crc16_equals_the_published_vectors(
+    data_id: int, place: int, data: str, expected: int
+) -> None:
+    filled = np.frombuffer(bytes.fromhex(data), np.uint8).copy()
+    filled[place : place + 2] = 0xA5  # where it will stand is not in it
+    got = e2e.crc16(data_id, filled, place, len(filled))
+    assert got == expected, f"{got:#06x}, not {expected:#06x}"
+
+
+def test_a_frame_of_16_bits_says_where_and_over_which_id() -> None:
+    found = {entry.name: (entry.crc, entry.counter) for entry in FRAMES if entry.crc[0] == 2}
+    assert found == {
+        "WIDE": ((dbc.CRC_16, 0, 291), (2, 0, 255)),
+        "WIDE_BEHIND": ((dbc.CRC_16, 4, 0x1234), (6, 0, 255)),
+        "WIDE_ID": ((dbc.CRC_16, 1, 2566848513 & 0xFFFF), (3, 0, 255)),
+    }
+
+
 @pytest.mark.parametrize("name", PROTECTED)
 @pytest.mark.parametrize("n_flips", [1, 2])
 def test_every_flip_of_one_or_two_bits_is_an_error(name: str, n_flips: int) -> None:
@@ -85,10 +133,22 @@ def test_every_flip_of_one_or_two_bits_is_an_error(name: str, n_flips: int) -> N
     assert not missed, f"{len(missed)} undetected, first {missed[0]}"
 
 
+def test_every_flip_of_three_bits_is_an_error_with_a_crc_of_16() -> None:
+    good, row = sent("WIDE", 9, fill=0x5A), ROWS["WIDE"]
+    singles = [good.copy() for _ in range(64)]
+    for bit, data in enumerate(singles):
+        data[bit // 8] ^= 1 << bit % 8
+    zero = int(e2e.right_crc(good, row, TABLE.frames) ^ e2e.crc_of(good, row, TABLE.frames))
+    found = [int(e2e.right_crc(data, row, TABLE.frames) ^ e2e.crc_of(data, row, TABLE.frames))
+             for data in singles]  # fmt: skip
+    assert zero == 0 and all(a ^ b ^ c for a, b, c in combinations(found, 3))
+
+
 def test_a_frame_under_the_id_of_another_is_an_error() -> None:
     state = e2e.new_state(len(FRAMES))
-    got = check(state, "FB_B", sent("FB_A", 0))
-    assert got == (e2e.ERROR, 0), f"{got}"
+    for name, other in (("FB_B", "FB_A"), ("WIDE", "WIDE_ID")):
+        got = check(state, name, sent(other, 0))
+        assert got == (e2e.ERROR, 0), f"{name}: {got}"
 
 
 @pytest.mark.parametrize("length", [0, 1, 7])
@@ -106,7 +166,8 @@ def test_protection_changes_only_counter_and_crc(name: str) -> None:
     got = data[byte] >> shift & mask
     assert got == 0x1234 & mask, f"counter {got:#x}"
     data[byte] |= mask << shift
-    data[entry.dlc - 1] = 0xFF
+    size, place, _ = entry.crc
+    data[place : place + size] = 0xFF
     rest = bytes(data[: entry.dlc])
     assert rest == b"\xff" * entry.dlc, f"{rest.hex(' ')}"
 
@@ -145,12 +206,13 @@ def test_states_follow_the_step_of_the_counter_and_losses_the_time(
     assert got == expected, f"{got}"
 
 
-def test_the_sequence_of_sync_counts_to_256() -> None:
+@pytest.mark.parametrize("name", ["SYNC", "WIDE", "WIDE_BEHIND", "WIDE_ID"])
+def test_a_counter_of_a_byte_counts_to_256(name: str) -> None:
     state = e2e.new_state(len(FRAMES))
-    outcomes = {check(state, "SYNC", sent("SYNC", n)) for n in range(1000)}
+    outcomes = {check(state, name, sent(name, n)) for n in range(1000)}
     assert outcomes == {(e2e.OK, 0)}, f"{outcomes}"
-    let_pass(state, "SYNC", 16)
-    got = check(state, "SYNC", sent("SYNC", 999 + 16))
+    let_pass(state, name, 16)
+    got = check(state, name, sent(name, 999 + 16))
     assert got == (e2e.WRONG_SEQUENCE, 15), f"{got}"
 
 
@@ -199,7 +261,7 @@ def test_only_a_used_frame_is_fresh_and_resets_the_age() -> None:
 @settings(max_examples=200, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(1, 16), st.integers(0, 2), st.booleans()), max_size=60),
-    st.sampled_from(["CMD", "FB_A", "SYNC", "REF"]),
+    st.sampled_from(["CMD", "FB_A", "SYNC", "REF", "WIDE", "WIDE_ID"]),
 )
 def test_counts_are_exact_under_loss_repetition_and_corruption(
     pattern: list[tuple[int, int, bool]], name: str

@@ -7,10 +7,13 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pcpc.drivers import compile_cache
+from pcpc.executive.rig import law_errors
+from pcpc.executive.rig.modules import module_of
 
 ROOT = Path(__file__).resolve().parents[2]
 LAW = "from pcpc.drivers.jit import compiled, f8\n" + "".join(
@@ -185,3 +188,50 @@ def test_a_function_whose_file_was_edited_before_it_is_compiled_is_not_kept_unde
     assert said(edit) == "2.0", "what was imported is what runs"
     assert said("") == "21.0"
     assert said("") == "21.0"
+
+
+LAW_ALONE = """
+import math
+from pcpc.drivers.jit import compiled, f8
+@compiled(f8(f8))
+def root(x):
+    if x < 0.0:
+        raise ValueError("no root")
+    return math.sqrt(x)
+"""
+
+
+def law_in(folder: Path, text: str) -> tuple[Any, int]:
+    """Return the module of a law, and how many functions were compiled for it."""
+    folder.mkdir()
+    (folder / "law.py").write_text(text)
+    before = compile_cache.watch.done
+    return module_of("", folder / "law.py"), compile_cache.watch.done - before
+
+
+def test_a_law_that_stands_alone_is_compiled_once_wherever_it_lies(tmp_path: Path) -> None:
+    text = f"# {tmp_path}{LAW_ALONE}"
+    one, first = law_in(tmp_path / "one", text)
+    two, second = law_in(tmp_path / "two", text)
+    assert first > 0 and second == 0, f"{first} and {second} compiled"
+    assert one.__file__ != two.__file__ and one.root(4.0) == two.root(4.0) == 2.0
+    shutil.rmtree(tmp_path / "one")
+    with pytest.raises(ValueError, match="no root") as raised:
+        two.root(-1.0)
+    told = law_errors.cause(raised.value)
+    assert told.startswith(f"{tmp_path}/two/law.py:7: ") and "`raise ValueError" in told, told
+
+
+@pytest.mark.parametrize("line", [
+    "import beside_law", "FOLDER = __file__", "TABLE = open('table.txt').read()",
+])  # fmt: skip
+def test_a_law_that_depends_on_its_folder_is_compiled_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for name in ("beside_law.py", "table.txt"):
+        (tmp_path / name).touch()
+    text = f"# {tmp_path}{LAW_ALONE}{line}\n"
+    assert law_in(tmp_path / "one", text)[1] > 0
+    assert law_in(tmp_path / "two", text)[1] > 0

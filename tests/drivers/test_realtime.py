@@ -126,6 +126,13 @@ def test_an_ordinary_user_gets_the_timer_slack_and_the_cures() -> None:
     assert not is_realtime
 
 
+def test_memory_is_not_locked_where_nothing_waits_for_a_clock() -> None:
+    report, locked = child(
+        "report = as_dict(realtime.prepare_process(paced=False))\nresult = [report, locked_kib()]"
+    )
+    assert sorted(report) == ["cpu_dma_latency", "gc"] and locked == 0, f"{locked} KiB: {report}"
+
+
 @pytest.mark.parametrize("memlock", [65536, 1 << 40, -1])
 def test_memory_is_locked_only_where_no_limit_can_make_a_later_allocation_fail(
     memlock: int,

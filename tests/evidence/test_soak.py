@@ -1,6 +1,8 @@
 """Soak runs end well, and what is wrong with a log or with memory is told."""
 
+import argparse
 import dataclasses
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,9 @@ import pytest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.evidence import soak
+from pcpc.tools import cli
+from pcpc.tools.evidence import invariants, soak
+from pcpc.tools.starting.children import Child
 
 RIGS = Path(__file__).resolve().parents[2] / "plants" / "atb1000" / "rigs"
 NAME = "tx.CMD.motor_torque"
@@ -38,11 +42,39 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_runs_in_virtual_time_and_on_a_clock_keep_every_promise(rig: Path) -> None:
-    virtual, paced = (soak.one(str(rig), 1, number) for number in range(2))
+    virtual, paced = (soak.one(str(rig), 1, number, each_s=2.5) for number in range(2))
     assert virtual["wrong"] == paced["wrong"] == [], (virtual, paced)
-    assert virtual["cycles"] == 3001 and virtual["tuned"] == 3, virtual
-    assert paced["tuned"] == 5 and paced["faults"] == 2, paced
-    assert min(paced["rss_kb"].values()) > 0 and len(paced["rss_kb"]) == 2, paced
+    assert virtual["cycles"] == 3001 and virtual["tuned"] == 3 and virtual["faults"] == 2, virtual
+    assert paced["tuned"] >= 5 and paced["faults"] >= 1 and paced["cycles"] > 1000, paced
+    told = soak.told([virtual, paced])
+    assert told[0].startswith("2 runs, 1 of them on a clock, "), told
+    assert "no run lasted long enough" in told[-1] and max(map(len, told)) <= 80, told
+
+
+def test_the_log_of_a_run_with_an_error_is_kept_and_named(
+    rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(soak, "broken", lambda log, rig: (0, ["the moon is missing"]))
+    options = argparse.Namespace(rig=str(rig), seed=1, hours=0.0, each=1.0, json=True, quiet=False)
+    assert soak.command(options) == 1
+    out, err = capsys.readouterr()
+    row = json.loads(out)  # one row a line
+    assert row["wrong"][0] == "the moon is missing" and "run 0: the moon is missing" in err
+    kept = Path(row["wrong"][1].removeprefix("its log: "))
+    assert kept.parent == Path("runs") and logs.read(kept / "log.mcap").node, row
+
+
+def test_the_memory_of_every_process_of_a_run_is_looked_at(rig: Path, tmp_path: Path) -> None:
+    words = ["run", str(rig), "-o", str(tmp_path / "run"), "--quiet", "--no-figure"]
+    child = Child.started("run", "pcpc.tools.cli", words)
+    try:
+        nodes = soak._nodes(child, "soak")
+        nodes[-1].wait_until(lambda now: now.cycle > 5, 60.0)
+        held = soak._held(child.process.pid)
+    finally:
+        child.end(60.0)
+    assert held.keys() == {"host", "executive", "plant", "recorder"} and min(held.values()) > 10_000
 
 
 @pytest.fixture(scope="module")
@@ -75,17 +107,33 @@ def test_a_command_that_breaks_a_promise_is_told(
     run: tuple[Rig, logs.Node], change: Callable[[Any, Any], None], says: str
 ) -> None:
     loaded, node = run
-    assert [*soak.commands(loaded, "executive", node)] == []
+    assert [*invariants.commands(loaded, "executive", node)] == []
     columns = dict(node.columns) | {
         name: node.columns[name].copy() for name in (NAME, "supervisor.state")
     }
     change(columns[NAME], columns["supervisor.state"])
     changed = dataclasses.replace(node, columns=columns)
-    told = [*soak.commands(loaded, "executive", changed)]
+    told = [*invariants.commands(loaded, "executive", changed)]
     assert any(line.startswith(says) for line in told), told
 
 
 def test_memory_that_grows_is_told() -> None:
-    rows = [{"rss_kb": {"executive": 1000 + 3 * i, "plant": 1000}} for i in range(20)]
-    assert soak.growth(rows) == ["executive: 1002 kB in the first runs, 1056 kB in the last"]
-    assert soak.growth(rows[:5]) == []
+    first = [5000 + 900 * i for i in range(30)]  # what is written once for the first time
+    flat, more = first + [32_000] * 60, first + [32_000 + 15 * i for i in range(60)]
+    held = soak.settled({"plant": flat, "recorder": more, "host": flat[:40]})
+    assert held == {"plant": (32_000, 32_000), "recorder": (32_037, 32_847)}, held
+    assert soak.grown(held) == ["recorder: 32,037 kB once it had settled, 32,847 kB at the end"]
+    row = {"run": 3, "paced": True, "cycles": 9, "tuned": 1, "faults": 2, "resets": 0,
+           "settled": held, "wrong": soak.grown(held)}  # fmt: skip
+    told = soak.told([row])
+    assert told[-1].startswith("run 3: recorder: ") and "+2.53 %" in told[-2], told
+
+
+def test_the_command_takes_hours_and_tells_rows_as_json(
+    rig: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = {"run": 0, "paced": False, "cycles": 9, "tuned": 1, "faults": 2, "resets": 0,
+           "settled": {}, "wrong": ["broken"]}  # fmt: skip
+    monkeypatch.setattr(soak, "one", lambda *_: row)
+    assert cli.main(["soak", str(rig), "--hours", "0", "--json", "--quiet"]) == 1
+    assert json.loads(capsys.readouterr().out) == row

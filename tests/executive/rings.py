@@ -43,6 +43,7 @@ def block_of(name: str, node: str = "executive", states: Sequence[str] = STATES)
         "rig": "bench",
         "period_ns": PERIOD_NS,
         "variables": variables,
+        "ranges": {},
         "state_columns": list(states),
         "timing_columns": TIMINGS,
         "frames": {"256": "CMD_A", "257": "FB_A"},

@@ -136,3 +136,15 @@ def test_every_fault_has_an_error_code_of_CiA_301(tmp_path: Path) -> None:
     for fault in sv.FAULTS[1:]:
         assert 0x1000 <= fault.code <= 0xFFFF and fault.register & 1, fault
         assert (fault.code >> 8 in (0x81, 0x82)) == (fault.register == sv.COMMUNICATION), fault
+
+
+def test_an_emergency_frame_waits_until_the_controller_is_back_on_the_bus(driven: Bench) -> None:
+    node = driven.executive
+    driven.run(20)
+    node.loop.guard.off = 1
+    driven.run(15)
+    fault = sv.FAULTS[sv.BUS_OFF]
+    assert node["supervisor.fault"] == sv.BUS_OFF and emergencies(driven) == []
+    node.loop.guard.off = 0
+    driven.run(3)
+    assert [what[1:] for what in emergencies(driven)] == [(fault.code, fault.register)]

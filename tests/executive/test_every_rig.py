@@ -3,10 +3,9 @@
 import itertools
 from pathlib import Path
 
-import numpy as np
 import pytest
 from free_bus import own_bus
-from two_processes import Whole, lockstep, virtual
+from two_processes import differing, lockstep, virtual
 
 from pcpc.executive.rig import trial
 from pcpc.executive.rig.reading import load_rig
@@ -34,21 +33,6 @@ def one_of_each() -> list[Case]:
             config = load_rig(rig, resolve=False).config
             known = turn in config.expect or not config.expect
             found.append((rig, turn if known else config.controller))
-    return found
-
-
-def differing(a: Whole, b: Whole) -> list[str]:
-    """Return the variables and rings of which two runs hold other bits."""
-    one, other = a.log.node, b.log.node
-    assert one.keys() == other.keys()
-    found = [
-        f"{role}: {name}"
-        for role in one
-        for name, values in one[role].columns.items()
-        if not np.array_equal(values.view(np.int64), other[role].columns[name].view(np.int64))
-    ]
-    for what, ours, theirs in (("frames", a.frames, b.frames), ("events", a.events, b.events)):
-        found += [f"{r}: {what}" for r in ours if not np.array_equal(ours[r], theirs[r])]
     return found
 
 

@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import e2e_states as e2e
 from pcpc.drivers.e2e import crc8
+from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.dbc import frames_of, rigs_of, written
+from pcpc.tools.evidence.expected import crc16
 
 ROOT = Path(__file__).resolve().parents[2]
 FROM, TO = 30, 40  # cycles whose frames are disturbed
@@ -19,11 +22,15 @@ FB, CMD = 0x120, 0x0A0
 Frames = NDArray[np.void]
 
 
-def run(folder: Path, fault: str, *settings: str) -> reader.Log:
+def run(folder: Path, fault: str, *settings: str, crc_bits: int = 8) -> reader.Log:
     """Return the log of a short run of the motor with a fault of 10 cycles."""
     motor = folder / "motor"
     if not motor.exists():
         shutil.copytree(ROOT / "tools/template", motor)
+        if crc_bits == 16:
+            rigs = rigs_of(motor / "rig.yaml")
+            frames = frames_of(rigs, crc_bits)
+            (motor / "motor.dbc").write_text(written(frames, ["EXEC", "PLANT"], 1000.0))
     text = (ROOT / "tools/template/rig.yaml").read_text().partition("watch:")[0]
     text = text.replace("duration_s: 1.0", "duration_s: 0.1")
     path, log = motor / "wrong.yaml", folder / "log.mcap"
@@ -149,16 +156,40 @@ COUNTERS = [
 ]
 
 
+@pytest.mark.parametrize("crc_bits", [8, 16])
 @pytest.mark.parametrize(("kind", "found"), COUNTERS)
-def test_counters_and_checksums(kind: str, found: list[str], tmp_path: Path) -> None:
-    _, _, put = come(run(tmp_path, f"kind: {kind}, frame: FB"), "FB")
+def test_counters_and_checksums(kind: str, found: list[str], crc_bits: int, tmp_path: Path) -> None:
+    _, _, put = come(run(tmp_path, f"kind: {kind}, frame: FB", crc_bits=crc_bits), "FB")
     assert states(put) == found
-    if not kind.startswith("checksum"):
-        for row in data(put):
-            assert crc8(int(put["id"][0]), row, 7) == row[7], "the CRC fits what it protects"
+    fits = [
+        crc8(int(put["id"][0]), row, 7) == row[7] if crc_bits == 8
+        else crc16(bytes(row[2:]) + bytes([FB & 255, FB >> 8])) == int.from_bytes(row[:2], "little")
+        for row in data(put)
+    ]  # fmt: skip
+    assert set(fits) == {not kind.startswith("checksum")}, "the CRC fits what it protects"
     if kind.startswith("payload"):
         changed = np.flatnonzero((data(put) != data(put)[0]).any(axis=0))
-        assert len(changed) <= 2, "counter and CRC go on, nothing else"
+        assert len(changed) <= 1 + crc_bits // 8, "counter and CRC go on, nothing else"
+
+
+def test_all_bits_of_a_crc_of_16_are_drawn(tmp_path: Path) -> None:
+    fault = "kind: checksum, how: random, frame: FB"
+    _, taken, put = come(run(tmp_path, fault, crc_bits=16), "FB")
+    assert set(states(put)) == {"ERROR"}
+    np.testing.assert_array_equal(data(put)[:, 2:], data(taken)[:, 2:])
+    for byte in (0, 1):
+        assert len(set(data(put)[:, byte])) > 5, "of ten drawn ones"
+
+
+@pytest.mark.parametrize("kind", ["forgery", "masquerade", "corruption", "addressing"])
+def test_faults_of_frames_with_a_crc_of_16_are_judged_as_of_others(
+    kind: str, tmp_path: Path
+) -> None:
+    other = ", data_of: HB_PLANT" if kind == "addressing" else ""
+    fault, reaction = f"kind: {kind}, frame: FB{other}", "supervisor.intrusion=count"
+    logs = [run(tmp_path / f"{n}", fault, reaction, crc_bits=n) for n in (8, 16)]
+    wanted, found = (set(states(come(log, "FB")[2])) for log in logs)
+    assert found == wanted != set()
 
 
 def test_other_frames_and_other_cycles_are_as_sent(tmp_path: Path) -> None:
@@ -167,3 +198,44 @@ def test_other_frames_and_other_cycles_are_as_sent(tmp_path: Path) -> None:
     assert 0 < len(taken) < 10 and len(put) == len(taken)
     assert sorted({*true["cycle"], *taken["cycle"]}) == sorted({*true["cycle"], *put["cycle"]})
     assert not len(come(log, "CMD", "plant")[1])
+
+
+@pytest.mark.parametrize(
+    ("kind", "gone"),
+    [("loss", 3), ("corruption, value: 1", 3), ("masquerade", 0), ("repetition", 0),
+     ("delay, value: 2", 2)],
+)  # fmt: skip
+def test_what_is_lost_on_purpose_and_what_is_used_is_counted(
+    kind: str, gone: int, tmp_path: Path
+) -> None:
+    clean, log = (
+        run(tmp_path, f"kind: {kind}, frame: FB", f"faults.it.for={span}").node["executive"].timing
+        for span in ("0s", "3ms")
+    )
+    assert log["health.frames_lost_on_purpose"][-1] == gone
+    assert clean["health.frames_received"][-1] - log["health.frames_received"][-1] == gone
+
+
+def test_a_counter_goes_on_from_where_the_fault_left_it(tmp_path: Path) -> None:
+    fault = "kind: counter, how: freeze, frame: FB, goes_on: true"
+    true, _, put = come(run(tmp_path, fault, "faults.it.for=3ms"), "FB")
+    assert states(put)[:3] == ["OK", "REPEATED", "REPEATED"] and set(states(put)[3:]) == {"OK"}
+    assert max(true["cycle"]) == FROM - 1, "every later frame has another counter than was sent"
+    plain = come(run(tmp_path, fault.replace("true", "false"), "faults.it.for=3ms"), "FB")
+    assert plain[0]["e2e"][plain[0]["cycle"] == FROM + 3][0] == e2e.OK_SOME_LOST
+
+
+def test_a_fault_that_the_rig_has_not_is_given_with_the_command(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "tools/template", tmp_path / "motor")
+    rig = tmp_path / "motor/rig.yaml"
+    fault = "faults.late={kind: loss, frame: FB, from: 30ms, for: 10ms}"
+    cut = "duration_s=0.1"
+    simulate(load_rig(rig, settings=[cut, fault, "faults.late.for=2ms"]), tmp_path / "log.mcap")
+    assert list(come(reader.read(tmp_path / "log.mcap"), "FB")[1]["cycle"]) == [FROM, FROM + 1]
+    for wrong, what in (
+        ("faults.late={kind: los, frame: FB}", "no kind los; did you mean loss"),
+        ("faults.late={kind: loss, fram: FB}", "unknown key; did you mean frame"),
+        ("faults.late=3", "or --set 'faults.late={kind: ...}'"),
+    ):
+        with pytest.raises(RigError, match=what):
+            simulate(load_rig(rig, settings=[cut, wrong]), tmp_path / "log.mcap")

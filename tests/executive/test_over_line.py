@@ -112,7 +112,7 @@ def test_the_run_is_recomputed_from_its_log(
         assert verdict.identical, verdict
 
 
-def test_a_node_that_is_off_is_missed_by_the_other_one(tmp_path: Path) -> None:
+def test_a_node_that_is_off_says_so_and_one_that_is_not_misses_the_other(tmp_path: Path) -> None:
     rig = probe(
         "bus.emulate=1M", "bus.bit_error_rate=1.0", "supervisor.hold_cycles=2",
         "supervisor.fault_after_cycles=5",
@@ -121,7 +121,8 @@ def test_a_node_that_is_off_is_missed_by_the_other_one(tmp_path: Path) -> None:
     assert line.times_off.sum() >= 1
     assert line.sent.sum() == 0
     faults = {name: set(node.columns["supervisor.fault"]) for name, node in log.node.items()}
-    assert sv.INPUT_MISSING in faults["plant"] | faults["executive"], faults
+    named = [sv.BUS_OFF if off else sv.INPUT_MISSING for off in line.times_off[:2]]
+    assert [faults["executive"], faults["plant"]] == [{0, named[0]}, {0, named[1]}], faults
 
 
 @pytest.mark.parametrize("bitrate", ["1M", "600k", "450k"])

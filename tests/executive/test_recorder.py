@@ -24,8 +24,8 @@ from rings import (
 )
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log import recorder
 from pcpc.executive.log.recorder import Recorder
+from pcpc.executive.log.schemas import field_names
 from pcpc.executive.loop import shared
 
 
@@ -45,8 +45,8 @@ def test_ros2_decoder_reads_every_field_of_every_message(
     block: shared.Shared, tmp_path: Path
 ) -> None:
     record(tmp_path / "log.mcap", block, range(120))
-    fields = recorder.field_names(STATES)
-    timings = recorder.field_names(TIMINGS)
+    fields = field_names(STATES)
+    timings = field_names(TIMINGS)
     seen = {"/state": 0, "/timing": 0, "/can/frames": 0}
     with (tmp_path / "log.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
@@ -71,7 +71,7 @@ def test_ros2_decoder_reads_every_field_of_every_message(
 
 
 def test_field_names_are_valid_and_unique() -> None:
-    fields = recorder.field_names([*STATES, "w.0_2", "W.0"])
+    fields = field_names([*STATES, "w.0_2", "W.0"])
     expected = ["rx_fb_a_hub_rate", "barrel_controller_kv", "w_0", "w_0_2", "rger_2_x", "v_9lives"]
     assert fields == [*expected, "w_0_2_2", "w_0_3"], f"{fields}"
 

@@ -10,6 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pcpc.drivers.jit import VIEW, compiled, types
+from pcpc.drivers.stage import ENTRY, call, part
 from pcpc.executive.laws import references, sequences
 from pcpc.executive.laws.block import Block
 from pcpc.executive.rig.reading import load_rig
@@ -44,9 +46,16 @@ def at(name: str, t_s: Table | list[float], given: Mapping[str, float] | None = 
     values = CASES[name][0] if given is None else given
     p = np.array([values[port.name] for port in block.settings])
     out = np.empty((len(t_s), 3))
-    for i, t in enumerate(t_s):
-        block.step(float(t), 1e-3, p, np.empty(0), np.empty(0), out[i])
+    t_s = np.ascontiguousarray(t_s, float)
+    _step_at(block.step.entry, t_s, p, np.empty(0), out.ravel())
     return out
+
+
+@compiled(types.void(ENTRY, *4 * [VIEW]))
+def _step_at(entry: int, t_s: Table, p: Table, nothing: Table, out: Table) -> None:
+    none = part(nothing, 0)
+    for i in range(len(t_s)):
+        call(entry, t_s[i], 1e-3, part(p, 0), none, none, part(out, 3 * i))
 
 
 def away_from(edges: list[float]) -> Table:

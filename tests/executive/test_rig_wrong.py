@@ -140,6 +140,12 @@ def test_a_wrong_parameters_file_is_refused_at_its_place(write: Write, case: Cas
             "no such setting; write losses: {FB: {share: ...}} into the rig "
             "file, then --set can change it",
         ),
+        (
+            "watchdog.silent_cycles=0",
+            "no such setting; write watchdog: {silent_cycles: ...} into the rig file, then --set "
+            "can change it",
+        ),
+        ("watchdog=0", "expected a mapping or null, got 0"),
         ("seed=010", "010 could be read as octal; write it in decimal, or quote it as text"),
         ("controller=pdd", "no controller pdd; did you mean pd?"),
         ("rate_hz", "expected NAME=VALUE"),

@@ -154,5 +154,8 @@ def test_every_fault_has_a_name() -> None:
         sv.STEP_HANGS,
         sv.EMERGENCY_STOP,
         sv.STOP_FRAME,
+        sv.NOT_PLAUSIBLE,
+        sv.INTRUSION,
+        sv.BUS_OFF,
     )
     assert codes == tuple(range(len(sv.FAULT_NAMES))), codes

@@ -49,6 +49,21 @@ def whole(blocks: Mapping[str, sh.Shared], log: Log) -> Whole:
     return Whole(log, *rings)
 
 
+def differing(a: Whole, b: Whole) -> list[str]:
+    """Return the variables and rings of which two runs hold other bits."""
+    one, other = a.log.node, b.log.node
+    assert one.keys() == other.keys()
+    found = [
+        f"{role}: {name}"
+        for role in one
+        for name, values in one[role].columns.items()
+        if not np.array_equal(values.view(np.int64), other[role].columns[name].view(np.int64))
+    ]
+    for what, ours, theirs in (("frames", a.frames, b.frames), ("events", a.events, b.events)):
+        found += [f"{r}: {what}" for r in ours if not np.array_equal(ours[r], theirs[r])]
+    return found
+
+
 def virtual(rig: Rig) -> Whole:
     """Return a run of `rig` in virtual time."""
     run = VirtualRun(rig, None)

@@ -48,6 +48,7 @@ def lines_of(log: Path, other: Path, out: Path) -> dict[str, list[str]]:
         "parquet": ["log", "export", a, "-o", str(out / "o.parquet"), *quiet],
         "plot": ["log", "plot", a, "-o", str(out / "o.png"), *quiet],
         "plot some": ["log", "plot", a, b, "*.position", "-o", str(out / "p.svg"), *quiet],
+        "report": ["report", a, "-o", str(out / "r.html"), *quiet],
         "replay": ["replay", a, *quiet],
         "replay json": ["replay", a, "--node", "plant", "--json", *quiet],
     }
@@ -55,7 +56,7 @@ def lines_of(log: Path, other: Path, out: Path) -> dict[str, list[str]]:
 
 FAST = ("info", "info json", "cat", "cat all", "cat frames", "cat frames csv", "cat plant", "diff",
         "diff back", "recover", "csv", "candump", "blf", "asc")  # fmt: skip
-SLOW = ("parquet", "plot", "plot some", "replay", "replay json")
+SLOW = ("parquet", "plot", "plot some", "report", "replay", "replay json")
 
 
 def tried(words: list[str], out: Path) -> Finding | None:

@@ -46,7 +46,10 @@ def test_no_odd_log_brings_a_command_down(
         data, what = corpus.odd_log(base, dice)
         log.write_bytes(data)
         lines = commands.lines_of(log, true_log, out)
-        names = [*dice.sample(commands.FAST, 3), *(["replay"] if number % 15 == 0 else [])]
+        names = [
+            *dice.sample(commands.FAST, 3),
+            *(["replay", "report"] if number % 15 == 0 else []),
+        ]
         found = [commands.tried(lines[name], out) for name in names]
         found.append(commands.tried_to_play(log))
         assert not any(found), f"case {number}, {what}: {[one for one in found if one]}"

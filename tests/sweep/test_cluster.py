@@ -18,7 +18,7 @@ from pcpc.executive.errors import RigError
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.sweep import cluster, store
 from pcpc.tools.sweep.campaign import Campaign, Shard
-from pcpc.tools.sweep.engine import Engine, pieces
+from pcpc.tools.sweep.engine import WIDTH, Engine, pieces
 from pcpc.tools.sweep.work import Work
 
 RIG = str(Path(__file__).resolve().parents[2] / "tools/template/rig.yaml")
@@ -27,7 +27,7 @@ VARY = ("motor.coulomb_Nm=x0.5:2",)
 MANY = Campaign(RIG, ("pid", "pd"), VARY, 160, "random", 5, SHORT)
 GENERIC = os.environ | {"PCPC_CPU": "generic"}
 GIVE_UP_S = 240.0
-TASK, JOURNAL = 4, "shard-1-of-1.jsonl"
+TASK, JOURNAL, OF_TASKS = 4, "shard-1-of-1.jsonl", "shard-1-of-1.*.*.jsonl"
 
 Start = Callable[..., "subprocess.Popen[str]"]
 
@@ -130,6 +130,30 @@ def wait_for(
     raise AssertionError(f"{written(folder)} rows of {rows}")
 
 
+def killed_within_a_task(
+    worker: "subprocess.Popen[str]", folder: Path, process: "subprocess.Popen[str]"
+) -> Path:
+    """Kill a worker that has written some rows of a task, not all; `process` goes on.
+
+    Returns the journal of that task, which nobody writes or takes in until another worker comes.
+    """
+    for _ in range(int(GIVE_UP_S / 0.005)):
+        worker.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, worker.pid, os.WSTOPPED)
+        for path in folder.glob(OF_TASKS):
+            if 0 < written(folder, path.name) < TASK * WIDTH:
+                worker.kill()
+                worker.wait()
+                return path
+        worker.send_signal(signal.SIGCONT)
+        try:
+            process.wait(0.005)
+        except subprocess.TimeoutExpired:
+            continue
+        raise AssertionError(f"it ended: {process.stderr.read() if process.stderr else ''}")
+    raise AssertionError("it was never within a task")
+
+
 def test_workers_make_the_table_that_threads_make(whole: Path, tmp_path: Path) -> None:
     done(tmp_path, "local:2")
     assert table(tmp_path) == table(whole)
@@ -145,18 +169,14 @@ def test_a_killed_worker_client_and_scheduler_lose_no_finished_row(
     first = worker(start, address)
     sweep = client(start, address, tmp_path)
     wait_for(24, tmp_path, sweep)
-    first.kill()
-    first.wait()
-    kept = 0
-    for path in tmp_path.glob("shard-1-of-1.*.*.jsonl"):  # nobody works: the rows get a mark
-        journal = store.Journal(path)
-        rows = [dataclasses.replace(row, why="kept") for row in journal.rows.values()]
-        journal.close(drop=True)
-        journal = store.Journal(path)
-        journal.add(rows)
-        journal.close()
-        kept += len(rows)
-    assert kept > 0, "the worker had written nothing of a task"
+    path = killed_within_a_task(first, tmp_path, sweep)
+    journal = store.Journal(path)  # nobody works at it: its rows get a mark
+    rows = [dataclasses.replace(row, why="kept") for row in journal.rows.values()]
+    journal.close(drop=True)
+    journal = store.Journal(path)
+    journal.add(rows)
+    journal.close()
+    kept = len(rows)
     before = written(tmp_path)
 
     worker(start, address)

@@ -3,8 +3,6 @@
 import json
 import re
 import shlex
-from collections.abc import Sequence
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from campaign import CONTROLLERS, REQUIREMENT, VARIED, spec, table
+from html_page import Page
 from matplotlib.figure import Figure
 
 from pcpc.drivers.errors import UserError
@@ -22,27 +21,6 @@ from pcpc.tools.sweep.results import Results, compared
 
 ERROR = "metric:error_rms_mrad"
 BARE = ["draw", "controller", "seed", "outcome", "ok", "why"]
-
-
-class Page(HTMLParser):
-    """What a browser would make of a page: its text, tags, pictures and commands."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.text, self.tags, self.sources = "", list[str](), list[str]()
-        self.commands = list[str]()
-        self._in_code = False
-        self.feed(path.read_text(encoding="utf-8"))
-
-    def handle_starttag(self, tag: str, attrs: Sequence[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
-        self._in_code = tag == "code"
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-        if self._in_code and data.startswith("pcpc "):
-            self.commands.append(data)
 
 
 def drawn(draws: int, **more: Any) -> Results:
@@ -58,7 +36,7 @@ def test_the_page_is_one_file_with_its_pictures_inside(written: Path) -> None:
     page = Page(written)
     assert len(page.sources) == page.tags.count("img") == 5  # failures, three metrics, a margin
     assert all(one.startswith("data:image/png;base64,") for one in page.sources)
-    assert not {"script", "link", "iframe"} & set(page.tags)
+    page.check_alone()
     pictures = sorted(path.name for path in written.parent.glob("*.png"))
     assert pictures == ["failures.png", "margin-peak-error---co.png", "metric-bias_mrad.png",
                         "metric-error_rms_mrad.png", "metric-settle_s.png"]  # fmt: skip

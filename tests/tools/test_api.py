@@ -17,6 +17,7 @@ from processes import alive, own_bus, until
 
 import pcpc
 from pcpc.executive.log.signals import signals
+from pcpc.executive.nodes.tap import Tap
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import load_rig
@@ -267,3 +268,19 @@ def test_a_run_that_ends_by_itself_is_waited_for_and_one_that_cannot_begin_is_a_
         pcpc.running("slew10", bus="socketcan:canx9", set=SHORT),
     ):
         raise AssertionError("it cannot begin")
+
+
+def test_a_tap_sees_every_cycle_that_the_log_holds() -> None:
+    with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
+        tap = Tap(live._nodes["plant"])
+        pieces = []
+        while sum(map(len, pieces)) < 500:
+            live.wait_until(lambda now: True, within_s=60)
+            pieces.append(tap.rows())
+    cycles = np.concatenate([rows.cycle for rows in pieces])
+    seen = np.concatenate([rows["barrel.theta_rad"] for rows in pieces])
+    assert tap.missed["record"] == 0
+    node = live.run.log.node["plant"]
+    between = (node.cycle >= cycles[0]) & (node.cycle <= cycles[-1])
+    np.testing.assert_array_equal(cycles, node.cycle[between])
+    np.testing.assert_array_equal(seen, node.columns["barrel.theta_rad"][between])

@@ -205,7 +205,7 @@ def test_without_a_compiler_the_cure_is_named(
 
 
 def test_suites_of_minutes_run_only_when_asked_by_name() -> None:
-    assert set(ON_REQUEST) == {"batch", "rate", "startup"} and set(ON_REQUEST) < set(SUITES)
+    assert set(ON_REQUEST) == {"batch", "host", "rate", "startup"} and set(ON_REQUEST) < set(SUITES)
 
 
 def test_without_scipy_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -226,7 +226,13 @@ def user_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(
     "words",
-    [["check", "hull"], ["log", "info", "latest"], ["replay", "latest"], ["replay", "runs/first"]],
+    [
+        ["check", "hull"],
+        ["log", "info", "latest"],
+        ["replay", "latest"],
+        ["replay", "runs/first"],
+        ["report", "latest"],
+    ],
     ids=" ".join,
 )
 def test_a_rig_by_name_and_the_latest_run_outside_of_the_project(
@@ -242,6 +248,10 @@ def test_a_rig_by_name_and_the_latest_run_outside_of_the_project(
         ["check", "hull"], ["check", "friction-a"], ["check", "telerobot-u2"], ["rigs"],
         ["log", "info", "latest"], ["log", "diff", "runs/first", "runs/second"],
         ["replay", "latest"], ["replay", "latest", "--set", "controller.gain=0.3"],
+        ["bus", "hull"], ["doctor"], ["compare", "runs/first", "runs/second"],
+        ["log", "require", "latest", "--require", "always: abs(controller.command) < 1e9"],
+        ["simulate", "probe", "--set", "duration_s=0.05", "--no-figure", "--quiet"],
+        ["simulate", "telerobot-u1", "--set", "duration_s=0.05", "--no-figure", "--quiet"],
     ],
     ids=" ".join,
 )  # fmt: skip

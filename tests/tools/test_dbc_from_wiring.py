@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from processes import ROOT, pcpc
 
 import pcpc as api
+from pcpc.drivers import dbc
 from pcpc.executive.errors import RigError
 from pcpc.tools.dbc import Frame, Signal, frames_of, resolution, rigs_of, written
+from pcpc.tools.evidence.expected import crc16
 from pcpc.tools.new import TEMPLATE
 
 COUNT_RAD = 2.0 * np.pi / 2000.0
@@ -40,6 +42,23 @@ def test_a_rig_without_a_dbc_file_gets_one_and_runs_as_before(motor: Path) -> No
     before = api.simulate(motor, quiet=True)
     apart = np.abs(run["plant:motor.angle_rad"] - before["plant:motor.angle_rad"]).max()
     assert apart < COUNT_RAD, f"{apart} rad apart, a count of the encoder is {COUNT_RAD}"
+    assert all(node.identical for node in run.replay())
+
+
+def test_with_a_crc_of_16_bits_it_runs_and_replays(motor: Path) -> None:
+    done = pcpc("dbc", str(motor), "--crc", "16")
+    assert done.code == 0, str(done)
+    entries = dbc.frames(dbc.load(motor.with_name("motor.dbc")), "EXEC", "tx")
+    found = {entry.name: (entry.crc[0], entry.dlc) for entry in entries}
+    assert found == {"SYNC": (dbc.CRC_16, 3), "CMD": (dbc.CRC_16, 8), "HB_EXEC": (0, 1)}
+    shown = pcpc("check", str(motor))
+    assert shown.out.count("counter, crc16") == 3, str(shown)
+    run = api.simulate(motor, quiet=True)
+    sent = run.frames[(run.frames["name"] == "CMD") & (run.frames["sender"] == "executive")]
+    assert len(sent) > 900 and all(
+        int.from_bytes(row[:2], "little") == crc16(bytes(row[2:]) + b"\xa0\x00")
+        for row in sent["data"]
+    )
     assert all(node.identical for node in run.replay())
 
 

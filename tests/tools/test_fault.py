@@ -22,6 +22,7 @@ FAULTS = """\
   spare: {kind: stuck, at: "plant:tx.FB.encoder"}
   break: {kind: stall, node: plant}
 """
+PLAUSIBLE = "{FB.encoder: {low: -9, high: 9, rate_per_s: 60, fault_after: 90}}"
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,10 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = pcpc("new", str(folder))
     assert done.code == 0, str(done)
     path = folder / "rig.yaml"
-    path.write_text(f"{path.read_text().partition('evaluation:')[0]}faults:\n{FAULTS}")
+    text = path.read_text().partition("evaluation:")[0]
+    before, limits, after = text.partition("  limits:\n")
+    text = f"{before}  plausible: {PLAUSIBLE}\n{limits}{after}"
+    path.write_text(f"{text}errors: {{implausible: 99}}\nfaults:\n{FAULTS}")
     return path
 
 
@@ -45,6 +49,7 @@ def test_virtual_time_and_a_bus_without_a_clock_give_the_same_bits(
     assert [sum(np.diff(node.cycle) - 1) for node in log.node.values()] == [3, 3], (
         "both stood still"
     )
+    assert done.summary["frames"]["implausible"] > 0, "the forged frame at least"
     told = {line.split(" at ")[0] for line in done.summary["injected"]}
     assert told == {
         "noise", "late", "turn", "bias", "heavy", "bits", "delay", "low", "forged"
@@ -70,7 +75,9 @@ def test_a_paced_run_with_faults_is_replayed_bit_by_bit(rig: Path, tmp_path: Pat
 
 
 def test_a_fault_is_begun_and_ended_while_the_rig_runs(rig: Path) -> None:
-    with package.running(rig, pacing="real", set={"duration_s": 60.0}) as live:
+    with package.running(
+        rig, pacing="real", set={"duration_s": 60.0, "supervisor.fault_after_cycles": 10000}
+    ) as live:
         before = live.inject("spare")
         live.wait_until("plant:fault.spare.left", above=0.5, within_s=20)
         after = live.clear("spare")
@@ -91,8 +98,9 @@ def test_a_fault_is_begun_and_ended_while_the_rig_runs(rig: Path) -> None:
 
 def test_the_command_lists_begins_and_ends_them(rig: Path, tmp_path: Path) -> None:
     bus = own_bus()
-    with Running("run", str(rig), "--pacing", "real", "--bus", bus, "--set", "duration_s=60",
-                 "--set", "rig=faulty", "--quiet", "-o", str(tmp_path / "run")) as run:  # fmt: skip
+    lasts = "--set", "duration_s=60", "--set", "supervisor.fault_after_cycles=10000"
+    with Running("run", str(rig), "--pacing", "real", "--bus", bus, *lasts, "--set", "rig=faulty",
+                 "--quiet", "-o", str(tmp_path / "run")) as run:  # fmt: skip
         run.in_the_middle("faulty", bus)
         name = run.block("faulty", bus, "plant").name
         done = pcpc("fault", "--node", name)
@@ -111,17 +119,27 @@ def test_without_a_rig_it_says_so() -> None:
     assert done.code == 4 and "no such node is running" in done.err, str(done)
 
 
-def test_a_wrong_value_excuses_no_frame_that_is_missing(rig: Path, tmp_path: Path) -> None:
+EXCUSES = [
+    ('{kind: bias, at: "plant:tx.FB.encoder", value: 0.0, from: 120ms, for: 5ms}', True, "loss"),
+    ("{kind: corruption, frame: CMD, from: 120ms, for: 1ms}", True, "loss"),
+    ("{kind: corruption, frame: CMD, from: 900ms, share: 0.01}", True, "loss"),
+    ("{kind: corruption, frame: CMD, from: 0ms, share: 0.01}", True, "ok"),
+    ("{kind: loss, frame: FB, from: 500ms, for: 30ms}", False, "ok"),
+    ("{kind: stall, node: plant, from: 960ms, for: 50ms}", False, "ok"),
+]
+
+
+@pytest.mark.parametrize(("fault", "losses", "verdict"), EXCUSES)
+def test_a_fault_of_frames_excuses_what_is_missing_while_it_is_on(
+    fault: str, losses: bool, verdict: str, rig: Path, tmp_path: Path
+) -> None:
     own = rig.with_name("excused.yaml")
-    for fault, verdict in (
-        ('{kind: bias, at: "plant:tx.FB.encoder", value: 0.0, from: 120ms, for: 5ms}', "loss"),
-        ("{kind: corruption, frame: CMD, from: 120ms, for: 1ms}", "ok"),
-    ):
-        own.write_text(
-            f"base: {ROOT / 'tools/template/rig.yaml'}\nrig: excused\nevaluation: null\n"
-            "expect: null\nrequire: null\nlosses: {FB: {share: 0.3, burst: 30}}\n"
-            f"faults: {{it: {fault}}}\n"
-        )
-        done = pcpc("simulate", str(own), "--quiet", "--json", "-o", str(tmp_path / verdict))
-        assert done.summary["verdict"] == verdict and done.summary["injected"], str(done)
-        assert done.summary["frames"]["stale"] > 0
+    own.write_text(
+        f"base: {ROOT / 'tools/template/rig.yaml'}\nrig: excused\nevaluation: null\n"
+        f"expect: null\nrequire: null\nfaults: {{it: {fault}}}\n"
+        + "losses: {FB: {share: 0.3, burst: 30}}\n"
+        * losses
+    )
+    done = pcpc("simulate", str(own), "--quiet", "--json", "-o", str(tmp_path / "run"))
+    assert done.summary["verdict"] == verdict and done.summary["injected"], str(done)
+    assert done.summary["frames"]["stale"] > 0

@@ -1,12 +1,9 @@
 """Changes of the safety code are noticed: some of them here, all by `pcpc evidence mutants`."""
 
-import argparse
-import json
-
 import numpy as np
 import pytest
 
-from pcpc.tools.evidence import mutants
+from pcpc.tools.evidence import cli, mutants
 from pcpc.tools.evidence.mutation import build
 
 EVERY = 20
@@ -21,7 +18,7 @@ def test_mutants_are_noticed() -> None:
     assert len(chosen) > 20 and not left, "\n".join(["nobody notices:", *left])
 
 
-@pytest.mark.parametrize("name", ["supervisor", "receiver", "sender", "codec"])
+@pytest.mark.parametrize("name", ["supervisor", "receiver", "sender", "codec", "senders"])
 def test_the_code_itself_is_as_expected(name: str) -> None:
     _, compares = mutants.prepared(compiled=False)
     assert not compares[name](0), name
@@ -37,25 +34,18 @@ def test_every_function_has_mutants_and_each_is_one_change_at_its_line() -> None
     assert not wrong, wrong[0]
 
 
-def test_the_command_tells_mutants_that_nobody_notices_and_reasons_of_none(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_mutants_that_nobody_notices_and_reasons_of_none_are_told(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     first, second, third, *_ = mutants.prepared(compiled=False)[0]
     monkeypatch.setattr(mutants, "score", lambda: ([first, second, third], [second, third]))
     monkeypatch.setattr(mutants, "reason", lambda one: "so it is" if one is third else "")
-    options = argparse.Namespace(json=True)
-    assert mutants.command(options) == 1
-    told = json.loads(capsys.readouterr().out)
+    told = mutants.found()
     assert (told["mutants"], told["noticed"], told["left"]) == (3, 1, [str(second)])
-    assert told["argued"] == {str(third): "so it is"} and told["reasons of none"]
-    options.json = False
-    assert mutants.command(options) == 1
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "3 mutants, 1 noticed, 1 argued", lines[0]
-    assert f"nobody notices {second}" in " ".join(map(str.strip, lines)), lines
-    monkeypatch.setattr(mutants, "score", lambda: ([first], []))
-    monkeypatch.setattr(mutants, "ARGUED", {})
-    assert mutants.command(options) == 0
+    assert told["argued"] == {"so it is": 1} and told["idle"] == [*mutants.ARGUED]
+    assert [*cli.missed({"mutants": told})] == [
+        f"nobody notices {second}", *(f"a reason of no mutant: {one}" for one in mutants.ARGUED)
+    ]  # fmt: skip
 
 
 def test_mutants_of_a_function_are_what_they_say() -> None:

@@ -1,13 +1,15 @@
 """`pcpc new`: a rig of the user's own that runs all four ways at once, and what it refuses."""
 
+import json
 import os
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 from copies import program
-from processes import Running, own_bus, pcpc
+from processes import Done, Running, own_bus, pcpc
 
 from pcpc.executive.log import reader as logs
 from pcpc.tools.new import FILES, NEXT, TEMPLATE
@@ -38,6 +40,19 @@ def test_what_it_prints_fits_80_columns(tmp_path: Path) -> None:
     assert done.out.splitlines()[-len(NEXT) - 1] == "  cd my-motor", done.out
 
 
+def undisturbed(*words: str, folder: Path) -> Done:
+    """Run a rig; again, at most twice, where it failed and the machine made it skip cycles."""
+    for _ in range(3):
+        shutil.rmtree(folder, ignore_errors=True)
+        done = pcpc(*words, "-o", str(folder))
+        if (
+            done.code == 0
+            or not json.loads((folder / "summary.json").read_text())["skipped_cycles"]
+        ):
+            break
+    return done
+
+
 def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
     motor: Path, tmp_path: Path
 ) -> None:
@@ -48,7 +63,7 @@ def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
         "virtual": ("simulate", *quiet), "real": ("run", *quiet, *bus),
         "lockstep": ("run", *quiet, *lockstep),
     }.items():  # fmt: skip
-        done = pcpc(*words, "-o", str(tmp_path / way))
+        done = undisturbed(*words, folder=tmp_path / way)
         assert done.code == 0 and "verdict  ok (5 limits judged)" in done.out, f"{way}: {done}"
     with Running("plant", str(motor), *lockstep) as plant:
         done = pcpc("exec", *quiet, *lockstep, "-o", str(tmp_path / "two"))

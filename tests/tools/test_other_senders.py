@@ -1,6 +1,7 @@
 """Somebody else sends a rig's frames on its bus: seen in real runs, from their end."""
 
 import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,8 +15,9 @@ from pcpc.drivers import bus as buses
 from pcpc.drivers import wire
 from pcpc.drivers.wire_layout import WIRE
 from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import shared as sh
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.verdict.frames import too_many
+from pcpc.tools.verdict.frames import LIMITS, too_many
 
 SLEW10 = str(RIGS / "slew10.yaml")
 SYNC = 0x080
@@ -40,15 +42,22 @@ def send(end: Any, can_id: int, times: int) -> None:
 
 
 def beside(folder: Path, times: int, duration_s: int) -> Done:
-    """Return a run in lockstep into which a stranger sends SYNC."""
+    """Return a run in lockstep into which a stranger sends SYNC, while its recorder stands still.
+
+    Its nodes wait for the recorder once their rings are full: the run cannot end before.
+    """
     bus = own_bus()
     usual = ("--pacing", "lockstep", "--no-figure", "--json", "--bus", bus, "-o", str(folder))
     with (
         stranger(bus) as end,
         Running("run", SLEW10, *usual, "--set", f"duration_s={duration_s}") as running,
     ):
-        running.in_the_middle("slew10", bus)
+        recorder = running.pid("recorder")
+        os.kill(recorder, signal.SIGSTOP)
+        control = running.block("slew10", bus, "executive")["control"]
+        until(lambda: control[sh.PASSES] > 100 or running.over(), "it runs")
         send(end, SYNC, times)
+        os.kill(recorder, signal.SIGCONT)
         return running.done()
 
 
@@ -86,13 +95,15 @@ def test_a_node_does_not_begin_beside_a_sender_of_its_frames(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("key", "setting"),
     [("crc_errors", "crc"), ("repeated", "repeated"), ("wrong_sequence", "wrong_sequence"),
-     ("send_errors", "send"), ("bus_errors", "bus"), ("foreign", "")],
+     ("implausible", "implausible"), ("send_errors", "send"), ("bus_errors", "bus"),
+     ("foreign", "")],
 )  # fmt: skip
 def test_wrong_frames_beyond_the_rigs_limit_are_told(key: str, setting: str) -> None:
-    none = dict.fromkeys(
-        ("crc_errors", "repeated", "wrong_sequence", "send_errors", "bus_errors", "foreign"), 0
-    )
+    none = dict.fromkeys((*LIMITS, "foreign", "intrusions"), 0)
     strict = load_rig(SLEW10, resolve=False)
+    watched = load_rig(SLEW10, settings=["supervisor.intrusion=hold"], resolve=False)
+    assert len(too_many(watched, none | {"intrusions": 1})) == 1
+    assert too_many(strict, none | {"intrusions": 1}) == []
     assert too_many(strict, none) == []
     assert len(too_many(strict, none | {key: 1})) == 1
     if setting:

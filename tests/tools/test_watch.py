@@ -212,6 +212,22 @@ def stand() -> Iterator[Callable[[str], sh.Shared]]:
     standing.end_all()
 
 
+@pytest.mark.parametrize("called", ["", "executive", "{rig}", "{rig}.executive", "{rig}.plant"])
+def test_a_node_is_called_by_role_by_rig_or_in_full(
+    called: str, stand: Callable[[str], sh.Shared], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = f"lab{os.getpid()}"
+    monkeypatch.setitem(HEAD, "rig", rig)
+    names = [f"{rig}.vcan9.{role}" for role in ("executive", "plant")]
+    for name in names:
+        stand(name)
+    wanted = names["plant" in called]
+    if called == "executive":
+        assert live.find(called, rig).name == wanted
+    else:
+        assert live.find(called.format(rig=rig) or wanted).name == wanted
+
+
 def test_a_role_that_several_nodes_have_is_refused_with_their_names(
     run: Run, capsys: Screen, stand: Callable[[str], sh.Shared], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -155,6 +155,16 @@ def cansend(can_id: int, data: bytes) -> None:
     subprocess.run(["cansend", CHANNEL, f"{can_id:03X}#{data.hex()}"], check=True)
 
 
+def crc8_j1850(data: bytes) -> int:
+    """Return the CRC bit by bit, as SAE J1850 defines it."""
+    crc = 0xFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1D) & 0xFF if crc & 0x80 else crc << 1
+    return crc ^ 0xFF
+
+
 @contextmanager
 def python_can(*ids: int) -> Iterator[can.BusABC]:
     """Open python-can's own SocketCAN bus for these ids."""

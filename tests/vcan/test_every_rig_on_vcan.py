@@ -11,8 +11,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "executive"))
 
-from test_every_rig import differing, one_of_each
-from two_processes import lockstep, virtual
+from test_every_rig import one_of_each
+from two_processes import differing, lockstep, virtual
 
 from pcpc.executive.rig.reading import load_rig
 

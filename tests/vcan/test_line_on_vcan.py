@@ -80,3 +80,25 @@ def test_a_gateway_carries_between_vcan0_and_vcan1_both_ways() -> None:
         os.close(end.fd_rx)  # other tests wait for the first who hears all of vcan0
     assert gateway.n.line.sent.tolist()[:2] == [60, 60]
     assert gateway.n.line.busy == 2 * sum(map(bits_of, messages))
+
+
+def test_a_sender_that_goes_bus_off_on_the_line_hears_so_from_its_own_channel() -> None:
+    sides = [bus.Bus("socketcan", "vcan0"), bus.beside(bus.Bus("socketcan", "vcan0"))]
+    gateway = Gateway(1_000_000, 8, p=1.0)
+    gateway.open(sides)
+    thread = threading.Thread(target=gateway.carry)
+    with can.Bus(interface="socketcan", channel="vcan0") as ours:
+        thread.start()
+        try:
+            ours.send(can.Message(arbitration_id=0x10, is_extended_id=False))
+            told = []
+            while not told or told[-1] != 0x040:
+                message = ours.recv(WAIT_S)
+                assert message is not None and message.is_error_frame, (told, message)
+                told.append(message.arbitration_id)
+        finally:
+            gateway.stop()
+            thread.join()
+            for end in (gateway.n.a, gateway.n.b):
+                os.close(end.fd_rx)
+    assert told == [0x004, 0x004, 0x040], "warning, error passive, bus off"

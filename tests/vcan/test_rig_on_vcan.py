@@ -9,7 +9,19 @@ import cantools
 import numpy as np
 import pytest
 from cantools.database.can import Database
-from live import CMD, DBC, FB_A, N_CORRUPT, N_HEARD, PATIENCE_S, Done, Frame, Observed, Pair
+from live import (
+    CMD,
+    DBC,
+    FB_A,
+    N_CORRUPT,
+    N_HEARD,
+    PATIENCE_S,
+    Done,
+    Frame,
+    Observed,
+    Pair,
+    crc8_j1850,
+)
 
 from pcpc.drivers import e2e
 from pcpc.executive.log import reader as logs
@@ -39,16 +51,6 @@ def place_of(part: Sequence[Frame], whole: Sequence[Frame]) -> int:
     """Return where `part` stands in `whole` without a gap, -1 if nowhere."""
     starts = (i for i in range(len(whole) - len(part) + 1) if whole[i] == part[0])
     return next((i for i in starts if whole[i : i + len(part)] == part), -1)
-
-
-def crc8_j1850(data: bytes) -> int:
-    """Return the CRC bit by bit, as SAE J1850 defines it."""
-    crc = 0xFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x1D) & 0xFF if crc & 0x80 else crc << 1
-    return crc ^ 0xFF
 
 
 def by_id(frames: Sequence[Frame]) -> Iterator[tuple[int, list[bytes]]]:

@@ -172,3 +172,12 @@ def test_an_interface_taken_down_fails_with_its_error_number() -> None:
 
 def test_auto_is_vcan0() -> None:
     assert bus.choose("auto", None) == Bus("socketcan", CHANNEL)
+
+
+def test_an_error_frame_is_heard_as_one(open_can: Open, python_can: can.BusABC) -> None:
+    ours = open_can([0x123])
+    python_can.send(can.Message(arbitration_id=0x040, is_error_frame=True, is_extended_id=False,
+                                data=bytes(8)))  # fmt: skip
+    assert receive(ours) == wire.BUS_ERROR
+    assert int.from_bytes(ours.rx[:4].tobytes(), "little") == 0x2000_0040
+    assert receive(ours) == wire.NOTHING

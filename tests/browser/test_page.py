@@ -1,0 +1,271 @@
+"""The page of `pcpc host` in Chromium, over a run of real processes and over logs.
+
+Screenshots for the eye are left in build/screens.
+"""
+
+import os
+import re
+import shutil
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hosting import LONG, Host, hosting
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+import pcpc
+from pcpc.tools.rigs import shipped
+
+pytestmark = pytest.mark.browser
+
+SCREENS = Path(__file__).resolve().parents[2] / "build" / "screens"
+BROWSERS = "chromium", "chromium-browser", "google-chrome"
+WIDE, PHONE = {"width": 1400, "height": 950}, {"width": 390, "height": 844}
+GAIN = "controller.kv_Nms_rad"
+PATIENT_MS = 30_000.0
+ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped()])}
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    assert found, "no Chromium here: make browser-tools"
+    with sync_playwright() as play:
+        own = play.chromium.launch(
+            executable_path=found, args=["--no-sandbox", "--disable-dev-shm-usage"]
+        )
+        yield own
+        own.close()
+
+
+@pytest.fixture(scope="module")
+def run() -> Iterator[pcpc.Live]:
+    with pcpc.running("hull", "pd", pacing="real", set=LONG) as live:
+        yield live
+
+
+@pytest.fixture
+def host(run: pcpc.Live, tmp_path: Path) -> Iterator[Host]:
+    with hosting(tmp_path, "--write", "--node", run._nodes["plant"].name) as one:
+        yield one
+
+
+@contextmanager
+def opened(browser: Browser, host: Host, size: Any = WIDE) -> Iterator[Page]:
+    """Open the page; whatever it complains of, and every foreign address, is an error."""
+    context = browser.new_context(viewport=size)
+    page = context.new_page()
+    said: list[str] = []
+    page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("request", lambda request: said.append(f"asks {request.url}")
+            if not request.url.startswith((f"http://{host.name}/", "data:")) else None)  # fmt: skip
+    page.set_default_timeout(PATIENT_MS)
+    page.goto(host.url)
+    expect(page.locator("#link")).to_have_text("connected", timeout=PATIENT_MS)
+    wait(page, "pcpc.panels.some((panel) => panel.x || panel.points)")
+    yield page
+    lost = [line for line in said if "ERR_CONNECTION_REFUSED" not in line]  # while it restarts
+    assert not lost, lost
+    context.close()
+
+
+def wait(page: Page, holds: str, arg: object = None) -> None:
+    """Wait until an expression, or a function of `arg`, is true in the page.
+
+    From outside: the page's own rules forbid what `wait_for_function` would evaluate in it.
+    """
+    for _ in range(int(PATIENT_MS / 50)):
+        if page.evaluate(holds, arg):
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"never: {holds}")
+
+
+def shot(page: Page, name: str) -> None:
+    SCREENS.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=SCREENS / f"{name}.png")
+
+
+def newest(page: Page) -> float:
+    """Return the time of the newest value of the first panel, before all if it has none."""
+    return float(page.evaluate("pcpc.panels[0].chart.data[0].at(-1) ?? -1"))
+
+
+def moves(page: Page) -> None:
+    """Wait until curves and drawing are others than now."""
+    before = page.evaluate("document.getElementById('drawing').toDataURL()")
+    wait(page, "t => pcpc.panels[0].chart.data[0].at(-1) > t + 0.3", newest(page))
+    wait(page, "old => document.getElementById('drawing').toDataURL() !== old", before)
+
+
+def parameter(page: Page, name: str) -> Any:
+    page.fill("#search-parameters", name)
+    return page.locator("#parameters label", has_text=name).locator("input")
+
+
+def test_curves_and_drawing_move_and_tell_what_the_node_says(
+    browser: Browser, host: Host, run: pcpc.Live
+) -> None:
+    with opened(browser, host) as page:
+        moves(page)
+        expect(page.locator("#nodes")).to_contain_text("executive RUN")
+        name = page.evaluate("pcpc.panels[1].names[2]")
+        assert name == "plant:barrel.hull_rad"
+        low, high = page.evaluate(
+            "(() => { const y = pcpc.panels[1].y[2].filter((v) => !Number.isNaN(v));"
+            " return [Math.min(...y), Math.max(...y)]; })()"
+        )
+        assert low < run[name] < high and 0.01 < high - low < 0.1  # rad: of the hull's motion
+        page.fill("#search", "= 1000 * abs(controller.e_rad)")
+        page.press("#search", "Enter")
+        wait(page, "pcpc.panels[0].names.length === 3 && pcpc.panels[0].y?.length === 3")
+        page.click("button[data-what=clear]")
+        expect(page.locator("#answer")).to_contain_text("clear curves: from cycle")
+        wait(page, "isNaN(pcpc.panels[0].y[0][0])")
+        moves(page)
+        over = page.locator(".u-over").first
+        over.hover(position={"x": 0.97 * over.bounding_box()["width"], "y": 90.0})
+        expect(page.locator(".u-legend .u-value").nth(1)).to_have_text(re.compile(r"-?0\.\d+"))
+        shot(page, "live")
+
+
+def test_a_gain_changes_the_plant_and_stands_in_the_log(
+    browser: Browser, host: Host, run: pcpc.Live
+) -> None:
+    def error() -> float:
+        """Return the rms of the error over some seconds."""
+        values, end = [], run.cycle + 400
+        run.wait_until(lambda now: (values.append(now["controller.e_rad"]), run.cycle >= end)[1],
+                       within_s=60)  # fmt: skip
+        return float(np.sqrt(np.mean(np.square(values))))
+
+    with opened(browser, host) as page:
+        moves(page)
+        before = error()
+        box = parameter(page, GAIN)
+        box.fill("20")
+        box.press("Enter")
+        expect(page.locator("#answer")).to_contain_text("from cycle")
+        told = int(re.search(r"cycle (\d+)", page.locator("#answer").inner_text())[1])  # type: ignore
+        assert run[GAIN] == 20.0
+        assert error() > 1.5 * before
+        noted = page.locator("#events li", has_text=f"cycle {told} ")
+        expect(noted.first).to_contain_text(f"{GAIN} = 20")
+        box.fill("1e9")
+        box.press("Enter")
+        expect(page.locator("#answer")).to_contain_text("outside 0..1000")
+        expect(box).to_have_value("20")
+        box.fill("much")
+        box.press("Enter")
+        expect(page.locator("#answer")).to_contain_text("no number; 0 .. 1000")
+        assert run[GAIN] == 20.0
+        page.click("#undo")
+        expect(box).to_have_value("110")
+        assert run[GAIN] == 110.0
+    TOLD.append((told, 20.0))
+
+
+TOLD: list[tuple[int, float]] = []
+
+
+def test_it_finds_back_after_a_reload_and_a_restart(
+    browser: Browser, run: pcpc.Live, tmp_path: Path
+) -> None:
+    node = ("--node", run._nodes["plant"].name)
+    with hosting(tmp_path, *node) as host, opened(browser, host) as page:
+        page.click("#add-panel")
+        page.fill("#search", "controller.e_rad")
+        page.press("#search", "Enter")
+        names = "pcpc.panels.map((panel) => panel.names)"
+        before = page.evaluate(names)
+        assert before[-1] == ["controller.e_rad"]
+        page.reload()
+        expect(page.locator("#link")).to_have_text("connected", timeout=PATIENT_MS)
+        wait(page, "pcpc.panels.length > 0")
+        assert page.evaluate(names) == before
+        moves(page)
+        host.process.send_signal(signal.SIGKILL)
+        host.process.wait()
+        expect(page.locator("#link")).to_have_text("reconnecting", timeout=PATIENT_MS)
+        with hosting(tmp_path, *node, port=host.port) as again:
+            assert again.token == host.token
+            expect(page.locator("#link")).to_have_text("connected", timeout=PATIENT_MS)
+            assert page.evaluate(names) == before
+            moves(page)
+
+
+def test_pause_zoom_and_a_layout_with_what_is_gone(browser: Browser, host: Host) -> None:
+    with opened(browser, host) as page:
+        moves(page)
+        page.click("#pause")
+        expect(page.locator("#pause")).to_have_text("go on")
+        wait(page, "pcpc.panels[0].x && pcpc.panels[0].chart.data[0].length > 10")
+        still = float(page.evaluate("pcpc.still[1]"))
+        box = page.locator(".u-over").first.bounding_box()
+        y = box["y"] + box["height"] / 2
+        page.mouse.move(box["x"] + box["width"] * 0.4, y)
+        page.mouse.down()
+        page.mouse.move(box["x"] + box["width"] * 0.6, y, steps=4)
+        page.mouse.up()
+        wait(page, "(t) => pcpc.span[1] < t && pcpc.span[0] > pcpc.still[0]", still)
+        shown = "pcpc.panels[0].chart.data[0]"
+        ends = f"(x => x[0] - pcpc.span[0] + pcpc.span[1] - x.at(-1))({shown})"
+        wait(page, f"Math.abs({ends}) < 0.02 && {shown}.at(-1) < {still}")
+        page.keyboard.press("Escape")
+        page.evaluate("document.activeElement.blur()")
+        page.keyboard.press("Space")
+        expect(page.locator("#pause")).to_have_text("pause")
+        moves(page)
+        page.evaluate("pcpc.laid([{kind: 'time', names: ['controller.gone', 'controller.e_rad']}])")
+        expect(page.locator("#notice")).to_contain_text("controller.gone")
+        assert page.evaluate("pcpc.panels.map((panel) => panel.names)") == [["controller.e_rad"]]
+
+
+def test_a_wrong_token_and_a_page_that_only_shows(
+    browser: Browser, run: pcpc.Live, tmp_path: Path
+) -> None:
+    with hosting(tmp_path, "--node", run._nodes["plant"].name) as host:
+        with opened(browser, host, PHONE) as page:
+            expect(page.locator("#answer")).to_contain_text("view only")
+            expect(parameter(page, GAIN)).to_be_disabled()
+            wide = page.evaluate("document.documentElement.scrollWidth")
+            assert wide <= PHONE["width"], "a phone would have to scroll sideways"
+            shot(page, "phone")
+        page = browser.new_page()
+        page.goto(f"http://{host.name}/#wrong")
+        expect(page.locator("#link")).to_contain_text("wrong token")
+        page.close()
+
+
+@pytest.mark.parametrize("plant", ONE_OF_A_PLANT)
+def test_a_log_of_every_plant_has_a_slider_that_moves_it(
+    browser: Browser, plant: str, tmp_path: Path
+) -> None:
+    rig = ONE_OF_A_PLANT[plant]
+    pcpc.simulate(rig.path, set={"duration_s": 1.0}, folder=tmp_path / "run", quiet=True)
+    with hosting(tmp_path, str(tmp_path / "run")) as host, opened(browser, host) as page:
+        expect(page.locator("#nodes")).to_have_text("finished log")
+        wait(page, "!document.getElementById('drawing-box').hidden")
+        assert page.locator("#notice").is_hidden(), page.locator("#notice").inner_text()
+        picture = "document.getElementById('drawing').toDataURL()"
+        before = page.evaluate(picture)
+        page.evaluate(
+            "(() => { const s = document.getElementById('slider'); s.value = 0.5;"
+            " s.dispatchEvent(new Event('input')); })()"
+        )
+        wait(page, "Math.abs(pcpc.instant - 0.5) < 1e-9")
+        wait(page, f"old => {picture} !== old", before)
+        page.click("#play")
+        wait(page, "document.getElementById('slider').value > 0.6")
+        shot(page, f"log-{plant}")
+
+
+def test_the_log_has_the_tunings_of_the_page(run: pcpc.Live) -> None:
+    run.stop()
+    tuned = [(e["cycle"], e["value"]) for e in run.run.events if e.get("name") == GAIN]
+    assert TOLD and set(TOLD) <= set(tuned), os.fspath(run.run.path)

@@ -1,0 +1,313 @@
+"""What a host refuses: with a word, without a change, and going on for all others."""
+
+import base64
+import json
+import os
+import socket
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from hosting import ANSWER_S, LONG, Client, Host, hosting
+from processes import own_bus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+import pcpc
+
+GAIN = "controller.kv_Nms_rad"
+
+
+@pytest.fixture(scope="module")
+def run() -> Iterator[pcpc.Live]:
+    with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
+        yield live
+    tuned = [one for one in live.run.events if one.get("name") == GAIN]
+    assert tuned == [], "an attack has tuned the run"
+
+
+def node(run: pcpc.Live) -> str:
+    """Return the full name of a node of the run."""
+    return run._nodes["plant"].name
+
+
+@pytest.fixture(scope="module")
+def host(run: pcpc.Live, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
+    with hosting(tmp_path_factory.mktemp("token"), "--write", "--node", node(run)) as one:
+        yield one
+
+
+# By HTTP
+
+
+def answer(host: Host, *lines: str, body: bytes = b"") -> bytes:
+    """Return the beginning of what the server answers to these lines."""
+    with socket.create_connection(("127.0.0.1", host.port), ANSWER_S) as line:
+        found = b""
+        try:
+            line.sendall("\r\n".join([*lines, "", ""]).encode("latin-1") + body)
+            while len(found) < 4000 and (part := line.recv(4000)):
+                found += part
+                if b"\r\n\r\n" in found:
+                    break
+        except ConnectionError:
+            pass
+        return found
+
+
+def code(found: bytes) -> int:
+    """Return the status of an answer, 0 where the line was only cut."""
+    return int(found.split(b" ")[1]) if found.startswith(b"HTTP/1.1 ") else 0
+
+
+HTTP = {
+    "another name": lambda h: ("GET / HTTP/1.1", f"Host: evil.example:{h.port}"),
+    "a name rebound to this machine": lambda h: ("GET / HTTP/1.1", "Host: rebound.example"),
+    "a name that begins like loopback":
+        lambda h: ("GET / HTTP/1.1", f"Host: 127.0.0.1.attacker.example:{h.port}"),
+    "another port": lambda h: ("GET / HTTP/1.1", "Host: 127.0.0.1:1"),
+    "no port": lambda h: ("GET / HTTP/1.1", "Host: 127.0.0.1"),
+    "a user before the name": lambda h: ("GET / HTTP/1.1", f"Host: a@127.0.0.1:{h.port}"),
+    "no name": lambda h: ("GET / HTTP/1.0",),
+    "an empty name": lambda h: ("GET / HTTP/1.1", "Host: "),
+    "two names": lambda h: ("GET / HTTP/1.1", f"Host: {h.name}", "Host: evil.example"),
+    "a dot behind the name": lambda h: ("GET / HTTP/1.1", f"Host: localhost.:{h.port}"),
+    "another loopback address": lambda h: ("GET / HTTP/1.1", f"Host: 127.0.0.2:{h.port}"),
+    "the page of another site":
+        lambda h: ("GET / HTTP/1.1", f"Host: {h.name}", "Origin: http://evil.example"),
+    "a page without a site": lambda h: ("GET / HTTP/1.1", f"Host: {h.name}", "Origin: null"),
+    "a page with another scheme":
+        lambda h: ("GET / HTTP/1.1", f"Host: {h.name}", f"Origin: https://{h.name}"),
+    "two origins": lambda h: (
+        "GET / HTTP/1.1", f"Host: {h.name}", f"Origin: http://{h.name}",
+        "Origin: http://evil.example",
+    ),
+    "POST": lambda h: ("POST / HTTP/1.1", f"Host: {h.name}", "Content-Length: 0"),
+    "DELETE": lambda h: ("DELETE /main.js HTTP/1.1", f"Host: {h.name}"),
+    "OPTIONS": lambda h: ("OPTIONS / HTTP/1.1", f"Host: {h.name}"),
+    "a way out of the folder": lambda h: ("GET /../cli.py HTTP/1.1", f"Host: {h.name}"),
+    "a hidden way out": lambda h: ("GET /%2e%2e/cli.py HTTP/1.1", f"Host: {h.name}"),
+    "a file that is none of the page's": lambda h: ("GET /server.py HTTP/1.1", f"Host: {h.name}"),
+    "a head without an end": lambda h: ("GET / HTTP/1.1", f"Host: {h.name}", "X: " + "y" * 2**22),
+    "a target of nonsense": lambda h: ("GET \x01 HTTP/1.1", f"Host: {h.name}"),
+    "another protocol": lambda h: ("SSH-2.0-OpenSSH_9.2",),
+    "a smuggled length": lambda h: (
+        "POST / HTTP/1.1", f"Host: {h.name}", "Content-Length: 5", "Transfer-Encoding: chunked",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("lines", HTTP.values(), ids=HTTP)
+def test_a_request_is_refused(host: Host, lines: Callable[[Host], tuple[str, ...]]) -> None:
+    found = answer(host, *lines(host))
+    assert code(found) in (0, 400, 403, 404, 405, 431), found[:300]
+    assert b"Server" not in found
+
+
+def test_the_page_comes_with_rules_and_without_data(host: Host) -> None:
+    found = answer(host, "GET / HTTP/1.1", f"Host: {host.name}").decode("latin-1").lower()
+    assert found.startswith("http/1.1 200 ")
+    assert "content-security-policy: default-src 'none'; script-src 'self'" in found
+    assert "unsafe" not in found and "nosniff" in found and host.token.lower() not in found
+    for name in ("localhost", "[::1]"):
+        assert code(answer(host, "GET /main.js HTTP/1.1", f"Host: {name}:{host.port}")) == 200
+
+
+# By WebSocket, before it is accepted
+
+
+WEBSOCKETS = {
+    "the page of another site": {"origin": "http://evil.example"},
+    "a page without a site": {"origin": "null"},
+    "a site that begins like this one": {"origin": "http://127.0.0.1.evil.example"},
+    "this machine on another port": {"origin": "http://127.0.0.1:1"},
+    "this machine with another scheme": {"origin": "file://"},
+    "a name rebound to this machine": {"additional_headers": {"Host": "rebound.example:80"}},
+}
+
+
+@pytest.mark.parametrize("about", WEBSOCKETS.values(), ids=WEBSOCKETS)
+def test_a_websocket_is_refused(host: Host, about: dict[str, object]) -> None:
+    headers = about.get("additional_headers")
+    if headers:  # the library sends a Host of its own
+        key = base64.b64encode(os.urandom(16)).decode()
+        found = answer(
+            host, "GET /ws HTTP/1.1", f"Host: {headers['Host']}", "Upgrade: websocket",  # type: ignore
+            "Connection: Upgrade", f"Sec-WebSocket-Key: {key}", "Sec-WebSocket-Version: 13",
+        )  # fmt: skip
+        assert code(found) == 403
+        return
+    with pytest.raises(InvalidStatus) as refused, host.connect(**about):
+        raise AssertionError("it was let in")
+    assert refused.value.response.status_code == 403
+
+
+def test_a_websocket_elsewhere_is_refused(host: Host) -> None:
+    with pytest.raises(InvalidStatus), host.connect("/elsewhere"):
+        raise AssertionError("there is something")
+
+
+# By WebSocket, afterwards
+
+
+def first_word(word: str | bytes) -> Callable[[Host], int]:
+    """Return what a client with this first word comes to: why it was closed."""
+
+    def tried(host: Host) -> int:
+        with host.connect() as line:
+            line.send(word)
+            with pytest.raises(ConnectionClosed):
+                line.recv(timeout=ANSWER_S)
+            return line.close_code or 0
+
+    return tried
+
+
+def then(*words: str | bytes) -> Callable[[Host], int]:
+    """Return what a client with the token and these words comes to."""
+
+    def tried(host: Host) -> int:
+        with host.connect() as line:
+            line.send(json.dumps({"do": "hello", "token": host.token}))
+            with pytest.raises(ConnectionClosed):
+                for word in words:
+                    line.send(word)
+                while True:
+                    line.recv(timeout=ANSWER_S)
+            return line.close_code or 0
+
+    return tried
+
+
+def raw(*frames: bytes) -> Callable[[Host], int]:
+    """Return what a client with these bytes on the line comes to; 1 where it was cut at once."""
+
+    def tried(host: Host) -> int:
+        with host.connect() as line:
+            line.send(json.dumps({"do": "hello", "token": host.token}))
+            line.recv(timeout=ANSWER_S)
+            with pytest.raises((ConnectionClosed, OSError)):
+                for frame in frames:
+                    line.socket.sendall(frame)
+                while True:
+                    line.recv(timeout=ANSWER_S)
+            return line.close_code or 1
+
+    return tried
+
+
+def frame(first: int, body: bytes, masked: bool = True) -> bytes:
+    """Return a frame of the protocol whose first byte is `first`."""
+    mask = os.urandom(4) if masked else b""
+    sealed = bytes(x ^ mask[i % 4] for i, x in enumerate(body)) if masked else body
+    return (
+        bytes([first, (0x80 if masked else 0) | 127]) + struct.pack(">Q", len(body)) + mask + sealed
+    )
+
+
+def bomb() -> bytes:
+    """Return 64 MB of blanks as permessage-deflate sends them."""
+    squeezed = zlib.compressobj(9, wbits=-15)
+    return squeezed.compress(b" " * (64 << 20)) + squeezed.flush(zlib.Z_SYNC_FLUSH)
+
+
+SET = {"do": "set", "id": 1, "values": {GAIN: 500.0}}
+TOKEN, MESSAGE, FLOOD, PROTOCOL, BIG = 4401, 4400, 4429, 1002, 1009
+SAID: dict[str, tuple[Callable[[Host], int], tuple[int, ...]]] = {
+    "no token": (first_word(json.dumps(SET)), (TOKEN,)),
+    "a wrong token": (first_word('{"do": "hello", "token": "x"}'), (TOKEN,)),
+    "an empty token": (first_word('{"do": "hello", "token": ""}'), (TOKEN,)),
+    "a token that is no text": (first_word('{"do": "hello", "token": null}'), (TOKEN,)),
+    "a token of many letters": (
+        first_word(json.dumps({"do": "hello", "token": "x" * 60000})), (TOKEN,)),
+    "a token that is no ASCII": (first_word('{"do": "hello", "token": "\u00e4"}'), (TOKEN,)),
+    "nonsense": (first_word("hello?"), (TOKEN,)),
+    "bytes": (first_word(b"\x00\xff"), (TOKEN,)),
+    "no message": (then("nonsense"), (MESSAGE,)),
+    "an unknown word": (then('{"do": "shutdown"}'), (MESSAGE,)),
+    "an unknown key": (then(json.dumps({**SET, "shell": "x"})), (MESSAGE,)),
+    "a value that is no number": (then('{"do": "set", "id": 1, "values": {"a": "1"}}'), (MESSAGE,)),
+    "NaN": (then('{"do": "set", "id": 1, "values": {"a": NaN}}'), (MESSAGE,)),
+    "infinity": (then('{"do": "set", "id": 1, "values": {"a": Infinity}}'), (MESSAGE,)),
+    "nested without end": (then("[" * 30000), (MESSAGE,)),
+    "a number of many digits": (then('{"do": "drop", "id": ' + "9" * 30000 + "}"), (MESSAGE,)),
+    "a negative id": (then('{"do": "drop", "id": -1}'), (MESSAGE,)),
+    "a thousand curves": (
+        then(json.dumps({"do": "panel", "id": 1, "names": ["a"] * 1000, "bins": 9})), (MESSAGE,)),
+    "a million bins": (
+        then(json.dumps({"do": "panel", "id": 1, "names": ["a"], "bins": 10**6})), (MESSAGE,)),
+    "a window of a year": (
+        then(json.dumps({"do": "panel", "id": 1, "names": [], "bins": 9, "window_s": 3e7})),
+        (MESSAGE,)),
+    "a message of a megabyte": (then("x" * (1 << 20)), (BIG, 1006)),
+    "a flood": (then(*['{"do": "drop", "id": 1}'] * 3000), (FLOOD, 1006)),
+    "a compressed bomb": (raw(frame(0xC1, bomb())), (PROTOCOL, BIG, 1, 1006)),
+    "a frame that says it is huge": (
+        raw(bytes([0x81, 0xFF]) + struct.pack(">Q", 1 << 40) + b"mask"), (BIG, PROTOCOL, 1, 1006)),
+    "a message in endless parts": (
+        raw(frame(0x01, b" " * 60000), *[frame(0x00, b" " * 60000)] * 20),
+        (BIG, PROTOCOL, 1, 1006)),
+    "a frame without a mask": (raw(frame(0x81, b"{}", masked=False)), (PROTOCOL, 1, 1006)),
+    "a reserved kind": (raw(frame(0x8F, b"")), (PROTOCOL, 1, 1006)),
+    "text that is no text": (raw(frame(0x81, b"\xff\xfe")), (1007, MESSAGE, 1, 1006)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("attack", SAID.values(), ids=SAID)
+def test_a_client_is_cut_off(
+    host: Host, attack: tuple[Callable[[Host], int], tuple[int, ...]]
+) -> None:
+    tried, codes = attack
+    assert tried(host) in codes
+    with Client(host) as other:  # all others are served as before
+        assert other.about["rig"] == "slew10"
+
+
+def test_a_client_that_says_nothing_is_let_go(host: Host) -> None:
+    with host.connect() as line, pytest.raises(ConnectionClosed):
+        line.recv(timeout=ANSWER_S)
+    assert line.close_code == TOKEN
+
+
+REFUSED = {
+    "out of range": ({"do": "set", "values": {GAIN: 1e9}}, "outside 0..1000"),
+    "another name": ({"do": "set", "values": {"controller.kv": 1.0}}, "did you mean"),
+    "no parameter": ({"do": "set", "values": {"controller.e_rad": 1.0}}, "only parameters"),
+    "of a node that is not there": ({"do": "set", "values": {"local:a": 1.0}}, "no such variable"),
+    "of two nodes": (
+        {"do": "set", "values": {GAIN: 1.0, "plant:barrel.gap_rad": 0.001}}, "two nodes"),
+    "one of several": (
+        {"do": "set", "values": {GAIN: 1.0, "controller.lam_per_s": -1e9}}, "outside"),
+    "a fault that is not there": ({"do": "fault", "name": "fire"}, "no such fault"),
+    "an action that is not there": ({"do": "act", "what": "format"}, "no such action"),
+    "a curve of nothing": ({"do": "panel", "names": ["a"], "bins": 9}, "no such variable"),
+    "markup": ({"do": "panel", "names": ["<img src=x onerror=alert(1)>"], "bins": 9}, "no such"),
+    "nothing to undo": ({"do": "undo"}, "nothing was tuned"),
+    "no fault to reset": ({"do": "act", "what": "reset"}, "no node is in FAULT"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("asked", REFUSED.values(), ids=REFUSED)
+def test_a_wrong_wish_is_refused_with_a_word(
+    host: Host, run: pcpc.Live, asked: tuple[dict[str, object], str]
+) -> None:
+    before = run[GAIN]
+    with Client(host) as client:
+        told = client.ask(**asked[0])
+        assert asked[1] in told["why"]
+    assert run[GAIN] == before
+
+
+def test_a_host_without_write_only_shows(run: pcpc.Live, tmp_path: Path) -> None:
+    with hosting(tmp_path, "--node", node(run)) as host, Client(host) as client:
+        assert client.about["write"] is False
+        for wish in (
+            SET,
+            {"do": "undo"},
+            {"do": "act", "what": "stop"},
+            {"do": "fault", "name": "a"},
+        ):
+            told = client.ask(**{k: v for k, v in wish.items() if k != "id"})
+            assert "--write" in told["why"]
+    assert run.running and oct((tmp_path / "pcpc/host-token").stat().st_mode)[-3:] == "600"
