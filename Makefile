@@ -7,21 +7,25 @@ PLANT ?= *
 
 PIP = @$(PYTHON) -P tools/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
 
-.PHONY: run help test test-quiet install lint loop laws compiled bless docs notebook reference test-vcan vcan-tools clean tools
+.PHONY: run help test test-quiet install lint loop laws compiled bless docs notebook reference test-vcan vcan-tools test-browser browser-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-13s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-14s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
 test: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
+test: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
 test: tools ## all tests that need no CAN in the kernel
 	$(MAKE) --no-print-directory -j2 compiled lint
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 test-vcan: tools ## the tests on a real vcan0, in a virtual machine if need be
 	bash tools/vcan_stage.sh
+
+test-browser: tools ## the page of `pcpc host` in a real browser
+	$(BIN)/pytest tests/browser -m browser
 
 test-quiet: tools ## gates of timing, for a machine that does nothing else
 	$(BIN)/pytest tests/quiet -m quiet
@@ -47,6 +51,10 @@ vcan-tools: ## packages for `pcpc vm` and the vcan tests; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends \
 		qemu-system-x86 busybox-static zstd iproute2 can-utils
+
+browser-tools: ## Chromium for the tests of the page; uses sudo
+	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
+	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends chromium
 
 lint: tools ## ruff and mypy
 	$(BIN)/ruff check .
