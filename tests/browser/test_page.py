@@ -61,7 +61,7 @@ def opened(browser: Browser, host: Host, size: Any = WIDE) -> Iterator[Page]:
     page = context.new_page()
     said: list[str] = []
     page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
-    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("pageerror", lambda error: said.append(str(error.stack)))
     page.on("request", lambda request: said.append(f"asks {request.url}")
             if not request.url.startswith((f"http://{host.name}/", "data:")) else None)  # fmt: skip
     page.set_default_timeout(PATIENT_MS)
@@ -132,6 +132,17 @@ def test_curves_and_drawing_move_and_tell_what_the_node_says(
         over.hover(position={"x": 0.97 * over.bounding_box()["width"], "y": 90.0})
         expect(page.locator(".u-legend .u-value").nth(1)).to_have_text(re.compile(r"-?0\.\d+"))
         shot(page, "live")
+
+
+def test_a_curve_comes_between_new_values_and_their_drawing(browser: Browser, host: Host) -> None:
+    with opened(browser, host) as page:  # whose end says what the page complained of
+        page.evaluate(
+            "() => new Promise((done) => { const timer = setInterval(() => {"
+            " if (!pcpc.panels[0].dirty) return;"
+            " clearInterval(timer); done(pcpc.panels[0].add('plant:barrel.theta_rad')); }, 1); })"
+        )
+        wait(page, "pcpc.panels[0].chart.series.length === 4 && pcpc.panels[0].y?.length === 3")
+        moves(page)
 
 
 def test_a_gain_changes_the_plant_and_stands_in_the_log(

@@ -71,6 +71,7 @@ export class TimePanel extends Panel {
 
   build() {
     this.chips(); this.end = null; this.held = null;
+    this.x = this.y = null; this.dirty = false; // what was taken for other curves is not this chart's
     if (this.chart) this.chart.destroy();
     const text = css("--text"), grid = { stroke: css("--line"), width: 1 };
     const axis = { stroke: text, grid, ticks: grid };
@@ -172,7 +173,7 @@ export class PhasePanel extends Panel {
     this.canvas = el("canvas", "phase"); this.plot.append(this.canvas);
   }
 
-  build() { this.names = this.names.slice(-2); this.chips(); this.points = null; this.ask(); }
+  build() { this.names = this.names.slice(-2); this.chips(); this.points = null; this.dirty = false; this.ask(); }
 
   ask() {
     if (this.names.length < 2) {
