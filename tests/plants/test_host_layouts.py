@@ -1,4 +1,4 @@
-"""What the page shows first of a plant is recorded in all of its rigs."""
+"""What the page shows first of a plant is recorded in all of its rigs, and in that of `pcpc new`."""
 
 import json
 from pathlib import Path
@@ -9,14 +9,15 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.host.drawn import LAYOUT
 from pcpc.tools.host.sources import full
-from pcpc.tools.rigs import Shipped, shipped
+from pcpc.tools.new import TEMPLATE
+from pcpc.tools.rigs import shipped
 
-RIGS = {rig.name: rig for rig in shipped()}
+RIGS = {rig.name: rig.path for rig in shipped()} | {"pcpc new": TEMPLATE / "rig.yaml"}
 
 
-@pytest.mark.parametrize("shown", RIGS.values(), ids=RIGS)
-def test_a_layout_names_what_is_recorded(shown: Shipped) -> None:
-    rig = load_rig(shown.path)
+@pytest.mark.parametrize("path", RIGS.values(), ids=RIGS)
+def test_a_layout_names_what_is_recorded(path: Path) -> None:
+    rig = load_rig(path)
     beside = Path(rig.evaluation.file) if rig.evaluation else rig.path
     layout = json.loads(beside.with_name(LAYOUT).read_text())
     recorded = set()
