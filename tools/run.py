@@ -29,6 +29,7 @@ from pcpc.executive.rig.buses import bus_wanted
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.console.progress import Compiling, Progress, node_line
+from pcpc.tools.host.beside import Page
 from pcpc.tools.starting import line as lines
 from pcpc.tools.starting import pace
 from pcpc.tools.starting.children import Child, complain, on_request
@@ -65,6 +66,7 @@ class Host:
         self.alarms: dict[str, Alarms] = {}
         self.begin_ns, self.heard = options.begin_ns, 0  # lines of the watchdog
         self.waiting = Waiting(rig, roles)
+        self.page = Page(options, self._block_name(self._leader()))
 
     @property
     def blocks(self) -> dict[str, sh.Shared]:
@@ -74,6 +76,7 @@ class Host:
     def run(self) -> int:
         """Start, watch and end the processes; return an exit code if one was refused, else -1."""
         self._greet()
+        self.page.start()
         on_request(self._interrupt)
         try:
             if self.rig.config.bus.emulate is not None and "executive" in self.roles:
@@ -169,6 +172,9 @@ class Host:
             self._attach()
             self._start_recorder()
             self._hear_watchdog()
+            if said := self.page.ended():
+                self.progress.close()
+                print(said, file=sys.stderr, flush=True)
             for alarm in [one for alarms in self.alarms.values() for one in alarms.look()]:
                 self.progress.say(str(alarm))
             if self.waiting.too_long(self.blocks, self._under_way()):
@@ -340,22 +346,31 @@ def on_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> in
         return without_executive(options, rig, roles)
     with run_folder(options.output, rig) as folder:
         host = Host(options, rig, roles, folder)
-        code = host.run()
-        from pcpc.executive.log import long_logs
-        from pcpc.tools.verdict.conclude import conclude
+        with host.page:
+            return _recorded(host, folder, options)
 
-        if code < 0:
-            return conclude(host.judge, folder, host.outcome, options, host.judged)
-        os.truncate(folder / LOG, 0)  # without a cycle of the executive
-        for name in host.judged:
-            long_logs.sidecar(folder / LOG, name).unlink(missing_ok=True)
+
+def _recorded(host: Host, folder: Path, options: argparse.Namespace) -> int:
+    """Run a rig whose log is kept here, and sum up; return the exit code."""
+    code = host.run()
+    from pcpc.executive.log import long_logs
+    from pcpc.tools.verdict.conclude import conclude
+
+    if code < 0:
+        code = conclude(host.judge, folder, host.outcome, options, host.judged)
+        host.page.farewell(folder)
         return code
+    os.truncate(folder / LOG, 0)  # without a cycle of the executive
+    for name in host.judged:
+        long_logs.sidecar(folder / LOG, name).unlink(missing_ok=True)
+    return code
 
 
 def without_executive(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> int:
     """Run nodes for an executive elsewhere, which keeps the log; return the exit code."""
     host = Host(options, rig, roles, Path())
-    code = host.run()
+    with host.page:
+        code = host.run()
     for line in host.outcome.faults:
         print(line, file=sys.stderr)
     if host.outcome.interrupted:

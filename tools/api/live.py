@@ -18,6 +18,7 @@ from pcpc.executive.nodes import live as nodes
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.api.run import Figure, Run, UnknownName
 from pcpc.tools.api.settings import settings
+from pcpc.tools.host.beside import SAID
 from pcpc.tools.rigs import find
 from pcpc.tools.starting.children import Child
 from pcpc.tools.starting.folder import LOG
@@ -83,6 +84,12 @@ class Live:
         asked = {name: self._split(name) for name in names}
         values = {id(node): node.read() for node, _ in asked.values()}
         return {name: values[id(node)][variable] for name, (node, variable) in asked.items()}
+
+    @property
+    def page(self) -> str:
+        """The address of the page beside it, with its token; "" without one."""
+        said = [line for line in self._command.complaint() if line.startswith(SAID)]
+        return said[0].removeprefix(SAID) if said else ""
 
     # Acting
 
@@ -238,7 +245,8 @@ class Live:
 
     def _said(self) -> str:
         """Return what the command said against itself."""
-        return "; ".join(self._command.complaint())
+        said = self._command.complaint()
+        return "; ".join(line for line in said if not line.startswith(SAID))
 
     def _end(self) -> None:
         """End the run in order, or at least for sure."""
@@ -249,7 +257,7 @@ class Live:
 def running(
     rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
     seed: int | None = None, pacing: str | None = None, bus: str | None = None,
-    folder: str | Path | None = None,
+    folder: str | Path | None = None, host: bool = False,
 ) -> Iterator[Live]:  # fmt: skip
     """Run a rig on a bus, in real processes, for as long as the `with` block lasts.
 
@@ -259,6 +267,7 @@ def running(
 
     pacing  real, sync or lockstep; None: the rig's
     bus     as --bus: auto takes a free one, so that any number of rigs run side by side
+    host    True: a page beside it, which may tune; `live.page` is its address
 
     The others are those of `pcpc.simulate`. At the end of the block a run that goes on is ended in
     order (its verdict is then `interrupted`), whatever the block does; processes, memory and
@@ -269,6 +278,7 @@ def running(
     keep = tempfile.TemporaryDirectory(prefix="pcpc-") if folder is None else None
     target = Path(keep.name) / "run" if keep is not None else Path(str(folder))
     command = ["run", str(place), "--quiet", "--no-figure", "--json", "-o", str(target)]
+    command += ["--host", "--write"] if host else []
     options = {"--controller": controller, "--pacing": pacing, "--bus": bus}
     command += [word for name, value in options.items() if value for word in (name, value)]
     command += [word for setting in words for word in ("--set", setting)]

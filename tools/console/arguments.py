@@ -107,6 +107,10 @@ def run(add: Add) -> None:
         help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock")  # fmt: skip
     add("--bus", metavar="INTERFACE[:CHANNEL]", help=BUSES)
     _run_folder(add)
+    add("--host", action="store_true",
+        help="a page beside the run, as of `pcpc host`; ends with it")  # fmt: skip
+    add("--write", action="store_true", help="--host: let the page tune, stop, reset, begin faults")
+    add("--port", type=int, metavar="N", help="--host: default: the first free from 8642 on")
 
 
 def simulate(add: Add) -> None:

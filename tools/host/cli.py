@@ -6,6 +6,8 @@ import os
 import signal
 import socket
 import sys
+from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
@@ -15,39 +17,68 @@ from pcpc.tools.host.sources import Source, Watch, of_log
 from pcpc.tools.log.recorded import LATEST, log_of
 
 PORT = 8642
+PACKAGES = "starlette", "uvicorn", "websockets"
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _TRIES = 20
 
 
+@dataclass
+class Door:
+    """Where a page is served: a socket that listens, its address, the names and the token."""
+
+    line: socket.socket
+    url: str
+    names: frozenset[str]
+    token: str
+    certificate: tuple[str, str] | None
+
+
 def command(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
-    try:
-        import uvicorn
-        import websockets  # noqa: F401  uvicorn loads it by its name
+    check_packages()
+    door = opened(options)
+    shown = _shown(options.what, options.node)
+    print(door.url, flush=True)
+    print(_told(options, shown), file=sys.stderr, flush=True)
+    serve(door, shown, options)
+    return Exit.OK
 
-        from pcpc.tools.host.server import Server, config
-    except ImportError as error:
-        what = f"the page needs {error.name}: pip install 'pcpc[web]'"
-        raise UserError(what, Exit.ENVIRONMENT) from None
+
+def check_packages() -> None:
+    """Raise UserError where a package is missing; loads none."""
+    for name in PACKAGES:
+        if find_spec(name) is None:
+            what = f"the page needs {name}: pip install 'pcpc[web]'"
+            raise UserError(what, Exit.ENVIRONMENT)
+
+
+def opened(options: argparse.Namespace) -> Door:
+    """Listen as `pcpc host` is told to; UserError."""
     certificate = _certificate(options)
     _check_address(options.address, certificate, options.plain)
-    shown = _shown(options.what, options.node)
     line = _listening(options.address, options.port)
     port = line.getsockname()[1]
     token = guard.token_of(os.environ, options.new_token)
     local = options.address in _LOOPBACK
     names = guard.names_of({options.address, *(_LOOPBACK if local else ()), *options.name}, port)
-    server = Server(shown, token, options)
     scheme = "https" if certificate else "http"
     name = options.name[0] if options.name else options.address
     place = f"[{name}]" if ":" in name else name
-    print(f"{scheme}://{place}:{port}/#{token}", flush=True)
-    print(_told(options, shown), file=sys.stderr, flush=True)
+    return Door(line, f"{scheme}://{place}:{port}/#{token}", names, token, certificate)
+
+
+def serve(door: Door, shown: Source | Watch, options: argparse.Namespace) -> None:
+    """Serve the page until this process is asked to end."""
+    import uvicorn
+
+    from pcpc.tools.host.server import Server, config
+
     os.nice(5)  # the loop and its bus go first
-    web = uvicorn.Server(config(server.app(names, certificate is not None), certificate))
+    server = Server(shown, door.token, options)
+    app = server.app(door.names, door.certificate is not None)
+    web = uvicorn.Server(config(app, door.certificate))
     web.install_signal_handlers = lambda: None  # type: ignore
-    asyncio.run(_serve(web, line))
-    return Exit.OK
+    asyncio.run(_serve(web, door.line))
 
 
 async def _serve(web: "object", line: socket.socket) -> None:
