@@ -78,3 +78,5 @@ for log in "$out"/runs/*/*/log.mcap "$out"/runs/*/log.mcap; do
     "$bin/pcpc" replay "$log" --quiet || { echo "vcan stage: $log is not recomputed" >&2; exit 1; }
 done
 say "logs of vcan0 recomputed bit for bit"
+PCPC_CI_ON_VCAN=1 "$bin/python" -m pytest tests/docs/test_ci.py -q -p no:cacheprovider
+say "the workflow of docs/ci.md carried out, its step on vcan0 too"
