@@ -97,7 +97,7 @@ class Host:
             print(said, file=sys.stderr)
             return Exit.ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
-        if any(child.code < 0 for child in self.children.values()):
+        if any(child.code < 0 for child in self.children.values() if not _told_to_end(child)):
             refused = []  # what others refuse for want of a node that was killed is no reason
         spoken = refused[:1] or list(self.children.values())
         complain([child for child in spoken if child.name != "watchdog"])
@@ -315,6 +315,11 @@ class Host:
         if "executive" in self.roles:
             return "recorder" in self.children and not self.children["recorder"].ended
         return sharing.is_locked(self._block_name("executive"))
+
+
+def _told_to_end(child: Child) -> bool:
+    """Return whether it is no node, and died because this process asked it to end."""
+    return child.asked and child.name in ("line", "watchdog")
 
 
 def choose_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> choice.Choice:

@@ -1,4 +1,4 @@
-"""What the page shows first of a plant is recorded in all of its rigs, and in that of `pcpc new`."""
+"""What the page shows first of a plant is recorded in all rigs, and in that of `pcpc new`."""
 
 import json
 from pathlib import Path

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from pcpc.drivers import bus as buses
 from pcpc.executive.errors import RigError
 from pcpc.tools.bus.emulate import Errors
 from pcpc.tools.cli import main
+from pcpc.tools.starting import line
+from pcpc.tools.starting.children import Child
 
 Screen = pytest.CaptureFixture[str]
 
@@ -101,6 +104,27 @@ def test_a_rig_whose_line_cannot_be_emulated_is_refused(
     words = [word for setting in settings for word in ("--set", setting)]
     assert main(["run", rig, *words, "--bus", own_bus(), "--quiet"]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_refusal_stays_one_when_the_gateway_has_to_be_killed(
+    monkeypatch: pytest.MonkeyPatch, capsys: Screen
+) -> None:
+    def deaf(ready: int) -> int:  # as one that still compiles
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+        os.close(ready)
+        signal.pause()
+        return 0
+
+    def started(*_: object) -> Child:
+        child = Child.serving("line", deaf)
+        monkeypatch.setattr(child, "end", partial(child.end, ask_s=0.05))
+        return child
+
+    monkeypatch.setattr(line, "started", started)
+    words = ["--set", "bus.emulate=100k", "--bus", own_bus()]
+    assert main(["run", "hull", *words, "--quiet"]) == 2
+    told = capsys.readouterr().err
+    assert "lower rate_hz" in told and "SIGKILL" not in told, told
 
 
 def test_a_run_with_an_emulated_line_carries_all_frames_and_keeps_its_numbers(

@@ -30,6 +30,7 @@ class Child:
 
     def __init__(self, name: str, process: "subprocess.Popen[bytes] | Forked", stderr: Any) -> None:
         self.name, self.process, self._stderr = name, process, stderr
+        self.asked = False  # to end, by this process
 
     @classmethod
     def forked(
@@ -90,6 +91,7 @@ class Child:
         """Wait, then ask with SIGTERM, then after `ask_s` kill."""
         for ask, wait_s in ((None, patience_s), (signal.SIGTERM, ask_s), (signal.SIGKILL, 5.0)):
             if ask is not None and not self.ended:
+                self.asked = True
                 self.process.send_signal(ask)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self.process.wait(wait_s)
@@ -98,6 +100,7 @@ class Child:
     def ask(self) -> None:
         """Ask the child to end, without waiting."""
         if not self.ended:
+            self.asked = True
             self.process.send_signal(signal.SIGTERM)
 
 
