@@ -116,11 +116,13 @@ def test_curves_and_drawing_move_and_tell_what_the_node_says(
         expect(page.locator("#nodes")).to_contain_text("executive RUN")
         name = page.evaluate("pcpc.panels[1].names[2]")
         assert name == "plant:barrel.hull_rad"
+        value = run[name]
+        moves(page)  # by 0.3 s: the value of a moment ago is among the curve's
         low, high = page.evaluate(
             "(() => { const y = pcpc.panels[1].y[2].filter((v) => !Number.isNaN(v));"
             " return [Math.min(...y), Math.max(...y)]; })()"
         )
-        assert low < run[name] < high and 0.01 < high - low < 0.1  # rad: of the hull's motion
+        assert low - 1e-8 < value < high + 1e-8 and high - low < 0.1  # rad: of the hull's motion
         page.fill("#search", "= 1000 * abs(controller.e_rad)")
         page.press("#search", "Enter")
         wait(page, "pcpc.panels[0].names.length === 3 && pcpc.panels[0].y?.length === 3")
@@ -143,6 +145,25 @@ def test_a_curve_comes_between_new_values_and_their_drawing(browser: Browser, ho
         )
         wait(page, "pcpc.panels[0].chart.series.length === 4 && pcpc.panels[0].y?.length === 3")
         moves(page)
+
+
+def test_each_unit_has_a_scale_of_its_own(browser: Browser, host: Host) -> None:
+    with opened(browser, host) as page:
+        page.evaluate(
+            "() => { const it = pcpc.panels[0]; it.names.splice(0); it.add('controller.e_rad');"
+            " it.add('plant:barrel.theta_rad'); it.add('plant:barrel.gear_torque_Nm'); }"
+        )
+        wait(
+            page, "isNaN(pcpc.panels[0].y?.[2][0]) && pcpc.panels[0].chart.scales['y N m'].max > 2"
+        )
+        found = page.evaluate(
+            "() => { const it = pcpc.panels[0].chart;"
+            " return [it.series.slice(1).map((one) => one.scale), it.axes.map((one) => one.label),"
+            " it.scales['y rad'].max / it.scales['y N m'].max]; }"
+        )
+        assert found[:2] == [["y rad", "y rad", "y N m"], [None, "rad", "N m"]]
+        assert 0.0 < found[2] < 0.01, "mrad and some N m, before the window is full"
+        shot(page, "units")
 
 
 def test_a_gain_changes_the_plant_and_stands_in_the_log(

@@ -70,20 +70,31 @@ export class TimePanel extends Panel {
   constructor(page, names) { super(page, names); this.kind = "time"; this.span = null; }
 
   build() {
-    this.chips(); this.end = null; this.held = null;
+    this.chips(); this.end = null; this.held = new Map();
     this.x = this.y = null; this.dirty = false; // what was taken for other curves is not this chart's
     if (this.chart) this.chart.destroy();
     const text = css("--text"), grid = { stroke: css("--line"), width: 1 };
     const axis = { stroke: text, grid, ticks: grid };
+    this.units = this.names.map((name) => this.unit(name));
+    const units = [...new Set(this.units)]; // each has a scale
     const series = this.names.map((name, i) => ({
-      label: name, stroke: COLOURS[i % COLOURS.length], width: 1, spanGaps: false,
+      scale: this.units[i], label: name, stroke: COLOURS[i % COLOURS.length], width: 1, spanGaps: false,
       dash: DASHES[Math.floor(i / COLOURS.length) % DASHES.length], points: { show: false },
       value: (u, v) => v === null || Number.isNaN(v) ? "–" : v.toPrecision(6),
     }));
     this.chart = new uPlot({
       width: this.width(), height: HEIGHT, legend: { live: true },
-      scales: { x: { time: false }, y: { range: (u, low, high) => this.range(low, high) } },
-      axes: [{ ...axis, values: (u, found) => found.map((v) => `${+v.toPrecision(7)} s`) }, { ...axis, size: 70 }],
+      scales: {
+        x: { time: false },
+        ...Object.fromEntries(units.map((unit) => [unit, { range: () => this.range(unit) }])),
+      },
+      axes: [
+        { ...axis, values: (u, found) => found.map((v) => `${+v.toPrecision(7)} s`) },
+        ...units.slice(0, 2).map((unit, i) => ({
+          ...axis, scale: unit, side: i ? 1 : 3, size: 70, label: units.length > 1 ? unit.slice(2) : undefined,
+          labelSize: 16, labelFont: "12px system-ui", grid: i ? { show: false } : grid,
+        })),
+      ],
       series: [{ label: "t", value: (u, v) => v === null ? "–" : `${v.toFixed(4)} s` }, ...series],
       cursor: { sync: { key: "pcpc" }, drag: { x: true, y: false, setScale: false } },
       hooks: {
@@ -104,13 +115,23 @@ export class TimePanel extends Panel {
     u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
   }
 
+  // The scale of a curve: curves of one unit share it, and so do expressions.
+  unit(name) { return `y ${name.startsWith("=") ? "calculated" : this.page.variables.get(name)?.unit || "1"}`; }
+
   // The range of values: it grows at once and shrinks only by much, so that the axis stands still.
-  range(low, high) {
-    if (low === null || !(low <= high)) return [0, 1];
+  // uPlot's own takes a NaN at the begin, a cycle that is not there, for the least value.
+  range(unit) {
+    let low = Infinity, high = -Infinity;
+    this.units.forEach((one, c) => {
+      if (one === unit && this.y) for (const v of this.y[c]) { if (v < low) low = v; if (v > high) high = v; }
+    });
+    if (!(low <= high)) return [0, 1];
     const room = 0.05 * (high - low) || Math.abs(low) * 0.05 || 1;
-    const held = this.held;
+    const held = this.held.get(unit);
     if (held && low >= held[0] && high <= held[1] && high - low > 0.4 * (held[1] - held[0])) return held;
-    return this.held = [low - room, high + room];
+    const now = [low - room, high + room];
+    this.held.set(unit, now);
+    return now;
   }
 
   mark(u) {
