@@ -43,7 +43,11 @@ def _carry_out(words: Sequence[str]) -> int:
     if not gc.isenabled():
         gc.freeze()
         gc.enable()
-    return int(module.command(options))
+    try:
+        return int(module.command(options))
+    finally:
+        if getattr(options, "link", None) is not None:
+            options.link.close()
 
 
 def parsed(words: Sequence[str]) -> argparse.Namespace:
@@ -81,7 +85,7 @@ def parser() -> argparse.ArgumentParser:
 
 def _name_files(options: argparse.Namespace) -> None:
     """Put the file in place of a rig's name, of a run folder and of `latest`; RigError."""
-    if getattr(options, "rig", None) is not None:
+    if getattr(options, "rig", None) is not None and getattr(options, "at", None) is None:
         from pcpc.tools.rigs import find
 
         options.rig = type(options.rig)(find(str(options.rig)))

@@ -8,13 +8,14 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.durations import duration_s
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.injecting import Injected, faults_of, inject
-from pcpc.executive.nodes.live import LiveError, running
+from pcpc.executive.nodes.live import LiveError
 from pcpc.tools.console import screen
+from pcpc.tools.remote.nodes import nodes_of
 
 
 def command(options: argparse.Namespace) -> int:
     """List the faults of the running rig, or begin or end one."""
-    nodes = list(running().values())
+    nodes = list(nodes_of(options).running().values())
     if options.node is not None:
         roles = {live.name: live.name.rpartition(".")[2] for live in nodes}
         nodes = [live for live in nodes if options.node in (live.name, roles[live.name])]

@@ -27,13 +27,14 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log.channels import Channels, explain
 from pcpc.executive.log.mcap_writer import BulkWriter
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.nodes.live import Live, LiveError, find, find_for
+from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.executive.nodes.tap import Rows, Tap
 from pcpc.executive.rig import expressions as ex
 from pcpc.executive.rig.units import Unit, unit
 from pcpc.tools.console.picture import check_picture
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import new_file
+from pcpc.tools.remote.nodes import nodes_of
 
 POLL_S = 0.02
 _CARRY = 4  # rows before those that are looked at: rate(rate(rate(x))) needs three
@@ -172,7 +173,8 @@ class Scope:
         period_ns = self.live.period_ns
         pre, post = (_cycles(options, key, period_ns) for key in ("pre", "post"))
         self.count = 1 if options.mode == "single" else options.count
-        self.tap = Tap(self.live, past=True)
+        seen = {*self.names, *map(_bare, condition.names)}
+        self.tap = Tap(self.live, past=True, names=seen)
         armed = 0 if options.past else int(self.live.block["control"][sh.CYCLE]) + 1
         auto = options.mode == "auto"
         self.trigger = Trigger(condition, 1e-9 * period_ns, pre, post, armed, auto)
@@ -261,10 +263,12 @@ def _asked(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[str]]:
     """Return the node, the trigger and the variables that are asked for; UserError."""
     try:
         wanted = ex.condition(options.trigger, lambda name: None).names
-        named = [name.rpartition(":")[::2] for name in (*options.names, *sorted(wanted))]
-        roles = {role for role, _ in named} - {""}
-        words = [name for _, name in named]
-        live = find(options.node or min(roles)) if options.node or roles else find_for(words)
+        split = [name.rpartition(":")[::2] for name in (*options.names, *sorted(wanted))]
+        roles = {role for role, _ in split} - {""}
+        words = [name for _, name in split]
+        there = nodes_of(options)
+        named = options.node or min(roles, default="")
+        live = there.find(named) if named else there.find_for(words)
         if roles - {role := str(live.block.description["node"])}:
             other = min(roles - {role})
             raise UserError(f"{other}: a scope is on one node, here on {live.name}")

@@ -6,8 +6,8 @@ import json
 from pcpc.drivers.errors import Exit
 from pcpc.executive.loop.faults import reason
 from pcpc.executive.loop.supervisor import FAULT
-from pcpc.executive.nodes.live import Live, LiveError, find, running
-from pcpc.tools import rigs
+from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.tools.remote.nodes import nodes_of, rig_of
 
 _WITHIN_S = 2.0  # a node that runs needs a few cycles
 
@@ -19,27 +19,23 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def _name(options: argparse.Namespace) -> str:
-    """Return the name of the rig that is meant, "" for any."""
-    return "" if options.rig is None else str(rigs.data_of(rigs.find(options.rig))["rig"])
-
-
 def _text(told: dict[str, int]) -> str:
     return ", ".join(f"{name} in cycle {cycle}" for name, cycle in told.items())
 
 
 def _stop(options: argparse.Namespace) -> dict[str, int]:
     """Ask the executive, whose frames tell the others."""
-    node = find("executive", _name(options))
+    node = nodes_of(options).find("executive", rig_of(options))
     return {node.name: node.tune({"supervisor.stop": 2.0 if options.quick else 1.0})}
 
 
 def _reset(options: argparse.Namespace) -> dict[str, int]:
     """Reset every node in FAULT, the lowest first; LiveError with the fault that is still there."""
-    nodes = running(_name(options))
+    there, rig = nodes_of(options), rig_of(options)
+    nodes = there.running(rig)
     found = [node for node in nodes.values() if node["supervisor.state"] == FAULT]
     if not found:
-        find("executive", _name(options))  # which says so, if none runs at all
+        there.find("executive", rig)  # which says so, if none runs at all
         raise LiveError(f"no fault: {', '.join(nodes)}", Exit.NOT_MET)
     order = ("plant", "local", "executive")
     found.sort(key=lambda node: order.index(node.block.description["node"]))

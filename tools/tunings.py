@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.nodes.live import Live, LiveError, find, find_for, known, running
+from pcpc.executive.nodes.live import Live, LiveError, known
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.console import screen
 from pcpc.tools.log.outfile import new_file
+from pcpc.tools.remote.nodes import nodes_of
 from pcpc.tools.watch import tune
 
 State = dict[str, float]
@@ -46,7 +47,7 @@ def states(live: Live) -> list[State]:
     A value that the ring of events no longer tells is missing. LiveError: it does not tell the
     present ones.
     """
-    rows, whole = _events(live.block)
+    rows, whole = _events(live)
     rows = rows[rows[:, 2] == sh.TUNING_EVENT]
     names, own = list(live.variables), set(live.block.description.get("blocks", ()))
     given = live.block.description.get("initial", {}) if whole else {}
@@ -65,14 +66,10 @@ def states(live: Live) -> list[State]:
     return found
 
 
-def _events(block: sh.Shared) -> tuple[NDArray[np.int64], bool]:
+def _events(live: Live) -> tuple[NDArray[np.int64], bool]:
     """Return the events that the ring still holds, and whether these are all."""
-    ends, ring = block["event_ends"], block["event"]
-    put = int(ends[sh.PUT])
-    numbers = np.arange(max(put - len(ring), 0), put)
-    rows = ring[numbers % len(ring)]
-    first = int(ends[sh.PUT]) - len(ring) + 1  # the one before may be written over just now
-    return rows[numbers >= first], first <= 0 and not ends[sh.DROPPED]
+    rows, first = live.rows("event", 0)
+    return rows, first == 0 and not live.block["event_ends"][sh.DROPPED]
 
 
 def back(live: Live, count: int = 1) -> State:
@@ -93,8 +90,13 @@ def back(live: Live, count: int = 1) -> State:
     return {name: then[name] for name in now if now[name] != then[name]}
 
 
+def _node(options: argparse.Namespace) -> Live:
+    there = nodes_of(options)
+    return there.find(options.node) if options.node else there.find_for([])
+
+
 def _undo(options: argparse.Namespace) -> None:
-    live = find(options.node) if options.node else find_for([])
+    live = _node(options)
     tune(live, back(live, options.count), options.json)
 
 
@@ -102,7 +104,7 @@ def _undo(options: argparse.Namespace) -> None:
 
 
 def _save(options: argparse.Namespace) -> None:
-    live = find(options.node) if options.node else find_for([])
+    live = _node(options)
     values, settings = live.read(), _settings(live.block.description)
     given = live.block.description.get("initial", {})
     chosen = [
@@ -137,9 +139,10 @@ def _settings(about: Mapping[str, Any]) -> set[str]:
 
 def _load(options: argparse.Namespace) -> None:
     document = yamlfile.load(options.file)
-    nodes = [find(options.node)] if options.node else list(running().values())
-    there = [name for name in document.data if any(name in one.variables for one in nodes)]
-    live = nodes[0] if options.node else find_for(there)
+    there = nodes_of(options)
+    nodes = [there.find(options.node)] if options.node else list(there.running().values())
+    names = [name for name in document.data if any(name in one.variables for one in nodes)]
+    live = nodes[0] if options.node else there.find_for(names)
     changes = dict(_checked(document, live))
     before = live.read()
     if changes := {name: value for name, value in changes.items() if before[name] != value}:

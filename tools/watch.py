@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.durations import duration_s
 from pcpc.executive.loop.alarms import Alarms
-from pcpc.executive.nodes.live import Live, Values, Variable, find, find_for
+from pcpc.executive.nodes.live import Live, Values, Variable
 from pcpc.tools.console import screen
+from pcpc.tools.remote.nodes import nodes_of
 
 _CYCLE, _NUMBER = 8, 12  # columns of a cycle number and of a value
 
@@ -29,9 +30,9 @@ def _node(options: argparse.Namespace) -> Live:
     options.names, nodes = [word for _, word in pairs], {node for node, _ in pairs}
     node = options.node or (nodes.pop() if len(nodes) == 1 else "")
     if node:
-        return find(node)
+        return nodes_of(options).find(node)
     words = [] if options.command == "lock" else options.names
-    return find_for([word.partition("=")[0] for word in words])
+    return nodes_of(options).find_for([word.partition("=")[0] for word in words])
 
 
 def _list(live: Live, options: argparse.Namespace) -> None:

@@ -30,6 +30,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
+from pcpc.executive.nodes.rings import rows_of
 
 LEVELS = ("none", "tune", "all")  # by the value of the mailbox's word LOCK
 _REFUSALS = {
@@ -70,6 +71,11 @@ class Values(Mapping[str, float]):
 
     def __init__(self, cycle: int, places: Mapping[str, int], values: NDArray[np.float64]) -> None:
         self.cycle, self._places, self._values = cycle, places, values
+
+    @property
+    def array(self) -> NDArray[np.float64]:
+        """All of them, (n,), in the order of the node's variables."""
+        return self._values
 
     def __getitem__(self, name: str) -> float:
         return float(self._values[self._places[known(name, self._places)]])
@@ -158,6 +164,12 @@ class Live:
             else:
                 chosen[known(word, self.variables)] = None
         return list(chosen)
+
+    def rows(
+        self, ring: str, since: int, columns: Sequence[int] | None = None
+    ) -> tuple[NDArray[np.int64], int]:
+        """Return rows of a ring and the number of the first; see `executive.nodes.rings`."""
+        return rows_of(self.block, ring, since, columns)
 
     # Waiting
 
@@ -323,13 +335,13 @@ def running(rig: str = "") -> dict[str, Live]:
     return found
 
 
-def find(node: str = "executive", rig: str = "") -> Live:
-    """Return the running node `node`; `rig`: only of this rig.
+def find(node: str = "executive", rig: str = "", among: Mapping[str, Live] | None = None) -> Live:
+    """Return the running node `node`; `rig`: only of this rig; `among`: not those of this machine.
 
     It may be called by its role, its rig (the executive), RIG.ROLE or in full. LiveError: none runs
     (ENVIRONMENT), or several do.
     """
-    nodes = running(rig)
+    nodes = running(rig) if among is None else among
     found = [name for name, live in nodes.items() if node in _names(live)]
     if len(found) > 1:
         choice = " or ".join(found)
@@ -337,7 +349,7 @@ def find(node: str = "executive", rig: str = "") -> Live:
     if found:
         return nodes[found[0]]
     others = f"; running: {', '.join(nodes)}" if nodes else ""
-    other_users = sharing.other_users()
+    other_users = sharing.other_users() if among is None else []
     if other_users and not nodes:
         others = f"; user {' and '.join(other_users)} has nodes, which only that user reaches"
     what = f"{node}: no such node is running{others}; start one with `pcpc run RIG`"
@@ -350,14 +362,14 @@ def _names(live: Live) -> set[str]:
     return {live.name, role, f"{rig}.{role}", *([rig] if role == "executive" else [])}
 
 
-def find_for(words: Sequence[str]) -> Live:
+def find_for(words: Sequence[str], among: Mapping[str, Live] | None = None) -> Live:
     """Return the node that has the variables `words` (* ? []): the executive, if it does.
 
     LiveError as `find`, and if no node or no single one has them all.
     """
-    nodes = running()
+    nodes = running() if among is None else among
     if not words or not nodes:
-        return next(iter(nodes.values())) if len(nodes) == 1 else find("executive")
+        return next(iter(nodes.values())) if len(nodes) == 1 else find("executive", "", among)
     for word in words:
         if not any(_has(live, word) for live in nodes.values()):
             if _GLOB.search(word):

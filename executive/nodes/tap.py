@@ -10,7 +10,7 @@ is there until the ring has come round; what was overwritten before it was read 
 `missed`. Where no recorder takes rows, the rings fill up and nothing new comes (`stuck`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.live import Live, known
+from pcpc.executive.nodes.rings import put
 
 
 @dataclass(frozen=True)
@@ -48,20 +49,21 @@ class Tap:
     """A place in the rings of a node; begins with what is put from now on.
 
     `past`: with what the rings hold, but for the oldest quarter, which may go at any moment.
+    `names`: of the recorded variables only these, which a node on another machine sends sooner.
     """
 
-    def __init__(self, live: Live, past: bool = False) -> None:
+    def __init__(
+        self, live: Live, past: bool = False, names: Collection[str] | None = None
+    ) -> None:
         self.live = live
-        about, head = live.block.description, sh.RECORD_HEAD
-        states, timings = about["state_columns"], about["timing_columns"]
-        self.names = (*states, *timings)
-        self._columns = [*range(head, head + len(states))]
-        self._columns += range(head + len(states) + 1, head + len(states) + 1 + len(timings))
+        columns = columns_of(live.block.description)
+        self.names = tuple(name for name in columns if names is None or name in names)
+        self._columns = [0, 1, *(columns[name] for name in self.names)]
         self._places = {name: place for place, name in enumerate(self.names)}
-        self._next = {ring: self._put(ring) for ring in sh.RINGS}
+        self._next = {ring: put(live.block, ring) for ring in sh.RINGS}
         if past:
-            held = {ring: 3 * len(live.block[ring]) // 4 for ring in sh.RINGS}
-            self._next = {ring: max(put - held[ring], 0) for ring, put in self._next.items()}
+            held = {ring: 3 * self._size(ring) // 4 for ring in sh.RINGS}
+            self._next = {ring: max(end - held[ring], 0) for ring, end in self._next.items()}
         self.missed = dict.fromkeys(sh.RINGS, 0)
 
     @property
@@ -71,9 +73,8 @@ class Tap:
 
     def rows(self) -> Rows:
         """Return the cycles since the last look."""
-        taken = self._take("record")
-        values = taken.view(np.float64)[:, self._columns]
-        return Rows(taken[:, 0], taken[:, 1], values, self._places)
+        taken = self._take("record", self._columns)
+        return Rows(taken[:, 0], taken[:, 1], taken[:, 2:].view(np.float64), self._places)
 
     def frames(self) -> NDArray[np.int64]:
         """Return the frames since the last look, (n, FRAME_WORDS); see `executive.loop.shared`."""
@@ -84,18 +85,22 @@ class Tap:
         for row in self._take("event"):
             yield int(row[1]), *entry_of(row, self.live.block.description)
 
-    def _put(self, ring: str) -> int:
-        return int(self.live.block[f"{ring}_ends"][sh.PUT])
+    def _size(self, ring: str) -> int:
+        """Return how many rows a ring holds."""
+        own = sh.RECORD_RING_WORDS // int(self.live.block.description["record_columns"])
+        return {"record": own, "frame": sh.FRAME_RING_ROWS, "event": sh.EVENT_RING_ROWS}[ring]
 
-    def _take(self, ring: str) -> NDArray[np.int64]:
-        """Return copies of the rows since the last look that were whole when they were copied.
+    def _take(self, ring: str, columns: Sequence[int] | None = None) -> NDArray[np.int64]:
+        """Return copies of the rows since the last look that were whole when they were copied."""
+        rows, first = self.live.rows(ring, self._next[ring], columns)
+        self.missed[ring] += first - self._next[ring]
+        self._next[ring] = first + len(rows)
+        return rows
 
-        The row after the newest may be in the middle of being written, over the oldest.
-        """
-        rows, start, end = self.live.block[ring], self._next[ring], self._put(ring)
-        begin = max(start, end - len(rows) + 1)
-        copied = rows[np.arange(begin, end) % len(rows)]
-        whole = max(begin, self._put(ring) - len(rows) + 1)
-        self.missed[ring] += min(whole, end) - start
-        self._next[ring] = end
-        return copied[whole - begin :]
+
+def columns_of(about: Mapping[str, Any]) -> dict[str, int]:
+    """Return the places of a node's recorded variables in a row of its ring, by name."""
+    states, timings = about["state_columns"], about["timing_columns"]
+    behind = sh.RECORD_HEAD + len(states) + 1
+    places = [*range(sh.RECORD_HEAD, behind - 1), *range(behind, behind + len(timings))]
+    return dict(zip((*states, *timings), places, strict=True))

@@ -5,6 +5,7 @@ import pytest
 from rings import STATES, TIMINGS, WIDE, block_of, put_cycle, put_event, values_of
 
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes import rings
 from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.executive.nodes.tap import Tap
 
@@ -62,24 +63,36 @@ def test_rows_that_are_overwritten_while_they_are_copied_are_left_out(
     for cycle in range(size - 5):
         put_cycle(block, cycle, frames=0)
         forget(block)
-    put, looks = Tap._put, []
+    put, looks = rings.put, []
 
-    def later(self: Tap, ring: str) -> int:
+    def later(block: sh.Shared, ring: str) -> int:
         """Let the node go on between the first look at the end of the ring and the second."""
         looks.append(ring)
         if len(looks) == 2:
             for cycle in range(size - 5, size + 20):
                 put_cycle(block, cycle, frames=0)
                 forget(block)
-        return put(self, ring)
+        return put(block, ring)
 
     with monkeypatch.context() as changed:
-        changed.setattr(Tap, "_put", later)
+        changed.setattr(rings, "put", later)
         rows = tap.rows()
     assert rows.cycle.tolist() == [*range(21, size - 5)]
     assert tap.missed["record"] == 21
     assert tap.rows().cycle.tolist() == [*range(size - 5, size + 20)]
     assert tap.missed["record"] == 21
+
+
+def test_a_tap_of_some_variables_has_only_these(block: sh.Shared) -> None:
+    every, some = Tap(Live(block)), Tap(Live(block), names=["timing.work_us", STATES[1]])
+    for cycle in range(5):
+        put_cycle(block, cycle)
+    whole, part = every.rows(), some.rows()
+    assert some.names == (STATES[1], "timing.work_us")
+    for name in some.names:
+        np.testing.assert_array_equal(part[name], whole[name])
+    with pytest.raises(LiveError):
+        part[STATES[0]]
 
 
 def test_a_node_that_nobody_records_is_stuck(block: sh.Shared) -> None:

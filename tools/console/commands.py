@@ -126,10 +126,12 @@ GROUPS = {
     "while it runs": (
         Command("list", "list the variables of a node with values, units and ranges",
                 "pcpc list 'controller.*'", take_live.list_, "watch", _ASKING),
-        Command("get", "print values", "pcpc get controller.e_rad barrel.theta_rad",
+        Command("get", "print values", "pcpc get controller.e_rad barrel.theta_rad\n"
+                "pcpc get controller.e_rad --at localhost:8642 --token-file rig.token",
                 take_live.table("NAME", "+"), "watch", _ASKING),
         Command("set", "tune parameters, all at once",
-                "pcpc set controller.kv_Nms_rad=120 controller.lam_per_s=15",
+                "pcpc set controller.kv_Nms_rad=120 controller.lam_per_s=15\n"
+                "PCPC_TOKEN=... pcpc set controller.kv_Nms_rad=120 --at rig-machine:8642",
                 take_live.table("NAME=VALUE", "+"), "watch", _ASKING),
         Command("save", "write the parameters that were tuned to a file", "pcpc save tuned.yaml",
                 take_live.save, "tunings", _ASKING,

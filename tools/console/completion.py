@@ -86,10 +86,10 @@ def _files(suffix: str) -> Words:
 
 
 def _nodes(options: argparse.Namespace) -> Words:
-    from pcpc.executive.nodes.live import running
     from pcpc.executive.rig.roles import ROLES
+    from pcpc.tools.remote.nodes import nodes_of
 
-    nodes = running()
+    nodes = nodes_of(options).running()
     rigs = {str(live.block.description.get("rig")) for live in nodes.values()}
     return [*ROLES, *nodes, *rigs]
 
@@ -104,17 +104,18 @@ def _parameters(options: argparse.Namespace) -> Words:
 
 def _live(options: argparse.Namespace) -> "list[Variable]":
     """Return the variables of the node that is named, else of all."""
-    from pcpc.executive.nodes.live import find, running
+    from pcpc.tools.remote.nodes import nodes_of
 
-    nodes = [find(options.node)] if options.node is not None else running().values()
+    there = nodes_of(options)
+    nodes = [there.find(options.node)] if options.node is not None else there.running().values()
     return [one for live in nodes for one in live.variables.values()]
 
 
 def _faults(options: argparse.Namespace) -> Words:
     from pcpc.executive.nodes.injecting import faults_of
-    from pcpc.executive.nodes.live import running
+    from pcpc.tools.remote.nodes import nodes_of
 
-    return {one.name for one in faults_of([*running().values()])}
+    return {one.name for one in faults_of([*nodes_of(options).running().values()])}
 
 
 def _levels(options: argparse.Namespace) -> Words:

@@ -14,6 +14,7 @@ def table(names: str, count: str | int) -> Callable[[Add], None]:
         add("names", nargs=count, metavar=names)
         add("--node", metavar="NODE",
             help="executive, plant, RIG, RIG.plant; without it, the one that has NAME")  # fmt: skip
+        _at(add)
         take.json(add, "print JSON")
 
     return arguments
@@ -21,6 +22,17 @@ def table(names: str, count: str | int) -> Callable[[Add], None]:
 
 def _node(add: Add) -> None:
     add("--node", metavar="NODE", help="executive, plant, RIG, RIG.plant, or a full name")
+    _at(add)
+
+
+def _at(add: Add) -> None:
+    """Take on which other machine the nodes run."""
+    add("--at", metavar="HOST:PORT", help="nodes of another machine, by a `pcpc host` there")
+    add("--token-file", metavar="FILE",
+        help="--at: its token, in a file that only you read; else PCPC_TOKEN")  # fmt: skip
+    add("--ca", metavar="FILE", help="--at: the certificate (PEM) of a host with one of its own")
+    add("--plain", action="store_true",
+        help="--at: without TLS; all on the way can read and tune")  # fmt: skip
 
 
 def save(add: Add) -> None:
@@ -59,6 +71,7 @@ def fault(add: Add) -> None:
     add("--share", type=float, metavar="X", help="in how many of all chances it acts, 0 to 1")
     add("--end", action="store_true", help="end it")
     add("--node", metavar="NODE", help="only there: executive, plant or a full name")
+    _at(add)
     take.json(add, "print JSON")
 
 
@@ -74,6 +87,7 @@ def top(add: Add) -> None:
     add("--node", metavar="NODE", help="of several runs: a node, or RIG.BUS")
     add("--every", default="1s", metavar="TIME", help="interval; %(default)s")
     add("--once", action="store_true", help="one screen, then end")
+    _at(add)
 
 
 def scope(add: Add) -> None:
@@ -108,6 +122,7 @@ def watchdog(add: Add) -> None:
 def reset(add: Add) -> None:
     """Take which rig's nodes, if there are several."""
     add("rig", metavar="RIG", nargs="?", help="if several run: name of the rig, or its file")
+    _at(add)
     take.json(add, "print JSON")
 
 

@@ -4,7 +4,7 @@ What has another form, an unknown key, a number out of its range or more than MO
 before anything is done with it. An answer to one that acts repeats its `id`.
 """
 
-from typing import Annotated
+from typing import Annotated, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta, Struct
@@ -15,6 +15,12 @@ Name = Annotated[str, Meta(min_length=1, max_length=300)]
 Names = Annotated[list[Name], Meta(max_length=32)]
 Seconds = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Bins = Annotated[int, Meta(ge=2, le=4096)]
+MOST_COLUMNS = 8192
+Column = Annotated[int, Meta(ge=0, lt=MOST_COLUMNS)]
+Field = Literal[
+    "control", "answer", "record_ends", "frame_ends", "event_ends", "snapshot", "stages",
+    "histogram", "latest",
+]  # fmt: skip
 
 
 class _Asked(Struct, tag_field="do", forbid_unknown_fields=True, frozen=True):
@@ -25,6 +31,7 @@ class Hello(_Asked, frozen=True, tag="hello"):
     """The first word of a client."""
 
     token: Annotated[str, Meta(max_length=200)]
+    kind: Literal["page", "terminal"] = "page"
 
 
 class Panel(_Asked, frozen=True, tag="panel"):
@@ -89,9 +96,56 @@ class Fault(_Asked, frozen=True, tag="fault"):
     for_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None
 
 
+# What a terminal of another machine asks (hello: terminal)
+
+
+class Nodes(_Asked, frozen=True, tag="nodes"):
+    """All nodes that run: a handle for each."""
+
+    id: Number
+
+
+class _OfNode(_Asked, frozen=True):
+    id: Number
+    node: Name  # its handle
+
+
+class Describe(_OfNode, frozen=True, tag="describe"):
+    """What a node says about itself."""
+
+
+class Look(_OfNode, frozen=True, tag="look"):
+    """Fields that a node publishes, as they are now."""
+
+    fields: Annotated[list[Field], Meta(min_length=1, max_length=16)]
+
+
+class Rows(_OfNode, frozen=True, tag="rows"):
+    """Rows of a ring from number `since` on, as many as one answer holds."""
+
+    ring: Literal["record", "frame", "event"]
+    since: Annotated[int, Meta(ge=0, le=2**62)]
+    columns: Annotated[list[Column], Meta(min_length=1, max_length=MOST_COLUMNS)] | None = None
+
+
+class Tune(_OfNode, frozen=True, tag="tune"):
+    """Parameters of a node, all between the same two cycles or none."""
+
+    values: Annotated[dict[Name, float], Meta(min_length=1, max_length=64)]
+
+
+class Lock(_OfNode, frozen=True, tag="lock"):
+    """Forbid tunings of a node, or allow them."""
+
+    level: Literal["none", "tune", "all"]
+
+
+FromTerminal = Nodes | Describe | Look | Rows | Tune | Lock
 Wanted = Panel | Phase | Drop
 Acting = Set | Undo | Act | Fault
+Decoded = TypeVar("Decoded")
 _decoder = msgspec.json.Decoder(Hello | Panel | Phase | Drop | At | Set | Undo | Act | Fault)
+_of_terminal = msgspec.json.Decoder(FromTerminal)
 
 
 class Wrong(ValueError):
@@ -100,7 +154,16 @@ class Wrong(ValueError):
 
 def read(message: str | bytes) -> Hello | Wanted | At | Acting:
     """Return what a message asks; Wrong."""
+    return _decoded(_decoder, message)
+
+
+def read_terminal(message: str | bytes) -> FromTerminal:
+    """Return what a terminal's message asks; Wrong."""
+    return _decoded(_of_terminal, message)
+
+
+def _decoded(decoder: msgspec.json.Decoder[Decoded], message: str | bytes) -> Decoded:
     try:
-        return _decoder.decode(message)
+        return decoder.decode(message)
     except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
         raise Wrong(f"not a message: {error}") from None

@@ -7,17 +7,20 @@ is felt by other clients, and nothing of it by the loop.
 
 import asyncio
 import json
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pcpc.drivers.errors import UserError
-from pcpc.tools.host import asked, guard, status
+from pcpc.executive.nodes.live import Live
+from pcpc.tools.host import asked, guard, status, terminals
 from pcpc.tools.host.actions import Actions
 from pcpc.tools.host.derived import MARK, Derived
 from pcpc.tools.host.drawn import layout
 from pcpc.tools.host.panels import Shown
 from pcpc.tools.host.sources import Source
+from pcpc.tools.host.terminals import Terminal
 
 TICK_S, SCENE_S, STATUS_S = 1 / 60, 1 / 30, 0.2
 HELLO_S, SILENT_S = 5.0, 10.0
@@ -43,6 +46,10 @@ class Show(Protocol):
         """Return the drawing of its plant at a cycle, empty without one."""
         ...
 
+    def nodes(self) -> Mapping[str, Live]:
+        """Return all nodes that run, of whatever run."""
+        ...
+
 
 class Client:
     """One connection, from its first word to its end."""
@@ -61,9 +68,13 @@ class Client:
         """Serve it until it leaves; whatever it does ends only itself."""
         await self._socket.accept()
         try:
-            if not await self._greeted():
+            kind = await self._greeted()
+            if not kind:
                 return
             self._show.clients.add(self)
+            if kind == "terminal":
+                await self._answer()
+                return
             async with asyncio.TaskGroup() as tasks:
                 sending = tasks.create_task(self._send())
                 await self._hear()
@@ -73,8 +84,8 @@ class Client:
         finally:
             self._show.clients.discard(self)
 
-    async def _greeted(self) -> bool:
-        """Return whether the first word is the token, and there is room."""
+    async def _greeted(self) -> str:
+        """Return the kind of client, "" where its first word is no token, or there is no room."""
         try:
             async with asyncio.timeout(HELLO_S):
                 word = asked.read(await self._word())
@@ -82,11 +93,11 @@ class Client:
             word = None
         if not isinstance(word, asked.Hello) or not guard.same(word.token, self._show.token):
             await self._socket.close(WRONG_TOKEN, "the token is missing or wrong")
-            return False
+            return ""
         if len(self._show.clients) >= self._show.most_clients:
             await self._socket.close(TOO_MANY, "there are too many clients")
-            return False
-        return True
+            return ""
+        return word.kind
 
     async def _word(self) -> str | bytes:
         message = await self._socket.receive()
@@ -94,20 +105,33 @@ class Client:
             raise WebSocketDisconnect(1000)
         return message.get("text") or message.get("bytes") or b""
 
+    async def _answer(self) -> None:
+        """Answer a terminal, until it leaves."""
+        terminal = Terminal(self._show.nodes, self._show.actions.write)
+        flood = guard.Flood(terminals.RATE, terminals.BURST)
+        while (word := await self._next(flood, asked.read_terminal)) is not None:
+            found = await asyncio.to_thread(terminal.answer, word)
+            send = self._socket.send_text if isinstance(found, str) else self._socket.send_bytes
+            await self._put(send(found))  # type: ignore[arg-type]
+
     # Hearing
 
     async def _hear(self) -> None:
         flood = guard.Flood()
-        while True:
-            message = await self._word()
-            if flood.too_many():
-                await self._socket.close(TOO_MANY, "too many messages")
-                return
-            try:
-                await self._take(asked.read(message))
-            except asked.Wrong as error:
-                await self._socket.close(BAD_MESSAGE, str(error)[:120])
-                return
+        while (word := await self._next(flood, asked.read)) is not None:
+            await self._take(word)
+
+    async def _next(self, flood: guard.Flood, read: Callable[[str | bytes], Any]) -> Any:
+        """Return what is asked next; None where the client was cut off."""
+        message = await self._word()
+        if flood.too_many():
+            await self._socket.close(TOO_MANY, "too many messages")
+            return None
+        try:
+            return read(message)
+        except asked.Wrong as error:
+            await self._socket.close(BAD_MESSAGE, str(error)[:120])
+            return None
 
     async def _take(self, word: Any) -> None:
         if isinstance(word, asked.Panel | asked.Phase):

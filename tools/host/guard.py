@@ -93,13 +93,14 @@ async def _say(send: Any, status: int, text: str) -> None:
 class Flood:
     """Counts the messages of one client."""
 
-    def __init__(self) -> None:
-        self._left, self._seen_s = BURST, time.monotonic()
+    def __init__(self, rate: float = RATE, burst: float = BURST) -> None:
+        self._rate, self._burst = rate, burst
+        self._left, self._seen_s = burst, time.monotonic()
 
     def too_many(self) -> bool:
         """Note a message; return whether it is one too many."""
         now_s = time.monotonic()
-        self._left = min(BURST, self._left + RATE * (now_s - self._seen_s))
+        self._left = min(self._burst, self._left + self._rate * (now_s - self._seen_s))
         self._seen_s = now_s
         self._left -= 1.0
         return self._left < 0.0

@@ -3,7 +3,7 @@
 import argparse
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -14,6 +14,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from pcpc.drivers.errors import UserError
+from pcpc.executive.nodes.live import Live
 from pcpc.tools.host import drawn, guard
 from pcpc.tools.host.actions import Actions
 from pcpc.tools.host.asked import MOST_BYTES
@@ -48,6 +49,10 @@ class Server:
     def source(self) -> Source:
         """The run that is shown now."""
         return self._watch.source if self._watch is not None else self._fixed  # type: ignore
+
+    def nodes(self) -> Mapping[str, Live]:
+        """Return all nodes that run and may be shown."""
+        return self._watch.runs.nodes() if self._watch is not None else {}
 
     def scene(self, cycle: int) -> dict[str, Any]:
         """Return the drawing of the plant at a cycle, empty without one."""

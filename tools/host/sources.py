@@ -19,6 +19,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes import live as nodes
 from pcpc.executive.nodes.tap import Tap
 from pcpc.tools.host.history import Cycles, History, Values
+from pcpc.tools.host.runs import Runs, run_of
 
 KEPT_S, KEPT_BYTES = 120.0, 64 << 20  # of each node, whichever is less
 
@@ -159,7 +160,7 @@ class Watch:
     """
 
     def __init__(self, rig: str = "", node: str = "") -> None:
-        self._rig, self._run = rig, node.rpartition(".")[0]
+        self.runs = Runs(rig, run_of(node))
         self.source = Source(rig, True)
 
     def find(self) -> bool:
@@ -167,13 +168,12 @@ class Watch:
         shown = self.source.nodes
         if shown and any(node.live.running for node in shown.values()):
             return self._joined()
-        found = nodes.running(self._rig)
-        runs = {live.name.rpartition(".")[0] for live in found.values() if live.under_way}
-        runs = runs & {self._run} if self._run else runs
+        found = self.runs.nodes()
+        runs = {run_of(name) for name, live in found.items() if live.under_way}
         if not runs:
             return False
         run = min(runs)
-        live = [one for one in found.values() if one.name.rpartition(".")[0] == run]
+        live = [one for name, one in found.items() if run_of(name) == run]
         rig = str(live[0].block.description["rig"])
         self.source = Source(rig, True, {}, self.source.number + 1)
         self._take(live)
@@ -181,12 +181,11 @@ class Watch:
 
     def _joined(self) -> bool:
         """Take up nodes of the run that came later."""
-        first = next(iter(self.source.nodes.values())).live
-        run = first.name.rpartition(".")[0]
         having = {node.live.name for node in self.source.nodes.values()}
+        run = run_of(min(having))
         late = [
-            live for live in nodes.running(self._rig).values()
-            if live.name.rpartition(".")[0] == run and live.name not in having
+            live for name, live in self.runs.nodes().items()
+            if run_of(name) == run and name not in having
         ]  # fmt: skip
         self._take(late)
         return bool(late)

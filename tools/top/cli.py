@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.durations import duration_s
-from pcpc.executive.nodes.live import Live, LiveError, find, running
-from pcpc.tools.rigs import data_of
+from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.tools.remote.nodes import Nodes, nodes_of, rig_of
 from pcpc.tools.top.meter import Meter
 from pcpc.tools.top.page import lines
 
@@ -32,28 +32,30 @@ def command(options: argparse.Namespace) -> int:
         every_s = duration_s(options.every)
     except ValueError as error:
         raise UserError(str(error)) from None
-    rig = "" if options.rig is None else str(data_of(options.rig)["rig"])
+    there, rig = nodes_of(options), rig_of(options)
     if options.once:
-        meter = Meter(_nodes(rig, options.node) or _one(rig, options.node))
+        meter = Meter(_nodes(there, rig, options.node) or _one(there, rig, options.node))
         time.sleep(_ONCE_S)
         meter.look()
         print("\n".join(lines(meter, *_size())))
         return Exit.OK
     with _shown() as screen:
-        _watch(rig, options.node, every_s, screen)
+        _watch(there, rig, options.node, every_s, screen)
     return Exit.OK
 
 
-def _one(rig: str, node: str | None) -> dict[str, Live]:
+def _one(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
     """Return the node that is meant; LiveError with what runs instead."""
-    live = find(node or "executive", rig)
+    live = there.find(node or "executive", rig)
     return {live.name: live}
 
 
-def _watch(rig: str, node: str | None, every_s: float, screen: "Screen | None") -> None:
+def _watch(
+    there: Nodes, rig: str, node: str | None, every_s: float, screen: "Screen | None"
+) -> None:
     meter, ended, shown = None, "", [""]
     while True:
-        if meter is None and (nodes := _nodes(rig, node)):
+        if meter is None and (nodes := _nodes(there, rig, node)):
             meter = Meter(nodes)
             time.sleep(min(every_s, _ONCE_S))  # for the first rates
         elif meter is not None and not meter.running:
@@ -97,9 +99,9 @@ def _asked(
             return True
 
 
-def _nodes(rig: str, node: str | None) -> dict[str, Live]:
+def _nodes(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
     """Return the nodes of the one run that is meant, {} for none; LiveError if it is not one."""
-    found = running(rig)
+    found = there.running(rig)
     if node is not None:
         found = {k: v for k, v in found.items() if node in (k, k.rpartition(".")[0])}
     runs = {name.rpartition(".")[0] for name in found}
@@ -108,7 +110,7 @@ def _nodes(rig: str, node: str | None) -> dict[str, Live]:
             f"{len(runs)} runs go on; choose one with --node: {', '.join(sorted(runs))}"
         )
     (run,) = runs or {""}
-    every = running(rig) if found else {}
+    every = there.running(rig) if found else {}
     return {name: live for name, live in every.items() if name.rpartition(".")[0] == run}
 
 

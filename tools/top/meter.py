@@ -23,7 +23,7 @@ from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes.live import Live, Values
-from pcpc.executive.nodes.tap import Tap
+from pcpc.executive.nodes.tap import Tap, columns_of
 from pcpc.executive.rig import schema, yamlfile
 
 _ERROR = re.compile(r"\.(e|err|error)(_|$|\d)")
@@ -51,11 +51,12 @@ class NodeMeter:
     def __init__(self, live: Live) -> None:
         about = live.block.description
         self.live, self.role = live, str(about["node"])
-        self.tap, self.alarms = Tap(live), Alarms(live.block)
+        self.alarms, recorded = Alarms(live.block), columns_of(about)
         self.names = {int(word): str(name) for word, name in about["frames"].items()}
-        watched = [about["watch"]] if about["watch"] in self.tap.names else []
-        outputs = (name for name in self.tap.names if live.variables[name].kind == "output")
+        watched = [about["watch"]] if about["watch"] in recorded else []
+        outputs = (name for name in recorded if live.variables[name].kind == "output")
         self.errors = [*dict.fromkeys([*watched, *(n for n in outputs if _ERROR.search(n))])]
+        self.tap = Tap(live, names=self.errors)
         self.worst, self.lately = dict.fromkeys(self.errors, 0.0), dict.fromkeys(self.errors, 0.0)
         self.passes, self.rate_hz = int(live.block["control"][sh.PASSES]), 0.0
         self.received: dict[int, Counter[int]] = {}  # by id and state, of all looks

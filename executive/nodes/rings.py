@@ -1,0 +1,32 @@
+"""Rows of a node's rings, copied by a client that the node does not know of."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.executive.loop import shared as sh
+
+
+def put(block: sh.Shared, ring: str) -> int:
+    """Return how many rows the node has put into a ring so far."""
+    return int(block[f"{ring}_ends"][sh.PUT])
+
+
+def rows_of(
+    block: sh.Shared, ring: str, since: int, columns: Sequence[int] | None = None,
+    most: int | None = None,
+) -> tuple[NDArray[np.int64], int]:  # fmt: skip
+    """Return rows from number `since` on, (n, columns), and the number of the first.
+
+    It is greater than `since` where older ones were overwritten. At most `most`. Only rows that
+    were whole when they were copied: the one after the newest may be in the middle of being
+    written, over the oldest.
+    """
+    rows, end = block[ring], put(block, ring)
+    begin = max(since, end - len(rows) + 1)
+    end = end if most is None else min(end, begin + most)
+    copied = rows[np.arange(begin, end) % len(rows)]
+    whole = max(begin, put(block, ring) - len(rows) + 1)
+    copied = copied[whole - begin :]
+    return copied if columns is None else copied[:, list(columns)], min(whole, end)

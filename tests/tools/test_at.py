@@ -1,0 +1,297 @@
+"""`--at`: the commands on nodes of another machine say and do what they do here."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import standing
+from hosting import ANSWER_S, Host, hosting
+from live_run import ERROR, KV, LAM, Run, Screen, pcpc, said
+from processes import until
+from test_scope import HEAD, own
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes import live
+from pcpc.tools import scope
+from pcpc.tools.cli import main
+
+
+@pytest.fixture(scope="module")
+def host(run: Run, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
+    with hosting(tmp_path_factory.mktemp("token"), "--write", "--node", run.node) as one:
+        yield one
+
+
+@pytest.fixture(autouse=True)
+def token(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PCPC_TOKEN", host.token)
+
+
+def there(screen: Screen, host: Host, *words: str) -> tuple[int, str, str]:
+    """Return exit code, stdout and stderr of a command at the host."""
+    code = main([*words, "--at", host.name])
+    return code, *screen.readouterr()
+
+
+# What is read
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["list", "controller.k*"], ["list", "controller.k*", "-l"], ["list", KV, "--json"],
+     ["get", KV], ["get", KV, LAM, "--json"], ["fault"], ["fault", "--json"],
+     ["get", "plant:barrel.gap_rad"]],
+)  # fmt: skip
+def test_it_says_what_it_says_here(
+    run: Run, host: Host, capsys: Screen, words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = {name: one for name, one in live.running().items() if same_run(name, run)}
+    elsewhere = there(capsys, host, *words)
+    monkeypatch.setattr(live, "running", lambda rig="": here)
+    assert main(words) == elsewhere[0] == 0, elsewhere
+    assert capsys.readouterr() == elsewhere[1:]
+
+
+def same_run(name: str, run: Run) -> bool:
+    return name.startswith(run.node.removesuffix("executive"))
+
+
+def test_values_and_the_screen_move(run: Run, host: Host, capsys: Screen) -> None:
+    code, out, _ = there(capsys, host, "top", "--once")
+    found = {line.split()[0]: line.split() for line in out.splitlines() if line.strip()}
+    assert code == 0 and float(found["executive"][3]) > 50.0 and int(found["FB_A"][3]) > 0, out
+    watcher = pcpc("watch", ERROR, "--every", "30ms", "--at", host.name)
+    assert watcher.stdout is not None
+    lines = [watcher.stdout.readline().split() for _ in range(12)]
+    assert (lines[0], lines[1]) == (["cycle", ERROR], ["[rad]"])
+    cycles = [int(line[0]) for line in lines[2:]]
+    assert cycles == sorted(set(cycles)), cycles
+    watcher.send_signal(signal.SIGINT)
+    watcher.communicate(timeout=ANSWER_S)
+    assert watcher.returncode == 130
+
+
+def test_a_host_that_dies_is_a_line(run: Run, tmp_path: Path) -> None:
+    with hosting(tmp_path, "--node", run.node) as other:
+        environment = os.environ | {"PCPC_TOKEN": other.token}
+        words = ["watch", ERROR, "--at", other.name]
+        watcher = subprocess.Popen(
+            [*pcpc("--version").args[:1], *words], env=environment, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        assert watcher.stdout is not None
+        watcher.stdout.readline()
+        other.process.kill()
+        other.process.wait()
+        _, error = watcher.communicate(timeout=ANSWER_S)
+    lost = [line for line in error.splitlines() if "alarm" not in line]
+    assert (watcher.returncode, len(lost)) == (4, 1) and "connection was lost" in lost[0], error
+
+
+# What is tuned
+
+
+def test_what_is_set_there_holds_here_from_the_cycle_that_is_told(
+    run: Run, host: Host, capsys: Screen, tmp_path: Path
+) -> None:
+    node, file = live.find(run.node), tmp_path / "tuned.yaml"
+    words = ("set", f"{KV}=121", f"{LAM}=13.125", "--json")
+    code, out, err = there(capsys, host, *words)
+    told = json.loads(out)
+    assert code == 0 and told["values"] == {KV: 121.0, LAM: 13.125}, err
+    assert (node[KV], node[LAM]) == (121.0, 13.125)
+    rows, _ = node.rows("event", 0)
+    tuned = [(int(row[1]), float(row[4:].view(float)[0])) for row in rows
+             if row[2] == sh.TUNING_EVENT][-2:]  # fmt: skip
+    assert tuned == [(told["cycle"], 121.0), (told["cycle"], 13.125)]
+    assert there(capsys, host, "save", str(file))[0] == 0
+    undone = there(capsys, host, "undo")
+    assert undone[0] == 0 and f"{KV} = 110" in undone[1] and node[KV] == 110.0
+    assert there(capsys, host, "load", str(file))[0] == 0
+    assert (node[KV], node[LAM]) == (121.0, 13.125)
+    assert there(capsys, host, "undo")[0] == 0 and node[KV] == 110.0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["set", f"{KV}=1e9"], ["set", f"{KV}=nan"], ["set", "controller.kv=1"], ["set", f"{ERROR}=1"],
+     ["set", f"{KV}=115", f"{LAM}=-1"], ["get", "controller.kv"], ["set", KV], ["fault", "fire"],
+     ["undo", "99"], ["load", "nowhere.yaml"], ["watch", "x*"], ["lock", "open"]],
+)  # fmt: skip
+def test_what_is_refused_here_is_refused_there_in_the_same_words(
+    run: Run, host: Host, capsys: Screen, words: list[str]
+) -> None:
+    before = live.find(run.node)[KV]
+    node = ("--node", run.node)
+    here = said(capsys, run, *words)
+    assert there(capsys, host, *words, *node) == here and here[0] == 2, here
+    assert live.find(run.node)[KV] == before
+
+
+def test_a_node_that_is_locked_refuses(run: Run, host: Host, capsys: Screen) -> None:
+    assert there(capsys, host, "lock", "tune", "--node", "executive")[:2] == (0, "lock tune\n")
+    code, _, err = there(capsys, host, "set", f"{KV}=120")
+    assert code == 2 and "locked (tune)" in err
+    assert there(capsys, host, "lock", "none", "--node", "executive")[0] == 0
+    assert there(capsys, host, "reset")[0] == 1  # no fault
+
+
+def test_a_host_without_write_refuses_whatever_changes(
+    run: Run, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = live.find(run.node)[KV]
+    with hosting(tmp_path, "--node", run.node) as other:
+        monkeypatch.setenv("PCPC_TOKEN", other.token)
+        for words in (["set", f"{KV}=99"], ["stop"], ["lock", "tune", "--node", "executive"]):
+            code, out, err = there(capsys, other, *words)
+            assert (code, out) == (2, "") and "pcpc host --write" in err, words
+        assert there(capsys, other, "get", KV)[0] == 0
+    assert live.find(run.node)[KV] == before
+
+
+# Who is let in
+
+
+def test_the_token_comes_from_a_file_of_ones_own(
+    host: Host, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, words = tmp_path / "token", ("get", KV, "--token-file", str(tmp_path / "token"))
+    monkeypatch.delenv("PCPC_TOKEN")
+    assert there(capsys, host, "get", KV)[0] == 2
+    file.write_text(host.url)  # as `pcpc host` printed it
+    file.chmod(0o644)
+    code, _, err = there(capsys, host, *words)
+    assert code == 2 and f"chmod 600 {file}" in err
+    file.chmod(0o600)
+    assert there(capsys, host, *words)[0] == 0
+    file.write_text("wrong")
+    code, _, err = there(capsys, host, *words)
+    assert code == 2 and "wrong token" in err
+
+
+@pytest.mark.parametrize(
+    ("at", "more", "code", "message"),
+    [("127.0.0.1:1", (), 4, "is `pcpc host` running there?"),
+     ("localhost.:{port}", ("--plain",), 4, "start it there with --name localhost."),
+     ("127.0.0.1:{port}", ("--ca", "/dev/null"), 2, "--ca /dev/null: "),
+     ("127.0.0.1:{port}", ("--ca", "a", "--plain"), 2, "exclude each other"),
+     ("localhost.:{port}", (), 4, "127.0.0.1"), ("127.0.0.1:x", (), 2, "HOST:PORT"),
+     ("a@127.0.0.1:{port}", (), 2, "HOST:PORT"), ("", (), 2, "HOST:PORT"),
+     ("127.0.0.1:{port}/x", (), 2, "HOST:PORT")],
+)  # fmt: skip
+def test_a_way_that_leads_nowhere_is_a_line(
+    host: Host, capsys: Screen, at: str, more: tuple[str, ...], code: int, message: str
+) -> None:
+    place = at.format(port=host.port)
+    assert main(["get", KV, "--at", place, *more]) == code
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and (message in err or at.startswith("localhost.:")), err
+
+
+def test_a_host_with_a_certificate_of_its_own(
+    run: Run, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    key, certificate = str(tmp_path / "key.pem"), str(tmp_path / "cert.pem")
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj",
+         "/CN=rig", "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", key, "-out", certificate],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    words = ("--tls-cert", certificate, "--tls-key", key, "--node", run.node)
+    with hosting(tmp_path, *words) as other:
+        monkeypatch.setenv("PCPC_TOKEN", other.token)
+        assert there(capsys, other, "get", KV, "--ca", certificate)[0] == 0
+        code, _, err = there(capsys, other, "get", KV)
+        assert code == 4 and "does it use TLS" in err
+        system = "/etc/ssl/certs/ca-certificates.crt"
+        if Path(system).is_file():
+            code, _, err = there(capsys, other, "get", KV, "--ca", system)
+            assert code == 4 and "certificate" in err and "--ca FILE" in err
+
+
+# Every cycle
+
+
+@pytest.mark.parametrize("jump", [0, 300_000])
+def test_what_was_overwritten_before_it_was_sent_is_a_loss(
+    jump: int, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"scoped.at{os.getpid()}.executive"
+    block = standing.stand(name, HEAD)
+    ring = block["record"]
+
+    def go_on(seconds: float) -> None:
+        """Put 50 rows, a step in the middle; then the ring comes round, perhaps."""
+        put = int(block["record_ends"][sh.PUT])
+        for k in range(put, put + 50):
+            x = np.float64(k % 50 > 25).view(np.int64)
+            ring[k % len(ring)] = k, 1000 * k, sh.CDR_HEADER, x, sh.CDR_HEADER
+        block["control"][sh.CYCLE] = put + 49
+        block["record_ends"][sh.PUT] = put + 50 + (jump if put == 50 else 0)
+
+    go_on(0.0)
+    monkeypatch.setattr(scope, "time", SimpleNamespace(sleep=go_on, monotonic=lambda: 0.0))
+    file = tmp_path / "burst.mcap"
+    words = ["scope", "a.*", "--trigger", "a.x > 0.5 rad", "--pre", "3ms", "--post", "4ms", "-o",
+             str(file), "--quiet"]  # fmt: skip
+    try:
+        with hosting(tmp_path / "host", "--node", name) as other:
+            monkeypatch.setenv("PCPC_TOKEN", other.token)
+            code, out, _ = there(capsys, other, *words)
+    finally:
+        standing.end_all()
+    assert code == (3 if jump else 0), out
+    assert ("cycles lost" in out) == bool(jump), out
+    if not jump:
+        assert logs.read(file).node["executive"].cycle.tolist() == [*range(73, 81)]
+
+
+def test_many_rows_come_in_several_answers_and_none_is_missing(
+    capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name, count = f"many.at{os.getpid()}.executive", 100_000
+    block = standing.stand(name, HEAD)
+    rows = block["record"][:count]
+    rows[:, 0] = rows[:, 1] = np.arange(count)
+    rows[:, 3] = np.where(np.arange(count) == count - 1, 1.0, 0.0).view(np.int64)
+    block["control"][sh.CYCLE], block["record_ends"][sh.PUT] = count - 1, count
+    file = tmp_path / "burst.mcap"
+    words = ["scope", "a.x", "--trigger", "a.x > 0.5 rad", "--pre", "95s", "--post", "0s", "--past",
+             "-o", str(file), "--quiet"]  # fmt: skip
+    try:
+        with hosting(tmp_path / "host", "--node", name) as other:
+            monkeypatch.setenv("PCPC_TOKEN", other.token)
+            code, out, err = there(capsys, other, *words)
+    finally:
+        standing.end_all()
+    assert code == 0, out + err
+    cycle = logs.read(file).node["executive"].cycle
+    assert cycle.tolist() == [*range(count - 1 - 95_000, count)]
+
+
+# The end of the run: this comes last
+
+
+def test_what_is_captured_there_is_what_the_log_holds(
+    run: Run, host: Host, capsys: Screen, tmp_path: Path
+) -> None:
+    file = tmp_path / "burst.mcap"
+    words = ["scope", "controller.*", "time.t_s", "timing.wake_late_us", "--trigger",
+             "controller.e_rad > 0.2 mrad", "--pre", "100ms", "--post", "200ms", "--mode", "normal",
+             "--count", "2", "-o", str(file), "--json"]  # fmt: skip
+    code, out, err = there(capsys, host, *words)
+    answer = json.loads(out.splitlines()[-1])
+    assert (code, answer["lost"], len(answer["bursts"])) == (0, 0, 2), out + err
+    code, out, _ = there(capsys, host, "stop", "hull")
+    assert code == 0 and out.startswith(f"stop: {run.node} in cycle "), out
+    until(lambda: run.host.poll() is not None, "the run ends")
+    log, captured = logs.read(run.folder / "log.mcap"), logs.read(file)
+    own(log, "executive", captured)
+    assert there(capsys, host, "get", KV)[0] == 4

@@ -1,0 +1,45 @@
+"""The running nodes that a command is about: of this machine, or with --at of another one."""
+
+import argparse
+from collections.abc import Sequence
+from typing import Protocol
+
+from pcpc.executive.nodes import live
+from pcpc.executive.nodes.live import Live
+from pcpc.tools import rigs
+
+
+class Nodes(Protocol):
+    """Where they are found; `executive.nodes.live` is this machine's."""
+
+    def running(self, rig: str = "") -> dict[str, Live]:
+        """Return the nodes whose loop runs, of all rigs or one, by name."""
+        ...
+
+    def find(self, node: str = "executive", rig: str = "") -> Live:
+        """Return the running node of a name; LiveError."""
+        ...
+
+    def find_for(self, words: Sequence[str]) -> Live:
+        """Return the node that has these variables; LiveError."""
+        ...
+
+
+def nodes_of(options: argparse.Namespace) -> Nodes:
+    """Return where the nodes of a command are; UserError."""
+    if getattr(options, "at", None) is None:
+        return live
+    from pcpc.tools.remote.link import Link
+    from pcpc.tools.remote.live import There
+
+    if getattr(options, "link", None) is None:
+        options.link = Link(options)
+    return There(options.link)
+
+
+def rig_of(options: argparse.Namespace) -> str:
+    """Return the name of the rig that is meant, "" for any; with --at its file is not here."""
+    if options.rig is None:
+        return ""
+    elsewhere = getattr(options, "at", None) is not None
+    return str(options.rig if elsewhere else rigs.data_of(rigs.find(options.rig))["rig"])
