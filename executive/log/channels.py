@@ -11,7 +11,7 @@ The bytes of a row become the payloads of two messages:
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,22 @@ from pcpc.executive.rig import carried
 _OF_THE_MEMORY = ("attachments", "blocks", "initial", "record_columns", "name")  # not in a log
 
 
+class Topics(Protocol):
+    """Where topics are made known: a file, a server."""
+
+    def register(self, name: str, schema: str, text: str, encoding: str) -> int:
+        """Make a topic known with its schema (`encoding` cdr or json); return its id."""
+        ...
+
+    def add_metadata(self, name: str, data: dict[str, str]) -> None:
+        """Take what is said about topics besides."""
+        ...
+
+
 class Channels:
     """The topics of a node, of which `about` is the description."""
 
-    def __init__(self, about: Mapping[str, Any], writer: BulkWriter) -> None:
+    def __init__(self, about: Mapping[str, Any], writer: Topics) -> None:
         self.about, self.name = about, str(about["node"])
         facts = about["metadata"]
         self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
@@ -43,7 +55,7 @@ class Channels:
         }
         self.ids |= others(writer, self.name)
 
-    def _columns(self, writer: BulkWriter, kind: str, names: Sequence[str]) -> int:
+    def _columns(self, writer: Topics, kind: str, names: Sequence[str]) -> int:
         known = {row[0]: row for row in self.about["variables"]}
         rows = [known.get(name, (name, "", "", "", "")) for name in names]
         schema = f"pcpc/{'' if self.name == 'executive' else self.name.title()}{kind.title()}"
@@ -79,7 +91,7 @@ class Channels:
         return message_records(self.ids[kind], k, log_ns, data)
 
 
-def columns(writer: BulkWriter, topic: str, schema: str, variables: Sequence[Sequence[str]]) -> int:
+def columns(writer: Topics, topic: str, schema: str, variables: Sequence[Sequence[str]]) -> int:
     """Register a topic of columns, each variable with unit, kind, writer, help; return its id."""
     lines, mapping = [], {}
     for field, row in zip(field_names([row[0] for row in variables]), variables, strict=True):
@@ -92,7 +104,7 @@ def columns(writer: BulkWriter, topic: str, schema: str, variables: Sequence[Seq
     return writer.register(topic, schema, "\n".join(lines) + "\n", "cdr")
 
 
-def others(writer: BulkWriter, node: str) -> dict[str, int]:
+def others(writer: Topics, node: str) -> dict[str, int]:
     """Register the topics of a node that are no columns; return their ids by kind."""
     place = logs.topic(node, "can/frames")
     found = {"can/frames": writer.register(place, "pcpc/Frame", FRAME_SCHEMA, "cdr")}

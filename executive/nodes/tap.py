@@ -73,16 +73,16 @@ class Tap:
 
     def rows(self) -> Rows:
         """Return the cycles since the last look."""
-        taken = self._take("record", self._columns)
+        taken = self.raw("record", self._columns)
         return Rows(taken[:, 0], taken[:, 1], taken[:, 2:].view(np.float64), self._places)
 
     def frames(self) -> NDArray[np.int64]:
         """Return the frames since the last look, (n, FRAME_WORDS); see `executive.loop.shared`."""
-        return self._take("frame")
+        return self.raw("frame")
 
     def events(self) -> Iterator[tuple[int, str, dict[str, Any]]]:
         """Yield cycle, topic and entry of what happened since the last look."""
-        for row in self._take("event"):
+        for row in self.raw("event"):
             yield int(row[1]), *entry_of(row, self.live.block.description)
 
     def _size(self, ring: str) -> int:
@@ -90,8 +90,11 @@ class Tap:
         own = sh.RECORD_RING_WORDS // int(self.live.block.description["record_columns"])
         return {"record": own, "frame": sh.FRAME_RING_ROWS, "event": sh.EVENT_RING_ROWS}[ring]
 
-    def _take(self, ring: str, columns: Sequence[int] | None = None) -> NDArray[np.int64]:
-        """Return copies of the rows since the last look that were whole when they were copied."""
+    def raw(self, ring: str, columns: Sequence[int] | None = None) -> NDArray[np.int64]:
+        """Return the rows of a ring since the last look as the node wrote them, or some columns.
+
+        They are copies of rows that were whole when they were copied.
+        """
         rows, first = self.live.rows(ring, self._next[ring], columns)
         self.missed[ring] += first - self._next[ring]
         self._next[ring] = first + len(rows)

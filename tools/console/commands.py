@@ -147,8 +147,8 @@ GROUPS = {
                 {**_SIMPLE, Exit.ENVIRONMENT: "--once: no such run", Exit.INTERRUPTED: ""},
                 notes="q or Ctrl-C ends it; where a run ends, it waits for the next"),
         Command("host", "show a run or a log in any browser: moving plots, tuning, timing",
-                "pcpc host --write\npcpc host latest", take_live.host, "host.cli",
-                {Exit.OK: "Ctrl-C", Exit.WRONG_INPUT: "",
+                "pcpc host --write\npcpc host latest\npcpc host --foxglove", take_live.host,
+                "host.cli", {Exit.OK: "Ctrl-C", Exit.WRONG_INPUT: "",
                  Exit.ENVIRONMENT: "a package or the port is missing"}, reads_logs=True),
         Command("scope", "capture every cycle around a trigger into a log",
                 "pcpc scope 'controller.*' --trigger 'abs(controller.e_rad) > 2 mrad' "

@@ -1,5 +1,6 @@
 """What the commands about running nodes take; imports nothing that takes time."""
 
+import argparse
 from collections.abc import Callable
 from pathlib import Path
 
@@ -148,4 +149,15 @@ def host(add: Add) -> None:
     add("--plain", action="store_true",
         help="other addresses without TLS: all on the way can read and tune")  # fmt: skip
     add("--new-token", action="store_true", help="pages opened before lose their right")
+    add("--foxglove", type=port, nargs="?", const=-1, metavar="PORT",
+        help="for Foxglove and Lichtblick instead; the first free from 8765 on")  # fmt: skip
+    add("--foxglove-layout", action="store_true", help="print a layout of RIG for both, and end")
     take.code_of_laws(add)
+
+
+def port(text: str) -> int:
+    """Return a port; 0: any that is free."""
+    if not text.isdecimal() or int(text) > 65535:
+        what = f"{text!r} is no port; a rig stands before it: `pcpc host {text} --foxglove`"
+        raise argparse.ArgumentTypeError(what)
+    return int(text)

@@ -12,13 +12,13 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools import rigs
+from pcpc.tools.foxglove import cli as foxglove
 from pcpc.tools.host import guard
 from pcpc.tools.host.sources import Source, Watch, of_log
 from pcpc.tools.log.recorded import LATEST, log_of
 
 PORT = 8642
 PACKAGES = "starlette", "uvicorn", "websockets"
-_LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _TRIES = 20
 
 
@@ -34,7 +34,13 @@ class Door:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C."""
+    """Serve the page until Ctrl-C; or what else is asked for."""
+    if options.foxglove_layout:
+        return foxglove.layout(options)
+    if options.foxglove is not None:
+        certificate = _certificate(options)
+        _check_address(options.address, certificate, options.plain)
+        return foxglove.command(options, _shown(options.what, options.node), certificate)
     check_packages()
     door = opened(options)
     shown = _shown(options.what, options.node)
@@ -59,8 +65,10 @@ def opened(options: argparse.Namespace) -> Door:
     line = _listening(options.address, options.port)
     port = line.getsockname()[1]
     token = guard.token_of(os.environ, options.new_token)
-    local = options.address in _LOOPBACK
-    names = guard.names_of({options.address, *(_LOOPBACK if local else ()), *options.name}, port)
+    local = guard.local(options.address)
+    names = guard.names_of(
+        {options.address, *(guard.LOOPBACK if local else ()), *options.name}, port
+    )
     scheme = "https" if certificate else "http"
     name = options.name[0] if options.name else options.address
     place = f"[{name}]" if ":" in name else name
@@ -123,7 +131,7 @@ def _certificate(options: argparse.Namespace) -> tuple[str, str] | None:
 
 
 def _check_address(address: str, certificate: object, plain: bool) -> None:
-    if address not in _LOOPBACK and certificate is None and not plain:
+    if not guard.local(address) and certificate is None and not plain:
         raise UserError(
             f"--address {address}: who listens there reads the token and all data; give "
             "--tls-cert and --tls-key, or --plain if that network is yours alone"

@@ -18,6 +18,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
 RATE, BURST = 50.0, 200.0  # messages a second; at once
 HEADERS = {
     "Content-Security-Policy": (
@@ -35,6 +36,11 @@ HEADERS = {
 def names_of(addresses: Iterable[str], port: int) -> frozenset[str]:
     """Return what a Host header may say for a server at these addresses."""
     return frozenset(f"{f'[{a}]' if ':' in a else a}:{port}" for a in addresses)
+
+
+def local(address: str) -> bool:
+    """Return whether only this machine reaches what listens there."""
+    return address in LOOPBACK
 
 
 class Guard:

@@ -191,12 +191,13 @@ class Watch:
         return bool(late)
 
     def _take(self, found: Sequence[nodes.Live]) -> None:
+        nodes = dict(self.source.nodes)  # anew: other threads read the one that is there
         for live in found:
             with suppress(KeyError, TypeError, ValueError):  # it says nothing sensible of itself
                 node = LiveNode(live)
-                self.source.nodes[node.role] = node
-        order = sorted(self.source.nodes, key=lambda role: (role != "executive", role))
-        self.source.nodes = {role: self.source.nodes[role] for role in order}
+                nodes[node.role] = node
+        order = sorted(nodes, key=lambda role: (role != "executive", role))
+        self.source.nodes = {role: nodes[role] for role in order}
 
     def poll(self) -> None:
         """Take what the nodes have recorded since."""

@@ -1,0 +1,192 @@
+"""Foxglove and Lichtblick on a run: what is sent is the log's, what is set stands in it."""
+
+import re
+import socket
+import struct
+from pathlib import Path
+
+import pytest
+from foxglove_client import Client, serving
+from hosting import LONG
+from mcap.reader import make_reader
+from processes import own_bus
+
+import pcpc
+from pcpc.tools.cli import main
+from pcpc.tools.foxglove.thin import RATE_HZ
+
+GAIN, GAP, TOKEN = "controller.kv_Nms_rad", "plant:barrel.gap_rad", "write.token"
+ALL = {
+    f"{node}/{topic}"
+    for node in ("", "/plant")
+    for topic in ("state", "timing", "can/frames", "events", "tunings")
+}
+CLOSE = "https://attacker.example"
+
+
+def test_what_is_sent_is_what_the_log_holds(tmp_path: Path) -> None:
+    with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
+        node = live._nodes["plant"].name
+        with serving(tmp_path, "--node", node) as server, Client(server) as client:
+            client.know(ALL | {"/log"})
+            client.subscribe(*ALL, "/log")
+            client.gather(lambda found: len(found.get("/state", ())) >= 10)  # subscribed to all
+            live.set({GAIN: 111.0})
+            sent = client.gather(
+                lambda found: len(found.get("/plant/state", ())) > 150 and "/log" in found
+            )
+            known = {one["topic"]: one for one in client.channels.values()}
+        live.stop()
+        run = live.wait(within_s=60.0)
+    assert_same(run.path, sent, known)
+    for topic in ("/state", "/plant/state", "/timing", "/can/frames", "/plant/can/frames"):
+        times = [time_ns for time_ns, _ in sent[topic]]
+        assert times == sorted(set(times)), topic
+        most = 1 + RATE_HZ * 1e-9 * (times[-1] - times[0]) + 1
+        assert 100 < len(times) <= most, f"{topic}: {len(times)}, at most {most}"
+    kinds = {struct.unpack_from("<IxB", payload, 20) for _, payload in sent["/can/frames"]}
+    assert kinds == kinds_in(run.path), "a kind of frame is never shown"
+    assert known["/log"]["schemaName"] == "foxglove.Log"
+    said = b"".join(payload for _, payload in sent["/log"])
+    assert re.search(rb"controller\.kv_Nms_rad = 111 N m/\(rad/s\) from cycle \d+", said) or (
+        f"{GAIN} = 111".encode() in said
+    )
+
+
+def assert_same(path: Path, sent: dict, known: dict) -> None:  # type: ignore[type-arg]
+    """Compare schemas, and each message with the one of the log at its time."""
+    with path.open("rb") as file:
+        reader, logged = make_reader(file), dict[tuple[str, int], set[bytes]]()
+        summary = reader.get_summary()
+        assert summary is not None
+        for channel in summary.channels.values():
+            schema, told = summary.schemas[channel.schema_id], known[channel.topic]
+            assert (told["encoding"], told["schemaName"], told["schemaEncoding"]) == (
+                channel.message_encoding, schema.name, schema.encoding,
+            )  # fmt: skip
+            assert told["schema"] == schema.data.decode()
+        for _, channel, message in reader.iter_messages():
+            logged.setdefault((channel.topic, message.log_time), set()).add(message.data)
+    assert {one.topic for one in summary.channels.values()} == ALL
+    for topic, messages in sent.items():
+        for time_ns, payload in messages if topic != "/log" else ():
+            assert payload in logged[topic, time_ns], f"{topic} at {time_ns} is not in the log"
+
+
+def kinds_in(path: Path) -> set[tuple[int, int]]:
+    with path.open("rb") as file:
+        found = make_reader(file).iter_messages(topics=["/can/frames"])
+        return {struct.unpack_from("<IxB", message.data, 20) for _, _, message in found}  # type: ignore
+
+
+def test_a_parameter_is_set_with_the_token_and_stands_in_the_log(tmp_path: Path) -> None:
+    with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
+        node = live._nodes["plant"].name
+        with (
+            serving(tmp_path, "--write", "--node", node) as server,
+            Client(server) as client, Client(server) as other,
+        ):  # fmt: skip
+            client.know(ALL)
+            every = client.get()
+            assert every[GAIN] == 110.0 and every[GAP] > 0.0 and every[TOKEN] == ""
+            assert refused(client, {GAIN: 111.0}) == (
+                f"set {TOKEN} to the token that `pcpc host` printed, then tune"
+            )
+            assert "not the token" in refused(client, {TOKEN: server.token[:-1], GAIN: 111.0})
+            assert client.set({TOKEN: server.token}) == {TOKEN: ""}
+            assert "may tune" in client.status()
+            other.say(op="subscribeParameterUpdates", parameterNames=[GAIN, TOKEN])
+            assert client.set({GAIN: 111.0, "controller.lam_per_s": 11.0}) == {
+                GAIN: 111.0, "controller.lam_per_s": 11.0,
+            }  # fmt: skip
+            told = client.status()
+            assert live[GAIN] == 111.0
+            seen = other.until(lambda said: said["op"] == "parameterValues")
+            assert seen["parameters"][0]["name"] == GAIN
+            assert seen["parameters"][0]["value"] == 111.0
+            refusals = {
+                "0..1000": {GAIN: 1e9}, "expected a number": {GAIN: "much"},
+                "no such variable": {"controller.kv": 1.0}, "only parameters": {"time.t_s": 1.0},
+                "one node's at a time": {GAIN: 112.0, GAP: 0.001}, "a number; ": {GAIN: True},
+                "no such parameter": {"x" * 5000: 1.0},
+                "more than 64": {f"x{i}": 1.0 for i in range(70)},
+            }  # fmt: skip
+            for why, values in refusals.items():
+                assert why in refused(client, values)
+            assert "then tune" in refused(other, {GAIN: 112.0}), "a right is of one connection"
+            assert live[GAIN] == 111.0 and client.get(GAIN) == {GAIN: 111.0}
+            assert client.set({GAP: 0.002}) == {GAP: 0.002}
+            live.set({GAIN: 113.0})  # by somebody else
+            other.until(lambda said: (GAIN, 113.0) in parameters(said))
+            assert server.token not in "".join(client.heard + other.heard)
+        live.stop()
+        run = live.wait(within_s=60.0)
+    found = re.fullmatch(
+        rf"{re.escape(GAIN)} = 111 .*, controller.lam_per_s = 11 .* from cycle (\d+)", told
+    )
+    assert found, told
+    tuned = [(e["name"], e["value"]) for e in run.events if e["cycle"] == int(found[1])]
+    assert tuned == [(GAIN, 111.0), ("controller.lam_per_s", 11.0)], run.events
+
+
+def refused(client: Client, values: dict[str, object]) -> str:
+    """Ask for values; return why that is refused."""
+    client.set(values)
+    return client.status()
+
+
+def parameters(said: dict) -> list[tuple[str, float]]:  # type: ignore[type-arg]
+    return [(one["name"], one["value"]) for one in said.get("parameters", ())]
+
+
+def test_a_page_of_another_site_reads_but_sets_nothing_and_the_next_run_is_found(
+    tmp_path: Path,
+) -> None:
+    """What docs/howto/foxglove.md says of it: the SDK judges no Origin."""
+    bus = own_bus()
+    with pcpc.running("slew10", pacing="real", set=LONG, bus=bus) as live:
+        node = live._nodes["plant"].name
+        with serving(tmp_path, "--node", node) as server:
+            with Client(server, origin=CLOSE) as foreign:
+                foreign.know(ALL)
+                foreign.subscribe("/state")
+                foreign.gather(lambda found: len(found.get("/state", ())) >= 5)
+                assert foreign.get(GAIN) == {GAIN: 110.0}
+                assert TOKEN not in foreign.get()
+                for values in ({GAIN: 1.0}, {TOKEN: "x"}):
+                    assert "only shows" in refused(foreign, values)
+                assert live[GAIN] == 110.0
+            with Client(server) as client:
+                client.know(ALL)
+                before = client.info["sessionId"]
+                first = {i for i, one in client.channels.items() if one["topic"] in ALL}
+                live.stop()
+                live.wait(within_s=60.0)
+                with pcpc.running("slew10", pacing="real", set=LONG, bus=bus) as again:
+                    assert again._nodes["plant"].name == node
+                    told = client.until(lambda said: said["op"] == "serverInfo")
+                    assert told["sessionId"] != before
+                    while first & set(client.channels):
+                        client.next()
+                    client.know(ALL)
+                    client.subscribe("/plant/state")
+                    client.gather(lambda found: len(found.get("/plant/state", ())) >= 5)
+
+
+def test_wrong_words_are_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = pcpc.simulate("probe", set={"duration_s": 0.01}, folder=tmp_path / "run", quiet=True)
+    wrong = {
+        ("host", str(log.path), "--foxglove"): "open the log.mcap itself",
+        ("host", "--foxglove", "--address", "0.0.0.0"): "--tls-cert",
+        ("host", "--foxglove", "--port", "1"): "say --foxglove 1",
+        ("host", "--foxglove-layout"): "pcpc rigs",
+    }
+    for words, why in wrong.items():
+        assert main([*words]) == 2
+        error = capsys.readouterr().err
+        assert why in error and error.count("\n") == 1, error
+    assert main(["host", "--foxglove", "hull"]) == 2
+    assert "pcpc host hull --foxglove" in capsys.readouterr().err
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        assert main(["host", "--foxglove", str(taken.getsockname()[1])]) == 4
+        assert "choose another --foxglove PORT" in capsys.readouterr().err

@@ -1,0 +1,4 @@
+"""Names that the server and its layouts share."""
+
+LOG_TOPIC = "/log"
+TOKEN = "write.token"
