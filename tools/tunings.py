@@ -134,7 +134,9 @@ def _settings(about: Mapping[str, Any]) -> set[str]:
     """Return the parameters of a node's blocks that its rig gives; others are computed."""
     data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data
     blocks = data[about["node"]]["blocks"] | {"controller": data["controllers"][data["controller"]]}
-    return {f"{block}.{name}" for block, one in blocks.items() for name in one["parameters"]}
+    blocks |= {name: data["controllers"][name] for name in data["standby"]}
+    names = {f"{block}.{name}" for block, one in blocks.items() for name in one["parameters"]}
+    return names | {f"handover.{name}" for name in data["handover"]}
 
 
 def _load(options: argparse.Namespace) -> None:

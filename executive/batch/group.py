@@ -33,6 +33,7 @@ from pcpc.executive.loop.variables import (
 )
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, cycles_of, describe, plan
+from pcpc.executive.nodes.planned_controllers import put_back
 from pcpc.executive.nodes.watched import StepError, watched
 from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.reading import Rig
@@ -89,6 +90,7 @@ class Group:
             names = wanted.get(role, ())
             trace = _trace({} if traces is None else traces, role, (self.cycles + 1) * len(names))
             self.seats[role] = _seat(made, loop, other, names, trace)
+        self._kept = {role: put_back(made.spec, made.table) for role, made in self.plans.items()}
         self._begin = {role: _beginning(role, seat) for role, seat in self.seats.items()}
         for made, loop in zip(self.plans.values(), (top, low), strict=True):
             requests = {place for _, place, _ in made.schedule} & {RESET_ASKED, STOP_ASKED}
@@ -106,7 +108,9 @@ class Group:
 
     def put(self, lane: int, role: Role, values: Mapping[int, float]) -> None:
         """Give a run values by their places in the table of a node."""
-        self.seats[role].values[list(values), lane] = list(values.values())
+        kept = {place: values[state] for place, state in self._kept[role] if state in values}
+        both = {**values, **kept}
+        self.seats[role].values[list(both), lane] = list(both.values())
 
     def put_seed(self, lane: int, seed: int) -> None:
         """Give the losses of a run their seed."""

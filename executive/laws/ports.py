@@ -37,7 +37,8 @@ class Port:
     `name` is snake_case and ends in its unit where that helps (`hub_rate_rad_s`); `unit` is the
     text that wiring compares ("rad/s", "N m", "" for none); `default` None means that a rig file
     must give it (settings) or that `prepare` does (parameters); a state starts at its default or 0.
-    `recorded` False keeps it out of the log: scratch, random generators, weights.
+    `recorded` False keeps it out of the log: scratch, random generators, weights. A state that
+    `adapts`, a weight or an integral, stands still while another controller is in charge.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Port:
     high: float = math.inf
     size: int = 1
     recorded: bool = True
+    adapts: bool = False
 
     def names(self) -> list[str]:
         """Return the table names of this port's elements."""
@@ -76,6 +78,7 @@ def port(
     shape: int | tuple[int, ...] = (),
     named: str = "",
     recorded: bool = True,
+    adapts: bool = False,
 ) -> Any:
     """Declare a port of the class around it; see Port.
 
@@ -92,7 +95,8 @@ def port(
         raise ValueError(f"{len(defaults)} defaults for {size} elements; with `named`, one each")
     one = None if several else default
     assert not isinstance(one, Sequence)
-    return _Declared(Port("", unit, help, one, low, high, size, recorded), extents, named, defaults)
+    about = Port("", unit, help, one, low, high, size, recorded, adapts)
+    return _Declared(about, extents, named, defaults)
 
 
 def group(ports: type[_T], prefix: str = "", recorded: bool = True) -> _T:

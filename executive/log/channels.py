@@ -24,7 +24,14 @@ from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
 from pcpc.executive.loop import shared
 from pcpc.executive.rig import carried
 
-_OF_THE_MEMORY = ("attachments", "blocks", "initial", "record_columns", "name")  # not in a log
+_OF_THE_MEMORY = (
+    "attachments",
+    "blocks",
+    "initial",
+    "record_columns",
+    "name",
+    "laws",
+)  # not in a log
 
 
 class Topics(Protocol):

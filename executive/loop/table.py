@@ -85,12 +85,13 @@ class Table:
 
 @dataclass(frozen=True)
 class Views:
-    """Where a block's views lie in the vector."""
+    """Where a block's views lie in the vector; `judged`: how many outputs must be finite."""
 
     parameters: range
     states: range
     inputs: range
     outputs: range
+    judged: int | None = None  # all
 
 
 def add_block(table: Table, name: str, block: Block) -> Views:

@@ -187,6 +187,8 @@ def _install_wiring(made: Plan, loop: Any) -> None:
     for i, views in enumerate(made.views):
         ranges = (views.parameters, views.states, views.inputs, views.outputs)
         blocks.views[i] = [edge for r in ranges for edge in (r.start, r.stop)]
+        if views.judged is not None:
+            blocks.views[i, 7] = views.outputs.start + views.judged
     for name, timing in (("state", False), ("timing", True)):
         places = made.columns(timing)
         rings[f"{name}_columns"][: len(places)] = places

@@ -18,16 +18,17 @@ from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a log
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
-from pcpc.executive.loop.table import Table, Variable, Views, add_block
+from pcpc.executive.loop.table import Table, Variable, Views
 from pcpc.executive.loop.variables import BUS, DRIVE, HEAD, REFUSALS, REQUESTS, RESETS, TIMING
-from pcpc.executive.nodes import planned_faults, planned_plausible
+from pcpc.executive.nodes import planned_controllers, planned_faults, planned_plausible
 from pcpc.executive.rig import messages as protocol
+from pcpc.executive.rig import standby
 from pcpc.executive.rig.carried import Reads, merge, noted
 from pcpc.executive.rig.commands import commands
 from pcpc.executive.rig.prepare import prepared
 from pcpc.executive.rig.reading import BlockSpec, NodeSpec, Rig
 from pcpc.executive.rig.roles import Role
-from pcpc.executive.rig.schema import FALLBACK, Limit
+from pcpc.executive.rig.schema import Limit
 
 
 @dataclass
@@ -90,7 +91,7 @@ class Plan:
 
 def plan(rig: Rig, role: Role, pacing: str) -> Plan:
     """Check the wiring of one node and lay out its table; RigError, BusError say what is wrong."""
-    spec = rig.nodes()[role]
+    spec = planned_controllers.complete(rig, role)
     made = Plan(rig, role, spec, pacing)
     database = protocol.database_of(rig)
     with protocol.errors_named(rig):
@@ -118,15 +119,15 @@ def _take_frames(made: Plan, database: dbc.Database) -> None:
 
 def check_pacing(rig: Rig, pacing: str) -> None:
     """Raise RigError if the controller cannot run on a clock and `pacing` is one."""
-    name = rig.config.controller
-    why = rig.config.controllers[name].lockstep_only
-    if why and pacing in ("real", "sync"):
-        others = [n for n, law in rig.config.controllers.items() if not law.lockstep_only]
-        cure = f", or --controller {' or '.join(others)}" if others else ""
-        raise rig.error(
-            f"controllers.{name}.lockstep_only",
-            f"{name} does not run in pacing {pacing}: {why}; use --pacing lockstep{cure}",
-        )
+    for name in standby.laws(rig.config):
+        why = rig.config.controllers[name].lockstep_only
+        if why and pacing in ("real", "sync"):
+            others = [n for n, law in rig.config.controllers.items() if not law.lockstep_only]
+            cure = f", or --controller {' or '.join(others)}" if others else ""
+            raise rig.error(
+                f"controllers.{name}.lockstep_only",
+                f"{name} does not run in pacing {pacing}: {why}; use --pacing lockstep{cure}",
+            )
 
 
 def check_rate(rig: Rig, pacing: str) -> float:
@@ -172,37 +173,16 @@ def _lay_out(made: Plan) -> None:
             for s in frame.signals:
                 name = f"{prefix}.{frame.name}.{s.name}"
                 table.add(Variable(name, s.unit, kind, frame.name, s.help, s.low, s.high))
+    names = [spec.name for spec in made.spec.blocks]
     for spec in made.spec.blocks:
         try:
-            made.views.append(_views(made, spec))
+            view = planned_controllers.views(made.rig, table, made.views, spec, names)
+            made.views.append(view)
         except RigError as error:
             raise RigError(f"{spec.where()}: {error}") from None
         _initial_values(made, spec)
+    made.values |= planned_controllers.beginning(made.spec, table, made.values)
     planned_plausible.add_counts(made.rig, made.role, table)
-
-
-def _views(made: Plan, spec: BlockSpec) -> Views:
-    """Add a block's variables; a fallback writes the first outputs of the controller."""
-    if spec.name != FALLBACK:
-        return add_block(made.table, spec.name, spec.block)
-    names = [block.name for block in made.spec.blocks]
-    controller = made.spec.blocks[names.index("controller")].block
-    outputs = [name for port in spec.block.outputs for name in port.names()]
-    known = [name for port in controller.outputs for name in port.names()]
-    if outputs != known[: len(outputs)]:
-        raise made.rig.error(
-            "overrun.fallback",
-            f"its outputs ({', '.join(outputs)}) are not the first of the controller's "
-            f"({', '.join(known)}); choose another law",
-        )
-    table = made.table
-    first = made.views[names.index("controller")].outputs.start
-    return Views(
-        table.add_ports(FALLBACK, spec.block.parameters, "parameter", False),
-        table.add_ports(FALLBACK, spec.block.states, "state", True),
-        table.add_ports(FALLBACK, spec.block.inputs, "input", False),
-        range(first, first + len(outputs)),
-    )
 
 
 def _initial_values(made: Plan, spec: BlockSpec) -> None:
@@ -269,7 +249,7 @@ def _wire_frames(made: Plan) -> None:
     """Resolve `transmit` to the last copies; check `limits` and `safe`."""
     section, table = made.role, made.table
     sent = {v.name[3:]: v for v in table.variables if v.kind == "sent"}
-    copies = []
+    copies = planned_controllers.put_back(made.spec, table)
     for name, source in made.spec.transmit.items():
         place = made.rig.where(f"{section}.transmit.{name}")
         if name not in sent:
@@ -303,7 +283,7 @@ def _plan_schedule(made: Plan) -> None:
     table, config = made.table, made.rig.config
     tunable = [v.name for v in table.variables if v.kind == "parameter"]
     for i, tuning in enumerate(config.schedule):
-        for name, value in tuning.set.items():
+        for name, value in standby.tunings(made.rig.document, config, i, tuning).items():
             path = f"schedule[{i}].set.{name}"
             if name not in tunable:
                 raise made.rig.error(path, f"no parameter {name}{did_you_mean(name, tunable)}")
@@ -320,6 +300,8 @@ def _plan_schedule(made: Plan) -> None:
             what = f"no variable {name}{did_you_mean(name, table.index)}"
             raise made.rig.error(f"note[{i}]", what)
         made.noted.append(table.index[name])
+    if standby.IN_CHARGE in table.index:
+        made.noted.append(table.index[standby.IN_CHARGE])
 
 
 def _plan_faults(made: Plan, database: dbc.Database) -> None:
@@ -383,6 +365,7 @@ def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
             for source, target in copies
         },
         "blocks": [spec.name for spec in made.spec.blocks],
+        "laws": list(standby.laws(rig.config)) if standby.IN_CHARGE in table.index else [],
         "faults": planned_faults.described(made.faults),
         "frames": {str(f.can_id): f.name for f in (*made.rx_frames, *made.tx_frames)},
         "state_names": list(STATE_NAMES),

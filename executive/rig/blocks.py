@@ -64,6 +64,8 @@ def law_keys(config: Config, section: str, name: str) -> Keys:
         return ("controllers", config.overrun.fallback)
     if section == "executive" and name == "controller":
         return ("controllers", config.controller)
+    if section == "executive" and name in config.standby:
+        return ("controllers", name)
     return (section, "blocks", name)
 
 
@@ -99,11 +101,13 @@ def blocks(
 
 
 def entries(config: Config, section: Role) -> Iterator[tuple[str, Entry]]:
-    """Yield the blocks of a node; a fallback follows its controller and is wired alike."""
+    """Yield the blocks of a node; those of other controllers follow, and are wired alike."""
     for name, entry in config.sections[section].blocks.items():
         yield name, entry
         if section == "executive" and name == "controller" and config.overrun.fallback is not None:
             yield FALLBACK, entry
+        if section == "executive" and name == "controller":
+            yield from ((other, entry) for other in config.standby)
 
 
 def _settings(

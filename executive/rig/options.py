@@ -35,8 +35,15 @@ def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
             keys_of |= {f"{name}.{key}": (section, fault, key) for key in value}
         else:
             rest.append((name, value, place))
+    standby = document.data.get("standby")
     for name, value, place in rest:
         block, _, setting = name.partition(".")
+        if block == "handover" and name in keys_of:
+            document.put(keys_of[name], value, place)
+            continue
+        if setting and isinstance(standby, list) and block in standby:
+            document.put(("controllers", block, "parameters", setting), value, place)
+            continue
         if name in keys_of:
             raise RigError(f"{place}: {name} is no setting of a block; give it with --set {name}=")
         if block not in blocks or not setting:

@@ -23,7 +23,7 @@ from typing import Any
 import msgspec
 
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.rig import tables, yamlfile
+from pcpc.executive.rig import standby, tables, yamlfile
 from pcpc.executive.rig.alike import take_over
 from pcpc.executive.rig.blocks import BlockSpec, blocks, entries, law_keys, parameters_file
 from pcpc.executive.rig.carried import Reads, beside, listed, merge
@@ -227,6 +227,7 @@ def _check(document: Document, config: Config) -> None:
         unknown_controller(document, config.controller, config)
     _check_blocks(document, config)
     _check_overrun(document, config)
+    standby.check(document, config)
     if config.record.keep is not None and not 0 < config.record.keep_ns <= _LONGEST_KEEP_NS:
         what = f"{config.record.keep}: expected more than 0 and no more than 12 days"
         raise document.error(("record", "keep"), what)

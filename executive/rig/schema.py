@@ -270,10 +270,21 @@ class Fault(
 
 
 class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Parameters that change at a time of the run, all in the same cycle."""
+    """Parameters that change at a time of the run, all in the same cycle; who takes over in it."""
 
     at_s: Annotated[float, Meta(ge=0, le=1e6)]
-    set: dict[str, float]
+    set: dict[str, float] = {}
+    handover: Name | None = None
+
+
+class Handover(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How controllers on `standby` take over: the step fades in `over_s`.
+
+    `to`: who begins, 0 the controller, 1 the first of `standby`, and so on.
+    """
+
+    over_s: Annotated[float, Meta(ge=0, le=3600)] = 0.2
+    to: Annotated[float, Meta(ge=0, le=8)] = 0.0
 
 
 Happening = Literal["fault", "change", "skip", "tuning"]
@@ -335,6 +346,8 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     bus: Bus = Bus()
     controller: str
     controllers: dict[Name, Law]
+    standby: list[Name] = []
+    handover: Handover = Handover()
     supervisor: Supervisor = Supervisor()
     watchdog: Watchdog | None = None
     realtime: Realtime = Realtime()

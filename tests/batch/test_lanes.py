@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.lanes import WIDTH, LanesDiffer
 from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.log.reader import Log
+from pcpc.executive.nodes.planned_controllers import put_back
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
@@ -234,3 +235,27 @@ def test_a_step_that_is_not_for_lanes_is_named(line: str, reason: str, tmp_path:
         place = group.plans["executive"].names.index("controller.ki_V_rads")
         group.put(2, "executive", {place: 900.0})
         group.run()
+
+
+def test_a_hand_over_in_lanes_has_the_bits_of_single_runs() -> None:
+    schedule = "schedule=[{at_s: 0.1, handover: pd_nn_fast}, {at_s: 0.2, handover: pd_nn}]"
+    settings = ["duration_s=0.3", "standby=[pd_nn_fast]", "handover.over_s=0.05", schedule]
+    rig = load_rig(ROOT / "plants/atb1000/rigs/hull.yaml", "pd_nn", settings)
+    names = wanted(rig)
+    group = Group(rig, names)
+    group.begin()
+    values = [moved(group, lane) for lane in range(WIDTH)]
+    made = group.plans["executive"]
+    for lane, own in enumerate(values):
+        for kept, _ in put_back(made.spec, made.table):
+            own["executive"].pop(kept, None)
+        for role, one in own.items():
+            group.put(lane, role, one)
+        for kept, state in put_back(made.spec, made.table):
+            own["executive"][kept] = own["executive"].get(state, made.values[state])
+    assert not group.run().any()
+    for lane in (0, WIDTH - 1):
+        log = alone(rig, values[lane])
+        assert differences(log, group, names, lane) == []
+        in_charge = log.node["executive"].columns["handover.in_charge"]
+        assert [*np.flatnonzero(np.diff(in_charge))] == [99, 199]

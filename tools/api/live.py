@@ -5,7 +5,7 @@ import math
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.nodes import injecting
+from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes import live as nodes
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.api.run import Figure, Run, UnknownName
@@ -117,6 +117,14 @@ class Live:
         """
         nodes = list(self._nodes.values())
         return min(injecting.inject(nodes, fault, for_s, value, share).values())
+
+    def handover(self, controller: str) -> int:
+        """Let a controller on standby, or the rig's own, take over; return the first cycle with it.
+
+        The command has no step: `handover.over_s`. pcpc.Error: nobody of that name, in charge
+        already, or an output of it is no finite number.
+        """
+        return operating.hand_over(self._node("executive"), controller)
 
     def clear(self, fault: str) -> int:
         """End a fault of the rig; return the first cycle without it. pcpc.Error: no such fault."""
@@ -257,7 +265,7 @@ class Live:
 def running(
     rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
     seed: int | None = None, pacing: str | None = None, bus: str | None = None,
-    folder: str | Path | None = None, host: bool = False,
+    folder: str | Path | None = None, host: bool = False, standby: Sequence[str] = (),
 ) -> Iterator[Live]:  # fmt: skip
     """Run a rig on a bus, in real processes, for as long as the `with` block lasts.
 
@@ -265,15 +273,16 @@ def running(
             live.wait_until("controller.e_rad", below=1e-3, magnitude=True, within_s=5)
         live.run.verdict
 
-    pacing  real, sync or lockstep; None: the rig's
-    bus     as --bus: auto takes a free one, so that any number of rigs run side by side
-    host    True: a page beside it, which may tune; `live.page` is its address
+    pacing   real, sync or lockstep; None: the rig's
+    bus      as --bus: auto takes a free one, so that any number of rigs run side by side
+    host     True: a page beside it, which may tune; `live.page` is its address
+    standby  other controllers of the rig, to which `live.handover` can hand over
 
     The others are those of `pcpc.simulate`. At the end of the block a run that goes on is ended in
     order (its verdict is then `interrupted`), whatever the block does; processes, memory and
     sockets are gone, also if this process is killed. pcpc.Error if the run does not begin.
     """
-    place, words = find(str(rig)), settings(set, seed)
+    place, words = find(str(rig)), settings(set, seed, standby)
     roles = load_rig(place, controller, words, resolve=False).roles
     keep = tempfile.TemporaryDirectory(prefix="pcpc-") if folder is None else None
     target = Path(keep.name) / "run" if keep is not None else Path(str(folder))

@@ -86,6 +86,8 @@ class Loop:
         self._progress, self._folder = progress(quiet), folder
         self._rig = load_rig(find(str(rig)), controller, words)
         self._outcome = Outcome("virtual", "memory", changed=[*changed(words), "controller=Python"])
+        if self._rig.config.standby:
+            raise self._rig.error("standby", "nobody can take over from a controller in Python")
         spec = next(b for b in self._rig.nodes()["executive"].blocks if b.name == "controller")
         self._external = External(spec.block.step.declared, self._step)
         self._ports = [

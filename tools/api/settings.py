@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,12 @@ import numpy as np
 _SIMPLE_LETTERS = 1000
 
 
-def settings(values: Mapping[str, Any] | None, seed: int | None = None) -> list[str]:
+def settings(
+    values: Mapping[str, Any] | None, seed: int | None = None, standby: Sequence[str] = ()
+) -> list[str]:
     """Return NAME=VALUE for each; TypeError, ValueError for what no rig file can hold."""
     given = dict(values or {}) | ({} if seed is None else {"seed": seed})
+    given |= {"standby": list(standby)} if standby else {}
     return [f"{name}={_text(name, value)}" for name, value in given.items()]
 
 

@@ -1,6 +1,6 @@
 """`pcpc.simulate`: a rig in virtual time, as a function."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from pcpc.tools.verdict.outcome import Outcome, changed
 def simulate(
     rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
     seed: int | None = None, folder: str | Path | None = None, quiet: bool | None = None,
+    standby: Sequence[str] = (),
 ) -> Run:  # fmt: skip
     """Run a rig in virtual time, in this process, and return what was recorded.
 
@@ -28,11 +29,12 @@ def simulate(
     seed        of the rig's noises and random draws
     folder      keeps log and summary there; None: a temporary one, which goes with the run
     quiet       no progress; None: progress on a terminal only
+    standby     other controllers of the rig; its `schedule` may hand over to them
 
     Raises pcpc.Error, one line with its place and cure, for a rig, setting or bus that cannot be,
     and for a log that cannot be written. A fault of the run is no error: see `Run.verdict`.
     """
-    words, shown = settings(set, seed), progress(quiet)
+    words, shown = settings(set, seed, standby), progress(quiet)
     loaded = load_rig(find(str(rig)), controller, words)
     outcome = Outcome("virtual", "memory", changed=changed(words))
     with log_in(folder, loaded) as (log, keep):

@@ -197,9 +197,11 @@ def _imports(source: bytes) -> frozenset[str]:
 
 
 def _chosen(data: dict[str, Any], controller: str) -> dict[str, Any]:
-    """Return a rig's values with one controller, and the one that takes over from it."""
+    """Return a rig's values with one controller, and those that may take over from it."""
     overrun = data.get("overrun")
     names = {controller, overrun.get("fallback") if isinstance(overrun, dict) else None}
+    standby = data.get("standby")
+    names |= {str(name) for name in standby} if isinstance(standby, list) else set()
     found = {**data, "controller": controller}
     for key in ("controllers", "expect"):
         if isinstance(data.get(key), dict):

@@ -57,6 +57,8 @@ def rig(add: Add) -> None:
     """Take a rig and what is changed in it."""
     add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
     add("--controller", metavar="NAME", help="controller, instead of the rig's")
+    add("--standby", action=_Standby, metavar="NAME[,NAME]",
+        help="other controllers of the rig, which can take over")  # fmt: skip
     _set(add, "any value of the rig or a block, as controller.kv_Nms_rad=130; @FILE: of pcpc save")
 
 
@@ -163,6 +165,16 @@ def _run_folder(add: Add) -> None:
     add("--no-figure", action="store_true", help="do not draw figure.png")
     add("--judge", action="store_true",
         help="a limit that could not be judged, or nothing to judge, is exit code 1")  # fmt: skip
+
+
+class _Standby(argparse.Action):
+    """An option that is a setting of the rig in other words."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, options: argparse.Namespace, text: Any, *_: Any
+    ) -> None:
+        """Append it to the settings."""
+        options.set = [*options.set, f"standby=[{text}]"]
 
 
 class _Refused(argparse.Action):

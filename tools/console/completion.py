@@ -118,6 +118,13 @@ def _faults(options: argparse.Namespace) -> Words:
     return {one.name for one in faults_of([*nodes_of(options).running().values()])}
 
 
+def _laws(options: argparse.Namespace) -> Words:
+    from pcpc.executive.nodes.live import running
+    from pcpc.executive.nodes.operating import laws
+
+    return {name for live in running().values() for name in laws(live)}
+
+
 def _levels(options: argparse.Namespace) -> Words:
     from pcpc.executive.nodes.live import LEVELS
 
@@ -135,6 +142,6 @@ _OF = {  # by the name of an argument, or of a command and its argument
     "rig": _rigs, "controller": _controllers, "node": _nodes, "log": _logs, "a": _logs, "b": _logs,
     "words": _logs, "rigs names": _plants, "list names": _variables, "get names": _variables,
     "watch names": _variables, "scope names": _variables, "set names": _parameters,
-    "lock names": _levels,
+    "lock names": _levels, "handover controller": _laws, "standby": _controllers,
     "experiment name": _studies, "bus words": _rigs, "fault name": _faults,
 }  # fmt: skip

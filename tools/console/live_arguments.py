@@ -127,6 +127,13 @@ def reset(add: Add) -> None:
     take.json(add, "print JSON")
 
 
+def handover(add: Add) -> None:
+    """Take who is to be in charge."""
+    add("controller", metavar="CONTROLLER", help="who takes over: on standby, or the rig's")
+    _node(add)
+    take.json(add, "print JSON")
+
+
 def stop(add: Add) -> None:
     """Take which rig's run, and how."""
     reset(add)

@@ -35,7 +35,7 @@ class States(Ports):
     """Of the filter and of the integral."""
 
     filtered_rad = port("rad", "f (1)")
-    integral_V = port("V", "s (5)")
+    integral_V = port("V", "s (5)", adapts=True)  # not on standby
 
 
 class Inputs(Ports):

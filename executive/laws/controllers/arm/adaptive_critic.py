@@ -71,8 +71,8 @@ class States(Ports):
 
     v1 = port("", "V1 (2, 10)", shape=(JOINTS, NODES), recorded=False)
     v2 = port("", "V2 (11, 10)", shape=(INPUTS, NODES), recorded=False)
-    w1 = port("", "W1 (10, 2)", shape=(NODES, JOINTS), recorded=False)
-    w2 = port("", "W2 (10, 2)", shape=(NODES, JOINTS), recorded=False)
+    w1 = port("", "W1 (10, 2)", shape=(NODES, JOINTS), recorded=False, adapts=True)
+    w2 = port("", "W2 (10, 2)", shape=(NODES, JOINTS), recorded=False, adapts=True)
     rho = port("", "rho", shape=JOINTS, recorded=False)
     z1 = port("", "V1'r", shape=NODES, recorded=False)
     s1 = port("", "nodes of the critic (1)", shape=NODES, recorded=False)

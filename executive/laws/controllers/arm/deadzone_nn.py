@@ -126,12 +126,18 @@ class Guard(Ports):
 class States(Guard):
     """The guard, the networks with a row for each joint, and the vectors of this period."""
 
-    w = port("N m", "W", shape=(JOINTS, MOST_NODES), recorded=False)
+    w = port("N m", "W", shape=(JOINTS, MOST_NODES), recorded=False, adapts=True)
     v = port("1/(N m)", "V", shape=(JOINTS, MOST_NODES), recorded=False)
     v0 = port("", "v0", shape=(JOINTS, MOST_NODES), recorded=False)
     vi = port("1/(N m)", "Vi", shape=(JOINTS, MOST_NODES), recorded=False)
     v0i = port("", "v0i", shape=(JOINTS, MOST_NODES), recorded=False)
-    wi = port("N m", "Wi, jump nodes behind the others", shape=(JOINTS, COLUMN), recorded=False)
+    wi = port(
+        "N m",
+        "Wi, jump nodes behind the others",
+        shape=(JOINTS, COLUMN),
+        recorded=False,
+        adapts=True,
+    )
     b = port("1/(N m)", "b of (8)", shape=(JOINTS, MOST_NODES), recorded=False)
     s = port("", "s of (4), alike", shape=(JOINTS, COLUMN), recorded=False)
 

@@ -72,9 +72,9 @@ class Settings(Parameters):
 class States(Ports):
     """The network: weights, with room for 16 nodes, and the vectors of this period."""
 
-    w1 = port("N m", "W1 (L + 1, 2)", shape=(NODES_MAX + 1, JOINTS), recorded=False)
-    w2 = port("N m", "W2 (4, 2)", shape=(JUMPS, JOINTS), recorded=False)
-    v = port("", "V (11, L)", shape=(INPUTS, NODES_MAX), recorded=False)
+    w1 = port("N m", "W1 (L + 1, 2)", shape=(NODES_MAX + 1, JOINTS), recorded=False, adapts=True)
+    w2 = port("N m", "W2 (4, 2)", shape=(JUMPS, JOINTS), recorded=False, adapts=True)
+    v = port("", "V (11, L)", shape=(INPUTS, NODES_MAX), recorded=False, adapts=True)
     x = group(Vector, "x_", recorded=False)  # (1)
     z = port("", "inputs V'x of the nodes", shape=NODES_MAX, recorded=False)
     s = port("", "threshold and nodes", shape=NODES_MAX + 1, recorded=False)

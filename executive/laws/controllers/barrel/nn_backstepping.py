@@ -69,12 +69,12 @@ class Settings(pd_nn_fast.Settings):
 class InnerStates(Ports):
     """Integral, smoothed torque, health and weights of the inner loop."""
 
-    integral_Nm = port("N m", "integral of the torque error (8)")
+    integral_Nm = port("N m", "integral of the torque error (8)", adapts=True)
     tau_smooth_Nm = port("N m", "smoothed wanted torque tdf (3)")
     inner_fault = port("", "1 once the inner network was latched off")
     inner_faded_Nm = port("N m", "y_2 last sent, fading after a fault")
-    w2 = port("N m", "output weights of the inner network", shape=PHI, recorded=False)
-    v2 = port("", "its first layer, row by row", shape=(INPUTS, NODES), recorded=False)
+    w2 = port("N m", "output weights of the inner network", shape=PHI, recorded=False, adapts=True)
+    v2 = port("", "its first layer, row by row", shape=(INPUTS, NODES), recorded=False, adapts=True)
     x2 = port("", "its inputs", shape=INPUTS, recorded=False)
     a2 = port("", "inputs of its nodes", shape=NODES, recorded=False)
     phi2 = port("", "its hidden vector", shape=PHI, recorded=False)

@@ -22,7 +22,7 @@ class Gains(pd.Gains):
 class States(Ports):
     """The integral."""
 
-    s_Nm = port("N m", "integral of the filtered error (7)")
+    s_Nm = port("N m", "integral of the filtered error (7)", adapts=True)
 
 
 @stage

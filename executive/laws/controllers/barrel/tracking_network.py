@@ -70,8 +70,10 @@ class Settings(Parameters):
 class States(Ports):
     """Weights, health and the vectors of this period."""
 
-    w = port("N m", "output weights W", shape=PHI, recorded=False)
-    v = port("", "first-layer weights V, row by row", shape=(INPUTS, NODES), recorded=False)
+    w = port("N m", "output weights W", shape=PHI, recorded=False, adapts=True)
+    v = port(
+        "", "first-layer weights V, row by row", shape=(INPUTS, NODES), recorded=False, adapts=True
+    )
     network_fault = port("", "1 once the network was latched off")
     faded_Nm = port("N m", "torque of (4) and (5) as sent; fading after a fault")
     x = port("", "inputs of the network", shape=INPUTS, recorded=False)

@@ -80,12 +80,14 @@ class Settings(Parameters):
 class States(Ports):
     """The command, the filter, the latch and the network."""
 
-    u_Nm = port("N m", "u, as far as it was integrated")
+    u_Nm = port("N m", "u, as far as it was integrated", adapts=True)
     z_Nm = port("N m", "z of (3)")
     started = port("", "1 after the first sample")
     latched = port("", "1 once the law was latched off")
-    w = port("", "output weights W", shape=N_PHI, recorded=False)
-    v = port("", "first-layer weights V, row by row", shape=(N_IN, NODES), recorded=False)
+    w = port("", "output weights W", shape=N_PHI, recorded=False, adapts=True)
+    v = port(
+        "", "first-layer weights V, row by row", shape=(N_IN, NODES), recorded=False, adapts=True
+    )
     x = port("", "inputs of this period", shape=N_IN, recorded=False)
     a = port("", "inputs of the nodes", shape=NODES, recorded=False)
     phi = port("", "s of this period", shape=N_PHI, recorded=False)

@@ -82,8 +82,8 @@ class Guard(Ports):
 class States(Guard):
     """The guard, the widths, and which rule fired."""
 
-    width_plus = port("", "d+", 0.0)
-    width_minus = port("", "d-", 0.0)
+    width_plus = port("", "d+", 0.0, adapts=True)
+    width_minus = port("", "d-", 0.0, adapts=True)
     fired_plus = port("", "X_1 of the last tick")
     fired_minus = port("", "X_2 of the last tick")
 

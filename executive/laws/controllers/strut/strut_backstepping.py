@@ -74,7 +74,7 @@ class States(outer.States):
     desired_rate_N_s = port("N/s", "Fd', filtered difference")
     last_spool_m = port("m", "x7d of the last tick")
     wanted_rate_m_s = port("m/s", "x7d', filtered difference")
-    theta = port("m", "Th, consequents of the rules", shape=RULES, recorded=False)
+    theta = port("m", "Th, consequents of the rules", shape=RULES, recorded=False, adapts=True)
     at_extension = port("", "memberships of x3", shape=EXTENSIONS, recorded=False)
     at_speed = port("", "memberships of v3", shape=SPEEDS, recorded=False)
     at_pressure = port("", "memberships of P1 - P2", shape=PRESSURES, recorded=False)

@@ -45,7 +45,7 @@ class States(outer.States):
 
     last_N = port("N", "ef of the last tick")
     ef_rate_N_s = port("N/s", "d, filtered difference of ef")
-    integral_Ns = port("N s", "I (2)")
+    integral_Ns = port("N s", "I (2)", adapts=True)
 
 
 @stage

@@ -128,7 +128,7 @@ class States(Ports):
     learned = port("rad/s2", "W'ph", shape=JOINTS, recorded=False)
     seen = port("", "[1; q; q'] of (2)", shape=NET_INPUTS, recorded=False)
     ph = port("", "ph (2)", shape=NODES, recorded=False)
-    w = port("rad/s2", "W (20, 2)", shape=(NODES, JOINTS), recorded=False)
+    w = port("rad/s2", "W (20, 2)", shape=(NODES, JOINTS), recorded=False, adapts=True)
     buffer = port("rad/s2", "play-out of u", EMPTY, shape=(JOINTS, SLOTS), recorded=False)
 
 

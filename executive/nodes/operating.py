@@ -1,0 +1,56 @@
+"""What an operator asks of a running executive beside tunings: who is in charge.
+
+Each is a tuning, which the node judges, takes between two cycles and logs; a replay repeats it.
+"""
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.executive.rig.standby import IN_CHARGE, TO
+
+_WITHIN_S = 2.0  # a node that runs needs a few cycles
+
+
+def laws(live: Live) -> list[str]:
+    """Return the controllers that one can hand over to, the rig's own first; [] without standby."""
+    return [str(name) for name in live.block.description.get("laws", ())]
+
+
+def in_charge(live: Live) -> str:
+    """Return the controller whose outputs count; "" without standby."""
+    names = laws(live)
+    return names[int(live[IN_CHARGE])] if names else ""
+
+
+def hand_over(live: Live, controller: str) -> int:
+    """Let `controller` take over; return the first cycle with it.
+
+    LiveError: not on standby, in charge already, not usable (NOT_MET), or what `Live.tune` says.
+    """
+    names = laws(live)
+    if not names:
+        what = "nobody is on standby; start it with --standby NAME"
+        raise LiveError(f"{live.name}: {what}")
+    if controller not in names:
+        cure = did_you_mean(controller, names)
+        raise LiveError(f"{live.name}: {controller} is not on standby{cure}")
+    now = live.read()
+    if int(now[IN_CHARGE]) == names.index(controller):
+        raise LiveError(f"{live.name}: {controller} is in charge already")
+    if now[f"handover.usable_{controller}"] == 0.0:
+        raise LiveError(_refused(live, controller), Exit.NOT_MET)
+    wanted = float(names.index(controller))
+    if now[TO] == wanted:  # asked before and refused; only a change is a request
+        live.tune({TO: now[IN_CHARGE]})
+    cycle = live.tune({TO: wanted})
+    found = live.wait_until(lambda now: now.cycle >= cycle, _WITHIN_S, "the cycle of a hand-over")
+    if found[IN_CHARGE] != wanted and found[TO] == wanted:
+        live.tune({TO: found[IN_CHARGE]})
+        raise LiveError(_refused(live, controller), Exit.NOT_MET)
+    return cycle
+
+
+def _refused(live: Live, controller: str) -> str:
+    stays = in_charge(live)
+    what = f"{controller} cannot take over: an output of it is no finite number"
+    return f"{live.name}: {what}; {stays} stays in charge"
