@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,10 +47,13 @@ class Host:
 
 
 @contextmanager
-def hosting(folder: Path, *words: str, port: int = 0) -> Iterator[Host]:
-    """Start `pcpc host`, whose token lies in `folder`; end it as Ctrl-C does, if it goes on."""
+def hosting(folder: Path, *words: str, port: int = 0, before: Sequence[str] = ()) -> Iterator[Host]:
+    """Start `pcpc host`, whose token lies in `folder`; end it as Ctrl-C does, if it goes on.
+
+    `before`: the words of a command that starts it, as prlimit does.
+    """
     process = subprocess.Popen(
-        [sys.executable, "-m", "pcpc.tools.cli", "host", "--port", str(port), *words],
+        [*before, sys.executable, "-m", "pcpc.tools.cli", "host", "--port", str(port), *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=os.environ | {"XDG_STATE_HOME": str(folder)},
     )  # fmt: skip

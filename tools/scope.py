@@ -24,8 +24,6 @@ from numpy.typing import NDArray
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.log.channels import Channels, explain
-from pcpc.executive.log.mcap_writer import BulkWriter
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.executive.nodes.tap import Rows, Tap
@@ -34,6 +32,7 @@ from pcpc.executive.rig.units import Unit, unit
 from pcpc.tools.console.picture import check_picture
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import new_file
+from pcpc.tools.log.part import NodePart, Part
 from pcpc.tools.remote.nodes import nodes_of
 
 POLL_S = 0.02
@@ -116,54 +115,6 @@ class Trigger:
         return [int(cycle) for cycle in rows.cycle[rises]]
 
 
-class Recording:
-    """The log of the bursts: columns of a node, bit by bit as its recorder would write them."""
-
-    def __init__(self, path: Path, live: Live, names: Sequence[str]) -> None:
-        about = live.block.description
-        kinds = ("state_columns", "timing_columns")
-        own = {kind: [name for name in about[kind] if name in names] for kind in kinds}
-        facts = dict(about["metadata"])
-        self.names = own["state_columns"] + own["timing_columns"]
-        self.states = len(own["state_columns"])
-        self.writer = BulkWriter(path)
-        self.writer.start(profile="ros2")
-        if facts.get("pacing") == "lockstep":
-            facts["clock_monotonic_ns"] = "0"
-        about = about | own | {"metadata": facts}
-        self.channels = Channels(about, self.writer)
-        explain(self.writer, about, {})
-        self.written = 0
-
-    def rows(self, seen: Rows) -> NDArray[np.int64]:
-        """Return rows as the ring would have them with these columns only."""
-        head, states = sh.RECORD_HEAD, self.states
-        found = np.full((len(seen), head + len(self.names) + 1), sh.CDR_HEADER, np.int64)
-        found[:, 0], found[:, 1] = seen.cycle, seen.stamp_ns
-        values = np.column_stack([seen[name] for name in self.names]).view(np.int64)
-        found[:, head : head + states] = values[:, :states]
-        found[:, head + states + 1 :] = values[:, states:]
-        return found
-
-    def add(self, burst: Burst, text: str) -> None:
-        """Write a burst, and its trigger as an event."""
-        self.writer.add(self.channels.messages("record", burst.rows))
-        stamps = burst.rows[burst.rows[:, 0] >= burst.cycle, 1]
-        stamp = int(stamps[0]) if self.channels.clocked else burst.cycle * self.channels.period_ns
-        entry = {"event": "trigger", "name": text} if burst.found else {"event": "no trigger"}
-        self.writer.add([self.channels.entry("events", stamp, burst.cycle, entry | {"value": 0.0})])
-        self.written += len(burst.rows)
-
-    def close(self, missed: int) -> None:
-        """End the log; `missed` rows were lost while it was made."""
-        node = self.channels.name
-        counts = {f"written.{node}.record": self.written, f"dropped.{node}.record": missed}
-        self.writer.flush()
-        self.writer.add_metadata("run", {key: str(count) for key, count in counts.items()})
-        self.writer.finish()
-        self.writer.file.close()
-
-
 class Scope:
     """One capture, from arming to its last burst."""
 
@@ -183,7 +134,8 @@ class Scope:
 
     def run(self, path: Path) -> None:
         """Capture until all bursts are there, the node or the patience has ended, or Ctrl-C."""
-        log = Recording(path, self.live, self.names)
+        part = Part(path)
+        log = part.node(self.live.block.description, self.names)
         try:
             self.progress.say(f"{self.live.name}: armed: {self.options.trigger}")
             self._capture(log)
@@ -191,9 +143,9 @@ class Scope:
             if not self.told:
                 raise
         finally:
-            log.close(self.tap.missed["record"])
+            part.close({log.channels.name: {"record": self.tap.missed["record"]}})
 
-    def _capture(self, log: Recording) -> None:
+    def _capture(self, log: NodePart) -> None:
         within = self.options.within
         deadline_s = np.inf if within is None else time.monotonic() + within
         while self.count is None or len(self.told) < self.count:
@@ -213,8 +165,15 @@ class Scope:
                 raise LiveError(f"{self.live.name}: {what}", Exit.ENVIRONMENT)
             time.sleep(POLL_S)
 
-    def _tell(self, log: Recording, burst: Burst) -> None:
-        log.add(burst, self.options.trigger)
+    def _tell(self, log: NodePart, burst: Burst) -> None:
+        """Write a burst, and its trigger as an event; say so."""
+        log.add("record", burst.rows)
+        stamps = burst.rows[burst.rows[:, 0] >= burst.cycle, 1]
+        clocked, period_ns = log.channels.clocked, log.channels.period_ns
+        stamp = int(stamps[0]) if clocked else burst.cycle * period_ns
+        entry = {"event": "trigger", "name": self.options.trigger}
+        entry = entry if burst.found else {"event": "no trigger"}
+        log.happened(stamp, burst.cycle, entry | {"value": 0.0})
         first, last = (int(burst.rows[i, 0]) for i in (0, -1))
         self.told.append(
             {"cycle": burst.cycle, "t_s": float(f"{1e-9 * burst.cycle * self.live.period_ns:.12g}"),

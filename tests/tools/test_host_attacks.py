@@ -249,6 +249,13 @@ SAID: dict[str, tuple[Callable[[Host], int], tuple[int, ...]]] = {
     "a window of a year": (
         then(json.dumps({"do": "panel", "id": 1, "names": [], "bins": 9, "window_s": 3e7})),
         (MESSAGE,)),
+    "a recording with a name": (
+        then('{"do": "record", "id": 1, "file": "/etc/passwd"}'), (MESSAGE,)),
+    "a snapshot with a name": (
+        then('{"do": "snapshot", "id": 1, "name": "../../a.mcap"}'), (MESSAGE,)),
+    "a snapshot of a year": (then('{"do": "snapshot", "id": 1, "last_s": 3e7}'), (MESSAGE,)),
+    "a snapshot of nothing": (then('{"do": "snapshot", "id": 1, "last_s": 0}'), (MESSAGE,)),
+    "a recording that ends in words": (then('{"do": "record", "id": 1, "end": "x"}'), (MESSAGE,)),
     "a message of a megabyte": (then("x" * (1 << 20)), (BIG, 1006)),
     "a flood": (then(*['{"do": "drop", "id": 1}'] * 3000), (FLOOD, 1006)),
     "another kind of client": (
@@ -315,6 +322,7 @@ REFUSED = {
     "a curve of nothing": ({"do": "panel", "names": ["a"], "bins": 9}, "no such variable"),
     "markup": ({"do": "panel", "names": ["<img src=x onerror=alert(1)>"], "bins": 9}, "no such"),
     "nothing to undo": ({"do": "undo"}, "nothing was tuned"),
+    "an end of no recording": ({"do": "record", "end": True}, "nothing is being recorded"),
     "no fault to reset": ({"do": "act", "what": "reset"}, "no node is in FAULT"),
 }  # fmt: skip
 
@@ -375,17 +383,23 @@ def test_rows_that_are_far_ahead_are_none(host: Host, run: pcpc.Live) -> None:
 
 
 def test_a_host_without_write_only_shows(run: pcpc.Live, tmp_path: Path) -> None:
-    with hosting(tmp_path, "--node", node(run)) as host, Client(host) as client:
+    folder = tmp_path / "rec"
+    words = ("--node", node(run), "--recordings", str(folder))
+    with hosting(tmp_path, *words) as host, Client(host) as client:
         assert client.about["write"] is False
         for wish in (
             SET,
             {"do": "undo"},
             {"do": "act", "what": "stop"},
             {"do": "fault", "name": "a"},
+            {"do": "record"},
+            {"do": "record", "end": True},
+            {"do": "snapshot"},
         ):
             told = client.ask(**{k: v for k, v in wish.items() if k != "id"})
             assert "--write" in told["why"]
         for wish in (TUNE, NODE | {"do": "lock", "level": "all"}):
             there = {k: v for k, v in wish.items() if k not in ("id", "node")}
             assert "--write" in str(of_terminal(host, run, there)["why"])
+    assert not folder.exists()
     assert run.running and oct((tmp_path / "pcpc/host-token").stat().st_mode)[-3:] == "600"

@@ -9,15 +9,16 @@ from pcpc.tools.host.history import History, envelope
 floats = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 
-@given(st.lists(st.integers(0, 12), max_size=30), st.integers(2, 9))
+@given(st.lists(st.integers(0, 12), max_size=60), st.integers(2, 9))
 def test_it_keeps_the_newest_rows(pieces: list[int], size: int) -> None:
     history, every = History(size, 2), np.zeros((0, 3))
     for count in pieces:
         cycle = len(every) + np.arange(count)
         new = np.column_stack((cycle, np.sin(cycle), -cycle))
-        history.add(new[:, 0].astype(np.int64), new[:, 1:])
+        history.add(new[:, 0].astype(np.int64), 10 * cycle, new[:, 1:])
         every = np.concatenate((every, new))
         np.testing.assert_array_equal(history.cycle, every[-size:, 0])
+        np.testing.assert_array_equal(history.stamp_ns, 10 * every[-size:, 0])
         np.testing.assert_array_equal(history.values, every[-size:, 1:])
         cycle, values = history.part([1], 3, 7)
         kept = every[-size:]

@@ -82,7 +82,7 @@ class Moving:
             rows = tap.rows()
             if len(rows):
                 places = [rows.places[variable] for variable in self._of(key)]
-                self._past[key].add(rows.cycle, rows.values[:, places])
+                self._past[key].add(rows.cycle, rows.stamp_ns, rows.values[:, places])
 
     def picture(self) -> Figure:
         """Return what was seen last."""

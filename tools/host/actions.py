@@ -1,6 +1,7 @@
 """What a client may do to a run: tune, undo, stop, reset, lock, begin a fault; all by `nodes.live`.
 
-One after the other, for all clients of a server. Each answer names the cycle from which it holds.
+Also record it, see `tools.host.recordings`. One after the other, for all clients of a server. Each
+answer to a change names the cycle from which it holds.
 """
 
 import threading
@@ -13,14 +14,18 @@ from pcpc.executive.nodes import injecting
 from pcpc.executive.nodes.live import Live
 from pcpc.tools import tunings
 from pcpc.tools.host import asked
+from pcpc.tools.host.recordings import Recordings
 from pcpc.tools.host.sources import Source, full
 
 
 class Actions:
     """Those of one server; `source` gives the run that is shown."""
 
-    def __init__(self, source: Callable[[], Source], write: bool) -> None:
+    def __init__(
+        self, source: Callable[[], Source], write: bool, recordings: Recordings | None = None
+    ) -> None:
         self._source, self.write = source, write
+        self.recordings = recordings or Recordings()
         self._turn = threading.Lock()
         self._tuned = "executive"  # the node that was tuned last
 
@@ -39,7 +44,11 @@ class Actions:
         source = self._source()
         if not source.live or not source.nodes:
             raise UserError("nothing runs; `pcpc run RIG` starts a rig")
+        if isinstance(wanted, asked.Snapshot):
+            return self.recordings.snapshot(source, wanted.last_s)
         with self._turn:
+            if isinstance(wanted, asked.Record):
+                return self.recordings.stop() if wanted.end else self.recordings.start(source)
             if isinstance(wanted, asked.Set):
                 return self._set(source, wanted.values)
             if isinstance(wanted, asked.Undo):

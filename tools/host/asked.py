@@ -96,6 +96,20 @@ class Fault(_Asked, frozen=True, tag="fault"):
     for_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None
 
 
+class Record(_Asked, frozen=True, tag="record"):
+    """Begin to record what runs into a file of the host, or end it."""
+
+    id: Number
+    end: bool = False
+
+
+class Snapshot(_Asked, frozen=True, tag="snapshot"):
+    """Write the newest seconds that the host has into a file of its own."""
+
+    id: Number
+    last_s: Annotated[float, Meta(gt=0, le=120)] = 30.0
+
+
 # What a terminal of another machine asks (hello: terminal)
 
 
@@ -142,9 +156,9 @@ class Lock(_OfNode, frozen=True, tag="lock"):
 
 FromTerminal = Nodes | Describe | Look | Rows | Tune | Lock
 Wanted = Panel | Phase | Drop
-Acting = Set | Undo | Act | Fault
+Acting = Set | Undo | Act | Fault | Record | Snapshot
 Decoded = TypeVar("Decoded")
-_decoder = msgspec.json.Decoder(Hello | Panel | Phase | Drop | At | Set | Undo | Act | Fault)
+_decoder = msgspec.json.Decoder(Hello | Wanted | At | Acting)
 _of_terminal = msgspec.json.Decoder(FromTerminal)
 
 

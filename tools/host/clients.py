@@ -148,7 +148,7 @@ class Client:
             self._panels.pop(word.id, None)
         elif isinstance(word, asked.At):
             self._at = round(word.t_s / self._show.source.period_s)
-        elif isinstance(word, asked.Set | asked.Undo | asked.Act | asked.Fault):
+        elif isinstance(word, asked.Acting):
             try:
                 told = await asyncio.to_thread(self._show.actions.do, word)
                 await self._tell({"done": word.id, "undoes": self._show.actions.undoes, **told})
@@ -182,7 +182,9 @@ class Client:
                 await self._draw(source)
             if source.live and source.nodes and loop.time() >= self._status_s:
                 self._status_s = loop.time() + STATUS_S
-                await self._tell({"status": self._status.message(source)})
+                told = self._status.message(source)
+                recording = self._show.actions.recordings.state()
+                await self._tell({"status": told | {"recording": recording}})
             for number, event in [e for e in self._show.events if e[0] > self._event]:
                 self._event = number
                 await self._tell({"event": event})

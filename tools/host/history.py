@@ -7,6 +7,7 @@ that is complete never changes.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,25 +16,23 @@ Cycles = NDArray[np.int64]
 Values = NDArray[np.float64]
 
 
-class History:
-    """At most `rows` cycles of `columns` values; the oldest go."""
+class Newest:
+    """At most `rows` rows of an array, the newest; `shape` is that of one row."""
 
-    def __init__(self, rows: int, columns: int) -> None:
+    def __init__(self, rows: int, shape: tuple[int, ...], kind: type) -> None:
         self._rows, self._begin, self._end = rows, 0, 0
-        self._cycle = np.zeros(2 * rows, np.int64)
-        self._values = np.zeros((2 * rows, columns))
+        self._room: NDArray[Any] = np.zeros((rows + max(rows // 4, 1), *shape), kind)
 
-    def add(self, cycle: Cycles, values: Values) -> None:
-        """Append rows, whose cycles follow those that are there."""
-        cycle, values = cycle[-self._rows :], values[-self._rows :]
-        if self._end + len(cycle) > len(self._cycle):
-            kept = slice(max(self._begin, self._end - self._rows), self._end)
-            count = kept.stop - kept.start
-            self._cycle[:count], self._values[:count] = self._cycle[kept], self._values[kept]
+    def add(self, new: NDArray[Any]) -> None:
+        """Append rows; the oldest go."""
+        new = new[-self._rows :]
+        if self._end + len(new) > len(self._room):
+            kept = slice(max(self._begin, self._end - self._rows + len(new)), self._end)
+            count = max(kept.stop - kept.start, 0)
+            self._room[:count] = self._room[kept]
             self._begin, self._end = 0, count
-        new = slice(self._end, self._end + len(cycle))
-        self._cycle[new], self._values[new] = cycle, values
-        self._end = new.stop
+        begin, self._end = self._end, self._end + len(new)
+        self._room[begin : self._end] = new
         self._begin = max(self._begin, self._end - self._rows)
 
     def clear(self) -> None:
@@ -41,14 +40,43 @@ class History:
         self._begin = self._end
 
     @property
+    def rows(self) -> NDArray[Any]:
+        """Those that are there, the oldest first; valid until the next `add`."""
+        return self._room[self._begin : self._end]
+
+
+class History:
+    """At most `rows` cycles of `columns` values, and when each woke; the oldest go."""
+
+    def __init__(self, rows: int, columns: int) -> None:
+        self._cycle, self._stamp_ns = Newest(rows, (), np.int64), Newest(rows, (), np.int64)
+        self._values = Newest(rows, (columns,), np.float64)
+
+    def add(self, cycle: Cycles, stamp_ns: Cycles, values: Values) -> None:
+        """Append rows, whose cycles follow those that are there."""
+        self._cycle.add(cycle)
+        self._stamp_ns.add(stamp_ns)
+        self._values.add(values)
+
+    def clear(self) -> None:
+        """Forget all rows."""
+        for one in (self._cycle, self._stamp_ns, self._values):
+            one.clear()
+
+    @property
     def cycle(self) -> Cycles:
         """The cycles that are there, (n,)."""
-        return self._cycle[self._begin : self._end]
+        return self._cycle.rows
+
+    @property
+    def stamp_ns(self) -> Cycles:
+        """When they woke, on the clock of the node, (n,)."""
+        return self._stamp_ns.rows
 
     @property
     def values(self) -> Values:
         """Their values, (n, columns)."""
-        return self._values[self._begin : self._end]
+        return self._values.rows
 
     def part(self, places: Sequence[int], first: int, last: int) -> tuple[Cycles, Values]:
         """Return the cycles `first` to `last` that are there, and the values at `places`."""

@@ -18,6 +18,7 @@ from pcpc.tools.host.history import Values, envelope
 from pcpc.tools.host.sources import Source
 
 BINS, WHOLE, PHASE = range(3)
+LAG_S = 0.1  # from the rows of one node to those of the same cycles of another
 
 
 @dataclass
@@ -26,7 +27,7 @@ class Shown:
 
     wanted: asked.Panel | asked.Phase
     places: list[tuple[str, str] | Derived]  # node and variable, or what is calculated
-    sent: int | None = None  # the newest bin that was sent, perhaps in part
+    sent: int | None = None  # the first bin that may have been sent in part
     newest: int = -1
 
     def message(self, source: Source) -> bytes:
@@ -36,7 +37,7 @@ class Shown:
         return self._bins(self.wanted, source)
 
     def _bins(self, wanted: asked.Panel, source: Source) -> bytes:
-        """Return the bins since the one that was sent last, which may have been incomplete."""
+        """Return the bins since the first that may have been incomplete when it was sent."""
         begin, newest = source.span()
         period_s = source.period_s
         if wanted.window_s is not None:
@@ -48,7 +49,7 @@ class Shown:
             kind = WHOLE if self.sent is None or self.sent < first else BINS
             first = first if kind == WHOLE or self.sent is None else self.sent
             bins = last - first + 1
-            self.sent, self.newest = last, newest
+            self.sent, self.newest = _complete(source, newest) // width, newest
         else:
             if self.sent is not None:
                 return b""
@@ -100,6 +101,12 @@ class Shown:
         xy = of_x[at_x, 0][every], of_y[at_y, 0][every]
         head = PHASE, wanted.id, 2, int(both[0]) if len(both) else 0, len(xy[0]), 1
         return _packed((*head, source.period_s, newest), *xy)
+
+
+def _complete(source: Source, newest: int) -> int:
+    """Return the cycle up to which all nodes are there; one that lags by more has ended."""
+    lag = round(LAG_S / source.period_s)
+    return max(newest - lag, min(node.span()[1] for node in source.nodes.values()))
 
 
 def _packed(head: tuple[float, ...], *arrays: Values) -> bytes:

@@ -20,6 +20,7 @@ from pcpc.tools.host.actions import Actions
 from pcpc.tools.host.asked import MOST_BYTES
 from pcpc.tools.host.clients import TICK_S, Client
 from pcpc.tools.host.drawn import Drawn
+from pcpc.tools.host.recordings import recordings_of
 from pcpc.tools.host.sources import Source, Watch
 
 LOOK_S = 0.5  # how soon another run is seen
@@ -39,7 +40,9 @@ class Server:
     def __init__(self, source: Source | Watch, token: str, options: argparse.Namespace) -> None:
         self._watch = source if isinstance(source, Watch) else None
         self._fixed = source if isinstance(source, Source) else None
-        self.token, self.actions = token, Actions(lambda: self.source, options.write)
+        self._recordings = recordings_of(options)
+        self.token = token
+        self.actions = Actions(lambda: self.source, options.write, self._recordings)
         self.clients: set[Client] = set()
         self.events: list[tuple[int, dict[str, Any]]] = []
         self._count, self._options = 0, options
@@ -85,6 +88,7 @@ class Server:
         yield
         if following:
             following.cancel()
+        await asyncio.to_thread(self._recordings.close)
 
     async def _follow(self) -> None:
         """Take what the run has recorded, and look for another one."""
@@ -95,12 +99,10 @@ class Server:
             if loop.time() >= next_look:
                 next_look = loop.time() + LOOK_S
                 self._watch.find()
-            self._watch.poll()
-            for role, node in self.source.nodes.items():
-                for cycle, topic, entry in node.tap.events():
-                    self._count += 1
-                    event = {"node": role, "cycle": cycle, "topic": topic, **entry}
-                    self.events.append((self._count, event))
+            for role, cycle, topic, entry in self._watch.poll():
+                self._count += 1
+                event = {"node": role, "cycle": cycle, "topic": topic, **entry}
+                self.events.append((self._count, event))
             del self.events[:-MOST_EVENTS]
             await asyncio.sleep(TICK_S)
 

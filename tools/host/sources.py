@@ -5,6 +5,7 @@ another node. A node gives any part of its cycles, of recorded variables; how ma
 running one keeps is bounded.
 """
 
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -12,16 +13,21 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.event_entries import entry_of
+from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live as nodes
-from pcpc.executive.nodes.tap import Tap
-from pcpc.tools.host.history import Cycles, History, Values
+from pcpc.executive.nodes.tap import Rows, Tap
+from pcpc.tools.host.history import Cycles, History, Newest, Values
 from pcpc.tools.host.runs import Runs, run_of
+from pcpc.tools.host.traffic import Traffic
 
 KEPT_S, KEPT_BYTES = 120.0, 64 << 20  # of each node, whichever is less
+FRAMES_KEPT, EVENTS_KEPT = 1 << 19, 1 << 12  # 20 MB: 40 s of 13 frames a cycle at 1 kHz
 
 
 class Node(Protocol):
@@ -41,8 +47,18 @@ class Node(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """Copies of some seconds of a node: its description, cycles, rows as its rings have them."""
+
+    about: Mapping[str, Any]
+    rows: Rows
+    frames: NDArray[np.int64]
+    events: NDArray[np.int64]
+
+
 class LiveNode:
-    """A running node, and its newest cycles."""
+    """A running node, and its newest cycles, frames and events."""
 
     def __init__(self, live: nodes.Live) -> None:
         self.live, self.tap = live, Tap(live)
@@ -50,18 +66,44 @@ class LiveNode:
         self.period_s, self.variables = 1e-9 * live.period_ns, live.variables
         self.names = self.tap.names
         self._places = {name: place for place, name in enumerate(self.names)}
-        rows = int(min(KEPT_S / self.period_s, KEPT_BYTES / (16 * len(self.names) + 16)))
+        rows = int(min(KEPT_S / self.period_s, KEPT_BYTES / (10 * len(self.names) + 20)))
         self._history = History(max(rows, 2), len(self.names))
+        self._frames = Newest(FRAMES_KEPT, (sh.FRAME_WORDS,), np.int64)
+        self._events = Newest(EVENTS_KEPT, (sh.EVENT_WORDS,), np.int64)
+        self._turn = threading.Lock()  # between what comes and who copies it
+        self.traffic = Traffic(live)
 
-    def poll(self) -> None:
-        """Take what the node has recorded since."""
-        rows = self.tap.rows()
-        if len(rows):
-            self._history.add(rows.cycle, rows.values)
+    def poll(self) -> list[tuple[int, str, dict[str, Any]]]:
+        """Take what the node has recorded since; return its events: cycle, topic, entry."""
+        rows, frames, events = self.tap.rows(), self.tap.frames(), self.tap.raw("event")
+        with self._turn:
+            self._history.add(rows.cycle, rows.stamp_ns, rows.values)
+            self._frames.add(frames)
+            self._events.add(events)
+        self.traffic.add(frames)
+        about = self.live.block.description
+        return [(int(row[1]), *entry_of(row, about)) for row in events]
 
     def clear(self) -> None:
         """Forget the cycles that were."""
-        self._history.clear()
+        with self._turn:
+            self._history.clear()
+
+    def newest(self, last_s: float) -> Stretch:
+        """Return copies of the newest seconds that are there."""
+        with self._turn:
+            cycle = self._history.cycle
+            first = (int(cycle[-1]) if len(cycle) else 0) - round(last_s / self.period_s) + 1
+            new, history = slice(int(np.searchsorted(cycle, first)), None), self._history
+            rows = Rows(
+                cycle[new].copy(), history.stamp_ns[new].copy(), history.values[new].copy(),
+                self._places,
+            )  # fmt: skip
+            frames, events = self._frames.rows, self._events.rows
+            return Stretch(
+                self.live.block.description, rows,
+                frames[frames[:, 2] >= first], events[events[:, 1] >= first],
+            )  # fmt: skip
 
     def part(self, names: Sequence[str], first: int, last: int) -> tuple[Cycles, Values]:
         """See Node."""
@@ -199,7 +241,7 @@ class Watch:
         order = sorted(nodes, key=lambda role: (role != "executive", role))
         self.source.nodes = {role: nodes[role] for role in order}
 
-    def poll(self) -> None:
-        """Take what the nodes have recorded since."""
-        for node in self.source.nodes.values():
-            node.poll()
+    def poll(self) -> list[tuple[str, int, str, dict[str, Any]]]:
+        """Take what the nodes have recorded since; return role, cycle, topic, entry of events."""
+        nodes = self.source.nodes.items()
+        return [(role, *event) for role, node in nodes for event in node.poll()]

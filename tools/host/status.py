@@ -11,6 +11,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import injecting
 from pcpc.executive.nodes.live import Live, Values
 from pcpc.tools.host.sources import Source, full
+from pcpc.tools.host.traffic import Traffic, load
 
 _COUNTERS = {
     "late": sh.LATE, "skipped": sh.SKIPPED, "held": sh.HELD, "lost": sh.LOST,
@@ -64,18 +65,21 @@ class Status:
         self._passes: dict[str, tuple[float, int]] = {}
 
     def message(self, source: Source) -> dict[str, Any]:
-        """Return states, counters, times, histogram, frames; parameters that have changed."""
+        """Return states, counters, times, histogram, frames, load; parameters that changed."""
         nodes, values = {}, dict[str, float | None]()
         for role, node in source.nodes.items():
             now = node.live.read()
             nodes[role] = self._node(role, node.live, now)
+            nodes[role]["frames"] = _frames(
+                node.live.block.description["frames"], now, node.traffic
+            )
             values |= {
                 full(role, name): _number(now[name])
                 for name, one in node.variables.items() if one.range is not None
             }  # fmt: skip
         changed = {k: v for k, v in values.items() if self._told.get(k, math.inf) != v}
         self._told = values
-        return {"nodes": nodes, "values": changed}
+        return {"nodes": nodes, "values": changed, "load": load(source.nodes)}
 
     def _node(self, role: str, live: Live, now: Values) -> dict[str, Any]:
         block, about = live.block, live.block.description
@@ -91,7 +95,6 @@ class Status:
             "times": {name: _number(now[f"timing.{name}"]) for name in _TIMES},
             "late": _octaves(block["histogram"][0]),
             "locked": int(block["mail"][sh.LOCK]),
-            "frames": _frames(about["frames"], now),
         }  # fmt: skip
 
     def _rate(self, role: str, passes: int) -> float:
@@ -112,8 +115,8 @@ def _octaves(histogram: Any) -> list[list[float]]:
     return counts[used[0] : used[-1] + 1] if used else []
 
 
-def _frames(names: Mapping[str, str], now: Values) -> list[dict[str, Any]]:
-    """Return the frames that a node knows with their newest signals, sent or received."""
+def _frames(names: Mapping[str, str], now: Values, traffic: Traffic) -> list[dict[str, Any]]:
+    """Return the frames that a node knows, sent or received: newest signals, period, jitter."""
     found = []
     for word, name in names.items():
         for way in ("rx", "tx"):
@@ -121,6 +124,7 @@ def _frames(names: Mapping[str, str], now: Values) -> list[dict[str, Any]]:
             mine = [key for key in now if key.startswith(start)]
             if mine:
                 signals = {key.removeprefix(start): _number(now[key]) for key in mine}
-                one = {"id": int(word) & can_id.ID, "name": name, "way": way, "signals": signals}
-                found.append(one)
+                number = int(word) & can_id.ID
+                one = {"id": number, "name": name, "way": way, "signals": signals}
+                found.append(one | traffic.timed(number, way))
     return found

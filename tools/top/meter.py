@@ -1,7 +1,6 @@
 """What a run's nodes did since the last look: cycles, frames, alarms; read as a tap reads.
 
-load     the longest that the frames on the wire can have been, over the rig's bit rate; a frame
-         counts once, by the node that saw most of it
+load     of the bus, see `tools.bus_load`; of the fuller one where a local node is between two
 errors   the rig's `watch`, then outputs called e or error, with the largest magnitude of the
          last interval and of all
 """
@@ -11,20 +10,17 @@ import time
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-import msgspec
 import numpy as np
 
 from pcpc.drivers import can_id
-from pcpc.drivers.e2e_states import BUS_ERROR, OK
-from pcpc.drivers.frame_bits import classic_bits
+from pcpc.drivers.e2e_states import OK
 from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes.live import Live, Values
 from pcpc.executive.nodes.tap import Tap, columns_of
-from pcpc.executive.rig import schema, yamlfile
+from pcpc.tools import bus_load
 
 _ERROR = re.compile(r"\.(e|err|error)(_|$|\d)")
 _ALARMS = 3
@@ -60,7 +56,7 @@ class NodeMeter:
         self.worst, self.lately = dict.fromkeys(self.errors, 0.0), dict.fromkeys(self.errors, 0.0)
         self.passes, self.rate_hz = int(live.block["control"][sh.PASSES]), 0.0
         self.received: dict[int, Counter[int]] = {}  # by id and state, of all looks
-        self.seen: Counter[tuple[int, int]] = Counter()  # by id and length, of the last one
+        self.seen = bus_load.Kinds()  # of the last one
         self.came: Counter[int] = Counter()
         self.now: Values = live.read()
 
@@ -73,15 +69,11 @@ class NodeMeter:
         for name in self.errors if len(rows) else ():
             self.lately[name] = float(np.max(np.abs(rows[name])))
             self.worst[name] = max(self.worst[name], self.lately[name])
-        self.seen.clear()
-        self.came.clear()
-        words, counts = np.unique(self.tap.frames()[:, 3], return_counts=True)
-        for word, count in zip(words.tolist(), counts.tolist(), strict=True):
-            number, length = word & 0xFFFFFFFF, word >> 32 & 0xFF
-            self.seen[number, length] += count * (word >> 48 & 0xFF != BUS_ERROR)
-            if word >> 40 & 0xFF:
-                self.came[number] += count
-                self.received.setdefault(number, Counter())[word >> 48 & 0xFF] += count
+        last = bus_load.Counted(self.tap.frames())
+        self.seen, self.came = last.seen, Counter()
+        for number, states in last.received.items():
+            self.came[number] = states.total()
+            self.received.setdefault(number, Counter()).update(states)
 
     def fault(self) -> str:
         """Return the reason of its fault, "" for none."""
@@ -93,7 +85,7 @@ class Meter:
     """All nodes of a run that are here."""
 
     def __init__(self, nodes: Mapping[str, Live]) -> None:
-        self.bitrate = _bitrate(next(iter(nodes.values())).block.description)
+        self.bitrate = bus_load.bitrate(next(iter(nodes.values())).block.description)
         self.nodes = [NodeMeter(live) for live in nodes.values()]
         self._last_s, self.over_s = time.monotonic(), 0.0
         self.nodes.sort(key=lambda one: ("executive", "local", "plant").index(one.role))
@@ -115,12 +107,7 @@ class Meter:
 
     def bits_per_s(self) -> float:
         """Return what the bus carried a second, at most."""
-        most: Counter[tuple[int, int]] = Counter()
-        for one in self.nodes:
-            most |= one.seen
-        bits = (n * classic_bits(min(length, 8), bool(number & can_id.EXTENDED))
-                for (number, length), n in most.items())  # fmt: skip
-        return sum(bits) / self.over_s
+        return max(bus_load.on_buses({one.role: one.seen for one in self.nodes})) / self.over_s
 
     def frames(self) -> list[FrameRow]:
         """Return the frames that came, those with something wrong first."""
@@ -132,9 +119,3 @@ class Meter:
         return sorted(
             found, key=lambda row: (-sum(n for s, n in row.counts.items() if s), row.name)
         )
-
-
-def _bitrate(about: Mapping[str, Any]) -> int | None:
-    """Return the bit rate that the rig says, None for none."""
-    data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data["bus"]
-    return msgspec.convert(data, schema.Bus).bits_per_s

@@ -12,6 +12,7 @@ const MOST_EVENTS = 200, MOST_ROWS = 200;
 export class Side {
   constructor(page) {
     this.page = page; this.inputs = new Map(); this.late = null;
+    this.recording = this.savedBadly = false; this.saved = ""; this.lastRecording = null;
     by("search").oninput = () => this.list();
     by("search").onkeydown = (event) => {
       if (event.key !== "Enter") return;
@@ -27,15 +28,17 @@ export class Side {
       button.dataset.what = what;
       by("actions").append(button, " ");
     }
+    by("record").onclick = () => this.record({ do: "record", end: this.recording });
+    by("snapshot").onclick = () => this.record({ do: "snapshot" });
     by("slider").oninput = () => this.moved();
     by("play").onclick = () => { this.playing = this.playing ? null : performance.now(); };
   }
 
   shown(about, span) {
     this.about = about; this.values = new Map(); this.inputs.clear();
-    by("events").replaceChildren();
+    by("events").replaceChildren(); this.saved = "";
     this.scene = null; by("drawing-box").hidden = true;
-    for (const id of ["tuning-box", "control-box", "timing-box", "frames-box", "events-box"]) by(id).hidden = !about.live;
+    for (const id of ["tuning-box", "control-box", "recording-box", "timing-box", "frames-box", "events-box"]) by(id).hidden = !about.live;
     by("slider-box").hidden = !span;
     if (span) { [by("slider").min, by("slider").max] = span; by("slider").value = span[0]; this.moved(); }
     else this.page.instant = null;
@@ -46,7 +49,7 @@ export class Side {
       button.onclick = () => this.act({ do: "fault", name, for_s: 1 }, name);
       return button;
     }));
-    for (const button of document.querySelectorAll("#actions button, #faults button")) button.disabled = !about.write && button.dataset.what !== "clear";
+    for (const button of document.querySelectorAll("#actions button, #faults button, #recording-box button")) button.disabled = !about.write && button.dataset.what !== "clear";
     by("undo").disabled = true;
     this.list(); this.tunables();
     this.answer(about.live && !about.write ? "view only; `pcpc host --write` lets this page tune" : "", "quiet");
@@ -127,7 +130,36 @@ export class Side {
     if (message.status) this.status(message.status);
   }
 
-  status({ nodes, values }) {
+  // Begin or end a recording, or write what was; the file's name comes from the host.
+  async record(message) {
+    const answer = await this.page.net.ask(message);
+    this.saved = answer.why ? answer.why : answer.first !== undefined
+      ? `${answer.file}: cycles ${answer.first} to ${answer.last}` : "";
+    this.savedBadly = Boolean(answer.why);
+    this.recorded(this.lastRecording);
+  }
+
+  recorded(one) {
+    this.lastRecording = one; this.recording = Boolean(one?.going);
+    by("record").textContent = this.recording ? "stop recording" : "record";
+    by("record").classList.toggle("on", this.recording);
+    const lost = one?.lost ? `, ${one.lost} rows lost` : "", lines = [];
+    if (one) lines.push([`${one.file}: ${one.going ? "recording, " : ""}${one.cycles} cycles, ${one.mb.toFixed(1)} MB${lost}${one.why ? `; ended: ${one.why}` : ""}`, one.why || one.lost ? "warn" : ""]);
+    if (this.saved) lines.push([this.saved, this.savedBadly ? "bad" : "good"]);
+    by("recorded").replaceChildren(...lines.map(([what, kind]) => el("div", kind, what)));
+  }
+
+  // Bits at most on the bus, over its rate, and which node sent how many.
+  load({ bitrate, bits_per_s, sent }) {
+    if (bits_per_s === undefined) { by("load").textContent = ""; return; }
+    const kbit = (bits) => `${(1e-3 * bits).toPrecision(3)} kbit/s`;
+    const share = bitrate ? `, ${(100 * bits_per_s / bitrate).toFixed(0)} % of ${kbit(bitrate)}` : "";
+    const from = Object.entries(sent).map(([role, bits]) => `${role} ${kbit(bits)}`).join(", ");
+    by("load").textContent = `load ${kbit(bits_per_s)} at most${share}; from ${from}`;
+  }
+
+  status({ nodes, values, load, recording }) {
+    this.load(load); this.recorded(recording);
     for (const [name, value] of Object.entries(values)) {
       this.values.set(name, value);
       const input = this.inputs.get(name);
@@ -148,10 +180,11 @@ export class Side {
     }
     by("timing").replaceChildren(...rows.map((row, i) => line(row, i ? "td" : "th")));
     this.late = first.late;
-    const frames = [["frame", "id", "signals"]];
+    const frames = [["frame", "id", "every, ms", "jitter", "signals"]];
     for (const one of first.frames) {
       const told = Object.entries(one.signals).map(([name, value]) => `${name} ${value === null ? "–" : +value.toPrecision(5)}`);
-      frames.push([`${one.way} ${one.name}`, `0x${one.id.toString(16)}`, told.join(", ")]);
+      const times = [one.period_ms, one.jitter_ms].map((ms) => ms === undefined ? "" : ms.toFixed(3));
+      frames.push([`${one.way} ${one.name}`, `0x${one.id.toString(16)}`, ...times, told.join(", ")]);
     }
     by("frames").replaceChildren(...frames.map((row, i) => line(row, i ? "td" : "th")));
   }
