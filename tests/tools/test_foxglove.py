@@ -1,15 +1,18 @@
 """Foxglove and Lichtblick on a run: what is sent is the log's, what is set stands in it."""
 
+import json
 import re
 import socket
 import struct
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from foxglove_client import Client, serving
+from foxglove_client import ANSWER_S, Client, serving
 from hosting import LONG
 from mcap.reader import make_reader
 from processes import own_bus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import pcpc
 from pcpc.tools.cli import main
@@ -53,8 +56,24 @@ def test_what_is_sent_is_what_the_log_holds(tmp_path: Path) -> None:
     )
 
 
+def test_without_a_clock_messages_have_the_times_of_the_log(tmp_path: Path) -> None:
+    with pcpc.running("slew10", pacing="lockstep", set=LONG, bus=own_bus()) as live:
+        with (
+            serving(tmp_path, "--node", live._nodes["plant"].name) as server,
+            Client(server) as client,
+        ):
+            client.know(ALL)
+            client.subscribe("/plant/state", "/state", "/can/frames")
+            sent = client.gather(lambda found: len(found.get("/can/frames", ())) >= 5)
+            known = {one["topic"]: one for one in client.channels.values()}
+        live.stop()
+        run = live.wait(within_s=60.0)
+    assert_same(run.path, sent, known)
+
+
 def assert_same(path: Path, sent: dict, known: dict) -> None:  # type: ignore[type-arg]
     """Compare schemas, and each message with the one of the log at its time."""
+    times = [time_ns for messages in sent.values() for time_ns, _ in messages]
     with path.open("rb") as file:
         reader, logged = make_reader(file), dict[tuple[str, int], set[bytes]]()
         summary = reader.get_summary()
@@ -65,7 +84,10 @@ def assert_same(path: Path, sent: dict, known: dict) -> None:  # type: ignore[ty
                 channel.message_encoding, schema.name, schema.encoding,
             )  # fmt: skip
             assert told["schema"] == schema.data.decode()
-        for _, channel, message in reader.iter_messages():
+        every = reader.iter_messages(
+            [*sent], starting_at=min(times), ending_at=max(times), log_time_order=False
+        )
+        for _, channel, message in every:
             logged.setdefault((channel.topic, message.log_time), set()).add(message.data)
     assert {one.topic for one in summary.channels.values()} == ALL
     for topic, messages in sent.items():
@@ -171,6 +193,59 @@ def test_a_page_of_another_site_reads_but_sets_nothing_and_the_next_run_is_found
                     client.know(ALL)
                     client.subscribe("/plant/state")
                     client.gather(lambda found: len(found.get("/plant/state", ())) >= 5)
+
+
+def test_nonsense_and_floods_end_nothing(tmp_path: Path) -> None:
+    """What a client says that speaks otherwise than it should; another one notices nothing."""
+    with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
+        node = live._nodes["plant"].name
+        with serving(tmp_path, "--write", "--node", node) as server, Client(server) as client:
+            client.know(ALL)
+            client.subscribe("/state")
+            for wrong in NONSENSE:
+                with Client(server) as other, suppress(ConnectionClosed):
+                    other.socket.send(wrong)
+                    other.socket.ping().wait(ANSWER_S)
+                client.gather(lambda found: "/state" in found)
+                assert client.get(GAIN) == {GAIN: 110.0}, wrong[:200]
+            assert live[GAIN] == 110.0
+            with Client(server) as other:
+                answers = [other.get(GAIN) for _ in range(400)]
+                assert answers[0] == {GAIN: 110.0} and {} in answers, "nobody counts"
+                assert client.get(GAIN) == {GAIN: 110.0}
+            for protocols in (None, ["foxglove.websocket.v1"]):
+                with pytest.raises(InvalidStatus, match="400"):
+                    Client(server, subprotocols=protocols)
+        live.stop()
+
+
+def _saying(**message: object) -> str:
+    return json.dumps(message)
+
+
+NONSENSE: list[str | bytes] = [
+    "", "{", "[]", "null", "1e999", '"' + "x" * 100_000, "[" * 100_000, b"", b"\xff" * 9,
+    b"\x01" + b"\xff" * 64, b"\x01", b"\x02\x00", b"x" * (20 << 20),
+    _saying(op="none"), _saying(op=["subscribe"]), _saying(op="subscribe"),
+    _saying(op="subscribe", subscriptions=[{"id": 1, "channelId": 10**9}]),
+    _saying(op="subscribe", subscriptions=[{"id": -1, "channelId": -1}]),
+    _saying(op="subscribe", subscriptions=[{"id": 1, "channelId": 2}] * 9),
+    _saying(op="unsubscribe", subscriptionIds=[77]),
+    _saying(op="advertise", channels=[{"id": 1, "topic": "/state", "encoding": "json"}]),
+    _saying(op="getParameters", parameterNames="all"),
+    _saying(op="getParameters", parameterNames=["x" * 1000] * 1000, id="a"),
+    _saying(op="setParameters", parameters=[{"name": GAIN}], id="a"),
+    _saying(op="setParameters", parameters=[{"name": GAIN, "value": None}], id="a"),
+    _saying(op="setParameters", parameters=[{"name": GAIN, "value": {"a": [1, {}]}}]),
+    _saying(op="setParameters", parameters=[{"name": GAIN, "value": "!", "type": "byte_array"}]),
+    _saying(op="setParameters", parameters=[{"name": "write.token", "value": 7}], id="a"),
+    _saying(op="setParameters", parameters=[{"name": "write.token", "value": "\ud800\u0000"}]),
+    _saying(op="setParameters", parameters=[{"name": "\x1b[2J", "value": 1.0}], id="a"),
+    _saying(op="callService", serviceId=1, callId=1, encoding="json"),
+    _saying(op="fetchAsset", uri="file:///etc/passwd", requestId=1),
+    _saying(op="playbackControlRequest", playbackCommand=0, playbackSpeed=1e308, requestId="a"),
+    _saying(op="subscribeConnectionGraph"),
+]  # fmt: skip
 
 
 def test_wrong_words_are_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

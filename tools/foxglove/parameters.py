@@ -21,6 +21,7 @@ from pcpc.tools.host.sources import Source, full
 
 MOST = 64  # parameters in one message
 _MOST_LETTERS = 300
+_MOST_CLIENTS = 256  # whose messages are counted
 
 
 class Parameters(ServerListener):
@@ -35,18 +36,21 @@ class Parameters(ServerListener):
     ) -> None:  # fmt: skip
         self._source, self._actions, self._token, self._tell = source, actions, token, tell
         self._allowed: set[int] = set()
+        self._floods: dict[int, guard.Flood] = {}
         self._told: dict[str, float] = {}
 
     def on_get_parameters(
         self, client: Any, param_names: Sequence[str], request_id: str | None = None
     ) -> list[Parameter]:
-        """Return the parameters of these names, all for none."""
-        return self._answer(param_names)
+        """Return the parameters of these names, all for none; nothing to one who floods."""
+        return [] if self._too_many(client.id) else self._answer(param_names)
 
     def on_set_parameters(
         self, client: Any, parameters: Sequence[Parameter], request_id: str | None = None
     ) -> list[Parameter]:
         """Set them, all between the same two cycles or none; return what they are now."""
+        if self._too_many(client.id):
+            return []
         wanted = {one.name: one.get_value() for one in parameters[: MOST + 1]}
         values = dict[str, float]()
         try:
@@ -63,6 +67,14 @@ class Parameters(ServerListener):
         before = {} if anew else self._told
         self._told = now
         return [_parameter(k, value) for k, value in now.items() if before.get(k) != value]
+
+    def _too_many(self, client: int) -> bool:
+        """Note that a client has said something; return whether it was one thing too many."""
+        flood = self._floods.pop(client, None) or guard.Flood()
+        self._floods[client] = flood  # who spoke last stands last
+        if len(self._floods) > _MOST_CLIENTS:
+            del self._floods[next(iter(self._floods))]
+        return flood.too_many()
 
     def _set(self, client: int, wanted: dict[str, Any]) -> dict[str, float]:
         """Return the values that have been set; UserError: refused, nothing has changed."""

@@ -30,6 +30,7 @@ class Server:
         self, watch: Watch, token: str, write: bool, address: str, port: int,
         certificate: tuple[bytes, bytes] | None = None,
     ) -> None:  # fmt: skip
+        foxglove.set_log_level("CRITICAL")  # it would print what strangers send
         self._watch, self._number = watch, 0
         self._nodes: dict[str, NodeTopics] = {}
         self._context = foxglove.Context()
