@@ -4,6 +4,7 @@ import json
 import re
 import socket
 import struct
+from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 
@@ -47,13 +48,12 @@ def test_what_is_sent_is_what_the_log_holds(tmp_path: Path) -> None:
         assert times == sorted(set(times)), topic
         most = 1 + RATE_HZ * 1e-9 * (times[-1] - times[0]) + 1
         assert 100 < len(times) <= most, f"{topic}: {len(times)}, at most {most}"
-    kinds = {struct.unpack_from("<IxB", payload, 20) for _, payload in sent["/can/frames"]}
-    assert kinds == kinds_in(run.path), "a kind of frame is never shown"
+    frames = sent["/can/frames"]
+    often = kinds_in(run.path, frames[0][0], frames[-1][0])
+    assert often <= {kind_of(payload) for _, payload in frames}, "a kind of frame is never shown"
     assert known["/log"]["schemaName"] == "foxglove.Log"
     said = b"".join(payload for _, payload in sent["/log"])
-    assert re.search(rb"controller\.kv_Nms_rad = 111 N m/\(rad/s\) from cycle \d+", said) or (
-        f"{GAIN} = 111".encode() in said
-    )
+    assert re.search(rb"controller\.kv_Nms_rad = 111 N m s/rad from cycle \d+", said), said
 
 
 def test_without_a_clock_messages_have_the_times_of_the_log(tmp_path: Path) -> None:
@@ -95,10 +95,20 @@ def assert_same(path: Path, sent: dict, known: dict) -> None:  # type: ignore[ty
             assert payload in logged[topic, time_ns], f"{topic} at {time_ns} is not in the log"
 
 
-def kinds_in(path: Path) -> set[tuple[int, int]]:
+def kind_of(payload: bytes) -> tuple[int, int]:
+    """Return id and direction of a frame."""
+    number, direction = struct.unpack_from("<IxB", payload, 20)
+    return number, direction
+
+
+def kinds_in(path: Path, first_ns: int, last_ns: int) -> set[tuple[int, int]]:
+    """Return the kinds of frames that came at least 20 times in that time."""
     with path.open("rb") as file:
-        found = make_reader(file).iter_messages(topics=["/can/frames"])
-        return {struct.unpack_from("<IxB", message.data, 20) for _, _, message in found}  # type: ignore
+        found = make_reader(file).iter_messages(
+            ["/can/frames"], starting_at=first_ns, ending_at=last_ns
+        )
+        counts = Counter(kind_of(message.data) for _, _, message in found)
+    return {kind for kind, count in counts.items() if count >= 20}
 
 
 def test_a_parameter_is_set_with_the_token_and_stands_in_the_log(tmp_path: Path) -> None:
