@@ -275,3 +275,5 @@ def test_wrong_words_are_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[st
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert main(["host", "--foxglove", str(taken.getsockname()[1])]) == 4
         assert "choose another --foxglove PORT" in capsys.readouterr().err
+    assert main(["host", "--foxglove", "--address", "192.0.2.9", "--plain"]) == 4
+    assert capsys.readouterr().err.startswith("192.0.2.9:8765: ")

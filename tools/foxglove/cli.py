@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlencode
 
@@ -47,23 +48,31 @@ def command(
     cert, key = certificate or (None, None)
     pair = (Path(cert).read_bytes(), Path(key).read_bytes()) if cert and key else None
     token = guard.token_of(os.environ, options.new_token)
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: ended.set())
-    os.nice(5)  # the loop and its bus go first; threads that are begun inherit it
     for port in _ports(options.foxglove):
         try:
             server = Server(shown, token, options.write, options.address, port, pair)
             break
         except UserError as error:
-            if error.code != Exit.ENVIRONMENT:
+            if "in use" not in str(error):
                 raise
             refused = error
     else:
         raise UserError(f"{refused}; choose another --foxglove PORT", Exit.ENVIRONMENT)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: ended.set())
+    _give_way()
     _say(options, shown, server.port, token)
     server.serve(ended)
     return Exit.OK
+
+
+def _give_way() -> None:
+    """Let the loop and its bus go first, before every thread of the server."""
+    nice = os.nice(0) + 5
+    for thread in os.listdir("/proc/self/task"):
+        with suppress(ProcessLookupError):  # it has ended since
+            os.setpriority(os.PRIO_PROCESS, int(thread), min(nice, 19))
 
 
 def _ports(wanted: int) -> range:
@@ -75,7 +84,7 @@ def _say(options: argparse.Namespace, shown: Watch, port: int, token: str) -> No
     name = options.name[0] if options.name else options.address
     place = f"[{name}]" if ":" in name else name
     url = f"{'wss' if options.tls_cert else 'ws'}://{place}:{port}"
-    query = urlencode({"ds": "foxglove-websocket", "ds.url": url}, safe=":/")
+    query = urlencode({"ds": "foxglove-websocket", "ds.url": url}, safe=":/[]")
     print(f"{url}\nhttps://app.foxglove.dev/?{query}", flush=True)
     reach = "every page open in a browser here" if guard.local(options.address) else "all there"
     told = [
