@@ -113,7 +113,8 @@ def test_nothing_is_left_when_everything_is_killed(tmp_path: Path) -> None:
         assert cycles > 50 and int(block["record_ends"][sh.PUT]) > 50, "read after its death"
         assert not block.alive()
     assert blocks_left(bus) == [], blocks_left(bus)
-    again = pcpc(*words[:3], str(tmp_path / "again"), *words[4:], "--set", "duration_s=0.2")
+    again = pcpc(*words[:3], str(tmp_path / "again"), *words[4:], *PATIENT, "--set",
+                 "duration_s=0.2")  # fmt: skip
     assert again.code in (0, 1, 3), str(again)
 
 

@@ -37,6 +37,7 @@ BUS = "udp_multicast:239.74.163.63:43163"  # of its own
 ROWS = 3000  # cycles of a drain, more than the recorder lets pile up in a run
 RUN_S = 2.0
 SETTLE_S = 0.2
+PATIENT = ("supervisor.hold_cycles=100000", "supervisor.fault_after_cycles=100000")  # late is told
 STAGES = ("timing.receive_us", "timing.step_us", "timing.send_us")
 
 
@@ -65,7 +66,7 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
 
 def one_run(kind: type[Host], seconds: float = RUN_S) -> tuple[float, float]:
     """Return p99 of wake-up lateness and of work of one run, us; BenchError if it failed."""
-    settings = [f"duration_s={seconds}"]
+    settings = [f"duration_s={seconds}", *PATIENT]
     options = argparse.Namespace(
         rig=RIG, bus=BUS, pacing="real", controller=None, set=settings, quiet=True,
         no_figure=True, judge=False, begin_ns=time.monotonic_ns(),
@@ -84,6 +85,8 @@ def one_run(kind: type[Host], seconds: float = RUN_S) -> tuple[float, float]:
     if code >= 0 or "executive" not in host.blocks:
         raise BenchError(f"the run on {BUS} failed; look at `pcpc run {RIG} --bus {BUS}`")
     times = timing(host.blocks["executive"])[:, round(SETTLE_S * rig.config.rate_hz) :]
+    if not times.size:
+        raise BenchError(f"the run on {BUS} ended after {SETTLE_S:g} s or sooner")
     return float(np.percentile(times[0], 99)), float(np.percentile(times[1], 99))
 
 
