@@ -75,10 +75,10 @@ def hosting(folder: Path, *words: str, port: int = 0, before: Sequence[str] = ()
 class Client:
     """A client with the token."""
 
-    def __init__(self, host: Host, **more: Any) -> None:
+    def __init__(self, host: Host) -> None:
         self._connection = host.connect()
         self.socket = self._connection.__enter__()
-        self.say(do="hello", token=host.token, **more)
+        self.say(do="hello", token=host.token)
         self.about: dict[str, Any] = self.until("about")["about"]
         self.last = 0
 

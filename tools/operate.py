@@ -1,4 +1,4 @@
-"""`pcpc handover`: what an operator asks of a running executive."""
+"""`pcpc arm|hold|resume|handover`: what an operator asks of a running executive."""
 
 import argparse
 import json
@@ -9,10 +9,16 @@ from pcpc.tools.remote.nodes import nodes_of
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry one out, and tell from which cycle it holds."""
+    """Carry one out, and tell in which cycle it was taken."""
     live = nodes_of(options).find(options.node or "executive")
-    cycle = operating.hand_over(live, options.controller)
-    told = {"cycle": cycle, "in_charge": options.controller}
-    text = f"{options.controller} is in charge from cycle {cycle}"
+    if options.command == "handover":
+        cycle = operating.hand_over(live, options.controller)
+        told: dict[str, object] = {"cycle": cycle, "in_charge": options.controller}
+        text = f"{options.controller} is in charge from cycle {cycle}"
+    else:
+        held = options.command == "hold"
+        cycle = operating.hold(live) if held else operating.arm(live)
+        told = {"cycle": cycle, "armed": not held}
+        text = f"{'held, commands go to their safe values' if held else 'armed'}: cycle {cycle}"
     print(json.dumps(told) if options.json else text)
     return Exit.OK

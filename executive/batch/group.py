@@ -22,6 +22,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.timing import COUNTERS
 from pcpc.executive.loop.variables import (
+    DISARMED,
     ERROR_REGISTER,
     GAIN,
     RESET_ASKED,
@@ -70,6 +71,8 @@ class Group:
             raise NotInLanes("it limits what it receives")
         if rig.config.bus.emulate is not None:
             raise NotInLanes("its line is emulated")
+        if rig.config.supervisor.arm == "manual":
+            raise NotInLanes("it is armed by hand")
         self.cycles = cycles_of(rig)
         self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
         self._blocks = [sh.private(describe(made, {})) for made in self.plans.values()]
@@ -93,7 +96,8 @@ class Group:
         self._kept = {role: put_back(made.spec, made.table) for role, made in self.plans.items()}
         self._begin = {role: _beginning(role, seat) for role, seat in self.seats.items()}
         for made, loop in zip(self.plans.values(), (top, low), strict=True):
-            requests = {place for _, place, _ in made.schedule} & {RESET_ASKED, STOP_ASKED}
+            asks = {RESET_ASKED, STOP_ASKED, DISARMED}
+            requests = {place for _, place, _ in made.schedule} & asks
             if loop.guard.estop_index >= 0 or loop.guard.stop_row >= 0 or requests:
                 raise NotInLanes("it may be stopped by a signal, a frame or its schedule")
         if low.guard.mode_index < 0 or low.limits.n > 0:

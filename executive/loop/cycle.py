@@ -45,6 +45,7 @@ from pcpc.executive.loop.stalls import own_up, stalled, stand_still
 from pcpc.executive.loop.strangers import listen, refused
 from pcpc.executive.loop.tuning import tune
 from pcpc.executive.loop.variables import (
+    DISARMED,
     ERROR_CODE,
     FALLBACK,
     FAULT,
@@ -121,11 +122,15 @@ def supervise(n: Any) -> None:
     fresh, ramped = guard.missing == 0, guard.gain <= 0.0 and safe
     if guard.reset != 0:
         judge_reset(n, fresh and ramped)
-    state = sv.advance(before, fresh, guard.faulted, leave, ramped and guard.waits == 0)
-    ramps = sv.DOES[state, sv.RAMPS] != 0 or asked
+    disarmed = guard.disarmed != 0
+    state = sv.advance(before, fresh, guard.faulted, leave, ramped and guard.waits == 0, disarmed)
+    waits = disarmed and state == sv.READY
+    ramps = sv.DOES[state, sv.RAMPS] != 0 or asked or waits
+    if before == sv.READY and not ramps:
+        guard.pace = 0.0
     if ramps and (guard.pace == 0.0 or guard.quick == sh.ASKED):
         begin_ramp(n, asked)
-    if sv.DOES[before, sv.RAMPS] != 0 or (asked and not leave):
+    if sv.DOES[before, sv.RAMPS] != 0 or (asked and not leave) or (waits and before == state):
         guard.gain = max(guard.gain - guard.pace, 0.0)
     elif not ramps and sv.DOES[state, sv.SENDS] != 0:
         guard.gain = min(guard.gain + guard.ramp_step, 1.0)
@@ -145,9 +150,12 @@ def watch_estop(n: Any) -> None:
 def hear_requests(n: Any) -> None:
     """Note what was asked of the supervisor, for its next cycle; a request is heard once.
 
+    Being disarmed is no request: it lasts.
+
     A reset forgets the fault, so that a detector that still sees one tells it until then.
     """
     guard, safe = n.guard, n.guard.gain <= 0.0 and settled(n.limits)
+    guard.disarmed = np.int64(n.v[DISARMED] != 0.0)
     if n.v[RESET_ASKED] != 0.0:
         n.v[RESET_ASKED] = 0.0
         if n.v[STATE] == sv.FAULT and guard.waits != 0 and safe:
@@ -181,6 +189,8 @@ def enter(n: Any, before: Any, state: Any) -> None:
         if state == sv.FAULT:
             n.control[sh.FAULT] = guard.faulted
             push_event(n, sh.FAULT_EVENT, guard.faulted, 0.0)
+            if guard.manual != 0:
+                n.v[DISARMED] = 1.0
     n.control[sh.STATE] = state
     n.v[STATE] = state
     n.v[FAULT] = guard.faulted

@@ -1,7 +1,7 @@
 """The node as a drive on the bus: status word of CiA 402, error code and register of CiA 301.
 
     INIT        not ready to switch on; after a reset switch on disabled
-    READY       ready to switch on
+    READY       ready to switch on; switched on while the gain falls because it was disarmed
     RUN, HOLD   operation enabled; switched on while the gain rises after a reset; quick stop active
                 on the ramp at the end
     FAULT       fault reaction active on the ramp, then fault
@@ -36,6 +36,8 @@ def drive_state(n: Any, state: Any) -> Any:
         return FAULT if safe else FAULT_REACTION_ACTIVE
     if state == sv.INIT:
         return NOT_READY_TO_SWITCH_ON if n.control[sh.FAULT] == 0 else SWITCH_ON_DISABLED
+    if state == sv.READY and guard.disarmed != 0:
+        return SWITCHED_ON if guard.gain > 0.0 else READY_TO_SWITCH_ON
     if guard.pace > 0.0:
         return QUICK_STOP_ACTIVE
     if state == sv.READY:

@@ -89,9 +89,8 @@ STARTS, AWAITED, PEER = 0, 1, 2  # columns of `rx.role`; PEER: of the node that 
 MEETING = 3  # a further one: what the frame is to `executive.loop.meeting`
 ASKED, BEGUN = 1, 2  # values of `guard.quick`
 SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `guard.overrun_policy`
-STAGES, BUCKETS, LATEST = 6, 320, 8  # sizes of `executive.loop.timing`
+STAGES, BUCKETS, LATEST, STAGE_FIGURES = 6, 320, 8, 4  # sizes of `executive.loop.timing`
 COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
-STAGE_FIGURES = 4
 LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
 LATE_FIGURES = LATE_USAGE + 4
 HEARTBEAT, ALL_FRAMES = 0, 1  # `tx.last_word`
@@ -173,6 +172,7 @@ _GUARD = [  # the supervisor
     ("odd_output", "<i8"),  # the fault when an output is no finite number
     ("safe_start", "<i8"),  # 1: before the first valid input commands are safe
     ("waits", "<i8"),  # 1: FAULT lasts until a reset; 0: until its ramp is over
+    ("manual", "<i8"),  # 1: a fault disarms
     ("estop_index", "<i8"),  # the received variable that is an emergency stop, or -1
     ("stop_row", "<i8"),  # the received frame that is a stop, or -1
     ("ramp_step", "<f8"),  # change of the gain a cycle in FAULT
@@ -180,9 +180,8 @@ _GUARD = [  # the supervisor
     ("n_safe", "<i8"),
     ("safe_index", "<i8", (MAX_LIMITS,)),
     ("safe", "<f8", (MAX_LIMITS, 5)),
-    ("missing", "<i8"),  # consecutive cycles without complete valid input
-    ("overruns", "<i8"),  # in a row
-    ("faulted", "<i8"),
+    *((name, "<i8") for name in ("missing", "overruns")),  # cycles in a row: no valid input, late
+    *((name, "<i8") for name in ("faulted", "disarmed")),
     ("reset", "<i8"),  # 1: asked for in the cycle before
     ("stop", "<i8"),  # 1: the end was asked for
     ("off", "<i8"),  # 1: the CAN controller is bus-off

@@ -1,16 +1,16 @@
 """The supervisor of a node: six states, one pure transition table, one ramp.
 
-    INIT   waiting for the other node          READY  the first valid sample is here
+    INIT   waiting for the other node          READY  the other node is there; armed?
     RUN    the loop is closed                  HOLD   a cycle ran on the last valid sample
     FAULT  the command ramps to its safe value STOP   the command is safe, the node ends
 
-               NONE   FRESH  MISSED  LOSS   STOP_REQUEST  RAMPED  RESET
-      INIT     INIT   READY  INIT    FAULT  STOP          INIT    INIT
-      READY    READY  RUN    READY   FAULT  STOP          READY   READY
-      RUN      RUN    RUN    HOLD    FAULT  STOP          RUN     RUN
-      HOLD     HOLD   RUN    HOLD    FAULT  STOP          HOLD    HOLD
-      FAULT    FAULT  FAULT  FAULT   FAULT  STOP          STOP    INIT
-      STOP     STOP   STOP   STOP    STOP   STOP          STOP    STOP
+               NONE   FRESH  MISSED  LOSS   STOP_REQUEST  RAMPED  RESET  DISARMED
+      INIT     INIT   READY  INIT    FAULT  STOP          INIT    INIT   INIT
+      READY    READY  RUN    READY   FAULT  STOP          READY   READY  READY
+      RUN      RUN    RUN    HOLD    FAULT  STOP          RUN     RUN    READY
+      HOLD     HOLD   RUN    HOLD    FAULT  STOP          HOLD    HOLD   READY
+      FAULT    FAULT  FAULT  FAULT   FAULT  STOP          STOP    INIT   FAULT
+      STOP     STOP   STOP   STOP    STOP   STOP          STOP    STOP   STOP
 
 What a state does stands beside it (`DOES`), and the loop reads it there:
 
@@ -38,6 +38,11 @@ reset that was asked for: in a cycle with valid input, commands safe, and no det
 fault since the cycle before. The laws went on all the while and keep their states; `gain` rises
 from 0 to 1 as fast as it fell, so that commands begin where they are.
 
+An executive that is disarmed, by its operator or from its start (`arm: manual`, where a fault
+disarms, too), is in READY at most: commands go the way of FAULT to their safe values and stay
+there, without a fault. Time, references and laws go on, with the measured feedback. Armed, it is in
+RUN with the next complete input, and `gain` rises as after a reset.
+
 The same table serves the executive (fresh = a complete valid set of feedback) and the emulator
 (fresh = a valid command), whose FAULT is its watchdog.
 """
@@ -51,16 +56,16 @@ from pcpc.drivers.jit import loop_inline
 INIT, READY, RUN, HOLD, FAULT, STOP = range(6)
 STATE_NAMES = ("INIT", "READY", "RUN", "HOLD", "FAULT", "STOP")
 
-NONE, FRESH, MISSED, LOSS, STOP_REQUEST, RAMPED, RESET = range(7)
+NONE, FRESH, MISSED, LOSS, STOP_REQUEST, RAMPED, RESET, DISARMED = range(8)
 
 NEXT = np.array(
     [
-        [INIT, READY, INIT, FAULT, STOP, INIT, INIT],
-        [READY, RUN, READY, FAULT, STOP, READY, READY],
-        [RUN, RUN, HOLD, FAULT, STOP, RUN, RUN],
-        [HOLD, RUN, HOLD, FAULT, STOP, HOLD, HOLD],
-        [FAULT, FAULT, FAULT, FAULT, STOP, STOP, INIT],
-        [STOP, STOP, STOP, STOP, STOP, STOP, STOP],
+        [INIT, READY, INIT, FAULT, STOP, INIT, INIT, INIT],
+        [READY, RUN, READY, FAULT, STOP, READY, READY, READY],
+        [RUN, RUN, HOLD, FAULT, STOP, RUN, RUN, READY],
+        [HOLD, RUN, HOLD, FAULT, STOP, HOLD, HOLD, READY],
+        [FAULT, FAULT, FAULT, FAULT, STOP, STOP, INIT, FAULT],
+        [STOP, STOP, STOP, STOP, STOP, STOP, STOP, STOP],
     ],
     np.int64,
 )
@@ -135,10 +140,10 @@ EMERGENCY_STOP, STOP_FRAME, NOT_PLAUSIBLE, INTRUSION, BUS_OFF = range(12, 17)
 
 
 @loop_inline
-def advance(state: Any, fresh: Any, fault: Any, stopping: Any, ramped: Any) -> Any:
+def advance(state: Any, fresh: Any, fault: Any, stopping: Any, ramped: Any, disarmed: Any) -> Any:
     """Return the next state. `fresh`: this cycle's input is complete; `fault`: a fault code.
 
-    In FAULT no fault code means that a reset was granted.
+    In FAULT no fault code means that a reset was granted. Being disarmed keeps no node in INIT.
     """
     event = MISSED
     if stopping:
@@ -147,6 +152,8 @@ def advance(state: Any, fresh: Any, fault: Any, stopping: Any, ramped: Any) -> A
         event = RESET if fault == NO_FAULT else RAMPED if ramped else NONE
     elif fault != NO_FAULT:
         event = LOSS
+    elif disarmed and state != INIT:
+        event = DISARMED
     elif fresh:
         event = FRESH
     return NEXT[state, event]

@@ -46,6 +46,7 @@ REFUSALS = (("health.requests_refused", "", "requests for tunings that the loop 
 REQUESTS = (  # parameters of the loop itself: name, unit, meaning, highest value
     ("supervisor.reset", "", "set to 1: out of a FAULT that waits, if its cause is gone", 1.0),
     ("supervisor.stop", "", "set to 1: the run ends; to 2: as a quick stop", 2.0),
+    ("supervisor.disarmed", "", "1: commands are safe until it is armed again", 1.0),
 )
 DRIVE = (  # as CiA 402 and CiA 301 have them, see `executive.loop.drive`
     ("supervisor.status_word", "", "CiA 402: state of the drive"),
@@ -66,7 +67,8 @@ RESET = TIMING_AT + len(TIMING)
 REFUSED = RESET + len(RESETS)
 RESET_ASKED = REFUSED + len(REFUSALS)
 STOP_ASKED = RESET_ASKED + 1
-STATUS_WORD = STOP_ASKED + 1
+DISARMED = STOP_ASKED + 1
+STATUS_WORD = DISARMED + 1
 ERROR_CODE, ERROR_REGISTER = STATUS_WORD + 1, STATUS_WORD + 2
 BUS_AT = ERROR_REGISTER + 1
 STATISTICS_AT = RESET - 12

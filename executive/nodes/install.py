@@ -12,6 +12,7 @@ from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, LOCKSTEP, ON_FRAMES, REAL, VIRTUAL
 from pcpc.executive.loop.intrusion import REACTIONS
 from pcpc.executive.loop.timing import reset
+from pcpc.executive.loop.variables import DISARMED
 from pcpc.executive.nodes.plan import Plan, cycles_of
 from pcpc.executive.nodes.planned_faults import install_faults
 from pcpc.executive.nodes.planned_plausible import install_plausible
@@ -45,8 +46,10 @@ def install(made: Plan, loop: Any) -> None:
     guard.waits = config.supervisor.on_fault == "wait"
     guard.ramp_step = period_s / config.supervisor.ramp_s
     guard.quick_step = period_s / (config.supervisor.quick_stop_s or config.supervisor.ramp_s)
-    guard.gain = 1.0
     loop.v[:] = 0.0
+    guard.manual = made.role == "executive" and config.supervisor.arm == "manual"
+    guard.gain, guard.disarmed = 1.0 - guard.manual, guard.manual
+    loop.v[DISARMED] = guard.manual
     for place, value in made.values.items():
         loop.v[place] = value
     for place, variable in enumerate(made.table.variables):

@@ -1,14 +1,46 @@
-"""What an operator asks of a running executive beside tunings: who is in charge.
+"""What an operator asks of a running executive: arm, hold, who is in charge.
 
 Each is a tuning, which the node judges, takes between two cycles and logs; a replay repeats it.
 """
 
+from collections.abc import Mapping
+
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
+from pcpc.executive.loop import faults
+from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.executive.rig.standby import IN_CHARGE, TO
 
+DISARMED = "supervisor.disarmed"
 _WITHIN_S = 2.0  # a node that runs needs a few cycles
+
+
+def arm(live: Live) -> int:
+    """Let an executive that is disarmed close its loop; return the cycle that takes it.
+
+    LiveError: armed already, in INIT or FAULT (NOT_MET), or what `Live.tune` says.
+    """
+    now = live.read()
+    state = int(now["supervisor.state"])
+    if state == sv.FAULT:
+        why = faults.reason(live.block.description, live.block["control"])
+        raise LiveError(f"{live.name}: FAULT, {why}; `pcpc reset` first", Exit.NOT_MET)
+    if state == sv.INIT:
+        raise LiveError(f"{live.name}: waits for the other node; later", Exit.NOT_MET)
+    if now[DISARMED] == 0.0:
+        raise LiveError(f"{live.name}: armed already")
+    return live.tune({DISARMED: 0.0})
+
+
+def hold(live: Live) -> int:
+    """Ramp commands to their safe values, until `arm`; return the cycle that takes it.
+
+    LiveError: disarmed already, or what `Live.tune` says.
+    """
+    if live[DISARMED] != 0.0:
+        raise LiveError(f"{live.name}: disarmed already")
+    return live.tune({DISARMED: 1.0})
 
 
 def laws(live: Live) -> list[str]:
@@ -16,10 +48,10 @@ def laws(live: Live) -> list[str]:
     return [str(name) for name in live.block.description.get("laws", ())]
 
 
-def in_charge(live: Live) -> str:
-    """Return the controller whose outputs count; "" without standby."""
+def in_charge(live: Live, now: Mapping[str, float]) -> str:
+    """Return the controller whose outputs count in the values `now`; "" without standby."""
     names = laws(live)
-    return names[int(live[IN_CHARGE])] if names else ""
+    return names[int(now[IN_CHARGE])] if names else ""
 
 
 def hand_over(live: Live, controller: str) -> int:
@@ -51,6 +83,6 @@ def hand_over(live: Live, controller: str) -> int:
 
 
 def _refused(live: Live, controller: str) -> str:
-    stays = in_charge(live)
+    stays = in_charge(live, live.read())
     what = f"{controller} cannot take over: an output of it is no finite number"
     return f"{live.name}: {what}; {stays} stays in charge"

@@ -160,7 +160,8 @@ def _lay_out(made: Plan) -> None:
     for name, unit, help in REFUSALS:
         table.add(Variable(name, unit, "health", "loop", help, recorded=False))
     for name, unit, help, high in REQUESTS:
-        table.add(Variable(name, unit, "parameter", "loop", help, 0.0, high, recorded=False))
+        most = 0.0 if name == "supervisor.disarmed" and made.role != "executive" else high
+        table.add(Variable(name, unit, "parameter", "loop", help, 0.0, most, recorded=False))
     for name, unit, help in DRIVE:
         table.add(Variable(name, unit, "supervisor", "loop", help, recorded=False))
     for name, unit, help in BUS:

@@ -36,7 +36,7 @@ from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.injection import count_down, peer_stalled
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.sending import request_first_sample
-from pcpc.executive.loop.variables import COUNTED
+from pcpc.executive.loop.variables import COUNTED, STATE
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import watched
@@ -169,7 +169,8 @@ def recompute(
             n.v[clocks[j]] = clocked[i, j]
         if rows[i, BUS_FAILED] != 0:
             n.guard.faulted = sv.BUS_FAILED
-        if rows[i, ENDS] != 0:
+        waits = n.guard.disarmed != 0 and n.v[STATE] == sv.READY  # else its end was asked for
+        if rows[i, ENDS] != 0 and not waits:
             n.control[sh.STOP] = 1
         one_pass(n, steps)
         n.wire.outbox_put = 0
@@ -212,7 +213,7 @@ class Replay:
         ]  # fmt: skip
         places = [self._index[name] for name in (*self._clocks, *self._given)]
         self._places = np.array(places, np.int64)
-        self._gain = np.ones(1)  # of the cycle before the next slice
+        self._gain = np.array([loop.guard.gain])  # of the cycle before the next slice
         self._clocked = np.zeros((1, len(self._clocks)))  # of the cycle before the next slice
         self.needed = ["supervisor.fault", *self._clocks, *self._given]  # of a record
         self._heartbeats = [f.can_id for f in made.tx_frames if heartbeat(f)]

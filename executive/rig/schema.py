@@ -58,9 +58,10 @@ class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Reactions to missing frames, in cycles, and the ramp to safe values.
 
     `peer_timeout_s`: how long a node that is ready waits for the other one. `on_fault`: what
-    follows the ramp. `estop`: a received signal, 0 as long as all is well; `stop_frame`: a frame
-    that any node may send; both are a quick stop and a fault. `intrusion`: what follows when two
-    senders of a frame are recognised, see `loop.intrusion`.
+    follows the ramp. `arm`: by an operator, at the start and behind a fault. `estop`: a received
+    signal, 0 as long as all is well; `stop_frame`: a frame that any node may send; both are a quick
+    stop and a fault. `intrusion`: what follows when two senders of a frame are recognised, see
+    `loop.intrusion`.
     """
 
     hold_cycles: Annotated[int, Meta(ge=2)] = 2
@@ -68,6 +69,7 @@ class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     ramp_s: Annotated[float, Meta(gt=0, le=3600)] = 0.05
     quick_stop_s: Annotated[float, Meta(gt=0, le=3600)] | None = None
     on_fault: Literal["stop", "wait"] = "stop"
+    arm: Literal["automatic", "manual"] = "automatic"
     estop: str | None = None
     stop_frame: str | None = None
     intrusion: Literal["count", "hold", "fault"] = "count"

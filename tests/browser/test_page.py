@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from free_bus import GROUP, own_port
 from hosting import LONG, Host, hosting
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
@@ -28,7 +27,6 @@ BROWSERS = "chromium", "chromium-browser", "google-chrome"
 WIDE, PHONE = {"width": 1400, "height": 950}, {"width": 390, "height": 844}
 GAIN = "controller.kv_Nms_rad"
 PATIENT_MS = 30_000.0
-DRAWN = "pcpc.panels.some((panel) => panel.x || panel.points)"
 ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped()])}
 
 
@@ -57,7 +55,7 @@ def host(run: pcpc.Live, tmp_path: Path) -> Iterator[Host]:
 
 
 @contextmanager
-def opened(browser: Browser, host: Host, size: Any = WIDE, ready: str = DRAWN) -> Iterator[Page]:
+def opened(browser: Browser, host: Host, size: Any = WIDE) -> Iterator[Page]:
     """Open the page; whatever it complains of, and every foreign address, is an error."""
     context = browser.new_context(viewport=size)
     page = context.new_page()
@@ -69,7 +67,7 @@ def opened(browser: Browser, host: Host, size: Any = WIDE, ready: str = DRAWN) -
     page.set_default_timeout(PATIENT_MS)
     page.goto(host.url)
     expect(page.locator("#link")).to_have_text("connected", timeout=PATIENT_MS)
-    wait(page, ready)
+    wait(page, "pcpc.panels.some((panel) => panel.x || panel.points)")
     yield page
     lost = [line for line in said if "ERR_CONNECTION_REFUSED" not in line]  # while it restarts
     assert not lost, lost
@@ -260,47 +258,6 @@ def test_pause_zoom_and_a_layout_with_what_is_gone(browser: Browser, host: Host)
         assert page.evaluate("pcpc.panels.map((panel) => panel.names)") == [["controller.e_rad"]]
 
 
-def test_of_two_runs_one_is_chosen_and_stays_after_a_reload(
-    browser: Browser, tmp_path: Path
-) -> None:
-    def begin() -> Any:
-        return pcpc.running(
-            "sin1.0", "pd", pacing="real", set=LONG, bus=f"udp_multicast:{GROUP}:{own_port()}"
-        )
-
-    asks = "!document.getElementById('chooser').hidden"
-    with (
-        begin() as one, begin() as two,
-        hosting(tmp_path, "sin1.0", "--write") as host, opened(browser, host, ready=asks) as page,
-    ):  # fmt: skip
-        names = [live._nodes["plant"].name.rpartition(".")[0] for live in (one, two)]
-        expect(page.locator("#chooser-title")).to_have_text("2 runs go on; choose what is shown")
-        row = page.locator("#chooser tr", has_text=names[1])
-        expect(row).to_contain_text("sin1.0")
-        expect(row).to_contain_text("executive")
-        shot(page, "chooser")
-        row.locator("button").click()
-        expect(page.locator("#chooser")).to_be_hidden()
-        wait(page, DRAWN)
-        moves(page)
-        box = parameter(page, GAIN)
-        box.fill("120")
-        box.press("Enter")
-        expect(page.locator("#answer")).to_contain_text("from cycle")
-        assert (one[GAIN], two[GAIN]) == (110.0, 120.0)
-        page.reload()
-        wait(page, DRAWN)
-        expect(page.locator("#runs")).to_have_value(names[1])
-        expect(parameter(page, GAIN)).to_have_value("120")
-        page.locator("#runs").select_option(names[0])
-        expect(parameter(page, GAIN)).to_have_value("110")
-        moves(page)
-        shot(page, "two-runs")
-        one.stop()
-        expect(page.locator("#nodes")).to_contain_text("executive ended")
-        expect(page.locator("#runs option:checked")).to_have_text(f"{names[0]} (does not run)")
-
-
 def test_a_wrong_token_and_a_page_that_only_shows(
     browser: Browser, run: pcpc.Live, tmp_path: Path
 ) -> None:
@@ -344,3 +301,26 @@ def test_the_log_has_the_tunings_of_the_page(run: pcpc.Live) -> None:
     run.stop()
     tuned = [(e["cycle"], e["value"]) for e in run.run.events if e.get("name") == GAIN]
     assert TOLD and set(TOLD) <= set(tuned), os.fspath(run.run.path)
+
+
+def test_an_operator_holds_arms_and_hands_over(browser: Browser, tmp_path: Path) -> None:
+    with pcpc.running("hull", "pd", standby=["pd_nn"], pacing="real", set=LONG) as run:
+        node = run._nodes["plant"].name
+        with (
+            hosting(tmp_path, "--write", "--node", node) as host,
+            opened(browser, host) as page,
+        ):
+            box, nodes = page.locator("#operate"), page.locator("#nodes")
+            expect(box).to_contain_text("pd is in charge")
+            box.get_by_text("hold", exact=True).click()
+            expect(nodes).to_contain_text("executive READY")
+            box.get_by_text("arm", exact=True).click()
+            expect(nodes).to_contain_text("executive RUN")
+            box.get_by_text("hand over to pd_nn").click()
+            expect(box).to_contain_text("pd_nn is in charge")
+            expect(page.locator("#answer")).to_contain_text("hand over to pd_nn: from cycle")
+            expect(box.get_by_text("hand over to pd", exact=True)).to_be_enabled()
+            assert run["handover.in_charge"] == 1.0
+            shot(page, "operate")
+        with hosting(tmp_path, "--node", node) as host, opened(browser, host) as page:
+            expect(page.locator("#operate").get_by_text("hold", exact=True)).to_be_disabled()

@@ -13,7 +13,7 @@ from pcpc.executive.nodes.install import PATIENCE_S
 from pcpc.executive.nodes.watched import HANG_PERIODS, HANG_S
 from pcpc.executive.rig.reading import load_rig
 
-EVENTS = ("NONE", "FRESH", "MISSED", "LOSS", "STOP_REQUEST", "RAMPED", "RESET")
+EVENTS = ("NONE", "FRESH", "MISSED", "LOSS", "STOP_REQUEST", "RAMPED", "RESET", "DISARMED")
 
 
 def documented_table() -> dict[tuple[str, str], str]:
@@ -24,9 +24,11 @@ def documented_table() -> dict[tuple[str, str], str]:
     return {(row[0], event): to for row in rows for event, to in zip(EVENTS, row[1:], strict=True)}
 
 
-def step(state: int, fresh: bool, fault: int, stopping: bool, ramped: bool) -> int:
+def step(
+    state: int, fresh: bool, fault: int, stopping: bool, ramped: bool, disarmed: bool = False
+) -> int:
     """Return the next state as a plain number."""
-    return int(sv.advance(state, fresh, fault, stopping, ramped))
+    return int(sv.advance(state, fresh, fault, stopping, ramped, disarmed))
 
 
 ALL_INPUTS = list(product((False, True), range(len(sv.FAULT_NAMES)), (False, True), (False, True)))
@@ -88,6 +90,17 @@ def test_only_fresh_input_closes_the_loop_in_two_steps() -> None:
     assert ways == {"INIT": "READY", "READY": "RUN", "HOLD": "RUN"}, ways
     for state in (sv.INIT, sv.READY):
         assert step(state, False, 0, False, False) == state, sv.STATE_NAMES[state]
+
+
+def test_who_is_disarmed_is_ready_at_most_and_everything_else_goes_before() -> None:
+    for fresh, fault, stopping, ramped in ALL_INPUTS:
+        for state in (sv.READY, sv.RUN, sv.HOLD):
+            to = step(state, fresh, fault, stopping, ramped, True)
+            wanted = sv.STOP if stopping else sv.FAULT if fault else sv.READY
+            assert to == wanted, f"{state} {fresh=} {fault=} {stopping=}: {sv.STATE_NAMES[to]}"
+        for state in (sv.INIT, sv.FAULT, sv.STOP):
+            inputs = state, fresh, fault, stopping, ramped
+            assert step(*inputs, True) == step(*inputs, False), inputs
 
 
 def test_the_heartbeat_says_operational_exactly_where_the_loop_is_closed() -> None:

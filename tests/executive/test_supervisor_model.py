@@ -60,12 +60,18 @@ class Supervised(RuleBasedStateMachine):
         self.n = self.node.loop
         self.state, self.gain, self.sent = sv.INIT, 1.0, SAFE
         self.asked = self.reset = self.due = self.was_reset = self.pressed = False
+        self.disarmed = False
         self.n.guard.estop_index = self.node.place(ESTOP)
 
-    @initialize(waits=st.booleans())
-    def begin(self, waits: bool) -> None:
-        """Choose whether a fault waits for a reset."""
+    @initialize(waits=st.booleans(), manual=st.booleans())
+    def begin(self, waits: bool, manual: bool) -> None:
+        """Choose whether a fault waits for a reset, and whether the loop is closed by hand."""
         self.n.guard.waits = waits
+        self.n.guard.manual = self.n.guard.disarmed = manual
+        self.node["supervisor.disarmed"] = float(manual)
+        if manual:
+            self.n.guard.gain = self.gain = 0.0
+            self.was_reset = True
 
     @property
     def over(self) -> bool:
@@ -77,6 +83,7 @@ class Supervised(RuleBasedStateMachine):
     def cycle(self, fresh: bool, wish: float) -> None:
         """Do a cycle with or without complete input; `wish` is what the law wants."""
         n = self.n
+        self.disarmed = n.guard.disarmed != 0
         n.rx.fresh = n.rx.awaited if fresh else 0
         if n.rx.awaited == 0:
             n.rx.fresh = 0
@@ -105,6 +112,11 @@ class Supervised(RuleBasedStateMachine):
         """Let the host ask for the end."""
         self.n.control[sh.STOP] = 1
         self.asked = True
+
+    @rule(disarmed=st.booleans())
+    def arm_or_hold(self, disarmed: bool) -> None:
+        """Let an operator arm it or hold it, for the cycle after next."""
+        self.node["supervisor.disarmed"] = float(disarmed)
 
     @rule(quick=st.booleans())
     def ask_to_stop_as_a_client(self, quick: bool) -> None:
@@ -141,12 +153,16 @@ class Supervised(RuleBasedStateMachine):
             assert fresh and not self.pressed and gain == 0.0 and abs(sent - SAFE) <= RATE, told
             self.was_reset = True
         assert not self.pressed or sv.DOES[state, sv.RAMPS], f"{told}: pressed"
-        if state in (sv.READY, sv.RUN) and state != before:
+        if state == sv.RUN and state != before:
             assert fresh or self.asked, f"{told}: nothing fresh"
+        if self.disarmed:
+            assert not sv.DOES[state, sv.RUNS], f"{told}: disarmed"
+        waits = self.disarmed and state == sv.READY
         if state == sv.HOLD:
             assert not fresh, told
         assert state != sv.FAULT or self.node["supervisor.fault"] != sv.NO_FAULT, told
-        ramps = self.asked or bool(sv.DOES[state, sv.RAMPS])
+        ramps = self.asked or bool(sv.DOES[state, sv.RAMPS]) or waits
+        self.was_reset = self.was_reset or waits
         step = 1.0 / RAMP_CYCLES if self.was_reset and not ramps and state != sv.INIT else 0.0
         assert self.gain <= gain + step, f"{told}: the gain rises from {gain} to {self.gain}"
         assert self.gain == 1.0 or ramps or self.was_reset, told
@@ -160,7 +176,7 @@ class Supervised(RuleBasedStateMachine):
         assert abs(self.sent - sent) <= RATE * (1 + 1e-12), told
         if state == sv.INIT:
             assert self.sent == SAFE, told
-        if self.asked or sv.DOES[state, sv.RAMPS]:
+        if self.asked or sv.DOES[state, sv.RAMPS] or (self.disarmed and state == sv.READY):
             assert abs(self.sent - SAFE) <= abs(sent - SAFE) + 1e-12, f"{told}: away from safe"
 
     def teardown(self) -> None:

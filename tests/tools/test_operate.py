@@ -18,7 +18,13 @@ from pcpc.tools.cli import main
 PATIENT = {"duration_s": 600.0, "rate_hz": 200.0, "supervisor.fault_after_cycles": 400}
 SHORT = {
     "duration_s": 0.4,
-    "schedule": [{"at_s": 0.15, "handover": "pid"}, {"at_s": 0.3, "handover": "pd"}],
+    "supervisor.arm": "manual",
+    "schedule": [
+        {"at_s": 0.05, "set": {"supervisor.disarmed": 0}},
+        {"at_s": 0.15, "handover": "pid"},
+        {"at_s": 0.2, "set": {"supervisor.disarmed": 1}},
+        {"at_s": 0.3, "handover": "pd", "set": {"supervisor.disarmed": 0}},
+    ],
     "handover.over_s": 0.05,
 }
 
@@ -67,6 +73,19 @@ def test_a_terminal_hands_over_and_undo_hands_back(run: pcpc.Live, capsys: Scree
     code, out, err = said(capsys, run, "undo")
     assert code == 0 and out.startswith("handover.to = 0 (was 1) from cycle "), out + err
     until(lambda: run["handover.in_charge"] == 0.0, "handed back", 10.0)
+
+
+def test_a_hold_and_what_follows_are_no_fault(run: pcpc.Live, capsys: Screen) -> None:
+    until(lambda: run.state in ("RUN", "HOLD"), "closed", 10.0)
+    run.hold()
+    run.wait_until("supervisor.gain", below=1e-12, within_s=20.0)
+    assert run.state == "READY" and abs(run["tx.CMD.motor_torque"]) < 1e-12
+    for word, why in (("hold", "disarmed already"), ("resume", ""), ("arm", "armed already")):
+        code, out, err = said(capsys, run, word)
+        assert (code == 0) == (why == "") and why in err, out + err
+        assert why or out.startswith("armed: cycle "), out
+    run.wait_until("supervisor.gain", above=1.0 - 1e-12, within_s=20.0)
+    assert run.state in ("RUN", "HOLD") and run["supervisor.fault"] == 0.0
 
 
 def test_who_is_not_there_is_refused_with_who_is(run: pcpc.Live, capsys: Screen) -> None:

@@ -118,6 +118,20 @@ class Live:
         nodes = list(self._nodes.values())
         return min(injecting.inject(nodes, fault, for_s, value, share).values())
 
+    def arm(self) -> int:
+        """Close the loop of a run that is disarmed, by `arm: manual` or `hold`.
+
+        Returns the cycle that takes it. pcpc.Error: armed already, in INIT or FAULT.
+        """
+        return operating.arm(self._node("executive"))
+
+    def hold(self) -> int:
+        """Ramp the commands to their safe values, until `arm`; return the cycle that takes it.
+
+        It is no fault. Time, references and laws go on. pcpc.Error: disarmed already.
+        """
+        return operating.hold(self._node("executive"))
+
     def handover(self, controller: str) -> int:
         """Let a controller on standby, or the rig's own, take over; return the first cycle with it.
 

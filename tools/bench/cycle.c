@@ -366,7 +366,7 @@ static void receive(loop *n)
     n->timing.received = now(n);
 }
 
-static int64_t advance(int64_t state, int fresh, int64_t fault, int asked, int ramped)
+static int64_t advance(int64_t state, int fresh, int64_t fault, int asked, int ramped, int disarmed)
 {
     int64_t event = fresh ? SV_FRESH : SV_MISSED;
     if (asked)
@@ -375,6 +375,8 @@ static int64_t advance(int64_t state, int fresh, int64_t fault, int asked, int r
         event = ramped ? SV_RAMPED : SV_NONE;
     else if (fault != SV_NO_FAULT)
         event = SV_LOSS;
+    else if (disarmed && state != SV_INIT)
+        event = SV_DISARMED;
     return NEXT[state][event];
 }
 
@@ -471,10 +473,15 @@ static void supervise(loop *n)
     if (silent && n->guard.faulted == SV_NO_FAULT && !asked)
         n->guard.faulted = SV_INPUT_MISSING;
     int safe = settled(n), leave = asked && (safe || (silent && n->clock.trigger != CLK_CLOCKED));
-    int64_t state = advance(before, n->guard.missing == 0, n->guard.faulted, leave, n->guard.gain <= 0.0 && safe);
-    if (n->guard.pace == 0.0 && (state == SV_FAULT || asked))
+    int disarmed = n->guard.disarmed != 0;
+    int64_t state = advance(before, n->guard.missing == 0, n->guard.faulted, leave, n->guard.gain <= 0.0 && safe,
+                            disarmed);
+    int waits = disarmed && state == SV_READY;
+    if (before == SV_READY && !waits && !asked && state != SV_FAULT)
+        n->guard.pace = 0.0;
+    if (n->guard.pace == 0.0 && (state == SV_FAULT || asked || waits))
         begin_ramp(n, asked);
-    if (before == SV_FAULT || (asked && !leave))
+    if (before == SV_FAULT || (asked && !leave) || (waits && before == state))
         n->guard.gain = n->guard.gain > n->guard.pace ? n->guard.gain - n->guard.pace : 0.0;
     if (state != before) {
         push_event(n, SH_STATE_EVENT, state, 0.0);

@@ -127,6 +127,12 @@ def reset(add: Add) -> None:
     take.json(add, "print JSON")
 
 
+def operate(add: Add) -> None:
+    """Take which executive."""
+    _node(add)
+    take.json(add, "print JSON")
+
+
 def handover(add: Add) -> None:
     """Take who is to be in charge."""
     add("controller", metavar="CONTROLLER", help="who takes over: on standby, or the rig's")

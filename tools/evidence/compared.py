@@ -26,7 +26,7 @@ EPISODES, CYCLES, FRAMES = 200, 80, 10_000
 FEW = 30  # episodes of code that is not compiled
 DRIVER = """
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.variables import ERROR_CODE, FAULT, RESET_ASKED, STOP_ASKED
+from pcpc.executive.loop.variables import DISARMED, ERROR_CODE, FAULT, RESET_ASKED, STOP_ASKED
 
 
 @loop_function
@@ -45,6 +45,8 @@ def supervised(_m, n, whole, values, told):
         m_supervise(_m, n)
         n.v[RESET_ASKED] = whole[s, 4]
         n.v[STOP_ASKED] = whole[s, 5]
+        if whole[s, 6] >= 0:
+            n.v[DISARMED] = whole[s, 6]
         m_hear_requests(_m, n)
         for i in range(4):
             n.v[100 + i] = values[s, i]
@@ -64,7 +66,7 @@ def supervised(_m, n, whole, values, told):
         t[27], t[28] = control[sh.STATE], n.rx.starters
         t[29], t[30] = n.v[RESET_ASKED], n.rx.state[0, 7]
         t[31], t[32], t[33] = control[sh.ODD_BITS], n.v[FAULT], n.v[ERROR_CODE]
-        t[34] = last[4] if put > 0 else 0
+        t[34], t[35] = last[4] if put > 0 else 0, n.v[DISARMED]
 
 
 @loop_function
@@ -132,6 +134,7 @@ def _settings(draw: np.random.Generator, number: int) -> expected.Settings:
         quick=float(draw.choice([0.25, 0.5])), waits=number % 3 != 0,
         safe_start=number % 4 != 1, clocked=number % 5 != 2, cycles=int(draw.choice([40, 70, 200])),
         odd_output=int(draw.choice([8, 9])), substitute=float(draw.choice([0.0, 0.5])),
+        manual=number % 7 in (3, 4),
     )  # fmt: skip
 
 
@@ -152,6 +155,7 @@ def _install(n: Any, has: expected.Settings, commands: Sequence[expected.Command
         has.fault_after,
     )
     guard.ramp_step, guard.quick_step, guard.gain = has.ramp, has.quick, 1.0
+    guard.manual = has.manual
     guard.waits, guard.safe_start, guard.odd_output = has.waits, has.safe_start, has.odd_output
     guard.estop_index, guard.mode_index, guard.stop_row = ESTOP, MODE, -1
     guard.n_safe, guard.safe_index[0] = 1, WATCHED
@@ -171,7 +175,7 @@ def _events(
     draw: np.random.Generator, number: int, has: expected.Settings
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return what happens in each cycle of an episode: whole numbers, and values on limits."""
-    whole = np.zeros((CYCLES, 6), np.int64)
+    whole = np.zeros((CYCLES, 7), np.int64)
     whole[:, 0] = np.arange(CYCLES)
     bursts = np.repeat(draw.random(CYCLES // 4) < 0.2, 4)
     whole[:, 1] = np.where(bursts | (draw.random(CYCLES) < 0.1), draw.integers(0, 2, CYCLES), 2)
@@ -180,6 +184,8 @@ def _events(
     whole[:, 3] = (rare[:, 1] < 0.005) * (number % 2)
     whole[:, 4] = rare[:, 2] < 0.25
     whole[:, 5] = np.where(rare[:, 3] < 0.03, draw.integers(1, 3, CYCLES), 0) * (number % 4 == 3)
+    arms = np.where(draw.random(CYCLES) < 0.5, 0, 1)
+    whole[:, 6] = np.where(draw.random(CYCLES) < 0.1 * (number % 7 > 2), arms, -1)
     if number % 3 == 2:  # silent at the end
         whole[has.cycles - 3 :, 1] = 0
     values = draw.integers(-64, 65, (CYCLES, 7)) / 16.0
@@ -200,18 +206,19 @@ def _expected(
 ) -> NDArray[np.float64]:
     rows = []
     cycles = zip(whole.tolist(), values.tolist(), strict=True)
-    for age, ((k, fresh, fault, ends, reset, stop), given) in enumerate(cycles, 1):
+    for age, ((k, fresh, fault, ends, reset, stop, arm), given) in enumerate(cycles, 1):
         model.fault = model.fault or fault
         model.hosts_stop = model.hosts_stop or bool(ends)
         if fresh:
             model.watched = given[4]
         model.supervise(k, fresh, given[5], given[6])
         fault = model.fault
-        model.hear(reset, stop)
+        model.hear(reset, stop, arm)
         model.limit(k, given[2:4], given[:2], AT)
         seen = model.told()
         rest = (fault, sv.FAULTS[fault].code, model.odd_bits if seen[19] == NOT_FINITE else 0)
-        rows.append([*seen, 0, 0, 0, seen[0], model.awaited, 0, age, model.odd_bits, *rest])
+        more = 0, 0, 0, seen[0], model.awaited, 0, age, model.odd_bits
+        rows.append([*seen, *more, *rest, model.disarmed])
     return np.array(rows, np.float64)
 
 

@@ -18,8 +18,8 @@ from pcpc.drivers import dbc
 TABLE = {  # state: what follows by event
     "INIT": {"fresh": "READY", "fault": "FAULT"},
     "READY": {"fresh": "RUN", "fault": "FAULT"},
-    "RUN": {"missed": "HOLD", "fault": "FAULT"},
-    "HOLD": {"fresh": "RUN", "fault": "FAULT"},
+    "RUN": {"missed": "HOLD", "fault": "FAULT", "disarmed": "READY"},
+    "HOLD": {"fresh": "RUN", "fault": "FAULT", "disarmed": "READY"},
     "FAULT": {"ramped": "STOP", "reset": "INIT"},
     "STOP": {},
 }
@@ -62,6 +62,7 @@ class Settings:
     cycles: int
     odd_output: int
     substitute: float
+    manual: bool = False
 
 
 @dataclass
@@ -89,6 +90,7 @@ class Supervised:
     stop: bool = False
     hurry: str = ""
     reset: bool = False
+    disarmed: bool = False
     hosts_stop: bool = False
     events: list[tuple[int, int]] = field(default_factory=list)
 
@@ -116,10 +118,14 @@ class Supervised:
         ramped = self.gain <= 0.0 and safe
         granted = self._judge_reset(complete and ramped)
         self.state = self._next(complete, leave, ramped and not self.has.waits, granted)
-        ramps = self.state in ("FAULT", "STOP") or asked
+        waits = self.disarmed and self.state == "READY"
+        ramps = self.state in ("FAULT", "STOP") or asked or waits
+        if before == "READY" and not ramps:
+            self.pace = 0.0
         if ramps and (self.pace == 0.0 or self.hurry == "asked"):
             self._begin_ramp(asked)
-        if before in ("FAULT", "STOP") or (asked and not leave):
+        on_its_way = waits and before == "READY"
+        if before in ("FAULT", "STOP") or (asked and not leave) or on_its_way:
             self.gain = max(self.gain - self.pace, 0.0)
         elif not ramps and self.state != "INIT":
             self.gain = min(self.gain + self.has.ramp, 1.0)
@@ -128,6 +134,7 @@ class Supervised:
             if self.state == "FAULT":
                 self.told_fault = self.fault
                 self.events.append((1, self.fault))
+                self.disarmed = self.disarmed or self.has.manual
         self._substitute()
 
     def _judge_reset(self, possible: bool) -> bool:
@@ -147,7 +154,9 @@ class Supervised:
         if self.state == "FAULT":
             event = "reset" if granted else "ramped" if ramped else ""
         else:
-            event = "fault" if self.fault else "fresh" if complete else "missed"
+            event = "fresh" if complete else "missed"
+            if self.fault or (self.disarmed and self.state != "INIT"):
+                event = "fault" if self.fault else "disarmed"
         return TABLE[self.state].get(event, self.state)
 
     def _begin_ramp(self, asked: bool) -> None:
@@ -170,8 +179,9 @@ class Supervised:
             safe = self.has.substitute
             self.watched = safe + self.gain * (self.held_input - safe)
 
-    def hear(self, reset: float, stop: float) -> None:
-        """Take requests."""
+    def hear(self, reset: float, stop: float, disarmed: int) -> None:
+        """Take requests; `disarmed` is -1 where nothing is said of it."""
+        self.disarmed = self.disarmed if disarmed < 0 else disarmed > 0
         settled = all(command.settled for command in self.commands)
         safe = self.gain <= 0.0 and settled
         if reset and self.state == "FAULT" and self.has.waits and safe:

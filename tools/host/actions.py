@@ -10,14 +10,12 @@ from typing import Any
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.loop.supervisor import FAULT
-from pcpc.executive.nodes import injecting
+from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes.live import Live
 from pcpc.tools import tunings
 from pcpc.tools.host import asked
 from pcpc.tools.host.recordings import Recordings
 from pcpc.tools.host.sources import Source, full
-
-_NOTHING = "no run is shown: where several go on choose one, else `pcpc run RIG` starts one"
 
 
 class Actions:
@@ -45,7 +43,7 @@ class Actions:
             raise UserError("this page only shows; start `pcpc host` with --write")
         source = self._source()
         if not source.live or not source.nodes:
-            raise UserError(_NOTHING)
+            raise UserError("nothing runs; `pcpc run RIG` starts a rig")
         if isinstance(wanted, asked.Snapshot):
             return self.recordings.snapshot(source, wanted.last_s)
         with self._turn:
@@ -55,6 +53,9 @@ class Actions:
                 return self._set(source, wanted.values)
             if isinstance(wanted, asked.Undo):
                 return self._undo(source)
+            if isinstance(wanted, asked.Handover):
+                live = self._executive(source)
+                return {"cycle": operating.hand_over(live, wanted.controller)}
             if isinstance(wanted, asked.Fault):
                 return self._fault(source, wanted)
             return self._act(source, wanted.what)
@@ -100,6 +101,8 @@ class Actions:
         known: dict[str, Callable[[Source], int]] = {
             "stop": lambda source: self._word(source, "supervisor.stop", 1.0),
             "quick_stop": lambda source: self._word(source, "supervisor.stop", 2.0),
+            "arm": lambda source: operating.arm(self._executive(source)),
+            "hold": lambda source: operating.hold(self._executive(source)),
             "reset": self._reset,
             "forget_timing": lambda source: self._word(source, "timing.reset", 1.0),
             "lock": lambda source: self._lock(source, "tune"),
@@ -108,6 +111,12 @@ class Actions:
         if what not in known:
             raise UserError(f"{what}: no such action; known: {', '.join(known)}")
         return {"cycle": known[what](source)}
+
+    def _executive(self, source: Source) -> Live:
+        if "executive" not in source.nodes:
+            raise UserError("the executive does not run here")
+        live: Live = source.nodes["executive"].live
+        return live
 
     def _word(self, source: Source, name: str, value: float) -> int:
         live: Live = source.nodes[next(iter(source.nodes))].live

@@ -12,7 +12,6 @@ from msgspec import Meta, Struct
 MOST_BYTES = 64 * 1024
 Number = Annotated[int, Meta(ge=0, le=10**6)]
 Name = Annotated[str, Meta(min_length=1, max_length=300)]
-Run = Annotated[str, Meta(max_length=300)]
 Names = Annotated[list[Name], Meta(max_length=32)]
 Seconds = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Bins = Annotated[int, Meta(ge=2, le=4096)]
@@ -33,7 +32,6 @@ class Hello(_Asked, frozen=True, tag="hello"):
 
     token: Annotated[str, Meta(max_length=200)]
     kind: Literal["page", "terminal"] = "page"
-    run: Run = ""  # which it had chosen, of several
 
 
 class Panel(_Asked, frozen=True, tag="panel"):
@@ -76,13 +74,6 @@ class Set(_Asked, frozen=True, tag="set"):
     values: Annotated[dict[Name, float], Meta(min_length=1, max_length=64)]
 
 
-class Choose(_Asked, frozen=True, tag="run"):
-    """Show this run from now on; "": whatever runs."""
-
-    id: Number
-    run: Run
-
-
 class Undo(_Asked, frozen=True, tag="undo"):
     """Give the parameters back what they had before the newest tuning."""
 
@@ -103,6 +94,13 @@ class Fault(_Asked, frozen=True, tag="fault"):
     name: Name
     end: bool = False
     for_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None
+
+
+class Handover(_Asked, frozen=True, tag="handover"):
+    """Let another controller take over."""
+
+    id: Number
+    controller: Name
 
 
 class Record(_Asked, frozen=True, tag="record"):
@@ -165,9 +163,9 @@ class Lock(_OfNode, frozen=True, tag="lock"):
 
 FromTerminal = Nodes | Describe | Look | Rows | Tune | Lock
 Wanted = Panel | Phase | Drop
-Acting = Set | Undo | Act | Fault | Record | Snapshot
+Acting = Set | Undo | Act | Fault | Handover | Record | Snapshot
 Decoded = TypeVar("Decoded")
-_decoder = msgspec.json.Decoder(Hello | Wanted | At | Choose | Acting)
+_decoder = msgspec.json.Decoder(Hello | Wanted | At | Acting)
 _of_terminal = msgspec.json.Decoder(FromTerminal)
 
 
@@ -175,7 +173,7 @@ class Wrong(ValueError):
     """A message that is none of these, in words."""
 
 
-def read(message: str | bytes) -> Hello | Wanted | At | Choose | Acting:
+def read(message: str | bytes) -> Hello | Wanted | At | Acting:
     """Return what a message asks; Wrong."""
     return _decoded(_decoder, message)
 

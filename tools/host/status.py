@@ -8,7 +8,7 @@ from typing import Any
 from pcpc.drivers import can_id
 from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.nodes import injecting
+from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes.live import Live, Values
 from pcpc.tools.host.sources import Source, full
 from pcpc.tools.host.traffic import Traffic, load
@@ -29,7 +29,7 @@ def about(source: Source, write: bool) -> dict[str, Any]:
         "rig": source.rig, "live": source.live, "run": source.number, "write": write,
         "period_s": source.period_s,
         "nodes": {role: _variables(node, role) for role, node in source.nodes.items()},
-        "faults": _faults(source),
+        "faults": _faults(source), "laws": _laws(source),
     }  # fmt: skip
 
 
@@ -43,6 +43,11 @@ def _variables(node: Any, role: str) -> list[dict[str, Any]]:
         for name, one in node.variables.items()
         if name in recorded or one.range is not None
     ]  # fmt: skip
+
+
+def _laws(source: Source) -> list[str]:
+    node = source.nodes.get("executive") if source.live else None
+    return [] if node is None else operating.laws(node.live)
 
 
 def _faults(source: Source) -> list[dict[str, Any]]:
@@ -95,6 +100,7 @@ class Status:
             "times": {name: _number(now[f"timing.{name}"]) for name in _TIMES},
             "late": _octaves(block["histogram"][0]),
             "locked": int(block["mail"][sh.LOCK]),
+            "armed": now[operating.DISARMED] == 0.0, "in_charge": operating.in_charge(live, now),
         }  # fmt: skip
 
     def _rate(self, role: str, passes: int) -> float:

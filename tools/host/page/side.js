@@ -1,6 +1,7 @@
 // What stands beside the curves: variables, parameters, the run's state, timing, frames, events.
 
 import { paint } from "./drawing.js";
+import { Operate } from "./operate.js";
 import { css, el } from "./panels.js";
 
 const by = (id) => document.getElementById(id);
@@ -28,6 +29,7 @@ export class Side {
       button.dataset.what = what;
       by("actions").append(button, " ");
     }
+    this.operate = new Operate(by("operate"), (message, what) => this.act(message, what));
     by("record").onclick = () => this.record({ do: "record", end: this.recording });
     by("snapshot").onclick = () => this.record({ do: "snapshot" });
     by("slider").oninput = () => this.moved();
@@ -51,6 +53,7 @@ export class Side {
     }));
     for (const button of document.querySelectorAll("#actions button, #faults button, #recording-box button")) button.disabled = !about.write && button.dataset.what !== "clear";
     by("undo").disabled = true;
+    this.operate.shown(about);
     this.list(); this.tunables();
     this.answer(about.live && !about.write ? "view only; `pcpc host --write` lets this page tune" : "", "quiet");
   }
@@ -159,6 +162,7 @@ export class Side {
   }
 
   status({ nodes, values, load, recording }) {
+    this.operate.status(nodes);
     this.load(load); this.recorded(recording);
     for (const [name, value] of Object.entries(values)) {
       this.values.set(name, value);
