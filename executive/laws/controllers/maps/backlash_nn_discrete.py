@@ -63,9 +63,7 @@ class States(Ports):
     started = port("", "1 after the first sample")
     latched = port("", "1 once the law was latched off")
     w = port("", "output weights W", shape=N_S, recorded=False, adapts=True)
-    v = port(
-        "", "first-layer weights V, row by row", shape=(N_IN, NODES), recorded=False, adapts=True
-    )
+    v = port("", "first-layer weights V, row by row", shape=(N_IN, NODES), recorded=False)
     s = port("", "nodes, behind a place for two_layer's bias", shape=1 + N_S, recorded=False)
     x = port("", "inputs of this step", shape=N_IN, recorded=False)
     a = port("", "inputs of the nodes", shape=NODES, recorded=False)
