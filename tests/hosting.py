@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -75,10 +76,10 @@ def hosting(folder: Path, *words: str, port: int = 0, before: Sequence[str] = ()
 class Client:
     """A client with the token."""
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: Host, **more: Any) -> None:
         self._connection = host.connect()
         self.socket = self._connection.__enter__()
-        self.say(do="hello", token=host.token)
+        self.say(do="hello", token=host.token, **more)
         self.about: dict[str, Any] = self.until("about")["about"]
         self.last = 0
 
@@ -100,8 +101,10 @@ class Client:
         return np.frombuffer(found, np.float64, 8), np.frombuffer(found, np.float32, offset=64)
 
     def until(self, key: str) -> dict[str, Any]:
-        """Return the next message that has this key."""
+        """Return the next message that has this key; others may come all the time."""
+        end_s = time.monotonic() + ANSWER_S
         while True:
+            assert time.monotonic() < end_s, f"no {key} within {ANSWER_S:g} s"
             found = self.next()
             if isinstance(found, dict) and key in found:
                 return found

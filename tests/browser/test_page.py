@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from free_bus import GROUP, own_port
 from hosting import LONG, Host, hosting
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
@@ -27,6 +28,7 @@ BROWSERS = "chromium", "chromium-browser", "google-chrome"
 WIDE, PHONE = {"width": 1400, "height": 950}, {"width": 390, "height": 844}
 GAIN = "controller.kv_Nms_rad"
 PATIENT_MS = 30_000.0
+DRAWN = "pcpc.panels.some((panel) => panel.x || panel.points)"
 ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped()])}
 
 
@@ -55,7 +57,7 @@ def host(run: pcpc.Live, tmp_path: Path) -> Iterator[Host]:
 
 
 @contextmanager
-def opened(browser: Browser, host: Host, size: Any = WIDE) -> Iterator[Page]:
+def opened(browser: Browser, host: Host, size: Any = WIDE, ready: str = DRAWN) -> Iterator[Page]:
     """Open the page; whatever it complains of, and every foreign address, is an error."""
     context = browser.new_context(viewport=size)
     page = context.new_page()
@@ -67,7 +69,7 @@ def opened(browser: Browser, host: Host, size: Any = WIDE) -> Iterator[Page]:
     page.set_default_timeout(PATIENT_MS)
     page.goto(host.url)
     expect(page.locator("#link")).to_have_text("connected", timeout=PATIENT_MS)
-    wait(page, "pcpc.panels.some((panel) => panel.x || panel.points)")
+    wait(page, ready)
     yield page
     lost = [line for line in said if "ERR_CONNECTION_REFUSED" not in line]  # while it restarts
     assert not lost, lost
@@ -256,6 +258,47 @@ def test_pause_zoom_and_a_layout_with_what_is_gone(browser: Browser, host: Host)
         page.evaluate("pcpc.laid([{kind: 'time', names: ['controller.gone', 'controller.e_rad']}])")
         expect(page.locator("#notice")).to_contain_text("controller.gone")
         assert page.evaluate("pcpc.panels.map((panel) => panel.names)") == [["controller.e_rad"]]
+
+
+def test_of_two_runs_one_is_chosen_and_stays_after_a_reload(
+    browser: Browser, tmp_path: Path
+) -> None:
+    def begin() -> Any:
+        return pcpc.running(
+            "sin1.0", "pd", pacing="real", set=LONG, bus=f"udp_multicast:{GROUP}:{own_port()}"
+        )
+
+    asks = "!document.getElementById('chooser').hidden"
+    with (
+        begin() as one, begin() as two,
+        hosting(tmp_path, "sin1.0", "--write") as host, opened(browser, host, ready=asks) as page,
+    ):  # fmt: skip
+        names = [live._nodes["plant"].name.rpartition(".")[0] for live in (one, two)]
+        expect(page.locator("#chooser-title")).to_have_text("2 runs go on; choose what is shown")
+        row = page.locator("#chooser tr", has_text=names[1])
+        expect(row).to_contain_text("sin1.0")
+        expect(row).to_contain_text("executive")
+        shot(page, "chooser")
+        row.locator("button").click()
+        expect(page.locator("#chooser")).to_be_hidden()
+        wait(page, DRAWN)
+        moves(page)
+        box = parameter(page, GAIN)
+        box.fill("120")
+        box.press("Enter")
+        expect(page.locator("#answer")).to_contain_text("from cycle")
+        assert (one[GAIN], two[GAIN]) == (110.0, 120.0)
+        page.reload()
+        wait(page, DRAWN)
+        expect(page.locator("#runs")).to_have_value(names[1])
+        expect(parameter(page, GAIN)).to_have_value("120")
+        page.locator("#runs").select_option(names[0])
+        expect(parameter(page, GAIN)).to_have_value("110")
+        moves(page)
+        shot(page, "two-runs")
+        one.stop()
+        expect(page.locator("#nodes")).to_contain_text("executive ended")
+        expect(page.locator("#runs option:checked")).to_have_text(f"{names[0]} (does not run)")
 
 
 def test_a_wrong_token_and_a_page_that_only_shows(

@@ -4,9 +4,11 @@ import json
 import os
 import signal
 import subprocess
+from argparse import Namespace
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +21,11 @@ from test_scope import HEAD, own
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live
+from pcpc.executive.nodes.tap import Tap
 from pcpc.tools import scope
 from pcpc.tools.cli import main
+from pcpc.tools.remote.link import Link
+from pcpc.tools.remote.live import There
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +68,10 @@ def same_run(name: str, run: Run) -> bool:
     return name.startswith(run.node.removesuffix("executive"))
 
 
-def test_values_and_the_screen_move(run: Run, host: Host, capsys: Screen) -> None:
+def test_values_and_the_screen_move(
+    run: Run, host: Host, capsys: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LINES", "80")
     code, out, _ = there(capsys, host, "top", "--once")
     found = {line.split()[0]: line.split() for line in out.splitlines() if line.strip()}
     assert code == 0 and float(found["executive"][3]) > 50.0 and int(found["FB_A"][3]) > 0, out
@@ -117,6 +125,19 @@ def test_what_is_set_there_holds_here_from_the_cycle_that_is_told(
     assert there(capsys, host, "load", str(file))[0] == 0
     assert (node[KV], node[LAM]) == (121.0, 13.125)
     assert there(capsys, host, "undo")[0] == 0 and node[KV] == 110.0
+
+
+def link_to(host: Host) -> Link:
+    return Link(Namespace(at=host.name, token_file=None, ca=None, plain=False))
+
+
+def test_what_was_set_is_what_is_read_next(run: Run, host: Host) -> None:
+    link = link_to(host)
+    node = There(link).find(run.node)
+    for value in (111.0, 112.0, 113.0, 110.0):
+        assert node.tune({KV: value}) > 0
+        assert node[KV] == value
+    link.close()
 
 
 @pytest.mark.parametrize(
@@ -274,6 +295,49 @@ def test_many_rows_come_in_several_answers_and_none_is_missing(
     assert code == 0, out + err
     cycle = logs.read(file).node["executive"].cycle
     assert cycle.tolist() == [*range(count - 1 - 95_000, count)]
+
+
+class Between(Link):
+    """A line on whose other end the ring comes round behind the first rows that were sent."""
+
+    def __init__(self, host: Host, block: sh.Shared) -> None:
+        super().__init__(Namespace(at=host.name, token_file=None, ca=None, plain=False))
+        self._block, self.first = block, True
+
+    def ask(self, what: str, **about: Any) -> Any:
+        """Ask, and go on there."""
+        found = super().ask(what, **about)
+        if what == "rows" and self.first:
+            self._block["record_ends"][sh.PUT] += len(self._block["record"])
+            self.first = False
+        return found
+
+
+def test_a_gap_between_two_answers_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"gap.at{os.getpid()}.executive"
+    block = standing.stand(name, HEAD)
+    size = len(block["record"])
+    block["record"][:, 0] = np.arange(size)
+    block["record_ends"][sh.PUT] = size - 1
+    try:
+        with hosting(tmp_path / "host", "--node", name) as other:
+            monkeypatch.setenv("PCPC_TOKEN", other.token)
+            link = Between(other, block)
+            node = There(link).find(name)
+            tap = Tap(node, past=True)
+            first = tap.rows().cycle
+            begin = size - 1 - 3 * size // 4
+            assert 1000 < len(first) < size // 4 and tap.missed["record"] == 0
+            assert first.tolist() == [*range(begin, begin + len(first))]
+            rest = tap.rows()
+            end = int(block["record_ends"][sh.PUT])
+            assert tap.missed["record"] + len(first) + len(rest) == end - begin
+            assert len(rest) == size - 1
+            link.close()
+    finally:
+        standing.end_all()
 
 
 # The end of the run: this comes last

@@ -258,6 +258,11 @@ SAID: dict[str, tuple[Callable[[Host], int], tuple[int, ...]]] = {
     "a recording that ends in words": (then('{"do": "record", "id": 1, "end": "x"}'), (MESSAGE,)),
     "a message of a megabyte": (then("x" * (1 << 20)), (BIG, 1006)),
     "a flood": (then(*['{"do": "drop", "id": 1}'] * 3000), (FLOOD, 1006)),
+    "a choice of no text": (then('{"do": "run", "id": 1, "run": 7}'), (MESSAGE,)),
+    "a run of many letters": (
+        then(json.dumps({"do": "run", "id": 1, "run": "x" * 301})), (MESSAGE,)),
+    "a first word with another run": (
+        first_word('{"do": "hello", "token": "x", "run": "hull.vcan0"}'), (TOKEN,)),
     "another kind of client": (
         first_word('{"do": "hello", "token": "x", "kind": "root"}'), (TOKEN,)),
     "a terminal without a token": (
@@ -371,6 +376,17 @@ def of_terminal(host: Host, run: pcpc.Live, question: dict[str, object]) -> dict
         told = json.loads(line.recv(timeout=ANSWER_S))
     assert 2 in (told.get("done"), told.get("refused"))
     return dict(told)
+
+
+def test_invented_runs_show_nothing_and_hold_nobody(host: Host, run: pcpc.Live) -> None:
+    with Client(host) as client:
+        for i in range(100):
+            assert client.ask(do="run", run=f"../{i}.<img>")["done"]
+        assert "choose one" in client.ask(do="set", values={GAIN: 1.0})["why"]
+        client.ask(do="run", run=node(run).rpartition(".")[0])
+        while not client.about["nodes"]:
+            client.about = client.until("about")["about"]
+        assert client.about["rig"] == "slew10"
 
 
 def test_rows_that_are_far_ahead_are_none(host: Host, run: pcpc.Live) -> None:

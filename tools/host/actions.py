@@ -17,6 +17,8 @@ from pcpc.tools.host import asked
 from pcpc.tools.host.recordings import Recordings
 from pcpc.tools.host.sources import Source, full
 
+_NOTHING = "no run is shown: where several go on choose one, else `pcpc run RIG` starts one"
+
 
 class Actions:
     """Those of one server; `source` gives the run that is shown."""
@@ -43,7 +45,7 @@ class Actions:
             raise UserError("this page only shows; start `pcpc host` with --write")
         source = self._source()
         if not source.live or not source.nodes:
-            raise UserError("nothing runs; `pcpc run RIG` starts a rig")
+            raise UserError(_NOTHING)
         if isinstance(wanted, asked.Snapshot):
             return self.recordings.snapshot(source, wanted.last_s)
         with self._turn:

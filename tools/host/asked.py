@@ -12,6 +12,7 @@ from msgspec import Meta, Struct
 MOST_BYTES = 64 * 1024
 Number = Annotated[int, Meta(ge=0, le=10**6)]
 Name = Annotated[str, Meta(min_length=1, max_length=300)]
+Run = Annotated[str, Meta(max_length=300)]
 Names = Annotated[list[Name], Meta(max_length=32)]
 Seconds = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Bins = Annotated[int, Meta(ge=2, le=4096)]
@@ -32,6 +33,7 @@ class Hello(_Asked, frozen=True, tag="hello"):
 
     token: Annotated[str, Meta(max_length=200)]
     kind: Literal["page", "terminal"] = "page"
+    run: Run = ""  # which it had chosen, of several
 
 
 class Panel(_Asked, frozen=True, tag="panel"):
@@ -72,6 +74,13 @@ class Set(_Asked, frozen=True, tag="set"):
 
     id: Number
     values: Annotated[dict[Name, float], Meta(min_length=1, max_length=64)]
+
+
+class Choose(_Asked, frozen=True, tag="run"):
+    """Show this run from now on; "": whatever runs."""
+
+    id: Number
+    run: Run
 
 
 class Undo(_Asked, frozen=True, tag="undo"):
@@ -165,7 +174,7 @@ FromTerminal = Nodes | Describe | Look | Rows | Tune | Lock
 Wanted = Panel | Phase | Drop
 Acting = Set | Undo | Act | Fault | Handover | Record | Snapshot
 Decoded = TypeVar("Decoded")
-_decoder = msgspec.json.Decoder(Hello | Wanted | At | Acting)
+_decoder = msgspec.json.Decoder(Hello | Wanted | At | Choose | Acting)
 _of_terminal = msgspec.json.Decoder(FromTerminal)
 
 
@@ -173,7 +182,7 @@ class Wrong(ValueError):
     """A message that is none of these, in words."""
 
 
-def read(message: str | bytes) -> Hello | Wanted | At | Acting:
+def read(message: str | bytes) -> Hello | Wanted | At | Choose | Acting:
     """Return what a message asks; Wrong."""
     return _decoded(_decoder, message)
 

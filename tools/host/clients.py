@@ -15,11 +15,11 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from pcpc.drivers.errors import UserError
 from pcpc.executive.nodes.live import Live
 from pcpc.tools.host import asked, guard, status, terminals
-from pcpc.tools.host.actions import Actions
 from pcpc.tools.host.derived import MARK, Derived
 from pcpc.tools.host.drawn import layout
 from pcpc.tools.host.panels import Shown
 from pcpc.tools.host.sources import Source
+from pcpc.tools.host.stage import Stage
 from pcpc.tools.host.terminals import Terminal
 
 TICK_S, SCENE_S, STATUS_S = 1 / 60, 1 / 30, 0.2
@@ -29,21 +29,16 @@ WRONG_TOKEN, TOO_MANY, BAD_MESSAGE = 4401, 4429, 4400  # why a connection was cl
 
 
 class Show(Protocol):
-    """What a client is shown; `events` are messages with their numbers, rising."""
+    """What clients have in common."""
 
     token: str
-    actions: Actions
-    events: list[tuple[int, dict[str, Any]]]
+    write: bool
     most_clients: int
     clients: "set[Client]"
+    offered: list[dict[str, Any]]  # the runs that go on; anew when it changes
 
-    @property
-    def source(self) -> Source:
-        """The run that is shown now."""
-        ...
-
-    def scene(self, cycle: int) -> dict[str, Any]:
-        """Return the drawing of its plant at a cycle, empty without one."""
+    def stage(self, run: str) -> Stage:
+        """Return what shows a run; "": whichever is alone."""
         ...
 
     def nodes(self) -> Mapping[str, Live]:
@@ -56,6 +51,8 @@ class Client:
 
     def __init__(self, socket: WebSocket, show: Show) -> None:
         self._socket, self._show = socket, show
+        self.stage = show.stage("")
+        self._offered: tuple[object, str] = (None, "")  # runs and which of them, as it was told
         self._panels: dict[int, Shown] = {}
         self._run, self._event = -1, 0
         self._status = status.Status()
@@ -97,6 +94,7 @@ class Client:
         if len(self._show.clients) >= self._show.most_clients:
             await self._socket.close(TOO_MANY, "there are too many clients")
             return ""
+        self.stage = self._show.stage(word.run)
         return word.kind
 
     async def _word(self) -> str | bytes:
@@ -107,7 +105,7 @@ class Client:
 
     async def _answer(self) -> None:
         """Answer a terminal, until it leaves."""
-        terminal = Terminal(self._show.nodes, self._show.actions.write)
+        terminal = Terminal(self._show.nodes, self._show.write)
         flood = guard.Flood(terminals.RATE, terminals.BURST)
         while (word := await self._next(flood, asked.read_terminal)) is not None:
             found = await asyncio.to_thread(terminal.answer, word)
@@ -147,17 +145,26 @@ class Client:
         elif isinstance(word, asked.Drop):
             self._panels.pop(word.id, None)
         elif isinstance(word, asked.At):
-            self._at = round(word.t_s / self._show.source.period_s)
+            self._at = round(word.t_s / self.stage.source.period_s)
+        elif isinstance(word, asked.Choose):
+            await self._tell({"done": word.id})
+            self._choose(word.run)
         elif isinstance(word, asked.Acting):
             try:
-                told = await asyncio.to_thread(self._show.actions.do, word)
-                await self._tell({"done": word.id, "undoes": self._show.actions.undoes, **told})
+                told = await asyncio.to_thread(self.stage.actions.do, word)
+                await self._tell({"done": word.id, "undoes": self.stage.actions.undoes, **told})
             except UserError as error:
                 await self._tell({"refused": word.id, "why": str(error)})
 
+    def _choose(self, run: str) -> None:
+        """Show another run from now on; it is told as one that is new."""
+        self.stage = self._show.stage(run)
+        self._panels.clear()
+        self._run, self._event, self._at, self._drawn = -1, 0, None, (-1, -1)
+
     def _curve(self, name: str) -> tuple[str, str] | Derived:
         """Return what a curve is of; UserError."""
-        source = self._show.source
+        source = self.stage.source
         if name.startswith(MARK):
             return Derived(name, source)
         role, variable = source.place(name)
@@ -173,7 +180,7 @@ class Client:
         next_s = loop.time()
         while True:
             await self._new_run()
-            source = self._show.source
+            source = self.stage.source
             for shown in list(self._panels.values()):
                 if message := shown.message(source):
                     await self._put(self._socket.send_bytes(message))
@@ -183,13 +190,21 @@ class Client:
             if source.live and source.nodes and loop.time() >= self._status_s:
                 self._status_s = loop.time() + STATUS_S
                 told = self._status.message(source)
-                recording = self._show.actions.recordings.state()
+                recording = self.stage.actions.recordings.state()
                 await self._tell({"status": told | {"recording": recording}})
-            for number, event in [e for e in self._show.events if e[0] > self._event]:
+            await self._offer()
+            for number, event in [e for e in self.stage.events if e[0] > self._event]:
                 self._event = number
                 await self._tell({"event": event})
             next_s = max(next_s + TICK_S, loop.time())
             await asyncio.sleep(next_s - loop.time())
+
+    async def _offer(self) -> None:
+        """Tell which runs go on, and which of them is shown, where that has changed."""
+        offered = self._show.offered
+        if self._offered[0] is not offered or self._offered[1] != self.stage.run:
+            self._offered = offered, self.stage.run
+            await self._tell({"runs": offered, "shown": self.stage.run})
 
     async def _draw(self, source: Source) -> None:
         """Send the plant as it is now, or at the instant of a log that is looked at."""
@@ -197,19 +212,19 @@ class Client:
         cycle = last if self._at is None or source.live else max(first, min(last, self._at))
         if cycle >= 0 and self._drawn != (source.number, cycle):
             self._drawn = source.number, cycle
-            if scene := self._show.scene(cycle):
+            if scene := self.stage.scene(cycle):
                 await self._tell({"scene": scene})
 
     async def _new_run(self) -> None:
         """Tell of a run that is not the one before; its panels have to be asked for again."""
-        source = self._show.source
+        source = self.stage.source
         mark = source.number * 10 + len(source.nodes)
         if self._run != mark:
             self._run = mark
             self._panels.clear()
             self._status = status.Status()
             first, last = source.span()
-            told = status.about(source, self._show.actions.write) | {"layout": layout(source)}
+            told = status.about(source, self.stage.actions.write) | {"layout": layout(source)}
             await self._tell({"about": told, "span": [first, last]})
 
     async def _tell(self, message: dict[str, Any]) -> None:

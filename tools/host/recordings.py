@@ -93,11 +93,13 @@ class Recording:
 
 
 class Recordings:
-    """The files of one host, in `folder`, of at most `most_mb` together."""
+    """The files of one run, in `folder`; those of all runs of a host, `files`, have `most_mb`."""
 
-    def __init__(self, folder: Path = FOLDER, most_mb: int = MOST_MB) -> None:
+    def __init__(
+        self, folder: Path = FOLDER, most_mb: int = MOST_MB, files: list[Path] | None = None
+    ) -> None:
         self._folder, self._most = folder, most_mb * _MB
-        self._files: list[Path] = []
+        self._files = [] if files is None else files
         self._recording: Recording | None = None
         self._turn = threading.Lock()  # of those who begin a file
         self._snapping = threading.Lock()
@@ -196,10 +198,10 @@ class Recordings:
         return UserError(what, code_of(error))
 
 
-def recordings_of(options: argparse.Namespace) -> Recordings:
-    """Return the recordings of a host with these options."""
+def recordings_of(options: argparse.Namespace, files: list[Path]) -> Recordings:
+    """Return the recordings of a run, by a host with these options that has written `files`."""
     folder, most_mb = (getattr(options, f"recordings{what}", None) for what in ("", "_mb"))
-    return Recordings(folder or FOLDER, most_mb or MOST_MB)
+    return Recordings(folder or FOLDER, most_mb or MOST_MB, files)
 
 
 def _write(path: Path, found: Sequence[Stretch]) -> None:

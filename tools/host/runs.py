@@ -2,7 +2,11 @@
 
 import threading
 import time
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
 
+from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live as nodes
 
 AGAIN_S = 0.3  # what was found holds as long
@@ -28,6 +32,24 @@ class Runs:
                 self._nodes = {name: known.get((name, one.pid), one) for name, one in found.items()}
                 self._next_s = time.monotonic() + AGAIN_S
             return {name: one for name, one in self._nodes.items() if one.running}
+
+
+def offered(found: Mapping[str, nodes.Live]) -> list[dict[str, Any]]:
+    """Return the runs that nodes belong to: name, rig, when it began (s of Unix), states."""
+    runs: dict[str, dict[str, Any]] = {}
+    for name, live in sorted(found.items()):
+        run, about = run_of(name), live.block.description
+        with suppress(KeyError, TypeError, ValueError, IndexError):  # it says nothing sensible
+            state = str(about["state_names"][int(live.block["control"][sh.STATE])])
+            new = {"run": run, "rig": str(about["rig"]), "since_s": _since_s(about), "nodes": {}}
+            runs.setdefault(run, new)["nodes"][str(about["node"])] = state
+    return [*runs.values()]
+
+
+def _since_s(about: Mapping[str, Any]) -> float:
+    """Return the wall time at which a node was set up."""
+    facts = about["metadata"]
+    return float(1e-9 * int(facts["clock_wall_ns"]))
 
 
 def run_of(name: str) -> str:

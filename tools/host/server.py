@@ -1,10 +1,12 @@
-"""The web server of the host: one page, its few files, and a WebSocket. It has no other state."""
+"""The web server of the host: one page, its few files, and a WebSocket."""
 
 import argparse
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator, Mapping
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import uvicorn
@@ -13,63 +15,53 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from pcpc.drivers.errors import UserError
 from pcpc.executive.nodes.live import Live
-from pcpc.tools.host import drawn, guard
-from pcpc.tools.host.actions import Actions
+from pcpc.tools.host import guard, runs
 from pcpc.tools.host.asked import MOST_BYTES
 from pcpc.tools.host.clients import TICK_S, Client
-from pcpc.tools.host.drawn import Drawn
-from pcpc.tools.host.recordings import recordings_of
 from pcpc.tools.host.sources import Source, Watch
+from pcpc.tools.host.stage import Stage
 
 LOOK_S = 0.5  # how soon another run is seen
-MOST_EVENTS = 200
+IDLE_S = 10.0  # for a page that comes back
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 _FILES = (
     "index.html", "main.js", "net.js", "panels.js", "side.js", "operate.js", "drawing.js",
-    "host.css", "uplot.js", "uplot.css",
+    "runs.js", "host.css", "uplot.js", "uplot.css",
 )  # fmt: skip
 
 
 class Server:
-    """A page about a run or log."""
+    """A page about a log, or about runs: what was chosen of several, else the one that goes on."""
 
     most_clients = 32
 
     def __init__(self, source: Source | Watch, token: str, options: argparse.Namespace) -> None:
         self._watch = source if isinstance(source, Watch) else None
-        self._fixed = source if isinstance(source, Source) else None
-        self._recordings = recordings_of(options)
-        self.token = token
-        self.actions = Actions(lambda: self.source, options.write, self._recordings)
+        if self._watch is not None:
+            self._watch.asks = True
+        self.token, self.write, self._options = token, options.write, options
+        self._files: list[Path] = []  # that were recorded
+        self._stages = {"": Stage(source, options, self._files)}
+        self._idle_s: dict[str, float] = {}  # since when nobody looks at one
         self.clients: set[Client] = set()
-        self.events: list[tuple[int, dict[str, Any]]] = []
-        self._count, self._options = 0, options
-        self._drawn: tuple[int, Drawn | None] = (-1, None)  # of which run
+        self.offered: list[dict[str, Any]] = []
 
-    @property
-    def source(self) -> Source:
-        """The run that is shown now."""
-        return self._watch.source if self._watch is not None else self._fixed  # type: ignore
+    def stage(self, run: str) -> Stage:
+        """Return what shows a run, which need not go on yet; "": whichever is alone."""
+        if self._watch is None or not run:
+            return self._stages[""]
+        if run not in self._stages:
+            if len(self._stages) > self.most_clients:
+                self._let_go(time.monotonic(), 0.0)
+            watch = Watch(node=f"{run}.", runs=self._watch.runs)
+            self._stages[run] = Stage(watch, self._options, self._files)
+            self._stages[run].find()
+        return self._stages[run]
 
     def nodes(self) -> Mapping[str, Live]:
         """Return all nodes that run and may be shown."""
         return self._watch.runs.nodes() if self._watch is not None else {}
-
-    def scene(self, cycle: int) -> dict[str, Any]:
-        """Return the drawing of the plant at a cycle, empty without one."""
-        source = self.source
-        mark = 10 * source.number + len(source.nodes)
-        try:
-            if self._drawn[0] != mark:
-                self._drawn = mark, None  # should it fail, it does so once
-                self._drawn = mark, drawn.of(source, self._options)
-            found = self._drawn[1]
-            return found.scene(source, cycle) if found else {}
-        except UserError as error:
-            self._drawn = mark, None
-            return {"bounds": [0, 0, 1, 1], "note": str(error), "shapes": []}
 
     def app(self, names: frozenset[str], secure: bool) -> Any:
         """Return the ASGI application for a server with these names."""
@@ -88,23 +80,39 @@ class Server:
         yield
         if following:
             following.cancel()
-        await asyncio.to_thread(self._recordings.close)
+        for stage in self._stages.values():
+            await asyncio.to_thread(stage.close)
 
     async def _follow(self) -> None:
-        """Take what the run has recorded, and look for another one."""
-        assert self._watch is not None
+        """Take what the runs have recorded, and look for others."""
         next_look = 0.0
         loop = asyncio.get_running_loop()
         while True:
             if loop.time() >= next_look:
                 next_look = loop.time() + LOOK_S
-                self._watch.find()
-            for role, cycle, topic, entry in self._watch.poll():
-                self._count += 1
-                event = {"node": role, "cycle": cycle, "topic": topic, **entry}
-                self.events.append((self._count, event))
-            del self.events[:-MOST_EVENTS]
+                self._look(time.monotonic())
+            for stage in self._stages.values():
+                stage.poll()
             await asyncio.sleep(TICK_S)
+
+    def _look(self, now_s: float) -> None:
+        """Look which runs there are."""
+        offered = runs.offered(self.nodes())
+        if offered != self.offered:
+            self.offered = offered
+        for stage in self._stages.values():
+            stage.find()
+        self._let_go(now_s, IDLE_S)
+
+    def _let_go(self, now_s: float, idle_s: float) -> None:
+        """Let go the stages that nobody has looked at for so long."""
+        seen = {id(client.stage) for client in self.clients}
+        for name, stage in [*self._stages.items()]:
+            since_s = self._idle_s.setdefault(name, now_s)
+            if not name or id(stage) in seen or stage.records:
+                self._idle_s[name] = now_s
+            elif now_s >= since_s + idle_s:
+                del self._stages[name], self._idle_s[name]
 
 
 def _file(name: str) -> Any:

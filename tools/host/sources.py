@@ -198,11 +198,14 @@ def of_log(path: Path) -> Source:
 class Watch:
     """A run of this user's rigs, or of one: found, followed, and kept after its end.
 
-    `node`: the full name of one of its nodes, where several run.
+    `node`: the full name of one of its nodes, where several run; `runs`: nodes that were found
+    already. `asks`: where several go on, it shows none until one is chosen.
     """
 
-    def __init__(self, rig: str = "", node: str = "") -> None:
-        self.runs = Runs(rig, run_of(node))
+    asks = False
+
+    def __init__(self, rig: str = "", node: str = "", runs: Runs | None = None) -> None:
+        self.runs, self._run = runs or Runs(rig, run_of(node)), run_of(node)
         self.source = Source(rig, True)
 
     def find(self) -> bool:
@@ -212,7 +215,8 @@ class Watch:
             return self._joined()
         found = self.runs.nodes()
         runs = {run_of(name) for name, live in found.items() if live.under_way}
-        if not runs:
+        runs = runs & {self._run} if self._run else runs
+        if not runs or (self.asks and len(runs) > 1):
             return False
         run = min(runs)
         live = [one for name, one in found.items() if run_of(name) == run]

@@ -2,6 +2,7 @@
 
 import { Net } from "./net.js";
 import { TimePanel, PhasePanel, deliver, el } from "./panels.js";
+import { Runs } from "./runs.js";
 import { Side } from "./side.js";
 
 const WINDOWS = [0.5, 1, 2, 5, 10, 20, 60];
@@ -24,7 +25,7 @@ class Page {
     });
     addEventListener("resize", () => this.panels.forEach((panel) => panel.resize()));
     this.net = new Net((m) => this.heard(m), (b) => this.drawn(b), (text, kind) => this.link(text, kind));
-    this.side = new Side(this);
+    this.side = new Side(this); this.runs = new Runs(this);
     requestAnimationFrame(() => this.frame());
   }
 
@@ -32,6 +33,7 @@ class Page {
 
   heard(message) {
     if (message.about) this.shown(message.about, message.span);
+    else if (message.runs) this.runs.heard(message);
     else if (message.refused !== undefined && message.why) {
       this.panels.find((panel) => panel.id === message.refused)?.refused(message.why);
     }
@@ -49,13 +51,16 @@ class Page {
   shown(about, span) {
     this.about = about; this.variables.clear(); this.newest_s = 0;
     for (const list of Object.values(about.nodes)) for (const one of list) this.variables.set(one.name, one);
-    document.title = `${about.rig} – pcpc`;
-    by("rig").textContent = about.rig;
+    document.title = about.rig ? `${about.rig} – pcpc` : "pcpc";
+    by("rig").textContent = about.rig || "pcpc";
     this.whole = about.live || span[1] < span[0] ? null : [span[0] * about.period_s, span[1] * about.period_s];
     this.span = this.whole; this.paused = false; by("pause").hidden = !about.live;
     by("pause").textContent = "pause";
-    if (this.panels.length) this.laid(this.panels.map((panel) => panel.layout()));
+    by("panels").hidden = !this.variables.size;
+    if (!this.variables.size) { this.side.shown(about, null); return; } // nothing runs yet
+    if (this.panels.length && this.rig === about.rig) this.laid(this.panels.map((panel) => panel.layout()));
     else this.laid(this.stored() ?? this.own(about.layout) ?? this.first());
+    this.rig = about.rig;
     this.side.shown(about, this.whole);
   }
 
@@ -118,7 +123,7 @@ class Page {
 
   layout() { return { window_s: this.window_s, panels: this.panels.map((panel) => panel.layout()) }; }
   key() { return `pcpc layout ${this.about.rig}`; }
-  kept() { if (this.about) localStorage.setItem(this.key(), JSON.stringify(this.layout())); }
+  kept() { if (this.about?.rig) localStorage.setItem(this.key(), JSON.stringify(this.layout())); }
 
   stored() {
     try {

@@ -1,5 +1,7 @@
 // The connection: a token first, then messages both ways; it comes back by itself.
 
+import { chosen } from "./runs.js";
+
 const STATES = { open: ["connected", "good"], lost: ["reconnecting", "warn"], closed: ["closed", "bad"] };
 const WRONG_TOKEN = 4401, TOO_MANY = 4429, BAD_MESSAGE = 4400;
 
@@ -16,7 +18,7 @@ export class Net {
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     socket.onopen = () => {
-      socket.send(JSON.stringify({ do: "hello", token: location.hash.slice(1) }));
+      socket.send(JSON.stringify({ do: "hello", token: location.hash.slice(1), run: chosen() }));
     };
     socket.onmessage = (event) => {
       if (this.wait_ms !== 250 || !this.open) {

@@ -1,0 +1,95 @@
+"""Several runs at once: which they are, which one is shown, and that a client's choice stays."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+from hosting import ANSWER_S, LONG, Client, hosting
+from processes import own_bus
+
+import pcpc
+
+GAIN, ANGLE = "controller.kv_Nms_rad", "plant:barrel.theta_rad"
+RIG = "sin0.5"  # no other test has it on a bus
+
+
+def going_on(bus: str) -> Any:
+    return pcpc.running(RIG, pacing="real", set=LONG, bus=bus)
+
+
+def name_of(live: pcpc.Live) -> str:
+    return live._nodes["plant"].name.rpartition(".")[0]
+
+
+def offered(client: Client, shown: str, *names: str) -> list[dict[str, Any]]:
+    """Wait until these runs are offered while `shown` is."""
+    end_s = time.monotonic() + ANSWER_S
+    while True:
+        found = client.until("runs")
+        assert time.monotonic() < end_s, found
+        if (found["shown"], sorted(one["run"] for one in found["runs"])) == (shown, sorted(names)):
+            return list(found["runs"])
+
+
+def shown(client: Client, nodes: int = 2) -> dict[str, Any]:
+    """Wait until a run of so many nodes is shown; return what is told of it."""
+    while len((found := client.until("about"))["about"]["nodes"]) != nodes:
+        pass
+    return dict(found["about"])
+
+
+def test_a_run_that_is_alone_is_shown_until_its_end(
+    tmp_path: Path,
+) -> None:
+    began_s = time.time()
+    with going_on(own_bus()) as one, hosting(tmp_path, RIG) as host, Client(host) as client:
+        (told,) = offered(client, name_of(one), name_of(one))
+        assert told["rig"] == RIG and began_s < told["since_s"] < time.time()
+        assert set(told["nodes"]) == {"executive", "plant"}
+        with going_on(own_bus()) as two:
+            names = name_of(one), name_of(two)
+            offered(client, names[0], *names)
+            one.stop()
+            offered(client, names[1], names[1])  # again the one that is alone
+    assert one.run.log.node and two.run.log.node
+
+
+def test_of_two_none_is_shown_until_one_is_chosen_and_tuned_alone(tmp_path: Path) -> None:
+    with (
+        going_on(own_bus()) as one, going_on(own_bus()) as two,
+        hosting(tmp_path, RIG, "--write") as host,
+    ):  # fmt: skip
+        names = name_of(one), name_of(two)
+        with Client(host) as client, Client(host) as other:
+            offered(client, "", *names)
+            assert client.about["nodes"] == {}
+            refused = client.ask(do="set", values={GAIN: 111.0})
+            assert "choose one" in refused["why"]
+            assert client.ask(do="run", run=names[0])["done"]
+            shown(client)
+            assert other.ask(do="run", run=names[1])["done"]
+            shown(other)
+            client.ask(do="set", values={GAIN: 111.0})
+            other.ask(do="set", values={GAIN: 112.0})
+            assert (one[GAIN], two[GAIN]) == (111.0, 112.0)
+            event = client.until("event")["event"]
+            while event.get("name") != GAIN:
+                event = client.until("event")["event"]
+            assert event["value"] == 111.0  # of its own run alone
+            client.say(do="panel", id=1, names=[ANGLE], bins=20, window_s=1.0)
+            assert client.panel(1)[0][1] == 1
+            client.ask(do="run", run=names[1])
+            shown(client)
+            told = client.ask(do="set", values={GAIN: 113.0})
+            assert told["undoes"] == 2 and (one[GAIN], two[GAIN]) == (111.0, 113.0)
+        with Client(host, run=names[1]) as again:  # as after a reconnect
+            if not again.about["nodes"]:
+                shown(again)
+            offered(again, names[1], *names)
+            again.ask(do="set", values={GAIN: 114.0})
+            assert (one[GAIN], two[GAIN]) == (111.0, 114.0)
+            two.stop()
+            offered(again, names[1], names[0])  # it keeps what was chosen
+        with Client(host, run="chosen.before") as late:
+            offered(late, "", names[0])
+            assert late.about["nodes"] == {}
