@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import threading
 from argparse import Namespace
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +18,7 @@ from hosting import ANSWER_S, Host, hosting
 from live_run import ERROR, KV, LAM, Run, Screen, pcpc, said
 from processes import until
 from test_scope import HEAD, own
+from websockets.sync.server import ServerConnection, serve
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
@@ -235,6 +237,41 @@ def test_a_host_with_a_certificate_of_its_own(
         if Path(system).is_file():
             code, _, err = there(capsys, other, "get", KV, "--ca", system)
             assert code == 4 and "certificate" in err and "--ca FILE" in err
+
+
+class Older(Link):
+    """A line to a host of another version."""
+
+    def ask(self, what: str, **about: Any) -> Any:
+        """Ask, and hear of another layout."""
+        found = super().ask(what, **about)
+        return found | {"version": "0"} if what == "nodes" else found
+
+
+def test_a_host_of_another_version_is_refused(host: Host) -> None:
+    link = Older(Namespace(at=host.name, token_file=None, ca=None, plain=False))
+    with pytest.raises(live.LiveError, match="another version of pcpc runs there"):
+        There(link).running()
+    link.close()
+
+
+@pytest.mark.parametrize("said", ["[]", '"x"', "nonsense", '{"refused": 1}',
+                                  '{"refused": 1, "why": "x", "code": 77}'])  # fmt: skip
+def test_what_is_no_host_is_a_line(said: str, capsys: Screen) -> None:
+    def answer(line: ServerConnection) -> None:
+        line.recv(timeout=ANSWER_S)
+        line.recv(timeout=ANSWER_S)
+        line.send(said)
+
+    with serve(answer, "127.0.0.1", 0) as server:
+        serving = threading.Thread(target=server.serve_forever)
+        serving.start()
+        port = server.socket.getsockname()[1]
+        assert main(["get", KV, "--at", f"127.0.0.1:{port}"]) == 4
+        server.shutdown()
+        serving.join()
+    err = capsys.readouterr().err
+    assert err.startswith(f"127.0.0.1:{port}: ") and err.count("\n") == 1, err
 
 
 # Every cycle

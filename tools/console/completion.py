@@ -119,10 +119,10 @@ def _faults(options: argparse.Namespace) -> Words:
 
 
 def _laws(options: argparse.Namespace) -> Words:
-    from pcpc.executive.nodes.live import running
     from pcpc.executive.nodes.operating import laws
+    from pcpc.tools.remote.nodes import nodes_of
 
-    return {name for live in running().values() for name in laws(live)}
+    return {name for live in nodes_of(options).running().values() for name in laws(live)}
 
 
 def _levels(options: argparse.Namespace) -> Words:

@@ -17,6 +17,7 @@ _MOST_BYTES = 64 << 20  # of one answer: what a node says about itself has its l
 _WRONG_TOKEN = 4401
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _ENVIRONMENT = "PCPC_TOKEN"
+_OTHER = "does not answer as `pcpc host` does"
 
 
 class Link:
@@ -40,21 +41,21 @@ class Link:
                 max_size=_MOST_BYTES, open_timeout=_OPEN_S, close_timeout=_CLOSE_S,
             ).__enter__()  # fmt: skip
         except ssl.SSLError as error:
-            raise self._error(
+            raise self.error(
                 f"{_reason(error)}; --ca FILE takes a certificate of your own"
             ) from None
         except InvalidStatus as error:
             name = f"it is not called {host}; start it there with --name {host}"
             code = error.response.status_code
-            raise self._error(name if code == 403 else f"no pcpc host: HTTP {code}") from None
+            raise self.error(name if code == 403 else f"no pcpc host: HTTP {code}") from None
         except (InvalidHandshake, EOFError):
             other = "does it use TLS (--ca FILE)?" if context is None else "does it use TLS?"
-            raise self._error(f"does not answer as `pcpc host` does; {other}") from None
+            raise self.error(f"{_OTHER}; {other}") from None
         except TimeoutError:
-            raise self._error(f"no answer within {_OPEN_S:g} s") from None
+            raise self.error(f"no answer within {_OPEN_S:g} s") from None
         except OSError as error:
             what = f"{error.strerror or error}; is `pcpc host` running there?"
-            raise self._error(what) from None
+            raise self.error(what) from None
         self._send({"do": "hello", "token": token, "kind": "terminal"})
 
     def close(self) -> None:
@@ -68,9 +69,13 @@ class Link:
         found = self._received()
         if isinstance(found, bytes):
             return found
-        told = json.loads(found)
-        if "refused" in told:
-            raise LiveError(str(told["why"]), Exit(int(told["code"])))
+        try:
+            told = json.loads(found)
+            refusal = LiveError(told["why"], Exit(told["code"])) if "refused" in told else None
+        except (ValueError, KeyError, TypeError):
+            raise self.error(f"{_OTHER}; what answers there?") from None
+        if refusal is not None:
+            raise refusal
         return told
 
     def _send(self, message: dict[str, Any]) -> None:
@@ -87,7 +92,7 @@ class Link:
         try:
             return self._line.recv(timeout=_ANSWER_S)
         except TimeoutError:
-            raise self._error(f"no answer for {_ANSWER_S:g} s") from None
+            raise self.error(f"no answer for {_ANSWER_S:g} s") from None
         except (ConnectionClosed, OSError) as error:
             raise self._lost(error) from None
 
@@ -96,9 +101,10 @@ class Link:
         if getattr(getattr(error, "rcvd", None), "code", 0) == _WRONG_TOKEN:
             what = "wrong token; it stands behind the # of the address that `pcpc host` printed"
             return LiveError(f"{self.at}: {what}")
-        return self._error(f"the connection was lost{f': {said}' if said else ''}")
+        return self.error(f"the connection was lost{f': {said}' if said else ''}")
 
-    def _error(self, what: str) -> LiveError:
+    def error(self, what: str) -> LiveError:
+        """Return an error about the other side."""
         return LiveError(f"{self.at}: {what}", Exit.ENVIRONMENT)
 
 

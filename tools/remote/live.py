@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live as here
-from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.executive.nodes.live import Live
 from pcpc.tools.host import fields
 from pcpc.tools.remote.link import Link
 
@@ -120,9 +119,8 @@ class There:
     def running(self, rig: str = "") -> dict[str, Live]:
         """Return those whose loop runs, of all rigs or one, by name."""
         told = self._link.ask("nodes")
-        if told["version"] != fields.VERSION:
-            what = "another version of pcpc runs there; take the same one"
-            raise LiveError(f"{self._link.at}: {what}", Exit.ENVIRONMENT)
+        if not isinstance(told, dict) or told.get("version") != fields.VERSION:
+            raise self._link.error("another version of pcpc runs there; take the same one")
         for handle in told["nodes"]:
             if handle not in self._known:
                 about = self._link.ask("describe", node=handle)["about"]
