@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -46,7 +47,8 @@ def command(options: argparse.Namespace) -> int:
     shown = _shown(options.what, options.node)
     print(door.url, flush=True)
     print(_told(options, shown), file=sys.stderr, flush=True)
-    serve(door, shown, options)
+    with suppress(KeyboardInterrupt):  # while the server is loaded; then it hears it by itself
+        serve(door, shown, options)
     return Exit.OK
 
 
