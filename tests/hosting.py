@@ -67,7 +67,7 @@ def hosting(folder: Path, *words: str, port: int = 0, before: Sequence[str] = ()
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
             _, error = process.communicate(timeout=ANSWER_S)
-            assert (process.returncode, error) == (0, "")
+            assert (process.returncode, error) == (0, ""), f"{process.returncode}: {error}"
     finally:
         process.kill()
         process.communicate()

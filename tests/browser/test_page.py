@@ -5,10 +5,8 @@ Screenshots for the eye are left in build/screens.
 
 import os
 import re
-import shutil
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,32 +14,16 @@ import numpy as np
 import pytest
 from free_bus import GROUP, own_port
 from hosting import LONG, Host, hosting
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from paging import DRAWN, PATIENT_MS, PHONE, opened, shot, wait
+from playwright.sync_api import Browser, Page, expect
 
 import pcpc
 from pcpc.tools.rigs import shipped
 
 pytestmark = pytest.mark.browser
 
-SCREENS = Path(__file__).resolve().parents[2] / "build" / "screens"
-BROWSERS = "chromium", "chromium-browser", "google-chrome"
-WIDE, PHONE = {"width": 1400, "height": 950}, {"width": 390, "height": 844}
 GAIN = "controller.kv_Nms_rad"
-PATIENT_MS = 30_000.0
-DRAWN = "pcpc.panels.some((panel) => panel.x || panel.points)"
 ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped()])}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    assert found, "no Chromium here: make browser-tools"
-    with sync_playwright() as play:
-        own = play.chromium.launch(
-            executable_path=found, args=["--no-sandbox", "--disable-dev-shm-usage"]
-        )
-        yield own
-        own.close()
 
 
 @pytest.fixture(scope="module")
@@ -54,43 +36,6 @@ def run() -> Iterator[pcpc.Live]:
 def host(run: pcpc.Live, tmp_path: Path) -> Iterator[Host]:
     with hosting(tmp_path, "--write", "--node", run._nodes["plant"].name) as one:
         yield one
-
-
-@contextmanager
-def opened(browser: Browser, host: Host, size: Any = WIDE, ready: str = DRAWN) -> Iterator[Page]:
-    """Open the page; whatever it complains of, and every foreign address, is an error."""
-    context = browser.new_context(viewport=size)
-    page = context.new_page()
-    said: list[str] = []
-    page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
-    page.on("pageerror", lambda error: said.append(str(error.stack)))
-    page.on("request", lambda request: said.append(f"asks {request.url}")
-            if not request.url.startswith((f"http://{host.name}/", "data:")) else None)  # fmt: skip
-    page.set_default_timeout(PATIENT_MS)
-    page.goto(host.url)
-    expect(page.locator("#link")).to_have_text("connected", timeout=PATIENT_MS)
-    wait(page, ready)
-    yield page
-    lost = [line for line in said if "ERR_CONNECTION_REFUSED" not in line]  # while it restarts
-    assert not lost, lost
-    context.close()
-
-
-def wait(page: Page, holds: str, arg: object = None) -> None:
-    """Wait until an expression, or a function of `arg`, is true in the page.
-
-    From outside: the page's own rules forbid what `wait_for_function` would evaluate in it.
-    """
-    for _ in range(int(PATIENT_MS / 50)):
-        if page.evaluate(holds, arg):
-            return
-        page.wait_for_timeout(50)
-    raise AssertionError(f"never: {holds}")
-
-
-def shot(page: Page, name: str) -> None:
-    SCREENS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=SCREENS / f"{name}.png")
 
 
 def newest(page: Page) -> float:

@@ -26,7 +26,8 @@ export function paint(canvas, scene) {
     if (kind === "text") {
       g.font = `${FONT}px system-ui`; g.textBaseline = "middle";
       g.textAlign = style === "middle" ? "center" : style;
-      g.fillText(size, x(xy[0]), y(xy[1]));
+      const wide = g.measureText(size).width, ahead = style === "middle" ? 0.5 * wide : style === "end" ? wide : 0;
+      g.fillText(size, Math.min(Math.max(x(xy[0]), ahead + 2), width - wide + ahead - 2), y(xy[1]));
       continue;
     }
     g.lineWidth = size; g.setLineDash(kind === "line" && style ? [6, 4] : []);

@@ -23,7 +23,7 @@ class Page {
     document.addEventListener("keydown", (event) => {
       if (event.key === " " && event.target === document.body) { event.preventDefault(); this.pause(!this.paused); }
     });
-    addEventListener("resize", () => this.panels.forEach((panel) => panel.resize()));
+    addEventListener("resize", () => { this.side.painted = false; this.panels.forEach((panel) => panel.resize()); });
     this.net = new Net((m) => this.heard(m), (b) => this.drawn(b), (text, kind) => this.link(text, kind));
     this.side = new Side(this); this.runs = new Runs(this);
     requestAnimationFrame(() => this.frame());
@@ -58,7 +58,8 @@ class Page {
     by("pause").textContent = "pause";
     by("panels").hidden = !this.variables.size;
     if (!this.variables.size) { this.side.shown(about, null); return; } // nothing runs yet
-    if (this.panels.length && this.rig === about.rig) this.laid(this.panels.map((panel) => panel.layout()));
+    const before = this.panels.map((panel) => panel.layout());
+    if (before.some((panel) => panel.names.length) && this.rig === about.rig) this.laid(before);
     else this.laid(this.stored() ?? this.own(about.layout) ?? this.first());
     this.rig = about.rig;
     this.side.shown(about, this.whole);
@@ -140,8 +141,10 @@ class Page {
     const gone = [];
     for (const { kind, names } of panels) {
       const there = names.filter((name) => this.plottable(name));
-      gone.push(...names.filter((name) => !there.includes(name)));
-      this.put(kind === "phase" ? new PhasePanel(this, there) : new TimePanel(this, there));
+      const panel = kind === "phase" ? new PhasePanel(this, there) : new TimePanel(this, there);
+      panel.gone = names.filter((name) => !there.includes(name)); // they may come, with a node or another run
+      gone.push(...panel.gone);
+      this.put(panel);
     }
     this.activate(this.panels[0] ?? null);
     this.notice(gone.length ? `not in this run, left out of the layout: ${[...new Set(gone)].join(", ")}` : "");

@@ -23,10 +23,11 @@ export { css, el };
 
 class Panel {
   constructor(page, names) {
-    this.page = page; this.names = names; this.id = ++last; this.dirty = false;
+    this.page = page; this.names = names; this.gone = []; this.id = ++last; this.dirty = false;
     this.box = el("div", "panel"); this.box.tabIndex = 0;
     this.bar = el("div", "bar"); this.plot = el("div");
     this.box.append(this.bar, this.plot);
+    this.box.setAttribute("role", "group");
     this.box.onfocus = this.box.onclick = () => page.activate(this);
     this.box.ondragover = (event) => { event.preventDefault(); this.box.classList.add("over"); };
     this.box.ondragleave = () => this.box.classList.remove("over");
@@ -47,17 +48,20 @@ class Panel {
 
   chips() {
     this.bar.replaceChildren();
+    this.box.setAttribute("aria-label", `curves: ${this.names.join(", ") || "none yet"}`);
     this.names.forEach((name, i) => {
       const chip = el("button", "chip"), mark = el("i");
       mark.style.background = COLOURS[i % COLOURS.length];
       const unit = this.page.variables.get(name)?.unit;
       chip.append(mark, `${name}${unit ? ` [${unit}]` : ""} ✕`);
+      chip.ariaLabel = `take ${name} away`;
       chip.title = `${this.page.variables.get(name)?.help ?? ""} (click: take away)`;
       chip.onclick = (event) => { event.stopPropagation(); this.remove(name); };
       this.bar.append(chip);
     });
     if (!this.names.length) this.bar.append(el("span", "quiet", "drag variables here, or click them in the list"));
     const close = el("button", "", "close");
+    close.ariaLabel = "close this panel";
     close.onclick = (event) => { event.stopPropagation(); this.page.drop(this); };
     this.bar.append(el("span", "grow"), close);
     this.why = el("span", "why"); this.bar.append(this.why);
@@ -67,7 +71,20 @@ class Panel {
 }
 
 export class TimePanel extends Panel {
-  constructor(page, names) { super(page, names); this.kind = "time"; this.span = null; }
+  constructor(page, names) {
+    super(page, names); this.kind = "time"; this.span = null;
+    this.box.onkeydown = (event) => { if (event.target === this.box) this.step(event); };
+  }
+
+  // The arrows move the cursor by a hundredth of the window, with shift by a tenth.
+  step(event) {
+    const way = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (!way) return;
+    event.preventDefault();
+    const { width, height } = this.chart.bbox, wide = width / devicePixelRatio, from = this.chart.cursor.left;
+    const left = Math.max(0, Math.min(wide, (from >= 0 ? from : wide) + way * wide * (event.shiftKey ? 0.1 : 0.01)));
+    this.chart.setCursor({ left, top: 0.5 * height / devicePixelRatio });
+  }
 
   build() {
     this.chips(); this.end = null; this.held = new Map();
@@ -185,7 +202,7 @@ export class TimePanel extends Panel {
     if (width === this.chart.width) return;
     this.chart.setSize({ width, height: HEIGHT }); this.ask();
   }
-  layout() { return { kind: "time", names: this.names }; }
+  layout() { return { kind: "time", names: [...this.names, ...this.gone] }; }
 }
 
 export class PhasePanel extends Panel {
@@ -240,7 +257,7 @@ export class PhasePanel extends Panel {
   }
 
   resize() { this.dirty = this.points !== null; }
-  layout() { return { kind: "phase", names: this.names }; }
+  layout() { return { kind: "phase", names: [...this.names, ...this.gone] }; }
 }
 
 // Hand a binary message to its panel.

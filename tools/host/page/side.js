@@ -8,6 +8,7 @@ const by = (id) => document.getElementById(id);
 const STATES = { RUN: "good", READY: "good", HOLD: "warn", FAULT: "bad", ended: "quiet" };
 const ACTIONS = { stop: "stop", quick_stop: "quick stop", reset: "reset fault", forget_timing: "clear timing", clear: "clear curves",
   lock: "lock tuning", unlock: "allow tuning" };
+const STILL = matchMedia("(prefers-reduced-motion: reduce)"); // then the plant moves once a second
 const MOST_EVENTS = 200, MOST_ROWS = 200;
 
 export class Side {
@@ -16,6 +17,7 @@ export class Side {
     this.recording = this.savedBadly = false; this.saved = ""; this.lastRecording = null;
     by("search").oninput = () => this.list();
     by("search").onkeydown = (event) => {
+      if (event.key === "ArrowDown") { event.preventDefault(); by("variables").firstChild?.focus(); }
       if (event.key !== "Enter") return;
       const first = by("variables").firstChild, said = by("search").value.trim();
       if (said.startsWith("=")) this.page.pick(said);
@@ -39,7 +41,7 @@ export class Side {
   shown(about, span) {
     this.about = about; this.values = new Map(); this.inputs.clear();
     by("events").replaceChildren(); this.saved = "";
-    this.scene = null; by("drawing-box").hidden = true;
+    this.scene = null; this.painted_ms = NaN; by("drawing-box").hidden = true;
     for (const id of ["tuning-box", "control-box", "recording-box", "timing-box", "frames-box", "events-box"]) by(id).hidden = !about.live;
     by("slider-box").hidden = !span;
     if (span) { [by("slider").min, by("slider").max] = span; by("slider").value = span[0]; this.moved(); }
@@ -66,15 +68,24 @@ export class Side {
     const words = by("search").value.toLowerCase().split(/\s+/);
     const found = [...this.page.variables.values()].filter((one) => one.plot
       && words.every((word) => `${one.name} ${one.help}`.toLowerCase().includes(word)));
-    by("variables").replaceChildren(...found.slice(0, MOST_ROWS).map((one) => {
+    by("variables").replaceChildren(...found.slice(0, MOST_ROWS).map((one, i) => {
       const item = el("li", "", `${one.name}${one.unit ? ` [${one.unit}]` : ""}`);
-      item.title = one.help; item.dataset.name = one.name; item.draggable = true; item.tabIndex = 0;
+      item.title = one.help; item.dataset.name = one.name; item.draggable = true;
+      item.tabIndex = i ? -1 : 0; item.setAttribute("role", "option"); // Tab finds the list, arrows its rows
       item.onclick = () => this.page.pick(one.name);
-      item.onkeydown = (event) => { if (event.key === "Enter") this.page.pick(one.name); };
+      item.onkeydown = (event) => this.key(event, item);
       item.ondragstart = (event) => event.dataTransfer.setData("text/plain", one.name);
       return item;
     }));
     if (found.length > MOST_ROWS) by("variables").append(el("li", "quiet", `and ${found.length - MOST_ROWS} more`));
+  }
+
+  key(event, item) {
+    const beside = { ArrowDown: item.nextElementSibling, ArrowUp: item.previousElementSibling ?? by("search") }[event.key];
+    if (event.key === "Enter" || event.key === " ") this.page.pick(item.dataset.name);
+    else if (beside) beside.focus();
+    else return;
+    event.preventDefault();
   }
 
   tunables() {
@@ -150,15 +161,17 @@ export class Side {
     if (one) lines.push([`${one.file}: ${one.going ? "recording, " : ""}${one.cycles} cycles, ${one.mb.toFixed(1)} MB${lost}${one.why ? `; ended: ${one.why}` : ""}`, one.why || one.lost ? "warn" : ""]);
     if (this.saved) lines.push([this.saved, this.savedBadly ? "bad" : "good"]);
     by("recorded").replaceChildren(...lines.map(([what, kind]) => el("div", kind, what)));
+    const words = this.recording ? `recording ${one.file}` : by("recorded").textContent;
+    if (by("said").textContent !== words) by("said").textContent = words; // not every size is read out
   }
 
   // Bits at most on the bus, over its rate, and which node sent how many.
   load({ bitrate, bits_per_s, sent }) {
-    if (bits_per_s === undefined) { by("load").textContent = ""; return; }
-    const kbit = (bits) => `${(1e-3 * bits).toPrecision(3)} kbit/s`;
+    if (bits_per_s === undefined) { by("bus-load").textContent = ""; return; }
+    const kbit = (bits) => `${(1e-3 * bits).toFixed(0)} kbit/s`;
     const share = bitrate ? `, ${(100 * bits_per_s / bitrate).toFixed(0)} % of ${kbit(bitrate)}` : "";
     const from = Object.entries(sent).map(([role, bits]) => `${role} ${kbit(bits)}`).join(", ");
-    by("load").textContent = `load ${kbit(bits_per_s)} at most${share}; from ${from}`;
+    by("bus-load").textContent = `load ${kbit(bits_per_s)} at most${share}; from ${from}`;
   }
 
   status({ nodes, values, load, recording }) {
@@ -214,8 +227,10 @@ export class Side {
       this.playing = +slider.value < +slider.max ? now : null;
       this.moved();
     }
-    if (this.scene && !this.painted) {
-      by("drawing-box").hidden = false; this.painted = true; paint(by("drawing"), this.scene);
+    const now = performance.now(), often = STILL.matches ? 1000 : 0;
+    if (this.scene && !this.painted && !(now - this.painted_ms < often)) {
+      by("drawing-box").hidden = false; this.painted = true; this.painted_ms = now;
+      paint(by("drawing"), this.scene);
     }
     by("play").textContent = this.playing ? "stop" : "play";
     if (this.late && !by("timing-box").hidden) { this.histogram(this.late); this.late = null; }
@@ -242,6 +257,6 @@ function text(value) { return value === null || value === undefined ? "" : Strin
 
 function line(cells, tag) {
   const row = el("tr");
-  cells.forEach((cell, i) => row.append(el(tag, tag === "td" && i && typeof cell === "number" ? "number" : "", cell)));
+  cells.forEach((cell, i) => row.append(el(tag, tag === "td" && i && typeof cell === "number" || /^-?[\d.]+$/.test(cell) ? "number" : "", cell)));
   return row;
 }
