@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import nbformat
+import pytest
 
 SITE = Path(__file__).resolve().parents[2] / "docs" / "site"
 SPEC = importlib.util.spec_from_file_location("notebook", SITE / "notebook.py")
@@ -22,6 +23,7 @@ def shown(cell: Any) -> list[str]:
     ]
 
 
+@pytest.mark.paced
 def test_every_cell_prints_what_the_page_shows() -> None:
     kept = nbformat.read(notebook.NOTEBOOK, notebook.PLAIN)
     pairs = [

@@ -24,6 +24,7 @@ NOT_RUN = {  # blocks by page that nobody carries out, each with its reason abov
 }
 
 
+@pytest.mark.paced  # what a reader types keeps time, and a loaded machine may not
 @pytest.mark.parametrize("page", RUN)
 def test_every_block_does_what_the_page_says(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

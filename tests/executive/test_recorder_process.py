@@ -59,7 +59,7 @@ def test_process_records_until_the_nodes_are_done_also_a_late_plant(
 
 
 def test_a_recorder_lets_the_executive_go_once_it_has_the_other_nodes(
-    name: str, tmp_path: Path
+    name: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     """A run may be over when it comes: with the executive its host lets the plant go."""
     description = dict(block_of(name).description)
@@ -67,6 +67,7 @@ def test_a_recorder_lets_the_executive_go_once_it_has_the_other_nodes(
     executive, plant = (sharing.Served(n, description) for n in (name, f"{name}-plant"))
     for served in (executive, plant):
         served.open()
+        request.addfinalizer(served.close)
     words = [sys.executable, "-m", "pcpc.executive.log.recorder", str(tmp_path / "log.mcap")]
     process = subprocess.Popen([*words, name, f"{name}-plant"], cwd=PROJECT)
     select.select(executive.sockets(), [], [])
@@ -78,13 +79,12 @@ def test_a_recorder_lets_the_executive_go_once_it_has_the_other_nodes(
     while sharing.RECORDER not in executive.told:
         select.select(executive.sockets(), [], [])
         executive.serve()
-    plant.serve()
-    assert sharing.RECORDER in plant.told
+    while sharing.RECORDER not in plant.told:
+        select.select(plant.sockets(), [], [])
+        plant.serve()
     for served in (executive, plant):
         served.block["control"][shared.DONE] = 1
     assert process.wait(20.0) == 0
-    for served in (executive, plant):
-        served.close()
 
 
 def test_process_ends_in_order_on_sigterm(block: shared.Shared, name: str, tmp_path: Path) -> None:
