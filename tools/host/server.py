@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import contextlib
+import logging
 import time
 from collections.abc import AsyncIterator, Mapping
 from importlib.resources import files
@@ -128,6 +129,7 @@ def _file(name: str) -> Any:
 def config(app: Any, certificate: tuple[str, str] | None) -> uvicorn.Config:
     """Return the settings of the web server: small messages, none of them compressed."""
     cert, key = certificate or (None, None)
+    logging.getLogger("asyncio").setLevel(logging.ERROR)  # a client that is gone is no warning
     return uvicorn.Config(
         app, http="h11", ws="websockets-sansio", lifespan="on", log_level="critical",
         access_log=False, ws_max_size=MOST_BYTES, ws_per_message_deflate=False,
