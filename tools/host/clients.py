@@ -18,7 +18,7 @@ from pcpc.tools.host import asked, guard, status, terminals
 from pcpc.tools.host.derived import MARK, Derived
 from pcpc.tools.host.drawn import layout
 from pcpc.tools.host.panels import Shown
-from pcpc.tools.host.sources import Source
+from pcpc.tools.host.sources import Source, complete
 from pcpc.tools.host.stage import Stage
 from pcpc.tools.host.terminals import Terminal
 
@@ -209,6 +209,7 @@ class Client:
     async def _draw(self, source: Source) -> None:
         """Send the plant as it is now, or at the instant of a log that is looked at."""
         first, last = source.span()
+        last = complete(source) if source.live else last  # of all nodes
         cycle = last if self._at is None or source.live else max(first, min(last, self._at))
         if cycle >= 0 and self._drawn != (source.number, cycle):
             self._drawn = source.number, cycle

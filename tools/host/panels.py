@@ -15,10 +15,9 @@ import numpy as np
 from pcpc.tools.host import asked
 from pcpc.tools.host.derived import Derived
 from pcpc.tools.host.history import Values, envelope
-from pcpc.tools.host.sources import Source
+from pcpc.tools.host.sources import Source, complete
 
 BINS, WHOLE, PHASE = range(3)
-LAG_S = 0.1  # from the rows of one node to those of the same cycles of another
 
 
 @dataclass
@@ -45,11 +44,11 @@ class Shown:
                 return b""
             width = max(1, round(wanted.window_s / period_s / wanted.bins))
             last = newest // width
-            first = max(last - wanted.bins + 1, begin // width)
-            kind = WHOLE if self.sent is None or self.sent < first else BINS
-            first = first if kind == WHOLE or self.sent is None else self.sent
+            oldest = max(last - wanted.bins + 1, begin // width)
+            kind = WHOLE if self.sent is None or self.sent < oldest else BINS
+            first = oldest if kind == WHOLE or self.sent is None else self.sent
             bins = last - first + 1
-            self.sent, self.newest = _complete(source, newest) // width, newest
+            self.sent, self.newest = max(complete(source) // width, oldest), newest
         else:
             if self.sent is not None:
                 return b""
@@ -101,12 +100,6 @@ class Shown:
         xy = of_x[at_x, 0][every], of_y[at_y, 0][every]
         head = PHASE, wanted.id, 2, int(both[0]) if len(both) else 0, len(xy[0]), 1
         return _packed((*head, source.period_s, newest), *xy)
-
-
-def _complete(source: Source, newest: int) -> int:
-    """Return the cycle up to which all nodes are there; one that lags by more has ended."""
-    lag = round(LAG_S / source.period_s)
-    return max(newest - lag, min(node.span()[1] for node in source.nodes.values()))
 
 
 def _packed(head: tuple[float, ...], *arrays: Values) -> bytes:

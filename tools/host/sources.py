@@ -174,6 +174,12 @@ class Source:
         return (min(a for a, _ in spans), max(b for _, b in spans)) if spans else (0, -1)
 
 
+def complete(source: Source) -> int:
+    """Return the newest cycle that all nodes have given which still run; -1 for none."""
+    ends = [n.span()[1] for n in source.nodes.values() if source.live and n.live.running]
+    return min(ends, default=source.span()[1])
+
+
 def full(role: str, name: str) -> str:
     """Return what the page calls a variable of a node."""
     return name if role == "executive" else f"{role}:{name}"
