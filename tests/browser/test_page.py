@@ -246,6 +246,57 @@ def test_of_two_runs_one_is_chosen_and_stays_after_a_reload(
         expect(page.locator("#runs option:checked")).to_have_text(f"{names[0]} (does not run)")
 
 
+def test_a_curve_that_cannot_be_had_costs_no_other(browser: Browser, host: Host) -> None:
+    with opened(browser, host) as page:
+        names = page.evaluate("pcpc.panels[0].names")
+        for wrong, why in {
+            "=": "wants an expression",
+            "= nosuch": "nosuch",
+            "= controller.e_rad + controller.tau_Nm": "unit",
+            "= " + "1 + " * 100 + "controller.e_rad": "at most 300 characters",
+        }.items():
+            page.fill("#search", wrong)
+            page.press("#search", "Enter")
+            expect(page.locator(".panel .why").first).to_contain_text(why)
+            assert page.input_value("#search") == wrong, "what was written can be corrected"
+            wait(page, "names => '' + pcpc.panels[0].names === '' + names", names)
+        moves(page)
+        page.evaluate(
+            "[...pcpc.variables.values()].filter((one) => one.plot)"
+            ".slice(0, 40).forEach((one) => pcpc.panels[0].add(one.name))"
+        )
+        expect(page.locator(".panel .why").first).to_contain_text("at most 32 curves")
+        wait(page, "pcpc.panels[0].names.length === 32 && pcpc.panels[0].y?.length === 32")
+        expect(page.locator("#link")).to_have_text("connected")
+        moves(page)
+        page.evaluate("pcpc.laid([{kind: 'time', names: ['controller.e_rad', '= nosuch']}])")
+        moves(page)
+        box = parameter(page, GAIN)
+        for _ in range(8):  # as many as there ever were panels
+            box.fill("-1")
+            box.press("Enter")
+            expect(box).to_have_value("110")  # the answer has come
+        expect(page.locator("#answer")).to_contain_text("outside 0..1000")
+        assert "outside" not in "".join(page.locator(".why").all_inner_texts())
+
+
+def test_a_page_in_haste_is_no_flood(browser: Browser, host: Host) -> None:
+    with opened(browser, host) as page:
+        page.evaluate(
+            "() => new MutationObserver(() => { pcpc.cut = true; })"
+            ".observe(document.getElementById('link'), {childList: true})"
+        )
+        width = page.evaluate(
+            "() => { for (let i = 0; i < 1000; i++) { pcpc.window_s = 1 + i / 1000; pcpc.again(); }"
+            " return pcpc.window_s; }"
+        )  # as a window that is drawn larger, or a slider, does
+        wait(page, "pcpc.net.wishes.size === 0")
+        moves(page)
+        shown = "(x => x.at(-1) - x[0])(pcpc.panels[0].chart.data[0])"
+        wait(page, f"width => Math.abs({shown} - width) < 0.1", width)
+        assert not page.evaluate("pcpc.cut")
+
+
 def test_a_wrong_token_and_a_page_that_only_shows(
     browser: Browser, run: pcpc.Live, tmp_path: Path
 ) -> None:

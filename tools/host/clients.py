@@ -133,11 +133,13 @@ class Client:
 
     async def _take(self, word: Any) -> None:
         if isinstance(word, asked.Panel | asked.Phase):
-            try:
-                places = [self._curve(name) for name in word.names]
-            except UserError as error:
-                await self._tell({"refused": word.id, "why": str(error)})
-                return
+            places = []
+            for name in word.names:
+                try:
+                    places.append(self._curve(name))
+                except UserError as error:
+                    await self._tell({"refused": word.id, "name": name, "why": str(error)})
+                    return
             if len(self._panels) >= MOST_PANELS and word.id not in self._panels:
                 await self._tell({"refused": word.id, "why": f"at most {MOST_PANELS} panels"})
                 return

@@ -26,8 +26,11 @@ class Derived:
                 raise UserError(f"{name}: not recorded, so it has no curve")
             return unit(source.nodes[role].variables[variable].unit)
 
+        words = text.removeprefix(MARK).strip()
+        if not words:
+            raise UserError(f"{MARK} wants an expression, as {MARK} abs(x) * 1000")
         try:
-            self._value = expressions.value(text.removeprefix(MARK).strip(), unit_of)
+            self._value = expressions.value(words, unit_of)
         except expressions.ExpressionError as error:
             raise UserError(str(error)) from None
         self._places = {name: source.place(name) for name in self._value.names}

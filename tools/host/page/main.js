@@ -1,7 +1,7 @@
 // The page: what is shown, what was asked, and the order in which both happen.
 
 import { Net } from "./net.js";
-import { TimePanel, PhasePanel, deliver, el } from "./panels.js";
+import { TimePanel, PhasePanel, MOST_CURVES, MOST_NAME, deliver, el } from "./panels.js";
 import { Runs } from "./runs.js";
 import { Side } from "./side.js";
 
@@ -35,7 +35,7 @@ class Page {
     if (message.about) this.shown(message.about, message.span);
     else if (message.runs) this.runs.heard(message);
     else if (message.refused !== undefined && message.why) {
-      this.panels.find((panel) => panel.id === message.refused)?.refused(message.why);
+      this.panels.find((panel) => panel.id === message.refused)?.refused(message.why, message.name);
     }
     this.side.heard(message);
   }
@@ -97,7 +97,7 @@ class Page {
   }
 
   // A recorded variable, or an expression of them: = abs(controller.e_rad) * 1000
-  plottable(name) { return name.startsWith("=") || Boolean(this.variables.get(name)?.plot); }
+  plottable(name) { return name.length <= MOST_NAME && name.startsWith("=") || Boolean(this.variables.get(name)?.plot); }
 
   pick(name) {
     if (!this.active) this.activate(this.put(new TimePanel(this, [])));
@@ -140,7 +140,7 @@ class Page {
     this.panels = [];
     const gone = [];
     for (const { kind, names } of panels) {
-      const there = names.filter((name) => this.plottable(name));
+      const there = names.filter((name) => this.plottable(name)).slice(0, MOST_CURVES);
       const panel = kind === "phase" ? new PhasePanel(this, there) : new TimePanel(this, there);
       panel.gone = names.filter((name) => !there.includes(name)); // they may come, with a node or another run
       gone.push(...panel.gone);

@@ -5,6 +5,7 @@ export const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "
 const DASHES = [[], [6, 3], [2, 3]];
 const HEAD = 8, BINS = 0, PHASE = 2;
 const HEIGHT = 240;
+export const MOST_CURVES = 32, MOST_NAME = 300; // as the server takes them
 let last = 0;
 
 const colours = new Map();
@@ -24,6 +25,7 @@ export { css, el };
 class Panel {
   constructor(page, names) {
     this.page = page; this.names = names; this.gone = []; this.id = ++last; this.dirty = false;
+    this.fresh = new Set(); // added by hand, and not drawn yet
     this.box = el("div", "panel"); this.box.tabIndex = 0;
     this.bar = el("div", "bar"); this.plot = el("div");
     this.box.append(this.bar, this.plot);
@@ -38,7 +40,10 @@ class Panel {
   }
 
   add(name) {
+    if (name.length > MOST_NAME) { this.refused(`at most ${MOST_NAME} characters, here are ${name.length}`); return; }
     if (!this.page.plottable(name) || this.names.includes(name)) return;
+    if (this.names.length >= MOST_CURVES) { this.refused(`at most ${MOST_CURVES} curves; + panel makes room`); return; }
+    this.fresh.add(name);
     this.names.push(name); this.build(); this.page.kept();
   }
 
@@ -67,7 +72,15 @@ class Panel {
     this.why = el("span", "why"); this.bar.append(this.why);
   }
 
-  refused(why) { this.why.textContent = why; }
+  // One curve that cannot be had is left out with the reason; the others go on.
+  refused(why, name) {
+    if (this.names.includes(name)) {
+      this.names = this.names.filter((one) => one !== name); this.build();
+      if (!this.fresh.delete(name)) this.gone.push(name); // of a layout: it may come
+      this.page.kept();
+    }
+    this.why.textContent = why;
+  }
 }
 
 export class TimePanel extends Panel {
@@ -161,8 +174,8 @@ export class TimePanel extends Panel {
 
   ask() {
     if (!this.names.length) { this.page.net.say({ do: "drop", id: this.id }); return; }
-    const bins = Math.min(2000, Math.max(50, this.width() - 80));
-    const span = this.page.span;
+    const span = this.page.span, cycles = span ? Infinity : Math.round(this.page.window_s / this.page.about.period_s);
+    const bins = Math.max(2, Math.min(2000, Math.max(50, this.width() - 80), cycles)); // a short window stays short
     this.bins = bins; this.end = null;
     const time = span ? { from_s: span[0], to_s: span[1] } : { window_s: this.page.window_s };
     this.page.net.say({ do: "panel", id: this.id, names: this.names, bins, ...time });
@@ -171,6 +184,7 @@ export class TimePanel extends Panel {
   take(head, values) {
     const [kind, , curves, first, bins, width, period] = head;
     if (curves !== this.names.length) return;
+    this.fresh.clear();
     const each = width > 1 ? 2 : 1, whole = kind !== BINS;
     if (whole || this.end === null) {
       if (!whole) return;
