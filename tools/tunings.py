@@ -127,7 +127,8 @@ def _save(options: argparse.Namespace) -> None:
     with new_file(options.file, options.force) as path:
         path.write_text("\n".join([*lines, *([] if chosen else ["{}"])]) + "\n", "utf-8")
     changed = sum(values[name] != given[name] for name in chosen)
-    print(f"{options.file}: {len(chosen)} parameters of {live.name}, {changed} changed")
+    many = "parameter" if len(chosen) == 1 else "parameters"
+    print(f"{options.file}: {len(chosen)} {many} of {live.name}, {changed} changed")
 
 
 def _settings(about: Mapping[str, Any]) -> set[str]:

@@ -72,8 +72,8 @@ def _set(live: Live, options: argparse.Namespace) -> None:
     changes: dict[str, float] = {}
     for word in options.names:
         name, equals, text = word.partition("=")
-        if not equals:
-            raise UserError(f"{word}: expected NAME=VALUE")
+        if not (equals and name):
+            raise UserError(f"{word or repr(word)}: expected NAME=VALUE")
         if name in changes:
             raise UserError(f"{name}: given twice")
         try:

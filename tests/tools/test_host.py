@@ -97,8 +97,11 @@ def test_a_phase_plane_pairs_values_of_the_same_cycle(shown: Host, run: pcpc.Run
 
 
 def test_a_wrong_log_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "log.mcap").write_bytes(b"no log")
-    for words in (["host", str(tmp_path)], ["host", "nowhere"], ["host", "--address", "0.0.0.0"],
+    wrong = tmp_path / "log.mcap"
+    wrong.write_bytes(b"no log")
+    for words in (["host", "--tls-cert", str(wrong), "--tls-key", str(wrong)],
+                  ["host", "--name", "a b"], ["host", "--recordings", str(wrong)],
+                  ["host", str(tmp_path)], ["host", "nowhere"], ["host", "--address", "0.0.0.0"],
                   ["host", "--tls-cert", "a.pem"], ["host", "--port", "99999999"]):  # fmt: skip
         assert main(words) == 2
         assert capsys.readouterr().err.count("\n") == 1

@@ -173,6 +173,8 @@ def test_a_log_that_is_cut_says_what_is_missing_and_ends_with_its_code(
         (tmp_path / "cut.mcap").write_bytes(whole[: int(share * len(whole))])
         page = page_of(tmp_path / "cut.mcap", code=3)
         assert "Verdict: loss" in page.text and "nothing is readable after byte" in page.text
+        done = run_here("report", tmp_path / "cut.mcap")
+        assert done.code == 3 and "cut.mcap: missing: the end: nothing is readable" in done.err
     shutil.copy(folder / "summary.json", tmp_path / "summary.json")
     (tmp_path / "log.mcap").write_bytes(whole[: len(whole) // 2])  # damaged after its verdict
     page = page_of(tmp_path / "log.mcap", code=3)

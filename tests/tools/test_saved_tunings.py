@@ -157,6 +157,8 @@ def test_what_was_tuned_is_saved_and_loaded_with_every_bit(
     file = tmp_path / "tuned.yaml"
     tuned(run, kv_Nms_rad=0.1 + 0.2, lam_per_s=15.0)
     after = parameters(run)
+    code, out, err = said(capsys, run, "save", str(tmp_path), "--force")
+    assert (code, out, err) == (2, "", f"{tmp_path}: is no file; choose another name\n")
     code, out, err = said(capsys, run, "save", str(file))
     assert code == 0 and f"2 parameters of {run.node}, 2 changed" in out, out + err
     text = file.read_text()

@@ -55,6 +55,8 @@ def test_set_says_old_value_new_value_and_cycle(run: Run, capsys: Screen) -> Non
         ([f"{KV}=nan"], f"{KV}: nan is outside 0..1000 N m s/rad"),
         ([f"{KV}=high"], f"{KV}=high: 'high' is not a number"),
         ([KV], f"{KV}: expected NAME=VALUE"),
+        (["=3"], "=3: expected NAME=VALUE"),
+        ([""], "'': expected NAME=VALUE"),
         ([f"{KV}=99", f"{KV}=98"], f"{KV}: given twice"),
         (["controller.kv=99"], f"controller.kv: no such variable; did you mean {KV}?"),
         (

@@ -3,8 +3,10 @@
 import argparse
 import asyncio
 import os
+import re
 import signal
 import socket
+import ssl
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,6 +23,7 @@ from pcpc.tools.log.recorded import LATEST, log_of
 PORT = 8642
 PACKAGES = "starlette", "uvicorn", "websockets"
 _TRIES = 20
+_HOST = re.compile(r"[\w.:-]+")
 
 
 @dataclass
@@ -64,6 +67,11 @@ def opened(options: argparse.Namespace) -> Door:
     """Listen as `pcpc host` is told to; UserError."""
     certificate = _certificate(options)
     _check_address(options.address, certificate, options.plain)
+    for name in options.name:
+        if not _HOST.fullmatch(name):
+            raise UserError(f"--name {name!r}: no name of a machine; expected as rig.example.org")
+    if options.recordings and options.recordings.exists() and not options.recordings.is_dir():
+        raise UserError(f"--recordings {options.recordings}: is no folder")
     line = _listening(options.address, options.port)
     port = line.getsockname()[1]
     token = guard.token_of(os.environ, options.new_token)
@@ -129,7 +137,14 @@ def _certificate(options: argparse.Namespace) -> tuple[str, str] | None:
     for path in filter(None, (options.tls_cert, options.tls_key)):
         if not Path(path).is_file():
             raise UserError(f"{path}: no such file")
-    return (options.tls_cert, options.tls_key) if options.tls_cert else None
+    if not options.tls_cert:
+        return None
+    try:
+        ssl.create_default_context().load_cert_chain(options.tls_cert, options.tls_key)
+    except OSError:
+        what = "are no certificate and its key, both as PEM"
+        raise UserError(f"{options.tls_cert}, {options.tls_key}: {what}") from None
+    return options.tls_cert, options.tls_key
 
 
 def _check_address(address: str, certificate: object, plain: bool) -> None:

@@ -22,15 +22,15 @@ def new_file(
     Raises LogCommandError if `path` exists and not `force`, or cannot be written.
     """
     if path.exists() and not (force and path.is_file()):
-        what = "exists" if path.is_file() else "is no file"
-        raise LogCommandError(f"{path}: {what}; {cure}")
+        what = f"exists; {cure}" if path.is_file() else "is no file; choose another name"
+        raise LogCommandError(f"{path}: {what}")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")
     try:
         unfinished.touch(exist_ok=False)
         yield unfinished
         os.replace(unfinished, path)
     except OSError as error:
-        what = f"{path}: cannot be written: {error.strerror}; choose another place with -o"
+        what = f"{path}: cannot be written: {error.strerror}; choose another place"
         raise LogCommandError(what, code_of(error)) from None
     finally:
         unfinished.unlink(missing_ok=True)

@@ -5,6 +5,7 @@ requirements, metrics, what happened when, timing, bus, configuration, versions,
 """
 
 import argparse
+import sys
 import tempfile
 from pathlib import Path
 
@@ -25,6 +26,9 @@ def command(options: argparse.Namespace) -> int:
     progress = Progress(options.quiet)
     missing = write(path, output, options, progress)
     progress.close()
+    if missing and not options.quiet:
+        more = f", and {len(missing) - 1} more" if missing[1:] else ""
+        print(f"{path}: missing: {missing[0]}{more}", file=sys.stderr)
     print(output)
     return Exit.LOSS if missing else Exit.OK
 
