@@ -280,6 +280,17 @@ def test_a_curve_that_cannot_be_had_costs_no_other(browser: Browser, host: Host)
         assert "outside" not in "".join(page.locator(".why").all_inner_texts())
 
 
+def test_a_drawing_without_room_stops_nothing(browser: Browser, host: Host) -> None:
+    with opened(browser, host) as page:  # whose end says what the page complained of
+        moves(page)
+        room = "document.getElementById('drawing').style.height"
+        page.evaluate(f"{room} = '4px'")
+        before = page.evaluate("pcpc.side.painted_ms")
+        wait(page, "before => pcpc.side.painted_ms > before + 500", before)
+        page.evaluate(f"{room} = ''")
+        moves(page)
+
+
 def test_a_page_in_haste_is_no_flood(browser: Browser, host: Host) -> None:
     with opened(browser, host) as page:
         page.evaluate(

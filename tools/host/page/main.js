@@ -177,10 +177,10 @@ class Page {
   } }
 
   frame() {
+    requestAnimationFrame(() => this.frame()); // first: an error in one frame does not end the others
     this.frames++;
     for (const panel of this.panels) if (panel.dirty) { panel.dirty = false; panel.draw(); }
     this.side.frame();
-    requestAnimationFrame(() => this.frame());
   }
 }
 
