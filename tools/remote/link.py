@@ -148,9 +148,12 @@ def _context(options: argparse.Namespace, host: str) -> ssl.SSLContext | None:
     if options.plain or (options.ca is None and host in _LOOPBACK):
         return None
     try:
-        return ssl.create_default_context(cafile=options.ca)
+        found = ssl.create_default_context(cafile=options.ca)
     except (ssl.SSLError, OSError) as error:
         raise UserError(f"--ca {options.ca}: {_reason(error)}") from None
+    # a ticket of TLS 1.3 wakes the thread that reads, which then stands in the middle of a record
+    found.maximum_version = ssl.TLSVersion.TLSv1_2
+    return found
 
 
 def _reason(error: OSError) -> str:
