@@ -1,6 +1,7 @@
 """How nodes find each other, recorded the same in every run without a clock.
 
-Each node repeats its heartbeat until the other one is there. How often depends on who was started
+Each node repeats its heartbeat until the other one is there, and one that waits for its first cycle
+answers that of the node above, which may have come later. How often depends on who was started
 first, so that in lockstep and virtual time only what always happens is taken and recorded; and an
 executive that has answered is silent until the first sample comes: its next heartbeat would be one
 of cycle 1.
@@ -18,10 +19,12 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.drivers import codec
 from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.strangers import word_of
 
 NO_PART, FROM_ABOVE, FROM_BELOW, BEFORE, AFTER = range(5)  # heartbeats; frames of a sample
 TAKE, LEAVE, HELD_FIRST = range(3)
@@ -44,6 +47,13 @@ def sorted_out(n: Any, row: Any) -> Any:
     if part in (BEFORE, AFTER):
         n.meeting.sampled = 1
     return HELD_FIRST if part == AFTER and n.meeting.holding != 0 else TAKE
+
+
+@loop_inline
+def asks(n: Any) -> Any:
+    """Return whether `wire.rx` is the heartbeat of the node above, which waits for one."""
+    row = codec.frame_of(word_of(n.wire.rx), n.rx.frames, n.rx.n)
+    return row >= 0 and n.rx.role[row, sh.MEETING] == FROM_ABOVE
 
 
 @loop_inline

@@ -75,6 +75,8 @@ def gather(n: Any) -> None:
             waits = 0
             if refused(n):
                 break
+            if n.passes == 0 and runs(n.clock) and meeting.asks(n) and not meeting.is_over(n):
+                announce_again(n)  # it may ask so often that no time-out comes
         elif result == FAILED or (result == NOTHING and stopping(n)):
             break
         elif result == NOTHING:
