@@ -8,7 +8,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.durations import duration_s
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.injecting import Injected, faults_of, inject
-from pcpc.executive.nodes.live import LiveError
+from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.tools.console import screen
 from pcpc.tools.remote.nodes import nodes_of
 
@@ -17,8 +17,7 @@ def command(options: argparse.Namespace) -> int:
     """List the faults of the running rig, or begin or end one."""
     nodes = list(nodes_of(options).running().values())
     if options.node is not None:
-        roles = {live.name: live.name.rpartition(".")[2] for live in nodes}
-        nodes = [live for live in nodes if options.node in (live.name, roles[live.name])]
+        nodes = [live for live in nodes if options.node in _called(live)]
     if not nodes:
         raise LiveError("no such node is running; start one with `pcpc run RIG`", Exit.ENVIRONMENT)
     if len({live.name.rpartition(".")[0] for live in nodes}) > 1:
@@ -39,6 +38,12 @@ def command(options: argparse.Namespace) -> int:
     where = ", ".join(f"{node} from cycle {cycle}" for node, cycle in cycles.items())
     print(f"{options.name} {span}: {where}")
     return Exit.OK
+
+
+def _called(live: Live) -> tuple[str, ...]:
+    """Return what chooses a node: its full name, role, rig or RIG.ROLE."""
+    rig, role = str(live.block.description["rig"]), live.name.rpartition(".")[2]
+    return live.name, role, rig, f"{rig}.{role}"
 
 
 def _show(faults: list[Injected], as_json: bool) -> None:

@@ -296,6 +296,8 @@ def test_a_log_is_a_file_a_run_folder_or_the_latest_run(
     assert recorded.log_of("nowhere") == Path("nowhere")
     with pytest.raises(RigError, match=r"runs: this folder holds no log.mcap"):
         recorded.log_of("runs")
+    with pytest.raises(RigError, match=r"an empty name is no log"):  # of a variable that is not set
+        recorded.log_of("")
     Path("latest").write_bytes(b"own")
     assert recorded.log_of("latest") == Path("latest")
 

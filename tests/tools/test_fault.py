@@ -106,6 +106,8 @@ def test_the_command_lists_begins_and_ends_them(rig: Path, tmp_path: Path) -> No
         done = pcpc("fault", "--node", name)
         assert done.code == 0 and "spare" in done.out and "stuck of plant:tx.FB.encoder" in done.out
         assert max(map(len, done.out.splitlines())) <= 80, done.out
+        for part in ("faulty.plant", "faulty"):  # RIG: the executive's, too
+            assert "spare" in pcpc("fault", "--node", part).out, part
         done = pcpc("fault", "spare", "--for", "10s", "--node", name)
         assert done.code == 0 and done.out.startswith("spare on for 10s: plant from cycle ")
         done = pcpc("fault", "spare", "--end", "--node", name)

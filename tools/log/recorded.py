@@ -14,6 +14,8 @@ def log_of(text: str) -> Path:
 
     `latest` is the newest run below runs/, unless something here has this name.
     """
+    if not text.strip():
+        raise RigError("an empty name is no log; `.` is this folder")
     path = Path(text)
     if text == LATEST and not path.exists():
         return _newest()

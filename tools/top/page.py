@@ -103,7 +103,8 @@ def _errors(meter: Meter) -> list[str]:
 def _parameters(one: NodeMeter) -> list[str]:
     """Return the leading node's parameters, those that were tuned first, with a mark."""
     given = one.live.block.description.get("initial", {})
-    names = sorted(given, key=lambda name: one.now[name] == given[name])
+    law = "controller."  # what is tuned most
+    names = sorted(given, key=lambda n: (one.now[n] == given[n], not n.startswith(law)))
     found = [f"{'parameter':42}{'value':>13}{'rig':>13}"]
     for name in names:
         tuned = "*" if one.now[name] != given[name] else " "

@@ -121,7 +121,7 @@ export class Side {
     }
     input.classList.remove("changed");
     this.act({ do: "set", values: { [one.name]: value } }, `${one.name} = ${value}`).then((answer) => {
-      if (answer.why) this.show(one.name, input);
+      if (answer.why && !input.classList.contains("changed")) this.show(one.name, input); // not typed on since
     });
   }
 
@@ -131,7 +131,9 @@ export class Side {
     const answer = await this.page.net.ask(message);
     if (answer.why) this.answer(answer.why, "bad");
     else this.answer(`${what}: from cycle ${answer.cycle}`, "good");
-    for (const name of Object.keys(answer.values ?? {})) this.inputs.get(name)?.classList.remove("changed");
+    if (message.do !== "set") { // what was typed since a value was sent stays
+      for (const name of Object.keys(answer.values ?? {})) this.inputs.get(name)?.classList.remove("changed");
+    }
     if (answer.undoes !== undefined) by("undo").disabled = !answer.undoes;
     return answer;
   }
