@@ -148,8 +148,8 @@ def test_a_disk_without_room_ends_a_recording_with_a_line(run: pcpc.Live, tmp_pa
 
 
 def test_a_folder_that_cannot_be_made_is_told(run: pcpc.Live, tmp_path: Path) -> None:
-    (tmp_path / "rec").write_text("a file")
     with recording(run, tmp_path) as host, Client(host) as client:
+        (tmp_path / "rec").write_text("a file, since the start")
         for wish in ({"do": "record"}, {"do": "snapshot"}):
             assert "File exists; see --recordings" in client.ask(**wish)["why"]
 
