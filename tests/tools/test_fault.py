@@ -108,12 +108,12 @@ def test_the_command_lists_begins_and_ends_them(rig: Path, tmp_path: Path) -> No
         assert max(map(len, done.out.splitlines())) <= 80, done.out
         for part in ("faulty.plant", "faulty"):  # RIG: the executive's, too
             assert "spare" in pcpc("fault", "--node", part).out, part
+        done = pcpc("fault", "sparse", "--node", name)
+        assert (done.code, done.err) == (2, "sparse: no such fault; did you mean spare?\n")
         done = pcpc("fault", "spare", "--for", "10s", "--node", name)
         assert done.code == 0 and done.out.startswith("spare on for 10s: plant from cycle ")
         done = pcpc("fault", "spare", "--end", "--node", name)
         assert done.code == 0 and done.out.startswith("spare ended: plant from cycle ")
-        done = pcpc("fault", "sparse", "--node", name)
-        assert (done.code, done.err) == (2, "sparse: no such fault; did you mean spare?\n")
 
 
 def test_without_a_rig_it_says_so() -> None:
