@@ -151,7 +151,9 @@ def test_a_folder_that_cannot_be_made_is_told(run: pcpc.Live, tmp_path: Path) ->
     with recording(run, tmp_path) as host, Client(host) as client:
         (tmp_path / "rec").write_text("a file, since the start")
         for wish in ({"do": "record"}, {"do": "snapshot"}):
-            assert "File exists; see --recordings" in client.ask(**wish)["why"]
+            while "no cycle yet" in (why := client.ask(**wish)["why"]):
+                client.until("status")
+            assert "File exists; see --recordings" in why
 
 
 def test_two_who_record_see_the_same(run: pcpc.Live, tmp_path: Path) -> None:
