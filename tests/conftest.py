@@ -1,9 +1,13 @@
 """Of all tests: what they import stays, and is not searched for garbage again and again.
 
-The files that take longest come first, so that in the end no processor waits for one of them.
+The files that take longest come first, so that in the end no processor waits for one of them. The
+tests of a file that starts programs as a user does are `paced`: such programs keep time by the
+machine's clock, and one that fails while the machine could not is repeated once, and named.
 """
 
 import gc
+from functools import cache
+from types import ModuleType
 
 import pytest
 
@@ -17,6 +21,11 @@ LONGEST = [  # in turn
     "test_wrong_input", "test_wheel",
 ]  # fmt: skip
 
+STARTS_PROGRAMS = {
+    "processes", "hosting", "live_run", "playing", "copies", "paging", "two_processes", "free_bus",
+    "live", "blocks",
+}  # fmt: skip
+
 gc.disable()
 
 
@@ -24,6 +33,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest files first; the others stay in their order."""
     order = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
+    for item in items:
+        if isinstance(item, pytest.Function) and _starts_programs(item.module):
+            item.add_marker(pytest.mark.paced)
+
+
+@cache
+def _starts_programs(module: ModuleType) -> bool:
+    """Return whether a file uses one of the helpers that start programs."""
+    used = list(vars(module).values())
+    return any(
+        getattr(name, "__name__" if isinstance(name, ModuleType) else "__module__", "")
+        in STARTS_PROGRAMS
+        for name in used
+    )
 
 
 def pytest_collection_finish() -> None:

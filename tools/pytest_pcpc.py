@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 _RUNS = pytest.StashKey[list[tuple[str, Path]]]()
 _PROBE_S, _LATE_S = 0.3, 0.002
 _WAKE_S = 0.001
+_REPEATED = "pcpc, paced"
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -168,14 +169,30 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
     if any(report.failed for report in reports) and (why := _cannot_keep_time()):
         item.stash[_RUNS] = []
+        item.session._setupstate.teardown_exact(None)  # what the module shares begins anew too
         item._initrequest()  # type: ignore[attr-defined]  # as a test that has not run
         reports = runtestprotocol(item, nextitem=nextitem, log=False)
         for report in reports:
-            report.sections.append(("pcpc, paced", f"repeated once: {why}"))
+            report.sections.append((_REPEATED, f"repeated once: {why}"))
     for report in reports:
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Name the tests that were repeated, so that none is repeated for ever unseen."""
+    found = {
+        f"{report.nodeid}: {text}"
+        for reports in terminalreporter.stats.values()
+        for report in reports
+        for title, text in getattr(report, "sections", ())
+        if title == _REPEATED
+    }
+    if found:
+        terminalreporter.section("tests that keep time")
+        for line in sorted(found):
+            terminalreporter.line(line)
 
 
 def _cannot_keep_time() -> str:

@@ -91,8 +91,10 @@ class Moving:
             past = self._past[id(node)]
             t_s = np.asarray(past.cycle * (1e-9 * node.period_ns), np.float64)
             values = past.values[:, self._of(id(node)).index(variable)]
-            self._lines[name].set_data(*decimated(t_s, values, _PIXELS))
-            end_s = max(end_s, float(t_s[-1]) if len(t_s) else 0.0)
+            last_s = float(t_s[-1]) if len(t_s) else 0.0
+            within = t_s > last_s - self._window_s  # more of them come where cycles were skipped
+            self._lines[name].set_data(*decimated(t_s[within], values[within], _PIXELS))
+            end_s = max(end_s, last_s)
         for ax in self._axes:
             ax.relim()
             ax.autoscale_view(scalex=False)
