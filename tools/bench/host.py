@@ -2,9 +2,10 @@
 
 A round is SPAN_S of the hull rig at 1 kHz without any host, then SPAN_S with `pcpc host`, eight
 clients of it, of which one never reads, each with four panels of five curves at 60 Hz and the
-plant's drawing, and a process that reads the whole table in a busy loop. Lateness is that of every
-cycle of the executive, by a tap. The clients run on the same machine; they take what a browser
-would be sent, and draw nothing.
+plant's drawing, and a process that reads the whole table in a busy loop; then SPAN_S beside two
+programs that only count, which is what any two busy programs cost on this machine. Lateness is that
+of every cycle of the executive, by a tap. The clients run on the same machine; they take what a
+browser would be sent, and draw nothing.
 """
 
 import asyncio
@@ -15,12 +16,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.bystander import keep_off
 from pcpc.executive.nodes.live import Live, find
 from pcpc.executive.nodes.tap import Tap
 from pcpc.tools.api.live import running
@@ -37,22 +39,28 @@ _PATIENT = {"duration_s": 3600.0, "supervisor.hold_cycles": 10**6,
 
 def measure(progress: Progress, rounds: int = 5) -> list[Ratio]:
     """Measure `rounds` rounds; BenchError if a client gets nothing."""
-    late: dict[bool, list[NDArray[np.float64]]] = {False: [], True: []}
+    beside: dict[str, Callable[[Live], AbstractContextManager[object]]]
+    beside = {"alone": nullcontext, "hosts": _hosts, "counting": _counting}
+    late: dict[str, list[NDArray[np.float64]]] = {name: [] for name in beside}
     with running("hull", pacing="real", set=_PATIENT) as run:
         run.wait_until("time.t_s", above=1.0, within_s=60.0)
         live = find("executive", "hull")
-        for i, watched in itertools.product(range(rounds), (False, True)):
-            progress.show(f"host: round {i + 1} of {rounds}, {'' if watched else 'not '}watched")
-            if watched:
-                with _hosts(live):
-                    late[True].append(_lateness(live))
-            else:
-                late[False].append(_lateness(live))
-    found = []
-    for name, share in FIGURES.items():
-        own, base = ([np.percentile(part, share) for part in late[w]] for w in (True, False))
-        found.append(Ratio.of(SUITE, f"lateness {name}", "without hosts", own, base, "us"))
-    return found
+        for i, (name, others) in itertools.product(range(rounds), beside.items()):
+            progress.show(f"host: round {i + 1} of {rounds}, {name}")
+            with others(live):
+                late[name].append(_lateness(live))
+    at = {
+        (name, share): [np.percentile(part, share) for part in parts]
+        for name, parts in late.items()
+        for share in FIGURES.values()
+    }
+    return [
+        Ratio.of(
+            SUITE, f"lateness {figure}{more}", "alone", at[name, share], at["alone", share], "us"
+        )
+        for name, more in (("hosts", ""), ("counting", ", two others"))
+        for figure, share in FIGURES.items()
+    ]
 
 
 def _lateness(live: Live) -> NDArray[np.float64]:
@@ -63,6 +71,24 @@ def _lateness(live: Live) -> NDArray[np.float64]:
         time.sleep(0.1)
         parts.append(tap.rows()["timing.wake_late_us"])
     return np.concatenate(parts)
+
+
+@contextmanager
+def _counting(live: Live) -> Iterator[None]:
+    """Have two programs that only count."""
+    count = "print(flush=True)\nwhile True: pass"
+    started = [
+        subprocess.Popen([sys.executable, "-c", count], stdout=subprocess.PIPE) for _ in range(2)
+    ]
+    try:
+        for process in started:
+            assert process.stdout
+            process.stdout.readline()
+        yield
+    finally:
+        for process in started:
+            process.kill()
+            process.communicate()
 
 
 @contextmanager
@@ -127,6 +153,7 @@ async def _clients(url: str) -> None:
 
 def _reader(name: str) -> None:
     live = find(name)
+    keep_off([live.pid])
     print("ready", flush=True)
     while True:
         live.read()

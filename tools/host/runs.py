@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
+from pcpc.drivers.bystander import keep_off
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live as nodes
 
@@ -13,7 +14,10 @@ AGAIN_S = 0.3  # what was found holds as long
 
 
 class Runs:
-    """Those of one rig, of one run (a node's full name but for its role), or of all."""
+    """Those of one rig, of one run (a node's full name but for its role), or of all.
+
+    This program keeps off the processors of their loops.
+    """
 
     def __init__(self, rig: str = "", run: str = "") -> None:
         self._rig, self._run = rig, run
@@ -30,6 +34,7 @@ class Runs:
                     found = {name: one for name, one in found.items() if run_of(name) == self._run}
                 known = {(name, one.pid): one for name, one in self._nodes.items()}
                 self._nodes = {name: known.get((name, one.pid), one) for name, one in found.items()}
+                keep_off(one.pid for one in self._nodes.values())
                 self._next_s = time.monotonic() + AGAIN_S
             return {name: one for name, one in self._nodes.items() if one.running}
 

@@ -4,13 +4,14 @@ import argparse
 from collections.abc import Sequence
 from typing import Protocol
 
+from pcpc.drivers.bystander import keep_off
 from pcpc.executive.nodes import live
 from pcpc.executive.nodes.live import Live
 from pcpc.tools import rigs
 
 
 class Nodes(Protocol):
-    """Where they are found; `executive.nodes.live` is this machine's."""
+    """Where they are found."""
 
     def running(self, rig: str = "") -> dict[str, Live]:
         """Return the nodes whose loop runs, of all rigs or one, by name."""
@@ -25,10 +26,30 @@ class Nodes(Protocol):
         ...
 
 
+class _Here:
+    """Those of this machine; the command keeps off the processors of their loops."""
+
+    def running(self, rig: str = "") -> dict[str, Live]:
+        found = live.running(rig)
+        keep_off(one.pid for one in found.values())
+        return found
+
+    def find(self, node: str = "executive", rig: str = "") -> Live:
+        return _beside(live.find(node, rig))
+
+    def find_for(self, words: Sequence[str]) -> Live:
+        return _beside(live.find_for(words))
+
+
+def _beside(one: Live) -> Live:
+    keep_off([one.pid])
+    return one
+
+
 def nodes_of(options: argparse.Namespace) -> Nodes:
     """Return where the nodes of a command are; UserError."""
     if getattr(options, "at", None) is None:
-        return live
+        return _Here()
     from pcpc.tools.remote.link import Link
     from pcpc.tools.remote.live import There
 
