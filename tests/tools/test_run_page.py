@@ -7,7 +7,8 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from hosting import LONG, Client, Host
+from hosting import ANSWER_S, LONG, Client, Host
+from live_run import pcpc as started
 from processes import alive, own_bus, until
 
 import pcpc
@@ -57,11 +58,41 @@ def test_a_page_that_dies_is_a_line_and_the_run_goes_on() -> None:
     assert live._said().count("the page has ended") == 1
 
 
+def test_it_records_to_where_it_is_told_and_no_more_than_it_may(tmp_path: Path) -> None:
+    settings = [f"--set={name}={value}" for name, value in LONG.items()]
+    words = ["--recordings", str(tmp_path / "rec"), "--recordings-mb", "1", "--no-figure"]
+    run = started(
+        "run", "slew10", "--pacing", "real", "--bus", own_bus(), "--host", "--write", "--port", "0",
+        "-o", str(tmp_path / "run"), "--quiet", *settings, *words,
+    )  # fmt: skip
+    assert run.stderr is not None
+    try:
+        url = urlsplit(run.stderr.readline().removeprefix("page: ").strip())
+        assert url.port is not None
+        with Client(Host(None, url.port, url.fragment)) as client:  # type: ignore[arg-type]
+            while not client.about["nodes"]:
+                client.about = client.until("about")["about"]
+            path = Path(client.ask(do="record")["file"])
+            while (found := client.until("status")["status"]["recording"])["going"]:
+                pass
+    finally:
+        run.send_signal(signal.SIGINT)
+        run.communicate(timeout=ANSWER_S)
+    assert path.parent == tmp_path / "rec" and "have their size" in found["why"], found
+
+
 def test_what_is_missing_or_wrong_is_told_before_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert main(["run", "hull", "--write", "-o", str(tmp_path / "a")]) == 2
-    assert "give --host" in capsys.readouterr().err
+    assert capsys.readouterr().err == "--write: about the page; give --host, too\n"
+    assert main(["run", "hull", "--recordings", "x", "--recordings-mb", "9", "-o", "a"]) == 2
+    assert capsys.readouterr().err.startswith("--recordings, --recordings-mb: about the page; ")
+    (tmp_path / "file").touch()
+    words = ["--recordings", str(tmp_path / "file"), "-o", str(tmp_path / "b")]
+    assert main(["run", "hull", "--host", *words]) == 2
+    assert "file: is no folder" in capsys.readouterr().err
+    (tmp_path / "file").unlink()
     assert main(["run", "hull", "--host", "--port", "70000", "-o", str(tmp_path / "b")]) == 2
     assert "0..65535" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "uvicorn", None)  # as where it is not installed

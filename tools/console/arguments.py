@@ -113,6 +113,15 @@ def run(add: Add) -> None:
         help="a page beside the run, as of `pcpc host`; ends with it")  # fmt: skip
     add("--write", action="store_true", help="--host: let the page tune, stop, reset, begin faults")
     add("--port", type=int, metavar="N", help="--host: default: the first free from 8642 on")
+    recordings(add, "--host: ")
+
+
+def recordings(add: Add, of: str = "") -> None:
+    """Take where a page records to, and how much; `of`: what else has to be given."""
+    add("--recordings", type=Path, metavar="DIR",
+        help=f"{of}where the page records to, and saves what was; default runs/host")  # fmt: skip
+    add("--recordings-mb", type=positive, metavar="N",
+        help=f"{of}the most that all of them together have, MB; default 4000")  # fmt: skip
 
 
 def simulate(add: Add) -> None:

@@ -152,10 +152,7 @@ def host(add: Add) -> None:
         help="a rig whose run is shown, or a run folder, log or latest; what runs")  # fmt: skip
     add("--node", default="", metavar="NAME", help="where several run: a node, by its full name")
     add("--write", action="store_true", help="let the page tune, stop, reset, begin faults")
-    add("--recordings", type=Path, metavar="DIR",
-        help="where the page records to, and saves what was; default runs/host")  # fmt: skip
-    add("--recordings-mb", type=take.positive, metavar="N",
-        help="the most that all of them together have, MB; default 4000")  # fmt: skip
+    take.recordings(add)
     add("--port", type=int, metavar="N", help="default: the first free from 8642 on")
     add("--address", default="127.0.0.1", metavar="IP",
         help="where it listens; %(default)s: for this machine only")  # fmt: skip

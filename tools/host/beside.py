@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pcpc.tools.host.cli import Door
 
 SAID = "page: "  # before its address
+_GIVEN = "write", "port", "recordings", "recordings_mb"  # what `pcpc run` takes for it
 _AS_HOST: dict[str, Any] = {
     "address": "127.0.0.1", "name": [], "tls_cert": None, "tls_key": None, "plain": False,
     "new_token": False, "node": "", "what": None,
@@ -29,7 +30,7 @@ class Page:
     """That of one run, whose leading node is `node`; without --host none, which does nothing."""
 
     def __init__(self, options: argparse.Namespace, node: str) -> None:
-        given = {key: getattr(options, key, None) for key in ("write", "port")}
+        given = {key: getattr(options, key, None) for key in _GIVEN}
         self._wanted, self._node = bool(getattr(options, "host", False)), node
         self._child: Child | None = None
         self._door: Door | None = None
@@ -39,8 +40,9 @@ class Page:
 
             cli.check_packages()
             self._door = cli.opened(self._options)
-        elif any(value not in (None, False) for value in given.values()):
-            raise UserError("--write and --port are about the page: give --host, too")
+        elif alone := [key for key, value in given.items() if value not in (None, False)]:
+            words = ", ".join(f"--{key.replace('_', '-')}" for key in alone)
+            raise UserError(f"{words}: about the page; give --host, too")
 
     def __enter__(self) -> "Page":
         return self

@@ -70,9 +70,9 @@ def opened(options: argparse.Namespace) -> Door:
     for name in options.name:
         if not _HOST.fullmatch(name):
             raise UserError(f"--name {name!r}: no name of a machine; expected as rig.example.org")
-    recordings = getattr(options, "recordings", None)  # `pcpc run` puts them beside its own log
-    if recordings and recordings.exists() and not recordings.is_dir():
-        raise UserError(f"--recordings {recordings}: is no folder")
+    folder = options.recordings
+    if folder and folder.exists() and not folder.is_dir():
+        raise UserError(f"--recordings {folder}: is no folder")
     line = _listening(options.address, options.port)
     port = line.getsockname()[1]
     token = guard.token_of(os.environ, options.new_token)

@@ -169,7 +169,7 @@ class Recordings:
                 used += path.stat().st_size
         if used >= self._most:
             told = f"{self._folder}: recordings of {used / _MB:.0f} MB, which is all they may have"
-            raise UserError(f"{told}; delete some, or start `pcpc host` with more --recordings-mb")
+            raise UserError(f"{told}; delete some, or begin with more --recordings-mb")
         return self._most - used
 
     def _new(self, rig: str, kind: str) -> Path:
@@ -200,8 +200,7 @@ class Recordings:
 
 def recordings_of(options: argparse.Namespace, files: list[Path]) -> Recordings:
     """Return the recordings of a run, by a host with these options that has written `files`."""
-    folder, most_mb = (getattr(options, f"recordings{what}", None) for what in ("", "_mb"))
-    return Recordings(folder or FOLDER, most_mb or MOST_MB, files)
+    return Recordings(options.recordings or FOLDER, options.recordings_mb or MOST_MB, files)
 
 
 def _write(path: Path, found: Sequence[Stretch]) -> None:
