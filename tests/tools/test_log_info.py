@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from logcommand import PLANT, Done, barrel_log, run
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from pcpc.executive.log import reader as logs
@@ -40,7 +41,7 @@ def test_counts_and_facts_are_those_of_the_log() -> None:
     report, whole = told(barrel_log("pd")), logs.read(barrel_log("pd"))
     for name, node in whole.node.items():
         cycles = {"cycles": len(node.cycle), "first": int(node.cycle[0]),
-                  "last": int(node.cycle[-1]), "lost": 0}  # fmt: skip
+                  "last": int(node.cycle[-1]), "skipped": 0, "lost": 0}  # fmt: skip
         assert report["nodes"][name] == cycles, f"{report['nodes']}"
     names, frames = logs.frame_names(whole), whole.node["executive"].frames
     counted = Counter((names[int(f["id"])], int(f["direction"])) for f in frames)
@@ -96,7 +97,7 @@ def test_cut_log_is_described_as_far_as_it_goes(tmp_path: Path) -> None:
     assert "damaged or cut" in report["missing"][0], f"{report['missing']}"
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])  # within the only chunk
     report = told(tmp_path / "cut.mcap", code=3)
-    assert report["nodes"]["executive"] == {"cycles": 0, "lost": 0}, f"{report['nodes']}"
+    assert report["nodes"]["executive"] == {"cycles": 0, "skipped": 0, "lost": 0}, f"{report['nodes']}"
     assert report["rig"] == "slew10" and report["attachments"], f"{report}"
     assert "missing" in run("info", tmp_path / "cut.mcap").out
 
@@ -107,6 +108,48 @@ def test_log_without_a_cycle_is_valid(tmp_path: Path) -> None:
     report = told(tmp_path / "log.mcap")
     assert report["nodes"]["plant"]["cycles"] == 0 and report["bytes_per_hour"] is None
     assert "0 cycles" in run("info", tmp_path / "log.mcap").out
+
+
+def without(path: Path, gone: set[int], copy: Path) -> Path:
+    """Write a copy of a log without some of the executive's cycles."""
+    with path.open("rb") as file, copy.open("wb") as out:
+        reader, writer = make_reader(file), Writer(out)
+        writer.start("ros2", "")
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            if channel.id not in channels:
+                own = 0
+                if schema is not None:
+                    own = writer.register_schema(schema.name, schema.encoding, schema.data)
+                about = channel.topic, channel.message_encoding, own, channel.metadata
+                channels[channel.id] = writer.register_channel(*about)
+            if channel.topic != "/state" or message.sequence not in gone:
+                at = channels[channel.id], message.log_time, message.data, message.log_time
+                writer.add_message(*at, message.sequence)
+        for text in reader.iter_metadata():
+            writer.add_metadata(text.name, text.metadata)
+        for one in reader.iter_attachments():
+            writer.add_attachment(0, 0, one.name, one.media_type, one.data)
+        writer.finish()
+    return copy
+
+
+def test_cycles_that_the_loop_skipped_are_told_apart_from_rows_that_are_lost(
+    tmp_path: Path,
+) -> None:
+    base = os.path.relpath(PLANT / "rigs" / "slew10.yaml", tmp_path)
+    (tmp_path / "stalls.yaml").write_text(
+        f"base: {base}\nrig: stalls\nduration_s: 0.1\n"
+        "faults: {it: {kind: stall, node: executive, from: 50ms, for: 5ms}}\n"
+    )
+    simulate(load_rig(tmp_path / "stalls.yaml", "pd"), tmp_path / "log.mcap")
+    counts = {"cycles": 95, "first": 0, "last": 99, "skipped": 5, "lost": 0}
+    assert told(tmp_path / "log.mcap")["nodes"]["executive"] == counts
+    assert "95 cycles (0 to 99), 5 skipped " in run("info", tmp_path / "log.mcap").out
+    fewer = without(tmp_path / "log.mcap", {7, 8}, tmp_path / "fewer.mcap")
+    counts |= {"cycles": 93, "lost": 2}
+    assert told(fewer)["nodes"]["executive"] == counts
+    assert "93 cycles (0 to 99), 5 skipped, 2 lost" in run("info", fewer).out
 
 
 def test_recordings_of_others_are_listed_and_refused(tmp_path: Path) -> None:

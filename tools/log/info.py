@@ -109,7 +109,8 @@ def _lines(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "start", f"{report['start'] or 'unknown'}, for {report['duration_s']:g} s"
     for name, node in report["nodes"].items():
         span = f" ({node['first']} to {node['last']})" if node["cycles"] else ""
-        yield name, f"{node['cycles']} cycles{span}, {node['lost']} lost"
+        lost = f", {node['lost']} lost" if node["lost"] else ""
+        yield name, f"{node['cycles']} cycles{span}, {node['skipped']} skipped{lost}"
     yield "frames", _frames_text(report["frames"], "sent")
     yield "", _frames_text(report["frames"], "received")
     bad = [f"{name} {state} {n}" for name, row in report["e2e"].items() for state, n in row.items()]

@@ -90,13 +90,26 @@ class Tally:
             yield topic, key & 0xFFFFFFFF, key >> 32 & 1, key >> 40 & 0xFF, key >> 48, n
 
     def cycles(self, topic: str) -> dict[str, int]:
-        """Return count, first and last of a node's cycles, and how many between are not there."""
+        """Return count, first and last of a node's cycles, and how many between are not there.
+
+        `skipped`: the loop had no time for them, and says so; `lost`: the log has no row of them.
+        """
         if topic not in self._steps:
-            return {"cycles": 0, "lost": 0}
+            return {"cycles": 0, "skipped": 0, "lost": 0}
         first, last = self._steps[topic]
         count = self.messages[topic]
-        lost = max(last - first + 1 - count, 0)  # cycles out of order are none that are lost
-        return {"cycles": count, "first": first, "last": last, "lost": lost}
+        gone = max(last - first + 1 - count, 0)  # cycles out of order are none that are gone
+        skipped = min(self._skipped(topic.removesuffix("state") + "events"), gone)
+        return {
+            "cycles": count, "first": first, "last": last, "skipped": skipped,
+            "lost": gone - skipped,
+        }  # fmt: skip
+
+    def _skipped(self, events: str) -> int:
+        """Return how many cycles the events of a node call skipped."""
+        told = (entry for _, entry in self._entries.get(events, []))
+        counts = (one.get("argument") for one in told if one.get("event") == "skip")
+        return sum(count for count in counts if isinstance(count, int) and count > 0)
 
     def left_out(self) -> list[str]:
         """Return a line for each topic of which messages are not counted: they make no sense."""
