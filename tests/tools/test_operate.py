@@ -75,6 +75,18 @@ def test_a_terminal_hands_over_and_undo_hands_back(run: pcpc.Live, capsys: Scree
     until(lambda: run["handover.in_charge"] == 0.0, "handed back", 10.0)
 
 
+def test_the_screen_names_who_is_in_charge_and_who_is_on_standby(
+    run: pcpc.Live, capsys: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for law, others in (("pid", "pd, pd_nn"), ("pd", "pid, pd_nn")):
+        run.handover(law)
+        code, out, err = said(capsys, run, "top", "--once")
+        first, second = out.splitlines()[:2]
+        assert code == 0 and first.startswith(f"hull  {law} in charge  real  "), out + err
+        assert second.endswith(f"  on standby: {others}"), second
+
+
 def test_a_hold_and_what_follows_are_no_fault(run: pcpc.Live, capsys: Screen) -> None:
     until(lambda: run.state in ("RUN", "HOLD"), "closed", 10.0)
     run.hold()

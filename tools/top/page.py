@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pcpc.drivers.e2e_states import ERROR, OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE
 from pcpc.executive.loop import drive
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.operating import in_charge, laws
 from pcpc.tools.top.meter import Meter, NodeMeter
 
 _DRIVE = {  # CiA 402
@@ -43,8 +44,12 @@ def _head(meter: Meter) -> list[str]:
     about, cycle = live.block.description, meter.leader.now.cycle
     facts, period_s = about["metadata"], 1e-9 * live.period_ns
     end = f" of {about['cycles'] * period_s:g} s" if meter.leader.role == "executive" else " s"
-    head = f"{about['rig']}  {facts.get('controller', '')}  {facts.get('pacing', '')}"
-    return [f"{head}  {cycle * period_s:.2f}{end}, cycle {cycle}", facts.get("bus", "")]
+    law, standby = facts.get("controller", ""), ""
+    if now := in_charge(live, meter.leader.now):
+        law = f"{now} in charge"
+        standby = f"  on standby: {', '.join(one for one in laws(live) if one != now)}"
+    head = f"{about['rig']}  {law}  {facts.get('pacing', '')}"
+    return [f"{head}  {cycle * period_s:.2f}{end}, cycle {cycle}", facts.get("bus", "") + standby]
 
 
 def _nodes(meter: Meter) -> list[str]:
