@@ -41,11 +41,15 @@ _CARRY = 4  # rows before those that are looked at: rate(rate(rate(x))) needs th
 
 @dataclass(frozen=True)
 class Burst:
-    """Rows of the ring around a cycle with a trigger, or up to one without (`found` False)."""
+    """Rows of the ring around a cycle with a trigger, or up to one without (`found` False).
+
+    `short`: how many cycles of `pre` there were no rows of, as the ring begins later.
+    """
 
     cycle: int
     found: bool
     rows: NDArray[np.int64]
+    short: int = 0
 
 
 class Trigger:
@@ -61,7 +65,8 @@ class Trigger:
         self.condition, self.period_s, self.pre, self.post = condition, period_s, pre, post
         self.armed, self.auto = armed, auto
         self._open: tuple[int, bool] | None = None  # the burst that is being filled
-        self._begin = 0  # of the next burst at the earliest
+        self._oldest: int | None = None  # cycle that was seen
+        self._begin: int | None = None  # of the next burst at the earliest; None: none before
         self._edges: list[int] = []
         self._held = np.empty((0, 0), np.int64)
         self._carry: ex.Rows | None = None
@@ -70,6 +75,7 @@ class Trigger:
         """Look at the next cycles, `seen` for the condition and as `rows`; yield what is whole."""
         if not len(seen):
             return
+        self._oldest = int(seen.cycle[0]) if self._oldest is None else self._oldest
         self._edges += self._rising(seen)
         self._held = np.concatenate((self._held, rows)) if self._held.size else rows
         newest = int(seen.cycle[-1])
@@ -78,7 +84,7 @@ class Trigger:
                 break
             yield self._cut(self._open[0] + self.post)
         first = (self._open[0] if self._open else newest - self.post * self.auto) - self.pre
-        self._held = self._held[self._held[:, 0] >= max(first, self._begin)]
+        self._held = self._held[self._held[:, 0] >= max(first, self._begin or 0)]
 
     def rest(self) -> Burst | None:
         """Return the burst that the end of the node, or of the patience, has cut short."""
@@ -95,12 +101,13 @@ class Trigger:
         return self._open is not None
 
     def _cut(self, last: int) -> Burst:
-        assert self._open is not None, "a burst is being filled"
+        assert self._open is not None and self._oldest is not None, "a burst is being filled"
         (cycle, found), self._open = self._open, None
-        held = self._held[:, 0]
-        own = (held >= max(cycle - self.pre, self._begin)) & (held <= last)
+        held, first = self._held[:, 0], cycle - self.pre
+        short = max(self._oldest - first, 0) if self._begin is None else 0
+        own = (held >= max(first, self._begin or 0)) & (held <= last)
         self._begin = self.armed = last + 1
-        return Burst(cycle, found, self._held[own])
+        return Burst(cycle, found, self._held[own], short)
 
     def _rising(self, seen: Rows) -> list[int]:
         """Return the cycles in which the condition becomes true; never the first of all."""
@@ -131,6 +138,7 @@ class Scope:
         self.trigger = Trigger(condition, 1e-9 * period_ns, pre, post, armed, auto)
         self.told: list[dict[str, Any]] = []
         self.cut = False  # the node ended within a burst
+        self.short = ""  # what to say where the first burst begins late
 
     def run(self, path: Path) -> None:
         """Capture until all bursts are there, the node or the patience has ended, or Ctrl-C."""
@@ -179,9 +187,19 @@ class Scope:
             {"cycle": burst.cycle, "t_s": float(f"{1e-9 * burst.cycle * self.live.period_ns:.12g}"),
              "first": first, "last": last, "rows": len(burst.rows), "trigger": burst.found}
         )  # fmt: skip
+        if burst.short:
+            self.told[-1]["missing_before"] = burst.short
+            self.short = self._too_long(burst)
         what = "trigger" if burst.found else "no trigger"
         where = f"cycle {burst.cycle}, {self.told[-1]['t_s']:g} s"
         self.progress.say(f"{what} at {where}; {len(burst.rows)} cycles, {first} to {last}")
+
+    def _too_long(self, burst: Burst) -> str:
+        """Return why a burst begins later than `--pre` before its trigger."""
+        held_s = 1e-9 * (self.trigger.pre - burst.short) * self.live.period_ns
+        begin = burst.cycle - self.trigger.pre + burst.short
+        why = "the node's ring holds no more" if begin else "the run began there"
+        return f"--pre {self.options.pre}: only {held_s:.6g} s, from cycle {begin} on: {why}"
 
 
 def command(options: argparse.Namespace) -> int:
@@ -205,6 +223,8 @@ def command(options: argparse.Namespace) -> int:
         ended = ", the last one cut short" if scope.cut else ""
         bursts = f"{len(scope.told)} burst{'s' * (len(scope.told) > 1)}"
         print(f"{options.output}: {bursts}, {rows} cycles{ended}")
+        if scope.short:
+            print(scope.short)
     if missed:
         print(f"{missed} cycles lost: they were overwritten before they were read")
     return Exit.LOSS if missed else Exit.OK

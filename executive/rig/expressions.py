@@ -178,7 +178,8 @@ class _Reader:
         except ExpressionError:
             raise
         except (SyntaxError, ValueError, MemoryError, RecursionError):
-            raise self.wrong("is no expression; expected one as abs(x) < 2 mrad") from None
+            what = f"{self.text!r} is no expression; expected one as abs(x) < 2 mrad"
+            raise ExpressionError(what) from None
 
     def wrong(self, what: str) -> ExpressionError:
         return ExpressionError(f"{self.text} {what}")

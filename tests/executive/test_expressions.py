@@ -180,7 +180,7 @@ def test_what_is_not_a_number_holds_nowhere() -> None:
         ("a.n in a.n", "no variable in"), ("a.n % 2 < 1", "more than"), ("a.n < 1/0", "by 0"),
         ("a.n < 1e999", "beyond the range"), ("a.n < 12 12", "is no"), ("min(a.n) < 1", "calls"),
         ("rate(a.e_rad) < 1 rad", "'rad/s'"), ("{a.n} < 1", "more"), ("[a.n] < 1", "is more"),
-        ("-" * 290 + "a.n < 1", ""), ("(" * 250 + "a.n", "is no expression"), ("", "is no"),
+        ("-" * 290 + "a.n < 1", ""), ("(" * 250 + "a.n", "is no expression"), ("", "'' is no"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_a_line_with_its_cure(text: str, said: str) -> None:

@@ -96,6 +96,16 @@ def test_auto_captures_without_a_trigger_and_prefers_one() -> None:
     assert told(found)[0][2] == [0, 1, 2, 3, 4, 5]
 
 
+@pytest.mark.parametrize("first", [0, 1000])
+def test_a_burst_says_how_much_there_was_not_before_it(first: int) -> None:
+    x = [0.0] * 4 + [2.0] + [0.0] * 4 + [2.0] + [0.0] * 3
+    short, behind = bursts(trigger("a.x > 1 rad", pre=9, post=2), rows_of(x, first), [1])
+    assert (short.short, behind.short) == (5, 0), "the second begins behind the first"
+    assert [len(short.rows), len(behind.rows)] == [7, 5]
+    (whole,) = bursts(trigger("a.x > 1 rad", pre=4, post=8), rows_of(x, first), [3])
+    assert whole.short == 0 and len(whole.rows) == 13
+
+
 # Real runs
 
 
@@ -173,6 +183,7 @@ def test_what_is_captured_of_a_run_in_lockstep_is_what_its_log_holds(
         ([ERROR, "--trigger", f"{ERROR} > 1 N m"], "take values of the same unit"),
         ([ERROR, "--trigger", ERROR], f"expected a condition, as {ERROR} > 0"),
         ([ERROR, "--trigger", "1 > 0"], "1 > 0 names no variable"),
+        ([ERROR, "--trigger", ""], "--trigger: '' is no expression; expected one as"),
         ([ERROR, "--trigger", "controller.kv_Nms_rad > 1"], "parameter, not recorded every cycle"),
         ([ERROR, "--trigger", "controller.encoder_rad > 1"], "take its source rx.FB_A.encoder"),
         (["controller.kv_Nms_rad", "--trigger", f"{ERROR} > 1"], "not recorded every cycle"),
@@ -240,6 +251,39 @@ def test_rows_that_were_overwritten_are_a_loss(
     assert (f"{lost} cycles lost" in out) == bool(jump), (out, lost)
     if not jump:
         assert logs.read(file).node["executive"].cycle.tolist() == [*range(73, 81)]
+
+
+@pytest.mark.parametrize(
+    ("first", "why"), [(0, "the run began there"), (700, "the node's ring holds no more")]
+)
+def test_more_before_a_trigger_than_there_was_is_a_line(
+    first: int, why: str, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"scoped.pre{os.getpid()}.executive"
+    block = standing.stand(name, HEAD)
+
+    def go_on(seconds: float) -> None:
+        """Put 50 rows, a step in the middle."""
+        put = int(block["record_ends"][sh.PUT])
+        for k in range(put, put + 50):
+            x = np.float64(k % 50 > 25).view(np.int64)
+            block["record"][k] = first + k, 1000 * k, sh.CDR_HEADER, x, sh.CDR_HEADER
+        block["control"][sh.CYCLE] = first + put + 49
+        block["record_ends"][sh.PUT] = put + 50
+
+    go_on(0.0)
+    monkeypatch.setattr(scope, "time", SimpleNamespace(sleep=go_on, monotonic=lambda: 0.0))
+    words = ["scope", "a.*", "--trigger", "a.x > 0.5 rad", "--pre", "2s", "--post", "4ms"]
+    try:
+        for more in ([], ["--json"]):
+            file = str(tmp_path / f"burst{len(more)}.mcap")
+            assert main([*words, "-o", file, "--node", name, "--quiet", "--past", *more]) == 0
+    finally:
+        standing.end_all()
+    plain, line, last = capsys.readouterr().out.splitlines()
+    assert plain.endswith(": 1 burst, 31 cycles"), plain
+    assert line == f"--pre 2s: only 0.026 s, from cycle {first} on: {why}", line
+    assert json.loads(last)["bursts"][0]["missing_before"] == 1974, last
 
 
 # The end of the run: this comes last
