@@ -133,6 +133,37 @@ def test_memory_is_not_locked_where_nothing_waits_for_a_clock() -> None:
     assert sorted(report) == ["cpu_dma_latency", "gc"] and locked == 0, f"{locked} KiB: {report}"
 
 
+def test_locked_pages_stay_shared_with_the_host_and_later_ones_come_whole() -> None:
+    granted, locked, private, own, faults = child(
+        "import mmap\n"
+        "def private_kib():\n"
+        "    lines = open('/proc/self/smaps_rollup').read().splitlines()\n"
+        "    return next(int(line.split()[1]) for line in lines if 'Private_Dirty' in line)\n"
+        "def faults():\n"
+        "    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+        "def node():\n"
+        "    report = realtime.prepare_process()\n"
+        "    found = [report.settings[-1].granted, locked_kib(), private_kib()]\n"
+        "    host[:] = host\n"
+        "    own, later = private_kib(), mmap.mmap(-1, 16 << 20)\n"
+        "    before = faults()\n"
+        "    for page in range(0, 16 << 20, 4096):\n"
+        "        later[page] = 1\n"
+        "    return [*found, own, faults() - before]\n"
+        "gc.freeze()\n"
+        "host = bytearray(os.urandom(1 << 20)) * 64\n"
+        "reading, writing = os.pipe()\n"
+        "if os.fork() == 0:\n"
+        "    os.write(writing, json.dumps(node()).encode())\n"
+        "    os._exit(0)\n"
+        "result = json.loads(os.read(reading, 4096))"
+    )
+    assert not granted or locked > 65536, f"{locked} KiB locked"
+    assert private < 32768, f"{private} KiB are the node's own"
+    assert own > 65536, f"{own} KiB are the node's own once it has written 64 MiB"
+    assert not granted or faults < 100, f"{faults} faults in 4,096 pages"
+
+
 @pytest.mark.parametrize("memlock", [65536, 1 << 40, -1])
 def test_memory_is_locked_only_where_no_limit_can_make_a_later_allocation_fail(
     memlock: int,
