@@ -18,6 +18,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import plausible
 from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of, plan
 from pcpc.executive.rig import law_errors, purity, trial
+from pcpc.executive.rig.blocks import law_keys
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import Rig, load_rig
@@ -124,9 +125,11 @@ def _node(made: Plan) -> dict[str, Any]:
 
 def _law(made: Plan, block: str) -> str:
     config = made.rig.config
-    if made.role == "executive" and block == "controller":
-        return config.controllers[config.controller].law
-    return config.sections[made.role].blocks[block].law or ""
+    kind, *_, name = map(str, law_keys(config, made.role, block))
+    if kind == "controllers":
+        return config.controllers[name].law
+    entry = config.sections[made.role].blocks.get(name)  # none: a part of the loop, as handover is
+    return (entry.law or "") if entry else ""
 
 
 def _wiring(made: Plan) -> list[dict[str, str]]:
@@ -197,6 +200,8 @@ def _narrow(made: Plan) -> Iterator[str]:
     variables, sent = made.table.variables, made.copies[-1]
     signals = {f"tx.{f.name}.{s.name}": (f, s) for f in made.tx_frames for s in f.signals}
     for source, target in sent:
+        if variables[target].name not in signals:
+            continue
         frame, signal = signals[variables[target].name]
         name, port, (low, high) = f"{frame.name}.{signal.name}", variables[source], signal.range
         limit = made.spec.limits.get(name, Limit())
@@ -232,7 +237,8 @@ def _say(text: str, indent: str = "    ") -> None:
 
 
 def _show_node(role: str, node: dict[str, Any]) -> None:
-    blocks = ", then ".join(f"{entry['block']} ({entry['law']})" for entry in node["schedule"])
+    laws = ((entry["block"], entry["law"]) for entry in node["schedule"])
+    blocks = ", then ".join(f"{block} ({law})" if law else block for block, law in laws)
     print(f"\n{role} {node['node']}, {node['variables']} of {sh.MAX_VARIABLES} variables")
     _say(f"  schedule  {blocks}", " " * 10)
     print("  wiring")

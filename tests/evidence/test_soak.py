@@ -77,6 +77,13 @@ def test_the_memory_of_every_process_of_a_run_is_looked_at(rig: Path, tmp_path: 
     assert held.keys() == {"host", "executive", "plant", "recorder"} and min(held.values()) > 10_000
 
 
+def test_a_run_that_ends_by_itself_is_told(tmp_path: Path) -> None:
+    for cycles, told in ((1000, ["ended by itself after 1.000 of 9 s", "a fault"]), (8500, [])):
+        summary = {"cycles": cycles, "rate_hz": 1000.0, "faults": ["a fault"]}
+        (tmp_path / "summary.json").write_text(json.dumps(summary))
+        assert soak.short(tmp_path, 9.0) == told
+
+
 @pytest.fixture(scope="module")
 def run(rig: Path) -> tuple[Rig, logs.Node]:
     loaded = load_rig(str(rig), None, ["duration_s=0.3", "evaluation.window_s=[0.0, 0.3]"])

@@ -56,6 +56,15 @@ def test_the_schedule_is_in_the_order_of_the_rig_file(capsys: Screen) -> None:
     assert [entry["block"] for entry in nodes["plant"]["schedule"]] == ["barrel"]
 
 
+@pytest.mark.parametrize(("setting", "law"), [("standby=[pid]", "pid"),
+                                               ("overrun.fallback=pd_star", "pd")])  # fmt: skip
+def test_who_may_take_over_is_a_block_with_its_law(setting: str, law: str, capsys: Screen) -> None:
+    words = ("--controller", "pd_fast", "--set", setting)
+    schedule = report(capsys, HULL, *words)["nodes"]["executive"]["schedule"]
+    laws = [entry["law"] for entry in schedule]
+    assert sorted(filter(None, laws)) == sorted(["references:step", "pd_fast", law]), schedule
+
+
 def test_the_wiring_names_input_source_and_unit(hull: dict[str, Any]) -> None:
     wiring = hull["nodes"]["executive"]["wiring"]
     sources = {wire["input"]: (wire["source"], wire["unit"]) for wire in wiring}

@@ -1,6 +1,8 @@
 """The pacing that a machine holds: chosen in a line, never against what was asked for."""
 
 import argparse
+import select
+import signal
 from typing import Any
 
 import numpy as np
@@ -69,6 +71,24 @@ def test_this_machine_is_measured_and_holds_a_low_rate() -> None:
     options = argparse.Namespace(pacing=None)
     rig = load_rig(RIG, None, ["rate_hz=1"], resolve=False)
     assert pace.settle(options, rig, alone=False) == (options, "")
+
+
+def test_a_processor_that_others_use_as_well_is_not_taken_for_an_emulated_one() -> None:
+    alone, sum_s = pace.slowness(), pace.EMULATED * pace.SUM_S
+
+    def stand_still(*_: object) -> None:
+        """Let each sum stand still once at least, for longer than it would be emulated."""
+        select.select([], [], [], 1.5 * sum_s * alone)
+        signal.setitimer(signal.ITIMER_REAL, 1e-4)
+
+    before = signal.signal(signal.SIGALRM, stand_still)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 1e-4)
+        crowded = pace.slowness()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert pace.is_emulated(crowded, PC) == pace.is_emulated(alone, PC), (crowded, alone)
 
 
 def node(fault: int, stall_ns: int) -> Any:

@@ -8,6 +8,7 @@ most that follows: none, HOLD or FAULT.
 from typing import NamedTuple
 
 CHECK, MISSING, FAULT = "counter or CRC", "missing input", "fault"
+RIGS = {"faults": "", "limited": ", limited", "crc16": ", CRC-16"}  # and how their rows are named
 
 
 class Case(NamedTuple):
@@ -18,12 +19,12 @@ class Case(NamedTuple):
     limit: int | None
     answer: str
     share: float = 1.0  # of the runs that have to be noticed within the limit
-    rig: str = "faults"  # or limited, which says what may be received
+    rig: str = "faults"  # limited says what may be received, crc16 has another protection
 
     @property
     def name(self) -> str:
         """The names of its faults, and the rig where that is another one."""
-        return " + ".join(self.faults) + (", limited" if self.rig == "limited" else "")
+        return " + ".join(self.faults) + RIGS[self.rig]
 
 
 def _of(name: str, cycles: int, limit: int | None, answer: str, share: float = 1.0) -> Case:
@@ -34,8 +35,12 @@ def _limited(name: str, cycles: int, limit: int, answer: str, share: float = 1.0
     return Case((name,), cycles, limit, answer, share, "limited")
 
 
+def _wide(name: str, cycles: int, limit: int | None, answer: str, share: float = 1.0) -> Case:
+    return Case((name,), cycles, limit, answer, share, "crc16")
+
+
 HOLD, NONE = "HOLD", "none"
-ONE_IN_256 = 1.0 - 1.0 / 256.0
+ONE_IN_256, ONE_IN_65536 = 1.0 - 1.0 / 256.0, 1.0 - 1.0 / 65536.0
 CASES = (
     # a frame that is refused is a cycle without input: noticed in it
     _of("corruption_1", 1, 0, HOLD),
@@ -107,4 +112,24 @@ CASES = (
     _limited("encoder_noise", 100, 39, "FAULT"),
     _limited("encoder_quantised", 100, 99, "FAULT"),
     _limited("encoder_stuck", 300, 201, "FAULT"),
+    # what counter and CRC are for, with a CRC-16 and a counter of 8 bits
+    _wide("corruption_1", 1, 0, HOLD),
+    _wide("corruption_2", 1, 0, HOLD, 1.0 - 1.0 / 64.0),
+    _wide("corruption_many", 1, 0, HOLD, ONE_IN_65536),
+    _wide("repetition", 1, 0, NONE),
+    _wide("sequence", 10, 0, HOLD),
+    _wide("loss", 1, 0, HOLD),
+    _wide("insertion", 1, 0, HOLD, ONE_IN_65536),
+    _wide("masquerade", 1, None, NONE),
+    _wide("addressing", 1, 0, HOLD, ONE_IN_65536),
+    _wide("length", 1, 0, HOLD),
+    _wide("counter_frozen", 10, 1, "FAULT"),
+    _wide("counter_drawn", 1, 0, HOLD, ONE_IN_256),  # one of 256 is the right one
+    _wide("counter_ahead", 10, 0, HOLD),
+    _wide("counter_ahead_2", 10, 0, HOLD),
+    _wide("checksum_drawn", 1, 0, HOLD, ONE_IN_65536),
+    _wide("checksum_frozen", 10, 1, "FAULT", ONE_IN_65536),
+    _wide("payload_frozen", 30, None, NONE),
+    _wide("command_corruption", 1, 0, HOLD),  # three wrong bits: all are seen, twice the same too
+    _wide("command_insertion", 1, 0, HOLD, ONE_IN_65536),
 )

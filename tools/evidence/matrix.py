@@ -15,17 +15,17 @@ from typing import Any
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.evidence.campaign import AFTER, SPREAD, WARM, Bench, Seen
-from pcpc.tools.evidence.cases import CASES, Case
+from pcpc.tools.evidence.cases import CASES, RIGS, Case
 from pcpc.tools.starting.pool import each
 from pcpc.tools.sweep.statements import lower_bound
 
-RIG = Path(__file__).with_name("faults.yaml")  # and limited.yaml beside it
+RIG = Path(__file__).with_name("faults.yaml")  # beside the others
 CONTROLLER, CONFIDENCE, AT_ONCE = "pd_nn_fast", 0.95, 250
 LONGEST_S = 2.0  # more than any run of the matrix takes
 Task = tuple[int, int, int]  # case, first seed, seed past the last
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=len(RIGS))
 def bench(rig: str = "faults") -> Bench:
     """Return this process' rig of that name, warmed up."""
     return Bench(load_rig(RIG.with_stem(rig), CONTROLLER, [f"duration_s={LONGEST_S}"]))

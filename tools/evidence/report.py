@@ -27,7 +27,8 @@ limit, *at least* is the lower bound of that share at 95 %. The error is the hub
 its target, in the plant, in the {after} cycles after; it is {clean:.2f} mrad without a fault. Rows
 without a limit are faults that nothing in this rig can notice: their rate is stated as it is. Rows
 named *limited* are in the same rig with limits of what its receivers take, and a fault where two
-senders of a frame are recognised (`plausible` and `supervisor.intrusion`).
+senders of a frame are recognised (`plausible` and `supervisor.intrusion`); those named *CRC-16* in
+the same rig with CRC-16 and counters of 8 bits, as of AUTOSAR's E2E profile 5.
 
 """
 _NOT = """

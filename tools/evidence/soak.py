@@ -3,7 +3,8 @@
 Every second run is in virtual time, with faults of the rig's own `faults:` at drawn moments. The
 others are on a clock and last `each`: every few seconds a parameter of each node is tuned, a fault
 begun, a node in FAULT reset; one of three is stopped or interrupted at a drawn moment, and the next
-one starts. What has to hold in each log: `evidence.invariants`.
+one starts. One that nobody asked to end comes to its last cycle, also in FAULT. What else has to
+hold in each log: `evidence.invariants`.
 
 On a clock the memory of host, nodes and recorder (RSS) is looked at every second. A run that lasts
 has to end with what it held when it had settled, within 2 %.
@@ -45,6 +46,7 @@ _ENDS = Exit.OK, Exit.NOT_MET, Exit.LOSS, Exit.SAFETY_STOP, Exit.INTERRUPTED
 _LOOK_S, _SAMPLE_S, _CHANGE_S, _JUDGE_S = 0.02, 1.0, 3.0, 1200.0
 _SETTLED, _GROWS = 30, 1.02  # samples until all rings have been written once; of the memory
 _FEW = 30  # samples after that: fewer tell nothing
+_STALL_S = 1.0  # of the machine, in which the last cycles are skipped
 
 
 def command(options: argparse.Namespace) -> int:
@@ -100,18 +102,31 @@ def one(rig: str, seed: int, number: int, each_s: float) -> dict[str, Any]:
         settings |= faults(loaded, draw, row)
     with tempfile.TemporaryDirectory(prefix="pcpc-soak-") as folder:
         words = ["run" if paced else "simulate", rig, "-o", f"{folder}/run", "--quiet"]
+        words += ["--pacing", "real"] * paced
         words += ["--no-figure", *(f"--set={name}={x}" for name, x in settings.items())]
         child = Child.started("run", "pcpc.tools.cli", words)
+        asked = False
         if paced:
-            _disturb(child, loaded.config.rig, draw, row, memory, settings["duration_s"])
+            asked = _disturb(child, loaded.config.rig, draw, row, memory, settings["duration_s"])
         child.end(_JUDGE_S)
         row["wrong"] = [] if child.code in _ENDS else [f"exit {child.code}", *child.complaint()]
         row["cycles"], wrong = broken(Path(folder) / "run" / LOG, loaded)
+        if paced and not asked:
+            wrong += short(Path(folder) / "run", settings["duration_s"])
         row["settled"] = settled(memory)
         row["wrong"] += wrong + grown(row["settled"])
         if row["wrong"]:
             row["wrong"].append(f"its log: {_kept(Path(folder) / 'run', loaded)}")
     return row
+
+
+def short(run: Path, for_s: float) -> list[str]:
+    """Return that a run which waits in FAULT ended before its last cycle though nobody asked."""
+    summary = json.loads((run / "summary.json").read_text())
+    done_s = summary["cycles"] / summary["rate_hz"]
+    if done_s > for_s - _STALL_S:
+        return []
+    return [f"ended by itself after {done_s:.3f} of {for_s:g} s", *summary["faults"]]
 
 
 def _kept(run: Path, rig: Rig) -> Path:
@@ -146,11 +161,12 @@ def faults(rig: Rig, draw: random.Random, row: dict[str, Any]) -> dict[str, str]
 def _disturb(
     child: Child, name: str, draw: random.Random, row: dict[str, Any],
     memory: dict[str, list[int]], for_s: float,
-) -> None:  # fmt: skip
-    """Note the memory of a paced run under way, tune it, begin its faults, end some early."""
+) -> bool:  # fmt: skip
+    """Note the memory of a paced run under way, tune it, begin its faults; True if ended early."""
     nodes = _nodes(child, name)
     begin_s = next_s = time.monotonic()
     ends_s = begin_s + for_s * draw.uniform(0.3, 1.0) if draw.random() < 1.0 / 3.0 else np.inf
+    asked = False
     while not child.ended:
         if any(node.running for node in nodes):  # not while the host judges
             for key, size in _held(child.process.pid).items():
@@ -160,10 +176,11 @@ def _disturb(
                 next_s += draw.expovariate(1.0 / _CHANGE_S)
                 _change(nodes, draw, row)
             if time.monotonic() >= ends_s:
-                ends_s = np.inf
+                ends_s, asked = np.inf, True
                 _end(child, nodes, draw)
         with suppress(subprocess.TimeoutExpired):
             child.process.wait(min(_SAMPLE_S, max(next_s - time.monotonic(), _LOOK_S)))
+    return asked
 
 
 def _nodes(child: Child, name: str) -> list[Live]:
