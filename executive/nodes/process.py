@@ -92,6 +92,7 @@ class Process:
         self.host: int | None = options.with_parent
         self.rig: Rig = load_rig(options.rig, options.controller, options.set)
         self.pacing: str = options.pacing or self.rig.config.pacing
+        self._paced = self.pacing != "lockstep"
         check_pacing(self.rig, self.pacing)
         check_rate(self.rig, self.pacing)
         check_line(self.rig, self.pacing)
@@ -124,7 +125,7 @@ class Process:
         install(self.plan, block.loop)
         scratch = warm_up_memory(self.plan)
         self._watch(lambda: run(scratch, self.plan.steps), scratch)
-        self.report = realtime.prepare_process(self.pacing != "lockstep")
+        self.report = realtime.prepare_process(self._paced)
         wall_ns, clock_ns = (int(metadata[f"clock_{name}_ns"]) for name in ("wall", "monotonic"))
         block.loop.clock.wall_offset_ns = wall_ns - clock_ns
         block["control"][sh.PID] = os.getpid()
@@ -258,10 +259,11 @@ class Process:
         `opened_ns`: since when the bus is heard.
         """
         settings = self.rig.config.realtime.of(self.role)
-        self.report += realtime.prepare_thread(settings.priority, settings.cpu)
+        if self._paced:  # a loop that never waits for time would take the whole machine
+            self.report += realtime.prepare_thread(settings.priority, settings.cpu)
         selftest()
         warning = self.report.warning()
-        if warning and self.pacing != "lockstep":
+        if warning and self._paced:
             print(f"{self.role}: {warning}", file=sys.stderr, flush=True)
         block["control"][sh.REALTIME] = self.report.is_realtime
         block["control"][sh.READY] = 1

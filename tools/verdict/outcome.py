@@ -97,7 +97,8 @@ class Outcome:
                 self.short = _short(block)
                 self.latest = latest_cycles(block)
                 self.cycles = int(block["control"][sh.CYCLE]) + 1
-                self.realtime = bool(block["control"][sh.REALTIME])
+                if self.pacing != "lockstep":
+                    self.realtime = bool(block["control"][sh.REALTIME])
 
 
 def _short(block: sh.Shared) -> str:
