@@ -177,6 +177,6 @@ def test_the_load_is_that_of_the_frames_of_the_rig(run: pcpc.Live, tmp_path: Pat
         assert 4.9 < one["period_ms"] < 6.0 and one["jitter_ms"] >= 0.0, one
     assert load["bitrate"] == 1_000_000
     both = load["sent"]["executive"] + load["sent"]["plant"]
-    assert 0.9 * both <= load["bits_per_s"] <= 1.01 * both, load
+    assert 0.9 * both <= load["bits_per_s"] <= 1.1 * both, load  # each of a second of its own
     least = 200 * 5 * 55 * 0.8  # five frames a cycle at least, of 55 bits at least
     assert least < load["bits_per_s"] < 0.2 * load["bitrate"], load

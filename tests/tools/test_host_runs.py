@@ -1,20 +1,29 @@
 """Several runs at once: which they are, which one is shown, and that a client's choice stays."""
 
+import os
 import time
 from pathlib import Path
 from typing import Any
 
+import pytest
 from hosting import ANSWER_S, LONG, Client, hosting
-from processes import own_bus
+from processes import RIGS, own_bus
 
 import pcpc
 
 GAIN, ANGLE = "controller.kv_Nms_rad", "plant:barrel.theta_rad"
-RIG = "sin0.5"  # no other test has it on a bus
+NAME = f"alone{os.getpid()}"  # a host shows all runs of its rig: those of another test run too
 
 
-def going_on(bus: str) -> Any:
-    return pcpc.running(RIG, pacing="real", set=LONG, bus=bus)
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("rig") / f"{NAME}.yaml"
+    path.write_text(f"base: {RIGS / 'sin0.5.yaml'}\nrig: {NAME}\n")
+    return path
+
+
+def going_on(rig: Path) -> Any:
+    return pcpc.running(rig, pacing="real", set=LONG, bus=own_bus())
 
 
 def name_of(live: pcpc.Live) -> str:
@@ -38,15 +47,13 @@ def shown(client: Client, nodes: int = 2) -> dict[str, Any]:
     return dict(found["about"])
 
 
-def test_a_run_that_is_alone_is_shown_until_its_end(
-    tmp_path: Path,
-) -> None:
+def test_a_run_that_is_alone_is_shown_until_its_end(tmp_path: Path, rig: Path) -> None:
     began_s = time.time()
-    with going_on(own_bus()) as one, hosting(tmp_path, RIG) as host, Client(host) as client:
+    with going_on(rig) as one, hosting(tmp_path, str(rig)) as host, Client(host) as client:
         (told,) = offered(client, name_of(one), name_of(one))
-        assert told["rig"] == RIG and began_s < told["since_s"] < time.time()
+        assert told["rig"] == NAME and began_s < told["since_s"] < time.time()
         assert set(told["nodes"]) == {"executive", "plant"}
-        with going_on(own_bus()) as two:
+        with going_on(rig) as two:
             names = name_of(one), name_of(two)
             offered(client, names[0], *names)
             one.stop()
@@ -54,10 +61,12 @@ def test_a_run_that_is_alone_is_shown_until_its_end(
     assert one.run.log.node and two.run.log.node
 
 
-def test_of_two_none_is_shown_until_one_is_chosen_and_tuned_alone(tmp_path: Path) -> None:
+def test_of_two_none_is_shown_until_one_is_chosen_and_tuned_alone(
+    tmp_path: Path, rig: Path
+) -> None:
     with (
-        going_on(own_bus()) as one, going_on(own_bus()) as two,
-        hosting(tmp_path, RIG, "--write") as host,
+        going_on(rig) as one, going_on(rig) as two,
+        hosting(tmp_path, str(rig), "--write") as host,
     ):  # fmt: skip
         names = name_of(one), name_of(two)
         with Client(host) as client, Client(host) as other:

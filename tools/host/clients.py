@@ -1,12 +1,13 @@
 """A browser that is connected: what it wants to see, and what it is sent.
 
-Each has a task of its own that sends what is new and then waits until the network has taken it: a
-slow one gets fewer and larger pieces, one that takes nothing for SILENT_S is cut off. None of that
-is felt by other clients, and nothing of it by the loop.
+Each has a task of its own that sends at a tick what is new and then waits until the network has
+taken it: a slow one gets fewer and larger pieces, one that takes nothing for SILENT_S is cut off.
+None of that is felt by other clients, and nothing of it by the loop. Ticks are common to all.
 """
 
 import asyncio
 import json
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
@@ -22,7 +23,8 @@ from pcpc.tools.host.sources import Source, complete
 from pcpc.tools.host.stage import Stage
 from pcpc.tools.host.terminals import Terminal
 
-TICK_S, SCENE_S, STATUS_S = 1 / 60, 1 / 30, 0.2
+TICK_S = 1 / 60
+SCENE_TICKS, STATUS_TICKS = 2, 12  # common to all clients: what they are sent is made once
 HELLO_S, SILENT_S = 5.0, 10.0
 MOST_PANELS = 16
 WRONG_TOKEN, TOO_MANY, BAD_MESSAGE = 4401, 4429, 4400  # why a connection was closed
@@ -36,6 +38,8 @@ class Show(Protocol):
     most_clients: int
     clients: "set[Client]"
     offered: list[dict[str, Any]]  # the runs that go on; anew when it changes
+    tick: "asyncio.Future[None]"  # done when what the runs have recorded was taken; then the next
+    ticks: int  # that were
 
     def stage(self, run: str) -> Stage:
         """Return what shows a run; "": whichever is alone."""
@@ -55,8 +59,8 @@ class Client:
         self._offered: tuple[object, str] = (None, "")  # runs and which of them, as it was told
         self._panels: dict[int, Shown] = {}
         self._run, self._event = -1, 0
-        self._status = status.Status()
-        self._status_s = self._scene_s = 0.0
+        self._told: dict[str, float | None] = {}  # parameters
+        self._status_at = self._scene_at = 0  # the tick from which on they are sent again
         self._at: int | None = None  # the cycle of a log that is looked at
         self._drawn: tuple[int, int] = (-1, -1)  # run and cycle of the scene that was sent
         self._lock = asyncio.Lock()
@@ -177,29 +181,32 @@ class Client:
     # Sending
 
     async def _send(self) -> None:
-        """Send what is new, again and again."""
-        loop = asyncio.get_running_loop()
-        next_s = loop.time()
+        """Send what is new, at every tick."""
         while True:
+            ticks = self._show.ticks
             await self._new_run()
             source = self.stage.source
             for shown in list(self._panels.values()):
                 if message := shown.message(source):
                     await self._put(self._socket.send_bytes(message))
-            if loop.time() >= self._scene_s:
-                self._scene_s = loop.time() + SCENE_S
+            if ticks >= self._scene_at:
+                self._scene_at = (ticks // SCENE_TICKS + 1) * SCENE_TICKS
                 await self._draw(source)
-            if source.live and source.nodes and loop.time() >= self._status_s:
-                self._status_s = loop.time() + STATUS_S
-                told = self._status.message(source)
-                recording = self.stage.actions.recordings.state()
-                await self._tell({"status": told | {"recording": recording}})
+            if source.live and source.nodes and ticks >= self._status_at:
+                self._status_at = (ticks // STATUS_TICKS + 1) * STATUS_TICKS
+                await self._tell_status()
             await self._offer()
             for number, event in [e for e in self.stage.events if e[0] > self._event]:
                 self._event = number
                 await self._tell({"event": event})
-            next_s = max(next_s + TICK_S, loop.time())
-            await asyncio.sleep(next_s - loop.time())
+            await asyncio.shield(self._show.tick)
+
+    async def _tell_status(self) -> None:
+        told, values = self.stage.status()
+        changed = {k: v for k, v in values.items() if self._told.get(k, math.inf) != v}
+        self._told = values
+        recording = self.stage.actions.recordings.state()
+        await self._tell({"status": told | {"values": changed, "recording": recording}})
 
     async def _offer(self) -> None:
         """Tell which runs go on, and which of them is shown, where that has changed."""
@@ -216,7 +223,7 @@ class Client:
         if cycle >= 0 and self._drawn != (source.number, cycle):
             self._drawn = source.number, cycle
             if scene := self.stage.scene(cycle):
-                await self._tell({"scene": scene})
+                await self._put(self._socket.send_text(scene))
 
     async def _new_run(self) -> None:
         """Tell of a run that is not the one before; its panels have to be asked for again."""
@@ -225,7 +232,7 @@ class Client:
         if self._run != mark:
             self._run = mark
             self._panels.clear()
-            self._status = status.Status()
+            self._told = {}
             first, last = source.span()
             told = status.about(source, self.stage.actions.write) | {"layout": layout(source)}
             await self._tell({"about": told, "span": [first, last]})

@@ -37,7 +37,7 @@ class Shown:
 
     def _bins(self, wanted: asked.Panel, source: Source) -> bytes:
         """Return the bins since the first that may have been incomplete when it was sent."""
-        begin, newest = source.span()
+        begin, newest, done = _edges(source)
         period_s = source.period_s
         if wanted.window_s is not None:
             if newest == self.newest:
@@ -48,7 +48,7 @@ class Shown:
             kind = WHOLE if self.sent is None or self.sent < oldest else BINS
             first = oldest if kind == WHOLE or self.sent is None else self.sent
             bins = last - first + 1
-            self.sent, self.newest = max(complete(source) // width, oldest), newest
+            self.sent, self.newest = max(done // width, oldest), newest
         else:
             if self.sent is not None:
                 return b""
@@ -59,9 +59,11 @@ class Shown:
             self.sent = first
         if bins <= 0:
             return b""
-        low, high = self._envelopes(source, first, bins, width)
+        part = tuple(self.places), first, bins, width
+        if part not in source.parts:
+            source.parts[part] = _packed(*self._envelopes(source, first, bins, width))
         head = kind, wanted.id, len(self.places), first, bins, width, period_s, newest
-        return _packed(head, low, high)
+        return _head(head) + bytes(source.parts[part])
 
     def _envelopes(
         self, source: Source, first: int, bins: int, width: int
@@ -99,10 +101,21 @@ class Shown:
         every = slice(None, None, max(1, -(-len(both) // wanted.points)))
         xy = of_x[at_x, 0][every], of_y[at_y, 0][every]
         head = PHASE, wanted.id, 2, int(both[0]) if len(both) else 0, len(xy[0]), 1
-        return _packed((*head, source.period_s, newest), *xy)
+        return _head((*head, source.period_s, newest)) + _packed(*xy)
 
 
-def _packed(head: tuple[float, ...], *arrays: Values) -> bytes:
+def _edges(source: Source) -> tuple[int, int, int]:
+    """Return the first cycle, the last of any node, and the last of all nodes that run."""
+    if "edges" not in source.parts:
+        source.parts["edges"] = (*source.span(), complete(source))
+    first, last, done = source.parts["edges"]
+    return first, last, done
+
+
+def _head(head: tuple[float, ...]) -> bytes:
+    return np.array(head, np.float64).tobytes()
+
+
+def _packed(*arrays: Values) -> bytes:
     with np.errstate(over="ignore"):
-        parts = [np.asarray(array).astype(np.float32).tobytes() for array in arrays]
-    return b"".join([np.array(head, np.float64).tobytes(), *parts])
+        return b"".join(np.asarray(array).astype(np.float32).tobytes() for array in arrays)

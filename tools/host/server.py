@@ -20,6 +20,7 @@ from pcpc.executive.nodes.live import Live
 from pcpc.tools.host import guard, runs
 from pcpc.tools.host.asked import MOST_BYTES
 from pcpc.tools.host.clients import TICK_S, Client
+from pcpc.tools.host.gathering import Gathering
 from pcpc.tools.host.sources import Source, Watch
 from pcpc.tools.host.stage import Stage
 
@@ -47,6 +48,8 @@ class Server:
         self._idle_s: dict[str, float] = {}  # since when nobody looks at one
         self.clients: set[Client] = set()
         self.offered: list[dict[str, Any]] = []
+        self.tick: asyncio.Future[None]
+        self.ticks = 0
 
     def stage(self, run: str) -> Stage:
         """Return what shows a run, which need not go on yet; "": whichever is alone."""
@@ -77,24 +80,28 @@ class Server:
 
     @contextlib.asynccontextmanager
     async def _life(self, app: Starlette) -> AsyncIterator[None]:
-        following = asyncio.create_task(self._follow()) if self._watch else None
+        self.tick = asyncio.get_running_loop().create_future()
+        following = asyncio.create_task(self._follow())
         yield
-        if following:
-            following.cancel()
+        following.cancel()
         for stage in self._stages.values():
             await asyncio.to_thread(stage.close)
 
     async def _follow(self) -> None:
-        """Take what the runs have recorded, and look for others."""
-        next_look = 0.0
+        """Take what the runs have recorded, look for others, and have the clients go on."""
         loop = asyncio.get_running_loop()
+        next_s = next_look_s = loop.time()
         while True:
-            if loop.time() >= next_look:
-                next_look = loop.time() + LOOK_S
+            if self._watch is not None and loop.time() >= next_look_s:
+                next_look_s = loop.time() + LOOK_S
                 self._look(time.monotonic())
             for stage in self._stages.values():
                 stage.poll()
-            await asyncio.sleep(TICK_S)
+            self.ticks += 1
+            done, self.tick = self.tick, loop.create_future()
+            done.set_result(None)
+            next_s = max(next_s + TICK_S, loop.time())
+            await asyncio.sleep(next_s - loop.time())
 
     def _look(self, now_s: float) -> None:
         """Look which runs there are."""
@@ -131,7 +138,7 @@ def config(app: Any, certificate: tuple[str, str] | None) -> uvicorn.Config:
     cert, key = certificate or (None, None)
     logging.getLogger("asyncio").setLevel(logging.ERROR)  # a client that is gone is no warning
     return uvicorn.Config(
-        app, http="h11", ws="websockets-sansio", lifespan="on", log_level="critical",
+        app, http="h11", ws=Gathering, lifespan="on", log_level="critical",
         access_log=False, ws_max_size=MOST_BYTES, ws_per_message_deflate=False,
         limit_concurrency=128, timeout_keep_alive=5, timeout_graceful_shutdown=2,
         server_header=False, date_header=False, ssl_certfile=cert, ssl_keyfile=key,

@@ -139,13 +139,17 @@ class LoggedNode:
 
 @dataclass
 class Source:
-    """One run. `number` changes with every run that is shown."""
+    """One run. `number` changes with every run that is shown.
+
+    `parts`: what clients were sent of it since it was polled, as others may want the same.
+    """
 
     rig: str
     live: bool
     nodes: dict[str, Any] = field(default_factory=dict)
     number: int = 0
     log: logs.Log | None = None
+    parts: dict[Any, Any] = field(default_factory=dict)
 
     def place(self, name: str) -> tuple[str, str]:
         """Return role and variable of a name; UserError."""

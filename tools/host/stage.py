@@ -1,6 +1,7 @@
 """A run or a log as all clients see it that look at it."""
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from pcpc.tools.host.drawn import Drawn
 from pcpc.tools.host.recordings import recordings_of
 from pcpc.tools.host.runs import run_of
 from pcpc.tools.host.sources import Source, Watch
+from pcpc.tools.host.status import Status
 
 MOST_EVENTS = 200
 
@@ -28,6 +30,7 @@ class Stage:
         self.actions = Actions(lambda: self.source, options.write, recordings_of(options, files))
         self.events: list[tuple[int, dict[str, Any]]] = []
         self._count = 0
+        self._status = Status()
         self._drawn: tuple[int, Drawn | None] = (-1, None)  # of which run
 
     @property
@@ -41,8 +44,23 @@ class Stage:
         nodes = self.source.nodes.values() if self.source.live else ()
         return next((run_of(node.live.name) for node in nodes), "")
 
-    def scene(self, cycle: int) -> dict[str, Any]:
-        """Return the drawing of the plant at a cycle, empty without one."""
+    def status(self) -> tuple[dict[str, Any], dict[str, float | None]]:
+        """Return what changes beside curves, and the parameters."""
+        source = self.source
+        if "status" not in source.parts:
+            source.parts["status"] = self._status.of(source)
+        found: tuple[dict[str, Any], dict[str, float | None]] = source.parts["status"]
+        return found
+
+    def scene(self, cycle: int) -> str:
+        """Return the message with the drawing of the plant at a cycle, "" without one."""
+        parts = self.source.parts
+        if ("scene", cycle) not in parts:
+            scene = self._scene(cycle)
+            parts["scene", cycle] = json.dumps({"scene": scene}, allow_nan=False) if scene else ""
+        return str(parts["scene", cycle])
+
+    def _scene(self, cycle: int) -> dict[str, Any]:
         source = self.source
         mark = 10 * source.number + len(source.nodes)
         try:
@@ -62,6 +80,7 @@ class Stage:
 
     def poll(self) -> None:
         """Take what the run has recorded since."""
+        self.source.parts.clear()
         if not isinstance(self._shown, Watch):
             return
         for role, cycle, topic, entry in self._shown.poll():

@@ -2,16 +2,14 @@
 
 import math
 import time
-from collections.abc import Mapping
 from typing import Any
 
-from pcpc.drivers import can_id
 from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes.live import Live, Values
 from pcpc.tools.host.sources import Source, full
-from pcpc.tools.host.traffic import Traffic, load
+from pcpc.tools.host.traffic import load
 
 _COUNTERS = {
     "late": sh.LATE, "skipped": sh.SKIPPED, "held": sh.HELD, "lost": sh.LOST,
@@ -63,30 +61,30 @@ def _number(value: float) -> float | None:
 
 
 class Status:
-    """The changing part of a running source; what has not changed is not told again."""
+    """The changing part of a running source, which all clients are told."""
 
     def __init__(self) -> None:
-        self._told: dict[str, float | None] = {}
-        self._passes: dict[str, tuple[float, int]] = {}
+        self._passes: dict[tuple[int, str], tuple[float, int]] = {}
 
-    def message(self, source: Source) -> dict[str, Any]:
-        """Return states, counters, times, histogram, frames, load; parameters that changed."""
+    def of(self, source: Source) -> tuple[dict[str, Any], dict[str, float | None]]:
+        """Return states, counters, times, histogram, frames, load; and parameters."""
         nodes, values = {}, dict[str, float | None]()
         for role, node in source.nodes.items():
             now = node.live.read()
-            nodes[role] = self._node(role, node.live, now)
-            nodes[role]["frames"] = _frames(
-                node.live.block.description["frames"], now, node.traffic
-            )
+            nodes[role] = self._node((source.number, role), node.live, now)
+            nodes[role]["frames"] = [
+                {"id": one.number, "name": one.name, "way": one.way}
+                | {"signals": {signal: _number(now[name]) for signal, name in one.signals.items()}}
+                | node.traffic.timed(one.number, one.way)
+                for one in node.traffic.known
+            ]
             values |= {
                 full(role, name): _number(now[name])
                 for name, one in node.variables.items() if one.range is not None
             }  # fmt: skip
-        changed = {k: v for k, v in values.items() if self._told.get(k, math.inf) != v}
-        self._told = values
-        return {"nodes": nodes, "values": changed, "load": load(source.nodes)}
+        return {"nodes": nodes, "load": load(source.nodes)}, values
 
-    def _node(self, role: str, live: Live, now: Values) -> dict[str, Any]:
+    def _node(self, key: tuple[int, str], live: Live, now: Values) -> dict[str, Any]:
         block, about = live.block, live.block.description
         control = block["control"]
         state = str(about["state_names"][int(control[sh.STATE])])
@@ -94,7 +92,7 @@ class Status:
             "state": state if live.running else "ended",
             "fault": faults.reason(about, control) if control[sh.FAULT] else "",
             "cycle": now.cycle, "t_s": now.cycle * 1e-9 * live.period_ns,
-            "rate_hz": self._rate(role, int(control[sh.PASSES])),
+            "rate_hz": self._rate(key, int(control[sh.PASSES])),
             "pacing": about["metadata"].get("pacing", ""),
             "counters": {name: int(control[word]) for name, word in _COUNTERS.items()},
             "times": {name: _number(now[f"timing.{name}"]) for name in _TIMES},
@@ -103,11 +101,11 @@ class Status:
             "armed": now[operating.DISARMED] == 0.0, "in_charge": operating.in_charge(live, now),
         }  # fmt: skip
 
-    def _rate(self, role: str, passes: int) -> float:
+    def _rate(self, key: tuple[int, str], passes: int) -> float:
         now_s = time.monotonic()
-        then_s, before = self._passes.get(role, (now_s - 1.0, passes))
-        if now_s - then_s >= 1.0 or role not in self._passes:
-            self._passes[role] = now_s, passes
+        then_s, before = self._passes.get(key, (now_s - 1.0, passes))
+        if now_s - then_s >= 1.0 or key not in self._passes:
+            self._passes[key] = now_s, passes
         return max(0.0, (passes - before) / max(now_s - then_s, 1e-3))
 
 
@@ -119,18 +117,3 @@ def _octaves(histogram: Any) -> list[list[float]]:
         counts.append([end_us, float(histogram[at : at + _PERIODS].sum())])
     used = [i for i, (_, count) in enumerate(counts) if count]
     return counts[used[0] : used[-1] + 1] if used else []
-
-
-def _frames(names: Mapping[str, str], now: Values, traffic: Traffic) -> list[dict[str, Any]]:
-    """Return the frames that a node knows, sent or received: newest signals, period, jitter."""
-    found = []
-    for word, name in names.items():
-        for way in ("rx", "tx"):
-            start = f"{way}.{name}."
-            mine = [key for key in now if key.startswith(start)]
-            if mine:
-                signals = {key.removeprefix(start): _number(now[key]) for key in mine}
-                number = int(word) & can_id.ID
-                one = {"id": number, "name": name, "way": way, "signals": signals}
-                found.append(one | traffic.timed(number, way))
-    return found

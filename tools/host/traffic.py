@@ -3,6 +3,7 @@
 import functools
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,33 @@ LOOK_S = 1.0  # over which a load is measured
 _SPAN_NS = 3_000_000_000  # of which periods are, on the clock of the node
 
 
+@dataclass(frozen=True)
+class Known:
+    """A kind of frame that a node knows: `way` rx or tx, `signals` name -> variable."""
+
+    number: int
+    name: str
+    way: str
+    signals: Mapping[str, str]
+
+
+def _known(live: Live) -> list[Known]:
+    """Return the kinds of frames that a node sends or receives."""
+    found = []
+    for word, name in live.block.description["frames"].items():
+        for way in ("rx", "tx"):
+            start = f"{way}.{name}."
+            own = {n.removeprefix(start): n for n in live.variables if n.startswith(start)}
+            if own:
+                found.append(Known(int(word) & can_id.ID, name, way, own))
+    return found
+
+
 class Traffic:
     """The frames of one node: `seen` and `sent`, by kind, in the last `over_s` seconds."""
 
     def __init__(self, live: Live) -> None:
+        self.known = _known(live)
         self._live, self._new = live, list[NDArray[np.int64]]()
         self._lately = np.zeros((0, sh.FRAME_WORDS), np.int64)
         self._since_s, self._cycle = time.monotonic(), int(live.block["control"][sh.CYCLE])
