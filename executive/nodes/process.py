@@ -42,7 +42,14 @@ from pcpc.executive.loop.clock import CLOCKED
 from pcpc.executive.loop.cycle import finish, run
 from pcpc.executive.nodes import plausible
 from pcpc.executive.nodes.install import install, install_in_memory
-from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, describe, plan
+from pcpc.executive.nodes.plan import (
+    Plan,
+    check_pacing,
+    check_rate,
+    cycles_of,
+    describe,
+    plan,
+)
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
 from pcpc.executive.rig import carried
 from pcpc.executive.rig.buses import bus_wanted, check_line
@@ -80,6 +87,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--bus")
     parser.add_argument("--controller")
     parser.add_argument("--set", action="append", default=[])
+    parser.add_argument("--device", action="store_true", help="a device is the executive")
     parser.add_argument("--with-parent", type=int, metavar="PID", help="end when this one dies")
     return parser
 
@@ -90,6 +98,7 @@ class Process:
     def __init__(self, options: argparse.Namespace) -> None:
         self.role: Role = options.role
         self.host: int | None = options.with_parent
+        self.device: bool = options.device
         self.rig: Rig = load_rig(options.rig, options.controller, options.set)
         self.pacing: str = options.pacing or self.rig.config.pacing
         self._paced = self.pacing != "lockstep"
@@ -123,6 +132,8 @@ class Process:
         open_buses(self.rig, self.bus, self.plan, block.loop.wire)
         opened_ns = time.monotonic_ns()  # from here on it hears the others
         install(self.plan, block.loop)
+        if self.device:  # which may know nothing of the duration; its last word is one cycle more
+            block.loop.guard.cycles = cycles_of(self.rig) + 2
         scratch = warm_up_memory(self.plan)
         self._watch(lambda: run(scratch, self.plan.steps), scratch)
         self.report = realtime.prepare_process(self._paced)

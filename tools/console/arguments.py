@@ -124,6 +124,14 @@ def recordings(add: Add, of: str = "") -> None:
         help=f"{of}the most that all of them together have, MB; default 4000")  # fmt: skip
 
 
+def plant(add: Add) -> None:
+    """Take what `run` takes, and a device in the executive's place."""
+    run(add)
+    add("--device", nargs=argparse.REMAINDER, metavar="COMMAND",
+        help="record and judge a device in the executive's place: the rest of the line starts it, "
+        "{bus} is the bus; without one it is waited for")  # fmt: skip
+
+
 def simulate(add: Add) -> None:
     """Take a rig, without what has no effect in virtual time."""
     rig(add)

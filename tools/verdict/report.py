@@ -86,6 +86,8 @@ def rows(summary: Mapping[str, Any], folder: Path, width: int) -> list[Row]:
     cycles = ("late", "skipped", "held")
     counts = ", ".join(f"{name} {summary[f'{name}_cycles']}" for name in cycles)
     add("cycles", f"{summary['cycles']:,} at {summary['rate_hz']:g} Hz; {counts}")
+    if "device" in summary:
+        add("device", _device(summary["device"]))
     if summary["injected"]:
         add("injected", ", ".join(summary["injected"]))
     if summary["metrics"]:
@@ -106,6 +108,14 @@ def rows(summary: Mapping[str, Any], folder: Path, width: int) -> list[Row]:
     add("folder", str(folder))
     add("report", f"pcpc report {shlex.quote(str(folder))}")
     return found
+
+
+def _device(told: Mapping[str, Any]) -> str:
+    """Return what a device sent and how, in a line."""
+    frames = [f"{name} {counts['received']:,}" for name, counts in told["frames"].items()]
+    late = [f"late in {told['late_cycles']:,} cycles"] if told["late_cycles"] else []
+    timing = [f"{name} {value:g}" for name, value in told["timing"].items()]
+    return ", ".join([*frames, *late, *timing])
 
 
 def verdict_text(summary: Mapping[str, Any]) -> str:

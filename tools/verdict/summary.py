@@ -257,6 +257,13 @@ def note_figure(summary: Summary, problem: str) -> None:
             summary["verdict"] = "expectation not met"
 
 
+def note_device(summary: Summary, problems: list[str]) -> None:
+    """Enter what a device did wrong into a summary and its verdict."""
+    summary["expectations_failed"] = [*problems, *summary["expectations_failed"]]
+    if problems and summary["verdict"] == "ok":
+        summary["verdict"] = "expectation not met"
+
+
 def note_missing(summary: Summary, path: Path, error: OSError) -> None:
     """Enter a file of the run that could not be written into a summary and its verdict."""
     summary["log_missing"].append(f"{path}: cannot be written: {error.strerror or error}")

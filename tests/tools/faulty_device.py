@@ -1,0 +1,56 @@
+"""The probe's device in Python with one thing wrong: `faulty_device.py WHAT BUS CYCLES RATE_HZ`."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "plants" / "probe" / "device"))
+
+import probe
+
+AT = 60  # the cycle from which on it is wrong
+
+
+class Faulty(probe.Device):
+    """A device that is wrong in cycle AT."""
+
+    what, k = "", 0
+
+    def send_cycle(self, k: int, command: float, mode: int) -> None:
+        self.k = k
+        if k == AT and self.what == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if k == AT and self.what == "stopped":
+            time.sleep(3.0)
+        if k == AT and self.what == "again":  # as after a reset: nothing of before is known
+            self.what, self.met, self.counter = "", False, -1
+            self.meet()
+            return
+        if self.what == "late" and k > AT:
+            self.send("SYNC", sequence=(k + 1) % 256)
+            self.send("CMD", command=command, mode=mode, counter=k % 16)
+            return
+        if self.what == "never":
+            self.send("SYNC", sequence=(k + 1) % 256)
+            return
+        super().send_cycle(k, command, mode)
+
+    def put(self, name: str, can_id: int, data: bytearray) -> None:
+        if name == "CMD" and self.k == AT:
+            if self.what == "crc":
+                data[-1] ^= 0x10
+            if self.what == "twice":
+                super().put(name, can_id, data)
+            if self.what == "jump":
+                data[6] ^= 8
+                data[7] = probe.crc8(can_id, data[:7])
+        super().put(name, can_id, data)
+
+
+if __name__ == "__main__":
+    with probe.open_bus(sys.argv[2]) as bus:
+        device = Faulty(bus)
+        device.what = sys.argv[1]
+        sys.exit(device.run(int(sys.argv[3]), float(sys.argv[4])))

@@ -1,0 +1,168 @@
+"""`pcpc plant RIG --device`: a device as the executive, in C and in Python, right and wrong."""
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from processes import ROOT, Done, Running, own_bus, pcpc
+
+from pcpc.executive.log import reader as logs
+from pcpc.tools.log import diff
+
+FOLDER = ROOT / "plants" / "probe" / "device"
+RIG = str(FOLDER / "rig.yaml")
+PYTHON = (sys.executable, str(FOLDER / "probe.py"), "{bus}")
+FAULTY = str(Path(__file__).with_name("faulty_device.py"))
+CYCLES = 500
+SHORT = ("--set", f"duration_s={CYCLES / 1000}", "--no-figure")
+CLOCK = ("--set", "rate_hz=100", "--set", "duration_s=2", "--no-figure")
+
+
+@pytest.fixture(scope="module")
+def in_c(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
+    """Compile the device in C as its header says, without a warning."""
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler; apt-get install gcc libc6-dev")
+    program = tmp_path_factory.mktemp("device") / "probe"
+    warnings = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror"]
+    words = ["cc", "-std=c11", "-O2", *warnings, "-ffp-contract=off", "-o", str(program)]
+    subprocess.run([*words, str(FOLDER / "probe.c")], check=True)
+    return str(program), "{bus}"
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> logs.Log:
+    """Run the rig's own law in virtual time."""
+    folder = tmp_path_factory.mktemp("simulated") / "run"
+    done = pcpc("simulate", RIG, *SHORT, "-o", str(folder))
+    assert done.code == 0, done
+    return logs.read(folder / "log.mcap")
+
+
+def with_device(folder: Path, device: Sequence[str], *options: str) -> Done:
+    words = ("plant", RIG, "--bus", own_bus(), "-o", str(folder), "--json", *options)
+    return pcpc(*words, "--device", *device)
+
+
+def faulty(what: str, cycles: int = CYCLES, rate_hz: float = 0.0) -> list[str]:
+    return [sys.executable, FAULTY, what, "{bus}", str(cycles), str(rate_hz)]
+
+
+def said(summary: dict[str, Any]) -> str:
+    keys = "faults", "expectations_failed", "frames_too_many"
+    return "\n".join(line for key in keys for line in summary[key])
+
+
+@pytest.mark.parametrize("kind", ["c", "python"])
+def test_a_device_gives_the_bits_of_the_same_law_in_virtual_time(
+    kind: str, tmp_path: Path, simulated: logs.Log, request: pytest.FixtureRequest
+) -> None:
+    device = PYTHON if kind == "python" else request.getfixturevalue("in_c")
+    done = with_device(tmp_path / "run", (*device, str(CYCLES)), "--pacing", "lockstep", *SHORT)
+    assert done.code == 0, done
+    log = logs.read(tmp_path / "run" / "log.mcap")
+    report = diff.compare(alone(simulated), log)
+    assert report.equal, report
+    assert report.frames > 3 * CYCLES
+    assert done.summary["device"]["frames"]["CMD"] == {"received": CYCLES + 1, "ok": CYCLES + 1}
+    assert done.summary["judged"] == ["always abs(plant:lag.position - 0.8) < 0.01, after 0.3s"]
+
+
+def alone(log: logs.Log) -> logs.Log:
+    """Return a log as if its plant had been recorded alone."""
+    return logs.Log(log.path, {"plant": log.node["plant"]}, {}, log.metadata, [])
+
+
+def test_a_device_that_knows_no_duration_hears_of_the_end(tmp_path: Path) -> None:
+    done = with_device(tmp_path / "run", PYTHON, "--pacing", "lockstep", *SHORT)
+    assert done.code == 0, done
+    assert done.summary["cycles"] == CYCLES
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("crc", "CMD: 1 frame with a wrong CRC or length, first in cycle 61"),
+        ("twice", "CMD: 1 frame sent twice: the counter stood still, first in cycle 61"),
+        ("jump", "CMD: 2 frames with a jump of the counter, first in cycle 61"),
+        ("late", "CMD: late in "),
+        ("never", "CMD never came"),
+    ],
+)
+def test_what_a_device_sends_wrongly_is_named(what: str, words: str, tmp_path: Path) -> None:
+    loose = ("--set", "supervisor.fault_after_cycles=1000000")
+    device = faulty(what, 200)
+    done = with_device(tmp_path / "run", device, "--pacing", "lockstep", *SHORT, *loose)
+    assert words in said(done.summary), done
+    assert done.code in (1, 3), done
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [("killed", "device: ended by SIGKILL after "), ("stopped", "device: CMD: silent for ")],
+)
+def test_of_a_device_that_falls_silent_the_plant_comes_to_rest(
+    what: str, words: str, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    done = with_device(folder, faulty(what, 0, 100.0), "--pacing", "real", *CLOCK)
+    assert done.code == 5, done
+    assert words in said(done.summary), done
+    assert "plant: no valid input frame" in said(done.summary), done
+    command = logs.read(folder / "log.mcap").node["plant"].columns["rx.CMD.command"]
+    assert np.abs(command).max() > 0.5 and command[-1] == 0.0
+
+
+def test_a_device_that_starts_again_is_named(tmp_path: Path) -> None:
+    loose = ("--set", "supervisor.fault_after_cycles=1000000")
+    device = faulty("again", 0, 100.0)
+    done = with_device(tmp_path / "run", device, "--pacing", "real", *CLOCK, *loose)
+    assert "device: restarted, it greets anew in cycle " in said(done.summary), done
+
+
+def test_a_wrong_rate_is_named(tmp_path: Path) -> None:
+    device = (*PYTHON, "0", "125")
+    done = with_device(tmp_path / "run", device, "--pacing", "sync", *CLOCK)
+    assert "Hz, the rig's is 100 Hz" in said(done.summary), done
+    assert 110.0 < done.summary["device"]["timing"]["rate_hz"] < 140.0
+
+
+def test_a_device_may_be_started_elsewhere(tmp_path: Path) -> None:
+    bus = own_bus()
+    words = ("--pacing", "lockstep", "--bus", bus, "-o", str(tmp_path / "run"), "--json", *SHORT)
+    with Running("plant", RIG, *words, "--device") as plant:
+        plant.pid("plant")
+        device = [word.replace("{bus}", bus) for word in (*PYTHON, str(CYCLES))]
+        assert subprocess.run(device).returncode == 0
+        done = plant.done()
+    assert done.code == 0, done
+    assert done.summary["device"]["command"] == []
+
+
+def test_a_device_that_cannot_begin_is_told_with_its_own_words(tmp_path: Path) -> None:
+    device = ("sh", "-c", "echo no probe found >&2; exit 4")
+    done = with_device(tmp_path / "run", device, "--pacing", "lockstep", *SHORT)
+    assert done.code == 5, done
+    assert "device: ended with code 4 after 0 of 500 cycles" in done.err + done.out, done
+    assert "device: no probe found" in done.err, done
+
+
+def test_what_cannot_be_a_device_is_refused(tmp_path: Path) -> None:
+    done = with_device(tmp_path / "run", ("./no-such-program",))
+    assert done.code == 2 and "no such program" in done.err, done
+    assert not (tmp_path / "run").exists()
+    done = pcpc("plant", "telerobot-u1", "--device", "sh", cwd=tmp_path)
+    assert done.code == 2 and "two nodes only" in done.err, done
+
+
+def test_the_summary_is_kept_with_what_the_device_did(tmp_path: Path) -> None:
+    done = with_device(tmp_path / "run", faulty("crc", 200), "--pacing", "lockstep", *SHORT)
+    kept = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert kept["device"] == done.summary["device"]
+    assert kept["device"]["frames"]["CMD"]["wrong_crc"] == 1

@@ -1,0 +1,79 @@
+"""`pcpc plant`: the emulator for an executive elsewhere or, with --device, for a device.
+
+With a device the log is kept here, and judged: the plant's record by the rig's limits and
+requirements, the device by what it sent. docs/device.md is what a device has to do.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools import run
+from pcpc.tools.device.host import DeviceHost, check
+from pcpc.tools.starting import pace
+from pcpc.tools.starting.folder import LOG, run_folder
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `plant`; return the exit code."""
+    if options.device is None:
+        return run.command(options)
+    rig = load_rig(options.rig, options.controller, options.set, resolve=False)
+    check(rig)
+    options, said = pace.settle(options, rig, alone=True)
+    if said:
+        print(said, file=sys.stderr)
+    with run_folder(options.output, rig) as folder:
+        host = DeviceHost(options, rig, folder)
+        with host.page:
+            code = host.run()
+            if code >= 0:
+                os.truncate(folder / LOG, 0)
+                return code
+            code = _conclude(host, rig, folder, options)
+            host.page.farewell(folder)
+            return code
+
+
+def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namespace) -> int:
+    """Read the log back, judge plant and device, print; return the exit code of the verdict."""
+    from pcpc.tools.device.behaviour import behaviour
+    from pcpc.tools.device.record import as_run, told_by
+    from pcpc.tools.verdict import report
+    from pcpc.tools.verdict import summary as summaries
+    from pcpc.tools.verdict.judge import EvaluationError
+
+    outcome = host.outcome
+    try:
+        log = as_run(rig, logs.read(folder / LOG), outcome.pacing)
+    except logs.LogError as error:
+        if outcome.interrupted:
+            return Exit.INTERRUPTED
+        print(*outcome.faults, error, sep="\n", file=sys.stderr)
+        return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS
+    judge, left = told_by(host.judge, log)
+    found = behaviour(rig, log, outcome.pacing)
+    summary = summaries.summarise(judge.rig, log, outcome, judge)
+    summary["controller"] = "device"
+    summary["device"] = {"command": options.device, **found.json()}
+    summary["not_judged"] |= left
+    if outcome.strict:
+        failed = [f"{name} was not judged: {why}" for name, why in left.items()]
+        summary["expectations_failed"] += failed
+    summaries.note_device(summary, found.problems)
+    if not options.no_figure and judge.evaluation is not None:
+        try:
+            title = f"{rig.config.rig}: {rig.config.title}, a device"
+            judge.draw(log, title, summary["metrics"], folder / "figure.png")
+        except (EvaluationError, OSError) as error:
+            print(f"no figure: {error}", file=sys.stderr)
+    text = summaries.write_json(summary, folder / "summary.json")
+    if options.json:
+        print(text)
+    else:
+        report.show(summary, folder)
+    return summaries.CODES[summary["verdict"]]

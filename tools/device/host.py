@@ -1,0 +1,187 @@
+"""The processes of a run with a device: the emulator, the recorder, and the device's command.
+
+The device's command is started once the emulator listens, has a session of its own, and is ended
+with the run: it hears of the end by the plant's last heartbeat and has a second to go, then it is
+asked (SIGTERM), then killed. That it ended before the plant did is a fault, unless it had told the
+end by its own last frames.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.log import recorder
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.plan import cycles_of
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.run import Host, _child_arguments
+from pcpc.tools.starting.children import Child, end_with
+from pcpc.tools.starting.folder import LOG
+from pcpc.tools.starting.waiting import Waiting
+
+_LEAVE_S, _ASKED_S = 1.0, 2.0
+_SHOWN_LINES = 20  # of what a device that failed wrote to stderr
+
+
+def check(rig: Rig) -> None:
+    """Raise RigError for a rig in which no device can be the executive."""
+    if rig.config.local is not None:
+        raise rig.error("local", "a device takes the executive's place in rigs with two nodes only")
+    if rig.config.bus.emulate is not None:
+        what = "a device is on no emulated line; --set bus.emulate=null"
+        raise rig.error("bus.emulate", what)
+
+
+class Device:
+    """The device's command, once it runs; nothing where it is started elsewhere."""
+
+    def __init__(self, words: Sequence[str], bus: str) -> None:
+        self.words = [word.replace("{bus}", bus) for word in words]
+        self.process: subprocess.Popen[bytes] | None = None
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as this
+        self.asked = False  # to end, by this process
+
+    def start(self) -> None:
+        """Start it; UserError if that cannot be."""
+        host = os.getpid()
+        try:
+            self.process = subprocess.Popen(
+                self.words, stdin=subprocess.DEVNULL, stdout=self._stderr, stderr=self._stderr,
+                preexec_fn=lambda: end_with(host), start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            raise UserError(f"--device {self.words[0]}: {error.strerror}") from None
+
+    @property
+    def ended(self) -> bool:
+        """Whether it was started and is gone."""
+        return self.process is not None and self.process.poll() is not None
+
+    def end(self) -> None:
+        """Let it go by itself, then ask it and all that it started, then kill them."""
+        if self.process is None:
+            return
+        for number, wait_s in ((0, _LEAVE_S), (signal.SIGTERM, _ASKED_S), (signal.SIGKILL, 5.0)):
+            if number and not self.ended:
+                self.asked = True
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(self.process.pid, number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self.process.wait(wait_s)
+                break
+        with contextlib.suppress(ProcessLookupError):  # what it started and left behind
+            os.killpg(self.process.pid, signal.SIGKILL)
+
+    def complaint(self) -> str:
+        """Return how it ended if that was no good end; "" else."""
+        if self.process is None or self.asked or not self.process.returncode:
+            return ""
+        code = self.process.returncode
+        return f"ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+
+    def said(self) -> list[str]:
+        """Return the last lines that it wrote."""
+        self._stderr.seek(0)
+        return self._stderr.read().decode(errors="replace").splitlines()[-_SHOWN_LINES:]
+
+
+class _WaitingForDevice(Waiting):
+    """As `Waiting`, and over once the device's command is."""
+
+    device: Device
+
+    def too_long(self, blocks: Any, under_way: bool) -> bool:
+        """Return whether the node has waited for too long, or waits for nobody any more."""
+        if self.device.process is None and self.device.words:
+            if "plant" in blocks and blocks["plant"]["control"][sh.READY]:
+                self.device.start()
+            return False
+        return self.device.ended or super().too_long(blocks, under_way)
+
+    def told(self, leader: str, bus: str, rig_file: str) -> str:
+        """Return what to say once it was too long."""
+        cure = "start the device on this bus, or raise supervisor.peer_timeout_s (docs/device.md)"
+        return f"{leader}: no frame of a device on {bus} for {self.given_up_s:.0f} s; {cure}"
+
+
+class DeviceHost(Host):
+    """One run of a rig's plant with a device, from start to what the log holds."""
+
+    def __init__(self, options: argparse.Namespace, rig: Rig, folder: Path) -> None:
+        for program in options.device[:1]:
+            if shutil.which(program) is None:
+                raise UserError(f"--device {program}: no such program, or it may not be run")
+        super().__init__(options, rig, ("plant",), folder)
+        self.device = Device(options.device, str(self.bus))
+        self.waiting = _WaitingForDevice(rig, ("plant",))
+        self.waiting.device = self.device
+
+    def run(self) -> int:
+        """Run all to the end, as `Host.run`; whatever happens, the device ends."""
+        try:
+            code = super().run()
+        finally:
+            self.device.end()
+        if code < 0:
+            self._judge_end()
+        return code
+
+    def _node(self, role: Any) -> Child:
+        from pcpc.drivers import compile_cache
+        from pcpc.executive.nodes import process
+
+        words = [role, "--device", *_child_arguments(self.options, str(self.bus))]
+        if not self.bus.compiled:
+            return Child.started(role, process.MODULE, words, interpreted=True)
+
+        def main(words: Sequence[str]) -> int:
+            compile_cache.watch.listener = None
+            return process.main(words)
+
+        return Child.forked(role, main, words)
+
+    def _greet(self) -> None:
+        super()._greet()
+        if not self.device.words:
+            self.progress.say(f"waiting for a device on {self.bus}")
+
+    def _start_recorder(self) -> None:
+        if "recorder" in self.children or "plant" not in self.nodes:
+            return
+        words = [str(self.folder / LOG), self._block_name("plant"), "--judged", json.dumps({})]
+        self.children["recorder"] = Child.forked("recorder", recorder.main, words, survives=True)
+
+    def _recorder_may_come(self) -> bool:
+        return "recorder" in self.children and not self.children["recorder"].ended
+
+    def _state(self) -> str:
+        if "plant" in self.nodes and self.nodes["plant"].ready and not self._under_way():
+            waited = 1e-9 * (time.monotonic_ns() - self.begin_ns)
+            return f"waiting for the device on {self.bus}, {waited:.0f} s"
+        return super()._state()
+
+    def _judge_end(self) -> None:
+        """Note how far the plant came, and what became of the device's command."""
+        block, outcome, wanted = self.blocks.get("plant"), self.outcome, cycles_of(self.rig)
+        outcome.begin_ns = None
+        done = 0
+        if block is not None:
+            control = block["control"]
+            done = min(int(control[sh.CYCLE]) + 1, wanted) if control[sh.PASSES] else 0
+            outcome.cycles, outcome.realtime = done, bool(control[sh.REALTIME])
+            if done < wanted and int(control[sh.PASSES] + control[sh.SKIPPED]) < wanted:
+                outcome.short = f"{done:,} of {wanted:,} cycles: the run ended before"
+        if complaint := self.device.complaint():
+            outcome.faults.insert(0, f"device: {complaint} after {done:,} of {wanted:,} cycles")
+            for line in self.device.said():
+                self.progress.say(f"device: {line}")
