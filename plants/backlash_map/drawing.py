@@ -5,17 +5,11 @@ right    (x1, x2), and where they should be: the two last samples of the referen
 """
 
 from pcpc.plants.drawing import *
+from pcpc.plants.map_drawing import BOUNDS, LEFT, RIGHT, STATES, states
 
-NEEDS = {
-    "x1": "plant:map.x1",
-    "x2": "plant:map.x2",
-    "tau": "plant:map.tau",
-    "command": "plant:map.acting",
-    "previous": "executive:reference.previous",
-    "wanted": "executive:reference.now",
-}
+NEEDS = {**STATES, "command": "plant:map.acting"}
 FIGURE = Figure("rigs/backlash-map.yaml", at_s=(0.01, 2.0, 5.0, 8.0))
-GAP, STATE = Plane((-1.2, 0.0), 1.0, 0.8, 0.4), Plane((1.2, 0.0), 1.0, 1.6, 1.6)
+GAP, STATE = Plane(LEFT, 1.0, 0.8, 0.4), Plane(RIGHT, 1.0, 1.6, 1.6)
 
 
 def flank(at: float, p: Settings) -> list[Point]:
@@ -27,9 +21,8 @@ def scene(now: Now, p: Settings) -> Scene:
     """Return what is seen."""
     tau, rising, falling = now["tau"], flank(p["d_plus"], p), flank(p["d_minus"], p)
     across = [(p[d] + tau / p["slope"], tau) for d in ("d_minus", "d_plus")]
-    seen, wanted = STATE.at(now["x1"], now["x2"]), STATE.at(now["previous"], now["wanted"])
     return Scene(
-        (-2.4, -1.35, 2.4, 1.25),
+        BOUNDS,
         GAP.frame("command u", "tau"),
         GAP.curve(rising),
         GAP.curve(falling),
@@ -37,9 +30,6 @@ def scene(now: Now, p: Settings) -> Scene:
         arrow(GAP.at(*falling[1]), GAP.at(*falling[0]), "body", 0.08),
         GAP.curve(across, "ghost", 2.0),
         disc(GAP.at(now["command"], tau), 0.05, "force", 1.0),
-        STATE.frame("x1", "x2"),
-        line([seen, wanted], "magnified", 1.0),
-        disc(wanted, 0.07, "reference", 0.0, 1.5),
-        disc(seen, 0.05, "moving", 0.9),
+        states(now, STATE),
         note="ring: reference; axes to 0.8, 0.4 and 1.6",
     )
