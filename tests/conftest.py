@@ -3,6 +3,7 @@
 The files that take longest come first, so that in the end no processor waits for one of them. The
 tests of a file that starts programs as a user does are `paced`: such programs keep time by the
 machine's clock, and one that fails while the machine could not is repeated once, and named.
+Hypothesis judges no test by the time that it took.
 """
 
 import gc
@@ -10,6 +11,7 @@ from functools import cache
 from types import ModuleType
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 LONGEST = [  # in turn
     "test_pytest_plugin", "test_pages", "test_ci", "test_neural_controllers", "test_memory",
@@ -27,6 +29,8 @@ STARTS_PROGRAMS = {
 }  # fmt: skip
 
 gc.disable()
+settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any speed")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -13,6 +13,7 @@ import gc
 import json
 import os
 import runpy
+import select
 import selectors
 import signal
 import socket
@@ -20,7 +21,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
@@ -35,7 +35,6 @@ _AT_RUN_TIME = {  # read when they are needed, not at an import
 }  # fmt: skip
 _BEFORE = dict(os.environ)  # imports add to it, and tests, one of which may start the server
 _RIG = str(Path(__file__).resolve().parents[1] / "plants" / "atb1000" / "rigs" / "slew10.yaml")
-_LOOK_S = 0.005
 _LARGEST = 1 << 20
 _PROGRAM = """\
 #!{python} -SE
@@ -120,11 +119,10 @@ class Copy:
 
     def wait(self, timeout: float | None = None) -> int:
         """Wait for the end and return the exit code; subprocess.TimeoutExpired."""
-        end = None if timeout is None else time.monotonic() + timeout
-        while (code := self.poll()) is None:
-            if end is not None and time.monotonic() >= end:
-                raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)
-            time.sleep(_LOOK_S)
+        if self.returncode is None and not select.select([self._status], [], [], timeout)[0]:
+            raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)
+        code = self.poll()
+        assert code is not None, "what can be read is the code"
         return code
 
     def send_signal(self, number: int) -> None:

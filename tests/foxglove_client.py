@@ -5,11 +5,8 @@ the message in ns (8), payload. ws-protocol of Foxglove, subprotocol foxglove.sd
 """
 
 import json
-import os
-import signal
 import struct
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hosting import ANSWER_S, started
 from websockets.sync.client import connect
 
 PROTOCOL = "foxglove.sdk.v1"
-ANSWER_S = 30.0
 
 
 @dataclass
@@ -35,23 +32,12 @@ class Server:
 @contextmanager
 def serving(folder: Path, *words: str) -> Iterator[Server]:
     """Start it; its token lies in `folder`; end it as Ctrl-C does."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pcpc.tools.cli", "host", *words, "--foxglove", "0"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=os.environ | {"XDG_STATE_HOME": str(folder)},
-    )  # fmt: skip
-    assert process.stdout and process.stderr
-    try:
+    with started(folder, *words, "--foxglove", "0") as process:
+        assert process.stdout and process.stderr
         url, link = process.stdout.readline().strip(), process.stdout.readline()
         assert link.startswith("https://app.foxglove.dev/?") and url in link, process.stderr.read()
         told = [process.stderr.readline() for _ in range(3)]
         yield Server(process, url, told[2].split()[-1] if "--write" in words else "")
-        process.send_signal(signal.SIGINT)
-        _, error = process.communicate(timeout=ANSWER_S)
-        assert (process.returncode, error) == (0, "")
-    finally:
-        process.kill()
-        print(process.communicate()[1], file=sys.stderr)
 
 
 class Client:

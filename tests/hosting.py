@@ -48,29 +48,38 @@ class Host:
 
 
 @contextmanager
-def hosting(folder: Path, *words: str, port: int = 0, before: Sequence[str] = ()) -> Iterator[Host]:
+def started(
+    folder: Path, *words: str, before: Sequence[str] = ()
+) -> Iterator["subprocess.Popen[str]"]:
     """Start `pcpc host`, whose token lies in `folder`; end it as Ctrl-C does, if it goes on.
 
     `before`: the words of a command that starts it, as prlimit does.
     """
     process = subprocess.Popen(
-        [*before, sys.executable, "-m", "pcpc.tools.cli", "host", "--port", str(port), *words],
+        [*before, sys.executable, "-m", "pcpc.tools.cli", "host", *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=os.environ | {"XDG_STATE_HOME": str(folder)},
     )  # fmt: skip
-    assert process.stdout and process.stderr
     try:
-        url = urlsplit(process.stdout.readline().strip())
-        assert url.port is not None, process.stderr.read()
-        process.stderr.readline()
-        yield Host(process, url.port, url.fragment)
+        yield process
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
             _, error = process.communicate(timeout=ANSWER_S)
             assert (process.returncode, error) == (0, ""), f"{process.returncode}: {error}"
     finally:
         process.kill()
-        process.communicate()
+        print(process.communicate()[1], file=sys.stderr)
+
+
+@contextmanager
+def hosting(folder: Path, *words: str, port: int = 0, before: Sequence[str] = ()) -> Iterator[Host]:
+    """Start it as `started` does, and read where it listens."""
+    with started(folder, "--port", str(port), *words, before=before) as process:
+        assert process.stdout and process.stderr
+        url = urlsplit(process.stdout.readline().strip())
+        assert url.port is not None, process.stderr.read()
+        process.stderr.readline()
+        yield Host(process, url.port, url.fragment)
 
 
 class Client:

@@ -17,7 +17,8 @@ import standing
 from hosting import ANSWER_S, Host, hosting
 from live_run import ERROR, KV, LAM, Run, Screen, pcpc, said
 from processes import until
-from test_scope import HEAD, own
+from scoped import CAPTURED, HEAD, WORDS, stepping
+from test_scope import own
 from websockets.sync.server import ServerConnection, serve
 
 from pcpc.executive.log import reader as logs
@@ -281,34 +282,19 @@ def test_what_is_no_host_is_a_line(said: str, capsys: Screen) -> None:
 def test_what_was_overwritten_before_it_was_sent_is_a_loss(
     jump: int, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    name = f"scoped.at{os.getpid()}.executive"
-    block = standing.stand(name, HEAD)
-    ring = block["record"]
-
-    def go_on(seconds: float) -> None:
-        """Put 50 rows, a step in the middle; then the ring comes round, perhaps."""
-        put = int(block["record_ends"][sh.PUT])
-        for k in range(put, put + 50):
-            x = np.float64(k % 50 > 25).view(np.int64)
-            ring[k % len(ring)] = k, 1000 * k, sh.CDR_HEADER, x, sh.CDR_HEADER
-        block["control"][sh.CYCLE] = put + 49
-        block["record_ends"][sh.PUT] = put + 50 + (jump if put == 50 else 0)
-
-    go_on(0.0)
+    name, file = f"scoped.at{os.getpid()}.executive", tmp_path / "burst.mcap"
+    _, go_on = stepping(name, jump)
     monkeypatch.setattr(scope, "time", SimpleNamespace(sleep=go_on, monotonic=lambda: 0.0))
-    file = tmp_path / "burst.mcap"
-    words = ["scope", "a.*", "--trigger", "a.x > 0.5 rad", "--pre", "3ms", "--post", "4ms", "-o",
-             str(file), "--quiet"]  # fmt: skip
     try:
         with hosting(tmp_path / "host", "--node", name) as other:
             monkeypatch.setenv("PCPC_TOKEN", other.token)
-            code, out, _ = there(capsys, other, *words)
+            code, out, _ = there(capsys, other, *WORDS, "-o", str(file))
     finally:
         standing.end_all()
     assert code == (3 if jump else 0), out
     assert ("cycles lost" in out) == bool(jump), out
     if not jump:
-        assert logs.read(file).node["executive"].cycle.tolist() == [*range(73, 81)]
+        assert logs.read(file).node["executive"].cycle.tolist() == CAPTURED
 
 
 def test_many_rows_come_in_several_answers_and_none_is_missing(

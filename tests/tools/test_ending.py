@@ -26,12 +26,12 @@ signal.signal(signal.SIGHUP, signal.SIG_IGN)
 os.execv(sys.argv[1], sys.argv[1:])
 """
 ENDLESS = """
-import sys, time
+import signal, sys
 from pcpc.tools.console.ending import ended
 def wait():
     print("waiting", flush=True)
     while True:
-        time.sleep(0.02)
+        signal.pause()
 sys.exit(ended(wait, goes_on=True))
 """
 

@@ -12,6 +12,7 @@ import pytest
 import standing
 from live_run import Run, Screen, said
 from processes import RIGS, Running, own_bus, until
+from scoped import CAPTURED, ROWS, WORDS, stepping
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
@@ -210,47 +211,23 @@ def test_without_a_trigger_there_is_no_file(run: Run, capsys: Screen, tmp_path: 
     assert not [*tmp_path.iterdir()]
 
 
-FACTS = {"clock_wall_ns": "9000", "clock_monotonic_ns": "0", "pacing": "real", "bus": "none"}
-HEAD = {
-    "variables": [["a.x", "rad", "state", "a", ""]], "ranges": {}, "state_columns": ["a.x"],
-    "timing_columns": [], "period_ns": 1_000_000, "rig": "stand", "node": "executive",
-    "metadata": FACTS, "sources": {}, "attachments": {}, "files": [], "blocks": ["a"],
-    "frames": {}, "state_names": [], "fault_names": [], "watch": "", "cycles": 0,
-}  # fmt: skip
-
-
 @pytest.mark.parametrize("jump", [0, 300_000])
 def test_rows_that_were_overwritten_are_a_loss(
     jump: int, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    name = f"scoped.{os.getpid()}.executive"
-    block = standing.stand(name, HEAD)
-    ring = block["record"]
-
-    def go_on(seconds: float) -> None:
-        """Put 50 rows, a step in the middle; then the ring comes round, perhaps."""
-        put = int(block["record_ends"][sh.PUT])
-        for k in range(put, put + 50):
-            x = np.float64(k % 50 > 25).view(np.int64)
-            ring[k % len(ring)] = k, 1000 * k, sh.CDR_HEADER, x, sh.CDR_HEADER
-        block["control"][sh.CYCLE] = put + 49
-        block["record_ends"][sh.PUT] = put + 50 + (jump if put == 50 else 0)
-
-    go_on(0.0)
-    clock = SimpleNamespace(sleep=go_on, monotonic=lambda: 0.0)
-    monkeypatch.setattr(scope, "time", clock)
-    file = tmp_path / "burst.mcap"
+    name, file = f"scoped.{os.getpid()}.executive", tmp_path / "burst.mcap"
+    block, go_on = stepping(name, jump)
+    monkeypatch.setattr(scope, "time", SimpleNamespace(sleep=go_on, monotonic=lambda: 0.0))
     try:
-        code = main(["scope", "a.*", "--trigger", "a.x > 0.5 rad", "--pre", "3ms", "--post", "4ms",
-                     "-o", str(file), "--node", name, "--quiet"])  # fmt: skip
+        code = main([*WORDS, "-o", str(file), "--node", name])
     finally:
         standing.end_all()
     out = capsys.readouterr().out
-    lost = jump + 100 - len(ring) + 1 - 50 if jump else 0
+    lost = jump + ROWS - len(block["record"]) + 1 if jump else 0
     assert code == (3 if jump else 0), out
     assert (f"{lost} cycles lost" in out) == bool(jump), (out, lost)
     if not jump:
-        assert logs.read(file).node["executive"].cycle.tolist() == [*range(73, 81)]
+        assert logs.read(file).node["executive"].cycle.tolist() == CAPTURED
 
 
 @pytest.mark.parametrize(
@@ -260,18 +237,7 @@ def test_more_before_a_trigger_than_there_was_is_a_line(
     first: int, why: str, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = f"scoped.pre{os.getpid()}.executive"
-    block = standing.stand(name, HEAD)
-
-    def go_on(seconds: float) -> None:
-        """Put 50 rows, a step in the middle."""
-        put = int(block["record_ends"][sh.PUT])
-        for k in range(put, put + 50):
-            x = np.float64(k % 50 > 25).view(np.int64)
-            block["record"][k] = first + k, 1000 * k, sh.CDR_HEADER, x, sh.CDR_HEADER
-        block["control"][sh.CYCLE] = first + put + 49
-        block["record_ends"][sh.PUT] = put + 50
-
-    go_on(0.0)
+    _, go_on = stepping(name, first=first)
     monkeypatch.setattr(scope, "time", SimpleNamespace(sleep=go_on, monotonic=lambda: 0.0))
     words = ["scope", "a.*", "--trigger", "a.x > 0.5 rad", "--pre", "2s", "--post", "4ms"]
     try:
