@@ -102,3 +102,23 @@ def test_of_two_none_is_shown_until_one_is_chosen_and_tuned_alone(
         with Client(host, run="chosen.before") as late:
             offered(late, "", names[0])
             assert late.about["nodes"] == {}
+
+
+def test_what_is_recorded_of_two_runs_has_its_size_together(rig: Path, tmp_path: Path) -> None:
+    most_mb = 2
+    words = ("--write", "--recordings", str(tmp_path), "--recordings-mb", str(most_mb))
+    with (
+        going_on(rig) as one, going_on(rig) as two,
+        hosting(tmp_path, str(rig), *words) as host, Client(host) as client, Client(host) as other,
+    ):  # fmt: skip
+        clients = {name_of(one): client, name_of(two): other}
+        for name, its in clients.items():
+            its.ask(do="run", run=name)
+            shown(its)
+            its.ask(do="record")
+        for its in clients.values():
+            while its.until("status")["status"]["recording"]["going"]:
+                pass
+            assert "have their size" in its.until("status")["status"]["recording"]["why"]
+        sizes = [path.stat().st_size for path in tmp_path.glob("*.mcap")]
+    assert len(sizes) == 2 and most_mb * 1e6 <= sum(sizes) < 1.5 * most_mb * 1e6, sizes

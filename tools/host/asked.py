@@ -9,6 +9,8 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 from msgspec import Meta, Struct
 
+from pcpc.tools.host.guard import MOST_TOKEN
+
 MOST_BYTES = 64 * 1024
 Number = Annotated[int, Meta(ge=0, le=10**6)]
 Name = Annotated[str, Meta(min_length=1, max_length=300)]
@@ -31,7 +33,7 @@ class _Asked(Struct, tag_field="do", forbid_unknown_fields=True, frozen=True):
 class Hello(_Asked, frozen=True, tag="hello"):
     """The first word of a client."""
 
-    token: Annotated[str, Meta(max_length=200)]
+    token: Annotated[str, Meta(max_length=MOST_TOKEN)]
     kind: Literal["page", "terminal"] = "page"
     run: Run = ""  # which it had chosen, of several
 

@@ -20,7 +20,6 @@ from pcpc.tools.host import guard
 from pcpc.tools.host.sources import Source, Watch, of_log
 from pcpc.tools.log.recorded import LATEST, log_of
 
-PORT = 8642
 PACKAGES = "starlette", "uvicorn", "websockets"
 _TRIES = 20
 _HOST = re.compile(r"[\w.:-]+")
@@ -157,11 +156,11 @@ def _check_address(address: str, certificate: object, plain: bool) -> None:
 
 
 def _listening(address: str, port: int | None) -> socket.socket:
-    """Return a socket at the port, or without one at the first free from PORT on."""
+    """Return a socket at the port, or without one at the first free from guard.PORT on."""
     if port is not None and not 0 <= port <= 65535:
         raise UserError(f"--port {port}: not a port; expected 0..65535, 0 for a free one")
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    wanted = range(PORT, PORT + _TRIES) if port is None else [port]
+    wanted = range(guard.PORT, guard.PORT + _TRIES) if port is None else [port]
     for one in wanted:
         line = socket.socket(family, socket.SOCK_STREAM)
         line.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -27,7 +27,7 @@ TICK_S = 1 / 60
 SCENE_TICKS, STATUS_TICKS = 2, 12  # common to all clients: what they are sent is made once
 HELLO_S, SILENT_S = 5.0, 10.0
 MOST_PANELS = 16
-WRONG_TOKEN, TOO_MANY, BAD_MESSAGE = 4401, 4429, 4400  # why a connection was closed
+_NONE = (-1, -1)  # nothing was told or drawn yet
 
 
 class Show(Protocol):
@@ -58,11 +58,11 @@ class Client:
         self.stage = show.stage("")
         self._offered: tuple[object, str] = (None, "")  # runs and which of them, as it was told
         self._panels: dict[int, Shown] = {}
-        self._run, self._event = -1, 0
+        self._version, self._event = _NONE, 0
         self._told: dict[str, float | None] = {}  # parameters
         self._status_at = self._scene_at = 0  # the tick from which on they are sent again
         self._at: int | None = None  # the cycle of a log that is looked at
-        self._drawn: tuple[int, int] = (-1, -1)  # run and cycle of the scene that was sent
+        self._drawn = _NONE  # run and cycle of the scene that was sent
         self._lock = asyncio.Lock()
 
     async def serve(self) -> None:
@@ -93,10 +93,10 @@ class Client:
         except (asked.Wrong, TimeoutError):
             word = None
         if not isinstance(word, asked.Hello) or not guard.same(word.token, self._show.token):
-            await self._socket.close(WRONG_TOKEN, "the token is missing or wrong")
+            await self._socket.close(guard.WRONG_TOKEN, "the token is missing or wrong")
             return ""
         if len(self._show.clients) >= self._show.most_clients:
-            await self._socket.close(TOO_MANY, "there are too many clients")
+            await self._socket.close(guard.TOO_MANY, "there are too many clients")
             return ""
         self.stage = self._show.stage(word.run)
         return word.kind
@@ -127,12 +127,12 @@ class Client:
         """Return what is asked next; None where the client was cut off."""
         message = await self._word()
         if flood.too_many():
-            await self._socket.close(TOO_MANY, "too many messages")
+            await self._socket.close(guard.TOO_MANY, "too many messages")
             return None
         try:
             return read(message)
         except asked.Wrong as error:
-            await self._socket.close(BAD_MESSAGE, str(error)[:120])
+            await self._socket.close(guard.BAD_MESSAGE, str(error)[:120])
             return None
 
     async def _take(self, word: Any) -> None:
@@ -166,17 +166,12 @@ class Client:
         """Show another run from now on; it is told as one that is new."""
         self.stage = self._show.stage(run)
         self._panels.clear()
-        self._run, self._event, self._at, self._drawn = -1, 0, None, (-1, -1)
+        self._version, self._event, self._at, self._drawn = _NONE, 0, None, _NONE
 
     def _curve(self, name: str) -> tuple[str, str] | Derived:
         """Return what a curve is of; UserError."""
         source = self.stage.source
-        if name.startswith(MARK):
-            return Derived(name, source)
-        role, variable = source.place(name)
-        if variable not in source.nodes[role].names:
-            raise UserError(f"{name}: not recorded, so it has no curve")
-        return role, variable
+        return Derived(name, source) if name.startswith(MARK) else source.curve(name)
 
     # Sending
 
@@ -228,9 +223,8 @@ class Client:
     async def _new_run(self) -> None:
         """Tell of a run that is not the one before; its panels have to be asked for again."""
         source = self.stage.source
-        mark = source.number * 10 + len(source.nodes)
-        if self._run != mark:
-            self._run = mark
+        if self._version != source.version:
+            self._version = source.version
             self._panels.clear()
             self._told = {}
             first, last = source.span()

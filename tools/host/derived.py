@@ -21,9 +21,7 @@ class Derived:
 
     def __init__(self, text: str, source: Source) -> None:
         def unit_of(name: str) -> Unit | None:
-            role, variable = source.place(name)
-            if variable not in source.nodes[role].names:
-                raise UserError(f"{name}: not recorded, so it has no curve")
+            role, variable = source.curve(name)
             return unit(source.nodes[role].variables[variable].unit)
 
         words = text.removeprefix(MARK).strip()

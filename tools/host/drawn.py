@@ -3,7 +3,7 @@
 import argparse
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -22,31 +22,25 @@ LAYOUT = "layout.json"
 class Drawn:
     """A drawing with the settings of the run, and the newest scene of it."""
 
-    def __init__(self, found: drawing.Drawing, settings: Mapping[str, float]) -> None:
+    def __init__(
+        self, found: drawing.Drawing, settings: Mapping[str, float], source: Source
+    ) -> None:
         self._drawing, self._settings = found, settings
-        self._places: dict[str, tuple[str, str]] = {}
-        self._number = -1
+        self._places = dict(self._found(source))
         self._scene: tuple[int, dict[str, Any]] = (-1, {})
 
     def scene(self, source: Source, cycle: int) -> dict[str, Any]:
         """Return the scene of a cycle as plain lists; DrawingError."""
-        if self._number != (number := source.number * 10 + len(source.nodes)):
-            self._number, self._scene = number, (-1, {})
-            self._places = dict(self._found(source))
         if self._scene[0] != cycle:
             now = {name: _value(source, place, cycle) for name, place in self._places.items()}
             now["t"] = cycle * source.period_s
             self._scene = cycle, self._drawing.scene(now, self._settings).json()
         return self._scene[1]
 
-    def _found(self, source: Source) -> Any:
+    def _found(self, source: Source) -> Iterator[tuple[str, tuple[str, str]]]:
         for name, wanted in self._drawing.needs.items():
-            try:
-                role, variable = source.place(wanted)
-            except UserError:  # this rig has no such variable: it is drawn as not known
-                continue
-            if variable in source.nodes[role].names:
-                yield name, (role, variable)
+            with suppress(UserError):  # this rig has no such variable: it is drawn as not known
+                yield name, source.curve(wanted)
 
 
 def _value(source: Source, place: tuple[str, str], cycle: int) -> float:
@@ -66,11 +60,11 @@ def of(source: Source, options: argparse.Namespace) -> Drawn | None:
         with tempfile.TemporaryDirectory() as folder:
             file, _ = drawing_of_log(source.log, Path(folder), options)
             made = file and drawing.load(file)
-        return Drawn(made, drawing.settings_of_log(source.log)) if made else None
+        return Drawn(made, drawing.settings_of_log(source.log), source) if made else None
     for about in _descriptions(source):
         for path in _paths(about, "draws"):
             text = about["attachments"]["rig-resolved.yaml"]
-            return Drawn(drawing.load(path), settings(text))
+            return Drawn(drawing.load(path), settings(text), source)
     return None
 
 

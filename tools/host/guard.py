@@ -18,7 +18,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+PORT = 8642  # the first that is tried
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+WRONG_TOKEN, TOO_MANY, BAD_MESSAGE = 4401, 4429, 4400  # why a WebSocket was closed
+MOST_TOKEN = 200  # letters
 RATE, BURST = 50.0, 200.0  # messages a second; at once
 HEADERS = {
     "Content-Security-Policy": (
@@ -129,7 +132,7 @@ def token_of(environment: Mapping[str, str], anew: bool = False) -> str:
         if not anew:
             descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
             with os.fdopen(descriptor) as file:
-                about, text = os.fstat(file.fileno()), file.read(200).strip()
+                about, text = os.fstat(file.fileno()), file.read(MOST_TOKEN).strip()
             if about.st_uid == os.geteuid() and not about.st_mode & 0o077 and len(text) >= 32:
                 return text
     except (OSError, ValueError):

@@ -10,7 +10,7 @@ import argparse
 import re
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -28,11 +28,11 @@ _MB = 1e6
 
 
 class Recording:
-    """A file that grows with a run, until somebody ends it."""
+    """A file that grows with a run, until somebody ends it, or no bytes are `left`."""
 
-    def __init__(self, source: Source, path: Path, room: float) -> None:
+    def __init__(self, source: Source, path: Path, left: Callable[[], float]) -> None:
         self.path, self.why, self.cycles = path, "", 0
-        self._source, self._room, self.size = source, room, 0
+        self._source, self._left, self.size = source, left, 0
         self._taps: dict[str, Tap] = {}
         self._part = Part(path)
         try:
@@ -65,11 +65,13 @@ class Recording:
             while not self._asked.wait(POLL_S):
                 over = not any(node.live.running for node in self._source.nodes.values())
                 self._look()
+                full = False
                 if time.monotonic() - flushed_s >= FLUSH_S:
                     flushed_s = time.monotonic()
                     self._part.flush()
+                    full = self._left() <= 0.0
                 self.size = self._part.size
-                if over or self.size > self._room:
+                if over or full:
                     self.why = "the run has ended" if over else "all recordings have their size"
                     break
             else:
@@ -109,10 +111,11 @@ class Recordings:
         with self._turn:
             if self._recording is not None and self._recording.going:
                 raise UserError(f"{self._recording.path} is being recorded already")
-            room, path = self._room(), self._new(source.rig, "")
+            self._check_room()
+            path = self._new(source.rig, "")
             cycles = [int(node.live.block["control"][sh.CYCLE]) for node in source.nodes.values()]
             try:
-                self._recording = Recording(source, path, room)
+                self._recording = Recording(source, path, self._left)
             except OSError as error:
                 raise self._failed(path, error) from None
             return {"file": str(path), "cycle": min(cycles) + 1}
@@ -132,7 +135,7 @@ class Recordings:
         if not self._snapping.acquire(blocking=False):
             raise UserError("a snapshot is being written; ask again")
         try:
-            self._room()
+            self._check_room()
             found = [node.newest(last_s) for node in source.nodes.values()]
             cycles = [int(k) for part in found if len(part.rows) for k in part.rows.cycle[[0, -1]]]
             if not cycles:
@@ -161,16 +164,19 @@ class Recordings:
             if self._recording is not None:
                 self._recording.end()
 
-    def _room(self) -> float:
-        """Return how many bytes may still be written; UserError for none."""
+    def _left(self) -> float:
+        """Return how many bytes may still be written, by all recordings of the host together."""
         used = 0
-        for path in self._files:
+        for path in list(self._files):
             with suppress(OSError):
                 used += path.stat().st_size
-        if used >= self._most:
-            told = f"{self._folder}: recordings of {used / _MB:.0f} MB, which is all they may have"
-            raise UserError(f"{told}; delete some, or begin with more --recordings-mb")
         return self._most - used
+
+    def _check_room(self) -> None:
+        if (left := self._left()) <= 0.0:
+            used_mb = (self._most - left) / _MB
+            told = f"{self._folder}: recordings of {used_mb:.0f} MB, which is all they may have"
+            raise UserError(f"{told}; delete some, or begin with more --recordings-mb")
 
     def _new(self, rig: str, kind: str) -> Path:
         """Return a file that was not there; UserError."""

@@ -6,7 +6,7 @@ running one keeps is bounded.
 """
 
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -111,8 +111,7 @@ class LiveNode:
 
     def span(self) -> tuple[int, int]:
         """See Node."""
-        cycle = self._history.cycle
-        return (int(cycle[0]), int(cycle[-1])) if len(cycle) else (0, -1)
+        return _ends(self._history.cycle)
 
 
 class LoggedNode:
@@ -133,8 +132,11 @@ class LoggedNode:
 
     def span(self) -> tuple[int, int]:
         """See Node."""
-        cycle = self._node.cycle
-        return (int(cycle[0]), int(cycle[-1])) if len(cycle) else (0, -1)
+        return _ends(self._node.cycle)
+
+
+def _ends(cycle: Cycles) -> tuple[int, int]:
+    return (int(cycle[0]), int(cycle[-1])) if len(cycle) else (0, -1)
 
 
 @dataclass
@@ -160,6 +162,18 @@ class Source:
         if role not in self.nodes or variable not in self.nodes[role].variables:
             raise UserError(f"{name}: no such variable{did_you_mean(name, [*self.names()])}")
         return role, variable
+
+    def curve(self, name: str) -> tuple[str, str]:
+        """Return role and variable of what is recorded; UserError."""
+        role, variable = self.place(name)
+        if variable not in self.nodes[role].names:
+            raise UserError(f"{name}: not recorded, so it has no curve")
+        return role, variable
+
+    @property
+    def version(self) -> tuple[int, int]:
+        """What changes with another run, and with a node that comes later."""
+        return self.number, len(self.nodes)
 
     def names(self) -> Iterator[str]:
         """Yield all variables, the executive's first."""
@@ -189,11 +203,15 @@ def full(role: str, name: str) -> str:
     return name if role == "executive" else f"{role}:{name}"
 
 
+def _executive_first(roles: Iterable[str]) -> list[str]:
+    return sorted(roles, key=lambda role: (role != "executive", role))
+
+
 def of_log(path: Path) -> Source:
     """Return a finished log. LogError, RigError."""
     log = logs.read(path)
     found: dict[str, Any] = {}
-    for role in sorted(log.node, key=lambda role: (role != "executive", role)):
+    for role in _executive_first(log.node):
         node = log.node[role]
         known = {row[0]: row for row in node.description.get("variables", [])}
         units = {
@@ -252,8 +270,7 @@ class Watch:
             with suppress(KeyError, TypeError, ValueError):  # it says nothing sensible of itself
                 node = LiveNode(live)
                 nodes[node.role] = node
-        order = sorted(nodes, key=lambda role: (role != "executive", role))
-        self.source.nodes = {role: nodes[role] for role in order}
+        self.source.nodes = {role: nodes[role] for role in _executive_first(nodes)}
 
     def poll(self) -> list[tuple[str, int, str, dict[str, Any]]]:
         """Take what the nodes have recorded since; return role, cycle, topic, entry of events."""

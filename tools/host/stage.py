@@ -31,7 +31,7 @@ class Stage:
         self.events: list[tuple[int, dict[str, Any]]] = []
         self._count = 0
         self._status = Status()
-        self._drawn: tuple[int, Drawn | None] = (-1, None)  # of which run
+        self._drawn: tuple[tuple[int, int], Drawn | None] = ((-1, -1), None)  # of which version
 
     @property
     def source(self) -> Source:
@@ -62,15 +62,15 @@ class Stage:
 
     def _scene(self, cycle: int) -> dict[str, Any]:
         source = self.source
-        mark = 10 * source.number + len(source.nodes)
+        version = source.version
         try:
-            if self._drawn[0] != mark:
-                self._drawn = mark, None  # should it fail, it does so once
-                self._drawn = mark, drawn.of(source, self._options)
+            if self._drawn[0] != version:
+                self._drawn = version, None  # should it fail, it does so once
+                self._drawn = version, drawn.of(source, self._options)
             found = self._drawn[1]
             return found.scene(source, cycle) if found else {}
         except UserError as error:
-            self._drawn = mark, None
+            self._drawn = version, None
             return {"bounds": [0, 0, 1, 1], "note": str(error), "shapes": []}
 
     def find(self) -> None:

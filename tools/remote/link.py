@@ -10,12 +10,10 @@ from urllib.parse import urlsplit
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes.live import LiveError
+from pcpc.tools.host import guard
 
-PORT = 8642
 _ANSWER_S, _OPEN_S, _CLOSE_S = 15.0, 10.0, 1.0
 _MOST_BYTES = 64 << 20  # of one answer: what a node says about itself has its laws and tables
-_WRONG_TOKEN = 4401
-_LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _ENVIRONMENT = "PCPC_TOKEN"
 _OTHER = "does not answer as `pcpc host` does"
 
@@ -98,7 +96,7 @@ class Link:
 
     def _lost(self, error: Exception) -> LiveError:
         said = getattr(getattr(error, "rcvd", None), "reason", "")
-        if getattr(getattr(error, "rcvd", None), "code", 0) == _WRONG_TOKEN:
+        if getattr(getattr(error, "rcvd", None), "code", 0) == guard.WRONG_TOKEN:
             what = "wrong token; it stands behind the # of the address that `pcpc host` printed"
             return LiveError(f"{self.at}: {what}")
         return self.error(f"the connection was lost{f': {said}' if said else ''}")
@@ -124,7 +122,7 @@ def token_of(options: argparse.Namespace) -> str:
             said = getattr(error, "strerror", None) or "no text"
             raise UserError(f"--token-file {path}: {said}") from None
     token = text.strip().rpartition("#")[2]
-    if not token or len(token) > 200:
+    if not token or len(token) > guard.MOST_TOKEN:
         what = f"--at needs the token of that host: --token-file FILE, or {_ENVIRONMENT}"
         raise UserError(f"{what}; it is there in ~/.local/state/pcpc/host-token")
     return token
@@ -135,7 +133,7 @@ def _place(at: str) -> tuple[str, int]:
     try:
         parts = urlsplit(f"//{at}")
         if parts.hostname and parts.netloc == at and "@" not in at:
-            return parts.hostname, parts.port or PORT
+            return parts.hostname, parts.port or guard.PORT
     except ValueError:
         pass
     raise UserError(f"--at {at}: expected HOST or HOST:PORT, as `pcpc host` printed it")
@@ -145,7 +143,7 @@ def _context(options: argparse.Namespace, host: str) -> ssl.SSLContext | None:
     """Return how TLS is spoken, None without; UserError."""
     if options.plain and options.ca is not None:
         raise UserError("--plain and --ca exclude each other")
-    if options.plain or (options.ca is None and host in _LOOPBACK):
+    if options.plain or (options.ca is None and guard.local(host)):
         return None
     try:
         found = ssl.create_default_context(cafile=options.ca)
