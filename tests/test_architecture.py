@@ -157,7 +157,9 @@ def test_no_module_is_imported_by_its_name_against_the_direction() -> None:
 
 
 FOR_PYTEST = ("tools/pytest_pcpc.py", "tools/template/test_motor.py")
-FOR_WEB = {f"tools/host/{name}.py": {"starlette", "uvicorn"} for name in ("clients", "server")}
+FOR_WEB = {
+    f"tools/host/{name}.py": {"starlette", "uvicorn"} for name in ("clients", "gathering", "server")
+}
 FOR_FOXGLOVE = {
     f"tools/foxglove/{name}.py": {"foxglove"} for name in ("parameters", "server", "topics")
 }
