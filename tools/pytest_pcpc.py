@@ -10,7 +10,8 @@
             live.set({"controller.kv_Nms_rad": 120.0})
 
     simulate    as `pcpc.simulate`; the log stays with the test
-    rig         as `pcpc.running`: real processes, each on a bus of its own, so that `-n 8` works
+    rig         as `pcpc.running`: real processes, each on a bus of its own, so that `-n 8` works;
+                `device=["./firmware", "{bus}"]` starts and ends a device in the executive's place
     bus         the name of a bus that nobody else has, for `--bus`
 
 What pcpc refuses is a line in the report. If a test fails, its report names log, figure and what

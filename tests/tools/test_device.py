@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from processes import ROOT, Done, Running, own_bus, pcpc
+from processes import PCPC, ROOT, Done, Running, own_bus, pcpc
 
 from pcpc.executive.log import reader as logs
 from pcpc.tools.log import diff
@@ -166,3 +166,21 @@ def test_the_summary_is_kept_with_what_the_device_did(tmp_path: Path) -> None:
     kept = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert kept["device"] == done.summary["device"]
     assert kept["device"]["frames"]["CMD"]["wrong_crc"] == 1
+
+
+def test_the_executive_is_a_device_like_any_other(tmp_path: Path) -> None:
+    """The barrel is judged by its true motion and the rig's reference, without the executive."""
+    own = ("exec", "slew10", "--bus", "{bus}", "--pacing", "lockstep", "--no-figure", "--quiet")
+    folder = tmp_path / "plant"
+    words = ("plant", "slew10", "--pacing", "lockstep", "--json", "-o", str(folder), "--no-figure")
+    done = pcpc(*words, "--bus", own_bus(), "--device", PCPC, *own, "-o", str(tmp_path / "exec"))
+    assert done.code == 0, done
+    virtual = pcpc("simulate", "slew10", "--no-figure", "--json", "-o", str(tmp_path / "virtual"))
+    told = done.summary["metrics"]
+    expected = virtual.summary["metrics"]
+    assert told.items() <= expected.items(), (told, expected)
+    assert "muzzle_error_rms_mrad" in told and "command_rms_Nm" not in told
+    assert done.summary["judged"] == ["muzzle_error_rms_mrad"]
+    logs_of = [logs.read(tmp_path / name / "log.mcap") for name in ("virtual", "plant")]
+    report = diff.compare(alone(logs_of[0]), logs_of[1])
+    assert report.equal, report

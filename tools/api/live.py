@@ -44,8 +44,9 @@ class Live:
     UnknownName, with a proposal, for a variable that is not there; pcpc.Error for what is refused.
     """
 
-    def __init__(self, command: Child, folder: Path, keep: Any) -> None:
+    def __init__(self, command: Child, folder: Path, keep: Any, leader: str = "executive") -> None:
         self._command, self._folder, self._keep = command, folder, keep
+        self._leader = leader  # the plant, where a device is the executive
         self._nodes: dict[str, nodes.Live] = {}
         self._run: Run | None = None
 
@@ -56,18 +57,18 @@ class Live:
 
     @property
     def running(self) -> bool:
-        """Whether its executive goes on."""
-        return not self._command.ended and self._node("executive").running
+        """Whether its executive goes on; with a device its plant."""
+        return not self._command.ended and self._node(self._leader).running
 
     @property
     def cycle(self) -> int:
-        """The executive's newest cycle."""
-        return self._node("executive").read().cycle
+        """The executive's newest cycle; with a device the plant's."""
+        return self._node(self._leader).read().cycle
 
     @property
     def state(self) -> str:
-        """The executive's state: INIT, READY, RUN, HOLD, FAULT or STOP."""
-        block = self._node("executive").block
+        """The executive's state, with a device the plant's: INIT, READY, RUN, HOLD, FAULT, STOP."""
+        block = self._node(self._leader).block
         return str(block.description["state_names"][int(block["control"][sh.STATE])])
 
     def __getitem__(self, name: str) -> float:
@@ -77,10 +78,10 @@ class Live:
     def read(self, *names: str) -> dict[str, float]:
         """Return values by name, those of a node of one and the same cycle; of all, without names.
 
-        Without names: the executive's.
+        Without names: the executive's, with a device the plant's.
         """
         if not names:
-            return dict(self._node("executive").read())
+            return dict(self._node(self._leader).read())
         asked = {name: self._split(name) for name in names}
         values = {id(node): node.read() for node, _ in asked.values()}
         return {name: values[id(node)][variable] for name, (node, variable) in asked.items()}
@@ -155,8 +156,8 @@ class Live:
         `within_s` seconds of this machine, or when the run ends before. It looks once a period.
         """
         if callable(what):
-            found = self._wait(self._node("executive"), what, within_s, "the condition")
-            return found.cycle * 1e-9 * self._node("executive").period_ns
+            found = self._wait(self._node(self._leader), what, within_s, "the condition")
+            return found.cycle * 1e-9 * self._node(self._leader).period_ns
         if below is None and above is None:
             raise TypeError("wait_until: give a limit, below= or above=")
         node, variable = self._split(what)
@@ -187,7 +188,7 @@ class Live:
 
         asked = [(one, *self._split(one)) for one in (name, *names)]
         moving = Moving(asked, window_s)
-        first, period_s = self.cycle, 1e-9 * self._node("executive").period_ns
+        first, period_s = self.cycle, 1e-9 * self._node(self._leader).period_ns
 
         def goes_on() -> bool:
             over = for_s is not None and (self.cycle - first) * period_s >= for_s
@@ -226,8 +227,8 @@ class Live:
         role, colon, variable = name.partition(":")
         if not colon:
             having = [one for one, node in self._nodes.items() if name in node.variables]
-            own = "executive" in having or not having
-            role, variable = "executive" if own else having[0], name
+            own = self._leader in having or not having
+            role, variable = self._leader if own else having[0], name
         if role not in self._nodes and role not in ("executive", "plant", "local"):
             raise UnknownName(f"{name}: no node {role}; known: {', '.join(self._nodes)}")
         node = self._node(role)
@@ -263,7 +264,7 @@ class Live:
             time.sleep(_POLL_S)
 
     def _under_way(self) -> bool:
-        return self._node("executive").under_way
+        return self._node(self._leader).under_way
 
     def _said(self) -> str:
         """Return what the command said against itself."""
@@ -280,6 +281,7 @@ def running(
     rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
     seed: int | None = None, pacing: str | None = None, bus: str | None = None,
     folder: str | Path | None = None, host: bool = False, standby: Sequence[str] = (),
+    device: Sequence[str | Path] | None = None,
 ) -> Iterator[Live]:  # fmt: skip
     """Run a rig on a bus, in real processes, for as long as the `with` block lasts.
 
@@ -291,21 +293,26 @@ def running(
     bus      as --bus: auto takes a free one, so that any number of rigs run side by side
     host     True: a page beside it, which may tune; `live.page` is its address
     standby  other controllers of the rig, to which `live.handover` can hand over
+    device   words of a command that is the executive in their place, started and ended with the
+             run; {bus} in them is the bus. []: one started elsewhere. See docs/device.md
 
     The others are those of `pcpc.simulate`. At the end of the block a run that goes on is ended in
     order (its verdict is then `interrupted`), whatever the block does; processes, memory and
     sockets are gone, also if this process is killed. pcpc.Error if the run does not begin.
     """
     place, words = find(str(rig)), settings(set, seed, standby)
-    roles = load_rig(place, controller, words, resolve=False).roles
+    roles: tuple[str, ...] = load_rig(place, controller, words, resolve=False).roles
+    roles = roles if device is None else ("plant",)
     keep = tempfile.TemporaryDirectory(prefix="pcpc-") if folder is None else None
     target = Path(keep.name) / "run" if keep is not None else Path(str(folder))
-    command = ["run", str(place), "--quiet", "--no-figure", "--json", "-o", str(target)]
+    name = "run" if device is None else "plant"
+    command = [name, str(place), "--quiet", "--no-figure", "--json", "-o", str(target)]
     command += ["--host", "--write"] if host else []
     options = {"--controller": controller, "--pacing": pacing, "--bus": bus}
     command += [word for name, value in options.items() if value for word in (name, value)]
     command += [word for setting in words for word in ("--set", setting)]
-    live = Live(Child.started("pcpc run", "pcpc.tools.cli", command), target, keep)
+    command += [] if device is None else ["--device", *map(str, device)]
+    live = Live(Child.started("pcpc run", "pcpc.tools.cli", command), target, keep, roles[0])
     try:
         live._begin(roles)
         yield live

@@ -90,7 +90,7 @@ class Run:
         self._rig_given, self._outcome, self._keep, self._trust = rig, outcome, keep, trust
 
     def __repr__(self) -> str:
-        about = self.log.metadata.get("executive", {})
+        about = self.log.metadata.get("executive") or self.log.metadata.get("plant", {})
         return f"<pcpc.Run {about.get('rig')} {about.get('controller')} {self.path}>"
 
     # What was recorded
