@@ -29,7 +29,8 @@ from pcpc.executive.rig.reading import Rig
 AWAY = 3  # cycles
 LATE_SHARE = 0.01
 RATE_ERROR = 0.01
-FEWEST = 50  # intervals that tell a rate
+FEWEST = 50  # frames that tell a rate
+LONGEST = 500  # frames of a stretch
 OPERATIONAL, GREETINGS = 5, (0, 127)  # of heartbeats: boot-up, pre-operational
 _WRONG = {
     ERROR: "with a wrong CRC or length",
@@ -135,19 +136,27 @@ def _lateness(
 
 def _rate(found: Behaviour, rig: Rig, own: Frames, pacing: str) -> Iterator[str]:
     """Note the rate and jitter of SYNC; yield what is wrong with the rate."""
-    period_ns = 1e9 / rig.config.rate_hz
-    apart = np.diff(own["stamp_ns"].astype(np.float64))
-    apart = apart[apart <= AWAY * period_ns]
-    if pacing == "lockstep" or len(apart) < FEWEST:
+    if pacing == "lockstep" or len(own) < FEWEST:
         return
-    rate_hz = 1e9 / float(apart.mean()) if apart.mean() else float("inf")
+    rate_hz = rate_of(own["stamp_ns"])
     found.timing["rate_hz"] = round(rate_hz, 3)
     if pacing == "sync":
-        off_us = 1e-3 * np.abs(apart - period_ns)
+        off_us = 1e-3 * np.abs(np.diff(own["stamp_ns"]) - 1e9 / rig.config.rate_hz)
         found.timing["jitter_p99_us"] = round(float(np.percentile(off_us, 99.0)), 1)
         found.timing["jitter_max_us"] = round(float(off_us.max()), 1)
     if abs(rate_hz / rig.config.rate_hz - 1.0) > RATE_ERROR:
         yield f"device: its cycle is {rate_hz:.4g} Hz, the rig's is {rig.config.rate_hz:g} Hz"
+
+
+def rate_of(stamp_ns: NDArray[np.int64]) -> float:
+    """Return the rate, Hz, of frames that came at these times, (n,) ns, n at least 4.
+
+    The median over stretches of a quarter of them: neither a silence nor what is caught up after
+    a stall changes it, and it matters little that stamps are those of another clock's cycles.
+    """
+    frames = min(len(stamp_ns) // 4, LONGEST)
+    took_ns = float(np.median(stamp_ns[frames:] - stamp_ns[:-frames]))
+    return 1e9 * frames / took_ns if took_ns > 0.0 else float("inf")
 
 
 def _reaction(found: Behaviour, own: Frames, frames: Frames, pacing: str) -> None:

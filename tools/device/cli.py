@@ -17,6 +17,8 @@ from pcpc.tools.device.host import DeviceHost, check
 from pcpc.tools.starting import pace
 from pcpc.tools.starting.folder import LOG, run_folder
 
+_CYCLES = "late_cycles", "skipped_cycles", "held_cycles"  # the plant's own
+
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `plant`; return the exit code."""
@@ -60,6 +62,7 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     summary = summaries.summarise(judge.rig, log, outcome, judge)
     summary["controller"] = "device"
     summary["device"] = {"command": options.device, **found.json()}
+    summary |= {key: outcome.health.get("plant", {}).get(key, 0) for key in _CYCLES}
     summary["not_judged"] |= left
     if outcome.strict:
         failed = [f"{name} was not judged: {why}" for name, why in left.items()]
