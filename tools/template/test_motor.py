@@ -52,3 +52,14 @@ def test_without_an_integral_friction_holds_the_motor_off_its_target(simulate, f
     held_mrad = 1e3 * friction_Nm * 4.0 / (0.0274 * 30.0)  # Tc R/(K Kp)
     assert run.metrics["rest_error_max_mrad"] < held_mrad + 3.2, "and a count"
     assert run.metrics["rest_error_max_mrad"] > 0.5 * held_mrad
+
+
+@pytest.mark.parametrize("at_s", [0.2, 0.5])
+def test_pid_takes_over_where_pd_left(simulate, at_s):
+    schedule = [{"at_s": at_s, "handover": "pid"}]
+    run = simulate(RIG, "pd", set={"standby": ["pid"], "schedule": schedule})
+    error_rad = np.abs(run["controller.e_rad"][round(1000 * at_s) :])
+    assert error_rad.max() < 0.016, (
+        "(6) of control.py: what friction leaves of pd's error, not 2 rad"
+    )
+    assert error_rad[-100:].max() < 0.0032, "the integral takes what friction left"
