@@ -23,11 +23,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `tools.console.ending` for how it ends."""
     if "_ARGCOMPLETE" in os.environ:  # a shell asks which words may come next
         completion.complete(parser())
-    if argv is None:  # a process of its own: to look for garbage in imports is a fifth of a start
+    own = argv is None  # a process of its own
+    if own:  # to look for garbage in imports is a fifth of a start
         gc.disable()
     words = list(sys.argv[1:] if argv is None else argv)
     goes_on = any(word in COMMANDS and COMMANDS[word].judges for word in words[:1])
-    return ended(lambda: _carry_out(words), goes_on=goes_on)
+    return ended(lambda: _carry_out(words), goes_on=goes_on, last=own)
 
 
 def _carry_out(words: Sequence[str]) -> int:

@@ -113,6 +113,24 @@ def test_a_command_ends_with_its_terminal() -> None:
             one.kill()
 
 
+AT_EXIT = """
+import atexit, os, signal, sys
+atexit.register(lambda: os.kill(os.getpid(), signal.{name}))  # as a user who is not patient
+sys.argv = ["pcpc", "rigs", "{what}"]
+from pcpc.tools.cli import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize(("what", "code"), [("motor*", 2), ("hull", 0)])
+def test_a_second_ctrl_c_leaves_the_end_of_a_command_alone(name: str, what: str, code: int) -> None:
+    script = AT_EXIT.format(name=name, what=what)
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == code, done
+    assert "Exception" not in done.stderr and "Traceback" not in done.stderr, done.stderr
+
+
 def raising(error: BaseException) -> Callable[[], int]:
     def command() -> int:
         raise error

@@ -72,10 +72,11 @@ class Output:
             return otherwise
 
 
-def ended(command: Callable[[], int], *, goes_on: bool) -> int:
+def ended(command: Callable[[], int], *, goes_on: bool, last: bool = False) -> int:
     """Run `command` and return its exit code, or that of the table above.
 
     `goes_on`: it has a verdict, which does not depend on whether somebody reads its words.
+    `last`: nothing comes behind it but the end of this process, which a second Ctrl-C leaves alone.
     """
     _open_standard_files()
     out, err = Output(sys.stdout, must_be_read=not goes_on), Output(sys.stderr)
@@ -85,7 +86,7 @@ def ended(command: Callable[[], int], *, goes_on: bool) -> int:
             stream.reconfigure(errors="backslashreplace")
     sys.stdout, sys.stderr = out, err
     try:
-        with _asked_to_end():
+        with _asked_to_end(last):
             code = _attempt(command, out, err)
             out.flush()
     except OSError:  # of the last flush: `out.error`
@@ -136,10 +137,11 @@ def _attempt(command: Callable[[], int], out: Output, err: Output) -> int:
 
 
 @contextmanager
-def _asked_to_end() -> Iterator[None]:
+def _asked_to_end(last: bool) -> Iterator[None]:
     """Make SIGINT, SIGTERM and SIGHUP a KeyboardInterrupt, also where SIGINT is ignored from birth.
 
     A shell ignores it for what runs in the background; SIGHUP stays ignored if it was: `nohup`.
+    Behind the `last` command all are ignored: libraries tidy up then, and would print them.
     """
     before = {number: signal.getsignal(number) for number in _ASK_TO_END}
     try:
@@ -153,7 +155,7 @@ def _asked_to_end() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             if handler is not None:
-                signal.signal(number, handler)
+                signal.signal(number, signal.SIG_IGN if last else handler)
 
 
 def _folder_exists() -> bool:
