@@ -78,7 +78,9 @@ def hosting(folder: Path, *words: str, port: int = 0, before: Sequence[str] = ()
         assert process.stdout and process.stderr
         url = urlsplit(process.stdout.readline().strip())
         assert url.port is not None, process.stderr.read()
-        process.stderr.readline()
+        for line in process.stderr:  # of a log also how far it was read
+            if "Ctrl-C ends" in line:
+                break
         yield Host(process, url.port, url.fragment)
 
 

@@ -1,13 +1,17 @@
 """Progress on stderr: a line that changes in place on a terminal, else one every few seconds."""
 
 import sys
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from pcpc.drivers import compile_cache
 from pcpc.executive.loop import shared as sh
 
 _IN_PLACE_S = 0.1
 _LINES_S = 2.0
+_PATIENCE_S = 1.0
 _COMPILING_S = 5.0
 _SHORT_S = 1.0  # a law of a user compiles within this: not worth a word
 
@@ -36,6 +40,23 @@ class Progress:
         else:
             sys.stderr.write(f"{text}\n")
         sys.stderr.flush()
+
+    @contextmanager
+    def going_on(self, text: str) -> Iterator[None]:
+        """Show `text`, and for how long, while something runs that cannot tell how far it is."""
+        begin_s, over = time.monotonic(), threading.Event()
+
+        def tell() -> None:
+            while not over.wait(_PATIENCE_S):
+                self.show(f"{text}, {time.monotonic() - begin_s:.0f} s")
+
+        teller = threading.Thread(target=tell, name="progress", daemon=True)
+        teller.start()
+        try:
+            yield
+        finally:
+            over.set()
+            teller.join()
 
     def say(self, text: str) -> None:
         """Print a line that stays."""

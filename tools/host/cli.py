@@ -15,9 +15,11 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools import rigs
+from pcpc.tools.console.progress import Progress
 from pcpc.tools.foxglove import cli as foxglove
 from pcpc.tools.host import guard
 from pcpc.tools.host.sources import Source, Watch, of_log
+from pcpc.tools.log import source
 from pcpc.tools.log.recorded import LATEST, log_of
 
 PACKAGES = "starlette", "uvicorn", "websockets"
@@ -123,7 +125,7 @@ def _shown(what: str | None, node: str) -> Source | Watch:
         return Watch(node=node)
     path = Path(what)
     if path.suffix == ".mcap" or what == LATEST or (path.is_dir() and not _is_rig(path)):
-        return of_log(log_of(what))
+        return of_log(source.read(log_of(what), Progress()))
     return Watch(str(rigs.data_of(rigs.find(what))["rig"]), node)
 
 

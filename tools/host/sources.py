@@ -9,7 +9,6 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -207,9 +206,8 @@ def _executive_first(roles: Iterable[str]) -> list[str]:
     return sorted(roles, key=lambda role: (role != "executive", role))
 
 
-def of_log(path: Path) -> Source:
-    """Return a finished log. LogError, RigError."""
-    log = logs.read(path)
+def of_log(log: logs.Log) -> Source:
+    """Return what a finished log shows."""
     found: dict[str, Any] = {}
     for role in _executive_first(log.node):
         node = log.node[role]
@@ -219,7 +217,7 @@ def of_log(path: Path) -> Source:
             for name in (*node.columns, *node.timing)
         }
         found[role] = LoggedNode(role, node, units)
-    rig = next(iter(log.node.values())).description.get("rig", path.stem)
+    rig = next(iter(log.node.values())).description.get("rig", log.path.stem)
     return Source(str(rig), False, found, 1, log)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Piece, Scan, walk
 from pcpc.executive.log.mcap_records import message_dtype
 from pcpc.tools.console.progress import Progress
@@ -42,6 +43,16 @@ class Watch:
         """Show `text` behind the name of the file."""
         if self._progress.due() and time.monotonic() > self._from_s:
             self._progress.show(f"{self._path}: {text}")
+
+
+def read(path: Path, progress: Progress) -> logs.Log:
+    """Return a whole log as `executive.log.reader` reads it, and show how far it is; LogError."""
+    found = Scan()
+    found.pieces.extend(stream(path, found, progress))
+    with progress.going_on(f"{path}: sorts what it holds"):
+        log = logs.assemble(path, found)
+    progress.close()
+    return log
 
 
 def messages(piece: NDArray[Any]) -> NDArray[Any]:

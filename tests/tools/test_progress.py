@@ -1,0 +1,51 @@
+"""What takes longer than a moment says so, also where nobody can tell how far it is."""
+
+import queue
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from live_run import Screen
+from logcommand import barrel_log
+
+from pcpc.executive.log import reader as logs
+from pcpc.tools.console import progress
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.log import source
+
+WITHIN_S = 10.0
+
+
+def test_what_cannot_tell_how_far_it_is_is_told_while_it_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said: queue.Queue[str] = queue.Queue()
+    err = SimpleNamespace(write=said.put, flush=lambda: None, isatty=lambda: False)
+    monkeypatch.setattr(sys, "stderr", err)
+    monkeypatch.setattr(progress, "_PATIENCE_S", 1e-3)
+    monkeypatch.setattr(progress, "_LINES_S", 0.0)
+    with Progress().going_on("it sorts"):
+        lines = [said.get(timeout=WITHIN_S) for _ in range(3)]
+    assert lines == ["it sorts, 0 s\n"] * 3
+    while not said.empty():
+        said.get()
+    with pytest.raises(queue.Empty):
+        said.get(timeout=0.05)
+
+
+def test_a_log_that_takes_long_to_read_says_how_far_it_is(
+    capsys: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = barrel_log("pd")
+    whole = logs.read(path)
+    quiet = source.read(path, Progress(quiet=True))
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(source, "_PATIENCE_S", -1.0)
+    told = source.read(path, Progress())
+    assert capsys.readouterr().err.startswith(f"{path}: 0 of 0 MiB")
+    for log in (quiet, told):
+        assert log.missing == [] and log.node.keys() == whole.node.keys()
+        for role, node in whole.node.items():
+            for name, values in node.columns.items():
+                np.testing.assert_array_equal(log.node[role].columns[name], values)
