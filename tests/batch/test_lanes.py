@@ -214,7 +214,7 @@ def test_a_rig_that_limits_what_it_receives_is_not_for_lanes() -> None:
 NOT_FOR_LANES = (
     (
         "y.voltage_V = min(clip(wanted_V, -p.u_max_V, p.u_max_V), 9.0)",
-        "controller: .*control.py:64: .* no min",
+        "controller: .*control.py:72: .* no min",
     ),
     ("y.voltage_V = clip(wanted_V, -p.u_max_V, 9.0 if x.integral_V > 2.0 else 8.0)", "differ"),
 )

@@ -167,7 +167,7 @@ def test_what_has_other_bits_elsewhere_is_a_warning_with_its_line(
         .replace("from pcpc", "import math\nfrom pcpc", 1)
     )  # fmt: skip
     (warning,) = report(capsys, str(tmp_path / "motor" / "rig.yaml"))["warnings"]
-    assert "control.py:62: math in a step, in `y.e_rad = math.sin(u.q_d_rad)" in warning, warning
+    assert "control.py:70: math in a step, in `y.e_rad = math.sin(u.q_d_rad)" in warning, warning
     assert "not the same on every machine" in warning, warning
 
 

@@ -41,7 +41,7 @@ class States(Ports):
 
     filtered_rad = port("rad", "f (1)")
     integral_V = port("V", "s (5), (6)")
-    command_V = port("V", "u'")
+    command_V = port("V", "u'", recorded=False)
 
 
 class Inputs(Ports):
