@@ -3,10 +3,11 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hosting import LONG, hosting
-from paging import opened, wait
+from paging import PHONE, WIDE, opened, wait
 from playwright.sync_api import Browser, Page, expect
 
 import pcpc
@@ -54,6 +55,23 @@ def test_a_recording_begins_and_ends_with_a_button(
         assert len(ids) == len(set(ids)), "an id is there twice"
     files = sorted((tmp_path / "rec").iterdir())
     assert len(files) == 2 and all(len(logs.read(file).node) == 2 for file in files)
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_the_unit_of_a_parameter_stays_on_a_line(
+    browser: Browser, run: pcpc.Live, tmp_path: Path, size: Any
+) -> None:
+    node = run._nodes["plant"].name
+    with hosting(tmp_path, "--node", node) as host, opened(browser, host, size) as page:
+        rows = page.evaluate(
+            """[...document.querySelectorAll("#parameters label")].map((row) => [row.textContent,
+            row.lastChild.offsetHeight / parseFloat(getComputedStyle(row).fontSize),
+            row.lastChild.getBoundingClientRect().right, row.lastChild.scrollWidth
+            - row.lastChild.clientWidth])"""
+        )
+        edge = page.evaluate("document.querySelector('#parameters').getBoundingClientRect().right")
+    assert "controller.kv_Nms_radN m s/rad" in [name for name, *_ in rows], rows
+    assert not [row for row in rows if row[1] > 2.0 or row[2] > edge or row[3] > 0], rows
 
 
 def test_a_page_that_only_shows_records_nothing(

@@ -102,7 +102,9 @@ export class Side {
     input.type = "text"; input.inputMode = "decimal"; input.disabled = !this.about.write;
     input.value = text(this.values.get(one.name));
     label.title = `${one.help}; ${text(one.range[0])} .. ${text(one.range[1])} ${one.unit}`;
-    label.append(el("span", "", one.name), input, el("span", "quiet", one.unit));
+    const name = el("span"); // breaks behind _ . : rather than anywhere
+    name.append(...one.name.split(/(?<=[_.:])/).flatMap((word) => [el("wbr"), word]));
+    label.append(name, input, el("span", "quiet", one.unit));
     input.oninput = () => input.classList.add("changed");
     input.onkeydown = (event) => {
       if (event.key === "Enter") this.set(one, input);
