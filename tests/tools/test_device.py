@@ -151,6 +151,7 @@ def test_a_device_that_cannot_begin_is_told_with_its_own_words(tmp_path: Path) -
     assert done.code == 5, done
     assert "device: ended with code 4 after 0 of 500 cycles" in done.err + done.out, done
     assert "device: no probe found" in done.err, done
+    assert (tmp_path / "run" / "device.txt").read_text() == "no probe found\n"
 
 
 def test_what_cannot_be_a_device_is_refused(tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ GROUPS = {
     "its nodes one by one, in several terminals or on several machines": (
         Command("plant", "start the emulator only, or with a device of yours as the executive",
                 "pcpc plant hull --bus vcan0\n"
-                "pcpc plant my-rig --pacing lockstep --device ./firmware {bus}",
+                "pcpc plant probe --pacing lockstep --device ./firmware {bus}",
                 take.plant, "device.cli", judges=True, compiles=True),
         Command("exec", "start executive and recorder only", "pcpc exec hull --bus vcan0",
                 take.run, "run", judges=True, compiles=True),

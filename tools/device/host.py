@@ -13,7 +13,6 @@ import os
 import shutil
 import signal
 import subprocess
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,7 +29,8 @@ from pcpc.tools.starting.folder import LOG
 from pcpc.tools.starting.waiting import Waiting
 
 _LEAVE_S, _ASKED_S = 1.0, 2.0
-_SHOWN_LINES = 20  # of what a device that failed wrote to stderr
+_SHOWN_LINES = 20  # of what a device that failed wrote
+OUTPUT = "device.txt"  # in the run's folder: what it wrote
 
 
 def check(rig: Rig) -> None:
@@ -45,20 +45,21 @@ def check(rig: Rig) -> None:
 class Device:
     """The device's command, once it runs; nothing where it is started elsewhere."""
 
-    def __init__(self, words: Sequence[str], bus: str) -> None:
+    def __init__(self, words: Sequence[str], bus: str, output: Path) -> None:
         self.words = [word.replace("{bus}", bus) for word in words]
         self.process: subprocess.Popen[bytes] | None = None
-        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as this
+        self.output = output
         self.asked = False  # to end, by this process
 
     def start(self) -> None:
         """Start it; UserError if that cannot be."""
         host = os.getpid()
         try:
-            self.process = subprocess.Popen(
-                self.words, stdin=subprocess.DEVNULL, stdout=self._stderr, stderr=self._stderr,
-                preexec_fn=lambda: end_with(host), start_new_session=True,
-            )  # fmt: skip
+            with self.output.open("wb") as output:
+                self.process = subprocess.Popen(
+                    self.words, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
+                    preexec_fn=lambda: end_with(host), start_new_session=True,
+                )  # fmt: skip
         except OSError as error:
             raise UserError(f"--device {self.words[0]}: {error.strerror}") from None
 
@@ -91,8 +92,13 @@ class Device:
 
     def said(self) -> list[str]:
         """Return the last lines that it wrote."""
-        self._stderr.seek(0)
-        return self._stderr.read().decode(errors="replace").splitlines()[-_SHOWN_LINES:]
+        return self.output.read_text(errors="replace").splitlines()[-_SHOWN_LINES:]
+
+    def tidy(self) -> None:
+        """Remove the file of what it wrote, if that was nothing."""
+        with contextlib.suppress(OSError):
+            if not self.output.stat().st_size:
+                self.output.unlink()
 
 
 class _WaitingForDevice(Waiting):
@@ -122,7 +128,7 @@ class DeviceHost(Host):
             if shutil.which(program) is None:
                 raise UserError(f"--device {program}: no such program, or it may not be run")
         super().__init__(options, rig, ("plant",), folder)
-        self.device = Device(options.device, str(self.bus))
+        self.device = Device(options.device, str(self.bus), folder / OUTPUT)
         self.waiting = _WaitingForDevice(rig, ("plant",))
         self.waiting.device = self.device
 
@@ -132,6 +138,7 @@ class DeviceHost(Host):
             code = super().run()
         finally:
             self.device.end()
+            self.device.tidy()
         if code < 0:
             self._judge_end()
         return code
@@ -183,5 +190,5 @@ class DeviceHost(Host):
                 outcome.short = f"{done:,} of {wanted:,} cycles: the run ended before"
         if complaint := self.device.complaint():
             outcome.faults.insert(0, f"device: {complaint} after {done:,} of {wanted:,} cycles")
-            for line in self.device.said():
+            for line in self.device.said() if self.device.output.exists() else ():
                 self.progress.say(f"device: {line}")
