@@ -3,7 +3,7 @@
 import argparse
 import json
 
-from pcpc.drivers.errors import Exit
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes import operating
 from pcpc.tools.remote.nodes import nodes_of
 
@@ -11,6 +11,8 @@ from pcpc.tools.remote.nodes import nodes_of
 def command(options: argparse.Namespace) -> int:
     """Carry one out, and tell in which cycle it was taken."""
     live = nodes_of(options).find(options.node or "executive")
+    if (role := live.block.description["node"]) != "executive":
+        raise UserError(f"{live.name}: is a {role}; `pcpc {options.command}` asks an executive")
     if options.command == "handover":
         cycle = operating.hand_over(live, options.controller)
         told: dict[str, object] = {"cycle": cycle, "in_charge": options.controller}

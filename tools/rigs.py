@@ -49,6 +49,8 @@ def shipped() -> Iterator[Shipped]:
 
 def find(text: str) -> str:
     """Return the path of the rig file that `text` names; RigError if there is none."""
+    if not text:
+        raise RigError("'' is no rig; `pcpc rigs` lists all, and `.` is this folder")
     path = Path(text)
     if (path / "rig.yaml").is_file():
         return str(path / "rig.yaml")

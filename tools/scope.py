@@ -243,6 +243,8 @@ def _asked(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[str]]:
     try:
         wanted = ex.condition(options.trigger, lambda name: None).names
         split = [name.rpartition(":")[::2] for name in (*options.names, *sorted(wanted))]
+        if not all(name for _, name in split):
+            raise UserError("'': names no variable; `pcpc list` shows all")
         roles = {role for role, _ in split} - {""}
         words = [name for _, name in split]
         there = nodes_of(options)

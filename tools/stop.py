@@ -7,7 +7,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.loop.faults import reason
 from pcpc.executive.loop.supervisor import FAULT
 from pcpc.executive.nodes.live import Live, LiveError
-from pcpc.tools.remote.nodes import nodes_of, rig_of
+from pcpc.tools.remote.nodes import leader, nodes_of, rig_of
 
 _WITHIN_S = 2.0  # a node that runs needs a few cycles
 
@@ -25,7 +25,7 @@ def _text(told: dict[str, int]) -> str:
 
 def _stop(options: argparse.Namespace) -> dict[str, int]:
     """Ask the executive, whose frames tell the others."""
-    node = nodes_of(options).find("executive", rig_of(options))
+    node = leader(nodes_of(options), rig_of(options))
     return {node.name: node.tune({"supervisor.stop": 2.0 if options.quick else 1.0})}
 
 
@@ -35,7 +35,7 @@ def _reset(options: argparse.Namespace) -> dict[str, int]:
     nodes = there.running(rig)
     found = [node for node in nodes.values() if node["supervisor.state"] == FAULT]
     if not found:
-        there.find("executive", rig)  # which says so, if none runs at all
+        leader(there, rig)  # which says so, if none runs at all
         raise LiveError(f"no fault: {', '.join(nodes)}", Exit.NOT_MET)
     order = ("plant", "local", "executive")
     found.sort(key=lambda node: order.index(node.block.description["node"]))

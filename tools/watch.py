@@ -28,6 +28,10 @@ def _node(options: argparse.Namespace) -> Live:
     """Return the node that is named, also as `plant:NAME`, else the one that has the variables."""
     pairs = [word.rpartition(":")[::2] for word in options.names]
     options.names, nodes = [word for _, word in pairs], {node for node, _ in pairs}
+    for role, word in pairs:
+        if not word.partition("=")[0]:
+            shown = f"{role}:{word}" if role else word
+            raise UserError(f"{shown!r}: names no variable; `pcpc list` shows all")
     node = options.node or (nodes.pop() if len(nodes) == 1 else "")
     if node:
         return nodes_of(options).find(node)
@@ -106,7 +110,7 @@ def _watch(live: Live, options: argparse.Namespace) -> None:
     try:
         every_s = duration_s(options.every)
     except ValueError as error:
-        raise UserError(str(error)) from None
+        raise UserError(f"--every {error}") from None
     shown = _Screen(live, live.select(options.names), options.json)
     alarms = Alarms(live.block)
     for values in live.every(every_s):

@@ -195,9 +195,26 @@ def test_the_token_comes_from_a_file_of_ones_own(
     assert code == 2 and f"chmod 600 {file}" in err
     file.chmod(0o600)
     assert there(capsys, host, *words)[0] == 0
+    file.write_text("\n")
+    code, _, err = there(capsys, host, *words)
+    assert code == 2 and err.startswith(f"--token-file {file}: holds no token; "), err
     file.write_text("wrong")
     code, _, err = there(capsys, host, *words)
     assert code == 2 and "wrong token" in err
+
+
+def test_a_rig_that_does_not_run_there_is_told_with_those_that_do(
+    run: Run, host: Host, capsys: Screen
+) -> None:
+    for words in (["top", "nowhere", "--once"], ["stop", "nowhere"], ["reset", "nowhere"]):
+        told = there(capsys, host, *words)
+        assert told == (4, "", "nowhere: no run of this rig; runs of hull go on\n"), told
+
+
+def test_what_is_about_another_machine_is_refused_without_one(run: Run, capsys: Screen) -> None:
+    for option, more in (("--token-file", ["x"]), ("--ca", ["x"]), ("--plain", [])):
+        told = said(capsys, run, "get", KV, option, *more)
+        assert told == (2, "", f"{option}: only with --at HOST:PORT\n"), told
 
 
 @pytest.mark.parametrize(
@@ -207,6 +224,9 @@ def test_the_token_comes_from_a_file_of_ones_own(
      ("127.0.0.1:{port}", ("--ca", "/dev/null"), 2, "--ca /dev/null: "),
      ("127.0.0.1:{port}", ("--ca", "a", "--plain"), 2, "exclude each other"),
      ("localhost.:{port}", (), 4, "127.0.0.1"), ("127.0.0.1:x", (), 2, "HOST:PORT"),
+     ("127.0.0.1:0", (), 2, "HOST:PORT"),
+     ("127.0.0.1:{port}", ("--token-file", "."), 2, ".: is a folder"),
+     ("127.0.0.1:{port}", ("--node", "plant", "--token-file", "/dev/null"), 2, "can read it"),
      ("a@127.0.0.1:{port}", (), 2, "HOST:PORT"), ("", (), 2, "HOST:PORT"),
      ("127.0.0.1:{port}/x", (), 2, "HOST:PORT")],
 )  # fmt: skip

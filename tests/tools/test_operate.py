@@ -109,6 +109,14 @@ def test_who_is_not_there_is_refused_with_who_is(run: pcpc.Live, capsys: Screen)
     assert run["handover.in_charge"] == 0.0 and run["handover.refused"] == 0.0
 
 
+@pytest.mark.parametrize("words", [["handover", "pid"], ["arm"], ["hold"], ["resume"]])
+def test_a_plant_is_asked_for_nothing(run: pcpc.Live, capsys: Screen, words: list[str]) -> None:
+    name = run._node("plant").name
+    assert main([*words, "--node", name]) == 2
+    told = f"{name}: is a plant; `pcpc {words[0]}` asks an executive\n"
+    assert capsys.readouterr().err == told
+
+
 # From another machine
 
 

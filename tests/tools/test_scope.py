@@ -191,6 +191,9 @@ def test_what_is_captured_of_a_run_in_lockstep_is_what_its_log_holds(
         (["plant:barrel.theta_rad", "--trigger", f"{ERROR} > 1"], "plant: a scope is on one node"),
         ([ERROR, "--trigger", f"{ERROR} > 1", "--pre", "5x"], "--pre 5x: not a duration"),
         ([ERROR, "--trigger", f"{ERROR} > 1", "--plot", "a.txt"], "no picture"),
+        ([ERROR, "--trigger", f"{ERROR} > 1", "--plot", "no/a.png"], "there is no folder no"),
+        (["", "--trigger", f"{ERROR} > 1"], "'': names no variable"),
+        (["executive:", "--trigger", f"{ERROR} > 1"], "names no variable"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_captured_is_told_in_a_line(

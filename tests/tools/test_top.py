@@ -110,7 +110,11 @@ def test_without_a_terminal_it_prints_a_screen_an_interval_until_ctrl_c(run: Run
 def test_what_is_not_there_is_told(capsys: Screen) -> None:
     assert main(["top", "--once", "--node", "nowhere.executive"]) == 4
     assert capsys.readouterr().err.startswith("nowhere.executive: no such node is running")
+    capsys.readouterr()
     assert main(["top", "--every", "5x"]) == 2
+    assert capsys.readouterr().err.startswith("--every 5x: not a duration")
+    assert main(["top", "", "--once"]) == 2
+    assert capsys.readouterr().err.startswith("'' is no rig; ")
     assert main(["top", "no such rig"]) == 2
     assert "no file and no rig" in capsys.readouterr().err
 

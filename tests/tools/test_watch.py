@@ -73,6 +73,12 @@ def test_get_of_an_unknown_name_suggests_the_likely_one(run: Run, capsys: Screen
     assert err == "controller.e_rat: no such variable; did you mean controller.e_rad?\n", err
 
 
+def test_what_names_no_variable_is_told(run: Run, capsys: Screen) -> None:
+    for words in (["get", ""], ["set", ""], ["set", "=5"], ["get", "plant:"], ["watch", ""]):
+        told = f"{words[1]!r}: names no variable; `pcpc list` shows all\n"
+        assert said(capsys, run, *words) == (2, "", told), words
+
+
 def test_snapshots_never_mix_two_cycles(run: Run) -> None:
     node = live.find(run.node)
     encoder, copied = "rx.FB_A.encoder", "controller.encoder_rad"
@@ -180,7 +186,7 @@ def test_a_watch_that_nobody_reads_any_more_ends_well(run: Run) -> None:
 def test_watch_refuses_an_interval_that_is_none(run: Run, capsys: Screen) -> None:
     code, out, err = said(capsys, run, "watch", ERROR, "--every", "5x")
     assert (code, out) == (2, ""), out
-    assert err == "5x: not a duration above 0; expected like 500us, 5ms, 10s, 2min\n", err
+    assert err == "--every 5x: not a duration above 0; expected like 500us, 5ms, 10s, 2min\n", err
 
 
 # Finding

@@ -6,9 +6,11 @@ from pcpc.drivers.errors import Exit, UserError
 
 
 def check_picture(option: str, path: Path) -> None:
-    """Raise UserError if matplotlib is missing or `path` is no picture's; `option` named it."""
+    """Raise UserError if matplotlib is missing or no picture can be `path`; `option` named it."""
     if path.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise UserError(f"{option} {path}: no picture; expected FILE.png, .svg or .pdf")
+    if not path.parent.is_dir():
+        raise UserError(f"{option} {path}: there is no folder {path.parent}")
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError:

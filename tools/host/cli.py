@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import errno
 import os
 import re
 import signal
@@ -173,4 +174,5 @@ def _listening(address: str, port: int | None) -> socket.socket:
         except OSError as error:
             line.close()
             why = error.strerror
-    raise UserError(f"{address}:{wanted[0]}: {why}; choose another --port", Exit.ENVIRONMENT)
+            cure = "port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "address"
+    raise UserError(f"{address}:{wanted[0]}: {why}; choose another --{cure}", Exit.ENVIRONMENT)

@@ -115,6 +115,8 @@ def token_of(options: argparse.Namespace) -> str:
     if options.token_file is not None:
         path = Path(options.token_file)
         try:
+            if path.is_dir():
+                raise UserError(f"--token-file {path}: is a folder; give the file")
             if path.stat().st_mode & 0o077:
                 raise UserError(f"{path}: others can read it; chmod 600 {path}")
             text = path.read_text("utf-8")
@@ -122,6 +124,9 @@ def token_of(options: argparse.Namespace) -> str:
             said = getattr(error, "strerror", None) or "no text"
             raise UserError(f"--token-file {path}: {said}") from None
     token = text.strip().rpartition("#")[2]
+    if options.token_file is not None and not 0 < len(token) <= guard.MOST_TOKEN:
+        what = "holds no token; it stands behind the # of the address that `pcpc host` printed"
+        raise UserError(f"--token-file {options.token_file}: {what}")
     if not token or len(token) > guard.MOST_TOKEN:
         what = f"--at needs the token of that host: --token-file FILE, or {_ENVIRONMENT}"
         raise UserError(f"{what}; it is there in ~/.local/state/pcpc/host-token")
@@ -132,7 +137,7 @@ def _place(at: str) -> tuple[str, int]:
     """Return host and port of HOST[:PORT], also [::1]:8642."""
     try:
         parts = urlsplit(f"//{at}")
-        if parts.hostname and parts.netloc == at and "@" not in at:
+        if parts.hostname and parts.netloc == at and "@" not in at and parts.port != 0:
             return parts.hostname, parts.port or guard.PORT
     except ValueError:
         pass

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from pcpc.drivers.bystander import keep_off
+from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes import live
-from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.tools import rigs
 
 
@@ -49,6 +50,9 @@ def _beside(one: Live) -> Live:
 def nodes_of(options: argparse.Namespace) -> Nodes:
     """Return where the nodes of a command are; UserError."""
     if getattr(options, "at", None) is None:
+        for key in ("token_file", "ca", "plain"):
+            if getattr(options, key, None):
+                raise UserError(f"--{key.replace('_', '-')}: only with --at HOST:PORT")
         return _Here()
     from pcpc.tools.remote.link import Link
     from pcpc.tools.remote.live import There
@@ -56,6 +60,15 @@ def nodes_of(options: argparse.Namespace) -> Nodes:
     if getattr(options, "link", None) is None:
         options.link = Link(options)
     return There(options.link)
+
+
+def leader(there: Nodes, rig: str, node: str = "executive") -> Live:
+    """Return the node that is meant of a rig's run, "" for any rig; LiveError with what runs."""
+    if rig and not there.running(rig):
+        runs = sorted({str(one.block.description["rig"]) for one in there.running().values()})
+        instead = f"runs of {', '.join(runs)} go on" if runs else f"`pcpc run {rig}` starts one"
+        raise LiveError(f"{rig}: no run of this rig; {instead}", Exit.ENVIRONMENT)
+    return there.find(node, rig)
 
 
 def rig_of(options: argparse.Namespace) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.durations import duration_s
 from pcpc.executive.nodes.live import Live, LiveError
-from pcpc.tools.remote.nodes import Nodes, nodes_of, rig_of
+from pcpc.tools.remote.nodes import Nodes, leader, nodes_of, rig_of
 from pcpc.tools.top.meter import Meter
 from pcpc.tools.top.page import lines
 
@@ -31,7 +31,7 @@ def command(options: argparse.Namespace) -> int:
     try:
         every_s = duration_s(options.every)
     except ValueError as error:
-        raise UserError(str(error)) from None
+        raise UserError(f"--every {error}") from None
     there, rig = nodes_of(options), rig_of(options)
     if options.once:
         meter = Meter(_nodes(there, rig, options.node) or _one(there, rig, options.node))
@@ -46,7 +46,7 @@ def command(options: argparse.Namespace) -> int:
 
 def _one(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
     """Return the node that is meant; LiveError with what runs instead."""
-    live = there.find(node or "executive", rig)
+    live = leader(there, rig, node or "executive")
     return {live.name: live}
 
 
