@@ -1,6 +1,7 @@
 """The host as a client sees it: what is drawn is what the log holds, what is set stands in it."""
 
 import json
+import os
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -108,6 +109,19 @@ def test_a_wrong_log_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert main(["host", "--port", str(taken.getsockname()[1])]) == 4
         assert "choose another --port" in capsys.readouterr().err
+
+
+def test_who_reads_the_address_is_answered_without_more_loading(tmp_path: Path) -> None:
+    def worked(host: Host) -> float:
+        """Return the host's processor time in s."""
+        fields = Path(f"/proc/{host.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+    with hosting(tmp_path) as host:
+        start_s = worked(host)
+        with host.connect():
+            answer_s = worked(host) - start_s
+    assert answer_s < 0.2 * start_s, f"{answer_s:g} s after a start of {start_s:g} s"
 
 
 def test_a_run_is_drawn_while_it_goes_on_and_tuned(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import ssl
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -50,9 +51,11 @@ def command(options: argparse.Namespace) -> int:
     check_packages()
     door = opened(options)
     shown = _shown(options.what, options.node)
-    print(door.url, flush=True)
-    print(_told(options, shown), file=sys.stderr, flush=True)
     with suppress(KeyboardInterrupt):  # while the server is loaded; then it hears it by itself
+        for part in ("uvicorn", "pcpc.tools.host.server"):
+            import_module(part)  # who reads the address is answered at once, also under load
+        print(door.url, flush=True)
+        print(_told(options, shown), file=sys.stderr, flush=True)
         serve(door, shown, options)
     return Exit.OK
 
