@@ -6,10 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import standing
 from hosting import ANSWER_S, LONG, Client, hosting
 from processes import RIGS, own_bus
+from scoped import HEAD
 
 import pcpc
+from pcpc.executive.loop import shared as sh
+from pcpc.tools.host import runs
 
 GAIN, ANGLE = "controller.kv_Nms_rad", "plant:barrel.theta_rad"
 NAME = f"alone{os.getpid()}"  # a host shows all runs of its rig: those of another test run too
@@ -122,3 +126,19 @@ def test_what_is_recorded_of_two_runs_has_its_size_together(rig: Path, tmp_path:
             assert "have their size" in its.until("status")["status"]["recording"]["why"]
         sizes = [path.stat().st_size for path in tmp_path.glob("*.mcap")]
     assert len(sizes) == 2 and most_mb * 1e6 <= sum(sizes) < 1.5 * most_mb * 1e6, sizes
+
+
+def test_the_next_run_of_a_name_takes_the_place_of_the_one_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(runs, "AGAIN_S", 0.0)
+    name = f"again.{os.getpid()}.executive"
+    shown = runs.Runs(run=runs.run_of(name))
+    try:
+        for process in (1, 2):
+            standing.stand(name, HEAD)["control"][sh.PID] = process
+            (live,) = shown.nodes().values()
+            assert live.pid == process and shown.nodes()[name] is live, "attached anew"
+    finally:
+        standing.end_all()
+    assert shown.nodes() == {}
