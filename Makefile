@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 RIG ?= plants/atb1000/rigs/engage.yaml
 PLANT ?= *
+# processes of `make test`, 1 GB each; two leave a fifth of two processors idle
+WORKERS ?= 2
 
 PIP = @$(PYTHON) -P tools/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
 
@@ -19,7 +21,7 @@ test: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Py
 test: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
 test: tools ## all tests that need no CAN in the kernel
 	$(MAKE) --no-print-directory -j2 compiled lint
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test-vcan: tools ## the tests on a real vcan0, in a virtual machine if need be
 	bash tools/vcan_stage.sh
