@@ -69,6 +69,9 @@ def test_a_recording_and_a_snapshot_are_parts_of_the_log(tmp_path: Path) -> None
             assert len(mine) >= least, f"{path.name} {topic}: {len(mine)}"
         told_of = [json.loads(m) for m in logs.payloads(path, "/tunings")]
         assert [one["value"] for one in told_of] == ([] if one is last else [111.0])
+    for topic in ("/can/frames", "/plant/can/frames"):  # of 100 cycles, and of 200 at least
+        few, many = (len(logs.payloads(Path(one["file"]), topic)) for one in (last, every))
+        assert 3 * few < 2 * many, f"{topic}: {few} of {many} frames in the last half second"
     begins = [node.cycle[0] for node in logs.read(Path(begun["file"])).node.values()]
     assert 0 < begun["cycle"] <= min(begins) and last["last"] - last["first"] <= 100
 
