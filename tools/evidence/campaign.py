@@ -83,6 +83,7 @@ class Bench:
 
         A fault acts from its cycle on; `executive:NAME` is set in the executive alone.
         """
+        seeds: list[int] = []
         for i, (loop, places) in enumerate(zip(self.loops, self.places, strict=True)):
             rows = []
             for at, name, value in events:
@@ -96,8 +97,9 @@ class Bench:
                 tuning.schedule[tuning.n] = at, place
                 tuning.value[tuning.n] = value
                 tuning.n += 1
-            for f in range(loop.faults.n):
-                loop.faults.seed[f] = losses.first(seed, str(f))
+            faults = loop.faults
+            seeds.extend(losses.first(seed, str(f)) for f in range(len(seeds), faults.n))
+            faults.seed[: faults.n] = seeds[: faults.n]
 
     def _is_peer(self, node: int, name: str) -> bool:
         """Return whether the plant only knows of a stall of the executive, one cycle later."""
