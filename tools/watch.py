@@ -31,6 +31,8 @@ def _node(options: argparse.Namespace) -> Live:
     for role, word in pairs:
         if not word.partition("=")[0]:
             shown = f"{role}:{word}" if role else word
+            if options.command == "set":
+                raise UserError(f"{shown or repr(shown)}: expected NAME=VALUE")
             raise UserError(f"{shown!r}: names no variable; `pcpc list` shows all")
     node = options.node or (nodes.pop() if len(nodes) == 1 else "")
     if node:

@@ -73,7 +73,7 @@ def test_a_file_that_is_there_stays(motor: Path) -> None:
     ("old", "new", "why"),
     [
         ("CMD.mode: supervisor.state", "CMD.e: controller.e_rad",
-         "rig.yaml:36:5: executive.transmit.CMD.e: controller.e_rad has no range; give its port "),
+         "rig.yaml:38:5: executive.transmit.CMD.e: controller.e_rad has no range; give its port "),
         ("encoder_rad: rx.FB.encoder", "encoder_rad: rx.FB.encode",
          "nobody sends FB.encode; did you mean FB.encoder?"),
         ("CMD.voltage: controller.voltage_V", "CMD.voltage: controller.voltage",

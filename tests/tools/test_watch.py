@@ -74,7 +74,10 @@ def test_get_of_an_unknown_name_suggests_the_likely_one(run: Run, capsys: Screen
 
 
 def test_what_names_no_variable_is_told(run: Run, capsys: Screen) -> None:
-    for words in (["get", ""], ["set", ""], ["set", "=5"], ["get", "plant:"], ["watch", ""]):
+    for words in (["set", ""], ["set", "=5"], ["set", "plant:=5"]):
+        told = f"{words[1] or repr('')}: expected NAME=VALUE\n"
+        assert said(capsys, run, *words) == (2, "", told), words
+    for words in (["get", ""], ["get", "plant:"], ["watch", ""]):
         told = f"{words[1]!r}: names no variable; `pcpc list` shows all\n"
         assert said(capsys, run, *words) == (2, "", told), words
 
