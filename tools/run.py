@@ -105,9 +105,12 @@ class Host:
             return Exit.INTERRUPTED
         return refused[0].code if refused else -1
 
+    def _words(self, role: Role) -> list[str]:
+        return [role, *_child_arguments(self.options, str(self.bus))]
+
     def _node(self, role: Role) -> Child:
         """Start a node: as a copy of this process, where the loop is compiled."""
-        arguments = [role, *_child_arguments(self.options, str(self.bus))]
+        arguments = self._words(role)
         if not self.bus.compiled:
             return Child.started(role, process.MODULE, arguments, interpreted=True)
 

@@ -3,7 +3,6 @@
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "plants" / "probe" / "device"))
@@ -23,7 +22,7 @@ class Faulty(probe.Device):
         if k == AT and self.what == "killed":
             os.kill(os.getpid(), signal.SIGKILL)
         if k == AT and self.what == "stopped":
-            time.sleep(3.0)
+            os.kill(os.getpid(), signal.SIGSTOP)
         if k == AT and self.what == "again":  # as after a reset: nothing of before is known
             self.what, self.met, self.counter = "", False, -1
             self.meet()

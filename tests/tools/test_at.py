@@ -8,24 +8,18 @@ import threading
 from argparse import Namespace
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
-import standing
 from hosting import ANSWER_S, Host, hosting
-from live_run import ERROR, KV, LAM, Run, Screen, pcpc, said
+from live_run import ERROR, KV, LAM, Run, Screen, pcpc, said, there
 from processes import until
-from scoped import CAPTURED, HEAD, WORDS, stepping
 from test_scope import own
 from websockets.sync.server import ServerConnection, serve
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live
-from pcpc.executive.nodes.tap import Tap
-from pcpc.tools import scope
 from pcpc.tools.cli import main
 from pcpc.tools.remote.link import Link
 from pcpc.tools.remote.live import There
@@ -40,12 +34,6 @@ def host(run: Run, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
 @pytest.fixture(autouse=True)
 def token(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PCPC_TOKEN", host.token)
-
-
-def there(screen: Screen, host: Host, *words: str) -> tuple[int, str, str]:
-    """Return exit code, stdout and stderr of a command at the host."""
-    code = main([*words, "--at", host.name])
-    return code, *screen.readouterr()
 
 
 # What is read
@@ -293,94 +281,6 @@ def test_what_is_no_host_is_a_line(said: str, capsys: Screen) -> None:
         serving.join()
     err = capsys.readouterr().err
     assert err.startswith(f"127.0.0.1:{port}: ") and err.count("\n") == 1, err
-
-
-# Every cycle
-
-
-@pytest.mark.parametrize("jump", [0, 300_000])
-def test_what_was_overwritten_before_it_was_sent_is_a_loss(
-    jump: int, capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name, file = f"scoped.at{os.getpid()}.executive", tmp_path / "burst.mcap"
-    _, go_on = stepping(name, jump)
-    monkeypatch.setattr(scope, "time", SimpleNamespace(sleep=go_on, monotonic=lambda: 0.0))
-    try:
-        with hosting(tmp_path / "host", "--node", name) as other:
-            monkeypatch.setenv("PCPC_TOKEN", other.token)
-            code, out, _ = there(capsys, other, *WORDS, "-o", str(file))
-    finally:
-        standing.end_all()
-    assert code == (3 if jump else 0), out
-    assert ("cycles lost" in out) == bool(jump), out
-    if not jump:
-        assert logs.read(file).node["executive"].cycle.tolist() == CAPTURED
-
-
-def test_many_rows_come_in_several_answers_and_none_is_missing(
-    capsys: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name, count = f"many.at{os.getpid()}.executive", 100_000
-    block = standing.stand(name, HEAD)
-    rows = block["record"][:count]
-    rows[:, 0] = rows[:, 1] = np.arange(count)
-    rows[:, 3] = np.where(np.arange(count) == count - 1, 1.0, 0.0).view(np.int64)
-    block["control"][sh.CYCLE], block["record_ends"][sh.PUT] = count - 1, count
-    file = tmp_path / "burst.mcap"
-    words = ["scope", "a.x", "--trigger", "a.x > 0.5 rad", "--pre", "95s", "--post", "0s", "--past",
-             "-o", str(file), "--quiet"]  # fmt: skip
-    try:
-        with hosting(tmp_path / "host", "--node", name) as other:
-            monkeypatch.setenv("PCPC_TOKEN", other.token)
-            code, out, err = there(capsys, other, *words)
-    finally:
-        standing.end_all()
-    assert code == 0, out + err
-    cycle = logs.read(file).node["executive"].cycle
-    assert cycle.tolist() == [*range(count - 1 - 95_000, count)]
-
-
-class Between(Link):
-    """A line on whose other end the ring comes round behind the first rows that were sent."""
-
-    def __init__(self, host: Host, block: sh.Shared) -> None:
-        super().__init__(Namespace(at=host.name, token_file=None, ca=None, plain=False))
-        self._block, self.first = block, True
-
-    def ask(self, what: str, **about: Any) -> Any:
-        """Ask, and go on there."""
-        found = super().ask(what, **about)
-        if what == "rows" and self.first:
-            self._block["record_ends"][sh.PUT] += len(self._block["record"])
-            self.first = False
-        return found
-
-
-def test_a_gap_between_two_answers_is_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name = f"gap.at{os.getpid()}.executive"
-    block = standing.stand(name, HEAD)
-    size = len(block["record"])
-    block["record"][:, 0] = np.arange(size)
-    block["record_ends"][sh.PUT] = size - 1
-    try:
-        with hosting(tmp_path / "host", "--node", name) as other:
-            monkeypatch.setenv("PCPC_TOKEN", other.token)
-            link = Between(other, block)
-            node = There(link).find(name)
-            tap = Tap(node, past=True)
-            first = tap.rows().cycle
-            begin = size - 1 - 3 * size // 4
-            assert 1000 < len(first) < size // 4 and tap.missed["record"] == 0
-            assert first.tolist() == [*range(begin, begin + len(first))]
-            rest = tap.rows()
-            end = int(block["record_ends"][sh.PUT])
-            assert tap.missed["record"] + len(first) + len(rest) == end - begin
-            assert len(rest) == size - 1
-            link.close()
-    finally:
-        standing.end_all()
 
 
 # The end of the run: this comes last

@@ -26,11 +26,12 @@ from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 
-AWAY = 3  # cycles
-LATE_SHARE = 0.01
-RATE_ERROR = 0.01
+AWAY = 3  # cycles: a gap of the counter up to which a frame still counts, see e2e_states
+LATE_SHARE = 0.01  # of the cycles: a PC without SCHED_FIFO is late in some, and holds
+RATE_ERROR = 0.01  # a quartz is 100 times better
 FEWEST = 50  # frames that tell a rate
-LONGEST = 500  # frames of a stretch
+LONGEST = 500  # frames of a stretch, in which a stamp that is a cycle off is a fifth of RATE_ERROR
+SHOWN = 3  # silences by name, of one frame
 OPERATIONAL, GREETINGS = 5, (0, 127)  # of heartbeats: boot-up, pre-operational
 _WRONG = {
     ERROR: "with a wrong CRC or length",
@@ -129,9 +130,9 @@ def _lateness(
     if late > LATE_SHARE * len(ran) or (late and pacing == "lockstep"):
         first_cycle = _cycle(rig, int(ran[np.flatnonzero(without)[0]]))
         yield f"device: {name}: late in {late:,} of {len(ran):,} cycles, first in {first_cycle}"
-    yield from silent[:AWAY]
-    if len(silent) > AWAY:
-        yield f"device: {name}: silent {len(silent) - AWAY} times more"
+    yield from silent[:SHOWN]
+    if len(silent) > SHOWN:
+        yield f"device: {name}: silent {len(silent) - SHOWN} times more"
 
 
 def _rate(found: Behaviour, rig: Rig, own: Frames, pacing: str) -> Iterator[str]:

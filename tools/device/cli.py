@@ -9,7 +9,6 @@ import os
 import sys
 from pathlib import Path
 
-from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools import run
@@ -45,18 +44,15 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     """Read the log back, judge plant and device, print; return the exit code of the verdict."""
     from pcpc.tools.device.behaviour import behaviour
     from pcpc.tools.device.record import as_run, told_by
-    from pcpc.tools.verdict import report
     from pcpc.tools.verdict import summary as summaries
+    from pcpc.tools.verdict.conclude import told, unreadable
     from pcpc.tools.verdict.judge import EvaluationError
 
     outcome = host.outcome
     try:
         log = as_run(rig, logs.read(folder / LOG), outcome.pacing)
     except logs.LogError as error:
-        if outcome.interrupted:
-            return Exit.INTERRUPTED
-        print(*outcome.faults, error, sep="\n", file=sys.stderr)
-        return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS
+        return unreadable(outcome, error)
     judge, left = told_by(host.judge, log)
     found = behaviour(rig, log, outcome.pacing)
     summary = summaries.summarise(judge.rig, log, outcome, judge)
@@ -74,9 +70,4 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
             judge.draw(log, title, summary["metrics"], folder / "figure.png")
         except (EvaluationError, OSError) as error:
             print(f"no figure: {error}", file=sys.stderr)
-    text = summaries.write_json(summary, folder / "summary.json")
-    if options.json:
-        print(text)
-    else:
-        report.show(summary, folder)
-    return summaries.CODES[summary["verdict"]]
+    return told(summary, folder, options.json)

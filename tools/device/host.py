@@ -23,7 +23,7 @@ from pcpc.executive.log import recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.run import Host, _child_arguments
+from pcpc.tools.run import Host
 from pcpc.tools.starting.children import Child, end_with
 from pcpc.tools.starting.folder import LOG
 from pcpc.tools.starting.waiting import Waiting
@@ -143,19 +143,8 @@ class DeviceHost(Host):
             self._judge_end()
         return code
 
-    def _node(self, role: Any) -> Child:
-        from pcpc.drivers import compile_cache
-        from pcpc.executive.nodes import process
-
-        words = [role, "--device", *_child_arguments(self.options, str(self.bus))]
-        if not self.bus.compiled:
-            return Child.started(role, process.MODULE, words, interpreted=True)
-
-        def main(words: Sequence[str]) -> int:
-            compile_cache.watch.listener = None
-            return process.main(words)
-
-        return Child.forked(role, main, words)
+    def _words(self, role: Any) -> list[str]:
+        return [*super()._words(role), "--device"]
 
     def _greet(self) -> None:
         super()._greet()

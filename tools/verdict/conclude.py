@@ -37,10 +37,7 @@ def conclude(
         outcome.kept = {name: len(node.cycle) for name, node in log.node.items()}
         log = long_logs.whole(log, judged) if judged else log
     except logs.LogError as error:
-        if outcome.interrupted:  # before there was anything to record
-            return Exit.INTERRUPTED
-        print(*outcome.faults, error, sep="\n", file=sys.stderr)
-        return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS
+        return unreadable(outcome, error)
     finally:
         for name in judged:
             with contextlib.suppress(OSError):
@@ -54,8 +51,21 @@ def conclude(
             summaries.note_figure(summary, _figure(judge, log, summary, figure))
         except OSError as error:
             summaries.note_missing(summary, figure, error)
+    return told(summary, folder, options.json)
+
+
+def unreadable(outcome: Outcome, error: logs.LogError) -> int:
+    """Say why there is nothing to judge; return the exit code."""
+    if outcome.interrupted:  # before there was anything to record
+        return Exit.INTERRUPTED
+    print(*outcome.faults, error, sep="\n", file=sys.stderr)
+    return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS
+
+
+def told(summary: summaries.Summary, folder: Path, as_json: bool) -> int:
+    """Write the summary, print it; return the exit code of its verdict."""
     text = summaries.write_json(summary, folder / "summary.json")
-    if options.json:
+    if as_json:
         print(text)
     else:
         report.show(summary, folder)
