@@ -5,7 +5,8 @@
     cold    with an empty cache, in a folder of its own, against warm; one round, a minute or so
 
 From before the process is made to the stamp of the first record in its log; both on the monotonic
-clock.
+clock. Python keeps what it compiled of modules, as after any installation, also where
+PYTHONDONTWRITEBYTECODE says otherwise: without, 240 modules cost 0.3 s more.
 """
 
 import os
@@ -25,6 +26,7 @@ BUS = "udp_multicast:239.74.163.65:43165"  # of its own
 IMPORTS = "import numpy, numba, cantools"
 RUN_S = 0.1
 WARM_ROUNDS = 7
+_NOT_OURS = "NUMBA_CACHE_DIR", "PYTHONDONTWRITEBYTECODE"
 
 
 def measure(progress: Progress, rounds: int = 15, cold: bool = True) -> list[Ratio]:
@@ -48,7 +50,7 @@ def measure(progress: Progress, rounds: int = 15, cold: bool = True) -> list[Rat
 
 def first_cycle_s(cache: Path | None = None) -> float:
     """Return the time to the first cycle of one run, with `cache` instead of the user's cache."""
-    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    environment = {k: v for k, v in os.environ.items() if k not in _NOT_OURS}
     if cache is not None:
         environment["XDG_CACHE_HOME"] = str(cache)
     with tempfile.TemporaryDirectory() as folder:

@@ -31,7 +31,9 @@ def command(options: argparse.Namespace) -> int:
             raise UserError(f"{name}: no such part{did_you_mean(name, PARTS)}")
     parts: Mapping[str, Callable[[], Any]] = {
         "matrix": lambda: _matrix(options, progress),
-        "residual": lambda: residual.residual(options.frames, options.seed),
+        "residual": lambda: residual.residual(
+            options.frames, options.seed, lambda f, tasks: each(f, tasks, progress, options.jobs)
+        ),
         "frames": lambda: each(
             frames.task, frames.tasks(options.frames, options.seed), progress, options.jobs
         ),

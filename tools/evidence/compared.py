@@ -46,7 +46,7 @@ def supervised(_m, n, whole, values, told):
         n.v[RESET_ASKED] = whole[s, 4]
         n.v[STOP_ASKED] = whole[s, 5]
         if whole[s, 6] >= 0:
-            n.v[DISARMED] = whole[s, 6]
+            n.v[DISARMED] = values[s, 7]
         m_hear_requests(_m, n)
         for i in range(4):
             n.v[100 + i] = values[s, i]
@@ -198,7 +198,8 @@ def _events(
     pressed = draw.choice([1.0, -1.0, 0.5], CYCLES)
     values[:, 5] = np.where(draw.random(CYCLES) < 0.01, pressed, 0.0)
     values[:, 6] = np.where(draw.random(CYCLES) < 0.004 * (number % 3), 5.0, draw.integers(0, 5))
-    return whole, values
+    said = np.where(whole[:, 6] > 0, draw.choice([1.0, 0.5, -0.5, 2.0], CYCLES), 0.0)
+    return whole, np.column_stack((values, said))
 
 
 def _expected(

@@ -180,7 +180,7 @@ class Supervised:
             self.watched = safe + self.gain * (self.held_input - safe)
 
     def hear(self, reset: float, stop: float, disarmed: int) -> None:
-        """Take requests; `disarmed` is -1 where nothing is said of it."""
+        """Take requests; `disarmed` is -1 where nothing is said of it, 1 for any number but 0."""
         self.disarmed = self.disarmed if disarmed < 0 else disarmed > 0
         settled = all(command.settled for command in self.commands)
         safe = self.gain <= 0.0 and settled

@@ -10,7 +10,7 @@ each number of bits follows from the 2^r words of the dual code (MacWilliams):
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,6 +55,8 @@ class Code:
 
 CRC_8 = Code(8, (dbc.CRC_8, 7), (6, 4, 15))
 CRC_16 = Code(16, (dbc.CRC_16, 0), (2, 0, 255), times=50)
+CODES = CRC_8, CRC_16
+Task = tuple[int, int, int, int]  # code, wrong bits, frames, seed
 
 
 def syndromes(code: Code = CRC_8) -> list[int]:
@@ -123,17 +125,45 @@ def _counted() -> Any:
     return _kept["count"]
 
 
-def residual(runs: int, seed: int) -> Mapping[str, Any]:
-    """Return what the CRC-8 does not see, and by itself what the CRC-16 does not."""
-    return {**_unseen(CRC_8, runs, seed), "crc_16": _unseen(CRC_16, runs, seed)}
+def residual(runs: int, seed: int, by: Callable[..., Iterable[Any]] = map) -> Mapping[str, Any]:
+    """Return what the CRC-8 does not see, and by itself what the CRC-16 does not.
+
+    `by` calls `task` with each of a list, like `map`; the results are the same whoever does it.
+    """
+    tasks = [one for number in range(len(CODES)) for one in _tasks(number, runs, seed)]
+    found: dict[tuple[int, int], NDArray[np.int64]] = {}
+    for (number, wrong, _, _), states in zip(tasks, by(task, tasks), strict=True):
+        found[number, wrong] = found.get((number, wrong), 0) + states
+    unseen = [
+        _unseen(code, runs, {w: found[number, w] for w in (0, *WEIGHTS)})
+        for number, code in enumerate(CODES)
+    ]
+    return {**unseen[0], "crc_16": unseen[1]}
 
 
-def _unseen(code: Code, runs: int, seed: int) -> dict[str, Any]:
-    """Return predicted and measured shares of errors that a CRC does not see."""
+def _tasks(number: int, runs: int, seed: int) -> Iterator[Task]:
+    """Yield the shares of a code, the frames of drawn data in pieces of `runs`."""
+    for first in range(CODES[number].times):
+        yield number, 0, runs, seed + 1000 * first
+    for wrong in WEIGHTS:
+        yield number, wrong, runs, seed + wrong
+
+
+def task(one: Task) -> NDArray[np.int64]:
+    """Return how often a receiver came to each of its states."""
+    number, wrong, runs, seed = one
+    return measured(wrong, runs, seed, CODES[number])
+
+
+def _unseen(code: Code, runs: int, found: Mapping[int, NDArray[np.int64]]) -> dict[str, Any]:
+    """Return predicted and measured shares of errors that a CRC does not see.
+
+    `found`: states by the number of wrong bits, 0 for frames of drawn data.
+    """
     known = weights(code)
     rows = []
     for w in WEIGHTS:
-        states = measured(w, runs, seed + w, code)
+        states = found[w]
         unseen, predicted = int(states.sum() - states[e2e.ERROR]), known[w] / math.comb(BITS, w)
         spread = math.sqrt(runs * predicted * (1.0 - predicted))
         rows.append({
@@ -142,7 +172,7 @@ def _unseen(code: Code, runs: int, seed: int) -> dict[str, Any]:
             "kept": abs(unseen - runs * predicted) <= 5.0 * spread + (predicted > 0.0),
         })  # fmt: skip
     runs *= code.times
-    drawn, share = measured(0, runs, seed, code), code.share
+    drawn, share = found[0], code.share
     used = int(drawn[e2e.OK] + drawn[e2e.OK_SOME_LOST])
     spread = math.sqrt(runs * share * (1.0 - share))
     return {
