@@ -4,7 +4,8 @@ Both nodes are in memory, so that a run is set back by writing its memory back: 
 with a fault take as long as their cycles, and each has the bits of a run of its own.
 """
 
-from collections.abc import Sequence
+import ctypes
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,8 +50,8 @@ class Bench:
         self._go = run_of(len(self.loops))
         if warm:
             self.go(warm)
-        fields = [name for name in sh.LOOP.names or () if name not in _RINGS]
-        self._saved = [{name: loop[name].copy() for name in fields} for loop in self.loops]
+        self._parts = [part for loop in self.loops for part in _to_set_back(loop)]
+        self._saved = [part.copy() for part in self._parts]
         self._columns = [
             {name: sh.RECORD_HEAD + i for i, name in enumerate(block.description["state_columns"])}
             for block in self.run.blocks
@@ -92,14 +93,14 @@ class Bench:
                     fault = name.split(".")[1]
                     early = fault in self._later[i] and not self._is_peer(i, fault)
                     rows.append((at - early, place, value))
-            tuning = loop.tuning
-            for at, place, value in sorted(rows):
-                tuning.schedule[tuning.n] = at, place
-                tuning.value[tuning.n] = value
-                tuning.n += 1
-            faults = loop.faults
-            seeds.extend(losses.first(seed, str(f)) for f in range(len(seeds), faults.n))
-            faults.seed[: faults.n] = seeds[: faults.n]
+            tuning, faults = loop["tuning"], loop["faults"]
+            last, count = int(tuning["n"]), int(faults["n"])
+            for row, (at, place, value) in enumerate(sorted(rows), last):
+                tuning["schedule"][row] = at, place
+                tuning["value"][row] = value
+            tuning["n"] = last + len(rows)
+            seeds.extend(losses.first(seed, str(f)) for f in range(len(seeds), count))
+            faults["seed"][:count] = seeds[:count]
 
     def _is_peer(self, node: int, name: str) -> bool:
         """Return whether the plant only knows of a stall of the executive, one cycle later."""
@@ -113,11 +114,11 @@ class Bench:
 
     def back(self) -> None:
         """Be where the warming ended."""
-        for loop, saved in zip(self.loops, self._saved, strict=True):
-            for name, value in saved.items():
-                loop[name] = value
+        for part, saved in zip(self._parts, self._saved, strict=True):
+            part[:] = saved
+        for block in self.run.blocks:
             for ring in sh.RINGS:
-                loop[f"{ring}_ends"][sh.PUT] = loop[f"{ring}_taken"][0] = 0
+                block[f"{ring}_ends"][sh.PUT] = block[f"{ring}_taken"][0] = 0
 
     def column(self, node: int, name: str) -> NDArray[np.float64]:
         """Return a variable in the cycles since the run was set back."""
@@ -172,3 +173,15 @@ class Bench:
         frames = np.ascontiguousarray(block["frame"][:put, 1:]).view(FRAME)[:, 0]
         state = frames["e2e"].astype(np.int64) - INJECTED
         return np.asarray(frames["cycle"][state >= OK_SOME_LOST], np.int64)
+
+
+def _to_set_back(loop: Any) -> Iterator[NDArray[np.uint8]]:
+    """Yield the bytes of a node's memory that lie between its rings, each stretch as a whole."""
+    places: dict[str, Any] = dict(sh.LOOP.fields or {})
+    address = loop["control"].ctypes.data - places["control"][1]
+    raw = np.ctypeslib.as_array((ctypes.c_uint8 * sh.LOOP.itemsize).from_address(address))
+    first = 0
+    for kind, place, *_ in sorted((places[name] for name in _RINGS), key=lambda it: it[1]):
+        yield raw[first:place]
+        first = place + kind.itemsize
+    yield raw[first:]
