@@ -30,6 +30,7 @@ RECEIVE_TIMEOUT_US = 20_000  # a blocking receive looks at the stop word fifty t
 RECEIVE_BUFFER_BYTES = 4 << 20  # 5000 datagrams: four stalled seconds at 1 kHz
 _SO_RCVBUFFORCE = 33
 _SO_ATTACH_FILTER = 26
+_SO_TIMESTAMPNS = 35
 _CAN_RAW_ERR_FILTER = 2
 _ERRORS = 0x1FFFFFFF & ~0x02  # error frames of all classes but lost arbitration, which is normal
 
@@ -155,6 +156,22 @@ def open_second(bus: Bus, receive_ids: list[int], end: Any) -> None:
             f"{bus}: both buses of a local node are socketcan, or both udp_multicast; "
             "choose it with --set local.bus.interface=..."
         )
+
+
+def listener(bus: Bus) -> socket.socket:
+    """Return a socket that hears all frames of a compiled bus, with the kernel's time; BusError.
+
+    Each comes with an SCM_TIMESTAMPNS: when it was sent or came in, CLOCK_REALTIME. Without a
+    frame for RECEIVE_TIMEOUT_US a receive ends in BlockingIOError.
+    """
+    if bus.interface == "socketcan":
+        ear = _open_socketcan(bus.channel, None)
+    else:
+        mouth, ear = _open_udp(bus.channel)
+        os.close(mouth)
+    heard = socket.socket(fileno=ear)
+    heard.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+    return heard
 
 
 def know_own(end: Any) -> None:

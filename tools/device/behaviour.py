@@ -10,11 +10,12 @@ Single late cycles on a clock are what holding is for: they are told, and a faul
 from LATE_SHARE of all on. In lockstep there is no clock that could excuse one.
 
 On a clock with pacing sync each frame is stamped as it comes; with pacing real when the plant's
-next cycle takes it, so that jitter and reaction are told with sync only.
+next cycle takes it, so that jitter and reaction are those that a witness counted.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from pcpc.drivers.e2e_states import ERROR, FOREIGN, OK, OK_SOME_LOST, REPEATED, 
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.device.witness import Counts, share
 
 AWAY = 3  # cycles: a gap of the counter up to which a frame still counts, see e2e_states
 LATE_SHARE = 0.01  # of the cycles: a PC without SCHED_FIFO is late in some, and holds
@@ -60,8 +62,11 @@ class Behaviour:
         }  # fmt: skip
 
 
-def behaviour(rig: Rig, log: Log, pacing: str) -> Behaviour:
-    """Return what the device did in the run of a plant; BusError if the DBC file is not there."""
+def behaviour(rig: Rig, log: Log, pacing: str, counts: Counts | None = None) -> Behaviour:
+    """Return what the device did in the run of a plant; BusError if the DBC file is not there.
+
+    `counts`: what a witness of the bus has told.
+    """
     plant, found = log.node["plant"], Behaviour()
     came = plant.frames[plant.frames["direction"] == 1]
     for frame in dbc.frames(messages.database_of(rig), rig.config.plant.node, "rx"):
@@ -85,7 +90,16 @@ def behaviour(rig: Rig, log: Log, pacing: str) -> Behaviour:
             found.problems += _lateness(found, rig, frame.name, own, plant.cycle, pacing)
             _reaction(found, own, plant.frames, pacing)
     found.problems += _restarts(rig, came)
+    for name, of in (counts or {}).items():
+        if of.total() >= FEWEST:
+            _told(found, name, partial(share, of))
     return found
+
+
+def _told(found: Behaviour, name: str, value_at: Callable[[float], float]) -> None:
+    """Note the median, the 99th percentile and the largest of a time, us."""
+    for word, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0)):
+        found.timing[f"{name}_{word}_us"] = round(value_at(percent), 1)
 
 
 def _cycle(rig: Rig, cycle: int) -> str:
@@ -143,8 +157,7 @@ def _rate(found: Behaviour, rig: Rig, own: Frames, pacing: str) -> Iterator[str]
     found.timing["rate_hz"] = round(rate_hz, 3)
     if pacing == "sync":
         off_us = 1e-3 * np.abs(np.diff(own["stamp_ns"]) - 1e9 / rig.config.rate_hz)
-        found.timing["jitter_p99_us"] = round(float(np.percentile(off_us, 99.0)), 1)
-        found.timing["jitter_max_us"] = round(float(off_us.max()), 1)
+        _told(found, "jitter", lambda percent: float(np.percentile(off_us, percent)))
     if abs(rate_hz / rig.config.rate_hz - 1.0) > RATE_ERROR:
         yield f"device: its cycle is {rate_hz:.4g} Hz, the rig's is {rig.config.rate_hz:g} Hz"
 
@@ -167,8 +180,7 @@ def _reaction(found: Behaviour, own: Frames, frames: Frames, pacing: str) -> Non
         return
     before = np.searchsorted(sent, own["stamp_ns"]) - 1
     took_us = 1e-3 * (own["stamp_ns"] - sent[np.maximum(before, 0)])[before >= 0]
-    for name, share in (("p50", 50.0), ("p99", 99.0), ("max", 100.0)):
-        found.timing[f"reaction_{name}_us"] = round(float(np.percentile(took_us, share)), 1)
+    _told(found, "reaction", lambda percent: float(np.percentile(took_us, percent)))
 
 
 def _restarts(rig: Rig, came: Frames) -> Iterator[str]:

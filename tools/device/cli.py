@@ -54,7 +54,7 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     except logs.LogError as error:
         return unreadable(outcome, error)
     judge, left = told_by(host.judge, log)
-    found = behaviour(rig, log, outcome.pacing)
+    found = behaviour(rig, log, outcome.pacing, host.counts)
     summary = summaries.summarise(judge.rig, log, outcome, judge)
     summary["controller"] = "device"
     summary["device"] = {"command": options.device, **found.json()}

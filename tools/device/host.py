@@ -23,6 +23,7 @@ from pcpc.executive.log import recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.device import witness
 from pcpc.tools.run import Host
 from pcpc.tools.starting.children import Child, end_with
 from pcpc.tools.starting.folder import LOG
@@ -131,12 +132,18 @@ class DeviceHost(Host):
         self.device = Device(options.device, str(self.bus), folder / OUTPUT)
         self.waiting = _WaitingForDevice(rig, ("plant",))
         self.waiting.device = self.device
+        self.counts: witness.Counts = {}
 
     def run(self) -> int:
-        """Run all to the end, as `Host.run`; whatever happens, the device ends."""
+        """Run all to the end, as `Host.run`; whatever happens, the device and its witness end."""
+        by_clock = self.pacing == "real" and self.bus.compiled
+        ear = witness.started(self.rig, self.bus, self.folder) if by_clock else None
         try:
             code = super().run()
         finally:
+            if ear is not None:
+                ear.end(0.0)
+                self.counts = witness.read(self.folder)
             self.device.end()
             self.device.tidy()
         if code < 0:
