@@ -1,0 +1,1 @@
+"""C from laws: `pcpc generate c`."""
