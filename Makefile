@@ -9,7 +9,7 @@ WORKERS ?= 2
 
 PIP = @$(PYTHON) -P tools/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
 
-.PHONY: run help test test-quiet install lint loop laws compiled bless docs notebook reference test-vcan vcan-tools test-browser browser-tools clean tools
+.PHONY: run help test test-quiet install lint loop laws compiled bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -57,6 +57,12 @@ vcan-tools: ## packages for `pcpc vm` and the vcan tests; uses sudo
 browser-tools: ## Chromium for the tests of the page; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends chromium
+
+firmware-tools: ## compilers and emulators for C of laws and rigs; uses sudo
+	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
+	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends gcc libc6-dev \
+		gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm \
+		gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static
 
 lint: tools ## ruff and mypy
 	$(BIN)/ruff check .

@@ -63,7 +63,15 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
     if name in COMMANDS and COMMANDS[name].rest and "--" in words:
         at = words.index("--")
         words, rest = words[:at], list(words[at + 1 :])
-    return parser().parse_args(words, argparse.Namespace(rest=rest))
+    last = COMMANDS[name].last if name in COMMANDS else ""
+    behind: list[str] = []
+    if last and last in words:  # argparse would stop at a -- in it
+        at = words.index(last) + 1
+        words, behind = words[:at], list(words[at:])
+    options = parser().parse_args(words, argparse.Namespace(rest=rest))
+    if behind:
+        setattr(options, last.removeprefix("--"), behind)
+    return options
 
 
 def parser() -> argparse.ArgumentParser:

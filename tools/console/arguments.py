@@ -132,6 +132,15 @@ def plant(add: Add) -> None:
         "{bus} is the bus; without one it is waited for")  # fmt: skip
 
 
+def slcan(add: Add) -> None:
+    """Take a bus, and the line: a port, or after -- a program."""
+    add("bus", metavar="BUS", help="as --bus: vcan0, udp_multicast:GROUP[:PORT]")
+    add("port", type=Path, nargs="?", metavar="PORT", help="a serial line: /dev/ttyACM0")
+    add("--baud", type=positive, default=115200, metavar="N", help="default: %(default)s")
+    add("--bitrate", type=bits_per_s, metavar="RATE",
+        help="that the adapter has to set: 500k, 1M; default: as it is")  # fmt: skip
+
+
 def simulate(add: Add) -> None:
     """Take a rig, without what has no effect in virtual time."""
     rig(add)

@@ -33,6 +33,7 @@ class Command:
     compiles: bool = False  # in this process
     reads_logs: bool = False
     rest: str = ""  # takes the words after --, which are so called
+    last: str = ""  # an option that takes all words behind it, also --
     own_h: bool = False  # -h is an option of its own
     parts: Sequence["Command"] = ()
 

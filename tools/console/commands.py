@@ -118,7 +118,14 @@ GROUPS = {
         Command("plant", "start the emulator only, or with a device of yours as the executive",
                 "pcpc plant hull --bus vcan0\n"
                 "pcpc plant probe --pacing lockstep --device ./firmware {bus}",
-                take.plant, "device.cli", judges=True, compiles=True),
+                take.plant, "device.cli", judges=True, compiles=True, last="--device"),
+        Command("slcan", "put a device on a bus that speaks slcan on a serial line, or in QEMU",
+                "pcpc slcan vcan0 /dev/ttyACM0\n"
+                "pcpc slcan vcan0 -- qemu-system-arm -M mps2-an500 -kernel m7.elf -serial stdio "
+                "-display none -monitor none -semihosting",
+                take.slcan, "device.slcan",
+                {Exit.OK: "the line has ended", Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "the bus"},
+                notes="of a program the exit code is its own", rest="PROGRAM ..."),
         Command("exec", "start executive and recorder only", "pcpc exec hull --bus vcan0",
                 take.run, "run", judges=True, compiles=True),
         Command("local", "start the node between the two only, of a rig with three",

@@ -1,0 +1,258 @@
+"""`pcpc slcan`: a device on a serial line that speaks slcan, on the rig's bus.
+
+    pcpc slcan BUS /dev/ttyACM0             an adapter, or a board whose UART is one
+    pcpc slcan BUS -- qemu-system-arm ...   a program whose stdin and stdout are the line
+
+slcan is text: tIIINDD.. a frame with an id of 11 bits, TIIIIIIIINDD.. with one of 29, each line
+ends with CR. Frames pass in their order, none is dropped here: what the line does not take waits.
+The line is opened (O) again and again until it answers, then all frames of the bus go to the
+device, but its own.
+"""
+
+import argparse
+import contextlib
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import termios
+import tty
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import FrameType
+
+import msgpack
+
+from pcpc.drivers import bus as buses
+from pcpc.drivers import can_id
+from pcpc.drivers.errors import BusError, Exit, UserError
+
+OPENS_EVERY_MS = 50
+_LONGEST_LINE = 64
+_READ_BYTES = 65536
+_BIT_RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+_SAID = {
+    "timestamp": 0.0, "is_remote_frame": False, "is_error_frame": False, "channel": None,
+    "is_fd": False, "bitrate_switch": False, "error_state_indicator": False,
+}  # fmt: skip
+Frame = tuple[int, bytes]  # id as a word of `drivers.can_id`, data
+
+
+def line_of(word: int, data: bytes) -> bytes:
+    """Return a frame as a line of slcan."""
+    kind = "T" if word & can_id.EXTENDED else "t"
+    return f"{kind}{can_id.text_of(word)}{len(data)}{data.hex().upper()}\r".encode()
+
+
+def frame_of(line: bytes) -> Frame | None:
+    """Return the frame of a line without its CR; None for another line, as an answer."""
+    digits = {b"t": 3, b"T": 8}.get(line[:1], 0)
+    if not digits or len(line) < digits + 2:
+        return None
+    try:
+        number, n = int(line[1 : digits + 1], 16), int(line[digits + 1 : digits + 2])
+        data = bytes.fromhex(line[digits + 2 : digits + 2 + 2 * n].decode("ascii"))
+    except ValueError:
+        return None
+    return (can_id.word_of(number, digits == 8), data) if len(data) == n <= 8 else None
+
+
+class Udp:
+    """A udp_multicast bus; python-can's datagrams, and none of this program's own."""
+
+    def __init__(self, channel: str) -> None:
+        sender, receiver = buses._open_udp(channel)
+        self._tx, self._rx = socket.socket(fileno=sender), socket.socket(fileno=receiver)
+        self._own = self._tx.getsockname()
+
+    def fileno(self) -> int:
+        """Return what `select` waits for."""
+        return self._rx.fileno()
+
+    def put(self, word: int, data: bytes) -> None:
+        """Send a frame."""
+        said = {
+            "arbitration_id": word & can_id.ID, "is_extended_id": bool(word & can_id.EXTENDED),
+            "dlc": len(data), "data": data, **_SAID,
+        }  # fmt: skip
+        self._tx.send(msgpack.packb(said))
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the frames that are there."""
+        while True:
+            try:
+                text, sender = self._rx.recvfrom(2048, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                return
+            if sender != self._own and (frame := _told(text)) is not None:
+                yield frame
+
+
+def _told(text: bytes) -> Frame | None:
+    """Return the classic data frame of a datagram."""
+    try:
+        said = msgpack.unpackb(text)
+        word = can_id.word_of(int(said["arbitration_id"]), bool(said.get("is_extended_id")))
+        data = bytes(said["data"])
+    except (ValueError, TypeError, KeyError, AttributeError, msgpack.UnpackException):
+        return None
+    other = any(said.get(k) for k in ("is_remote_frame", "is_error_frame", "is_fd"))
+    return None if other or len(data) > 8 else (word, data)
+
+
+class Can:
+    """A SocketCAN bus."""
+
+    def __init__(self, channel: str) -> None:
+        self._can = socket.socket(fileno=buses._open_socketcan(channel, None))
+
+    def fileno(self) -> int:
+        """Return what `select` waits for."""
+        return self._can.fileno()
+
+    def put(self, word: int, data: bytes) -> None:
+        """Send a frame; where the queue is full, wait until it is not."""
+        text = word.to_bytes(4, sys.byteorder) + bytes((len(data), 0, 0, 0)) + data.ljust(8, b"\0")
+        while True:
+            try:
+                self._can.send(text)
+                return
+            except OSError as error:
+                if error.errno != 105:  # ENOBUFS
+                    raise
+                select.select((), (self._can,), ())
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the frames that are there."""
+        while True:
+            try:
+                text = self._can.recv(16, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                return
+            word, n = int.from_bytes(text[:4], sys.byteorder), text[4]
+            if not word & (can_id.REMOTE | can_id.ERROR) and n <= 8:
+                yield word, text[8 : 8 + n]
+
+
+def open_port(path: Path, baud: int) -> int:
+    """Open a serial line, raw; return its descriptor. UserError if it cannot be."""
+    speed = getattr(termios, f"B{baud}", None)
+    if speed is None:
+        raise UserError(f"--baud {baud}: no rate of a serial line; 115200 is one")
+    try:
+        line = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(line)
+        attributes = termios.tcgetattr(line)
+        attributes[4] = attributes[5] = speed
+        termios.tcsetattr(line, termios.TCSANOW, attributes)
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}; give a serial line") from None
+    except termios.error:
+        raise UserError(f"{path}: no serial line") from None
+    return line
+
+
+class Bridge:
+    """Frames from a bus to a line, `out`, and from the line, `into`, to the bus."""
+
+    def __init__(self, bus: Udp | Can, into: int, out: int) -> None:
+        self.bus, self.into, self.out = bus, into, out
+        self.opened = False
+        self._rest = b""
+
+    def open(self, bit_rate: int | None) -> bool:
+        """Ask the line to open until it answers; return False if it ended before."""
+        rate = f"S{_BIT_RATES.index(bit_rate)}\r".encode() if bit_rate in _BIT_RATES else b""
+        while not self.opened:
+            os.write(self.out, b"\rC\r" * bool(rate) + rate + b"O\r")
+            ready, _, _ = select.select((self.into,), (), (), 1e-3 * OPENS_EVERY_MS)
+            if ready and not self.from_line():
+                return False
+        for _ in self.bus.frames():
+            pass  # of before
+        return True
+
+    def run(self) -> None:
+        """Carry frames both ways until the line ends."""
+        poll = select.poll()
+        poll.register(self.bus.fileno(), select.POLLIN)
+        poll.register(self.into, select.POLLIN)
+        while True:
+            for ready, _ in poll.poll():
+                if ready == self.into:
+                    if not self.from_line():
+                        return
+                else:
+                    self.from_bus()
+
+    def from_bus(self) -> None:
+        """Write the frames that are there to the line."""
+        text = b"".join(line_of(*frame) for frame in self.bus.frames())
+        while text:
+            text = text[os.write(self.out, text) :]
+
+    def from_line(self) -> bool:
+        """Send what the line said; return False at its end."""
+        try:
+            text = os.read(self.into, _READ_BYTES)
+        except OSError:  # of a pseudo-terminal, nobody has the other end open
+            return False
+        if not text:
+            return False
+        self.opened = True
+        *lines, self._rest = (self._rest + text).replace(b"\a", b"\r").split(b"\r")
+        for line in lines:
+            if (frame := frame_of(line)) is not None:
+                self.bus.put(*frame)
+        self._rest = self._rest[-_LONGEST_LINE:]
+        return True
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `slcan`; return the exit code, of a program its own."""
+    if bool(options.rest) == (options.port is not None):
+        raise UserError("pcpc slcan: give a serial line, or -- and a program; `pcpc slcan --help`")
+    signal.signal(signal.SIGTERM, _leave)
+    bus = open_bus(options.bus)
+    if options.port is not None:
+        line = open_port(options.port, options.baud)
+        bridge = Bridge(bus, line, line)
+        if bridge.open(options.bitrate):
+            bridge.run()
+        return Exit.OK
+    return with_program(bus, options.rest)
+
+
+def _leave(_number: int, _frame: FrameType | None) -> None:
+    raise SystemExit(Exit.OK)
+
+
+def open_bus(text: str) -> Udp | Can:
+    """Open a bus by its name; BusError."""
+    bus = buses.choose(*buses.parse(text))
+    if bus.interface == "udp_multicast":
+        return Udp(bus.channel)
+    if bus.interface == "socketcan":
+        return Can(bus.channel)
+    raise BusError(f"{bus}: expected socketcan or udp_multicast")
+
+
+def with_program(bus: Udp | Can, words: Sequence[str]) -> int:
+    """Run a program whose stdin and stdout are the line; return its exit code. UserError."""
+    try:
+        program = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    except OSError as error:
+        raise UserError(f"{words[0]}: {error.strerror}") from None
+    assert program.stdin is not None and program.stdout is not None, "as asked for"
+    bridge = Bridge(bus, program.stdout.fileno(), program.stdin.fileno())
+    try:
+        with contextlib.suppress(BrokenPipeError):
+            if bridge.open(None):
+                bridge.run()
+        return program.wait()
+    finally:
+        if program.poll() is None:
+            program.terminate()
+            program.wait()

@@ -1,0 +1,74 @@
+#include "run.h"
+
+#include "device.h"
+#include "port.h"
+
+#define GREET_MS 20u
+#define PATIENCE_MS 5000u
+
+static int32_t hear(uint32_t wait_ms)
+{
+    frame_t frame;
+    int32_t came = port_receive(&frame, wait_ms);
+    if (came > 0) {
+        device_frame(frame.id, frame.data, frame.n);
+    }
+    return came;
+}
+
+/* Greet until the plant is there, then ask for the sample of t = 0. */
+static void meet(void)
+{
+    while (!device_met()) {
+        device_greet();
+        (void)hear(GREET_MS);
+    }
+    device_sync();
+}
+
+/* Until all is there that a cycle begins with; false: the plant has ended, or fell silent. */
+static bool gather(void)
+{
+    while (!device_ready() && !device_over()) {
+        if (hear(PATIENCE_MS) == 0) {
+            device_alone();
+        }
+    }
+    return !device_over();
+}
+
+/* On a clock: sleep, then take all that is there. */
+static uint32_t wake(void)
+{
+    uint32_t periods = port_sleep();
+    while (hear(0u) != 0) {
+    }
+    return periods;
+}
+
+run_end run(uint32_t cycles, bool clocked)
+{
+    bool begun = false;
+    device_init(cycles, port_send);
+    meet();
+    while (!device_over()) {
+        uint32_t periods = 1u;
+        if (clocked && begun) {
+            periods = wake();
+        } else if (!gather()) {
+            break;
+        } else if (clocked) {
+            (void)port_sleep();
+        } else {
+            /* as soon as all is there */
+        }
+        begun = true;
+        if (!device_over()) {
+            device_cycle(periods);
+        }
+    }
+    if (device_fault() == 0u) {
+        return RUN_ENDED;
+    }
+    return (device_fault() == 3u) ? RUN_ALONE : RUN_FAULTED;
+}
