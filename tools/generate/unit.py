@@ -2,6 +2,7 @@
 
 import ast
 import re
+import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -160,12 +161,14 @@ def snake(name: str) -> str:
 
 def wrapped(line: str) -> list[str]:
     """Return a line of C in lines of at most COLUMNS, where it can be broken."""
-    if len(line) <= COLUMNS or line.lstrip().startswith(("/*", "*")):
+    if len(line) <= COLUMNS:
         return [line]
+    if line.lstrip().startswith(("/*", "*")):
+        return _wrapped_comment(line)
     code, mark, words = line.partition(" /* ")
     if mark and len(code) <= COLUMNS:
         pad = code[: len(code) - len(code.lstrip())]
-        return [f"{pad}/* {words}", code]
+        return [*_wrapped_comment(f"{pad}/* {words}"), code]
     pad = code[: len(code) - len(code.lstrip())] + "        "
     found, rest = [], code
     while len(rest) > COLUMNS:
@@ -177,8 +180,13 @@ def wrapped(line: str) -> list[str]:
     found.append(rest)
     if mark:
         lead = line[: len(line) - len(line.lstrip())]
-        found.insert(0, f"{lead}/* {words}")
+        found[:0] = _wrapped_comment(f"{lead}/* {words}")
     return found
+
+
+def _wrapped_comment(line: str) -> list[str]:
+    pad = line[: len(line) - len(line.lstrip())]
+    return textwrap.wrap(line, COLUMNS, subsequent_indent=f"{pad} * ", break_long_words=False)
 
 
 def _break(line: str, least: int) -> int:
