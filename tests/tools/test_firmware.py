@@ -1,10 +1,12 @@
 """A rig's executive as a device in C: on Linux, and in QEMU on a Cortex-M that speaks slcan."""
 
+import ctypes
+import random
 import shutil
+import struct
 import subprocess
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 from processes import PCPC, ROOT, Done, own_bus, pcpc
@@ -13,34 +15,12 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.generate.device import device
 from pcpc.tools.log import diff
+from pcpc.tools.rigs import find
 
-PROBE = ROOT / "plants" / "probe" / "device" / "rig.yaml"
 CYCLES = 500
 SHORT = ("--set", f"duration_s={CYCLES / 1000}", "--no-figure")
 QEMU = {"m7": "mps2-an500", "m4": "mps2-an386"}
 LINE = "-display none -monitor none -chardev stdio,id=line,mux=on,signal=off -serial chardev:line"
-HEADER = """
-typedef struct { double gain; double target; } controller_parameters;
-typedef struct { double position; } controller_inputs;
-typedef struct { double command; } controller_outputs;
-void controller_step(double t, double dt, const controller_parameters *p,
-                     const controller_inputs *u, controller_outputs *y);
-"""
-SOURCE = """#include "controller.h"
-void controller_step(double t, double dt, const controller_parameters *p,
-                     const controller_inputs *u, controller_outputs *y)
-{
-    (void)t;
-    (void)dt;
-    y->command = p->gain * (p->target - u->position);
-}
-"""
-
-
-def by_hand(_block: Any, name: str, _values: Mapping[str, float]) -> dict[str, str]:
-    """Return the law of the probe in C."""
-    assert name == "controller"
-    return {"controller.h": HEADER, "controller.c": SOURCE}
 
 
 def made(folder: Path, target: str) -> None:
@@ -53,46 +33,90 @@ def made(folder: Path, target: str) -> None:
     assert (done.returncode, done.stdout + done.stderr) == (0, ""), done
 
 
+@dataclass(frozen=True)
+class Held:
+    """A rig whose executive is a device: its files, and the plant's record in virtual time."""
+
+    rig: tuple[str, ...]
+    folder: Path
+    plant: logs.Log
+
+
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def barrel(tmp_path_factory: pytest.TempPathFactory) -> Held:
+    """Write the barrel's networks as a device, and simulate them."""
     folder = tmp_path_factory.mktemp("firmware")
-    rig = load_rig(PROBE, None, [f"duration_s={CYCLES / 1000}"])
-    for name, text in device(rig, by_hand).items():
+    rig = load_rig(find("hull"), "pd_nn_fast", [f"duration_s={CYCLES / 1000}"])
+    for name, text in device(rig).items():
         (folder / name).write_text(text)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> logs.Log:
-    folder = tmp_path_factory.mktemp("simulated") / "run"
-    done = pcpc("simulate", str(PROBE), *SHORT, "-o", str(folder))
+    words = ("hull", "--controller", "pd_nn_fast", *SHORT)
+    done = pcpc("simulate", *words, "-o", str(folder / "run"))
     assert done.code == 0, done
-    log = logs.read(folder / "log.mcap")
-    return logs.Log(log.path, {"plant": log.node["plant"]}, {}, log.metadata, [])
+    log = logs.read(folder / "run" / "log.mcap")
+    plant = logs.Log(log.path, {"plant": log.node["plant"]}, {}, log.metadata, [])
+    return Held(words, folder, plant)
 
 
-def with_device(folder: Path, *device: str) -> Done:
-    words = ("plant", str(PROBE), "--bus", own_bus(), "-o", str(folder), "--json", *SHORT)
+def with_device(held: Held, folder: Path, *device: str, bus: str = "") -> Done:
+    words = ("plant", *held.rig, "--bus", bus or own_bus(), "-o", str(folder), "--json")
     return pcpc(*words, "--pacing", "lockstep", "--device", *device)
+
+
+def in_qemu(held: Held, target: str) -> list[str]:
+    """Return the command of an image in QEMU, whose serial line is on the bus."""
+    if shutil.which("qemu-system-arm") is None:
+        pytest.skip("no qemu-system-arm; make firmware-tools")
+    image = f"-M {QEMU[target]} -kernel {held.folder / target}.elf -semihosting".split()
+    return [PCPC, "slcan", "{bus}", "--", "qemu-system-arm", *image, *LINE.split()]
 
 
 @pytest.mark.parametrize("target", ["linux", "m7", "m4"])
 def test_a_generated_device_gives_the_bits_of_the_executive(
-    target: str, written: Path, simulated: logs.Log, tmp_path: Path
+    target: str, barrel: Held, tmp_path: Path
 ) -> None:
-    made(written, target)
-    if target == "linux":
-        words = [str(written / "linux"), "{bus}"]
-    else:
-        if shutil.which("qemu-system-arm") is None:
-            pytest.skip("no qemu-system-arm; make firmware-tools")
-        image = f"-M {QEMU[target]} -kernel {written / target}.elf -semihosting".split()
-        words = [PCPC, "slcan", "{bus}", "--", "qemu-system-arm", *image, *LINE.split()]
-    done = with_device(tmp_path / "run", *words)
+    made(barrel.folder, target)
+    linux = [str(barrel.folder / "linux"), "{bus}"]
+    device = linux if target == "linux" else in_qemu(barrel, target)
+    done = with_device(barrel, tmp_path / "run", *device)
     assert done.code == 0, done
     log = logs.read(tmp_path / "run" / "log.mcap")
-    report = diff.compare(simulated, log)
+    report = diff.compare(barrel.plant, log)
     assert report.equal, report
-    assert report.frames > 3 * CYCLES
+    assert report.frames > 5 * CYCLES
     assert done.summary["device"]["frames"]["CMD"] == {"received": CYCLES + 1, "ok": CYCLES + 1}
     assert done.summary["device"]["problems"] == []
+
+
+def test_a_device_that_would_give_other_bits_refuses_to_run(barrel: Held, tmp_path: Path) -> None:
+    made(barrel.folder, "linux")
+    flags = "CFLAGS=-O2 -march=native -ffp-contract=fast"
+    if "fma" not in Path("/proc/cpuinfo").read_text():
+        pytest.skip("this processor joins no product and sum")
+    folder = shutil.copytree(barrel.folder, tmp_path / "joined")
+    makefile = folder / "Makefile"
+    makefile.write_text(makefile.read_text().replace("-ffp-contract=off", ""))
+    subprocess.run(["make", "-s", "-C", str(folder), "linux", flags], check=True)
+    done = subprocess.run([str(folder / "linux"), own_bus()], capture_output=True, text=True)
+    assert done.returncode == 4 and "-ffp-contract=off" in done.stderr, done
+
+
+def test_sums_in_software_are_rounded_as_those_in_hardware(tmp_path: Path) -> None:
+    source = ROOT / "tools" / "generate" / "c" / "soft_double.c"
+    words = ["cc", "-O2", "-shared", "-fPIC", "-o", str(tmp_path / "soft.so"), str(source)]
+    subprocess.run(words, check=True)
+    soft = ctypes.CDLL(str(tmp_path / "soft.so")).soft_sum
+    soft.restype, soft.argtypes = ctypes.c_double, [ctypes.c_double] * 2
+    assert soft(1.0, -float.fromhex("0x1.3e26c2c5006c4p-33")) == float.fromhex(
+        "0x1.fffffffec1d94p-1"
+    )
+    draw = random.Random(3)
+    for _ in range(50_000):
+        a = draw.getrandbits(64)
+        near = min(max((a >> 52 & 2047) + draw.randrange(-66, 67), 0), 2047)
+        b = draw.choice((draw.getrandbits(64), a ^ 1 << 63, near << 52 | draw.getrandbits(52)))
+        x, y = struct.unpack("2d", struct.pack("2Q", a, b))
+        expected, told = x + y, soft(x, y)
+        if expected == expected:
+            assert struct.pack("d", told) == struct.pack("d", expected), (x.hex(), y.hex())
+        else:
+            assert told != told

@@ -13,31 +13,41 @@ from importlib import resources
 
 import msgspec
 
-from pcpc.executive.nodes.plan import plan
+from pcpc.executive.errors import RigError
+from pcpc.executive.loop.table import Views
+from pcpc.executive.nodes.plan import Plan, plan
+from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.generate import frames, wiring
+from pcpc.tools.generate import elementary, frames, wiring
+from pcpc.tools.generate.law import translated
 from pcpc.tools.generate.words import identifier
 
 _FIXED = resources.files("pcpc.tools.generate") / "c"
 
 
-def device(rig: Rig, laws: wiring.Laws) -> dict[str, str]:
+def device(rig: Rig) -> dict[str, str]:
     """Return the files of a rig's device by name; RigError for what a device in C cannot do."""
     _check(rig)
     made = plan(_undisturbed(rig), "executive", "lockstep")
-    files = {
-        one.name: one.read_text() for one in sorted(_FIXED.iterdir(), key=lambda one: one.name)
-    }
+    files = {one.name: one.read_text() for one in _FIXED.iterdir()} | elementary.files()
     files["frames.h"] = frames.header(made.tx_frames, made.rx_frames)
     files["frames.c"] = frames.source(made.tx_frames, made.rx_frames)
     files["rig.h"], files["rig.c"] = wiring.header(made), wiring.source(made)
     for spec, views in zip(made.spec.blocks, made.views, strict=True):
-        places = (*views.parameters, *views.states)
-        values = {
-            made.table.variables[i].name.partition(".")[2]: made.values.get(i, 0.0) for i in places
-        }
-        files |= laws(spec.block, identifier(spec.name), values)
-    return files
+        law = _law(made, spec, views)
+        if taken := sorted(law.keys() & files):
+            raise RigError(f"{spec.where()}: {spec.name}: {taken[0]} is another file; rename it")
+        files |= law
+    return dict(sorted(files.items()))
+
+
+def _law(made: Plan, spec: BlockSpec, views: Views) -> dict[str, str]:
+    """Return the files of a block, which begins with the rig's values."""
+    parameters, states = (
+        [(made.table.variables[i].name, made.values.get(i, 0.0)) for i in places]
+        for places in (views.parameters, views.states)
+    )
+    return translated(spec.block, identifier(spec.name), (parameters, states))
 
 
 def _undisturbed(rig: Rig) -> Rig:

@@ -1,14 +1,12 @@
 """The executive of a rig in C: its blocks, what is wired to what, limits, scheduled tunings.
 
 A block NAME is the variable NAME of four structs: parameters p, states x, inputs u, outputs y; one
-without ports is left out. `laws` gives the C of a block: `NAME_step(t, dt, p, x, u, y)`, again
-without the parts that it has not.
+without ports is left out, as in the C of its law (`tools.generate.law`).
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from pcpc.drivers.views import Layout
 from pcpc.executive.nodes.plan import Plan, cycles_of
@@ -17,7 +15,6 @@ from pcpc.executive.rig.schema import FALLBACK
 from pcpc.tools.generate import frames
 from pcpc.tools.generate.words import comment, identifier, number
 
-Laws = Callable[[Any, str, Mapping[str, float]], Mapping[str, str]]
 PARTS = ("parameters", "p"), ("states", "x"), ("inputs", "u"), ("outputs", "y")
 _OF_SUPERVISOR = (
     "state fault gain missing_cycles nmt fallback saturated status_word error_code error_register"
@@ -73,10 +70,6 @@ class Wiring:
         """Yield what is carried to the inputs of a block, or, behind the last, to what is sent."""
         for source, target in self.made.copies[block]:
             yield f"{self.said[target]} = {self.said[source]};"
-
-    def values(self, part: Part) -> list[float]:
-        """Return the first values of a struct."""
-        return [self.made.values.get(place, 0.0) for place in part.places]
 
 
 def _elements(layout: Layout, prefix: str) -> Iterator[str]:
@@ -144,7 +137,7 @@ def header(made: Plan) -> str:
         "extern const frame_info rig_sent[RIG_SENT]; /* in the order of sending */",
         "extern const frame_info rig_heard[RIG_HEARD];",
         "extern const limit_t rig_limits[RIG_LIMITS + 1u];", "",
-        "void rig_init(void);",
+        "int32_t rig_init(void);",
         "void rig_tune(uint32_t k);",
         "void rig_step(double t_s);",
         "void rig_send(void);",
@@ -205,19 +198,21 @@ def _limits(wiring: Wiring) -> Iterator[str]:
 
 
 def _init(wiring: Wiring) -> Iterator[str]:
-    yield "void rig_init(void)"
+    yield "/* Returns 0, or that this machine does not give the bits of every other. */"
+    yield "int32_t rig_init(void)"
     yield "{"
     yield "    static const rig_t NOTHING;"
+    yield "    int32_t wrong = 0;"
     yield "    rig = NOTHING;"
     for spec in wiring.blocks:
-        name = identifier(spec.name)
-        for part in wiring.parts[spec.name]:
+        name, parts = identifier(spec.name), wiring.parts[spec.name]
+        for part in parts:
             yield f"    static const {name}_{part.kind} {name}_{part.short};"
             yield f"    {part.name} = {name}_{part.short};"
-        for part in wiring.parts[spec.name]:
-            for place, value in zip(part.places, wiring.values(part), strict=True):
-                if value != 0.0 or math.copysign(1.0, value) < 0.0:
-                    yield f"    {wiring.said[place]} = {number(value)};"
+        begun = ", ".join(f"&{part.name}" for part in parts if part.short in "px")
+        yield f"    {name}_init({begun});"
+        yield f"    wrong |= {name}_selftest();"
+    yield "    return wrong;"
     yield "}"
 
 

@@ -3,18 +3,13 @@
 import math
 import re
 
-_WORDS = (
-    "auto break case char const continue default do double else enum extern float for goto if "
-    "inline int long register restrict return short signed sizeof static struct switch typedef "
-    "union unsigned void volatile while bool true false asm typeof main"
-)
-_RESERVED = frozenset(_WORDS.split())
+from pcpc.tools.generate.kinds import safe
 
 
 def identifier(name: str) -> str:
     """Return a name of a rig or a DBC file as C takes it."""
     word = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return f"{word}_" if word in _RESERVED or word[:1].isdigit() else word
+    return safe(f"_{word}" if word[:1].isdigit() else word)
 
 
 def number(value: float) -> str:

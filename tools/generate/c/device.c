@@ -408,7 +408,7 @@ static void finish(void)
     d.over = true;
 }
 
-void device_init(uint32_t cycles, device_send send)
+bool device_init(uint32_t cycles, device_send send)
 {
     const uint32_t n = RIG_LIMITS;
     d = (struct device){0};
@@ -418,12 +418,13 @@ void device_init(uint32_t cycles, device_send send)
     for (uint32_t row = 0u; row < RIG_HEARD; row++) {
         heard[row] = (receiver_t){-1, 0u, false};
     }
-    rig_init();
+    bool right = rig_init() == 0;
     for (uint32_t i = 0u; i < n; i++) {
         command[i].wanted = rig_limits[i].safe;
         command[i].sent = rig_limits[i].safe;
     }
     rig.supervisor.gain = 1.0;
+    return right;
 }
 
 void device_greet(void)

@@ -27,8 +27,9 @@
 
 typedef void (*device_send)(const frame_t *frame);
 
-/* Begin: `cycles` as long as the run is, 0 for one that only the plant ends. */
-void device_init(uint32_t cycles, device_send send);
+/* Begin: `cycles` as long as the run is, 0 for one that only the plant ends. False: this program was
+   not compiled to give the bits of pcpc (-ffp-contract=off); it must not run. */
+bool device_init(uint32_t cycles, device_send send);
 
 /* Say that the device is there, as long as it has not met the plant. */
 void device_greet(void);

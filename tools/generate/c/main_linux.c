@@ -7,7 +7,7 @@
    RATE_HZ  on a clock of its own; 0: lockstep, each cycle begins with the plant's feedback
 
    Exit code 0 at the end of a run, 1 if the plant fell silent, 2 for a wrong command line, 4 without
-   a bus, 5 after a fault. */
+   a bus or where it was not compiled to give pcpc's bits, 5 after a fault. */
 #include <arpa/inet.h>
 #include <errno.h>
 #include <linux/can.h>
@@ -259,7 +259,7 @@ uint32_t port_sleep(void)
 
 int main(int argc, char **argv)
 {
-    static const int CODE[] = {[RUN_ENDED] = 0, [RUN_FAULTED] = 5, [RUN_ALONE] = 1};
+    static const int CODE[] = {[RUN_ENDED] = 0, [RUN_FAULTED] = 5, [RUN_ALONE] = 1, [RUN_REFUSED] = 4};
     if (argc < 2 || argc > 4) {
         fprintf(stderr, "usage: %s BUS [CYCLES [RATE_HZ]]\n", argv[0]);
         return 2;
@@ -271,5 +271,9 @@ int main(int argc, char **argv)
         fprintf(stderr, "%s: %s\n", argv[1], strerror(errno));
         return 4;
     }
-    return CODE[run(cycles, rate_hz > 0.0)];
+    run_end end = run(cycles, rate_hz > 0.0);
+    if (end == RUN_REFUSED) {
+        fprintf(stderr, "not the bits of pcpc: compile with -ffp-contract=off and without -ffast-math\n");
+    }
+    return CODE[end];
 }

@@ -126,7 +126,7 @@ static void leave(uint32_t code)
 
 int main(void)
 {
-    static const uint32_t CODE[] = {0u, 5u, 1u};
+    static const uint32_t CODE[] = {0u, 5u, 1u, 4u};
 #ifdef DEVICE_CLOCKED
     bool clocked = true;
 #else

@@ -49,7 +49,9 @@ static uint32_t wake(void)
 run_end run(uint32_t cycles, bool clocked)
 {
     bool begun = false;
-    device_init(cycles, port_send);
+    if (!device_init(cycles, port_send)) {
+        return RUN_REFUSED;
+    }
     meet();
     while (!device_over()) {
         uint32_t periods = 1u;
