@@ -25,6 +25,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import Use, users_case
 from pcpc.executive.rig.schema import Limit
 from pcpc.plants.drawing import drawing_of, settings_of
+from pcpc.tools import fmus
 from pcpc.tools.bus import traffic
 from pcpc.tools.console import screen
 from pcpc.tools.verdict.imagine import imagined
@@ -120,6 +121,7 @@ def _node(made: Plan) -> dict[str, Any]:
         "sends": [_frame(frame, made.rig.config.rate_hz) for frame in made.tx_frames],
         "receives": [frame.name for frame in made.rx_frames],
         "variables": len(made.table.variables),
+        "fmus": fmus.told(made),
     }
 
 
@@ -246,6 +248,8 @@ def _show_node(role: str, node: dict[str, Any]) -> None:
     for wire in node["wiring"]:
         unit = f" [{wire['unit']}]" if wire["unit"] else ""
         print(f"    {wire['input']:{width}} <- {wire['source']}{unit}")
+    for line in (line for about in node["fmus"] for line in fmus.lines(about)):
+        _say(line)
     _say(f"  receives  {', '.join(node['receives'])}", " " * 10)
     print("  sends")
     width = max((len(frame["name"]) for frame in node["sends"]), default=0)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.frontier import Frontier
+from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.reading import Rig
@@ -61,6 +62,7 @@ class Verdict:
     incomplete: str = ""  # why not all could be recomputed
     dropped: int = 0  # frames and events that the recorder has not got
     missing: list[str] = field(default_factory=list)  # damage of the log
+    from_record: list[str] = field(default_factory=list)  # what was not recomputed
     differences: dict[str, Difference] = field(default_factory=dict)
 
     @property
@@ -143,6 +145,9 @@ class Comparison:
         self.recorded = Assembler([*about["state_columns"], *about["timing_columns"]])
         pacing = head.metadata[role].get("pacing", "lockstep")
         external = [str(name) for name in about.get("external", [])]
+        steps = {one.name: step_of(one) for one in rig.nodes()[role].blocks}
+        fmus = {name: step.model for name, step in steps.items() if step and not step.file}
+        external += fmus
         self.replay = Replay(rig, role, pacing, self.recorded.names, external)
         theirs, ours = self.recorded.names, self.replay.names
         absent = [name for name in self.replay.needed if name not in theirs]
@@ -155,6 +160,11 @@ class Comparison:
         self.path = head.path
         self.verdict = Verdict(role, 1e9 / about["period_ns"], variables=len(self.both))
         self.verdict.dropped = _dropped(head, role)
+        self.verdict.from_record = [
+            f"{name}: as recorded, the FMU {model.name} (sha256 {model.sha256[:16]}) was not run; "
+            "--fmu FILE runs it"
+            for name, model in fmus.items()
+        ]
         self._begin_s = time.monotonic()
 
     def take(self, piece: logs.Log, whole: int, last: bool) -> None:
@@ -283,6 +293,7 @@ def _plain(verdict: Verdict) -> dict[str, Any]:
         "node": verdict.role, "identical": verdict.identical, "cycles": verdict.cycles,
         "variables": verdict.variables, "frames": verdict.frames, "speed": verdict.speed,
         "incomplete": verdict.incomplete, "missing": verdict.missing,
+        "from_record": verdict.from_record,
         "first": None if first is None else vars(first),
         "differences": [vars(d) for d in verdict.ordered()],
     }  # fmt: skip
@@ -295,7 +306,7 @@ def show(verdict: Verdict, changed: bool) -> None:
     if changed:
         state = "no difference" if verdict.identical else "changed, in open loop"
     _say(f"{size}: {state} ({verdict.speed:.0f} x real time)", f"{verdict.role:10} ")
-    for line in (*verdict.missing, verdict.incomplete):
+    for line in (*verdict.from_record, *verdict.missing, verdict.incomplete):
         if line:
             _say(line, "  ")
     first = verdict.first()

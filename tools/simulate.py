@@ -8,7 +8,7 @@ from typing import Any
 
 from pcpc.executive.log.long_logs import Wanted
 from pcpc.executive.log.mcap_writer import RecordError
-from pcpc.executive.nodes import plausible
+from pcpc.executive.nodes import fmus, plausible
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
@@ -65,6 +65,8 @@ class Simulation:
         except RecordError as error:
             self.outcome.missing.append(str(error))
         progress.close()
+        for line in (line for made in self.run.plans for line in fmus.failures(made)):
+            print(line, file=sys.stderr)
         for block in self.run.blocks:
             self.outcome.judge(block.description["node"], 0, block)
         self.outcome.realtime = None

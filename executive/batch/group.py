@@ -32,6 +32,7 @@ from pcpc.executive.loop.variables import (
     TIMING_AT,
     WALL,
 )
+from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, cycles_of, describe, plan
 from pcpc.executive.nodes.planned_controllers import put_back
@@ -73,6 +74,8 @@ class Group:
             raise NotInLanes("its line is emulated")
         if rig.config.supervisor.arm == "manual":
             raise NotInLanes("it is armed by hand")
+        if any(step_of(spec) for node in rig.nodes().values() for spec in node.blocks):
+            raise NotInLanes("it has an FMU")
         self.cycles = cycles_of(rig)
         self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
         self._blocks = [sh.private(describe(made, {})) for made in self.plans.values()]

@@ -1,4 +1,7 @@
-"""A plan written into the LOOP record of a node: schedule, frames, wiring, limits."""
+"""A plan written into the LOOP record of a node: schedule, frames, wiring, limits.
+
+With FMUs it makes an instance of each; RigError says what one of them refuses.
+"""
 
 import math
 from typing import Any
@@ -13,6 +16,7 @@ from pcpc.executive.loop.clock import CLOCKED, GIVEN, LOCKSTEP, ON_FRAMES, REAL,
 from pcpc.executive.loop.intrusion import REACTIONS
 from pcpc.executive.loop.timing import reset
 from pcpc.executive.loop.variables import DISARMED
+from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.plan import Plan, cycles_of
 from pcpc.executive.nodes.planned_faults import install_faults
 from pcpc.executive.nodes.planned_plausible import install_plausible
@@ -90,6 +94,7 @@ def install(made: Plan, loop: Any) -> None:
     for i, place in enumerate(made.noted):
         loop.blocks.noted_index[i] = place
     tuning.n, loop.blocks.n_noted = len(made.schedule), len(made.noted)
+    fmus.install(made, loop)
 
 
 def _install_schedule(made: Plan, loop: Any) -> None:

@@ -52,6 +52,7 @@ class Plan:
     limits: dict[str, Limit] = field(default_factory=dict)  # by sent signal, `safe` given
     below: frozenset[str] = frozenset()  # of a local node: the frames on its bus to the plant
     external: dict[str, Any] = field(default_factory=dict)  # entries in the place of blocks' own
+    opened: list[Any] = field(default_factory=list)  # what has to live as long as the loop runs
 
     @property
     def steps(self) -> tuple[Any, ...]:

@@ -40,7 +40,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED
 from pcpc.executive.loop.cycle import finish, run
-from pcpc.executive.nodes import plausible
+from pcpc.executive.nodes import fmus, plausible
 from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import (
     Plan,
@@ -147,6 +147,9 @@ class Process:
         except StepError as error:
             print(f"{self.role}: {error}", file=sys.stderr, flush=True)
             finish(block.loop)
+        for line in fmus.failures(self.plan):
+            print(f"{self.role}: {line}", file=sys.stderr, flush=True)
+        fmus.close(self.plan)
         fault, passes = block["control"][sh.FAULT], block["control"][sh.PASSES]
         refused = fault == sv.ANOTHER_SENDER and not passes
         if not refused:

@@ -37,6 +37,7 @@ from pcpc.executive.loop.injection import count_down, peer_stalled
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.variables import COUNTED, STATE
+from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import watched
@@ -197,7 +198,7 @@ class Replay:
         loop = self.block.loop
         install_in_memory(made, loop)
         loop.clock.kind, loop.tuning.n, loop.meeting.ordered = GIVEN, 0, 0
-        self.steps = made.steps
+        self.steps, self._opened = made.steps, made.opened
         about = self.block.description
         self.names = [*about["state_columns"], *COUNTED]
         counters = [about["timing_columns"].index(name) for name in COUNTED]
@@ -209,7 +210,8 @@ class Replay:
         self._given = [
             f"{one.name}.{name}"
             for one in made.spec.blocks if one.name in external
-            for port in one.block.outputs for name in port.names()
+            for port in (*one.block.outputs, *(one.block.states if step_of(one) else ()))
+            if port.recorded for name in port.names()
         ]  # fmt: skip
         places = [self._index[name] for name in (*self._clocks, *self._given)]
         self._places = np.array(places, np.int64)

@@ -22,6 +22,7 @@ from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.exchange import run_of
 from pcpc.executive.loop.over_line import run_over_line
+from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
@@ -102,6 +103,7 @@ class VirtualRun:
             block["control"][sh.PID] = os.getpid()
             self.blocks.append(block)
         self.steps = tuple(p.steps for p in made)
+        self.plans = made
         self.over = () if rig.config.bus.emulate is None else _over_line(rig)
         self._controller = controller
         self.memory = Memory(self.blocks)
@@ -133,9 +135,11 @@ class VirtualRun:
         self.blocks[0]["control"][sh.STOP] = 1
 
     def close(self) -> None:
-        """Finish the log file."""
+        """Finish the log file, and what blocks have opened."""
         if self.recorder is not None:
             self.recorder.finish()
+        for made in self.plans:
+            fmus.close(made)
 
 
 def _over_line(rig: Rig) -> tuple[Any, int, int]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.rig import tables, yamlfile
+from pcpc.executive.rig import fmu, tables, yamlfile
 from pcpc.executive.rig.resolve import Use, resolve
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import FALLBACK, Config, Entry, Parameter, Plant
@@ -27,7 +27,7 @@ Shared = tuple[Parameter, Document, Keys]  # an entry of a parameters file, and 
 class BlockSpec:
     """A block of a node: its complete settings, its wiring, and where each was given.
 
-    `table`: the numbers of `law: table` as text.
+    `table`: the numbers of `law: table`, or the description of an FMU, as text.
     """
 
     name: str
@@ -84,6 +84,9 @@ def blocks(
         text = ""
         if law is entry and entry.law == tables.LAW:
             block, text = tables.read(document, keys, entry)
+        elif law is entry and entry.law == fmu.LAW:
+            block, text, entry = fmu.read(document, keys, entry)
+            law = entry
         else:
             block = resolve(document, keys, str(law.law), use)
         places = {"": document.where((section, "blocks", name))}

@@ -23,7 +23,7 @@ from typing import Any
 import msgspec
 
 from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.rig import standby, tables, yamlfile
+from pcpc.executive.rig import fmu, standby, tables, yamlfile
 from pcpc.executive.rig.alike import take_over
 from pcpc.executive.rig.blocks import BlockSpec, blocks, entries, law_keys, parameters_file
 from pcpc.executive.rig.carried import Reads, beside, listed, merge
@@ -138,7 +138,7 @@ class Rig:
     def tables(self) -> dict[str, str]:
         """Return the tables of all blocks as texts, by the file names of `resolved`."""
         return {
-            _table_name(role, block): block.table
+            _table_name(role, block, self.config): block.table
             for role, node in self.nodes().items()
             for block in node.blocks
             if block.table
@@ -168,7 +168,8 @@ class Rig:
                 keys = law_keys(self.config, section, block.name)
                 _put(data, (*keys, "parameters"), dict(block.settings))
                 if block.table:
-                    _put(data, (*keys, "file"), _table_name(section, block))
+                    _put(data, (*keys, "file"), _table_name(section, block, self.config))
+                if block.table and not _is_fmu(section, block, self.config):
                     _put(data, (*keys, "signal"), None)
                     interpolation = _get(data, (*keys, "interpolation"))
                     _put(data, (*keys, "interpolation"), interpolation or "hold")
@@ -190,6 +191,7 @@ def load_rig(
     _check_texts(document, document.data, ())
     rename(document)
     take_over(document)
+    fmu.write_out(document)
     config = convert(document, document.data, Config, ())
     if controller is not None:
         place = Place(document.path, option=f"--controller {controller}")
@@ -204,8 +206,12 @@ def load_rig(
     return rig
 
 
-def _table_name(role: Role, block: BlockSpec) -> str:
-    return f"{role}-{block.name}.csv"
+def _table_name(role: Role, block: BlockSpec, config: Config) -> str:
+    return f"{role}-{block.name}.{'json' if _is_fmu(role, block, config) else 'csv'}"
+
+
+def _is_fmu(role: Role, block: BlockSpec, config: Config) -> bool:
+    return config.sections[role].blocks[block.name].law == fmu.LAW
 
 
 # Checks between keys
@@ -315,8 +321,10 @@ def _check_blocks(document: Document, config: Config) -> None:
                 what = f"the {first[name]} has this block, {where}; rename one"
                 raise document.error(keys, what)
             first[name] = section
-            if entry.law != tables.LAW and (entry.file or entry.signal or entry.interpolation):
-                raise document.error(keys, "only `law: table` takes file, signal, interpolation")
+            if entry.law != tables.LAW and (entry.signal or entry.interpolation):
+                raise document.error(keys, "only `law: table` takes signal, interpolation")
+            if entry.file and entry.law not in (tables.LAW, fmu.LAW):
+                raise document.error(keys, "only `law: table` and `law: fmu` take a file")
             if section == "executive" and name == "controller":
                 for key in ("law", "parameters"):
                     if getattr(entry, key):

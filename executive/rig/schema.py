@@ -205,8 +205,10 @@ class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The plant node; `safe` are the values that its watchdog substitutes.
 
-    `limits`: what it sends may be bounded too, and is then safe in its FAULT.
+    `limits`: what it sends may be bounded too, and is then safe in its FAULT. `fmu`: see `rig.fmu`.
     """
+
+    carried_out: ClassVar[tuple[str, ...]] = ("fmu", "inputs", "parameters")
 
     node: str
     blocks: dict[BlockName, Entry]

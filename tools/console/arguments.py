@@ -232,6 +232,8 @@ def code_of_laws(add: Add) -> None:
     add("--law", action="append", default=[], metavar="FILE",
         help="a law, an evaluation or a file one reads, of a run whose files moved")  # fmt: skip
     add("--rig", metavar="RIG", help="the rig file beside which they lie now")
+    add("--fmu", action="append", default=[], metavar="FILE",
+        help="run an FMU of the run, native code, which a log never holds")  # fmt: skip
 
 
 def replay(add: Add) -> None:

@@ -8,6 +8,7 @@ log that somebody else wrote may do anything, so it is not run unasked:
     --rig RIG    the same, below the folder of a rig file
     --law FILE   this file, also with other content
     --trust      the log's own copies, unpacked and removed again
+    --fmu FILE   an FMU of the run, which a log never holds
 
 Where not all of them lie in their places, the files are laid out anew as they lay to each other,
 and what a law opens by its old path it gets from there.
@@ -17,6 +18,7 @@ import argparse
 import builtins
 import hashlib
 import io
+import json
 import os
 import posixpath
 import sys
@@ -30,7 +32,7 @@ import numpy as np
 import yaml
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.rig import carried, trial, yamlfile
+from pcpc.executive.rig import carried, fmu, trial, yamlfile
 from pcpc.executive.rig.modules import PROJECT, project_file
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import today
@@ -67,8 +69,13 @@ def rig_of(
 
     While it is in use, laws open what the run's laws opened.
     """
-    options = argparse.Namespace(**({"trust": False, "law": [], "rig": None} | vars(options)))
+    options = argparse.Namespace(
+        **({"trust": False, "law": [], "rig": None, "fmu": []} | vars(options))
+    )
     data = _resolved(head, folder) | {"evaluation": None}
+    for entry in _entries(data):
+        if entry.get("law") == fmu.LAW and (file := fmu_file(head, entry, folder, options.fmu)):
+            entry["file"] = str(file)
     place, controller, settings = folder / "rig.yaml", options.controller, options.set
     rig = load_rig(place, controller, settings, resolve=False, text=yamlfile.dump(data))
     files = carried_by(head)
@@ -110,7 +117,29 @@ def _resolved(head: logs.Log, folder: Path) -> dict[str, Any]:
     return data
 
 
-def _entries(data: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+def fmu_file(
+    head: logs.Log, entry: Mapping[str, Any], folder: Path, given: Sequence[str]
+) -> Path | None:
+    """Return the file of an FMU that the log's block `entry` was, if it was given; LogError."""
+    name = PurePosixPath(str(entry.get("file"))).name
+    try:
+        about = json.loads((folder / name).read_text("utf-8"))
+        wanted, model = str(about["sha256"]), str(about["name"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None  # whoever reads it says so
+    for text in given:
+        path = Path(text).resolve()
+        if not carried.is_ordinary(path):
+            raise logs.LogError(f"--fmu {text}: no such file")
+        if (found := carried.sha256(path)) == wanted:
+            return path
+        if len(given) == 1:
+            what = f"the run's {model} has sha256 {wanted[:16]}, this one {found[:16]}"
+            raise logs.LogError(f"--fmu {text}: another FMU: {what}")
+    return None
+
+
+def _entries(data: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield the blocks of all nodes, as far as they are some."""
     for node in (data.get(role) for role in ROLES):
         blocks = node.get("blocks") if isinstance(node, dict) else None

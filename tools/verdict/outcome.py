@@ -129,9 +129,20 @@ def _fault(block: sh.Shared) -> str:
         return f"{faults.reason(block.description, control)}, cycle {int(control[sh.CYCLE])}"
     name = block.description["variables"][int(control[sh.ODD_PLACE]) - 1][0]
     value = float(control[sh.ODD_BITS : sh.ODD_BITS + 1].view(np.float64)[0])
-    what = "the plant diverged: " if fault == sv.PLANT_NOT_FINITE else ""
+    what = _of_an_fmu(block, name) or "the plant diverged: " * (fault == sv.PLANT_NOT_FINITE)
     why = f", {WHYS[int(control[sh.CULPRIT])]}" if fault == sv.NOT_PLAUSIBLE else ""
     return f"{what}{name} was {value:g} in cycle {int(control[sh.ODD_CYCLE])}{why}"
+
+
+def _of_an_fmu(block: sh.Shared, name: str) -> str:
+    """Return what the FMU of an output answered; "" for another block, and one that is well."""
+    of = name.partition(".")[0]
+    names = [entry[0] for entry in block.description["variables"]]
+    if f"{of}.fmi_status" not in names:
+        return ""
+    status = int(block["snapshot"][names.index(f"{of}.fmi_status")])
+    answer = {2: "discard", 3: "error", 4: "fatal", 5: "an end"}.get(status)
+    return f"the FMU {of} returned {answer}: " if answer else ""
 
 
 def changed(settings: Sequence[str]) -> list[str]:

@@ -1,0 +1,287 @@
+"""Instances of FMUs: unpacked, loaded, set up, and described to the loop by their addresses.
+
+`install` makes one for each block that is an FMU, for each memory that is to run; it is freed with
+the plan. What goes wrong before the first step is a RigError with the FMU's own words, what goes
+wrong later a fault of the loop, which `failures` puts into words.
+
+FMUs are unpacked once, into a folder beside the compiled code that is named by their hash.
+"""
+
+import ctypes
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import compile_cache
+from pcpc.executive.errors import RigError, one_line
+from pcpc.executive.rig.blocks import BlockSpec
+
+if TYPE_CHECKING:
+    from pcpc.executive.nodes.plan import Plan
+    from pcpc.executive.rig.fmu_block import Variable
+
+_FOLDER = "fmus"
+_MOST_WORDS = 20  # messages of an FMU that are kept, the first ones
+_STATUS = ("ok", "warning", "discard", "error", "fatal", "an end of the simulation")
+_live: dict[str, int] = {}  # instances in this process by hash
+
+
+def step_of(spec: BlockSpec) -> Any:
+    """Return the FmuStep of a block that is an FMU, else None."""
+    return spec.block.step if hasattr(spec.block.step, "model") else None
+
+
+def install(made: "Plan", loop: Any) -> None:
+    """Make an instance of each FMU of a node, and tell `loop` where its calls are; RigError."""
+    for spec in made.spec.blocks:
+        step = step_of(spec)
+        if step is None or spec.name in made.external:
+            continue
+        where, model, file = spec.where("law"), step.model, step.file
+        if file is None:
+            what = f"the log does not hold the FMU {model.name} (sha256 {model.sha256[:16]})"
+            raise RigError(f"{what}, only its description; say where it is: --fmu FILE")
+        if model.once and _live.get(model.sha256):
+            continue  # its step does nothing: the memory of the warm-up
+        one = Instance(spec, where)
+        made.opened.append(one)
+        loop.v[made.table.index[f"{spec.name}.fmi_address"]] = float(one.head.ctypes.data)
+
+
+def failures(made: "Plan") -> Iterator[str]:
+    """Yield a line for each FMU of a node that failed while it ran."""
+    first = {one.name: one for one in reversed(made.opened)}  # others are of warm-ups
+    for one in reversed(first.values()):
+        if text := one.failure():
+            yield text
+
+
+def close(made: "Plan") -> None:
+    """Free the instances of a node, whose loop has ended."""
+    while made.opened:
+        made.opened.pop().close()
+
+
+class Instance:
+    """One instance, initialised for t = 0; RigError. `head` is what `drivers.fmi` reads."""
+
+    def __init__(self, spec: BlockSpec, where: str) -> None:
+        from pcpc.drivers import fmi
+
+        self.name, self._where = spec.name, where
+        self.words: list[str] = []
+        self._step = step_of(spec)
+        self.model = self._step.model
+        self._kept: list[Any] = []  # arrays that the loop reads
+        folder = unpacked(self._step.file, self.model.sha256)
+        self._fmu = self._loaded(folder)
+        self._three = self.model.fmi != "2.0"
+        try:
+            self._instantiate()
+        except Exception as error:
+            raise self._error("it cannot be instantiated", error) from None
+        self.close = weakref.finalize(self, _end, self._fmu, self.model.sha256)
+        self.close.atexit = False  # the loop's thread may still be in it
+        _live[self.model.sha256] = _live.get(self.model.sha256, 0) + 1
+        try:
+            self._initialise(spec.settings)
+        except Exception as error:
+            raise self._error("it cannot be initialised", error) from None
+        self.head = np.zeros(fmi.HEAD_SIZE + 2, np.int64)
+        self._describe(spec)
+
+    def failure(self) -> str:
+        """Return what became of it, with its own words; "" if it is well."""
+        from pcpc.drivers import fmi
+
+        status = int(self.head[fmi.STATUS])
+        if status <= fmi.WARNING:
+            return ""
+        did = ("", "setting its inputs", "its step", "getting its outputs")
+        k = int(self.head[fmi.STEPS]) - 1
+        what = did[int(self.head[fmi.FAILED])]
+        answer = _STATUS[status] if status < len(_STATUS) else f"status {status}"
+        return self._said(f"{self.name}: {what} in cycle {k} returned {answer}")
+
+    def _said(self, what: str) -> str:
+        return one_line(f"{what}: {'; '.join(self.words)}" if self.words else what)
+
+    def _error(self, what: str, error: Exception) -> RigError:
+        told = str(error)
+        own = "" if self.words and "Failed to instantiate" in told else f": {told}"
+        return RigError(self._said(f"{self._where}: {self.name}: {self.model.name}: {what}{own}"))
+
+    def _loaded(self, folder: Path) -> Any:
+        """Return FMPy's object for the library."""
+        from fmpy.fmi2 import FMU2Slave
+        from fmpy.fmi3 import FMU3Slave
+
+        kind = FMU2Slave if self.model.fmi == "2.0" else FMU3Slave
+        here = os.getcwd()
+        try:
+            return kind(
+                guid=self.model.token, modelIdentifier=self.model.identifier,
+                unzipDirectory=str(folder), instanceName=self.name,
+            )  # fmt: skip
+        except Exception as error:
+            os.chdir(here)
+            raise self._error("its library cannot be loaded", error) from None
+
+    def _instantiate(self) -> None:
+        listener = _listener(self.words, self._three)
+        if self._three:
+            self._fmu.instantiate(logMessage=listener)
+            return
+        from fmpy import calloc, fmi2, free
+        from fmpy.logging import addLoggerProxy
+
+        callbacks = fmi2.fmi2CallbackFunctions()
+        own = fmi2.fmi2CallbackLoggerTYPE(listener)
+        callbacks.logger = own
+        callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
+        callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
+        addLoggerProxy(ctypes.byref(callbacks))  # which writes out what its messages are made of
+        self._fmu.kept = own
+        self._fmu.instantiate(callbacks=callbacks)
+
+    def _initialise(self, settings: Mapping[str, float]) -> None:
+        """Give it the rig's values, where they are not its own, and initialise it for t = 0."""
+        if not self._three:
+            self._fmu.setupExperiment(startTime=0.0)
+        changed = {
+            one.reference
+            for one in self.model.variables
+            if one.name in settings and settings[one.name] != one.start
+        }
+        for reference in sorted(changed):
+            self._start([v for v in self.model.variables if v.reference == reference], settings)
+        self._fmu.enterInitializationMode()
+        self._fmu.exitInitializationMode()
+
+    def _start(self, elements: "list[Variable]", settings: Mapping[str, float]) -> None:
+        """Set one variable, all its elements."""
+        chosen = {one.element: one for one in elements if one.name in settings}
+        kind = _method(chosen[0].kind, self._three)
+        values = [settings[chosen[i].name] for i in sorted(chosen)]
+        typed: list[Any] = values
+        if kind == "Boolean":
+            typed = [value > 0.5 for value in values]
+        elif kind not in ("Real", "Float32", "Float64"):
+            typed = [round(value) for value in values]
+        getattr(self._fmu, f"set{kind}")([chosen[0].reference], typed)
+
+    def _describe(self, spec: BlockSpec) -> None:
+        """Fill `head` and the groups behind it."""
+        from pcpc.drivers import fmi
+
+        step, outputs = self._step, self.model.of("output")
+        rows = [
+            *self._groups(fmi.PARAMETER, step.tunable, spec.settings),
+            *self._groups(fmi.INPUT, step.wired, {}),
+            *self._groups(fmi.OUTPUT, outputs, {}),
+        ]
+        groups = self._keep(np.array(rows, np.int64).reshape(-1, fmi.GROUP_SIZE))
+        head = self.head
+        head[fmi.VERSION] = 3 if self._three else 2
+        head[fmi.INSTANCE] = self._fmu.component
+        head[fmi.DO_STEP] = self._address("DoStep")
+        head[fmi.N_GROUPS], head[fmi.GROUPS], head[fmi.N_OUT] = len(rows), groups, len(outputs)
+
+    def _groups(
+        self, role: int, variables: "list[Variable]", settings: Mapping[str, float]
+    ) -> Iterator[list[int]]:
+        """Yield a row of GROUP for the variables of each type."""
+        from pcpc.drivers import fmi
+
+        for kind in dict.fromkeys(_method(one.kind, self._three) for one in variables):
+            own = [
+                (place, one) for place, one in enumerate(variables)
+                if _method(one.kind, self._three) == kind
+            ]  # fmt: skip
+            code = _KINDS[kind] if self._three or kind != "Boolean" else fmi.BOOL32
+            last = [float(f"{settings.get(one.name, 0.0):.12g}") for _, one in own]
+            references = list(dict.fromkeys(one.reference for _, one in own))
+            verb = "Get" if role == fmi.OUTPUT else "Set"
+            yield [
+                role, self._address(f"{verb}{kind}"), code,
+                len(references), self._keep(np.array(references, np.uint32)),
+                len(own), self._keep(np.array(
+                    [settings.get(one.name, 0.0) for _, one in own]).astype(fmi.DTYPES[code])),
+                self._keep(np.array([place for place, _ in own], np.int64)),
+                self._keep(np.array(last, np.float64)),
+            ]  # fmt: skip
+
+    def _keep(self, array: NDArray[Any]) -> int:
+        """Keep an array as long as this lives; return its address."""
+        self._kept.append(array)
+        return int(array.ctypes.data)
+
+    def _address(self, function: str) -> int:
+        name = f"fmi{3 if self._three else 2}{function}"
+        found = ctypes.cast(getattr(self._fmu.dll, name), ctypes.c_void_p).value
+        assert found is not None, "FMPy has looked for it"
+        return found
+
+
+_KINDS = {  # of a setter: the code of `drivers.fmi`
+    kind: code
+    for code, kind in enumerate(
+        ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64",
+         "UInt64", "Boolean")
+    )
+} | {"Real": 0, "Integer": 6}  # fmt: skip
+
+
+def _method(kind: str, three: bool) -> str:
+    """Return the type in the name of its setter."""
+    return ("Int64" if three else "Integer") if kind == "Enumeration" else kind
+
+
+def _listener(words: list[str], three: bool) -> Callable[..., None]:
+    """Return what keeps an FMU's words of a discard or an error; its code calls it."""
+
+    def listen(*told: Any) -> None:
+        status, text = (told[1], told[3]) if three else (told[2], told[4])
+        if status >= 2 and len(words) < _MOST_WORDS:
+            words.append(" ".join((text or b"").decode(errors="replace").split()))
+
+    return listen
+
+
+def _end(fmu: Any, sha256: str) -> None:
+    """Free an instance; its library stays loaded."""
+    from fmpy.fmi1 import FMICallException
+
+    _live[sha256] -= 1
+    with suppress(FMICallException):  # of one that failed
+        fmu.terminate()
+    free = getattr(fmu, "fmi3FreeInstance", None) or fmu.fmi2FreeInstance
+    free(fmu.component)
+
+
+def unpacked(file: Path, sha256: str) -> Path:
+    """Return the folder of an unpacked FMU; RigError."""
+    from fmpy import extract
+
+    for kept in compile_cache.folders():
+        if (kept / _FOLDER / sha256 / "modelDescription.xml").is_file():
+            return kept / _FOLDER / sha256
+    folder = compile_cache.made(_FOLDER)
+    draft = tempfile.mkdtemp(prefix="draft-", dir=folder)
+    try:
+        extract(file, draft)
+        with suppress(OSError):  # another process was first
+            os.rename(draft, folder / sha256)
+    except Exception as error:
+        raise RigError(f"{file}: cannot be unpacked: {error}") from None
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    return folder / sha256

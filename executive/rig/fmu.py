@@ -1,0 +1,290 @@
+"""`law: fmu`: a Functional Mock-up Unit (FMI 2.0 or 3.0, co-simulation) as a block of a rig.
+
+    plant:
+      node: PLANT
+      fmu: tank.fmu                      the same as blocks: {fmu: {law: fmu, file: tank.fmu, ...}}
+      inputs: {inflow: rx.CMD.inflow}    by the FMU's own names of its variables
+      parameters: {area: 2.0}
+      transmit: {FB.level: fmu.level}
+
+FMPy reads and checks the description. An FMU is native code: reading a rig does not run it, and a
+log holds its description only.
+"""
+
+import hashlib
+import re
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.rig.schema import Entry
+from pcpc.executive.rig.yamlfile import Document, Keys, Place, shown
+
+if TYPE_CHECKING:
+    from pcpc.executive.laws.block import Block
+    from pcpc.executive.rig.fmu_block import Model, Variable
+
+LAW = "fmu"
+NEEDS = "FMUs need FMPy: pip install 'pcpc[fmu]'"
+_SHORT = ("fmu", "inputs", "parameters")  # keys of the plant that stand for a block
+_HEAD_BYTES = 10_000
+_MOST = 4096  # values of an array that are taken
+_NUMBERS = {
+    "Real", "Integer", "Boolean", "Enumeration", "Float64", "Float32", "Int8", "UInt8", "Int16",
+    "UInt16", "Int32", "UInt32", "Int64", "UInt64",
+}  # fmt: skip
+
+
+def write_out(document: Document) -> None:
+    """Turn `plant: {fmu: FILE, inputs, parameters}` into a block `fmu`, the first; RigError."""
+    plant = document.data.get("plant")
+    if not isinstance(plant, dict) or "fmu" not in plant:
+        return
+    blocks = plant.get("blocks", {})
+    if not isinstance(blocks, dict) or "fmu" in blocks:
+        raise document.error(("plant", "fmu"), "a block fmu is there, too; rename that")
+    entry: dict[str, Any] = {"law": LAW}
+    for key in _SHORT:
+        if key in plant:
+            new = "file" if key == "fmu" else key
+            entry[new] = plant.pop(key)
+            _move(document, ("plant", key), ("plant", "blocks", "fmu", new))
+    document.places[("plant", "blocks", "fmu")] = document.place(("plant", "blocks", "fmu", "file"))
+    plant["blocks"] = {"fmu": entry, **blocks}
+
+
+def _move(document: Document, old: Keys, new: Keys) -> None:
+    found: list[tuple[Keys, Place]] = [
+        (keys, place) for keys, place in document.places.items() if keys[: len(old)] == old
+    ]
+    for keys, place in found:
+        document.places[(*new, *keys[len(old) :])] = place
+
+
+def read(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str, Entry]":
+    """Return the block of an FMU, its description as text, and `entry` with the names here.
+
+    RigError for what is wrong with the file or with the names of its inputs.
+    """
+    from pcpc.executive.rig import fmu_block  # here, because it imports numba
+
+    if entry.file is None:
+        raise document.error(keys, "law fmu needs `file`, an FMU")
+    file = document.file((*keys, "file"), entry.file)
+    try:
+        model = _kept(file) if file.suffix == ".json" else described(file)
+    except RigError as error:
+        raise document.error((*keys, "file"), str(error)) from None
+    inputs = {one.given: one.name for one in model.of(fmu_block.INPUT)}
+    settings = {one.given: one.name for one in model.of(fmu_block.PARAMETER, fmu_block.START)}
+    for name in entry.inputs:
+        if inputs.get(name, name) not in inputs.values():
+            raise document.error((*keys, "inputs", name), _no_input(model, name, file))
+    here = msgspec.structs.replace(
+        entry, inputs=_here(document, (*keys, "inputs"), entry.inputs, inputs),
+        parameters=_here(document, (*keys, "parameters"), entry.parameters, settings),
+    )  # fmt: skip
+    own = None if file.suffix == ".json" else file
+    block = fmu_block.block(model, own, here.inputs)
+    return block, msgspec.json.encode(model).decode() + "\n", here
+
+
+def _here(
+    document: Document, at: Keys, given: Mapping[str, Any], names: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return a mapping by the names here, where it goes by the FMU's own; places go along."""
+    for name in given:
+        if names.get(name, name) != name and (*at, name) in document.places:
+            document.places[(*at, names[name])] = document.places[(*at, name)]
+    return {names.get(name, name): value for name, value in given.items()}
+
+
+def _no_input(model: "Model", name: str, file: Path) -> str:
+    """Return what is wrong with a wired name."""
+    from pcpc.executive.rig import fmu_block
+
+    found = next((one for one in model.variables if name in (one.given, one.name)), None)
+    if found is not None:
+        what = "starts there" if found.role == fmu_block.START else f"is of causality {found.role}"
+        return f"{found.given} of {file.name} {what}; only inputs are wired"
+    known = [one.given for one in model.of(fmu_block.INPUT)]
+    return f"{file.name} has no input {name}{did_you_mean(name, known)}"
+
+
+def _kept(file: Path) -> "Model":
+    """Return the model of a log's text; RigError."""
+    from pcpc.executive.rig.fmu_block import Model
+
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=Model)
+    except (OSError, msgspec.DecodeError) as error:
+        raise RigError(f"{shown(file)}: no description of an FMU: {error}") from None
+
+
+# ---------------------------------------------------------------------------- the FMU's own text
+
+
+def described(file: Path) -> "Model":
+    """Return what an FMU's description says; RigError in a line for what cannot be used."""
+    from pcpc.executive.rig.fmu_block import Model
+
+    found = _read(file)
+    where, simulated = shown(file), found.coSimulation
+    if simulated is None:
+        kinds = {"model exchange": found.modelExchange, "scheduled execution":
+                 found.scheduledExecution}  # fmt: skip
+        has = " and ".join(kind for kind, there in kinds.items() if there is not None)
+        raise RigError(f"{where}: an FMU for {has} only; export it for co-simulation")
+    if simulated.needsExecutionTool:
+        raise RigError(f"{where}: needs {found.generationTool or 'the tool that made it'} to run")
+    with file.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    return Model(
+        name=found.modelName or simulated.modelIdentifier, fmi=found.fmiVersion,
+        identifier=simulated.modelIdentifier, token=found.guid or "", sha256=digest,
+        once=bool(simulated.canBeInstantiatedOnlyOncePerProcess),
+        made_by=found.generationTool or "", variables=tuple(_variables(found)),
+    )  # fmt: skip
+
+
+def _read(file: Path) -> Any:
+    """Return FMPy's model description; RigError."""
+    try:
+        from fmpy import platform, platform_tuple
+        from fmpy.model_description import read_model_description
+    except ImportError:
+        raise RigError(f"{shown(file)}: {NEEDS}") from None
+    where = shown(file)
+    try:
+        with zipfile.ZipFile(file) as archive:
+            inside = archive.namelist()
+            broken = archive.testzip()
+    except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError) as error:
+        raise RigError(f"{where}: no FMU, which is a zip archive: {error}") from None
+    if broken is not None:
+        raise RigError(f"{where}: damaged: {broken} in it does not have its checksum")
+    if "modelDescription.xml" not in inside:
+        raise RigError(f"{where}: no FMU: there is no modelDescription.xml in it")
+    version = _version(file)
+    if version not in ("2.0", "3.0"):
+        raise RigError(f"{where}: FMI {version}; 2.0 and 3.0 are supported")
+    try:
+        found = read_model_description(str(file), validate=True)
+    except Exception as error:  # lxml's and FMPy's own
+        problems = getattr(error, "problems", None) or [str(error)]
+        raise RigError(f"{where}: modelDescription.xml: {' '.join(problems[0].split())}") from None
+    if found.coSimulation is not None:
+        folder = platform if found.fmiVersion == "2.0" else platform_tuple
+        library = f"binaries/{folder}/{found.coSimulation.modelIdentifier}.so"
+        if library not in inside:
+            others = sorted({name.split("/")[1] for name in inside if name.count("/") > 1
+                             and name.startswith("binaries/")})  # fmt: skip
+            has = f"; it has {', '.join(others)}" if others else ""
+            raise RigError(f"{where}: nothing for this machine, {library}{has}")
+    return found
+
+
+def _version(file: Path) -> str:
+    """Return what the description says of its version, before it is checked by that."""
+    with zipfile.ZipFile(file) as archive, archive.open("modelDescription.xml") as text:
+        found = re.search(rb'fmiVersion\s*=\s*["\']([^"\']{1,20})', text.read(_HEAD_BYTES))
+    return found[1].decode(errors="replace") if found else "of no version"
+
+
+def _variables(found: Any) -> Iterator["Variable"]:
+    """Yield the numbers of a description that are inputs, outputs, parameters or starts."""
+    taken: set[str] = {"fmi_address", "fmi_status"}
+    for one in found.modelVariables:
+        if one.type not in _NUMBERS or one.alias is not None:
+            continue
+        roles = [*_roles(one)]
+        for element, name in _elements(one, found):
+            for role, ending in roles:
+                yield _variable(one, role, element, name, _free(name + ending, taken))
+
+
+def _roles(one: Any) -> Iterator[tuple[str, str]]:
+    """Yield each role of a variable, and the ending of its name there."""
+    if one.causality in ("input", "output"):
+        yield one.causality, ""
+    if one.causality == "parameter":
+        yield "parameter", ""
+    elif one.start is not None and (
+        one.causality == "input"
+        or (one.initial == "exact" and one.variability != "constant"
+            and one.causality in ("output", "local"))
+    ):  # fmt: skip
+        yield "start", "_start"
+
+
+def _elements(one: Any, found: Any) -> Iterator[tuple[int, str]]:
+    """Yield place and name of each element: 0 and the name, or those of an array."""
+    size = 1
+    for dimension in one.dimensions:
+        by = dimension.start
+        if by is None and dimension.variable is not None:
+            by = dimension.variable.start
+        size *= int(by or 0)
+    if not one.dimensions:
+        yield 0, one.name
+    elif 0 < size <= _MOST:
+        yield from ((i, f"{one.name}[{i + 1}]") for i in range(size))
+
+
+def _variable(one: Any, role: str, element: int, name: str, here: str) -> "Variable":
+    from pcpc.executive.rig.fmu_block import Variable
+
+    declared = one.declaredType
+    text = one.unit or (declared.unit if declared is not None else "") or ""
+    about = " ".join((one.description or "").split())
+    low, high = (
+        _number(end if end is not None else getattr(declared, side, None))
+        for end, side in ((one.min, "min"), (one.max, "max"))
+    )
+    if one.type == "Boolean":
+        low, high = 0.0, 1.0
+    start = None if role == "output" else _number(one.start, element)
+    if role == "parameter" and start is None:
+        start = 0.0
+    return Variable(
+        name=here, given=name, role=role, kind=one.type, reference=one.valueReference,
+        element=element, unit=unit_of(text), start=start, low=low, high=high,
+        help=about or f"{name} of the FMU",
+        tunable=role == "parameter" and one.variability == "tunable",
+    )  # fmt: skip
+
+
+def _number(text: Any, element: int = 0) -> float | None:
+    """Return a number of the description, or one of a list; None for none."""
+    if text is None:
+        return None
+    parts = str(text).split()
+    word = parts[element] if element < len(parts) else parts[0] if len(parts) == 1 else ""
+    if word in ("true", "false"):
+        return float(word == "true")
+    try:
+        return float(word)
+    except ValueError:
+        return None
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """Return the name of a variable as an identifier, with a number if that is taken."""
+    word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
+    word = word if re.match("[A-Za-z]", word) else f"v_{word}"
+    found, number = word, 1
+    while found in taken:
+        number += 1
+        found = f"{word}_{number}"
+    taken.add(found)
+    return found
+
+
+def unit_of(text: str) -> str:
+    """Return a unit of FMI as pcpc writes it: N.m as N m, m/s^2 as m/s2, 1 as none."""
+    text = re.sub(r"\s*[.*](?=[A-Za-z(])\s*", " ", text.strip()).replace("^", "")
+    return "" if text in ("1", "-") else text

@@ -1,0 +1,136 @@
+"""An FMU as a block: what a rig needs of its description, and the ports that this makes.
+
+    inputs        variables of causality input that the rig wires; the others keep their start
+    outputs       variables of causality output
+    parameters    tunable parameters, which `pcpc set` may change
+    settings      all parameters, and starts of inputs and of what begins `exact`, as NAME_start
+
+Everything is a float64: integers are rounded, booleans are 0 and 1, an array is element by element,
+NAME_1, NAME_2, .... Text, binary data and clocks are left out. The description also stands in the
+log, so that a log is read where the FMU is not; only `executive.nodes.fmus` loads its code.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from msgspec import Struct
+
+from pcpc.drivers import fmi
+from pcpc.drivers.stage import Stage
+from pcpc.executive.laws.block import Block, Ports, Prepared, port
+
+INPUT, OUTPUT, PARAMETER, START = "input", "output", "parameter", "start"  # roles
+
+
+class Variable(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One value of an FMU: `name` as pcpc has it, `given` as the FMU has it.
+
+    `kind`: the type's name in FMI; `reference`: its value reference, `element`: which of an array;
+    `low`, `high`: the description's, None for none.
+    """
+
+    name: str
+    given: str
+    role: str
+    kind: str
+    reference: int
+    element: int = 0
+    unit: str = ""
+    help: str = ""
+    start: float | None = None
+    low: float | None = None
+    high: float | None = None
+    tunable: bool = False
+
+
+class Model(Struct, frozen=True, kw_only=True):
+    """What an FMU's description says, as far as a rig needs it; `sha256` is that of its file."""
+
+    name: str
+    fmi: str
+    identifier: str
+    token: str
+    sha256: str
+    once: bool  # only one instance in a process
+    made_by: str
+    variables: tuple[Variable, ...]
+
+    def of(self, *roles: str) -> list[Variable]:
+        """Return the variables of these roles."""
+        return [one for one in self.variables if one.role in roles]
+
+
+class States(Ports):
+    """What the loop keeps of an FMU."""
+
+    address = port(
+        "", "where its calls are described", named="fmi_address", shape=1, recorded=False
+    )
+    status = port(
+        "", "0 OK, 1 warning, 2 discard, 3 error, 4 fatal, 5 ended", named="fmi_status", shape=1
+    )
+
+
+class FmuStep(Stage):
+    """The step of an FMU; it does nothing without an instance, which is made where it runs.
+
+    `file` None: of a log, which holds the description alone.
+    """
+
+    def __init__(
+        self, model: Model, file: Path | None, declared: tuple[Any, ...], wired: list[Variable],
+        tunable: list[Variable],
+    ) -> None:  # fmt: skip
+        self.model, self.file, self.declared = model, file, declared
+        self.wired, self.tunable = wired, tunable
+        self.py_func, self.__name__, self.__doc__ = fmi.stepped, model.name, fmi.stepped.__doc__
+
+    @property
+    def entry(self) -> Any:
+        """What `drivers.stage.call` takes."""
+        return fmi.entry()
+
+    @property
+    def entry_of_lanes(self) -> int:
+        """Refuse: an FMU is not stepped in lanes."""
+        raise TypeError("an FMU runs one by one")
+
+    def __call__(self, t: float, dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+        """Step on float64 vectors."""
+        fmi.stepped(t, dt, p, x, u, y)
+
+
+def block(model: Model, file: Path | None, wired: Mapping[str, str]) -> Block:
+    """Return the block of an FMU whose inputs `wired`, by their names here, have sources."""
+    references = {one.reference for one in model.of(INPUT) if one.name in wired}
+    inputs = [one for one in model.of(INPUT) if one.reference in references]  # arrays as a whole
+    tunable = [one for one in model.of(PARAMETER) if one.tunable]
+    settings = [
+        one for one in model.of(PARAMETER, START)
+        if not (one.role == START and one.given in {wire.given for wire in inputs})
+    ]  # fmt: skip
+    declared = (
+        _ports("Parameters", tunable), States, _ports("Inputs", inputs),
+        _ports("Outputs", model.of(OUTPUT)),
+    )  # fmt: skip
+    names = [one.name for one in tunable]
+
+    def prepare(given: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
+        return Prepared({name: given[name] for name in names})
+
+    step = FmuStep(model, file, declared, inputs, tunable)
+    return Block(step, _ports("Settings", settings), prepare)
+
+
+def _ports(kind: str, variables: list[Variable]) -> Any:
+    """Return a declaration with a port of one value for each variable, under its name."""
+    made = {
+        f"v{i}": port(
+            one.unit, one.help, one.start,
+            -float("inf") if one.low is None else one.low,
+            float("inf") if one.high is None else one.high, named=one.name, shape=1,
+        )
+        for i, one in enumerate(variables)
+    }  # fmt: skip
+    return type(kind, (Ports,), {"__doc__": "Of an FMU.", **made})
