@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from pcpc.drivers import heap
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import code_of
 from pcpc.executive.log.beside import Beside
@@ -270,6 +271,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         signal.signal(number, lambda which, _: stopped.append(which))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the nodes; it sees them end
     os.nice(10)
+    heap.give_back()
     try:
         block = sharing.attach(options.executive)
         recorder = Recorder(options.out, [block], options.others, options.judged)
