@@ -15,7 +15,7 @@ import os
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -156,7 +156,25 @@ def made(name: str) -> Path:
     raise PermissionError(1, distrust(cache_folder()), str(cache_folder()))
 
 
-def count() -> int:
-    """Return how many functions are compiled for the present sources."""
-    parts = (names for folder in folders() for _, _, names in os.walk(folder))
-    return sum(name.endswith(".nbc") for names in parts for name in names)
+def count(since_s: float) -> int:
+    """Return how many functions were compiled for the present sources since then (Unix time)."""
+    return sum(_written_s(path) >= since_s for path in _compiled())
+
+
+def is_empty() -> bool:
+    """Return whether nothing is compiled for the present sources."""
+    return next(_compiled(), None) is None
+
+
+def _compiled() -> Iterator[str]:
+    """Find the files with compiled functions."""
+    for folder in folders():
+        for at, _, names in os.walk(folder):
+            yield from (os.path.join(at, name) for name in names if name.endswith(".nbc"))
+
+
+def _written_s(path: str) -> float:
+    try:
+        return os.stat(path).st_mtime
+    except OSError:  # cleared away meanwhile
+        return 0.0

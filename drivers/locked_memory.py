@@ -3,7 +3,8 @@
 `mlockall` alone gives a process its own copy of each page that it shares with the one it was forked
 from, and fills all that was reserved and never used: 0.15 s and 250 MB for each node of a run. Here
 pages stay shared until somebody writes to them, once, for a microsecond; what a loop writes it has
-written when it was warmed up. What is mapped later comes whole.
+written when it was warmed up. What is mapped later comes whole. Pages of no file are there since
+they were written, unless some have been swapped out.
 
 Linux before 5.14 does not know how; there it is `mlockall` alone.
 """
@@ -46,9 +47,10 @@ def _populated() -> bool:
 
 
 def _readable() -> Iterator[tuple[int, int]]:
-    """Find what is mapped and may be read, but for the kernel's own: (address, bytes) of each."""
+    """Find what may be read and can lie on a disk, but for the kernel's own: (address, bytes)."""
+    swapped = "VmSwap:\t       0 kB" not in Path("/proc/self/status").read_text()
     for line in Path("/proc/self/maps").read_text().splitlines():
-        addresses, rights, *_ = line.split(maxsplit=2)
-        if rights[0] == "r" and "[v" not in line:
+        addresses, rights, _, _, inode, *_ = line.split(maxsplit=5)
+        if rights[0] == "r" and "[v" not in line and (swapped or inode != "0"):
             start, end = (int(address, 16) for address in addresses.split("-"))
             yield start, end - start

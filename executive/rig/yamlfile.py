@@ -74,6 +74,7 @@ class Document:
     data: dict[str, Any]
     places: dict[Keys, Place]
     sources: dict[Path, str] = field(default_factory=dict)
+    _named: dict[str, Place] = field(default_factory=dict, repr=False, compare=False)
 
     def place(self, path: str | Keys) -> Place:
         """Return the place of the value at `path`, or of the nearest mapping or list around it."""
@@ -81,10 +82,11 @@ class Document:
             while path not in self.places:
                 path = path[:-1]
             return self.places[path]
-        named = {dotted(keys): place for keys, place in self.places.items()}
-        while path not in named:
+        if len(self._named) != len(self.places):
+            self._named = {dotted(keys): place for keys, place in self.places.items()}
+        while path not in self._named:
             path = path[: max(path.rfind("."), path.rfind("["), 0)]
-        return named[path]
+        return self._named[path]
 
     def where(self, path: str | Keys) -> str:
         """Return `file:line:column` (or the option) of `path`, or of what is nearest around it."""
@@ -119,6 +121,7 @@ class Document:
         for known in stale:
             del self.places[known]
         self.places[keys] = place
+        self._named = {}
 
 
 @dataclass(frozen=True)

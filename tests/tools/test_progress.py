@@ -1,7 +1,11 @@
 """What takes longer than a moment says so, also where nobody can tell how far it is."""
 
+import os
 import queue
 import sys
+import tempfile
+import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +15,7 @@ from logcommand import barrel_log
 
 from pcpc.executive.log import reader as logs
 from pcpc.tools.console import progress
-from pcpc.tools.console.progress import Progress
+from pcpc.tools.console.progress import Compiling, Progress
 from pcpc.tools.log import source
 
 WITHIN_S = 10.0
@@ -32,6 +36,27 @@ def test_what_cannot_tell_how_far_it_is_is_told_while_it_goes_on(
         said.get()
     with pytest.raises(queue.Empty):
         said.get(timeout=0.05)
+
+
+def test_what_was_compiled_since_a_command_began_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def compiled(name: str, age_s: float) -> None:
+        file = tmp_path / "laws" / f"{name}.nbc"
+        file.parent.mkdir(exist_ok=True)
+        file.touch()
+        os.utime(file, times=(time.time() - age_s,) * 2)
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "laws" / "none"))
+    first = Compiling()
+    assert "once: 0 of about " in first.text()
+    compiled("before", age_s=60.0)
+    later = Compiling()
+    assert later.text() == ""
+    for name in ("one", "two"):
+        compiled(name, age_s=-60.0)
+    assert "once: 2 functions, " in later.text() and "once: 2 of about " in first.text()
 
 
 def test_a_log_that_takes_long_to_read_says_how_far_it_is(

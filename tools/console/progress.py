@@ -75,11 +75,12 @@ class Compiling:
     """Says that code is compiled, by this process or by children, and how much of it is done."""
 
     def __init__(self) -> None:
-        self._begin_s, self._had = time.monotonic(), compile_cache.count()
+        self._begin_s, self._since_s = time.monotonic(), time.time()
+        self._had = not compile_cache.is_empty()
 
     def text(self) -> str:
         """Return what is said now; "" when nothing is compiled."""
-        done = compile_cache.count() - self._had
+        done = compile_cache.count(self._since_s)
         return self._words(done) if done or not self._had else ""
 
     def told(self, quiet: bool) -> None:
