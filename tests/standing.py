@@ -2,13 +2,15 @@
 
 import select
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 
 _SLICE_S = 0.01
+_GRANT_S = 0.001  # a period
 _standing: dict[str, "Standing"] = {}
 
 
@@ -46,6 +48,38 @@ def end(name: str) -> None:
     """End what stands under `name`."""
     if name in _standing:
         _standing.pop(name).end()
+
+
+@contextmanager
+def granting(*blocks: sh.Shared) -> Iterator[list[tuple[str, dict[str, float]]]]:
+    """Grant what is asked of these nodes, as their loops do; give node and values of each, in turn.
+
+    What was asked stands in their variables from then on.
+    """
+    granted: list[tuple[str, dict[str, float]]] = []
+    over = threading.Event()
+
+    def loop() -> None:
+        while not over.wait(_GRANT_S):
+            for block in blocks:
+                mail, answer = block["mail"], block["answer"]
+                if (request := int(mail[sh.REQUEST])) != answer[sh.ACK]:
+                    asked = slice(int(mail[sh.COUNT]))
+                    index, value = block["mail_index"][asked], block["mail_value"][asked]
+                    names = [block.description["variables"][place][0] for place in index]
+                    granted.append((block.name, dict(zip(names, value.tolist(), strict=True))))
+                    block["snapshot"][index] = value
+                    answer[sh.REFUSAL], answer[sh.ACK] = sh.ACCEPTED, request
+
+    for block in blocks:
+        block["control"][sh.PASSES] = 1
+    thread = threading.Thread(target=loop, daemon=True)
+    thread.start()
+    try:
+        yield granted
+    finally:
+        over.set()
+        thread.join()
 
 
 def end_all() -> None:

@@ -72,3 +72,19 @@ def test_a_law_that_says_no_number_is_not_asked_for(block: sh.Shared) -> None:
     says = "pid cannot take over: an output of it is no finite number; pd stays in charge"
     assert (str(refused.value), refused.value.code) == (f"{node.name}: {says}", Exit.NOT_MET)
     assert node.block["mail"][sh.REQUEST] == 0
+
+
+def test_a_hand_over_that_the_loop_refuses_takes_its_wish_back(block: sh.Shared) -> None:
+    node = saying(block, state=sv.RUN, usable_pd=1.0, usable_pid=1.0)
+    with standing.granting(block) as granted, pytest.raises(LiveError) as refused:
+        operating.hand_over(node, "pid")  # whose outputs are no numbers from the next cycle on
+    assert "pid cannot take over" in str(refused.value) and refused.value.code == Exit.NOT_MET
+    assert [values for _, values in granted] == [{"handover.to": 1.0}, {"handover.to": 0.0}]
+
+
+def test_a_wish_of_before_is_taken_back_to_be_asked_again(block: sh.Shared) -> None:
+    node = saying(block, state=sv.RUN, usable_pd=1.0, usable_pid=1.0, to=1.0)
+    with standing.granting(block) as granted, pytest.raises(LiveError):
+        operating.hand_over(node, "pid")
+    wishes = [values["handover.to"] for _, values in granted]
+    assert wishes == [0.0, 1.0, 0.0], "only a change is a wish"

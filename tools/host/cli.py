@@ -92,7 +92,7 @@ def opened(options: argparse.Namespace) -> Door:
 
 
 def serve(door: Door, shown: Source | Watch, options: argparse.Namespace) -> None:
-    """Serve the page until this process is asked to end."""
+    """Serve the page until this process is asked to end, or an error ends it, which is raised."""
     import uvicorn
 
     from pcpc.tools.host.server import Server, config
@@ -102,18 +102,19 @@ def serve(door: Door, shown: Source | Watch, options: argparse.Namespace) -> Non
     app = server.app(door.names, door.certificate is not None)
     web = uvicorn.Server(config(app, door.certificate))
     web.install_signal_handlers = lambda: None  # type: ignore
-    asyncio.run(_serve(web, door.line))
-
-
-async def _serve(web: "object", line: socket.socket) -> None:
-    loop = asyncio.get_running_loop()
 
     def end() -> None:
-        web.should_exit = True  # type: ignore
+        web.should_exit = True
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, end)
-    await web.serve(sockets=[line])  # type: ignore
+    async def run() -> None:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            asyncio.get_running_loop().add_signal_handler(number, end)
+        await web.serve(sockets=[door.line])
+
+    server.at_failure = end
+    asyncio.run(run())
+    if server.failure is not None:
+        raise server.failure
 
 
 def _told(options: argparse.Namespace, shown: Source | Watch) -> str:

@@ -5,7 +5,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -50,6 +50,8 @@ class Server:
         self.offered: list[dict[str, Any]] = []
         self.tick: asyncio.Future[None]
         self.ticks = 0
+        self.failure: BaseException | None = None
+        self.at_failure: Callable[[], None] = lambda: None  # called once it can follow no more
 
     def stage(self, run: str) -> Stage:
         """Return what shows a run, which need not go on yet; "": whichever is alone."""
@@ -82,10 +84,16 @@ class Server:
     async def _life(self, app: Starlette) -> AsyncIterator[None]:
         self.tick = asyncio.get_running_loop().create_future()
         following = asyncio.create_task(self._follow())
+        following.add_done_callback(self._failed)
         yield
         following.cancel()
         for stage in self._stages.values():
             await asyncio.to_thread(stage.close)
+
+    def _failed(self, following: "asyncio.Task[None]") -> None:
+        if not following.cancelled():
+            self.failure = following.exception()
+            self.at_failure()
 
     async def _follow(self) -> None:
         """Take what the runs have recorded, look for others, and have the clients go on."""

@@ -1,0 +1,103 @@
+"""What the page asks of several nodes, and what its server does when it cannot follow a run."""
+
+import argparse
+import os
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import pytest
+import standing
+from hosting import LONG
+from processes import own_bus, until
+
+import pcpc
+from pcpc.drivers.errors import UserError
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import sharing
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.nodes.live import Live
+from pcpc.tools.host import asked
+from pcpc.tools.host.actions import Actions
+from pcpc.tools.host.beside import Page
+from pcpc.tools.host.sources import Source, Watch
+from pcpc.tools.host.stage import Stage
+
+ROLES = ("executive", "local", "plant")  # as the page has them
+STATE, RESET = "supervisor.state", "supervisor.reset"
+
+
+@pytest.fixture
+def blocks() -> Iterator[dict[str, sh.Shared]]:
+    """Return what three nodes of a rig write, by role."""
+    made = {}
+    for role in ROLES:
+        about = {
+            "variables": [[name, "", "", "", ""] for name in (STATE, RESET)],
+            "ranges": {RESET: [0.0, 1.0]}, "state_columns": [], "timing_columns": [],
+            "period_ns": 1_000_000, "rig": "stand", "node": role, "sources": {}, "frames": {},
+            "metadata": {}, "attachments": {}, "files": [], "blocks": [],
+        }  # fmt: skip
+        made[role] = standing.stand(f"reset.{os.getpid()}.{role}", about)
+    yield made
+    standing.end_all()
+
+
+def actions(blocks: dict[str, sh.Shared]) -> Actions:
+    nodes = {role: SimpleNamespace(live=Live(sharing.attach(b.name))) for role, b in blocks.items()}
+    source = Source("stand", True, nodes)
+    return Actions(lambda: source, write=True)
+
+
+@pytest.mark.parametrize("faulted", [ROLES, ("executive", "plant"), ("local",)])
+def test_nodes_in_fault_are_reset_from_the_lowest_up(
+    blocks: dict[str, sh.Shared], faulted: tuple[str, ...]
+) -> None:
+    for role in faulted:
+        blocks[role]["snapshot"][0] = sv.FAULT
+    with standing.granting(*blocks.values()) as granted:
+        actions(blocks).do(asked.Act(1, "reset"))
+    order = [role for role in ("plant", "local", "executive") if role in faulted]
+    assert granted == [(blocks[role].name, {RESET: 1.0}) for role in order]
+
+
+def test_without_a_fault_nothing_is_reset(blocks: dict[str, sh.Shared]) -> None:
+    with pytest.raises(UserError, match="no node is in FAULT"):
+        actions(blocks).do(asked.Act(1, "reset"))
+    assert not any(block["mail"][sh.REQUEST] for block in blocks.values())
+
+
+def test_what_is_told_is_made_anew_once_more_was_recorded(
+    options: argparse.Namespace,
+) -> None:
+    with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
+        node = live._nodes["plant"]
+        stage = Stage(Watch(node=node.name), options, [])
+        until(lambda: stage.find() or stage.source.nodes, "the run is found")
+        told = []
+        for _ in range(3):
+            stage.poll()
+            told.append(stage.status()[0]["nodes"]["plant"]["cycle"])
+            assert stage.status()[0]["nodes"]["plant"]["cycle"] == told[-1]  # for all clients
+            node.wait_until(lambda now: now.cycle > told[-1], 60.0)
+        stage.close()
+    assert told == sorted(set(told)), told
+
+
+@pytest.fixture
+def options(tmp_path, monkeypatch: pytest.MonkeyPatch) -> argparse.Namespace:
+    """Return those of a page beside a run."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return argparse.Namespace(host=True, write=False, port=0, recordings=None, recordings_mb=None)
+
+
+def test_a_server_that_cannot_follow_ends_with_the_error(
+    options: argparse.Namespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(stage: Stage) -> None:
+        raise ValueError("the ring is torn")
+
+    monkeypatch.setattr(Stage, "poll", fails)
+    with Page(options, "nobody.executive") as page:
+        page.start()
+        said = until(page.ended, "the page ends")
+    assert said.startswith("the page has ended: ValueError: the ring is torn; the run goes on")
