@@ -2,16 +2,25 @@
 
 The files that take longest come first, so that in the end no processor waits for one of them. The
 tests of a file that starts programs as a user does are `paced`: such programs keep time by the
-machine's clock, and one that fails while the machine could not is repeated once, and named.
-Hypothesis judges no test by the time that it took.
+machine's clock, and one that fails while the machine could not is repeated once, and named. Their
+commands are copies, which spares a second of processor time each. Hypothesis judges no test by the
+time that it took.
 """
 
 import gc
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
 from functools import cache
+from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
+from copies import PROGRAMS, Copy, copies
 from hypothesis import HealthCheck, settings
+
+from pcpc.tools.starting.children import Child
 
 LONGEST = [  # in turn
     "test_pytest_plugin", "test_pages", "test_ci", "test_neural_controllers", "test_memory",
@@ -25,12 +34,35 @@ LONGEST = [  # in turn
 
 STARTS_PROGRAMS = {
     "processes", "hosting", "live_run", "playing", "copies", "paging", "two_processes", "free_bus",
-    "live", "blocks",
+    "live", "blocks", "pcpc.tools.starting.children",
 }  # fmt: skip
+
+_started = Child.started
 
 gc.disable()
 settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any speed")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _commands_are_copies(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Let `pcpc.running` start copies, see `copies`, but in a file that says NEW_PROCESSES."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not getattr(request.module, "NEW_PROCESSES", False):
+            patch.setattr(Child, "started", _copied)
+        yield
+
+
+def _copied(name: str, module: str, arguments: Sequence[str], **more: bool) -> Child:
+    """Do what `Child.started` does; what is a command of pcpc is a copy."""
+    if module != "pcpc.tools.cli":
+        return _started(name, module, arguments, **more)
+    stderr, nothing = tempfile.TemporaryFile(), os.open(os.devnull, os.O_RDWR)  # noqa: SIM115
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    words, files = [PROGRAMS["pcpc"], *arguments], [nothing, nothing, stderr.fileno()]
+    process: Any = Copy(copies().address, words, Path.cwd(), environment, files)
+    os.close(nothing)
+    return Child(name, process, stderr)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

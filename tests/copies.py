@@ -9,6 +9,7 @@ environment would change at an import starts a new Python instead.
 """
 
 import atexit
+import ctypes
 import gc
 import json
 import os
@@ -31,11 +32,16 @@ from typing import Any, NoReturn
 PROGRAMS = {name: str(Path(sys.executable).with_name(name)) for name in ("pcpc", "pytest")}
 _AT_RUN_TIME = {  # read when they are needed, not at an import
     "PATH", "PWD", "OLDPWD", "SHLVL", "_", "COLUMNS", "LINES", "HOME", "USERPROFILE",
-    "XDG_CACHE_HOME",
+    "XDG_CACHE_HOME", "XDG_STATE_HOME",
 }  # fmt: skip
+_LATER = (  # what commands import once they know that they need it
+    "matplotlib.figure", "matplotlib.backends.backend_agg", "pytest", "pcpc.tools.host.server",
+    "uvicorn.lifespan.on", "uvicorn.loops.asyncio", "uvicorn.protocols.http.h11_impl",
+)  # fmt: skip
 _BEFORE = dict(os.environ)  # imports add to it, and tests, one of which may start the server
 _RIG = str(Path(__file__).resolve().parents[1] / "plants" / "atb1000" / "rigs" / "slew10.yaml")
 _LARGEST = 1 << 20
+_PR_SET_PDEATHSIG = 1
 _PROGRAM = """\
 #!{python} -SE
 import sys
@@ -139,6 +145,35 @@ class Copy:
         self.send_signal(signal.SIGKILL)
 
 
+class Heard(Copy):
+    """One whose stdout and stderr are read while it runs; its words are those of `pcpc`."""
+
+    def __init__(self, words: Sequence[str], environment: Mapping[str, str]) -> None:
+        nothing, ours = os.open(os.devnull, os.O_RDONLY), [os.pipe() for _ in range(2)]
+        files = [nothing, *(theirs for _, theirs in ours)]
+        super().__init__(
+            copies().address, [PROGRAMS["pcpc"], *words], Path.cwd(), environment, files
+        )
+        for file in files:
+            os.close(file)
+        self.stdout, self.stderr = (os.fdopen(file, errors="replace") for file, _ in ours)
+        self._rest: tuple[str, str] | None = None
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """Wait for the end; return what was not read before, also when asked again."""
+        self.wait(timeout)
+        if self._rest is None:
+            with self.stdout, self.stderr:
+                self._rest = self.stdout.read(), self.stderr.read()
+        return self._rest
+
+
+def end_with_the_tests() -> None:
+    """Begin so, before what is started; it does not outlive the tests, also killed ones."""
+    as_of_a_terminal()
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 def as_of_a_terminal() -> None:
     """Begin as a shell of a terminal begins a command, whatever started the tests: nohup, cron."""
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -177,6 +212,7 @@ def _serve(listening: socket.socket, tests: socket.socket) -> tuple[list[Any], l
                     _look(selector, *key.data)
                     continue
                 if key.fileobj is tests:
+                    _end_all(selector)
                     sys.exit()
                 client, _ = listening.accept()
                 text, files, _, _ = socket.recv_fds(client, _LARGEST, 3, socket.MSG_CMSG_CLOEXEC)
@@ -191,6 +227,12 @@ def _serve(listening: socket.socket, tests: socket.socket) -> tuple[list[Any], l
                 watched = os.pidfd_open(pid)
                 for one in (watched, client):
                     selector.register(one, selectors.EVENT_READ, (pid, watched, client))
+
+
+def _end_all(selector: selectors.BaseSelector) -> None:
+    """End what goes on once the tests are gone, also killed ones."""
+    for pid in {key.data[0] for key in selector.get_map().values() if key.data is not None}:
+        os.kill(pid, signal.SIGKILL)  # it is there until it is waited for
 
 
 def _look(selector: selectors.BaseSelector, pid: int, watched: int, client: socket.socket) -> None:
@@ -241,7 +283,7 @@ if __name__ == "__main__":
     for _command in import_module("pcpc.tools.console.commands").COMMANDS.values():
         for _one in _command.parts or (_command,):
             import_module(f"pcpc.tools.{_one.at}")
-    for _name in ("matplotlib.figure", "matplotlib.backends.backend_agg", "pytest"):
+    for _name in _LATER:
         import_module(_name)
     _rig = import_module("pcpc.executive.rig.reading").load_rig(_RIG, None, ("duration_s=0.001",))
     import_module("pcpc.executive.nodes.virtual").in_memory(_rig)

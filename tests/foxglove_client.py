@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from copies import Heard
 from hosting import ANSWER_S, started
 from websockets.sync.client import connect
 
@@ -24,7 +25,7 @@ PROTOCOL = "foxglove.sdk.v1"
 class Server:
     """A running one, and the token that it printed, "" if it only shows."""
 
-    process: "subprocess.Popen[str]"
+    process: "subprocess.Popen[str] | Heard"
     url: str
     token: str
 

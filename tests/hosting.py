@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
+from copies import Heard, end_with_the_tests
 from websockets.sync.client import connect
 
 ANSWER_S = 30.0
@@ -27,7 +28,7 @@ LONG = {
 class Host:
     """Where it listens, and the token that its pages have."""
 
-    process: "subprocess.Popen[str]"
+    process: "subprocess.Popen[str] | Heard"
     port: int
     token: str
 
@@ -50,16 +51,21 @@ class Host:
 @contextmanager
 def started(
     folder: Path, *words: str, before: Sequence[str] = ()
-) -> Iterator["subprocess.Popen[str]"]:
+) -> Iterator["subprocess.Popen[str] | Heard"]:
     """Start `pcpc host`, whose token lies in `folder`; end it as Ctrl-C does, if it goes on.
 
-    `before`: the words of a command that starts it, as prlimit does.
+    `before`: the words of a command that starts it, as prlimit does; without it is a copy.
     """
-    process = subprocess.Popen(
-        [*before, sys.executable, "-m", "pcpc.tools.cli", "host", *words],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=os.environ | {"XDG_STATE_HOME": str(folder)},
-    )  # fmt: skip
+    environment = os.environ | {"XDG_STATE_HOME": str(folder)}
+    process: subprocess.Popen[str] | Heard
+    if before:
+        process = subprocess.Popen(
+            [*before, sys.executable, "-m", "pcpc.tools.cli", "host", *words],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+            preexec_fn=end_with_the_tests,
+        )  # fmt: skip
+    else:
+        process = Heard(["host", *words], environment)
     try:
         yield process
         if process.poll() is None:
@@ -85,11 +91,12 @@ def hosting(folder: Path, *words: str, port: int = 0, before: Sequence[str] = ()
 
 
 class Client:
-    """A client with the token."""
+    """A client with the token; what is waited for comes within ANSWER_S, or it is an error."""
 
     def __init__(self, host: Host, **more: Any) -> None:
         self._connection = host.connect()
         self.socket = self._connection.__enter__()
+        self._events: list[dict[str, Any]] = []  # that came before an answer
         self.say(do="hello", token=host.token, **more)
         self.about: dict[str, Any] = self.until("about")["about"]
         self.last = 0
@@ -111,27 +118,43 @@ class Client:
             return json.loads(found)
         return np.frombuffer(found, np.float64, 8), np.frombuffer(found, np.float32, offset=64)
 
+    def _until(self, met: Callable[[Any], bool], what: str) -> Any:
+        """Return the next for which `met` is true; others may come all the time."""
+        end_s = time.monotonic() + ANSWER_S
+        while not met(found := self.next()):
+            assert time.monotonic() < end_s, f"no {what} within {ANSWER_S:g} s"
+        return found
+
     def until(self, key: str) -> dict[str, Any]:
-        """Return the next message that has this key; others may come all the time."""
+        """Return the next message that has this key."""
+        return dict(self._until(lambda found: isinstance(found, dict) and key in found, key))
+
+    def event(self, name: str) -> dict[str, Any]:
+        """Return the next event about `name`, also one that came before an answer."""
         end_s = time.monotonic() + ANSWER_S
         while True:
-            assert time.monotonic() < end_s, f"no {key} within {ANSWER_S:g} s"
-            found = self.next()
-            if isinstance(found, dict) and key in found:
-                return found
+            found = self._events.pop(0) if self._events else self.until("event")["event"]
+            if found.get("name") == name:
+                return dict(found)
+            assert time.monotonic() < end_s, f"no event about {name} within {ANSWER_S:g} s"
 
     def panel(self, number: int) -> tuple[Any, Any]:
         """Return the next head and values of a panel."""
-        while True:
-            found = self.next()
-            if isinstance(found, tuple) and found[0][1] == number:
-                return found
+        head, values = self._until(
+            lambda found: isinstance(found, tuple) and found[0][1] == number, f"panel {number}"
+        )
+        return head, values
 
     def ask(self, **message: Any) -> dict[str, Any]:
         """Ask for something; return the answer."""
         self.last += 1
         self.say(id=self.last, **message)
-        while True:
-            found = self.next()
-            if isinstance(found, dict) and self.last in (found.get("done"), found.get("refused")):
-                return found
+
+        def answers(found: Any) -> bool:
+            if isinstance(found, dict) and "event" in found:
+                self._events.append(found["event"])
+            return isinstance(found, dict) and self.last in (
+                found.get("done"), found.get("refused")
+            )  # fmt: skip
+
+        return dict(self._until(answers, f"answer to {message}"))

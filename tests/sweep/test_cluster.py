@@ -12,6 +12,7 @@ from pathlib import Path
 
 import distributed
 import pytest
+from copies import end_with_the_tests
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
@@ -63,7 +64,7 @@ def start() -> Iterator[Start]:
         where = subprocess.PIPE if pipe else subprocess.DEVNULL
         started.append(subprocess.Popen(
             [sys.executable, *words], env=GENERIC, stdout=subprocess.DEVNULL, stderr=where,
-            text=True, start_new_session=True,
+            text=True, start_new_session=True, preexec_fn=end_with_the_tests,
         ))  # fmt: skip
         return started[-1]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from copies import PROGRAMS, Copy, as_of_a_terminal, copies
+from copies import PROGRAMS, Copy, copies, end_with_the_tests
 from free_bus import GROUP, own_port
 
 from pcpc.drivers import claim
@@ -106,7 +106,7 @@ class Running:
         if before:
             self.process = subprocess.Popen(
                 self.words, stdin=files[0], stdout=files[1], stderr=files[2], cwd=cwd,
-                env=surroundings, start_new_session=True, preexec_fn=as_of_a_terminal,
+                env=surroundings, start_new_session=True, preexec_fn=end_with_the_tests,
             )  # fmt: skip
         else:
             self.process = Copy(copies().address, self.words, cwd, surroundings, files)

@@ -26,6 +26,7 @@ from pcpc.tools.api.settings import settings
 from pcpc.tools.log import series
 from pcpc.tools.rigs import find
 
+NEW_PROCESSES = True  # `pcpc.running` starts what it starts for its users
 SHORT = {"duration_s": 0.3}
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -2,12 +2,30 @@
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from copies import Copy
-from processes import PATIENT, RIGS, Running, alive, own_bus, pcpc
+from processes import PATIENT, RIGS, ROOT, Running, alive, own_bus, pcpc, until
 
+TESTS = ROOT / "tests"
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from hosting import hosting
+from processes import PATIENT, Running
+rig, bus, folder = sys.argv[1:]
+words = ("run", rig, "--bus", bus, "--set", "duration_s=3600", *PATIENT, "--no-figure")
+with (
+    Running(*words, cwd=Path(folder)) as run, hosting(Path(folder)) as copy,
+    hosting(Path(folder), before=["env"]) as new,
+):
+    run.pid("recorder")
+    print(run.process.pid, *run.children.values(), copy.process.pid, new.process.pid, flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
 PROBE = str(RIGS.parents[1] / "probe" / "rig.yaml")
 
 
@@ -32,6 +50,17 @@ def test_it_has_a_session_of_its_own_and_ends_by_signals(tmp_path: Path) -> None
             running.process.send_signal(number)
             assert running.done().code == code, running
             assert not alive(running.process.pid) and running.left() == []
+
+
+def test_what_killed_tests_had_started_ends(tmp_path: Path) -> None:
+    path = os.pathsep.join(map(str, (TESTS, TESTS / "tools", ROOT)))
+    tests = subprocess.run(
+        [sys.executable, "-c", KILLED, PROBE, own_bus(), str(tmp_path)], capture_output=True,
+        text=True, env=os.environ | {"PYTHONPATH": path}, cwd=ROOT,
+    )  # fmt: skip
+    pids = [*map(int, tests.stdout.split())]
+    assert tests.returncode == -signal.SIGKILL and len(pids) >= 5, tests
+    until(lambda: not any(map(alive, pids)), f"{pids} end", within_s=30.0)
 
 
 def test_what_is_read_at_a_start_comes_from_a_new_process(monkeypatch: pytest.MonkeyPatch) -> None:

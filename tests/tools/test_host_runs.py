@@ -85,10 +85,7 @@ def test_of_two_none_is_shown_until_one_is_chosen_and_tuned_alone(
             client.ask(do="set", values={GAIN: 111.0})
             other.ask(do="set", values={GAIN: 112.0})
             assert (one[GAIN], two[GAIN]) == (111.0, 112.0)
-            event = client.until("event")["event"]
-            while event.get("name") != GAIN:
-                event = client.until("event")["event"]
-            assert event["value"] == 111.0  # of its own run alone
+            assert client.event(GAIN)["value"] == 111.0  # of its own run alone
             client.say(do="panel", id=1, names=[ANGLE], bins=20, window_s=1.0)
             assert client.panel(1)[0][1] == 1
             client.ask(do="run", run=names[1])
