@@ -120,11 +120,15 @@ def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[
     """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError."""
     head = logs.head(path)
     with tempfile.TemporaryDirectory(prefix="pcpc-replay-") as folder:
+        from pcpc.tools.device.replay import DeviceComparison, is_of_device
+
         roles = [r for r in logs.NODES if r in head.node and options.node in (r, "all")]
-        if not roles:
+        device = is_of_device(head) and options.node in ("device", "all")
+        if not roles and not device:
             raise logs.LogError(f"{path}: no record of node {options.node}")
         with log_rig.rig_of(head, Path(folder), options) as rig:
-            nodes = [Comparison(head, rig, role) for role in roles]
+            nodes: list[Any] = [Comparison(head, rig, role) for role in roles]
+            nodes += [DeviceComparison(head, rig)] if device else []
     frontier = Frontier()
     for piece, last in logs.pieces(path, see=frontier.see):
         for node in nodes:
@@ -193,7 +197,7 @@ class Comparison:
             done = len(computed.values)
             old, new = part.rows[:done, self._theirs], computed.values[:, self._ours]
             _compare(verdict, self.both, part.rows[:done, K], old, new)
-            _compare_frames(verdict, self.replay.sent(part.frames), computed.sent)
+            compare_frames(verdict, self.replay.sent(part.frames), computed.sent)
             verdict.cycles += done
             if done < len(part.rows):
                 cycle = part.rows[done, K]
@@ -267,7 +271,7 @@ def _compare(
         difference.largest = max(difference.largest, float(np.nanmax(distance, initial=0.0)))
 
 
-def _compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[Any]) -> None:
+def compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[Any]) -> None:
     """Note the first frame that differs; `count` counts all."""
     n = min(len(recorded), len(computed))
     parts = ("cycle", "id", "dlc", "data")

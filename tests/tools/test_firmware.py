@@ -1,6 +1,7 @@
 """A rig's executive as a device in C: on Linux, and in QEMU on a Cortex-M that speaks slcan."""
 
 import ctypes
+import json
 import random
 import shutil
 import struct
@@ -85,6 +86,20 @@ def test_a_generated_device_gives_the_bits_of_the_executive(
     assert report.frames > 5 * CYCLES
     assert done.summary["device"]["frames"]["CMD"] == {"received": CYCLES + 1, "ok": CYCLES + 1}
     assert done.summary["device"]["problems"] == []
+    replayed = pcpc("replay", str(tmp_path / "run"), "--node", "device", "--json")
+    assert replayed.code == 0, replayed
+    (told,) = json.loads(replayed.out)
+    assert (told["cycles"], told["identical"]) == (CYCLES, True)
+    assert told["frames"] > 2 * CYCLES
+
+
+def test_a_replay_by_another_law_differs_from_the_device(barrel: Held, tmp_path: Path) -> None:
+    made(barrel.folder, "linux")
+    done = with_device(barrel, tmp_path / "run", str(barrel.folder / "linux"), "{bus}")
+    assert done.code == 0, done
+    changed = "--set", "controller.kv_Nms_rad=111", "--node", "device"
+    replayed = pcpc("replay", str(tmp_path / "run"), *changed)
+    assert replayed.code == 1 and "first difference: cycle " in replayed.out, replayed
 
 
 def test_a_device_that_would_give_other_bits_refuses_to_run(barrel: Held, tmp_path: Path) -> None:

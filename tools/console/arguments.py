@@ -239,8 +239,8 @@ def code_of_laws(add: Add) -> None:
 def replay(add: Add) -> None:
     """Take a log, and what is changed."""
     add("log", metavar="LOG", help="log file, run folder or latest")
-    add("--node", choices=(*ROLES, "all"), default="all",
-        help="default: all")  # fmt: skip
+    add("--node", choices=(*ROLES, "device", "all"), default="all",
+        help="device: what one sent, by the rig's own law; default: all")  # fmt: skip
     add("--controller", metavar="NAME", help="another controller of the log's rig")
     _set(add, "recompute with a change, in open loop: the recorded frames stay what they were")
     code_of_laws(add)
