@@ -58,7 +58,7 @@ browser-tools: ## Chromium for the tests of the page; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends chromium
 
-firmware-tools: ## compilers and emulators for C of laws and rigs; uses sudo
+firmware-tools: ## compilers and QEMU for generated C; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends gcc libc6-dev \
 		gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm \
