@@ -15,7 +15,7 @@ run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-14s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-15s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
 test: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
 test: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
