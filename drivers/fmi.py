@@ -4,7 +4,7 @@ One function serves every FMU. Where its calls are described stands in its first
 as a number; there lies HEAD, and from HEAD[GROUPS] on a row of GROUP for all variables of one type
 and role, each with arrays of their references, values and places among the block's own.
 
-    call k = 0    outputs                                                             t = 0
+    call k = 0    tunable parameters that have changed, inputs, outputs               t = 0
     call k > 0    tunable parameters that have changed, inputs, doStep, outputs       t = k T
 
 Time is counted in steps: doStep goes from (k - 1) T to k T. What is not OK (nor a warning) makes
@@ -319,16 +319,15 @@ def _note(head: Any, status: Any, where: Any) -> None:
 def _advance(dt: Any, head: Any, p: Any, u: Any, y: Any) -> None:
     k = _i64(head, STEPS)
     _to_i64(head, STEPS, k + 1)
-    if k > 0:
-        _note(head, max(_set(head, PARAMETER, p), _set(head, INPUT, u)), SETTING)
-        if _i64(head, STATUS) <= WARNING:
-            t, told = (k - 1) * dt, head + 8 * HEAD_SIZE
-            status = _do_step(
-                _i64(head, VERSION), _i64(head, DO_STEP), _i64(head, INSTANCE), t, k * dt - t, told
-            )
-            if status <= WARNING and (_u8(told, 1) != 0 or _u8(told, 2) != 0):
-                status = ENDED
-            _note(head, status, STEPPING)
+    _note(head, max(_set(head, PARAMETER, p), _set(head, INPUT, u)), SETTING)
+    if k > 0 and _i64(head, STATUS) <= WARNING:
+        t, told = (k - 1) * dt, head + 8 * HEAD_SIZE
+        status = _do_step(
+            _i64(head, VERSION), _i64(head, DO_STEP), _i64(head, INSTANCE), t, k * dt - t, told
+        )
+        if status <= WARNING and (_u8(told, 1) != 0 or _u8(told, 2) != 0):
+            status = ENDED
+        _note(head, status, STEPPING)
     if _i64(head, STATUS) <= WARNING:
         _note(head, _get(head, y), GETTING)
 

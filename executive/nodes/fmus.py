@@ -12,8 +12,10 @@ import os
 import shutil
 import tempfile
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +34,9 @@ _FOLDER = "fmus"
 _MOST_WORDS = 20  # messages of an FMU that are kept, the first ones
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "an end of the simulation")
 _live: dict[str, int] = {}  # instances in this process by hash
+_keys = count(1)
+_said: dict[int, list[str]] = {}  # what instances said, by their keys
+_loggers: list[Any] = []  # for as long as the process lives
 
 
 def step_of(spec: BlockSpec) -> Any:
@@ -78,6 +83,8 @@ class Instance:
 
         self.name, self._where = spec.name, where
         self.words: list[str] = []
+        self._key = next(_keys)
+        _said[self._key] = self.words
         self._step = step_of(spec)
         self.model = self._step.model
         self._kept: list[Any] = []  # arrays that the loop reads
@@ -88,7 +95,7 @@ class Instance:
             self._instantiate()
         except Exception as error:
             raise self._error("it cannot be instantiated", error) from None
-        self.close = weakref.finalize(self, _end, self._fmu, self.model.sha256)
+        self.close = weakref.finalize(self, _end, self._fmu, self.model.sha256, self._key)
         self.close.atexit = False  # the loop's thread may still be in it
         _live[self.model.sha256] = _live.get(self.model.sha256, 0) + 1
         try:
@@ -136,20 +143,17 @@ class Instance:
             raise self._error("its library cannot be loaded", error) from None
 
     def _instantiate(self) -> None:
-        listener = _listener(self.words, self._three)
         if self._three:
-            self._fmu.instantiate(logMessage=listener)
+            words = self.words
+            self._fmu.instantiate(logMessage=lambda _, status, __, text: _keep(words, status, text))
             return
         from fmpy import calloc, fmi2, free
-        from fmpy.logging import addLoggerProxy
 
         callbacks = fmi2.fmi2CallbackFunctions()
-        own = fmi2.fmi2CallbackLoggerTYPE(listener)
-        callbacks.logger = own
+        callbacks.logger = _logger()
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
         callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-        addLoggerProxy(ctypes.byref(callbacks))  # which writes out what its messages are made of
-        self._fmu.kept = own
+        callbacks.componentEnvironment = self._key
         self._fmu.instantiate(callbacks=callbacks)
 
     def _initialise(self, settings: Mapping[str, float]) -> None:
@@ -245,18 +249,37 @@ def _method(kind: str, three: bool) -> str:
     return ("Int64" if three else "Integer") if kind == "Enumeration" else kind
 
 
-def _listener(words: list[str], three: bool) -> Callable[..., None]:
-    """Return what keeps an FMU's words of a discard or an error; its code calls it."""
-
-    def listen(*told: Any) -> None:
-        status, text = (told[1], told[3]) if three else (told[2], told[4])
-        if status >= 2 and len(words) < _MOST_WORDS:
-            words.append(" ".join((text or b"").decode(errors="replace").split()))
-
-    return listen
+def _keep(words: list[str], status: int, text: bytes | None) -> None:
+    """Keep what an FMU says of a discard or an error; its code calls it."""
+    if status >= 2 and len(words) < _MOST_WORDS:
+        words.append(" ".join((text or b"").decode(errors="replace").split()))
 
 
-def _end(fmu: Any, sha256: str) -> None:
+@cache
+def _logger() -> Any:
+    """Return the logger of all FMUs of FMI 2.0, which are told apart by their environments.
+
+    FMPy's proxy, which writes out what messages are made of, has one logger for all, for good.
+    """
+    from fmpy import fmi2
+    from fmpy.logging import addLoggerProxy
+
+    def listen(key: int | None, name: bytes, status: int, category: bytes, text: bytes) -> None:
+        words = _said.get(key or 0)
+        if words is None:
+            fmi2.printLogMessage(key, name, status, category, text)
+        else:
+            _keep(words, status, text)
+
+    callbacks = fmi2.fmi2CallbackFunctions()
+    _loggers.append(fmi2.fmi2CallbackLoggerTYPE(listen))
+    callbacks.logger = _loggers[0]
+    addLoggerProxy(ctypes.byref(callbacks))
+    _loggers.append(callbacks)
+    return callbacks.logger
+
+
+def _end(fmu: Any, sha256: str, key: int) -> None:
     """Free an instance; its library stays loaded."""
     from fmpy.fmi1 import FMICallException
 
@@ -265,6 +288,7 @@ def _end(fmu: Any, sha256: str) -> None:
         fmu.terminate()
     free = getattr(fmu, "fmi3FreeInstance", None) or fmu.fmi2FreeInstance
     free(fmu.component)
+    _said.pop(key, None)
 
 
 def unpacked(file: Path, sha256: str) -> Path:
