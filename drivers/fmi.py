@@ -170,15 +170,15 @@ if JIT_OFF:
         return store
 
     def _transfer(*given: int) -> int:
-        version, function, *rest = given
+        version, function, *rest = map(int, given)
         kinds = [ctypes.c_void_p] * (5 if version == 3 else 4)
         return int(ctypes.CFUNCTYPE(ctypes.c_int, *kinds)(function)(*rest[: len(kinds)]))
 
     def _do_step(version: int, function: int, instance: int, t: float, h: float, told: int) -> int:
         kinds = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
         more = [told, told + 1, told + 2, told + 8] if version == 3 else []
-        call = ctypes.CFUNCTYPE(ctypes.c_int, *kinds, *[ctypes.c_void_p] * len(more))(function)
-        return int(call(instance, t, h, 1, *more))
+        call = ctypes.CFUNCTYPE(ctypes.c_int, *kinds, *[ctypes.c_void_p] * len(more))
+        return int(call(int(function))(int(instance), t, h, 1, *map(int, more)))
 
     def _as_address(pointer: Any) -> int:
         return int(pointer.ctypes.data)
