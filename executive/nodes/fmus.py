@@ -160,19 +160,18 @@ class Instance:
         """Give it the rig's values, where they are not its own, and initialise it for t = 0."""
         if not self._three:
             self._fmu.setupExperiment(startTime=0.0)
+        given = [one for one in self.model.variables if one.name in settings]
         changed = {
-            one.reference
-            for one in self.model.variables
-            if one.name in settings and settings[one.name] != one.start
-        }
-        for reference in sorted(changed):
-            self._start([v for v in self.model.variables if v.reference == reference], settings)
+            (one.kind, one.reference) for one in given if settings[one.name] != one.start
+        }  # in FMI 2.0 each type counts its references of its own
+        for which in sorted(changed):
+            self._start([one for one in given if (one.kind, one.reference) == which], settings)
         self._fmu.enterInitializationMode()
         self._fmu.exitInitializationMode()
 
     def _start(self, elements: "list[Variable]", settings: Mapping[str, float]) -> None:
         """Set one variable, all its elements."""
-        chosen = {one.element: one for one in elements if one.name in settings}
+        chosen = {one.element: one for one in elements}
         kind = _method(chosen[0].kind, self._three)
         values = [settings[chosen[i].name] for i in sorted(chosen)]
         typed: list[Any] = values
@@ -212,7 +211,7 @@ class Instance:
             ]  # fmt: skip
             code = _KINDS[kind] if self._three or kind != "Boolean" else fmi.BOOL32
             last = [float(f"{settings.get(one.name, 0.0):.12g}") for _, one in own]
-            references = list(dict.fromkeys(one.reference for _, one in own))
+            references = [one.reference for _, one in own if one.element == 0]
             verb = "Get" if role == fmi.OUTPUT else "Set"
             yield [
                 role, self._address(f"{verb}{kind}"), code,

@@ -103,8 +103,8 @@ class FmuStep(Stage):
 
 def block(model: Model, file: Path | None, wired: Mapping[str, str]) -> Block:
     """Return the block of an FMU whose inputs `wired`, by their names here, have sources."""
-    references = {one.reference for one in model.of(INPUT) if one.name in wired}
-    inputs = [one for one in model.of(INPUT) if one.reference in references]  # arrays as a whole
+    whole = {(one.kind, one.reference) for one in model.of(INPUT) if one.name in wired}  # arrays
+    inputs = [one for one in model.of(INPUT) if (one.kind, one.reference) in whole]
     tunable = [one for one in model.of(PARAMETER) if one.tunable]
     settings = [
         one for one in model.of(PARAMETER, START)

@@ -110,3 +110,14 @@ def test_only_one_instance_in_a_process_is_enough(tmp_path: Path) -> None:
     path = rig(tmp_path, file, "fmu.x0", rate=RATE, duration=0.1)
     first, second = (in_memory(load_rig(path)).node["plant"].columns["fmu.x0"] for _ in range(2))
     assert first.tobytes() == second.tobytes() and len(set(first.tolist())) > 5
+
+
+def test_two_names_of_one_value_are_both_there(tmp_path: Path) -> None:
+    copy = (
+        '<ScalarVariable name="a copy" valueReference="1" causality="output"><Real/>'
+        "</ScalarVariable></ModelVariables>"
+    )
+    file = made("VanDerPol", 2, tmp_path / "two.fmu", {"</ModelVariables>": copy})
+    found = columns(rig(tmp_path, file, "fmu.a_copy", "parameters: {x0: 1.5}", RATE, 0.1))
+    assert found["fmu.a_copy"].tobytes() == found["fmu.x0"].tobytes()
+    assert found["fmu.x0"][0] == 1.5 and (found["fmu.x1"] != found["fmu.x0"]).all()
