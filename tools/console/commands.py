@@ -3,6 +3,7 @@
 from pcpc.drivers.errors import Exit
 from pcpc.tools.console import arguments as take
 from pcpc.tools.console import evidence_arguments as take_evidence
+from pcpc.tools.console import generate_arguments as take_generate
 from pcpc.tools.console import live_arguments as take_live
 from pcpc.tools.console import log_arguments as take_log
 from pcpc.tools.console.command import Command, exit_codes
@@ -36,6 +37,19 @@ _WRITING = {
     **_SIMPLE, Exit.LOSS: "a log is damaged, what is readable was written",
     Exit.ENVIRONMENT: "cannot be written, or a package is missing", Exit.INTERRUPTED: "",
 }  # fmt: skip
+
+_GENERATE = (
+    Command(
+        "c",
+        "write readable C99 of a law, or of all laws of a rig's executive, wired",
+        "pcpc generate c pd_nn_fast -o firmware\n"
+        "pcpc generate c hull --controller pd_nn_fast --check",
+        take_generate.c,
+        "generate.cli",
+        {**_SIMPLE, Exit.NOT_MET: "a build gives other bits", Exit.ENVIRONMENT: "no compiler"},
+        compiles=True,
+    ),
+)
 
 _LOG = (
     Command("info", "tell what a log holds and what is missing in it", "pcpc log info latest",
@@ -119,6 +133,8 @@ GROUPS = {
                 "pcpc plant hull --bus vcan0\n"
                 "pcpc plant probe --pacing lockstep --device ./firmware {bus}",
                 take.plant, "device.cli", judges=True, compiles=True, last="--device"),
+        Command("generate", "write C from laws and rigs, with the bits of Python",
+                "pcpc generate c pd -o firmware", compiles=True, parts=_GENERATE),
         Command("slcan", "put a device on a bus that speaks slcan on a serial line, or in QEMU",
                 "pcpc slcan vcan0 /dev/ttyACM0\n"
                 "pcpc slcan vcan0 -- qemu-system-arm -M mps2-an500 -kernel m7.elf -serial stdio "

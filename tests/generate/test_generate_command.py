@@ -1,0 +1,127 @@
+"""`pcpc generate c`: files that compile, a table of builds that agree, one that must be refused."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.cli import main
+from pcpc.tools.generate import builds, elementary
+from pcpc.tools.generate.closed import Closed, digest_of
+from pcpc.tools.generate.cost import measured
+from pcpc.tools.generate.library import WARNINGS, run, write
+from pcpc.tools.rigs import find
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
+
+
+@pytest.mark.parametrize(
+    ("what", "step"),
+    [("pd", "pd_step"), ("references:sine", "sine_step"), ("fuzzy-d01", "fuzzy_d01_rig_step")],
+)
+def test_what_is_written_compiles_and_needs_no_library(
+    what: str, step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["generate", "c", what, "-o", str(tmp_path)]) == 0
+    assert str(tmp_path) in capsys.readouterr().out
+    run(["gcc", *elementary.FLAGS, *WARNINGS, "-O2", "-ffreestanding", "-nostdlib", "-r", "-o",
+         tmp_path / "all.o", *tmp_path.glob("*.c")])  # fmt: skip
+    symbols = run(["nm", tmp_path / "all.o"])
+    assert f" T {step}\n" in symbols
+    assert re.findall(r" U (\w+)", symbols) == [], symbols
+
+
+def test_equations_names_and_units_of_the_law_stand_in_its_c(tmp_path: Path) -> None:
+    assert main(["generate", "c", "pd", "-o", str(tmp_path)]) == 0
+    header, source = ((tmp_path / f"pd.{end}").read_text() for end in "hc")
+    assert "    double kv_Nms_rad; /* [N m s/rad] gain on the filtered error */\n" in header
+    assert "r     = e' + Lam e                                filtered error" in source
+    said = "    y->e_rad = u->q_d_rad - (u->encoder_rad + u->hull_pitch_rad); /* (1) */\n"
+    assert said in source
+
+
+def test_every_build_of_this_machine_gives_the_bits_of_python(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["generate", "c", "probe", "--check", "--cycles", "40", "-q"]) == 0
+    told = capsys.readouterr().out
+    digests = set(re.findall(r" ([0-9a-f]{16})  equal\n", told))
+    assert len(digests) == 1, told
+    assert "gcc -O2" in told and "Python, interpreted" in told, told
+    joins = "fma" in Path("/proc/cpuinfo").read_text().split()
+    assert ("refused, as it has to be" in told) is joins, told
+    for build in builds.builds():
+        absent = re.search(rf"{re.escape(build.name)} +- +not here: ", told)
+        assert bool(absent) is not build.possible, (build.name, told)
+
+
+def test_a_law_that_differs_in_the_13th_digit_is_another_digest(tmp_path: Path) -> None:
+    rig = load_rig(Path(find("hull")), "pd_fast")
+    closed = Closed(rig)
+    files = closed.files(60)
+    expected = digest_of(in_memory(rig), closed.columns(), 60)
+    gcc = next(build for build in builds.builds() if build.name == "gcc -O0")
+    lag, next_lag = "GATE_LAG_S = 0.03;", "GATE_LAG_S = 0.03000000000001;"
+    changed = files["executive_controller.c"].replace(lag, next_lag)
+    assert changed != files["executive_controller.c"]
+    found = []
+    for name, law in (("same", files["executive_controller.c"]), ("other", changed)):
+        write({**files, "executive_controller.c": law}, tmp_path / name)
+        builds.fixed_files(tmp_path / name)
+        found.append(gcc.digest(tmp_path / name))
+    assert found[0] == expected != found[1], (expected, found)
+
+
+def test_the_cost_of_a_step_is_counted() -> None:
+    build = next(one for one in builds.builds() if one.name.startswith("Cortex-M7"))
+    if not build.possible:
+        pytest.skip(f"no Cortex-M7 here: {build.cure}")
+    rig = load_rig(Path(find("probe")), None)
+    instructions, stack = measured(rig, "Cortex-M7", 20)
+    assert 10 <= instructions <= 60, instructions  # three loads, a product, a store; twice a call
+    assert 0 < stack <= 256, stack
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nonsense"], "no file and no rig of this name"),
+        (["pd:OTHER"], "no law OTHER"),
+        (["missing.py"], "no such file"),
+        (["pd", "--check"], "for that name a rig"),
+        (["hull", "--set", "faults={off: {kind: stuck, signal: FB_A.encoder}}"], "faults"),
+        (["telerobot-u2", "--check"], "losses"),
+    ],
+)
+def test_what_cannot_be_is_one_line(
+    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert main(["generate", "c", *words]) == 2
+    error = capsys.readouterr().err.strip()
+    assert said in error and "\n" not in error and "Traceback" not in error, error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_a_file_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "there").write_text("")
+    assert main(["generate", "c", "pd", "-o", str(tmp_path / "there")]) == 4
+    assert "choose another with -o" in capsys.readouterr().err
+
+
+def test_the_program_of_a_closed_loop_has_no_warning_as_c_of_every_kind(tmp_path: Path) -> None:
+    files = Closed(load_rig(Path(find("probe")), None)).files(3)
+    sources = write(files, tmp_path)
+    builds.fixed_files(tmp_path)
+    done = subprocess.run(
+        ["gcc", *elementary.FLAGS, *WARNINGS, "-Wshadow=local", "-fsyntax-only", *sources],
+        capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,140 @@
+"""`pcpc generate c`: laws and rigs as C99, checked in every build that this machine has."""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.laws.block import Block
+from pcpc.executive.nodes.plan import cycles_of
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig import resolve
+from pcpc.executive.rig.modules import module_of
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools import rigs
+from pcpc.tools.console import screen
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.generate import builds, cost, elementary
+from pcpc.tools.generate.closed import Closed, digest_of
+from pcpc.tools.generate.device import device
+from pcpc.tools.generate.law import translated
+from pcpc.tools.generate.library import write
+from pcpc.tools.generate.node import rig_files
+from pcpc.tools.generate.words import identifier
+
+_INTERPRETED = """
+import sys
+from pcpc.tools.generate.cli import python_digest
+print(python_digest(sys.argv[1], sys.argv[2] or None, sys.argv[4:], int(sys.argv[3])))
+"""
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write the C; check it, tell its cost, if asked; return the exit code."""
+    progress = Progress(quiet=options.quiet)
+    if is_law(options.what):
+        if options.check or options.cost or options.device or options.controller or options.set:
+            raise UserError(f"{options.what} is a law; for that name a rig that uses it")
+        block, name = block_of(options.what)
+        _written(translated(block, name) | elementary.files(), options.output or Path(f"{name}_c"))
+        return Exit.OK
+    rig = load_rig(Path(rigs.find(options.what)), options.controller, options.set)
+    files = device(rig) if options.device else rig_files(rig)
+    folder = options.output or Path(f"{identifier(rig.config.rig)}_c")
+    if options.output or options.device or not (options.check or options.cost):
+        _written(files, folder)
+    if options.cost:
+        print("\n".join(cost.told(rig, options.set, options.cycles, progress)))
+    return check(rig, options, progress) if options.check else Exit.OK
+
+
+def is_law(text: str) -> bool:
+    """Return whether this names a law, not a rig."""
+    module = text.partition(":")[0]
+    dotted = "." in module and "/" not in module and not module.endswith((".yaml", ".yml"))
+    return module.endswith(".py") or module in resolve.shipped() or (dotted and ":" in text)
+
+
+def block_of(text: str) -> tuple[Block, str]:
+    """Return the block that a law's name means, and its name in C; UserError."""
+    module, _, name = text.partition(":")
+    path = Path(module).resolve()
+    if module.endswith(".py") and not path.is_file():
+        raise UserError(f"{module}: no such file")
+    try:
+        found = module_of("" if module.endswith(".py") else resolve.shipped().get(module, module),
+                          path)  # fmt: skip
+    except ImportError as error:
+        raise UserError(f"{module}: {error}") from error
+    block = getattr(found, name or "BLOCK", None)
+    if not isinstance(block, Block):
+        known = [key for key, value in vars(found).items() if isinstance(value, Block)]
+        raise UserError(f"{text}: no law {name or 'BLOCK'}{did_you_mean(name or 'BLOCK', known)}")
+    stem = Path(found.__file__ or "law").stem
+    own = path.parent.name if stem == "model" else stem
+    return block, identifier(own if not name or name == "BLOCK" else name)
+
+
+def _written(files: dict[str, str], folder: Path) -> None:
+    try:
+        write(files, folder)
+    except OSError as error:
+        what = f"{folder}: cannot be written: {error.strerror}; choose another with -o"
+        raise UserError(what, Exit.ENVIRONMENT) from error
+    laws = [name for name in files if name.endswith(".c")]
+    lines = sum(text.count("\n") for text in files.values())
+    print(f"{folder}: {len(files)} files, {lines:,} lines")
+    print("\n".join(screen.wrapped(" ".join(sorted(laws)), "  ")))
+    print(f"compile with {' '.join(elementary.FLAGS)}")
+
+
+def python_digest(rig: str, controller: str | None, settings: list[str], cycles: int) -> str:
+    """Return the digest of a rig's virtual run."""
+    shorter = [
+        *settings,
+        *_shorter(load_rig(Path(rig), controller, settings, resolve=False), cycles),
+    ]
+    return _digest(load_rig(Path(rig), controller, shorter), cycles)
+
+
+def _digest(rig: Rig, cycles: int) -> str:
+    return digest_of(in_memory(rig), Closed(rig).columns(), cycles)
+
+
+def _shorter(rig: Rig, cycles: int) -> list[str]:
+    """Return settings that end a run behind its first cycles."""
+    wanted = (cycles + 10) / rig.config.rate_hz
+    return [f"duration_s={wanted!r}"] if wanted < rig.config.duration_s else []
+
+
+def check(rig: Rig, options: argparse.Namespace, progress: Progress) -> int:
+    """Print the table of builds with their digests; return 1 if one differs."""
+    cycles = min(options.cycles, cycles_of(rig))
+    closed = Closed(rig)
+    words = [str(rig.path), options.controller or "", str(cycles), *options.set]
+
+    def interpreted() -> str:
+        code = [sys.executable, "-c", _INTERPRETED, *words]
+        environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+        done = subprocess.run(code, capture_output=True, text=True, env=environment)
+        if done.returncode:
+            raise UserError(done.stderr.strip().splitlines()[-1])
+        return done.stdout.strip()
+
+    progress.show("Python, compiled by numba")
+    expected = _digest(rig, cycles)
+    own = [("Python, numba", lambda: expected), ("Python, interpreted", interpreted)]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write(closed.files(cycles), folder)
+        builds.fixed_files(folder)
+        rows = builds.table(folder, expected, own, progress.show)
+    progress.close()
+    print(f"{rig.config.rig}, {rig.config.controller}: {cycles} cycles of the closed loop")
+    print("\n".join(screen.table([(f"  {a}", b, c) for a, b, c in rows])))
+    wrong = [row for row in rows if row[2].startswith(("DIFFERS", "FAILS"))]
+    return Exit.NOT_MET if wrong else Exit.OK
