@@ -39,17 +39,18 @@ _WRITING = {
 }  # fmt: skip
 
 _GENERATE = (
-    Command(
-        "c",
-        "write readable C99 of a law, or of all laws of a rig's executive, wired",
-        "pcpc generate c pd_nn_fast -o firmware\n"
-        "pcpc generate c hull --controller pd_nn_fast --check",
-        take_generate.c,
-        "generate.cli",
-        {**_SIMPLE, Exit.NOT_MET: "a build gives other bits", Exit.ENVIRONMENT: "no compiler"},
-        compiles=True,
-    ),
-)
+    Command("c", "write readable C99 of a law, or of all laws of a rig's executive, wired",
+            "pcpc generate c pd_nn_fast -o firmware\n"
+            "pcpc generate c hull --controller pd_nn_fast --check",
+            take_generate.c, "generate.cli",
+            {Exit.OK: "", Exit.NOT_MET: "a build gives other bits", Exit.WRONG_INPUT: "",
+             Exit.ENVIRONMENT: "a compiler is missing, or DIR cannot be written"},
+            compiles=True),
+    Command("fmu", "make an FMU of a rig's plant, FMI 2.0 for co-simulation, with its bits",
+            "pcpc generate fmu slew10 -o barrel.fmu", take_generate.fmu, "generate.fmu",
+            {**_SIMPLE, Exit.ENVIRONMENT: "no compiler, or FILE cannot be written"},
+            compiles=True),
+)  # fmt: skip
 
 _LOG = (
     Command("info", "tell what a log holds and what is missing in it", "pcpc log info latest",
@@ -133,7 +134,7 @@ GROUPS = {
                 "pcpc plant hull --bus vcan0\n"
                 "pcpc plant probe --pacing lockstep --device ./firmware {bus}",
                 take.plant, "device.cli", judges=True, compiles=True, last="--device"),
-        Command("generate", "write C from laws and rigs, with the bits of Python",
+        Command("generate", "write C from laws and rigs, or an FMU of a plant, with their bits",
                 "pcpc generate c pd -o firmware", compiles=True, parts=_GENERATE),
         Command("slcan", "put a device on a bus that speaks slcan on a serial line, or in QEMU",
                 "pcpc slcan vcan0 /dev/ttyACM0\n"

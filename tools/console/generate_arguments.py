@@ -25,3 +25,11 @@ def c(add: Add) -> None:
     add("--cycles", type=positive, default=200, metavar="N",
         help="--check, --cost: the first of the run; default: %(default)s")  # fmt: skip
     quiet(add, "-q")
+
+
+def fmu(add: Add) -> None:
+    """Take a rig, which block of its plant, and where to write."""
+    add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
+    add("--block", metavar="NAME", help="which block of the plant; without one, the only one")
+    _set(add, "any value of the rig or of a block")
+    add("-o", "--output", type=Path, metavar="FILE", help="default: BLOCK.fmu")

@@ -4,7 +4,7 @@
     inputs        those of the block;  outputs  those of the block
     states        the recorded ones, as local variables with a start
 
-The block's C is that of `pcpc generate c`, with `c/fmu2.c` around it; both lie in the FMU's
+The block's C is that of `pcpc generate c`, with `fmu2.c` around it; both lie in the FMU's
 `sources`, its library is compiled here. The communication step is the rig's period. Seeds of noise
 are those of the rig. Equal rigs give equal files, but for what the compiler does.
 """
@@ -31,7 +31,7 @@ from pcpc.tools.generate.law import LETTERS, ROLES, signature, translated
 from pcpc.tools.generate.library import PLAIN, WARNINGS, compiler, run
 from pcpc.tools.generate.words import identifier
 
-_AROUND = Path(__file__).with_name("c") / "fmu2.c"
+_AROUND = Path(__file__).with_name("fmu2.c")
 _TIME = (1980, 1, 1, 0, 0, 0)  # of the files in it
 _NO_STATE = 0  # the roles of fmu2.c, in its order
 _ROLE_OF = {"parameters": 1, "states": 2, "inputs": 3, "outputs": 4}
