@@ -1,6 +1,7 @@
 """`pcpc new DIR`: a rig of the user's own, a DC motor with an encoder, to run and to change.
 
 Its files are those of tools/template, a rig like any other; only its name becomes the folder's.
+With `--device` also those of tools/template/device, whose README.md continues the other one.
 """
 
 import argparse
@@ -25,6 +26,11 @@ FILES = {
     "test_motor.py": "tests, for pytest",
     "README.md": "what one sees, and what to change first",
 }
+DEVICE_FILES = {
+    "device.py": "the law as a program of its own, in place of the executive",
+    "device.yaml": "the rig for it, or for your firmware",
+    "test_device.py": "a test of the device",
+}
 NEXT = {
     "pcpc simulate .": "virtual time, in one process",
     "pcpc run .": "real processes, frames on a bus",
@@ -33,22 +39,26 @@ NEXT = {
     "pcpc exec .": "... and the control there",
     "pytest": "its tests",
 }
+NEXT_DEVICE = "pcpc plant device.yaml --pacing lockstep --device python device.py {bus}"
 _NAME = re.compile("[a-z0-9._-]{1,64}")  # of a rig
 
 
 def command(options: argparse.Namespace) -> int:
     """Write the rig, and say what can be done with it."""
     folder: Path = options.dir
-    write(folder)
+    write(folder, options.device)
     print(f"{folder}: a rig of your own, a DC motor with an encoder")
-    print("\n".join(screen.table([(f"  {name}", what) for name, what in FILES.items()])))
+    files = FILES | (DEVICE_FILES if options.device else {})
+    print("\n".join(screen.table([(f"  {name}", what) for name, what in files.items()])))
     print(f"next:\n  cd {shlex.quote(str(folder))}")
     print("\n".join(screen.table([(f"  {line}", what) for line, what in NEXT.items()])))
+    if options.device:
+        print(f"  {NEXT_DEVICE}")
     return Exit.OK
 
 
-def write(folder: Path) -> None:
-    """Write the rig into `folder`, which is new or empty; UserError with the cure."""
+def write(folder: Path, device: bool = False) -> None:
+    """Write the rig into `folder`, which is new or empty, also for a device; UserError."""
     name = folder.resolve().name
     if not _NAME.fullmatch(name):
         cure = re.sub("[^a-z0-9._-]+", "-", name.lower()).strip("-")[:64] or "motor"
@@ -59,8 +69,7 @@ def write(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise RigError(f"{folder}: is not empty; name a folder that is new or empty")
-        for file in FILES:
-            text = (TEMPLATE / file).read_text(encoding="utf-8")
+        for file, text in _texts(device).items():
             text = text.replace("rig: motor\n", f"rig: {name}\n") if file == "rig.yaml" else text
             written.append(folder / file)
             written[-1].write_text(text, encoding="utf-8")
@@ -74,3 +83,13 @@ def write(folder: Path) -> None:
                 folder.rmdir()
         what = f"{folder}: cannot be written: {error.strerror}; choose another folder"
         raise UserError(what, code_of(error)) from None
+
+
+def _texts(device: bool) -> dict[str, str]:
+    """Return what is written, by file."""
+    texts = {file: (TEMPLATE / file).read_text(encoding="utf-8") for file in FILES}
+    if device:
+        more = TEMPLATE / "device"
+        texts |= {file: (more / file).read_text(encoding="utf-8") for file in DEVICE_FILES}
+        texts["README.md"] += (more / "README.md").read_text(encoding="utf-8")
+    return texts

@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from copies import program
 from processes import Done, Running, own_bus, pcpc
 
 from pcpc.executive.log import reader as logs
-from pcpc.tools.new import FILES, NEXT, TEMPLATE
+from pcpc.tools.new import DEVICE_FILES, FILES, NEXT, NEXT_DEVICE, TEMPLATE
 
 
 @pytest.fixture(scope="module")
@@ -33,11 +34,29 @@ def test_every_file_of_the_template_is_written_and_named(motor: Path) -> None:
     assert "\nrig: my-motor\n" in (motor / "rig.yaml").read_text(encoding="utf-8")
 
 
-def test_what_it_prints_fits_80_columns(tmp_path: Path) -> None:
-    done = pcpc("new", "my-motor", cwd=tmp_path)
+@pytest.mark.parametrize("more", [[], ["--device"]])
+def test_what_it_prints_fits_80_columns(tmp_path: Path, more: list[str]) -> None:
+    done = pcpc("new", "my-motor", *more, cwd=tmp_path)
     long = [line for line in done.out.splitlines() if len(line) > 80]
     assert done.code == 0 and not long, long
-    assert done.out.splitlines()[-len(NEXT) - 1] == "  cd my-motor", done.out
+    assert done.out.splitlines()[-len(NEXT) - len(more) - 1] == "  cd my-motor", done.out
+
+
+def test_its_device_runs_at_once_and_has_the_bits_of_the_law(tmp_path: Path) -> None:
+    folder = tmp_path / "my-motor"
+    assert pcpc("new", str(folder), "--device").code == 0
+    assert {path.name for path in folder.iterdir()} == {*FILES, *DEVICE_FILES}
+    told = (folder / "README.md").read_text(encoding="utf-8")
+    assert NEXT_DEVICE in told and all(f"`{file}`" in told for file in DEVICE_FILES)
+    words = NEXT_DEVICE.replace("--device python", f"--quiet --bus {own_bus()} --device python")
+    words = words.replace(" python ", f" {sys.executable} ").removeprefix("pcpc ")
+    done = pcpc(*words.split(), cwd=folder)
+    assert done.code == 0 and "verdict  ok (5 limits judged)" in done.out, str(done)
+    pytest_of(folder, "test_device.py")
+
+
+def test_a_rig_without_a_device_has_none(motor: Path) -> None:
+    assert not any((motor / file).exists() for file in DEVICE_FILES)
 
 
 def undisturbed(*words: str, folder: Path) -> Done:
@@ -76,11 +95,16 @@ def test_it_runs_all_four_ways_at_once_and_its_log_is_recomputed(
 
 
 def test_its_own_tests_pass(motor: Path) -> None:
+    pytest_of(motor)
+
+
+def pytest_of(folder: Path, *files: str) -> None:
+    """Run the tests of a folder as its user does."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
     words = ["-q", "-x", "-p", "no:cacheprovider"]
     done = subprocess.run(
-        [program("pytest"), *words],
-        cwd=motor,
+        [program("pytest"), *words, *files],
+        cwd=folder,
         env=environment,
         capture_output=True,
         text=True,

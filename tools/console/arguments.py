@@ -36,8 +36,10 @@ def rigs(add: Add) -> None:
 
 
 def new(add: Add) -> None:
-    """Take a folder."""
+    """Take a folder, and what is to be in it."""
     add("dir", type=Path, metavar="DIR", help="a new or empty folder; its name is the rig's")
+    add("--device", action="store_true",
+        help="also the law as a program of its own in the executive's place")  # fmt: skip
 
 
 def dbc(add: Add) -> None:

@@ -92,7 +92,7 @@ GROUPS = {
         Command("rigs", "list the rigs that come with pcpc", "pcpc rigs atb1000 'friction-*'",
                 take.rigs, codes=_SIMPLE),
         Command("new", "write a rig of your own to begin with: a DC motor with an encoder",
-                "pcpc new my-motor", take.new,
+                "pcpc new my-motor\npcpc new my-motor --device", take.new,
                 codes={**_SIMPLE, Exit.ENVIRONMENT: "the folder cannot be written"}),
         Command("dbc", "write a DBC file from the wiring of a rig that has none",
                 "pcpc dbc probe -o new.dbc", take.dbc,
