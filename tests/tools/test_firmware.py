@@ -20,8 +20,6 @@ from pcpc.tools.rigs import find
 
 CYCLES = 500
 SHORT = ("--set", f"duration_s={CYCLES / 1000}", "--no-figure")
-QEMU = {"m7": "mps2-an500", "m4": "mps2-an386"}
-LINE = "-display none -monitor none -chardev stdio,id=line,mux=on,signal=off -serial chardev:line"
 
 
 def made(folder: Path, target: str) -> None:
@@ -67,8 +65,7 @@ def in_qemu(held: Held, target: str) -> list[str]:
     """Return the command of an image in QEMU, whose serial line is on the bus."""
     if shutil.which("qemu-system-arm") is None:
         pytest.skip("no qemu-system-arm; make firmware-tools")
-    image = f"-M {QEMU[target]} -kernel {held.folder / target}.elf -semihosting".split()
-    return [PCPC, "slcan", "{bus}", "--", "qemu-system-arm", *image, *LINE.split()]
+    return [PCPC, "slcan", "{bus}", "--", "sh", str(held.folder / "qemu.sh"), target]
 
 
 @pytest.mark.parametrize("target", ["linux", "m7", "m4"])

@@ -138,8 +138,7 @@ GROUPS = {
                 "pcpc generate c pd -o firmware", compiles=True, parts=_GENERATE),
         Command("slcan", "put a device on a bus that speaks slcan on a serial line, or in QEMU",
                 "pcpc slcan vcan0 /dev/ttyACM0\n"
-                "pcpc slcan vcan0 -- qemu-system-arm -M mps2-an500 -kernel m7.elf -serial stdio "
-                "-display none -monitor none -semihosting",
+                "pcpc slcan vcan0 -- sh firmware/qemu.sh m7",
                 take.slcan, "device.slcan",
                 {Exit.OK: "the line has ended", Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "the bus"},
                 notes="of a program the exit code is its own", rest="PROGRAM ..."),

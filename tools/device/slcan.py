@@ -1,7 +1,7 @@
 """`pcpc slcan`: a device on a serial line that speaks slcan, on the rig's bus.
 
     pcpc slcan BUS /dev/ttyACM0             an adapter, or a board whose UART is one
-    pcpc slcan BUS -- qemu-system-arm ...   a program whose stdin and stdout are the line
+    pcpc slcan BUS -- sh qemu.sh m7         a program whose stdin and stdout are the line
 
 slcan is text: tIIINDD.. a frame with an id of 11 bits, TIIIIIIIINDD.. with one of 29, each line
 ends with CR. Frames pass in their order, none is dropped here: what the line does not take waits.

@@ -1,6 +1,6 @@
 /* The device on Arm's MPS2 board, as QEMU has it: slcan on its first UART, a tick each period.
 
-       qemu-system-arm -M mps2-an500 -kernel m7.elf -display none -monitor none -serial stdio -semihosting
+       sh qemu.sh m7
 
    The host opens the line (O), then the device greets. When the run is over QEMU ends, with the code
    of the program on Linux. -DDEVICE_CLOCKED: cycles begin by the board's own clock, not in lockstep. */
