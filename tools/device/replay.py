@@ -19,7 +19,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay, Slice
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.replay import Verdict, compare_frames
+from pcpc.tools.replayed import Verdict, compare_frames
 
 ROLE = "device"
 _ASSUMED = {"supervisor.fault": 0.0, "supervisor.gain": 1.0, "supervisor.state": 2.0}
@@ -32,7 +32,7 @@ def is_of_device(head: logs.Log) -> bool:
 
 
 class DeviceComparison:
-    """A device's frames against the rig's law, piece by piece; as `tools.replay.Comparison`."""
+    """A device's frames against the rig's law, piece by piece; as `Comparison` in tools.replay."""
 
     def __init__(self, head: logs.Log, rig: Rig) -> None:
         self.role = "plant"  # the node whose record it is

@@ -23,13 +23,18 @@ from pcpc.tools.generate.law import translated
 from pcpc.tools.generate.words import identifier
 
 _FIXED = resources.files("pcpc.tools.generate") / "c"
+_SAME = (  # for all rigs
+    "codec.c", "codec.h", "device.c", "device.h", "rig_parts.h", "run.c", "run.h", "port.h",
+    "main_linux.c", "main_mps2.c", "slcan.c", "slcan.h", "startup.c", "soft_double.c", "mps2.ld",
+    "qemu.sh", "Makefile",
+)  # fmt: skip
 
 
 def device(rig: Rig) -> dict[str, str]:
     """Return the files of a rig's device by name; RigError for what a device in C cannot do."""
     _check(rig)
     made = plan(_undisturbed(rig), "executive", "lockstep")
-    files = {one.name: one.read_text() for one in _FIXED.iterdir()} | elementary.files()
+    files = {name: (_FIXED / name).read_text() for name in _SAME} | elementary.files()
     files["frames.h"] = frames.header(made.tx_frames, made.rx_frames)
     files["frames.c"] = frames.source(made.tx_frames, made.rx_frames)
     files["rig.h"], files["rig.c"] = wiring.header(made), wiring.source(made)
