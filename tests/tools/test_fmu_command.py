@@ -86,3 +86,20 @@ def test_a_copy_of_the_rig_elsewhere_needs_its_fmu(echo: Path, tmp_path: Path) -
     shutil.copy(echo, tmp_path)
     done = pcpc("check", str(tmp_path / echo.name))
     assert done.code == 2 and "no such file" in done.err, done
+
+
+def test_an_fmu_of_a_plant_is_made_and_taken(tmp_path: Path) -> None:
+    file = tmp_path / "lag.fmu"
+    done = pcpc("generate", "fmu", "probe", "-o", str(file), "--set", "lag.tau_s=0.05")
+    assert done.code == 0 and "FMI 2.0, co-simulation, step 0.001 s" in done.out, done
+    wires = "inputs: {command: rx.CMD.command}\nparameters: {tau_s: 0.05}"
+    path = rig(tmp_path, file, "fmu.position", wires, 1000.0, 0.1)
+    done = pcpc("check", str(path))
+    assert done.code == 0 and "FMU lag, FMI 2.0, pcpc" in done.out, done
+    other = rig(tmp_path, file, "fmu.position", wires, 500.0, 0.1)
+    done = pcpc("check", str(other))
+    assert done.code == 2 and "The communication step has to be 0.001 s." in done.err, done
+    done = pcpc("generate", "fmu", "probe", "--block", "leg")
+    assert done.code == 2 and "no block leg; the plant has lag" in done.err, done
+    done = pcpc("generate", "fmu", "probe", "-o", str(tmp_path / "none" / "lag.fmu"))
+    assert done.code == 4 and "lag.fmu" in done.err, done

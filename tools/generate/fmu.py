@@ -11,6 +11,7 @@ are those of the rig. Equal rigs give equal files, but for what the compiler doe
 
 import argparse
 import hashlib
+import shutil
 import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -51,9 +52,10 @@ class _Value:
 def command(options: argparse.Namespace) -> int:
     """Write an FMU; say what it holds and how a rig takes it."""
     rig = load_rig(options.rig, None, options.set)
-    spec = chosen(plan(rig, "plant", "lockstep"), options.block)
+    made = plan(rig, "plant", "lockstep")
+    spec = chosen(made, options.block)
     output = Path(options.output or f"{identifier(spec.name)}.fmu")
-    write(plan(rig, "plant", "lockstep"), spec, output)
+    write(made, spec, output)
     print(f"{output}: FMI 2.0, co-simulation, step {1.0 / rig.config.rate_hz:g} s")
     print(f"in a rig: {spec.name}: {{law: fmu, file: {output.name}, inputs: ...}}")
     return Exit.OK
@@ -94,15 +96,17 @@ def write(made: Plan, spec: BlockSpec, output: Path) -> None:
         warnings = (*WARNINGS, "-Wno-unused-but-set-variable")
         run([compiler(), *elementary.FLAGS, *warnings, *PLAIN, "-shared", "-fPIC",
              "-fvisibility=hidden", "-isystem", headers, "-o", library, *parts])  # fmt: skip
-        with zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as archive:
+        draft = folder / output.name
+        with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
             _put(archive, "modelDescription.xml", about.encode())
             _put(archive, f"binaries/{fmpy.platform}/{name}.so", library.read_bytes())
             for file, content in sorted(texts.items()):
                 _put(archive, f"sources/{file}", content.encode())
             for header in standard:
                 _put(archive, f"sources/{header.name}", header.read_bytes())
-    if problems := validate_fmu(str(output)):
-        raise UserError(f"{output}: FMPy finds it invalid: {' '.join(problems[0].split())}")
+        if problems := validate_fmu(str(draft)):
+            raise UserError(f"{output}: FMPy finds it invalid: {' '.join(problems[0].split())}")
+        shutil.copyfile(draft, output)
 
 
 def _put(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
