@@ -17,6 +17,8 @@ NOT_RUN = {  # blocks by page that nobody carries out, each with its reason abov
     "docs/device.md": 2,
     "docs/howto/bus.md": 2,
     "docs/howto/can-adapter.md": 2,
+    "docs/howto/firmware.md": 3,
+    "docs/howto/fmu.md": 2,
     "docs/howto/foxglove.md": 2,
     "docs/howto/page.md": 3,
     "docs/howto/terminal.md": 2,
