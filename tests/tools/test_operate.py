@@ -204,7 +204,7 @@ def test_virtual_time_and_a_bus_without_a_clock_give_the_same_bits() -> None:
 
 def test_a_run_without_standby_says_how_to_have_one(capsys: Screen) -> None:
     with (
-        pcpc.running("slew10", set={"duration_s": 600.0}, bus=own_bus()) as live,
+        pcpc.running("slew10", set=PATIENT, bus=own_bus()) as live,
         pytest.raises(pcpc.Error, match="nobody is on standby; start it with --standby NAME"),
     ):
         live.handover("pid")

@@ -129,9 +129,9 @@ def test_after_being_stopped_and_continued_the_cycles_are_exact_and_in_phase(
 
 
 def test_a_limit_of_lateness_decides_over_the_exit_code(tmp_path: Path) -> None:
-    words = ("run", str(RIGS / "slew10.yaml"), "--json", "--quiet", "--no-figure", "--set")
-    done = pcpc(*words, "timing.error=0.000001", "--set", "duration_s=0.5", "--bus", own_bus(),
-                "-o", str(tmp_path / "run"))  # fmt: skip
+    words = ("run", str(RIGS / "slew10.yaml"), "--json", "--quiet", "--no-figure", *PATIENT)
+    done = pcpc(*words, "--set", "timing.error=0.000001", "--set", "duration_s=0.5",
+                "--bus", own_bus(), "-o", str(tmp_path / "run"))  # fmt: skip
     assert done.code in (1, 3), done
     assert done.summary["timing_level"] == "ERROR", done.summary
     assert any("at p99.9" in line for line in done.summary["expectations_failed"])
