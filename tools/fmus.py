@@ -13,6 +13,7 @@ import time
 from multiprocessing.connection import Connection
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from pcpc.executive.errors import RigError
@@ -22,6 +23,8 @@ from pcpc.executive.rig.blocks import BlockSpec
 
 STEPS, MOST_S = 1000, 2.0
 _HANGS_S = 60.0
+_MOST_NAMES = 12  # of a line
+_SHOWN = (("input",), ("output",), ("parameter", "start"))
 
 
 def told(made: Plan) -> list[dict[str, Any]]:
@@ -33,7 +36,7 @@ def _told(made: Plan, spec: BlockSpec) -> dict[str, Any]:
     model, period_s = fmus.step_of(spec).model, 1.0 / made.rig.config.rate_hz
     about = {
         "block": spec.name, "model": model.name, "fmi": model.fmi, "made_by": model.made_by,
-        "sha256": model.sha256, "variables": len(model.variables),
+        "sha256": model.sha256, "variables": msgspec.to_builtins(model.variables),
     }  # fmt: skip
     steps = _in_a_child(spec, period_s)
     return about | {
@@ -52,7 +55,24 @@ def lines(about: dict[str, Any]) -> list[str]:
         f"sha256 {about['sha256'][:16]}",
         f"    real-time capable: {yes}; worst of {about['steps']} steps {about['worst_us']:.1f} "
         f"us, median {about['median_us']:.1f} us, of a period of {about['period_us']:g} us",
+        *filter(None, (_names(about["variables"], *roles) for roles in _SHOWN)),
     ]
+
+
+def _names(variables: list[dict[str, Any]], *roles: str) -> str:
+    """Return the names of the variables of some roles, with unit and start; "" without any."""
+    found = [one for role in roles for one in variables if one["role"] == role]
+    words = [_word(one) for one in found[:_MOST_NAMES]]
+    more = f" and {len(found) - len(words)} more, see --json" if len(found) > len(words) else ""
+    return f"    {roles[0]}s: {', '.join(words)}{more}" if found else ""
+
+
+def _word(one: dict[str, Any]) -> str:
+    unit = f" {one['unit']}" if one.get("unit") else ""
+    start = one.get("start")
+    if start is None or one["role"] == "input":
+        return f"{one['name']} [{one['unit']}]" if unit else str(one["name"])
+    return f"{one['name']} = {start:g}{unit}"
 
 
 def _in_a_child(spec: BlockSpec, period_s: float) -> list[int]:

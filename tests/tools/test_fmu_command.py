@@ -80,6 +80,10 @@ def test_check_tells_what_it_is_and_whether_it_keeps_up(echo: Path) -> None:
     assert (about["model"], about["fmi"], about["period_us"]) == ("Feedthrough", "3.0", 5000.0)
     text = pcpc("check", str(echo)).out
     assert "real-time capable: " in text and "FMU Feedthrough, FMI 3.0" in text
+    assert "outputs: Float32_continuous_output, " in text and " more, see --json" in text
+    assert "parameters: Float64_fixed_parameter = 0, " in " ".join(text.split())
+    given = {one["given"]: one["role"] for one in about["variables"]}
+    assert given["Float64_fixed_parameter"] == "parameter"
 
 
 def test_a_copy_of_the_rig_elsewhere_needs_its_fmu(echo: Path, tmp_path: Path) -> None:
