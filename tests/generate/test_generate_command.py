@@ -9,6 +9,7 @@ import pytest
 
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.bench import generated, steps
 from pcpc.tools.cli import main
 from pcpc.tools.generate import builds, elementary
 from pcpc.tools.generate.closed import Closed, digest_of
@@ -86,6 +87,17 @@ def test_the_cost_of_a_step_is_counted() -> None:
     assert 0 < stack <= 256, stack
 
 
+def test_generated_c_and_c_by_hand_end_with_the_same_bits() -> None:
+    case = steps.record("pd_nn_fast")["pd_nn_fast"]
+    hand, own = steps.build(steps.SAME), generated.build([case])
+    found = []
+    for law in (own, hand):
+        case.n["v"][case.n["at"][0] :] = 0.0
+        generated.drive_of(case, law, hand)(1, steps.PERIODS)
+        found.append(case.outputs().tobytes() + case.state().tobytes())
+    assert found[0] == found[1]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -102,7 +114,7 @@ def test_what_cannot_be_is_one_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    assert main(["generate", "c", *words]) == 2
+    assert main(["generate", "c", "-q", *words]) == 2
     error = capsys.readouterr().err.strip()
     assert said in error and "\n" not in error and "Traceback" not in error, error
     assert list(tmp_path.iterdir()) == []

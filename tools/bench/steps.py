@@ -228,24 +228,25 @@ def measure(progress: Progress, rounds: int = ROUNDS) -> list[Ratio]:
     found = []
     for case in cases():
         drives = [in_python(case), *(in_c(case, library) for library in libraries.values())]
-        repeats = [_repeats(once) for once in drives]
+        repeats = [repeats_of(once) for once in drives]
         times = np.empty((rounds, len(drives)))
         for i in range(rounds):
             progress.show(f"{case.name}: round {i + 1} of {rounds}")
             for j, once in enumerate(drives):
-                times[i, j] = 1e9 * _time_s(once, repeats[j]) / (repeats[j] * PERIODS)
+                times[i, j] = 1e9 * time_s(once, repeats[j]) / (repeats[j] * PERIODS)
         for j, against in enumerate(libraries, 1):
             found.append(Ratio.of("steps", case.name, against, times[:, 0], times[:, j], "ns"))
     return found
 
 
-def _time_s(once: Drive, repeats: int) -> float:
+def time_s(once: Drive, repeats: int) -> float:
+    """Return the processor time of so many runs of the recording."""
     start = time.thread_time_ns()
     once(repeats, PERIODS)
     return 1e-9 * (time.thread_time_ns() - start)
 
 
-def _repeats(once: Drive) -> int:
+def repeats_of(once: Drive) -> int:
     """Return how often the recording must be run for ROUND_S; also warms up."""
-    shortest = min(_time_s(once, 1) for _ in range(PROBE))
+    shortest = min(time_s(once, 1) for _ in range(PROBE))
     return int(ROUND_S / shortest) + 1

@@ -10,6 +10,7 @@ from pcpc.tools.console.command import Command, exit_codes
 
 SUITES = {  # of `pcpc bench`: its modules
     "steps": "one step of controllers and plant against C at -O2",
+    "generated": "C that `pcpc generate c` makes of laws against C by hand",
     "wake": "how late the executive wakes, against cyclictest and C",
     "cycle": "one cycle of the executive, in memory and on a bus, against C",
     "frame": "one frame sent and received against C and python-can",

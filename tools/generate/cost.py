@@ -32,16 +32,19 @@ def told(rig: Rig, settings: Sequence[str], cycles: int, progress: Progress) -> 
     """Return the table of the rig's controllers; of one that was chosen, its own."""
     names = list(rig.config.controllers)
     chosen = [rig.config.controller] if len(names) > 12 else names
-    rows = [("controller", "core", "instructions", "stack", f"of {1e3 / rig.config.rate_hz:g} ms")]
+    rows = [
+        ("controller", "core", "instructions", "stack", f"of {1e3 / rig.config.rate_hz:g} ms", "")
+    ]
     for name in chosen:
         law = load_rig(rig.path, name, list(settings))
         for core in ("Cortex-M7", "Cortex-M4"):
             progress.show(f"{name} on a {core}")
             instructions, stack = measured(law, core, min(cycles, cycles_of(law)))
             share = instructions * CLOCKS * law.config.rate_hz / CLOCK_HZ
-            rows.append((name, core, f"{instructions:,}", f"{stack:,} B", f"{share:.1%}"))
+            fits = "fits" if share <= 1.0 else "does not fit"
+            rows.append((name, core, f"{instructions:,}", f"{stack:,} B", f"{share:.1%}", fits))
     progress.close()
-    return screen.table(rows, right=(2, 3))
+    return screen.table(rows, right=(2, 3, 4))
 
 
 def measured(rig: Rig, core: str, cycles: int) -> tuple[int, int]:
