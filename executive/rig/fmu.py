@@ -89,7 +89,10 @@ def read(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str, Ent
         parameters=_here(document, (*keys, "parameters"), entry.parameters, settings),
     )  # fmt: skip
     own = None if file.suffix == ".json" else file
-    block = fmu_block.block(model, own, here.inputs)
+    try:
+        block = fmu_block.block(model, own, here.inputs)
+    except ValueError as error:  # names of a log that somebody else wrote
+        raise document.error((*keys, "file"), str(error)) from None
     return block, msgspec.json.encode(model).decode() + "\n", here
 
 

@@ -4,6 +4,7 @@ import re
 import shutil
 import sys
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,26 @@ def test_without_fmpy_the_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "fmpy", None)
     path = rig(tmp_path, fmu("VanDerPol", 2), "fmu.x0")
     assert "FMUs need FMPy: pip install 'pcpc[fmu]'" in refused(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda text: text[:-20], "no description of an FMU"),
+        (lambda text: text.replace('"name":"x1"', '"name":"x0"'), "two ports are named x0"),
+        (lambda text: text, "only its description; say where it is: --fmu FILE"),
+    ],
+)  # fmt: skip
+def test_a_description_from_a_log_runs_nothing(
+    change: Callable[[str], str], words: str, tmp_path: Path
+) -> None:
+    path = rig(tmp_path, fmu("VanDerPol", 2), "fmu.x0")
+    (text,) = load_rig(path).tables().values()
+    (tmp_path / "kept.json").write_text(change(text), encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8").replace("VanDerPol-2.fmu", "kept.json"))
+    with pytest.raises(RigError) as error:
+        in_memory(load_rig(path))
+    assert words in str(error.value)
 
 
 def test_units_of_modelica_as_they_are_written_here() -> None:
