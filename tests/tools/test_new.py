@@ -12,6 +12,7 @@ import pytest
 from copies import program
 from processes import Done, Running, own_bus, pcpc
 
+import pcpc as pcpc_api
 from pcpc.executive.log import reader as logs
 from pcpc.tools.new import DEVICE_FILES, FILES, NEXT, NEXT_DEVICE, TEMPLATE
 
@@ -42,9 +43,17 @@ def test_what_it_prints_fits_80_columns(tmp_path: Path, more: list[str]) -> None
     assert done.out.splitlines()[-len(NEXT) - len(more) - 1] == "  cd my-motor", done.out
 
 
-def test_its_device_runs_at_once_and_has_the_bits_of_the_law(tmp_path: Path) -> None:
-    folder = tmp_path / "my-motor"
-    assert pcpc("new", str(folder), "--device").code == 0
+@pytest.fixture(scope="module")
+def device(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a new rig with a device."""
+    folder = tmp_path_factory.mktemp("elsewhere") / "my-motor"
+    done = pcpc("new", str(folder), "--device")
+    assert done.code == 0, str(done)
+    return folder
+
+
+def test_its_device_runs_at_once_and_has_the_bits_of_the_law(device: Path) -> None:
+    folder = device
     assert {path.name for path in folder.iterdir()} == {*FILES, *DEVICE_FILES}
     told = (folder / "README.md").read_text(encoding="utf-8")
     assert NEXT_DEVICE in told and all(f"`{file}`" in told for file in DEVICE_FILES)
@@ -53,6 +62,22 @@ def test_its_device_runs_at_once_and_has_the_bits_of_the_law(tmp_path: Path) -> 
     done = pcpc(*words.split(), cwd=folder)
     assert done.code == 0 and "verdict  ok (5 limits judged)" in done.out, str(done)
     pytest_of(folder, "test_device.py")
+
+
+def test_its_law_in_c_is_such_a_device_too(device: Path, tmp_path: Path) -> None:
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler; apt-get install gcc libc6-dev")
+    text = (device / "README.md").read_text(encoding="utf-8").rpartition("The same in C")[2]
+    generate, make, plant = text.split("```")[1].strip().splitlines()
+    assert pcpc(*generate.split()[1:], cwd=device).code == 0
+    subprocess.run(make.split(), cwd=device, check=True, capture_output=True)
+    bus = ("--quiet", "--bus", own_bus(), "-o", str(tmp_path / "run"), "--device")
+    words = [word for one in plant.split()[1:] for word in (bus if one == "--device" else [one])]
+    done = pcpc(*words, cwd=device)
+    assert done.code == 0 and "verdict  ok (5 limits judged)" in done.out, str(done)
+    run, virtual = pcpc_api.open(tmp_path / "run"), pcpc_api.simulate(device, quiet=True)
+    for name in ("plant:motor.angle_rad", "plant:motor.held_V"):
+        assert run[name][: len(virtual.t_s)].tobytes() == virtual[name].tobytes(), name
 
 
 def test_a_rig_without_a_device_has_none(motor: Path) -> None:
