@@ -6,9 +6,11 @@ import random
 import shutil
 import struct
 import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from processes import PCPC, ROOT, Done, own_bus, pcpc
 
@@ -30,6 +32,19 @@ def made(folder: Path, target: str) -> None:
     words = ["make", "-s", "-C", str(folder), target, "CFLAGS=-O2 -Werror"]
     done = subprocess.run(words, capture_output=True, text=True)
     assert (done.returncode, done.stdout + done.stderr) == (0, ""), done
+
+
+KILLED = """
+import os, select, signal, subprocess, sys
+from pcpc.tools.device import slcan
+bus, commands = slcan.open_bus(sys.argv[2]), 0
+device = subprocess.Popen([*sys.argv[1:3], "0", "100"])
+while commands < 60:
+    select.select((bus,), (), (), 60.0)
+    commands += sum(word == 0x0A0 for word, _ in bus.frames())
+device.kill()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
 
 
 @dataclass(frozen=True)
@@ -56,9 +71,9 @@ def barrel(tmp_path_factory: pytest.TempPathFactory) -> Held:
     return Held(words, folder, plant)
 
 
-def with_device(held: Held, folder: Path, *device: str, bus: str = "") -> Done:
-    words = ("plant", *held.rig, "--bus", bus or own_bus(), "-o", str(folder), "--json")
-    return pcpc(*words, "--pacing", "lockstep", "--device", *device)
+def with_device(held: Held, folder: Path, *device: str, pacing: str = "lockstep") -> Done:
+    words = ("plant", *held.rig, "--bus", own_bus(), "-o", str(folder), "--json")
+    return pcpc(*words, "--pacing", pacing, "--device", *device)
 
 
 def in_qemu(held: Held, target: str) -> list[str]:
@@ -97,6 +112,34 @@ def test_a_replay_by_another_law_differs_from_the_device(barrel: Held, tmp_path:
     changed = "--set", "controller.kv_Nms_rad=111", "--node", "device"
     replayed = pcpc("replay", str(tmp_path / "run"), *changed)
     assert replayed.code == 1 and "first difference: cycle " in replayed.out, replayed
+
+
+@pytest.fixture(scope="module")
+def probe(tmp_path_factory: pytest.TempPathFactory) -> Held:
+    """Write the probe's law as a device that runs on a clock of its own, at 100 Hz."""
+    folder, words = tmp_path_factory.mktemp("probe"), ("rate_hz=100", "duration_s=2")
+    rig = ROOT / "plants" / "probe" / "device" / "rig.yaml"
+    for name, text in device(load_rig(rig, None, list(words))).items():
+        (folder / name).write_text(text)
+    made(folder, "linux")
+    settings = [part for word in words for part in ("--set", word)]
+    return Held((str(rig), *settings, "--no-figure"), folder, logs.Log(rig, {}, {}, {}, []))
+
+
+def test_of_a_generated_device_that_is_killed_the_plant_comes_to_rest(
+    probe: Held, tmp_path: Path
+) -> None:
+    device = sys.executable, "-c", KILLED, str(probe.folder / "linux"), "{bus}"
+    done = with_device(probe, tmp_path / "run", *device, pacing="real")
+    assert done.code == 5 and "device: ended by SIGKILL after " in str(done.summary), done
+    command = logs.read(tmp_path / "run" / "log.mcap").node["plant"].columns["rx.CMD.command"]
+    assert np.abs(command).max() > 0.5 and command[-1] == 0.0
+
+
+def test_the_wrong_rate_of_a_generated_device_is_named(probe: Held, tmp_path: Path) -> None:
+    device = str(probe.folder / "linux"), "{bus}", "0", "125"
+    done = with_device(probe, tmp_path / "run", *device, pacing="sync")
+    assert "Hz, the rig's is 100 Hz" in str(done.summary), done
 
 
 def test_a_device_that_would_give_other_bits_refuses_to_run(barrel: Held, tmp_path: Path) -> None:

@@ -214,15 +214,17 @@ def command(options: argparse.Namespace) -> int:
     """Carry out `slcan`; return the exit code, of a program its own."""
     if bool(options.rest) == (options.port is not None):
         raise UserError("pcpc slcan: give a serial line, or -- and a program; `pcpc slcan --help`")
+    if options.bitrate not in (None, *_BIT_RATES):
+        known = ", ".join(map(str, _BIT_RATES))
+        raise UserError(f"--bitrate {options.bitrate:g}: slcan knows {known} bit/s")
     signal.signal(signal.SIGTERM, _leave)
-    bus = open_bus(options.bus)
     if options.port is not None:
         line = open_port(options.port, options.baud)
-        bridge = Bridge(bus, line, line)
+        bridge = Bridge(open_bus(options.bus), line, line)
         if bridge.open(options.bitrate):
             bridge.run()
         return Exit.OK
-    return with_program(bus, options.rest)
+    return with_program(open_bus(options.bus), options.rest)
 
 
 def _leave(_number: int, _frame: FrameType | None) -> None:
