@@ -321,10 +321,9 @@ def _check_blocks(document: Document, config: Config) -> None:
                 what = f"the {first[name]} has this block, {where}; rename one"
                 raise document.error(keys, what)
             first[name] = section
-            if entry.law != tables.LAW and (entry.signal or entry.interpolation):
-                raise document.error(keys, "only `law: table` takes signal, interpolation")
-            if entry.file and entry.law not in (tables.LAW, fmu.LAW):
-                raise document.error(keys, "only `law: table` and `law: fmu` take a file")
+            no_file = entry.file is None or entry.law == fmu.LAW
+            if entry.law != tables.LAW and (not no_file or entry.signal or entry.interpolation):
+                raise document.error(keys, "only `law: table` takes file, signal, interpolation")
             if section == "executive" and name == "controller":
                 for key in ("law", "parameters"):
                     if getattr(entry, key):
