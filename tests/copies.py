@@ -12,6 +12,7 @@ import atexit
 import ctypes
 import gc
 import json
+import math
 import os
 import runpy
 import select
@@ -125,7 +126,8 @@ class Copy:
 
     def wait(self, timeout: float | None = None) -> int:
         """Wait for the end and return the exit code; subprocess.TimeoutExpired."""
-        if self.returncode is None and not select.select([self._status], [], [], timeout)[0]:
+        limit = None if timeout == math.inf else timeout
+        if self.returncode is None and not select.select([self._status], [], [], limit)[0]:
             raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)
         code = self.poll()
         assert code is not None, "what can be read is the code"
