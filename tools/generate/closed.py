@@ -31,8 +31,10 @@ class Closed:
     """The nodes of a rig, wired by frames."""
 
     def __init__(self, rig: Rig) -> None:
-        if rig.config.losses:
-            raise Untranslatable(f"{rig.path}: losses on purpose have no C; --set losses={{}}")
+        lost = [name for name, loss in rig.config.losses.items() if loss.share > 0.0]
+        if lost:
+            cure = " ".join(f"--set losses.{name}.share=0" for name in lost)
+            raise Untranslatable(f"{rig.path}: losses on purpose have no C; {cure}")
         self.rig = rig
         self.nodes = {role: Wiring(rig, role, role) for role in rig.roles}
         self.texts: dict[str, str] = {}

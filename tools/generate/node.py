@@ -11,7 +11,6 @@ Frames, counters, CRC and the supervisor stand around it.
 """
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 
 from pcpc.drivers.views import Layout
@@ -24,12 +23,7 @@ from pcpc.tools.generate.kinds import Untranslatable, number_text, safe
 from pcpc.tools.generate.law import LETTERS, ROLES, signature, translated
 from pcpc.tools.generate.source import commented
 from pcpc.tools.generate.unit import wrapped
-
-
-def identifier(text: str) -> str:
-    """Return a name for C that is like a text: `sin0.5` is sin0_5."""
-    name = re.sub(r"\W", "_", text, flags=re.ASCII)
-    return safe(name if name[:1].isalpha() else f"rig_{name}")
+from pcpc.tools.generate.words import identifier
 
 
 def elements(layout: Layout) -> Iterator[str]:
