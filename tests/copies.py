@@ -184,9 +184,12 @@ def as_of_a_terminal() -> None:
 
 def stand_in(address: str, script: str) -> NoReturn:
     """Be a copy that runs `script` with the words of this process, as far as others can tell."""
+    handed_on = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+    signal.pthread_sigmask(signal.SIG_BLOCK, handed_on)  # until there is somebody to hear them
     copy = Copy(address, [script, *sys.argv[1:]], Path.cwd(), os.environ, [0, 1, 2])
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in handed_on:
         signal.signal(number, lambda which, _: copy.send_signal(which))
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, handed_on)
     code = copy.wait()
     if code < 0:
         signal.signal(-code, signal.SIG_DFL)
