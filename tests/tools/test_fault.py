@@ -98,7 +98,7 @@ def test_a_fault_is_begun_and_ended_while_the_rig_runs(rig: Path) -> None:
 
 def test_the_command_lists_begins_and_ends_them(rig: Path, tmp_path: Path) -> None:
     bus = own_bus()
-    lasts = "--set", "duration_s=60", "--set", "supervisor.fault_after_cycles=10000"
+    lasts = "--set", "duration_s=120", "--set", "supervisor.fault_after_cycles=10000"
     with Running("run", str(rig), "--pacing", "real", "--bus", bus, *lasts, "--set", "rig=faulty",
                  "--quiet", "-o", str(tmp_path / "run")) as run:  # fmt: skip
         run.in_the_middle("faulty", bus)
@@ -110,8 +110,8 @@ def test_the_command_lists_begins_and_ends_them(rig: Path, tmp_path: Path) -> No
             assert "spare" in pcpc("fault", "--node", part).out, part
         done = pcpc("fault", "sparse", "--node", name)
         assert (done.code, done.err) == (2, "sparse: no such fault; did you mean spare?\n")
-        done = pcpc("fault", "spare", "--for", "10s", "--node", name)
-        assert done.code == 0 and done.out.startswith("spare on for 10s: plant from cycle ")
+        done = pcpc("fault", "spare", "--for", "300s", "--node", name)
+        assert done.code == 0 and done.out.startswith("spare on for 300s: plant from cycle ")
         done = pcpc("fault", "spare", "--end", "--node", name)
         assert done.code == 0 and done.out.startswith("spare ended: plant from cycle ")
 
