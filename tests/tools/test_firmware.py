@@ -175,3 +175,13 @@ def test_sums_in_software_are_rounded_as_those_in_hardware(tmp_path: Path) -> No
             assert struct.pack("d", told) == struct.pack("d", expected), (x.hex(), y.hex())
         else:
             assert told != told
+
+
+def test_what_only_the_executive_does_is_refused(tmp_path: Path) -> None:
+    for words, what in (
+        (["telerobot-u1"], "in rigs with two nodes only"),
+        (["hull", "--set", "supervisor.arm=manual"], "--set supervisor.arm=automatic"),
+    ):
+        done = pcpc("generate", "c", *words, "--device", "-o", "firmware", cwd=tmp_path)
+        assert done.code == 2 and what in done.err, done
+        assert not (tmp_path / "firmware").exists()
