@@ -17,6 +17,7 @@ from pcpc.executive.laws.emath import clip, sin, where
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.prepare import prepared
 from pcpc.executive.rig.reading import load_rig
+from pcpc.executive.rig.roles import Role
 from pcpc.tools.generate import elementary, points
 from pcpc.tools.generate.kinds import Untranslatable
 from pcpc.tools.generate.law import signature, translated
@@ -69,10 +70,19 @@ def _inputs(seed: int, count: int) -> Iterator[np.ndarray[Any, Any]]:
         yield values
 
 
-@pytest.mark.parametrize("law", ["pd_nn_fast", "nn_backstepping", "pid"])
-def test_random_and_odd_inputs_give_the_bits_of_python(law: str, tmp_path: Path) -> None:
-    rig = load_rig(RUNS["atb1000/hull"][0], law)
-    spec = next(b for b in rig.nodes()["executive"].blocks if b.name == "controller")
+@pytest.mark.parametrize(
+    ("name", "law", "role", "of"),
+    [
+        ("atb1000/hull", "pd_nn_fast", "executive", "controller"),
+        ("atb1000/hull", "nn_backstepping", "executive", "controller"),
+        ("telerobot/telerobot-u1", None, "local", "servo"),  # counts with what it receives
+    ],
+)
+def test_random_and_odd_inputs_give_the_bits_of_python(
+    name: str, law: str | None, role: Role, of: str, tmp_path: Path
+) -> None:
+    rig = load_rig(RUNS[name][0], law)
+    spec = next(b for b in rig.nodes()[role].blocks if b.name == of)
     block = spec.block
     values = prepared(block, spec.settings, rig.config.rate_hz, rig.config.seed)
     in_c = _in_c(block, tmp_path)
@@ -85,7 +95,7 @@ def test_random_and_odd_inputs_give_the_bits_of_python(law: str, tmp_path: Path)
         for mine, theirs, what in zip(python, c, "pxuy", strict=True):
             same = (mine == theirs) & (np.signbit(mine) == np.signbit(theirs))
             same |= np.isnan(mine) & np.isnan(theirs)
-            assert same.all(), f"{law}, step {k}: {what}{np.flatnonzero(~same)}"
+            assert same.all(), f"{of}, step {k}: {what}{np.flatnonzero(~same)}"
 
 
 def test_the_stored_digest_is_that_of_the_elementary_functions() -> None:

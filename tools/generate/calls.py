@@ -80,6 +80,8 @@ class Calls(Expressions):
         wanted = WHOLE if name == "int" else FLOAT
         if value.kind == wanted:
             return value
+        if wanted == WHOLE and value.kind == FLOAT:
+            return Value(f"pcpc_whole({value.text})", WHOLE, fixed=value.fixed)
         return Value(f"({wanted.name}){value.at(UNARY)}", wanted, UNARY, fixed=value.fixed)
 
     def _elementary(self, node: ast.Call, function: Any) -> Value:

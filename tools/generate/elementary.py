@@ -65,6 +65,18 @@ static inline double pcpc_abs(double x)
     return __builtin_fabs(x);
 }
 
+/* Return x without its fraction: 0 for NaN, beyond the range of int32_t the nearest one. */
+static inline int32_t pcpc_whole(double x)
+{
+    if (x >= 2147483647.0) {
+        return INT32_MAX;
+    }
+    if (x <= -2147483648.0) {
+        return INT32_MIN;
+    }
+    return (x == x) ? (int32_t)x : 0;
+}
+
 /* Return the square root, correctly rounded; NaN for x < 0. */
 static inline double pcpc_sqrt(double x)
 {
