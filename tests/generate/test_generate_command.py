@@ -11,10 +11,11 @@ from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.bench import generated, steps
 from pcpc.tools.cli import main
-from pcpc.tools.generate import builds, elementary
+from pcpc.tools.generate import builds
 from pcpc.tools.generate.closed import Closed, digest_of
 from pcpc.tools.generate.cost import measured
 from pcpc.tools.generate.library import WARNINGS, run, write
+from pcpc.tools.generate.translator import elementary
 from pcpc.tools.rigs import find
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")

@@ -12,9 +12,9 @@ from pcpc.tools.bench import Ratio
 from pcpc.tools.bench import steps as by_hand
 from pcpc.tools.bench.compiler import library
 from pcpc.tools.console.progress import Progress
-from pcpc.tools.generate import elementary
-from pcpc.tools.generate.law import LETTERS, ROLES, signature, translated
 from pcpc.tools.generate.library import write
+from pcpc.tools.generate.translator import elementary
+from pcpc.tools.generate.translator.law import LETTERS, ROLES, signature, translated
 
 FLAGS = ("-O2", "-ffp-contract=off")
 

@@ -13,8 +13,8 @@ from importlib import resources
 from pathlib import Path
 
 from pcpc.drivers.errors import UserError
-from pcpc.tools.generate.elementary import FLAGS
 from pcpc.tools.generate.library import WARNINGS, run
+from pcpc.tools.generate.translator.elementary import FLAGS
 
 _BARE = (
     "-DBARE", "-mthumb", "-ffreestanding", "-nostdlib", "-fno-tree-loop-distribute-patterns",

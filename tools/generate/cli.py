@@ -18,12 +18,13 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools import rigs
 from pcpc.tools.console import screen
 from pcpc.tools.console.progress import Progress
-from pcpc.tools.generate import builds, cost, elementary
+from pcpc.tools.generate import builds, cost
 from pcpc.tools.generate.closed import Closed, digest_of
 from pcpc.tools.generate.device import device
-from pcpc.tools.generate.law import translated
 from pcpc.tools.generate.library import write
 from pcpc.tools.generate.node import rig_files
+from pcpc.tools.generate.translator import elementary
+from pcpc.tools.generate.translator.law import translated
 from pcpc.tools.generate.words import identifier
 
 _INTERPRETED = """

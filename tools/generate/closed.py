@@ -19,8 +19,8 @@ from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.generate import frames
-from pcpc.tools.generate.kinds import Untranslatable
 from pcpc.tools.generate.node import Wiring, rig_files
+from pcpc.tools.generate.translator.kinds import Untranslatable
 from pcpc.tools.generate.words import identifier
 
 _PORT = Path(__file__).with_name("closed.inc")

@@ -18,8 +18,9 @@ from pcpc.executive.loop.table import Views
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.generate import elementary, frames, wiring
-from pcpc.tools.generate.law import translated
+from pcpc.tools.generate import frames, wiring
+from pcpc.tools.generate.translator import elementary
+from pcpc.tools.generate.translator.law import translated
 from pcpc.tools.generate.words import identifier
 
 _FIXED = resources.files("pcpc.tools.generate") / "c"

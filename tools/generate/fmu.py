@@ -26,10 +26,10 @@ from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig import fmu
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.generate import elementary
-from pcpc.tools.generate.kinds import number_text
-from pcpc.tools.generate.law import LETTERS, ROLES, signature, translated
 from pcpc.tools.generate.library import PLAIN, WARNINGS, compiler, run
+from pcpc.tools.generate.translator import elementary
+from pcpc.tools.generate.translator.kinds import number_text
+from pcpc.tools.generate.translator.law import LETTERS, ROLES, signature, translated
 from pcpc.tools.generate.words import identifier
 
 _AROUND = Path(__file__).with_name("fmu2.c")

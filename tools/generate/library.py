@@ -13,8 +13,8 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.laws.block import Block
 from pcpc.executive.nodes.plan import Plan
-from pcpc.tools.generate import elementary
-from pcpc.tools.generate.law import LETTERS, ROLES, signature, translated
+from pcpc.tools.generate.translator import elementary
+from pcpc.tools.generate.translator.law import LETTERS, ROLES, signature, translated
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")
 PLAIN = ("-O2",)

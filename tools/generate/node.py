@@ -18,11 +18,11 @@ from pcpc.executive.nodes.plan import Plan, cycles_of, plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import FALLBACK
-from pcpc.tools.generate import elementary
-from pcpc.tools.generate.kinds import Untranslatable, number_text, safe
-from pcpc.tools.generate.law import LETTERS, ROLES, signature, translated
-from pcpc.tools.generate.source import commented
-from pcpc.tools.generate.unit import wrapped
+from pcpc.tools.generate.translator import elementary
+from pcpc.tools.generate.translator.kinds import Untranslatable, number_text, safe
+from pcpc.tools.generate.translator.law import LETTERS, ROLES, signature, translated
+from pcpc.tools.generate.translator.source import commented
+from pcpc.tools.generate.translator.unit import wrapped
 from pcpc.tools.generate.words import identifier
 
 

@@ -1,7 +1,7 @@
 """The executive of a rig in C: its blocks, what is wired to what, limits, scheduled tunings.
 
 A block NAME is the variable NAME of four structs: parameters p, states x, inputs u, outputs y; one
-without ports is left out, as in the C of its law (`tools.generate.law`).
+without ports is left out, as in the C of its law (`tools.generate.translator.law`).
 """
 
 import math

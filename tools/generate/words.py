@@ -3,7 +3,7 @@
 import math
 import re
 
-from pcpc.tools.generate.kinds import safe
+from pcpc.tools.generate.translator.kinds import safe
 
 
 def identifier(name: str) -> str:

@@ -16,8 +16,8 @@ from typing import Any
 from pcpc.drivers.views import Layout
 from pcpc.executive.laws.block import Block, Port
 from pcpc.executive.rig.prepare import Values, prepared
-from pcpc.tools.generate.functions import Function
-from pcpc.tools.generate.kinds import (
+from pcpc.tools.generate.translator.functions import Function
+from pcpc.tools.generate.translator.kinds import (
     FLOAT,
     Untranslatable,
     View,
@@ -26,8 +26,8 @@ from pcpc.tools.generate.kinds import (
     safe,
     size,
 )
-from pcpc.tools.generate.source import comment, commented, located, read
-from pcpc.tools.generate.unit import ROLES, Unit, wrapped
+from pcpc.tools.generate.translator.source import comment, commented, located, read
+from pcpc.tools.generate.translator.unit import ROLES, Unit, wrapped
 
 GIVEN = ("parameters", "inputs")  # a step reads them only
 LETTERS = dict(zip(ROLES, "pxuy", strict=True))

@@ -4,8 +4,8 @@ import ast
 import re
 from collections.abc import Sequence
 
-from pcpc.tools.generate.calls import Calls
-from pcpc.tools.generate.kinds import (
+from pcpc.tools.generate.translator.calls import Calls
+from pcpc.tools.generate.translator.kinds import (
     TRUTH,
     WHOLE,
     Callee,
@@ -18,8 +18,8 @@ from pcpc.tools.generate.kinds import (
     joined,
     safe,
 )
-from pcpc.tools.generate.places import Places
-from pcpc.tools.generate.source import names
+from pcpc.tools.generate.translator.places import Places
+from pcpc.tools.generate.translator.source import names
 
 _SIGNS = {ast.Add: "+=", ast.Sub: "-=", ast.Mult: "*=", ast.Div: "/="}
 _PLAIN_END = re.compile(r"-?[0-9]+|[A-Za-z_]\w*")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.tools.generate.kinds import (
+from pcpc.tools.generate.translator.kinds import (
     FLOAT,
     TRUTH,
     WHOLE,
@@ -28,7 +28,7 @@ from pcpc.tools.generate.kinds import (
     number_text,
     safe,
 )
-from pcpc.tools.generate.source import File, Meaning, is_function, plain
+from pcpc.tools.generate.translator.source import File, Meaning, is_function, plain
 
 _LEVELS = {ast.Add: (12, "+"), ast.Sub: (12, "-"), ast.Mult: (13, "*"), ast.Div: (13, "/")}
 _COMPARED = {

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 from pcpc.executive.laws import emath
-from pcpc.tools.generate import points
-from pcpc.tools.generate.kinds import FLOAT, Cells, Number
-from pcpc.tools.generate.source import comment
-from pcpc.tools.generate.unit import Unit, wrapped
+from pcpc.tools.generate.translator import points
+from pcpc.tools.generate.translator.kinds import FLOAT, Cells, Number
+from pcpc.tools.generate.translator.source import comment
+from pcpc.tools.generate.translator.unit import Unit, wrapped
 
 NAMES = ("floor", "clip", "sign", "exp", "expmsq", "tanh", "logistic", "sincos", "sin", "cos")
 FLAGS = ("-std=c99", "-ffp-contract=off")

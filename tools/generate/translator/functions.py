@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pcpc.tools.generate.kinds import (
+from pcpc.tools.generate.translator.kinds import (
     FLOAT,
     Callee,
     Cells,
@@ -16,9 +16,9 @@ from pcpc.tools.generate.kinds import (
     View,
     safe,
 )
-from pcpc.tools.generate.places import Places
-from pcpc.tools.generate.source import Meaning, comment, commented, located
-from pcpc.tools.generate.statements import Statements
+from pcpc.tools.generate.translator.places import Places
+from pcpc.tools.generate.translator.source import Meaning, comment, commented, located
+from pcpc.tools.generate.translator.statements import Statements
 
 _WORD = re.compile(r"\w+")
 _ROUNDS = 6  # until the kinds of all local variables are known

@@ -12,7 +12,7 @@ from typing import Any
 
 from pcpc.drivers.stage import Stage
 from pcpc.executive.rig.modules import PROJECT
-from pcpc.tools.generate.kinds import Untranslatable
+from pcpc.tools.generate.translator.kinds import Untranslatable
 
 _NO_COMMENT = ("fmt:", "noqa", "type:", "pragma")
 

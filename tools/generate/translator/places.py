@@ -4,7 +4,7 @@ import ast
 from collections import defaultdict
 from collections.abc import Sequence
 
-from pcpc.tools.generate.source import names
+from pcpc.tools.generate.translator.source import names
 
 
 class Places:

@@ -10,8 +10,8 @@ import numpy as np
 
 from pcpc.drivers.views import Field, Layout
 from pcpc.executive.laws import emath
-from pcpc.tools.generate.functions import Called, Function
-from pcpc.tools.generate.kinds import (
+from pcpc.tools.generate.translator.functions import Called, Function
+from pcpc.tools.generate.translator.kinds import (
     FLOAT,
     TRUTH,
     WHOLE,
@@ -21,7 +21,7 @@ from pcpc.tools.generate.kinds import (
     Untranslatable,
     number_text,
 )
-from pcpc.tools.generate.source import commented, located
+from pcpc.tools.generate.translator.source import commented, located
 
 COLUMNS = 100
 ROLES = ("parameters", "states", "inputs", "outputs")
@@ -148,7 +148,7 @@ def module_comment(module: str) -> list[str]:
     """Return the header of a Python module as a comment."""
     import sys
 
-    from pcpc.tools.generate.source import comment
+    from pcpc.tools.generate.translator.source import comment
 
     doc = getattr(sys.modules.get(module), "__doc__", None)
     return comment(doc) if doc else []

@@ -6,8 +6,8 @@ from typing import Any
 
 from pcpc.executive.laws import emath
 from pcpc.executive.laws.block import flat
-from pcpc.tools.generate.expressions import UNARY, Expressions
-from pcpc.tools.generate.kinds import (
+from pcpc.tools.generate.translator.expressions import UNARY, Expressions
+from pcpc.tools.generate.translator.kinds import (
     FLOAT,
     TRUTH,
     WHOLE,
@@ -20,7 +20,7 @@ from pcpc.tools.generate.kinds import (
     number_text,
     size,
 )
-from pcpc.tools.generate.source import is_function, plain
+from pcpc.tools.generate.translator.source import is_function, plain
 
 _ADVICE = {
     "min": "where(a < b, a, b)", "max": "where(a > b, a, b)", "round": "floor(x + 0.5)",
