@@ -5,7 +5,7 @@
 
 Without a clock that order is certain, so the answers of a device that computes the rig's law are
 those of the executive, bit for bit. Only frames that the plant hears are in its log. Heartbeats of
-the first cycle and what a device sends at its end are not compared.
+the first cycle and what a device sends at its end, or beyond that of the rig, are not compared.
 """
 
 import time
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import dbc, e2e_states
 from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay, Slice
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
@@ -43,6 +44,7 @@ class DeviceComparison:
         self._beats = [frame.can_id for frame in heard if messages.heartbeat(frame)]
         self.verdict = Verdict(ROLE, rig.config.rate_hz)
         self._answers = self._computed = np.empty(0, logs.FRAME)
+        self._cycles = cycles_of(rig)
         self._ended = False
         self._begin_s = time.monotonic()
 
@@ -77,6 +79,7 @@ class DeviceComparison:
 
     def _compare(self, last: int) -> None:
         """Compare the answers that the plant has had by its cycle `last`."""
+        last = min(last, self._cycles)
         answered: NDArray[Any] = self._answers[self._answers["cycle"] <= last].copy()
         answered["cycle"] = np.maximum(answered["cycle"] - 1, 0)
         self._answers = self._answers[self._answers["cycle"] > last]

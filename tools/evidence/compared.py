@@ -214,7 +214,7 @@ def _expected(
             model.watched = given[4]
         model.supervise(k, fresh, given[5], given[6])
         fault = model.fault
-        model.hear(reset, stop, arm)
+        model.hear(reset, stop, given[7] if arm >= 0 else None)
         model.limit(k, given[2:4], given[:2], AT)
         seen = model.told()
         rest = (fault, sv.FAULTS[fault].code, model.odd_bits if seen[19] == NOT_FINITE else 0)

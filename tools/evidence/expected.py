@@ -90,7 +90,7 @@ class Supervised:
     stop: bool = False
     hurry: str = ""
     reset: bool = False
-    disarmed: bool = False
+    disarmed: float = 0.0  # any number but 0
     hosts_stop: bool = False
     events: list[tuple[int, int]] = field(default_factory=list)
 
@@ -134,7 +134,7 @@ class Supervised:
             if self.state == "FAULT":
                 self.told_fault = self.fault
                 self.events.append((1, self.fault))
-                self.disarmed = self.disarmed or self.has.manual
+                self.disarmed = 1.0 if self.has.manual else self.disarmed
         self._substitute()
 
     def _judge_reset(self, possible: bool) -> bool:
@@ -179,9 +179,9 @@ class Supervised:
             safe = self.has.substitute
             self.watched = safe + self.gain * (self.held_input - safe)
 
-    def hear(self, reset: float, stop: float, disarmed: int) -> None:
-        """Take requests; `disarmed` is -1 where nothing is said of it, 1 for any number but 0."""
-        self.disarmed = self.disarmed if disarmed < 0 else disarmed > 0
+    def hear(self, reset: float, stop: float, disarmed: float | None) -> None:
+        """Take requests; `disarmed` is None where nothing is said of it."""
+        self.disarmed = self.disarmed if disarmed is None else disarmed
         settled = all(command.settled for command in self.commands)
         safe = self.gain <= 0.0 and settled
         if reset and self.state == "FAULT" and self.has.waits and safe:
