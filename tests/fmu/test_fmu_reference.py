@@ -1,5 +1,6 @@
 """FMUs that nobody here wrote, stepped through a rig, give the bits of FMPy's own simulation."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,8 @@ import fmpy
 import numpy as np
 import pytest
 from reference_fmus import columns, fmu, rig
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
 
 RATE = 100.0
 

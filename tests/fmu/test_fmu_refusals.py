@@ -18,6 +18,8 @@ from pcpc.executive.rig.fmu import unit_of
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import fmus as told
 
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
+
 COLD = {  # in model.c of VanDerPol: from 0.5 s on it does not give x0
     r"case vr_x0:\n            ASSERT_NVALUES\(1\);\n            values":
     'case vr_x0:\n            ASSERT_NVALUES(1);\n if (comp->time > 0.5) '

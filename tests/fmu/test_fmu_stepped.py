@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,8 @@ from reference_fmus import columns, fmu, made, rig
 from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory
 from pcpc.executive.rig.reading import load_rig
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
 
 RATE = 100.0
 
