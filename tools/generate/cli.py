@@ -43,7 +43,7 @@ def command(options: argparse.Namespace) -> int:
         block, name = block_of(options.what)
         _written(translated(block, name) | elementary.files(), options.output or Path(f"{name}_c"))
         return Exit.OK
-    rig = load_rig(Path(rigs.find(options.what)), options.controller, options.set)
+    rig = load_rig(_rig(options.what), options.controller, options.set)
     files = device(rig) if options.device else rig_files(rig)
     folder = options.output or Path(f"{identifier(rig.config.rig)}_c")
     if options.output or options.device or not (options.check or options.cost):
@@ -51,6 +51,14 @@ def command(options: argparse.Namespace) -> int:
     if options.cost:
         print("\n".join(cost.told(rig, options.set, options.cycles, progress)))
     return check(rig, options, progress) if options.check else Exit.OK
+
+
+def _rig(text: str) -> Path:
+    try:
+        return Path(rigs.find(text))
+    except UserError as error:
+        hint = did_you_mean(text, list(resolve.shipped()))
+        raise UserError(f"{error}; no law either{hint}", error.code) from None
 
 
 def is_law(text: str) -> bool:

@@ -13,30 +13,17 @@ Frames, counters, CRC and the supervisor stand around it.
 import math
 from collections.abc import Iterator, Sequence
 
-from pcpc.drivers.views import Layout
+from pcpc.executive.loop.limits import FINITE
 from pcpc.executive.nodes.plan import Plan, cycles_of, plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import FALLBACK
 from pcpc.tools.generate.translator import elementary
-from pcpc.tools.generate.translator.kinds import Untranslatable, number_text, safe
-from pcpc.tools.generate.translator.law import LETTERS, ROLES, signature, translated
+from pcpc.tools.generate.translator.kinds import Untranslatable, number_text
+from pcpc.tools.generate.translator.law import LETTERS, ROLES, elements, signature, translated
 from pcpc.tools.generate.translator.source import commented
 from pcpc.tools.generate.translator.unit import wrapped
 from pcpc.tools.generate.words import identifier
-
-
-def elements(layout: Layout) -> Iterator[str]:
-    """Yield the expression of each double of a structure, in the order of memory."""
-    for field in layout.fields:
-        name = safe(field.name)
-        if field.group is not None:
-            yield from (f"{name}.{rest}" for rest in elements(field.group))
-            continue
-        indices = [""]
-        for extent in field.shape:
-            indices = [f"{index}[{i}]" for index in indices for i in range(extent)]
-        yield from (f"{name}{index}" for index in indices)
 
 
 class Wiring:
@@ -260,7 +247,7 @@ def _limits(wiring: Wiring) -> Iterator[str]:
         yield "    {"
         yield f"        const limits its = {{{low}, {high}, {step}, {safe_}}};"
         at = f"sent->{identifier(signal)}"
-        yield f"        if (!(pcpc_abs({at}) < 1e+300)) {{"
+        yield f"        if (!(pcpc_abs({at}) < {number_text(FINITE)})) {{"
         yield "            odd = true;"
         yield f"            {at} = rig->last[{i}];"
         yield "        }"

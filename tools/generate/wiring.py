@@ -8,14 +8,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pcpc.drivers.views import Layout
 from pcpc.executive.nodes.plan import Plan, cycles_of
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.schema import FALLBACK
 from pcpc.tools.generate import frames
+from pcpc.tools.generate.translator.law import LETTERS, ROLES, elements
 from pcpc.tools.generate.words import comment, identifier, number
 
-PARTS = ("parameters", "p"), ("states", "x"), ("inputs", "u"), ("outputs", "y")
 _OF_SUPERVISOR = (
     "state fault gain missing_cycles nmt fallback saturated status_word error_code error_register"
 )
@@ -28,13 +27,11 @@ _SUPERVISOR, _HEALTH = frozenset(_OF_SUPERVISOR.split()), frozenset(_OF_HEALTH.s
 
 @dataclass(frozen=True)
 class Part:
-    """One of the structs of a block: its ports, and where they lie in the plan's table."""
+    """One of the structs of a block."""
 
     block: str
     short: str
     kind: str
-    layout: Layout
-    places: range
 
     @property
     def name(self) -> str:
@@ -54,14 +51,14 @@ class Wiring:
             if spec.name == FALLBACK:
                 continue
             own = self.parts[spec.name] = []
-            for (kind, short), ports in zip(PARTS, spec.block.step.declared, strict=True):
+            for kind, ports in zip(ROLES, spec.block.step.declared, strict=True):
                 places = getattr(views, kind)
                 if not len(places):
                     continue
-                part = Part(spec.name, short, kind, ports.layout, places)
+                part = Part(spec.name, LETTERS[kind], kind)
                 own.append(part)
-                elements = zip(places, _elements(ports.layout, part.name), strict=True)
-                self.said |= dict(elements)
+                values = (f"{part.name}.{one}" for one in elements(ports.layout))
+                self.said |= dict(zip(places, values, strict=True))
         for place, variable in enumerate(made.table.variables):
             if place not in self.said:
                 self.said[place] = _own(variable.name)
@@ -70,23 +67,6 @@ class Wiring:
         """Yield what is carried to the inputs of a block, or, behind the last, to what is sent."""
         for source, target in self.made.copies[block]:
             yield f"{self.said[target]} = {self.said[source]};"
-
-
-def _elements(layout: Layout, prefix: str) -> Iterator[str]:
-    """Yield each value of a struct as C says it, in the order of memory."""
-    for one in layout.fields:
-        name = f"{prefix}.{identifier(one.name)}"
-        if one.group is not None:
-            yield from _elements(one.group, name)
-        else:
-            yield from _indexed(name, one.shape)
-
-
-def _indexed(name: str, shape: tuple[int, ...]) -> Iterator[str]:
-    if not shape:
-        yield name
-    for i in range(shape[0] if shape else 0):
-        yield from _indexed(f"{name}[{i}]", shape[1:])
 
 
 def _own(name: str) -> str:

@@ -64,6 +64,19 @@ def translated(
     }
 
 
+def elements(layout: Layout) -> Iterator[str]:
+    """Yield the expression of each double of a structure, in the order of memory."""
+    for field in layout.fields:
+        name = safe(field.name)
+        if field.group is not None:
+            yield from (f"{name}.{rest}" for rest in elements(field.group))
+            continue
+        indices = [""]
+        for extent in field.shape:
+            indices = [f"{index}[{i}]" for index in indices for i in range(extent)]
+        yield from (f"{name}{index}" for index in indices)
+
+
 def signature(block: Block) -> tuple[str, ...]:
     """Return which of `parameters`, `states`, `inputs`, `outputs` the C of a block has."""
     return tuple(
