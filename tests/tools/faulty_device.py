@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "plants" / "probe" / "device"))
@@ -10,6 +11,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "plants" / "probe" 
 import probe
 
 AT = 60  # the cycle from which on it is wrong
+
+
+def number_in(file: Path) -> int:
+    """Return the number in a file, once it is there."""
+    end_s = time.monotonic() + 60.0
+    while not file.exists() or not file.read_text():
+        assert time.monotonic() < end_s, f"{file} was not written"
+        os.sched_yield()
+    return int(file.read_text())
 
 
 class Faulty(probe.Device):
@@ -21,6 +31,9 @@ class Faulty(probe.Device):
         self.k = k
         if k == AT and self.what == "killed":
             os.kill(os.getpid(), signal.SIGKILL)
+        if k == AT and self.what.startswith("kills="):  # the process whose number is in a file
+            os.kill(number_in(Path(self.what.partition("=")[2])), signal.SIGKILL)
+            sys.exit(5)
         if k == AT and self.what == "stopped":
             os.kill(os.getpid(), signal.SIGSTOP)
         if k == AT and self.what == "again":  # as after a reset: nothing of before is known

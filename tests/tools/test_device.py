@@ -145,6 +145,17 @@ def test_a_device_may_be_started_elsewhere(tmp_path: Path) -> None:
     assert done.summary["device"]["command"] == []
 
 
+def test_a_plant_that_is_killed_is_named_before_the_device_that_ends_of_it(tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    words = ("--pacing", "lockstep", "--bus", own_bus(), "-o", str(tmp_path / "run"), "--json")
+    device = faulty(f"kills={pid}")
+    with Running("plant", RIG, *words, *SHORT, "--device", *device) as plant:
+        pid.write_text(str(plant.pid("plant")))
+        done = plant.done()
+    told = [line.partition(" ")[0] for line in done.summary["faults"]]
+    assert done.code == 5 and told == ["plant:", "device:"], done
+
+
 def test_a_device_that_cannot_begin_is_told_with_its_own_words(tmp_path: Path) -> None:
     device = ("sh", "-c", "echo no probe found >&2; exit 4")
     done = with_device(tmp_path / "run", device, "--pacing", "lockstep", *SHORT)

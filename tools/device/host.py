@@ -185,6 +185,7 @@ class DeviceHost(Host):
             if done < wanted and int(control[sh.PASSES] + control[sh.SKIPPED]) < wanted:
                 outcome.short = f"{done:,} of {wanted:,} cycles: the run ended before"
         if complaint := self.device.complaint():
-            outcome.faults.insert(0, f"device: {complaint} after {done:,} of {wanted:,} cycles")
+            cause = 0 if self.children["plant"].code >= 0 else len(outcome.faults)
+            outcome.faults.insert(cause, f"device: {complaint} after {done:,} of {wanted:,} cycles")
             for line in self.device.said() if self.device.output.exists() else ():
                 self.progress.say(f"device: {line}")
