@@ -21,6 +21,8 @@
     many = pcpc.sweep("atb1000/hull", ["pd", "pd_nn"], vary={"barrel.gap_rad": "x0.5:2"}, draws=200)
     many.table, many.failures("pd"), many.report("report")               thousands of runs
 
+    pcpc.margin("sin0.5", "pd").phase_margin_deg                         how stable a loop is
+
     pcpc.compare(run, other).markdown()                                  what two runs differ in
 """
 
@@ -36,6 +38,9 @@ if TYPE_CHECKING:
     from pcpc.tools.api.simulate import open, simulate
     from pcpc.tools.api.sweep import Sweep, sweep
     from pcpc.tools.compare.comparison import Comparison
+    from pcpc.tools.margin.find import margin
+    from pcpc.tools.margin.margins import Margins
+    from pcpc.tools.margin.result import Margin, Response
 
 _WHERE = {
     "Comparison": "tools.compare.comparison", "compare": "tools.api.compare",
@@ -44,12 +49,15 @@ _WHERE = {
     "UnknownName": "tools.api.run",
     "Loop": "tools.api.loop", "Sample": "tools.api.loop", "loop": "tools.api.loop",
     "Live": "tools.api.live", "NotMet": "tools.api.live", "running": "tools.api.live",
+    "Margin": "tools.margin.result", "Margins": "tools.margin.margins",
+    "Response": "tools.margin.result", "margin": "tools.margin.find",
     "open": "tools.api.simulate", "simulate": "tools.api.simulate",
     "Sweep": "tools.api.sweep", "sweep": "tools.api.sweep",
 }  # fmt: skip
 __all__ = [
-    "Comparison", "Error", "Figure", "Live", "Loop", "NotMet", "NotOk", "Run", "Sample",
-    "Sweep", "UnknownName", "compare", "loop", "open", "running", "simulate", "sweep",
+    "Comparison", "Error", "Figure", "Live", "Loop", "Margin", "Margins", "NotMet", "NotOk",
+    "Response", "Run", "Sample", "Sweep", "UnknownName", "compare", "loop", "margin", "open",
+    "running", "simulate", "sweep",
 ]  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from pcpc.tools.console import evidence_arguments as take_evidence
 from pcpc.tools.console import generate_arguments as take_generate
 from pcpc.tools.console import live_arguments as take_live
 from pcpc.tools.console import log_arguments as take_log
+from pcpc.tools.console import margin_arguments as take_margin
 from pcpc.tools.console.command import Command, exit_codes
 
 SUITES = {  # of `pcpc bench`: its modules
@@ -124,6 +125,12 @@ GROUPS = {
                  Exit.LOSS: "the disk is full", Exit.ENVIRONMENT: "a package is missing",
                  Exit.INTERRUPTED: "the same command with -o goes on"},
                 judges=True, compiles=True),
+        Command("margin", "tell how far its loop is from instability: linearised and measured",
+                "pcpc margin sin0.5 --controller pd\n"
+                "pcpc margin sin0.5 --at 500ms --amplitude 0.2 -o margins",
+                take_margin.margin, "margin.cli",
+                {**_SIMPLE, Exit.ENVIRONMENT: "a package is missing", Exit.INTERRUPTED: ""},
+                compiles=True),
         Command("experiment", "run a whole study in virtual time: tables and figures",
                 "pcpc experiment chapter9 -o results", take.experiment,
                 codes={Exit.OK: "", Exit.NOT_MET: "a run failed", Exit.WRONG_INPUT: "",

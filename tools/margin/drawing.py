@@ -1,0 +1,97 @@
+"""Bode and Nyquist plots of a `pcpc.Margin`: linearised as lines, measured as points."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION
+
+_DPI = 110
+_FAR = 3.0  # of the Nyquist plot's axes
+
+
+def _page(size: tuple[float, float], rows: int = 1) -> tuple[Any, Any]:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise ImportError("a figure needs matplotlib: pip install 'pcpc[plot]'") from None
+    figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
+    return figure, figure.subplots(rows, 1, sharex=rows > 1, squeeze=False)[:, 0]
+
+
+def _dress(ax: Any) -> None:
+    ax.grid(color="#D8D8D8", linewidth=0.5)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.tick_params(labelsize=8)
+
+
+def _title(found: Any) -> str:
+    return f"{found.rig}, {found.controller}: open loop at {found.loop}"
+
+
+def bode(found: Any, path: Path) -> None:
+    """Draw |L|, arg L and |S| over the frequency. ImportError without matplotlib."""
+    figure, (top, middle, low) = _page((7.5, 7.5), 3)
+    figure.suptitle(_title(found), fontsize=11)
+    for one, style in _styles(found):
+        size, angle = np.abs(one.response), np.unwrap(np.angle(one.response))
+        angle -= 2.0 * np.pi * np.ceil(angle[0] / (2.0 * np.pi) - 1e-9)
+        top.loglog(one.f_hz, size, **style)
+        middle.semilogx(one.f_hz, np.rad2deg(angle), **style)
+        low.loglog(one.f_hz, np.abs(1.0 / (1.0 + one.response)), **style)
+    top.axhline(1.0, color=GREY, linewidth=0.7)
+    low.axhline(1.0, color=GREY, linewidth=0.7)
+    first, last = middle.get_ylim()
+    for level in np.arange(-1980.0, 1980.0, 360.0):
+        if first <= level <= last:
+            middle.axhline(level, color=GREY, linewidth=0.7)
+    numbers = found.margins
+    for ax in (top, middle):
+        for at, colour in ((numbers.gain_margin_hz, VERMILION), (numbers.crossover_hz, GREEN)):
+            if np.isfinite(at):
+                ax.axvline(at, color=colour, linewidth=0.8, linestyle=":")
+    top.set_ylabel("|L|")
+    middle.set_ylabel("arg L [deg]")
+    low.set_ylabel("|S| = 1/|1 + L|")
+    low.set_xlabel("frequency [Hz]; dotted: where |L| = 1 (green), where L < 0 is real (red)")
+    top.legend(fontsize=8, frameon=False)
+    for ax in (top, middle, low):
+        _dress(ax)
+    figure.savefig(path)
+
+
+def nyquist(found: Any, path: Path) -> None:
+    """Draw L in the complex plane about -1, with the disk that it keeps out of."""
+    figure, (ax,) = _page((6.0, 6.0))
+    ax.set_title(_title(found), fontsize=11)
+    turn = np.linspace(0.0, 2.0 * np.pi, 400)
+    ax.plot(np.cos(turn), np.sin(turn), color=GREY, linewidth=0.7, linestyle=":")
+    ax.fill(*_disk(found.margins.disk_margin, turn), color="#F3D9CB", linewidth=0)
+    for one, style in _styles(found):
+        ax.plot(one.response.real, one.response.imag, **style)
+    ax.plot(-1.0, 0.0, "+", color=VERMILION, markersize=10, markeredgewidth=1.6)
+    ax.set(xlim=(-_FAR, 0.5 * _FAR), ylim=(-0.75 * _FAR, 0.75 * _FAR), aspect="equal")
+    ax.set(xlabel="real part of L; shaded: the disk of the disk margin", ylabel="imaginary part")
+    ax.legend(fontsize=8, frameon=False, loc="upper left")
+    _dress(ax)
+    figure.savefig(path)
+
+
+def _disk(alpha: float, turn: Any) -> tuple[Any, Any]:
+    """Return the edge of what L keeps out of: -1/factor of all factors of the disk margin."""
+    delta = min(alpha, 1.999) * np.exp(1j * turn)
+    edge = -(1.0 - 0.5 * delta) / (1.0 + 0.5 * delta)
+    return edge.real, edge.imag
+
+
+def _styles(found: Any) -> list[tuple[Any, dict[str, Any]]]:
+    both = []
+    if found.linearised is not None:
+        both.append((found.linearised, {"color": BLUE, "linewidth": 1.2, "label": "linearised"}))
+    if found.measured is not None:
+        style = {"color": BLACK, "linestyle": "none", "marker": "o", "markersize": 3.0,
+                 "fillstyle": "none", "label": "measured"}  # fmt: skip
+        both.append((found.measured, style))
+    return both
