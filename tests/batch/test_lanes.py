@@ -1,6 +1,6 @@
 """A lane equals the single run of its values: all recorded variables, all cycles, bit for bit.
 
-Every rig of the project with every controller, the lanes different in every number that is not
+A rig of each plant with a controller of every law, the lanes different in every number that is not
 whole (whole ones are counts and switches): so the states differ, and no step may decide by them.
 """
 
@@ -41,8 +41,9 @@ Values = dict[Role, dict[int, float]]  # by node and place in its table
 
 def pairs() -> Iterator[tuple[str, str]]:
     for path in ONE_RIG:
-        for controller in load_rig(ROOT / path, resolve=False).config.controllers:
-            yield path, controller
+        controllers = load_rig(ROOT / path, resolve=False).config.controllers
+        laws = {controller.law: name for name, controller in reversed(controllers.items())}
+        yield from ((path, name) for name in reversed(laws.values()))
 
 
 def alone(rig: Rig, values: Values) -> Log:

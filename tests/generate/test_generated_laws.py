@@ -75,6 +75,11 @@ def _inputs(seed: int, count: int) -> Iterator[np.ndarray[Any, Any]]:
     [
         ("atb1000/hull", "pd_nn_fast", "executive", "controller"),
         ("atb1000/hull", "nn_backstepping", "executive", "controller"),
+        ("atb1000/hull", "pd_feedforward", "executive", "controller"),
+        ("atb1000/hull", "pd_observer", "executive", "controller"),
+        ("atb1000/hull", "super_twisting", "executive", "controller"),
+        ("atb1000/hull", "pd_adaptive", "executive", "controller"),
+        ("atb1000/hull", "lqg", "executive", "controller"),
         ("telerobot/telerobot-u1", None, "local", "servo"),  # counts with what it receives
     ],
 )
