@@ -20,8 +20,12 @@ def c(add: Add) -> None:
     add("--check", action="store_true",
         help="of a rig: run its closed loop in C in every build of this machine, compare with "
         "`pcpc simulate`")  # fmt: skip
+    add("--single", action="store_true",
+        help="floats instead of doubles; with --check the builds with each other, and the whole "
+        "run with double; with --cost beside double")  # fmt: skip
     add("--cost", action="store_true",
-        help="of a rig: instructions and stack of its controllers on Cortex-M7 and M4")  # fmt: skip
+        help="instructions and stack of a law, or of a rig's controllers, on Cortex-M7 and "
+        "M4")  # fmt: skip
     add("--cycles", type=positive, default=200, metavar="N",
         help="--check, --cost: the first of the run; default: %(default)s")  # fmt: skip
     quiet(add, "-q")

@@ -95,6 +95,12 @@ def with_runner(build: Build, runner: tuple[str, ...], flags: tuple[str, ...]) -
     return replace(build, runner=runner, flags=(*flags, *build.flags))
 
 
+def hard_float(build: Build) -> Build:
+    """Return a build whose functions take and give numbers in the registers of floats."""
+    flags = ("-mfloat-abi=hard" if one == "-mfloat-abi=softfp" else one for one in build.flags)
+    return replace(build, flags=tuple(flags))
+
+
 def fixed_files(folder: Path) -> None:
     """Put the parts that are the same for all rigs into a folder."""
     source = resources.files("pcpc.tools.generate") / "c"

@@ -18,7 +18,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools import rigs
 from pcpc.tools.console import screen
 from pcpc.tools.console.progress import Progress
-from pcpc.tools.generate import builds, cost
+from pcpc.tools.generate import builds, cost, precision, single
 from pcpc.tools.generate.closed import Closed, digest_of
 from pcpc.tools.generate.device import device
 from pcpc.tools.generate.library import write
@@ -38,19 +38,39 @@ def command(options: argparse.Namespace) -> int:
     """Write the C; check it, tell its cost, if asked; return the exit code."""
     progress = Progress(quiet=options.quiet)
     if is_law(options.what):
-        if options.check or options.cost or options.device or options.controller or options.set:
-            raise UserError(f"{options.what} is a law; for that name a rig that uses it")
-        block, name = block_of(options.what)
-        _written(translated(block, name) | elementary.files(), options.output or Path(f"{name}_c"))
-        return Exit.OK
+        return _of_law(options, progress)
     rig = load_rig(_rig(options.what), options.controller, options.set)
-    files = device(rig) if options.device else rig_files(rig)
+    if options.device and options.single:
+        what = "a device's frames are packed in double; leave out --device or --single"
+        raise UserError(what)
+    files = device(rig) if options.device else rig_files(rig, in_single=options.single)
     folder = options.output or Path(f"{identifier(rig.config.rig)}_c")
     if options.output or options.device or not (options.check or options.cost):
         _written(files, folder)
+    names = [options.controller] if options.controller else list(rig.config.controllers)
     if options.cost:
-        print("\n".join(cost.told(rig, options.set, options.cycles, progress)))
-    return check(rig, options, progress) if options.check else Exit.OK
+        given = options.set, options.cycles, options.single, progress
+        print("\n".join(cost.told(rig, names, *given)))
+    if not options.check:
+        return Exit.OK
+    code = check(rig, options, progress)
+    if options.single:
+        print("\n".join(["", *precision.told(rig, names, options.set, progress)]))
+    return code
+
+
+def _of_law(options: argparse.Namespace, progress: Progress) -> int:
+    """Write a law alone, or tell its cost; return the exit code."""
+    if options.check or options.device or options.controller or options.set:
+        raise UserError(f"{options.what} is a law; for that name a rig that uses it")
+    block, name = block_of(options.what)
+    law = translated(block, name)
+    files = single.single(law) | single.files() if options.single else law | elementary.files()
+    if options.output or not options.cost:
+        _written(files, options.output or Path(f"{name}_c"))
+    if options.cost:
+        print("\n".join(cost.told_of_law(block, name, options.cycles, progress)))
+    return Exit.OK
 
 
 def _rig(text: str) -> Path:
@@ -123,7 +143,7 @@ def _shorter(rig: Rig, cycles: int) -> list[str]:
 def check(rig: Rig, options: argparse.Namespace, progress: Progress) -> int:
     """Print the table of builds with their digests; return 1 if one differs."""
     cycles = min(options.cycles, cycles_of(rig))
-    closed = Closed(rig)
+    closed = Closed(rig, options.single)
     words = [str(rig.path), options.controller or "", str(cycles), *options.set]
 
     def interpreted() -> str:
@@ -134,16 +154,21 @@ def check(rig: Rig, options: argparse.Namespace, progress: Progress) -> int:
             raise UserError(done.stderr.strip().splitlines()[-1])
         return done.stdout.strip()
 
-    progress.show("Python, compiled by numba")
-    expected = _digest(rig, cycles)
-    own = [("Python, numba", lambda: expected), ("Python, interpreted", interpreted)]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write(closed.files(cycles), folder)
         builds.fixed_files(folder)
+        if options.single:  # Python has no floats: all builds have to agree with the first
+            own, first = [], next(one for one in builds.builds() if one.possible)
+            expected = first.digest(folder)
+        else:
+            progress.show("Python, compiled by numba")
+            expected = _digest(rig, cycles)
+            own = [("Python, numba", lambda: expected), ("Python, interpreted", interpreted)]
         rows = builds.table(folder, expected, own, progress.show)
     progress.close()
-    print(f"{rig.config.rig}, {rig.config.controller}: {cycles} cycles of the closed loop")
+    kind = ", laws in float" if options.single else ""
+    print(f"{rig.config.rig}, {rig.config.controller}{kind}: {cycles} cycles of the closed loop")
     print("\n".join(screen.table([(f"  {a}", b, c) for a, b, c in rows])))
     wrong = [row for row in rows if row[2].startswith(("DIFFERS", "FAILS"))]
     return Exit.NOT_MET if wrong else Exit.OK

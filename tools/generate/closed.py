@@ -23,14 +23,15 @@ from pcpc.tools.generate.node import Wiring, rig_files
 from pcpc.tools.generate.translator.kinds import Untranslatable
 from pcpc.tools.generate.words import identifier
 
-_PORT = Path(__file__).with_name("closed.inc")
+PORT = Path(__file__).with_name("closed.inc")
 BASIS, PRIME, NAN = 14695981039346656037, 1099511628211, 0x7FF8000000000000
 
 
 class Closed:
     """The nodes of a rig, wired by frames."""
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, in_single: bool = False) -> None:
+        """`in_single`: all nodes but the plant compute with floats."""
         lost = [name for name, loss in rig.config.losses.items() if loss.share > 0.0]
         if lost:
             cure = " ".join(f"--set losses.{name}.share=0" for name in lost)
@@ -38,8 +39,9 @@ class Closed:
         self.rig = rig
         self.nodes = {role: Wiring(rig, role, role) for role in rig.roles}
         self.texts: dict[str, str] = {}
+        self.single: dict[str, bool] = {role: in_single and role != "plant" for role in rig.roles}
         for role in rig.roles:
-            self.texts |= rig_files(rig, role, role)
+            self.texts |= rig_files(rig, role, role, self.single[role])
         for wiring in self.nodes.values():  # finds out what of the loop is sent
             for block in (*range(len(wiring.plan.spec.blocks)), -1):
                 wiring.copies(block)
@@ -75,11 +77,11 @@ class Closed:
             yield f"static {role}_rig {role}_node;"
             yield f"static {role}_received {role}_in;"
             yield f"static {role}_sent {role}_out;"
-        yield _PORT.read_text(encoding="utf-8")
+        yield PORT.read_text(encoding="utf-8")
         for node, columns in self.columns().items():
             yield f"static uint64_t {node}_digest = {BASIS}U;\n\nstatic void {node}_mix(void)\n{{"
             yield f"    uint64_t h = {node}_digest;"
-            yield from (f"    h = mix(h, {text});" for _, text in columns)
+            yield from (f"    h = mix(h, (double){text});" for _, text in columns)
             yield f"    {node}_digest = h;\n}}\n"
         for role, wiring in self.nodes.items():
             yield from self._send(role, wiring)
@@ -105,7 +107,7 @@ class Closed:
         state = "(k == 0U) ? 1.0 : 2.0" if first else "(k < 2U) ? (double)k : 2.0"
         yield f"static void {role}_cycle(uint32_t k)\n{{"
         yield "    static uint32_t clamped;"
-        loop = set(wiring.loop)
+        loop, number = set(wiring.loop), "float" if self.single[role] else "double"
         values = {
             "supervisor_state": state,
             "supervisor_nmt": f"(k < {1 if first else 2}U) ? 127.0 : 5.0",
@@ -115,13 +117,13 @@ class Closed:
         }
         for name, text in values.items():
             if name in loop:
-                yield f"    {role}_node.loop.{name} = {text};"
+                yield f"    {role}_node.loop.{name} = ({number})({text});"
         if first:
             yield "    cost_begin();"
         yield f"    (void){role}_rig_step(&{role}_node, k, &{role}_in, &{role}_out);"
         if first:
             yield "    cost_end();"
-        given = f"&{role}_node, false, false, 1.0, &{role}_out"
+        given = f"&{role}_node, false, false, ({number})1.0, &{role}_out"
         yield f"    clamped = (uint32_t){role}_rig_limit({given});"
         yield f"    clamped += {role}_send(k);"
         yield f"    if (k < CYCLES) {{\n        {role}_mix();\n    }}\n}}\n"
@@ -140,14 +142,16 @@ class Closed:
             yield f"        {name}_signals s;"
             for signal in frame.signals:
                 its = identifier(signal.name)
-                yield f"        s.{its} = {role}_out.{_flat(frame, signal.name)};"
+                yield f"        s.{its} = (double){role}_out.{_flat(frame, signal.name)};"
             yield f"        clamped += pack_{name}(&s, data);"
             for other, theirs in self.nodes.items():
                 if frame.name in [one.name for one in theirs.plan.rx_frames]:
                     yield f"        unpack_{name}(data, &s);"
                     for signal in frame.signals:
                         its = identifier(signal.name)
-                        yield f"        {other}_in.{_flat(frame, signal.name)} = s.{its};"
+                        number = "float" if self.single[other] else "double"
+                        place = f"{other}_in.{_flat(frame, signal.name)}"
+                        yield f"        {place} = ({number})s.{its};"
             yield "    }"
         yield "    return clamped;\n}\n"
 

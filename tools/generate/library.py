@@ -13,11 +13,13 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.laws.block import Block
 from pcpc.executive.nodes.plan import Plan
+from pcpc.tools.generate import single
 from pcpc.tools.generate.translator import elementary
 from pcpc.tools.generate.translator.law import LETTERS, ROLES, signature, translated
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")
 PLAIN = ("-O2",)
+Entry = Callable[[Block, str], str]  # from a block and its name to the C of `NAME_entry`
 
 
 def write(texts: Mapping[str, str], folder: Path) -> list[Path]:
@@ -68,12 +70,22 @@ class Library:
     """Blocks in C, compiled and loaded: `entry(name)` for `Plan.external`."""
 
     def __init__(
-        self, blocks: Mapping[str, Block], folder: Path, flags: Sequence[str] = PLAIN
-    ) -> None:
-        texts = elementary.files()
+        self, blocks: Mapping[str, Block], folder: Path, flags: Sequence[str] = PLAIN,
+        in_single: bool = False, entry: Entry | None = None,
+    ) -> None:  # fmt: skip
+        """`in_single`: compute with floats, rounded on entry; the memory of the loop has doubles.
+
+        `entry`: returns the C of `NAME_entry` in the place of the usual one.
+        """
+        entry = entry or (single.adapter if in_single else adapter)
+        texts: dict[str, str] = {}
         for name, block in blocks.items():
             texts |= translated(block, name)
-            texts[f"{name}_entry.c"] = adapter(block, name)
+        texts = single.single(texts) | single.files() if in_single else texts | elementary.files()
+        for name, block in blocks.items():
+            texts[f"{name}_entry.c"] = entry(block, name)
+        self.blocks = dict(blocks)
+        self._selftest = "pcpc_selftestf" if in_single else "pcpc_selftest"
         sources = write(texts, folder)
         self.path = folder / "laws.so"
         run([compiler(), *elementary.FLAGS, *WARNINGS, *flags, "-shared", "-fPIC", "-o",
@@ -86,18 +98,31 @@ class Library:
         assert found is not None
         return found
 
+    def counts(self, symbol: str, size: int) -> list[int]:
+        """Return an array of uint64_t of the library."""
+        return list((ctypes.c_uint64 * size).in_dll(self._library, symbol))
+
     def selftest(self) -> int:
         """Return 0 if the library gives the bits of every other machine."""
-        return int(self._library.pcpc_selftest())
+        return int(getattr(self._library, self._selftest)())
 
 
 def in_place(folder: Path, flags: Sequence[str] = PLAIN) -> Callable[[Plan], None]:
     """Return what puts C in the place of all steps of a plan: `check` of VirtualRun."""
 
     def replaced(made: Plan) -> None:
-        names = {spec.name: f"{made.role}_{spec.name}" for spec in made.spec.blocks}
-        blocks = {names[spec.name]: spec.block for spec in made.spec.blocks}
-        library = Library(blocks, folder / made.role, flags)
-        made.external.update({name: library.entry(its) for name, its in names.items()})
+        put(made, folder, flags)
 
     return replaced
+
+
+def put(
+    made: Plan, folder: Path, flags: Sequence[str] = PLAIN, in_single: bool = False,
+    entry: Entry | None = None,
+) -> Library:  # fmt: skip
+    """Put C in the place of all steps of a plan; the arguments are those of Library."""
+    names = {spec.name: f"{made.role}_{spec.name}" for spec in made.spec.blocks}
+    blocks = {names[spec.name]: spec.block for spec in made.spec.blocks}
+    library = Library(blocks, folder / made.role, flags, in_single, entry)
+    made.external.update({name: library.entry(its) for name, its in names.items()})
+    return library

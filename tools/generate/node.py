@@ -18,6 +18,7 @@ from pcpc.executive.nodes.plan import Plan, cycles_of, plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import FALLBACK
+from pcpc.tools.generate import single
 from pcpc.tools.generate.translator import elementary
 from pcpc.tools.generate.translator.kinds import Untranslatable, number_text
 from pcpc.tools.generate.translator.law import LETTERS, ROLES, elements, signature, translated
@@ -78,14 +79,16 @@ class Wiring:
         ]  # fmt: skip
 
 
-def rig_files(rig: Rig, role: Role = "executive", name: str = "") -> dict[str, str]:
+def rig_files(
+    rig: Rig, role: Role = "executive", name: str = "", in_single: bool = False
+) -> dict[str, str]:
     """Return all files of a node: its laws, the elementary functions, `NAME_rig.h` and `.c`.
 
-    `name` "": that of the rig. Raises Untranslatable, RigError.
+    `name` "": that of the rig; `in_single`: with floats. Raises Untranslatable, RigError.
     """
     name = name or identifier(rig.config.rig)
     wiring = Wiring(rig, role, name)
-    files = elementary.files()
+    files: dict[str, str] = {}
     values = wiring.plan.values
     for spec, views in wiring.blocks:
         pairs = [
@@ -100,7 +103,7 @@ def rig_files(rig: Rig, role: Role = "executive", name: str = "") -> dict[str, s
     steps = list(_steps(wiring))  # first: it finds out what of the loop is needed
     files[f"{name}_rig.h"] = "\n".join(p for line in _header(wiring) for p in wrapped(line))
     files[f"{name}_rig.c"] = "\n".join(p for line in _body(wiring, steps) for p in wrapped(line))
-    return files
+    return single.single(files) | single.files() if in_single else files | elementary.files()
 
 
 def _header(wiring: Wiring) -> Iterator[str]:

@@ -10,9 +10,15 @@
 #define HIDDEN 0x0010000000000000u
 #define GUARD 10u /* bits behind the last one of a double; the lowest gathers what is lost */
 
-double __wrap___aeabi_dadd(double a, double b);
-double __wrap___aeabi_dsub(double a, double b);
-double __wrap___aeabi_drsub(double a, double b);
+#if defined(__arm__)
+#define RUN_TIME __attribute__((pcs("aapcs"))) /* in general registers, whatever -mfloat-abi says */
+#else
+#define RUN_TIME
+#endif
+
+RUN_TIME double __wrap___aeabi_dadd(double a, double b);
+RUN_TIME double __wrap___aeabi_dsub(double a, double b);
+RUN_TIME double __wrap___aeabi_drsub(double a, double b);
 double soft_sum(double a, double b);
 
 typedef union {

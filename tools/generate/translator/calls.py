@@ -6,7 +6,7 @@ from typing import Any
 
 from pcpc.executive.laws import emath
 from pcpc.executive.laws.block import flat
-from pcpc.tools.generate.translator.expressions import UNARY, Expressions
+from pcpc.tools.generate.translator.expressions import UNARY, Expressions, as_kind
 from pcpc.tools.generate.translator.kinds import (
     FLOAT,
     TRUTH,
@@ -94,7 +94,7 @@ class Calls(Expressions):
         if any(value.kind not in (FLOAT, WHOLE) for value in values):
             raise self.error(node, f"{ast.unparse(node)}: expected numbers")
         name, results = self.unit.elementary(function)
-        text = ", ".join(value.text for value in values)
+        text = ", ".join(as_kind(value, FLOAT).text for value in values)
         if len(results) == 1:
             return Value(f"{name}({text})", results[0], fixed=fixed)
         return Value(f"{name}({text}", Several(results))

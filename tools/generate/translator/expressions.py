@@ -215,6 +215,7 @@ class Expressions:
         level, sign = _LEVELS[type(node.op)]
         if sign == "/" and kind == WHOLE:
             kind, left = FLOAT, Value(f"(double){left.at(UNARY)}", FLOAT, UNARY)
+        left, right = as_kind(left, kind), as_kind(right, kind)
         text = f"{left.at(level)} {sign} {right.at(level + 1)}"
         return Value(text, kind, level, fixed=fixed)
 
@@ -247,6 +248,7 @@ class Expressions:
         for a, op, b in zip(values, node.ops, values[1:], strict=False):
             if type(op) not in _COMPARED:
                 raise self.error(node, f"{ast.unparse(node)}: compare with <, <=, ==, != >= or >")
+            a, b = (as_kind(one, joined(a.kind, b.kind)) for one in (a, b))
             text = f"{a.at(11)} {_COMPARED[type(op)]} {b.at(11)}"
             parts.append(Value(text, TRUTH, 9, fixed=a.fixed and b.fixed))
         return parts[0] if len(parts) == 1 else self._both("&&", parts)
@@ -272,6 +274,7 @@ class Expressions:
         kind = joined(a.kind, b.kind)
         if condition.kind != TRUTH or not isinstance(kind, Number):
             raise self.error(node, "choose between two numbers by a comparison")
+        a, b = as_kind(a, kind), as_kind(b, kind)
         text = f"{condition.at(UNARY)} ? {a.at(4)} : {b.at(4)}"
         return Value(text, kind, 3, fixed=all(one.fixed for one in values))
 
@@ -292,3 +295,10 @@ class Expressions:
         while name and name not in self.written:
             self.written.add(name)
             name = self.roots.get(name, "")
+
+
+def as_kind(value: Value, kind: Kind) -> Value:
+    """Return a whole number that meets a float as one, but a literal as it is."""
+    if kind != FLOAT or value.kind != WHOLE or _LITERAL.fullmatch(value.text):
+        return value
+    return Value(f"(double){value.at(UNARY)}", FLOAT, UNARY, fixed=value.fixed)

@@ -5,6 +5,7 @@ import re
 from collections.abc import Sequence
 
 from pcpc.tools.generate.translator.calls import Calls
+from pcpc.tools.generate.translator.expressions import as_kind
 from pcpc.tools.generate.translator.kinds import (
     TRUTH,
     WHOLE,
@@ -165,6 +166,7 @@ class Statements(Calls):
             raise self.error(stmt, f"{ast.unparse(target)} has several values: set them one by one")
         self.wrote(where.root)
         text = f"(double){value.at(14)}" if value.kind == TRUTH else value.text
+        text = as_kind(value, where.kind).text if value.kind == WHOLE else text
         self.lines.append(f"{where.text} = {text};")
 
     def _store_local(self, stmt: ast.stmt, name: str, value: Value) -> None:
@@ -177,7 +179,7 @@ class Statements(Calls):
             assert isinstance(kind, Number)
             const = "const " if fresh and self._stored_once(name) else ""
             begin = f"{const}{kind.name} {safe(name)}" if fresh else safe(name)
-            self.lines.append(f"{begin} = {value.text};")
+            self.lines.append(f"{begin} = {as_kind(value, kind).text};")
             return
         if not fresh or not self._stored_once(name) or isinstance(value.kind, Callee):
             raise self.error(stmt, f"{name} stands for ports: name them once, before any `if`")
@@ -208,14 +210,14 @@ class Statements(Calls):
         value = self._direct(stmt.value) if local else self.value(stmt.value)
         if isinstance(stmt.target, ast.Name):
             self._join(stmt, stmt.target.id, joined(self.kinds.get(stmt.target.id), value.kind))
-            text = safe(stmt.target.id)
+            text, kind = safe(stmt.target.id), self.kinds[stmt.target.id]
         else:
             if len(self.lines) > before:
                 raise self.error(stmt, "a call that changes states; give it a line of its own")
             where = self.value(stmt.target)
             self.wrote(where.root)
-            text = where.text
-        self.lines.append(f"{text} {_SIGNS[type(stmt.op)]} {value.text};")
+            text, kind = where.text, where.kind
+        self.lines.append(f"{text} {_SIGNS[type(stmt.op)]} {as_kind(value, kind).text};")
 
     def _do_return(self, stmt: ast.Return) -> None:
         if stmt.value is None:
