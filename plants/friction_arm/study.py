@@ -39,7 +39,8 @@ STEPS_S = ("1e-3", "1e-4", "1e-5")
 TRACES = (
     "executive:reference_1.q_d_rad", "executive:reference_2.q_d_rad",
     "plant:arm.q_1_rad", "plant:arm.q_2_rad", "plant:arm.acting_1_Nm", "plant:arm.acting_2_Nm",
-    "error_1_rad", "error_2_rad", "plant:arm.rate_1_rad_s",
+    "error_1_rad", "error_2_rad", "plant:arm.rate_1_rad_s", "plant:arm.rate_2_rad_s",
+    "executive:reference_1.q_d_rate_rad_s", "executive:reference_2.q_d_rate_rad_s",
     "executive:controller.norm_z", "executive:controller.tuning_gain_Nms_rad",
     "executive:controller.step_weight_1_Nm", "executive:controller.step_weight_2_Nm",
 )  # fmt: skip
@@ -104,7 +105,7 @@ def _sampled() -> Iterator[Case]:
 
 
 def draw(results: Sequence[Result], folder: Path) -> None:
-    """Draw cases A to D, the chatter of the step node and the step weights."""
+    """Draw cases A to D, phase planes, the chatter of the step node and the step weights."""
     from pcpc.plants.friction_arm.study_figures import draw_all
 
     draw_all(results, folder)

@@ -1,4 +1,4 @@
-"""The figures of the study: errors of every case, chatter close up, weights, sampling rates."""
+"""The figures of the study: errors, phase planes, chatter close up, weights, sampling rates."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +21,8 @@ TITLES = {
 }
 IDEAL_Nm = (72.0, 78.0)  # twice the friction level of each joint
 ZOOM_S = (2.80, 2.82)
+PHASES = ("pd", "nn_standard", "nn_step", "nn_const")
+PHASE_FROM_S = {"friction-a": 0.0, "friction-c": 13.0}  # the last period of sin t and more
 
 
 def draw_all(results: Sequence[Result], folder: Path) -> None:
@@ -32,6 +34,7 @@ def draw_all(results: Sequence[Result], folder: Path) -> None:
     for rig, title in TITLES.items():
         own = [result for result in drawn if Path(result.case.rig).stem == rig]
         _errors(own, title, folder / f"{rig}.png")
+    _phase_planes(drawn, folder / "phase.png")
     _chatter(of_group(results, "zoom"), folder / "chatter.png")
     _weights(drawn, folder / "weights.png")
     _rates(of_group(results, "rates"), folder / "rates.png")
@@ -81,6 +84,29 @@ def _late_error(result: Result, joint: int) -> float:
     return float(np.max(np.abs(x[f"error_{joint}_rad"][x["t"] >= 2.0])))
 
 
+def _phase_planes(results: Sequence[Result], path: Path) -> None:
+    """Draw the error rate over the error: the whole step of case A, the last turns of case C."""
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(2, 2, figsize=(11, 8.5), layout="constrained")
+    for row, (rig, from_s) in zip(axes, PHASE_FROM_S.items(), strict=True):
+        own = [r for r in results if Path(r.case.rig).stem == rig]
+        for j, ax in enumerate(row, 1):
+            for result in own:
+                if result.case.controller in PHASES:
+                    x = result.traces
+                    rate = x[f"executive:reference_{j}.q_d_rate_rad_s"]
+                    rate = rate - x[f"plant:arm.rate_{j}_rad_s"]
+                    late = x["t"] >= from_s
+                    ax.plot(x[f"error_{j}_rad"][late], rate[late], **_style(result, 0.9))
+            ax.plot(0.0, 0.0, "+", color=BLACK, markersize=9)
+            span = f"from {from_s:g} s on" if from_s else "whole run"
+            ax.set_title(f"{TITLES[rig]}: joint {j}, {span}", fontsize=9)
+            ax.set_xlabel("error e [rad]")
+        row[0].set_ylabel("error rate e' [rad/s]")
+    _finish(figure, axes, axes[0, 0], "Phase planes, PD and networks, seed 1", path)
+
+
 def _chatter(results: Sequence[Result], path: Path) -> None:
     """Draw the torque of joint 1 of the step node beside the others, whole and close up."""
     from matplotlib import pyplot
@@ -100,7 +126,9 @@ def _chatter(results: Sequence[Result], path: Path) -> None:
         row[0].axvspan(*ZOOM_S, color="#D0D6DE", linewidth=0)
         row[0].set_ylabel("torque 1 [N m]")
         variation = result.metrics["torque_variation_Nm_s"]
-        row[0].set_title(f"{result.case.controller}: variation {variation:.0f} N m/s", fontsize=9)
+        row[0].set_title(
+            f"{result.case.controller}: variation of both joints {variation:.0f} N m/s", fontsize=9
+        )
         row[1].set_title("the shaded 20 ms", fontsize=9)
     axes[-1, 0].set_xlabel("time [s]")
     axes[-1, 1].set_xlabel(f"time from {ZOOM_S[0]} s [ms], every sample")

@@ -46,5 +46,19 @@ def test_the_commands_of_the_exercises_are_accepted(page: Path) -> None:
     assert "```math" in text and "](../" in text
 
 
+def test_the_appendices_commands_are_accepted_and_name_the_laws_linked() -> None:
+    page = ROOT / "docs" / "book" / "appendices.md"
+    text = page.read_text("utf-8")
+    lines = [line for block in blocks_of(page) for line in block.text.splitlines()]
+    commands = [*COMMAND.findall(text), *lines]
+    for command in commands:
+        options = cli.parsed(shlex.split(command)[1:])
+        if hasattr(options, "rig"):
+            load_rig(find(options.rig), options.controller, options.set)
+    laws = {line.split()[3] for line in lines if "--" not in line}
+    linked = {Path(link).stem for link in LINK.findall(text)}
+    assert len(laws) == 4 and laws <= linked, laws - linked
+
+
 def test_there_is_a_page_for_every_chapter() -> None:
     assert [page.stem for page in PAGES] == [f"chapter{n}" for n in range(1, 10)]

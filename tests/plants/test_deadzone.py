@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcpc.plants.actuators.deadzone import deadzone, deadzone_inverse
+from pcpc.plants.actuators.deadzone import deadzone, deadzone_inverse, output_estimate
 
 DETERMINISTIC = settings(max_examples=300, derandomize=True, deadline=None)
 width = st.floats(0.0, 100.0)
@@ -59,3 +59,33 @@ def test_only_the_saturation_is_bounded_where_the_slope_is_not_one() -> None:
     second_path = u - tau / np.where(u > 0.0, 1.5, 0.8)
     assert np.abs(second_path).max() <= 25.0 + 1e-9, np.abs(second_path).max()
     assert np.abs(u - tau).max() > 1000.0, np.abs(u - tau).max()
+
+
+@DETERMINISTIC
+@given(output, width_10, width_10, slope, slope)
+def test_behind_an_output_deadzone_all_is_known_outside_the_band_and_inside_only_the_band(
+    y: float, d_plus: float, d_minus: float, m_plus: float, m_minus: float
+) -> None:
+    shape = (d_plus, d_minus, m_plus, m_minus)
+    z = deadzone(y, *shape)
+    found = output_estimate(z, *shape)
+    if z == 0.0:
+        assert abs(found - y) <= 0.5 * (d_plus + d_minus) * (1.0 + 1e-15), (found, y)
+        assert deadzone(found, *shape) == 0.0
+    else:
+        assert abs(found - y) <= 4e-16 * (abs(y) + abs(found)), f"{found - y:.1e} at y = {y}"
+
+
+def test_no_estimate_from_an_output_deadzone_is_better_than_the_centre_of_its_band() -> None:
+    band = np.linspace(-20.0, 25.0, 4501)
+    assert not np.any([deadzone(float(y), *BOOK) for y in band]), "the band is told apart"
+    worst = {guess: float(np.abs(band - guess).max()) for guess in np.linspace(-20.0, 25.0, 91)}
+    best = output_estimate(0.0, *BOOK)
+    assert best == 2.5 and worst[best] == min(worst.values()) == 22.5, worst[best]
+
+
+def test_the_two_inverses_differ_in_the_band_alone() -> None:
+    z = np.concatenate((-np.logspace(-9, 3, 50), np.logspace(-9, 3, 50)))
+    for value in map(float, z):
+        assert output_estimate(value, *BOOK) == deadzone_inverse(value, *BOOK), value
+    assert deadzone_inverse(0.0, *BOOK) == 0.0

@@ -1,6 +1,6 @@
 """`pcpc experiment actuators`: a gallery of all actuator nonlinearities, and what they satisfy.
 
-Twelve small experiments with the compiled functions of plants/actuators, drawn side by side in
+Fifteen small experiments with the compiled functions of plants/actuators, drawn side by side in
 figures/actuators.png; results.md holds the figures that have a closed form or a limit to compare.
 """
 
@@ -44,7 +44,7 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
 
     progress.show("actuators: compiling and drawing")
     (folder / "figures").mkdir()
-    page, axes = pyplot.subplots(3, 4, figsize=(17, 11), layout="constrained")
+    page, axes = pyplot.subplots(5, 3, figsize=(13, 17), layout="constrained")
     rows: list[tuple[str, str, str]] = []
     for ax, draw in zip(axes.flat, PANELS, strict=True):
         rows += draw(ax) or []
@@ -212,6 +212,66 @@ def deadzone_in_time(ax: Any) -> None:
     _label(ax, "a sine through the deadzone", "time [s]", "")
 
 
+def output_deadzone(ax: Any) -> list[tuple[str, str, str]]:
+    """Draw what is known behind a deadzone at the output."""
+    y = np.linspace(-2.0, 2.0, 801)
+    edges = (GAP[0], -GAP[1], *SLOPES)
+    z = each(deadzone.deadzone, y, *edges)
+    guess = each(deadzone.output_estimate, z, *edges)
+    ax.plot(y, z, color=BLUE, label="measured")
+    ax.plot(y, y, color=GREY, linestyle="--", label="true")
+    ax.plot(y, guess, color=ORANGE, label="estimated from it")
+    _label(ax, "deadzone at the output: the band is lost", "output", "")
+    inside = z == 0.0
+    lost, kept = np.abs(guess - y)[inside].max(), np.abs(guess - y)[~inside].max()
+    half = 0.5 * (GAP[0] - GAP[1])
+    return [
+        ("output estimated behind a deadzone, largest error in the band", f"{lost:.4f}",
+         f"{half:.4f}, half of its width"),
+        ("the same outside", f"{kept:.1e}", "0 to rounding"),
+    ]  # fmt: skip
+
+
+def followed(load: float, amplitude: float, estimates: bool) -> tuple[Vector, Vector, Vector]:
+    """Return time, reference and output of y' = 20 (r - y^) + r' + load, sensor D(y), slopes 1."""
+    dt = 1e-3
+    t = np.arange(0.0, 2.0, dt)
+    r, y, out = amplitude * np.sin(2.0 * np.pi * t), 0.0, np.empty_like(t)
+    edges = (GAP[0], -GAP[1])
+    rate = np.gradient(r, dt)
+    for k in range(len(t)):
+        out[k] = y
+        z = deadzone.deadzone(y, *edges)
+        known = deadzone.output_estimate(z, *edges) if estimates else z
+        y += dt * (20.0 * (r[k] - known) + rate[k] + load)
+    return t, r, out
+
+
+def output_deadzone_loop(ax: Any) -> None:
+    """Draw a loop that follows a sine by a sensor with a deadzone, without and with an estimate."""
+    t, r, plain = followed(0.0, 1.0, False)
+    ax.plot(t, r, color=GREY, linestyle="--", label="reference")
+    ax.plot(t, plain, color=BLUE, label="loop on the measurement")
+    ax.plot(t, followed(0.0, 1.0, True)[2], color=ORANGE, linewidth=0.9, label="on the estimate")
+    ax.set_ylim(-1.4, 2.4)
+    _label(ax, "a loop with a deadzone in its sensor", "time [s]", "output")
+
+
+def output_deadzone_rest(ax: Any) -> list[tuple[str, str, str]]:
+    """Draw the same loop at rest: a load drives the output to the edge, whatever is estimated."""
+    rows = []
+    for estimates, colour in ((False, BLUE), (True, ORANGE)):
+        t, r, y = followed(4.0, 0.0, estimates)
+        name = "on the estimate" if estimates else "loop on the measurement"
+        ax.plot(t, y, color=colour, linewidth=0.9, label=name)
+        rows.append((f"at rest under a load, {name}: last output", f"{y[-1]:.3f}",
+                     f"not below the edge, {GAP[0]:g}"))  # fmt: skip
+    ax.plot(t, r, color=GREY, linestyle="--", label="reference")
+    ax.axhspan(*sorted(GAP), color="#F3E8D2", linewidth=0, label="deadzone")
+    _label(ax, "the same under a load: the band stays unseen", "time [s]", "output")
+    return rows
+
+
 def backlash_loop(ax: Any) -> None:
     """Draw input and output of the play operator for a growing and a shrinking sine."""
     t = np.linspace(0.0, 4.0, 1601)
@@ -273,6 +333,6 @@ def _label(ax: Any, title: str, x: str, y: str) -> None:
 
 PANELS: tuple[Callable[[Any], list[tuple[str, str, str]] | None], ...] = (
     static_friction, smooth_friction, lugre_at_speed, lugre_presliding, coming_to_rest,
-    stick_slip_belt, deadzone_curves, deadzone_in_time, backlash_loop, backlash_inverse,
-    gear_torque, drive_limits,
+    stick_slip_belt, deadzone_curves, deadzone_in_time, output_deadzone, output_deadzone_loop,
+    output_deadzone_rest, backlash_loop, backlash_inverse, gear_torque, drive_limits,
 )  # fmt: skip
