@@ -24,7 +24,7 @@ from pcpc.tools.margin.loops import Loop
 
 Vector = NDArray[np.float64]
 _ORDER: tuple[Role, ...] = ("executive", "plant", "local")
-_KEPT = ("state", "received", "output")  # kinds of what a cycle begins with
+_KEPT = ("state", "received", "sent", "output")  # kinds of what a cycle begins with
 
 
 @dataclass
@@ -78,8 +78,9 @@ class CycleMap:
         return np.flatnonzero([kind in _KEPT for kind in kinds])
 
     def taken(self, loop: Loop) -> list[int]:
-        """Return the places where the signal of a loop is received."""
-        return [self.place(role, f"rx.{loop.signal}") for role in loop.takers]
+        """Return the places behind the cut of a loop: what is sent, and where it is received."""
+        received = [self.place(role, f"rx.{loop.signal}") for role in loop.takers]
+        return [*received, self.place(loop.role, loop.sent)]
 
     def begin(self, held: dict[str, float]) -> None:
         """Sample the plant at t = 0; `held`: outputs of the references."""

@@ -13,12 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import UserError
 from pcpc.tools.margin.cycle_map import CycleMap
 from pcpc.tools.margin.loops import Loop
 from pcpc.tools.margin.operating import Rest
 
 Vector = NDArray[np.float64]
 _STEP = 1e-6  # of a difference, times 1 or the value
+_CHANGES = 0.05  # of a response, from cycle to cycle
 _KINK = 0.02  # of a slope: how much its two sides may differ
 
 
@@ -60,13 +62,25 @@ def linearised(rest: Rest, loop: Loop) -> Linear:
     names = {name: place for place, name in enumerate(rest.cycle.names)}
     places = [names[name] for name in first.states] + rest.cycle.taken(loop)
     rest.cycle.v[places] = rest.mean[places]
-    return _differences(rest.cycle, loop)
+    found = _differences(rest.cycle, loop)
+    rest.cycle.advance()
+    _check_lasting(found, _differences(rest.cycle, loop), loop)
+    return found
+
+
+def _check_lasting(first: Linear, second: Linear, loop: Loop) -> None:
+    """Raise UserError where the next cycle has another open loop."""
+    f = np.geomspace(1e-4, 0.49, 40) / first.dt
+    one, two = first.response(f), second.response(f)
+    if np.abs(one - two).max() > _CHANGES * (np.abs(one).max() + np.abs(two).max() + 1e-300):
+        what = "is another one in the next cycle: its laws look values up by time (a delay line, a"
+        raise UserError(f"the loop of {loop.signal} {what} schedule); --method measured can do it")
 
 
 def _differences(cycle: CycleMap, loop: Loop) -> Linear:
     """Return the open loop at the state of `cycle`, which is left as it was."""
     kept, start, k = cycle.kept(), cycle.v.copy(), cycle.k
-    sent = cycle.place(loop.role, loop.sent)
+    sent = cycle.place(loop.role, loop.source)
     command = float(start[cycle.taken(loop)[0]])
 
     def after(place: int | None, h: float) -> Vector:
