@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e_states, error_frames
-from pcpc.drivers.jit import f8, i8, loop, u1
+from pcpc.drivers import e2e, e2e_states, error_frames
+from pcpc.drivers.jit import f8, i8, loop, loop_function, u1
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, STRANGER
 from pcpc.executive.laws.emath_selftest import selftest
@@ -31,9 +31,9 @@ from pcpc.executive.log.facts import facts
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.bus_state import note_bus_error
-from pcpc.executive.loop.clock import GIVEN
+from pcpc.executive.loop.clock import GIVEN, paced
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
-from pcpc.executive.loop.injection import count_down, peer_stalled
+from pcpc.executive.loop.injection import any_on, count_down, peer_stalled
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.variables import COUNTED, STATE
@@ -130,32 +130,60 @@ class Assembler:
             yield Slice(rows, frames, tunings)
 
 
-@loop(i8(N, STEPS, i8[:, ::1], u1[:, ::1], i8[::1], i8[::1], f8[::1], i8[::1], f8[:, ::1]))
+@loop_function
+def hear(n: Any, frame: Any) -> None:
+    """Take a recorded frame as the bus brought it; byte 5 says that it was foreign."""
+    copy(n.wire.rx, frame)
+    n.wire.source = STRANGER if frame[5] != 0 else 0
+    if frame[3] & error_frames.FLAG != 0:
+        note_bus_error(n)
+    else:
+        take_frame(n)
+
+
+@loop_function
+def overslept(n: Any) -> None:
+    """Forget what came in a period in which the node stood still, as `loop.stalls` does."""
+    if not paced(n):
+        n.rx.started = 0
+        for row in range(n.rx.n):
+            n.rx.state[row, e2e.FRESH] = 0
+
+
+@loop(i8(N, STEPS, i8[:, ::1], u1[:, ::1], i8[::1], i8[::1], i8[::1], f8[::1], i8[::1], f8[:, ::1]))
 def recompute(
-    n: Any, steps: Any, rows: Any, frames: Any, times: Any, tuned: Any, values: Any, clocks: Any,
-    clocked: Any,
+    n: Any, steps: Any, rows: Any, frames: Any, heard: Any, times: Any, tuned: Any, values: Any,
+    clocks: Any, clocked: Any,
 ) -> Any:  # fmt: skip
     """Run the cycles of `rows`; return how many were done before the node stopped of itself.
 
-    `frames` (k, 16): byte 5, of no use on a bus, says that a frame was foreign. `clocked` (cycles,
-    clocks): for the places `clocks`, what was measured in the cycle before or written from outside.
+    `frames` (k, 16), received in cycles `heard`: byte 5, of no use on a bus, says that a frame was
+    foreign. `clocked` (cycles, clocks): for the places `clocks`, what was measured in the cycle
+    before or written from outside. Periods in which the node stood still on purpose are over before
+    the next frames come; those that the machine skipped pass behind them, as in `loop.tuning`.
     """
     frame, tuning = 0, 0
     for i in range(rows.shape[0]):
         k = n.k
+        stood_still = any_on(n, n.faults.own_stall, n.faults.n_own_stalls)
         n.clock.behind = rows[i, K] - k
         n.k = rows[i, K]
         n.passes = rows[i, PASSES]
         n.clock.now_ns = n.clock.deadline = rows[i, STAMP]
         if n.passes == 0 and n.meeting.seeks_below != 0:
             request_first_sample(n)
+        while stood_still and k < rows[i, K]:
+            while frame < rows[i, FRAMES_END] and heard[frame] <= k:
+                hear(n, frames[frame])
+                frame += 1
+            overslept(n)
+            count_down(n, 1)
+            while tuning < rows[i, TUNINGS_END] and times[tuning] <= k:
+                n.v[tuned[tuning]] = values[tuning]
+                tuning += 1
+            k += 1
         while frame < rows[i, FRAMES_END]:
-            copy(n.wire.rx, frames[frame])
-            n.wire.source = STRANGER if frames[frame, 5] != 0 else 0
-            if frames[frame, 3] & error_frames.FLAG != 0:
-                note_bus_error(n)
-            else:
-                take_frame(n)
+            hear(n, frames[frame])
             frame += 1
         if peer_stalled(n):
             n.rx.started += n.rx.starters
@@ -250,9 +278,12 @@ class Replay:
             rows[:, column] = np.searchsorted(ends, rows[:, K], side="right")
         both = self._clocked_before(part, names), self._written(part, names)
         clocked = np.ascontiguousarray(np.hstack(both))
+        heard = np.ascontiguousarray(received["cycle"]).astype(np.int64)
         loop, places = self.block.loop, self._places
         watched(
-            lambda: recompute(loop, self.steps, rows, raw, times, tuned, values, places, clocked),
+            lambda: recompute(
+                loop, self.steps, rows, raw, heard, times, tuned, values, places, clocked
+            ),
             [loop],
         )
         self._taken("event")

@@ -99,8 +99,20 @@ faults:
 """
 
 
-@pytest.mark.parametrize("settings", [("bus.emulate=350k",), ROUGH], ids=["late", "rough"])
-@pytest.mark.parametrize("faults", ["", FAULTS], ids=["", "faults"])
+WITHIN = """
+faults:
+  stall: {kind: stall, node: plant, from: 100ms, for: 40ms}
+  blocked: {kind: loss, frame: CMD, from: 80ms, for: 30ms}
+  odd: {kind: stall, node: executive, from: 300ms, for: 20ms}
+  deaf: {kind: loss, frame: FB, from: 290ms, for: 15ms}
+supervisor: {fault_after_cycles: 100, hold_cycles: 100}
+"""  # a loss ends while its receiver stands still: what waits for it is heard
+
+
+@pytest.mark.parametrize(
+    "settings", [("bus.emulate=350k",), ROUGH, ()], ids=["late", "rough", "none"]
+)
+@pytest.mark.parametrize("faults", ["", FAULTS, WITHIN], ids=["", "faults", "within"])
 def test_the_run_is_recomputed_from_its_log(
     settings: tuple[str, ...], faults: str, tmp_path: Path
 ) -> None:
