@@ -13,7 +13,7 @@ a node sends while it looks for the other one or ends.
 """
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,7 +39,7 @@ from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.variables import COUNTED, STATE
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
-from pcpc.executive.nodes.plan import describe, plan
+from pcpc.executive.nodes.plan import Plan, describe, plan
 from pcpc.executive.nodes.watched import watched
 from pcpc.executive.rig.buses import without_bus
 from pcpc.executive.rig.messages import heartbeat
@@ -213,14 +213,16 @@ class Replay:
 
     def __init__(
         self, rig: Rig, role: Role, pacing: str, recorded: Collection[str],
-        external: Sequence[str] = (),
+        external: Sequence[str] = (), check: Callable[[Plan], None] = lambda made: None,
     ) -> None:  # fmt: skip
         """`pacing` and the variables `recorded` are the recorded run's. RigError, BusError.
 
         `external`: blocks that were stepped from outside; what they wrote is taken from the record.
+        `check`: of VirtualRun.
         """
         selftest()
         made = plan(rig, role, without_bus(rig) if pacing == "virtual" else pacing)
+        check(made)
         made.external = dict.fromkeys(external, idle.entry)
         self.block = sh.private(describe(made, facts()))
         loop = self.block.loop

@@ -80,7 +80,7 @@ class VirtualRun:
         """`log` None keeps the records in memory (`memory.log()`). `judged`: of the recorder.
 
         `controller`: its step, in the place of the rig's own; it may take any time. `check` may
-        refuse the plan of a node.
+        refuse the plan of a node, or have more of it recorded.
         """
         selftest()
         check_line(rig, "virtual")

@@ -250,6 +250,18 @@ def replay(add: Add) -> None:
     quiet(add)
 
 
+def bounds(add: Add) -> None:
+    """Take a rig or a log, and by which law's theorem it is judged."""
+    add("what", metavar="RIG|LOG", help="a rig, run in virtual time; a log file, folder or latest")
+    add("--controller", metavar="NAME", help="controller, instead of the rig's")
+    _set(add, "any value of the rig")
+    add("--as", dest="law_as", metavar="LAW", help="by the theorem of this law of the plant")
+    add("--plot", type=Path, metavar="FILE", help="draw V, its derivatives, |r|, weights, bounds")
+    code_of_laws(add)
+    json(add)
+    quiet(add)
+
+
 def compare(add: Add) -> None:
     """Take two runs, or a version and rigs, and where to tell what differs."""
     add("words", nargs="*", metavar="A B|RIG",

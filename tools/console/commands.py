@@ -229,6 +229,12 @@ GROUPS = {
                        Exit.WRONG_INPUT: "", Exit.SAFETY_STOP: "a step hangs or raises",
                        Exit.INTERRUPTED: ""},
                 judges=True, compiles=True, reads_logs=True),
+        Command("bounds", "hold a run against the theorem of its law: V, V', ultimate bound",
+                "pcpc bounds friction-c\npcpc bounds latest --plot bounds.png", take.bounds,
+                codes={Exit.OK: "it holds, or no theorem is known", Exit.NOT_MET: "violated",
+                       Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "a package is missing",
+                       Exit.INTERRUPTED: ""},
+                judges=True, compiles=True, reads_logs=True),
         Command("compare", "tell what two runs, or two versions of the rigs, differ in",
                 "pcpc compare runs/A runs/B\n"
                 "pcpc compare --against origin/main --markdown table.md -o compared",

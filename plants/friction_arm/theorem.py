@@ -1,0 +1,210 @@
+"""Theorem 3.2.2 on runs of the two-link arm with friction: its proof term by term.
+
+    M r' = -Vm r - tau + f,  f = M (q_d'' + Lam e') + Vm (q_d' + Lam e) + G + F              (1)
+    f    = W1*'s(V*'x) + W2*'phi + eps                                                       (2)
+    w    = f - fhat - [W1~'(s - s'z) + W1's'V~'x + W2~'phi],   z = V'x                       (3)
+         = W1*'(s* - s - s'(z* - z)) + W1~'s'z* + eps
+    V    = r'M r/2 + |W1~|^2/(2 S) + |V~|^2/(2 T) + |W2~|^2/(2 E)                            (4)
+    V'   = -r'Kv r - Kz (|Z| + Z_B) |r|^2 + r'w + kappa |r| tr(Z~'Z) + r'd                   (5)
+
+The bracket of (3) is what the tuning laws cancel. d: what acts differs from what the law computes.
+`project` moves a step weight to 0 where it would fall below: another term of V', never above 0 for
+W2* >= 0.
+F is the friction torque of the step that follows. V* is V as drawn, W1* and W2* come of least
+squares: any choice obeys (5). (3) is bounded by |s* - s - s'(z* - z)| <= sqrt(L) + |V~||x|/4 and
+s' <= 1/4; x over references of the run, |r| up to 1.25 times the largest of the run.
+Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3.
+"""
+
+import math
+
+import numpy as np
+
+from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
+from pcpc.plants.theorem import (
+    Theorem,
+    Told,
+    acting,
+    fitted,
+    inner,
+    logistic,
+    metric,
+    rates_positive,
+    read_out,
+    size,
+    with_threshold,
+)
+from pcpc.plants.two_link_theory import Motion, TwoLinks, motion, times
+
+INPUTS, ROOM, JUMPS = 11, 16, 4
+DRAWN = 4000  # points of the compact set
+STANDARD, PROJECT, CONST = 0.0, 3.0, 4.0
+MARGIN = 1.25  # of the compact set over the run
+
+
+def seen(one: Motion) -> Vector:
+    """Return x (n, 11)."""
+    parts = (one.e, one.e_rate, one.q_d, one.rate_d, one.acc_d)
+    return with_threshold(np.concatenate(parts, axis=1))
+
+
+def sliding(told: Told, v: Vector) -> Vector:
+    """Return the friction of joints that move with v, N m."""
+    made = np.empty_like(v)
+    for j in range(2):
+        a0, a1, a2, b1, b2 = (
+            told.setting(f"plant:arm.{name}_{j + 1}_{unit}")
+            for name, unit in (
+                ("coulomb", "Nm"), ("stiction", "Nm"), ("viscous", "Nm"),
+                ("beta1", "s_rad"), ("beta2", "s_rad"),
+            )
+        )  # fmt: skip
+        speed = np.abs(v[:, j])
+        level = a0 + a1 * np.exp(-b1 * speed) + a2 * (1.0 - np.exp(-b2 * speed))
+        made[:, j] = level * np.sign(v[:, j])
+    return made * float(told.setting("plant:arm.friction_model") > 0.0)
+
+
+def jump_nodes(told: Told, v: Vector) -> Vector:
+    """Return phi (n, 4) at joint rates v."""
+    kind = told.law("jump_nodes")
+    if kind in (STANDARD, CONST):
+        return np.tile([1.0, 0.0, 1.0, 0.0], (len(v), 1)) * float(kind == CONST)
+    ahead = (v >= 0.0).astype(float)
+    pairs = [np.stack((ahead[:, j], ahead[:, j] * (1.0 - np.exp(-v[:, j]))), 1) for j in range(2)]
+    return np.concatenate(pairs, axis=1)
+
+
+def wanted(links: TwoLinks, one: Motion) -> Vector:
+    """Return f (1) without friction, N m."""
+    ahead, along = one.forward
+    moved = times(links.inertia(one.q), ahead) + times(links.coriolis(one.q, one.v), along)
+    return moved + links.gravity(one.q)
+
+
+def compact(told: Told, one: Motion) -> Motion:
+    """Return states drawn over the compact set: references of the run, |r| up to its reach."""
+    draw = np.random.default_rng(0)
+    rows = draw.integers(0, len(one.q), DRAWN)
+    reach = MARGIN * float(size(one.r).max())
+    r = draw.normal(size=(DRAWN, 2))
+    r *= reach * np.sqrt(draw.random((DRAWN, 1))) / np.linalg.norm(r, axis=1, keepdims=True)
+    e = draw.uniform(-1.0, 1.0, (DRAWN, 2)) * reach / np.maximum(one.lam, 1e-9)
+    e_rate = r - one.lam * e
+    q_d, rate_d, acc_d = one.q_d[rows], one.rate_d[rows], one.acc_d[rows]
+    return Motion(q_d - e, rate_d - e_rate, q_d, rate_d, acc_d, one.lam)
+
+
+def projected(
+    told: Told, w2: Vector, lacks: Vector, kappa: float, rate: float
+) -> dict[str, Vector]:
+    """Return what the projection of step weights to 0 and more adds to V', if it is on."""
+    if told.law("jump_nodes") != PROJECT:
+        return {}
+    r = told.columns("executive:controller.r_{}_rad_s")
+    phi = told.array("executive:controller.phi", JUMPS)
+    driven = np.einsum("nk,nm->nkm", phi, r) - kappa * size(r)[:, None, None] * w2
+    free = w2 + told.period_s * rate * driven
+    moved = told.array("executive:controller.w2", JUMPS, 2) - free
+    return {"projection": -inner(lacks, moved) / (rate * told.period_s)}
+
+
+def prove(told: Told) -> Proof:
+    """Return the proof of a run."""
+    nodes = int(told.law("nodes"))
+    kv = np.array([told.law(f"kv_{j}_Nms_rad") for j in (1, 2)])
+    lam = np.array([told.law(f"lam_{j}_per_s") for j in (1, 2)])
+    rates = {"S": told.law("s_rate"), "T": told.law("t_rate")}
+    if told.law("jump_nodes") != STANDARD:
+        rates["E"] = told.law("e_rate")
+    s_rate, t_rate, e_rate = (metric(rates.get(name, 1.0)) for name in "STE")
+    kappa, kz, z_bound = told.law("kappa"), told.law("kz"), told.law("z_bound")
+    names = ("a1_m", "a2_m", "m1_kg", "m2_kg", "gravity_m_s2")
+    links = TwoLinks(*(told.setting(f"plant:arm.{name}") for name in names))
+    one = motion(told, lam)
+    r, inertia = one.r, links.inertia(one.q)
+
+    w1 = told.used("executive:controller.w1", ROOM + 1, 2)[:, : nodes + 1]
+    w2 = told.used("executive:controller.w2", JUMPS, 2)
+    v = told.used("executive:controller.v", INPUTS, ROOM)[:, :, :nodes]
+    x, phi = seen(one), told.array("executive:controller.phi", JUMPS)
+    z = np.einsum("nij,ni->nj", v, x)
+    s = with_threshold(logistic(z))
+    slope = s[:, 1:] * (1.0 - s[:, 1:])
+    friction = told.after(told.columns("plant:arm.friction_{}_Nm"))
+    f = wanted(links, one) + friction
+
+    v_ideal = v[0]
+    both = fitted(np.concatenate((with_threshold(logistic(x @ v_ideal)), phi), axis=1), f)
+    w1_lacks, w2_lacks, v_lacks = both[: nodes + 1] - w1, both[nodes + 1 :] - w2, v_ideal - v
+    learned = read_out(w1, s) + read_out(w2, phi)
+    turned = slope * np.einsum("nij,ni->nj", v_lacks, x)
+    flat = np.concatenate((s[:, :1], s[:, 1:] - slope * z), axis=1)
+    cancelled = read_out(w1_lacks, flat) + read_out(w1[:, 1:], turned) + read_out(w2_lacks, phi)
+    rest = f - learned - cancelled  # (3)
+
+    lacks = (w1_lacks, v_lacks, w2_lacks)
+    lack = np.sqrt(sum(size(one) ** 2 for one in lacks))
+    norm = np.sqrt(size(w1) ** 2 + size(v) ** 2 + size(w2) ** 2)
+    lyapunov = 0.5 * np.einsum("ni,nij,nj->n", r, inertia, r)
+    for part, rate in zip(lacks, (s_rate, t_rate, e_rate), strict=True):
+        lyapunov = lyapunov + 0.5 * size(part) ** 2 / rate
+    error = size(r)
+    asked = told.columns("executive:controller.torque_{}_Nm")
+    acts = told.after(told.columns("plant:arm.acting_{}_Nm"))
+    leak = sum(inner(a, b) for a, b in zip(lacks, (w1, v, w2), strict=True))
+
+    drawn = compact(told, one)
+    drawn_x = seen(drawn)
+    known = np.concatenate(
+        (with_threshold(logistic(drawn_x @ v_ideal)), jump_nodes(told, drawn.v)), axis=1
+    )
+    eps = size(wanted(links, drawn) + sliding(told, drawn.v) - known @ both).max()
+    outer, reach = float(np.linalg.norm(both)), float(size(drawn_x).max())
+    ideal = math.hypot(outer, float(np.linalg.norm(v_ideal)))
+    low, high = links.inertia_range()
+    return Proof(
+        theorem="Theorem 3.2.2",
+        error_is="|r| [rad/s]",
+        t_s=told.t_s,
+        v=lyapunov,
+        damping=np.sum(r * kv * r, axis=1) + kz * (norm + z_bound) * error**2,
+        terms={
+            "r'w, what no network cancels": inner(r, rest),
+            "leak of the weights": kappa * error * leak,
+            **projected(told, w2, w2_lacks, kappa, e_rate),
+        },
+        beyond={"limits, quanta, delay": inner(r, asked - acts)},
+        error=error,
+        weights=lack,
+        rest=size(rest + asked - acts),
+        constants=Constants(
+            damping=float(kv.min()) + kz * z_bound,
+            kappa=kappa,
+            ideal=ideal,
+            c0=float(eps) + outer * np.sqrt(nodes),
+            c1=float(size(drawn_x @ v_ideal).max()) / 4.0 + outer * reach / 4.0,
+            low=low,
+            high=high,
+            gamma=min(s_rate, t_rate, e_rate),
+        ),
+        asked=(
+            rates_positive(**rates),
+            Asked("leak kappa above 0", kappa > 0.0, f"kappa {kappa:g}", needed=True),
+            Asked(
+                "Z_B is above |Z*|",
+                z_bound >= ideal,
+                f"Z_B {z_bound:g}, |Z*| {ideal:.3g}",
+            ),
+            acting(asked, acts, "N m"),
+            Asked(
+                "friction is a function of x",
+                False,
+                f"a joint sticks in {100.0 * float(np.mean(one.v == 0.0)):.3g} % of the cycles",
+            ),
+        ),
+    )
+
+
+STATES = tuple(f"controller.{name}_*" for name in ("w1", "w2", "v", "phi"))
+THEOREMS = {"friction_nn": Theorem(prove, STATES)}

@@ -1,0 +1,143 @@
+"""What a plant's theorem.py declares: the proofs of its laws, as functions of a run.
+
+    THEOREMS = {"friction_nn": Theorem(prove, ("controller.w1_*", "controller.v_*"))}
+
+by the rig's names of the laws. `prove(told)` returns a `Proof` (plants/lyapunov.py) or raises
+`NoTheorem` where the case is none of the theorem's. `states` are patterns of variables that no log
+keeps, as weights: a replay of the log recomputes them, bit by bit. Parameters of all blocks are
+there as well.
+
+A law reads its weights at the start of a cycle and writes them at its end: what it used in cycle k
+is recorded in k - 1, so that proofs begin with the second cycle; see `Told.used`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcpc.plants.judging import Run
+from pcpc.plants.lyapunov import Asked, Proof, Vector
+
+
+class NoTheorem(Exception):
+    """Why there is none for a run."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """A run as a proof sees it, from its second cycle on: n cycles, of which n - 1 have a next.
+
+    All columns are those of cycles 1, 2, ...; `used` are those of the cycle before each.
+    """
+
+    run: Run
+
+    @property
+    def t_s(self) -> Vector:
+        """Time of the cycles."""
+        return self.run.t_s[1:]
+
+    @property
+    def period_s(self) -> float:
+        """Of a cycle."""
+        return self.run.period_s
+
+    def column(self, name: str) -> Vector:
+        """Return a variable `NODE:NAME` (n,)."""
+        return self.run[name][1:]
+
+    def columns(self, name: str, count: int = 2) -> Vector:
+        """Return NAME with {} for 1 .. count, (n, count)."""
+        return np.stack([self.column(name.format(i + 1)) for i in range(count)], axis=1)
+
+    def after(self, values: Vector) -> Vector:
+        """Return the values of the next cycle; the last one stays."""
+        return np.concatenate((values[1:], values[-1:]))
+
+    def setting(self, name: str) -> float:
+        """Return a parameter `NODE:NAME` as the run ended."""
+        return float(self.run[name][-1])
+
+    def law(self, name: str) -> float:
+        """Return a parameter of the controller as the run ended."""
+        return self.setting(f"executive:controller.{name}")
+
+    def array(self, name: str, *shape: int) -> Vector:
+        """Return a state of a block as it was at the end of each cycle, (n, *shape)."""
+        return self._array(name, *shape)[1:]
+
+    def used(self, name: str, *shape: int) -> Vector:
+        """Return a state of a block as each cycle found it, (n, *shape)."""
+        return self._array(name, *shape)[:-1]
+
+    def _array(self, name: str, *shape: int) -> Vector:
+        size = int(np.prod(shape))
+        values = np.stack([self.run[f"{name}_{i}"] for i in range(size)], axis=1)
+        return values.reshape(-1, *shape)
+
+
+@dataclass(frozen=True)
+class Theorem:
+    """A proof, and the states that it needs beside what a log has."""
+
+    prove: Callable[[Told], Proof]
+    states: Sequence[str] = ()
+
+
+def fitted(nodes: Vector, wanted: Vector, ridge: float = 1e-2) -> Vector:
+    """Return W (k, m) of least |nodes W - wanted|^2/n + ridge |W|^2; nodes (n, k), wanted (n, m).
+
+    The ridge keeps weights small that the run does not tell.
+    """
+    square = nodes.T @ nodes / len(nodes) + ridge * np.eye(nodes.shape[1])
+    return np.asarray(np.linalg.solve(square, nodes.T @ wanted / len(nodes)), np.float64)
+
+
+def logistic(z: Vector) -> Vector:
+    """Return 1/(1 + exp(-z))."""
+    return 0.5 + 0.5 * np.tanh(0.5 * z)
+
+
+def with_threshold(nodes: Vector) -> Vector:
+    """Return nodes (n, k) behind a column of 1."""
+    return np.concatenate((np.ones((len(nodes), 1)), nodes), axis=1)
+
+
+def size(values: Vector) -> Vector:
+    """Return the Euclidean or Frobenius norm of each cycle's entry."""
+    return np.sqrt(np.sum(values.reshape(len(values), -1) ** 2, axis=1))
+
+
+def inner(a: Vector, b: Vector) -> Vector:
+    """Return tr(a'b) of each cycle."""
+    return np.sum((a * b).reshape(len(a), -1), axis=1)
+
+
+def read_out(w: Vector, nodes: Vector) -> Vector:
+    """Return w's of each cycle, (n, m); w (n, k, m), nodes (n, k)."""
+    return np.einsum("nkm,nk->nm", w, nodes)
+
+
+def metric(rate: float) -> float:
+    """Return what V divides |Z~|^2 by: the size of a tuning rate, 1 for a rate of 0."""
+    return abs(rate) or 1.0
+
+
+def rates_positive(**rates: float) -> Asked:
+    """Return whether all tuning rates are above 0: a network that rests has no theorem."""
+    dead = [name for name, value in rates.items() if not value > 0.0]
+    found = (
+        f"{', '.join(dead)} not above 0"
+        if dead
+        else ", ".join(f"{k} {v:g}" for k, v in rates.items())
+    )
+    return Asked("tuning rates above 0", not dead, found, needed=True)
+
+
+def acting(asked: Vector, acts: Vector, unit: str) -> Asked:
+    """Return whether what acts is what the law wants: no limit, quantum, delay; (n, m) both."""
+    gap = size(acts - asked)[:-1]
+    share = 100.0 * float(np.mean(gap > 1e-9))
+    found = f"differs by up to {gap.max(initial=0.0):.2g} {unit}, in {share:.3g} % of the cycles"
+    return Asked("what acts is what the law computes", share == 0.0, found)

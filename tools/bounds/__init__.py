@@ -1,0 +1,124 @@
+"""`pcpc bounds RIG|LOG`: a run held against the theorem of its law.
+
+V and its two derivatives, w, the ultimate bound and S_r, as plants/lyapunov.py says, with the
+terms of the theorem.py that lies beside the plant's model. A rig is run in virtual time, a log is
+recomputed: weights stand in none.
+"""
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.modules import module_of, own_streams
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.plants.judging import Run, effective_rig
+from pcpc.plants.lyapunov import Account
+from pcpc.plants.theorem import NoTheorem, Theorem, Told
+from pcpc.tools.bounds import observed, text
+from pcpc.tools.bounds.observed import BoundsError
+from pcpc.tools.console.picture import check_picture
+from pcpc.tools.log.recorded import LATEST, log_of
+from pcpc.tools.rigs import find
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """A run's account, and what it is of."""
+
+    name: str
+    controller: str
+    account: Account
+
+    def to_dict(self) -> dict[str, object]:
+        """Return all figures as plain values, for JSON."""
+        return text.plain(self.name, self.controller, self.account)
+
+    def __str__(self) -> str:
+        return "\n".join(text.lines(self.name, self.controller, self.account))
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the account; NOT_MET if something is violated, OK also where no theorem is known."""
+    if options.plot is not None:
+        check_picture("--plot", options.plot)
+    try:
+        found = of(options.what, options)
+    except NoTheorem as error:
+        if options.json:
+            print(json.dumps({"theorem": None, "why": str(error)}))
+        else:
+            print(f"no theorem: {error}")
+        return Exit.OK
+    print(json.dumps(found.to_dict(), indent=1) if options.json else found)
+    if options.plot is not None:
+        from pcpc.tools.bounds import figure
+
+        figure.draw(found.account, f"{found.name}, {found.controller}", options.plot)
+    return Exit.OK if found.account.holds else Exit.NOT_MET
+
+
+def of(what: str, options: argparse.Namespace) -> Bounds:
+    """Return the account of a rig or a log; NoTheorem, BoundsError, RigError, LogError.
+
+    `options`: controller, set, law_as (of another law), and those of tools.log.rig.
+    """
+    path = Path(what)
+    if what == LATEST or path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap"))):
+        return _of_log(log_of(what), options)
+    return of_rig(load_rig(find(what), options.controller, options.set), options.law_as)
+
+
+def of_rig(rig: Rig, law_as: str | None = None) -> Bounds:
+    """Run a rig in virtual time and return its account; NoTheorem, RigError."""
+    theorem = theorem_of(rig, law_as)
+    log = observed.of_rig(rig, theorem.states)
+    given = rig.evaluation
+    begin = given.window_s[0] if given and given.window_s else None
+    return _account(rig, theorem, log, begin)
+
+
+def _of_log(path: Path, options: argparse.Namespace) -> Bounds:
+    if options.controller or options.set:
+        raise BoundsError(f"{path}: --controller and --set are of a rig; a log is what it is")
+    made: list[Theorem] = []
+
+    def states(rig: Rig) -> tuple[str, ...]:
+        made.append(theorem_of(rig, options.law_as))
+        return tuple(made[0].states)
+
+    rig, log = observed.of_log(path, states, options)
+    window = (effective_rig(log).get("evaluation") or {}).get("window_s")
+    return _account(rig, made[0], log, float(window[0]) if window else None)
+
+
+def _account(rig: Rig, theorem: Theorem, log: logs.Log, begin_s: float | None) -> Bounds:
+    run = Run(log, 1.0 / rig.config.rate_hz)
+    if not run.plant_tells:
+        raise NoTheorem("the log has no record of the plant, from which w is computed")
+    proof = theorem.prove(Told(run))
+    settled_s = float(proof.t_s[len(proof.t_s) // 2])
+    if begin_s is not None and begin_s < proof.t_s[-1]:
+        settled_s = begin_s
+    return Bounds(rig.config.rig, rig.config.controller, Account(proof, settled_s))
+
+
+def theorem_of(rig: Rig, law_as: str | None = None) -> Theorem:
+    """Return the theorem of a rig's law, or of the law `law_as` of its plant; NoTheorem."""
+    law = law_as or rig.config.controllers[rig.config.controller].law
+    known: dict[str, Theorem] = {}
+    for spec in rig.nodes()["plant"].blocks:
+        step = getattr(spec.block.step, "py_func", None)
+        file = Path(step.__code__.co_filename).with_name("theorem.py") if step else None
+        if file is not None and file.is_file():
+            with own_streams():
+                known |= module_of("", file).THEOREMS
+    if law in known:
+        return known[law]
+    if law_as:
+        raise BoundsError(f"--as {law_as}: no such law{did_you_mean(law_as, known)}")
+    have = f"; its plant has those of {', '.join(sorted(known))}" if known else ""
+    raise NoTheorem(f"none is known here of the law {law}{have}")
