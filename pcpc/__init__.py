@@ -24,6 +24,7 @@
     pcpc.margin("sin0.5", "pd").phase_margin_deg                         how stable a loop is
 
     pcpc.compare(run, other).markdown()                                  what two runs differ in
+    pcpc.fit("atb1000/slew10", run)["barrel.gap_rad"].value              parameters from a log
 """
 
 from importlib import import_module
@@ -32,12 +33,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pcpc.drivers.errors import UserError as Error
     from pcpc.tools.api.compare import compare
+    from pcpc.tools.api.fit import fit
     from pcpc.tools.api.live import Live, NotMet, running
     from pcpc.tools.api.loop import Loop, Sample, loop
     from pcpc.tools.api.run import Figure, NotOk, Run, UnknownName
     from pcpc.tools.api.simulate import open, simulate
     from pcpc.tools.api.sweep import Sweep, sweep
     from pcpc.tools.compare.comparison import Comparison
+    from pcpc.tools.fit.result import Fit
     from pcpc.tools.margin.find import margin
     from pcpc.tools.margin.margins import Margins
     from pcpc.tools.margin.result import Margin, Response
@@ -45,6 +48,7 @@ if TYPE_CHECKING:
 _WHERE = {
     "Comparison": "tools.compare.comparison", "compare": "tools.api.compare",
     "Error": "drivers.errors:UserError",
+    "Fit": "tools.fit.result", "fit": "tools.api.fit",
     "Figure": "tools.api.run", "NotOk": "tools.api.run", "Run": "tools.api.run",
     "UnknownName": "tools.api.run",
     "Loop": "tools.api.loop", "Sample": "tools.api.loop", "loop": "tools.api.loop",
@@ -55,8 +59,8 @@ _WHERE = {
     "Sweep": "tools.api.sweep", "sweep": "tools.api.sweep",
 }  # fmt: skip
 __all__ = [
-    "Comparison", "Error", "Figure", "Live", "Loop", "Margin", "Margins", "NotMet", "NotOk",
-    "Response", "Run", "Sample", "Sweep", "UnknownName", "compare", "loop", "margin", "open",
+    "Comparison", "Error", "Figure", "Fit", "Live", "Loop", "Margin", "Margins", "NotMet", "NotOk",
+    "Response", "Run", "Sample", "Sweep", "UnknownName", "compare", "fit", "loop", "margin", "open",
     "running", "simulate", "sweep",
 ]  # fmt: skip
 

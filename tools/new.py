@@ -22,6 +22,7 @@ FILES = {
     "motor.dbc": "the CAN frames, with counters and CRC",
     "evaluation.py": "figures of merit and the picture",
     "drawing.py": "how it is drawn while it moves",
+    "identification.py": "what `pcpc fit` estimates of it from a log",
     "layout.json": "the curves with which the page of `pcpc host` opens",
     "test_motor.py": "tests, for pytest",
     "README.md": "what one sees, and what to change first",

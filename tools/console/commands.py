@@ -3,6 +3,7 @@
 from pcpc.drivers.errors import Exit
 from pcpc.tools.console import arguments as take
 from pcpc.tools.console import evidence_arguments as take_evidence
+from pcpc.tools.console import fit_arguments as take_fit
 from pcpc.tools.console import generate_arguments as take_generate
 from pcpc.tools.console import live_arguments as take_live
 from pcpc.tools.console import log_arguments as take_log
@@ -234,6 +235,15 @@ GROUPS = {
                 codes={Exit.OK: "it holds, or no theorem is known", Exit.NOT_MET: "violated",
                        Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "a package is missing",
                        Exit.INTERRUPTED: ""},
+                judges=True, compiles=True, reads_logs=True),
+        Command("fit", "estimate parameters of the plant from a log, with 95 % intervals",
+                "pcpc fit slew10 latest\n"
+                "pcpc fit slew10 latest --parameter barrel.gap_rad=0:0.01 -o fitted\n"
+                "pcpc simulate slew10 --set @fitted/fit.yaml",
+                take_fit.fit, "fit.cli",
+                {Exit.OK: "", Exit.NOT_MET: "the log tells nothing of a --parameter",
+                 Exit.WRONG_INPUT: "", Exit.ENVIRONMENT: "a package is missing",
+                 Exit.INTERRUPTED: ""},
                 judges=True, compiles=True, reads_logs=True),
         Command("compare", "tell what two runs, or two versions of the rigs, differ in",
                 "pcpc compare runs/A runs/B\n"

@@ -1,0 +1,1 @@
+"""`pcpc fit`: parameters of a plant from a log, with their uncertainty."""

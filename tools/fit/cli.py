@@ -1,0 +1,121 @@
+"""`pcpc fit RIG LOG`: parameters of the plant from a log, as a table, a file and a picture."""
+
+import argparse
+import json
+import math
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import RigError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.console import screen
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.fit.fitting import Model, asked, fit
+from pcpc.tools.fit.result import Fit, Parameter
+
+VALUES, FACTS, PICTURE = "fit.yaml", "fit.json", "fit.png"
+
+
+def command(options: argparse.Namespace) -> int:
+    """Fit, write the folder, tell; NOT_MET where the log tells nothing of what was named."""
+    _check_installed()
+    rig = load_rig(options.rig, None, options.set)
+    model = Model(rig, [asked(option) for option in options.parameter], options.sensor)
+    log = logs.read(Path(options.log))
+    folder = _folder(options.output, rig.config.rig)
+    progress = Progress(options.quiet)
+    found = fit(model, log, progress.show)
+    progress.close()
+    _make(folder)
+    (folder / VALUES).write_text(values_text(found, str(options.rig)), "utf-8")
+    (folder / FACTS).write_text(json.dumps(found.json(), indent=1) + "\n", "utf-8")
+    found.draw(folder / PICTURE)
+    if options.json:
+        print(json.dumps({**found.json(), "folder": str(folder)}))
+    else:
+        print("\n".join(told(found, folder)))
+    named = {one.name for one in found.parameters if options.parameter and not one.excited}
+    return Exit.NOT_MET if named else Exit.OK
+
+
+def _check_installed() -> None:
+    try:
+        import matplotlib.figure  # noqa: F401  the picture comes last
+        import scipy.optimize  # noqa: F401
+    except ImportError:
+        what = "a fit needs scipy and matplotlib: pip install 'pcpc[sweep]'"
+        raise UserError(what, Exit.ENVIRONMENT) from None
+
+
+def _folder(given: str | None, name: str) -> Path:
+    """Return the folder to be made. RigError where something is there already."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    folder = Path(given or Path("runs") / f"{stamp}-fit-{name}")
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise RigError(f"{folder}: is not empty; choose another folder with -o")
+    return folder
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RigError(f"{folder}: {error.strerror}; choose another folder with -o") from None
+
+
+def values_text(found: Fit, rig: str) -> str:
+    """Return the fitted values as a file for `--set @FILE`, each with its interval."""
+    head = [f"{found.rig}, fitted to {found.log}", f"pcpc simulate {rig} --set @{VALUES}"]
+    lines = [line for text in head for line in screen.wrapped(text, "# ", "#   ")]
+    for one in found.parameters:
+        if one.excited:
+            digits = _digits(one)
+            about = f"95 %: {one.low:.{digits}g} to {one.high:.{digits}g} {one.unit}".rstrip()
+            lines += ["", f"# {about}; rig {one.rig:.9g}", f"{one.name}: {one.value!r}"]
+    return "\n".join([*lines, *([] if found.values else ["{}"])]) + "\n"
+
+
+def told(found: Fit, folder: Path) -> Iterator[str]:
+    """Yield the lines of a fit, at most 80 columns."""
+    cycles = f"{len(found.t_s):,} cycles, {len(found.sensors)} sensors"
+    yield f"fit      {found.rig} to {cycles}, {found.runs:,} runs of the model"
+    yield f"log      {found.log}"
+    width = min(max(len(one.name) for one in found.parameters), 30)
+    yield f"{'parameter':{width}} {'rig':>10} {'fitted':>11}   95 % interval"
+    for one in found.parameters:
+        yield from _row(one, width)
+    yield f"{'sensor':{width}} {'left, rms':>10} {'own noise':>11}   explained"
+    for sensor in found.sensors:
+        share = f"{100.0 * sensor.explained:.4f} %" if math.isfinite(sensor.explained) else "-"
+        unit = f" {sensor.unit}" if sensor.unit else ""
+        row = f"{sensor.name:{width}} {sensor.residual:10.3g} {sensor.noise:11.3g}   {share}"
+        yield f"{row}{unit}" if len(row + unit) <= 80 else row
+    for note in found.notes:
+        yield from screen.wrapped(note, "note     ", "         ")
+    yield f"values   {VALUES}, for --set @FILE; {FACTS}; picture {PICTURE}"
+    yield f"folder   {folder}"
+
+
+def _row(one: Parameter, width: int) -> Iterator[str]:
+    name = one.name
+    if len(name) > width:
+        yield name
+        name = ""
+    if not one.excited:
+        yield f"{name:{width}} {one.rig:10.5g} {'-':>11}   the log tells nothing of it"
+        return
+    digits = _digits(one)
+    interval = f"{one.low:.{digits}g} .. {one.high:.{digits}g}"
+    row = f"{name:{width}} {one.rig:10.5g} {one.value:11.{digits}g}   {interval}"
+    yield f"{row} {one.unit}".rstrip() if len(row) + len(one.unit) < 80 else row
+
+
+def _digits(one: Parameter) -> int:
+    """Return how many digits tell the ends of the interval apart: two of its half width."""
+    half = 0.5 * (one.high - one.low)
+    if not (math.isfinite(half) and half > 0.0 and one.value != 0.0):
+        return 6
+    return min(max(2 + math.ceil(math.log10(abs(one.value) / half)), 3), 9)
