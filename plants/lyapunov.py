@@ -11,9 +11,13 @@ error and Z~ = Z* - Z what the weights lack, and shows, with the tuning law inse
 so that V' < 0 beyond r_b or z_b; a = |Z*| + c1/kappa:
 
     error      r_b = (kappa a^2/4 + c0)/K          z_b = a/2 + sqrt(a^2/4 + c0/kappa)         (4)
-    constant   with c = kappa |Z*|^2/4 + c0^2/(4 K), for c1 = 0:
+    constant   with c = kappa |Z*|^2/4 + c0^2/(4 K) + extra, for c1 = 0:
                r_b = c0/(2 K) + sqrt(c/K)          z_b = |Z*|/2 + sqrt(c/kappa)               (5)
     r_s^2 = (high r_b^2 + z_b^2/gamma)/low         the level set around both: never left      (6)
+
+`extra` adds to the right side of (2) where some of w does not come with |r|. Where V holds a third
+part, V_o with a damping of its own of at least 2 `other_rate` V_o, c/`other_rate` is added in the
+bracket of (6); c of "error" is K r_b^2/4.
 
 In a run V is known at the samples, so its difference quotient and (1) are two derivations of one
 number. What they differ by is what sampling costs and (1) does not know of; where the weights do
@@ -24,7 +28,7 @@ has a known cause beyond the theorem, as a limit of the command, stands in it, t
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,6 +62,8 @@ class Constants:
     high: float = 1.0
     gamma: float = 1.0
     leak: str = "error"  # or "constant"
+    extra: float = 0.0  # with a constant leak
+    other_rate: float = math.inf
 
     def bound(self) -> Bound:
         """Return (4) or (5), and (6); infinite without damping or leak."""
@@ -67,11 +73,13 @@ class Constants:
             a = self.ideal + self.c1 / self.kappa
             error = (self.kappa * a * a / 4.0 + self.c0) / self.damping
             weights = a / 2.0 + math.sqrt(a * a / 4.0 + self.c0 / self.kappa)
+            c = self.damping * error**2 / 4.0
         else:
-            c = self.kappa * self.ideal**2 / 4.0 + self.c0**2 / (4.0 * self.damping)
+            c = self.kappa * self.ideal**2 / 4.0 + self.c0**2 / (4.0 * self.damping) + self.extra
             error = self.c0 / (2.0 * self.damping) + math.sqrt(c / self.damping)
             weights = self.ideal / 2.0 + math.sqrt(c / self.kappa)
-        level = math.sqrt((self.high * error**2 + weights**2 / self.gamma) / self.low)
+        squares = self.high * error**2 + weights**2 / self.gamma + c / self.other_rate
+        level = math.sqrt(squares / self.low)
         return Bound(error, weights, level)
 
     def slope(self, error: Vector, weights: Vector, rest: Vector) -> Vector:
@@ -116,6 +124,7 @@ class Proof:
     asked: Sequence[Asked] = ()
     ideal_by: str = "least squares over the cycles of the run"
     step_s: float | None = None
+    extra: Vector | None = None  # of each cycle, 0 and above
 
 
 @dataclass(frozen=True)
@@ -174,12 +183,11 @@ class Account:
 
     @cached_property
     def own(self) -> Bound:
-        """The bound with c0 = the largest |w| of this run, c1 = 0: how tight (4) to (6) can be."""
-        one, largest = self.proof.constants, float(self.proof.rest.max(initial=0.0))
-        made = Constants(
-            one.damping, one.kappa, one.ideal, largest, 0.0, one.low, one.high, one.gamma, one.leak
-        )
-        return made.bound()
+        """The bound with c0, extra as large as in this run, c1 = 0: how tight (4) to (6) can be."""
+        proof = self.proof
+        extra = 0.0 if proof.extra is None else float(proof.extra.max(initial=0.0))
+        largest = float(proof.rest.max(initial=0.0))
+        return replace(proof.constants, c0=largest, c1=0.0, extra=extra).bound()
 
     @cached_property
     def largest(self) -> float:
@@ -203,6 +211,7 @@ class Account:
         """Which cycles but the last violate (2): the quotient of V is above its right side."""
         one = self.proof
         right = one.constants.slope(one.error, one.weights, one.rest)[:-1]
+        right = right if one.extra is None else right + one.extra[:-1]
         return self.slope > right + 1e-9 * (1.0 + np.abs(one.damping[:-1]))
 
     @cached_property

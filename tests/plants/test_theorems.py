@@ -66,6 +66,11 @@ CASES = {
         {"s_rate": 10.0, "t_rate": 10.0, "e_rate": 35.0},
         ("controller.network_seed=4711.0", "duration_s=6.0"),
     ),
+    "deadzone_arm": Case(
+        "deadzone_arm", "deadzone-sine", "nn", "arm.deadzone_nn",
+        {"t_rate": 500.0, "s_rate": 24.0},
+        ("controller.network_seed=4711.0", "duration_s=6.0", "rate_hz=2000.0"),
+    ),
 }  # fmt: skip
 each = pytest.mark.parametrize("case", CASES.values(), ids=list(CASES))
 
@@ -96,6 +101,22 @@ def test_flipped_tuning_violates_it(case: Case, tmp_path: Path) -> None:
     account = case.flipped(tmp_path)
     names = [check.name for check in violated(account)]
     assert "V follows its identity" in names, account.unexplained
+
+
+@pytest.mark.parametrize(
+    ("model", "holds", "found"),
+    [
+        ("0.0", True, "the joints have none"),
+        ("1.0", False, "sticks in"),
+        ("2.0", False, "bristles"),
+    ],
+)
+def test_what_is_said_of_friction_is_that_of_its_model(model: str, holds: bool, found: str) -> None:
+    path = PLANTS / "friction_arm" / "rigs" / "friction-c.yaml"
+    given = [f"arm.friction_model={model}", "duration_s=1.0"]
+    asked = of_rig(load_rig(path, "nn_ramp", given)).account.proof.asked
+    one = next(one for one in asked if one.what == "friction is a function of x")
+    assert one.holds == holds and found in one.found, one
 
 
 def test_without_friction_both_derivatives_agree_with_the_order_of_the_sampling() -> None:
