@@ -10,6 +10,9 @@ import numpy as np
 from pcpc.plants.lyapunov import Vector
 from pcpc.plants.theorem import Told
 
+DRAWN = 4000  # points of the compact set
+MARGIN = 1.25  # of the compact set over the run
+
 
 @dataclass(frozen=True)
 class TwoLinks:
@@ -103,3 +106,16 @@ def motion(told: Told, lam: Vector) -> Motion:
         told.columns("executive:reference_{}.q_d_acc_rad_s2"),
         lam,
     )
+
+
+def drawn(one: Motion) -> Motion:
+    """Return states of the compact set: references of the run, |r| up to 1.25 times its largest."""
+    draw = np.random.default_rng(0)
+    rows = draw.integers(0, len(one.q), DRAWN)
+    reach = MARGIN * float(np.linalg.norm(one.r, axis=1).max())
+    r = draw.normal(size=(DRAWN, 2))
+    r *= reach * np.sqrt(draw.random((DRAWN, 1))) / np.linalg.norm(r, axis=1, keepdims=True)
+    e = draw.uniform(-1.0, 1.0, (DRAWN, 2)) * reach / np.maximum(one.lam, 1e-9)
+    e_rate = r - one.lam * e
+    q_d, rate_d, acc_d = one.q_d[rows], one.rate_d[rows], one.acc_d[rows]
+    return Motion(q_d - e, rate_d - e_rate, q_d, rate_d, acc_d, one.lam)

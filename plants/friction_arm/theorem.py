@@ -34,13 +34,11 @@ from pcpc.plants.theorem import (
     size,
     with_threshold,
 )
-from pcpc.plants.two_link_theory import Motion, TwoLinks, motion, times
+from pcpc.plants.two_link_theory import Motion, TwoLinks, drawn, motion, times
 
 INPUTS, ROOM, JUMPS = 11, 16, 4
-DRAWN = 4000  # points of the compact set
 STANDARD, PROJECT, CONST = 0.0, 3.0, 4.0
 NO_FRICTION, LUGRE = 0.0, 2.0
-MARGIN = 1.25  # of the compact set over the run
 
 
 def seen(one: Motion) -> Vector:
@@ -81,19 +79,6 @@ def wanted(links: TwoLinks, one: Motion) -> Vector:
     ahead, along = one.forward
     moved = times(links.inertia(one.q), ahead) + times(links.coriolis(one.q, one.v), along)
     return moved + links.gravity(one.q)
-
-
-def compact(told: Told, one: Motion) -> Motion:
-    """Return states drawn over the compact set: references of the run, |r| up to its reach."""
-    draw = np.random.default_rng(0)
-    rows = draw.integers(0, len(one.q), DRAWN)
-    reach = MARGIN * float(size(one.r).max())
-    r = draw.normal(size=(DRAWN, 2))
-    r *= reach * np.sqrt(draw.random((DRAWN, 1))) / np.linalg.norm(r, axis=1, keepdims=True)
-    e = draw.uniform(-1.0, 1.0, (DRAWN, 2)) * reach / np.maximum(one.lam, 1e-9)
-    e_rate = r - one.lam * e
-    q_d, rate_d, acc_d = one.q_d[rows], one.rate_d[rows], one.acc_d[rows]
-    return Motion(q_d - e, rate_d - e_rate, q_d, rate_d, acc_d, one.lam)
 
 
 def projected(
@@ -166,13 +151,13 @@ def prove(told: Told) -> Proof:
     acts = told.after(told.columns("plant:arm.acting_{}_Nm"))
     leak = sum(inner(a, b) for a, b in zip(lacks, (w1, v, w2), strict=True))
 
-    drawn = compact(told, one)
-    drawn_x = seen(drawn)
+    far = drawn(one)
+    far_x = seen(far)
     known = np.concatenate(
-        (with_threshold(logistic(drawn_x @ v_ideal)), jump_nodes(told, drawn.v)), axis=1
+        (with_threshold(logistic(far_x @ v_ideal)), jump_nodes(told, far.v)), axis=1
     )
-    eps = size(wanted(links, drawn) + sliding(told, drawn.v) - known @ both).max()
-    outer, reach = float(np.linalg.norm(both)), float(size(drawn_x).max())
+    eps = size(wanted(links, far) + sliding(told, far.v) - known @ both).max()
+    outer, reach = float(np.linalg.norm(both)), float(size(far_x).max())
     ideal = math.hypot(outer, float(np.linalg.norm(v_ideal)))
     low, high = links.inertia_range()
     return Proof(
@@ -195,7 +180,7 @@ def prove(told: Told) -> Proof:
             kappa=kappa,
             ideal=ideal,
             c0=float(eps) + outer * np.sqrt(nodes),
-            c1=float(size(drawn_x @ v_ideal).max()) / 4.0 + outer * reach / 4.0,
+            c1=float(size(far_x @ v_ideal).max()) / 4.0 + outer * reach / 4.0,
             low=low,
             high=high,
             gamma=min(s_rate, t_rate, e_rate),

@@ -39,15 +39,21 @@ class Case:
     module: str  # of the law, below laws/controllers
     rates: dict[str, float]
     given: tuple[str, ...] = ()
+    turned: tuple[str, ...] = ()  # parameters that flip the tuning, where they are not the rates
+    power: float = 1.0  # by which a rate goes with what is set
 
     def account(self, factor: float = 1.0) -> Account:
         """Return the account with all tuning rates times `factor`."""
-        rates = [f"controller.{name}={factor * value!r}" for name, value in self.rates.items()]
+        rates = [
+            f"controller.{name}={factor**self.power * value!r}"
+            for name, value in self.rates.items()
+        ]
         return self._account(PLANTS / self.plant / "rigs" / f"{self.rig}.yaml", rates)
 
     def flipped(self, folder: Path) -> Account:
         """Return the account of the law with all tuning rates negative, from a file in `folder`."""
-        rates, (folder_of, name) = tuple(self.rates), self.module.split(".")
+        rates = self.turned or tuple(self.rates)
+        folder_of, name = self.module.split(".")
         (folder / "flipped.py").write_text(FLIPPED.format(folder=folder_of, name=name, rates=rates))
         base = PLANTS / self.plant / "rigs" / f"{self.rig}.yaml"
         law = f"controllers: {{{self.controller}: {{law: flipped.py:BLOCK}}}}"
@@ -70,6 +76,14 @@ CASES = {
         "deadzone_arm", "deadzone-sine", "nn", "arm.deadzone_nn",
         {"t_rate": 500.0, "s_rate": 24.0},
         ("controller.network_seed=4711.0", "duration_s=6.0", "rate_hz=2000.0"),
+    ),
+    "payload_arm": Case(
+        "payload_arm", "payload-on", "critic", "arm.adaptive_critic", {"gam": 100.0},
+        ("controller.network_seed=4711.0", "duration_s=6.0"),
+    ),
+    "quarter_car": Case(
+        "quarter_car", "suspension-8", "fl", "strut.strut_backstepping",
+        {"adaptation_rad_s": 120.0}, ("car.road_rad_s=21.0", "duration_s=4.0"), ("gam_m2_N2",), 0.5,
     ),
 }  # fmt: skip
 each = pytest.mark.parametrize("case", CASES.values(), ids=list(CASES))

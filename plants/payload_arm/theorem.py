@@ -1,0 +1,182 @@
+"""Theorem 7.3.1 on runs of the arm with the adaptive critic: its proof term by term.
+
+    r' = -Kv r + f - W2's2 + v,  f = W2*'s2 + w                                              (1)
+    V  = (|r|^2 + |R|^2 + |W1|^2 + |W2~|^2/Gam)/2                                            (2)
+    V' = -D + sc'w + kap2 W2~'W2                                                             (3)
+    D  = Kv |r|^2 - beta R'r + |s1|^2 |R|^2 + R'W1's1 + kap1 |W1|^2 + kz |sc|^2/(|sc| + delta)
+    sc'w - kz |sc|^2/(|sc| + delta) <= (|r| + |sc - r|) w_k + kz delta,  w_k = |w| - kz     (4)
+
+for alpha = kap1, w_k not below 0. (3) is (11) of adaptive_critic.py with W1* = 0: nothing tells
+what the critic ought to have learned, and (3) holds for any W1*. f is what the true arm with its
+payload asks for beside what Mhat turns into torque: a function of the state where M = Mhat. Of D,
+K |r|^2 is left when R and W1 keep a half of what damps them:
+
+    K = Kv - (B - mu I)^-1_11 beta^2/4,  B = [|s1|^2, |s1|/2; |s1|/2, kap1],  mu = lambda_min(B)/2
+
+|s1| and sc - r are those of the run. c0 from constants takes w without payload over states drawn
+from references of the run and |r| up to 1.25 times the largest, and the payload's part of the run.
+Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
+from pcpc.plants.theorem import (
+    Theorem,
+    Told,
+    acting,
+    fitted,
+    inner,
+    logistic,
+    metric,
+    rates_positive,
+    read_out,
+    size,
+    with_threshold,
+)
+from pcpc.plants.two_link_theory import Motion, TwoLinks, drawn, motion, times
+
+INPUTS, NODES = 11, 10
+STATE = "executive:controller."
+
+
+def seen(one: Motion) -> Vector:
+    """Return x (n, 11) of the action network."""
+    return with_threshold(
+        np.concatenate((one.e, one.e_rate, one.q_d, one.rate_d, one.acc_d), axis=1)
+    )
+
+
+def friction(told: Told, v: Vector) -> Vector:
+    """Return Fr (n, 2), N m."""
+    viscous, coulomb, width = (
+        told.setting(f"plant:arm.{name}")
+        for name in ("viscous_Nms_rad", "coulomb_Nm", "smooth_rad_s")
+    )
+    return viscous * v + coulomb * np.tanh(v / width)
+
+
+def load(told: Told, links: TwoLinks, one: Motion) -> Vector:
+    """Return Vm q' + G + Fr (n, 2), N m."""
+    moved = times(links.coriolis(one.q, one.v), one.v)
+    return moved + links.gravity(one.q) + friction(told, one.v)
+
+
+def needed(told: Told, links: TwoLinks, one: Motion) -> Vector:
+    """Return q_d'' + Lam e' + M^-1 (Vm q' + G + Fr) (n, 2), rad/s2: f for Mhat = M."""
+    falls = np.linalg.solve(links.inertia(one.q), load(told, links, one)[:, :, None])[:, :, 0]
+    return one.forward[0] + falls
+
+
+def damping(told: Told, s1: Vector) -> tuple[float, float]:
+    """Return K and mu for the |s1| of the run."""
+    kv, beta, kap1 = (told.law(name) for name in ("kv_per_s", "beta", "kap1"))
+    most, left = np.inf, np.inf
+    for s in np.linspace(s1.min(), s1.max(), 21):
+        both = np.array([[s * s, 0.5 * s], [0.5 * s, kap1]])
+        half = 0.5 * float(np.linalg.eigvalsh(both)[0])
+        if half <= 0.0:
+            return 0.0, 0.0
+        most = min(most, half)
+        free = np.linalg.inv(both - half * np.eye(2))[0, 0]
+        left = min(left, kv - 0.25 * beta**2 * free)
+    return left, most
+
+
+def prove(told: Told) -> Proof:
+    """Return the proof of a run."""
+    kv, lam, kz, delta, beta, kap1, kap2 = (
+        told.law(name)
+        for name in ("kv_per_s", "lam_per_s", "kz", "delta_rad_s", "beta", "kap1", "kap2")
+    )
+    gam = metric(told.law("gam"))
+    names = ("a1_m", "a2_m", "m1_kg", "m2_kg")
+    known = TwoLinks(*(told.law(name) for name in names))
+    outer_mass = told.after(told.column("plant:arm.outer_mass_kg"))
+    own = (*names, "gravity_m_s2")
+    plain = TwoLinks(*(told.setting(f"plant:arm.{name}") for name in own))
+    links = replace(plain, m2=outer_mass)
+    one = motion(told, np.array([lam, lam]))
+    r, acts = one.r, told.after(told.columns("plant:arm.acting_{}_Nm"))
+    pull = (acts - load(told, links, one))[:, :, None]
+    r_rate = one.forward[0] - np.linalg.solve(links.inertia(one.q), pull)[:, :, 0]
+
+    w1 = told.used(f"{STATE}w1", NODES, 2)
+    w2 = told.used(f"{STATE}w2", NODES, 2)
+    v2 = told.used(f"{STATE}v2", INPUTS, NODES)[0]
+    s1, s2 = told.array(f"{STATE}s1", NODES), told.array(f"{STATE}s2", NODES)
+    sc, critic = told.array(f"{STATE}sc", 2), told.columns("executive:controller.critic_{}")
+    robust = told.columns("executive:controller.robust_{}_rad_s2")
+    learned = told.columns("executive:controller.learned_{}_rad_s2")
+    f = r_rate + kv * r + learned + robust
+    ideal = fitted(s2, f)
+    lacks, rest = ideal - w2, f - s2 @ ideal
+
+    error, back, judged = size(r), size(s1), size(sc)
+    unhelped = np.maximum(size(rest) - kz, 0.0)
+    sway = size(sc - r)
+    k, mu = damping(told, back)
+    at = drawn(one)
+    eps = size(needed(told, plain, at) - logistic(seen(at) @ v2) @ ideal).max()
+    payload = size(f - needed(told, plain, one)).max()
+    c0 = max(float(eps + payload) - kz, 0.0)
+    asked = told.columns("executive:controller.torque_{}_Nm")
+    wrong = float(np.abs(known.inertia(one.q) - links.inertia(one.q)).max())
+    return Proof(
+        theorem="Theorem 7.3.1",
+        error_is="|r| [rad/s]",
+        t_s=told.t_s,
+        v=0.5 * (error**2 + size(critic) ** 2 + size(w1) ** 2 + size(lacks) ** 2 / gam),
+        damping=kv * error**2
+        - beta * inner(critic, r)
+        + back**2 * size(critic) ** 2
+        + inner(critic, read_out(w1, s1))
+        + kap1 * size(w1) ** 2
+        + kz * judged**2 / (judged + delta),
+        terms={
+            "sc'w, what no network cancels": inner(sc, rest),
+            "leak of the weights": kap2 * inner(lacks, w2),
+        },
+        error=error,
+        weights=size(lacks),
+        rest=unhelped,
+        extra=kz * delta + sway * unhelped,
+        constants=Constants(
+            damping=k,
+            kappa=kap2,
+            ideal=float(np.linalg.norm(ideal)),
+            c0=c0,
+            gamma=gam,
+            leak="constant",
+            extra=kz * delta + float(sway.max()) * c0,
+            other_rate=mu,
+        ),
+        asked=(
+            rates_positive(Gam=told.law("gam")),
+            Asked("leak kap2 above 0", kap2 > 0.0, f"kap2 {kap2:g}", needed=True),
+            Asked(
+                "both networks are on",
+                told.law("action_on") > 0.5 and told.law("critic_on") > 0.5,
+                f"action_on {told.law('action_on'):g}, critic_on {told.law('critic_on'):g}",
+                needed=True,
+            ),
+            Asked(
+                "beta^2 < 4 Kv |s1|^2 (1 - 1/(4 kap1)), alpha = kap1",
+                k > 0.0 and told.law("alpha") == kap1,
+                f"beta {beta:g}, K {k:.3g} of Kv {kv:g}, alpha {told.law('alpha'):g}",
+            ),
+            Asked(
+                "kz is above |w|",
+                bool((unhelped == 0.0).all()),
+                f"kz {kz:g}, |w| up to {size(rest).max():.3g}",
+            ),
+            Asked("Mhat is M", wrong < 1e-9, f"they differ by up to {wrong:.3g} kg m2"),
+            acting(asked, acts, "N m"),
+        ),
+    )
+
+
+STATES = tuple(f"controller.{name}_*" for name in ("w1", "w2", "v2", "s1", "s2", "sc"))
+THEOREMS = {"adaptive_critic": Theorem(prove, STATES)}

@@ -1,0 +1,172 @@
+"""Theorem 6.3.1 on runs of the strut under fuzzy backstepping: its proof term by term.
+
+    ef' = Fd' - f - G xv,  H = -f/G = Th*'m + eps                                            (1)
+    ef' = -k1 ef + Gh (Th~'m + e) + w,  e = x7d - xv,  Gh: G as the law knows it             (2)
+    V   = ef^2/2 + |Th~|^2/(2 Gam)                                                           (3)
+    V'  = -k1 ef^2 + ef (Gh e + w) + kap |Gh ef| Th~'Th                                      (4)
+
+This is (9) of strut_backstepping.py for c = 0, which asks for the spool's e to be bounded: e' =
+-lam e, whatever ef does, but for what the filtered differences and the limits leave. f and G are
+the strut's own, of the true pressures and the true spool; Fd' is the difference quotient of Fd. w:
+eps, G against Gh, filtered against true derivatives, x7d at its limit. Gh e counts to |w|, and so
+does the part of the leak by which Gh is above its least value of the run. eps is looked for over
+states drawn from 1.25 times the ranges of the run. N, m, s. Source: Lewis, Campos, Selmic (SIAM
+2002), chapter 6.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
+from pcpc.plants.theorem import NoTheorem, Theorem, Told, fitted, inner, metric, rates_positive
+
+P_MIN_PA, DP_SMOOTH_PA, SPOOL_SMOOTH_M, PSI_MIN_PA, FLOOR = 1e5, 1e5, 1e-5, 1e4, 0.05
+RANGE, SCALES = 1.2, (0.1, 2.0, 10e6)
+COUNTS, WIDTHS = (3, 7, 7), (0.5, 0.2, 0.2)
+RULES, DRAWN, MARGIN, RIDGE = 147, 20_000, 1.25, 1e-4
+HYDRAULIC = 1.0
+
+
+@dataclass(frozen=True)
+class Strut:
+    """The strut's constants; methods take the states of n cycles."""
+
+    bore_m2: float
+    annulus_m2: float
+    orifice: float
+    valve: float
+    bulk_Pa: float
+    bulk_slope: float
+    supply_Pa: float
+    volume_m3: float
+
+    def stiffness(self, volume: Vector, pressure: Vector) -> Vector:
+        """Return B/V, Pa/m3."""
+        bulk = self.bulk_Pa + self.bulk_slope * np.maximum(pressure, P_MIN_PA)
+        return np.asarray(bulk / np.maximum(volume, FLOOR * self.volume_m3))
+
+    def gain(self, x3: Vector, p1: Vector, spool: Vector) -> Vector:
+        """Return G, N/(m s)."""
+        half = 0.5 * self.supply_Pa
+        psi = half + np.clip(spool / SPOOL_SMOOTH_M, -1.0, 1.0) * (half - p1)
+        open_by = self.valve * np.sqrt(np.maximum(psi, PSI_MIN_PA))
+        stiff = self.stiffness(self.volume_m3 + self.bore_m2 * x3, p1)
+        return np.asarray(self.bore_m2 * stiff * open_by)
+
+    def drift(self, x3: Vector, v3: Vector, p1: Vector, p2: Vector) -> Vector:
+        """Return f, N/s."""
+        dp = p1 - p2
+        leak = self.orifice * dp / (dp**2 + DP_SMOOTH_PA**2) ** 0.25
+        bore = self.stiffness(self.volume_m3 + self.bore_m2 * x3, p1) * (-self.bore_m2 * v3 - leak)
+        rod = self.stiffness(self.volume_m3 - self.annulus_m2 * x3, p2)
+        return np.asarray(
+            self.bore_m2 * bore - self.annulus_m2 * rod * (self.annulus_m2 * v3 + leak)
+        )
+
+
+def fired(x3: Vector, v3: Vector, dp: Vector) -> Vector:
+    """Return m (n, 147)."""
+    parts = []
+    for value, scale, count, width in zip((x3, v3, dp), SCALES, COUNTS, WIDTHS, strict=True):
+        seen = np.clip(value / scale, -RANGE, RANGE)[:, None]
+        mu = np.exp(-0.5 * ((seen - np.linspace(-1.0, 1.0, count)) / width) ** 2)
+        parts.append(mu / mu.sum(axis=1, keepdims=True))
+    return np.einsum("ni,nj,nk->nijk", *parts).reshape(len(x3), RULES)
+
+
+def eps_of(strut: Strut, states: list[Vector], spool: Vector, ideal: Vector) -> float:
+    """Return the largest G eps over states drawn from the ranges of the run, N/s."""
+    draw = np.random.default_rng(0)
+    rows = []
+    for one in states:
+        middle, half = 0.5 * (one.max() + one.min()), 0.5 * MARGIN * (one.max() - one.min())
+        rows.append(draw.uniform(middle - half, middle + half, DRAWN))
+    x3, v3, p1, p2 = rows
+    gain = strut.gain(x3, p1, draw.choice(np.sign(spool), DRAWN))
+    return float(
+        np.abs(-strut.drift(x3, v3, p1, p2) - gain * (fired(x3, v3, p1 - p2) @ ideal)).max()
+    )
+
+
+def prove(told: Told) -> Proof:
+    """Return the proof of a run; NoTheorem for another strut."""
+    if told.setting("plant:car.strut") != HYDRAULIC:
+        raise NoTheorem("the strut of this rig is not the hydraulic one")
+    strut = Strut(*(told.setting(f"plant:car.h_{name}") for name in Strut.__annotations__))
+    k1, kap, lam, limit = (
+        told.law(name) for name in ("k1_per_s", "kap_per_m", "lam_per_s", "spool_max_m")
+    )
+    gam, period = metric(told.law("gam_m2_N2")), told.period_s
+    x3, p1, p2, spool = (
+        told.column(f"plant:car.{name}") for name in ("extension_m", "p1_Pa", "p2_Pa", "spool_m")
+    )
+    v3 = told.column("plant:car.body_rate_m_s") - told.column("plant:car.wheel_rate_m_s")
+    wanted = told.column("executive:controller.wanted_spool_m")
+    before = told.run["executive:controller.wanted_spool_m"][:-1]
+    force, desired = told.column("plant:car.strut_N"), told.column("executive:controller.desired_N")
+    ef, e = desired - force, wanted - spool
+    gain, known = strut.gain(x3, p1, spool), strut.gain(x3, p1, before)
+    drift = strut.drift(x3, v3, p1, p2)
+    ef_rate = (told.after(desired) - desired) / period - drift - gain * spool
+
+    theta = told.used("executive:controller.theta", RULES)
+    m = told.array("executive:controller.fired", RULES)
+    ideal = fitted(m, (-drift / gain)[:, None], RIDGE)[:, 0]
+    lacks = ideal - theta
+    rest = ef_rate + k1 * ef - known * (e + inner(lacks, m))
+    leak, least = inner(lacks, theta), float(known.min())
+    norm, error = float(np.linalg.norm(ideal)), np.abs(ef)
+    apart = known * e + rest
+    eps = eps_of(strut, [x3, v3, p1, p2], spool, ideal)
+    beside = np.abs(apart - known * (-drift / gain - m @ ideal)).max()
+    surplus = kap * (known - least)
+    e_rate = (told.after(e) - e)[:-1] / period + lam * e[:-1]
+    follows = float(np.linalg.norm(e_rate)) / max(lam * float(np.linalg.norm(e)), 1e-300)
+    return Proof(
+        theorem="Theorem 6.3.1",
+        error_is="|ef| [N]",
+        t_s=told.t_s,
+        v=0.5 * ef**2 + 0.5 * inner(lacks, lacks) / gam,
+        damping=k1 * ef**2,
+        terms={
+            "ef Gh e, the spool on its way": ef * known * e,
+            "ef w, what the rules do not cancel": ef * rest,
+            "leak of the rules": kap * np.abs(known * ef) * leak,
+        },
+        error=error,
+        weights=np.sqrt(inner(lacks, lacks)),
+        rest=np.abs(apart) + surplus * np.maximum(leak, 0.0),
+        constants=Constants(
+            damping=k1,
+            kappa=kap * least,
+            ideal=norm,
+            c0=float(eps + beside) + float(surplus.max()) * norm**2 / 4.0,
+            gamma=gam,
+        ),
+        asked=(
+            rates_positive(Gam=told.law("gam_m2_N2")),
+            Asked("leak kap above 0", kap > 0.0, f"kap {kap:g}", needed=True),
+            Asked(
+                "the rules are on",
+                told.law("fl_on") > 0.5 and told.law("exact_drift") < 0.5,
+                f"fl_on {told.law('fl_on'):g}, exact_drift {told.law('exact_drift'):g}",
+                needed=True,
+            ),
+            Asked(
+                "e' = -lam e",
+                follows < 0.01,
+                f"filters, limits and sampling add {100.0 * follows:.3g} % of lam e, rms",
+            ),
+            Asked(
+                "the spool's travel is enough",
+                bool((np.abs(wanted) < limit).all()),
+                f"x7d is at its limit in {100.0 * float(np.mean(np.abs(wanted) >= limit)):.3g} % "
+                "of the cycles",
+            ),
+        ),
+    )
+
+
+STATES = ("controller.theta_*", "controller.fired_*")
+THEOREMS = {"strut_backstepping": Theorem(prove, STATES)}
