@@ -58,7 +58,7 @@ class Own(Ports):
 class Settings(outer.Settings, Own):
     """Those of the desired force, its own, and the speed of learning."""
 
-    adaptation_rad_s = port("rad/s", "w_a (7)", None, 0.0, 1e3)
+    adaptation_rad_s = port("rad/s", "w_a (7)", None, 0.0, 1e4)
 
 
 class Parameters(outer.Parameters, Own):
