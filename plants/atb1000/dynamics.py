@@ -10,7 +10,7 @@
 
     f       = -D q' - K q - G_f + theta'^2 C q + tip d_t                                        (3)
     theta'' = (T_s - T_f - V_r - G_r + d_r + L d_t - m'f)/(Mrr - m'm),  q'' = f - m theta''     (4)
-    w_m'    = (tau_m - T_fm - T_s/N)/Jm - phi''                                                 (5)
+    w_m'    = (tau_m - T_fm - T_c - T_s/N)/Jm - phi''                                           (5)
         T_fm = (Tcm + mug |T_s|/N) tanh(w_m/wsm) + bm w_m
 
     E = (theta', q')M(theta', q')/2 + q'K q/2 + unb sin theta + 9.81 cos theta gamma'q
@@ -20,7 +20,7 @@ theta is inertial and positive up, th_m and w_m are relative to the hull, rel = 
 + on the hub and -T_s/N on the rotor. No algebraic loop: T_s and T_f depend on states only. (4)
 needs no matrix inverse because the modal block of M is 1. (6) is conserved when the hull rests and
 friction, damping, drive torque and disturbances are zero; the bristle's own energy is left out.
-T_s: gear.py, T_f: friction.py, tau_m: drive.py.
+T_s: gear.py, T_f: friction.py, tau_m: drive.py; T_c is added by rough.py, or 0.
 Source: assumed modes on a rotating clamped-free beam, with beam.py's modal data.
 """
 
@@ -48,7 +48,8 @@ def trunnion_friction(p: Any, s: Any, w: Any) -> tuple[float, float]:
     v = s.theta_rate_rad_s - w.pitch_rate_rad_s
     torque, bristle_rate = 0.0, 0.0
     if p.friction_model > 0.0:
-        g = friction.sliding(v, p.coulomb_Nm, p.breakaway_Nm, p.stribeck_rad_s)
+        scale = 1.0 + w.friction_rise
+        g = scale * friction.sliding(v, p.coulomb_Nm, p.breakaway_Nm, p.stribeck_rad_s)
         if p.friction_model > 1.0:
             torque, bristle_rate = friction.lugre(
                 v,
@@ -56,12 +57,12 @@ def trunnion_friction(p: Any, s: Any, w: Any) -> tuple[float, float]:
                 g,
                 p.sig0_Nm_rad,
                 p.sig1_Nms_rad,
-                p.sig2_Nms_rad,
+                scale * p.sig2_Nms_rad,
                 p.bristle_fade_rad_s,
                 w.step_s,
             )
         else:
-            torque = friction.stribeck(v, g, p.reverse_rad_s, p.sig2_Nms_rad)
+            torque = friction.stribeck(v, g, p.reverse_rad_s, scale * p.sig2_Nms_rad)
     return torque, bristle_rate
 
 
@@ -115,14 +116,20 @@ def barrel_acceleration(p: Any, s: Any, w: Any, torque: float, d: Any) -> None:
 
 
 @inline
-def rotor_acceleration(p: Any, s: Any, w: Any, gear_torque: float) -> float:
-    """Return w_m' of (5)."""
+def rotor_torque(p: Any, s: Any, w: Any, gear_torque: float) -> float:
+    """Return what turns the rotor in (5) but for T_c, N m."""
     load = gear_torque / p.gear_ratio
     coulomb = p.motor_coulomb_Nm + p.mesh_loss * abs(load)
     loss = friction.coulomb_viscous(
         s.motor_speed_rad_s, coulomb, p.motor_reverse_rad_s, p.motor_viscous_Nms_rad
     )
-    return (s.motor_torque_Nm - loss - load) / p.motor_inertia_kg_m2 - w.pitch_acc_rad_s2
+    return s.motor_torque_Nm - loss - load
+
+
+@inline
+def rotor_acceleration(p: Any, s: Any, w: Any, gear_torque: float) -> float:
+    """Return w_m' of (5) without T_c."""
+    return rotor_torque(p, s, w, gear_torque) / p.motor_inertia_kg_m2 - w.pitch_acc_rad_s2
 
 
 @inline

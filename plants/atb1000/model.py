@@ -5,11 +5,11 @@
                                           latch the input, then sample at t
 
 So a command computed from the samples of t_k, an input at the call of t_k+1, acts from t_k+1: one
-sample of delay. Classic Runge-Kutta over all 16 states with n whole steps of h = dt/n; hull motion
-and firing are functions of time, evaluated at h/2. Equations: dynamics.py; names and units:
-ports.py; nominal figures: parameters.yaml. At the start the barrel rests under gravity at theta0,
-the gear lies on the flank that carries the load, rotor and hub have no relative rate, and the drive
-holds.
+sample of delay, and `delay_samples` more. Classic Runge-Kutta over all 16 states with n whole steps
+of h = dt/n; hull motion and firing are functions of time, evaluated at h/2. Equations: dynamics.py;
+names and units: ports.py; nominal figures: parameters.yaml; what makes the world rougher: rough.py.
+At the start the barrel rests under gravity at theta0, the gear lies on the flank that carries the
+load, rotor and hub have no relative rate, and the drive holds.
 """
 
 from collections.abc import Iterable, Mapping
@@ -21,7 +21,7 @@ import numpy as np
 from pcpc.executive.laws.block import Block, Prepared, flat, inline, stage
 from pcpc.executive.laws.emath import clip, cos, sin, sincos, where
 from pcpc.plants.atb1000 import dynamics as dyn
-from pcpc.plants.atb1000 import hull
+from pcpc.plants.atb1000 import hull, rough
 from pcpc.plants.atb1000.beam import GRAVITY_M_S2, Beam, Tube, modal_data
 from pcpc.plants.atb1000.ports import (
     HULL_COMPONENTS,
@@ -34,6 +34,7 @@ from pcpc.plants.atb1000.ports import (
 )
 from pcpc.plants.noise import seeded
 from pcpc.plants.sensors import noisy
+from pcpc.plants.transport import DELAY_SIZE, delayed
 
 PI = 3.141592653589793
 WEIGHT = (1.0, 2.0, 2.0, 1.0)  # classic Runge-Kutta: of the slopes, over 6
@@ -61,15 +62,22 @@ def external(t: float, p: Any, x: Any) -> None:
 
 
 @inline
-def integrate(start: float, h: float, p: Any, x: Any) -> None:
-    """Advance the motion by steps of `h` from `start`, where the external inputs stand."""
+def integrate(start: float, h: float, rougher: float, p: Any, x: Any) -> None:
+    """Advance the motion by steps of `h` from `start`, where the external inputs stand.
+
+    `rougher` above 0: in the world of rough.py.
+    """
     s, k, total, between = flat(x.motion), flat(x.slope), flat(x.total), flat(x.between)
     for n in range(int(p.substeps)):
         for i in range(len(s)):
             total[i] = 0.0
             between[i] = s[i]
         for j in range(4):
+            if rougher > 0.0:
+                rough.surround(n, j, h, WEIGHT[j], REACH[j], p, x)
             dyn.derivative(p, x.between, x.external, x.slope)
+            if rougher > 0.0:
+                rough.brake(p, x)
             for i in range(len(s)):
                 total[i] += WEIGHT[j] * k[i]
                 between[i] = s[i] + REACH[j] * h * k[i]
@@ -122,18 +130,25 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     external(start, p, x)
     x.external.command_Nm = x.held_Nm
     x.external.step_s = dt / p.substeps
+    x.external.friction_rise, x.external.cogging_Nm = 0.0, 0.0
+    rougher = rough.switched(p)
     if t > 0.0:
-        integrate(start, x.external.step_s, p, x)
-        x.held_Nm = u.motor_command_Nm
+        integrate(start, x.external.step_s, rougher, p, x)
+        x.held_Nm = delayed(u.motor_command_Nm, p.delay_samples, x.sent_Nm)
+    if rougher > 0.0:
+        rough.situate(p, x.motion, x.world, x)
     sample_sensors(p, x, y)
     report_truth(p, x, y)
+    if rougher > 0.0:
+        rough.falsify(t, dt, p, x, y)
+        rough.account(p, x, y)
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
     """Return parameters and initial state for a control rate in Hz and a noise seed.
 
     Raises ValueError for a rate that does not divide the integrator's, a bore not inside the tube,
-    or a switch with an unknown value.
+    a switch with an unknown value, or a sample older than is remembered.
     """
     ratio = settings["integrator_hz"] / rate_hz
     if ratio != int(ratio) or ratio < 1.0:
@@ -149,6 +164,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
         known = (0.0, 1.0) if name == "fire" else (0.0, 1.0, 2.0)
         if settings[name] not in known:
             raise ValueError(f"{name} is {settings[name]}; expected one of {known}")
+    rough.check(settings, rate_hz)
     beam = modal_data(Tube(*(settings[field.name] for field in fields(Tube))))
     waves = hull_parameters(settings, 0.5 / settings["integrator_hz"])
     derived = {**beam_parameters(settings, beam), **waves, "substeps": ratio}
@@ -208,16 +224,20 @@ def initial_state(settings: Mapping[str, float], beam: Beam, seed: int) -> dict[
     flank = 0.5 * settings["gap_rad"] if load >= 0.0 else -0.5 * settings["gap_rad"]
     wind_up = flank + load / settings["ks_Nm_rad"]
     ratio = settings["gear_ratio"]
+    yielded = rough.yielded(settings, load)
     return {
         "x_theta_rad": settings["theta0_rad"],
         "x_q": q.tolist(),
-        "x_motor_angle_rad": float(ratio * (settings["theta0_rad"] - pitch + wind_up)),
+        "x_motor_angle_rad": float(ratio * (settings["theta0_rad"] - pitch - yielded + wind_up)),
         "x_motor_speed_rad_s": float(-ratio * pitch_rate),
         "x_motor_torque_Nm": load / ratio,
         "x_strain_ue": float(0.5e6 * settings["outer_m"] * beam.root @ q),
         "x_shaft_torque_Nm": load,
         "x_held_Nm": load / ratio,
         "rng": [v for channel in range(NOISY_CHANNELS) for v in seeded(seed, channel)],
+        "sent_Nm": [load / ratio] * DELAY_SIZE,
+        "world_hull_yield_rad": yielded,
+        **rough.begin(settings, seed, NOISY_CHANNELS),
     }
 
 

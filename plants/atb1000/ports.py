@@ -9,7 +9,9 @@ from pathlib import Path
 import yaml
 
 from pcpc.executive.laws.block import Ports, group, port
+from pcpc.plants.atb1000.rough_ports import Errors, Rough, Surroundings
 from pcpc.plants.noise import STREAM_SIZE
+from pcpc.plants.transport import DELAY_SIZE
 
 HULL_COMPONENTS = 24
 NOISY_CHANNELS = 6
@@ -61,6 +63,7 @@ class Direct(Ports):
     hull_rate_noise_rad_s = port("rad/s", "standard deviation", low=0.0, high=1.0)
     strain_noise_ue = port("ue", "standard deviation", low=0.0, high=1e3)
     torque_noise_Nm = port("N m", "standard deviation", low=0.0, high=1e3)
+    delay_samples = port("", "further age of the command, whole", 0.0, 0.0, DELAY_SIZE - 1.0)
 
 
 class _Derived(Ports):
@@ -87,7 +90,7 @@ class _Derived(Ports):
     hull_turn_sin = port("", "sin(omega h/2)", shape=HULL_COMPONENTS)
 
 
-class Parameters(_Derived, Direct):
+class Parameters(_Derived, Direct, Rough):
     """What the step knows of the plant."""
 
 
@@ -126,7 +129,7 @@ class _Given(Ports):
     hullrand_zeta = port("", "damping ratio of the shaping filter", low=0.01, high=10.0)
 
 
-class Settings(_Given, Direct):
+class Settings(_Given, Direct, Rough):
     """What a rig may set."""
 
 
@@ -158,10 +161,12 @@ class External(Ports):
     muzzle_force_N = port("N", "of the shot, d_t")
     command_Nm = port("N m", "in force")
     step_s = port("s", "of the integration")
+    friction_rise = port("", "of the trunnion's friction over the parameters', relative")
+    cogging_Nm = port("N m", "against the rotor")
 
 
-class States(Ports):
-    """The motion, the command in force, the noise, and what one step needs to work on."""
+class _Barrel(Ports):
+    """The states without the rougher world."""
 
     motion = group(Motion, "x_")
     held_Nm = port("N m", "motor torque command in force until the next tick", named="x_held_Nm")
@@ -171,6 +176,11 @@ class States(Ports):
     between = group(Motion, "between_", recorded=False)
     external = group(External, "external_", recorded=False)
     sines = port("", "sines, then cosines of the hull", shape=(2, HULL_COMPONENTS), recorded=False)
+    sent_Nm = port("N m", "commands on their way", shape=DELAY_SIZE, recorded=False)
+
+
+class States(_Barrel, Surroundings):
+    """The motion, the command in force, the noise, and what one step needs to work on."""
 
 
 class Inputs(Ports):
@@ -179,7 +189,7 @@ class Inputs(Ports):
     motor_command_Nm = port("N m", "newest valid motor torque command", default=0.0)
 
 
-class Outputs(Ports):
+class _Samples(Ports):
     """Ten sensors, then the truth."""
 
     encoder_rad = port("rad", "sensor: hub relative to the hull")
@@ -207,6 +217,10 @@ class Outputs(Ports):
     friction_torque_Nm = port("N m", "truth: trunnion friction, T_f")
     penetration_rad = port("rad", "truth: flank penetration, 0 in the gap")
     energy_J = port("J", "truth: kinetic, elastic and potential energy")
+
+
+class Outputs(_Samples, Errors):
+    """Ten sensors, then the truth, also of the rougher world."""
 
 
 def load_parameters(path: Path) -> dict[str, float]:

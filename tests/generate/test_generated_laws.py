@@ -32,11 +32,12 @@ assert _SPEC is not None and _SPEC.loader is not None
 golden = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(golden)
 RUNS = {name: (file, controller) for name, file, controller in golden.rigs()}
-A_RUN_OF_EACH_PLANT = {name.partition("/")[0]: name for name in RUNS}
+ROUGH = "atb1000/rough"  # a plant in parts that are off elsewhere
+A_RUN_OF_EACH_PLANT = {name.partition("/")[0]: name for name in RUNS if name != ROUGH}
 ODD = (float("nan"), float("inf"), -float("inf"), 0.0, -0.0, 5e-324, 1e308)
 
 
-@pytest.mark.parametrize("name", A_RUN_OF_EACH_PLANT.values())
+@pytest.mark.parametrize("name", [*A_RUN_OF_EACH_PLANT.values(), ROUGH])
 def test_a_golden_run_with_every_step_in_c_has_the_blessed_bits(name: str, tmp_path: Path) -> None:
     rig = load_rig(*RUNS[name])
     virtual = VirtualRun(rig, None, check=in_place(tmp_path, ["-O0"]))
@@ -80,7 +81,6 @@ def _inputs(seed: int, count: int) -> Iterator[np.ndarray[Any, Any]]:
         ("atb1000/hull", "super_twisting", "executive", "controller"),
         ("atb1000/hull", "pd_adaptive", "executive", "controller"),
         ("atb1000/hull", "lqg", "executive", "controller"),
-        ("deadzone_map/fuzzy-d01", "inverse", "executive", "controller"),
         ("telerobot/telerobot-u1", None, "local", "servo"),  # counts with what it receives
     ],
 )

@@ -334,7 +334,7 @@ def test_compiled_and_interpreted_steps_give_the_same_bits() -> None:
         [sys.executable, str(script)], env=environment, capture_output=True, text=True, check=True
     ).stdout.strip()
     compiled = trace()
-    assert len(compiled) == 20 * 2 * 8 * (Plant().x.size + Plant().y.size)
+    assert len(compiled) == 2 * 20 * 2 * 8 * (Plant().x.size + Plant().y.size)
     assert compiled == interpreted
 
 

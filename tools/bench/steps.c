@@ -496,7 +496,7 @@ static inline double available_torque(double command, double speed,
 
 #define GRAVITY 9.81
 #define TWO_PI 6.283185307179586
-enum { INTEGRATED = COUNT(motion), CHANNELS = 6, STREAM = 6 };
+enum { INTEGRATED = COUNT(motion), CHANNELS = 6, STREAM = 6, DELAY_SIZE = 8 };
 
 union state { struct motion m; double v[INTEGRATED]; };
 struct external {
@@ -724,6 +724,14 @@ static inline void integrate(double start, double h, const struct barrel_paramet
     }
 }
 
+static inline double delayed(double command, double samples, double *sent, int size)
+{
+    for (int i = size - 1; i > 0; i--)
+        sent[i] = sent[i - 1];
+    sent[0] = command;
+    return sent[(int)samples];
+}
+
 static inline void sample_sensors(const struct barrel_parameters *p, struct barrel_states *x,
                                   const struct external *w, struct barrel_outputs *y)
 {
@@ -780,7 +788,7 @@ void barrel(double t, double dt, double *p_, double *x_, double *u, double *y_)
     w.step_s = h;
     if (t > 0.0) {
         integrate(start, h, p, &x->s, &w, &sines);
-        x->rest.x_held_Nm = u[0];
+        x->rest.x_held_Nm = delayed(u[0], p->delay_samples, x->rest.sent_Nm, DELAY_SIZE);
     }
     sample_sensors(p, x, &w, y);
     report_truth(p, &x->s.m, &w, y);
