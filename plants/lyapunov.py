@@ -167,9 +167,13 @@ class Account:
 
     @cached_property
     def unexplained(self) -> float:
-        """The largest sum of `slope` - `proved` from the start on, over what is dissipated."""
+        """The largest sum of `slope` - `proved` from the start on, over what is dissipated.
+
+        Infinite where nothing is.
+        """
         gap = np.abs(np.cumsum((self.slope - self.proved) * self.period_s))
-        return float(gap.max(initial=0.0)) / max(self.dissipated, 1e-300)
+        largest = float(gap.max(initial=0.0))
+        return largest / self.dissipated if self.dissipated > 0.0 else math.inf
 
     @cached_property
     def late(self) -> Mask:

@@ -1,6 +1,6 @@
 """What a plant's theorem.py declares: the proofs of its laws, as functions of a run.
 
-    THEOREMS = {"friction_nn": Theorem(prove, ("controller.w1_*", "controller.v_*"))}
+    THEOREMS = {"friction_nn": Theorem(prove, ("controller.w1_*", "controller.v_*"), ("s_rate",))}
 
 by the rig's names of the laws. `prove(told)` returns a `Proof` (plants/lyapunov.py) or raises
 `NoTheorem` where the case is none of the theorem's. `states` are patterns of variables that no log
@@ -79,10 +79,15 @@ class Told:
 
 @dataclass(frozen=True)
 class Theorem:
-    """A proof, and the states that it needs beside what a log has."""
+    """A proof, the states that it needs beside what a log has, and the law's tuning rates.
+
+    `rates`: parameters of the block `block`, by which all that is tuned goes.
+    """
 
     prove: Callable[[Told], Proof]
     states: Sequence[str] = ()
+    rates: Sequence[str] = ()
+    block: str = "controller"
 
 
 def fitted(nodes: Vector, wanted: Vector, ridge: float = 1e-2) -> Vector:

@@ -119,3 +119,14 @@ def drawn(one: Motion) -> Motion:
     e_rate = r - one.lam * e
     q_d, rate_d, acc_d = one.q_d[rows], one.rate_d[rows], one.acc_d[rows]
     return Motion(q_d - e, rate_d - e_rate, q_d, rate_d, acc_d, one.lam)
+
+
+def accelerated(
+    told: Told, links: TwoLinks, q: Vector, v: Vector, width: float, torque: Vector | float = 0.0
+) -> Vector:
+    """Return q'' (n, 2) of (1) (2) of plants/two_link_arm.py under a torque, none by default."""
+    viscous = told.setting("plant:arm.viscous_Nms_rad")
+    coulomb = told.setting("plant:arm.coulomb_Nm")
+    slowed = times(links.coriolis(q, v), v) + links.gravity(q)
+    pull = torque - slowed - viscous * v - coulomb * np.tanh(v / width)
+    return np.asarray(np.linalg.solve(links.inertia(q), pull[:, :, None])[:, :, 0])

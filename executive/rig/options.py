@@ -88,6 +88,9 @@ def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys
     own, whole = list(_block_settings(document, config)), msgspec.to_builtins(config)
     if same := [setting for setting in own if setting.endswith(f".{name}")]:
         return f"; did you mean {' or '.join(same)}?"
+    begun = [setting for setting in own if setting.partition(".")[2].startswith(f"{name}_")]
+    if len(begun) == 1:  # kv for controller.kv_Nms_rad
+        return f"; did you mean {begun[0]}?"
     first, _, rest = name.partition(".")
     missing = first in ("local", "watchdog") and whole[first] is None  # sections on request
     if rest and (missing or whole.get(first) == {}):  # entries by name, and the rig has none

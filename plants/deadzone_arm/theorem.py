@@ -166,4 +166,4 @@ def prove(told: Told) -> Proof:
 
 
 STATES = tuple(f"controller.{name}_*" for name in ("w", "wi", "v", "v0", "vi", "v0i", "b", "s"))
-THEOREMS = {"deadzone_nn": Theorem(prove, STATES)}
+THEOREMS = {"deadzone_nn": Theorem(prove, STATES, ("t_rate", "s_rate"))}

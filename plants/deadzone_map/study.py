@@ -1,4 +1,4 @@
-"""The study of the map: PD and the fuzzy precompensator, known and unknown plants, delay, rates.
+"""The study of the map: PD, fuzzy precompensator, adaptive inverse; other plants, delay, rates.
 
 Errors of x2 over 10-30 s, k = 100..299; widths at the end. Every figure is exactly reproducible
 where the run does not diverge.
@@ -13,10 +13,11 @@ CHAPTER = 4
 TITLE = "Chapter 4.3: deadzone compensation with fuzzy logic, in discrete time"
 RIGS = Path(__file__).resolve().parent / "rigs"
 RIG_NAMES = ("fuzzy-d00", "fuzzy-d01", "fuzzy-d03")
-CONTROLLERS = ("pd", "fuzzy", "fuzzy_detuned")
+CONTROLLERS = ("pd", "fuzzy", "fuzzy_detuned", "inverse", "inverse_known")
 MODELS = {"cf 0.15": (), "cf exact": ("controller.model_c=0.1875",)}
 DELAYED = ("map.delay_samples=1.0",)
 ALPHAS = (0.01, 0.03, 0.1, 0.4)
+GAMS = (0.1, 0.25, 0.5, 1.0, 1.5)
 TRACES = (
     "executive:reference.now", "plant:map.x2", "executive:controller.command", "plant:map.tau",
     "executive:controller.d_plus", "executive:controller.d_minus",
@@ -56,6 +57,9 @@ def cases() -> Iterator[Case]:
         for alpha in ALPHAS:
             settings = (f"controller.alpha={alpha}",)
             yield Case("alpha", str(RIGS / f"{rig}.yaml"), "fuzzy", f"{alpha}", settings)
+        for gam in GAMS:
+            settings = (f"controller.gam={gam}",)
+            yield Case("gam", str(RIGS / f"{rig}.yaml"), "inverse", f"{gam}", settings)
 
 
 def keyed(results: Sequence[Result], group: str) -> dict[Key, Result]:
@@ -78,10 +82,10 @@ def shown(result: Result) -> str:
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    alphas = keyed(results, "alpha")
-    rows = [
-        [f"{alpha}", *(shown(alphas[rig, "fuzzy", f"{alpha}"]) for rig in RIG_NAMES[1:])]
-        for alpha in ALPHAS
+    rates = [
+        [f"{rate}", *(shown(keyed(results, group)[rig, law, f"{rate}"]) for rig in RIG_NAMES[1:])]
+        for group, law, of in (("alpha", "fuzzy", ALPHAS), ("gam", "inverse", GAMS))
+        for rate in of
     ]
     return "\n".join(
         (
@@ -89,8 +93,9 @@ def report(results: Sequence[Result]) -> str:
             main_table(keyed(results, "main"), EXPECTED),
             "\nThe same with one sample more of delay:\n",
             main_table(keyed(results, "delayed"), EXPECTED_DELAYED),
-            "\nLearning rates of `fuzzy`, cf 0.15:\n",
-            markdown(("alpha", "d = 0.1", "d = 0.3"), rows),
+            "\nLearning rates of `fuzzy`, then of `inverse`, cf 0.15:\n",
+            markdown(("alpha", "d = 0.1", "d = 0.3"), rates[: len(ALPHAS)]),
+            markdown(("gam", "d = 0.1", "d = 0.3"), rates[len(ALPHAS) :]),
         )
     )
 

@@ -200,4 +200,4 @@ def prove(told: Told) -> Proof:
 
 
 STATES = tuple(f"controller.{name}_*" for name in ("w1", "w2", "v", "phi"))
-THEOREMS = {"friction_nn": Theorem(prove, STATES)}
+THEOREMS = {"friction_nn": Theorem(prove, STATES, ("s_rate", "t_rate", "e_rate"))}

@@ -96,6 +96,7 @@ def test_a_plants_variable_may_be_watched() -> None:
         ("gap_rad=0.003", "did you mean barrel.gap_rad?"),
         ("barel.gap_rad=0.003", "did you mean barrel.gap_rad?"),
         ("kv_Nms_rad=3", "did you mean controller.kv_Nms_rad?"),
+        ("kv=3", "no such setting; did you mean controller.kv_Nms_rad?"),
         ("barel.frequency_hz=0.1", "no such setting"),
         ("frequency=1", "no such setting"),
     ],

@@ -81,6 +81,7 @@ def _inputs(seed: int, count: int) -> Iterator[np.ndarray[Any, Any]]:
         ("atb1000/hull", "super_twisting", "executive", "controller"),
         ("atb1000/hull", "pd_adaptive", "executive", "controller"),
         ("atb1000/hull", "lqg", "executive", "controller"),
+        ("deadzone_map/fuzzy-d01", "inverse", "executive", "controller"),
         ("telerobot/telerobot-u1", None, "local", "servo"),  # counts with what it receives
     ],
 )

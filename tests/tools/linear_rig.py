@@ -45,7 +45,8 @@ BA_DEF_DEF_ "GenMsgSendType" "Cyclic";
 """
 _EVERY = (128, 160, 161, 162, 288)
 LAWS = """\
-from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
+from pcpc.executive.laws.emath import floor
+from pcpc.executive.laws.block import Block, Nothing, Ports, group, port, stage
 
 class Gains(Ports):
     kp = port("", "proportional", None, -1e6, 1e6)
@@ -69,6 +70,34 @@ def pd(t: float, dt: float, p: Gains, x: Before, u: Sample, y: Command) -> None:
     y.side = 0.25 * e
     x.e = e
 
+class Ring(Ports):
+    past = port("", "commands by cycle", shape=16)
+
+class Late(Gains):
+    late = port("", "cycles", 0.0, 0.0, 15.0)
+
+class Kept(Before):
+    ring = group(Ring)
+
+@stage
+def late_pd(t: float, dt: float, p: Late, x: Kept, u: Sample, y: Command) -> None:
+    now = int(t / dt + 0.5)
+    e = u.target - u.position
+    x.ring.past[now % 16] = p.kp * e + p.kd * (e - x.e) / dt
+    y.command = x.ring.past[(now - int(p.late)) % 16]
+    x.e = e
+
+class Gate(Before):
+    slow = port("", "what an observer would know")
+    open = port("", "1 with authority")
+
+@stage
+def gated_pd(t: float, dt: float, p: Gains, x: Gate, u: Sample, y: Command) -> None:
+    e = u.target - u.position
+    x.slow += dt * (u.position - x.slow)
+    y.command = p.kp * e + p.kd * (e - x.e) / dt + x.open * x.slow
+    x.e = e
+
 class Target(Ports):
     target = port("", "where to go")
     rate_s = port("1/s", "how fast")
@@ -84,6 +113,7 @@ class Matrices(Ports):
     c = port("", "of the sample", shape=3)
     side_gain = port("", "of the other input", 0.0, -1e3, 1e3)
     bend = port("", "how much more a command above 0 does than one below", 0.0, 0.0, 1.0)
+    quantum = port("", "of the sample, 0 none", 0.0, 0.0, 1.0)
 
 class States(Ports):
     x = port("", "of the plant", shape=3)
@@ -111,9 +141,12 @@ def plant(t: float, dt: float, p: Matrices, x: States, u: Commands, y: Position)
     total = 0.0
     for i in range(3):
         total += p.c[i] * x.x[i]
+    if p.quantum > 0.0:
+        total = p.quantum * floor(total / p.quantum + 0.5)
     y.position = total
 
-PD, RAMP, PLANT = Block(pd), Block(ramp), Block(plant)
+PD, LATE, GATED = Block(pd), Block(late_pd), Block(gated_pd)
+RAMP, PLANT = Block(ramp), Block(plant)
 """
 
 
@@ -162,6 +195,8 @@ duration_s: 1.0
 controller: pd
 controllers:
   pd: {{law: "laws.py:PD", parameters: {{kp: {kp!r}, kd: {kd!r}}}}}
+  late: {{like: pd, law: "laws.py:LATE"}}
+  gated: {{like: pd, law: "laws.py:GATED"}}
 executive:
   node: EXEC
   blocks:

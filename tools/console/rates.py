@@ -14,10 +14,15 @@ def hz(text: str) -> float:
     return _scaled(text, "Hz", "500, 2kHz")
 
 
-def _scaled(text: str, unit: str, example: str) -> float:
+def frequency(text: str) -> float:
+    """Return the frequency that a text such as 0.5Hz says; also below 1 Hz."""
+    return _scaled(text, "Hz", "0.5, 20Hz", 1e-6)
+
+
+def _scaled(text: str, unit: str, example: str, least: float = 1.0) -> float:
     """Return a number above 0 with k or M and perhaps its unit behind it."""
     found = re.fullmatch(rf"([0-9]*\.?[0-9]+) ?([kM]?)(?:{unit})?", text)
     value = float(found[1]) * {"": 1.0, "k": 1e3, "M": 1e6}[found[2]] if found else 0.0
-    if not 1.0 <= value <= 1e9:
+    if not least <= value <= 1e9:
         raise argparse.ArgumentTypeError(f"expected a rate like {example}, got {text!r}")
     return value

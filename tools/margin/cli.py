@@ -13,7 +13,7 @@ def command(options: argparse.Namespace) -> int:
     rig = load_rig(options.rig, options.controller, options.set)
     settle_s = SETTLE_S if options.settle is None else options.settle
     found = of(
-        rig, options.loop, options.at or 0.0, options.method, options.amplitude, options.seed,
+        rig, options.loop, options.at_s or 0.0, options.method, options.amplitude, options.seed,
         settle_s, options.lowest,
     )  # fmt: skip
     if options.output is not None:

@@ -77,6 +77,20 @@ class CycleMap:
         kinds = [v.kind for role in self.roles for v in self.plans[role].table.variables]
         return np.flatnonzero([kind in _KEPT for kind in kinds])
 
+    def memories(self, role: Role) -> set[str]:
+        """Return the names of the states of a node's blocks."""
+        first, variables = self.first[role], self.plans[role].table.variables
+        names = self.names[first : first + len(variables)]
+        return {name for name, one in zip(names, variables, strict=True) if one.kind == "state"}
+
+    def own(self, flagged: NDArray[np.bool_]) -> int:
+        """Return the first place of those: a block's state before what only follows from one."""
+        kinds = [v.kind for role in self.roles for v in self.plans[role].table.variables]
+        order = [np.array([kind == own for kind in kinds]) & flagged for own in _KEPT]
+        return next(
+            (int(np.argmax(found)) for found in order if found.any()), int(np.argmax(flagged))
+        )
+
     def taken(self, loop: Loop) -> list[int]:
         """Return the places behind the cut of a loop: what is sent, and where it is received."""
         received = [self.place(role, f"rx.{loop.signal}") for role in loop.takers]
@@ -100,6 +114,17 @@ class CycleMap:
             if cut is not None and cut.role == role:
                 self.v[self.taken(cut)] = given
         self.k += 1
+
+    def advance_added(self, loop: Loop, added: float) -> float:
+        """Do a cycle, something added to what a loop sends; return what was sent."""
+        sent = 0.0
+        for role in self.roles:
+            self._node(role, self.k if role == "executive" else self.k + 1)
+            if loop.role == role:
+                self.v[self.taken(loop)] += added
+                sent = float(self.v[self.place(role, loop.sent)])
+        self.k += 1
+        return sent
 
     def _node(self, role: Role, k: int) -> None:
         v, t = self.v, k * self.dt

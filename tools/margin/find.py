@@ -9,12 +9,13 @@ import numpy as np
 from pcpc.drivers.errors import UserError
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.api.settings import settings
-from pcpc.tools.margin import linear, loops, measured, operating
+from pcpc.tools.margin import impulse, linear, loops, measured, operating
 from pcpc.tools.margin.margins import margins
 from pcpc.tools.margin.result import Margin, Response, Vector
 from pcpc.tools.rigs import find
 
 Method = Literal["both", "linearised", "measured"]
+Found = linear.Linear | impulse.Impulse
 SETTLE_S = 4.0
 _POINTS = 600
 _UNSTABLE = 1e-7  # beyond 1: what rounding of several poles at 1 does not reach
@@ -74,8 +75,13 @@ def of(
             found, notes = None, [f"not linearised: {error}"]
     own = None
     if lines is not None:
-        own = measured.measure(rig, cut, held, lines, settle_s)
-        notes += _of_measured(own, cut, notes)
+        try:
+            own = measured.measure(rig, cut, held, lines, settle_s)
+            notes += _of_measured(own, cut, notes if found is None else [])
+        except UserError as error:
+            if found is None:
+                raise
+            own, notes = None, [*notes, f"not measured: {error}"]
     return Margin(
         rig.config.rig, rig.config.controller, cut.signal, cut.unit, [one.signal for one in known],
         rate, held, found.command if found else own.command if own else np.nan,
@@ -103,7 +109,7 @@ def _check(
 
 
 def _linearised(
-    found: linear.Linear, rate: float, lowest: float, own: measured.Measured | None
+    found: Found, rate: float, lowest: float, own: measured.Measured | None
 ) -> Response:
     """Return the response at a grid, near the poles, and at the measured lines."""
     f = np.geomspace(lowest, 0.5 * rate, _POINTS)
@@ -130,12 +136,12 @@ def _near(pole: complex, rate: float) -> Vector:
     return np.asarray(abs(s.imag) + max(abs(s.real), 1e-6 * rate) * np.linspace(-6.0, 6.0, 49))
 
 
-def _of_linear(found: linear.Linear, rest: operating.Rest, cut: loops.Loop) -> list[str]:
+def _of_linear(found: Found, rest: operating.Rest, cut: loops.Loop) -> list[str]:
     """Return what has to be said of a linear loop; UserError if it has no margins."""
-    if not found.states and found.d == 0.0:
+    if not found.gains:
         what = f"{cut.signal} has no effect on itself: no gain around this loop at this point"
         raise UserError(f"{what}; --at, --set or --loop choose another")
-    largest = float(np.abs(found.closed()).max())
+    largest = float(np.abs(found.closed()).max(initial=0.0))
     if largest > 1.0 + _UNSTABLE:
         what = f"the closed loop is unstable: a pole at |z| = {largest:.6f}"
         raise UserError(f"{what}; a lower gain, or another --at or --set, may be stable")
@@ -144,6 +150,16 @@ def _of_linear(found: linear.Linear, rest: operating.Rest, cut: loops.Loop) -> l
         names = ", ".join(found.kinks[:4]) + (", ..." if len(found.kinks) > 4 else "")
         what = "two slopes meet here (play, friction, a limit), their mean was taken"
         notes.append(f"not differentiable in {names}: {what}")
+    if isinstance(found, impulse.Impulse):
+        what = "the loop is another map in every cycle (a delay line, a schedule)"
+        notes.append(f"{what}: found by {len(found.s)} cycles after an impulse, without poles")
+    for name, step in found.rounded.items():
+        what = f"{name} is rounded in the plant or a law, in steps of {step:.3g}"
+        notes.append(f"{what}: its slope is that from step to step")
+    if found.idle:
+        names = ", ".join(found.idle[:3]) + (", ..." if len(found.idle) > 3 else "")
+        what = "a gate, a dead band or a limit keeps them out of the loop at this point"
+        notes.append(f"no part of it: {names}; {what}")
     moved = float(rest.deviation[rest.cycle.place(cut.role, cut.sent)])
     if moved > 1e-6 * max(1.0, abs(found.command)):
         unit = f" {cut.unit}" if cut.unit else ""

@@ -5,7 +5,7 @@
 
 x: what a cycle takes over from the one before; v: what the plant is given in the place of the
 command u. Central differences; of x those are kept that v reaches and u sees, found by which
-differences are exactly 0: noise, scratch and clocks are none of them.
+differences are exactly 0: noise, scratch and clocks are none of them. Slopes: `slopes.py`.
 """
 
 from dataclasses import dataclass, field
@@ -14,19 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
+from pcpc.tools.margin import impulse, slopes
 from pcpc.tools.margin.cycle_map import CycleMap
 from pcpc.tools.margin.loops import Loop
 from pcpc.tools.margin.operating import Rest
 
 Vector = NDArray[np.float64]
-_STEP = 1e-6  # of a difference, times 1 or the value
 _CHANGES = 0.05  # of a response, from cycle to cycle
-_KINK = 0.02  # of a slope: how much its two sides may differ
+_FEW = 300  # states of a law that are looked at, though the command may not reach them
 
 
 @dataclass(frozen=True)
 class Linear:
-    """(1); `states` names x, `kinks` those whose two sides differ, `command` is u at rest."""
+    """(1); `states` names x, `kinks` those whose two sides differ, `command` is u at rest.
+
+    `rounded`: the steps of what is rounded inside a block; `idle`: memories of the law that the
+    command reaches or that reach it, but not both; `given`: all that the command reaches.
+    """
 
     a: NDArray[np.float64]
     b: Vector
@@ -36,6 +40,9 @@ class Linear:
     states: list[str]
     command: float
     kinks: list[str] = field(default_factory=list)
+    rounded: dict[str, float] = field(default_factory=dict)
+    idle: list[str] = field(default_factory=list)
+    given: frozenset[str] = frozenset()
 
     def response(self, f_hz: Vector) -> NDArray[np.complex128]:
         """Return L of (2) at the frequencies f, (n,)."""
@@ -51,30 +58,48 @@ class Linear:
         back = gain / (1.0 - gain * self.d)
         return np.linalg.eigvals(self.a + back * np.outer(self.b, self.c)).astype(complex)
 
+    @property
+    def gains(self) -> bool:
+        """Whether the command has an effect on itself."""
+        return bool(self.states) or self.d != 0.0
+
     def poles(self) -> NDArray[np.complex128]:
         """Return the poles z of the open loop."""
         return np.linalg.eigvals(self.a).astype(complex)
 
 
-def linearised(rest: Rest, loop: Loop) -> Linear:
-    """Return the open loop at the mean of the states: noise keeps none of them at rest."""
+def linearised(rest: Rest, loop: Loop) -> Linear | impulse.Impulse:
+    """Return the open loop at the mean of the states: noise keeps none of them at rest.
+
+    Where the next cycle has another one (a delay line that is looked up by time), its answer to
+    an impulse stands for it. UserError where there is neither.
+    """
     first = _differences(rest.cycle, loop)
     names = {name: place for place, name in enumerate(rest.cycle.names)}
     places = [names[name] for name in first.states] + rest.cycle.taken(loop)
     rest.cycle.v[places] = rest.mean[places]
     found = _differences(rest.cycle, loop)
+    start, k = rest.cycle.v.copy(), rest.cycle.k
     rest.cycle.advance()
-    _check_lasting(found, _differences(rest.cycle, loop), loop)
-    return found
+    second = _differences(rest.cycle, loop)
+    rest.cycle.v[:], rest.cycle.k = start, k
+    lasts = _lasts(found, second)
+    if lasts and found.given == second.given:
+        return found
+    try:
+        return impulse.answered(rest.cycle, loop)
+    except UserError:
+        if lasts and found.gains:
+            return found
+        raise
 
 
-def _check_lasting(first: Linear, second: Linear, loop: Loop) -> None:
-    """Raise UserError where the next cycle has another open loop."""
+def _lasts(first: Linear, second: Linear) -> bool:
+    """Return whether the next cycle has the same open loop."""
     f = np.geomspace(1e-4, 0.49, 40) / first.dt
     one, two = first.response(f), second.response(f)
-    if np.abs(one - two).max() > _CHANGES * (np.abs(one).max() + np.abs(two).max() + 1e-300):
-        what = "is another one in the next cycle: its laws look values up by time (a delay line, a"
-        raise UserError(f"the loop of {loop.signal} {what} schedule); --method measured can do it")
+    most = np.abs(one).max() + np.abs(two).max() + 1e-300
+    return bool(np.abs(one - two).max() <= _CHANGES * most)
 
 
 def _differences(cycle: CycleMap, loop: Loop) -> Linear:
@@ -83,45 +108,68 @@ def _differences(cycle: CycleMap, loop: Loop) -> Linear:
     sent = cycle.place(loop.role, loop.source)
     command = float(start[cycle.taken(loop)[0]])
 
-    def after(place: int | None, h: float) -> Vector:
-        """Return what a cycle makes of its start, one value of it changed; the command last."""
+    def after(moved: dict[int, float]) -> Vector:
+        """Return what a cycle makes of its start, some values of it changed; the command last."""
         cycle.v[:], cycle.k = start, k
-        if place is not None:
-            cycle.v[place] += h
-        cycle.advance(loop, command + h if place is None else command)
+        for j, h in moved.items():
+            if j < len(kept):
+                cycle.v[kept[j]] += h
+        cycle.advance(loop, command + moved.get(len(kept), 0.0))
         return np.append(cycle.v[kept], cycle.v[sent])
 
-    n = len(kept)
-    slopes, bent = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1), bool)
-    middle = after(None, 0.0)
-    noise = 1e-13 * (1.0 + np.abs(middle))
-    for j, place in enumerate([*kept.tolist(), None]):
-        x = command if place is None else start[place]
-        h = _STEP * max(1.0, abs(x))
-        up, down = after(place, h) - middle, middle - after(place, -h)
-        slopes[:, j] = (up + down) / (2.0 * h)
-        bent[:, j] = np.abs(up - down) > _KINK * np.abs(up + down) + noise
+    x = np.append(start[kept], command)
+    every = cycle.names
+    names = [*(every[place] for place in kept), "the command"]
+    memories = cycle.memories(loop.role)
+    state = np.array([name in memories for name in names[:-1]])
+    also = np.flatnonzero(state) if state.sum() <= _FEW else np.empty(0, np.int64)
+    found = slopes.slopes(after, x, len(kept), also)
+    rounded = _of_steps(after, x, found, names)
     cycle.v[:], cycle.k = start, k
-    return _reduced(cycle, kept, slopes, bent, command)
+    return _reduced(found, names, state, rounded, command, cycle.dt)
+
+
+def _of_steps(
+    after: slopes.Map, x: Vector, found: slopes.Slopes, names: list[str]
+) -> dict[str, float]:
+    """Put the slopes of what is rounded in the place of differences; return their steps by name."""
+    given, seen = _linked((found.slopes != 0.0) | found.rounded)
+    own = np.append(given, True)  # others, as what draws noise, are none of the loop's
+    rounded, columns, told = found.rounded & own, np.flatnonzero(own), dict[str, float]()
+    for i in np.flatnonzero(rounded.any(axis=1) & np.append(seen, True)).tolist():
+        one = slopes.steps(after, x, i, np.flatnonzero(rounded[i]))
+        if one is None:
+            continue
+        found.slopes[i] = slopes.row(after, x, i, one, columns)
+        found.bent[i] = False
+        told[names[i]] = abs(float(one.size))
+    return told
 
 
 def _reduced(
-    cycle: CycleMap, kept: NDArray[np.int64], slopes: NDArray[np.float64], bent: NDArray[np.bool_],
-    command: float,
+    found: slopes.Slopes, names: list[str], state: NDArray[np.bool_], rounded: dict[str, float],
+    command: float, dt: float,
 ) -> Linear:  # fmt: skip
     """Return what of the differences lies between what is given and the command."""
-    linked = slopes != 0.0
-    a, b, c = linked[:-1, :-1], linked[:-1, -1], linked[-1, :-1]
-    inside = _reached(a, b) & _reached(a.T, c)
-    rows = np.flatnonzero(inside)
-    names = cycle.names
-    full = np.append(rows, len(kept))
-    own = bent[np.ix_(full, full)]
-    at = [*(names[kept[i]] for i in rows), "the command"]
+    linked = found.slopes != 0.0
+    given, seen = _linked(linked)
+    rows = np.flatnonzero(given & seen)
+    own = np.ix_(full := np.append(rows, len(given)), full)
+    slope, bent = found.slopes[own], found.bent[own].any(axis=0)
+    at = [names[i] for i in full]
+    idle = np.flatnonzero(np.diagonal(linked)[:-1] & state & (given != seen))
     return Linear(
-        slopes[np.ix_(rows, rows)], slopes[rows, -1], slopes[-1, rows], float(slopes[-1, -1]),
-        cycle.dt, at[:-1], command, [at[i] for i in np.flatnonzero(own.any(axis=0))],
+        slope[:-1, :-1], slope[:-1, -1], slope[-1, :-1], float(slope[-1, -1]), dt, at[:-1],
+        command, [at[i] for i in np.flatnonzero(bent)],
+        {name: q for name, q in rounded.items() if name in at}, [names[i] for i in idle],
+        frozenset(names[i] for i in np.flatnonzero(given)),
     )  # fmt: skip
+
+
+def _linked(linked: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which states what is given reaches, and which of them the command sees."""
+    a, b, c = linked[:-1, :-1], linked[:-1, -1], linked[-1, :-1]
+    return _reached(a, b), _reached(a.T, c)
 
 
 def _reached(a: NDArray[np.bool_], first: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -95,20 +95,22 @@ def at_rest(plans: dict[Role, Plan], values: Mapping[str, float], settle_s: floa
     """Return what a rig comes to. UserError if it leaves all bounds."""
     cycle = CycleMap(plans)
     cycle.begin(dict(values))
+    began = cycle.v.copy()
     half = max(round(0.5 * settle_s / cycle.dt), 1)
     total, squares = np.zeros_like(cycle.v), np.zeros_like(cycle.v)
     with np.errstate(all="ignore"):
         for _ in range(half):
             cycle.advance()
         first = cycle.v.copy()
+        live = np.abs(began) < _WILD  # others mark what is empty
         for _ in range(half):
             cycle.advance()
-            moved = cycle.v - first
+            moved = np.where(live, cycle.v - first, 0.0)
             total += moved
             squares += moved * moved
-    wild = ~(np.abs(cycle.v) < _WILD)
+    wild = ~(np.abs(cycle.v) < _WILD) & live
     if wild.any():
-        name = cycle.names[int(np.argmax(wild))]
+        name = cycle.names[cycle.own(wild)]
         what = f"the closed loop is unstable: {name} leaves all bounds within {settle_s:g} s"
         raise UserError(f"{what}; a lower gain or another --at or --set may be stable")
     mean = total / half

@@ -1,0 +1,101 @@
+"""The theorem of chapter 4.3 on runs of the map behind a deadzone: exact, from step to step.
+
+    r+ = Kv r - X'd~ + w,  d~ = D - d                                                        (1)
+    d+ = d - alpha X r+ - Gam d,  |X| = 1                                                    (2)
+    V  = r^2/2 + |d~|^2/(2 alpha)                                                            (3)
+    V+ - V = -[r^2/2 - (1 - Gam) Kv r r+ + (1 - alpha - 2 Gam) r+^2/2]
+             + (1 - Gam) r+ w + Gam r+ X'D + (1 - Gam/2) (Gam/alpha) d~'d
+             + Gam^2 D'd/(2 alpha)                                                           (4)
+
+by (1) (2) without a rest, for alpha below 1, where the norm in the law's decay is 1. D, the true
+widths, are the ideal weights. w: F against what the law knows of it, and what the deadzone does to
+a command that does not leave it, at most the true width. The error of a step is that after it, r+;
+K = (1 - alpha - 2 Gam - (1 - Gam)^2 Kv^2)/2. The last term counts for |d| up to 2 |D|. Source:
+Lewis, Campos, Selmic (SIAM 2002), chapter 4.3.
+"""
+
+import numpy as np
+
+from pcpc.plants.lyapunov import Asked, Constants, Proof
+from pcpc.plants.theorem import Theorem, Told, inner, rates_positive, size
+
+MARGIN = 1.25  # of the range that w is looked for in, over that of the run
+STATE = "executive:controller."
+
+
+def prove(told: Told) -> Proof:
+    """Return the proof of a run."""
+    kv, lam, known, alpha, gam = (
+        told.law(name) for name in ("kv", "lam", "model_c", "alpha", "gam")
+    )
+    rate = abs(alpha) or 1.0
+    true, width = told.setting("plant:map.c"), told.setting("plant:map.d")
+    x1, x2 = told.column("plant:map.x1"), told.column("plant:map.x2")
+    x_d = told.run["executive:reference.now"]
+    before, now = x_d[:-1], x_d[1:]
+    r = x2 - now + lam * (x1 - before)
+    after = told.after(r)
+    d = np.stack((told.column(f"{STATE}width_plus"), told.column(f"{STATE}width_minus")), axis=1)
+    x = np.stack((told.column(f"{STATE}fired_plus"), told.column(f"{STATE}fired_minus")), axis=1)
+    lacks = width - d
+    tau_d, command = told.column(f"{STATE}tau_d"), told.column(f"{STATE}command")
+    acts = told.after(told.column("plant:map.tau"))
+    bend = (known - true) * x1 / (1.0 + x2**2)
+    w = bend + acts - tau_d + inner(x, lacks)
+    ideal = width * np.ones_like(d)
+    fired = inner(x, ideal)
+    error = np.abs(after)
+    damping = 0.5 * (1.0 - alpha - 2.0 * gam - ((1.0 - gam) * kv) ** 2)
+    norm = float(np.sqrt(2.0)) * width
+    rest = (1.0 - gam) * w + gam * fired
+    reach = MARGIN * float(np.abs(x1).max())
+    inside = np.abs(command) < width
+    return Proof(
+        theorem="theorem of chapter 4.3",
+        error_is="|r| after the step",
+        t_s=told.t_s,
+        v=0.5 * r**2 + 0.5 * size(lacks) ** 2 / rate,
+        damping=0.5 * r**2
+        - (1.0 - gam) * kv * r * after
+        + 0.5 * (1.0 - alpha - 2.0 * gam) * after**2,
+        terms={
+            "r+ w, model and deadzone": (1.0 - gam) * after * w,
+            "forgetting of the widths": gam * after * fired
+            + (1.0 - 0.5 * gam) * (gam / rate) * inner(lacks, d)
+            + 0.5 * gam**2 * inner(ideal, d) / rate,
+        },
+        error=error,
+        weights=size(lacks),
+        rest=np.abs(rest),
+        extra=0.5 * gam**2 * np.maximum(inner(ideal, d), 0.0) / rate,
+        constants=Constants(
+            damping=damping,
+            kappa=(gam / rate) * (1.0 - 0.5 * gam),
+            ideal=norm,
+            c0=abs(known - true) * reach + (1.0 - gam) * width + gam * width,
+            gamma=rate,
+            leak="constant",
+            extra=gam**2 * norm**2 / rate,
+        ),
+        asked=(
+            rates_positive(alpha=alpha),
+            Asked("forgetting Gam above 0", gam > 0.0, f"Gam {gam:g}", needed=True),
+            Asked(
+                "Kv^2 < 1 - alpha, about",
+                damping > 0.0,
+                f"Kv {kv:g}, alpha {alpha:g}, K {damping:.3g}",
+                needed=True,
+            ),
+            Asked("the model is exact", known == true, f"c {true:g}, as known {known:g}"),
+            Asked(
+                "the command leaves the deadzone",
+                not inside.any(),
+                f"it does not in {100.0 * float(inside.mean()):.3g} % of the cycles",
+            ),
+        ),
+        ideal_by="the true widths",
+        step_s=1.0,
+    )
+
+
+THEOREMS = {"deadzone_fuzzy": Theorem(prove, (), ("alpha",))}
