@@ -37,6 +37,15 @@ class Case:
 
 SEED = "controller.network_seed=4711.0"
 CASES = {
+    "backlash_map": Case(
+        "backlash_map/backlash-map",
+        "nn",
+        (SEED, "map.d_plus=0.13", "duration_s=6.0"),
+        sampled=False,
+    ),
+    "backlash_pendulum": Case(
+        "backlash_pendulum/backlash-pendulum", "nn", (SEED, "duration_s=6.0")
+    ),
     "friction_arm": Case("friction_arm/friction-c", "nn_ramp", (SEED, "duration_s=6.0")),
     "deadzone_arm": Case(
         "deadzone_arm/deadzone-sine", "nn", (SEED, "duration_s=6.0", "rate_hz=2000.0")

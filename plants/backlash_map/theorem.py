@@ -1,0 +1,123 @@
+"""The theorem of chapter 5.3 on runs of the map behind a gap: exact, from step to step.
+
+    sg  = tt + c_r r,  sg+ = m W~'s + w                                                      (1)
+    w   = Y - m W*'s + g,  Y = tau_d+ - m (tau_d + step - Kb tt) + c_r r+,
+          |g| <= m (d+ - d-)/2: what play does to a command, in contact or not               (2)
+    W+  = W + alpha s sg+ - G W,  G = Gam |I - alpha s s'|                                   (3)
+    V   = sg^2/2 + m |W~|^2/(2 alpha)                                                        (4)
+    V+ - V = -[sg^2 + (1 - m alpha |s|^2) sg+^2]/2 + sg+ w
+             + (m G/alpha) W~'W - m G sg+ s'W + m G^2 |W|^2/(2 alpha)                        (5)
+
+by (1) and (3) without a rest; m: slope of the gap's flanks. W*'s fits Y/m by least squares over the
+run; `step`: the law's g. The error of a step is that after it, |sg+|; |s|^2 <= 11 for ten smooth
+nodes and one jump node gives K = (1 - 11 m alpha)/2. With (1), r+ = (Kv + c_r) r - sg: |r| is at
+most |sg|/(1 - |Kv + c_r|) after its transient. Source: Lewis, Campos, Selmic (SIAM 2002), chapter
+5.3.
+"""
+
+import numpy as np
+
+from pcpc.plants.lyapunov import Asked, Constants, Proof
+from pcpc.plants.theorem import Theorem, Told, fitted, inner, rates_positive, size
+
+NODES, JUMPS = 10, 2
+STATE = "executive:controller."
+
+
+def prove(told: Told) -> Proof:
+    """Return the proof of a run."""
+    lam, kv, kb, alpha, gam, cr = (
+        told.law(name) for name in ("lam", "kv", "kb", "alpha", "gamma", "cr")
+    )
+    rate, m = abs(alpha) or 1.0, told.setting("plant:map.slope")
+    gap = told.setting("plant:map.d_plus") - told.setting("plant:map.d_minus")
+    x1, x2, tau = (told.column(f"plant:map.{name}") for name in ("x1", "x2", "tau"))
+    x_d = told.run["executive:reference.now"]
+    r = x2 - x_d[1:] + lam * (x1 - x_d[:-1])
+    tau_d, foretold = told.column(f"{STATE}tau_d"), told.column(f"{STATE}foretold")
+    tt = tau_d - tau
+    sg = tt + cr * r
+    after = told.after(sg)
+    s = told.array(f"{STATE}s", 1 + NODES + JUMPS)[:, 1:]
+    w = told.array(f"{STATE}w", NODES + JUMPS)
+    wanted = told.after(tau_d) - m * (foretold - kb * tt) + cr * told.after(r)
+    ideal = fitted(s[:-1], wanted[:-1, None] / m)[:, 0]
+    lacks, square = ideal - w, inner(s, s)
+    rest = after - m * inner(lacks, s)
+    forgets = gam * np.maximum(1.0, np.abs(1.0 - alpha * square))
+    leak = (
+        (m / rate) * forgets * inner(lacks, w)
+        - m * forgets * after * inner(s, w)
+        + 0.5 * m * forgets**2 * inner(w, w) / rate
+    )
+    kappa = m * gam / rate
+    extra = np.maximum(leak - kappa * inner(lacks, w), 0.0)
+    damping = 0.5 * (1.0 - m * alpha * (NODES + 1.0))
+    eps = float(np.abs(wanted - m * (s @ ideal))[:-1].max())
+    command, limit = told.column(f"{STATE}command"), told.law("u_max")
+    resting = told.after(tau) == tau
+    contracts = 1.0 - abs(kv + cr)
+    late = told.t_s >= told.t_s[len(told.t_s) // 2]
+    reach = float(np.abs(sg[late]).max()) / max(contracts, 1e-9)
+    return Proof(
+        theorem="theorem of chapter 5.3",
+        error_is="|tt + c_r r| after the step",
+        t_s=told.t_s,
+        v=0.5 * sg**2 + 0.5 * m * size(lacks) ** 2 / rate,
+        damping=0.5 * sg**2 + 0.5 * (1.0 - m * alpha * square) * after**2,
+        terms={"sg+ w, prediction and gap": after * rest, "forgetting of the weights": leak},
+        error=np.abs(after),
+        weights=size(lacks),
+        rest=np.abs(rest),
+        extra=extra,
+        constants=Constants(
+            damping=damping,
+            kappa=kappa,
+            ideal=float(np.linalg.norm(ideal)),
+            c0=eps + 0.5 * m * gap,
+            gamma=rate / m,
+            leak="constant",
+            extra=float(extra.max()),
+        ),
+        asked=(
+            rates_positive(alpha=alpha),
+            Asked("forgetting Gam above 0", gam > 0.0, f"Gam {gam:g}", needed=True),
+            Asked(
+                "the network is on",
+                told.law("network_on") > 0.5,
+                f"network_on {told.law('network_on'):g}",
+                needed=True,
+            ),
+            Asked(
+                "11 m alpha < 1, |Kv + c_r| < 1",
+                damping > 0.0 and contracts > 0.0,
+                f"K {damping:.3g}, Kv + c_r {kv + cr:.3g}",
+                needed=True,
+            ),
+            Asked(
+                "the model is exact",
+                told.law("model_c") == told.setting("plant:map.c"),
+                f"c {told.setting('plant:map.c'):g}, as known {told.law('model_c'):g}",
+            ),
+            Asked(
+                "the gap is never open",
+                not resting.any(),
+                f"tau rests in {100.0 * float(resting.mean()):.3g} % of the cycles",
+            ),
+            Asked(
+                "u is not limited",
+                bool((np.abs(command) < limit).all()),
+                f"|u| up to {np.abs(command).max():.3g} of {limit:g}",
+            ),
+            Asked(
+                "|r| <= |tt + c_r r|/(1 - |Kv + c_r|) in the second half",
+                float(np.abs(r[late]).max()) <= reach,
+                f"{np.abs(r[late]).max():.3g} of {reach:.3g}",
+            ),
+        ),
+        step_s=1.0,
+    )
+
+
+STATES = ("controller.w_*", "controller.s_*")
+THEOREMS = {"backlash_nn_discrete": Theorem(prove, STATES, ("alpha",))}
