@@ -171,7 +171,15 @@ class Account:
 
         Infinite where nothing is.
         """
-        gap = np.abs(np.cumsum((self.slope - self.proved) * self.period_s))
+        return self._apart(self.proved)
+
+    @cached_property
+    def unnamed(self) -> float:
+        """As `unexplained`, less what is `beyond` the theorem by a cause that is known."""
+        return self._apart(self.proved + sum(v[:-1] for v in self.proof.beyond.values()))
+
+    def _apart(self, slope: Vector) -> float:
+        gap = np.abs(np.cumsum((self.slope - slope) * self.period_s))
         largest = float(gap.max(initial=0.0))
         return largest / self.dissipated if self.dissipated > 0.0 else math.inf
 
@@ -239,7 +247,7 @@ class Account:
                 "V follows its identity",
                 finite and self.unexplained <= UNEXPLAINED,
                 f"{100.0 * self.unexplained:.2g} % of the dissipation not explained, "
-                f"{100.0 * UNEXPLAINED:.0f} % allowed",
+                f"{100.0 * UNEXPLAINED:.0f} % allowed" + self._named(),
             ),
             Check(
                 "ultimate bound of the error",
@@ -252,6 +260,12 @@ class Account:
                 f"{late_weights:.3g} of {self.own.weights:.3g}",
             ),
         ]
+
+    def _named(self) -> str:
+        if not self.proof.beyond or self.unexplained <= UNEXPLAINED:
+            return ""
+        causes = "; ".join(self.proof.beyond)
+        return f"; {100.0 * self.unnamed:.2g} % without {causes}"
 
     @property
     def holds(self) -> bool:

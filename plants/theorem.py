@@ -124,6 +124,11 @@ def read_out(w: Vector, nodes: Vector) -> Vector:
     return np.einsum("nkm,nk->nm", w, nodes)
 
 
+def stepped(before: Vector, after: Vector, rate: float, period_s: float) -> Vector:
+    """Return what steps of some weights add to V' in second order: |dZ|^2/(2 rate T)."""
+    return size(after - before) ** 2 / (2.0 * rate * period_s)
+
+
 def metric(rate: float) -> float:
     """Return what V divides |Z~|^2 by: the size of a tuning rate, 1 for a rate of 0."""
     return abs(rate) or 1.0

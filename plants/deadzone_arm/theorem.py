@@ -29,6 +29,7 @@ from pcpc.plants.theorem import (
     metric,
     rates_positive,
     size,
+    stepped,
 )
 from pcpc.plants.two_link_theory import TwoLinks, motion, times
 
@@ -115,6 +116,10 @@ def prove(told: Told) -> Proof:
     rest = w_d - tau + np.sum(w_lacks * b, axis=2) * y - np.sum(wi_lacks * s, axis=2) * seen_slope
 
     error, norm = size(r), size(wi)
+    done_w = told.array(f"{state}w", JOINTS, ROOM)[:, :, :nodes]
+    done_wi = told.array(f"{state}wi", JOINTS, ROOM + JUMPS)[:, :, keep]
+    steps = stepped(w, done_w, s_rate, told.period_s)
+    steps += stepped(wi, done_wi, t_rate, told.period_s)
     further = norm * inner(wi_lacks, wi)
     outer, wide = float(np.linalg.norm(w_ideal)), float(np.linalg.norm(wi_ideal))
     low, high = links.inertia_range()
@@ -132,6 +137,7 @@ def prove(told: Told) -> Proof:
             "leak of the weights": error
             * (k1 * (inner(w_lacks, w) + inner(wi_lacks, wi)) + k2 * further),
         },
+        beyond={"the steps of the tuning": steps},
         error=error,
         weights=np.sqrt(size(w_lacks) ** 2 + size(wi_lacks) ** 2),
         rest=size(rest) + k2 * np.maximum(further, 0.0),

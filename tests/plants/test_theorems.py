@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.lyapunov import Account, Check
+from pcpc.plants.lyapunov import UNEXPLAINED, Account, Check
 from pcpc.tools.bounds import of_rig, theorem_of
 from pcpc.tools.bounds.retuned import retuned
 
@@ -37,6 +37,7 @@ class Case:
 
 SEED = "controller.network_seed=4711.0"
 CASES = {
+    "atb1000": Case("atb1000/lowspeed", "pd_nn_fast", (SEED, "duration_s=8.0")),
     "backlash_map": Case(
         "backlash_map/backlash-map",
         "nn",
@@ -81,6 +82,14 @@ def test_dead_flipped_and_hasty_tuning_violate_it(case: Case, factor: float) -> 
     account = case.account(factor)
     names = [check.name for check in violated(account)]
     assert "V follows its identity" in names, account.unexplained
+
+
+def test_where_the_barrel_violates_its_proof_all_of_it_has_a_named_cause() -> None:
+    """Dead tuning has none: what a rig is excused for does not excuse it."""
+    case = Case("atb1000/hull", "pd_nn_fast", (SEED, "duration_s=5.0", "seed=4711"))
+    alive, dead = case.account(), case.account(0.0)
+    assert alive.unexplained > UNEXPLAINED and not alive.holds
+    assert alive.unnamed < 1e-9 < 0.5 < dead.unnamed, (alive.unnamed, dead.unnamed)
 
 
 @pytest.mark.parametrize(
