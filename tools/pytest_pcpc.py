@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 _RUNS = pytest.StashKey[list[tuple[str, Path]]]()
 _PROBE_S, _LATE_S = 0.3, 0.002
 _WAKE_S = 0.001
+_REASON = 200  # characters of a failure that is named with a repeated test
 _REPEATED = "pcpc, paced"
 
 
@@ -169,6 +170,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
     if any(report.failed for report in reports) and (why := _cannot_keep_time()):
+        why += f"; {_first_failure(reports)}"
         item.stash[_RUNS] = []
         item.session._setupstate.teardown_exact(None)  # what the module shares begins anew too
         item._initrequest()  # type: ignore[attr-defined]  # as a test that has not run
@@ -181,8 +183,18 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     return True
 
 
+def _first_failure(reports: list[Any]) -> str:
+    """Return where and why the test failed before it was repeated, in a line."""
+    failed = next(report for report in reports if report.failed)
+    crash = getattr(failed.longrepr, "reprcrash", None)
+    if crash is None:
+        return f"its {failed.when} failed"
+    reason = (crash.message.splitlines() or [""])[0]
+    return f"it had failed at {Path(crash.path).name}:{crash.lineno}: {reason[:_REASON]}"
+
+
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Name the tests that were repeated, so that none is repeated for ever unseen."""
+    """Name the tests that were repeated and why, so that none is repeated for ever unseen."""
     found = {
         f"{report.nodeid}: {text}"
         for reports in terminalreporter.stats.values()

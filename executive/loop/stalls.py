@@ -30,9 +30,7 @@ def stand_still(n: Any) -> None:
     """Let a period pass in a stall on purpose: what comes is not worked on, nothing is sent."""
     if not paced(n):
         receive(n)
-        n.rx.started = 0
-        for row in range(n.rx.n):
-            n.rx.state[row, e2e.FRESH] = 0
+        forget(n)
     stalled, n.faults.stalled = n.faults.stalled, 0
     tune(n)
     n.faults.stalled = stalled + 1 + n.clock.behind
@@ -40,6 +38,14 @@ def stand_still(n: Any) -> None:
     n.k += 1
     n.clock.deadline += n.clock.period_ns
     n.control[sh.SKIPPED] += 1
+
+
+@loop_inline
+def forget(n: Any) -> None:
+    """Take nothing that came in this period for new in the next."""
+    n.rx.started = 0
+    for row in range(n.rx.n):
+        n.rx.state[row, e2e.FRESH] = 0
 
 
 @loop_inline

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e, e2e_states, error_frames
+from pcpc.drivers import e2e_states, error_frames
 from pcpc.drivers.jit import f8, i8, loop, loop_function, u1
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, STRANGER
@@ -36,6 +36,7 @@ from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.injection import any_on, count_down, peer_stalled
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.sending import request_first_sample
+from pcpc.executive.loop.stalls import forget
 from pcpc.executive.loop.variables import COUNTED, STATE
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
@@ -141,15 +142,6 @@ def hear(n: Any, frame: Any) -> None:
         take_frame(n)
 
 
-@loop_function
-def overslept(n: Any) -> None:
-    """Forget what came in a period in which the node stood still, as `loop.stalls` does."""
-    if not paced(n):
-        n.rx.started = 0
-        for row in range(n.rx.n):
-            n.rx.state[row, e2e.FRESH] = 0
-
-
 @loop(i8(N, STEPS, i8[:, ::1], u1[:, ::1], i8[::1], i8[::1], i8[::1], f8[::1], i8[::1], f8[:, ::1]))
 def recompute(
     n: Any, steps: Any, rows: Any, frames: Any, heard: Any, times: Any, tuned: Any, values: Any,
@@ -176,7 +168,8 @@ def recompute(
             while frame < rows[i, FRAMES_END] and heard[frame] <= k:
                 hear(n, frames[frame])
                 frame += 1
-            overslept(n)
+            if not paced(n):
+                forget(n)
             count_down(n, 1)
             while tuning < rows[i, TUNINGS_END] and times[tuning] <= k:
                 n.v[tuned[tuning]] = values[tuning]

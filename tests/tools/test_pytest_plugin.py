@@ -97,6 +97,7 @@ def test_a_paced_test_is_repeated_once_if_the_machine_cannot_keep_time(
     result.assert_outcomes(**{"passed": 1} | ({"passed": 2} if why else {outcome: 1}))
     named = [line for line in result.stdout.lines if "::test_it: repeated once: a sleep" in line]
     assert len(named) == bool(why), result.stdout.str()
+    assert all("; it had failed at test_" in line and ": assert 1 == 2" in line for line in named)
 
 
 def test_rigs_run_side_by_side_each_on_a_bus_of_its_own(pytester: pytest.Pytester) -> None:
