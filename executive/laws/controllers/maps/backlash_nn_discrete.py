@@ -99,11 +99,9 @@ def tune(drive: float, alpha: float, gamma: float, s: Any, w: Any) -> None:
         w[j] += alpha * s[1 + j] * drive - leak * w[j]
 
 
-@stage
-def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
-    """One step of the map; see the module header."""
-    map_pd.desired(p, u, y)
-    going = map_pd.sound(p, x, y)
+@inline
+def inverted(p: Any, going: bool, u: Any, x: Any, y: Any) -> float:
+    """Return u(k+1) (3) for the tau_d and r in `y`; tune (6), and write all but the command."""
     tt = y.tau_d - u.tau  # (1)
     first = x.started < 0.5
     if p.network_on > 0.5 and going and not first:
@@ -121,12 +119,19 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     x.s[1 + NODES] = where(jumps & (tt > 0.0), 1.0, 0.0)
     x.s[2 + NODES] = where(jumps & (tt < 0.0), 1.0, 0.0)
     y.network = where(p.network_on > 0.5, output_from(1, x.s, x.w), 0.0)
-    command = clip(-p.kb * tt + y.foretold + y.network, -p.u_max, p.u_max)  # (3)
-
-    y.command = where(going, command, 0.0)
-    y.ahead = 1.0
     y.tau_error = tt
     y.norm_w = sqrt(square_sum(x.w, 0))
+    return clip(-p.kb * tt + y.foretold + y.network, -p.u_max, p.u_max)  # (3)
+
+
+@stage
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+    """One step of the map; see the module header."""
+    map_pd.desired(p, u, y)
+    going = map_pd.sound(p, x, y)
+    command = inverted(p, going, u, x, y)
+    y.command = where(going, command, 0.0)
+    y.ahead = 1.0
 
 
 BLOCK = Block(step, settings=Settings, prepare=prepare)

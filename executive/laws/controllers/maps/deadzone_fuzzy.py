@@ -97,6 +97,17 @@ def tune(alpha: float, gam: float, r: float, x: Any) -> None:
     x.width_minus = x.width_minus - alpha * x.fired_minus * r - leak * x.width_minus
 
 
+@inline
+def compensated(p: Any, good: Any, x: Any, y: Any) -> float:
+    """Tune (7), and return u (5) of the tau_d and r in `y`; write both widths."""
+    tune(where(good, p.alpha, 0.0), where(good, p.gam, 0.0), y.r, x)
+    x.fired_plus = where(y.tau_d >= 0.0, 1.0, 0.0)  # (4)
+    x.fired_minus = where(y.tau_d >= 0.0, 0.0, -1.0)
+    y.d_plus = x.width_plus
+    y.d_minus = x.width_minus
+    return y.tau_d + x.width_plus * x.fired_plus + x.width_minus * x.fired_minus  # (5)
+
+
 @stage
 def pd_step(t: float, dt: float, p: Gains, x: Guard, u: Inputs, y: Outputs) -> None:
     """One tick of (1) to (3) alone."""
@@ -109,13 +120,8 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: FuzzyOutpu
     """One tick; see the module header."""
     desired(p, u, y)  # (1) to (3), w for tau_d
     good = sound(p, x, y)
-    tune(where(good, p.alpha, 0.0), where(good, p.gam, 0.0), y.r, x)
-    x.fired_plus = where(y.tau_d >= 0.0, 1.0, 0.0)  # (4)
-    x.fired_minus = where(y.tau_d >= 0.0, 0.0, -1.0)
-    u_k = y.tau_d + x.width_plus * x.fired_plus + x.width_minus * x.fired_minus  # (5)
+    u_k = compensated(p, good, x, y)
     y.command = where(good, u_k, 0.0)
-    y.d_plus = x.width_plus
-    y.d_minus = x.width_minus
 
 
 PD = Block(pd_step)
