@@ -16,11 +16,11 @@ STATES = {
 }
 
 
-def states(now: Now, plane: Plane) -> list[Shapes]:
+def states(now: Now, plane: Plane, axes: tuple[str, str] = ("x1", "x2")) -> list[Shapes]:
     """Return the states as a point, a ring where they should be, a line between the two."""
     seen, wanted = plane.at(now["x1"], now["x2"]), plane.at(now["previous"], now["wanted"])
     return [
-        plane.frame("x1", "x2"),
+        plane.frame(*axes),
         line([seen, wanted], "magnified", 1.0),
         disc(wanted, 0.07, "reference", 0.0, 1.5),
         disc(seen, 0.05, "moving", 0.9),

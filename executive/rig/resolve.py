@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _PLANTS = (  # the project's folders; another one beside them is a user's
     "actuators", "atb1000", "backlash_map", "backlash_pendulum", "deadzone_arm", "deadzone_map",
-    "friction_arm", "payload_arm", "probe", "quarter_car", "telerobot",
+    "friction_arm", "map_chains", "payload_arm", "probe", "quarter_car", "telerobot",
 )  # fmt: skip
 _LAWS = PROJECT / "executive" / "laws"
 

@@ -28,6 +28,7 @@ ONE_RIG = (  # of each plant
     "plants/deadzone_arm/rigs/deadzone-step.yaml",
     "plants/deadzone_map/rigs/fuzzy-d03.yaml",
     "plants/friction_arm/rigs/friction-b.yaml",
+    "plants/map_chains/rigs/two-gaps.yaml",
     "plants/payload_arm/rigs/payload-on.yaml",
     "plants/probe/rig.yaml",
     "plants/quarter_car/rigs/suspension-8.yaml",

@@ -207,7 +207,7 @@ def test_a_hand_over_is_on_the_record_and_replayed_bit_for_bit(tmp_path: Path) -
 PLANTS = {
     "atb1000": "hull", "backlash_map": "backlash-map", "backlash_pendulum": "backlash-pendulum",
     "deadzone_arm": "deadzone-step", "deadzone_map": "fuzzy-d03", "friction_arm": "friction-b",
-    "payload_arm": "payload-on", "quarter_car": "suspension-8",
+    "map_chains": "two-gaps", "payload_arm": "payload-on", "quarter_car": "suspension-8",
 }  # fmt: skip
 
 

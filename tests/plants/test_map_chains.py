@@ -103,7 +103,7 @@ def test_without_coupling_a_chain_knows_nothing_of_the_other(rig: str, other: st
         columns = run(rig, None, "duration_s=3.0", *settings)[0].node["plant"].columns
         return bytes(columns[f"chains.{chain}_x3"].tobytes())
 
-    alone = ("chains.coupling=0.0",)
+    alone = ("chains.coupling=0.0", "controller.model_coupling=0.0")
     assert newest("a", *alone) == newest("a", *alone, other)
     assert newest("b", *alone) != newest("b", *alone, other), "the setting does nothing"
     assert newest("a") != newest("a", other), "coupled, yet nothing is seen"
