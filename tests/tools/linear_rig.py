@@ -45,8 +45,8 @@ BA_DEF_DEF_ "GenMsgSendType" "Cyclic";
 """
 _EVERY = (128, 160, 161, 162, 288)
 LAWS = """\
-from pcpc.executive.laws.emath import floor
-from pcpc.executive.laws.block import Block, Nothing, Ports, group, port, stage
+from pcpc.executive.laws.emath import clip, floor, where
+from pcpc.executive.laws.block import Block, Nothing, Ports, group, inline, port, stage
 
 class Gains(Ports):
     kp = port("", "proportional", None, -1e6, 1e6)
@@ -113,6 +113,9 @@ class Matrices(Ports):
     c = port("", "of the sample", shape=3)
     side_gain = port("", "of the other input", 0.0, -1e3, 1e3)
     bend = port("", "how much more a command above 0 does than one below", 0.0, 0.0, 1.0)
+    gap = port("", "half the play of the command, an operator", 0.0, 0.0, 1e3)
+    slack = port("", "half the dead zone of the command", 0.0, 0.0, 1e3)
+    relay = port("", "dry friction: its size times the sign of the command", 0.0, -1e3, 1e3)
     quantum = port("", "of the sample, 0 none", 0.0, 0.0, 1.0)
 
 class States(Ports):
@@ -127,6 +130,10 @@ class Commands(Ports):
 class Position(Ports):
     position = port("", "the sample", low=-1e6, high=1e6)
 
+@inline
+def sign(a: float) -> float:
+    return where(a > 0.0, 1.0, where(a < 0.0, -1.0, 0.0))
+
 @stage
 def plant(t: float, dt: float, p: Matrices, x: States, u: Commands, y: Position) -> None:
     if t > 0.0:
@@ -137,7 +144,9 @@ def plant(t: float, dt: float, p: Matrices, x: States, u: Commands, y: Position)
                 x.new[i] += p.phi[i, j] * x.x[j]
         for i in range(3):
             x.x[i] = x.new[i]
-        x.held = u.command + p.side_gain * u.side
+        moved = u.command + p.side_gain * u.side
+        moved = moved + clip(-moved, -p.slack, p.slack) + p.relay * sign(moved)
+        x.held = clip(x.held, moved - p.gap, moved + p.gap)
     total = 0.0
     for i in range(3):
         total += p.c[i] * x.x[i]

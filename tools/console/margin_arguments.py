@@ -1,10 +1,22 @@
 """What `pcpc margin` takes."""
 
+import argparse
 from pathlib import Path
 
 from pcpc.tools.console.arguments import duration, json, rig
 from pcpc.tools.console.command import Add
 from pcpc.tools.console.rates import frequency
+
+
+def numbers(text: str) -> list[float]:
+    """Return numbers above 0, with commas between."""
+    try:
+        found = [float(one) for one in text.split(",")]
+    except ValueError:
+        found = [0.0]
+    if not all(0.0 < one < 1e6 for one in found):
+        raise argparse.ArgumentTypeError(f"expected numbers above 0 like 1,1.5,2, got {text!r}")
+    return found
 
 
 def margin(add: Add) -> None:
@@ -23,4 +35,12 @@ def margin(add: Add) -> None:
     add("--seed", type=int, default=1, metavar="N", help="of the phases; default: %(default)s")
     add("-o", "--output", type=Path, metavar="DIR",
         help="write margin.json, bode.png and nyquist.png there")  # fmt: skip
+    add("--limit-cycle", metavar="GAIN",
+        help="tell from which factor of this setting on the rig cycles")  # fmt: skip
+    add("--linear", action="append", default=[], metavar="SETTING",
+        help="--limit-cycle: what makes it linear, as --set; default: a linear.yaml there"
+    )  # fmt: skip
+    add("--with", action="append", dest="grown", metavar="NAME",
+        help="--limit-cycle: which of these come back; default: all but noise")  # fmt: skip
+    add("--factors", type=numbers, metavar="F,...", help="--limit-cycle: runs at these factors")
     json(add, "print all, with both responses, as one JSON object")

@@ -79,6 +79,32 @@ def nyquist(found: Any, path: Path) -> None:
     figure.savefig(path)
 
 
+def limit_cycle(found: Any, path: Path) -> None:
+    """Draw the branch of a `LimitCycle` and the runs beside it. ImportError without matplotlib."""
+    figure, (ax,) = _page((7.0, 4.6))
+    at = found.branch.index(found.onset)
+    for part, line, name in (
+        (found.branch[: at + 1], "-", "predicted, stable"),
+        (found.branch[at:], "--", "predicted, unstable"),
+    ):
+        x, y = [one.factor for one in part], [one.step_rms for one in part]
+        ax.semilogy(x, y, line, color=BLUE, linewidth=1.2, label=name)
+    x = [row.factor for row in found.rows]
+    shown = min(one.step_rms for one in found.branch)
+    y = [row.alone if row.alone > shown else np.nan for row in found.rows]
+    ax.semilogy(x, y, "s", color=GREEN, fillstyle="none", label="the same rig, in a run")
+    y = [row.run for row in found.rows]
+    ax.semilogy(x, y, "o", color=BLACK, fillstyle="none", label="the rig as it is")
+    ax.axvline(found.linear_factor, color=VERMILION, linewidth=0.8, linestyle=":",
+               label="the linear loop becomes unstable")  # fmt: skip
+    unit = f" [{found.unit}]" if found.unit else ""
+    ax.set_title(f"{found.rig}, {found.controller}: limit cycles", fontsize=11)
+    ax.set(xlabel=f"factor of {found.gain}", ylabel=f"step of {found.signal}, rms{unit}")
+    ax.legend(fontsize=8, frameon=False)
+    _dress(ax)
+    figure.savefig(path)
+
+
 def _disk(alpha: float, turn: Any) -> tuple[Any, Any]:
     """Return the edge of what L keeps out of: -1/factor of all factors of the disk margin."""
     delta = min(alpha, 1.999) * np.exp(1j * turn)

@@ -74,14 +74,14 @@ def linearised(rest: Rest, loop: Loop) -> Linear | impulse.Impulse:
     Where the next cycle has another one (a delay line that is looked up by time), its answer to
     an impulse stands for it. UserError where there is neither.
     """
-    first = _differences(rest.cycle, loop)
+    first = differences(rest.cycle, loop)
     names = {name: place for place, name in enumerate(rest.cycle.names)}
     places = [names[name] for name in first.states] + rest.cycle.taken(loop)
     rest.cycle.v[places] = rest.mean[places]
-    found = _differences(rest.cycle, loop)
+    found = differences(rest.cycle, loop)
     start, k = rest.cycle.v.copy(), rest.cycle.k
     rest.cycle.advance()
-    second = _differences(rest.cycle, loop)
+    second = differences(rest.cycle, loop)
     rest.cycle.v[:], rest.cycle.k = start, k
     lasts = _lasts(found, second)
     if lasts and found.given == second.given:
@@ -102,7 +102,7 @@ def _lasts(first: Linear, second: Linear) -> bool:
     return bool(np.abs(one - two).max() <= _CHANGES * most)
 
 
-def _differences(cycle: CycleMap, loop: Loop) -> Linear:
+def differences(cycle: CycleMap, loop: Loop) -> Linear:
     """Return the open loop at the state of `cycle`, which is left as it was."""
     kept, start, k = cycle.kept(), cycle.v.copy(), cycle.k
     sent = cycle.place(loop.role, loop.source)

@@ -109,6 +109,13 @@ def measure(
     )
 
 
+def commands(rig: Rig, cut: Loop) -> Vector:
+    """Return what a law commands in every cycle of the rig as it is; UserError at a fault."""
+    n = round(rig.config.duration_s * rig.config.rate_hz)
+    made = excited(lasting(rig, (n + 10) / rig.config.rate_hz), cut, {})
+    return _run(VirtualRun(made, None), cut, np.zeros(n))[0]
+
+
 def _run(run: VirtualRun, cut: Loop, d: Vector) -> tuple[Vector, int]:
     """Return what the law commanded in every cycle, and how often a value was clamped."""
     at = [made.role for made in run.plans].index(cut.role)
