@@ -101,19 +101,24 @@ def cases() -> Iterator[Case]:
     yield from monte_carlo()
 
 
+def random_plant(rng: np.random.Generator) -> tuple[str, ...]:
+    """Return settings: nominal values times ten factors drawn from `rng`."""
+    low = (-1, 0.7, -1, 0.7, 0.5, 0.8, -1, 0.85, 0.5, 0.5)
+    high = (1, 1.5, 1, 1.3, 2, 1.2, 2, 1.15, 2, 2)
+    u = [float(rng.uniform(a, b)) for a, b in zip(low, high, strict=True)]
+    return scaled(
+        **dict.fromkeys(FRICTION, 2.0 ** u[0]), tip_mass_kg=u[1], gap_rad=3.0 ** u[2],
+        ks_Nm_rad=u[3], cs_Nms_rad=u[4], hub_inertia_kg_m2=u[5], unbalance_Nm=u[6],
+        young_Pa=u[7],
+        zeta1=u[8], zeta2=u[8], zeta3=u[8], mesh_loss=u[9],
+    )  # fmt: skip
+
+
 def monte_carlo() -> Iterator[Case]:
     """Yield 50 draws of ten plant factors, in three scenarios, for four controllers."""
     rng = np.random.default_rng(DRAW_SEED)
-    low = (-1, 0.7, -1, 0.7, 0.5, 0.8, -1, 0.85, 0.5, 0.5)
-    high = (1, 1.5, 1, 1.3, 2, 1.2, 2, 1.15, 2, 2)
     for i in range(DRAWS):
-        u = [float(rng.uniform(a, b)) for a, b in zip(low, high, strict=True)]
-        settings = scaled(
-            **dict.fromkeys(FRICTION, 2.0 ** u[0]), tip_mass_kg=u[1], gap_rad=3.0 ** u[2],
-            ks_Nm_rad=u[3], cs_Nms_rad=u[4], hub_inertia_kg_m2=u[5], unbalance_Nm=u[6],
-            young_Pa=u[7],
-            zeta1=u[8], zeta2=u[8], zeta3=u[8], mesh_loss=u[9],
-        )  # fmt: skip
+        settings = random_plant(rng)
         seed = f"seed={NOISE_SEED + i}"
         for controller in ("pd", "pid", "pd_nn_fast", "nn_backstepping"):
             yield _case("monte carlo", "slew10", controller, str(i), seed, *settings)

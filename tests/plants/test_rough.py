@@ -148,6 +148,7 @@ def test_ripple_grows_with_the_torque_and_has_no_mean_over_a_turn() -> None:
     )
     assert abs(full.mean()) < 1e-15
     assert full == pytest.approx(2.0 * half, abs=1e-15)
+    assert full[0] == pytest.approx(0.02 * 2.0 * np.sin(NOMINAL["ripple_phase_rad"]), rel=1e-12)
     line = np.abs(np.fft.rfft(full)) / (0.5 * len(full))
     assert line[30] == pytest.approx(0.02 * 2.0, rel=1e-9), line[30]
     assert np.delete(line, 30).max() < 1e-12
