@@ -22,6 +22,7 @@
     many.table, many.failures("pd"), many.report("report")               thousands of runs
 
     pcpc.margin("sin0.5", "pd").phase_margin_deg                         how stable a loop is
+    pcpc.bounds("deadzone-sine", "nn").holds                             a law's theorem on a run
 
     pcpc.compare(run, other).markdown()                                  what two runs differ in
     pcpc.fit("atb1000/slew10", run)["barrel.gap_rad"].value              parameters from a log
@@ -32,6 +33,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pcpc.drivers.errors import UserError as Error
+    from pcpc.tools.api.bounds import bounds
     from pcpc.tools.api.compare import compare
     from pcpc.tools.api.fit import fit
     from pcpc.tools.api.live import Live, NotMet, running
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from pcpc.tools.api.run import Figure, NotOk, Run, UnknownName
     from pcpc.tools.api.simulate import open, simulate
     from pcpc.tools.api.sweep import Sweep, sweep
+    from pcpc.tools.bounds import Bounds
     from pcpc.tools.compare.comparison import Comparison
     from pcpc.tools.fit.result import Fit
     from pcpc.tools.margin.find import margin
@@ -46,6 +49,7 @@ if TYPE_CHECKING:
     from pcpc.tools.margin.result import Margin, Response
 
 _WHERE = {
+    "Bounds": "tools.bounds", "bounds": "tools.api.bounds",
     "Comparison": "tools.compare.comparison", "compare": "tools.api.compare",
     "Error": "drivers.errors:UserError",
     "Fit": "tools.fit.result", "fit": "tools.api.fit",
@@ -59,8 +63,8 @@ _WHERE = {
     "Sweep": "tools.api.sweep", "sweep": "tools.api.sweep",
 }  # fmt: skip
 __all__ = [
-    "Comparison", "Error", "Figure", "Fit", "Live", "Loop", "Margin", "Margins", "NotMet", "NotOk",
-    "Response", "Run", "Sample", "Sweep", "UnknownName", "compare", "fit", "loop", "margin", "open",
+    "Bounds", "Comparison", "Error", "Figure", "Fit", "Live", "Loop", "Margin", "Margins", "NotMet", "NotOk",
+    "Response", "Run", "Sample", "Sweep", "UnknownName", "bounds", "compare", "fit", "loop", "margin", "open",
     "running", "simulate", "sweep",
 ]  # fmt: skip
 

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 from processes import pcpc
 
+import pcpc as pcpc_package
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.experiments import theorems
 
 RIG = Path(__file__).resolve().parents[2] / "plants/friction_arm/rigs/friction-c.yaml"
 SHORT = "duration_s=1.5"
@@ -53,3 +55,35 @@ def test_what_it_refuses(log: Path) -> None:
     assert done.code == 2 and "did you mean friction_nn" in done.err, done
     done = pcpc("bounds", str(log), "--set", "controller.kappa=0.1")
     assert done.code == 2 and "a log is what it is" in done.err, done
+
+
+def test_python_says_the_same(log: Path, tmp_path: Path) -> None:
+    found = pcpc_package.bounds(log)
+    of_rig = pcpc_package.bounds("friction-c", set={"duration_s": 1.5})
+    assert found.holds and found.to_dict() == of_rig.to_dict()
+    assert found.draw(tmp_path / "bounds.png").stat().st_size > 20_000
+    with pytest.raises(
+        pcpc_package.Error, match="no theorem: none is known here of the law arm_pd"
+    ):
+        pcpc_package.bounds("friction-c", "pd")
+
+
+def test_the_experiment_finds_what_is_mistuned_and_what_is_switched_off() -> None:
+    rig = str(RIG.parents[2] / "deadzone_map/rigs/fuzzy-d03.yaml")
+    rows = theorems.rows_of((rig, "fuzzy"))
+    assert [bool(row.violated) for row in rows] == [False, True, True, True], rows
+    off = theorems.rows_of(
+        (str(RIG.parents[2] / "backlash_map/rigs/backlash-map.yaml"), "inversion")
+    )
+    assert len(off) == 1 and off[0].off, off
+    text = theorems.report([*rows, *off])
+    assert "fuzzy-d03 | fuzzy | theorem of chapter 4.3" in text
+    assert "which violates: backlash-map inversion" in text
+
+
+def test_every_plant_of_the_book_has_a_law_with_a_theorem() -> None:
+    plants = {path.parent.name for path in theorems.PLANTS.glob("*/theorem.py")}
+    assert plants == set(theorems.SHOWN)
+    assert plants | {"actuators", "probe"} == {
+        path.parent.name for path in theorems.PLANTS.glob("*/README.md")
+    }

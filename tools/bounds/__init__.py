@@ -33,6 +33,18 @@ class Bounds:
     controller: str
     account: Account
 
+    @property
+    def holds(self) -> bool:
+        """Whether nothing is violated; what, `account.checks()` says."""
+        return self.account.holds
+
+    def draw(self, path: str | Path) -> Path:
+        """Draw V, its derivatives, error and weights with their bounds; return `path`."""
+        from pcpc.tools.bounds import figure
+
+        figure.draw(self.account, f"{self.name}, {self.controller}", Path(path))
+        return Path(path)
+
     def to_dict(self) -> dict[str, object]:
         """Return all figures as plain values, for JSON."""
         return text.plain(self.name, self.controller, self.account)
@@ -55,9 +67,7 @@ def command(options: argparse.Namespace) -> int:
         return Exit.OK
     print(json.dumps(found.to_dict(), indent=1) if options.json else found)
     if options.plot is not None:
-        from pcpc.tools.bounds import figure
-
-        figure.draw(found.account, f"{found.name}, {found.controller}", options.plot)
+        found.draw(options.plot)
     return Exit.OK if found.account.holds else Exit.NOT_MET
 
 
@@ -106,19 +116,29 @@ def _account(rig: Rig, theorem: Theorem, log: logs.Log, begin_s: float | None) -
     return Bounds(rig.config.rig, rig.config.controller, Account(proof, settled_s))
 
 
-def theorem_of(rig: Rig, law_as: str | None = None) -> Theorem:
-    """Return the theorem of a rig's law, or of the law `law_as` of its plant; NoTheorem."""
-    law = law_as or rig.config.controllers[rig.config.controller].law
-    known: dict[str, Theorem] = {}
+def known(rig: Rig) -> dict[str, Theorem]:
+    """Return the theorems of a rig's plant, by law."""
+    found: dict[str, Theorem] = {}
     for spec in rig.nodes()["plant"].blocks:
         step = getattr(spec.block.step, "py_func", None)
         file = Path(step.__code__.co_filename).with_name("theorem.py") if step else None
         if file is not None and file.is_file():
             with own_streams():
-                known |= module_of("", file).THEOREMS
-    if law in known:
-        return known[law]
+                found |= module_of("", file).THEOREMS
+    return found
+
+
+def theorem_of(rig: Rig, law_as: str | None = None) -> Theorem:
+    """Return the theorem of a rig's law, or of the law `law_as` of its plant; NoTheorem."""
+    law, theorems = law_as or law_of(rig, rig.config.controller), known(rig)
+    if law in theorems:
+        return theorems[law]
     if law_as:
-        raise BoundsError(f"--as {law_as}: no such law{did_you_mean(law_as, known)}")
-    have = f"; its plant has those of {', '.join(sorted(known))}" if known else ""
+        raise BoundsError(f"--as {law_as}: no such law{did_you_mean(law_as, theorems)}")
+    have = f"; its plant has those of {', '.join(sorted(theorems))}" if theorems else ""
     raise NoTheorem(f"none is known here of the law {law}{have}")
+
+
+def law_of(rig: Rig, controller: str) -> str:
+    """Return the law of a controller of a rig, as the rig names it."""
+    return str(rig.config.controllers[controller].law)
