@@ -101,10 +101,12 @@ class Driven:
             for f in made.tx_frames
             for s in f.signals
         }
-        self.quantum = {
-            f"{f.name}.{s.name}": 0.0 if s.is_float else abs(s.factor)
+        signals = {
+            f"{f.name}.{s.name}": s
             for f in (*made.rx_frames, *made.tx_frames) for s in f.signals
         }  # fmt: skip
+        self.quantum = {k: 0.0 if s.is_float else abs(s.factor) for k, s in signals.items()}
+        self._offset = {k: s.offset for k, s in signals.items()}
         self._index = index
         self._specs = {spec.name: spec for spec in made.spec.blocks}
         self._single = np.array([spec.block.step.entry for spec in made.spec.blocks], np.int64)
@@ -158,6 +160,13 @@ class Driven:
     def unit(self, name: str) -> str:
         """Return the unit of a signal."""
         return self._made.table.variables[self.place(name)].unit
+
+    def rounded(self, name: str, values: Array) -> Array:
+        """Return values of FRAME.signal as the bus rounds them; of another name as they are."""
+        quantum, offset = self.quantum.get(name, 0.0), self._offset.get(name, 0.0)
+        if not quantum:
+            return values
+        return np.asarray(np.rint((values - offset) / quantum) * quantum + offset)
 
     def place(self, name: str) -> int:
         """Return where a signal, or BLOCK.PORT, stands. RigError for none, with a proposal."""

@@ -22,8 +22,10 @@ def noisy(seed, std=0.1):
     )
 
 
-def fit(measured, predict=linear, start=(1.0, -1.0), bounds=BOUNDS):
-    return estimated(predict, measured, np.zeros(measured.shape[1]), np.array(start), bounds)
+def fit(measured, predict=linear, start=(1.0, -1.0), bounds=BOUNDS, **more):
+    return estimated(
+        predict, measured, np.zeros(measured.shape[1]), np.array(start), bounds, **more
+    )
 
 
 def test_a_linear_model_gives_the_least_squares_estimate_and_its_covariance():
@@ -95,3 +97,38 @@ def test_an_estimate_stays_within_its_bounds():
 def test_the_step_of_counts_is_found_in_the_samples():
     counts = 0.25 * np.round(np.random.default_rng(1).standard_normal((100, 1)) * 8.0)
     assert resolution(counts, np.array([1e-6]))[0] == pytest.approx(0.25)
+
+
+COUNT, STANDS, GYRO_STD = 0.25, 300, 0.1  # of an encoder; rows at rest at either end
+
+
+def two_sensors(points, rows=2 * STANDS + ROWS):
+    """Return the angle of a move from rest to rest, (points, rows, 2), and its noisy copy."""
+    s = np.clip((np.arange(rows) - STANDS) / ROWS, 0.0, 1.0)
+    regressors = np.stack((1.0 + 4.0 * s, np.sin(3.0 * s)), axis=1)
+    return np.repeat(np.einsum("rp,mp->mr", regressors, points)[..., None], 2, axis=2)
+
+
+def encoded(point):
+    y = two_sensors(point[None])[0]
+    return y, np.stack((COUNT * np.rint(y[:, 0] / COUNT), y[:, 1]), axis=1)
+
+
+def outside(seeds, **more):
+    """Return how many of the estimates lie outside of their intervals, and mean errors."""
+    missed, errors = np.zeros(2), []
+    for seed in range(seeds):
+        measured = encoded(TRUE)[1]
+        measured[:, 1] += GYRO_STD * np.random.default_rng(seed).standard_normal(len(measured))
+        found = fit(measured, two_sensors, **more)
+        missed += np.abs(found.values - TRUE) > found.interval[:, 1] - found.values
+        errors.append(found.values - TRUE)
+    return missed, np.abs(errors).mean(axis=0)
+
+
+def test_an_encoder_at_rest_does_not_pull_the_estimate_to_the_middle_of_its_count():
+    missed, errors = outside(60, samples=encoded)
+    plain_missed, plain_errors = outside(60)
+    assert missed.max() <= 7, f"{missed} of 60 outside; 7 is what 5 % make in 1 of 100 cases"
+    assert plain_missed.max() > 30, f"without its rounding modelled: {plain_missed} of 60"
+    assert (errors < 0.5 * plain_errors).all(), f"{errors} against {plain_errors}"

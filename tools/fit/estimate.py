@@ -6,26 +6,37 @@
     A      = J'J,  g_k = sum over j of J_kj r_kj                                                 (4)
     cov    = A^-1 S A^-1,  S = sum over |l| <= L of (1 - |l|/(L + 1)) sum over k of g_k g_k-l'   (5)
     cov_0  = A^-1                                          were the residuals white              (6)
+    theta <- theta - A^-1 J'r,  r_kj = (Q(y_kj) - m_kj)/s_j                                      (7)
 
 (2) is done with s_j of the samples' second differences first, over a growing part of the record: an
 integrator that starts far off is a wrong turn at the end of a long record, and not yet one at the
 end of a short one. Parts weigh the start as one measurement with an error of 100 %, the whole does
-not. Then s_j is (3), and (2) is done again. The residuals need not be white: quantisation of a slow
-motion is not. (5) holds all the same; a standard error is the larger one of (5) and (6). L follows
-from the scores' own correlation (Andrews). J is by central differences. Source: Newey and West, A
-simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix,
-Econometrica 55 (1987); Andrews, Econometrica 59 (1991), eq. (6.2), (6.4).
+not. Then s_j is (3), and (2) is done again. J is by forward differences in the search and by
+central ones in what comes after it.
+
+Rounding of a slow motion is no white noise: at rest a sensor errs by the same part of a count for
+seconds, and two runs err alike, so that (2) is biased. Where rounding is all that a sensor's
+residuals hold, the model predicts it: Q(y) are the model's own samples, rounded as the sensor and
+the bus do. (7) seeks where J'r is 0, which the true theta makes it whatever the motion. Its steps
+end in a cycle, as Q is a staircase; their mean is taken. Other sensors keep r of (1) in (7).
+
+A standard error is the larger one of (5) and (6), in which r is (1): both count rounding as noise,
+so after (7) they are wider than they need be, by a factor of about two. L follows from the
+scores' own correlation (Andrews). Source: Newey and West, A simple, positive semi-definite,
+heteroskedasticity and autocorrelation consistent covariance matrix, Econometrica 55 (1987);
+Andrews, Econometrica 59 (1991), eq. (6.2), (6.4).
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Predict = Callable[[Array, int], Array]  # points (m, p), rows -> signals (m, rows, sensors)
+Samples = Callable[[Array], tuple[Array, Array]]  # point (p,) -> y, Q(y), each (rows, sensors)
 
 PARTS = (0.125, 0.25, 0.5)  # of the record, before the whole
 NEAR, FAR = 1e-5, 3e-2  # smallest and largest step of a difference, as a share of the scale
@@ -33,6 +44,8 @@ SHIFT = 0.03  # rms change of the signals that a step of a difference is to make
 WILD = 1e4  # largest residual, in units of s_j: a model that has diverged is not worse than that
 CLOSE = 0.97  # two estimates with a larger correlation are known better together than each
 _RIDGE = 1e-13  # a matrix of correlations without rank keeps an inverse, which is large
+ROUNDED = 1.25  # residuals up to this many times those of rounding alone hold nothing else
+TURNS, KEPT = 9, 6  # steps of (7), and how many of the last are averaged
 LOST = 0.5  # a standard error above this share of the scale: not excited
 
 
@@ -43,7 +56,7 @@ class Estimate:
     `values`, `errors` (p,): estimate, standard error; `interval` (p, 2) of 95 %; `correlation`
     (p, p); `excited` (p,): False where the record tells nothing, and the start was kept; `noise`
     (sensors,): s_j of (3); `predicted` (rows, sensors); `lag`: L of (5); `inflation` (p,): (5)
-    over (6), as standard errors.
+    over (6), as standard errors; `before` (p,): the estimate before (7).
     """
 
     values: Array
@@ -57,6 +70,7 @@ class Estimate:
     inflation: Array
     evaluations: int
     rows: int
+    before: Array
 
 
 @dataclass
@@ -74,21 +88,29 @@ class _Problem:
         self.evaluations += len(z)
         return self.predict(np.clip(z, self.low, self.high) * self.scale, rows)
 
-    def residuals(self, z: Array, rows: int, noise: Array) -> Array:
-        """Return (1), (rows, sensors), 0 where nothing was measured."""
-        return _bounded((self.signals(z[None], rows)[0] - self.measured[:rows]) / noise)
+    def linearised(
+        self, z: Array, rows: int, noise: Array, steps: Array, *, central: bool
+    ) -> tuple[Array, Array]:
+        """Return (1) (rows, sensors) and dr/dz (rows, sensors, p), 0 where nothing was measured.
 
-    def jacobian(self, z: Array, rows: int, noise: Array, steps: Array) -> Array:
-        """Return dr/dz (rows, sensors, p); where a bound is near the difference is one-sided."""
-        ahead, behind = np.minimum(z + steps, self.high), np.maximum(z - steps, self.low)
+        By central differences, or by forward ones, which cost half and do for a search.
+        """
         p = len(z)
-        points = np.repeat(z[None], 2 * p, axis=0)
-        points[np.arange(p), np.arange(p)] = ahead
-        points[p + np.arange(p), np.arange(p)] = behind
-        y = self.signals(points, rows)
-        slope = (y[:p] - y[p:]) / (ahead - behind)[:, None, None] / noise
+        ahead, behind = np.minimum(z + steps, self.high), np.maximum(z - steps, self.low)
+        if not central:
+            ahead, behind = np.where(ahead > z, ahead, behind), z
+        points = np.vstack((z, _one_by_one(z, ahead), _one_by_one(z, behind)))
+        y = self.signals(points if central else points[: 1 + p], rows)
+        lower = y[1 + p :] if central else y[:1]
+        slope = (y[1 : 1 + p] - lower) / (ahead - behind)[:, None, None] / noise
         slope[:, np.isnan(self.measured[:rows])] = 0.0
-        return np.moveaxis(np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0), 0, -1)
+        r = _bounded((y[0] - self.measured[:rows]) / noise)
+        return r, np.moveaxis(np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0), 0, -1)
+
+
+def _one_by_one(z: Array, other: Array) -> Array:
+    """Return (p, p): z with one of its numbers taken from `other` in each row."""
+    return np.where(np.eye(len(z), dtype=bool), other, z)
 
 
 def _bounded(r: Array) -> Array:
@@ -122,33 +144,64 @@ def difference_noise(measured: Array, quantum: Array) -> Array:
 
 def estimated(
     predict: Predict, measured: Array, quantum: Array, start: Array, bounds: Array,
-    say: Callable[[str], None] = lambda _: None,
+    samples: Samples | None = None, say: Callable[[str], None] = lambda _: None,
 ) -> Estimate:  # fmt: skip
     """Return the estimate; `measured` (rows, sensors), NaN where there is no sample.
 
-    `quantum` (sensors,) of the samples; `start` (p,); `bounds` (p, 2).
+    `quantum` (sensors,) of the samples; `start` (p,); `bounds` (p, 2); `samples`: for (7).
     """
     quantum = resolution(measured, quantum)
     scale = np.where(start != 0.0, np.abs(start), 0.1 * np.minimum(np.ptp(bounds, axis=1), 10.0))
     of = _Problem(predict, measured, scale, bounds[:, 0] / scale, bounds[:, 1] / scale)
     noise, z = difference_noise(measured, quantum), start / scale
-    rows = len(measured)
+    floor, rows = quantum / math.sqrt(12.0), len(measured)
     for share in PARTS:
         say(f"first {100.0 * share:g} % of the record")
-        z, _ = _minimum(of, z, max(2, round(share * rows)), noise, start / scale, 1e-3)
-    floor = quantum / math.sqrt(12.0)
+        z = _minimum(of, z, max(2, round(share * rows)), noise, start / scale, 1e-2)
     excited = np.ones(len(z), bool)
     for turn in range(3):
         say(f"the whole record, {of.evaluations} runs so far")
-        z, _ = _minimum(of, z, rows, noise, None, 1e-5 if turn else 1e-3, excited)
+        z = _minimum(of, z, rows, noise, None, 1e-5 if turn else 1e-3, excited)
         noise = _noise(of, z, rows, floor, excited)
         steps = _steps(of, z, rows, noise)
-        slope = of.jacobian(z, rows, noise, steps)
+        _, slope = of.linearised(z, rows, noise, steps, central=turn > 0)
         told = _told(slope, excited)
         if turn and (told == excited).all():
             break
         z, excited = np.where(told, z, start / scale), told
-    return _judged(of, z, rows, noise, slope, excited)
+    before = z * scale
+    if samples is not None and excited.any():
+        say(f"rounding, {of.evaluations} runs so far")
+        z = _unrounded(of, samples, z, noise, slope, excited, floor)
+    return replace(_judged(of, z, rows, noise, slope, excited), before=before)
+
+
+def _unrounded(
+    of: _Problem, samples: Samples, z: Array, noise: Array, slope: Array,
+    excited: NDArray[np.bool_], floor: Array,
+) -> Array:  # fmt: skip
+    """Return z after (7); as it was where every sensor's residuals hold more than rounding."""
+    j = slope[..., excited].reshape(-1, excited.sum())
+    step = np.linalg.pinv(j)
+    found = []
+    for _ in range(TURNS):
+        of.evaluations += 1
+        y, rounded = samples(z * of.scale)
+        counted = _noise_of(y - of.measured) <= ROUNDED * floor
+        if not counted.any():
+            return z
+        r = _bounded((np.where(counted, rounded, y) - of.measured) / noise)
+        z = z.copy()
+        z[excited] -= step @ r.ravel()
+        z = np.clip(z, of.low, of.high)
+        found.append(z)
+    return np.asarray(np.mean(found[-KEPT:], axis=0))
+
+
+def _noise_of(error: Array) -> Array:
+    """Return the rms of residuals (rows, sensors), of the samples that there are."""
+    count = np.maximum(np.isfinite(error).sum(axis=0), 1)
+    return np.asarray(np.sqrt(np.nansum(error * error, axis=0) / count))
 
 
 def _noise(of: _Problem, z: Array, rows: int, floor: Array, excited: NDArray[np.bool_]) -> Array:
@@ -162,7 +215,7 @@ def _noise(of: _Problem, z: Array, rows: int, floor: Array, excited: NDArray[np.
 def _steps(of: _Problem, z: Array, rows: int, noise: Array) -> Array:
     """Return steps of differences (p,) that change the signals by about SHIFT."""
     trial = 1e-3
-    slope = of.jacobian(z, rows, noise, np.full(len(z), trial))
+    _, slope = of.linearised(z, rows, noise, np.full(len(z), trial), central=False)
     change = np.sqrt(np.mean(slope * slope, axis=(0, 1)))
     return np.clip(SHIFT / np.maximum(change, 1e-12), NEAR, FAR)
 
@@ -170,35 +223,38 @@ def _steps(of: _Problem, z: Array, rows: int, noise: Array) -> Array:
 def _minimum(
     of: _Problem, z: Array, rows: int, noise: Array, prior: Array | None, tolerance: float,
     free: NDArray[np.bool_] | None = None,
-) -> tuple[Array, float]:  # fmt: skip
-    """Return where (2) is smallest from `z` on, and the sum there."""
+) -> Array:  # fmt: skip
+    """Return where (2) is smallest, from `z` on."""
     from scipy.optimize import least_squares
 
     free = np.ones(len(z), bool) if free is None else free
     if not free.any():
-        return z, math.inf
+        return z
     steps = _steps(of, z, rows, noise)
+    last: dict[bytes, tuple[Array, Array]] = {}
 
-    def whole(part: Array) -> Array:
-        full = z.copy()
-        full[free] = part
-        return full
-
-    def residuals(part: Array) -> Array:
-        r = of.residuals(whole(part), rows, noise).ravel()
-        return r if prior is None else np.concatenate((r, part - prior[free]))
-
-    def jacobian(part: Array) -> Array:
-        slope = of.jacobian(whole(part), rows, noise, steps)[..., free].reshape(-1, free.sum())
-        return slope if prior is None else np.vstack((slope, np.eye(free.sum())))
+    def at(part: Array) -> tuple[Array, Array]:
+        if part.tobytes() not in last:
+            full = z.copy()
+            full[free] = part
+            r, slope = of.linearised(full, rows, noise, steps, central=False)
+            r, slope = r.ravel(), slope[..., free].reshape(-1, free.sum())
+            if prior is not None:
+                r = np.concatenate((r, part - prior[free]))
+                slope = np.vstack((slope, np.eye(free.sum())))
+            last.clear()
+            last[part.tobytes()] = r, slope
+        return last[part.tobytes()]
 
     margin = 1e-9 * np.maximum(1.0, np.abs(z))
     begin = np.clip(z, of.low + margin, of.high - margin)[free]
     found = least_squares(
-        residuals, begin, jacobian, (of.low[free], of.high[free]), method="trf", ftol=tolerance,
-        xtol=1e-8, gtol=1e-10, max_nfev=15,
+        lambda part: at(part)[0], begin, lambda part: at(part)[1], (of.low[free], of.high[free]),
+        method="trf", ftol=tolerance, xtol=1e-8, gtol=1e-10, max_nfev=15,
     )  # fmt: skip
-    return whole(found.x), 2.0 * float(found.cost)
+    full = z.copy()
+    full[free] = found.x
+    return full
 
 
 def _told(slope: Array, excited: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -237,7 +293,7 @@ def _judged(
     interval = np.stack((z - half, z + half), axis=1) * of.scale[:, None]
     return Estimate(
         z * of.scale, errors * of.scale, interval, correlation, excited, noise, predicted, lag,
-        inflation, of.evaluations, rows,
+        inflation, of.evaluations, rows, z * of.scale,
     )  # fmt: skip
 
 

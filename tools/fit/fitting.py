@@ -80,6 +80,19 @@ class Model:
                     for p in points]  # fmt: skip
         return self.plant.signals(settings, list(self.sensors.values()), given, first, seed)
 
+    def samples(self, point: Array, given: Array, first: int = 0) -> tuple[Array, Array]:
+        """Return the model's sensors at one point, and its samples (rows, sensors) of them.
+
+        Samples are what it sends without noise, rounded as its sensors and the bus round.
+        """
+        settings = {**self.fixed, **dict(zip(self.names, map(float, point), strict=True))}
+        sent = [name if name in self.plant.sent else port for name, port in self.sensors.items()]
+        names = [*self.sensors.values(), *sent]
+        both = self.plant.signals([settings], names, given, first)[0]
+        smooth, raw = both[:, : len(sent)], both[:, len(sent) :]
+        columns = [self.plant.rounded(name, c) for name, c in zip(sent, raw.T, strict=True)]
+        return smooth, np.stack(columns, axis=1)
+
     def _usual(self) -> list[str]:
         if self.said.parameters is not None:
             return list(self.said.parameters)
@@ -132,8 +145,13 @@ def fit(model: Model, log: Log, say: Callable[[str], None] = lambda _: None) -> 
     def predict(points: Array, rows: int) -> Array:
         return model.predicted(points, record.given[:rows], record.first)
 
+    def samples(point: Array) -> tuple[Array, Array]:
+        return model.samples(point, record.given, record.first)
+
     notes = _noted(model, record, log)
-    found = estimated(predict, record.measured, quantum, model.start, model.bounds, say)
+    found = estimated(
+        predict, record.measured, quantum, model.start, model.bounds, samples, say
+    )  # fmt: skip
     own_noise = difference_noise(record.measured, resolution(record.measured, quantum))
     parameters = [_parameter(model, found, i) for i in range(len(model.names))]
     sensors = [_sensor(model, record, found, own_noise, j) for j in range(len(model.sensors))]

@@ -89,8 +89,7 @@ def _given(plant: Driven, own: Node | None, other: Node | None, first: int, rows
         if own is not None:
             found[:, i] = _held(own, f"rx.{name}", first, rows, 0)
         elif other is not None and f"tx.{name}" in other.columns:
-            sent, quantum = _held(other, f"tx.{name}", first, rows, 1), plant.quantum[name]
-            found[:, i] = np.rint(sent / quantum) * quantum if quantum else sent
+            found[:, i] = plant.rounded(name, _held(other, f"tx.{name}", first, rows, 1))
     return found
 
 
