@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 Predict = Callable[[Array, int], Array]  # points (m, p), rows -> signals (m, rows, sensors)
 Samples = Callable[[Array], tuple[Array, Array]]  # point (p,) -> y, Q(y), each (rows, sensors)
 
-PARTS = (0.125, 0.25, 0.5)  # of the record, before the whole
-NEAR, FAR = 1e-5, 3e-2  # smallest and largest step of a difference, as a share of the scale
+FIRST, GROWTH = 0.125, 1.25  # of the record that is fitted first; from one part to the next
+TRIAL, NEAR, FAR = 1e-3, 1e-8, 3e-2  # steps of differences, as shares of the scale
 SHIFT = 0.03  # rms change of the signals that a step of a difference is to make, in units of s_j
 WILD = 1e4  # largest residual, in units of s_j: a model that has diverged is not worse than that
 CLOSE = 0.97  # two estimates with a larger correlation are known better together than each
@@ -155,15 +155,15 @@ def estimated(
     of = _Problem(predict, measured, scale, bounds[:, 0] / scale, bounds[:, 1] / scale)
     noise, z = difference_noise(measured, quantum), start / scale
     floor, rows = quantum / math.sqrt(12.0), len(measured)
-    for share in PARTS:
-        say(f"first {100.0 * share:g} % of the record")
-        z = _minimum(of, z, max(2, round(share * rows)), noise, start / scale, 1e-2)
+    steps = np.full(len(z), TRIAL)
+    for part in _parts(rows):
+        say(f"{100.0 * part / rows:.0f} % of the record, {of.evaluations} runs so far")
+        z, steps = _minimum(of, z, part, noise, steps, 1e-2, prior=start / scale)
     excited = np.ones(len(z), bool)
     for turn in range(3):
         say(f"the whole record, {of.evaluations} runs so far")
-        z = _minimum(of, z, rows, noise, None, 1e-5 if turn else 1e-3, excited)
+        z, steps = _minimum(of, z, rows, noise, steps, 1e-5 if turn else 1e-3, free=excited)
         noise = _noise(of, z, rows, floor, excited)
-        steps = _steps(of, z, rows, noise)
         _, slope = of.linearised(z, rows, noise, steps, central=turn > 0)
         told = _told(slope, excited)
         if turn and (told == excited).all():
@@ -212,32 +212,37 @@ def _noise(of: _Problem, z: Array, rows: int, floor: Array, excited: NDArray[np.
     return np.maximum(np.sqrt(mean), np.maximum(floor, 1e-300))
 
 
-def _steps(of: _Problem, z: Array, rows: int, noise: Array) -> Array:
+def _parts(rows: int) -> list[int]:
+    """Return how many rows are fitted, one part after the other, before the whole."""
+    count = math.ceil(-math.log(FIRST) / math.log(GROWTH))
+    return sorted({max(2, round(rows / GROWTH**n)) for n in range(1, count + 1)})
+
+
+def _steps(slope: Array) -> Array:
     """Return steps of differences (p,) that change the signals by about SHIFT."""
-    trial = 1e-3
-    _, slope = of.linearised(z, rows, noise, np.full(len(z), trial), central=False)
     change = np.sqrt(np.mean(slope * slope, axis=(0, 1)))
     return np.clip(SHIFT / np.maximum(change, 1e-12), NEAR, FAR)
 
 
 def _minimum(
-    of: _Problem, z: Array, rows: int, noise: Array, prior: Array | None, tolerance: float,
-    free: NDArray[np.bool_] | None = None,
-) -> Array:  # fmt: skip
-    """Return where (2) is smallest, from `z` on."""
+    of: _Problem, z: Array, rows: int, noise: Array, steps: Array, tolerance: float,
+    *, prior: Array | None = None, free: NDArray[np.bool_] | None = None,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return where (2) is smallest, from `z` on, and steps of differences for there."""
     from scipy.optimize import least_squares
 
     free = np.ones(len(z), bool) if free is None else free
     if not free.any():
-        return z
-    steps = _steps(of, z, rows, noise)
+        return z, steps
     last: dict[bytes, tuple[Array, Array]] = {}
 
     def at(part: Array) -> tuple[Array, Array]:
+        nonlocal steps
         if part.tobytes() not in last:
             full = z.copy()
             full[free] = part
             r, slope = of.linearised(full, rows, noise, steps, central=False)
+            steps = _steps(slope)
             r, slope = r.ravel(), slope[..., free].reshape(-1, free.sum())
             if prior is not None:
                 r = np.concatenate((r, part - prior[free]))
@@ -250,11 +255,11 @@ def _minimum(
     begin = np.clip(z, of.low + margin, of.high - margin)[free]
     found = least_squares(
         lambda part: at(part)[0], begin, lambda part: at(part)[1], (of.low[free], of.high[free]),
-        method="trf", ftol=tolerance, xtol=1e-8, gtol=1e-10, max_nfev=15,
+        method="trf", ftol=tolerance, xtol=1e-12, gtol=1e-10, max_nfev=15,
     )  # fmt: skip
     full = z.copy()
     full[free] = found.x
-    return full
+    return full, steps
 
 
 def _told(slope: Array, excited: NDArray[np.bool_]) -> NDArray[np.bool_]:

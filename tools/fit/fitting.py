@@ -74,6 +74,11 @@ class Model:
         """The names of the parameters."""
         return [one.name for one in self.parameters]
 
+    @property
+    def quantum(self) -> Array:
+        """The steps by which the bus rounds the sensors, (sensors,), 0 for none."""
+        return np.array([self.plant.quantum.get(name, 0.0) for name in self.sensors])
+
     def predicted(self, points: Array, given: Array, first: int = 0, seed: int = 1) -> Array:
         """Return the model's sensors (m, rows, sensors) for points (m, p)."""
         settings = [{**self.fixed, **dict(zip(self.names, map(float, p), strict=True))}
@@ -140,19 +145,9 @@ class Model:
 def fit(model: Model, log: Log, say: Callable[[str], None] = lambda _: None) -> Fit:
     """Fit `model` to `log`. RigError for a log that is not of its plant, or too short."""
     record = record_of(log, model.plant, list(model.sensors))
-    quantum = np.array([model.plant.quantum.get(name, 0.0) for name in model.sensors])
-
-    def predict(points: Array, rows: int) -> Array:
-        return model.predicted(points, record.given[:rows], record.first)
-
-    def samples(point: Array) -> tuple[Array, Array]:
-        return model.samples(point, record.given, record.first)
-
     notes = _noted(model, record, log)
-    found = estimated(
-        predict, record.measured, quantum, model.start, model.bounds, samples, say
-    )  # fmt: skip
-    own_noise = difference_noise(record.measured, resolution(record.measured, quantum))
+    found = estimated_of(model, record, say)
+    own_noise = difference_noise(record.measured, resolution(record.measured, model.quantum))
     parameters = [_parameter(model, found, i) for i in range(len(model.names))]
     sensors = [_sensor(model, record, found, own_noise, j) for j in range(len(model.sensors))]
     notes += _warnings(model, found, parameters, sensors)
@@ -160,6 +155,22 @@ def fit(model: Model, log: Log, say: Callable[[str], None] = lambda _: None) -> 
         model.rig.config.rig, str(log.path), parameters, sensors, found.correlation, notes,
         record.t_s, record.measured, found.predicted, found.evaluations,
     )  # fmt: skip
+
+
+def estimated_of(
+    model: Model, record: Record, say: Callable[[str], None] = lambda _: None
+) -> Estimate:
+    """Return the estimate of the model's parameters, in the order of their names."""
+
+    def predict(points: Array, rows: int) -> Array:
+        return model.predicted(points, record.given[:rows], record.first)
+
+    def samples(point: Array) -> tuple[Array, Array]:
+        return model.samples(point, record.given, record.first)
+
+    return estimated(
+        predict, record.measured, model.quantum, model.start, model.bounds, samples, say
+    )
 
 
 def _parameter(model: Model, found: Estimate, i: int) -> Parameter:
