@@ -42,6 +42,7 @@ def _in_lanes(
     """Do the rows of `given` from cycle `first` on, all lanes at once."""
     w, kept = lane_rows(values), lane_rows(trace)
     for row in range(given.shape[0]):
+        n.control[sh.PASSES] += 1  # for `watched`
         for i in range(places.shape[0]):
             w[places[i]] = given[row, i]
         cycle.step(n, w, values, steps, first + row)
@@ -57,6 +58,7 @@ def _alone(
     """Do the same for one: `values` (rows,), `trace` (rows * wanted,)."""
     dt = n.clock.period_ns * 1e-9
     for row in range(given.shape[0]):
+        n.control[sh.PASSES] += 1
         for i in range(places.shape[0]):
             values[places[i]] = given[row, i]
         values[T_S] = t = (first + row) * dt
