@@ -106,11 +106,13 @@ def test_what_friction_takes_warms_the_bearing_or_leaves_it() -> None:
     assert abs(left) < 1e-6 * lost, f"{left:.1e} of {lost:.3f} J are nowhere"
 
 
-def test_a_cold_bearing_rubs_as_much_more_as_the_exponential_says() -> None:
+@pytest.mark.parametrize("model", [1.0, 2.0])
+def test_a_cold_bearing_rubs_as_much_more_as_the_exponential_says(model: float) -> None:
+    """Of LuGre's the viscous part here, without bristles; the heat's balance has the rest."""
     for warmth, settings in ((-20.0, {}), (15.0, {"ambient_K": 15.0})):
         drags = []
         for on in (0.0, 1.0):
-            plant = Plant(rough_bearing=on, friction_model=1.0, **settings)
+            plant = Plant(rough_bearing=on, friction_model=model, **settings)
             plant.states.motion.theta_rate_rad_s = 0.5
             drags.append(plant.step()[AT["friction_torque_Nm"]])
         assert drags[1] / drags[0] == pytest.approx(np.exp(-0.02 * warmth), rel=1e-12)
