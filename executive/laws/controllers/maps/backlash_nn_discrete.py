@@ -36,8 +36,8 @@ N_IN, NODES, JUMPS = 6, 10, 2
 N_S = NODES + JUMPS
 
 
-class Parameters(map_pd.Gains):
-    """Those of the PD law, the inversion's and the network's."""
+class Inversion(Ports):
+    """The inversion's and the network's parameters."""
 
     kb = port("", "Kb, of the torque error", 0.3, -10.0, 10.0)
     smoothing = port("", "rho of the smoothed step of tau_d", 0.9, 0.0, 1.0)
@@ -47,6 +47,10 @@ class Parameters(map_pd.Gains):
     alpha = port("", "tuning rate", 0.15, 0.0, 10.0)
     gamma = port("", "Gam, forgetting", 1e-5, 0.0, 1.0)
     cr = port("", "c_r, share of r in the tuning", -0.3, -10.0, 10.0)
+
+
+class Parameters(map_pd.Gains, Inversion):
+    """Those of the PD law, the inversion's and the network's."""
 
 
 class Settings(Parameters):

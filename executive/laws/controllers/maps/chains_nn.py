@@ -19,17 +19,8 @@ from pcpc.executive.laws.controllers.maps.map_pd import sound
 from pcpc.executive.laws.emath import where
 
 
-class Parameters(chains_pd.Gains):
+class Parameters(chains_pd.Gains, single.Inversion):
     """Those of PD, the inversion's and the networks'."""
-
-    kb = port("", "Kb, of the torque error", 0.3, -10.0, 10.0)
-    smoothing = port("", "rho of the smoothed step of tau_d", 0.9, 0.0, 1.0)
-    u_max = port("", "limit of u", 10.0, 0.0, 1e12)
-    network_on = port("", "1 adds the networks and tunes them", 1.0, 0.0, 1.0)
-    jumps_on = port("", "1 for the jump nodes", 1.0, 0.0, 1.0)
-    alpha = port("", "tuning rate", 0.15, 0.0, 10.0)
-    gamma = port("", "Gam, forgetting", 1e-5, 0.0, 1.0)
-    cr = port("", "c_r, share of r in the tuning", -0.3, -10.0, 10.0)
 
 
 class Settings(Parameters):
