@@ -42,6 +42,8 @@ OFF = {
     ),
 }  # fmt: skip
 
+BY_HAND = {"kv_Nms_rad": 110.0, "lam_per_s": 16.0}  # of pd in the rig
+
 
 class Law:
     """A law of the rig with some parameters changed, stepped by hand."""
@@ -89,7 +91,7 @@ def moving(seed: int, count: int) -> list[dict[str, float]]:
 
 @pytest.mark.parametrize("name", OFF)
 def test_without_its_own_part_each_is_pd_bit_for_bit(name: str) -> None:
-    law, plain = Law(name, **OFF[name]), Law("pd")
+    law, plain = Law(name, **OFF[name], **BY_HAND), Law("pd")
     for inputs in moving(1, 200):
         told, expected = law.step(**inputs), plain.step(**inputs)
         assert told["motor_torque_Nm"] == expected["motor_torque_Nm"]
@@ -221,7 +223,7 @@ RATES = {"inertia_rate": 3.0, "coulomb_rate": 50.0, "breakaway_rate": 70.0, "vis
 
 
 def test_the_lyapunov_function_falls_by_kv_r_squared() -> None:
-    law = Law("pd_adaptive", **RATES)
+    law = Law("pd_adaptive", **RATES, **BY_HAND)
     true, gain = np.array([3.58, 3.2, 1.0, 1.2, 2.5]), np.array([*RATES.values()])
     place = [port.name for port in law.block.states].index("inertia_kg_m2")
     law.x[place : place + 5] = [2.0, 1.0, 2.0, 3.0, 1.0]

@@ -1,0 +1,31 @@
+"""`pcpc experiment rivals`: which law of the barrel wins where, plants/atb1000/rivals.py.
+
+Writes results.md (tables with paired intervals, a margin beside each law), results.csv, a figure.
+"""
+
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.plants.atb1000 import rivals
+from pcpc.tools.console.progress import Progress
+from pcpc.tools.experiment import write_csv
+from pcpc.tools.experiments._runs import done
+from pcpc.tools.experiments.tuning import margin, needs_scipy
+from pcpc.tools.starting.pool import each
+
+
+def run(folder: Path, progress: Progress, jobs: int | None) -> int:
+    """Run all laws on all scenarios and plants; NOT_MET if a run failed."""
+    needs_scipy("rivals")
+    margins = dict(zip(rivals.LAWS, each(margin, rivals.LAWS, progress, jobs), strict=True))
+    results = done(list(rivals.cases()), progress, jobs)
+    write_csv(results, folder / "results.csv")
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    rivals.draw(results, figures / "friction.png")
+    text = f"# Laws of the barrel against each other\n\n{rivals.report(results, margins)}"
+    (folder / "results.md").write_text(text)
+    failed = [result for result in results if result.failed]
+    for one in failed:
+        progress.say(f"{one.case.controller} on {one.case.rig}: {one.failed}")
+    return Exit.NOT_MET if failed else Exit.OK
