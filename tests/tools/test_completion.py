@@ -45,7 +45,7 @@ def asked(line: str, folder: Path, **environment: str) -> tuple[list[str], str]:
         ("pcpc run hull --pac", {"--pacing"}),
         ("pcpc run hull --pacing lo", {"lockstep"}),
         ("pcpc run telerobot-", {"telerobot-u0", "telerobot-u1", "telerobot-u2"}),
-        ("pcpc simulate hull --controller pd_n", {"pd_nn", "pd_nn_fast"}),
+        ("pcpc simulate hull --controller pd_st", {"pd_star"}),
         ("pcpc simulate own.y", {"own.yaml"}),
         ("pcpc simulate nosuch --controller p", set()),
         ("pcpc rigs friction_", {"friction_arm"}),
@@ -97,7 +97,7 @@ def test_bash_completes_after_what_the_command_prints(tmp_path: Path) -> None:
         export PATH={Path(PCPC).parent}:$PATH
         eval "$(pcpc completion bash)"
         complete -p pcpc
-        COMP_LINE="pcpc run hull --controller pd_nn_" COMP_POINT=33 COMP_TYPE=9
+        COMP_LINE="pcpc run hull --controller nn_back" COMP_POINT=34 COMP_TYPE=9
         _python_argcomplete pcpc
         echo "${{COMPREPLY[@]}}"
     """
@@ -105,4 +105,4 @@ def test_bash_completes_after_what_the_command_prints(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     registered, offered = done.stdout.splitlines()
     assert registered.endswith("-F _python_argcomplete pcpc"), registered
-    assert offered.split() == ["pd_nn_fast"], offered
+    assert offered.split() == ["nn_backstepping"], offered
