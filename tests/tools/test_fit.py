@@ -12,6 +12,7 @@ from pcpc.executive.batch.driven import Driven
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 from pcpc.tools.fit.fitting import Model
+from pcpc.tools.fit.record import record_of
 from pcpc.tools.new import write
 from pcpc.tools.rigs import find
 
@@ -148,3 +149,17 @@ def test_the_driven_plant_gives_the_bits_of_the_run(rig):
     np.testing.assert_array_equal(plant.signals([{}], own, given[:rows], 0, seed)[0], expected)
     both = plant.signals([{}, {}], own, given[:rows], 0, seed)
     np.testing.assert_array_equal(both[1], expected)
+
+
+def test_the_models_samples_are_those_of_the_log_where_a_sensor_only_rounds():
+    run = pcpc.simulate("slew10", set={"duration_s": 0.8}, quiet=True)
+    model = Model(load_rig(Path(find("slew10"))))
+    record = record_of(run.log, model.plant, list(model.sensors))
+    smooth, samples = model.samples(model.start, record.given, record.first)
+    there = np.isfinite(record.measured)
+    for name in ("FB_A.encoder", "FB_C.motor_speed", "MOTPOS.motor_angle"):
+        j = list(model.sensors).index(name)
+        rows = there[:, j]
+        heard = record.measured[rows, j]
+        np.testing.assert_allclose(samples[rows, j], heard, rtol=1e-12, atol=1e-15)
+        assert np.abs(smooth[rows, j] - heard).max() > 0.3 * model.quantum[j], name
