@@ -94,6 +94,20 @@ def test_an_estimate_stays_within_its_bounds():
     assert 1.5 - 1e-6 < found.values[0] <= 1.5
 
 
+def test_a_search_that_got_lost_in_the_parts_begins_again_at_the_start():
+    rough = round(0.85 * ROWS)  # behind the longest part
+
+    def rugged(points, rows):
+        y = linear(points, rows)
+        y[:, rough:] = np.sin(300.0 * y[:, rough:])
+        return y
+
+    measured = rugged(TRUE[None], ROWS)[0]
+    measured[:rough, 0] += 0.05 * REGRESSORS[:rough, 0]  # misleads the parts, by 0.05
+    found = fit(measured, rugged, start=TRUE * (1.0 + 1e-4))
+    assert np.abs(found.values - TRUE).max() < 5e-3, found.values
+
+
 def test_the_step_of_counts_is_found_in_the_samples():
     counts = 0.25 * np.round(np.random.default_rng(1).standard_normal((100, 1)) * 8.0)
     assert resolution(counts, np.array([1e-6]))[0] == pytest.approx(0.25)

@@ -11,8 +11,9 @@
 (2) is done with s_j of the samples' second differences first, over a growing part of the record: an
 integrator that starts far off is a wrong turn at the end of a long record, and not yet one at the
 end of a short one. Parts weigh the start as one measurement with an error of 100 %, the whole does
-not. Then s_j is (3), and (2) is done again. J is by forward differences in the search and by
-central ones in what comes after it.
+not; it begins where the parts ended, or at the start if that agrees better. Then s_j is (3), and
+(2) is done again. J is by forward differences in the search and by central ones in what comes after
+it.
 
 Rounding of a slow motion is no white noise: at rest a sensor errs by the same part of a count for
 seconds, and two runs err alike, so that (2) is biased. Where rounding is all that a sensor's
@@ -159,6 +160,7 @@ def estimated(
     for part in _parts(rows):
         say(f"{100.0 * part / rows:.0f} % of the record, {of.evaluations} runs so far")
         z, steps = _minimum(of, z, part, noise, steps, 1e-2, prior=start / scale)
+    z = _better(of, np.stack((z, start / scale)), noise)
     excited = np.ones(len(z), bool)
     for turn in range(3):
         say(f"the whole record, {of.evaluations} runs so far")
@@ -210,6 +212,12 @@ def _noise(of: _Problem, z: Array, rows: int, floor: Array, excited: NDArray[np.
     count = np.isfinite(error).sum(axis=0)
     mean = np.nansum(error * error, axis=0) / np.maximum(count - excited.sum() / error.shape[1], 1)
     return np.maximum(np.sqrt(mean), np.maximum(floor, 1e-300))
+
+
+def _better(of: _Problem, points: Array, noise: Array) -> Array:
+    """Return the one of some points (m, p) that agrees best with the whole record."""
+    r = _bounded((of.signals(points, len(of.measured)) - of.measured) / noise)
+    return np.asarray(points[np.argmin(np.sum(r * r, axis=(1, 2)))])
 
 
 def _parts(rows: int) -> list[int]:
