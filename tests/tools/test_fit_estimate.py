@@ -94,6 +94,18 @@ def test_an_estimate_stays_within_its_bounds():
     assert 1.5 - 1e-6 < found.values[0] <= 1.5
 
 
+def test_a_correction_of_rounding_that_leads_away_is_not_taken():
+    measured = encoded(TRUE)[1]
+
+    def wrong(point):
+        y, rounded = encoded(point)
+        return y, rounded + 10.0 * COUNT
+
+    found = fit(measured, two_sensors, samples=wrong)
+    np.testing.assert_array_equal(found.values, found.before)
+    assert np.abs(fit(measured, two_sensors, samples=encoded).values - found.before).max() > 0.0
+
+
 def test_a_search_that_got_lost_in_the_parts_begins_again_at_the_start():
     rough = round(0.85 * ROWS)  # behind the longest part
 

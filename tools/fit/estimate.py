@@ -182,22 +182,26 @@ def _unrounded(
     of: _Problem, samples: Samples, z: Array, noise: Array, slope: Array,
     excited: NDArray[np.bool_], floor: Array,
 ) -> Array:  # fmt: skip
-    """Return z after (7); as it was where every sensor's residuals hold more than rounding."""
+    """Return z after (7); as it was where no sensor only rounds, or (7) leads away."""
     j = slope[..., excited].reshape(-1, excited.sum())
     step = np.linalg.pinv(j)
-    found = []
-    for _ in range(TURNS):
-        of.evaluations += 1
-        y, rounded = samples(z * of.scale)
-        counted = _noise_of(y - of.measured) <= ROUNDED * floor
-        if not counted.any():
-            return z
+
+    def only_round(y: Array) -> NDArray[np.bool_]:
+        return np.asarray(_noise_of(y - of.measured) <= ROUNDED * floor)
+
+    y, rounded = samples(z * of.scale)
+    counted, found, now = only_round(y), [], z
+    for _ in range(TURNS if counted.any() else 0):
         r = _bounded((np.where(counted, rounded, y) - of.measured) / noise)
-        z = z.copy()
-        z[excited] -= step @ r.ravel()
-        z = np.clip(z, of.low, of.high)
-        found.append(z)
-    return np.asarray(np.mean(found[-KEPT:], axis=0))
+        now = now.copy()
+        now[excited] -= step @ r.ravel()
+        now = np.clip(now, of.low, of.high)
+        found.append(now)
+        y, rounded = samples(now * of.scale)
+    of.evaluations += 1 + len(found)
+    mean = np.mean(found[-KEPT:], axis=0) if found else z
+    stays = only_round(of.signals(mean[None], len(of.measured))[0])[counted].all()
+    return np.asarray(mean) if stays else z
 
 
 def _noise_of(error: Array) -> Array:
