@@ -13,11 +13,14 @@ is recorded in k - 1, so that proofs begin with the second cycle; see `Told.used
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from pcpc.plants.judging import Run
 from pcpc.plants.lyapunov import Asked, Proof, Vector
+
+LEAST = 20  # cycles of a stretch
 
 
 class NoTheorem(Exception):
@@ -28,15 +31,41 @@ class NoTheorem(Exception):
 class Told:
     """A run as a proof sees it, from its second cycle on: n cycles, of which n - 1 have a next.
 
-    All columns are those of cycles 1, 2, ...; `used` are those of the cycle before each.
+    All columns are those of cycles 1, 2, ...; `used` and `earlier` those of the cycle before each.
+    Of a run on clocks it is the longest stretch in which no cycle was skipped and each has the
+    records of all other nodes.
     """
 
     run: Run
 
+    @cached_property
+    def stretch(self) -> slice:
+        """The rows of the run that are taken, with the one before the first cycle."""
+        whole = np.ones(len(self.run.cycle), bool)
+        for node in self.run.log.node:
+            whole &= self.run.told(node)
+        follows = np.diff(self.run.cycle, prepend=self.run.cycle[:1] - 1) == 1
+        begins = np.flatnonzero(np.diff(whole & follows, prepend=False) & whole & follows)
+        best = slice(0, 0)
+        for begin in begins:
+            over = np.flatnonzero(~(whole & follows)[begin:])
+            end = int(begin + over[0]) if len(over) else len(whole)
+            first = int(begin) - int(begin > 0 and whole[begin - 1])
+            if end - first > best.stop - best.start:
+                best = slice(first, end)
+        if best.stop - best.start < LEAST:
+            raise NoTheorem(f"no {LEAST} cycles in a row have the records of all nodes")
+        return best
+
+    @property
+    def left_out(self) -> int:
+        """How many cycles of the run are not in the stretch."""
+        return len(self.run.cycle) - (self.stretch.stop - self.stretch.start)
+
     @property
     def t_s(self) -> Vector:
         """Time of the cycles."""
-        return self.run.t_s[1:]
+        return self.run.t_s[self.stretch][1:]
 
     @property
     def period_s(self) -> float:
@@ -45,7 +74,11 @@ class Told:
 
     def column(self, name: str) -> Vector:
         """Return a variable `NODE:NAME` (n,)."""
-        return self.run[name][1:]
+        return self.run[name][self.stretch][1:]
+
+    def earlier(self, name: str) -> Vector:
+        """Return a variable as it was in the cycle before each."""
+        return self.run[name][self.stretch][:-1]
 
     def columns(self, name: str, count: int = 2) -> Vector:
         """Return NAME with {} for 1 .. count, (n, count)."""
@@ -56,11 +89,11 @@ class Told:
         return np.concatenate((values[1:], values[-1:]))
 
     def setting(self, name: str) -> float:
-        """Return a parameter `NODE:NAME` as the run ended."""
-        return float(self.run[name][-1])
+        """Return a parameter `NODE:NAME` as the stretch ended."""
+        return float(self.run[name][self.stretch][-1])
 
     def law(self, name: str) -> float:
-        """Return a parameter of the controller as the run ended."""
+        """Return a parameter of the controller as the stretch ended."""
         return self.setting(f"executive:controller.{name}")
 
     def array(self, name: str, *shape: int) -> Vector:
@@ -73,8 +106,8 @@ class Told:
 
     def _array(self, name: str, *shape: int) -> Vector:
         size = int(np.prod(shape))
-        values = np.stack([self.run[f"{name}_{i}"] for i in range(size)], axis=1)
-        return values.reshape(-1, *shape)
+        columns = [self.run[f"{name}_{i}"][self.stretch] for i in range(size)]
+        return np.stack(columns, axis=1).reshape(-1, *shape)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from pcpc.plants.lyapunov import Asked, Constants, Proof
 from pcpc.plants.theorem import Theorem, Told, fitted, inner, rates_positive, size
 
 NODES, JUMPS = 10, 2
-STATE = "executive:controller."
+STATE, GOAL = "executive:controller.", "executive:reference.now"
 
 
 def prove(told: Told) -> Proof:
@@ -32,8 +32,8 @@ def prove(told: Told) -> Proof:
     rate, m = abs(alpha) or 1.0, told.setting("plant:map.slope")
     gap = told.setting("plant:map.d_plus") - told.setting("plant:map.d_minus")
     x1, x2, tau = (told.column(f"plant:map.{name}") for name in ("x1", "x2", "tau"))
-    x_d = told.run["executive:reference.now"]
-    r = x2 - x_d[1:] + lam * (x1 - x_d[:-1])
+    x_d, x_d_before = told.column(GOAL), told.earlier(GOAL)
+    r = x2 - x_d + lam * (x1 - x_d_before)
     tau_d, foretold = told.column(f"{STATE}tau_d"), told.column(f"{STATE}foretold")
     tt = tau_d - tau
     sg = tt + cr * r

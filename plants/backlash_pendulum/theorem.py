@@ -53,7 +53,7 @@ def prove(told: Told) -> Proof:
     r = e2 + lam * e1
     tau, tau_d = told.column(f"{PLANT}torque_Nm"), told.column(f"{STATE}tau_d_Nm")
     tt, command = tau_d - tau, told.column(f"{STATE}u_Nm")
-    phi = (command - told.run[f"{STATE}u_Nm"][:-1]) / period
+    phi = (command - told.earlier(f"{STATE}u_Nm")) / period
     y, robust = told.column(f"{STATE}network_Nm_s"), told.column(f"{STATE}robust_Nm_s")
     derivative = phi - kb * tt - robust + y
     taken = (told.after(tau) - tau) / period - phi

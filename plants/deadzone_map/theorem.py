@@ -20,7 +20,7 @@ from pcpc.plants.lyapunov import Asked, Constants, Proof
 from pcpc.plants.theorem import Theorem, Told, inner, rates_positive, size
 
 MARGIN = 1.25  # of the range that w is looked for in, over that of the run
-STATE = "executive:controller."
+STATE, GOAL = "executive:controller.", "executive:reference.now"
 
 
 def prove(told: Told) -> Proof:
@@ -31,8 +31,7 @@ def prove(told: Told) -> Proof:
     rate = abs(alpha) or 1.0
     true, width = told.setting("plant:map.c"), told.setting("plant:map.d")
     x1, x2 = told.column("plant:map.x1"), told.column("plant:map.x2")
-    x_d = told.run["executive:reference.now"]
-    before, now = x_d[:-1], x_d[1:]
+    before, now = told.earlier(GOAL), told.column(GOAL)
     r = x2 - now + lam * (x1 - before)
     after = told.after(r)
     d = np.stack((told.column(f"{STATE}width_plus"), told.column(f"{STATE}width_minus")), axis=1)

@@ -103,7 +103,7 @@ def prove(told: Told) -> Proof:
     )
     v3 = told.column("plant:car.body_rate_m_s") - told.column("plant:car.wheel_rate_m_s")
     wanted = told.column("executive:controller.wanted_spool_m")
-    before = told.run["executive:controller.wanted_spool_m"][:-1]
+    before = told.earlier("executive:controller.wanted_spool_m")
     force, desired = told.column("plant:car.strut_N"), told.column("executive:controller.desired_N")
     ef, e = desired - force, wanted - spool
     gain, known = strut.gain(x3, p1, spool), strut.gain(x3, p1, before)

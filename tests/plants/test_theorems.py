@@ -3,16 +3,19 @@
 Seeds are none of those that any rig, study or page names.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pcpc.executive.log.reader import Node
 from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.judging import Run
 from pcpc.plants.lyapunov import UNEXPLAINED, Account, Check
-from pcpc.tools.bounds import of_rig, theorem_of
+from pcpc.plants.theorem import Told
+from pcpc.tools.bounds import observed, of_rig, theorem_of
 from pcpc.tools.bounds.retuned import retuned
 
 PLANTS = Path(__file__).resolve().parents[2] / "plants"
@@ -90,6 +93,25 @@ def test_where_the_barrel_violates_its_proof_all_of_it_has_a_named_cause() -> No
     alive, dead = case.account(), case.account(0.0)
     assert alive.unexplained > UNEXPLAINED and not alive.holds
     assert alive.unnamed < 1e-9 < 0.5 < dead.unnamed, (alive.unnamed, dead.unnamed)
+
+
+def test_of_a_log_with_holes_the_longest_whole_stretch_is_taken() -> None:
+    """As on clocks: the plant tells nothing at first, and the executive skips three cycles."""
+    rig = load_rig(PLANTS / "deadzone_map" / "rigs" / "fuzzy-d03.yaml", "fuzzy")
+    theorem = theorem_of(rig)
+    log = observed.of_rig(rig, theorem.states)
+
+    def without(node: str, begin: int, end: int) -> Node:
+        one = log.node[node]
+        left = (one.cycle < begin) | (one.cycle >= end)
+        columns = {name: values[left] for name, values in one.columns.items()}
+        return replace(one, cycle=one.cycle[left], stamp_ns=one.stamp_ns[left], columns=columns)
+
+    nodes = {"plant": without("plant", 0, 5), "executive": without("executive", 40, 43)}
+    told = Told(Run(replace(log, node=nodes), 0.1))
+    account = Account(theorem.prove(told), 10.0)
+    assert account.holds and account.unexplained < 1e-9, violated(account)
+    assert told.left_out == 40 and account.proof.t_s[0] == pytest.approx(4.4)
 
 
 @pytest.mark.parametrize(

@@ -27,11 +27,12 @@ from pcpc.tools.rigs import find
 
 @dataclass(frozen=True)
 class Bounds:
-    """A run's account, and what it is of."""
+    """A run's account, and what it is of; `left_out`: cycles of the run that are not in it."""
 
     name: str
     controller: str
     account: Account
+    left_out: int = 0
 
     @property
     def holds(self) -> bool:
@@ -47,10 +48,10 @@ class Bounds:
 
     def to_dict(self) -> dict[str, object]:
         """Return all figures as plain values, for JSON."""
-        return text.plain(self.name, self.controller, self.account)
+        return {**text.plain(self.name, self.controller, self.account), "left_out": self.left_out}
 
     def __str__(self) -> str:
-        return "\n".join(text.lines(self.name, self.controller, self.account))
+        return "\n".join(text.lines(self.name, self.controller, self.account, self.left_out))
 
 
 def command(options: argparse.Namespace) -> int:
@@ -109,11 +110,12 @@ def _account(rig: Rig, theorem: Theorem, log: logs.Log, begin_s: float | None) -
     run = Run(log, 1.0 / rig.config.rate_hz)
     if not run.plant_tells:
         raise NoTheorem("the log has no record of the plant, from which w is computed")
-    proof = theorem.prove(Told(run))
+    told = Told(run)
+    proof = theorem.prove(told)
     settled_s = float(proof.t_s[len(proof.t_s) // 2])
     if begin_s is not None and begin_s < proof.t_s[-1]:
         settled_s = begin_s
-    return Bounds(rig.config.rig, rig.config.controller, Account(proof, settled_s))
+    return Bounds(rig.config.rig, rig.config.controller, Account(proof, settled_s), told.left_out)
 
 
 def known(rig: Rig) -> dict[str, Theorem]:

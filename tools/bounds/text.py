@@ -53,7 +53,7 @@ def loose(account: Account) -> float:
     return account.own.error / account.largest if account.largest > 0.0 else math.inf
 
 
-def lines(name: str, controller: str, account: Account) -> list[str]:
+def lines(name: str, controller: str, account: Account, left_out: int = 0) -> list[str]:
     """Return the account in lines of 80 columns."""
     proof, own, stated = account.proof, account.own, account.stated
     energy = account.dissipated
@@ -73,6 +73,10 @@ def lines(name: str, controller: str, account: Account) -> list[str]:
         ("V'", f"above the proof's inequality in {100.0 * account.failing.mean():.3g} % of the "
                f"cycles; {_outside(account)}"),
     ]  # fmt: skip
+    if left_out:
+        seen = f"{proof.t_s[0]:.4g} to {proof.t_s[-1]:.4g} s"
+        rows.insert(1, ("of it", f"{seen}, the longest stretch without a skipped cycle or a "
+                                 f"missing record; {left_out} cycles are left out"))  # fmt: skip
     found = screen.rows(rows)
     for one in proof.asked:
         if not one.needed:
