@@ -40,7 +40,7 @@ class Case:
 
 SEED = "controller.network_seed=4711.0"
 CASES = {
-    "atb1000": Case("atb1000/lowspeed", "pd_nn_fast", (SEED, "duration_s=8.0")),
+    "atb1000": Case("atb1000/lowspeed", "pd_nn_fast", (SEED, "duration_s=6.0")),
     "backlash_map": Case(
         "backlash_map/backlash-map",
         "nn",
@@ -52,15 +52,15 @@ CASES = {
     ),
     "friction_arm": Case("friction_arm/friction-c", "nn_ramp", (SEED, "duration_s=6.0")),
     "deadzone_arm": Case(
-        "deadzone_arm/deadzone-sine", "nn", (SEED, "duration_s=6.0", "rate_hz=2000.0")
+        "deadzone_arm/deadzone-sine", "nn", (SEED, "duration_s=3.0", "rate_hz=2000.0")
     ),
     "deadzone_map": Case("deadzone_map/fuzzy-d03", "fuzzy", ("map.d=0.217",), sampled=False),
     "payload_arm": Case("payload_arm/payload-on", "critic", (SEED, "duration_s=6.0")),
     "quarter_car": Case(
-        "quarter_car/suspension-8", "fl", ("car.road_rad_s=21.0", "duration_s=4.0")
+        "quarter_car/suspension-8", "fl", ("car.road_rad_s=21.0", "duration_s=2.5")
     ),
     "telerobot": Case(
-        "telerobot/telerobot-u1", "rnn", ("servo.network_seed=4711.0", "duration_s=8.0")
+        "telerobot/telerobot-u1", "rnn", ("servo.network_seed=4711.0", "duration_s=5.0")
     ),
 }
 each = pytest.mark.parametrize("case", CASES.values(), ids=list(CASES))
