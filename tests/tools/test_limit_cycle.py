@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linear_rig import PLANTS, Linear
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import pcpc
 from pcpc.tools.cli import main
+from pcpc.tools.experiments._linear_rig import PLANTS, Linear
 from pcpc.tools.margin import balance
 from pcpc.tools.margin.limit_cycle import limit_cycle
 from pcpc.tools.margin.limit_cycle_result import LimitCycle

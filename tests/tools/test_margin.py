@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linear_rig import PLANTS, RATE_HZ, Linear
 
 import pcpc
 from pcpc.tools.cli import main
+from pcpc.tools.experiments._linear_rig import PLANTS, RATE_HZ, Linear
 from pcpc.tools.margin.margins import Margins, margins
 
 Write = Callable[..., Path]

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linear_rig import PLANTS, RATE_HZ, T
 
 import pcpc
 from pcpc.tools.cli import main
+from pcpc.tools.experiments._linear_rig import PLANTS, RATE_HZ, T
 from pcpc.tools.margin import slopes
 
 LAG = PLANTS["lag"]

@@ -217,8 +217,8 @@ def experiment(add: Add) -> None:
     add(
         "name",
         metavar="NAME",
-        help="chapterN of the book, approximation, actuators, drawings, rivals, rough, theorems, "
-        "tuning, or a study.py",
+        help="chapterN of the book, approximation, actuators, drawings, margins, rivals, rough, "
+        "theorems, tuning, or a study.py",
     )
     add("-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME")
     add("--jobs", type=int, metavar="N", help="processes; all processors")

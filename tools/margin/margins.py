@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 _NONE = math.inf
+_NOTHING = 1e-12  # of the largest |L|: a zero, whose logarithm bends the cubics
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def margins(f_hz: Vector, response: NDArray[np.complex128], rate_hz: float) -> M
 
 def _denser(f_hz: Vector, response: NDArray[np.complex128]) -> tuple[Vector, Vector, Vector]:
     """Return frequencies with 20 steps between any two, |L| and the unwrapped phase in rad."""
-    keep = np.abs(response) > 0.0
+    keep = np.abs(response) > _NOTHING * np.abs(response).max(initial=0.0)
     f_hz, response = f_hz[keep], response[keep]
     if len(f_hz) < 3:
         return np.array([1.0, 2.0]), np.full(2, 1e-300), np.zeros(2)

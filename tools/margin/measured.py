@@ -66,14 +66,18 @@ class Measured:
 
 
 def multisine(
-    rate_hz: float, lowest_hz: float, amplitude: float, seed: int, highest_hz: float | None = None
-) -> Multisine:
-    """Return lines from `lowest_hz` to half the rate or `highest_hz`, by logarithm."""
+    rate_hz: float, lowest_hz: float, amplitude: float, seed: int, highest_hz: float | None = None,
+    first_hz: float = 0.0,
+) -> Multisine:  # fmt: skip
+    """Return lines from `lowest_hz` to half the rate or `highest_hz`, by logarithm.
+
+    `first_hz`: leaves those below out; the period is still that of `lowest_hz`.
+    """
     n = 2 * round(0.5 * rate_hz / lowest_hz)
     top = min(0.5 * n - 1, np.inf if highest_hz is None else n * highest_hz / rate_hz)
     raw = np.geomspace(1.0, max(top, 1.0), _LINES)
     lines = np.unique(2 * np.round(0.5 * (raw - 1.0)).astype(np.int64) + 1)
-    lines = lines[lines < 0.5 * n]
+    lines = lines[(lines <= top) & (lines * rate_hz >= first_hz * n)]
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, len(lines))
     turns = np.outer(lines, np.arange(n)) % n
     waves = np.cos(2.0 * np.pi / n * turns + phases[:, None])

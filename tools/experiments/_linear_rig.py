@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 RATE_HZ = 500.0
 T = 1.0 / RATE_HZ
@@ -176,7 +175,9 @@ class Linear:
         return (self.kp + self.kd * (1.0 - 1.0 / z) / T) * self.plant(z) / z
 
     def write(self, folder: Path, **parameters: float) -> Path:
-        """Write the rig and return its file."""
+        """Write the rig and return its file. ImportError without scipy."""
+        from scipy.linalg import expm
+
         block = np.zeros((4, 4))
         block[: len(self.a), : len(self.a)], block[: len(self.a), 3] = self.a, self.b
         phi, gamma = expm(block * T)[:3, :3], expm(block * T)[:3, 3]
