@@ -199,9 +199,11 @@ def draw(results: Sequence[Result], path: Path) -> None:
         ax.set_xscale("log")
         ax.set_yscale("log")
         ax.set_xticks((0.5, 0.7, 1.0, 1.4, 2.0))
+        ax.set_yticks((0.2, 0.5, 1.0, 2.0, 4.0))
         for axis in (ax.xaxis, ax.yaxis):
             axis.set_major_formatter(ScalarFormatter())
-        ax.xaxis.set_minor_formatter(NullFormatter())
+            axis.set_minor_formatter(NullFormatter())
+        ax.set_ylim(0.15, 4.5)
         ax.set_xlabel("friction relative to nominal")
         ax.set_title(scenario, fontsize=10)
         ax.grid(alpha=0.3, which="both")

@@ -20,12 +20,16 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     margins = dict(zip(rivals.LAWS, each(margin, rivals.LAWS, progress, jobs), strict=True))
     results = done(list(rivals.cases()), progress, jobs)
     write_csv(results, folder / "results.csv")
-    figures = folder / "figures"
-    figures.mkdir(exist_ok=True)
-    rivals.draw(results, figures / "friction.png")
-    text = f"# Laws of the barrel against each other\n\n{rivals.report(results, margins)}"
-    (folder / "results.md").write_text(text)
     failed = [result for result in results if result.failed]
     for one in failed:
         progress.say(f"{one.case.controller} on {one.case.rig}: {one.failed}")
-    return Exit.NOT_MET if failed else Exit.OK
+    if failed:
+        what = f"{len(failed)} of {len(results)} runs failed, see results.csv"
+        (folder / "results.md").write_text(f"# Laws of the barrel against each other\n\n{what}\n")
+        return Exit.NOT_MET
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    rivals.draw(results, figures / "rivals.png")
+    text = f"# Laws of the barrel against each other\n\n{rivals.report(results, margins)}"
+    (folder / "results.md").write_text(text)
+    return Exit.OK
