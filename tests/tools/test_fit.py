@@ -11,8 +11,9 @@ import pcpc
 from pcpc.executive.batch.driven import Driven
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
-from pcpc.tools.fit.fitting import Model
+from pcpc.tools.fit.fitting import Model, narrow
 from pcpc.tools.fit.record import record_of
+from pcpc.tools.fit.result import Parameter
 from pcpc.tools.new import write
 from pcpc.tools.rigs import find
 
@@ -163,3 +164,13 @@ def test_the_models_samples_are_those_of_the_log_where_a_sensor_only_rounds():
         heard = record.measured[rows, j]
         np.testing.assert_allclose(samples[rows, j], heard, rtol=1e-12, atol=1e-15)
         assert np.abs(smooth[rows, j] - heard).max() > 0.3 * model.quantum[j], name
+
+
+def test_an_interval_too_narrow_to_be_believed_is_named():
+    sharp, usual, unknown = (
+        Parameter(name, "m", 2.0, 2.0, error, 1.9, 2.1, excited)
+        for name, error, excited in (("a.b", 1e-7, True), ("a.c", 1e-4, True), ("a.d", 0.0, False))
+    )
+    (note,) = narrow([sharp, usual, unknown])
+    assert note.startswith("a.b: ") and "a.c" not in note and "a.d" not in note
+    assert narrow([usual, unknown]) == []

@@ -20,6 +20,7 @@ from pcpc.tools.fit.result import Fit, Parameter, Sensor
 
 Array = NDArray[np.float64]
 MISSES = 1.5  # residuals above this many times the samples' own noise: the model misses something
+NARROW = 1e-6  # a standard error below this share of the value
 FEW = 0.2  # a 95 % interval wider than this share of the value to either side is worth a word
 
 
@@ -217,6 +218,13 @@ def _settings(rig: Mapping[str, Any]) -> dict[str, float]:
             for name, value in about.get("parameters", {}).items()}  # fmt: skip
 
 
+def narrow(parameters: Sequence[Parameter]) -> list[str]:
+    """Return a note where standard errors are too small to be believed."""
+    found = [one.name for one in parameters if one.excited and one.error < NARROW * abs(one.value)]
+    what = "this log is so sensitive that the search may have ended beside the best value, by more"
+    return [f"{', '.join(found)}: {what} than the interval tells"] if found else []
+
+
 def _warnings(
     model: Model, found: Estimate, parameters: Sequence[Parameter], sensors: Sequence[Sensor]
 ) -> list[str]:
@@ -230,6 +238,7 @@ def _warnings(
             notes.append(f"{one.name}: this log tells little of it{cure}")
         if one.excited and min(abs(one.value - b) for b in bounds) <= 1e-6 * abs(one.rig or 1.0):
             notes.append(f"{one.name}: it ended at its bound {one.value:g}")
+    notes += narrow(parameters)
     for a, b, c in close_pairs(found.correlation, model.names):
         notes.append(f"{a} and {b}: correlation {c:+.3f}; this log knows one combination of "
                      "them better than each")  # fmt: skip
