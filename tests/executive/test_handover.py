@@ -211,11 +211,9 @@ PLANTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("plant", "name"), PLANTS.items())
-def test_the_laws_of_each_plant_take_over_from_each_other(plant: str, name: str) -> None:
-    path = ROOT / "plants" / plant / "rigs" / f"{name}.yaml"
+def taken_over(path: Path, own: str, others: list[str]) -> None:
+    """Hand over from `own` to each of `others` and back; every one is in charge, none refused."""
     config = load_rig(path, resolve=False).config
-    own, *others = sorted(config.controllers)[: 2 if plant == "friction_arm" else 3]
     each, last = 20, len(others)
     moments = [(each * (i + 1), law) for i, law in enumerate([*others, own])]
     told = [f"{{at_s: {at / config.rate_hz}, handover: {law}}}" for at, law in moments]
@@ -227,6 +225,19 @@ def test_the_laws_of_each_plant_take_over_from_each_other(plant: str, name: str)
     wanted = np.repeat([*range(last + 1), 0], each)
     assert np.array_equal(node["handover.in_charge"][: len(wanted)], wanted)
     assert not node["handover.refused"].any() and not node["supervisor.fault"].any()
+
+
+@pytest.mark.parametrize(("plant", "name"), PLANTS.items())
+def test_the_laws_of_each_plant_take_over_from_each_other(plant: str, name: str) -> None:
+    path = ROOT / "plants" / plant / "rigs" / f"{name}.yaml"
+    config = load_rig(path, resolve=False).config
+    own, *others = sorted(config.controllers)[: 2 if plant == "friction_arm" else 3]
+    taken_over(path, own, others)
+
+
+@pytest.mark.parametrize("others", [["pd_feedforward", "pd_observer"], ["super_twisting", "lqg"]])
+def test_the_rivals_of_the_barrel_take_over_from_each_other(others: list[str]) -> None:
+    taken_over(HULL, "pd_adaptive", others)
 
 
 WRONG = {
