@@ -32,7 +32,8 @@ LEAST, MOST = 1e-3, 1e4  # percent that a figure shows
 OFF = ("the network is on", "both networks are on", "the rules are on", "W, Wi, y, u are in use")
 SHOWN = {  # a picture each: plant, rig, controller
     "friction_arm": ("friction-c", "nn_ramp"), "deadzone_arm": ("deadzone-sine", "nn"),
-    "deadzone_map": ("fuzzy-d03", "fuzzy"), "backlash_pendulum": ("backlash-pendulum", "nn"),
+    "deadzone_map": ("fuzzy-d03", "fuzzy"), "map_chains": ("two-deadzones", "fuzzy"),
+    "backlash_pendulum": ("backlash-pendulum", "nn"),
     "backlash_map": ("backlash-map", "nn"), "quarter_car": ("suspension-8", "fl"),
     "payload_arm": ("payload-on", "critic"), "telerobot": ("telerobot-u2", "rnn"),
     "atb1000": ("slew10", "pd_nn_fast"),
