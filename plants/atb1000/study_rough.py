@@ -20,8 +20,8 @@ CHAPTER = 9
 TITLE = "The barrel in a rougher world"
 FOLDER = Path(__file__).resolve().parent
 RIG = FOLDER / "rigs" / "rough.yaml"
-LAWS = ("pd", "pid", "pd_feedforward", "pd_observer", "super_twisting", "pd_adaptive", "lqg",
-        "pd_nn_fast", "nn_backstepping")  # fmt: skip
+LAWS = ("pd", "pd_tuned", "pid", "pid_tuned", "pd_feedforward", "pd_observer", "super_twisting",
+        "pd_adaptive", "lqg", "pd_nn_fast", "pd_nn_fast_tuned", "nn_backstepping")  # fmt: skip
 NONE, ALL = "none", "all"
 PARTS = {  # whole numbers: runs in lanes differ in none of them
     "gyros": "rough_gyros=1", "encoder": "rough_encoder=1", "motor": "rough_motor=1",
