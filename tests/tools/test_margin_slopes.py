@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import pcpc
+from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 from pcpc.tools.experiments._linear_rig import PLANTS, RATE_HZ, T
-from pcpc.tools.margin import slopes
+from pcpc.tools.margin import loops, operating, slopes
+from pcpc.tools.margin.cycle_map import CycleMap
 
 LAG = PLANTS["lag"]
 
@@ -86,3 +88,16 @@ def test_the_command_takes_a_time_and_frequencies_below_1_hz(
 def test_what_left_its_bounds_is_a_state_of_a_block(tmp_path: Path) -> None:
     with pytest.raises(pcpc.Error, match=r"unstable: (controller|plant:system)\.\w+ leaves all"):
         pcpc.margin(LAG.write(tmp_path), set={"controller.kp": 500.0}, at_s=1.0, settle_s=8.0)
+
+
+def test_the_plant_is_a_cycle_ahead_of_the_law_it_answers(tmp_path: Path) -> None:
+    plans = operating.plans_of(operating.undisturbed(load_rig(LAG.write(tmp_path))))
+    cycle, (cut, _) = CycleMap(plans), loops.chosen(load_rig(LAG.write(tmp_path)), plans, None)
+    cycle.begin({})
+    for k in range(3):
+        if k < 2:
+            cycle.advance()
+        else:
+            cycle.advance_added(cut, 0.0)
+        told = [cycle.v[cycle.place(role, "time.t_s")] for role in cycle.roles]
+        assert told == pytest.approx([k * T, (k + 1) * T])
