@@ -10,6 +10,7 @@ import ast
 import re
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -334,3 +335,9 @@ def test_prose_fits_its_columns() -> None:
     assert len(texts) > 12 and not wrong, wrong
     long = "x" * (COLUMNS + 1)
     assert too_long(f"{long}\n| {long}\n    {long}\n```\n{long}\n```\n{long}") == [1, 7]
+
+
+def test_no_two_test_files_have_one_name() -> None:
+    """Else pytest refuses the second, but only where both are collected."""
+    names = Counter(path.name for path in (ROOT / "tests").rglob("test_*.py"))
+    assert [name for name, count in names.items() if count > 1] == []
