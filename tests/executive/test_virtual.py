@@ -50,6 +50,7 @@ MUZZLE_RMS_MRAD = {
     "firetrack": (3.37, 2.30, 0.680),
 }
 CONTROLLERS = ("pd", "pd_star", "pid")
+ONLY_HERE = {"rough"}  # whose world nobody else has implemented; test_rough.py derives its parts
 CASES = [(rig, law, rms) for rig, row in MUZZLE_RMS_MRAD.items()
          for law, rms in zip(CONTROLLERS, row, strict=True)]  # fmt: skip
 
@@ -232,7 +233,7 @@ def test_a_fault_ends_with_STOP_and_no_torque_on_the_bus_and_all_of_it_in_the_lo
 
 
 def test_the_reference_table_covers_every_shipped_rig_and_controller() -> None:
-    assert set(MUZZLE_RMS_MRAD) == {rig.stem for rig in RIGS}
+    assert set(MUZZLE_RMS_MRAD) | ONLY_HERE == {rig.stem for rig in RIGS}
     assert set(CONTROLLERS) <= set(load_rig(SLEW10, resolve=False).config.controllers)
 
 
