@@ -8,6 +8,7 @@ import pytest
 from stepped import Stepped
 
 from pcpc.executive.errors import RigError
+from pcpc.executive.laws.block import Block
 from pcpc.executive.laws.controllers.maps import (
     backlash_nn_discrete,
     chains_fuzzy,
@@ -111,14 +112,17 @@ def test_without_coupling_a_chain_knows_nothing_of_the_other(rig: str, other: st
 
 @pytest.mark.parametrize("order", [2.0, 3.0])
 @pytest.mark.parametrize("kappa", [0.0, 0.4])
+@pytest.mark.parametrize(
+    ("block", "more"), [(chains_pd.BLOCK, {}), (chains_fuzzy.BLOCK, {"alpha": 0.0, "gam": 0.0})]
+)
 def test_with_an_exact_model_r_falls_by_kv_and_e_by_the_roots_of_lam(
-    order: float, kappa: float
+    order: float, kappa: float, block: Block, more: dict[str, float]
 ) -> None:
     """Roots of z^2 + lam z + lam_2: -0.5 and 0.3; of z + lam in second order: -0.2."""
     made = Stepped(model.BLOCK, {"order": order, "c": 0.1875, "coupling": kappa}, 0.1)
     lam, lam_2 = (0.2, -0.15) if order == 3.0 else (0.2, 0.0)
     given = {"order": order, "lam": lam, "lam_2": lam_2, "kv": 0.7, "model_coupling": kappa}
-    law = Stepped(chains_pd.BLOCK, given, 0.1)
+    law = Stepped(block, GAINS | {"model_c": 0.1875} | given | more, 0.1)
     made.x.a.x3, made.x.b.x3, made.x.b.x2 = 0.4, -1.1, 0.3
     u, rows = (0.0, 0.0), []
     for k in range(40):
