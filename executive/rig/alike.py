@@ -57,13 +57,14 @@ def _fill(
     document: Document, to: Keys, mine: dict[str, Any], source: Keys, theirs: dict[str, Any]
 ) -> None:
     """Copy what `mine` lacks from `theirs`, with its places."""
+    absent = theirs.keys() - mine.keys()
+    own = len(source)
+    for keys, place in list(document.places.items()) if absent else ():
+        if keys[:own] == source and len(keys) > own and keys[own] in absent:
+            document.places[(*to, *keys[own:])] = place
     for key, value in theirs.items():
-        if key not in mine:
+        if key in absent:
             mine[key] = copy.deepcopy(value)
-            there = (*source, key)
-            for keys, place in list(document.places.items()):
-                if keys[: len(there)] == there:
-                    document.places[(*to, key, *keys[len(there) :])] = place
         elif isinstance(mine[key], dict) and isinstance(value, dict):
             _fill(document, (*to, key), mine[key], (*source, key), value)
 

@@ -108,12 +108,13 @@ def _installed() -> list[str]:
     return folders + [str(_PROJECT / area) for area in (*AREAS, "pcpc")]
 
 
-def imported(text: bytes) -> list[str]:
+@lru_cache(maxsize=64)  # a campaign asks of the same few texts for every run
+def imported(text: bytes) -> tuple[str, ...]:
     """Return the outermost names of the modules that a Python text imports; SyntaxError."""
     tree = list(ast.walk(ast.parse(text)))
     names = [name.name for node in tree if isinstance(node, ast.Import) for name in node.names]
     names += [node.module or "" for node in tree if isinstance(node, ast.ImportFrom)]
-    return [name.partition(".")[0] for name in names]
+    return tuple(name.partition(".")[0] for name in names)
 
 
 def beside(file: Path) -> list[Path]:

@@ -18,7 +18,7 @@ at set-up, not in the step. Source: Euler-Bernoulli theory of a cantilever with 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,13 +127,20 @@ def mode_shapes(roots: Vector, length_m: float, x_m: Vector) -> tuple[Vector, Ve
     return f, df, ddf
 
 
-@lru_cache(maxsize=16)  # thousands of runs of a campaign have the same tube
+@cache
+def _quadrature() -> tuple[Vector, Vector]:
+    """Return nodes and weights on -1..1; not to be written."""
+    nodes, weights = np.polynomial.legendre.leggauss(_QUADRATURE_POINTS)
+    return nodes, weights
+
+
+@lru_cache(maxsize=256)  # thousands of runs of a campaign have the same tube, or one of a few
 def modal_data(tube: Tube, modes: int = 3) -> Beam:
     """Return the modal data of `tube` for its first `modes` bending modes; not to be written."""
     length, line_mass, tip_mass = tube.length_m, tube.line_mass_kg_m, tube.tip_mass_kg
     mass = line_mass * length
     roots = frequency_roots(tip_mass / mass, modes)
-    nodes, weights = np.polynomial.legendre.leggauss(_QUADRATURE_POINTS)
+    nodes, weights = _quadrature()
     x = 0.5 * length * (nodes + 1.0)
     dm = 0.5 * length * weights * line_mass
     f, df, _ = mode_shapes(roots, length, x)
