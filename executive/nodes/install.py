@@ -6,6 +6,8 @@ With FMUs it makes an instance of each; RigError says what one of them refuses.
 import math
 from typing import Any
 
+import numpy as np
+
 from pcpc.drivers import dbc, e2e, wire
 from pcpc.drivers.bus import RECEIVE_TIMEOUT_US
 from pcpc.drivers.wire_layout import MEMORY
@@ -54,12 +56,12 @@ def install(made: Plan, loop: Any) -> None:
     guard.manual = made.role == "executive" and config.supervisor.arm == "manual"
     guard.gain, guard.disarmed = 1.0 - guard.manual, guard.manual
     loop.v[DISARMED] = guard.manual
-    for place, value in made.values.items():
-        loop.v[place] = value
-    for place, variable in enumerate(made.table.variables):
-        tunable = variable.kind == "parameter"
-        tuning.low[place] = variable.low if tunable else math.nan
-        tuning.high[place] = variable.high if tunable else math.nan
+    loop.v[list(made.values)] = list(made.values.values())
+    ranges = [
+        (v.low, v.high) if v.kind == "parameter" else (math.nan, math.nan)
+        for v in made.table.variables
+    ]
+    tuning.low[: len(ranges)], tuning.high[: len(ranges)] = np.array(ranges).T
     _install_frames(made, loop)
     _install_wiring(made, loop)
     guard.estop_index = made.table.index.get(f"rx.{config.supervisor.estop}", -1)

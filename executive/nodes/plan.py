@@ -341,11 +341,15 @@ def cycles_of(rig: Rig) -> int:
     return max(1, round(rig.config.duration_s * rig.config.rate_hz))
 
 
-def describe(made: Plan, metadata: dict[str, str]) -> dict[str, Any]:
-    """Return the JSON head of the node's shared block; it also goes into the log."""
+def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> dict[str, Any]:
+    """Return the JSON head of the node's shared block; it also goes into the log.
+
+    Not `kept`: without the effective rig's text, for a run whose log is not written.
+    """
     rig, table = made.rig, made.table
     attachments = {str(_short(path, rig.path)): text for path, text in rig.document.sources.items()}
-    attachments |= {"rig-resolved.yaml": rig.resolved(), **rig.tables()}
+    attachments |= {"rig-resolved.yaml": rig.resolved()} if kept else {}
+    attachments |= rig.tables()
     attachments[rig.dbc.name] = dbc.text(rig.dbc)
     return {
         "node": made.role,

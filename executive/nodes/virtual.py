@@ -34,10 +34,13 @@ CYCLES_BETWEEN_DRAINS = 1000  # rows in flight; the rings hold several thousand
 
 
 class Memory:
-    """Takes the records of nodes into memory; frames and events are let go."""
+    """Takes the records of nodes into memory; frames and events are let go.
 
-    def __init__(self, blocks: list[sh.Shared]) -> None:
-        self._blocks = blocks
+    `rig`: that of nodes whose descriptions do not have its text.
+    """
+
+    def __init__(self, blocks: list[sh.Shared], rig: Rig | None = None) -> None:
+        self._blocks, self._rig = blocks, rig
         self._rows: list[list[NDArray[np.int64]]] = [[] for _ in blocks]
 
     def drain(self) -> None:
@@ -45,7 +48,9 @@ class Memory:
         for block, rows in zip(self._blocks, self._rows, strict=True):
             ring = block["record"]
             put, taken = int(block["record_ends"][sh.PUT]), int(block["record_taken"][0])
-            rows.append(ring[np.arange(taken, put) % len(ring)])
+            first, past = taken % len(ring), taken % len(ring) + put - taken
+            rows.append(ring[first:past].copy())
+            rows.append(ring[: max(0, past - len(ring))].copy())
             block["record_taken"][0] = put
             for name in ("frame", "event"):
                 block[f"{name}_taken"][0] = block[f"{name}_ends"][sh.PUT]
@@ -55,7 +60,7 @@ class Memory:
         nodes = {}
         for block, rows in zip(self._blocks, self._rows, strict=True):
             about = block.description
-            table = np.concatenate(rows)
+            rows[:] = [table := np.concatenate(rows)]
             values = table.view(np.float64).T
             n = len(about["state_columns"])
             columns = dict(zip(about["state_columns"], values[sh.RECORD_HEAD :], strict=False))
@@ -67,7 +72,8 @@ class Memory:
             )
         first = self._blocks[0].description
         metadata = {name: node.description["metadata"] for name, node in nodes.items()}
-        return logs.Log(Path(), nodes, first["attachments"], metadata, [])
+        rig = None if self._rig is None else self._rig.effective()
+        return logs.Log(Path(), nodes, first["attachments"], metadata, [], rig=rig)
 
 
 class VirtualRun:
@@ -98,7 +104,7 @@ class VirtualRun:
         }
         self.blocks: list[sh.Shared] = []
         for p in made:
-            block = sh.private(describe(p, metadata))
+            block = sh.private(describe(p, metadata, kept=log is not None))
             install_in_memory(p, block.loop)
             block["control"][sh.PID] = os.getpid()
             self.blocks.append(block)
@@ -106,7 +112,7 @@ class VirtualRun:
         self.plans = made
         self.over = () if rig.config.bus.emulate is None else _over_line(rig)
         self._controller = controller
-        self.memory = Memory(self.blocks)
+        self.memory = Memory(self.blocks, rig)
         self._stopped = False
         self.recorder = None if log is None else Recorder(
             log, self.blocks, judged=judged, clock=lambda: 0

@@ -118,6 +118,10 @@ class Rig:
         )  # fmt: skip
         return found
 
+    def effective(self) -> dict[str, Any]:
+        """Return what `resolved` writes, as plain data with pairs as tuples; not to be changed."""
+        return self._effective
+
     def resolved(self) -> str:
         """Return the effective rig as YAML, for a log: no base, no parameters file, every setting.
 
@@ -160,7 +164,11 @@ class Rig:
 
     @cached_property
     def _resolved(self) -> str:
-        data = msgspec.to_builtins(self.config)
+        return yamlfile.dump(self._effective)
+
+    @cached_property
+    def _effective(self) -> dict[str, Any]:
+        data: dict[str, Any] = msgspec.to_builtins(self.config)
         for keys in _file_keys(data):
             _put(data, keys, _rebased(self.document, keys, _get(data, keys)))
         for section, spec in self.nodes().items():
@@ -174,7 +182,7 @@ class Rig:
                     interpolation = _get(data, (*keys, "interpolation"))
                     _put(data, (*keys, "interpolation"), interpolation or "hold")
         data["plant"]["parameters_file"] = None
-        return yamlfile.dump(data)
+        return data
 
 
 def load_rig(

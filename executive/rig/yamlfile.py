@@ -208,8 +208,15 @@ def dotted(keys: Keys) -> str:
 
 def shown(file: Path) -> str:
     """Return the path of `file` as messages show it: relative below the working directory."""
-    cwd = _working_folder()
-    return str(file.relative_to(cwd) if cwd and file.is_relative_to(cwd) else file)
+    try:
+        return _below(file, os.getcwd())
+    except OSError:  # it is gone
+        return str(file)
+
+
+@lru_cache(maxsize=64)  # every value of a rig has a place
+def _below(file: Path, folder: str) -> str:
+    return str(file.relative_to(folder) if file.is_relative_to(folder) else file)
 
 
 def _working_folder() -> Path | None:

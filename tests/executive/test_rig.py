@@ -13,7 +13,7 @@ from small_rig import LAWS, MODEL, RIG, Write, message
 
 from pcpc.drivers.compile_cache import user_cache
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig import resolve
+from pcpc.executive.rig import resolve, yamlfile
 from pcpc.executive.rig.modules import project_name
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES
@@ -160,6 +160,13 @@ def test_reading_a_rig_imports_no_numba_until_a_law_is_needed(write: Write) -> N
     assert done.stdout.split() == ["False", "True"], done.stdout + done.stderr
 
 
+def with_lists(data: Any) -> Any:
+    """Return plain data as a file has it, where a pair is a list."""
+    if isinstance(data, dict):
+        return {key: with_lists(child) for key, child in data.items()}
+    return [with_lists(child) for child in data] if isinstance(data, list | tuple) else data
+
+
 def effective(rig: Rig) -> Any:
     """All that a rig says, in plain data: its values, files and complete settings."""
     config = msgspec.to_builtins(rig.config)
@@ -202,6 +209,7 @@ def test_resolved_text_loads_to_equal_values(
     again = load_rig(path, text=rig.resolved())
     assert effective(again) == effective(rig), rig.resolved()
     assert again.resolved() == rig.resolved()
+    assert yamlfile.load(path, rig.resolved()).data == with_lists(rig.effective())
 
 
 def test_a_law_beside_the_packages_has_one_name_whatever_the_path(

@@ -47,7 +47,7 @@ def imagined(rig: Rig, pacing: str, fill: Fill = nothing) -> logs.Log:
     nodes, metadata = {}, {}
     for role in rig.roles:
         facts = {"pacing": pacing, "rate_hz": repr(rig.config.rate_hz)}
-        about = describe(plan(rig, role, pacing), facts)
+        about = describe(plan(rig, role, pacing), facts, kept=False)
 
         def column(name: str) -> Vector:
             return fill(name, len(cycle))
@@ -58,4 +58,4 @@ def imagined(rig: Rig, pacing: str, fill: Fill = nothing) -> logs.Log:
         )  # fmt: skip
         metadata[str(role)] = facts | {"rig": rig.config.rig, "period_ns": str(about["period_ns"])}
         attachments |= about["attachments"]
-    return logs.Log(Path(), nodes, attachments, metadata, [])
+    return logs.Log(Path(), nodes, attachments, metadata, [], rig=rig.effective())
