@@ -60,6 +60,14 @@ def test_alike_runs_are_done_in_lanes_with_the_bits_of_each_alone(
     assert len({one.traces["theta_rad"].tobytes() for one in found}) == len(found), "all differ"
 
 
+def test_a_case_that_says_what_the_rig_says_is_alike() -> None:
+    cases = [case(), case("rate_hz=1000.0"), case("rate_hz=500", "rate_hz=1000"), case("seed=2")]
+    found, sizes = in_process(cases)
+    assert sizes == [3, 1], "the last of two values rules, so that both are kept"
+    assert [bits(one) for one in found] == [bits(runs.alone(one)) for one in cases]
+    assert bits(found[0]) | {"case": None} == bits(found[1]) | {"case": None}
+
+
 def test_few_runs_are_not_worth_lanes() -> None:
     cases = [case(f"seed={seed}") for seed in range(6)]
     assert [len(piece.own) for piece in runs.pieces(cases)] == [1] * 6

@@ -111,7 +111,7 @@ def _cut(cases: list[tuple[Own, int]], many: bool) -> Iterator[list[tuple[Own, i
 
 def _parted(case: Case) -> tuple[Common, Own]:
     """Return what of a case others may have as well, and the rest."""
-    blocks = _blocks(case.rig)
+    blocks, rigs = _known(case.rig)
     seed, numbers, common = None, {}, []
     for setting in case.settings:
         name, _, text = setting.partition("=")
@@ -120,9 +120,13 @@ def _parted(case: Case) -> tuple[Common, Own]:
             seed = value
         elif name.partition(".")[0] in blocks and _may_differ(name, value):
             numbers[name] = float(value)
-        else:
+        elif type(value) not in (int, float) or rigs.get(name) != value or _is_given(name, common):
             common.append(setting)
     return Common(case.rig, case.controller, tuple(common)), Own(case, seed, numbers)
+
+
+def _is_given(name: str, settings: Sequence[str]) -> bool:
+    return any(setting.partition("=")[0] == name for setting in settings)
 
 
 def _may_differ(name: str, value: Any) -> bool:
@@ -142,18 +146,19 @@ def _value(text: str) -> Any:
 
 
 @lru_cache
-def _blocks(path: str) -> frozenset[str]:
-    """Return the names of a rig's blocks; none of one that is not for lanes.
+def _known(path: str) -> tuple[frozenset[str], dict[str, float]]:
+    """Return the names of a rig's blocks, and its own numbers; none of one that is not for lanes.
 
     A step of a user's may hang, which only a single run tells.
     """
     if not Path(path).resolve().is_relative_to(PLANTS):
-        return frozenset()
+        return frozenset(), {}
     try:
         config = load_rig(path, resolve=False).config
     except RigError:
-        return frozenset()
-    return frozenset(name for node in config.sections.values() for name in node.blocks)
+        return frozenset(), {}
+    blocks = frozenset(name for node in config.sections.values() for name in node.blocks)
+    return blocks, {"rate_hz": config.rate_hz, "duration_s": config.duration_s}
 
 
 def results(piece: Piece) -> list[Result]:
