@@ -112,7 +112,8 @@ def _cut(cases: list[tuple[Own, int]], many: bool) -> Iterator[list[tuple[Own, i
 def _parted(case: Case) -> tuple[Common, Own]:
     """Return what of a case others may have as well, and the rest."""
     blocks, rigs = _known(case.rig)
-    seed, numbers, common = None, {}, []
+    seed, numbers = None, {}
+    common: list[str] = []
     for setting in case.settings:
         name, _, text = setting.partition("=")
         value = _value(text)
