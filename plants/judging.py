@@ -50,6 +50,8 @@ def paired_rows(
     ours, theirs, oldest = lead.stamp_ns, other.stamp_ns, 1e9 * OLDEST_PERIODS * period_s
     if log.metadata.get("executive", {}).get("pacing") in WITHOUT_CLOCK:
         ours, theirs, oldest = lead.cycle, other.cycle, 0.0
+        if np.array_equal(ours, theirs[: len(ours)]):
+            return np.arange(len(ours))
     rows = np.searchsorted(theirs, ours, side="right").astype(np.int64) - 1
     return np.where((rows >= 0) & (ours - theirs[rows] <= oldest), rows, -1)
 
@@ -168,7 +170,18 @@ class Run:
         if variable not in record.columns and variable not in record.timing:
             raise Mistake(names.missing(log, name))
         found = (record.columns if variable in record.columns else record.timing)[variable]
-        return found if node == self.leader else np.where(rows < 0, math.nan, found[rows])
+        if self._in_step(node):
+            return found[: len(rows)]
+        return np.where(rows < 0, math.nan, found[rows])
+
+    def _in_step(self, node: str) -> bool:
+        """Return whether record i of a node belongs to cycle i, for each."""
+        key = f"{node} in step"
+        if key not in self._made:
+            rows = self._rows(node)
+            self._made[key] = bool(np.array_equal(rows, np.arange(len(rows))))
+        found: bool = self._made[key]
+        return found
 
     def _rows(self, node: str) -> NDArray[np.int64]:
         key = f"rows of {node}"

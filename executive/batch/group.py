@@ -43,7 +43,7 @@ from pcpc.executive.rig.roles import Role
 
 Traces = dict[Role, NDArray[np.float64]]
 _AT_ONCE = 256  # rows of a trace turned at once: they fit the nearest memory
-PIECE = 1000  # cycles between two looks at whether the user wants the end
+PIECE = 4000  # cycles between two looks at whether the user wants the end
 _WHOLE = 2.0**53  # the largest code that float64 counts exactly
 _COUNTERS_AT = range(TIMING_AT + 5, TIMING_AT + 5 + len(COUNTERS))
 
@@ -97,6 +97,12 @@ class Group:
             trace = _trace({} if traces is None else traces, role, (self.cycles + 1) * len(names))
             self.seats[role] = _seat(made, loop, other, names, trace)
         self._kept = {role: put_back(made.spec, made.table) for role, made in self.plans.items()}
+        self._lossy = [  # where the state of a generator of losses stands, of which frame
+            (role, int(cycle.of_frame.py_func(seat.n, row)) + cycle.SEED, frame.name)
+            for role, seat in self.seats.items()
+            for row, frame in enumerate(self.plans[role].rx_frames)
+            if seat.n.rx.loss[row, losses.ENTER] > 0.0
+        ]
         self._begin = {role: _beginning(role, seat) for role, seat in self.seats.items()}
         for made, loop in zip(self.plans.values(), (top, low), strict=True):
             asks = {RESET_ASKED, STOP_ASKED, DISARMED}
@@ -121,12 +127,8 @@ class Group:
 
     def put_seed(self, lane: int, seed: int) -> None:
         """Give the losses of a run their seed."""
-        for role, made in self.plans.items():
-            seat = self.seats[role]
-            for row, frame in enumerate(made.rx_frames):
-                if seat.n.rx.loss[row, losses.ENTER] > 0.0:
-                    place = int(cycle.of_frame.py_func(seat.n, row)) + cycle.SEED
-                    seat.values[place, lane] = losses.first(seed, frame.name)
+        for role, place, frame in self._lossy:
+            self.seats[role].values[place, lane] = losses.first(seed, frame)
 
     def repeat(self, lane: int, others: Sequence[int]) -> None:
         """Let other lanes do what a lane does."""

@@ -72,13 +72,21 @@ def _check_names(
 
 def _values(ports: "Sequence[Port]", given: Mapping[str, Any], computed: bool) -> Values:
     """Return name and value of each element; a port of several is given whole or by element."""
-    return [pair for port in ports for pair in _elements(port, given, computed)]
+    found: Values = []
+    for port in ports:
+        if port.size == 1:
+            default = 0.0 if port.default is None else port.default
+            value = given.get(port.name, default)
+            found.append((port.name, _number(port.name, value) if computed else float(value)))
+        else:
+            found += _elements(port, given, computed)
+    return found
 
 
 def _elements(port: "Port", given: Mapping[str, Any], computed: bool) -> Values:
-    names = port.names()
+    names = _names(port.name, port.size)
     default = 0.0 if port.default is None else port.default
-    if port.size > 1 and port.name in given:
+    if port.name in given:
         try:
             values = np.asarray(given[port.name], float)
         except (TypeError, ValueError):
@@ -90,9 +98,18 @@ def _elements(port: "Port", given: Mapping[str, Any], computed: bool) -> Values:
         if computed:
             return list(zip(names, _numbers(port.name, values.tobytes()), strict=True))
         pairs = list(zip(names, values.tolist(), strict=True))
+    elif given.keys().isdisjoint(names):
+        own = _number(port.name, default) if computed else float(default)
+        return [(name, own) for name in names]
     else:
         pairs = [(name, given.get(name, default)) for name in names]
     return [(name, _number(name, value) if computed else float(value)) for name, value in pairs]
+
+
+@lru_cache(maxsize=4096)
+def _names(name: str, size: int) -> tuple[str, ...]:
+    """Return the names of the elements of a port of several, as `Port.names`."""
+    return tuple(f"{name}_{i}" for i in range(size))
 
 
 @lru_cache(maxsize=1024)  # in a campaign most of them stay what they were
@@ -104,12 +121,17 @@ def _numbers(name: str, values: bytes) -> list[float]:
 def _number(name: str, value: Any) -> float:
     """Return a prepared number to 12 digits: numpy's last bits depend on the processor."""
     try:
-        number = float(f"{float(value):.12g}")
+        number = float(value)
     except (TypeError, ValueError):
         raise ValueError(f"{name}: prepare gave {_shown(value)}; expected a number") from None
     if math.isnan(number):
         raise ValueError(f"{name}: prepare gave nan; expected a number")
-    return number
+    return _in_12_digits(number) if number else number  # 0 and -0 would be the same to a cache
+
+
+@lru_cache(maxsize=4096)  # as `_numbers`
+def _in_12_digits(value: float) -> float:
+    return float(f"{value:.12g}")
 
 
 def _shown(value: Any) -> str:

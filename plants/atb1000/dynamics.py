@@ -26,7 +26,7 @@ Source: assumed modes on a rotating clamped-free beam, with beam.py's modal data
 
 from typing import Any
 
-from pcpc.drivers.jit import compiled, inline
+from pcpc.drivers.jit import inline
 from pcpc.executive.laws.emath import sincos
 from pcpc.plants.actuators import drive, friction, gear
 from pcpc.plants.atb1000.beam import GRAVITY_M_S2
@@ -144,7 +144,7 @@ def root_strain(p: Any, s: Any) -> float:
     return dot3(p.root_strain_ue, s.q[0], s.q[1], s.q[2])
 
 
-@compiled()
+@inline
 def derivative(p: Any, s: Any, w: Any, d: Any) -> None:
     """Write dx/dt to `d` for the motion `s` under `w`: ports.py, Parameters, Motion, External."""
     torque, _ = gear_state(p, s, w)

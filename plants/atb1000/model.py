@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.drivers.jit import compiled
 from pcpc.executive.laws.block import Block, Prepared, flat, inline, stage
 from pcpc.executive.laws.emath import clip, cos, sin, sincos, where
 from pcpc.plants.atb1000 import dynamics as dyn
@@ -61,31 +62,36 @@ def external(t: float, p: Any, x: Any) -> None:
         )
 
 
-@inline
-def integrate(start: float, h: float, rougher: float, p: Any, x: Any) -> None:
-    """Advance the motion by steps of `h` from `start`, where the external inputs stand.
+def _integration(rougher: bool) -> Any:
+    """Return the motion's integration, in the world of rough.py or without all of its code."""
 
-    `rougher` above 0: in the world of rough.py.
-    """
-    s, k, total, between = flat(x.motion), flat(x.slope), flat(x.total), flat(x.between)
-    for n in range(int(p.substeps)):
-        for i in range(len(s)):
-            total[i] = 0.0
-            between[i] = s[i]
-        for j in range(4):
-            if rougher > 0.0:
-                rough.surround(n, j, h, WEIGHT[j], REACH[j], p, x)
-            dyn.derivative(p, x.between, x.external, x.slope)
-            if rougher > 0.0:
-                rough.brake(p, x)
+    def integrate(start: float, h: float, p: Any, x: Any) -> None:
+        """Advance the motion by steps of `h` from `start`, where the external inputs stand."""
+        s, k, total, between = flat(x.motion), flat(x.slope), flat(x.total), flat(x.between)
+        for n in range(int(p.substeps)):
             for i in range(len(s)):
-                total[i] += WEIGHT[j] * k[i]
-                between[i] = s[i] + REACH[j] * h * k[i]
-            if j == 0 or j == 2:
-                hull.advance(p, x.sines)
-                external(start + (n + 0.5 + 0.25 * j) * h, p, x)
-        for i in range(len(s)):
-            s[i] += h / 6.0 * total[i]
+                total[i] = 0.0
+                between[i] = s[i]
+            for j in range(4):
+                if rougher:
+                    rough.surround(n, j, h, WEIGHT[j], REACH[j], p, x)
+                dyn.derivative(p, x.between, x.external, x.slope)
+                if rougher:
+                    rough.brake(p, x)
+                for i in range(len(s)):
+                    total[i] += WEIGHT[j] * k[i]
+                    between[i] = s[i] + REACH[j] * h * k[i]
+                if j == 0 or j == 2:
+                    hull.advance(p, x.sines)
+                    external(start + (n + 0.5 + 0.25 * j) * h, p, x)
+            for i in range(len(s)):
+                s[i] += h / 6.0 * total[i]
+
+    return integrate
+
+
+integrate = inline(_integration(False))
+integrate_rougher = compiled()(_integration(True))  # a function apart: it costs others nothing
 
 
 @inline
@@ -133,7 +139,10 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     x.external.friction_rise, x.external.cogging_Nm = 0.0, 0.0
     rougher = rough.switched(p)
     if t > 0.0:
-        integrate(start, x.external.step_s, rougher, p, x)
+        if rougher > 0.0:
+            integrate_rougher(start, x.external.step_s, p, x)
+        else:
+            integrate(start, x.external.step_s, p, x)
         x.held_Nm = delayed(u.motor_command_Nm, p.delay_samples, x.sent_Nm)
     if rougher > 0.0:
         rough.situate(p, x.motion, x.world, x)
