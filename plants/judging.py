@@ -171,7 +171,7 @@ class Run:
             raise Mistake(names.missing(log, name))
         found = (record.columns if variable in record.columns else record.timing)[variable]
         if self._in_step(node):
-            return found[: len(rows)]
+            return np.where(False, math.nan, found[: len(rows)])  # of the same type as below
         return np.where(rows < 0, math.nan, found[rows])
 
     def _in_step(self, node: str) -> bool:
