@@ -1,4 +1,4 @@
-"""What `prepare` hands on: each number to 12 digits, as often as it is asked, zeros with their sign."""
+"""What `prepare` hands on: 12 digits of each number however it is given, zeros with their sign."""
 
 import math
 import struct
@@ -31,7 +31,9 @@ def idle(t: float, dt: float, p: Gains, x: Kept, u: Nothing, y: Nothing) -> None
     """Do nothing."""
 
 
-def handed_on(parameters: dict[str, Any], states: dict[str, Any] | None = None) -> list[list[float]]:
+def handed_on(
+    parameters: dict[str, Any], states: dict[str, Any] | None = None
+) -> list[list[float]]:
     block = Block(idle, prepare=lambda settings, rate_hz, seed: Prepared(parameters, states or {}))
     return [[value for _, value in values] for values in prepared(block, {}, 1000.0, 1)]
 
