@@ -78,7 +78,7 @@ class Group:
             raise NotInLanes("it has an FMU")
         self.cycles = cycles_of(rig)
         self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
-        self._blocks = [sh.private(describe(made, {})) for made in self.plans.values()]
+        self._blocks = [sh.private(describe(p, {}, kept=False)) for p in self.plans.values()]
         roles: tuple[Role, ...] = rig.roles
         self.described: dict[Role, dict[str, Any]] = {
             role: block.description for role, block in zip(roles, self._blocks, strict=True)

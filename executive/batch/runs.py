@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+from numpy.typing import NDArray
 
 from pcpc.drivers.lanes import WIDTH, LanesDiffer
 from pcpc.executive.batch.group import Group, NotInLanes, Traces, hung
@@ -22,6 +22,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import Columns
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES
+from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.blocks import law_keys
@@ -175,10 +176,9 @@ class Runs:
                 name: own[lane, :rows]
                 for name, own in zip(self.wanted[role], traces[role], strict=True)
             }
-            cycle = np.arange(rows)
             timing = set(about["timing_columns"])
             nodes[str(role)] = logs.Node(
-                cycle, cycle * about["period_ns"],
+                self._cycles[:rows], self._stamps_ns[:rows],
                 Columns(about["state_columns"], columns.__getitem__),
                 {name: one for name, one in columns.items() if name in timing},
                 np.empty(0, logs.FRAME), [], [], about,
@@ -187,8 +187,17 @@ class Runs:
         return logs.Log(Path(), nodes, {}, metadata, [], rig=self._data(case))
 
     @cached_property
+    def _cycles(self) -> NDArray[np.int64]:
+        """The cycles of the plant: those of every run, and one more."""
+        return np.arange(cycles_of(self.rig) + 1)
+
+    @cached_property
+    def _stamps_ns(self) -> NDArray[np.int64]:
+        return self._cycles * round(1e9 / self.rig.config.rate_hz)
+
+    @cached_property
     def _resolved(self) -> Any:
-        return yaml.load(self.rig.resolved(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        return self.rig.effective()
 
     def _data(self, case: Case) -> dict[str, Any]:
         """Return the effective rig of a case: the common one, what is changed in copies."""

@@ -121,9 +121,13 @@ class Engine:
         self, path: Path, controllers: Sequence[str], settings: Sequence[str] = (),
         threads: int | None = None,
     ) -> None:  # fmt: skip
-        """Raise RigError, BusError for what is wrong with the rig; it is compiled here, once."""
+        """Raise RigError, BusError for what is wrong with the rig; it is compiled here, once.
+
+        `threads`: by default one more than there are processors, since a run is an eighth Python:
+        while one thread waits for its lock, another one computes.
+        """
         self._about = path, list(settings)
-        self.threads = threads or len(os.sched_getaffinity(0))
+        self.threads = threads or len(os.sched_getaffinity(0)) + 1
         self._own = threading.local()
         self.first = {name: Bench(path, name, settings) for name in controllers}
         self._turn = threading.Lock()
