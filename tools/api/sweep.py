@@ -102,7 +102,7 @@ def sweep(
                  as 1000, in place of draws
     of           a metric that worst makes large, or that rare has above `limit` when a run fails
     limit        see `of`
-    threads      one more than processors
+    threads      two more than processors
     scheduler    Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine (then below
                  `if __name__ == "__main__":`, as each of them imports your script)
     folder       keeps the rows there, and goes on with what is there; None: a temporary one

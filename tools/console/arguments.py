@@ -178,7 +178,7 @@ def sweep(add: Add) -> None:
     add("--of", metavar="METRIC", help="in place of the requirements; --rare: with --limit")
     add("--limit", type=float, metavar="X", help="--rare: the metric fails above it")
     add("--shard", metavar="I/N", help="part I of N: N processes or machines share the draws")
-    add("--threads", type=int, metavar="N", help="one more than processors")
+    add("--threads", type=int, metavar="N", help="two more than processors")
     add("--scheduler", metavar="ADDRESS",
         help="Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine")  # fmt: skip
     add("-o", "--output", metavar="DIR",

@@ -27,6 +27,7 @@ from pcpc.tools.verdict.outcome import changed
 from pcpc.tools.verdict.requirements import Bound
 
 AHEAD = 2  # pieces in flight for each thread
+SPARE = 2  # threads beyond the number of processors
 
 
 @dataclass(frozen=True)
@@ -123,11 +124,11 @@ class Engine:
     ) -> None:  # fmt: skip
         """Raise RigError, BusError for what is wrong with the rig; it is compiled here, once.
 
-        `threads`: by default one more than there are processors, since a run is an eighth Python:
+        `threads`: by default two more than there are processors, since a run is an eighth Python:
         while one thread waits for its lock, another one computes.
         """
         self._about = path, list(settings)
-        self.threads = threads or len(os.sched_getaffinity(0)) + 1
+        self.threads = threads or len(os.sched_getaffinity(0)) + SPARE
         self._own = threading.local()
         self.first = {name: Bench(path, name, settings) for name in controllers}
         self._turn = threading.Lock()
