@@ -184,6 +184,16 @@ def test_a_working_folder_that_is_gone_is_said(
     assert capsys.readouterr().err == "the working folder is gone; change to another one\n"
 
 
+def test_a_disk_that_is_full_while_something_is_written_is_named(capsys: Screen) -> None:
+    def written() -> int:
+        with ending.writing(Path("results")), open("/dev/full", "w") as file:
+            return file.write("a result\n")
+
+    assert ending.ended(written, goes_on=True) == 3
+    said = "results: No space left on device; free space there, or choose another place\n"
+    assert capsys.readouterr().err == said
+
+
 def test_a_mistake_of_the_program_keeps_its_traceback() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(ZeroDivisionError):

@@ -21,6 +21,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import IO, Any
 
 from pcpc.drivers.errors import Exit, UserError
@@ -111,6 +112,17 @@ def said(error: OSError) -> str:
     if isinstance(error, FileNotFoundError) and not _folder_exists():
         return "the working folder is gone; change to another one"
     return ": ".join([*files, reason]).replace("\n", " ") + cure
+
+
+@contextmanager
+def writing(place: Path) -> Iterator[None]:
+    """Let what the machine refuses while something is written there name it."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(place)
+        raise
 
 
 def _attempt(command: Callable[[], int], out: Output, err: Output) -> int:

@@ -12,6 +12,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.console import screen
+from pcpc.tools.console.ending import writing
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.fit.fitting import Model, asked, fit
 from pcpc.tools.fit.result import Fit, Parameter
@@ -29,14 +30,15 @@ def command(options: argparse.Namespace) -> int:
     progress = Progress(options.quiet)
     found = fit(model, log, progress.show)
     progress.close()
-    _make(folder)
-    (folder / VALUES).write_text(values_text(found, str(options.rig)), "utf-8")
-    (folder / FACTS).write_text(json.dumps(found.json(), indent=1) + "\n", "utf-8")
-    found.draw(folder / PICTURE)
     if options.json:
         print(json.dumps({**found.json(), "folder": str(folder)}))
     else:
         print("\n".join(told(found, folder)))
+    _make(folder)
+    with writing(folder):
+        (folder / VALUES).write_text(values_text(found, str(options.rig)), "utf-8")
+        (folder / FACTS).write_text(json.dumps(found.json(), indent=1) + "\n", "utf-8")
+        found.draw(folder / PICTURE)
     named = {one.name for one in found.parameters if options.parameter and not one.excited}
     return Exit.NOT_MET if named else Exit.OK
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.console.ending import writing
 from pcpc.tools.margin import limit_cycle
 from pcpc.tools.margin.find import SETTLE_S, of
 from pcpc.tools.margin.limit_cycle_result import LimitCycle
@@ -34,10 +35,11 @@ def _limit_cycle(options: argparse.Namespace) -> LimitCycle:
 
 
 def _told(options: argparse.Namespace, found: Margin | LimitCycle) -> int:
+    print(json.dumps(found.json()) if options.json else found.text(), end="\n" * options.json)
     if options.output is not None:
         try:
-            found.save(options.output)
+            with writing(Path(options.output)):
+                found.save(options.output)
         except ImportError as error:
             raise UserError(str(error), Exit.ENVIRONMENT) from None
-    print(json.dumps(found.json()) if options.json else found.text(), end="\n" * options.json)
     return Exit.OK
