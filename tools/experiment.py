@@ -12,7 +12,6 @@ import csv
 import importlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
 
@@ -23,6 +22,7 @@ from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.plants.study import Result
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.experiments._runs import done
+from pcpc.tools.starting.folder import folder_of
 from pcpc.tools.starting.pool import PoolError
 
 STUDY_PARTS = ("CHAPTER", "TITLE", "cases", "report", "draw")
@@ -120,8 +120,13 @@ def command(options: argparse.Namespace) -> int:
         what = f"{name}: its figures need matplotlib: {cure} ({error})"
         raise StudyError(what, Exit.ENVIRONMENT) from None
     parts = chosen(name)
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    folder = Path(options.output or Path("runs") / f"{stamp}-{Path(name).stem}")
+    with folder_of(options.output, Path(name).stem) as folder:
+        return _done_in(folder, name, parts, options)
+
+
+def _done_in(
+    folder: Path, name: str, parts: Sequence[ModuleType] | None, options: argparse.Namespace
+) -> int:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):

@@ -3,8 +3,8 @@
 import argparse
 import json
 import math
+import os
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
@@ -16,6 +16,7 @@ from pcpc.tools.console.ending import writing
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.fit.fitting import Model, asked, fit
 from pcpc.tools.fit.result import Fit, Parameter
+from pcpc.tools.starting.folder import fresh
 
 VALUES, FACTS, PICTURE = "fit.yaml", "fit.json", "fit.png"
 
@@ -26,10 +27,11 @@ def command(options: argparse.Namespace) -> int:
     rig = load_rig(options.rig, None, options.set)
     model = Model(rig, [asked(option) for option in options.parameter], options.sensor)
     log = logs.read(Path(options.log))
-    folder = _folder(options.output, rig.config.rig)
+    _check_empty(options.output)
     progress = Progress(options.quiet)
     found = fit(model, log, progress.show)
     progress.close()
+    folder = Path(options.output or fresh(f"fit-{rig.config.rig}"))
     if options.json:
         print(json.dumps({**found.json(), "folder": str(folder)}))
     else:
@@ -52,13 +54,11 @@ def _check_installed() -> None:
         raise UserError(what, Exit.ENVIRONMENT) from None
 
 
-def _folder(given: str | None, name: str) -> Path:
-    """Return the folder to be made. RigError where something is there already."""
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    folder = Path(given or Path("runs") / f"{stamp}-fit-{name}")
-    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+def _check_empty(given: str | None) -> None:
+    """Raise RigError where something is there already."""
+    folder = Path(given or os.devnull)
+    if given and folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise RigError(f"{folder}: is not empty; choose another folder with -o")
-    return folder
 
 
 def _make(folder: Path) -> None:

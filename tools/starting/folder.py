@@ -1,4 +1,7 @@
-"""The folder of a run: made before its first cycle, gone again when nothing came of it."""
+"""The folder of a run: made before its first cycle, gone again when nothing came of it.
+
+What a command makes under `runs` is its own, also where several start in the same second.
+"""
 
 import contextlib
 import itertools
@@ -13,16 +16,52 @@ from pcpc.executive.rig.reading import Rig
 LOG = "log.mcap"
 
 
+def fresh(name: str) -> Path:
+    """Make runs/<UTC time>-NAME, which no other command has; RigError if that cannot be."""
+    for folder in _names(name):
+        try:
+            folder.mkdir(parents=True)
+            return folder
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise _refused(folder, error) from None
+    raise AssertionError("there is always another name")
+
+
+@contextlib.contextmanager
+def folder_of(named: str | None, name: str) -> Iterator[Path]:
+    """Give the folder that a user names, else a fresh one; what is still empty is removed."""
+    folder = Path(named) if named else fresh(name)
+    try:
+        yield folder
+    finally:
+        if not named:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
+def _names(name: str) -> Iterator[Path]:
+    """Yield names for what starts now, with a number where others start in the same second."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    for number in itertools.count(1):
+        yield Path("runs") / (f"{stamp}-{name}" + (f"-{number}" if number > 1 else ""))
+
+
+def _refused(folder: Path, error: OSError) -> Exception:
+    if error.errno in FULL:
+        return OSError(error.errno, error.strerror, str(folder))
+    return RigError(f"{folder}: {error.strerror}; choose another folder with -o")
+
+
 @contextlib.contextmanager
 def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
     """Make the run's folder with an empty log, which claims it; RigError if that cannot be.
 
     At the end what is still empty is removed.
     """
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    for number in itertools.count(1):  # of the runs that start in the same second
-        name = f"{stamp}-{rig.config.rig}" + (f"-{number}" if number > 1 else "")
-        folder = Path(named or Path("runs") / name)
+    for own in _names(rig.config.rig):
+        folder = Path(named or own)
         made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -33,9 +72,7 @@ def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
                 what = "holds a log already" if folder.is_dir() else "is no folder"
                 raise RigError(f"{folder}: {what}; choose another folder with -o") from None
         except OSError as error:
-            if error.errno in FULL:
-                raise OSError(error.errno, error.strerror, str(folder)) from None
-            raise RigError(f"{folder}: {error.strerror}; choose another folder with -o") from None
+            raise _refused(folder, error) from None
     try:
         yield folder
     finally:

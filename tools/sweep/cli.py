@@ -3,7 +3,6 @@
 import argparse
 import textwrap
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
@@ -11,6 +10,7 @@ from pcpc.executive.errors import RigError
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.log.outfile import new_file
 from pcpc.tools.rigs import find
+from pcpc.tools.starting.folder import folder_of
 from pcpc.tools.sweep import rerun, store, told
 from pcpc.tools.sweep.campaign import SEARCHES, Campaign, Shard, asked
 from pcpc.tools.sweep.report import report
@@ -31,9 +31,13 @@ def command(options: argparse.Namespace) -> int:
     campaign = _campaign(options)
     campaign.check()
     shard = Shard.parsed(options.shard) if options.shard else Shard()
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    name = campaign.of[0].config.rig
-    folder = Path(options.output or f"runs/{stamp}-sweep-{name}")
+    with folder_of(options.output, f"sweep-{campaign.of[0].config.rig}") as folder:
+        return _carried_out(options, campaign, shard, folder)
+
+
+def _carried_out(
+    options: argparse.Namespace, campaign: Campaign, shard: Shard, folder: Path
+) -> int:
     progress = Progress(options.quiet)
     looked_for = search(campaign, options.of, options.limit)
     about = options.until, options.threads, options.scheduler, looked_for
