@@ -1,6 +1,7 @@
 """The suites of `pcpc bench`: C does the work of Python; ratios are there; nothing is silent."""
 
 import ctypes
+import resource
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -221,3 +222,13 @@ def test_the_lanes_of_the_suite_are_runs_of_their_own_and_fault_in_none() -> Non
     theta = one.plans["plant"].names.index("barrel.theta_rad")
     assert len(set(one.seats["plant"].values[theta].tolist())) == 8, "each its own play"
     assert batch.in_threads([one], 1) > 0.0
+
+
+def test_the_processor_time_of_lanes_is_that_of_the_thread_that_does_them() -> None:
+    one = batch.group()
+    batch.once(one)
+    before = resource.getrusage(resource.RUSAGE_SELF)
+    measured_s = 1e-9 * 8 * batch.in_lanes(one)
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    whole_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    assert 0.5 * whole_s < measured_s < 1.5 * whole_s, "of the process, which does nothing else"
