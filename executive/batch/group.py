@@ -43,7 +43,7 @@ from pcpc.executive.rig.roles import Role
 
 Traces = dict[Role, NDArray[np.float64]]
 _AT_ONCE = 256  # rows of a trace turned at once: they fit the nearest memory
-PIECE = 4000  # cycles between two looks at whether the user wants the end
+PIECE = 4000  # cycles between two looks at whether the user wants the end; each takes a thread
 _WHOLE = 2.0**53  # the largest code that float64 counts exactly
 _COUNTERS_AT = range(TIMING_AT + 5, TIMING_AT + 5 + len(COUNTERS))
 

@@ -195,16 +195,12 @@ class Runs:
     def _stamps_ns(self) -> NDArray[np.int64]:
         return self._cycles * round(1e9 / self.rig.config.rate_hz)
 
-    @cached_property
-    def _resolved(self) -> Any:
-        return self.rig.effective()
-
     def _data(self, case: Case) -> dict[str, Any]:
         """Return the effective rig of a case: the common one, what is changed in copies."""
-        data = {**self._resolved, "seed": case.seed}
+        data = {**self.rig.effective(), "seed": case.seed}
         for name, value in case.settings.items():
             role, spec, setting = self._own[name]
-            at = data
+            at: Any = data
             for key in (*law_keys(self.rig.config, role, spec.name), "parameters"):
                 at[key] = dict(at[key])
                 at = at[key]

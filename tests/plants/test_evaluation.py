@@ -212,6 +212,16 @@ def test_lockstep_pairs_by_cycle_when_the_machines_have_other_clocks() -> None:
     assert np.array_equal(rows, np.r_[0:500, [-1] * 20, 500:980]), rows[495:525]
 
 
+def test_without_a_clock_cycles_that_are_missing_do_not_move_the_plant_record() -> None:
+    log = run(error=lambda t: t * 1e-3, bending=sine(1e-3, 20.0))
+    kept = np.r_[0:100, 107:1000]
+    short = with_nodes(log, executive=rows_of(log.node["executive"], kept))
+    assert np.array_equal(paired_rows(short, PERIOD_S), kept)
+    late = with_nodes(log, executive=rows_of(log.node["executive"], np.r_[7:1000]))
+    assert np.array_equal(paired_rows(late, PERIOD_S), np.r_[7:1000])
+    close(metrics(short, (0.1, 0.2), {}, PERIOD_S), hub_error_max_mrad=0.199)
+
+
 def test_paced_cycle_gets_the_newest_plant_record_that_is_not_later() -> None:
     log = paced(run(), "real")
     half_later = replace(log.node["plant"], stamp_ns=log.node["plant"].stamp_ns + PERIOD_NS // 2)

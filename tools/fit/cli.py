@@ -16,7 +16,7 @@ from pcpc.tools.console.ending import writing
 from pcpc.tools.console.progress import Progress
 from pcpc.tools.fit.fitting import Model, asked, fit
 from pcpc.tools.fit.result import Fit, Parameter
-from pcpc.tools.starting.folder import fresh
+from pcpc.tools.starting.folder import folder_of
 
 VALUES, FACTS, PICTURE = "fit.yaml", "fit.json", "fit.png"
 
@@ -28,15 +28,19 @@ def command(options: argparse.Namespace) -> int:
     model = Model(rig, [asked(option) for option in options.parameter], options.sensor)
     log = logs.read(Path(options.log))
     _check_empty(options.output)
+    with folder_of(options.output, f"fit-{rig.config.rig}") as folder:
+        _make(folder)
+        return _fitted(options, model, log, folder)
+
+
+def _fitted(options: argparse.Namespace, model: Model, log: logs.Log, folder: Path) -> int:
     progress = Progress(options.quiet)
     found = fit(model, log, progress.show)
     progress.close()
-    folder = Path(options.output or fresh(f"fit-{rig.config.rig}"))
     if options.json:
         print(json.dumps({**found.json(), "folder": str(folder)}))
     else:
         print("\n".join(told(found, folder)))
-    _make(folder)
     with writing(folder):
         (folder / VALUES).write_text(values_text(found, str(options.rig)), "utf-8")
         (folder / FACTS).write_text(json.dumps(found.json(), indent=1) + "\n", "utf-8")
