@@ -127,12 +127,8 @@ def command(options: argparse.Namespace) -> int:
 def _done_in(
     folder: Path, name: str, parts: Sequence[ModuleType] | None, options: argparse.Namespace
 ) -> int:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise FileExistsError(0, "is not empty")
-    except OSError as error:
-        raise StudyError(f"{folder}: {error.strerror}; choose another folder with -o") from None
+    if any(folder.iterdir()):
+        raise StudyError(f"{folder}: is not empty; choose another folder with -o")
     progress = Progress(options.quiet)
     try:
         if parts:

@@ -41,6 +41,9 @@ def test_a_folder_of_which_nothing_came_is_gone_and_a_named_one_is_the_users() -
     Path("mine").mkdir()
     with folder_of("mine", "fit-hull"):
         pass
+    with folder_of("a/new/one", "fit-hull") as named:
+        assert named.is_dir()
+    assert not Path("a").exists()
     assert (own.exists(), kept.exists(), Path("mine").is_dir()) == (own == kept, True, True)
 
 
@@ -48,3 +51,5 @@ def test_runs_that_is_no_folder_is_said() -> None:
     Path("runs").touch()
     with pytest.raises(RigError, match="choose another folder with -o"):
         fresh("sweep-hull")
+    with pytest.raises(RigError, match="choose another folder with -o"), folder_of("runs/x", ""):
+        pass

@@ -29,7 +29,6 @@ def command(options: argparse.Namespace) -> int:
     log = logs.read(Path(options.log))
     _check_empty(options.output)
     with folder_of(options.output, f"fit-{rig.config.rig}") as folder:
-        _make(folder)
         return _fitted(options, model, log, folder)
 
 
@@ -63,13 +62,6 @@ def _check_empty(given: str | None) -> None:
     folder = Path(given or os.devnull)
     if given and folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise RigError(f"{folder}: is not empty; choose another folder with -o")
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RigError(f"{folder}: {error.strerror}; choose another folder with -o") from None
 
 
 def values_text(found: Fit, rig: str) -> str:

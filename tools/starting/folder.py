@@ -31,14 +31,20 @@ def fresh(name: str) -> Path:
 
 @contextlib.contextmanager
 def folder_of(named: str | None, name: str) -> Iterator[Path]:
-    """Give the folder that a user names, else a fresh one; what is still empty is removed."""
+    """Make the folder that a user names, else a fresh one; RigError if that cannot be.
+
+    At the end what was made here and is still empty is removed.
+    """
     folder = Path(named) if named else fresh(name)
+    made = [folder] if not named else _absent(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _refused(folder, error) from None
     try:
         yield folder
     finally:
-        if not named:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
+        _remove_empty(made)
 
 
 def _names(name: str) -> Iterator[Path]:
@@ -46,6 +52,17 @@ def _names(name: str) -> Iterator[Path]:
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     for number in itertools.count(1):
         yield Path("runs") / (f"{stamp}-{name}" + (f"-{number}" if number > 1 else ""))
+
+
+def _absent(folder: Path) -> list[Path]:
+    """Return what of a path is not there, the last part first."""
+    return [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+
+
+def _remove_empty(made: list[Path]) -> None:
+    with contextlib.suppress(OSError):  # not empty: it stays
+        for path in made:
+            path.rmdir()
 
 
 def _refused(folder: Path, error: OSError) -> Exception:
@@ -62,7 +79,7 @@ def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
     """
     for own in _names(rig.config.rig):
         folder = Path(named or own)
-        made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+        made = _absent(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / LOG).touch(exist_ok=False)
@@ -78,6 +95,4 @@ def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
     finally:
         if not (folder / LOG).stat().st_size:
             (folder / LOG).unlink()
-        with contextlib.suppress(OSError):  # not empty: it stays
-            for path in made:
-                path.rmdir()
+        _remove_empty(made)
