@@ -19,6 +19,7 @@ from cantools.database.can import Database
 
 from pcpc.drivers.errors import DbcError, printable
 from pcpc.drivers.patience import StalledError, patience
+from pcpc.drivers.regular import opened
 
 logging.getLogger("cantools").setLevel(logging.ERROR)  # equal ids are refused in one line here
 
@@ -41,7 +42,8 @@ _NAME = re.compile(r"\w+", re.ASCII)
 def text(path: str | Path) -> str:
     """Return the text of a DBC file, lines ended by a newline; DbcError if it is none."""
     try:
-        data = Path(path).read_bytes()
+        with opened(Path(path)) as file:
+            data = file.read()
     except FileNotFoundError:
         raise DbcError(f"{path}: no such file; give the path of the plant's DBC file") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path

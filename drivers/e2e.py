@@ -145,9 +145,15 @@ def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64], coun
 def begin_cycle(state: NDArray[np.int64], n_frames: int) -> None:
     """Age the first frames by one cycle; call it once per cycle before the frames are drained."""
     for row in range(n_frames):
-        state[row, AGE_CYCLES] += 1
-        state[row, STILL_CYCLES] += 1
-        state[row, FRESH] = 0
+        age(state, row)
+
+
+@inline
+def age(state: NDArray[np.int64], row: int) -> None:
+    """Age a frame by one cycle."""
+    state[row, AGE_CYCLES] += 1
+    state[row, STILL_CYCLES] += 1
+    state[row, FRESH] = 0
 
 
 @inline

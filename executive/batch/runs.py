@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.errors import UserError
 from pcpc.drivers.lanes import WIDTH, LanesDiffer
 from pcpc.executive.batch.group import Group, NotInLanes, Traces, hung
 from pcpc.executive.errors import RigError
@@ -208,8 +209,14 @@ class Runs:
         return data
 
     def rig_of(self, case: Case) -> Rig:
-        """Return the rig of a case, read from its file. RigError for what cannot be."""
-        return load_rig(self.path, self.controller, [*self.settings, *case.words()])
+        """Return the rig of a case, read from its file. RigError for what cannot be.
+
+        UserError: the file is no longer that of the other runs.
+        """
+        rig = load_rig(self.path, self.controller, [*self.settings, *case.words()])
+        if rig.document.sources != self.rig.document.sources:
+            raise UserError(f"{self.path}: has changed since the first run; begin again")
+        return rig
 
     def _alone(self, case: Case, why: str, refused: str = "") -> Done:
         """Return a run done by itself."""

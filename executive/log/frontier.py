@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.account import LEFT_OUT, TOPICS
 from pcpc.executive.log.mcap_reader import Scan
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD, message_dtype
 
 ALL = 2**62
-_DATA_IS_WHOLE = ("the summary at the end", "the checksum of all data")  # begin such notes
+_DATA_IS_WHOLE = ("the summary at the end", "the checksum of all data", LEFT_OUT)  # begin notes
 
 
 class Frontier:
@@ -39,11 +40,10 @@ class Frontier:
             if any(record.name == "run" for record in found.metadata):
                 self.whole = dict.fromkeys(logs.NODES, ALL)
             return
-        first, _, rest = found.topic(channel).removeprefix("/").partition("/")
-        node, kind = (first, rest) if first in logs.NODES else ("executive", first)
+        node, kind = TOPICS.get(found.topic(channel), ("", ""))
         if kind == "state":
             self._cycles(node, rows)
-        elif kind in ("can/frames", "can", "events", "tunings"):
+        elif kind in ("can/frames", "events", "tunings"):
             self._followed[node] = True
 
     def _cycles(self, node: str, rows: NDArray[np.uint8]) -> None:

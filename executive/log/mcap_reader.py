@@ -37,6 +37,8 @@ from mcap.records import Attachment, Channel, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
+from pcpc.drivers.regular import opened
+from pcpc.executive.log.account import CHUNK_HEAD, Account
 from pcpc.executive.log.mcap_records import (
     CHECKED,
     DECLARED,
@@ -84,6 +86,7 @@ class Scan:
     metadata: list[Metadata] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     count: Counter[int] = field(default_factory=Counter)
+    account: Account = field(default_factory=Account)
     statistics: Statistics | None = None
     place: int = 0
     size: int = 0
@@ -131,8 +134,8 @@ def walk(path: Path, found: Scan, messages: bool = True) -> Iterator[Piece]:
     All pieces of a chunk come at one `found.place`. Without `messages` chunks are not looked into.
     """
     try:
-        with path.open("rb") as file:
-            data = _map(file.fileno()) or file.read()
+        with opened(path) as file:
+            data: Any = _map(file.fileno()) or file.read()
     except OSError as error:
         raise LogError(f"{path}: {error.strerror}") from None
     begin = data[: len(MAGIC)]
@@ -150,6 +153,10 @@ def walk(path: Path, found: Scan, messages: bool = True) -> Iterator[Piece]:
         found.missing.append(f"all after byte {found.place}: {error}; no true log is like that")
     if messages:
         _compare(found)
+        known = {one.name: one.metadata for one in found.metadata}
+        closed = not (found.missing or found.untold)
+        notes = found.account.notes(known, {one.name for one in found.attachments}, closed)
+        found.missing += [line for line in notes if line not in found.missing]
     if found.untold:
         found.missing.append(f"{found.untold} further places are damaged")
     if found.untimely:
@@ -157,7 +164,7 @@ def walk(path: Path, found: Scan, messages: bool = True) -> Iterator[Piece]:
 
 
 def _map(descriptor: int) -> Any:
-    """Return the file as mapped memory; None for what cannot be mapped: a pipe, an empty file."""
+    """Return the file as mapped memory; None for what cannot be mapped: an empty file."""
     try:
         return mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
     except (OSError, ValueError):
@@ -190,13 +197,19 @@ def _walk_data(
                     "only the file's header or an index can be damaged"
                 )
             if not summary:
-                found.missing.append("the summary at the end is damaged or cut; the data is whole")
+                found.missing.append(
+                    "the summary at the end is damaged or cut; all before it is read"
+                )
             return
         if not skipped:
             crc = zlib.crc32(data[place:end], crc)
         if content is None:
             pass
         elif opcode == Opcode.CHUNK:
+            head = place + RECORD.size
+            if found.account.has_chunk(data[head : head + CHUNK_HEAD]):
+                place = end
+                continue
             try:
                 yield from _split(content, found)
             except UNREADABLE as error:
@@ -324,6 +337,7 @@ def _split(data: bytes, found: Scan) -> Iterator[Piece]:
         if not timely.all():
             found.untimely += len(rows) - int(timely.sum())
             rows = rows[timely]
+        rows = found.account.fresh(found.topic(channel), rows)
         if len(rows):
             yield channel, rows
 

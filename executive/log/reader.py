@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import printable
 from pcpc.executive.log import checks as log_checks
+from pcpc.executive.log.account import topic
 from pcpc.executive.log.mcap_reader import LogError, Scan, scan, walk
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD, message_dtype
 from pcpc.executive.rig.roles import ROLES as NODES
 
-__all__ = ["NODES", "LogError", "Scan", "message_dtype", "scan", "walk"]  # and what is defined here
+__all__ = ["NODES", "LogError", "Scan", "message_dtype", "scan", "topic", "walk"]  # and its own
 
 CARRIED = "files/"  # how the names of attachments begin that `executive.rig.carried` describes
 CDR_BYTES = 4  # the header of a CDR payload: 00 01 00 00, little-endian
@@ -41,11 +42,6 @@ FRAME = np.dtype(
     ]
 )  # fmt: skip
 _FIELD = re.compile(r"float64 (\w+)(.*)")
-
-
-def topic(node: str, kind: str) -> str:
-    """Return the topic of `kind` (state, timing, can/frames, events, tunings) for a node."""
-    return f"/{kind}" if node == "executive" else f"/{node}/{kind}"
 
 
 @dataclass(frozen=True)
@@ -279,8 +275,8 @@ def _columns(
     """Return (cycle, log_time in ns, columns by dotted name) of a topic of flat float64 fields."""
     names = [variable.name for variable in variables(found, name)]
     messages = _messages(found, name, CDR_BYTES + 8 * len(names))
-    values = np.frombuffer(messages["data"][:, CDR_BYTES:].tobytes(), "<f8")
-    values = values.reshape(len(messages), len(names)).T.copy()
+    rows = np.frombuffer(messages["data"][:, CDR_BYTES:].tobytes(), "<f8")
+    values = rows.reshape(len(messages), len(names)).T.copy()
     cycle = log_checks.cycles(messages["sequence"].astype(np.int64))
     return cycle, messages["log_time"].astype(np.int64), dict(zip(names, values, strict=True))
 

@@ -40,7 +40,7 @@ class _Node:
         self.block, self.name = block, str(about["node"])
         self.channels = Channels(about, writer)
         self.alarms = Alarms(block)
-        self.written = dict.fromkeys(RINGS, 0)
+        self.written = dict.fromkeys((*RINGS, "alarm"), 0)
         self.backlog = dict.fromkeys(RINGS, 0)
         self.taken = {ring: _taken(block, ring) for ring in RINGS}
         self.beside = Beside(about)
@@ -64,6 +64,7 @@ class _Node:
             entry = {"event": "alarm", "name": alarm.kind, "value": float(alarm.count)}
             told = self.channels.entry("events", time.monotonic_ns(), alarm.cycle, entry)
             sink.pass_on([told])
+            self.written["alarm"] += 1
         full = False
         for ring in RINGS:
             rows, taken = self.block[ring], self.taken[ring]
@@ -237,8 +238,8 @@ class Recorder:
             node.beside.close()
         counts: dict[str, int] = {f"dropped.{key}": n for key, n in self.dropped().items()}
         for node in self.nodes:
+            counts |= {f"written.{node.name}.{kind}": n for kind, n in node.written.items()}
             for ring in RINGS:
-                counts[f"written.{node.name}.{ring}"] = node.written[ring]
                 counts[f"backlog_max.{node.name}.{ring}"] = node.backlog[ring]
         counts |= {
             "discarded": self.sink.discarded,

@@ -21,6 +21,9 @@ def signals(file: Path, names: Sequence[str]) -> Numbers:
     """Return what a log recorded of variables of one node; RigError."""
     where = shown(file)
     log = logs.read(file)
+    if log.missing:
+        cure = "name a whole log, or a CSV file with what is to count"
+        raise RigError(f"{where}: {log.missing[0]}; {cure}")
     split = [place(log, name) or name.rpartition(":")[::2] for name in names]
     roles = list(dict.fromkeys(role or "executive" for role, _ in split))
     if len(roles) != 1 or roles[0] not in log.node:

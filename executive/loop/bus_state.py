@@ -20,7 +20,8 @@ from pcpc.executive.loop.variables import BUS_AT
 @loop_function
 def note_bus_error(n: Any) -> None:
     """Count the error frame in `wire.rx`, and note whether the controller is off the bus."""
-    kind, detail = n.wire.rx[0] | n.wire.rx[1] << 8, n.wire.rx[9]
+    frame = n.wire.rx
+    kind, detail = np.int64(frame[0]) | np.int64(frame[1]) << 8, np.int64(frame[9])
     changed = kind & told.STATE != 0
     push_frame(n, n.wire.rx, 1, BUS_ERROR)
     back = kind & told.RESTARTED != 0 or (changed and detail & told.ACTIVE != 0)

@@ -30,9 +30,9 @@ from pcpc.drivers import dbc, e2e, libc
 from pcpc.drivers.jit import i8, loop, loop_function, loop_inline, types
 from pcpc.drivers.stage import ENTRY, call, part
 from pcpc.drivers.structures import structure
+from pcpc.executive.loop import meeting, on_wire, timing
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
-from pcpc.executive.loop import timing
 from pcpc.executive.loop.clock import CLOCKED, next_period, now, runs, set_time, stopping, wait
 from pcpc.executive.loop.drive import tell_drive
 from pcpc.executive.loop.floods import flood
@@ -96,15 +96,18 @@ def count_missing(n: Any, running: Any) -> None:
     """Count cycles without complete valid input; turn to the input of the next one."""
     guard, rx = n.guard, n.rx
     if rx.fresh >= rx.awaited:
-        guard.missing = 0
+        guard.missing = n.faults.missed = 0
     else:
         guard.missing += 1
+        n.faults.missed = 0 if on_wire.taken_on_purpose(n) else n.faults.missed + 1
         n.control[sh.HELD] += running
         n.control[sh.STALE] += running if guard.missing > guard.hold_cycles else 0
+        n.control[sh.STARVED] += running if n.faults.missed > guard.hold_cycles else 0
     rx.started = 0
     rx.fresh = 0
     n.wire.muted = 0
     e2e.begin_cycle(rx.state, rx.n)
+    on_wire.age_frames(n)
 
 
 @loop_function
@@ -362,6 +365,7 @@ def finish(n: Any) -> None:
     n.control[sh.STATE] = sv.STOP
     if refused(n):
         n.control[sh.FAULT] = guard.faulted
+        meeting.greet(n)
     elif n.tx.last_word == sh.ALL_FRAMES:
         limit(n)
         transmit(n)

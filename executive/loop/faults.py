@@ -11,6 +11,8 @@ from pcpc.executive.loop.supervisor import ANOTHER_SENDER, INTRUSION, REPEATED_I
 def reason(description: Mapping[str, Any], control: Any) -> str:
     """Return the reason of the fault in a block's `control`."""
     fault = int(control[sh.FAULT])
+    if fault == ANOTHER_SENDER and int(control[sh.CULPRIT]) & can_id.ID >= sh.GREETING:
+        return "the other node has another plant: rig, --set, seed or a law's file differ"
     if fault == ANOTHER_SENDER:
         return f"another sender of {_culprit(description, control)} is on this bus"
     if fault == REPEATED_INPUT:

@@ -84,6 +84,7 @@ def note_sign(n: Any, row: Any, event: Any, weight: Any) -> None:
     """Count and tell a sign of a second sender of a frame; believe it, or HINTS of them."""
     watch, word = n.intrusion, word_of(n.wire.rx)
     n.control[sh.INTRUSIONS] += 1
+    n.control[sh.SIGNS_ON_PURPOSE] += n.faults.shown
     if n.passes - watch.hint_since[row] >= HINT_TURNS * n.rx.frames[row, dbc.EVERY_N]:
         watch.hint_since[row], watch.hints[row] = n.passes, 0
     watch.hints[row] += weight

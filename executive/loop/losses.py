@@ -30,6 +30,7 @@ def install(
             leave = 1.0 / burst
             loop.rx.loss[row] = (min(leave * share / (1.0 - share), 1.0), leave)
             loop.rx.loss_state[row] = (first(seed, frame.name), 0)
+            loop.faults.spoiled[row] = 1
 
 
 def first(seed: int, name: str) -> int:

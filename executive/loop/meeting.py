@@ -13,6 +13,9 @@ of cycle 1.
 That sample has a heartbeat too, which looks like those before it. Of those the latest is held, and
 taken when a frame comes that is sent after it; a frame that is sent before it shows that the
 sample's own is still to come.
+
+Nodes that are started one by one greet before each heartbeat, off the record: whose rig has another
+plant is no part of this run, and neither node begins.
 """
 
 from typing import Any
@@ -22,10 +25,13 @@ import numpy as np
 from pcpc.drivers import codec
 from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.structures import copy
+from pcpc.drivers.wire import put_frame
 from pcpc.drivers.wire_layout import FRAME_BYTES
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.strangers import word_of
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.strangers import blame, word_of
 
+_ROLES = 0x1F  # its bits that say whose it is
 NO_PART, FROM_ABOVE, FROM_BELOW, BEFORE, AFTER = range(5)  # heartbeats; frames of a sample
 TAKE, LEAVE, HELD_FIRST = range(3)
 
@@ -77,3 +83,24 @@ def held_row(n: Any) -> Any:
     row = n.meeting.holding - 1
     n.meeting.holding = np.int64(0)
     return row
+
+
+@loop_function
+def greet(n: Any) -> None:
+    """Say what plant this node's rig has, before the first cycle."""
+    if n.meeting.greets != 0 and n.passes == 0:
+        copy(n.wire.tx, n.meeting.greeting)
+        put_frame(n.wire)
+
+
+@loop_function
+def compare_greeting(n: Any, word: Any) -> None:
+    """Refuse to begin if `wire.rx` is the greeting of another node whose rig has another plant."""
+    own = word_of(n.meeting.greeting)
+    if n.meeting.greets == 0 or n.passes != 0 or word == own or word | _ROLES != own | _ROLES:
+        return
+    differs = n.wire.rx[4] != n.meeting.greeting[4]
+    for i in range(8, 16):
+        differs |= n.wire.rx[i] != n.meeting.greeting[i]
+    if differs:
+        blame(n, sv.ANOTHER_SENDER, word)

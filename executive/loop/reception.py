@@ -16,7 +16,7 @@ from pcpc.drivers.e2e_states import ON_PURPOSE
 from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.structures import copy, data_of
 from pcpc.drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
-from pcpc.executive.loop import losses, meeting
+from pcpc.executive.loop import losses, meeting, on_wire
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
@@ -145,6 +145,7 @@ def take_frame(n: Any) -> Any:
         note_foreign(n, word)
         return np.int64(-1)
     if row < 0:
+        meeting.compare_greeting(n, word)
         return row
     if n.meeting.ordered != 0 and n.passes == 0:
         what = meeting.sorted_out(n, row)
@@ -161,6 +162,7 @@ def take_frame(n: Any) -> Any:
 def use_frame(n: Any, row: Any) -> Any:
     """Disturb, accept and decode `wire.rx`, a frame of `row`; return the row, -1 if it is lost."""
     after_loss = n.rx.loss_state[row, losses.LOST]
+    on_wire.note_as_came(n, row)
     if disturbed(n, row):
         return np.int64(-1)
     if n.faults.n > n.faults.n_values:
@@ -182,6 +184,7 @@ def use_frame(n: Any, row: Any) -> Any:
 def put_in_place(n: Any, row: Any, done: Any) -> None:
     """Accept what faults put in the place of a frame, and the one that comes after it."""
     new, used = n.rx.state[row, e2e.FRESH] == 0, False
+    n.faults.shown = 1
     if done & GONE == 0:
         state = judge(n, row)
         used = state == e2e.OK or state == e2e.OK_SOME_LOST
@@ -204,6 +207,7 @@ def disturbed(n: Any, row: Any) -> Any:
     if not is_lost(n, row):
         return False
     n.control[sh.LOST_ON_PURPOSE] += 1
+    n.faults.on_wire[row, e2e.FRESH] = n.rx.state[row, e2e.FRESH]  # losses excuse no stale cycle
     n.rx.started += n.rx.role[row, sh.STARTS]  # nobody waits for it
     push_frame(n, n.wire.rx, 1, ON_PURPOSE)
     return True
@@ -216,6 +220,8 @@ def accept(n: Any, row: Any) -> Any:
     state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
     push_frame(n, frame, 1, state)
     n.control[sh.LOST] += lost
+    if n.faults.spoiled[row] == 0:
+        on_wire.count(n, state, lost)
     return state, lost
 
 
@@ -240,20 +246,16 @@ def decode(n: Any, row: Any, new: Any) -> None:
 
 @loop_function
 def refuse(n: Any, row: Any, state: Any, after_loss: Any) -> None:
-    """Count a frame that is not used, by its state; after what was on purpose it is no mistake."""
+    """Do what follows from a frame that is not used; what was on purpose is no mistake."""
     if excused(n, row):
         n.rx.started += n.rx.role[row, sh.STARTS]
         if state == e2e.REPEATED and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
             note_repeat(n, word_of(n.wire.rx))
-    elif state == e2e.ERROR:
-        n.control[sh.CRC_ERRORS] += 1
     elif state == e2e.REPEATED:
         n.rx.started += n.rx.role[row, sh.STARTS] * after_loss  # of a whole turn of the counter
-        n.control[sh.REPEATED] += 1 - after_loss
         if after_loss == 0 and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
             note_repeat(n, word_of(n.wire.rx))
     elif state == e2e.WRONG_SEQUENCE:
-        n.control[sh.WRONG_SEQUENCE] += 1 - after_loss
         if n.rx.role[row, sh.STARTS] > n.rx.role[row, sh.AWAITED]:
             n.wire.muted = 1
         n.rx.started += n.rx.role[row, sh.STARTS]  # it came; the next one will be trusted

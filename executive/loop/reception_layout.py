@@ -1,4 +1,4 @@
-"""What the loop keeps of what it doubts, values and senders: parts of the LOOP record."""
+"""What the loop keeps of what it doubts, and of the meeting: parts of the LOOP record."""
 
 from typing import Any
 
@@ -40,4 +40,18 @@ def intrusion(frames: int, signals: int) -> list[Any]:
         ("kept", "<i8", (frames,)),  # pass + 1 in which `before` holds
         ("fresh", "<i8", (frames,)),  # what it added to the input of that cycle
         ("before", "<f8", (signals,)),  # values before this cycle's frame
+    ]
+
+
+def meeting(frames: int) -> list[Any]:
+    """Return the fields. See `executive.loop.meeting`."""
+    return [
+        ("seeks_below", "<i8"),  # 1: waits for the node below; 0: is the lowest, waits for nobody
+        ("ordered", "<i8"),  # lockstep: takes and records only what always happens
+        ("met", "<i8", (frames,)),  # heartbeats that were heard
+        ("sampled", "<i8"),  # 1: the first sample of the node below has begun
+        ("holding", "<i8"),  # row + 1 of the frame in `held`, 0 without
+        ("held", "u1", (FRAME_BYTES,)),
+        ("greets", "<i8"),  # 1: it was started alone, and tells what plant its rig has
+        ("greeting", "u1", (FRAME_BYTES,)),
     ]

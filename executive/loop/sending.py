@@ -10,6 +10,7 @@ from pcpc.drivers.structures import data_of
 from pcpc.drivers.wire import put_frame
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.meeting import greet
 from pcpc.executive.loop.rings import push_frame
 from pcpc.executive.loop.variables import CLAMPED, NMT, STATE
 
@@ -65,6 +66,7 @@ def announce_again(n: Any) -> None:
 
 @loop_function
 def _send_heartbeat(n: Any, recorded: Any) -> None:
+    greet(n)
     n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
     copy_inputs(n, sh.MAX_BLOCKS)
     for row in range(n.tx.n):

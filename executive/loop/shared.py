@@ -31,9 +31,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.drivers.wire_layout import FRAME_BYTES, WIRE
+from pcpc.drivers.wire_layout import WIRE
 from pcpc.executive.loop.injection_layout import faults
-from pcpc.executive.loop.reception_layout import intrusion, plausible
+from pcpc.executive.loop.reception_layout import intrusion, meeting, plausible
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
 
@@ -47,6 +47,7 @@ BUS_WARNINGS, BUS_PASSIVES, BUS_OFFS, BUS_RESTARTS, NO_ACKS, TX_TIMEOUTS = range
 RECORDER_PATIENCE = 12  # times the patience with a node that may wait for the recorder
 STEPPING = 51  # the block that is being stepped, + 1
 WRONG_SEQUENCE, BUS_ERRORS, CULPRIT, IMPLAUSIBLE, INTRUSIONS = range(52, 57)  # CULPRIT: id, why
+MISSED, STARVED, SIGNS_ON_PURPOSE = range(57, 60)  # see `executive.loop.on_wire`
 ODD_PLACE, ODD_CYCLE, ODD_BITS = 48, 49, 50  # the first value not finite: its variable + 1, when
 CONTROL_WORDS = 64
 
@@ -62,6 +63,7 @@ ACK, ACK_CYCLE, REFUSAL, REFUSED_ENTRY = range(4)  # words of `answer`
 ACCEPTED, BAD_COUNT, NO_PARAMETER, OUT_OF_RANGE, LOCKED, NO_RESET = range(6)  # of REFUSAL
 
 RINGS = ("record", "frame", "event")
+GREETING = 0x1FFFFFE0  # 29 bits, the last in every arbitration; see `executive.nodes.greeting`
 RECORD_HEAD = 3  # cycle, stamp, CDR header
 FRAME_WORDS = 5
 EVENT_WORDS = 5
@@ -153,14 +155,6 @@ _RX = [
     ("strange", "<i8", (2, 2)),
     ("loss_state", "<i8", (MAX_FRAMES, 2)),
 ]
-_MEETING = [  # see `executive.loop.meeting`
-    ("seeks_below", "<i8"),  # 1: waits for the node below; 0: is the lowest, and waits for nobody
-    ("ordered", "<i8"),  # lockstep: takes and records only what always happens
-    ("met", "<i8", (MAX_FRAMES,)),  # heartbeats that were heard
-    ("sampled", "<i8"),  # 1: the first sample of the node below has begun
-    ("holding", "<i8"),  # row + 1 of the frame in `held`, 0 without
-    ("held", "u1", (FRAME_BYTES,)),
-]
 _GUARD = [  # the supervisor
     ("cycles", "<i8"),  # of the run
     ("hold_cycles", "<i8"),
@@ -248,7 +242,7 @@ _PRIVATE = [
     *(
         (name, np.dtype(fields, align=True))
         for name, fields in (
-            ("clock", _CLOCK), ("rx", _RX), ("meeting", _MEETING), ("guard", _GUARD),
+            ("clock", _CLOCK), ("rx", _RX), ("meeting", meeting(MAX_FRAMES)), ("guard", _GUARD),
             ("tuning", _TUNING), ("faults", faults(MAX_FRAMES)), ("blocks", _BLOCKS),
             ("limits", _LIMITS), ("tx", _TX), ("rings", _RINGS), ("timing", _TIMING),
             ("wire", WIRE), ("plausible", plausible(MAX_LIMITS)),

@@ -45,7 +45,7 @@ def forget(n: Any) -> None:
     """Take nothing that came in this period for new in the next."""
     n.rx.started = 0
     for row in range(n.rx.n):
-        n.rx.state[row, e2e.FRESH] = 0
+        n.rx.state[row, e2e.FRESH] = n.faults.on_wire[row, e2e.FRESH] = 0
 
 
 @loop_inline

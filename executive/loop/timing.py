@@ -32,7 +32,8 @@ USAGE = np.array([8, 9, 16, 17])  # of struct rusage: minor, major faults, switc
 COUNTERS = np.array(
     [sh.PASSES, sh.LATE, sh.SKIPPED, sh.HELD, sh.STALE, sh.SENT, sh.RECEIVED, sh.LOST,
      sh.CRC_ERRORS, sh.REPEATED, sh.SATURATED, sh.LOST_ON_PURPOSE, sh.WRONG_SEQUENCE, sh.FOREIGN,
-     sh.SEND_ERRORS, sh.BUS_ERRORS, sh.INTRUSIONS]
+     sh.SEND_ERRORS, sh.BUS_ERRORS, sh.INTRUSIONS, sh.MISSED, sh.STARVED,
+     sh.SIGNS_ON_PURPOSE]
 )  # fmt: skip
 
 

@@ -34,6 +34,9 @@ TIMING = (
     ("health.send_errors", "", "frames that the bus did not take"),
     ("health.bus_errors", "", "errors that the CAN controller told"),
     ("health.intrusions", "", "signs of a second sender of a received frame"),
+    ("health.frames_missed", "", "frames lost, those aside that were taken on purpose"),
+    ("health.starved_cycles", "", "stale cycles, those aside whose input was taken on purpose"),
+    ("health.signs_on_purpose", "", "signs of a second sender that a fault on purpose gave"),
     ("timing.wall_s", "s", "wall time of the cycle's start, since 1970; k T in virtual time"),
     *(
         (f"timing.{stage}_{figure}_us", "us", f"{what}: {figure} so far, renewed now and then")
@@ -83,4 +86,6 @@ COUNTED = (  # of these, what follows from the frames alone, not from clocks
     "health.frames_lost_on_purpose",
     "health.wrong_sequence",
     "health.frames_foreign",
+    "health.frames_missed",
+    "health.starved_cycles",
 )

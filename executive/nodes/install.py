@@ -159,7 +159,7 @@ def _install_frames(made: Plan, loop: Any) -> None:
         into.signals[: len(table.signals)] = table.signals
         into.scales[: len(table.scales)] = table.scales
     rx.n, tx.n = len(made.rx_frames), len(made.tx_frames)
-    rx.state[: rx.n] = e2e.new_state(rx.n)
+    rx.state[: rx.n] = loop.faults.on_wire[: rx.n] = e2e.new_state(rx.n)
     part = parts_in_meeting(made.rx_frames, made.below, leads=made.role == "executive")
     for i, frame in enumerate(made.rx_frames):
         peer = made.role != "local" or frame.name in made.below

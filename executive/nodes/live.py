@@ -7,47 +7,37 @@
     live.wait_until(lambda now: abs(now["controller.e_rad"]) < 1e-3, within_s=5.0)
 
 Reading copies a table that the node publishes (seqlock: the node never waits). Tuning writes into
-its mailbox, one client at a time: the mailbox's own file is the lock (flock), which the kernel
-frees when a client dies. No numba in here: it is there in a quarter of a second.
+its mailbox, see `executive.nodes.mailbox`. No numba in here: it is there in a quarter of a second.
 """
 
-import fcntl
 import math
-import os
 import re
-import select
-import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
+from pcpc.executive.nodes.mailbox import (
+    LEVELS,
+    PATIENCE_S,
+    POLL_S,
+    STOP,
+    LiveError,
+    Mailbox,
+    pause,
+)
 from pcpc.executive.nodes.rings import rows_of
 
-LEVELS = ("none", "tune", "all")  # by the value of the mailbox's word LOCK
-_REFUSALS = {
-    sh.BAD_COUNT: "the request was no request",
-    sh.NO_PARAMETER: "it is no parameter",
-    sh.OUT_OF_RANGE: "it is out of range",
-    sh.LOCKED: "it is locked",
-    sh.NO_RESET: "there is no fault that waits for it with safe commands",
-}
-_PATIENCE_S = 2.0  # a node that runs takes tunings within a period
-_POLL_S = 0.001
 _SLICE_S = 0.05  # how soon the end of a loop is noticed; that of its process is at once
 _GLOB = re.compile(r"[*?\[]")
-
-
-class LiveError(UserError):
-    """A node, or what is asked of it, cannot be had; ENVIRONMENT: it is not there."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +91,7 @@ class Live:
             for name, unit, kind, writer, help in about["variables"]
         }
         self._places = {name: place for place, name in enumerate(self.variables)}
+        self._mailbox = Mailbox(block)
 
     # Reading
 
@@ -130,6 +121,21 @@ class Live:
         return bool(self.block["control"][sh.RECORDED])
 
     @property
+    def run(self) -> str:
+        """Its run, RIG.BUS."""
+        return self.name.rpartition(".")[0]
+
+    @property
+    def names(self) -> set[str]:
+        """What it may be called: in full, by its role, RIG.ROLE; the executive RIG and RIG.BUS."""
+        rig, role = str(self.block.description.get("rig")), self.name.rpartition(".")[2]
+        return {self.name, role, f"{rig}.{role}", *([rig, self.run] if role == "executive" else [])}
+
+    def is_of(self, rig: str) -> bool:
+        """Return whether it is of this rig or this run; of "" each is."""
+        return rig in ("", self.run, self.block.description.get("rig"))
+
+    @property
     def pid(self) -> int:
         """Its process."""
         return int(self.block["control"][sh.PID])
@@ -143,12 +149,12 @@ class Live:
         LiveError if the node stands still in the middle of writing them.
         """
         torn = np.empty(0)
-        deadline_s = time.monotonic() + _PATIENCE_S
+        deadline_s = time.monotonic() + PATIENCE_S
         while (values := sh.snapshot(self.block, torn)) is torn:
             if not self.block.alive() or time.monotonic() > deadline_s:
                 what = f"{self.name}: stands still in the middle of a cycle"
                 raise LiveError(what, Exit.ENVIRONMENT)
-            self._pause(_POLL_S)
+            pause(self.block, POLL_S)
         t_s = values[self._places["time.t_s"]] if "time.t_s" in self._places else 0.0
         return Values(round(float(t_s) * 1e9 / self.period_ns), self._places, values)
 
@@ -183,7 +189,7 @@ class Live:
             seen = now.cycle
             next_s = max(next_s + seconds, time.monotonic())
             while self.running and (rest_s := next_s - time.monotonic()) > 0:
-                self._pause(min(rest_s, _SLICE_S))
+                pause(self.block, min(rest_s, _SLICE_S))
 
     def wait_until(
         self, holds: Callable[[Values], bool], within_s: float, what: str = "what was waited for"
@@ -204,12 +210,7 @@ class Live:
                 why = f"not within {within_s:g} s" if self.running else "it ended before"
                 raise LiveError(f"{self.name}: {what}: {why}", Exit.NOT_MET)
             seen = now.cycle
-            self._pause(max(1e-9 * self.period_ns, _POLL_S))
-
-    def _pause(self, seconds: float) -> None:
-        """Sleep, but not beyond the end of the node's process."""
-        client = self.block.client
-        select.select([] if client is None else [client.line], [], [], seconds)
+            pause(self.block, max(1e-9 * self.period_ns, POLL_S))
 
     # Tuning
 
@@ -217,38 +218,18 @@ class Live:
         """Set parameters, all between the same two cycles or none; return the first with them.
 
         LiveError: unknown, not a parameter, out of range, too many, locked, no answer. The node
-        judges again by itself.
+        judges again by itself. A stop alone does not depend on what others do with the mailbox.
         """
-        indices = self.check(changes)
-        mail, answer = self.block["mail"], self.block["answer"]
-        with self._one_client():
-            word = int(mail[sh.LOCK])
-            level = LEVELS[word] if 0 <= word < len(LEVELS) else "all"
-            if level != "none" and [*changes] != ["supervisor.stop"]:
-                raise LiveError(f"{self.name}: locked ({level}); `pcpc lock none` allows tunings")
-            if not self.under_way:
-                what = "no cycle yet, it waits for the other node"
-                raise LiveError(f"{self.name}: {what}", Exit.ENVIRONMENT)
-            self._acknowledged(int(mail[sh.REQUEST]))  # of a client that died waiting
-            self.block["mail_index"][: len(indices)] = indices
-            self.block["mail_value"][: len(indices)] = list(changes.values())
-            mail[sh.COUNT] = len(indices)
-            _release()
-            request = int(mail[sh.REQUEST]) + 1
-            mail[sh.REQUEST] = request
-            cycle = self._acknowledged(request)
-            refusal, entry = int(answer[sh.REFUSAL]), int(answer[sh.REFUSED_ENTRY])
-            if refusal != sh.ACCEPTED:
-                name, why = list(changes)[entry], _REFUSALS.get(refusal, f"reason {refusal}")
-                raise LiveError(f"{name}: refused by the node: {why}; nothing was set")
-            return cycle
+        places = self.check(changes)
+        if [*changes] == [STOP]:
+            return self._mailbox.stop(places[0], changes[STOP])
+        return self._mailbox.post(dict(zip(changes, places, strict=True)), [*changes.values()])
 
     def lock(self, level: str) -> None:
         """Forbid tunings (`tune`, `all`) or allow them (`none`); none is under way on return."""
         if level not in LEVELS:
             raise LiveError(f"{level}: no such lock level{did_you_mean(level, LEVELS)}")
-        with self._one_client():
-            self.block["mail"][sh.LOCK] = LEVELS.index(level)
+        self._mailbox.lock(level)
 
     def check(self, changes: Mapping[str, float]) -> list[int]:
         """Return the places of parameters whose values are in their range; LiveError."""
@@ -265,39 +246,6 @@ class Live:
                 raise LiveError(what.rstrip())
         return [self._places[name] for name in changes]
 
-    @contextmanager
-    def _one_client(self) -> Iterator[None]:
-        """Keep others out of the mailbox; LiveError if one stays in it or the node ended."""
-        client = self.block.client
-        if not self.block.alive() or client is None:
-            raise LiveError(f"{self.name}: ended", Exit.ENVIRONMENT)
-        descriptor = os.open(f"/proc/self/fd/{client.mailbox}", os.O_RDONLY)  # a lock of its own
-        deadline_s = time.monotonic() + 2 * _PATIENCE_S  # the other one waits as long
-        try:
-            while True:
-                try:
-                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    break
-                except BlockingIOError:
-                    if not self.block.alive() or time.monotonic() > deadline_s:
-                        what = f"{self.name}: another host holds the mailbox; end it"
-                        raise LiveError(what, Exit.ENVIRONMENT) from None
-                    self._pause(_POLL_S)
-            yield
-        finally:
-            os.close(descriptor)
-
-    def _acknowledged(self, request: int) -> int:
-        """Wait for the node's acknowledgement; return its cycle, or withdraw: LiveError."""
-        deadline_s = time.monotonic() + _PATIENCE_S
-        while int(self.block["answer"][sh.ACK]) != request:
-            if not self.running or time.monotonic() > deadline_s:
-                self.block["mail"][sh.COUNT] = 0  # the loop looks at it once: all or none here too
-                why = f"took no tunings for {_PATIENCE_S:g} s" if self.running else "ended"
-                raise LiveError(f"{self.name}: {why}; nothing was set", Exit.ENVIRONMENT)
-            self._pause(_POLL_S)
-        return int(self.block["answer"][sh.ACK_CYCLE])
-
 
 def known(name: str, names: Collection[str]) -> str:
     """Return the name of a variable; LiveError with the likeliest one if it is not in `names`."""
@@ -310,27 +258,16 @@ def _pair(bounds: Sequence[float] | None) -> tuple[float, float] | None:
     return None if bounds is None else (bounds[0], bounds[1])
 
 
-def _release() -> None:
-    """Make the slots visible before the request that is stored next, also on ARM.
-
-    Releasing a lock orders what is before it, taking it again what follows.
-    """
-    barrier = threading.Lock()
-    for _ in range(2):
-        barrier.acquire()
-        barrier.release()
-
-
 # Finding
 
 
 def running(rig: str = "") -> dict[str, Live]:
-    """Return this user's nodes whose loop runs, of all rigs or one, by name."""
+    """Return this user's nodes whose loop runs, by name: all, or those of a rig or run."""
     found = {}
     for block in sharing.running():
         with suppress(KeyError, TypeError, ValueError):  # what it says is not what a node says
             live = Live(block)
-            if live.running and rig in ("", block.description.get("rig")):
+            if live.running and live.is_of(rig):
                 found[live.name] = live
     return found
 
@@ -338,28 +275,20 @@ def running(rig: str = "") -> dict[str, Live]:
 def find(node: str = "executive", rig: str = "", among: Mapping[str, Live] | None = None) -> Live:
     """Return the running node `node`; `rig`: only of this rig; `among`: not those of this machine.
 
-    It may be called by its role, its rig (the executive), RIG.ROLE or in full. LiveError: none runs
-    (ENVIRONMENT), or several do.
+    It is called as `Live.names` has it. LiveError: none runs (ENVIRONMENT), or several do.
     """
     nodes = running(rig) if among is None else among
-    found = [name for name, live in nodes.items() if node in _names(live)]
+    found = [name for name, live in nodes.items() if node in live.names]
     if len(found) > 1:
         choice = " or ".join(found)
         raise LiveError(f"{node}: {len(found)} run here; choose one with --node {choice}")
     if found:
         return nodes[found[0]]
     others = f"; running: {', '.join(nodes)}" if nodes else ""
-    other_users = sharing.other_users() if among is None else []
-    if other_users and not nodes:
-        others = f"; user {' and '.join(other_users)} has nodes, which only that user reaches"
+    if among is None and not nodes and (users := sharing.other_users()):
+        others = f"; user {' and '.join(users)} has nodes, which only that user reaches"
     what = f"{node}: no such node is running{others}; start one with `pcpc run RIG`"
     raise LiveError(what, Exit.ENVIRONMENT)
-
-
-def _names(live: Live) -> set[str]:
-    """Return what a node may be called."""
-    rig, role = str(live.block.description.get("rig")), live.name.rpartition(".")[2]
-    return {live.name, role, f"{rig}.{role}", *([rig] if role == "executive" else [])}
 
 
 def find_for(words: Sequence[str], among: Mapping[str, Live] | None = None) -> Live:

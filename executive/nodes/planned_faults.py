@@ -151,6 +151,8 @@ def install_faults(rig: Rig, role: Role, planned: list[Planned], loop: Any) -> N
         faults.target[f], faults.other[f] = one.target, one.other
         faults.seed[f] = losses.first(rig.config.seed, f"{one.name} {role}")
         faults.since[f], faults.goes_on[f] = -1, one.fault.goes_on
+        if one.group == FRAMES:
+            faults.spoiled[one.target] = 1
 
 
 def _places(
@@ -183,7 +185,8 @@ def _check(rig: Rig, key: str, fault: Fault) -> None:
     of_values, of_frames = injected_values.KINDS, injected_frames.KINDS
     known = [*of_values, *(k for k in of_frames if k not in of_values), STALL, FLOOD]
     if fault.kind not in known:
-        raise rig.error(f"{key}.kind", f"no kind {fault.kind}{did_you_mean(fault.kind, known)}")
+        cure = did_you_mean(fault.kind, known) or f"; known: {', '.join(known)}"
+        raise rig.error(f"{key}.kind", f"no kind {fault.kind}{cure}")
     if sum(place is not None for place in (fault.at, fault.frame)) > 1:
         raise rig.error(f"{key}.frame", "a fault has either at or frame")
     if fault.kind in (STALL, FLOOD):
@@ -243,7 +246,7 @@ def described(planned: list[Planned]) -> dict[str, dict[str, Any]]:
     return {
         one.name: {
             "kind": one.fault.kind, "of": one.fault.at or one.fault.frame or one.fault.node,
-            "next_cycle": one.acts_later, "of_frames": one.group != VALUES,
+            "next_cycle": one.acts_later,
         }
         for one in planned
     }  # fmt: skip

@@ -40,7 +40,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED
 from pcpc.executive.loop.cycle import finish, run
-from pcpc.executive.nodes import fmus, plausible
+from pcpc.executive.nodes import fmus, greeting, plausible
 from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import (
     Plan,
@@ -88,6 +88,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--controller")
     parser.add_argument("--set", action="append", default=[])
     parser.add_argument("--device", action="store_true", help="a device is the executive")
+    parser.add_argument("--alone", action="store_true", help="others are started elsewhere")
     parser.add_argument("--with-parent", type=int, metavar="PID", help="end when this one dies")
     return parser
 
@@ -99,6 +100,7 @@ class Process:
         self.role: Role = options.role
         self.host: int | None = options.with_parent
         self.device: bool = options.device
+        self.alone: bool = options.alone
         self.rig: Rig = load_rig(options.rig, options.controller, options.set)
         self.pacing: str = options.pacing or self.rig.config.pacing
         self._paced = self.pacing != "lockstep"
@@ -125,6 +127,7 @@ class Process:
         }
         self.signals = kernel.signal_file(_SIGNALS)
         about = describe(self.plan, metadata) | {"initial": self._parameters()}
+        about["file"] = str(self.rig.path.resolve())
         if lacking := carried.warning(about["files"]):
             print(f"{self.role}: {lacking}", file=sys.stderr, flush=True)
         served = sharing.Served(name, about)
@@ -132,6 +135,8 @@ class Process:
         open_buses(self.rig, self.bus, self.plan, block.loop.wire)
         opened_ns = time.monotonic_ns()  # from here on it hears the others
         install(self.plan, block.loop)
+        if self.alone:
+            greeting.install(block.loop, self.rig, self.role)
         if self.device:  # which may know nothing of the duration; its last word is one cycle more
             block.loop.guard.cycles = cycles_of(self.rig) + 2
         scratch = warm_up_memory(self.plan)

@@ -223,8 +223,9 @@ class Replay:
         loop.clock.kind, loop.tuning.n, loop.meeting.ordered = GIVEN, 0, 0
         self.steps, self._opened = made.steps, made.opened
         about = self.block.description
-        self.names = [*about["state_columns"], *COUNTED]
-        counters = [about["timing_columns"].index(name) for name in COUNTED]
+        counted = [name for name in COUNTED if name in recorded]
+        self.names = [*about["state_columns"], *counted]
+        counters = [about["timing_columns"].index(name) for name in counted]
         states = sh.RECORD_HEAD + np.arange(len(about["state_columns"]))
         self._columns = [*states, *(states[-1] + 2 + i for i in counters)]
         self._table, self._index = made.table, made.table.index

@@ -82,8 +82,12 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def is_outside(file: Path) -> bool:
-    """Return whether a file is an ordinary one, and neither installed nor the project's own."""
-    return not str(file).startswith(_inside()) and is_ordinary(file)
+    """Return whether a file is an ordinary one, and neither installed nor the project's own.
+
+    What pip notes of a package, beside its source if that is editable, is read by many an import.
+    """
+    noted = any(part.endswith((".egg-info", ".dist-info")) for part in file.parts)
+    return not noted and not str(file).startswith(_inside()) and is_ordinary(file)
 
 
 def is_ordinary(file: Path) -> bool:

@@ -27,8 +27,9 @@ _OWN = {  # how laws are read and stepped, evaluations read and asked
         "executive/laws/ports",
         "executive/rig/modules", "executive/rig/prepare", "executive/rig/resolve",
         "executive/rig/trial", "plants/drawing", "plants/evaluation", "plants/judging",
-        "plants/pages", "plants/scene", "plants/statistics", "plants/study", "plants/two_joints",
-        "tools/experiment", "tools/verdict/judge",
+        "plants/pages", "plants/scene", "plants/statistics", "plants/study",
+        "plants/families/two_link/joints", "tools/study/experiment/cli",
+        "tools/after/verdict/judge",
     )
 }  # fmt: skip
 _COLOUR = re.compile("\x1b\\[[0-9;]*m")

@@ -10,19 +10,24 @@ import importlib.util
 import json
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from types import ModuleType
 
+from pcpc.drivers import compile_cache
 from pcpc.drivers.compile_cache import cache_folder, keep_by
+from pcpc.drivers.patience import StalledError, patience
 from pcpc.executive.rig import carried
 from pcpc.executive.rig.carried import AREAS, Reads, merge
 
 PROJECT = Path(__file__).resolve().parents[2]
 OURS = "pcpc."  # modules of the project
+LONG_S, ENDLESS_S = 5.0, 60.0  # of an import: until it is named; of the processor, until it ends
 _outside: dict[Path, ModuleType] = {}
 _read_by: dict[str, Reads] = {}  # what the import of a module opened, by its file or name
+_contents: dict[Path, str] = {}  # SHA-256 of what the imports opened, as it was then
 _ALONE = {  # a law that imports nothing else, and reads nothing, is what its text says
     "__future__", "collections", "dataclasses", "functools", "itertools", "math", "numpy", "pcpc",
     "typing",
@@ -30,8 +35,31 @@ _ALONE = {  # a law that imports nothing else, and reads nothing, is what its te
 
 
 def module_of(name: str, file: Path) -> ModuleType:
-    """Import the module `name`, or that of `file` where the name is ""."""
-    return _import_module(name) if name else _import_file(file)
+    """Import the module `name`, or that of `file` where the name is ""; ImportError for no end."""
+    with _bounded(name or str(file)):
+        return _import_module(name) if name else _import_file(file)
+
+
+@contextmanager
+def _bounded(what: str) -> Iterator[None]:
+    """Name an import that takes long; end it when it computes for ever and compiles nothing."""
+    before = compile_cache.watch.done
+
+    def say() -> None:
+        if compile_cache.watch.done == before:  # else that is said
+            print(f"{what}: its import goes on; Ctrl-C ends it", file=sys.stderr)
+
+    told = threading.Timer(LONG_S, say)
+    told.start()
+    try:
+        with patience(ENDLESS_S, lambda: compile_cache.watch.done):
+            yield
+    except StalledError:
+        why = f"it does not come to an end, it computed for {ENDLESS_S:g} s"
+        raise ImportError(f"{what}: {why}") from None
+    finally:
+        told.cancel()
+        told.join()
 
 
 def outside(file: Path) -> ModuleType | None:
@@ -42,6 +70,11 @@ def outside(file: Path) -> ModuleType | None:
 def read_by(module: ModuleType) -> Reads:
     """Return what the import of a module opened."""
     return _read_by.get(_key(module), {})
+
+
+def imported(file: Path) -> str | None:
+    """Return the SHA-256 that a file had when a module's import opened it; None: none did."""
+    return _contents.get(file)
 
 
 def opened() -> Reads:
@@ -105,8 +138,17 @@ def _import_file(file: Path) -> ModuleType:
     reads.pop(file, None)
     if known.is_news(reads):
         module = _execute(file, known.module_name())
-    _outside[file], _read_by[_key(module)] = module, reads
+    _outside[file] = module
+    _note(module, reads, file)
     return module
+
+
+def _note(module: ModuleType, reads: Reads, *files: Path) -> None:
+    """Remember what a module's import opened, and what was in that and in its own `files`."""
+    _read_by[_key(module)] = reads
+    for file in (*files, *reads):
+        with suppress(OSError):
+            _contents.setdefault(file, carried.sha256(file))
 
 
 def _key(module: ModuleType) -> str:
@@ -120,7 +162,7 @@ def _import_module(name: str) -> ModuleType:
         return importlib.import_module(name)
     with carried.noted() as reads:
         module = importlib.import_module(name)
-    _read_by[_key(module)] = reads
+    _note(module, reads)
     return module
 
 

@@ -4,7 +4,7 @@
 types, ranges, files, laws, settings and their units. Every message says where:
 `file:line:column: path: what; cure`.
 
-    law: pd              BLOCK of the shipped law pd (executive/laws/controllers)
+    law: pd              BLOCK of the shipped law pd (plants/*/laws)
     law: pkg.mod:NAME    NAME of a Python module
     law: model.py:NAME   NAME of a file, relative to the YAML file that says so
 
@@ -35,7 +35,9 @@ from pcpc.executive.rig.schema import FALLBACK, Config, Evaluation, Limit
 from pcpc.executive.rig.typed import convert
 from pcpc.executive.rig.yamlfile import Document, Keys, Place
 
-_NO_TEXT = re.compile("[\0\ud800-\udfff]")
+_STEERS = re.compile(  # a terminal, or the direction of writing
+    "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 _CURES: dict[Keys, str] = {("dbc",): "; `pcpc dbc` writes one from the wiring"}
 _LONGEST_KEEP_NS = 10**15  # the longest run
 
@@ -158,6 +160,7 @@ class Rig:
             if file is not None:
                 text = _rebased(self.document, keys, law).partition(":")[0]
                 laws.setdefault(file, set()).add(text)
+                merge(found, {one: set() for one in beside(file)})
         judges = beside(Path(self.evaluation.file)) if self.evaluation else []
         draws = beside(self.drawing) if self.drawing else []
         return listed(found, laws, judges, draws, self.path)
@@ -231,8 +234,8 @@ def _check_texts(document: Document, data: Any, keys: Keys) -> None:
         for key, child in data.items() if isinstance(data, dict) else enumerate(data):
             _check_texts(document, key, (*keys, key))
             _check_texts(document, child, (*keys, key))
-    elif isinstance(data, str) and (found := _NO_TEXT.search(data)):
-        raise document.error(keys, f"character {found[0]!r} is not allowed")
+    elif isinstance(data, str) and (found := _STEERS.search(data)):
+        raise document.error(keys, f"character {found[0]!a} is not allowed")
 
 
 def _check(document: Document, config: Config) -> None:
@@ -255,8 +258,9 @@ def _check(document: Document, config: Config) -> None:
             what = f"no such controller{did_you_mean(name, config.controllers)}"
             raise document.error(("expect", name), what)
         for figure, (low, high) in figures.items():
-            if not low <= high:
-                raise document.error(("expect", name, figure), f"{low:g} is above {high:g}")
+            if not low <= high or -low == high == math.inf:
+                what = f"{low:g} is above {high:g}" if high < low else "all is within that"
+                raise document.error(("expect", name, figure), what)
     _check_requirements(document, config)
     _evaluation(document, config)
     for keys in _file_keys(msgspec.to_builtins(config)):
@@ -294,9 +298,8 @@ def _check_limits(document: Document, config: Config) -> None:
                 what = f"{limit.safe:g} is outside {limit.low:g}..{limit.high:g}"
                 raise document.error((*keys, "safe"), what)
             if limit.safe is not None and not math.isfinite(limit.safe):
-                raise document.error(
-                    (*keys, "safe"), f"expected a finite number, got {limit.safe:g}"
-                )
+                what = f"expected a finite number, got {limit.safe:g}"
+                raise document.error((*keys, "safe"), what)
         for name, value in getattr(node, "safe", {}).items():
             if not math.isfinite(value):
                 what = f"expected a finite number, got {value:g}"

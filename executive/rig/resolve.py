@@ -36,7 +36,8 @@ _PLANTS = (  # the project's folders; another one beside them is a user's
     "actuators", "atb1000", "backlash_map", "backlash_pendulum", "deadzone_arm", "deadzone_map",
     "friction_arm", "map_chains", "payload_arm", "probe", "quarter_car", "telerobot",
 )  # fmt: skip
-_LAWS = PROJECT / "executive" / "laws"
+_READY = "executive/laws/references.py", "executive/laws/sequences.py"
+_LAWS = "plants/*/laws/*.py", "plants/families/*/laws/*.py"  # of systems, of families of them
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def today(law: str) -> str:
     """Return the present name of a law of the project that a log calls by an earlier one."""
     module, colon, name = law.partition(":")
     parts = module.split(".")
-    if parts[0] == "executive" and parts[-1] in shipped():
+    if [*parts, ""][OURS[:-1] == parts[0]] == "executive" and parts[-1] in shipped():
         return parts[-1] + colon + name
     return OURS + law if parts[0] == "plants" and parts[1:2] and parts[1] in _PLANTS else law
 
@@ -129,7 +130,7 @@ def today(law: str) -> str:
 @cache
 def shipped() -> dict[str, str]:
     """Return the dotted names of the modules of laws that a rig may name bare."""
-    files = [*_LAWS.glob("controllers/**/*.py"), _LAWS / "references.py", _LAWS / "sequences.py"]
+    files = [file for pattern in (*_LAWS, *_READY) for file in PROJECT.glob(pattern)]
     names = {file.stem: file.relative_to(PROJECT).with_suffix("").parts for file in files}
     return {stem: OURS + ".".join(parts) for stem, parts in names.items() if stem != "__init__"}
 

@@ -77,7 +77,7 @@ class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Watchdog(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A process that sees only the bus and sends the stop frame; see `tools.watchdog`."""
+    """A process that sees only the bus and sends the stop frame; see `tools.live.watchdog`."""
 
     silent_cycles: Annotated[int, Meta(ge=2)] = 50
     wrong_frames: Annotated[int, Meta(ge=1, le=10)] = 3

@@ -12,9 +12,9 @@ A path such as `a.b[2].c` names a value; its place is that of its key, in the fi
 """
 
 import contextlib
+import errno
 import os
 import re
-import stat
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -23,6 +23,7 @@ from typing import Any
 
 import yaml
 
+from pcpc.drivers.regular import opened
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig.yaml_parser import compose, is_alike
 
@@ -31,6 +32,7 @@ __all__ = ["Document", "Keys", "Place", "did_you_mean", "dotted", "dump", "load"
 Keys = tuple[str | int, ...]
 
 MOST_BYTES = 1 << 20  # of a rig file, which has a few thousand; PyYAML takes 10 s for it
+_MOST_BASES = 100  # files over each other: a thousand are too deep for Python
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _HEXADECIMAL = re.compile(r"0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -102,10 +104,10 @@ class Document:
     def file(self, keys: Keys, text: str, cure: str = "") -> Path:
         """Return the file that the value `text` at `keys` names, from where it was written."""
         try:
-            file = (self.place(keys).folder / text).resolve()
+            file = _resolved(self.place(keys).folder / text)
             if file.is_file():
                 return file
-        except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name too long
+        except (OSError, ValueError) as error:  # a loop of links, a name too long
             raise self.error(keys, f"{text[:60]} is no file: {_reason(error)}") from None
         raise self.error(keys, f"no such file: {shown(file)}{cure}")
 
@@ -117,8 +119,7 @@ class Document:
                 target[key] = {}
             target = target[key]
         target[keys[-1]] = value
-        stale = [known for known in self.places if known[: len(keys)] == keys]
-        for known in stale:
+        for known in [one for one in self.places if one[: len(keys)] == keys]:
             del self.places[known]
         self.places[keys] = place
         self._named = {}
@@ -138,8 +139,8 @@ def load(path: str | Path, text: str | None = None) -> Document:
     Raises RigError with the place of whatever is wrong.
     """
     try:
-        file = Path(path).resolve()
-    except (OSError, RuntimeError, ValueError) as error:
+        file = _resolved(Path(path))
+    except (OSError, ValueError) as error:
         raise RigError(f"{str(path)[:200]}: cannot be read: {_reason(error)}") from None
     sources: dict[Path, str] = {}
     root = _read_file(file, text, sources, (), None)
@@ -227,12 +228,22 @@ def _working_folder() -> Path | None:
         return None
 
 
+def _resolved(path: Path) -> Path:
+    """Return the absolute name behind all links; OSError, in every Python, for a loop of them."""
+    try:
+        os.path.realpath(path, strict=True)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise
+    return path.resolve()
+
+
 def _reason(error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return "the working folder is gone"  # nothing else asks for it
     if isinstance(error, OSError):
-        return error.strerror or "refused"
-    return "a loop of links" if isinstance(error, RuntimeError) else "no name of a file"
+        return "a loop of links" if error.errno == errno.ELOOP else error.strerror or "refused"
+    return "no name of a file"
 
 
 class _Slow(yaml.SafeDumper):
@@ -268,12 +279,13 @@ def _read_file(
         raise RigError(f"{at}the files build on each other: {chain}")
     if text is None:
         try:
+            if len(above) > _MOST_BASES:
+                raise OSError(0, f"more than {_MOST_BASES} files build on each other")
             text = _text_of(file)
-        except FileNotFoundError:
-            raise RigError(f"{at}{shown(file)}: no such file") from None
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or "not UTF-8 text"
-            raise RigError(f"{at}{shown(file)}: cannot be read: {reason}") from None
+            why = f"cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
+            why = "no such file" if isinstance(error, FileNotFoundError) else why
+            raise RigError(f"{at}{shown(file)}: {why}") from None
     sources[file] = text
     parsed = _parse(file, text)
     base = parsed.value.get("base")
@@ -283,23 +295,16 @@ def _read_file(
     if not isinstance(base.value, str):
         raise RigError(f"{base.place}: base: expected the path of a file")
     try:
-        named = (file.parent / base.value).resolve()
-    except (OSError, RuntimeError, ValueError) as error:
+        named = _resolved(file.parent / base.value)
+    except (OSError, ValueError) as error:
         raise RigError(f"{base.place}: base: is no file: {_reason(error)}") from None
     return _merge(_read_file(named, None, sources, (*above, file), base.place), root)
 
 
 def _text_of(file: Path) -> str:
     """Return the text of a regular file; OSError, UnicodeDecodeError."""
-    descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe: no waiting
-    try:
-        mode = os.fstat(descriptor).st_mode
-        if not stat.S_ISREG(mode):
-            raise OSError(0, "Is a directory" if stat.S_ISDIR(mode) else "is no regular file")
-        with open(descriptor, "rb", closefd=False) as opened:
-            whole = opened.read(MOST_BYTES + 1)
-    finally:
-        os.close(descriptor)
+    with opened(file) as stream:
+        whole = stream.read(MOST_BYTES + 1)
     if len(whole) > MOST_BYTES:
         raise OSError(0, f"more than {MOST_BYTES >> 20} MiB")
     return whole.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")

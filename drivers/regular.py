@@ -1,0 +1,28 @@
+"""Regular files, opened for reading: no pipe is waited for, no device is read without an end."""
+
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+
+def opened(path: Path, flags: int = 0) -> BinaryIO:
+    """Return an open regular file; OSError with the reason where it is none, or cannot be read.
+
+    `flags`: of os.open, besides those for reading.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | flags)
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if not stat.S_ISREG(mode):
+            raise OSError(0, "Is a directory" if stat.S_ISDIR(mode) else "is no regular file")
+        return open(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a regular file; OSError, UnicodeDecodeError."""
+    with opened(path) as file:
+        return file.read().decode("utf-8")

@@ -1,0 +1,72 @@
+"""What the wire did to frames, apart from what the rig does to them on purpose behind it.
+
+Frames on which losses or faults may act are checked twice: as they came, and as they are handed on.
+What counts against a run is of the first check, so that it is what it would be without losses and
+faults, frame by frame:
+
+    missed         frames that were not on the wire, by the counters of those that were
+    starved cycles  those without input for longer than the rig allows, where no fault took it
+    others         wrong CRC or length, repeated, a counter that jumped
+
+A node that stands still on purpose takes what it would have sent; who knows of it waits for none.
+Losses, which belong to the rig's bus, excuse no stale cycle.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers import dbc, e2e
+from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.structures import data_of
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.injected_frames import EXCUSED_CYCLES
+from pcpc.executive.loop.injection import peer_stalled
+
+
+@loop_inline
+def age_frames(n: Any) -> None:
+    """Age the frames to which something may be done, as they came, by one cycle."""
+    for row in range(n.rx.n):
+        if n.faults.spoiled[row] != 0:
+            e2e.age(n.faults.on_wire, row)
+
+
+@loop_inline
+def note_as_came(n: Any, row: Any) -> None:
+    """Check and count the frame in `wire.rx` as it came, if something may be done to it."""
+    n.faults.shown = 0
+    if n.faults.spoiled[row] != 0:
+        _note(n, row)
+
+
+@loop_function
+def _note(n: Any, row: Any) -> None:
+    frame, rx = n.wire.rx, n.rx
+    state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, rx.frames, n.faults.on_wire)
+    count(n, state, lost)
+    acted, right = n.faults.acted[row], state == e2e.OK or state == e2e.OK_SOME_LOST
+    lasts = max(np.int64(EXCUSED_CYCLES), 2 * rx.frames[row, dbc.EVERY_N])
+    n.faults.shown = np.int64(right and acted > 0 and n.passes + 1 - acted <= lasts)
+
+
+@loop_inline
+def count(n: Any, state: Any, lost: Any) -> None:
+    """Count what is wrong with a frame of this state, before which `lost` are missing."""
+    n.control[sh.MISSED] += lost
+    n.control[sh.CRC_ERRORS] += 1 if state == e2e.ERROR else 0
+    n.control[sh.REPEATED] += 1 if state == e2e.REPEATED else 0
+    n.control[sh.WRONG_SEQUENCE] += 1 if state == e2e.WRONG_SEQUENCE else 0
+
+
+@loop_function
+def taken_on_purpose(n: Any) -> Any:
+    """Return whether all input that is missing in this cycle was taken by faults on purpose."""
+    if peer_stalled(n):
+        return True
+    short = n.rx.awaited - n.rx.fresh
+    for row in range(n.rx.n):
+        unused = n.rx.state[row, e2e.FRESH] == 0 or n.intrusion.doubted[row] == n.passes + 1
+        if n.faults.spoiled[row] != 0 and n.faults.on_wire[row, e2e.FRESH] != 0 and unused:
+            short -= n.rx.role[row, sh.AWAITED]
+    return short <= 0
