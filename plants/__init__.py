@@ -1,1 +1,1 @@
-"""Plant models, one folder each, and the emulator process that runs them."""
+"""Systems, one folder each, families of them, and the words that their files are written in."""

@@ -251,8 +251,11 @@ class Evaluation:
     def _told(self, part: Note, metrics: Figures) -> str:
         if callable(part):
             return part(metrics)
-        known = all(name in metrics for name in _fields(part, self.place))
-        return part.format(**metrics) if known else ""
+        names = list(_fields(part, self.place))
+        if not all(name in metrics for name in names):
+            return ""
+        endless = [f"{name} is infinite" for name in names if math.isinf(metrics[name])]
+        return ", ".join(endless) or part.format(**metrics)
 
     def touch(self, run: Run) -> None:
         """Ask a run for all that the panels draw."""

@@ -32,6 +32,8 @@ GREY, SHADE = "#707070", "#ECEFF3"
 POINTS = 3000  # of a drawn line: more than pixels
 SMALLEST_LATE_US = 1.0  # on the logarithmic axis
 IN_SIGHT = 2.0  # times what is drawn
+TOP = 0.9  # of the first axes, in a page
+SWINGS = 150  # of a line: with more its dashes make a block
 MOST_VIOLATIONS, NAME_LETTERS = 5, 50  # marked, and of a name beside its mark
 TITLE_LETTERS = 60  # of 13 point across the page
 
@@ -77,7 +79,7 @@ def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
         raise ImportError("a figure needs matplotlib: pip install 'pcpc[plot]'") from None
     page = Figure(figsize=(8.0, 10.0), dpi=150)
     axes = page.subplots(len(panels), 1, sharex=True, height_ratios=panels, squeeze=False)[:, 0]
-    page.subplots_adjust(left=0.1, right=0.975, top=0.9, bottom=0.05, hspace=0.24)
+    page.subplots_adjust(left=0.1, right=0.975, top=TOP, bottom=0.05, hspace=0.24)
     size = 13.0 * min(1.0, TITLE_LETTERS / max(len(title), 1))  # a longer one would run off
     page.text(0.018, 0.985, title, size=size, weight="bold", va="top")
     page.text(0.018, 0.96, text, size=8, va="top", linespacing=1.5)
@@ -161,16 +163,17 @@ def mark_violations(
     axes: Sequence["Axes"], violations: Sequence[tuple[float, str]], end_s: float
 ) -> None:
     """Draw a line through all axes where requirements were first violated, named in the first."""
-    for i, (time_s, name) in enumerate(sorted(violations)[:MOST_VIOLATIONS]):
+    marked = sorted(violations)[:MOST_VIOLATIONS]
+    axes[0].figure.subplots_adjust(top=TOP - 0.0125 * len(marked))  # their names stand above
+    for i, (time_s, name) in enumerate(marked):
         for ax in axes:
             ax.axvline(time_s, color=VERMILION, linewidth=0.9, linestyle="-.")
         words = name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 3]}..."
         right = time_s > end_s / 2.0  # of the middle: the words go left
         axes[0].annotate(
-            f"violated: {words}", (time_s, 0.97 - 0.09 * i), xycoords=("data", "axes fraction"),
-            color=VERMILION, fontsize=7, xytext=(-3 if right else 3, 0), va="top",
+            f"violated: {words}", (time_s, 1.0), xycoords=("data", "axes fraction"),
+            color=VERMILION, fontsize=7, xytext=(0, 14 + 9 * (len(marked) - 1 - i)), va="bottom",
             textcoords="offset points", ha="right" if right else "left",
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
         )  # fmt: skip
 
 
@@ -206,9 +209,20 @@ def traces(judged: Judged, lines: Sequence[Line]) -> list[tuple[Vector, Vector]]
 
 
 def draw_line(ax: "Axes", t: Vector, y: Vector, label: str, colour: str, **style: Any) -> None:
-    """Draw a signal where there is one."""
-    if np.isfinite(y).any():
-        ax.plot(*thinned(t, y), color=colour, label=label, **{"linewidth": 1.1, **style})
+    """Draw a signal where there is one; a fast one without dashes, and so that others are seen."""
+    if not np.isfinite(y).any():
+        return
+    look = {"linewidth": 1.1, "linestyle": "-", **style}
+    if look["linestyle"] != "-" and _swings(y) > SWINGS:
+        look |= {"linestyle": "-", "linewidth": 0.6, "alpha": 0.4}
+    ax.plot(*thinned(t, y), color=colour, label=label, **look)
+
+
+def _swings(y: Vector) -> int:
+    """Return how often a line turns back."""
+    up = np.diff(y[np.isfinite(y)])
+    up = up[up != 0.0]
+    return int(np.count_nonzero(up[1:] * up[:-1] < 0.0))
 
 
 _LATE = "timing.wake_late_us"

@@ -11,16 +11,18 @@ A law reads its weights at the start of a cycle and writes them at its end: what
 is recorded in k - 1, so that proofs begin with the second cycle; see `Told.used`.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from pcpc.plants.judging import Run
 from pcpc.plants.lyapunov import Asked, Proof, Vector
+from pcpc.plants.weights import Weights
 
 LEAST = 20  # cycles of a stretch
+Derived = Callable[[Mapping[str, float]], float]
 
 
 class NoTheorem(Exception):
@@ -37,6 +39,7 @@ class Told:
     """
 
     run: Run
+    declared: Mapping[str, float] = field(default_factory=dict)  # tuning rates, as the rig has them
 
     @cached_property
     def stretch(self) -> slice:
@@ -96,6 +99,10 @@ class Told:
         """Return a parameter of the controller as the stretch ended."""
         return self.setting(f"executive:controller.{name}")
 
+    def rate(self, name: str) -> float:
+        """Return a tuning rate as the rig declares it, whatever the run tuned by."""
+        return self.declared[name] if name in self.declared else self.law(name)
+
     def array(self, name: str, *shape: int) -> Vector:
         """Return a state of a block as it was at the end of each cycle, (n, *shape)."""
         return self._array(name, *shape)[1:]
@@ -114,13 +121,27 @@ class Told:
 class Theorem:
     """A proof, the states that it needs beside what a log has, and the law's tuning rates.
 
-    `rates`: parameters of the block `block`, by which all that is tuned goes.
+    `rates`: parameters of the block `block`, by which all that is tuned goes; `derived`: of such as
+    are no settings, the setting that says them, and what they are by all settings.
     """
 
     prove: Callable[[Told], Proof]
     states: Sequence[str] = ()
     rates: Sequence[str] = ()
     block: str = "controller"
+    derived: Mapping[str, tuple[str, Derived]] = field(default_factory=dict)
+
+    @property
+    def said_by(self) -> list[str]:
+        """The settings that say the rates."""
+        return [self.derived[name][0] if name in self.derived else name for name in self.rates]
+
+    def declared(self, settings: Mapping[str, float]) -> dict[str, float]:
+        """Return the rates by the settings of the block."""
+        return {
+            name: self.derived[name][1](settings) if name in self.derived else settings[name]
+            for name in self.rates
+        }
 
 
 def fitted(nodes: Vector, wanted: Vector, ridge: float = 1e-2) -> Vector:
@@ -157,23 +178,13 @@ def read_out(w: Vector, nodes: Vector) -> Vector:
     return np.einsum("nkm,nk->nm", w, nodes)
 
 
-def stepped(before: Vector, after: Vector, rate: float, period_s: float) -> Vector:
-    """Return what steps of some weights add to V' in second order: |dZ|^2/(2 rate T)."""
-    return size(after - before) ** 2 / (2.0 * rate * period_s)
-
-
-def metric(rate: float) -> float:
-    """Return what V divides |Z~|^2 by: the size of a tuning rate, 1 for a rate of 0."""
-    return abs(rate) or 1.0
-
-
-def rates_positive(**rates: float) -> Asked:
+def rates_positive(weights: Sequence[Weights]) -> Asked:
     """Return whether all tuning rates are above 0: a network that rests has no theorem."""
-    dead = [name for name, value in rates.items() if not value > 0.0]
+    dead = [one.name for one in weights if not one.rate > 0.0]
     found = (
         f"{', '.join(dead)} not above 0"
         if dead
-        else ", ".join(f"{k} {v:g}" for k, v in rates.items())
+        else ", ".join(f"{one.name} {one.rate:g}" for one in weights)
     )
     return Asked("tuning rates above 0", not dead, found, needed=True)
 

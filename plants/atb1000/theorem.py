@@ -28,12 +28,11 @@ from pcpc.plants.theorem import (
     fitted,
     inner,
     logistic,
-    metric,
     rates_positive,
     size,
-    stepped,
     with_threshold,
 )
+from pcpc.plants.weights import Weights
 
 INPUTS, NODES, JUMPS = 7, 10, 4
 R_MAX_RAD_S, DEAD_BAND_RAD = 0.3, 1e-4
@@ -46,9 +45,6 @@ def prove(told: Told) -> Proof:
         told.law(name)
         for name in ("lam_per_s", "kv_Nms_rad", "kz", "z_bound", "kappa", "tau_max_Nm")
     )
-    rates = {"F": told.law("f_rate"), "FJ": told.law("fj_rate"), "G": told.law("g_rate")}
-    rate = {name: metric(value) for name, value in rates.items()}
-    by_node = np.array([rate["F"]] * (1 + NODES) + [rate["FJ"]] * JUMPS)
     rotor = told.setting(f"{PLANT}motor_inertia_kg_m2") * told.setting(f"{PLANT}gear_ratio") ** 2
     m = told.setting(f"{PLANT}rigid_inertia_kg_m2") + rotor
     turns = told.column(f"{PLANT}theta_rate_rad_s")
@@ -79,14 +75,21 @@ def prove(told: Told) -> Proof:
 
     seen, off = told.column(f"{LAW}r_rad_s"), told.column(f"{LAW}e_rad")
     inside = 0.5 * m * (told.after(r) ** 2 - r**2) / told.period_s - r * m_r_rate
-    done_w = told.array(f"{LAW}w", 1 + NODES + JUMPS)
-    done_v = told.array(f"{LAW}v", INPUTS, NODES)
-    root = np.sqrt(by_node)
-    steps = stepped(w / root, done_w / root, 1.0, told.period_s)
-    steps += stepped(v, done_v, rate["G"], told.period_s)
     engaged = told.column(f"{LAW}network_on") > 0.5
     tunes = (np.abs(off) > DEAD_BAND_RAD) | (np.abs(acc_d) > 1e-6)
     tuned = np.clip(seen, -R_MAX_RAD_S, R_MAX_RAD_S) * tunes * engaged
+    moved = told.array(f"{LAW}w", 1 + NODES + JUMPS) - w
+    moved_v = told.array(f"{LAW}v", INPUTS, NODES) - v
+    held = kappa * np.abs(tuned)
+    back = slope * w[:, 1 : 1 + NODES] * tuned[:, None]
+    drive = flat * tuned[:, None] - held[:, None] * w
+    drive_v = x[:, :, None] * back[:, None, :] - held[:, None, None] * v
+    near, far = slice(0, 1 + NODES), slice(1 + NODES, None)
+    weights = (
+        Weights("F", told.rate("f_rate"), w_lacks[:, near], moved[:, near], drive[:, near]),
+        Weights("FJ", told.rate("fj_rate"), w_lacks[:, far], moved[:, far], drive[:, far]),
+        Weights("G", told.rate("g_rate"), v_lacks, moved_v, drive_v),
+    )
     leak = kappa * (inner(w_lacks, w) + inner(v_lacks, v))
     outer, first = float(np.linalg.norm(w_ideal)), float(np.linalg.norm(v_ideal))
     eps = float(np.abs(f - known @ w_ideal)[:-1].max())
@@ -96,9 +99,8 @@ def prove(told: Told) -> Proof:
         theorem="Theorem 3.2.2, for a rigid hub",
         error_is="|r| [rad/s]",
         t_s=told.t_s,
-        v=0.5 * m * r**2
-        + 0.5 * (w_lacks**2 / by_node).sum(axis=1)
-        + 0.5 * size(v_lacks) ** 2 / rate["G"],
+        v=0.5 * m * r**2 + sum(one.stored for one in weights),
+        tuned=weights,
         damping=kv * r**2 + kz * (norm + z_bound) * r**2,
         terms={
             "r w, what no network cancels": r * rest,
@@ -106,7 +108,6 @@ def prove(told: Told) -> Proof:
         },
         beyond={
             "tuning by what is measured, clipped, in a dead band": (r - tuned) * cancelled,
-            "steps of the tuning": steps,
             "r within a cycle, jumps of the reference": inside,
         },
         error=np.abs(r),
@@ -120,10 +121,10 @@ def prove(told: Told) -> Proof:
             c1=(float(size(x @ v_ideal).max()) + outer * float(size(x).max())) / 4.0,
             low=m,
             high=m,
-            gamma=min(rate.values()),
+            gamma=min(one.metric for one in weights),
         ),
         asked=(
-            rates_positive(**rates),
+            rates_positive(weights),
             Asked("leak kappa above 0", kappa > 0.0, f"kappa {kappa:g}", needed=True),
             Asked(
                 "the network is on in the end",

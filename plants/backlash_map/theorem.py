@@ -19,6 +19,7 @@ import numpy as np
 
 from pcpc.plants.lyapunov import Asked, Constants, Proof
 from pcpc.plants.theorem import Theorem, Told, fitted, inner, rates_positive, size
+from pcpc.plants.weights import Weights
 
 NODES, JUMPS = 10, 2
 STATE, GOAL = "executive:controller.", "executive:reference.now"
@@ -26,10 +27,9 @@ STATE, GOAL = "executive:controller.", "executive:reference.now"
 
 def prove(told: Told) -> Proof:
     """Return the proof of a run."""
-    lam, kv, kb, alpha, gam, cr = (
-        told.law(name) for name in ("lam", "kv", "kb", "alpha", "gamma", "cr")
-    )
-    rate, m = abs(alpha) or 1.0, told.setting("plant:map.slope")
+    lam, kv, kb, gam, cr = (told.law(name) for name in ("lam", "kv", "kb", "gamma", "cr"))
+    alpha, m = told.rate("alpha"), told.setting("plant:map.slope")
+    rate = abs(alpha) or 1.0
     gap = told.setting("plant:map.d_plus") - told.setting("plant:map.d_minus")
     x1, x2, tau = (told.column(f"plant:map.{name}") for name in ("x1", "x2", "tau"))
     x_d, x_d_before = told.column(GOAL), told.earlier(GOAL)
@@ -50,6 +50,9 @@ def prove(told: Told) -> Proof:
         - m * forgets * after * inner(s, w)
         + 0.5 * m * forgets**2 * inner(w, w) / rate
     )
+    moved = np.concatenate((np.diff(w, axis=0), np.zeros_like(w[:1])))
+    drive = s * after[:, None] - (forgets / rate)[:, None] * w
+    weights = Weights("alpha", alpha, lacks, moved, drive)
     kappa = m * gam / rate
     extra = np.maximum(leak - kappa * inner(lacks, w), 0.0)
     damping = 0.5 * (1.0 - m * alpha * (NODES + 1.0))
@@ -63,7 +66,8 @@ def prove(told: Told) -> Proof:
         theorem="theorem of chapter 5.3",
         error_is="|tt + c_r r| after the step",
         t_s=told.t_s,
-        v=0.5 * sg**2 + 0.5 * m * size(lacks) ** 2 / rate,
+        v=0.5 * sg**2 + m * weights.stored,
+        tuned=(weights,),
         damping=0.5 * sg**2 + 0.5 * (1.0 - m * alpha * square) * after**2,
         terms={"sg+ w, prediction and gap": after * rest, "forgetting of the weights": leak},
         error=np.abs(after),
@@ -80,7 +84,7 @@ def prove(told: Told) -> Proof:
             extra=float(extra.max()),
         ),
         asked=(
-            rates_positive(alpha=alpha),
+            rates_positive([weights]),
             Asked("forgetting Gam above 0", gam > 0.0, f"Gam {gam:g}", needed=True),
             Asked(
                 "the network is on",

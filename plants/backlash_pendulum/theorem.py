@@ -29,11 +29,11 @@ from pcpc.plants.theorem import (
     fitted,
     inner,
     logistic,
-    metric,
     rates_positive,
     size,
     with_threshold,
 )
+from pcpc.plants.weights import Weights
 
 INPUTS, NODES = 6, 10
 STATE, PLANT = "executive:controller.", "plant:pendulum."
@@ -46,8 +46,6 @@ def prove(told: Told) -> Proof:
         told.law(name)
         for name in ("lam_per_s", "kv_Nms_rad", "kb_per_s", "kz1_per_s", "z_bound", "kappa")
     )
-    rates = {"S": told.law("s_rate"), "T_V": told.law("t_rate")}
-    s_rate, t_rate = metric(rates["S"]), metric(rates["T_V"])
     e1 = told.column(f"{PLANT}q_rad") - told.column("executive:reference.q_d_rad")
     e2 = told.column(f"{PLANT}rate_rad_s") - told.column("executive:reference.q_d_rate_rad_s")
     r = e2 + lam * e1
@@ -73,6 +71,18 @@ def prove(told: Told) -> Proof:
     turned = slope * np.einsum("nij,ni->nj", v_lacks, x)
     rest = y - target + inner(w_lacks, flat) + inner(w[:, 1:], turned)
 
+    leak = kappa * np.abs(tt)
+    back = -slope * w[:, 1:] * tt[:, None]
+    drive = -flat * tt[:, None] - leak[:, None] * w
+    drive_v = x[:, :, None] * back[:, None, :] - leak[:, None, None] * v
+    moved, moved_v = (
+        told.array(f"{STATE}w", 1 + NODES) - w,
+        told.array(f"{STATE}v", INPUTS, NODES) - v,
+    )
+    weights = (
+        Weights("S", told.rate("s_rate"), w_lacks, moved, drive),
+        Weights("T_V", told.rate("t_rate"), v_lacks, moved_v, drive_v),
+    )
     lacks = np.sqrt(size(w_lacks) ** 2 + size(v_lacks) ** 2)
     outer = float(np.linalg.norm(w_ideal))
     eps = float(np.abs(target - known @ w_ideal)[:-1].max())
@@ -86,13 +96,12 @@ def prove(told: Told) -> Proof:
         theorem="theorem of chapter 5.2",
         error_is="|tt| [N m]",
         t_s=told.t_s,
-        v=0.5 * (r**2 + tt**2)
-        + 0.5 * size(w_lacks) ** 2 / s_rate
-        + 0.5 * size(v_lacks) ** 2 / t_rate,
+        v=0.5 * (r**2 + tt**2) + sum(one.stored for one in weights),
+        tuned=weights,
         damping=kv * r**2 + r * tt + kb * tt**2 + robust * tt,
         terms={
             "tt w, gap and filter": tt * rest,
-            "leak of the weights": kappa * np.abs(tt) * (inner(w_lacks, w) + inner(v_lacks, v)),
+            "leak of the weights": leak * (inner(w_lacks, w) + inner(v_lacks, v)),
         },
         error=np.abs(tt),
         weights=lacks,
@@ -103,11 +112,11 @@ def prove(told: Told) -> Proof:
             ideal=math.hypot(outer, float(np.linalg.norm(v_ideal))),
             c0=eps + outer * math.sqrt(NODES),
             c1=(float(size(x @ v_ideal).max()) + outer * float(size(x).max())) / 4.0,
-            gamma=min(s_rate, t_rate),
+            gamma=min(one.metric for one in weights),
             other_rate=0.5 * kv,
         ),
         asked=(
-            rates_positive(**rates),
+            rates_positive(weights),
             Asked("leak kappa above 0", kappa > 0.0, f"kappa {kappa:g}", needed=True),
             Asked(
                 "the network is on",

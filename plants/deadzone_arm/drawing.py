@@ -1,7 +1,7 @@
 """The arm from above, and each joint's deadzone: the command along, the torque up."""
 
 from pcpc.plants.drawing import *
-from pcpc.plants.two_link_drawing import ANGLES, TORQUES, WANTED, moving, reach
+from pcpc.plants.families.two_link.drawing import ANGLES, TORQUES, WANTED, moving, reach
 
 NEEDS = {
     **ANGLES,

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from pcpc.plants.evaluation import *
-from pcpc.plants.two_joints import JOINTS, each
+from pcpc.plants.families.two_link.joints import JOINTS, each
 
 SETTLED_RAD = 0.02
 STEP = "step_rad"  # a number of the rig

@@ -1,7 +1,7 @@
 """The two-link arm with a deadzone in front of each joint: commands in, angles and rates out.
 
     M(q) v' + Vm(q, v) v = tau,   q' = v         executive/laws/models/two_link.py, horizontal   (1)
-    tau_i = D(u_i)                                plants/actuators/deadzone.py, unmeasured   (2)
+    tau_i = D(u_i)                                plants/actuators/deadzone.py, unmeasured (2)
     E = v'M(q)v/2,   E' = v'tau                   for M' - 2 Vm is skew-symmetric            (3)
 
     call k of `step` at t = k dt:  k = 0  samples of the initial state; nothing else happens
@@ -10,7 +10,7 @@
 
 So with `delay_samples` 0 the command that was computed from the sample at t - dt acts from t - dt
 on. Classic Runge-Kutta, `substeps` equal steps. Samples, delay and the commands' rounding:
-plants/two_link_arm.py. rad, rad/s, N m, kg, m, J; no gravity, friction or disturbance.
+plants/families/two_link/arm.py. rad, rad/s, N m, kg, m, J; no gravity, friction or disturbance.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.2; (1) as in executive/laws/models.
 """
 
@@ -19,10 +19,10 @@ from typing import Any
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import cos
 from pcpc.executive.laws.models.two_link import inertia, motion, solved
-from pcpc.plants import two_link_arm
 from pcpc.plants.actuators.deadzone import deadzone
+from pcpc.plants.families.two_link import arm as two_link_arm
+from pcpc.plants.families.two_link.arm import Held, Inputs, Interface, Motion
 from pcpc.plants.integrate import runge_kutta, scratch
-from pcpc.plants.two_link_arm import Held, Inputs, Interface, Motion
 
 
 class Arm(Ports):

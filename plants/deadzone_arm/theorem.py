@@ -6,9 +6,10 @@
          = W~'b y* + W*'O^2 + eps,  y* = D^-1(w_d) - w_d
     V    = r'M r/2 + |W~|^2/(2 S) + |Wi~|^2/(2 T)                                            (4)
     V'   = -r'Kv r + r'w + k1 |r| (W~'W + Wi~'Wi) + k2 |r| |Wi| Wi~'Wi                       (5)
+    W'   = -S (b y r + k1 |r| W),  Wi' = T (s r J - (k1 + k2 |Wi|) |r| Wi)                   (6)
 
 Joint by joint in (2), (3): W, Wi, b, s as in the law. The two products in (3) are what the tuning
-laws cancel. Where it is positive the term with k2 is below k2 |r| |Wi*|^3/2 and counts to w.
+laws (6) cancel. Where it is positive the term with k2 is below k2 |r| |Wi*|^3/2 and counts to w.
 (2) by least squares over the run for both joints; eps over u, w_d up to 1.25 times those of the
 run. |O^2| <= sqrt(L) + |V| |s| |Wi~|/4 and |b| <= |V|/4 bound (3) from constants.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.2.
@@ -18,6 +19,7 @@ import math
 
 import numpy as np
 
+from pcpc.plants.families.two_link.theory import TwoLinks, motion, times
 from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
 from pcpc.plants.theorem import (
     Theorem,
@@ -26,12 +28,10 @@ from pcpc.plants.theorem import (
     fitted,
     inner,
     logistic,
-    metric,
     rates_positive,
     size,
-    stepped,
 )
-from pcpc.plants.two_link_theory import TwoLinks, motion, times
+from pcpc.plants.weights import Weights
 
 JOINTS, ROOM, JUMPS = 2, 40, 2
 MARGIN = 1.25  # of the range that eps is looked for in, over that of the run
@@ -78,8 +78,6 @@ def prove(told: Told) -> Proof:
     """Return the proof of a run."""
     nodes = int(told.law("nodes"))
     kv, lam = told.law("kv_Nms_rad"), told.law("lam_per_s")
-    rates = {"T": told.law("t_rate"), "S": told.law("s_rate")}
-    t_rate, s_rate = metric(rates["T"]), metric(rates["S"])
     k1, k2 = told.law("k1"), told.law("k2")
     names = ("a1_m", "a2_m", "m1_kg", "m2_kg")
     links = TwoLinks(*(told.setting(f"plant:arm.{name}") for name in names))
@@ -95,18 +93,18 @@ def prove(told: Told) -> Proof:
     w = told.used(f"{state}w", JOINTS, ROOM)[:, :, :nodes]
     keep = np.r_[:nodes, ROOM : ROOM + JUMPS]
     wi = told.used(f"{state}wi", JOINTS, ROOM + JUMPS)[:, :, keep]
-    s = told.array(f"{state}s", JOINTS, ROOM + JUMPS)[:, :, keep]
     b = told.array(f"{state}b", JOINTS, ROOM)[:, :, :nodes]
     first = [told.used(f"{state}{name}", JOINTS, ROOM)[0, :, :nodes] for name in
              ("v", "v0", "vi", "v0i")]  # fmt: skip
 
+    s = np.stack([compensator(told, first[2][j], first[3][j], w_d[:, j]) for j in range(JOINTS)], 1)
     w_ideal, wi_ideal = np.empty((JOINTS, nodes)), np.empty((JOINTS, nodes + JUMPS))
     eps, spread, most = np.zeros(JOINTS), 0.0, 0.0
     for j in range(JOINTS):
         v, v0, vi, v0i = (values[j] for values in first)
         w_ideal[j] = fitted(logistic(u[:, j, None] * v + v0), behind(told, u[:, j])[:, None])[:, 0]
         missing = before(told, w_d[:, j]) - w_d[:, j]
-        wi_ideal[j] = fitted(compensator(told, vi, v0i, w_d[:, j]), missing[:, None])[:, 0]
+        wi_ideal[j] = fitted(s[:, j], missing[:, None])[:, 0]
         nets = (v, v0, w_ideal[j], vi, v0i, wi_ideal[j])
         eps[j] = eps_of(told, u[:, j], w_d[:, j], nets)
         spread = max(spread, float(np.linalg.norm(v)))
@@ -118,8 +116,13 @@ def prove(told: Told) -> Proof:
     error, norm = size(r), size(wi)
     done_w = told.array(f"{state}w", JOINTS, ROOM)[:, :, :nodes]
     done_wi = told.array(f"{state}wi", JOINTS, ROOM + JUMPS)[:, :, keep]
-    steps = stepped(w, done_w, s_rate, told.period_s)
-    steps += stepped(wi, done_wi, t_rate, told.period_s)
+    leak, leak_wi = k1 * error[:, None, None], (error * (k1 + k2 * norm))[:, None, None]
+    drive = -b * (y * r)[:, :, None] - leak * w
+    drive_wi = s * (r * seen_slope)[:, :, None] - leak_wi * wi
+    weights = (
+        Weights("T", told.rate("t_rate"), wi_lacks, done_wi - wi, drive_wi),
+        Weights("S", told.rate("s_rate"), w_lacks, done_w - w, drive),
+    )
     further = norm * inner(wi_lacks, wi)
     outer, wide = float(np.linalg.norm(w_ideal)), float(np.linalg.norm(wi_ideal))
     low, high = links.inertia_range()
@@ -128,16 +131,14 @@ def prove(told: Told) -> Proof:
         theorem="theorem of chapter 4.2",
         error_is="|r| [rad/s]",
         t_s=told.t_s,
-        v=0.5 * np.einsum("ni,nij,nj->n", r, m, r)
-        + 0.5 * size(w_lacks) ** 2 / s_rate
-        + 0.5 * size(wi_lacks) ** 2 / t_rate,
+        v=0.5 * np.einsum("ni,nij,nj->n", r, m, r) + sum(one.stored for one in weights),
+        tuned=weights,
         damping=kv * error**2,
         terms={
             "r'w, what no network cancels": inner(r, rest),
             "leak of the weights": error
             * (k1 * (inner(w_lacks, w) + inner(wi_lacks, wi)) + k2 * further),
         },
-        beyond={"the steps of the tuning": steps},
         error=error,
         weights=np.sqrt(size(w_lacks) ** 2 + size(wi_lacks) ** 2),
         rest=size(rest) + k2 * np.maximum(further, 0.0),
@@ -149,10 +150,10 @@ def prove(told: Told) -> Proof:
             c1=spread * (most + outer * math.sqrt(nodes + JUMPS)) / 4.0,
             low=low,
             high=high,
-            gamma=min(s_rate, t_rate),
+            gamma=min(one.metric for one in weights),
         ),
         asked=(
-            rates_positive(**rates),
+            rates_positive(weights),
             Asked("leak k1 above 0", k1 > 0.0, f"k1 {k1:g}", needed=True),
             Asked(
                 "W, Wi, y, u are in use",
@@ -171,5 +172,5 @@ def prove(told: Told) -> Proof:
     )
 
 
-STATES = tuple(f"controller.{name}_*" for name in ("w", "wi", "v", "v0", "vi", "v0i", "b", "s"))
+STATES = tuple(f"controller.{name}_*" for name in ("w", "wi", "v", "v0", "vi", "v0i", "b"))
 THEOREMS = {"deadzone_nn": Theorem(prove, STATES, ("t_rate", "s_rate"))}

@@ -5,7 +5,7 @@ right    (x1, x2), and where they should be: the two last samples of the referen
 """
 
 from pcpc.plants.drawing import *
-from pcpc.plants.map_drawing import BOUNDS, LEFT, RIGHT, STATES, states
+from pcpc.plants.families.maps.drawing import BOUNDS, LEFT, RIGHT, STATES, states
 
 NEEDS = {**STATES, "command": "plant:rx.CMD.command"}
 FIGURE = Figure("rigs/fuzzy-d03.yaml", at_s=(0.5, 11.0, 14.0, 17.0))

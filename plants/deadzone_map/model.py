@@ -2,7 +2,7 @@
 
     x1(k+1) = x2(k)
     x2(k+1) = F(x1, x2) + tau(k)        executive/laws/models/second_order_map.py                (1)
-    tau(k)  = D(u(k))                   plants/actuators/deadzone.py, slope 1, unmeasured    (2)
+    tau(k)  = D(u(k))                   plants/actuators/deadzone.py, slope 1, unmeasured  (2)
 
     call k of `step`:  k = 0  sample of the initial state; nothing else happens
                        k > 0  one step of (1) with the command of `delay_samples` calls before,

@@ -18,6 +18,7 @@ import numpy as np
 
 from pcpc.plants.lyapunov import Asked, Constants, Proof
 from pcpc.plants.theorem import Theorem, Told, inner, rates_positive, size
+from pcpc.plants.weights import Weights
 
 MARGIN = 1.25  # of the range that w is looked for in, over that of the run
 STATE, GOAL = "executive:controller.", "executive:reference.now"
@@ -25,9 +26,8 @@ STATE, GOAL = "executive:controller.", "executive:reference.now"
 
 def prove(told: Told) -> Proof:
     """Return the proof of a run."""
-    kv, lam, known, alpha, gam = (
-        told.law(name) for name in ("kv", "lam", "model_c", "alpha", "gam")
-    )
+    kv, lam, known, gam = (told.law(name) for name in ("kv", "lam", "model_c", "gam"))
+    alpha = told.rate("alpha")
     rate = abs(alpha) or 1.0
     true, width = told.setting("plant:map.c"), told.setting("plant:map.d")
     x1, x2 = told.column("plant:map.x1"), told.column("plant:map.x2")
@@ -37,6 +37,9 @@ def prove(told: Told) -> Proof:
     d = np.stack((told.column(f"{STATE}width_plus"), told.column(f"{STATE}width_minus")), axis=1)
     x = np.stack((told.column(f"{STATE}fired_plus"), told.column(f"{STATE}fired_minus")), axis=1)
     lacks = width - d
+    moved = np.concatenate((np.diff(d, axis=0), np.zeros_like(d[:1])))
+    drive = -x * after[:, None] - (gam / rate) * d
+    weights = Weights("alpha", alpha, lacks, moved, drive)
     tau_d, command = told.column(f"{STATE}tau_d"), told.column(f"{STATE}command")
     acts = told.after(told.column("plant:map.tau"))
     bend = (known - true) * x1 / (1.0 + x2**2)
@@ -53,7 +56,8 @@ def prove(told: Told) -> Proof:
         theorem="theorem of chapter 4.3",
         error_is="|r| after the step",
         t_s=told.t_s,
-        v=0.5 * r**2 + 0.5 * size(lacks) ** 2 / rate,
+        v=0.5 * r**2 + weights.stored,
+        tuned=(weights,),
         damping=0.5 * r**2
         - (1.0 - gam) * kv * r * after
         + 0.5 * (1.0 - alpha - 2.0 * gam) * after**2,
@@ -77,7 +81,7 @@ def prove(told: Told) -> Proof:
             extra=gam**2 * norm**2 / rate,
         ),
         asked=(
-            rates_positive(alpha=alpha),
+            rates_positive([weights]),
             Asked("forgetting Gam above 0", gam > 0.0, f"Gam {gam:g}", needed=True),
             Asked(
                 "Kv^2 < 1 - alpha, about",

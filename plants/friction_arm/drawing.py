@@ -6,7 +6,7 @@ A joint without a rate sticks and is filled. The arrows of torque and friction h
 import math
 
 from pcpc.plants.drawing import *
-from pcpc.plants.two_link_drawing import ANGLES, TORQUES, WANTED, joints, moving, reach
+from pcpc.plants.families.two_link.drawing import ANGLES, TORQUES, WANTED, joints, moving, reach
 
 NEEDS = {
     **ANGLES,

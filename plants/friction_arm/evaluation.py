@@ -16,7 +16,7 @@ plants/evaluation.py.
 import numpy as np
 
 from pcpc.plants.evaluation import *
-from pcpc.plants.two_joints import JOINTS, angles, each, error, lines, torque_size
+from pcpc.plants.families.two_link.joints import JOINTS, angles, each, error, lines, torque_size
 
 GAIN = "executive:controller.tuning_gain_Nms_rad"
 TORQUE = "plant:arm.acting_{}_Nm"

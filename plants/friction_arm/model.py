@@ -12,7 +12,7 @@
                                          under the torque computed from the sample of t - T
                                          (`delay_samples` older ones), then samples
 
-Samples and delay: plants/two_link_arm.py. In (3) a2 is truly viscous, N m s/rad; in (2) it
+Samples and delay: plants/families/two_link/arm.py. In (3) a2 is truly viscous, N m s/rad; in (2) it
 saturates. Without friction and torque the energy is constant as dt goes to 0. rad, rad/s, N m, s;
 positive torque raises q.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3.
@@ -23,9 +23,9 @@ from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.models.two_link import gravity_torque, motion
-from pcpc.plants import two_link_arm
 from pcpc.plants.actuators import lugre_implicit, sliding, stick_slip
-from pcpc.plants.two_link_arm import Held, Inputs, Interface
+from pcpc.plants.families.two_link import arm as two_link_arm
+from pcpc.plants.families.two_link.arm import Held, Inputs, Interface
 
 SET_VALUED, LUGRE = 1.0, 2.0  # values of friction_model, beside 0
 

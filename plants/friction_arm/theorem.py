@@ -6,10 +6,12 @@
          = W1*'(s* - s - s'(z* - z)) + W1~'s'z* + eps
     V    = r'M r/2 + |W1~|^2/(2 S) + |V~|^2/(2 T) + |W2~|^2/(2 E)                            (4)
     V'   = -r'Kv r - Kz (|Z| + Z_B) |r|^2 + r'w + kappa |r| tr(Z~'Z) + r'd                   (5)
+    W1'  = S [(s - s'z) r' - kappa |r| W1],  V' = T [x (s'W1 r)' - kappa |r| V],
+    W2'  = E [phi r' - kappa |r| W2]                                                         (6)
 
-The bracket of (3) is what the tuning laws cancel. d: what acts differs from what the law computes.
-`project` moves a step weight to 0 where it would fall below: another term of V', never above 0 for
-W2* >= 0.
+The bracket of (3) is what the tuning laws (6) cancel. d: what acts differs from what the law
+computes. `project` moves a step weight to 0 where it would fall below: another term of V', never
+above 0 for W2* >= 0.
 F is the friction torque of the step that follows. V* is V as drawn, W1* and W2* come of least
 squares: any choice obeys (5). (3) is bounded by |s* - s - s'(z* - z)| <= sqrt(L) + |V~||x|/4 and
 s' <= 1/4; x over references of the run, |r| up to 1.25 times the largest of the run.
@@ -20,6 +22,7 @@ import math
 
 import numpy as np
 
+from pcpc.plants.families.two_link.theory import Motion, TwoLinks, drawn, motion, times
 from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
 from pcpc.plants.theorem import (
     Theorem,
@@ -28,17 +31,17 @@ from pcpc.plants.theorem import (
     fitted,
     inner,
     logistic,
-    metric,
     rates_positive,
     read_out,
     size,
     with_threshold,
 )
-from pcpc.plants.two_link_theory import Motion, TwoLinks, drawn, motion, times
+from pcpc.plants.weights import Weights
 
 INPUTS, ROOM, JUMPS = 11, 16, 4
 STANDARD, PROJECT, CONST = 0.0, 3.0, 4.0
 NO_FRICTION, LUGRE = 0.0, 2.0
+LINKS = ("a1_m", "a2_m", "m1_kg", "m2_kg", "gravity_m_s2")
 
 
 def seen(one: Motion) -> Vector:
@@ -81,18 +84,29 @@ def wanted(links: TwoLinks, one: Motion) -> Vector:
     return moved + links.gravity(one.q)
 
 
-def projected(
-    told: Told, w2: Vector, lacks: Vector, kappa: float, rate: float
-) -> dict[str, Vector]:
-    """Return what the projection of step weights to 0 and more adds to V', if it is on."""
-    if told.law("jump_nodes") != PROJECT:
-        return {}
-    r = told.columns("executive:controller.r_{}_rad_s")
-    phi = told.array("executive:controller.phi", JUMPS)
-    driven = np.einsum("nk,nm->nkm", phi, r) - kappa * size(r)[:, None, None] * w2
-    free = w2 + told.period_s * rate * driven
-    moved = told.array("executive:controller.w2", JUMPS, 2) - free
-    return {"projection": -inner(lacks, moved) / (rate * told.period_s)}
+def projected(told: Told, w2: Vector, driven: Vector, rate: float) -> Vector:
+    """Return what the projection of own-joint step weights to 0 and more adds to `driven` of W2."""
+    added = np.zeros_like(driven)
+    if told.law("jump_nodes") == PROJECT and rate != 0.0:
+        free = w2 + told.period_s * rate * driven
+        for j in range(2):
+            own = free[:, 2 * j, j]
+            added[:, 2 * j, j] = (np.maximum(own, 0.0) - own) / (rate * told.period_s)
+    return added
+
+
+def driven(told: Told, used: tuple[Vector, ...], nodes: tuple[Vector, ...], r: Vector
+           ) -> list[Vector]:  # fmt: skip
+    """Return (6) over the rates for W1, V, W2; `nodes`: s - s'z, s', x, phi."""
+    flat, slope, x, phi = nodes
+    w1, v, w2 = used
+    back = slope * np.einsum("njm,nm->nj", w1[:, 1:], r)
+    leak = told.law("kappa") * size(r)[:, None, None]
+    return [
+        flat[:, :, None] * r[:, None, :] - leak * w1,
+        x[:, :, None] * back[:, None, :] - leak * v,
+        phi[:, :, None] * r[:, None, :] - leak * w2,
+    ]
 
 
 def smooth(told: Told, one: Motion) -> Asked:
@@ -111,13 +125,8 @@ def prove(told: Told) -> Proof:
     nodes = int(told.law("nodes"))
     kv = np.array([told.law(f"kv_{j}_Nms_rad") for j in (1, 2)])
     lam = np.array([told.law(f"lam_{j}_per_s") for j in (1, 2)])
-    rates = {"S": told.law("s_rate"), "T": told.law("t_rate")}
-    if told.law("jump_nodes") != STANDARD:
-        rates["E"] = told.law("e_rate")
-    s_rate, t_rate, e_rate = (metric(rates.get(name, 1.0)) for name in "STE")
     kappa, kz, z_bound = told.law("kappa"), told.law("kz"), told.law("z_bound")
-    names = ("a1_m", "a2_m", "m1_kg", "m2_kg", "gravity_m_s2")
-    links = TwoLinks(*(told.setting(f"plant:arm.{name}") for name in names))
+    links = TwoLinks(*(told.setting(f"plant:arm.{name}") for name in LINKS))
     one = motion(told, lam)
     r, inertia = one.r, links.inertia(one.q)
 
@@ -140,16 +149,28 @@ def prove(told: Told) -> Proof:
     cancelled = read_out(w1_lacks, flat) + read_out(w1[:, 1:], turned) + read_out(w2_lacks, phi)
     rest = f - learned - cancelled  # (3)
 
-    lacks = (w1_lacks, v_lacks, w2_lacks)
+    used, lacks = (w1, v, w2), (w1_lacks, v_lacks, w2_lacks)
+    state = "executive:controller."
+    after = (
+        told.array(f"{state}w1", ROOM + 1, 2)[:, : nodes + 1],
+        told.array(f"{state}v", INPUTS, ROOM)[:, :, :nodes],
+        told.array(f"{state}w2", JUMPS, 2),
+    )
+    drives = driven(told, used, (flat, slope, x, phi), r)
+    held = projected(told, w2, drives[2], told.rate("e_rate"))
+    drives[2] = drives[2] + held
+    names = "ST" if told.law("jump_nodes") == STANDARD else "STE"
+    weights = [
+        Weights(name, told.rate(f"{name.lower()}_rate"), lack, new - old, drive)
+        for name, lack, new, old, drive in zip(names, lacks, after, used, drives, strict=False)
+    ]
     lack = np.sqrt(sum(size(one) ** 2 for one in lacks))
     norm = np.sqrt(size(w1) ** 2 + size(v) ** 2 + size(w2) ** 2)
     lyapunov = 0.5 * np.einsum("ni,nij,nj->n", r, inertia, r)
-    for part, rate in zip(lacks, (s_rate, t_rate, e_rate), strict=True):
-        lyapunov = lyapunov + 0.5 * size(part) ** 2 / rate
     error = size(r)
     asked = told.columns("executive:controller.torque_{}_Nm")
     acts = told.after(told.columns("plant:arm.acting_{}_Nm"))
-    leak = sum(inner(a, b) for a, b in zip(lacks, (w1, v, w2), strict=True))
+    leak = sum(inner(a, b) for a, b in zip(lacks, used, strict=True))
 
     far = drawn(one)
     far_x = seen(far)
@@ -164,12 +185,13 @@ def prove(told: Told) -> Proof:
         theorem="Theorem 3.2.2",
         error_is="|r| [rad/s]",
         t_s=told.t_s,
-        v=lyapunov,
+        v=lyapunov + sum(one.stored for one in weights),
+        tuned=weights,
         damping=np.sum(r * kv * r, axis=1) + kz * (norm + z_bound) * error**2,
         terms={
             "r'w, what no network cancels": inner(r, rest),
             "leak of the weights": kappa * error * leak,
-            **projected(told, w2, w2_lacks, kappa, e_rate),
+            **({"projection": -inner(w2_lacks, held)} if held.any() else {}),
         },
         beyond={"limits, quanta, delay": inner(r, asked - acts)},
         error=error,
@@ -183,10 +205,10 @@ def prove(told: Told) -> Proof:
             c1=float(size(far_x @ v_ideal).max()) / 4.0 + outer * reach / 4.0,
             low=low,
             high=high,
-            gamma=min(s_rate, t_rate, e_rate),
+            gamma=min(one.metric for one in weights),
         ),
         asked=(
-            rates_positive(**rates),
+            rates_positive(weights),
             Asked("leak kappa above 0", kappa > 0.0, f"kappa {kappa:g}", needed=True),
             Asked(
                 "Z_B is above |Z*|",

@@ -5,7 +5,7 @@ right    chain b
 """
 
 from pcpc.plants.drawing import *
-from pcpc.plants.map_drawing import BOUNDS, LEFT, RIGHT, states
+from pcpc.plants.families.maps.drawing import BOUNDS, LEFT, RIGHT, states
 
 NEEDS = {
     f"{name}_{chain}": source.format(chain)

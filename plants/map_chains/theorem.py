@@ -10,6 +10,7 @@ import numpy as np
 
 from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
 from pcpc.plants.theorem import NoTheorem, Theorem, Told, inner, rates_positive, size
+from pcpc.plants.weights import Weights
 
 MARGIN = 1.25  # of the range that w is looked for in, over that of the run
 CHAINS, LAW, PLANT = "ab", "executive:controller.", "plant:chains."
@@ -32,9 +33,10 @@ def prove(told: Told) -> Proof:
     gaps = max(told.setting(f"{PLANT}{chain}_gap") for chain in CHAINS)
     if gaps > 0.0:
         raise NoTheorem("these chains have gaps, and the law's theorem is one of deadzones")
-    names = ("kv", "lam", "lam_2", "order", "model_c", "model_coupling", "alpha", "gam")
-    kv, lam, lam_2, order, known, known_kappa, alpha, gam = (told.law(name) for name in names)
+    names = ("kv", "lam", "lam_2", "order", "model_c", "model_coupling", "gam")
+    kv, lam, lam_2, order, known, known_kappa, gam = (told.law(name) for name in names)
     true, kappa, actual = (told.setting(f"{PLANT}{name}") for name in ("c", "coupling", "order"))
+    alpha = told.rate("alpha")
     rate = abs(alpha) or 1.0
     width = np.array([told.setting(f"{PLANT}{chain}_dead") for chain in CHAINS])
     x = (both(told, PLANT + "{}_x1"), both(told, PLANT + "{}_x2"), both(told, PLANT + "{}_x3"))
@@ -47,6 +49,9 @@ def prove(told: Told) -> Proof:
     fired = np.stack([both(told, LAW + f"{{}}_fired_{side}") for side in ("plus", "minus")], axis=2)
     ideal = np.broadcast_to(width[:, None], d.shape)
     lacks = ideal - d
+    moved = np.concatenate((np.diff(d, axis=0), np.zeros_like(d[:1])))
+    drive = -fired * after[:, :, None] - (gam / rate) * d
+    weights = Weights("alpha", alpha, lacks, moved, drive)
     acts = np.stack([told.after(column) for column in both(told, PLANT + "{}_tau").T], axis=1)
     command = both(told, LAW + "{}_command")
     off = drift(x, actual, true, kappa) - drift(x, order, known, known_kappa)
@@ -61,7 +66,8 @@ def prove(told: Told) -> Proof:
         theorem="theorem of chapter 4.3",
         error_is="|r| of both after the step",
         t_s=told.t_s,
-        v=0.5 * size(r) ** 2 + 0.5 * size(lacks) ** 2 / rate,
+        v=0.5 * size(r) ** 2 + weights.stored,
+        tuned=(weights,),
         damping=0.5 * size(r) ** 2
         - (1.0 - gam) * kv * inner(r, after)
         + 0.5 * (1.0 - alpha - 2.0 * gam) * size(after) ** 2,
@@ -85,7 +91,7 @@ def prove(told: Told) -> Proof:
             extra=gam**2 * norm**2 / rate,
         ),
         asked=(
-            rates_positive(alpha=alpha),
+            rates_positive([weights]),
             Asked("forgetting Gam above 0", gam > 0.0, f"Gam {gam:g}", needed=True),
             Asked(
                 "Kv^2 < 1 - alpha, about",

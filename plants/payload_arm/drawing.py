@@ -1,7 +1,15 @@
 """The arm from the side: links, wanted links, torques; the mass at its end grows by the payload."""
 
 from pcpc.plants.drawing import *
-from pcpc.plants.two_link_drawing import ANGLES, TORQUES, WANTED, joints, mass, moving, reach
+from pcpc.plants.families.two_link.drawing import (
+    ANGLES,
+    TORQUES,
+    WANTED,
+    joints,
+    mass,
+    moving,
+    reach,
+)
 
 NEEDS = {**ANGLES, **WANTED, **TORQUES, "outer": "plant:arm.outer_mass_kg"}
 FIGURE = Figure("rigs/payload-on.yaml", at_s=(4.9, 5.2, 6.5, 7.5))

@@ -12,7 +12,15 @@ Contract: plants/evaluation.py.
 import numpy as np
 
 from pcpc.plants.evaluation import *
-from pcpc.plants.two_joints import COLOURS, JOINTS, angles, each, error, lines, torque_size
+from pcpc.plants.families.two_link.joints import (
+    COLOURS,
+    JOINTS,
+    angles,
+    each,
+    error,
+    lines,
+    torque_size,
+)
 
 WEIGHTS = ("w1", "w2", "rho")
 

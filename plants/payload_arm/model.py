@@ -11,17 +11,17 @@
 
 Classic Runge-Kutta; its local error in the neighbourhood of q' = 0 wants a step well below w M/fc.
 The payload comes and goes between two periods, at rest relative to the arm: angles and rates stay
-as they were, the momentum jumps. Samples and delay: plants/two_link_arm.py. rad, rad/s, N m, kg, m,
-s; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
+as they were, the momentum jumps. Samples and delay: plants/families/two_link/arm.py. rad, rad/s,
+N m, kg, m, s; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
 """
 
 from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import where
-from pcpc.plants import two_link_arm
+from pcpc.plants.families.two_link import arm as two_link_arm
+from pcpc.plants.families.two_link.arm import Held, Inputs, Interface, Motion
 from pcpc.plants.integrate import runge_kutta, scratch
-from pcpc.plants.two_link_arm import Held, Inputs, Interface, Motion
 
 
 class Arm(Ports):

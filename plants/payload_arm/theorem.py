@@ -22,6 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pcpc.plants.families.two_link.theory import Motion, TwoLinks, accelerated, drawn, motion
 from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
 from pcpc.plants.theorem import (
     Theorem,
@@ -30,13 +31,12 @@ from pcpc.plants.theorem import (
     fitted,
     inner,
     logistic,
-    metric,
     rates_positive,
     read_out,
     size,
     with_threshold,
 )
-from pcpc.plants.two_link_theory import Motion, TwoLinks, accelerated, drawn, motion
+from pcpc.plants.weights import Weights
 
 INPUTS, NODES = 11, 10
 STATE = "executive:controller."
@@ -77,7 +77,6 @@ def prove(told: Told) -> Proof:
         told.law(name)
         for name in ("kv_per_s", "lam_per_s", "kz", "delta_rad_s", "beta", "kap1", "kap2")
     )
-    gam = metric(told.law("gam"))
     names = ("a1_m", "a2_m", "m1_kg", "m2_kg")
     known = TwoLinks(*(told.law(name) for name in names))
     outer_mass = told.after(told.column("plant:arm.outer_mass_kg"))
@@ -92,13 +91,17 @@ def prove(told: Told) -> Proof:
     w1 = told.used(f"{STATE}w1", NODES, 2)
     w2 = told.used(f"{STATE}w2", NODES, 2)
     v2 = told.used(f"{STATE}v2", INPUTS, NODES)[0]
-    s1, s2 = told.array(f"{STATE}s1", NODES), told.array(f"{STATE}s2", NODES)
+    s1, s2 = told.array(f"{STATE}s1", NODES), logistic(seen(one) @ v2)
     sc, critic = told.array(f"{STATE}sc", 2), told.columns("executive:controller.critic_{}")
     robust = told.columns("executive:controller.robust_{}_rad_s2")
     learned = told.columns("executive:controller.learned_{}_rad_s2")
     f = r_rate + kv * r + learned + robust
     ideal = fitted(s2, f)
     lacks, rest = ideal - w2, f - s2 @ ideal
+
+    drive = s2[:, :, None] * sc[:, None, :] - kap2 * w2
+    moved = told.array(f"{STATE}w2", NODES, 2) - w2
+    weights = Weights("Gam", told.rate("gam"), lacks, moved, drive)
 
     error, back, judged = size(r), size(s1), size(sc)
     unhelped = np.maximum(size(rest) - kz, 0.0)
@@ -114,7 +117,8 @@ def prove(told: Told) -> Proof:
         theorem="Theorem 7.3.1",
         error_is="|r| [rad/s]",
         t_s=told.t_s,
-        v=0.5 * (error**2 + size(critic) ** 2 + size(w1) ** 2 + size(lacks) ** 2 / gam),
+        v=0.5 * (error**2 + size(critic) ** 2 + size(w1) ** 2) + weights.stored,
+        tuned=(weights,),
         damping=kv * error**2
         - beta * inner(critic, r)
         + back**2 * size(critic) ** 2
@@ -134,13 +138,13 @@ def prove(told: Told) -> Proof:
             kappa=kap2,
             ideal=float(np.linalg.norm(ideal)),
             c0=c0,
-            gamma=gam,
+            gamma=weights.metric,
             leak="constant",
             extra=kz * delta + float(sway.max()) * c0,
             other_rate=mu,
         ),
         asked=(
-            rates_positive(Gam=told.law("gam")),
+            rates_positive([weights]),
             Asked("leak kap2 above 0", kap2 > 0.0, f"kap2 {kap2:g}", needed=True),
             Asked(
                 "both networks are on",
@@ -151,7 +155,9 @@ def prove(told: Told) -> Proof:
             Asked(
                 "beta^2 < 4 Kv |s1|^2 (1 - 1/(4 kap1)), alpha = kap1",
                 k > 0.0 and told.law("alpha") == kap1,
-                f"beta {beta:g}, K {k:.3g} of Kv {kv:g}, alpha {told.law('alpha'):g}",
+                f"beta {beta:g}, K {k:.3g} of Kv {kv:g}, kap1 {kap1:g}, "
+                f"alpha {told.law('alpha'):g}",
+                needed=True,
             ),
             Asked(
                 "kz is above |w|",
@@ -164,5 +170,5 @@ def prove(told: Told) -> Proof:
     )
 
 
-STATES = tuple(f"controller.{name}_*" for name in ("w1", "w2", "v2", "s1", "s2", "sc"))
+STATES = tuple(f"controller.{name}_*" for name in ("w1", "w2", "v2", "s1", "sc"))
 THEOREMS = {"adaptive_critic": Theorem(prove, STATES, ("gam",))}

@@ -14,12 +14,15 @@ states drawn from 1.25 times the ranges of the run. N, m, s. Source: Lewis, Camp
 2002), chapter 6.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from pcpc.executive.laws.models.hydraulic_strut import nominal_gain
 from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
-from pcpc.plants.theorem import NoTheorem, Theorem, Told, fitted, inner, metric, rates_positive
+from pcpc.plants.theorem import NoTheorem, Theorem, Told, fitted, inner, rates_positive
+from pcpc.plants.weights import Weights
 
 P_MIN_PA, DP_SMOOTH_PA, SPOOL_SMOOTH_M, PSI_MIN_PA, FLOOR = 1e5, 1e5, 1e-5, 1e4, 0.05
 RANGE, SCALES = 1.2, (0.1, 2.0, 10e6)
@@ -97,7 +100,7 @@ def prove(told: Told) -> Proof:
     k1, kap, lam, limit = (
         told.law(name) for name in ("k1_per_s", "kap_per_m", "lam_per_s", "spool_max_m")
     )
-    gam, period = metric(told.law("gam_m2_N2")), told.period_s
+    period = told.period_s
     x3, p1, p2, spool = (
         told.column(f"plant:car.{name}") for name in ("extension_m", "p1_Pa", "p2_Pa", "spool_m")
     )
@@ -111,10 +114,13 @@ def prove(told: Told) -> Proof:
     ef_rate = (told.after(desired) - desired) / period - drift - gain * spool
 
     theta = told.used("executive:controller.theta", RULES)
-    m = told.array("executive:controller.fired", RULES)
+    m = fired(x3, v3, p1 - p2)
     ideal = fitted(m, (-drift / gain)[:, None], RIDGE)[:, 0]
     lacks = ideal - theta
     rest = ef_rate + k1 * ef - known * (e + inner(lacks, m))
+    drive = m * (known * ef)[:, None] - kap * np.abs(known * ef)[:, None] * theta
+    moved = told.array("executive:controller.theta", RULES) - theta
+    weights = Weights("Gam", told.rate("gam_m2_N2"), lacks, moved, drive)
     leak, least = inner(lacks, theta), float(known.min())
     norm, error = float(np.linalg.norm(ideal)), np.abs(ef)
     apart = known * e + rest
@@ -127,7 +133,8 @@ def prove(told: Told) -> Proof:
         theorem="Theorem 6.3.1",
         error_is="|ef| [N]",
         t_s=told.t_s,
-        v=0.5 * ef**2 + 0.5 * inner(lacks, lacks) / gam,
+        v=0.5 * ef**2 + weights.stored,
+        tuned=(weights,),
         damping=k1 * ef**2,
         terms={
             "ef Gh e, the spool on its way": ef * known * e,
@@ -142,10 +149,10 @@ def prove(told: Told) -> Proof:
             kappa=kap * least,
             ideal=norm,
             c0=float(eps + beside) + float(surplus.max()) * norm**2 / 4.0,
-            gamma=gam,
+            gamma=weights.metric,
         ),
         asked=(
-            rates_positive(Gam=told.law("gam_m2_N2")),
+            rates_positive([weights]),
             Asked("leak kap above 0", kap > 0.0, f"kap {kap:g}", needed=True),
             Asked(
                 "the rules are on",
@@ -168,5 +175,16 @@ def prove(told: Told) -> Proof:
     )
 
 
-STATES = ("controller.theta_*", "controller.fired_*")
-THEOREMS = {"strut_backstepping": Theorem(prove, STATES, ("gam_m2_N2",))}
+def declared(settings: Mapping[str, float]) -> float:
+    """Return Gam as (7) of the law has it, of what the rig gives, m2/N2."""
+    weight_N = settings["mass_kg"] * settings["gravity_m_s2"]
+    return float((settings["adaptation_rad_s"] / nominal_gain(settings, weight_N)) ** 2)
+
+
+STATES = ("controller.theta_*",)
+RATES = ("gam_m2_N2",)
+THEOREMS = {
+    "strut_backstepping": Theorem(
+        prove, STATES, RATES, derived={"gam_m2_N2": ("adaptation_rad_s", declared)}
+    )
+}

@@ -7,7 +7,7 @@ dashed   where it should be now: the reference of T ago
 """
 
 from pcpc.plants.drawing import *
-from pcpc.plants.two_link_drawing import (
+from pcpc.plants.families.two_link.drawing import (
     ANGLES,
     THICK,
     TORQUES,

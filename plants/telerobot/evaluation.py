@@ -15,7 +15,7 @@ rad, N m, s. The definitions are this project's. Contract: plants/evaluation.py.
 import numpy as np
 
 from pcpc.plants.evaluation import *
-from pcpc.plants.two_joints import JOINTS, each, lines, torque_size
+from pcpc.plants.families.two_link.joints import JOINTS, each, lines, torque_size
 
 
 def error(run: Run, joint: int) -> Vector:

@@ -10,9 +10,9 @@
                                          torque computed from the sample of t - T
                                          (`delay_samples` older ones), then samples
 
-Samples and delay: plants/two_link_arm.py. rad, rad/s, N m, s; angles from the horizontal, q2
-relative to link 1; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapters 7
-and 8.
+Samples and delay: plants/families/two_link/arm.py. rad, rad/s, N m, s; angles from the horizontal,
+q2 relative to link 1; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapters
+7 and 8.
 """
 
 from collections.abc import Mapping
@@ -20,9 +20,9 @@ from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import where
-from pcpc.plants import two_link_arm
+from pcpc.plants.families.two_link import arm as two_link_arm
+from pcpc.plants.families.two_link.arm import Held, Inputs, Interface, Motion
 from pcpc.plants.integrate import runge_kutta, scratch
-from pcpc.plants.two_link_arm import Held, Inputs, Interface, Motion
 
 STICTION_RAD_S = 0.05
 

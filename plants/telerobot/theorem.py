@@ -15,6 +15,7 @@ without payload, and the payload's part of the run. rad, rad/s. Source: Lewis, C
 
 import numpy as np
 
+from pcpc.plants.families.two_link.theory import TwoLinks, accelerated
 from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
 from pcpc.plants.theorem import (
     NoTheorem,
@@ -23,13 +24,12 @@ from pcpc.plants.theorem import (
     acting,
     fitted,
     inner,
-    metric,
     rates_positive,
     read_out,
     size,
     with_threshold,
 )
-from pcpc.plants.two_link_theory import TwoLinks, accelerated
+from pcpc.plants.weights import Weights
 
 INPUTS, NODES, ROBUST, NETWORK = 5, 20, 3.0, 4.0
 P, Q = np.array([[150.0, 10.0], [10.0, 2.0]]), np.diag([500.0, 20.0])
@@ -63,7 +63,6 @@ def prove(told: Told) -> Proof:
     if told.law("local_law") < ROBUST:
         raise NoTheorem("the robot's node has no identifier with this controller")
     kr, kw, kap = (told.setting(f"{SERVO}{name}") for name in ("kr_per_s", "kw", "kap"))
-    gam = metric(told.setting(f"{SERVO}gam"))
     known = TwoLinks(*(told.setting(f"{SERVO}{name}") for name in ARM))
     plain = TwoLinks(*(told.setting(f"plant:arm.{name}") for name in ARM))
     loaded = told.after(told.column("plant:arm.mass_kg"))
@@ -74,8 +73,10 @@ def prove(told: Told) -> Proof:
     far = q - told.columns(f"{SERVO}model_{{}}_rad")
     far_rate = rate - told.columns(f"{SERVO}model_rate_{{}}_rad_s")
 
+    v = np.array([told.setting(f"{SERVO}v_{i}") for i in range(INPUTS * NODES)])
+    first = v.reshape(INPUTS, NODES)
     w = told.used(f"{SERVO}w", NODES, 2)
-    ph, st = told.array(f"{SERVO}ph", NODES), told.array(f"{SERVO}st", 2)
+    ph, st = nodes_of(first, q, rate), np.stack((far, far_rate), axis=2) @ P[:, 1]
     norm = size(w)
     robust = (kr + kw * norm)[:, None] * st
     learned = read_out(w, ph)
@@ -83,14 +84,16 @@ def prove(told: Told) -> Proof:
     f = accelerated(told, links, q, rate, WIDTH_RAD_S, acts) - drive + learned + robust
     ideal = fitted(ph, f)
     lacks, rest = ideal - w, f - ph @ ideal
+    drive = ph[:, :, None] * st[:, None, :] - kap * w
+    moved = told.array(f"{SERVO}w", NODES, 2) - w
+    weights = Weights("Gam", told.rate("gam"), lacks, moved, drive)
 
     spread = np.stack((far, far_rate), axis=2)
     error = np.sqrt(np.einsum("nji,ik,njk->n", spread, P, spread))
     draw = np.random.default_rng(0)
-    v = np.array([told.setting(f"{SERVO}v_{i}") for i in range(INPUTS * NODES)])
     at, moving = around(q, draw), around(rate, draw)
     falls = accelerated(told, plain, at, moving, WIDTH_RAD_S)
-    eps = size(falls - nodes_of(v.reshape(INPUTS, NODES), at, moving) @ ideal).max()
+    eps = size(falls - nodes_of(first, at, moving) @ ideal).max()
     payload = size(f - accelerated(told, plain, q, rate, WIDTH_RAD_S)).max()
     scale = float(np.sqrt(P[1, 1]))
     wrong = float(np.abs(known.inertia(q) - links.inertia(q)).max())
@@ -99,7 +102,8 @@ def prove(told: Told) -> Proof:
         theorem="Theorem 8.3.1",
         error_is="sqrt(x~'P x~) of the identifier",
         t_s=told.t_s,
-        v=0.5 * error**2 + 0.5 * size(lacks) ** 2 / gam,
+        v=0.5 * error**2 + weights.stored,
+        tuned=(weights,),
         damping=0.5 * np.einsum("nji,ik,njk->n", spread, Q, spread)
         + (kr + kw * norm) * size(st) ** 2,
         terms={
@@ -114,11 +118,11 @@ def prove(told: Told) -> Proof:
             kappa=kap,
             ideal=float(np.linalg.norm(ideal)),
             c0=scale * float(eps + payload),
-            gamma=gam,
+            gamma=weights.metric,
             leak="constant",
         ),
         asked=(
-            rates_positive(Gam=told.setting(f"{SERVO}gam")),
+            rates_positive([weights]),
             Asked("leak kap above 0", kap > 0.0, f"kap {kap:g}", needed=True),
             Asked(
                 "the network is on",
@@ -133,5 +137,5 @@ def prove(told: Told) -> Proof:
     )
 
 
-STATES = tuple(f"servo.{name}_*" for name in ("w", "ph", "st"))
+STATES = tuple(f"servo.{name}_*" for name in ("w",))
 THEOREMS = {"telerobot_remote": Theorem(prove, STATES, ("gam",), "servo")}

@@ -1,1 +1,0 @@
-"""The control laws, one file each: pure mathematics, equations in the header."""

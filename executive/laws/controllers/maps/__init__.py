@@ -1,1 +1,0 @@
-"""Laws of the maps and the pendulum with play."""

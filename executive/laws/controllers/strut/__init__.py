@@ -1,1 +1,0 @@
-"""Laws of the quarter car's strut."""

@@ -1,1 +1,0 @@
-"""Laws of both sides of the telerobot."""

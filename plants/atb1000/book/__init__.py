@@ -1,0 +1,1 @@
+"""The book on the gun barrel: studies, tables, figures."""

@@ -1,0 +1,1 @@
+"""The book on the arm with deadzones: studies, tables, figures."""

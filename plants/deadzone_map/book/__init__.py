@@ -1,0 +1,1 @@
+"""The book on the map with a deadzone: studies, tables, figures."""

@@ -1,0 +1,1 @@
+"""Laws of the map with a deadzone."""

@@ -1,0 +1,1 @@
+"""What systems of one family share: a model's parts, laws, drawings."""

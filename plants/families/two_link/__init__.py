@@ -1,0 +1,1 @@
+"""The two-link arm: what the systems with two links share."""

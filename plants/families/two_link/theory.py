@@ -1,0 +1,132 @@
+"""M, Vm and G of the two-link arm over all cycles of a run, for the proofs of its laws.
+
+Equations (1) to (4) of executive/laws/models/two_link.py; q, v (n, 2) rad, rad/s.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcpc.plants.lyapunov import Vector
+from pcpc.plants.theorem import Told
+
+DRAWN = 4000  # points of the compact set
+MARGIN = 1.25  # of the compact set over the run
+
+
+@dataclass(frozen=True)
+class TwoLinks:
+    """Lengths in m, masses in kg (`m2` a number or one a cycle), g in m/s2."""
+
+    a1: float
+    a2: float
+    m1: float
+    m2: float | Vector
+    g: float = 0.0
+
+    def inertia(self, q: Vector) -> Vector:
+        """Return M (n, 2, 2), kg m2."""
+        cosine = np.cos(q[:, 1])
+        far = self.m2 * self.a2**2 + 0.0 * cosine
+        cross = self.m2 * self.a1 * self.a2 * cosine
+        made = np.empty((len(q), 2, 2))
+        made[:, 0, 0] = (self.m1 + self.m2) * self.a1**2 + far + 2.0 * cross
+        made[:, 0, 1] = made[:, 1, 0] = far + cross
+        made[:, 1, 1] = far
+        return made
+
+    def coriolis(self, q: Vector, v: Vector) -> Vector:
+        """Return Vm (n, 2, 2) for which M' - 2 Vm is skew, N m s/rad."""
+        h = self.m2 * self.a1 * self.a2 * np.sin(q[:, 1])
+        made = np.zeros((len(q), 2, 2))
+        made[:, 0, 0] = -h * v[:, 1]
+        made[:, 0, 1] = -h * (v[:, 0] + v[:, 1])
+        made[:, 1, 0] = h * v[:, 0]
+        return made
+
+    def gravity(self, q: Vector) -> Vector:
+        """Return G (n, 2), N m."""
+        outer = self.m2 * self.g * self.a2 * np.cos(q[:, 0] + q[:, 1])
+        inner = (self.m1 + self.m2) * self.g * self.a1 * np.cos(q[:, 0])
+        return np.stack((inner + outer, outer), axis=1)
+
+    def inertia_range(self) -> tuple[float, float]:
+        """Return the smallest and the largest eigenvalue of M over all q, kg m2."""
+        elbow = np.linspace(0.0, np.pi, 181)
+        links = TwoLinks(self.a1, self.a2, self.m1, float(np.max(self.m2)), self.g)
+        bent = np.stack((0.0 * elbow, elbow), axis=1)
+        found = np.linalg.eigvalsh(links.inertia(bent))
+        return float(found.min()), float(found.max())
+
+
+def times(matrices: Vector, vectors: Vector) -> Vector:
+    """Return the product of each cycle's matrix and vector, (n, 2)."""
+    return np.einsum("nij,nj->ni", matrices, vectors)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """True motion and reference of an arm, and e, e', r for given Lam; (n, 2) each."""
+
+    q: Vector
+    v: Vector
+    q_d: Vector
+    rate_d: Vector
+    acc_d: Vector
+    lam: Vector
+
+    @property
+    def e(self) -> Vector:
+        """q_d - q."""
+        return self.q_d - self.q
+
+    @property
+    def e_rate(self) -> Vector:
+        """q_d' - v."""
+        return self.rate_d - self.v
+
+    @property
+    def r(self) -> Vector:
+        """The filtered error, e' + Lam e."""
+        return self.e_rate + self.lam * self.e
+
+    @property
+    def forward(self) -> tuple[Vector, Vector]:
+        """q_d'' + Lam e', q_d' + Lam e: what M and Vm multiply in f."""
+        return self.acc_d + self.lam * self.e_rate, self.rate_d + self.lam * self.e
+
+
+def motion(told: Told, lam: Vector) -> Motion:
+    """Return the motion of an arm whose blocks are `arm`, `reference_1` and `reference_2`."""
+    return Motion(
+        told.columns("plant:arm.q_{}_rad"),
+        told.columns("plant:arm.rate_{}_rad_s"),
+        told.columns("executive:reference_{}.q_d_rad"),
+        told.columns("executive:reference_{}.q_d_rate_rad_s"),
+        told.columns("executive:reference_{}.q_d_acc_rad_s2"),
+        lam,
+    )
+
+
+def drawn(one: Motion) -> Motion:
+    """Return states of the compact set: references of the run, |r| up to 1.25 times its largest."""
+    draw = np.random.default_rng(0)
+    rows = draw.integers(0, len(one.q), DRAWN)
+    reach = MARGIN * float(np.linalg.norm(one.r, axis=1).max())
+    r = draw.normal(size=(DRAWN, 2))
+    r *= reach * np.sqrt(draw.random((DRAWN, 1))) / np.linalg.norm(r, axis=1, keepdims=True)
+    e = draw.uniform(-1.0, 1.0, (DRAWN, 2)) * reach / np.maximum(one.lam, 1e-9)
+    e_rate = r - one.lam * e
+    q_d, rate_d, acc_d = one.q_d[rows], one.rate_d[rows], one.acc_d[rows]
+    return Motion(q_d - e, rate_d - e_rate, q_d, rate_d, acc_d, one.lam)
+
+
+def accelerated(
+    told: Told, links: TwoLinks, q: Vector, v: Vector, width: float, torque: Vector | float = 0.0
+) -> Vector:
+    """Return q'' (n, 2) of (1) (2) of arm.py beside it under a torque, none by default."""
+    viscous = told.setting("plant:arm.viscous_Nms_rad")
+    coulomb = told.setting("plant:arm.coulomb_Nm")
+    slowed = times(links.coriolis(q, v), v) + links.gravity(q)
+    pull = torque - slowed - viscous * v - coulomb * np.tanh(v / width)
+    return np.asarray(np.linalg.solve(links.inertia(q), pull[:, :, None])[:, :, 0])

@@ -1,0 +1,1 @@
+"""The book on the arm with friction: studies, tables, figures."""

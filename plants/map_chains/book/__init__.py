@@ -1,0 +1,1 @@
+"""The book on the chains: studies, tables, figures."""

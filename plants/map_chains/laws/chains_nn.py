@@ -1,0 +1,95 @@
+"""Neural inversion of two gaps, in front of two chains: a network for each input.
+
+    tau_d, r                                        of either chain, chains_pd.py (1) to (3) (1)
+    u(k+1) = clip(-Kb tt + tau_d + g + W's)         backlash_nn_discrete.py (1) to (7)       (2)
+
+Each chain has its own network, tuned by its own errors: what one gap does is no function of the
+other's inputs. Without coupling of the chains either is the law of `backlash_nn_discrete.py`.
+V of chain a is drawn from `network_seed`, that of b from the seed after it.
+Without units. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 5.3, for m inputs.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
+from pcpc.executive.laws.emath import where
+from pcpc.plants.backlash_map.laws import backlash_nn_discrete as single
+from pcpc.plants.families.maps.laws.map_pd import sound
+from pcpc.plants.map_chains.laws import chains_pd
+
+
+class Parameters(chains_pd.Gains, single.Inversion):
+    """Those of PD, the inversion's and the networks'."""
+
+
+class Settings(Parameters):
+    """The parameters, and what draws the first layers."""
+
+    network_seed = port("", "draws V of chain a; the next one that of b", 1.0, 0.0, 2.0**31)
+
+
+class States(Ports):
+    """Of both chains."""
+
+    a = group(single.States, "a_")
+    b = group(single.States, "b_")
+
+
+class Chain(chains_pd.Chain):
+    """Those of PD, and the torque."""
+
+    tau = port("", "measured tau")
+
+
+class Inputs(Ports):
+    """Of both chains."""
+
+    a = group(Chain, "a_")
+    b = group(Chain, "b_")
+
+
+class Told(chains_pd.Told):
+    """Those of PD, and the network's."""
+
+    tau_error = port("", "tt = tau_d - tau")
+    foretold = port("", "tau_d(k) + g, for tau_d(k+1)")
+    network = port("", "W's")
+    norm_w = port("", "|W|")
+
+
+class Outputs(Ports):
+    """Of both chains."""
+
+    a = group(Told, "a_")
+    b = group(Told, "b_")
+    ahead = port("", "1: commands are for the step after the sample's")
+
+
+def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
+    """Return the parameters as given and V (6, 10) of both, drawn uniform in +-1."""
+    drawn = {}
+    for i, name in enumerate("ab"):
+        given = {**settings, "network_seed": settings["network_seed"] + i}
+        drawn[f"{name}_v"] = single.prepare(given, rate_hz, seed).states["v"]
+    return Prepared(settings, drawn)
+
+
+@inline
+def one(p: Any, u: Any, other: float, x: Any, y: Any) -> None:
+    """Make a tick of one chain."""
+    chains_pd.desired(p, u, other, y)
+    going = sound(p, x, y)
+    command = single.inverted(p, going, u, x, y)
+    y.command = where(going, command, 0.0)
+
+
+@stage
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+    """One tick; see the module header."""
+    one(p, u.a, u.b.x3, x.a, y.a)
+    one(p, u.b, u.a.x3, x.b, y.b)
+    y.ahead = 1.0
+
+
+BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -1,0 +1,1 @@
+"""The book on the arm with an unknown payload: studies, tables, figures."""

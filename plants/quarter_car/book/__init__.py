@@ -1,0 +1,1 @@
+"""The book on the quarter car: studies, tables, figures."""

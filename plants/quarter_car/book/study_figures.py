@@ -1,0 +1,216 @@
+"""The figures of the study: speeds on three roads, forces, the kick, bars, frequency responses."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from pcpc.plants.quarter_car.book import bode
+from pcpc.plants.quarter_car.book.study_expected import ROADS
+from pcpc.plants.study import Result, of_group
+
+NAMES = {
+    "passive, no stops": "passive, no stops", "passive": "passive", "pid": "PID",
+    "fl": "fuzzy backstepping", "no_fl": "backstepping, no fuzzy system",
+    "ideal force": "ideal force", "valve closed": "valve closed",
+}  # fmt: skip
+COLOURS = {
+    "passive, no stops": SKY, "passive": GREY, "pid": VERMILION, "fl": BLUE, "no_fl": PURPLE,
+    "ideal force": GREEN, "valve closed": ORANGE,
+}  # fmt: skip
+SHOWN = ("passive", "pid", "fl")
+SPAN_S = {8: 3.0, 58: 0.8, 150: 0.4}  # the last so many seconds
+
+
+def draw_all(
+    results: Sequence[Result], folder: Path, car: Mapping[str, float], gains: Mapping[str, float]
+) -> None:
+    """Draw all figures of `results` into the folder."""
+    table = of_group(results, "table")
+    runs = {(r.case.label, road_of(r)): r for r in table}
+    close = {(r.case.label, road_of(r)): r.traces for r in of_group(results, "close")}
+    _motion(runs, close, folder / "motion.png")
+    _forces(runs, close, folder / "forces.png")
+    _bars(runs, folder / "bars.png")
+    _kick(of_group(results, "kick"), folder / "kick.png")
+    _responses(car, gains, folder / "bode.png")
+
+
+def road_of(result: Result) -> int:
+    """Return the road's frequency, rad/s."""
+    return int(Path(result.case.rig).stem.rpartition("-")[2])
+
+
+def _page(size: tuple[float, float]) -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=size, dpi=110, layout="constrained")
+
+
+def _late(x: Mapping[str, Any], span_s: float) -> Any:
+    return x["t"] >= x["t"][-1] - span_s
+
+
+Runs = Mapping[tuple[str, int], Result]
+Close = Mapping[tuple[str, int], Mapping[str, Any]]
+
+
+def _motion(runs: Runs, close: Close, path: Path) -> None:
+    """Draw body speed and strut travel of passive, PID and fuzzy backstepping on every road."""
+    figure = _page((12.0, 10.0))
+    axes = figure.subplots(
+        len(SHOWN) * 2, len(ROADS), sharex="col", sharey="row", height_ratios=(4, 2) * len(SHOWN)
+    )
+    for i, label in enumerate(SHOWN):
+        for j, road in enumerate(ROADS):
+            x, (speed, travel) = close[label, road], axes[2 * i : 2 * i + 2, j]
+            late, style = _late(x, SPAN_S[road]), {"color": COLOURS[label], "linewidth": 1.0}
+            t = x["t"][late]
+            speed.plot(t, x["plant:car.body_rate_m_s"][late], **style)
+            travel.plot(t, 1e3 * x["plant:car.extension_m"][late], **style)
+            stop_mm = 1e3 * runs[label, road].settings["car.stop_m"]
+            for side in (-1.0, 1.0):
+                travel.axhline(side * stop_mm, color=BLACK, linewidth=0.7, linestyle="--")
+            metrics = runs[label, road].metrics
+            text = f"{NAMES[label]}: {metrics['speed_rms_m_s']:.4f} m/s, "
+            text += f"{metrics['acceleration_rms_m_s2']:.2f} m/s² rms"
+            speed.set_title(text, fontsize=9, loc="left")
+            speed.set_ylim(-0.8, 0.8)
+            travel.set_ylim(-140.0, 140.0)
+            if i == 0:
+                speed.set_title(f"{road} rad/s\n{text}", fontsize=9, loc="left")
+        axes[2 * i, 0].set_ylabel("body [m/s]")
+        axes[2 * i + 1, 0].set_ylabel("strut [mm]")
+    for ax in axes[-1]:
+        ax.set_xlabel("time [s]")
+    _finish(
+        figure,
+        axes,
+        "Body speed and strut travel, stops dashed; each rms is over 3 to 6 s",
+        path,
+    )
+
+
+def _forces(runs: Runs, close: Close, path: Path) -> None:
+    """Draw desired and actual strut force of PID and fuzzy backstepping, and the valve."""
+    figure = _page((12.0, 8.5))
+    axes = figure.subplots(4, len(ROADS), sharex="col", height_ratios=(4, 2, 4, 2))
+    for i, label in enumerate(("pid", "fl")):
+        for j, road in enumerate(ROADS):
+            x, (force, valve) = close[label, road], axes[2 * i : 2 * i + 2, j]
+            late = _late(x, SPAN_S[road])
+            t = x["t"][late]
+            desired = 1e-3 * x["executive:controller.desired_N"][late]
+            force.plot(t, desired, color=BLACK, linewidth=0.9, linestyle="--", label="desired")
+            own = {"color": COLOURS[label], "linewidth": 1.0}
+            force.plot(t, 1e-3 * x["plant:car.strut_N"][late], label="strut", **own)
+            valve.plot(t, 1e3 * x["plant:car.spool_m"][late], **own)
+            metrics = runs[label, road].metrics
+            text = f"{NAMES[label]}, {road} rad/s\nerror {metrics['force_error_rms_N']:.0f} N rms, "
+            text += f"correlation {metrics['force_correlation']:.2f}"
+            force.set_title(text, fontsize=9, loc="left")
+        axes[2 * i, 0].set_ylabel("force [kN]")
+        axes[2 * i + 1, 0].set_ylabel("spool [mm]")
+    for column in axes.T:
+        for row in (0, 1):  # PID and FL on the same scale
+            ends = [ax.get_ylim() for ax in column[row::2]]
+            for ax in column[row::2]:
+                ax.set_ylim(min(e[0] for e in ends), max(e[1] for e in ends))
+        column[-1].set_xlabel("time [s]")
+    for ax in axes[::2, 0]:
+        ax.legend(
+            frameon=False, fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1.03, 1.08),
+            borderaxespad=0.0,
+        )  # fmt: skip
+    _finish(
+        figure, axes, "Force loop: PID above, fuzzy backstepping below; one scale a column", path
+    )
+
+
+def _bars(runs: Runs, path: Path) -> None:
+    """Draw rms speed and acceleration of all struts on all roads."""
+    figure = _page((12.0, 6.5))
+    axes = figure.subplots(2, len(ROADS), sharex="col")
+    for row, metric, form in (
+        (0, "speed_rms_m_s", "{:.4f}"),
+        (1, "acceleration_rms_m_s2", "{:.2f}"),
+    ):
+        for ax, road in zip(axes[row], ROADS, strict=True):
+            values = [runs[label, road].metrics[metric] for label in NAMES]
+            colours = [COLOURS[label] for label in NAMES]
+            bars = ax.bar(range(len(NAMES)), values, color=colours, label=[*NAMES.values()])
+            ax.bar_label(bars, [form.format(v) for v in values], fontsize=7.5, padding=1)
+            ax.set_xticks([])
+            ax.margins(y=0.12)
+            if row == 0:
+                ax.set_title(f"{road} rad/s", fontsize=10)
+    axes[0, 0].set_ylabel("body speed, rms [m/s]")
+    axes[1, 0].set_ylabel("body acceleration, rms [m/s²]")
+    handles, names = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, frameon=False, fontsize=9, ncols=4, loc="outside lower center")
+    _finish(figure, axes, "Every strut on every road, 3 to 6 s", path)
+
+
+def _kick(results: Sequence[Result], path: Path) -> None:
+    """Draw the kicked body with PID in the left column, fuzzy backstepping in the right."""
+    own = {r.case.controller: r for r in results}
+    figure = _page((11.0, 7.0))
+    axes = figure.subplots(3, 2, sharex=True, sharey="row")
+    signals = (
+        ("plant:car.body_rate_m_s", 1.0, "body speed [m/s]"),
+        ("executive:controller.ef_N", 1e-3, "force error [kN]"),
+        ("plant:car.spool_m", 1e3, "spool [mm]"),
+    )
+    for column, name in zip(axes.T, ("pid", "fl"), strict=True):
+        for ax, (source, scale, _) in zip(column, signals, strict=True):
+            x = own[name].traces
+            ax.plot(x["t"], scale * x[source], color=COLOURS[name], linewidth=0.9)
+        metrics = own[name].metrics
+        text = f"{NAMES[name]}: {metrics['speed_rms_m_s']:.2g} m/s rms from 3 s on"
+        if "oscillation_rad_s" in metrics:
+            text += f", at {metrics['oscillation_rad_s']:.1f} rad/s"
+        column[0].set_title(text, fontsize=10, loc="left")
+        column[-1].set_xlabel("time [s]")
+    for ax, (_, _, label) in zip(axes[:, 0], signals, strict=True):
+        ax.set_ylabel(label)
+    _finish(figure, axes, "Flat road, the body kicked with 0.05 m/s", path)
+
+
+def _responses(car: Mapping[str, float], gains: Mapping[str, float], path: Path) -> None:
+    """Draw the linear responses with their invariant point."""
+    figure = _page((9.0, 5.5))
+    axes = figure.subplots(1, 1, squeeze=False)
+    ax, w = axes[0, 0], np.geomspace(1.0, 500.0, 1500)
+    for law, colour, style, label in (
+        ("passive", BLACK, "-", "passive, Bs and Ks at all frequencies"),
+        ("filtered", BLUE, ":", "filtered: Bs below, Ks above the wheel's frequency"),
+        ("full", VERMILION, "--", "filtered, with skyhook and ride height"),
+    ):
+        gain = bode.response_db(law, w, car, gains)
+        ax.semilogx(w, gain, color=colour, linestyle=style, linewidth=1.4, label=label)
+    w0 = float(np.sqrt(car["kt_N_m"] / car["mu_kg"]))
+    at = float(bode.response_db("passive", np.array([w0]), car, gains)[0])
+    ax.plot([w0], [at], "o", color=GREEN, zorder=5)
+    ax.annotate(
+        f"{at:.2f} dB at {w0:.2f} rad/s,\nwhatever the strut does", (w0, at), (9.0, 54.0),
+        fontsize=9, arrowprops={"arrowstyle": "-", "color": GREY},
+    )  # fmt: skip
+    for road in ROADS:
+        ax.axvline(road, color=GREY, linewidth=0.7, linestyle="-.")
+        ax.text(road * 1.03, 63.5, f"{road}", color=GREY, fontsize=8)
+    ax.set(xlabel="road frequency [rad/s]", xlim=(1.0, 500.0), ylim=(0.0, 66.0))
+    ax.set_ylabel("body acceleration per road [dB re 1/s²]")
+    ax.legend(framealpha=1.0, edgecolor="white", fontsize=9, loc="lower center")
+    _finish(figure, axes, "Linear quarter car: no friction, no stops, ideal strut", path)
+
+
+def _finish(figure: Any, axes: Any, title: str, path: Path) -> None:
+    for ax in axes.flat:
+        ax.grid(color="#D0D0D0", linewidth=0.5)
+        ax.set_axisbelow(True)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.tick_params(labelsize=8)
+    figure.suptitle(title, fontsize=12)
+    figure.savefig(path)
