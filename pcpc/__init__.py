@@ -29,49 +29,48 @@
 """
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pcpc.drivers.errors import UserError as Error
-    from pcpc.tools.api.bounds import bounds
-    from pcpc.tools.api.compare import compare
-    from pcpc.tools.api.fit import fit
+    from pcpc.tools.study.bounds.api import bounds
+    from pcpc.tools.after.compare.api import compare
+    from pcpc.tools.study.fit.api import fit
     from pcpc.tools.api.live import Live, NotMet, running
     from pcpc.tools.api.loop import Loop, Sample, loop
-    from pcpc.tools.api.run import Figure, NotOk, Run, UnknownName
+    from pcpc.tools.after.record import Figure, NotOk, Run, UnknownName
     from pcpc.tools.api.simulate import open, simulate
-    from pcpc.tools.api.sweep import Sweep, sweep
-    from pcpc.tools.bounds import Bounds
-    from pcpc.tools.compare.comparison import Comparison
-    from pcpc.tools.fit.result import Fit
-    from pcpc.tools.margin.find import margin
-    from pcpc.tools.margin.margins import Margins
-    from pcpc.tools.margin.result import Margin, Response
+    from pcpc.tools.study.sweep.api import Sweep, sweep
+    from pcpc.tools.study.bounds.bounds import Bounds
+    from pcpc.tools.after.compare.comparison import Comparison
+    from pcpc.tools.study.fit.result import Fit
+    from pcpc.tools.study.margin.find import margin
+    from pcpc.tools.study.margin.margins import Margins
+    from pcpc.tools.study.margin.result import Margin, Response
 
 _WHERE = {
-    "Bounds": "tools.bounds", "bounds": "tools.api.bounds",
-    "Comparison": "tools.compare.comparison", "compare": "tools.api.compare",
+    "Bounds": "tools.study.bounds.bounds", "bounds": "tools.study.bounds.api",
+    "Comparison": "tools.after.compare.comparison", "compare": "tools.after.compare.api",
     "Error": "drivers.errors:UserError",
-    "Fit": "tools.fit.result", "fit": "tools.api.fit",
-    "Figure": "tools.api.run", "NotOk": "tools.api.run", "Run": "tools.api.run",
-    "UnknownName": "tools.api.run",
+    "Fit": "tools.study.fit.result", "fit": "tools.study.fit.api",
+    "Figure": "tools.after.record", "NotOk": "tools.after.record", "Run": "tools.after.record",
+    "UnknownName": "tools.after.record",
     "Loop": "tools.api.loop", "Sample": "tools.api.loop", "loop": "tools.api.loop",
     "Live": "tools.api.live", "NotMet": "tools.api.live", "running": "tools.api.live",
-    "Margin": "tools.margin.result", "Margins": "tools.margin.margins",
-    "Response": "tools.margin.result", "margin": "tools.margin.find",
+    "Margin": "tools.study.margin.result", "Margins": "tools.study.margin.margins",
+    "Response": "tools.study.margin.result", "margin": "tools.study.margin.find",
     "open": "tools.api.simulate", "simulate": "tools.api.simulate",
-    "Sweep": "tools.api.sweep", "sweep": "tools.api.sweep",
+    "Sweep": "tools.study.sweep.api", "sweep": "tools.study.sweep.api",
 }  # fmt: skip
-__all__ = [
-    "Bounds", "Comparison", "Error", "Figure", "Fit", "Live", "Loop", "Margin", "Margins", "NotMet", "NotOk",
-    "Response", "Run", "Sample", "Sweep", "UnknownName", "bounds", "compare", "fit", "loop", "margin", "open",
-    "running", "simulate", "sweep",
-]  # fmt: skip
+_HERE = Path(__file__).parent
+_PLACES = {name: place.partition(":")[0].replace(".", "/") for name, place in _WHERE.items()}
+__all__ = sorted(name for name, at in _PLACES.items() if (_HERE / f"{at}.py").is_file())
 
 
 def __getattr__(name: str) -> Any:
     """Import what is asked for, not before: the command line needs a part of it only."""
-    if name not in _WHERE:
+    if name not in __all__:  # or its room was taken out
         raise AttributeError(f"module pcpc has no attribute {name}")
     module, _, other = _WHERE[name].partition(":")
     return getattr(import_module(f"pcpc.{module}"), other or name)

@@ -144,7 +144,7 @@ def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Pa
 
 def _what_it_came_to(run: "pcpc.Run") -> list[str]:
     """Return verdict, and what was not met."""
-    from pcpc.tools.verdict.summary import problems
+    from pcpc.tools.after.verdict.summary import problems
 
     return [f"verdict  {run.verdict}", *(f"         {line}" for line in problems(run.summary))]
 

@@ -16,12 +16,12 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes import live as nodes
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.api.run import Figure, Run, UnknownName
-from pcpc.tools.api.settings import settings
-from pcpc.tools.host.beside import SAID
-from pcpc.tools.rigs import find
-from pcpc.tools.starting.children import Child
-from pcpc.tools.starting.folder import LOG
+from pcpc.tools.after.record import Figure, Run, UnknownName
+from pcpc.tools.start.children import Child
+from pcpc.tools.start.folder import LOG
+from pcpc.tools.start.page import SAID
+from pcpc.tools.start.rigs import find
+from pcpc.tools.start.settings import settings
 
 _POLL_S = 0.02
 _END_S = 60.0  # in which a run that was asked to end has its summary

@@ -13,12 +13,12 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.watched import Work
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.api.place import finished, log_in, progress
-from pcpc.tools.api.run import Run, UnknownName
-from pcpc.tools.api.settings import settings
-from pcpc.tools.rigs import find
-from pcpc.tools.simulate import Simulation
-from pcpc.tools.verdict.outcome import Outcome, changed
+from pcpc.tools.after.place import finished, log_in, progress
+from pcpc.tools.after.record import Run, UnknownName
+from pcpc.tools.after.verdict.outcome import Outcome, changed
+from pcpc.tools.run.simulate import Simulation
+from pcpc.tools.start.rigs import find
+from pcpc.tools.start.settings import settings
 
 Vector = NDArray[np.float64]
 

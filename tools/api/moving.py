@@ -18,10 +18,10 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.tap import Tap
 from pcpc.plants.pages import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, ruled
-from pcpc.tools.api.run import Figure, UnknownName
-from pcpc.tools.host.history import History
-from pcpc.tools.log.drawing import decimated, shown
-from pcpc.tools.log.series import label
+from pcpc.tools.after.log.drawing import decimated, shown
+from pcpc.tools.after.log.series import label
+from pcpc.tools.after.record import Figure, UnknownName
+from pcpc.tools.live.history import History
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

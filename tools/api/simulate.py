@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.api.place import finished, log_in, progress
-from pcpc.tools.api.run import Run
-from pcpc.tools.api.settings import settings
-from pcpc.tools.log.recorded import log_of
-from pcpc.tools.rigs import find
-from pcpc.tools.simulate import Simulation
-from pcpc.tools.verdict.outcome import Outcome, changed
+from pcpc.tools.after.log.recorded import log_of
+from pcpc.tools.after.place import finished, log_in, progress
+from pcpc.tools.after.record import Run
+from pcpc.tools.after.verdict.outcome import Outcome, changed
+from pcpc.tools.run.simulate import Simulation
+from pcpc.tools.start.rigs import find
+from pcpc.tools.start.settings import settings
 
 
 def simulate(

@@ -1,0 +1,1 @@
+"""What comes after a run: logs, verdict, report, replay, comparison."""

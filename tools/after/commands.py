@@ -1,0 +1,43 @@
+"""Commands: replay."""
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.rig.roles import ROLES
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import Add, Command
+
+
+def replay(add: Add) -> None:
+    """Take a log, and what is changed."""
+    add("log", metavar="LOG", help="log file, run folder or latest")
+    add("--node", choices=(*ROLES, "device", "all"), default="all",
+        help="device: what one sent, by the rig's own law; default: all")  # fmt: skip
+    add("--controller", metavar="NAME", help="another controller of the log's rig")
+    take.settings(
+        add, "recompute with a change, in open loop: the recorded frames stay what they were"
+    )
+    take.code_of_laws(add)
+    take.json(add, "print one JSON list")
+    take.quiet(add)
+
+
+COMMANDS = (
+    Command(
+        "replay",
+        "recompute a recorded run and compare it bit by bit",
+        "pcpc replay latest",
+        replay,
+        codes={
+            Exit.OK: "bit-identical",
+            Exit.NOT_MET: "different or incomplete",
+            Exit.WRONG_INPUT: "",
+            Exit.LOSS: "bit-identical, but the log is not whole",
+            Exit.SAFETY_STOP: "a step hangs or raises",
+            Exit.INTERRUPTED: "",
+        },
+        judges=True,
+        compiles=True,
+        reads_logs=True,
+        module="after.replay",
+        first=True,
+    ),
+)

@@ -1,0 +1,66 @@
+"""`pcpc compare`: two runs, two folders of runs, or two versions of the rigs in virtual time."""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.after.compare.comparison import Comparison
+from pcpc.tools.after.compare.overlay import How
+from pcpc.tools.after.compare.recorded import compared
+from pcpc.tools.terminal.extras import FIGURE, need
+from pcpc.tools.terminal.given import refuse
+from pcpc.tools.terminal.outfile import new_file
+from pcpc.tools.terminal.progress import Progress
+
+
+def command(options: argparse.Namespace) -> int:
+    """Compare, print, write; NOT_MET for a difference that counts."""
+    if not (math.isfinite(options.tolerance) and options.tolerance >= 0.0):
+        raise UserError(f"--tolerance {options.tolerance:g}: expected 0 or more")
+    how = How(options.tolerance, _folder(options.output))
+    found = _compared(options, how, Progress(options.quiet))
+    files = {options.markdown: found.markdown(), options.json: found.json()}
+    for name in (name for name in files if name not in (None, "-")):
+        _write(Path(name), files[name])
+    if how.figures is not None:
+        _write(how.figures / "report.md", found.markdown(pictures=True))
+    sys.stdout.write(files.get("-", found.text()) + "\n")
+    return Exit.NOT_MET if found.fails(options.fail_on) else Exit.OK
+
+
+def _write(path: Path, text: str) -> None:
+    with new_file(path, force=True) as unfinished:
+        unfinished.write_text(text + "\n", encoding="utf-8")
+
+
+def _compared(options: argparse.Namespace, how: How, progress: Progress) -> Comparison:
+    if options.against is not None:
+        if options.jobs is not None and options.jobs < 1:
+            raise UserError(f"--jobs {options.jobs}: expected 1 or more")
+        from pcpc.tools.after.compare import versions
+
+        return versions.compared(options, how, progress)
+    why = "only with --against; two recordings are compared as they are"
+    refuse(options, why, "controller", "jobs", "all_controllers")
+    if len(options.words) != 2:
+        cure = "name two, old and new, or a version with --against"
+        raise UserError(f"{len(options.words)} runs to compare; {cure}")
+    old, new = options.words
+    return compared(old, new, how, progress)
+
+
+def _folder(name: str | None) -> Path | None:
+    """Return an empty folder for figures; UserError if that cannot be."""
+    if name is None:
+        return None
+    need(f"-o {name}: its figures need", "plot", FIGURE)
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise FileExistsError(0, "is not empty")
+    except OSError as error:
+        raise UserError(f"{folder}: {error.strerror}; choose another folder with -o") from None
+    return folder

@@ -1,0 +1,200 @@
+"""One rig in two runs: first differing cycle and signal, metrics, verdict, values of the rig.
+
+The states of a pair:
+
+    equal       every recorded bit, all metrics and the verdict
+    changed     something of it differs
+    unchanged   not run: everything that goes into the run is the same in both versions
+    alone       only one side has this rig, or this controller of it
+    failed      one side or both could not be run or read
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.log import reader as logs
+from pcpc.tools.after.log import diff, series
+from pcpc.tools.after.record import Run
+
+EQUAL, CHANGED, UNCHANGED, ALONE, FAILED = "equal", "changed", "unchanged", "alone", "failed"
+_APART = ("title", "note", "watch")  # keys of a rig that no bit depends on
+_UNTOLD = (logs.LogError, UserError, OSError, ValueError)
+
+
+@dataclass(frozen=True)
+class Change:
+    """A value, old and new; None for one that only the other side has."""
+
+    name: str
+    old: Any
+    new: Any
+
+    @property
+    def differs(self) -> bool:
+        """It is not the same on both sides; NaN is NaN."""
+        return bool(self.old != self.new and not (_is_nan(self.old) and _is_nan(self.new)))
+
+    @property
+    def relative(self) -> float:
+        """How much larger the new value is, as a share of the old one; NaN if that says nothing."""
+        if not all(isinstance(v, int | float) for v in (self.old, self.new)) or not self.old:
+            return math.nan
+        return float((self.new - self.old) / abs(self.old))
+
+
+@dataclass(frozen=True)
+class Signal:
+    """The biggest difference of a signal, and its share of the range that the signal has in A."""
+
+    name: str
+    largest: float
+    at_s: float
+    share: float
+
+
+@dataclass
+class Pair:
+    """What came of comparing two runs; `old` and `new` are their logs."""
+
+    rig: str
+    controller: str
+    state: str = EQUAL
+    said: list[str] = field(default_factory=list)  # in words: what only one has, what failed
+    old: str = ""
+    new: str = ""
+    first: diff.Difference | None = None
+    signals: list[Signal] = field(default_factory=list)  # that differ; by share
+    frames: int = 0  # kinds of frames that differ
+    metrics: list[Change] = field(default_factory=list)  # all of both
+    judged: list[str] = field(default_factory=list)  # metrics that the rig limits
+    verdict: Change = field(default_factory=lambda: Change("verdict", "", ""))
+    settings: list[Change] = field(default_factory=list)  # of the rig
+    figure: str = ""
+
+    @property
+    def name(self) -> str:
+        """Rig and controller."""
+        return f"{self.rig}, {self.controller}" if self.controller else self.rig
+
+    @property
+    def outside(self) -> list[Signal]:
+        """The signals that differ, without the states of blocks, whose names begin with x_."""
+        return [signal for signal in self.signals if ".x_" not in signal.name]
+
+    @property
+    def changed_metrics(self) -> list[Change]:
+        """The metrics that differ: those that the rig limits first, then by relative change."""
+
+        def order(one: Change) -> tuple[bool, float]:
+            relative = abs(one.relative)
+            return one.name not in self.judged, -math.inf if math.isnan(relative) else -relative
+
+        return sorted((one for one in self.metrics if one.differs), key=order)
+
+
+def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
+    """Compare two runs; LogError for what is no log.
+
+    `tolerance`: metrics that change by no more than this share count as equal.
+    """
+    report = diff.compare(old.log, new.log)
+    found = Pair(
+        _both(old, new, "rig"), _both(old, new, "controller"), old=str(old.path), new=str(new.path),
+        said=[*report.only, *report.missing], first=next(iter(report.differences), None),
+    )  # fmt: skip
+    found.signals = sorted(_signals(old.log, report.differences), key=lambda s: -s.share)
+    found.frames = sum(one.name.startswith("frame ") for one in report.differences)
+    settings = [dict(_settings(run.log)) for run in (old, new)]
+    found.settings = [one for one in _changes(*settings) if one.differs]
+    summaries = [_summary(run, found.said) for run in (old, new)]
+    found.metrics = [
+        one if not abs(one.relative) <= tolerance else Change(one.name, one.old, one.old)
+        for one in _changes(*({**s.get("metrics", {}), **_margins(s)} for s in summaries))
+    ]
+    limited = (name for s in summaries for name in (*s.get("judged", ()), *_margins(s)))
+    found.judged = list(dict.fromkeys(limited))
+    if old.judged_at_its_end and new.judged_at_its_end:
+        found.verdict = Change("verdict", *(s.get("verdict", "") for s in summaries))
+    for side, summary in zip(("old", "new"), summaries, strict=True):
+        if found.verdict.differs:
+            why = (*summary.get("faults", ()), *summary.get("expectations_failed", ()))
+            found.said += [f"{side}: {reason}" for reason in why]
+    if not report.equal or found.changed_metrics or found.verdict.differs:
+        found.state = CHANGED
+    elif report.missing:
+        found.state = FAILED
+    return found
+
+
+def _both(old: Run, new: Run, key: str) -> str:
+    """Return what the logs say of `key`: one word, or two where they differ."""
+    return " -> ".join(dict.fromkeys(fact(run.log, key) for run in (old, new)))
+
+
+def fact(log: logs.Log, key: str) -> str:
+    """Return what a log says of `key`: rig, controller, pacing, ...; "" for nothing."""
+    return next((log.metadata.get(node, {}).get(key, "") for node in log.node), "")
+
+
+def _summary(run: Run, said: list[str]) -> dict[str, Any]:
+    """Return the summary of a run; of one that cannot be judged here nothing, and why is said."""
+    try:
+        return run.summary
+    except _UNTOLD as error:
+        said.append(f"no metrics: {error}")
+        return {}
+
+
+def _margins(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how far a run was from violating each requirement in time, negative if it did."""
+    told = summary.get("requirements", ())
+    return {f"margin of {one['name']}": one["margin"] for one in told}
+
+
+def _is_nan(value: Any) -> bool:
+    return isinstance(value, float) and math.isnan(value)
+
+
+def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
+    """Return what two mappings say by name, equal or not."""
+    return [Change(name, old.get(name), new.get(name)) for name in dict.fromkeys((*old, *new))]
+
+
+def _settings(log: logs.Log) -> Iterator[tuple[str, Any]]:
+    """Yield the effective values of a log's rig by dotted names, without other controllers'."""
+    text = next((t for n, t in log.attachments.items() if n.endswith("rig-resolved.yaml")), "")
+    try:
+        data = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return
+    chosen = fact(log, "controller")
+    for name, value in _flat(data, ()):
+        of_another = name[0] in ("controllers", "expect") and name[1:2] != (chosen,)
+        if not of_another and name[0] not in _APART:
+            yield ".".join(name), value
+
+
+def _flat(data: Any, above: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    if isinstance(data, dict):
+        for key, child in data.items():
+            yield from _flat(child, (*above, str(key)))
+    elif above:
+        yield above, data
+
+
+def _signals(old: logs.Log, differences: list[diff.Difference]) -> Iterator[Signal]:
+    known = series.all_series(old)
+    for one in differences:
+        if one.largest is None or one.largest_time_s is None or one.name not in known:
+            continue
+        values = known[one.name].values
+        finite = values[np.isfinite(values)]
+        span = float(np.ptp(finite)) if len(finite) else 0.0
+        share = one.largest / span if span else math.inf
+        yield Signal(one.name, one.largest, one.largest_time_s, share)

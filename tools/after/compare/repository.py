@@ -1,0 +1,148 @@
+"""A git repository: its working tree, and another version of it in a folder of its own.
+
+A version is written out with an index of its own, so that nothing of the repository changes: no
+branch, no worktree, no stash. The folder is named after commit and repository, so that compiled
+code of a user's laws is found again the next time; it is held by a lock, removed at the end, and
+by the next start if this one is killed.
+"""
+
+import fcntl
+import hashlib
+import itertools
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from pcpc.drivers import compile_cache
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import one_line
+
+_NEW = ("ls-files", "-z", "--others", "--exclude-standard", "--exclude=__pycache__/")
+ALIVE = "alive"  # a file in the folder, locked by everything that still writes into it
+
+
+class GitError(UserError):
+    """What git refused, in its own words."""
+
+
+@dataclass(frozen=True)
+class Repository:
+    """The repository around a folder."""
+
+    root: Path
+
+    @classmethod
+    def around(cls, folder: Path = Path()) -> "Repository":
+        """Return the one that holds a folder; GitError."""
+        return cls(Path(_git(folder, "rev-parse", "--show-toplevel").rstrip("\n")).resolve())
+
+    @property
+    def mark(self) -> str:
+        """What the names of its folders hold, and no other repository's."""
+        return hashlib.sha256(str(self.root).encode()).hexdigest()[:8]
+
+    def commit(self, ref: str) -> str:
+        """Return the hash of a version; GitError."""
+        try:
+            words = ("rev-parse", "--verify", "--end-of-options", f"{ref}^{{commit}}")
+            return _git(self.root, *words).strip()
+        except GitError as error:
+            cure = "`git log` lists versions; a shallow clone gets more by `git fetch --unshallow`"
+            raise GitError(f"--against {ref}: {error}; {cure}") from None
+
+    def files(self) -> list[str]:
+        """Return the files of the working tree that are tracked, or could be."""
+        names = dict.fromkeys(_git(self.root, *_NEW, "--cached").split("\0"))
+        return sorted(name for name in names if name and (self.root / name).is_file())
+
+    def files_of(self, commit: str) -> list[str]:
+        """Return the files of a version."""
+        names = _git(self.root, "ls-tree", "-r", "-z", "--name-only", commit).split("\0")
+        return sorted(name for name in names if name)
+
+    def changed(self, commit: str) -> list[str]:
+        """Return the files in which the working tree differs from a version."""
+        tracked = _git(self.root, "diff", "--name-only", "--no-renames", "-z", commit, "--")
+        new = _git(self.root, *_NEW)
+        return sorted({name for name in (tracked + new).split("\0") if name})
+
+    @contextmanager
+    def checked_out(self, commit: str) -> Iterator[Path]:
+        """Give a folder with the files of a version in `tree/`; it is gone at the end."""
+        with _claimed(f"{commit[:12]}-{self.mark}") as folder:
+            index = {"GIT_INDEX_FILE": str(folder / "index")}
+            _git(self.root, "read-tree", commit, environment=index)
+            prefix = f"--prefix={folder / 'tree'}/"
+            (folder / "tree").mkdir()
+            _git(self.root, "checkout-index", "--all", "--quiet", prefix, environment=index)
+            yield folder
+
+
+def _git(folder: Path, *words: str, environment: dict[str, str] | None = None) -> str:
+    """Return what git prints; GitError, in its words."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *words], capture_output=True, check=True,
+            stdin=subprocess.DEVNULL, env=os.environ | (environment or {}),
+        )  # fmt: skip
+    except FileNotFoundError:
+        what = "git: no such program; install it, as with `sudo apt-get install git`"
+        raise GitError(what, Exit.ENVIRONMENT) from None
+    except subprocess.CalledProcessError as error:
+        said = os.fsdecode(error.stderr).strip().splitlines() or [f"exit code {error.returncode}"]
+        raise GitError(one_line(f"git: {said[0].removeprefix('fatal: ')}")) from None
+    return os.fsdecode(done.stdout)
+
+
+@contextmanager
+def _claimed(name: str) -> Iterator[Path]:
+    """Give an empty folder of this name that nobody else uses; OSError."""
+    base = Path(tempfile.gettempdir()).resolve() / f"pcpc-{os.geteuid()}" / "compare"
+    compile_cache.make(base)
+    for left in base.glob("*.lock"):
+        with _locked(left) as lock:
+            if lock is not None:
+                _remove(left)
+    for number in itertools.count(1):
+        path = base / (f"{name}.lock" if number == 1 else f"{name}-{number}.lock")
+        with _locked(path) as lock:
+            if lock is None:
+                continue
+            folder = path.with_suffix("")
+            folder.mkdir(mode=0o700)
+            (folder / ALIVE).touch()
+            try:
+                yield folder
+            finally:
+                with (folder / ALIVE).open() as alive:
+                    fcntl.flock(alive, fcntl.LOCK_EX)  # until the last process is gone
+                _remove(path)
+            return
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[IO[str] | None]:
+    """Give the locked file; None if somebody else holds it, or has just removed it."""
+    with path.open("a") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield None
+            return
+        with suppress(FileNotFoundError):
+            if os.fstat(lock.fileno()).st_ino == path.stat().st_ino:
+                yield lock
+                return
+        yield None
+
+
+def _remove(lock: Path) -> None:
+    """Remove what a lock stands for, and the lock."""
+    shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
+    lock.unlink(missing_ok=True)

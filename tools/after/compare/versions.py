@@ -1,0 +1,270 @@
+"""The rigs of two versions of a repository, run in virtual time and compared.
+
+Each run is a process of its own, `pcpc simulate`, with the code of its version where the repository
+holds pcpc, else with the installed one. What has the same inputs in both versions is not run.
+"""
+
+import argparse
+import fcntl
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import partial
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import RigError, did_you_mean, one_line
+from pcpc.executive.log.reader import LogError
+from pcpc.tools.after.compare.comparison import Comparison
+from pcpc.tools.after.compare.inputs import Rig, Tree
+from pcpc.tools.after.compare.overlay import How, examined
+from pcpc.tools.after.compare.pair import ALONE, FAILED, UNCHANGED, Pair
+from pcpc.tools.after.compare.repository import ALIVE, GitError, Repository
+from pcpc.tools.start import rigs
+from pcpc.tools.start.children import end_with
+from pcpc.tools.start.folder import LOG
+from pcpc.tools.start.pool import each
+from pcpc.tools.terminal.progress import Progress
+
+_SIDES = ("old", "new")
+
+
+@dataclass(frozen=True)
+class Side:
+    """A rig to run in one version."""
+
+    root: Path
+    rig: str  # its file, from the root
+    controller: str
+    python_path: str
+
+
+@dataclass(frozen=True)
+class Job:
+    """A rig to run in both versions; `folder` takes the runs."""
+
+    name: str
+    sides: tuple[Side, Side]
+    folder: Path
+    how: How
+
+    @property
+    def controller(self) -> str:
+        """The controller, or both where they differ."""
+        return " -> ".join(dict.fromkeys(side.controller for side in self.sides))
+
+
+def compared(options: argparse.Namespace, how: How, progress: Progress) -> Comparison:
+    """Compare the rigs of the version `options.against` with those of the working tree."""
+    repository = _repository(options.words)
+    commit = repository.commit(options.against)
+    progress.show(f"writing out {options.against}")
+    with repository.checked_out(commit) as folder:
+        trees = (
+            Tree(folder / "tree", repository.files_of(commit)),
+            Tree(repository.root, repository.files()),
+        )
+        if trees[1].holds_pcpc and not trees[0].holds_pcpc:
+            what = "there pcpc is not yet what it takes to run its rigs; name a later version"
+            raise UserError(f"--against {options.against}: {what}")
+        found = Comparison(f"{options.against} ({commit[:10]})", "working tree")
+        plan = _Plan(trees, options, how, folder, repository.changed(commit))
+        found.pairs = list(plan.pairs())
+        progress.close()
+        found.pairs += each(_run, plan.jobs, progress, options.jobs) if plan.jobs else []
+    found.pairs.sort(key=lambda pair: pair.name)
+    return found
+
+
+def _repository(words: Sequence[str]) -> Repository:
+    """Return the repository of the first word that is a path, else the working folder's.
+
+    Where that is in none, the repository of the first rig that the words name; GitError.
+    """
+    for path in (Path(word) for word in words if word and os.path.exists(word)):
+        return Repository.around(path if path.is_dir() else path.parent)
+    try:
+        return Repository.around()
+    except GitError as error:
+        if error.code == Exit.WRONG_INPUT and (files := [*filter(None, map(_found, words))]):
+            return Repository.around(Path(files[0]).parent)
+        raise
+
+
+def _found(word: str) -> str:
+    """Return the rig file that a word names here, "" for none."""
+    with suppress(RigError):
+        return rigs.find(word)
+    return ""
+
+
+def _from(root: Path, word: str) -> str:
+    """Return the path from `root`, which is no link, of what a word names from here."""
+    folder, name = os.path.split(os.path.abspath(word))
+    return os.path.relpath(os.path.join(os.path.realpath(folder), name), root)
+
+
+class _Plan:
+    """What has to be run, in `jobs`, and what is known without."""
+
+    def __init__(
+        self, trees: tuple[Tree, Tree], options: argparse.Namespace, how: How, folder: Path,
+        changed: Sequence[str],
+    ) -> None:  # fmt: skip
+        self._trees, self._options, self._how, self._folder = trees, options, how, folder
+        self._paths = [_python_path(tree, trees[1]) for tree in trees]
+        self._files = [tree.rig_files() for tree in trees]
+        self._names = _names({**self._files[0], **self._files[1]})
+        self._read = [{path: _rig(tree, path) for path in of} for tree, of in self._each()]
+        rigs = [(t, rig) for t, of in zip(trees, self._read, strict=True) for rig in of.values()]
+        used = {file for tree, rig in rigs if isinstance(rig, Rig) for file in tree.used(rig)}
+        self._loose = trees[1].loose(changed, used)
+        self.jobs: list[Job] = []
+
+    def _each(self) -> Iterator[tuple[Tree, dict[str, str]]]:
+        yield from zip(self._trees, self._files, strict=True)
+
+    def pairs(self) -> Iterator[Pair]:
+        """Yield the pairs that need no run, and fill `jobs`; RigError for words that name none."""
+        for path in self._chosen():
+            name, rigs = self._names[path], [of.get(path) for of in self._read]
+            wrong = [f"{s}: {r}" for s, r in zip(_SIDES, rigs, strict=True) if isinstance(r, str)]
+            old, new = rigs
+            if wrong:
+                yield Pair(name, "", FAILED, wrong)
+            elif isinstance(old, Rig) and isinstance(new, Rig):
+                yield from self._controllers(path, old, new)
+            elif isinstance(old, Rig) or isinstance(new, Rig):
+                side = "old" if new is None else "new"
+                yield Pair(name, "", ALONE, [f"only in the {side} version: {path}"])
+
+    def _chosen(self) -> list[str]:
+        """Return the paths of the rigs that the command line names, or of all."""
+        words, known = self._options.words, sorted(self._names)
+        found = dict[str, None]()
+        for word in words:
+            root = self._trees[1].root
+            forms = {_from(root, f"{word}{end}") for end in ("", "/rig.yaml")} if word else set()
+            mine = [p for p in known if p in forms or fnmatchcase(self._names[p], word)]
+            if not mine and (file := _found(word)):
+                mine = [p for p in known if p == _from(root, file)]
+            if not mine:
+                raise RigError(
+                    f"{word or repr(word)}: no rig of either version"
+                    f"{did_you_mean(word, self._names.values())}"
+                )
+            found |= dict.fromkeys(mine)
+        if not known:
+            raise RigError(
+                f"{self._trees[1].root}: no rig, a YAML file with `rig: NAME`, in either version"
+            )
+        return list(found) if words else known
+
+    def _controllers(self, path: str, old: Rig, new: Rig) -> Iterator[Pair]:
+        """Deal with a rig's controllers: its own, others that changed, or those asked for."""
+        name, options = self._names[path], self._options
+        if old.own != new.own and not (options.controller or options.all_controllers):
+            self._add(path, old.own, new.own)
+            return
+        known = list(dict.fromkeys((*old.controllers, *new.controllers)))
+        wanted = [options.controller] if options.controller else known
+        if not (options.controller or options.all_controllers):
+            wanted = [new.own, *(law for law in known if law != new.own)]
+        for law in wanted:
+            sides = [
+                side for side, rig in zip(_SIDES, (old, new), strict=True) if law in rig.controllers
+            ]
+            if not sides and options.controller:
+                what = f"no such controller{did_you_mean(law, known)}"
+                yield Pair(name, law, FAILED, [what])
+            elif len(sides) == 1:
+                yield Pair(name, law, ALONE, [f"only in the {sides[0]} version"])
+            elif self._same(old, new, law):
+                if law in (new.own, options.controller) or options.all_controllers:
+                    yield Pair(name, law, UNCHANGED)
+            else:
+                self._add(path, law, law)
+                if law == new.own and not options.all_controllers:
+                    return  # what it shares with the others has changed
+
+    def _same(self, old: Rig, new: Rig, law: str) -> bool:
+        digests = (
+            t.digest(r, law, self._loose) for t, r in zip(self._trees, (old, new), strict=True)
+        )
+        return len(set(digests)) == 1
+
+    def _add(self, path: str, old: str, new: str) -> None:
+        sides = [
+            Side(tree.root, path, law, python)
+            for tree, law, python in zip(self._trees, (old, new), self._paths, strict=True)
+        ]
+        folder = self._folder / f"run{len(self.jobs)}"
+        self.jobs.append(Job(self._names[path], (sides[0], sides[1]), folder, self._how))
+
+
+def _rig(tree: Tree, path: str) -> Rig | str | None:
+    """Return a rig, what is wrong with it, or None for no rig."""
+    try:
+        return tree.rig(path)
+    except RigError as error:
+        return str(error).replace(f"{tree.root}/", "")
+
+
+def _names(files: dict[str, str]) -> dict[str, str]:
+    """Return a name for each rig file: the rig's own if it is the only one, else its path."""
+    names = list(files.values())
+    return {
+        path: name if names.count(name) == 1 else path.rpartition(".")[0]
+        for path, name in files.items()
+    }
+
+
+def _python_path(tree: Tree, present: Tree) -> str:
+    """Return the PYTHONPATH of a version: what is imported from `present` comes from `tree`."""
+    entries = [tree.root] if tree.holds_pcpc else []
+    for entry in (Path(text).resolve() for text in sys.path if text):
+        if entry.is_relative_to(present.root):
+            there = tree.root / entry.relative_to(present.root)
+            entries += [there] if there.is_dir() else []
+    before = os.environ.get("PYTHONPATH", "")
+    return os.pathsep.join([*dict.fromkeys(map(str, entries)), *filter(None, [before])])
+
+
+def _run(job: Job) -> Pair:
+    """Run a job and compare; in a process of a pool."""
+    logs, wrong = [], []
+    for word, side in zip(_SIDES, job.sides, strict=True):
+        log, said = _simulated(side, job.folder / word)
+        logs.append(log)
+        wrong += [] if log.is_file() else [f"{word}: {said}"]
+    try:
+        if wrong:
+            return Pair(job.name, job.controller, FAILED, wrong)
+        pair = examined(logs[0], logs[1], job.how)
+        pair.rig, pair.controller, pair.old, pair.new = job.name, job.controller, "", ""
+        return pair
+    except (LogError, UserError) as error:
+        return Pair(job.name, job.controller, FAILED, [str(error)])
+    finally:
+        shutil.rmtree(job.folder, ignore_errors=True)
+
+
+def _simulated(side: Side, folder: Path) -> tuple[Path, str]:
+    """Run a rig in virtual time; return its log and the last line that was said."""
+    words = ["simulate", side.rig, "--controller", side.controller, "-o", str(folder)]
+    command = [sys.executable, "-P", "-m", "pcpc.tools.cli", *words, "--no-figure", "--quiet"]
+    environment = os.environ | {"PYTHONPATH": side.python_path, "OPENBLAS_NUM_THREADS": "1"}
+    with (folder.parents[1] / ALIVE).open() as alive:
+        fcntl.flock(alive, fcntl.LOCK_SH)
+        done = subprocess.run(
+            command, cwd=side.root, env=environment, capture_output=True, text=True,
+            errors="replace", stdin=subprocess.DEVNULL, start_new_session=True,
+            pass_fds=(alive.fileno(),), preexec_fn=partial(end_with, os.getpid(), 9),
+        )  # fmt: skip
+    said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+    return folder / LOG, one_line(said[-1])

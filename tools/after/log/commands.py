@@ -1,0 +1,220 @@
+"""Commands: log."""
+
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import READING, WRITING, Add, Command
+
+
+def info(add: Add) -> None:
+    """Take a log."""
+    _log(add)
+    take.json(add)
+    take.quiet(add)
+
+
+def _log(add: Add) -> None:
+    add("log", type=Path, metavar="LOG", help="log file or run folder")
+
+
+def cat(add: Add) -> None:
+    """Take a log, which part of it, and in which format."""
+    _log(add)
+    add("--topics", nargs="+", metavar="TOPIC",
+        help="/state, /timing, /can/frames, /events, /tunings, /plant/state, ...; "
+        "default: /state as csv, /can/frames as candump, all as ndjson")  # fmt: skip
+    add("--format", choices=("csv", "ndjson", "candump"),
+        help="default: candump for frames, csv for variables, ndjson for all else")  # fmt: skip
+    _window(add, "up to here, exclusive")
+    take.quiet(add)
+
+
+def _window(add: Add, end: str) -> None:
+    add("--start", metavar="TIME", help="from here on: 1.5 or 500ms after the start")
+    add("--end", metavar="TIME", help=end)
+
+
+def diff(add: Add) -> None:
+    """Take two logs, and what counts as a difference."""
+    add("a", type=Path, metavar="A", help="log file or run folder")
+    add("b", type=Path, metavar="B", help="the other one")
+    add("variables", nargs="*", metavar="VAR",
+        help="names or patterns, without frames; default: all but timing")  # fmt: skip
+    add("--tolerance", type=float, default=0.0, metavar="REL", help="relative")
+    add("--absolute", type=float, default=0.0, metavar="ABS", help="absolute")
+    take.json(add)
+    take.quiet(add)
+
+
+def recover(add: Add) -> None:
+    """Take a damaged log."""
+    _log(add)
+    add("-o", "--output", type=Path, metavar="OUT", help="new file, instead of LOG-recovered.mcap")
+    take.json(add)
+    take.quiet(add)
+
+
+def export(add: Add) -> None:
+    """Take a log, which part of it, and a file."""
+    _log(add)
+    add("-o", "--output", type=Path, required=True, metavar="FILE", help="output")
+    add("--format", choices=("candump", "blf", "asc", "csv", "parquet"),
+        help="instead of what the suffix of FILE says")  # fmt: skip
+    add("--topics", nargs="+", metavar="TOPIC",
+        help="/can/frames; /state, /timing; with /plant before them the plant's")  # fmt: skip
+    _window(add, "up to here, exclusive")
+    add("--force", action="store_true", help="overwrite FILE")
+    take.json(add)
+    take.quiet(add)
+
+
+def import_(add: Add) -> None:
+    """Take a recording and its DBC file."""
+    add("recording", type=Path, metavar="FILE", help="recording of a CAN bus")
+    add("--dbc", type=Path, required=True, metavar="FILE.dbc", help="its frames")
+    add("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="log")
+    add("--node", metavar="NAME", help="see the bus as this node of the DBC file")
+    add("--channel", metavar="NAME", help="only this channel of the recording")
+    add("--force", action="store_true", help="overwrite OUT.mcap")
+    take.json(add)
+    take.quiet(add)
+
+
+def require(add: Add) -> None:
+    """Take a log, and what is required of it."""
+    _log(add)
+    add("--require", action="append", default=[], metavar="REQUIREMENT",
+        help="instead of the rig's: 'always: CONDITION', ...; may be repeated")  # fmt: skip
+    take.code_of_laws(add)
+    take.json(add, "print one JSON list")
+    take.quiet(add)
+
+
+def plot(add: Add) -> None:
+    """Take logs, variables and a picture."""
+    add("words", nargs="+", metavar="LOG|VARIABLE",
+        help="logs, and variables (* ? [] as in the shell, in quotes); "
+        "no variables: the figure of its evaluation")  # fmt: skip
+    add("-o", "--output", type=Path, default=Path("plot.png"), metavar="FILE.png",
+        help="picture, .png, .svg or .pdf; %(default)s")  # fmt: skip
+    take.code_of_laws(add)
+    _window(add, "up to here")
+    take.quiet(add)
+
+
+def animate(add: Add) -> None:
+    """Take a log, and a film."""
+    _log(add)
+    add("-o", "--output", type=Path, required=True, metavar="FILE.gif", help="film")
+    add("--speed", type=float, default=1.0, metavar="X", help="seconds of the log a second; 1")
+    take.code_of_laws(add)
+    _window(add, "up to here")
+    take.quiet(add)
+
+
+_PARTS = (
+    Command(
+        "info",
+        "tell what a log holds and what is missing in it",
+        "pcpc log info latest",
+        info,
+        module="after.log.info",
+        codes=READING,
+    ),
+    Command(
+        "cat",
+        "print the messages of a log as text",
+        "pcpc log cat latest --topics /can/frames --end 500ms",
+        cat,
+        module="after.log.cat",
+        codes=READING,
+    ),
+    Command(
+        "diff",
+        "compare two logs, variable by variable and frame by frame",
+        "pcpc log diff runs/A runs/B 'controller.*' --absolute 1e-9",
+        diff,
+        module="after.log.diff",
+        codes={
+            Exit.OK: "equal",
+            Exit.NOT_MET: "they differ",
+            Exit.WRONG_INPUT: "",
+            Exit.LOSS: "equal as far as they are readable",
+            Exit.INTERRUPTED: "",
+        },
+    ),
+    Command(
+        "recover",
+        "write what is readable of a damaged log to a new file",
+        "pcpc log recover latest",
+        recover,
+        module="after.log.recover",
+        codes={
+            Exit.OK: "something was recovered",
+            Exit.WRONG_INPUT: "nothing was",
+            Exit.LOSS: "the disk is full",
+            Exit.ENVIRONMENT: "cannot be written",
+            Exit.INTERRUPTED: "",
+        },
+    ),
+    Command(
+        "export",
+        "write frames as candump, BLF, ASC, or variables as CSV, Parquet",
+        "pcpc log export latest -o frames.blf",
+        export,
+        module="after.log.export",
+        codes=WRITING,
+    ),
+    Command(
+        "import",
+        "make a log of a recording: candump, BLF, ASC, what else python-can reads",
+        "pcpc log import drive.blf --dbc car.dbc -o drive.mcap",
+        import_,
+        module="after.log.importer",
+        codes=WRITING,
+    ),
+    Command(
+        "require",
+        "judge a log by what its rig requires in time, or by other requirements",
+        "pcpc log require latest --require 'never: abs(controller.e_rad) > 5 mrad, after: 1s'",
+        require,
+        module="after.log.require",
+        codes={
+            Exit.OK: "held",
+            Exit.NOT_MET: "violated",
+            Exit.WRONG_INPUT: "",
+            Exit.LOSS: "held as far as the log is readable",
+            Exit.INTERRUPTED: "",
+        },
+    ),
+    Command(
+        "plot",
+        "draw variables over time, of one log or several",
+        "pcpc log plot runs/A runs/B controller.e_rad 'barrel.*' -o e.png",
+        plot,
+        module="after.log.plot",
+        codes=WRITING,
+    ),
+    Command(
+        "animate",
+        "show the plant of a log as it moved, as a GIF",
+        "pcpc log animate latest -o barrel.gif\n"
+        "pcpc log animate latest --start 0.4s --end 1.6s --speed 0.2 -o slew.gif",
+        animate,
+        module="after.log.animate",
+        codes=WRITING,
+    ),
+)
+
+COMMANDS = (
+    Command(
+        "log",
+        "look into logs, compare, draw, convert and repair them",
+        "pcpc log info latest",
+        compiles=True,
+        reads_logs=True,
+        parts=_PARTS,
+        first=True,
+    ),
+)

@@ -1,0 +1,135 @@
+"""Pictures of variables over time: an axis a group, no spike lost between two pixels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.executive.log import reader as logs
+from pcpc.tools.after.log import series
+from pcpc.tools.after.log.series import Series
+from pcpc.tools.terminal.extras import FIGURE, need
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_WIDTH_IN, _AXIS_IN, _REST_IN, DPI = 12.0, 1.7, 0.9, 110
+_PIXELS = 1100  # of an axis, about
+_LONGEST_NAME = 60  # characters
+_MOST_NAMES = 4  # of logs in the title
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9", "#707070")
+
+
+@dataclass(frozen=True)
+class Source:
+    """One log; `name` is what the legend calls it."""
+
+    name: str
+    log: logs.Log
+    series: dict[str, Series]
+    start_ns: int
+
+    def inside(self, name: str, window_s: tuple[float, float]) -> NDArray[np.bool_]:
+        """Return which values of a variable lie in a window."""
+        t = 1e-9 * (self.series[name].time_ns - self.start_ns)
+        return np.asarray((t >= window_s[0]) & (t < window_s[1]))
+
+
+def decimated(
+    t: NDArray[np.float64], y: NDArray[np.float64], pixels: int = _PIXELS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return first, last, lowest and highest point of each of `pixels` equal parts of `t`.
+
+    `t`, `y` (n,), `t` ascending. NaN is neither lowest nor highest.
+    """
+    if len(t) <= 4 * pixels:
+        return t, y
+    edges = np.linspace(t[0], t[-1], pixels + 1)[:-1]
+    first = np.unique(np.searchsorted(t, edges))
+    last = np.append(first[1:], len(t)) - 1
+    part = np.repeat(np.arange(len(first)), last - first + 1)
+    by_value = np.lexsort((y, part))  # NaN comes last
+    finite = np.maximum(np.add.reduceat(~np.isnan(y), first, dtype=np.int64), 1)
+    low, high = by_value[first], by_value[first + finite - 1]
+    kept = np.unique(np.concatenate((first, low, high, last)))
+    return t[kept], y[kept]
+
+
+def page_of(
+    sources: Sequence[Source], groups: Sequence[Sequence[str]], window_s: tuple[float, float],
+    colours: Sequence[str] = _COLOURS,
+) -> "Figure":  # fmt: skip
+    """Return a figure with an axis for each group of names; UserError without matplotlib.
+
+    One source: lines by variable. Several: by source, and the variable stands above its axis.
+    """
+    need("a picture needs", "plot", FIGURE)
+    from matplotlib.figure import Figure
+
+    height = _REST_IN + (_AXIS_IN if len(groups) > 1 else 2 * _AXIS_IN) * len(groups)
+    page = Figure(figsize=(_WIDTH_IN, height), layout="constrained")
+    axes, n = page.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0], len(colours)
+    for ax, names in zip(axes, groups, strict=True):
+        by_log = len(sources) > 1
+        lines = [
+            (source, name, source.name if by_log else name, colours[(number if by_log else i) % n])
+            for i, name in enumerate(names)
+            for number, source in enumerate(sources)
+            if name in source.series
+        ]
+        drawn = [
+            _draw(ax, source, name, window_s, {"label": shown(label), "color": colour})
+            for source, name, label, colour in lines
+        ]
+        if not any(drawn):
+            ax.text(0.5, 0.5, "no value", transform=ax.transAxes, ha="center", color="#707070")
+        one = next(source.series[names[0]] for source in sources if names[0] in source.series)
+        unit = series.label(one.unit)
+        ax.set_ylabel(shown(unit), fontsize=8)
+        if len(sources) > 1:
+            ax.set_title(shown(names[0]), fontsize=8, loc="left", pad=2)
+        ax.grid(color="#D8D8D8", linewidth=0.5)
+        ax.tick_params(labelsize=8)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
+    axes[-1].set_xlabel("time [s]", fontsize=9)
+    page.suptitle("   ".join(map(shown, _title(sources))), fontsize=10, x=0.01, ha="left")
+    return page
+
+
+def shown(text: str) -> str:
+    """Return a name as matplotlib draws it: no formula, and no longer than an axis."""
+    return (text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}...").replace(
+        "$", r"\$"
+    )
+
+
+def _draw(
+    ax: "Axes", source: Source, name: str, window_s: tuple[float, float], style: dict[str, Any]
+) -> bool:
+    """Draw one line; return False if it has no value."""
+    one: Any = source.series[name]
+    t, inside = 1e-9 * (one.time_ns - source.start_ns), source.inside(name, window_s)
+    t, values = decimated(t[inside], one.values[inside])
+    ax.plot(t, values, linewidth=1.0, **style)
+    return bool(np.isfinite(values).any())
+
+
+def _title(sources: Sequence[Source]) -> tuple[str, ...]:
+    """Return what the logs are, as far as it is the same."""
+    facts = [source.log.metadata[node] for source in sources for node in source.log.node]
+    same = [
+        next(iter(values))
+        for key in ("rig", "controller", "pacing")
+        if len(values := {fact.get(key, "") for fact in facts}) == 1
+    ]
+    names = (
+        [source.name for source in sources]
+        if len(sources) <= _MOST_NAMES
+        else [f"{len(sources)} logs"]
+    )
+    same = [word for word in dict.fromkeys(same) if word not in ("", "none", *names)]
+    return ", ".join(names), *same

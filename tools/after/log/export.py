@@ -1,0 +1,241 @@
+"""`pcpc log export`: frames for other CAN tools, variables for spreadsheets and data frames.
+
+    format    content                                            stamps, wall time
+    candump   .log, as candump -L writes it, channel vcan0       nearest us
+    blf       .blf, Vector, channel 1                            ns (1)
+    asc       .asc, Vector, channel 1                            nearest us, in the local zone
+    csv       variables, a column each, unit in the header       ns; floats round trip
+    parquet   the same, unit and meaning in the field metadata   ns
+
+(1) python-can's own reader returns float seconds, which since 1970 resolve 0.24 us.
+
+Frames are those that the executive sent and received, each once, by stamp, as a bus would have
+shown them. Rows of a table are the executive's cycles; beside them the plant's record of the same
+cycle or, where both have clocks of their own, its newest one. `--start`, `--end`: s from the first
+record.
+"""
+
+import argparse
+import csv
+import json
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import can_id
+from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.tools.after.log import series
+from pcpc.tools.terminal.extras import need
+from pcpc.tools.terminal.outfile import LogCommandError, new_file
+from pcpc.tools.terminal.progress import Progress
+
+if TYPE_CHECKING:
+    from can import Message
+
+CHANNEL = "vcan0"
+FORMATS = {".log": "candump", ".blf": "blf", ".asc": "asc", ".csv": "csv", ".parquet": "parquet"}
+_OF_FRAMES = ("candump", "blf", "asc")
+_STEP = 20_000  # frames or rows from one look at the progress to the next
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `export`; return the exit code."""
+    return export(options, Progress(options.quiet))
+
+
+def export(options: argparse.Namespace, progress: Progress) -> int:
+    """As `command`; raises LogCommandError."""
+    form = options.format or FORMATS.get(options.output.suffix.lower())
+    if form is None:
+        known = ", ".join(FORMATS)
+        raise LogCommandError(f"{options.output}: no known suffix; use {known} or --format")
+    if form == "parquet":
+        need("Parquet needs", "parquet", "pyarrow")
+    start_s = series.seconds(options.start, -math.inf, "--start")
+    end_s = series.seconds(options.end, math.inf, "--end")
+    log = series.read_log(options.log, progress)
+    begin_ns = series.start_ns(log)
+    window = tuple(t if math.isinf(t) else begin_ns + round(1e9 * t) for t in (start_s, end_s))
+    with new_file(options.output, options.force) as path:
+        job = _Job(log, path, form, options.topics, window, progress)
+        what = "frames" if form in _OF_FRAMES else "rows"
+        count = _write_frames(job) if form in _OF_FRAMES else _write_table(job)
+    progress.close()
+    if options.json:
+        print(json.dumps({"file": str(options.output), "format": form, what: count}))
+    else:
+        print(f"{options.output}: {count} {what}")
+    return Exit.LOSS if log.missing else Exit.OK
+
+
+@dataclass(frozen=True)
+class _Job:
+    log: logs.Log
+    path: Path  # to write
+    format: str
+    topics: Sequence[str] | None  # as asked for
+    window: tuple[float, ...]  # wall time, ns
+    progress: Progress
+
+    def inside(self, time_ns: NDArray[np.int64]) -> Any:
+        """Return which of these times are in the window; LogCommandError for none."""
+        inside = (time_ns >= self.window[0]) & (time_ns < self.window[1])
+        if not inside.any():
+            what = "nothing was recorded there" if len(time_ns) else "nothing was recorded"
+            raise LogCommandError(f"{self.log.path}: {what}; see --topics, --start, --end")
+        return inside
+
+    def chosen(self, known: Collection[str], otherwise: Sequence[str]) -> Sequence[str]:
+        """Return the topics that were asked for, without repetition; LogCommandError if unknown."""
+        for topic in self.topics or ():
+            if topic not in known:
+                hint = did_you_mean(topic, known)
+                raise LogCommandError(f"{self.log.path}: --topics {topic}: no such topic for "
+                                      f"{self.format}{hint}")  # fmt: skip
+        return list(dict.fromkeys(self.topics or otherwise))
+
+
+# Frames
+
+
+def _write_frames(job: _Job) -> int:
+    topics = {logs.topic(name, "can/frames"): name for name in job.log.node}
+    chosen = job.chosen(topics, list(topics)[:1])
+    if len(chosen) > 1:
+        raise LogCommandError("--topics: two topics hold the same frames twice; give one of them")
+    node = topics[chosen[0]]
+    frames, offset_ns = job.log.node[node].frames, series.wall_offset_ns(job.log, node)
+    frames = frames[job.inside(frames["stamp_ns"] + offset_ns)]
+    frames = frames[np.argsort(frames["stamp_ns"], kind="stable")]
+    if len(bad := frames[frames["dlc"] > 8]):
+        what = f"{chosen[0]}: a frame of {bad[0]['dlc']} bytes"
+        raise LogCommandError(f"{job.log.path}: {what}; the log is damaged, record it again")
+    write = {"candump": _candump, "asc": _asc, "blf": _blf}[job.format]
+    write(job, list(zip(frames, (frames["stamp_ns"] + offset_ns).tolist(), strict=True)))
+    return len(frames)
+
+
+def message(row: Any, timestamp_s: float) -> "Message":
+    """Return a frame of a log as python-can's message."""
+    from can import Message
+
+    word, dlc = int(row["id"]), int(row["dlc"])
+    return Message(
+        timestamp=timestamp_s, arbitration_id=word & can_id.ID,
+        is_extended_id=bool(word & can_id.EXTENDED),
+        is_rx=bool(row["direction"]), dlc=dlc, data=row["data"][:dlc].tobytes(), channel=CHANNEL,
+    )  # fmt: skip
+
+
+def _to_us(time_ns: int) -> float:
+    """Return the seconds of the nearest us; a float64 would do it only within 0.24 us."""
+    return (time_ns + 500) // 1000 / 1e6
+
+
+Stamped = Sequence[tuple[Any, int]]  # frame, wall time in ns
+
+
+def _candump(job: _Job, frames: Stamped) -> None:
+    from can import CanutilsLogWriter
+
+    with CanutilsLogWriter(job.path) as writer:
+        for row, time_ns in _told(job, frames):
+            writer.on_message_received(message(row, _to_us(time_ns)))
+
+
+def _asc(job: _Job, frames: Stamped) -> None:
+    """Write ASC; its block begins at a whole second, because the writer prints 7 ms as .7."""
+    from can import ASCWriter
+
+    with ASCWriter(job.path) as writer:
+        writer.log_event("// written by pcpc log export", float(frames[0][1] // 10**9))
+        for row, time_ns in _told(job, frames):
+            writer.on_message_received(message(row, _to_us(time_ns)))
+
+
+def _blf(job: _Job, frames: Stamped) -> None:
+    """Write BLF with times since a whole second, which float64 resolves to the ns.
+
+    The writer cuts off what is below, hence the half. The second itself goes into the header.
+    """
+    from can import BLFWriter
+
+    whole_s = frames[0][1] // 10**9
+    with BLFWriter(job.path) as writer:
+        writer.start_timestamp = 0.0
+        for row, time_ns in _told(job, frames):
+            writer.on_message_received(message(row, (time_ns - whole_s * 10**9 + 0.5) * 1e-9))
+        writer.start_timestamp, writer.stop_timestamp = float(whole_s), 1e-9 * frames[-1][1]
+
+
+def _told(job: _Job, frames: Stamped) -> Iterator[tuple[Any, int]]:
+    """Yield the frames and show how many are done."""
+    for number, pair in enumerate(frames):
+        if number and number % _STEP == 0:
+            job.progress.show(f"{number}/{len(frames)} frames")
+        yield pair
+
+
+# Tables
+
+Column = tuple[str, str, str, NDArray[Any]]  # name, unit, help, values
+
+
+def _write_table(job: _Job) -> int:
+    known = series.all_series(job.log)
+    topics = list(dict.fromkeys(one.topic for one in known.values()))
+    chosen = job.chosen(topics, [topic for topic in topics if topic.endswith("/state")])
+    columns = [one for topic in chosen for one in known.values() if one.topic == topic]
+    if not columns:
+        raise LogCommandError(f"{job.log.path}: no variables recorded; frames are: use .log, .blf")
+    base, by_cycle = columns[0], series.without_clock(job.log)
+    rows = np.flatnonzero(job.inside(base.time_ns))
+    table: list[Column] = [
+        ("time_ns", "ns", "wall time", base.time_ns[rows]),
+        ("cycle", "", "", base.cycle[rows]),
+    ]
+    paired = {
+        topic: series.rows_of(base, next(one for one in columns if one.topic == topic), by_cycle)
+        for topic in chosen
+    }
+    for one in columns:
+        at = paired[one.topic][rows]
+        values = np.append(one.values, math.nan)[at]  # row -1, of none, is the last
+        table.append((one.name, one.unit, one.help, values))
+    (_csv if job.format == "csv" else _parquet)(job, table)
+    return len(rows)
+
+
+def _csv(job: _Job, table: Sequence[Column]) -> None:
+    count = len(table[0][3])
+    with job.path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(f"{name} {series.label(unit)}" for name, unit, _, _ in table)
+        for first in range(0, count, _STEP):
+            if first:
+                job.progress.show(f"{first}/{count} rows")
+            parts = [values[first : first + _STEP].tolist() for *_, values in table]
+            writer.writerows(zip(*parts, strict=True))
+
+
+def _parquet(job: _Job, table: Sequence[Column]) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    fields, arrays = [], []
+    for name, unit, text, values in table:
+        arrays.append(pyarrow.array(values))
+        about = {"unit": unit or "1", "help": text}
+        fields.append(pyarrow.field(name, arrays[-1].type, metadata=about))
+    facts = job.log.metadata
+    about = {f"{node}.{key}": value for node in job.log.node for key, value in facts[node].items()}
+    schema = pyarrow.schema(fields, metadata=about)
+    whole = pyarrow.Table.from_arrays(arrays, schema=schema)
+    parquet.write_table(whole, job.path, compression="zstd")

@@ -1,0 +1,71 @@
+"""An MCAP file that others wrote: by what, and how many messages of which topic; bounded cost."""
+
+import mmap
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Chunk, Header
+
+from pcpc.drivers.errors import printable
+from pcpc.drivers.regular import opened
+from pcpc.executive.log.mcap_reader import Scan, TooMuchError
+from pcpc.executive.log.mcap_records import (
+    LARGEST_CHUNK,
+    MAGIC,
+    RECORD,
+    UNREADABLE,
+    read_channel,
+    unpacked,
+)
+
+
+def survey(path: Path) -> dict[str, Any] | None:
+    """Return library and messages by topic; None for what is no MCAP file."""
+    found: dict[str, Any] = {"file": str(path), "library": "", "topics": {}}
+    names: dict[int, str] = {}
+    try:
+        with opened(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            if data[: len(MAGIC)] != MAGIC:
+                return None
+            for opcode, body in _records(data, len(MAGIC), Scan(size=len(data))):
+                if opcode == Opcode.HEADER:
+                    library = Header.read(ReadDataStream(BytesIO(body))).library
+                    found["library"] = printable(library)
+                elif opcode == Opcode.CHANNEL:
+                    channel = read_channel(body)
+                    names[channel.id] = channel.topic
+                    found["topics"].setdefault(channel.topic, 0)
+                elif opcode == Opcode.MESSAGE:
+                    topic = names.get(int.from_bytes(body[:2], "little"))
+                    if topic is not None:
+                        found["topics"][topic] += 1
+    except (*UNREADABLE, OSError, TooMuchError) as error:
+        found["damaged"] = printable(str(error)) or "it is cut"
+    return found
+
+
+def _records(
+    data: Any, place: int, cost: Scan, inside: bool = False
+) -> Iterator[tuple[int, bytes]]:
+    """Yield opcode and body of each record, also of those in chunks, up to the footer."""
+    while place < len(data) or not inside:
+        if place + RECORD.size > len(data):
+            raise ValueError("it is cut")
+        opcode, length = RECORD.unpack_from(data, place)
+        place += RECORD.size + length
+        if place > len(data):
+            raise ValueError("it is cut")
+        cost.spend(0, 1)
+        if opcode == Opcode.FOOTER:
+            return
+        body = bytes(data[place - length : place])
+        if opcode == Opcode.CHUNK and not inside:
+            chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+            cost.spend(min(chunk.uncompressed_size, LARGEST_CHUNK))
+            yield from _records(unpacked(chunk), 0, cost, inside=True)
+        else:
+            yield opcode, body

@@ -1,0 +1,246 @@
+"""`pcpc log import`: a recording of a CAN bus and its DBC file become a log of this project.
+
+    /can/frames   every classic data frame, known or not, by stamp; sent and received as the
+                  recording says, with --node as the DBC file says for this node
+    /state        `rx.FRAME.signal`, with --node also `tx.FRAME.signal`: the latest values, a row
+                  for each frame of the clock frame; NaN until a signal is first seen
+    clock frame   of the most frequent known ids (within 1 %) the one that is heard last, so that a
+                  row holds a whole round of a bus on which all is sent once a cycle
+    cycle         number of the row; of a frame, that of the first row which may hold it
+    stamp         wall time of the recording in ns, also in stamp_ns: one clock
+
+The log has a node `executive` (the recording's side of the bus), the DBC file, and a metadata
+record `import` of what was counted. It has no rig, so it cannot be recomputed.
+"""
+
+import argparse
+import json
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import can_id
+from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.channels import columns, others
+from pcpc.executive.log.facts import facts
+from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
+from pcpc.tools.after.log.recording import Recording, read
+from pcpc.tools.terminal.outfile import LogCommandError, new_file
+from pcpc.tools.terminal.progress import Progress
+
+if TYPE_CHECKING:
+    from pcpc.tools.after.log.decode import Decoded
+
+_ABOUT_AS_MANY = 0.99
+_FRAMES_AT_ONCE = 4000  # 71 bytes each as a message
+_CDR_HEADER = (0, 1, 0, 0)
+_TOLD_IDS = 8
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `import`; return the exit code."""
+    return import_recording(options, Progress(options.quiet))
+
+
+def import_recording(options: argparse.Namespace, progress: Progress) -> int:
+    """As `command`; raises LogCommandError."""
+    with new_file(options.output, options.force) as path:
+        from pcpc.tools.after.log import decode  # here, because they bring the compiler
+
+        database = decode.load(options.dbc)
+        nodes = sorted(node.name for node in database.nodes)
+        if options.node is not None and options.node not in nodes:
+            hint = did_you_mean(options.node, nodes)
+            raise LogCommandError(f"{options.dbc}: no node {options.node}{hint}")
+        recording = read(options.recording, options.channel, progress)
+        found, unknown = decode.by_id(database, recording.frames, progress)
+        if not any(len(one.place) for one in found):
+            ids = _ids(dict(Counter(recording.frames["id"].tolist())))
+            raise LogCommandError(
+                f"{options.recording}: no frame is one of {options.dbc}; it has {ids}; "
+                "give the DBC file of this bus"
+            )
+        log = _Imported(options, recording, found)
+        log.counts["unknown"] = {f"0x{can_id.text_of(i)}": n for i, n in unknown.items()}
+        log.write(path, progress)
+    progress.close()
+    print(json.dumps(log.counts) if options.json else _report(options, log.counts, unknown))
+    return Exit.OK
+
+
+class _Imported:
+    """The log in the making: rows, columns, directions."""
+
+    def __init__(
+        self, options: argparse.Namespace, recording: Recording, found: "list[Decoded]"
+    ) -> None:
+        self.options, self.found = options, found
+        self.frames = frames = recording.frames
+        self.sent = {id(one) for one in found if options.node in one.message.senders}
+        for one in found:
+            places = np.flatnonzero(frames["id"] == _id_of(one))
+            frames["e2e"][places] = one.state
+            if options.node is not None:
+                frames["direction"][places] = id(one) not in self.sent
+        self.clock = _clock_frame(found)
+        self.rows = self.clock.place
+        frames["cycle"] = np.searchsorted(self.rows, np.arange(len(frames)))
+        gaps = np.diff(frames["stamp_ns"][self.rows])
+        self.period_ns = max(1, round(float(np.median(gaps)))) if len(gaps) else 1_000_000_000
+        self.variables = [
+            [f"{'tx' if id(one) in self.sent else 'rx'}.{one.message.name}.{name}", unit,
+             "sent" if id(one) in self.sent else "received", one.message.name, text]
+            for one in found for name, unit, text in one.signals
+        ]  # fmt: skip
+        duration_s = 1e-9 * int(frames["stamp_ns"][-1] - frames["stamp_ns"][0])
+        self.counts: dict[str, Any] = {
+            "file": str(options.output), "frames": len(frames),
+            "ids": len(np.unique(frames["id"])), "rows": len(self.rows),
+            "signals": len(self.variables), "duration_s": round(duration_s, 6),
+            "clock_frame": self.clock.message.name, "rate_hz": round(1e9 / self.period_ns, 6),
+            "left_out": dict(recording.left_out), "unsorted": recording.unsorted,
+            "channels": dict(recording.channels),
+            "lost": sum(one.lost for one in found if one.checked),
+            "not_decoded": sum(len(one.state) - len(one.place) for one in found),
+            "foreign_crc": [one.message.name for one in found if one.foreign_crc],
+        }  # fmt: skip
+
+    def write(self, path: Path, progress: Progress) -> None:
+        """Write the log; OSError."""
+        writer = BulkWriter(path)
+        try:
+            writer.start(profile="ros2")
+            self._explain(writer)
+            channels = self._register(writer)
+            self._messages(writer, channels, progress)
+            counts = {"written.executive.record": len(self.rows),
+                      "written.executive.frame": len(self.frames)}  # fmt: skip
+            writer.add_metadata("run", {key: str(value) for key, value in counts.items()})
+            writer.finish()
+        finally:
+            writer.file.close()
+
+    def _explain(self, writer: BulkWriter) -> None:
+        """Write metadata and attachments as the recorder does."""
+        from pcpc.drivers import dbc_file
+
+        first_ns = int(self.frames["stamp_ns"][0])
+        metadata = facts() | {
+            "clock_monotonic_ns": str(first_ns), "clock_wall_ns": str(first_ns),
+            "pacing": "imported", "bus": self.options.recording.name, "controller": "none",
+            "seed": "0", "rate_hz": repr(self.counts["rate_hz"]), "rig": "imported",
+            "period_ns": str(self.period_ns), "can_node": self.options.node or "",
+        }  # fmt: skip
+        writer.add_metadata("executive", metadata)
+        counts = {key: json.dumps(value) for key, value in self.counts.items()}
+        writer.add_metadata("import", counts)
+        names = [row[0] for row in self.variables]
+        description = {
+            "node": "executive", "rig": "imported", "period_ns": self.period_ns,
+            "cycles": len(self.rows), "watch": "", "variables": self.variables, "ranges": {},
+            "state_columns": names, "timing_columns": [],
+            "frames": {str(_id_of(one)): one.message.name for one in self.found},
+            "state_names": [], "fault_names": [], "metadata": metadata,
+        }  # fmt: skip
+        for name, data in (
+            (self.options.dbc.name, dbc_file.text(self.options.dbc).encode()),
+            ("executive.json", json.dumps(description).encode()),
+        ):
+            writer.add_attachment(first_ns, first_ns, name, "text/plain", data)
+
+    def _register(self, writer: BulkWriter) -> tuple[int, int]:
+        """Register the topics as the recorder does; return the ids of /state and /can/frames."""
+        state = columns(writer, "/state", "pcpc/State", self.variables)
+        return state, others(writer, "executive")["can/frames"]
+
+    def _messages(self, writer: BulkWriter, channels: tuple[int, int], progress: Progress) -> None:
+        """Write rows and frames in pieces, so that what belongs together lies together."""
+        bytes_each = 8 * len(self.variables) + 64
+        at_once = max(1, min(_FRAMES_AT_ONCE, CHUNK_BYTES // 2 // bytes_each))
+        done, count = 0, len(self.frames)
+        for first in range(0, len(self.rows) + 1, at_once):
+            cycle = np.arange(first, min(first + at_once, len(self.rows)))
+            last = first + at_once > len(self.rows)
+            end = count if last else int(self.rows[cycle[-1]]) + 1
+            for begin in range(done, end, _FRAMES_AT_ONCE):
+                some = self.frames[begin : min(begin + _FRAMES_AT_ONCE, end)]
+                writer.add([_records(channels[1], some["cycle"], some["stamp_ns"], some)])
+            done = end
+            stamps = self.frames["stamp_ns"][self.rows[cycle]]
+            writer.add([_records(channels[0], cycle, stamps, self._values(cycle))])
+            if first:
+                progress.show(f"{self.options.output}: {done}/{count} frames")
+
+    def _values(self, cycle: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return all signals at these rows, (rows, signals)."""
+        out = np.full((len(cycle), len(self.variables)), np.nan)
+        begin = 0
+        for one in self.found:
+            end = begin + len(one.signals)
+            latest = np.searchsorted(one.place, self.rows[cycle], side="right") - 1
+            seen = latest >= 0
+            out[seen, begin:end] = one.values[latest[seen]]
+            begin = end
+        return out
+
+
+def _id_of(one: "Decoded") -> int:
+    return can_id.word_of(int(one.message.frame_id), one.message.is_extended_frame)
+
+
+def _clock_frame(found: "list[Decoded]") -> "Decoded":
+    """Return the frame that makes the rows, see the head of this file."""
+    most = max(len(one.place) for one in found)
+    frequent = [one for one in found if len(one.place) >= _ABOUT_AS_MANY * most]
+    return max(frequent, key=lambda one: int(one.place[0]))
+
+
+def _records(
+    channel: int, cycle: NDArray[np.int64], stamp_ns: NDArray[np.int64], payload: NDArray[Any]
+) -> NDArray[Any]:
+    """Return message records with the CDR header before each payload."""
+    body = np.ascontiguousarray(payload).view(np.uint8).reshape(len(payload), -1)
+    data = np.empty((len(payload), logs.CDR_BYTES + body.shape[1]), np.uint8)
+    data[:, : logs.CDR_BYTES], data[:, logs.CDR_BYTES :] = _CDR_HEADER, body
+    return message_records(channel, cycle, stamp_ns, data)
+
+
+def _ids(counts: dict[int, int]) -> str:
+
+    most = sorted(counts, key=lambda i: (-counts[i], i))
+    shown = ", ".join(f"0x{can_id.text_of(i)} ({counts[i]})" for i in most[:_TOLD_IDS])
+    return shown + (f" and {len(most) - _TOLD_IDS} more ids" if len(most) > _TOLD_IDS else "")
+
+
+def _report(
+    options: argparse.Namespace, counts: dict[str, Any], unknown: dict[int, int]
+) -> str:  # fmt: skip
+    """Return what was done, and everything that is not as it was in the recording."""
+    lines = [
+        f"{options.output}: {counts['frames']} frames of {counts['ids']} ids in "
+        f"{counts['duration_s']:g} s; {counts['rows']} rows of {counts['signals']} signals, "
+        f"one for each {counts['clock_frame']} ({counts['rate_hz']:g} Hz)"
+    ]
+    kinds = [f"{n} {kind}" for kind, n in sorted(counts["left_out"].items())]
+    if kinds:
+        lines.append(f"left out: {', '.join(kinds)} frames")
+    if unknown:
+        lines.append(f"not in {options.dbc.name}, kept as frames only: {_ids(unknown)}")
+    if counts["lost"]:
+        lines.append(f"missing by their counters: {counts['lost']} frames")
+    if counts["not_decoded"]:
+        why = "wrong CRC or length, repeated, out of sequence, or not decodable"
+        lines.append(f"kept as frames only: {counts['not_decoded']}; {why}")
+    if counts["foreign_crc"]:
+        lines.append(f"CRC of another kind, not checked: {', '.join(counts['foreign_crc'])}")
+    if counts["unsorted"]:
+        lines.append(f"stamped out of order, now sorted: {counts['unsorted']} frames")
+    if options.channel is None and len(counts["channels"]) > 1:
+        names = ", ".join(sorted(counts["channels"]))
+        lines.append(f"channels {names} are merged; --channel takes one")
+    return "\n".join(lines)

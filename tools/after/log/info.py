@@ -1,0 +1,201 @@
+"""`pcpc log info`: what a log holds, on one screen.
+
+Reads the file once, message by message, so that a damaged, cut or empty log is described as far as
+it goes. `start` is the first cycle on the wall clock; of a run without a clock, when it was made.
+"""
+
+import argparse
+import json
+import math
+import re
+import shutil
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_reader import Scan
+from pcpc.tools.after.log import source
+from pcpc.tools.after.log.foreign import survey
+from pcpc.tools.after.log.tally import Tally
+from pcpc.tools.terminal.progress import Progress
+
+_FACTS = ("rig", "controller", "pacing", "bus", "seed", "rate_hz")
+_TOPICS = 60  # on the screen; our logs have 15
+_SHOWN = 12  # events and tunings on the screen; all of them with --json
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `info`; return the exit code."""
+    return _info(options, Progress(options.quiet))
+
+
+def _info(options: argparse.Namespace, progress: Progress) -> int:
+    path = source.file_of(options.log)
+    try:
+        report = describe(path, progress)
+    except logs.LogError as error:
+        if foreign := survey(path):
+            _show_foreign(foreign, str(error), options.json)
+        raise
+    progress.close()
+    if options.json:
+        print(json.dumps(report, indent=2))
+    else:
+        show(report)
+    return Exit.LOSS if report["missing"] else Exit.OK
+
+
+def describe(path: Path, progress: Progress) -> dict[str, Any]:
+    """Return what `--json` prints; LogError if the file is no log of this project."""
+    found = Scan()
+    tally = Tally(found)
+    for channel, piece in source.stream(path, found, progress):
+        tally.add(channel, source.messages(piece))
+    log = logs.assemble(path, found)
+    facts = log.metadata[next(iter(log.node))]
+    lead = logs.topic(next(iter(log.node)), "state")
+    zero_ns, duration_s = tally.first_ns.get(lead, 0), tally.duration_s(lead)
+    events = tally.entries("events", zero_ns)
+    return {
+        "file": str(path), "bytes": found.size,
+        "bytes_per_hour": round(found.size / duration_s * 3600) if duration_s else None,
+        **{name: facts.get(name, "") for name in _FACTS},
+        "start": start_of(facts, zero_ns), "duration_s": duration_s,
+        "versions": {k.removeprefix("version_"): v for k, v in facts.items()
+                     if k.startswith("version_") or k in ("python", "git")},
+        "machine": {k: facts.get(k, "") for k in ("kernel", "machine", "processor", "cpus")},
+        "nodes": {name: tally.cycles(logs.topic(name, "state")) for name in log.node},
+        "frames": tally.frames(logs.frame_names(log), duration_s), "e2e": tally.e2e(log.node),
+        "faults": [e for e in events if e.get("event") == "fault"],
+        "events": events, "tunings": tally.entries("tunings", zero_ns),
+        "topics": tally.topics(),
+        "attachments": {name: len(text.encode()) for name, text in log.attachments.items()}
+        | {name: len(data) for name, data in log.files.items()},
+        "recorder": log.metadata.get("run", {}), "recovered": log.metadata.get("recovered", {}),
+        "missing": log.missing + tally.left_out(),
+    }  # fmt: skip
+
+
+def start_of(facts: Mapping[str, str], wall_ns: int) -> str:
+    """Return when the run began, ISO 8601 in UTC; empty if the log does not tell."""
+    if facts.get("pacing") == "virtual" or not wall_ns:
+        wall_ns = int(facts.get("clock_wall_ns", 0))
+    if not 0 < wall_ns < 1 << 62:
+        return ""
+    return datetime.fromtimestamp(wall_ns // 1000 / 1e6, UTC).isoformat(timespec="milliseconds")
+
+
+def show(report: Mapping[str, Any]) -> None:
+    """Print a report as a table on stdout."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column()
+    for name, text in _lines(report):
+        table.add_row(name, Text(text))
+    Console(highlight=False, width=max(shutil.get_terminal_size().columns, 80)).print(table)
+
+
+def _lines(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield (label, text) of each line on the screen."""
+    facts = (f"{name} {report[name]}" for name in _FACTS[1:] if report[name])
+    yield "rig", ", ".join((str(report["rig"]), *facts))
+    yield "start", f"{report['start'] or 'unknown'}, for {report['duration_s']:g} s"
+    for name, node in report["nodes"].items():
+        span = f" ({node['first']} to {node['last']})" if node["cycles"] else ""
+        lost = f", {node['lost']} lost" if node["lost"] else ""
+        yield name, f"{node['cycles']} cycles{span}, {node['skipped']} skipped{lost}"
+    yield "frames", _frames_text(report["frames"], "sent")
+    yield "", _frames_text(report["frames"], "received")
+    bad = [f"{name} {state} {n}" for name, row in report["e2e"].items() for state, n in row.items()]
+    yield "e2e errors", ", ".join(bad) or "none"
+    yield from _entry_lines("faults", report["faults"])
+    yield from _entry_lines("events", report["events"])
+    yield from _entry_lines("tunings", report["tunings"])
+    for i, row in enumerate(report["topics"][:_TOPICS]):
+        text = f"{row['topic']:20} {row['messages']:>9} messages {_size(row['bytes']):>10}"
+        yield "topics" if i == 0 else "", text
+    if len(report["topics"]) > _TOPICS:
+        yield "", f"and {len(report['topics']) - _TOPICS} more, see --json"
+    hour = report["bytes_per_hour"]
+    per_hour = "" if hour is None else f", {_size(hour)} an hour"
+    yield "size", f"{_size(report['bytes'])}{per_hour} (compressed)"
+    yield "attachments", ", ".join(report["attachments"]) or "none"
+    yield "versions", ", ".join(f"{name} {text}" for name, text in report["versions"].items())
+    yield "machine", ", ".join(text for text in report["machine"].values() if text)
+    if report["recorder"]:
+        yield "recorder", _recorder_text(report["recorder"])
+    for name, text in report["recovered"].items():
+        yield "recovered", f"{name}: {text}"
+    for i, line in enumerate(report["missing"] or ["nothing"]):
+        yield "missing" if i == 0 else "", line
+
+
+def _frames_text(frames: list[dict[str, Any]], direction: str) -> str:
+    rows = (row for row in frames if row["direction"] == direction)
+    texts = [
+        f"{row['name'] or row['id']} {row['count']}"
+        + (f" ({row['rate_hz']:g}/s)" if row["rate_hz"] is not None else "")
+        for row in rows
+    ]
+    return f"{direction}: {', '.join(texts) or 'none'}"
+
+
+def _recorder_text(counts: Mapping[str, str]) -> str:
+    def total(kind: str) -> int:
+        texts = [text for name, text in counts.items() if name.split(".")[0] == kind]
+        return sum(int(text) for text in texts if re.fullmatch("[0-9]{1,19}", text))
+
+    kinds = ("written", "dropped", "discarded")
+    return ", ".join(f"{total(kind)} records {kind}" for kind in kinds)
+
+
+def entry_text(entry: Mapping[str, Any]) -> str:
+    """Return an event or a tuning in words: what happened, to what, and the number that it has."""
+    kind, name, value = (entry.get(key) for key in ("event", "name", "value"))
+    if kind in (None, "change", "alarm"):
+        return " ".join(str(word) for word in (kind, name, value) if word is not None)
+    count = entry.get("argument")
+    numbers = {
+        "skip": f"{count} periods", "late": f"by {1e-3 * _number(count):.1f} us",
+        "fallback": f"{count} periods behind",
+    }  # fmt: skip
+    return f"{kind} {name or numbers.get(str(kind), '' if count is None else count)}".rstrip()
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+def _entry_lines(label: str, entries: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    for i, entry in enumerate(entries[:_SHOWN]):
+        what = entry_text(entry)
+        text = f"{entry['time_s']:+.3f} s  {entry['node']}  cycle {entry.get('cycle')}  {what}"
+        yield label if i == 0 else "", text
+    if len(entries) > _SHOWN:
+        yield "", f"and {len(entries) - _SHOWN} more, see --json"
+    if not entries:
+        yield label, "none"
+
+
+def _size(count: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} GB"
+
+
+def _show_foreign(found: Mapping[str, Any], reason: str, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps({**found, "reason": reason}, indent=2))
+        return
+    print(f"{found['file']}: an MCAP file written by {found['library'] or 'others'}")
+    for topic, count in found["topics"].items():
+        print(f"{topic}  {count} messages")

@@ -1,0 +1,252 @@
+"""Other people's recordings of a CAN bus, read by python-can, with stamps to the ns.
+
+    candump .log    the digits of the text: us, or ns where it has nine of them
+    BLF             since the start of the file, ns or 10 us; the start has ms
+    ASC             since the start of the measurement, as many digits as it has; the start has ms
+    others          float seconds, to the nearest us once they no longer resolve ns
+
+Only classic data frames of at most 8 bytes are kept; error, remote and CAN FD frames are counted.
+Frames come back by stamp. A compressed file ends in .gz behind its own suffix.
+
+A damaged file can make python-can loop for ever, or unpack without end: it may take 10 s of
+computing without a frame, unpack to 200 times its size, and hold a frame for each of its bytes.
+"""
+
+import gzip
+import logging
+import math
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import can_id
+from pcpc.drivers.errors import Exit, printable
+from pcpc.drivers.patience import StalledError, patience
+from pcpc.executive.log import reader as logs
+from pcpc.tools.terminal.outfile import LogCommandError
+from pcpc.tools.terminal.progress import Progress
+
+if TYPE_CHECKING:
+    from can import Message
+
+_STEP = 20_000  # frames from one look at the progress to the next
+_ERROR_FRAME = 0x20000000  # in the id of a candump line
+_STALL_S = 10.0
+_UNPACKED, _UNPACKED_PER_BYTE, _FRAMES = 16 << 20, 200, 1000
+_BLF_OBJECT, _BLF_CONTAINER, _BLF_ZLIB = 16, 10, 2  # size of a head; a kind; a method
+_RESOLVES_NS_S = 2.0**22  # float64 seconds from here on are more than 1 ns apart
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was read: `frames` logs.FRAME by stamp (cycle 0), `left_out` and `channels` counted."""
+
+    frames: NDArray[Any]
+    left_out: Counter[str]
+    channels: Counter[str]
+    unsorted: int  # frames stamped before the frame ahead of them in the file
+
+
+class _Candump:
+    """The lines of a candump log; keeps what python-can loses: digits, and what is an error."""
+
+    def __init__(self, file: Any) -> None:
+        self._file = file
+        self.time_ns = 0
+        self.is_error = False
+
+    def __iter__(self) -> Iterator[str]:
+        for line in self._file:
+            words = line.split()
+            if words:
+                whole, _, digits = words[0].strip("()").partition(".")
+                self.time_ns = int(whole) * 10**9 + int((digits + "000000000")[:9])
+                number = words[2].partition("#")[0]
+                self.is_error = len(number) > 3 and bool(int(number, 16) & _ERROR_FRAME)
+            yield line
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def read(path: Path, channel: str | None, progress: Progress) -> Recording:
+    """Read a recording, of one channel if it is named; LogCommandError: one line."""
+    import can
+
+    if not path.is_file():
+        raise LogCommandError(f"{path}: no such file; give a recording, as .log, .blf or .asc")
+    logging.getLogger("can").setLevel(logging.ERROR)  # what it warns about is told or left out
+    counted, number = _Counted(channel), 0
+    try:
+        _check_unpacked(path)
+        most = _FRAMES + path.stat().st_size
+        with patience(_STALL_S, lambda: number):
+            for number, (message, time_ns) in enumerate(_messages(path), 1):
+                counted.take(message, time_ns)
+                if number > most:
+                    raise ValueError("it holds more frames than bytes: an object without a size?")
+                if number % _STEP == 0:
+                    progress.show(f"{path}: {number} frames")
+    except StalledError:
+        what = f"python-can stays behind frame {number} for ever: the file is damaged there"
+        raise LogCommandError(f"{path}: {what}; give the whole recording") from None
+    except NotImplementedError as error:  # a reader that needs another package
+        raise LogCommandError(f"{path}: {error}", Exit.ENVIRONMENT) from None
+    except OSError as error:
+        raise LogCommandError(f"{path}: {error.strerror or error}; is it whole?") from None
+    except Exception as error:  # python-can's readers let everything through
+        if isinstance(error, ValueError) and "No read support" in str(error):
+            known = ", ".join(can.io.player.MESSAGE_READERS)
+            what = f"no format is known by this suffix; known: {known}"
+        else:
+            reason = printable(" ".join(str(error).split())[:300]) or type(error).__name__
+            what = f"damaged after {number} frames ({reason}); give the whole recording"
+        raise LogCommandError(f"{path}: {what}") from None
+    return counted.result(path)
+
+
+def _check_unpacked(path: Path) -> None:
+    """Raise ValueError for a compressed file that unpacks to more than a recording can hold."""
+    most = _UNPACKED + _UNPACKED_PER_BYTE * path.stat().st_size
+    packed = path.suffix == ".gz"
+    if packed:
+        with gzip.open(path) as file:
+            while data := file.read(1 << 20):
+                if (most := most - len(data)) < 0:
+                    raise ValueError("it unpacks to more than 200 times its size")
+    if Path(path.stem if packed else path.name).suffix.lower() != ".blf":
+        return
+    with gzip.open(path) if packed else path.open("rb") as blf:
+        head = blf.read(8)
+        blf.seek(int.from_bytes(head[4:8], "little"))
+        while (head := blf.read(_BLF_OBJECT))[:4] == b"LOBJ":
+            size, kind = (int.from_bytes(head[i : i + 4], "little") for i in (8, 12))
+            if size < _BLF_OBJECT:
+                raise ValueError("an object without a size")
+            body = blf.read(min(size - _BLF_OBJECT, most))
+            blf.read(size % 4)
+            if kind == _BLF_CONTAINER and body[:2] == bytes((_BLF_ZLIB, 0)):
+                most -= _inflated(body[_BLF_OBJECT:], most)
+            if most < 0:
+                raise ValueError("it unpacks to more than 200 times its size")
+
+
+def _inflated(data: bytes, most: int) -> int:
+    """Return how many bytes a zlib stream has, counted a little beyond `most` at the furthest."""
+    stream, size = zlib.decompressobj(), 0
+    while data and size <= most and not stream.eof:
+        size += len(stream.decompress(data, 1 << 20))
+        data = stream.unconsumed_tail
+    return size
+
+
+def _messages(path: Path) -> Iterator[tuple["Message", int]]:
+    """Yield messages with their stamps in ns; whatever python-can raises."""
+    import can
+
+    reader: Any = can.LogReader(path)
+    if isinstance(reader, can.CanutilsLogReader):
+        reader.file = lines = _Candump(reader.file)  # type: ignore[assignment]
+        for message in reader:
+            message.is_error_frame = message.is_error_frame or lines.is_error
+            yield message, lines.time_ns
+        return
+    start_ns = 0
+    if isinstance(reader, can.BLFReader):
+        if path.suffix == ".blf" and reader.file_size > path.stat().st_size:
+            raise ValueError(f"{path.stat().st_size} of {reader.file_size} bytes")
+        start_ns, reader.start_timestamp = round(1e3 * reader.start_timestamp) * 10**6, 0.0
+    elif isinstance(reader, can.ASCReader):
+        start_ns = _asc_start_ns(path)
+    elif isinstance(reader, can.SqliteReader):  # signals do not reach a query; this does
+        calls = iter(range(path.stat().st_size))
+        vars(reader)["_conn"].set_progress_handler(lambda: next(calls, None) is None, 1000)
+    for message in reader:
+        yield message, start_ns + _to_ns(message.timestamp)
+
+
+def _asc_start_ns(path: Path) -> int:
+    """Return the wall time of an ASC file's t = 0; 0 if its date is not one that python-can reads.
+
+    Raises ValueError for stamps that count from the event before: events that are no frames are
+    skipped, so their sum would be wrong.
+    """
+    import can
+
+    reader: Any = can.LogReader(path, relative_timestamp=False)
+    try:
+        next(iter(reader), None)
+    except ValueError as error:
+        if "datetime" not in str(error):
+            raise
+        return 0
+    finally:
+        reader.stop()
+    if reader.timestamps_format == "relative":
+        raise ValueError("its stamps count from event to event; convert it to absolute ones")
+    return round(1e3 * reader.start_time) * 10**6
+
+
+def _to_ns(seconds: float) -> int:
+    whole = math.floor(seconds)
+    if abs(seconds) < _RESOLVES_NS_S:
+        return whole * 10**9 + round((seconds - whole) * 1e9)
+    return whole * 10**9 + round((seconds - whole) * 1e6) * 1000
+
+
+class _Counted:
+    """Collects frames, counts what is not kept."""
+
+    def __init__(self, channel: str | None) -> None:
+        self._channel = channel
+        self._columns: list[list[int]] = [[], [], [], []]  # stamp, id, dlc, direction
+        self._data = bytearray()
+        self.left_out: Counter[str] = Counter()
+        self.channels: Counter[str] = Counter()
+
+    def take(self, message: "Message", time_ns: int) -> None:
+        """Take one message; ValueError if no bus could have carried it."""
+        if message.channel is not None:  # as in an error frame of candump
+            name = printable(str(message.channel))
+            self.channels[name] += 1
+            if self._channel not in (None, name):
+                return
+        for what, is_so in (
+            ("error", message.is_error_frame),
+            ("remote", message.is_remote_frame),
+            ("CAN FD", message.is_fd),
+        ):
+            if is_so:
+                self.left_out[what] += 1
+                return
+        number, dlc, extended = message.arbitration_id, message.dlc, message.is_extended_id
+        if dlc > 8 or len(message.data) != dlc:
+            raise ValueError(f"id {number:#x}: {len(message.data)} of {dlc} bytes")
+        if not 0 <= number < (1 << 29 if extended else 1 << 11) or not 0 <= time_ns < 2**63:
+            raise ValueError(f"id {number:#x} at {time_ns} ns")
+        row = (time_ns, can_id.word_of(number, extended), dlc, int(message.is_rx))
+        for column, value in zip(self._columns, row, strict=True):
+            column.append(value)
+        self._data += bytes(message.data).ljust(8, b"\0")
+
+    def result(self, path: Path) -> Recording:
+        """Return all of it; LogCommandError if there is no frame."""
+        stamps = np.array(self._columns[0], np.int64)
+        if not len(stamps):
+            known = ", ".join(sorted(self.channels)) or "none"
+            what = f" of channel {self._channel}; it has: {known}" if self._channel else ""
+            raise LogCommandError(f"{path}: no classic CAN frame{what}")
+        order = np.argsort(stamps, kind="stable")
+        frames = np.zeros(len(stamps), logs.FRAME)
+        names = ("stamp_ns", "id", "dlc", "direction")
+        for name, column in zip(names, self._columns, strict=True):
+            frames[name] = column
+        frames["data"] = np.frombuffer(self._data, np.uint8).reshape(-1, 8)
+        unsorted = int((np.diff(stamps) < 0).sum())
+        return Recording(frames[order], self.left_out, self.channels, unsorted)

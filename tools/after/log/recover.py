@@ -1,0 +1,72 @@
+"""`pcpc log recover`: a damaged log written anew, as far as it is readable.
+
+The new file is a whole one that every MCAP tool opens; it says in its metadata `recovered` what is
+missing. The damaged file is not changed.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_writer import RecordError, Recovered, recover
+from pcpc.tools.after.log import source
+from pcpc.tools.terminal.outfile import LogCommandError, new_file
+from pcpc.tools.terminal.progress import Progress
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `recover`; return the exit code."""
+    return _recover(options, Progress(options.quiet))
+
+
+def _recover(options: argparse.Namespace, progress: Progress) -> int:
+    path = source.file_of(options.log)
+    out = options.output or path.with_name(f"{path.stem}-recovered.mcap")
+    with new_file(out, force=False, cure="choose another name with -o") as unfinished:
+        try:
+            done = recover(path, unfinished, source.Watch(path, progress))
+        except RecordError as error:
+            what = str(error).replace(str(unfinished), str(out))
+            raise LogCommandError(what, error.code) from None
+        if not sum(done.messages.values()):
+            reason = done.missing[0] if done.missing else "the log is whole, and empty"
+            raise LogCommandError(f"{path}: nothing to recover: {reason}")
+        report = _report(path, out, done, _nodes(unfinished, done))
+    progress.close()
+    if options.json:
+        print(json.dumps(report, indent=2))
+        return Exit.OK
+    for line in done.missing or ["nothing: the log is whole"]:
+        print(f"missing: {line}", file=sys.stderr)
+    nodes = report["nodes"].items()
+    kept = [f"{name}: {n['cycles']} cycles, {n['seconds']:g} s" for name, n in nodes]
+    print(f"{out}: {'; '.join([*kept, f'{sum(done.messages.values())} messages'])}")
+    return Exit.OK
+
+
+def _nodes(out: Path, done: Recovered) -> dict[str, dict[str, float]]:
+    """Return cycles and seconds of each node that was recovered."""
+    try:
+        log = logs.head(out)
+    except logs.LogError:  # messages of a log that lost its head
+        return {}
+    nodes = {}
+    for name in log.node:
+        cycles = done.messages.get(logs.topic(name, "state"), 0)
+        period_ns = int(log.metadata[name].get("period_ns", 0))
+        nodes[name] = {"cycles": cycles, "seconds": cycles * period_ns / 1e9}
+    return nodes
+
+
+def _report(
+    path: Path, out: Path, done: Recovered, nodes: dict[str, dict[str, float]]
+) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return {
+        "log": str(path), "file": str(out), "nodes": nodes, "messages": done.messages,
+        "missing": done.missing,
+    }  # fmt: skip

@@ -1,0 +1,350 @@
+"""A recorded run from Python: what `pcpc.simulate` and `pcpc.open` return."""
+
+import argparse
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import names
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.requirements import RequirementError
+from pcpc.executive.rig.schema import Requirement
+from pcpc.plants.judging import Judged, paired_rows
+from pcpc.tools.after.log import frames as play_frames
+from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.verdict import summary as summaries
+from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.requirements import Result, results, violations
+from pcpc.tools.start.settings import settings
+from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.terminal.rooms import part_of
+
+if TYPE_CHECKING:
+    import pandas
+
+    from pcpc.tools.after.replay import Verdict as Replayed
+
+Vector = NDArray[np.float64]
+FRAME = np.dtype(
+    [
+        ("t_s", "<f8"), ("cycle", "<i8"), ("sender", "U9"), ("id", "<u4"), ("name", "U32"),
+        ("dlc", "u1"), ("data", "u1", (8,)),
+    ]
+)  # fmt: skip
+_NODE = ":"
+
+
+class UnknownName(UserError, KeyError):
+    """No variable of this name was recorded; the message proposes one."""
+
+    __str__ = Exception.__str__  # KeyError would show its repr
+
+
+class NotOk(UserError, AssertionError):
+    """A run whose verdict is not ok, in the words of its summary."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture of a run; a notebook shows it by itself."""
+
+    png: bytes = field(repr=False)
+
+    def _repr_png_(self) -> bytes:
+        return self.png
+
+    def save(self, path: str | Path) -> Path:
+        """Write the picture as a PNG file."""
+        Path(path).write_bytes(self.png)
+        return Path(path)
+
+
+class Run:
+    """A recorded run.
+
+        run["controller.e_rad"]         of the executive, (n,) float64, a value a cycle
+        run["plant:barrel.theta_rad"]   of another node, at the executive's cycles; NaN for none;
+                                        barrel.theta_rad alone, as the executive has no such name
+        run["error_rad"]                a signal of the rig's evaluation
+        run.t_s                         (n,) float64, time of the cycles, k T, s
+
+    UnknownName, with a proposal, for what was not recorded. What is returned is the run's own:
+    copy it before writing into it.
+    """
+
+    def __init__(
+        self, path: Path, rig: Rig | None = None, outcome: Outcome | None = None,
+        keep: Any = None, *, trust: bool = False,
+    ) -> None:  # fmt: skip
+        self.path = path
+        self._rig_given, self._outcome, self._keep, self._trust = rig, outcome, keep, trust
+
+    def __repr__(self) -> str:
+        about = self.log.metadata.get("executive") or self.log.metadata.get("plant", {})
+        return f"<pcpc.Run {about.get('rig')} {about.get('controller')} {self.path}>"
+
+    # What was recorded
+
+    @cached_property
+    def log(self) -> logs.Log:
+        """The log as it was read: nodes with their columns, events, tunings, attachments."""
+        return logs.read(self.path)
+
+    @cached_property
+    def period_s(self) -> float:
+        """The period of the loop, s."""
+        node = next(iter(self.log.node.values()))
+        return 1e-9 * float(node.description["period_ns"])
+
+    @cached_property
+    def t_s(self) -> Vector:
+        """Time of the executive's cycles, (n,), s."""
+        return np.asarray(self._records.t_s)
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The names of all variables, those of other nodes as `NODE:NAME`."""
+        return [
+            name if node == "executive" else f"{node}{_NODE}{name}"
+            for node, one in self.log.node.items() for name in (*one.columns, *one.timing)
+        ]  # fmt: skip
+
+    @cached_property
+    def _records(self) -> Any:
+        leader = "executive" if "executive" in self.log.node else next(iter(self.log.node))
+        return Judged(self.log, self.period_s).run(leader)
+
+    def __getitem__(self, name: str) -> Vector:
+        if (found := names.place(self.log, name)) is not None:
+            node, variable = found
+            timing = self.log.node[node].timing
+            if variable in timing:
+                return self._at_cycles(node, timing[variable])
+            return np.asarray(self._records[f"{node}{_NODE}{variable}"])
+        if (signal := self._signal(name)) is not None:
+            return signal
+        raise self._unknown(name)
+
+    def _unknown(self, name: str) -> UnknownName:
+        """Return why there is no such record."""
+        cure = did_you_mean(name, self.names)
+        return UnknownName(f"{name}: {names.unrecorded(self.log, name) or f'not recorded{cure}'}")
+
+    def _at_cycles(self, node: str, values: Vector) -> Vector:
+        """Return what a node recorded at the executive's cycles."""
+        leader = self._records.leader
+        if node == leader:
+            return np.asarray(values)
+        rows = paired_rows(self.log, self.period_s, node, leader)
+        return np.where(rows < 0, np.nan, values[rows])
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and names.place(self.log, name) is not None
+
+    def __iter__(self) -> Any:
+        return iter(self.names)
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """The unit of each variable; "" for a number without one."""
+        return {
+            name if node == "executive" else f"{node}{_NODE}{name}": unit
+            for node, one in self.log.node.items()
+            for name, unit, *_ in one.description.get("variables", [])
+        }
+
+    @cached_property
+    def frames(self) -> NDArray[Any]:
+        """All frames in the order of the bus, each once.
+
+        (n,) with the fields t_s, cycle, sender, id, name, dlc, data: `run.frames["id"]`.
+        """
+        try:
+            found = play_frames.of(self.log)
+        except play_frames.PlayError:
+            return np.empty(0, FRAME)
+        table = np.zeros(len(found), FRAME)
+        begin_ns = found.stamp_ns[0] - round(1e9 * found.cycle[0] * self.period_s)
+        table["t_s"] = 1e-9 * (found.stamp_ns - begin_ns)
+        table["cycle"], table["id"] = found.cycle, found.words & 0x1FFFFFFF
+        table["sender"] = np.array(found.senders)[found.sender]
+        known = {number: found.names.get(number, "") for number in set(table["id"].tolist())}
+        table["name"] = [known[number] for number in table["id"].tolist()]
+        table["dlc"], table["data"] = found.raw[:, 4], found.raw[:, 8:16]
+        return table
+
+    @cached_property
+    def events(self) -> list[dict[str, Any]]:
+        """States, faults, tunings, skipped periods of all nodes, by cycle; each says its node."""
+        found = [
+            {"node": name, **event}
+            for name, node in self.log.node.items() for event in (*node.events, *node.tunings)
+        ]  # fmt: skip
+        return sorted(found, key=lambda event: int(event.get("cycle", 0)))
+
+    def _signal(self, name: str) -> Vector | None:
+        """Return a signal of the rig's evaluation; None if it has no such one."""
+        if name not in self._judged.signals:
+            return None
+        return np.asarray(self._judged.run()[name])
+
+    @cached_property
+    def _judged(self) -> Judged:
+        """The run with what the rig says of its evaluation, if that can be had."""
+        try:
+            return self._judge.judged(self.log)
+        except (logs.LogError, UserError):  # a foreign log's: it does not run unasked
+            return Judged(self.log, self.period_s)
+
+    # What it came to
+
+    @cached_property
+    def rig(self) -> Rig:
+        """The rig of the run, with all that was set."""
+        if self._rig_given is not None:
+            return self._rig_given
+        self._files = tempfile.TemporaryDirectory(prefix="pcpc-")  # of the rig, as long as it
+        options = argparse.Namespace(trust=self._trust, law=[], rig=None)
+        return log_rig.judged_rig(self.log, Path(self._files.name), options)[0]
+
+    @cached_property
+    def _judge(self) -> Judge:
+        return Judge.of(self.rig)
+
+    @cached_property
+    def _own_summary(self) -> summaries.Summary | None:
+        return None if self._outcome is not None else summary_file.beside(self.path)
+
+    @property
+    def judged_at_its_end(self) -> bool:
+        """The verdict is the run's own; that of a log alone knows nothing of what was set."""
+        return self._outcome is not None or self._own_summary is not None
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """What `summary.json` of a run holds; judged anew where there is none of this log."""
+        if self._own_summary is not None:
+            return self._own_summary
+        outcome = summaries.outcome_of(self.log) if self._outcome is None else self._outcome
+        return summaries.summarise(self.rig, self.log, outcome, self._judge)
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """The figures of merit of the rig's evaluation."""
+        return dict(self.summary["metrics"])
+
+    @cached_property
+    def requirements(self) -> list[Result]:
+        """What became of the rig's requirements: held or not, where first, with which margin."""
+        return self._judge.requirements(self.log)
+
+    def require(self, **entry: Any) -> Result:
+        """Return what became of a requirement that holds in this run, else raise NotOk.
+
+            run.require(always="abs(controller.e_rad) < 2 mrad", after="1s")
+            run.require(when="reference.q_d_rad changes", within="200ms", then=..., for_="1s")
+
+        The keys are those of a rig's `require`, but `for_`. NotOk is an AssertionError; it says
+        where the requirement was first violated, or why it could not be judged.
+        """
+        words = {key.removesuffix("_"): value for key, value in entry.items()}
+        try:
+            asked = msgspec.convert(words, Requirement)
+            (found,) = results([asked], self._judged)
+        except (msgspec.ValidationError, RequirementError) as error:
+            raise UserError(f"require: {error}") from None
+        if not found.held:
+            raise NotOk(str(found))
+        return found
+
+    @property
+    def verdict(self) -> str:
+        """`ok`, `expectation not met`, `loss`, `safety stop` or `interrupted`."""
+        return str(self.summary["verdict"])
+
+    def check(self) -> "Run":
+        """Return the run itself if its verdict is ok, else raise NotOk (an AssertionError)."""
+        if self.verdict != "ok":
+            said = self.summary
+            why = summaries.problems(said)
+            raise NotOk(f"{said['rig']}: {self.verdict}: " + ("; ".join(why) or "see its summary"))
+        return self
+
+    def figure(self, *variables: str, path: str | Path | None = None) -> Figure:
+        """Return the figure of the rig's evaluation, or of the `variables` over time.
+
+        `path`: also written there. ImportError without matplotlib (`pip install 'pcpc[plot]'`).
+        """
+        with tempfile.TemporaryDirectory(prefix="pcpc-") as folder:
+            place = Path(folder) / "figure.png"
+            if variables:
+                self._plot(variables, place)
+            else:
+                config = self.rig.config
+                title = f"{config.rig}: {config.title}, controller {config.controller}"
+                marks = violations(one.json() for one in self.requirements)
+                reason = self._judge.draw(self.log, title, self.metrics, place, marks)
+                if reason:
+                    raise UserError(f"{self.path}: {reason}")
+            found = Figure(place.read_bytes())
+        if path is not None:
+            found.save(path)
+        return found
+
+    def report(self, path: str | Path) -> Path:
+        """Write the run as one HTML file that needs no network, as `pcpc report`; return `path`."""
+        options = argparse.Namespace(trust=self._trust, law=[], rig=None)
+        known = self.summary if self.judged_at_its_end else None
+        page = part_of("after/report", "cli")
+        page.write(self.path, Path(path), options, Progress(quiet=True), known)
+        return Path(path)
+
+    def _plot(self, variables: Sequence[str], place: Path) -> None:
+        """Draw variables over time as `pcpc log plot` does."""
+        from pcpc.tools.after.log import plot, series
+        from pcpc.tools.after.log.drawing import DPI, Source, page_of
+
+        for name in variables:
+            if name not in self:
+                raise self._unknown(name)
+        known, begin_ns = series.all_series(self.log), series.start_ns(self.log)
+        source = Source(self.path.stem, self.log, known, begin_ns)
+        groups = plot.groups_of([source], [name.replace(_NODE, ".", 1) for name in variables])
+        page_of([source], groups, (-np.inf, np.inf)).savefig(place, dpi=DPI)
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return all variables as a table by time. ImportError without pandas."""
+        try:
+            import pandas
+        except ImportError:
+            raise ImportError("pandas is not installed; pip install 'pcpc[pandas]'") from None
+        index = pandas.Index(self.t_s, name="t_s")
+        return pandas.DataFrame({name: self[name] for name in self.names}, index=index)
+
+    def replay(self, **changes: Any) -> "list[Replayed]":
+        """Recompute every node from the log and compare bit by bit; a verdict for each.
+
+        `all(node.identical for node in run.replay())`. `controller` and `set`, as in `simulate`:
+        what the node would have done with the recorded input instead.
+        """
+        from pcpc.tools.after.replay import replay
+
+        options = argparse.Namespace(
+            node="all", controller=changes.pop("controller", None),
+            set=settings(changes.pop("set", {})), trust=self._trust, law=[], rig=None,
+        )  # fmt: skip
+        if changes:
+            raise TypeError(f"replay: no option {next(iter(changes))}; known: controller, set")
+        return replay(self.path, options, Progress(quiet=True))

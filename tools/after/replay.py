@@ -1,0 +1,261 @@
+"""`pcpc replay LOG`: recompute a recorded run from its log alone, compare it bit by bit.
+
+Frames, tunings and the rig come from the log; the laws are the project's. A law from outside is
+taken from where it lay, if it is unchanged, or with --trust from the log: see `after.log.rig`. With
+--controller or --set it recomputes what the node would have done with the recorded input (open
+loop: the plant does not answer) and shows how far that is from the record.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import BusError, Exit, UserError
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.frontier import Frontier
+from pcpc.executive.nodes.fmus import step_of
+from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay
+from pcpc.executive.nodes.watched import StepError
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.log.ulp import ulp_distance
+from pcpc.tools.after.replayed import Difference, Verdict, compare_frames
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.terminal.rooms import part_of, there
+
+_DEVICE = "make/device"  # the room that replays a device's log
+ROWS_SHOWN = 20
+MOST_SKIPPED = 10_000_000  # periods: a plant makes them up one by one
+
+
+def command(options: argparse.Namespace) -> int:
+    """Replay `options.log`; OK if bit-identical, LOSS if as far as a damaged log goes."""
+    progress = Progress(options.quiet)
+    try:
+        verdicts = replay(Path(options.log), options, progress)
+    except BusError as error:  # the log's DBC, not a bus of this machine
+        raise UserError(str(error)) from None
+    except StepError as error:
+        raise StepError(f"{options.log}: {error or 'a step does not return'}") from None
+    progress.close()
+    if options.json:
+        print(json.dumps([_plain(v) for v in verdicts], indent=1))
+    else:
+        for verdict in verdicts:
+            show(verdict, changed=bool(options.controller or options.set))
+    if not all(verdict.agrees for verdict in verdicts):
+        return Exit.NOT_MET
+    return Exit.LOSS if any(verdict.missing for verdict in verdicts) else Exit.OK
+
+
+def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[Verdict]:
+    """Recompute the nodes asked for, in one pass over the log; LogError, RigError, BusError."""
+    head = logs.head(path)
+    with tempfile.TemporaryDirectory(prefix="pcpc-replay-") as folder:
+        roles = [r for r in logs.NODES if r in head.node and options.node in (r, "all")]
+        device = options.node in ("device", "all") and _of_device(head)
+        if not roles and not device:
+            raise logs.LogError(f"{path}: no record of node {options.node}")
+        with log_rig.rig_of(head, Path(folder), options) as rig:
+            nodes: list[Any] = [Comparison(head, rig, role) for role in roles]
+            nodes += [part_of(_DEVICE, "replay").DeviceComparison(head, rig)] if device else []
+    frontier = Frontier()
+    for piece, last in logs.pieces(path, see=frontier.see):
+        for node in nodes:
+            node.take(piece, frontier.whole[node.role], last)
+        done = min(node.verdict.cycles for node in nodes)
+        progress.show(f"cycle {done}, {min(node.verdict.speed for node in nodes):.0f} x real time")
+    return [node.verdict for node in nodes]
+
+
+def _of_device(head: logs.Log) -> bool:
+    """Return whether a log is that of a plant with a device whose order is certain."""
+    return there(_DEVICE) and bool(part_of(_DEVICE, "replay").is_of_device(head))
+
+
+class Comparison:
+    """One node recomputed and compared piece by piece, until the end or a gap in the log."""
+
+    def __init__(self, head: logs.Log, rig: Rig, role: Any) -> None:
+        about = head.node[role].description
+        if not {"state_columns", "timing_columns", "period_ns"} <= about.keys():
+            raise logs.LogError(f"{head.path}: the description of the {role} is damaged")
+        self.role = role
+        self.recorded = Assembler([*about["state_columns"], *about["timing_columns"]])
+        pacing = head.metadata[role].get("pacing", "lockstep")
+        external = [str(name) for name in about.get("external", [])]
+        steps = {one.name: step_of(one) for one in rig.nodes()[role].blocks}
+        fmus = {name: step.model for name, step in steps.items() if step and not step.file}
+        external += fmus
+        self.replay = Replay(rig, role, pacing, self.recorded.names, external)
+        theirs, ours = self.recorded.names, self.replay.names
+        absent = [name for name in self.replay.needed if name not in theirs]
+        if absent or len(set(theirs)) != len(theirs):
+            what = f"has no {absent[0]}" if absent else "names a variable twice"
+            raise logs.LogError(f"{head.path}: the description of the {role} {what}")
+        self.both = [name for name in theirs if name in ours]
+        self._theirs = [HEAD + theirs.index(name) for name in self.both]
+        self._ours = [ours.index(name) for name in self.both]
+        self.path = head.path
+        self.verdict = Verdict(role, 1e9 / about["period_ns"], variables=len(self.both))
+        self.verdict.dropped = _dropped(head, role)
+        self.verdict.from_record = [
+            f"{name}: as recorded, the FMU {model.name} (sha256 {model.sha256[:16]}) was not run; "
+            "--fmu FILE runs it"
+            for name, model in fmus.items()
+        ]
+        self._begin_s = time.monotonic()
+
+    def take(self, piece: logs.Log, whole: int, last: bool) -> None:
+        """Recompute what `piece` of the log completes, up to cycle `whole`; LogError."""
+        try:
+            self._take(piece, whole, last)
+        except logs.LogError as error:
+            raise logs.LogError(f"{self.path}: {self.role}: {error}") from None
+        if last:
+            _told_as_missing(self.verdict, self.recorded.left)
+
+    def _take(self, piece: logs.Log, whole: int, last: bool) -> None:
+        verdict = self.verdict
+        verdict.missing += piece.missing
+        if self.role in piece.node and not verdict.incomplete:
+            try:
+                self.recorded.add(piece.node[self.role])
+            except logs.LogError as error:
+                verdict.incomplete = str(error)
+                return
+        for part in self.recorded.take(whole, last):
+            verdict.incomplete = verdict.incomplete or _gap(part.rows, verdict.cycles)
+            if verdict.incomplete:
+                return
+            computed = self.replay.advance(part, self.recorded.names)
+            done = len(computed.values)
+            old, new = part.rows[:done, self._theirs], computed.values[:, self._ours]
+            _compare(verdict, self.both, part.rows[:done, K], old, new)
+            compare_frames(verdict, self.replay.sent(part.frames), computed.sent)
+            verdict.cycles += done
+            if done < len(part.rows):
+                cycle = part.rows[done, K]
+                verdict.incomplete = f"recomputed, the node stops before cycle {cycle}"
+        verdict.spent_s = time.monotonic() - self._begin_s
+
+
+def _dropped(head: logs.Log, role: str) -> int:
+    """Return how many frames and events of a node found no room in the recorder's memory."""
+    run = head.metadata.get("run", {})
+    texts = [run.get(f"dropped.{role}.{ring}", "0") for ring in ("frame", "event")]
+    return sum(int(text) for text in texts if text.isdecimal())
+
+
+def _told_as_missing(verdict: Verdict, left: NDArray[np.int64]) -> None:
+    """Say at the end what could not be compared for want of input."""
+    if verdict.dropped and verdict.differences:
+        first = verdict.first()
+        assert first is not None, "there is one"
+        verdict.differences.clear()
+        verdict.incomplete = (
+            f"{verdict.dropped} frames or events are missing, the recorder had no room for them; "
+            f"from cycle {first.cycle} on nothing can be compared"
+        )
+    if verdict.incomplete:
+        return
+    if len(left):
+        until = f"compared until {int(left[0]) - 1}" if verdict.cycles else "nothing is compared"
+        verdict.incomplete = (
+            f"frames or tunings of cycle {left[0]} and later ones are missing in the log; {until}"
+        )
+    elif not verdict.cycles:
+        verdict.incomplete = "the log holds no cycle: its recorder ended before the first"
+
+
+def _gap(rows: NDArray[np.int64], before: int) -> str:
+    """Return why `rows` cannot be recomputed after `before` passes; "" if they can."""
+    wrong = np.flatnonzero(rows[:, PASSES] != before + np.arange(len(rows)))
+    if not len(wrong):
+        steps = np.diff(rows[:, K])
+        if (steps > 0).all() and (steps < MOST_SKIPPED).all() and 0 <= rows[0, K] < 2**62:
+            return ""
+        return f"the cycle numbers behind {rows[0, K]} are those of no run"
+    first = int(rows[wrong[0], K])
+    if before == 0 and wrong[0] == 0:
+        return (
+            f"the log begins with cycle {first}, not with the start of the run: "
+            "what the node had learned by then is not in it"
+        )
+    return f"cycles before {first} are missing in the log; nothing after them can be recomputed"
+
+
+def _compare(
+    verdict: Verdict, names: Sequence[str], cycle: NDArray[np.int64],
+    recorded: NDArray[np.int64], computed: NDArray[np.int64],
+) -> None:  # fmt: skip
+    """Note every variable whose bits differ; both are (cycles, variables)."""
+    if np.array_equal(recorded, computed):
+        return
+    for j in map(int, np.flatnonzero((recorded != computed).any(axis=0))):
+        at = np.flatnonzero(recorded[:, j] != computed[:, j])
+        old, new = (x[at, j].copy().view(np.float64) for x in (recorded, computed))
+        if names[j] not in verdict.differences:
+            verdict.differences[names[j]] = Difference(
+                names[j], int(cycle[at[0]]), repr(float(old[0])), repr(float(new[0])),
+                ulp_distance(float(old[0]), float(new[0])),
+            )  # fmt: skip
+        difference = verdict.differences[names[j]]
+        difference.count += len(at)
+        distance = np.abs(old - new)
+        difference.largest = max(difference.largest, float(np.nanmax(distance, initial=0.0)))
+
+
+def _plain(verdict: Verdict) -> dict[str, Any]:
+    """Return a verdict for JSON."""
+    first = verdict.first()
+    return {
+        "node": verdict.role, "identical": verdict.identical, "cycles": verdict.cycles,
+        "variables": verdict.variables, "frames": verdict.frames, "speed": verdict.speed,
+        "incomplete": verdict.incomplete, "missing": verdict.missing,
+        "from_record": verdict.from_record,
+        "first": None if first is None else vars(first),
+        "differences": [vars(d) for d in verdict.ordered()],
+    }  # fmt: skip
+
+
+def show(verdict: Verdict, changed: bool) -> None:
+    """Print one node's verdict: a line, and what differs."""
+    size = f"{verdict.cycles} cycles, {verdict.variables} variables, {verdict.frames} frames"
+    state = verdict.state
+    if changed:
+        state = "no difference" if verdict.agrees else "changed, in open loop"
+    _say(f"{size}: {state} ({verdict.speed:.0f} x real time)", f"{verdict.role:10} ")
+    for line in (*verdict.from_record, *verdict.missing, verdict.incomplete):
+        if line:
+            _say(line, "  ")
+    first = verdict.first()
+    if first is None:
+        return
+    _say(
+        f"first difference: cycle {first.cycle} ({first.cycle / verdict.rate_hz:.6g} s), "
+        f"{first.name}: recorded {first.recorded}, recomputed {first.recomputed}"
+        + ("" if first.ulp is None else f", {first.ulp} ULP"),
+        "  ",
+    )
+    rows = [("    variable", "cycle", "cycles", "largest", "first recorded, recomputed")]
+    for d in verdict.ordered()[:ROWS_SHOWN]:
+        largest = f"{d.largest:.3g}" if d.largest else "-"
+        values = f"{d.recorded}, {d.recomputed}"
+        rows.append((f"    {d.name}", str(d.cycle), str(d.count), largest, values))
+    print("\n".join(screen.table(rows, right=(1, 2, 3))))
+    if len(verdict.differences) > ROWS_SHOWN:
+        print(f"  and {len(verdict.differences) - ROWS_SHOWN} more; --json prints all")
+
+
+def _say(text: str, ahead: str) -> None:
+    """Print `text` behind `ahead`, wrapped where it does not fit."""
+    print("\n".join(screen.wrapped(text, ahead)))

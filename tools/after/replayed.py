@@ -1,0 +1,98 @@
+"""What came of a replay: by node, what was compared and where it differs."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.tools.after.log.cat import frame_text, unequal_texts
+
+SENT = "frames sent"
+
+
+@dataclass
+class Difference:
+    """Of one variable, or of the frames sent: where it began, how often, how large it became."""
+
+    name: str
+    cycle: int
+    recorded: str
+    recomputed: str
+    ulp: int | None  # of a frame or a NaN none
+    count: int = 0
+    largest: float = 0.0
+
+
+@dataclass
+class Verdict:
+    """What came of one node."""
+
+    role: str
+    rate_hz: float
+    cycles: int = 0
+    variables: int = 0
+    frames: int = 0
+    spent_s: float = 0.0
+    incomplete: str = ""  # why not all could be recomputed
+    dropped: int = 0  # frames and events that the recorder has not got
+    missing: list[str] = field(default_factory=list)  # damage of the log
+    from_record: list[str] = field(default_factory=list)  # what was not recomputed
+    differences: dict[str, Difference] = field(default_factory=dict)
+
+    @property
+    def identical(self) -> bool:
+        """All that was recorded is recomputed, bit for bit, and the log is whole."""
+        return self.agrees and not self.missing
+
+    @property
+    def agrees(self) -> bool:
+        """All that the log still holds is recomputed, bit for bit."""
+        return not (self.differences or self.incomplete)
+
+    @property
+    def state(self) -> str:
+        """What came of it, in words."""
+        if self.identical:
+            return "bit-identical"
+        if self.differences:
+            return "DIFFERENT, in a log that is not whole" if self.missing else "DIFFERENT"
+        return "bit-identical as far as the log goes" if self.cycles else "nothing to compare"
+
+    @property
+    def speed(self) -> float:
+        """Recomputed time over time spent."""
+        return self.cycles / self.rate_hz / max(self.spent_s, 1e-9)
+
+    def ordered(self) -> list[Difference]:
+        """Return the differences, earliest first, in one cycle in the order of its stages."""
+
+        def stage(d: Difference) -> tuple[int, bool, bool]:
+            return d.cycle, d.name == SENT, d.name.startswith("tx.")
+
+        return sorted(self.differences.values(), key=stage)
+
+    def first(self) -> Difference | None:
+        """Return the earliest difference."""
+        return next(iter(self.ordered()), None)
+
+
+def compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[Any]) -> None:
+    """Note the first frame that differs; `count` counts all."""
+    n = min(len(recorded), len(computed))
+    parts = ("cycle", "id", "dlc", "data")
+    differs = np.zeros(n, bool)
+    for part in parts:
+        unequal = recorded[part][:n] != computed[part][:n]
+        differs |= unequal.any(axis=1) if unequal.ndim > 1 else unequal
+    verdict.frames += n
+    count = int(differs.sum()) + abs(len(recorded) - len(computed))
+    if not count:
+        return
+    at = int(differs.argmax()) if differs.any() else n
+    old, new = ("none" if at >= len(f) else frame_text(f[at]) for f in (recorded, computed))
+    if old == new:
+        old, new = unequal_texts(recorded[at], computed[at])
+    longer = recorded if len(recorded) > at else computed
+    first = Difference(SENT, int(longer["cycle"][at]), old, new, None)
+    verdict.differences.setdefault(first.name, first).count += count

@@ -1,0 +1,70 @@
+"""`pcpc report LOG`: a run as one HTML file that needs no network, to hand on or to print.
+
+What it says, in this order: the verdict with its reasons, the figure of the evaluation,
+requirements, metrics, what happened when, timing, bus, configuration, versions, how to replay.
+"""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.after.verdict.summary import Summary
+from pcpc.tools.terminal.extras import FIGURE, need
+from pcpc.tools.terminal.outfile import LogCommandError, new_file
+from pcpc.tools.terminal.progress import Progress
+
+SUFFIXES = (".html", ".htm")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write the report of a log; LOSS if a part of the log is missing."""
+    path = Path(options.log)
+    output = options.output or path.with_name(
+        "report.html" if path.name == "log.mcap" else f"{path.stem}.html"
+    )
+    progress = Progress(options.quiet)
+    missing = write(path, output, options, progress)
+    progress.close()
+    if missing and not options.quiet:
+        more = f", and {len(missing) - 1} more" if missing[1:] else ""
+        print(f"{path}: missing: {missing[0]}{more}", file=sys.stderr)
+    print(output)
+    return Exit.LOSS if missing else Exit.OK
+
+
+def write(
+    path: Path, output: Path, options: argparse.Namespace, progress: Progress,
+    summary: Summary | None = None,
+) -> list[str]:  # fmt: skip
+    """Write the report of a log to `output`; return what is missing in the log.
+
+    LogError if it is none, UserError where the page cannot be written. `options`: whose code of
+    the log may run, see `tools.after.log.rig`; `summary`: of the run, if it is known.
+    """
+    if output.suffix.lower() not in SUFFIXES:
+        raise LogCommandError(f"-o {output}: no page; expected FILE.html")
+    need("a report needs", "plot", FIGURE)
+    from pcpc.tools.after.html import page
+    from pcpc.tools.after.report import details, sections
+    from pcpc.tools.after.report.record import gather
+
+    with tempfile.TemporaryDirectory(prefix="pcpc-report-") as folder:
+        record = gather(path, Path(folder), options, progress, summary)
+        chapters = {
+            "Figure": sections.figure(record, Path(folder)),
+            "Requirements": sections.requirements(record),
+            "Metrics": sections.metrics(record), "Course": sections.course(record),
+            "Timing": details.timing(record), "Bus": details.bus(record),
+            "Configuration": details.configuration(record),
+            "Versions": details.versions(record), "Replay": details.replay(record),
+        }  # fmt: skip
+    told = {name: chapter for name, chapter in chapters.items() if chapter}
+    contents = "".join(f'<a href="#{name}">{name}</a> ' for name in told)
+    body = [sections.heading(record), sections.verdict(record), f"<nav>{contents}</nav>"]
+    body += [f'<h2 id="{name}">{name}</h2>{chapter}' for name, chapter in told.items()]
+    title = f"{record.facts.get('rig', '')}, {record.facts.get('controller', '')}"
+    with new_file(output, force=True) as unfinished:
+        unfinished.write_text(page(title, body), encoding="utf-8")
+    return [*record.log.missing, *record.tally.left_out()]

@@ -1,0 +1,168 @@
+"""The figures that every report has: the run's course, and how late the executive woke.
+
+Colours are Okabe and Ito's; every state has its name beside its colour.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK
+from pcpc.plants import pages
+from pcpc.tools.after.log.drawing import shown
+from pcpc.tools.after.report.record import Record
+from pcpc.tools.after.verdict import on_purpose
+from pcpc.tools.after.verdict.summary import parts
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+STATES = {
+    "INIT": pages.GREY, "READY": pages.SKY, "RUN": pages.BLUE, "HOLD": pages.ORANGE,
+    "FAULT": pages.VERMILION, "STOP": pages.BLACK,
+}  # fmt: skip
+MARKS = {"tunings": ("^", pages.GREEN), "alarms": ("v", pages.ORANGE),
+         "faults": ("X", pages.VERMILION)}  # fmt: skip
+NARROWEST = 0.002  # of the page: of a state that lasts a cycle
+MOST_FAULTS = 20  # on purpose, a row each
+_ROW_IN, _REST_IN, _WIDTH_IN, _DPI = 0.3, 0.9, 7.0, 140
+_EDGES_US = np.geomspace(0.1, 1e7, 8 * 20 + 1)
+_STAGES = {"wake_late": ("woken behind its deadline", pages.BLUE, "-"),
+           "work": ("work: receive, step, send", pages.VERMILION, "--")}  # fmt: skip
+
+
+def states(record: Record, node: str) -> Iterator[tuple[str, float, float]]:
+    """Yield each state of a node's supervisor with begin and end in s, in their order."""
+    last, begin_s = "INIT", 0.0
+    for at_s, name, event in record.entries("state"):
+        if name == node:
+            yield last, begin_s, at_s
+            last, begin_s = str(event.get("name", event.get("argument"))), at_s
+    yield last, begin_s, max(record.end_s, begin_s)
+
+
+def on_purpose_spans(record: Record) -> Iterator[tuple[str, str, float, float, Mapping[str, Any]]]:
+    """Yield node, fault on purpose, begin and end in s, and what is known of the fault."""
+    for node, one in record.log.node.items():
+        period_s = record.period_s(node)
+        began: dict[str, tuple[float, float]] = {}
+        for fault, cycle, left, about in on_purpose.settings(one):
+            at_s = period_s * (cycle + bool(about.get("next_cycle")))
+            if fault in began:
+                begin_s, end_s = began.pop(fault)
+                yield node, fault, begin_s, min(end_s, at_s), about
+            if left > 0.0:
+                began[fault] = at_s, at_s + period_s * left
+        for fault, (begin_s, end_s) in began.items():
+            about = one.description.get("faults", {}).get(fault, {})
+            yield node, fault, begin_s, min(end_s, max(record.end_s, begin_s)), about
+
+
+def course(record: Record) -> "Figure | None":
+    """Return states, faults on purpose and marks over time; None of a run without any."""
+    from matplotlib.figure import Figure
+
+    spans = [(node, list(states(record, node))) for node in record.log.node]
+    spans = [(node, own) for node, own in spans if len(own) > 1]
+    faults: dict[str, list[tuple[float, float]]] = {}
+    for _, name, begin_s, end_s, _ in on_purpose_spans(record):
+        faults.setdefault(name, []).append((begin_s, end_s - begin_s))
+    faults = dict(list(faults.items())[:MOST_FAULTS])
+    marks = {"tunings": [at_s for at_s, *_ in tunings(record)],
+             "alarms": [at_s for at_s, *_ in record.entries("alarm")],
+             "faults": [at_s for at_s, *_ in record.entries("fault")]}  # fmt: skip
+    marks = {name: times for name, times in marks.items() if times}
+    rows = [*(node for node, _ in spans), *faults, *marks]
+    if not rows or not record.end_s:
+        return None
+    page = Figure(figsize=(_WIDTH_IN, _REST_IN + _ROW_IN * len(rows)), dpi=_DPI,
+                  layout="constrained")  # fmt: skip
+    ax: Axes = page.subplots()
+    for i, (_, own) in enumerate(spans):
+        _draw_states(ax, i, own, record.end_s)
+    for i, pieces in enumerate(faults.values(), len(spans)):
+        ax.broken_barh(pieces, (i - 0.3, 0.6), color=pages.PURPLE, edgecolor="none")
+    for i, (name, times) in enumerate(marks.items(), len(spans) + len(faults)):
+        marker, colour = MARKS[name]
+        ax.plot(times, [i] * len(times), marker, color=colour, markersize=6, linestyle="none")
+    ax.set_yticks(range(len(rows)), [shown(row) for row in rows])
+    ax.set(xlim=(0.0, record.end_s), ylim=(len(rows) - 0.5, -0.5), xlabel="time [s]")
+    pages.ruled(ax)
+    handles = _keys({state for _, own in spans for state, *_ in own})
+    page.legend(handles=handles, loc="outside upper left", ncols=6, frameon=False, fontsize=8)
+    return page
+
+
+def tunings(record: Record) -> list[tuple[float, str, Mapping[str, Any]]]:
+    """Return time in s, node and entry of all tunings, but for those of faults on purpose."""
+    found = [
+        (record.period_s(name) * int(entry["cycle"]), name, entry)
+        for name, node in record.log.node.items()
+        for entry in node.tunings
+        if not (entry["name"].startswith("fault.") and entry["name"].endswith(".left"))
+    ]
+    return sorted(found, key=lambda entry: entry[0])
+
+
+def _draw_states(
+    ax: "Axes", row: int, own: list[tuple[str, float, float]], whole_s: float
+) -> None:  # fmt: skip
+    for state in dict.fromkeys(state for state, *_ in own):
+        pieces = [(begin_s, max(end_s - begin_s, NARROWEST * whole_s))
+                  for name, begin_s, end_s in own if name == state and end_s > begin_s]  # fmt: skip
+        colour, above = STATES.get(state, pages.PURPLE), 2 if state in ("RUN", "READY") else 3
+        ax.broken_barh(pieces, (row - 0.3, 0.6), color=colour, edgecolor="none", zorder=above)
+
+
+def _keys(seen: set[str]) -> list[Any]:
+    from matplotlib.patches import Patch
+
+    known = [state for state in STATES if state in seen] + sorted(seen - STATES.keys())
+    return [Patch(color=STATES.get(state, pages.PURPLE), label=shown(state)) for state in known]
+
+
+def lateness(record: Record) -> "Figure | None":
+    """Return how often the executive was how late, and worked how long; None without a clock."""
+    from matplotlib.figure import Figure
+
+    counts = _counts(record)
+    told = [name for name, found in counts.items() if found.sum()]
+    if not told:
+        return None
+    page = Figure(figsize=(_WIDTH_IN, 3.4), dpi=_DPI, layout="constrained")
+    ax: Axes = page.subplots()
+    for name in told:
+        label, colour, style = _STAGES[name]
+        ax.stairs(
+            counts[name], _EDGES_US, label=label, color=colour, linestyle=style, linewidth=1.3
+        )
+    period_us = 1e6 * record.period_s("executive")
+    ax.axvline(period_us, color=pages.BLACK, linewidth=0.9, linestyle=":", label="one period")
+    seen = np.flatnonzero(np.sum([counts[name] for name in told], axis=0))
+    ax.set(xscale="log", yscale="log", xlabel="time [us]", ylabel="cycles")
+    ax.set_xlim(_EDGES_US[seen[0]], max(_EDGES_US[seen[-1] + 1], 1.2 * period_us))
+    ax.set_ylim(bottom=0.7)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_formatter("{x:,g}")
+    pages.ruled(ax)
+    page.legend(loc="outside upper left", ncols=3, frameon=False, fontsize=8)
+    return page
+
+
+def _counts(record: Record) -> dict[str, Any]:
+    """Return how many cycles fell into each class of `_EDGES_US`, by what was measured."""
+    names = [f"timing.{stage}_us" for stage in ("wake_late", "receive", "step", "send")]
+    found = {name: np.zeros(len(_EDGES_US) - 1, np.int64) for name in _STAGES}
+    node = record.log.node.get("executive")
+    if node is None or record.facts.get("pacing") in WITHOUT_CLOCK:
+        return found
+    if not all(name in node.timing for name in names):
+        return found
+    for part in parts(record.log):
+        late, *work = (part.timing[name] for name in names)
+        for name, values in (("wake_late", late), ("work", np.sum(work, axis=0))):
+            kept = np.clip(values[np.isfinite(values)], _EDGES_US[0], _EDGES_US[-1])
+            found[name] += np.histogram(kept, _EDGES_US)[0]
+    return found

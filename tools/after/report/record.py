@@ -1,0 +1,245 @@
+"""What a report tells of a log, gathered in bounded memory: two passes, and what a judge asks for.
+
+The verdict is the run's own where a summary.json beside the log is bound to it; that of a log
+alone knows nothing of what was set, and nothing is judged where the log holds no rig, or an
+evaluation from outside that may not run (see `tools.after.log.rig`).
+"""
+
+import argparse
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.log import long_logs
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.mcap_reader import Scan
+from pcpc.executive.log.mcap_records import MESSAGE_HEAD
+from pcpc.executive.nodes.planned_plausible import COUNT
+from pcpc.plants.pages import thinned
+from pcpc.tools.after.log import rig as log_rig
+from pcpc.tools.after.log import series, source
+from pcpc.tools.after.log.drawing import Source
+from pcpc.tools.after.log.plot import groups_of
+from pcpc.tools.after.log.tally import Tally
+from pcpc.tools.after.verdict import summary as summaries
+from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.after.verdict.outcome import HEALTH
+from pcpc.tools.after.verdict.requirements import Result
+from pcpc.tools.terminal.outfile import LogCommandError
+from pcpc.tools.terminal.progress import Progress
+
+RESOLVED = "rig-resolved.yaml"  # how the name of the effective rig ends
+MOST_AXES = 6  # of variables, where the evaluation draws no figure
+_POINTS = 4000  # of one of them in a long log
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+class Told(msgspec.Struct, kw_only=True):
+    """A summary.json, as far as a report tells of it."""
+
+    verdict: str
+    title: str = ""
+    cycles: int = 0
+    late_cycles: int = 0
+    skipped_cycles: int = 0
+    held_cycles: int = 0
+    metrics: dict[str, float | None]
+    timing_us: dict[str, dict[str, float]] = {}
+    timing_level: str = ""
+    timing_share: float = 0.0
+    latest_cycles: list[dict[str, Any]] = []
+    frames: dict[str, int] = {}
+    frames_too_many: list[str] = []
+    frames_to: dict[str, dict[str, int]] = {}
+    most_cut: str = ""
+    records: dict[str, int | bool] = {}
+    faults: list[str] = []
+    injected: list[str] = []
+    changed: list[str] = []
+    judged: list[str] = []
+    not_judged: dict[str, str] = {}
+    expectations_failed: list[str] = []
+    requirements: list[Result] = []
+    realtime: bool | None = None
+    log_missing: list[str] = []
+
+
+@dataclass
+class Record:
+    """A log, what it adds up to, and what became of the run.
+
+    `unjudged`: why nobody judges it here, or by another evaluation; then `told` may be None, where
+    nothing can be said of what it came to. `at_end`: the verdict is the run's own. `groups`: the
+    variables to draw, where the evaluation draws none. `of_end`: the summary of the run's end.
+    """
+
+    log: logs.Log
+    tally: Tally
+    sha256: str
+    judge: Judge | None
+    unjudged: str
+    told: Told | None = None
+    at_end: bool = False
+    groups: list[list[str]] = field(default_factory=list)
+    of_end: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def path(self) -> Path:
+        """The log's file."""
+        return self.log.path
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """What the first node says of the run."""
+        return self.log.metadata[next(iter(self.log.node))]
+
+    def period_s(self, node: str) -> float:
+        """Return the period of a node's loop, s; 1 ms where the log does not tell."""
+        about, facts = self.log.node[node].description, self.log.metadata[node]
+        return 1e-9 * float(about.get("period_ns") or facts.get("period_ns") or 1e6)
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last recorded cycle of all nodes."""
+        ends = [self.period_s(name) * (int(node.cycle[-1]) + 1)
+                for name, node in self.log.node.items() if len(node.cycle)]  # fmt: skip
+        return max(ends, default=0.0)
+
+    def entries(self, *kinds: str) -> list[tuple[float, str, Mapping[str, Any]]]:
+        """Return time in s, node and event of all events of these kinds, by time."""
+        found = [
+            (self.period_s(name) * int(event["cycle"]), name, event)
+            for name, node in self.log.node.items()
+            for event in node.events
+            if event.get("event") in kinds
+        ]
+        return sorted(found, key=lambda entry: entry[0])
+
+    def source(self) -> Source:
+        """Return the variables of `groups` as they are drawn."""
+        known = _series(self.log, [name for group in self.groups for name in group])
+        return Source(self.path.stem, self.log, known, series.start_ns(self.log))
+
+    def own_figure(self) -> bytes:
+        """Return the figure.png of a run's end, b"" if it cannot be had."""
+        content = summary_file.figure_beside(self.path, self.of_end)
+        return content if content.startswith(_PNG) else b""
+
+
+def gather(
+    path: Path, folder: Path, options: argparse.Namespace, progress: Progress,
+    summary: summaries.Summary | None = None,
+) -> Record:  # fmt: skip
+    """Read a log; LogError if it is none. `folder`: for the files of its rig, while they are used.
+
+    `summary`: what the run came to, if that is known.
+    """
+    head = logs.head(path)
+    judge, why = _judge(head, folder, options)
+    groups: list[list[str]] = []
+
+    def wanted(first: logs.Log) -> long_logs.Wanted:
+        """Return what will be asked of a long log."""
+        asked = {} if judge is None else judge.asked(first, True)
+        if not _draws(judge):
+            groups.extend(_groups(first))
+        names = [name for group in groups for name in group]
+        for name, one in _series(first, names).items():
+            node = next((n for n in logs.NODES if one.topic.startswith(f"/{n}/")), "executive")
+            asked.setdefault(node, []).append(name.removeprefix(f"{node}."))
+        return asked
+
+    tally, ends = _tallied(path, progress)
+    log = long_logs.read(path, wanted)
+    if not _draws(judge) and not groups:
+        groups = _groups(log)
+    with path.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    found = Record(log, tally, sha256, judge, why, groups=groups)
+    own = summary if summary is not None else summary_file.beside(path)
+    found.told = None if own is None else _told(own)
+    found.at_end, found.of_end = found.told is not None, own or {}
+    if found.told is None and judge is not None:
+        outcome = summaries.outcome_of(log)
+        outcome.health = {name: _health(ends, name) for name in log.node}
+        found.told = _told(summaries.summarise(judge.rig, log, outcome, judge))
+    return found
+
+
+def _judge(
+    head: logs.Log, folder: Path, options: argparse.Namespace
+) -> tuple[Judge | None, str]:  # fmt: skip
+    """Return who judges a log, or None; and why, or a word on an evaluation that is another one."""
+    if not any(name.endswith(RESOLVED) for name in head.attachments):
+        return None, "the log holds no rig to judge it by"
+    try:
+        rig, note = log_rig.judged_rig(head, folder, options)
+        return Judge.of(rig), note
+    except (logs.LogError, UserError) as error:
+        return None, str(error).removeprefix(f"{head.path}: ")
+
+
+def _draws(judge: Judge | None) -> bool:
+    return judge is not None and judge.evaluation is not None and bool(judge.evaluation.panels)
+
+
+def _tallied(path: Path, progress: Progress) -> tuple[Tally, dict[str, dict[str, float]]]:
+    """Return what a log adds up to, but for events, and the last row of each topic of columns."""
+    tally, last = Tally(Scan()), dict[str, Any]()
+    for channel, piece in source.stream(path, tally.found, progress):
+        topic = tally.found.topic(channel)
+        if not topic.endswith(("/events", "/tunings")):
+            tally.add(channel, source.messages(piece))
+        if topic.endswith(("/state", "/timing")):
+            last[topic] = piece[-1, MESSAGE_HEAD + logs.CDR_BYTES :].copy()
+    ends = {}
+    for topic, row in last.items():
+        names = [one.name for one in logs.variables(tally.found, topic)]
+        whole = row.size == 8 * len(names)
+        ends[topic] = dict(zip(names, np.nan_to_num(row.view("<f8")), strict=True)) if whole else {}
+    return tally, ends
+
+
+def _health(ends: Mapping[str, Mapping[str, float]], node: str) -> dict[str, int]:
+    """Return a node's counters at its end, which would cost a pass over a long log each."""
+    state, timing = (ends.get(logs.topic(node, kind), {}) for kind in ("state", "timing"))
+    found = {key: int(timing.get(f"health.{name}", 0.0)) for key, (_, name) in HEALTH.items()}
+    refused = (value for name, value in state.items() if name.startswith(COUNT))
+    return found | {"implausible": int(sum(refused))}
+
+
+def _groups(log: logs.Log) -> list[list[str]]:
+    """Return the variables on each axis; [] of a log without any."""
+    try:
+        whole = Source("", log, series.all_series(log), 0)
+        return groups_of([whole], [])[:MOST_AXES]
+    except LogCommandError:
+        return []
+
+
+def _series(log: logs.Log, names: Sequence[str]) -> dict[str, series.Series]:
+    """Return variables as lines, of a long log with as many points as can be seen."""
+    found = series.all_series(log, names)
+    if isinstance(log, long_logs.LongLog):
+        for name, one in found.items():
+            rows, values = thinned(np.arange(len(one.values), dtype=float), one.values, _POINTS)
+            found[name] = replace(one, time_ns=one.time_ns[rows.astype(int)], values=values)
+        for table in (table for tables in log.tables.values() for table in tables):
+            table.forget()
+    return found
+
+
+def _told(summary: summaries.Summary) -> Told | None:
+    """Return a summary, None if it is none; "nan" and "inf" are numbers there."""
+    try:
+        text = summary_file.text_of(summary)
+        return msgspec.json.decode(text, type=Told, strict=False)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None

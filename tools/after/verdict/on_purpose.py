@@ -1,0 +1,100 @@
+"""Faults on purpose, as a log holds them: what began when, and what they excuse.
+
+What faults at a receiver took, and what a node that stands still without a clock did not send, the
+loop counts frame by frame (`executive.loop.on_wire`), and excuses nothing else. On a clock nobody
+knows of the other node's stall; its cycles are those in which the others may be without input. A
+flood takes no frame: what does not come because of it is missing.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.executive.log import reader as logs
+from pcpc.tools.after.verdict.outcome import HEALTH
+
+EARLY_CYCLES = 2  # the cycles of two nodes on clocks of their own may be that far apart
+
+
+def begun(log: logs.Log) -> list[str]:
+    """Return what faults on purpose began, by time, and how often."""
+    times: dict[str, list[float]] = {}
+    for node in log.node.values():
+        own: dict[str, list[float]] = {}
+        for fault, cycle, left, about in settings(node):
+            if left > 0.0:
+                later = bool(about.get("next_cycle"))
+                own.setdefault(fault, []).append((cycle + later) * 1e-9 * _period_ns(node))
+        times |= {name: min(found, times.get(name, found)) for name, found in own.items()}
+    return [
+        f"{name} at {min(found):.4g} s" + (f", {len(found)} times" if len(found) > 1 else "")
+        for name, found in sorted(times.items(), key=lambda pair: min(pair[1]))
+    ]
+
+
+def missing(log: logs.Log, health: Mapping[str, Mapping[str, int]]) -> bool:
+    """Return whether input is missing that nothing took on purpose; `health`: at the end."""
+    for role, counters in health.items():
+        node = log.node.get(role)
+        if node is not None and f"health.{HEALTH['missed'][1]}" not in node.timing:
+            alike = counters.get("lost", 0) > counters.get("lost_on_purpose", 0)
+            if alike or counters.get("stale", 0):
+                return True
+        if counters.get("missed", 0) or _starved(log, role, counters.get("starved", 0)):
+            return True
+    return False
+
+
+def _starved(log: logs.Log, role: str, end: int) -> bool:
+    """Return whether cycles missed, `end` at last, that no stall of another node explains."""
+    node, spans = log.node.get(role), _stalls(log, role)
+    name = f"health.{HEALTH['starved'][1]}"
+    if node is None or name not in node.timing or not len(node.cycle) or not len(spans):
+        return end > 0
+    counts = np.concatenate([[0.0], node.timing[name], [max(end, node.timing[name][-1])]])
+    cycle = np.concatenate([[0.0], node.cycle, node.cycle[-1:] + 1.0])  # of each count
+    at = np.searchsorted(spans[:, 0], cycle[1:], side="right") - 1
+    excused = (at >= 0) & (spans[np.maximum(at, 0), 1] >= cycle[:-1])
+    return bool(np.diff(counts)[~excused].any())
+
+
+def _stalls(log: logs.Log, role: str) -> NDArray[np.float64]:
+    """Return (n, 2) first and last cycles in which others stood still unknown to a node, apart."""
+    spans: list[tuple[float, float]] = []
+    for name, node in log.node.items():
+        on: dict[str, tuple[float, float]] = {}  # stalls -> their cycles
+        for fault, cycle, left, about in settings(node) if name != role else ():
+            if about.get("kind") != "stall" or fault in log.node[role].description["faults"]:
+                continue
+            if fault in on:
+                start, end = on.pop(fault)
+                spans.append((start, min(end, cycle)))
+            if left > 0.0:
+                on[fault] = cycle, cycle + left
+        spans += on.values()
+    merged: list[list[float]] = []
+    for start, end in sorted(spans):
+        start, end = start - EARLY_CYCLES, end + EARLY_CYCLES
+        if merged and start <= merged[-1][1]:
+            merged[-1][1] = max(merged[-1][1], end)
+        else:
+            merged.append([start, end])
+    return np.array(merged).reshape(-1, 2)
+
+
+def settings(node: logs.Node) -> Iterator[tuple[str, int, float, Mapping[str, Any]]]:
+    """Yield fault, cycle, for how many it is on from there, and what is known of it."""
+    known = node.description.get("faults", {})
+    for tuning in node.tunings:
+        first, _, rest = str(tuning.get("name")).partition(".")
+        fault, _, what = rest.partition(".")
+        if (first, what) == ("fault", "left"):
+            value = float(tuning.get("value", math.nan))
+            yield fault, int(tuning["cycle"]), value, known.get(fault, {})
+
+
+def _period_ns(node: logs.Node) -> float:
+    return float(node.description["period_ns"])

@@ -1,0 +1,153 @@
+"""What became of a run's nodes, as their host saw it; it loads nothing of what judges a log.
+
+Counters are those of the nodes at their end.
+"""
+
+import signal
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.loop import faults
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.plausibility import WHYS
+from pcpc.tools.after.verdict.latest import latest_cycles
+
+_UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
+
+_OF_A_VALUE = (
+    sv.COMMAND_NOT_FINITE,
+    sv.OUTPUT_NOT_FINITE,
+    sv.PLANT_NOT_FINITE,
+    sv.NOT_PLAUSIBLE,
+)
+
+HEALTH = {  # key of the summary -> word of `control`, variable of the log
+    "late_cycles": (sh.LATE, "late_cycles"),
+    "skipped_cycles": (sh.SKIPPED, "skipped_cycles"),
+    "held_cycles": (sh.HELD, "held_cycles"),
+    "sent": (sh.SENT, "frames_sent"),
+    "received": (sh.RECEIVED, "frames_received"),
+    "lost": (sh.LOST, "frames_lost"),
+    "stale": (sh.STALE, "stale_cycles"),
+    "crc_errors": (sh.CRC_ERRORS, "crc_errors"),
+    "repeated": (sh.REPEATED, "frames_repeated"),
+    "saturated_values": (sh.SATURATED, "saturated_values"),
+    "lost_on_purpose": (sh.LOST_ON_PURPOSE, "frames_lost_on_purpose"),
+    "wrong_sequence": (sh.WRONG_SEQUENCE, "wrong_sequence"),
+    "implausible": (sh.IMPLAUSIBLE, "implausible"),
+    "intrusions": (sh.INTRUSIONS, "intrusions"),
+    "signs_on_purpose": (sh.SIGNS_ON_PURPOSE, "signs_on_purpose"),
+    "missed": (sh.MISSED, "frames_missed"),
+    "starved": (sh.STARVED, "starved_cycles"),
+    "foreign": (sh.FOREIGN, "frames_foreign"),
+    "send_errors": (sh.SEND_ERRORS, "send_errors"),
+    "bus_errors": (sh.BUS_ERRORS, "bus_errors"),
+    "bus_warnings": (sh.BUS_WARNINGS, "bus_warnings"),
+    "bus_passives": (sh.BUS_PASSIVES, "bus_passives"),
+    "bus_offs": (sh.BUS_OFFS, "bus_offs"),
+    "bus_restarts": (sh.BUS_RESTARTS, "bus_restarts"),
+    "bus_no_acks": (sh.NO_ACKS, "bus_no_acks"),
+    "bus_tx_timeouts": (sh.TX_TIMEOUTS, "bus_tx_timeouts"),
+}
+
+
+@dataclass
+class Outcome:
+    """What the host knows about a run beyond its log."""
+
+    pacing: str
+    bus: str
+    interrupted: bool = False
+    faults: list[str] = field(default_factory=list)
+    changed: list[str] = field(default_factory=list)  # NAME=VALUE, on the command line
+    strict: bool = False  # what could not be judged is not met
+    realtime: bool | None = None
+    begin_ns: int | None = None  # monotonic, of the command; None in virtual time
+    dropped: int = 0
+    cycles: int = 0
+    short: str = ""  # how far the run came, where it ended early
+    latest: list[dict[str, Any]] = field(default_factory=list)
+    nodes: list[str] = field(default_factory=list)  # seen here, so they have to be in the log
+    missing: list[str] = field(default_factory=list)  # what could not be written
+    kept: dict[str, int] = field(default_factory=dict)  # cycles of each node in the log
+    health: dict[str, dict[str, int]] = field(default_factory=dict)  # of the nodes seen here
+
+    def judge(self, name: str, code: int, block: sh.Shared | None) -> None:
+        """Note the fault or death of process `name`, and what a node's rings dropped."""
+        cycle = "" if block is None else f"cycle {int(block['control'][sh.CYCLE])}"
+        if block is not None and block["control"][sh.FAULT]:
+            self.faults.append(f"{name}: {_fault(block)}")
+        elif code < 0:
+            killer = f"{name}: ended by {signal.Signals(-code).name}{cycle and f' in {cycle}'}"
+            hint = " (`dmesg` tells if memory ran out)" if -code == signal.SIGKILL else ""
+            self.faults.append(killer + hint)
+        elif code == Exit.SAFETY_STOP and name != "watchdog":
+            self.faults.append(f"{name}: ended before its first cycle, see above")
+        elif code == 1:
+            self.faults.append(f"{name}: failed, see its traceback above")
+        if block is not None:
+            self.nodes.append(name)
+            rings = [block[f"{ring}_ends"] for ring in ("record", "frame", "event")]
+            self.dropped += sum(int(ends[sh.DROPPED]) for ends in rings)
+            counters = block["control"]
+            self.health[name] = {key: int(counters[word]) for key, (word, _) in HEALTH.items()}
+            if name == "executive":
+                self.short = _short(block)
+                self.latest = latest_cycles(block)
+                self.cycles = int(block["control"][sh.CYCLE]) + 1
+                if self.pacing != "lockstep":
+                    self.realtime = bool(block["control"][sh.REALTIME])
+
+
+def _short(block: sh.Shared) -> str:
+    """Return how far a run came that ended before its last cycle; "" if it did not."""
+    control, wanted = block["control"], int(block.description["cycles"])
+    if int(control[sh.PASSES]) + int(control[sh.SKIPPED]) >= wanted:
+        return ""
+    done = int(control[sh.CYCLE]) + 1 if control[sh.PASSES] else 0
+    asked = " asked to end (SIGTERM or SIGINT)" if control[sh.STOP] else " ended"
+    return f"{done:,} of {wanted:,} cycles: the executive was{asked} before"
+
+
+def follows(block: sh.Shared | None) -> bool:
+    """Return whether a node's fault may be no more than the end of another one."""
+    fault = 0 if block is None else int(block["control"][sh.FAULT])
+    return fault in (sv.INPUT_MISSING, sv.PEER_SILENT)
+
+
+def _fault(block: sh.Shared) -> str:
+    """Return a node's fault, with the variable or block that it comes from, and its cycle."""
+    control = block["control"]
+    fault, step = int(control[sh.FAULT]), int(control[sh.STEPPING])
+    if fault in (sv.STEP_HANGS, sv.STEP_RAISED) and step:
+        did = "does not return" if fault == sv.STEP_HANGS else "ended with an exception"
+        at = int(control[sh.CYCLE]) + 1 if control[sh.PASSES] else 0
+        return f"the step of {block.description['blocks'][step - 1]} {did}, in cycle {at}"
+    if fault not in _OF_A_VALUE:
+        return f"{faults.reason(block.description, control)}, cycle {int(control[sh.CYCLE])}"
+    name = block.description["variables"][int(control[sh.ODD_PLACE]) - 1][0]
+    value = float(control[sh.ODD_BITS : sh.ODD_BITS + 1].view(np.float64)[0])
+    what = _of_an_fmu(block, name) or "the plant diverged: " * (fault == sv.PLANT_NOT_FINITE)
+    why = f", {WHYS[int(control[sh.CULPRIT])]}" if fault == sv.NOT_PLAUSIBLE else ""
+    return f"{what}{name} was {value:g} in cycle {int(control[sh.ODD_CYCLE])}{why}"
+
+
+def _of_an_fmu(block: sh.Shared, name: str) -> str:
+    """Return what the FMU of an output answered; "" for another block, and one that is well."""
+    of = name.partition(".")[0]
+    names = [entry[0] for entry in block.description["variables"]]
+    if f"{of}.fmi_status" not in names:
+        return ""
+    status = int(block["snapshot"][names.index(f"{of}.fmi_status")])
+    answer = {2: "discard", 3: "error", 4: "fatal", 5: "an end"}.get(status)
+    return f"the FMU {of} returned {answer}: " if answer else ""
+
+
+def changed(settings: Sequence[str]) -> list[str]:
+    """Return the settings, NAME=VALUE, that change what the rig's expectations are about."""
+    return [s for s in settings if s.partition("=")[0].partition(".")[0] not in _UNJUDGED_KEYS]

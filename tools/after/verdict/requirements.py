@@ -1,0 +1,234 @@
+"""What became of a rig's requirements in a log of any length, pacing and completeness."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import names
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK
+from pcpc.executive.log.reader import Log
+from pcpc.executive.rig import schema
+from pcpc.executive.rig.expressions import BARELY, ExpressionError, Rows
+from pcpc.executive.rig.requirements import RequirementError, Timed, text_of, timed
+from pcpc.executive.rig.units import Unit, of_name, unit
+from pcpc.plants.judging import Judged, Run
+from pcpc.tools.after.verdict.monitors import Monitor, monitor
+
+Bound = list[Timed | str]  # a node that is missing
+LEADER = "executive"  # whose cycles count
+END_S = 0.1  # before the last cycle a paced run may end: a stall skips its last cycles
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a requirement.
+
+    held       True, False, or None: nothing of it could be judged, `reason` says why
+    first_...  where it was first violated, what was compared there, value, limit, in `unit`
+    margin     the smallest robustness in `margin_unit`, in `margin_cycle`; negative: violated
+    events     how many obligations there were; `open`: those not over at the end
+    unrecorded cycles without a record of all that is asked
+    """
+
+    name: str
+    held: bool | None
+    reason: str = ""
+    first_cycle: int | None = None
+    first_s: float | None = None
+    what: str = ""
+    value: float | None = None
+    limit: float | None = None
+    unit: str = ""
+    margin: float | None = None
+    margin_unit: str = ""
+    margin_cycle: int | None = None
+    margin_s: float | None = None
+    events: int = 0
+    judged: int = 0
+    open: int = 0
+    unrecorded: int = 0
+
+    def __str__(self) -> str:
+        """Return it as a line."""
+        of = f", {self.judged} of {self.events} events judged" if self.open else ""
+        of += f", cycles without a record: {self.unrecorded}" if self.unrecorded else ""
+        unit = f" {self.margin_unit}" if self.margin_unit else ""
+        margin = f"margin {_number(self.margin)}{unit} at {self.margin_s} s"
+        if self.held is None:
+            return f"{self.name}: not judged: {self.reason}"
+        if self.held:
+            return f"{self.name}: held, {margin}{of}"
+        own = f" {self.unit}" if self.unit else ""
+        return (
+            f"{self.name}: violated first at cycle {self.first_cycle}, {self.first_s} s: "
+            f"{self.what} = {_number(self.value)}{own}, limit {_number(self.limit)}{own}, "
+            f"smallest {margin}{of}"
+        )
+
+    def json(self) -> dict[str, Any]:
+        """Return it as summary.json has it."""
+        return {**asdict(self), "text": str(self)}
+
+
+def violations(told: Iterable[Mapping[str, Any]]) -> list[tuple[float, str]]:
+    """Return time in s and name of what was violated, of results as summary.json has them."""
+    return [(one["first_s"], one["name"]) for one in told if one["held"] is False]
+
+
+def _number(value: float | None) -> str:
+    return "nan" if value is None else f"{value:.4g}"
+
+
+class Names:
+    """What names stand for in a log with the signals of an evaluation."""
+
+    def __init__(self, log: Log, signals: Mapping[str, Any]) -> None:
+        self.log, self.signals = log, signals
+
+    @cached_property
+    def _units(self) -> dict[tuple[str, str], str]:
+        return {
+            (node, name): text
+            for node, one in self.log.node.items()
+            for name, text, *_ in one.description.get("variables", [])
+        }
+
+    def place(self, name: str) -> tuple[str, str]:
+        """Return node and variable of a recorded variable; "", name of a signal.
+
+        ExpressionError for what is neither.
+        """
+        if (found := names.place(self.log, name)) is not None:
+            return found
+        if name in self.signals:
+            return "", name
+        if why := names.unrecorded(self.log, name):
+            raise ExpressionError(f"{name} is {why}")
+        raise ExpressionError(f"no variable {name}{did_you_mean(name, self._known())}")
+
+    def unit(self, name: str) -> Unit | None:
+        """Return the unit of a name, None for one that nobody tells; ExpressionError."""
+        node, variable = self.place(name)
+        if not node:
+            return of_name(name)
+        text = self._units.get((node, variable))
+        return None if text is None else unit(text)
+
+    def _known(self) -> Iterator[str]:
+        for node, one in self.log.node.items():
+            before = "" if node == LEADER else f"{node}:"
+            yield from (f"{before}{name}" for name in (*one.columns, *one.timing))
+        yield from self.signals
+
+    def absent(self, entry: schema.Requirement) -> str:
+        """Return a node that a requirement asks for and the log does not have; "" for none."""
+        asked = [LEADER]
+        for name in timed(entry, lambda name: None).names:
+            node, colon, _ = name.partition(":")
+            own = names.place(self.log, name) or names.unrecorded(self.log, name)
+            asked.append(node if colon else LEADER if own else "plant")
+        return next((node for node in asked if node not in self.log.node), "")
+
+    def rows(self, asked: frozenset[str], run: Run, own: slice) -> Rows:
+        """Return the own cycles of a stretch that have a record of all that is asked."""
+        places = {name: self.place(name) for name in asked}
+        nodes = {node for node, _ in places.values()}
+        nodes = set(self.log.node) if "" in nodes else nodes
+        told = np.logical_and.reduce([run.told(node) for node in nodes])[own]
+        columns = {
+            name: run.values(f"{node}:{variable}" if node else name)[own][told]
+            for name, (node, variable) in places.items()
+        }
+        return Rows(run.cycle[own][told], columns, run.period_s)
+
+
+def bound(entries: Sequence[schema.Requirement], known: Names) -> Bound:
+    """Return requirements that can be judged; of others the node that the log does not have.
+
+    RequirementError, with the number of the entry, for names and units that are wrong.
+    """
+    found: Bound = []
+    for number, entry in enumerate(entries):
+        try:
+            found.append(known.absent(entry) or timed(entry, known.unit))
+        except RequirementError as error:
+            error.number = number
+            raise
+    return found
+
+
+def results(
+    entries: Sequence[schema.Requirement], judged: Judged, cut: bool | None = None,
+    those: Bound | None = None,
+) -> list[Result]:  # fmt: skip
+    """Return what became of requirements; RequirementError as `bound`.
+
+    `cut`: whether the run went on behind the log's end; None: as far as the log tells. `those`:
+    what `bound` says of the entries, if that was asked already.
+    """
+    known = Names(judged.log, judged.signals)
+    able = [
+        one if isinstance(one, str) else monitor(one, judged.period_s)
+        for one in (bound(entries, known) if those is None else those)
+    ]
+    watched = [one for one in able if not isinstance(one, str)]
+    for run, own in judged.stretches(LEADER) if watched else ():
+        for one in watched:
+            one.take(known.rows(one.timed.names, run, own))
+    for one in watched:
+        one.end(_cut(judged, one.last) if cut is None else cut)
+    return [
+        Result(text_of(entry), None, f"the log has no {one}") if isinstance(one, str)
+        else _result(one, judged)
+        for entry, one in zip(entries, able, strict=True)
+    ]  # fmt: skip
+
+
+def _cut(judged: Judged, last: int) -> bool:
+    """Return whether a record that ends with cycle `last` ends before its run should have."""
+    log, period_s = judged.log, judged.period_s
+    clocked = log.metadata.get(LEADER, {}).get("pacing") not in WITHOUT_CLOCK
+    cycles = int(log.node[LEADER].description.get("cycles", 0))
+    return (cycles - 1 - last) * period_s > END_S * clocked
+
+
+def _result(one: Monitor, judged: Judged) -> Result:
+    """Return what a monitor found."""
+    record, period_s = judged.log.node[LEADER].cycle, judged.period_s
+    unrecorded = int(record[-1] - record[0]) + 1 - one.rows if len(record) else 0
+    found = Result(
+        one.timed.text, None, _why_not(one), events=one.events, judged=one.judged, open=one.open,
+        unrecorded=unrecorded,
+    )  # fmt: skip
+    if one.least is None or not (one.judged or one.first):
+        return found
+    cycle, said = one.least
+    margin = 0.0 if abs(one.margin) <= -BARELY else one.margin / float(said.unit.factor)
+    found = replace(
+        found, held=one.first is None, reason="", margin=margin, margin_unit=said.unit.text,
+        margin_cycle=cycle, margin_s=_seconds(cycle, period_s),
+    )  # fmt: skip
+    if one.first is None:
+        return found
+    cycle, said = one.first
+    return replace(
+        found, first_cycle=cycle, first_s=_seconds(cycle, period_s), what=said.what,
+        value=said.value, limit=said.limit, unit=said.unit.text,
+    )  # fmt: skip
+
+
+def _seconds(cycle: int, period_s: float) -> float:
+    return float(f"{cycle * period_s:.12g}")
+
+
+def _why_not(one: Monitor) -> str:
+    """Return why nothing of a requirement was judged."""
+    if not one.rows:
+        return "nothing was recorded of what it asks"
+    if one.events:
+        return "the run ended before it was over"
+    return "its event never happened" if one.timed.event else "the run ended before it began"

@@ -1,0 +1,293 @@
+"""What a run came to: metrics, timing, frames, verdict; as summary.json. As text: report.py.
+
+verdict              exit code
+ok                   0
+expectation not met  1    a metric is outside the rig's two-sided limits, a requirement is violated,
+                          the evaluation failed, or somebody else ended the run too early
+loss                 3    frames lost (but not on purpose) or stale, slow ones that stayed away,
+                          more wrong ones than the rig's `errors` allow, records dropped, or a part
+                          of the log missing
+safety stop          5    a node faulted or died
+interrupted          130  Ctrl-C
+
+Counters are those of the nodes at their end, not of what the log keeps.
+"""
+
+import contextlib
+import math
+import re
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.distribution import Distribution
+from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
+from pcpc.executive.nodes.planned_plausible import COUNT
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.verdict import on_purpose
+from pcpc.tools.after.verdict.frames import frames_to, most_cut, stayed_away, too_many, unlike
+from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.after.verdict.latest import level
+from pcpc.tools.after.verdict.outcome import HEALTH, Outcome
+from pcpc.tools.after.verdict.requirements import END_S, LEADER
+
+CODES = {code.meaning: code for code in Exit}
+_PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
+_STAGES = ("wake_late", "receive", "step", "send", "publish")
+
+
+Summary = dict[str, Any]
+
+
+def outcome_of(log: logs.Log) -> Outcome:
+    """Return what a log alone tells of its run: its faults, and whether it came to its end."""
+    facts = log.metadata.get(LEADER, {})
+    found = Outcome(facts.get("pacing", ""), facts.get("bus", ""))
+    for name, node in log.node.items():
+        for event in node.events:
+            if event.get("event") == "fault":
+                what = event.get("name") or event.get("argument", "")
+                found.faults.append(f"{name}: {what}, cycle {event.get('cycle')}")
+    leader = log.node.get(LEADER)
+    if leader is None or log.metadata.get("run", {}).get("discarded", "0") != "0":
+        return found
+    done = int(leader.cycle[-1]) + 1 if len(leader.cycle) else 0
+    wanted = int(leader.description.get("cycles", 0))
+    period_s = 1e-9 * float(leader.description.get("period_ns", 0))
+    if (wanted - done) * period_s > END_S * (found.pacing not in WITHOUT_CLOCK):
+        found.short = f"{done:,} of {wanted:,} cycles: the log ends before"
+    return found
+
+
+def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = None) -> Summary:
+    """Return the content of summary.json."""
+    executive = log.node.get("executive")
+    health = _health(log, outcome)
+    kept_back = rig.config.record.keep is not None
+    early = ""
+    if outcome.interrupted or outcome.faults or outcome.short:
+        early = "the run did not come to its end"
+    changed = [*outcome.changed, *_tuned(rig, log)]
+    found = (judge or Judge.of(rig)).judge(log, changed, early)
+    timing = _timing(log, outcome)
+    failed, limits = [*found.failed], rig.config.timing
+    if timing and limits.error is not None:
+        found.judged.append("timing")
+    worst_us = timing.pop("together", {})
+    timing_level, share = level(worst_us, rig.config.rate_hz, limits)
+    if timing_level == "ERROR":
+        failed.append(
+            f"lateness and work at p99.9 are {share:.2f} of a period, limit {limits.error}"
+        )
+    if outcome.short and not (outcome.interrupted or outcome.faults):
+        failed.append(outcome.short)
+    if outcome.strict:
+        failed += [f"{name} was not judged: {why}" for name, why in found.not_judged.items()]
+        failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
+    absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
+    each = _each_health(log, outcome)
+    summary: dict[str, Any] = {
+        "rig": rig.config.rig,
+        "title": rig.config.title,
+        "controller": rig.config.controller,
+        "pacing": outcome.pacing,
+        "bus": outcome.bus,
+        "seed": rig.config.seed,
+        "rate_hz": rig.config.rate_hz,
+        "cycles": max(_cycles(executive), outcome.cycles),
+        "late_cycles": health.pop("late_cycles"),
+        "skipped_cycles": health.pop("skipped_cycles"),
+        "held_cycles": health.pop("held_cycles"),
+        "metrics": found.metrics,
+        "timing_us": timing,
+        "timing_level": timing_level,
+        "timing_share": round(share, 4),
+        "latest_cycles": outcome.latest,
+        "frames": health,
+        "frames_too_many": [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)],
+        "most_cut": most_cut(rig, log) if health["saturated_values"] else "",
+        "frames_to": frames_to(rig, log, each),
+        "records": {
+            "written": _written(log, outcome),
+            "dropped": _dropped(log, outcome),
+            **({"kept_back": True} if kept_back else {}),
+        },
+        "faults": outcome.faults,
+        "injected": on_purpose.begun(log),
+        "changed": changed,
+        "judged": found.judged,
+        "not_judged": found.not_judged,
+        "expectations_failed": failed,
+        "requirements": [one.json() for one in found.requirements],
+        "realtime": outcome.realtime,
+        "start_to_first_cycle_s": _start_s(executive, outcome),
+        "log_missing": [*log.missing, *absent, *outcome.missing],
+    }
+    summary["verdict"] = _verdict(summary, outcome, on_purpose.missing(log, each))
+    return summary
+
+
+def _tuned(rig: Rig, log: logs.Log) -> list[str]:
+    """Return the live tunings of a run, NAME=VALUE; those of the rig's schedule are none."""
+    planned = [(name, value) for entry in rig.config.schedule for name, value in entry.set.items()]
+    last: dict[str, str] = {}
+    for node in log.node.values():
+        for tuning in node.tunings:
+            name, value = str(tuning.get("name")), float(tuning.get("value", math.nan))
+            if name.startswith("fault.") and name.endswith(".left"):
+                continue  # told with the faults on purpose
+            if (name, value) in planned:
+                planned.remove((name, value))
+            else:
+                last[name] = f"{name}={value:g}"
+    return list(last.values())
+
+
+def _cycles(executive: logs.Node | None) -> int:
+    return 0 if executive is None or not len(executive.cycle) else int(executive.cycle[-1]) + 1
+
+
+def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
+    """Return the time from the command to the executive's first cycle."""
+    if executive is None or outcome.begin_ns is None or not len(executive.stamp_ns):
+        return None
+    first_ns = int(executive.stamp_ns[0])
+    if outcome.pacing == "lockstep":  # its stamps are k T
+        ahead_ns = time.time_ns() - time.monotonic_ns()
+        first_ns = round(1e9 * float(executive.timing["timing.wall_s"][0])) - ahead_ns
+    return round(1e-9 * (first_ns - outcome.begin_ns), 2)
+
+
+def _verdict(summary: Mapping[str, Any], outcome: Outcome, missing: bool) -> str:
+    """Return the verdict; `missing`: frames that no fault on purpose took."""
+    if outcome.interrupted:
+        return "interrupted"
+    if outcome.faults:
+        return "safety stop"
+    lost = missing or summary["records"]["dropped"]
+    if lost or summary["frames_too_many"] or summary["log_missing"]:
+        return "loss"
+    return "expectation not met" if summary["expectations_failed"] else "ok"
+
+
+def _last(values: NDArray[np.float64] | None) -> int:
+    return int(values[-1]) if values is not None and len(values) else 0
+
+
+def _each_health(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, int]]:
+    """Return the counters of each node: its own ones if it ran here, else the last in the log."""
+    found = dict(outcome.health)
+    for role, node in log.node.items():
+        if role not in found:
+            timing = node.timing
+            found[role] = {k: _last(timing.get(f"health.{v}")) for k, (_, v) in HEALTH.items()}
+            refused = [name for name in node.columns if name.startswith(COUNT)]
+            found[role]["implausible"] = sum(_last(node.columns[name]) for name in refused)
+    return found
+
+
+def _health(log: logs.Log, outcome: Outcome) -> dict[str, int]:
+    """Return the counters of all nodes added up; those of cycles are the executive's."""
+    total = dict.fromkeys(HEALTH, 0)
+    for role, counters in _each_health(log, outcome).items():
+        for key, count in counters.items():
+            if role == "executive" or not key.endswith("_cycles"):
+                total[key] += count
+    return total
+
+
+def _timing(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, float]]:
+    """Return percentiles of each stage and of lateness and work `together`, us; {} without a clock.
+
+    Of a log too long to be read whole to one part in a million.
+    """
+    executive = log.node.get("executive")
+    if executive is None or outcome.pacing == "virtual" or not len(executive.cycle):
+        return {}
+    found: dict[str, Any] = {}
+    names = [f"timing.{stage}_us" for stage in _STAGES]
+    if not all(name in executive.timing for name in names):
+        return {}
+    for part in parts(log):
+        timing = {stage: part.timing[f"timing.{stage}_us"] for stage in _STAGES}
+        timing["together"] = np.sum([timing[stage] for stage in _STAGES[:4]], axis=0)
+        for stage, values in timing.items():
+            if not isinstance(log, LongLog):
+                found[stage] = np.percentile(values, _PERCENTILES).tolist()
+                continue
+            found.setdefault(stage, Distribution()).add(values)
+    if isinstance(log, LongLog):
+        found = {k: [d.quantile(p / 100.0) for p in _PERCENTILES] for k, d in found.items()}
+    return {
+        stage: {
+            f"p{p:g}" if p < 100 else "max": value if stage == "together" else round(value, 2)
+            for p, value in zip(_PERCENTILES, points, strict=True)
+        }
+        for stage, points in found.items()
+    }
+
+
+def parts(log: logs.Log) -> Iterator[logs.Node]:
+    """Yield the executive's record, of a long log piece by piece."""
+    if not isinstance(log, LongLog):
+        yield log.node["executive"]
+        return
+    for part, begin, end in log.parts("executive"):
+        node = part.node["executive"]
+        columns = {k: node.timing[f"timing.{k}_us"][begin:end] for k in _STAGES}
+        yield logs.Node(
+            node.cycle, node.stamp_ns, {}, {f"timing.{k}_us": v for k, v in columns.items()},
+            node.frames, [], [], {},
+        )  # fmt: skip
+
+
+def _dropped(log: logs.Log, outcome: Outcome) -> int:
+    """Return the rows that found a ring full: as the recorder counted, if it came to its end."""
+    counts = {k: int(v) for k, v in log.metadata.get("run", {}).items() if k.startswith("dropped.")}
+    return max(sum(counts.values()), outcome.dropped)
+
+
+def _written(log: logs.Log, outcome: Outcome) -> int:
+    """Return the cycles in the log: as the recorder counted, if it came to its end."""
+    run = log.metadata.get("run", {})
+    counts = [int(n) for k, n in run.items() if re.fullmatch(r"written\..*\.record", k)]
+    if counts and run.get("discarded", "0") == "0":
+        return sum(counts)
+    kept = outcome.kept or {name: len(node.cycle) for name, node in log.node.items()}
+    return sum(kept.values())
+
+
+def problems(summary: Mapping[str, Any]) -> list[str]:
+    """Return what keeps a run from being ok, a line each."""
+    kinds = ("faults", "expectations_failed", "frames_too_many", "log_missing")
+    return [line for kind in kinds for line in summary[kind]]
+
+
+def note_figure(summary: Summary, problem: str) -> None:
+    """Enter what is wrong with the figure, if anything is, into a summary and its verdict."""
+    if problem:
+        summary["expectations_failed"].append(problem)
+        if summary["verdict"] == "ok":
+            summary["verdict"] = "expectation not met"
+
+
+def note_device(summary: Summary, problems: list[str]) -> None:
+    """Enter what a device did wrong into a summary and its verdict."""
+    summary["expectations_failed"] = [*problems, *summary["expectations_failed"]]
+    if problems and summary["verdict"] == "ok":
+        summary["verdict"] = "expectation not met"
+
+
+def note_missing(summary: Summary, path: Path, error: OSError) -> None:
+    """Enter a file of the run that could not be written into a summary and its verdict."""
+    summary["log_missing"].append(f"{path}: cannot be written: {error.strerror or error}")
+    if summary["verdict"] in ("ok", "expectation not met"):
+        summary["verdict"] = "loss"
+    with contextlib.suppress(OSError):  # a part of a file is worse than none
+        path.unlink()

@@ -1,0 +1,138 @@
+"""The `pcpc` command: from the words of a command line to a command of `tools.cli.commands`."""
+
+import argparse
+import gc
+import os
+import platform
+import resource
+import sys
+import time
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.cli import completion
+from pcpc.tools.cli.commands import COMMANDS, overview
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.ending import ended
+
+_OPEN_FILES = 64  # at once: a run has 32, and its libraries theirs
+_BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code; see `tools.terminal.ending` for how it ends."""
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks which words may come next
+        completion.complete(parser())
+    own = argv is None  # a process of its own
+    if own:  # to look for garbage in imports is a fifth of a start
+        gc.disable()
+    words = list(sys.argv[1:] if argv is None else argv)
+    goes_on = any(word in COMMANDS and COMMANDS[word].judges for word in words[:1])
+    return ended(lambda: _carry_out(words), goes_on=goes_on, last=own)
+
+
+def _carry_out(words: Sequence[str]) -> int:
+    options = parsed(words)
+    command = COMMANDS[options.command]
+    options.begin_ns = _BEGIN_NS
+    _allow_open_files()
+    _name_files(options)
+    if command.compiles:
+        from pcpc.tools.terminal.progress import Compiling
+
+        Compiling().told(getattr(options, "quiet", False))
+    module = import_module(f"pcpc.tools.{options.registered.module}")
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
+    try:
+        return int(module.command(options))
+    finally:
+        if getattr(options, "link", None) is not None:
+            options.link.close()
+
+
+def _allow_open_files() -> None:
+    """Raise a low limit of open files as far as is allowed; UserError if that does not do."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if 0 <= soft < _OPEN_FILES:
+        if 0 <= hard < _OPEN_FILES:
+            what = f"{hard} open files are allowed, {_OPEN_FILES} are needed"
+            raise UserError(f"{what}; raise the limit with `ulimit -n`", Exit.ENVIRONMENT)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (_OPEN_FILES, hard))
+
+
+def parsed(words: Sequence[str]) -> argparse.Namespace:
+    """Return the options of a command line; UserError, SystemExit."""
+    if not words:
+        what = "no command; `pcpc simulate hull` runs a rig, `pcpc --help` lists all commands"
+        raise UserError(f"pcpc: {what}")
+    name = words[0]
+    if not name.startswith("-") and name not in COMMANDS:
+        from pcpc.executive.errors import did_you_mean
+
+        cure = did_you_mean(name, COMMANDS) or "; `pcpc --help` lists all"
+        raise UserError(f"pcpc {name}: no such command{cure}")
+    rest: list[str] = []
+    if name in COMMANDS and COMMANDS[name].rest and "--" in words:
+        at = words.index("--")
+        words, rest = words[:at], list(words[at + 1 :])
+    last = COMMANDS[name].last if name in COMMANDS else ""
+    behind: list[str] = []
+    if last and last in words:  # argparse would stop at a -- in it
+        at = words.index(last) + 1
+        words, behind = words[:at], list(words[at:])
+    options = parser().parse_args(words, argparse.Namespace(rest=rest))
+    if behind:
+        setattr(options, last.removeprefix("--"), behind)
+    return options
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    found = argparse.ArgumentParser(
+        "pcpc",
+        usage="pcpc COMMAND ...",
+        description="hardware-in-the-loop: a real-time executive and a plant emulator on CAN",
+        epilog=overview(),
+        formatter_class=screen.Help,
+    )
+    found.add_argument("--version", action=_Version, nargs=0, help="of pcpc, Python and numba")
+    commands = found.add_subparsers(
+        prog="pcpc", dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS
+    )
+    for command in COMMANDS.values():
+        command.add_to(commands, completion.attach)
+    return found
+
+
+def _name_files(options: argparse.Namespace) -> None:
+    """Put the file in place of a rig's name, of a run folder and of `latest`; RigError."""
+    if getattr(options, "rig", None) is not None and getattr(options, "at", None) is None:
+        from pcpc.tools.start.rigs import find
+
+        options.rig = type(options.rig)(find(str(options.rig)))
+    if COMMANDS[options.command].reads_logs:
+        from pcpc.tools.after.log.recorded import LATEST, log_of
+
+        for key in {"log", "a", "b"} & vars(options).keys():
+            value = getattr(options, key)
+            setattr(options, key, type(value)(log_of(str(value))))
+        if "words" in options:  # of `log plot`: logs and variables
+            options.words = [str(log_of(w)) if _is_log(w, LATEST) else w for w in options.words]
+
+
+def _is_log(word: str, latest: str) -> bool:
+    return word == latest or Path(word).is_dir()
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        versions = [f"{name} {version(name)}" for name in ("pcpc", "numba")]
+        print(", ".join((versions[0], f"Python {platform.python_version()}", versions[1])))
+        parser.exit()

@@ -1,0 +1,67 @@
+"""All commands of `pcpc`: those that the rooms of tools/ offer in their commands.py."""
+
+from dataclasses import replace
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.command import Command, exit_codes
+from pcpc.tools.terminal.rooms import having, part_of
+
+TITLES = {  # of the groups, which are the folders of tools/, in the order of use
+    "start": "before a run: the rigs, and what their bus takes",
+    "run": "a run, from a rig to a verdict; its nodes also one by one",
+    "live": "while it runs",
+    "after": "afterwards",
+    "study": "many runs, and what they show",
+    "make": "what is made of rigs",
+    "machine": "this machine",
+    "dev": "the workshop of the project itself",
+}
+
+
+def _found() -> dict[str, tuple[Command, ...]]:
+    """Return the commands by group; parts that another room offers stand behind a command's own."""
+    modules = {
+        room: part_of(room, "commands") for room in having("commands") if room != "cli"
+    }  # fmt: skip
+    more: dict[str, list[Command]] = {}
+    for module in modules.values():
+        for name, parts in getattr(module, "PARTS_OF", {}).items():
+            more.setdefault(name, []).extend(parts)
+    groups: dict[str, list[Command]] = {group: [] for group in TITLES}
+    for room, module in modules.items():
+        groups[room.split("/")[0]] += [
+            replace(one, parts=(*one.parts, *more.get(one.name, ()))) for one in module.COMMANDS
+        ]
+    return {group: tuple(commands) for group, commands in groups.items() if commands}
+
+
+GROUPS = _found()
+COMMANDS = {command.name: command for group in GROUPS.values() for command in group}
+_WORDS = """\
+RIG is a name (pcpc rigs), a file, a folder with rig.yaml, or the name of a
+run that goes on; LOG a file, a run folder, or `latest`.
+`pcpc COMMAND --help` tells the options of each, with an example."""
+
+
+def overview() -> str:
+    """Return the help's first page: what people begin with, and where the rest stands."""
+    first = [(f"  {one.name}", one.help) for one in COMMANDS.values() if one.first]
+    groups = [(f"  {group}", TITLES[group]) for group in GROUPS]
+    return "\n".join([
+        "to begin with:", *screen.table(first), "", "all commands: `pcpc help GROUP`",
+        *screen.table(groups), "", _WORDS, exit_codes(),
+    ])  # fmt: skip
+
+
+def of_group(name: str) -> str:
+    """Return the commands of a group, of all for `all`; UserError."""
+    if name != "all" and name not in GROUPS:
+        cure = did_you_mean(name, [*GROUPS, "all"]) or f"; there are {', '.join(GROUPS)}, all"
+        raise UserError(f"pcpc help {name}: no such group{cure}")
+    lines: list[str] = []
+    for group in GROUPS if name == "all" else (name,):
+        rows = [(f"  {one.name}", one.help) for one in GROUPS[group]]
+        lines += [f"{group}: {TITLES[group]}", *screen.table(rows), ""]
+    return "\n".join([*lines, "`pcpc COMMAND --help` tells the options of each, with an example."])

@@ -1,0 +1,156 @@
+"""What a shell completes by itself, and `pcpc completion`, which prints how it is told.
+
+argcomplete asks this program for the words that may come next; commands and options it knows from
+the parser, values from here. Nothing here imports numba: an answer takes a quarter of a second.
+"""
+
+import argparse
+import re
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.terminal import given
+
+if TYPE_CHECKING:
+    from pcpc.executive.nodes.live import Variable
+
+_CHAPTER = re.compile(r"^CHAPTER = (\d+)", re.MULTILINE)
+Words = Iterable[str]
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the code by which a shell learns to complete `pcpc`."""
+    import argcomplete
+
+    print(argcomplete.shellcode(["pcpc"], shell=options.shell))
+    return Exit.OK
+
+
+def complete(parser: argparse.ArgumentParser) -> None:
+    """Answer a shell and end, if it asks (_ARGCOMPLETE)."""
+    import argcomplete
+
+    argcomplete.safe_actions.update(given.ACTIONS.values())  # these only note what is typed
+    argcomplete.autocomplete(parser)
+
+
+def attach(command: str, action: argparse.Action) -> None:
+    """Give an argument of a command the words that it can have; else a shell offers files."""
+    found = _OF.get(f"{command} {action.dest}") or _OF.get(action.dest)
+    if found is not None and action.choices is None:
+        vars(action)["completer"] = partial(_candidates, found)
+
+
+def _candidates(
+    found: Callable[[argparse.Namespace], Words], prefix: str, parsed_args: argparse.Namespace,
+    **_: object,
+) -> list[str]:  # fmt: skip
+    try:
+        return [word for word in found(parsed_args) if word.startswith(prefix)]
+    except (UserError, OSError):  # a rig that is wrong, a node that has just ended
+        return []
+
+
+def _rigs(options: argparse.Namespace) -> Words:
+    from pcpc.tools.start.rigs import shipped
+
+    return [*(name for rig in shipped() for name in rig.names if "/" not in name), *_files(".yaml")]
+
+
+def _runs(options: argparse.Namespace) -> Words:
+    from pcpc.tools.live.remote.nodes import nodes_of
+
+    going_on = nodes_of(options).running().values()
+    return [*{str(one.block.description["rig"]) for one in going_on}, *_rigs(options)]
+
+
+def _plants(options: argparse.Namespace) -> Words:
+    from pcpc.tools.start.rigs import shipped
+
+    return {name for rig in shipped() for name in (rig.plant, rig.name)}
+
+
+def _controllers(options: argparse.Namespace) -> Words:
+    from pcpc.tools.start import rigs
+
+    return [] if options.rig is None else list(rigs.data_of(rigs.find(options.rig))["controllers"])
+
+
+def _logs(options: argparse.Namespace) -> Words:
+    from pcpc.tools.after.log.recorded import LATEST, RUNS
+
+    return [LATEST, *(f"{run}" for run in RUNS.glob("*/")), *_files(".mcap")]
+
+
+def _files(suffix: str) -> Words:
+    """Return the files and folders here that may be meant."""
+    return [
+        f"{path}/" if path.is_dir() else str(path)
+        for path in Path().iterdir()
+        if path.suffix == suffix or (path.is_dir() and not path.name.startswith("."))
+    ]
+
+
+def _nodes(options: argparse.Namespace) -> Words:
+    from pcpc.executive.rig.roles import ROLES
+    from pcpc.tools.live.remote.nodes import nodes_of
+
+    nodes = nodes_of(options).running()
+    rigs = {str(live.block.description.get("rig")) for live in nodes.values()}
+    return [*ROLES, *nodes, *rigs]
+
+
+def _variables(options: argparse.Namespace) -> Words:
+    return {one.name for one in _live(options)}
+
+
+def _parameters(options: argparse.Namespace) -> Words:
+    return {f"{one.name}=" for one in _live(options) if one.range is not None}
+
+
+def _live(options: argparse.Namespace) -> "list[Variable]":
+    """Return the variables of the node that is named, else of all."""
+    from pcpc.tools.live.remote.nodes import nodes_of
+
+    there = nodes_of(options)
+    nodes = [there.find(options.node)] if options.node is not None else there.running().values()
+    return [one for live in nodes for one in live.variables.values()]
+
+
+def _faults(options: argparse.Namespace) -> Words:
+    from pcpc.executive.nodes.injecting import faults_of
+    from pcpc.tools.live.remote.nodes import nodes_of
+
+    return {one.name for one in faults_of([*nodes_of(options).running().values()])}
+
+
+def _laws(options: argparse.Namespace) -> Words:
+    from pcpc.executive.nodes.operating import laws
+    from pcpc.tools.live.remote.nodes import nodes_of
+
+    return {name for live in nodes_of(options).running().values() for name in laws(live)}
+
+
+def _levels(options: argparse.Namespace) -> Words:
+    from pcpc.executive.nodes.live import LEVELS
+
+    return LEVELS
+
+
+def _studies(options: argparse.Namespace) -> Words:
+    project = Path(__file__).resolve().parents[2]
+    texts = (path.read_text(encoding="utf-8") for path in project.glob("plants/*/book/study.py"))
+    chapters = {f"chapter{found[1]}" for text in texts if (found := _CHAPTER.search(text))}
+    return [*chapters, *(path.stem for path in project.glob("tools/study/**/book/[a-z]*.py"))]
+
+
+_OF = {  # by the name of an argument, or of a command and its argument
+    "rig": _rigs, "controller": _controllers, "node": _nodes, "log": _logs, "a": _logs, "b": _logs,
+    "words": _logs, "rigs names": _plants, "list names": _variables, "get names": _variables,
+    "watch names": _variables, "scope names": _variables, "set names": _parameters,
+    "lock names": _levels, "handover controller": _laws, "standby": _controllers,
+    "experiment name": _studies, "bus words": _rigs, "run": _runs, "fault name": _faults,
+}  # fmt: skip

@@ -1,1 +1,0 @@
-"""The command line: commands and what they take, how they end, text for a terminal."""

@@ -1,0 +1,1 @@
+"""The workshop of the project itself, not installed for users: evidence, bench."""

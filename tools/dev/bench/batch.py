@@ -1,0 +1,112 @@
+"""Closed-loop runs of slew10 in lanes, against C and scipy, and two threads against one.
+
+    lanes    `executive.batch`: WIDTH runs of plant and executive at once, codec rounding, limits,
+             supervisor and delay included, no CRC and no records
+    C        one run after the other: the C of `pcpc bench simulate`, -O2, with frames and their CRC
+    scipy    as in `pcpc bench simulate`: the plant alone, as accurate
+
+Processor time in ms per simulated second of one run; threads by wall time, the same groups in one
+thread and in two. Compiled for this machine's processor, as `pcpc sweep` is.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.lanes import WIDTH
+from pcpc.executive.batch.group import Group
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.dev.bench.cli import Ratio
+from pcpc.tools.dev.bench.cycle import RIG, interleave, library, per_repeat
+from pcpc.tools.dev.bench.simulate import (
+    DURATION_S,
+    SEGMENT_S,
+    by_scipy,
+    in_plain_c,
+    matched,
+    nodes,
+    segment,
+)
+from pcpc.tools.terminal.progress import Progress
+
+SUITE = "batch"
+THREADS = 2
+
+
+def group() -> Group:
+    """Return WIDTH runs of slew10."""
+    return Group(load_rig(RIG, settings=[f"duration_s={DURATION_S}"]), {})
+
+
+def once(one: Group) -> None:
+    """Do the runs of a group, each lane with another play of the gear."""
+    one.begin()
+    place = one.plans["plant"].table.index["barrel.gap_rad"]
+    for lane in range(WIDTH):
+        one.put(lane, "plant", {place: 1e-3 + 1e-4 * lane})
+    odd = one.run()
+    assert not odd.any(), "no run of these faults"
+
+
+def in_lanes(one: Group) -> float:
+    """Return the processor time of a run in ns; a group has a thread of its own."""
+    start = time.process_time_ns()
+    once(one)
+    return (time.process_time_ns() - start) / WIDTH
+
+
+def in_threads(groups: list[Group], threads: int) -> float:
+    """Return the wall time in s of all groups, dealt to threads."""
+
+    def work(mine: list[Group]) -> None:
+        for one in mine:
+            once(one)
+
+    workers = [threading.Thread(target=work, args=(groups[i::threads],)) for i in range(threads)]
+    begin_s = time.perf_counter()
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    return time.perf_counter() - begin_s
+
+
+def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
+    """Return the ratios; CompilerError, BenchError, RigError."""
+    c, groups = library(), [group() for _ in range(2 * THREADS)]
+    progress.show("batch: matching scipy's accuracy")
+    n, s = nodes(), segment()
+    of_run, of_segment = DURATION_S * 1e6, SEGMENT_S * 1e6  # ns to ms per simulated second
+
+    def in_c() -> float:
+        n.restore()
+        return per_repeat(lambda: in_plain_c(n, c), 1)() / of_run
+
+    def rival(method: str, tolerance: float) -> Callable[[], float]:
+        def run() -> None:
+            by_scipy(s, method, tolerance)
+
+        return lambda: per_repeat(run, 1)() / of_segment
+
+    methods = matched(s)
+    runs = 2 * THREADS * WIDTH * DURATION_S * 1e-3  # s to ms per simulated second
+    sides: list[Callable[[], Any]] = [
+        lambda: in_lanes(groups[0]) / of_run,
+        in_c,
+        *(rival(*one) for one in methods),
+    ]
+    sides += [lambda: in_threads(groups, THREADS) / runs, lambda: in_threads(groups, 1) / runs]
+    times = interleave(progress, SUITE, rounds, sides)
+    quickest = int(np.argmin(np.median(times[2:-2], axis=1)))
+    name, tolerance = methods[quickest]
+    about = SUITE, "a run in lanes"
+    return [
+        Ratio.of(*about, "C -O2, both nodes", times[0], times[1], "ms/s"),
+        Ratio.of(
+            *about, f"{name} at {tolerance:.0e}, plant only", times[0], times[2 + quickest], "ms/s"
+        ),
+        Ratio.of(SUITE, f"{THREADS} threads", "one thread, wall", times[-2], times[-1], "ms/s"),
+    ]

@@ -1,0 +1,125 @@
+"""Packing and unpacking of all frames of the plant's DBC, against cantools and against C.
+
+    Python    drivers.codec: pack all frames from one array, unpack all into another
+    C         the same tables and results, frame.c at -O2
+    cantools  Message.encode and Message.decode, without checks and without names for values
+
+The values are spread evenly over the ranges of the signals. No counters, no CRC: cantools knows of
+none. Processor time of the thread for one pass over all frames.
+"""
+
+import ctypes
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from cantools.database.can import Database
+from numpy.typing import NDArray
+
+from pcpc.drivers import dbc
+from pcpc.drivers.codec import pack, unpack
+from pcpc.drivers.jit import compiled, f8, i8, types, u1
+from pcpc.plants.atb1000 import model
+from pcpc.tools.dev.bench.cli import Ratio
+from pcpc.tools.dev.bench.cycle import interleave, library, per_repeat, pointer
+from pcpc.tools.terminal.progress import Progress
+
+SUITE = "codec"
+DBC = model.__file__.replace("model.py", "atb1000.dbc")
+PASSES = 5000  # a round
+CANTOOLS_PASSES = 10
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Frames:
+    """All frames of a DBC with values: `table` of drivers.dbc, `values` and `found` (signals,)."""
+
+    database: Database
+    names: list[str]
+    table: dbc.Table
+    data: NDArray[np.uint8]
+    values: NDArray[np.float64]
+    found: NDArray[np.float64]
+
+    def messages(self) -> list[tuple[Any, dict[str, float]]]:
+        """Return each message of cantools with the values of its signals, 0 for those unused."""
+        known = dict(zip(self.table.variables, self.values.tolist(), strict=True))
+        messages = [self.database.get_message_by_name(name) for name in self.names]
+        return [
+            (m, {s.name: known.get(f"{m.name}.{s.name}", 0.0) for s in m.signals}) for m in messages
+        ]
+
+
+def frames_of(path: str = DBC, seed: int = SEED) -> Frames:
+    """Return the frames of a DBC with values spread evenly over the signals' ranges; BusError."""
+    database = dbc.load(path)
+    frames = [dbc.frame(message) for message in database.messages]
+    table = dbc.table(frames, 1000.0)
+    generator = np.random.default_rng(seed)
+    signals = [signal for frame in frames for signal in frame.signals]
+    ends = np.array([(s.low, s.high) for s in signals])
+    values = ends[:, 0] + generator.random(len(ends)) * (ends[:, 1] - ends[:, 0])
+    names = [frame.name for frame in frames]
+    data = np.zeros((len(frames), 8), np.uint8)
+    return Frames(database, names, table, data, values, np.zeros_like(values))
+
+
+@compiled(types.void(i8, i8[:, ::1], i8[:, ::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1]))
+def drive(
+    repeats: Any, frames: Any, signals: Any, scales: Any, data: Any, values: Any, found: Any
+) -> None:
+    """Pack and unpack all frames `repeats` times; `drive_codec` of frame.c does the same."""
+    for _ in range(repeats):
+        for f in range(frames.shape[0]):
+            pack(data[f], f, frames, signals, scales, values)
+        for f in range(frames.shape[0]):
+            unpack(data[f], f, frames, signals, scales, found)
+
+
+def in_python(f: Frames, repeats: int) -> None:
+    """Pack and unpack compiled."""
+    drive(repeats, f.table.frames, f.table.signals, f.table.scales, f.data, f.values, f.found)
+
+
+def in_c(f: Frames, repeats: int, c: ctypes.CDLL) -> None:
+    """Pack and unpack in C."""
+    arrays: tuple[NDArray[Any], ...] = (
+        f.table.frames,
+        f.table.signals,
+        f.table.scales,
+        f.data,
+        f.values,
+        f.found,
+    )
+    c.drive_codec(
+        ctypes.c_int64(repeats), ctypes.c_int64(len(f.data)), *(pointer(a) for a in arrays)
+    )
+
+
+def with_cantools(messages: list[tuple[Any, dict[str, float]]]) -> None:
+    """Encode and decode once with cantools."""
+    for message, values in messages:
+        message.decode(message.encode(values, strict=False), decode_choices=False)
+
+
+def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
+    """Return the ratios to cantools and to C; CompilerError."""
+    c, f = library(), frames_of()
+    messages = f.messages()
+
+    def cantools_passes() -> None:
+        for _ in range(CANTOOLS_PASSES):
+            with_cantools(messages)
+
+    sides = (
+        per_repeat(lambda: in_python(f, PASSES), PASSES),
+        per_repeat(lambda: in_c(f, PASSES, c), PASSES),
+        per_repeat(cantools_passes, CANTOOLS_PASSES),
+    )
+    own, plain, tools = interleave(progress, SUITE, rounds, sides)
+    what = f"all {len(f.data)} frames"
+    return [
+        Ratio.of(SUITE, what, "cantools", own, tools, "ns"),
+        Ratio.of(SUITE, what, "C -O2, the same tables", own, plain, "ns"),
+    ]

@@ -1,0 +1,47 @@
+"""Commands: bench."""
+
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import SIMPLE, Add, Command
+
+_SUITES = {  # by their modules, one of which may go with what it measures
+    "steps": "one step of controllers and plant against C at -O2",
+    "generated": "C that `pcpc generate c` makes of laws against C by hand",
+    "wake": "how late the executive wakes, against cyclictest and C",
+    "cycle": "one cycle of the executive, in memory and on a bus, against C",
+    "frame": "one frame sent and received against C and python-can",
+    "codec": "packing and unpacking of all frames of the DBC against cantools and C",
+    "recorder": "the recorder's throughput against mcap, its effect on the loop",
+    "simulate": "a virtual run against C and scipy",
+    "batch": "runs in lanes against C and scipy, two threads against one",
+    "rate": "the highest closed-loop rate of two processes against C",
+    "host": "lateness with the page of `pcpc host` and its clients against without",
+    "startup": "the time from command to first cycle, warm and cold",
+}
+SUITES = {
+    name: text for name, text in _SUITES.items() if Path(__file__).with_name(f"{name}.py").is_file()
+}
+
+
+def bench(add: Add) -> None:
+    """Take suites."""
+    add("names", nargs="*", metavar="NAME", help="suites; default: all but batch, rate, startup")
+    add("--rounds", type=int, default=15, metavar="N", help="default 15")
+    add("--json", type=Path, metavar="FILE", help="write the ratios there too")
+    take.quiet(add)
+
+
+COMMANDS = (
+    Command(
+        "bench",
+        "measure ratios against C and others, interleaved in one run",
+        "pcpc bench steps --json steps.json",
+        bench,
+        codes={**SIMPLE, Exit.ENVIRONMENT: "a yardstick is missing", Exit.INTERRUPTED: ""},
+        notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
+        compiles=True,
+        module="dev.bench.cli",
+    ),
+)

@@ -1,0 +1,1048 @@
+/* The loop in plain C: the yardstick of `tools.dev.bench`. The functions of executive/loop/cycle.py and
+ * rings.py on the same LOOP record, with the wire, codec and protection of frame.c and the steps of
+ * steps.c; the same bits, so that the records of a run are equal.
+ */
+#include "frame.c"
+
+#include <sched.h>
+#include <sys/resource.h>
+#include <time.h>
+
+typedef void step_function(double, double, double *, double *, double *, double *);
+typedef struct loop loop;
+
+static int stopping(loop *n)
+{
+    return __atomic_load_n(&n->control[SH_STOP], __ATOMIC_ACQUIRE) != 0;
+}
+
+/* ------------------------------------------------------------------ executive/loop/clock.py -------- */
+
+static int runs(loop *n)
+{
+    return n->clock.kind == CLK_REAL || n->clock.kind == CLK_LOCKSTEP;
+}
+
+static int64_t now(loop *n)
+{
+    struct timespec t;
+    if (!runs(n))
+        return n->clock.now_ns;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec * 1000000000LL + t.tv_nsec;
+}
+
+static int64_t stamp(loop *n)
+{
+    return n->clock.kind == CLK_LOCKSTEP ? n->clock.now_ns : now(n);
+}
+
+static int paced(loop *n)
+{
+    return n->clock.trigger == CLK_CLOCKED && n->passes > n->clock.arm_pass;
+}
+
+static void set_time(loop *n)
+{
+    if (n->clock.kind == CLK_LOCKSTEP || n->clock.kind == CLK_VIRTUAL)
+        n->clock.now_ns = n->k * n->clock.period_ns;
+}
+
+/* ------------------------------------------------------------------ executive/loop/rings.py -------- */
+
+static int64_t bits_of(double value)
+{
+    int64_t bits;
+    if (value != value)
+        return 0x7FF8000000000000LL;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+static int64_t free_row(loop *n, int64_t *ends, int64_t *taken, int64_t rows)
+{
+    int64_t put = ends[SH_PUT];
+    while (put - __atomic_load_n(&taken[0], __ATOMIC_ACQUIRE) >= rows) {
+        if (!n->rings.wait_recorder || stopping(n)) {
+            ends[SH_DROPPED]++;
+            return -1;
+        }
+        sched_yield();
+    }
+    return put % rows;
+}
+
+static void was_put(int64_t *ends)
+{
+    __atomic_store_n(&ends[SH_PUT], ends[SH_PUT] + 1, __ATOMIC_RELEASE);
+}
+
+static void push_frame(loop *n, const uint8_t *frame, int64_t received, int64_t state)
+{
+    int64_t at = free_row(n, n->frame_ends, n->frame_taken, SH_FRAME_RING_ROWS);
+    if (at < 0)
+        return;
+    uint32_t word;
+    int64_t *row = n->frame[at];
+    memcpy(&word, frame, sizeof word);
+    row[0] = SH_CDR_HEADER;
+    row[1] = stamp(n);
+    row[2] = n->k;
+    row[3] = word | (int64_t)frame[4] << 32 | received << 40 | state << 48;
+    memcpy(&row[4], frame + 8, 8);
+    was_put(n->frame_ends);
+}
+
+static void push_event(loop *n, int64_t code, int64_t argument, double value)
+{
+    int64_t at = free_row(n, n->event_ends, n->event_taken, SH_EVENT_RING_ROWS);
+    if (at < 0)
+        return;
+    int64_t row[5] = {stamp(n), n->k, code, argument, bits_of(value)};
+    memcpy(n->event[at], row, sizeof row);
+    was_put(n->event_ends);
+}
+
+static void push_record(loop *n)
+{
+    int64_t columns = SH_RECORD_HEAD + n->rings.n_state + 1 + n->rings.n_timing;
+    int64_t at = free_row(n, n->record_ends, n->record_taken, n->rings.record_rows);
+    if (at < 0)
+        return;
+    int64_t *row = n->record + at * columns;
+    row[0] = n->k;
+    row[1] = n->clock.wake;
+    row[2] = SH_CDR_HEADER;
+    row += SH_RECORD_HEAD;
+    for (int64_t i = 0; i < n->rings.n_state; i++)
+        row[i] = bits_of(n->v[n->rings.state_columns[i]]);
+    row += n->rings.n_state;
+    row[0] = SH_CDR_HEADER;
+    for (int64_t i = 0; i < n->rings.n_timing; i++)
+        row[1 + i] = bits_of(n->v[n->rings.timing_columns[i]]);
+    was_put(n->record_ends);
+}
+
+static void publish(loop *n)
+{
+    int64_t s = n->seq[0] | 1;
+    __atomic_store_n(&n->seq[0], s, __ATOMIC_RELEASE);
+    __atomic_thread_fence(__ATOMIC_RELEASE);
+    memcpy(n->snapshot, n->v, n->n_variables * sizeof *n->v);
+    __atomic_store_n(&n->seq[0], s + 1, __ATOMIC_RELEASE);
+}
+
+/* ------------------------------------------------------------------ executive/loop/cycle.py -------- */
+
+static void wait(loop *n)
+{
+    struct timespec until = {n->clock.deadline / 1000000000, n->clock.deadline % 1000000000};
+    if (!runs(n))
+        n->clock.now_ns = n->clock.now_ns > n->clock.deadline ? n->clock.now_ns : n->clock.deadline;
+    else
+        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL) == EINTR
+               && !stopping(n))
+            ;
+    n->clock.wake = now(n);
+    int64_t late = n->clock.wake - n->clock.deadline;
+    n->control[SH_LATE] += late > n->clock.late_ns;
+    if (late > n->control[SH_WAKE_MAX_NS])
+        n->control[SH_WAKE_MAX_NS] = late;
+}
+
+static void arm(loop *n)
+{
+    int64_t soonest = now(n) + n->clock.period_ns / 8 - n->clock.phase_ns;
+    n->clock.deadline = (soonest / n->clock.period_ns + 1) * n->clock.period_ns + n->clock.phase_ns;
+}
+
+static void next_cycle(loop *n)
+{
+    n->passes++;
+    n->k++;
+    n->clock.deadline += n->clock.period_ns;
+    n->clock.behind = 0;
+    if (paced(n) && n->timing.done > n->clock.deadline) {
+        n->clock.behind = (n->timing.done - n->clock.deadline) / n->clock.period_ns + 1;
+        n->k += n->clock.behind;
+        n->clock.deadline += n->clock.behind * n->clock.period_ns;
+        n->control[SH_SKIPPED] += n->clock.behind;
+        push_event(n, SH_SKIP_EVENT, n->clock.behind, 0.0);
+    }
+}
+
+/* ------------------------------------------------ executive/loop/strangers.py, reception.py -------- */
+
+static int64_t frame_of(uint32_t word, frame_row *table, int64_t rows)
+{
+    for (int64_t row = 0; row < rows; row++)
+        if (table[row][DBC_CAN_ID] == (word & 0x1FFFFFFF) && table[row][DBC_EXTENDED] == word >> 31)
+            return row;
+    return -1;
+}
+
+static int is_foreign(loop *n, int64_t row, uint32_t word)
+{
+    int64_t source = n->wire.source;
+    if (row < 0)
+        return frame_of(word, n->tx.frames, n->tx.n) >= 0;
+    if (source == n->rx.source[row])
+        return 0;
+    int64_t silent = STRANGERS_SILENT_TURNS * n->rx.frames[row][DBC_EVERY_N];
+    if (source == WIRE_STRANGER || (n->rx.source[row] != 0 && n->passes != 0
+                                    && n->rx.state[row][E2E_AGE_CYCLES] <= silent))
+        return 1;
+    n->rx.source[row] = source;
+    return 0;
+}
+
+static int64_t note(loop *n, int64_t kind, int64_t cycles)
+{
+    int64_t *strange = n->rx.strange[kind];
+    if (strange[STRANGERS_COUNT] == 0 || n->passes - strange[STRANGERS_SINCE] >= cycles) {
+        strange[STRANGERS_SINCE] = n->passes;
+        strange[STRANGERS_COUNT] = 0;
+    }
+    return ++strange[STRANGERS_COUNT];
+}
+
+static void blame(loop *n, int64_t fault, uint32_t word)
+{
+    if (n->guard.faulted == SV_NO_FAULT) {
+        n->guard.faulted = fault;
+        n->control[SH_CULPRIT] = word;
+    }
+}
+
+static void note_foreign(loop *n, uint32_t word)
+{
+    n->control[SH_FOREIGN]++;
+    push_frame(n, n->wire.rx, 1, STATES_FOREIGN);
+    int64_t found = note(n, STRANGERS_FOREIGN, STRANGERS_FOREIGN_CYCLES);
+    if (found == 1)
+        push_event(n, SH_FOREIGN_EVENT, word & 0x1FFFFFFF, n->control[SH_FOREIGN]);
+    if (found >= STRANGERS_FOREIGN_FRAMES || n->passes == 0)
+        blame(n, SV_ANOTHER_SENDER, word);
+}
+
+/* ---------------------------------------------------------------- executive/loop/meeting.py -------- */
+
+static int64_t sorted_out(loop *n, int64_t row)
+{
+    int64_t part = n->rx.role[row][SH_MEETING];
+    if (part == MEETING_FROM_ABOVE || part == MEETING_FROM_BELOW) {
+        if (!n->meeting.met[row] || (part == MEETING_FROM_BELOW && n->meeting.sampled)) {
+            n->meeting.met[row] = 1;
+            return MEETING_TAKE;
+        }
+        if (part == MEETING_FROM_BELOW) {
+            n->meeting.holding = row + 1;
+            memcpy(n->meeting.held, n->wire.rx, WIRE_FRAME_BYTES);
+        }
+        return MEETING_LEAVE;
+    }
+    if (part == MEETING_BEFORE)
+        n->meeting.holding = 0;
+    if (part == MEETING_BEFORE || part == MEETING_AFTER)
+        n->meeting.sampled = 1;
+    return part == MEETING_AFTER && n->meeting.holding ? MEETING_HELD_FIRST : MEETING_TAKE;
+}
+
+static void exchange_held(loop *n)
+{
+    uint8_t frame[WIRE_FRAME_BYTES];
+    memcpy(frame, n->meeting.held, sizeof frame);
+    memcpy(n->meeting.held, n->wire.rx, sizeof frame);
+    memcpy(n->wire.rx, frame, sizeof frame);
+}
+
+/* -------------------------------------------------------------- executive/loop/reception.py -------- */
+
+static int64_t use_frame(loop *n, int64_t row);
+
+static int64_t take_frame(loop *n)
+{
+    uint32_t word;
+    memcpy(&word, n->wire.rx, sizeof word);
+    int64_t row = frame_of(word, n->rx.frames, n->rx.n);
+    if (is_foreign(n, row, word)) {
+        note_foreign(n, word);
+        return -1;
+    }
+    if (row < 0)
+        return -1;
+    if (n->meeting.ordered && n->passes == 0) {
+        int64_t what = sorted_out(n, row);
+        if (what == MEETING_LEAVE)
+            return -1;
+        if (what == MEETING_HELD_FIRST) {
+            int64_t first = n->meeting.holding - 1;
+            exchange_held(n);
+            n->meeting.holding = 0;
+            use_frame(n, first);
+            exchange_held(n);
+        }
+    }
+    return use_frame(n, row);
+}
+
+static void watch_beat(loop *n, int64_t row)
+{
+    int64_t every = n->intrusion.beat_every[row], before = n->intrusion.beat_at[row];
+    n->intrusion.beat_at[row] = n->k;
+    if (before > 0 && n->clock.behind == 0 && 4 * (n->k - before) < 3 * every)
+        n->intrusion.early_at[row] = n->k; /* what follows of more of them, nobody tries here */
+}
+
+static int64_t use_frame(loop *n, int64_t row)
+{
+    const uint8_t *frame = n->wire.rx;
+    uint32_t word;
+    int64_t lost;
+    memcpy(&word, frame, sizeof word);
+    int64_t *receiver = n->rx.state[row], fresh = receiver[E2E_FRESH];
+    int64_t state = check(frame + 8, frame[4], n->rx.frames[row], receiver, &lost);
+    push_frame(n, frame, 1, state);
+    n->control[SH_LOST] += lost;
+    if (state == E2E_OK || state == E2E_OK_SOME_LOST) {
+        unpack(frame + 8, n->rx.frames[row], n->rx.signals, n->rx.scales, n->v);
+        memcpy(n->intrusion.counted_frame[row], frame, WIRE_FRAME_BYTES);
+        if (n->intrusion.care[row] && n->intrusion.beat_every[row] > 0)
+            watch_beat(n, row);
+        n->control[SH_RECEIVED]++;
+        if (!fresh) {
+            n->rx.started += n->rx.role[row][SH_STARTS];
+            n->rx.fresh += n->rx.role[row][SH_AWAITED];
+        }
+    } else if (state == E2E_ERROR) {
+        n->control[SH_CRC_ERRORS]++;
+    } else if (state == E2E_REPEATED) {
+        n->control[SH_REPEATED]++;
+        if (n->rx.role[row][SH_STARTS] + n->rx.role[row][SH_AWAITED] > 0
+            && note(n, STRANGERS_REPEATED, STRANGERS_REPEATED_CYCLES) >= STRANGERS_REPEATED_FRAMES)
+            blame(n, SV_REPEATED_INPUT, word);
+    } else if (state == E2E_WRONG_SEQUENCE) {
+        n->control[SH_WRONG_SEQUENCE]++;
+        n->rx.started += n->rx.role[row][SH_STARTS];
+    }
+    return row;
+}
+
+static void announce(loop *n);
+
+static void receive(loop *n)
+{
+    int gather = !paced(n);
+    int64_t waits = 0;
+    for (int drained = 0; drained < RECEPTION_DRAIN_FRAMES;) {
+        if (gather && n->rx.started >= n->rx.starters)
+            break;
+        int result = get_frame(&n->wire, gather);
+        drained += !gather || stopping(n);
+        if (result == WIRE_FRAME) {
+            take_frame(n);
+            waits = 0;
+        } else if (result == WIRE_NOTHING) {
+            if (!gather || stopping(n))
+                break;
+            waits++;
+            if (n->passes == 0 && runs(n)) {
+                announce(n);
+                waits = 0;
+            } else if (waits >= n->rx.patience || !runs(n)) {
+                n->guard.faulted = SV_PEER_SILENT;
+                break;
+            }
+        } else if (result == WIRE_FAILED) {
+            n->control[SH_BUS_ERRNO] = n->wire.errno_;
+            n->guard.faulted = SV_BUS_FAILED;
+            break;
+        } else if (result == WIRE_BUS_ERROR) {
+            n->control[SH_BUS_ERRORS]++;
+        }
+    }
+    if (n->guard.off && n->guard.faulted == SV_NO_FAULT)
+        n->guard.faulted = SV_BUS_OFF;
+    n->timing.received = now(n);
+}
+
+static int64_t advance(int64_t state, int fresh, int64_t fault, int asked, int ramped, int disarmed)
+{
+    int64_t event = fresh ? SV_FRESH : SV_MISSED;
+    if (asked)
+        event = SV_STOP_REQUEST;
+    else if (state == SV_FAULT)
+        event = ramped ? SV_RAMPED : SV_NONE;
+    else if (fault != SV_NO_FAULT)
+        event = SV_LOSS;
+    else if (disarmed && state != SV_INIT)
+        event = SV_DISARMED;
+    return NEXT[state][event];
+}
+
+static void watchdog(loop *n, int64_t state)
+{
+    for (int64_t i = 0; i < n->guard.n_safe; i++) {
+        double *value = &n->v[n->guard.safe_index[i]], *safe = n->guard.safe[i];
+        if (state < SV_FAULT)
+            safe[SH_LAST] = *value;
+        else
+            *value = safe[SH_SAFE] + n->guard.gain * (safe[SH_LAST] - safe[SH_SAFE]);
+    }
+}
+
+static int over(loop *n)
+{
+    return n->k >= n->guard.cycles || stopping(n)
+           || (n->guard.mode_index >= 0 && n->v[n->guard.mode_index] == SV_STOP);
+}
+
+static int settled(loop *n)
+{
+    for (int64_t i = 0; i < n->limits.n; i++) {
+        const double *limits = n->limits.table[i];
+        if (__builtin_fabs(limits[SH_SENT_VALUE] - limits[SH_SAFE]) > limits[SH_RATE])
+            return 0;
+    }
+    return 1;
+}
+
+static void begin_ramp(loop *n, int asked)
+{
+    n->guard.pace = n->guard.ramp_step;
+    for (int64_t i = 0; i < n->limits.n; i++) {
+        const double *limits = n->limits.table[i];
+        double way = __builtin_fabs(limits[SH_LAST] - limits[SH_SAFE]);
+        if (way * n->guard.pace > limits[SH_RATE])
+            n->guard.pace = limits[SH_RATE] / way;
+    }
+    if (!asked)
+        return;
+    n->rx.starters = n->rx.awaited = 0;
+    for (int64_t row = 0; row < n->rx.n; row++) {
+        const int64_t *role = n->rx.role[row];
+        n->rx.starters += role[SH_STARTS] * role[SH_PEER];
+        n->rx.awaited += role[SH_AWAITED] * role[SH_PEER];
+    }
+}
+
+static int64_t drive_state(loop *n, int64_t state)
+{
+    if (state == SV_STOP)
+        return DRIVE_SWITCH_ON_DISABLED;
+    if (state == SV_FAULT)
+        return n->guard.gain <= 0.0 && settled(n) ? DRIVE_FAULT : DRIVE_FAULT_REACTION_ACTIVE;
+    if (state == SV_INIT)
+        return n->control[SH_FAULT] == 0 ? DRIVE_NOT_READY_TO_SWITCH_ON : DRIVE_SWITCH_ON_DISABLED;
+    if (n->guard.pace > 0.0)
+        return DRIVE_QUICK_STOP_ACTIVE;
+    if (state == SV_READY)
+        return DRIVE_READY_TO_SWITCH_ON;
+    return n->guard.gain >= 1.0 ? DRIVE_OPERATION_ENABLED : DRIVE_SWITCHED_ON;
+}
+
+static void tell_drive(loop *n, int64_t state)
+{
+    int64_t word = drive_state(n, state);
+    word |= state == SV_HOLD ? DRIVE_WARNING : 0;
+    word |= n->v[V_CLAMPED] != 0.0 ? DRIVE_LIMIT_ACTIVE : 0;
+    n->v[V_STATUS_WORD] = word;
+    n->v[V_ERROR_CODE] = ERROR_CODES[n->guard.faulted];
+    n->v[V_ERROR_REGISTER] = ERROR_REGISTERS[n->guard.faulted];
+}
+
+static void supervise(loop *n)
+{
+    int64_t before = (int64_t)n->v[V_STATE];
+    int asked = over(n);
+    int running = before == SV_RUN || before == SV_HOLD;
+    if (n->rx.fresh >= n->rx.awaited) {
+        n->guard.missing = 0;
+    } else {
+        n->guard.missing++;
+        n->control[SH_HELD] += running;
+        n->control[SH_STALE] += running && n->guard.missing > n->guard.hold_cycles;
+    }
+    n->rx.started = n->rx.fresh = 0;
+    for (int64_t i = 0; i < n->rx.n; i++) {
+        n->rx.state[i][E2E_AGE_CYCLES]++;
+        n->rx.state[i][E2E_STILL_CYCLES]++;
+        n->rx.state[i][E2E_FRESH] = 0;
+    }
+    int silent = before != SV_INIT && n->guard.missing >= n->guard.fault_after;
+    if (silent && n->guard.faulted == SV_NO_FAULT && !asked)
+        n->guard.faulted = SV_INPUT_MISSING;
+    int safe = settled(n), leave = asked && (safe || (silent && n->clock.trigger != CLK_CLOCKED));
+    int disarmed = n->guard.disarmed != 0;
+    int64_t state = advance(before, n->guard.missing == 0, n->guard.faulted, leave, n->guard.gain <= 0.0 && safe,
+                            disarmed);
+    int waits = disarmed && state == SV_READY;
+    if (before == SV_READY && !waits && !asked && state != SV_FAULT)
+        n->guard.pace = 0.0;
+    if (n->guard.pace == 0.0 && (state == SV_FAULT || asked || waits))
+        begin_ramp(n, asked);
+    if (before == SV_FAULT || (asked && !leave) || (waits && before == state))
+        n->guard.gain = n->guard.gain > n->guard.pace ? n->guard.gain - n->guard.pace : 0.0;
+    if (state != before) {
+        push_event(n, SH_STATE_EVENT, state, 0.0);
+        if (state == SV_FAULT) {
+            n->control[SH_FAULT] = n->guard.faulted;
+            push_event(n, SH_FAULT_EVENT, n->guard.faulted, 0.0);
+        }
+    }
+    n->control[SH_STATE] = state;
+    n->v[V_STATE] = state;
+    n->v[V_FAULT] = n->guard.faulted;
+    n->v[V_GAIN] = n->guard.gain;
+    n->v[V_MISSING] = n->guard.missing;
+    n->v[V_NMT] = NMT[state];
+    tell_drive(n, state);
+    watchdog(n, state);
+}
+
+static void judge_overrun(loop *n)
+{
+    n->guard.overruns = n->clock.behind > 0 && n->passes > n->guard.grace_passes ? n->guard.overruns + 1 : 0;
+    if (n->guard.overrun_policy == SH_SKIP || n->guard.overruns < n->guard.overrun_after)
+        return;
+    if (n->guard.overrun_policy == SH_FAULT_AFTER) {
+        if (n->guard.faulted == SV_NO_FAULT)
+            n->guard.faulted = SV_OVERRUN;
+    } else if (n->v[V_FALLBACK] == 0.0) {
+        n->v[V_FALLBACK] = 1.0;
+        push_event(n, SH_FALLBACK_EVENT, n->clock.behind, 0.0);
+    }
+}
+
+static int64_t judge_request(loop *n, int64_t count, int64_t lock, int64_t *entry)
+{
+    *entry = 0;
+    if (count < 0 || count > SH_MAIL_SLOTS)
+        return SH_BAD_COUNT;
+    if (lock && count > 0)
+        return SH_LOCKED;
+    for (int64_t i = 0; i < count; i++) {
+        int64_t j = n->tuning.asked_index[i];
+        double value = n->tuning.asked_value[i];
+        *entry = i;
+        if (j < 0 || j >= n->n_variables || n->tuning.low[j] != n->tuning.low[j])
+            return SH_NO_PARAMETER;
+        int finite = __builtin_fabs(value) < __builtin_inf();
+        if (!(finite && n->tuning.low[j] <= value && value <= n->tuning.high[j]))
+            return SH_OUT_OF_RANGE;
+    }
+    *entry = 0;
+    return SH_ACCEPTED;
+}
+
+static void answer(loop *n, int64_t request)
+{
+    int64_t count = n->mail[SH_COUNT], lock = n->mail[SH_LOCK], entry;
+    memcpy(n->tuning.asked_index, n->mail_index, sizeof n->mail_index);
+    memcpy(n->tuning.asked_value, n->mail_value, sizeof n->mail_value);
+    if (__atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE) != request)
+        return;
+    int64_t refusal = judge_request(n, count, lock, &entry);
+    if (refusal == SH_ACCEPTED) {
+        for (int64_t i = 0; i < count; i++) {
+            n->v[n->tuning.asked_index[i]] = n->tuning.asked_value[i];
+            push_event(n, SH_TUNING_EVENT, n->tuning.asked_index[i], n->tuning.asked_value[i]);
+        }
+    } else {
+        n->control[SH_REFUSED]++;
+        push_event(n, SH_REFUSED_EVENT, n->tuning.asked_index[entry], n->tuning.asked_value[entry]);
+    }
+    n->answer[SH_ACK_CYCLE] = n->k;
+    n->answer[SH_REFUSAL] = refusal;
+    n->answer[SH_REFUSED_ENTRY] = entry;
+    __atomic_store_n(&n->answer[SH_ACK], request, __ATOMIC_RELEASE);
+}
+
+static void tune(loop *n)
+{
+    while (n->tuning.done < n->tuning.n && n->tuning.schedule[n->tuning.done][0] <= n->k) {
+        int64_t j = n->tuning.schedule[n->tuning.done][1];
+        n->v[j] = n->tuning.value[n->tuning.done++];
+        push_event(n, SH_TUNING_EVENT, j, n->v[j]);
+    }
+    int64_t request = __atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE);
+    if (request != n->answer[SH_ACK])
+        answer(n, request);
+}
+
+static void copy_inputs(loop *n, int64_t block)
+{
+    int64_t first = block > 0 ? n->blocks.copies_end[block - 1] : 0;
+    for (int64_t i = first; i < n->blocks.copies_end[block]; i++)
+        n->v[n->blocks.copies[i][1]] = n->v[n->blocks.copies[i][0]];
+}
+
+static void step_blocks(loop *n, step_function **steps)
+{
+    double dt = n->clock.period_ns * 1e-9, *v = n->v;
+    int64_t owed = n->blocks.owe_periods ? n->clock.behind : 0;
+    for (int64_t k = n->k - owed; k <= n->k; k++) {
+        v[V_T_S] = k * dt;
+        for (int64_t b = 0; b < n->blocks.n; b++) {
+            if (b == (v[V_FALLBACK] > 0.0 ? n->blocks.controller : n->blocks.fallback))
+                continue;
+            copy_inputs(n, b);
+            const int64_t *at = n->blocks.views[b];
+            n->control[SH_STEPPING] = b + 1;
+            steps[b](v[V_T_S], dt, v + at[0], v + at[2], v + at[4], v + at[6]);
+        }
+    }
+    n->control[SH_STEPPING] = 0;
+    for (int64_t i = 0; i < n->blocks.n_noted; i++) {
+        double value = v[n->blocks.noted_index[i]];
+        if (value != n->blocks.noted[i]) {
+            push_event(n, SH_CHANGE_EVENT, n->blocks.noted_index[i], value);
+            n->blocks.noted[i] = value;
+        }
+    }
+    n->timing.stepped = now(n);
+}
+
+static double within(double value, double low, double high)
+{
+    value = value > low ? value : low;
+    return value < high ? value : high;
+}
+
+static int64_t find_not_finite(loop *n, int64_t first, int64_t past)
+{
+    int odd = 0;
+    for (int64_t i = first; i < past; i++)
+        odd |= !(__builtin_fabs(n->v[i]) < 1e300);
+    if (odd)
+        for (int64_t i = first; i < past; i++)
+            if (!(__builtin_fabs(n->v[i]) < 1e300))
+                return i;
+    return -1;
+}
+
+static int check_finite(loop *n)
+{
+    int64_t place = -1;
+    for (int64_t b = 0; b < n->blocks.n && place < 0; b++)
+        place = find_not_finite(n, n->blocks.views[b][6], n->blocks.views[b][7]);
+    if (place < 0)
+        place = find_not_finite(n, n->tx.first, n->tx.past);
+    if (place >= 0 && n->control[SH_ODD_PLACE] == 0) {
+        n->control[SH_ODD_PLACE] = place + 1;
+        n->control[SH_ODD_CYCLE] = n->k;
+        n->control[SH_ODD_BITS] = bits_of(n->v[place]);
+        push_event(n, SH_NOT_FINITE_EVENT, place, n->v[place]);
+    }
+    return place >= 0;
+}
+
+static void limit(loop *n)
+{
+    copy_inputs(n, SH_MAX_BLOCKS);
+    int odd = check_finite(n), ramping = n->v[V_STATE] >= SV_FAULT || n->guard.pace > 0.0;
+    n->v[V_CLAMPED] = 0.0;
+    for (int64_t i = 0; i < n->limits.n; i++) {
+        double *limits = n->limits.table[i], *v = &n->v[n->limits.place[i]];
+        double wanted = *v, last = limits[SH_LAST], safe = limits[SH_SAFE];
+        double rate = limits[SH_RATE], sent = limits[SH_SENT_VALUE];
+        if (!(__builtin_fabs(wanted) < 1e300)) {
+            if (n->guard.faulted == SV_NO_FAULT)
+                n->guard.faulted = SV_COMMAND_NOT_FINITE;
+            wanted = last;
+        }
+        if (ramping)
+            wanted = safe == 0.0 ? n->guard.gain * last : safe + n->guard.gain * (last - safe);
+        double value = within(wanted, limits[SH_LOW], limits[SH_HIGH]);
+        value = within(value, sent - rate, sent + rate);
+        limits[SH_SENT_VALUE] = *v = value;
+        if (ramping)
+            continue;
+        if (value != wanted) {
+            n->v[V_CLAMPED] = 1.0;
+            n->control[SH_SATURATED]++;
+        }
+        limits[SH_LAST] = value;
+    }
+    if (odd && n->guard.faulted == SV_NO_FAULT)
+        n->guard.faulted = n->guard.odd_output;
+}
+
+static void send_frame(loop *n, int64_t row, int64_t counter)
+{
+    uint8_t *frame = n->wire.tx;
+    const int64_t *about = n->tx.frames[row];
+    uint32_t word = about[DBC_CAN_ID] | about[DBC_EXTENDED] << 31;
+    memcpy(frame, &word, sizeof word);
+    frame[4] = about[DBC_DLC];
+    int64_t clamped = pack(frame + 8, about, n->tx.signals, n->tx.scales, n->v);
+    if (clamped > 0) {
+        n->v[V_CLAMPED] = 1.0;
+        n->control[SH_SATURATED] += clamped;
+    }
+    protect(frame + 8, about, counter);
+    if (put_frame(&n->wire)) {
+        n->control[SH_SENT]++;
+    } else {
+        n->control[SH_SEND_ERRORS]++;
+        n->control[SH_BUS_ERRNO] = n->wire.errno_;
+    }
+    push_frame(n, frame, 0, 0);
+}
+
+static void transmit(loop *n)
+{
+    for (int64_t row = 0; row < n->tx.n; row++) {
+        int64_t every = n->tx.frames[row][DBC_EVERY_N];
+        if (n->passes % every == 0)
+            send_frame(n, row, n->passes / every + n->tx.role[row][SH_IS_SYNC]);
+    }
+    n->timing.sent = now(n);
+}
+
+static void announce(loop *n)
+{
+    n->v[V_NMT] = NMT[(int64_t)n->v[V_STATE]];
+    copy_inputs(n, SH_MAX_BLOCKS);
+    for (int64_t row = 0; row < n->tx.n; row++)
+        if (n->tx.role[row][SH_IS_HEARTBEAT])
+            send_frame(n, row, 0);
+}
+
+static void request_first_sample(loop *n)
+{
+    for (int64_t row = 0; row < n->tx.n; row++)
+        if (n->tx.role[row][SH_IS_SYNC])
+            send_frame(n, row, 0);
+}
+
+static void note_timing(loop *n)
+{
+    double *v = n->v + V_TIMING_AT;
+    v[0] = 0.001 * (n->clock.wake - n->clock.deadline);
+    v[1] = 0.001 * (n->timing.received - n->clock.wake);
+    v[2] = 0.001 * (n->timing.stepped - n->timing.received);
+    v[3] = 0.001 * (n->timing.sent - n->timing.stepped);
+    v[4] = 0.001 * n->timing.publish_ns;
+    for (size_t i = 0; i < sizeof COUNTERS / sizeof *COUNTERS; i++)
+        v[5 + i] = n->control[COUNTERS[i]];
+    n->v[V_REFUSED] = n->control[SH_REFUSED];
+    n->v[V_WALL] = 1e-9 * (n->clock.wake + n->clock.wall_offset_ns);
+}
+
+/* ----------------------------------------------------------------- executive/loop/timing.py -------- */
+
+static const double POINTS[] = {0.5, 0.99, 0.999};
+
+static int64_t bucket(int64_t v)
+{
+    if (v < 16)
+        return v > 0 ? v : 0;
+    int64_t e = 63 - __builtin_clzll(v), i = 16 + 8 * (e - 4) + ((v >> (e - 3)) & 7);
+    return e <= 40 && i < SH_BUCKETS ? i : SH_BUCKETS - 1;
+}
+
+static int64_t bucket_end(int64_t i)
+{
+    return i < 16 ? i : ((8 + (i - 16) % 8 + 1) << (4 + (i - 16) / 8 - 3)) - 1;
+}
+
+static void note_latest(loop *n)
+{
+    int64_t late = n->timing.stage_ns[TIMING_WAKE_LATE], row = 0;
+    for (int64_t i = 0; i < SH_LATEST; i++)
+        if (n->latest[i][SH_LATE_NS] < n->latest[row][SH_LATE_NS])
+            row = i;
+    int64_t *latest = n->latest[row];
+    if (late <= n->clock.late_ns || late <= latest[SH_LATE_NS])
+        return;
+    latest[SH_LATE_CYCLE] = n->k;
+    memcpy(latest + SH_LATE_NS, n->timing.stage_ns, sizeof n->timing.stage_ns);
+    for (int i = 0; i < 4; i++)
+        latest[SH_LATE_USAGE + i] = n->timing.usage[USAGE[i]] - n->timing.usage_before[i];
+    push_event(n, SH_LATE_EVENT, late, 0.0);
+}
+
+static int64_t percentile(loop *n, int64_t stage, double share)
+{
+    double wanted = share * n->stages[stage][SH_COUNTED];
+    int64_t seen = 0, most = n->stages[stage][SH_MOST];
+    for (int64_t i = 0; i < SH_BUCKETS; i++) {
+        seen += n->histogram[stage][i];
+        if (seen >= wanted)
+            return bucket_end(i) < most ? bucket_end(i) : most;
+    }
+    return most;
+}
+
+static void show(loop *n)
+{
+    static const int64_t shown[] = {TIMING_WAKE_LATE, TIMING_WORK};
+    double *v = n->v + V_STATISTICS_AT;
+    for (int j = 0; j < 2; j++) {
+        const int64_t *stage = n->stages[shown[j]];
+        *v++ = 0.001 * stage[SH_LEAST];
+        *v++ = 0.001 * stage[SH_TOTAL] / (stage[SH_COUNTED] ? stage[SH_COUNTED] : 1);
+        *v++ = 0.001 * stage[SH_MOST];
+        for (int i = 0; i < 3; i++)
+            *v++ = 0.001 * percentile(n, shown[j], POINTS[i]);
+    }
+}
+
+static void count(loop *n)
+{
+    if (n->v[V_RESET] >= 0.5) {
+        n->v[V_RESET] = 0.0;
+        memset(n->stages, 0, sizeof n->stages);
+        memset(n->histogram, 0, sizeof n->histogram);
+        memset(n->latest, 0, sizeof n->latest);
+        for (int64_t s = 0; s < SH_STAGES; s++)
+            n->stages[s][SH_LEAST] = 1LL << 62;
+    }
+    int64_t times[SH_STAGES] = {
+        n->clock.wake - n->clock.deadline, n->timing.received - n->clock.wake, n->timing.stepped - n->timing.received,
+        n->timing.sent - n->timing.stepped, n->timing.done - n->timing.sent, n->timing.done - n->clock.wake,
+    };
+    memcpy(n->timing.stage_ns, times, sizeof times);
+    for (int64_t s = 0; s < SH_STAGES; s++) {
+        int64_t t = times[s], *stage = n->stages[s];
+        stage[SH_COUNTED]++;
+        stage[SH_TOTAL] += t;
+        stage[SH_LEAST] = t < stage[SH_LEAST] ? t : stage[SH_LEAST];
+        stage[SH_MOST] = t > stage[SH_MOST] ? t : stage[SH_MOST];
+        n->histogram[s][bucket(t)]++;
+    }
+    getrusage(RUSAGE_THREAD, (struct rusage *)n->timing.usage);
+    note_latest(n);
+    for (int i = 0; i < 4; i++)
+        n->timing.usage_before[i] = n->timing.usage[USAGE[i]];
+    if (n->passes % TIMING_UPDATE_PASSES == 0)
+        show(n);
+}
+
+/* ------------------------------------------------------------------ executive/loop/cycle.py -------- */
+
+static int one_pass(loop *n, step_function **steps)
+{
+    set_time(n);
+    if (paced(n)) {
+        wait(n);
+        receive(n);
+    } else {
+        receive(n);
+        if (n->clock.trigger == CLK_CLOCKED && n->passes == n->clock.arm_pass) {
+            arm(n);
+            wait(n);
+        } else {
+            n->clock.deadline = n->clock.wake = n->timing.received;
+        }
+        n->timing.received = n->clock.wake;
+    }
+    judge_overrun(n);
+    supervise(n);
+    if (n->v[V_STATE] == SV_STOP || n->guard.faulted == SV_PEER_SILENT)
+        return 0;
+    tune(n);
+    step_blocks(n, steps);
+    limit(n);
+    transmit(n);
+    note_timing(n);
+    publish(n);
+    push_record(n);
+    n->control[SH_PASSES] = n->passes + 1;
+    n->control[SH_CYCLE] = n->k;
+    n->timing.done = now(n);
+    n->timing.publish_ns = n->timing.done - n->timing.sent;
+    if (runs(n))
+        count(n);
+    next_cycle(n);
+    return n->k < n->guard.cycles || !settled(n);
+}
+
+static void finish(loop *n)
+{
+    set_time(n);
+    if (n->v[V_STATE] != SV_STOP)
+        push_event(n, SH_STATE_EVENT, SV_STOP, 0.0);
+    n->v[V_STATE] = SV_STOP;
+    n->v[V_NMT] = NMT[SV_STOP];
+    n->guard.gain = 0.0;
+    tell_drive(n, SV_STOP);
+    n->control[SH_STATE] = SV_STOP;
+    if (n->tx.last_word == SH_ALL_FRAMES) {
+        limit(n);
+        transmit(n);
+    } else {
+        announce(n);
+    }
+    if (n->guard.faulted != SV_NO_FAULT && n->control[SH_FAULT] == SV_NO_FAULT) {
+        n->control[SH_FAULT] = n->guard.faulted;
+        push_event(n, SH_FAULT_EVENT, n->guard.faulted, 0.0);
+    }
+    publish(n);
+    __atomic_store_n(&n->control[SH_DONE], 1, __ATOMIC_RELEASE);
+}
+
+static int n_done(loop *n)
+{
+    return n->control[SH_DONE] != 0;
+}
+
+static void pass_or_finish(loop *n, step_function **steps)
+{
+    if (!n_done(n) && !one_pass(n, steps))
+        finish(n);
+}
+
+static int wait_for_peer(loop *n)
+{
+    n->wire.muted = n->meeting.ordered;
+    while (!stopping(n)) {
+        int result = get_frame(&n->wire, 1);
+        if (result == WIRE_FAILED) {
+            n->control[SH_BUS_ERRNO] = n->wire.errno_;
+            n->guard.faulted = SV_BUS_FAILED;
+            return 0;
+        }
+        int known = result == WIRE_FRAME && take_frame(n) >= 0;
+        if (known)
+            n->wire.muted = 0;
+        if (known || result == WIRE_NOTHING)
+            announce(n);
+        if (known)
+            return 1;
+    }
+    return 0;
+}
+
+int64_t run(loop *n, step_function **steps)
+{
+    if (n->meeting.seeks_below && wait_for_peer(n))
+        request_first_sample(n);
+    while (one_pass(n, steps))
+        ;
+    finish(n);
+    return n->passes;
+}
+
+/* --------------------------------------------------------------- executive/loop/exchange.py -------- */
+
+static void carry(struct wire *from, struct wire *to)
+{
+    int64_t room = WIRE_QUEUE_FRAMES - (to->inbox_put - to->inbox_taken);
+    int64_t moved = from->outbox_put < room ? from->outbox_put : room;
+    for (int64_t i = 0; i < moved; i++)
+        memcpy(to->inbox[to->inbox_put++ % WIRE_QUEUE_FRAMES], from->outbox[i], WIRE_FRAME_BYTES);
+    memmove(from->outbox, from->outbox[moved], (from->outbox_put - moved) * WIRE_FRAME_BYTES);
+    from->outbox_put -= moved;
+}
+
+int64_t run_virtual(loop *executive, step_function **laws, loop *plant, step_function **models,
+                    int64_t cycles)
+{
+    if (executive->passes == 0) {
+        announce(plant);
+        carry(&plant->wire, &executive->wire);
+        wait_for_peer(executive);
+        request_first_sample(executive);
+        carry(&executive->wire, &plant->wire);
+        one_pass(plant, models);
+    }
+    for (int64_t i = 0; i < cycles; i++) {
+        carry(&plant->wire, &executive->wire);
+        int more = one_pass(executive, laws);
+        if (more || executive->k >= executive->guard.cycles) {
+            carry(&executive->wire, &plant->wire);
+            pass_or_finish(plant, models);
+        }
+        if (!more) {
+            finish(executive);
+            carry(&executive->wire, &plant->wire);
+            pass_or_finish(plant, models);
+            if (!n_done(plant))
+                finish(plant);
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* -------------------------------------------------------- executive/laws/references.py ------------- */
+
+struct rise { double value, first, second; };
+
+static struct rise rise(double s)
+{
+    s = s < 0.0 ? 0.0 : s > 1.0 ? 1.0 : s;
+    double s2 = s * s;
+    return (struct rise){s2 * s * (10.0 + s * (6.0 * s - 15.0)),
+                         30.0 * s2 * (1.0 + s * (s - 2.0)),
+                         s * (60.0 + s * (120.0 * s - 180.0))};
+}
+
+void quintic(double t, double dt, double *p, double *x, double *u, double *y)
+{
+    double amplitude = p[0], move = p[1];
+    struct rise up = rise((t - p[2]) / move), back = rise((t - p[3]) / move);
+    y[0] = amplitude * (up.value - back.value);
+    y[1] = amplitude * (up.first - back.first) / move;
+    y[2] = amplitude * (up.second - back.second) / (move * move);
+}
+
+/* ------------------------------------------------- the drivers, as in tools/dev/bench/cycle.py ---- */
+
+static void put_back(loop *n)
+{
+    n->record_taken[0] = n->record_ends[SH_PUT];
+    n->frame_taken[0] = n->frame_ends[SH_PUT];
+    n->event_taken[0] = n->event_ends[SH_PUT];
+}
+
+void drive_memory(loop *n, step_function **steps, const uint8_t (*frames)[16], const int64_t *ends,
+                  int64_t cycles, int64_t repeats)
+{
+    for (int64_t r = 0; r < repeats; r++) {
+        int64_t first = 0;
+        put_back(n);
+        for (int64_t k = 0; k < cycles; k++) {
+            for (int64_t i = first; i < ends[k]; i++)
+                memcpy(n->wire.inbox[n->wire.inbox_put++ % WIRE_QUEUE_FRAMES], frames[i], 16);
+            first = ends[k];
+            n->clock.now_ns = n->k * n->clock.period_ns;
+            n->wire.outbox_put = 0;
+            one_pass(n, steps);
+        }
+    }
+}
+
+void drive_bus(loop *n, step_function **steps, struct wire *peer, const uint8_t (*frames)[16],
+               const int64_t *ends, int64_t cycles, int64_t *took_ns)
+{
+    int64_t first = 0;
+    put_back(n);
+    for (int64_t k = 0; k < cycles; k++) {
+        for (int64_t i = first; i < ends[k]; i++) {
+            memcpy(peer->tx, frames[i], 16);
+            put_frame(peer);
+        }
+        first = ends[k];
+        int64_t began = now(n);
+        n->clock.deadline = began - n->clock.period_ns / 2;
+        one_pass(n, steps);
+        took_ns[k] = now(n) - began;
+    }
+}
+
+void drive_publish(loop *n, int64_t repeats)
+{
+    for (int64_t i = 0; i < repeats; i++)
+        publish(n);
+}
+
+void drive_copy(loop *n, int64_t repeats)
+{
+    for (int64_t i = 0; i < repeats; i++) {
+        memcpy(n->snapshot, n->v, n->n_variables * sizeof *n->v);
+        __asm__ volatile("" ::: "memory");
+    }
+}

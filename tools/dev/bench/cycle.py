@@ -1,0 +1,309 @@
+"""One cycle of the executive against the same cycle in C, with the frames of a run of slew10.
+
+    in memory   3 feedback frames (and the slow ones when due) from an inbox: CRC and counter,
+                decoding; supervisor; tunings; quintic reference and pd step; limit; encoding,
+                protection, sending of CMD and SYNC (and slow frames) into an outbox; timing,
+                seqlock snapshot of all variables; one record row, one row a frame. No system call.
+    on the bus  the same over udp_multicast sockets on loopback, with clock_nanosleep to a deadline
+                half a period ago, clock readings, recv until nothing is there (the node hears
+                its own frames too, as in any run) and send.
+    publish     the seqlock snapshot of 256 variables against a plain memcpy of 2048 bytes
+
+Python is `executive.loop.cycle.one_pass` as the real loop compiles it, C is cycle.c and frame.c at
+-O2: the same algorithm on the same LOOP record, table driven as here, with the same results bit for
+bit; where C has a shorter word for it (memcpy, an 8-byte load) it uses it. Both work in turn on one
+record, so that memory and its place in the caches are equal. In memory: processor time over whole
+recordings; on the bus: median over passes, each timed from before its sleep to its end.
+"""
+
+import ctypes
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import bus as buses
+from pcpc.drivers import dbc, e2e, e2e_states, wire, wire_layout
+from pcpc.drivers.jit import i8, loop, types, u1
+from pcpc.drivers.structures import copy
+from pcpc.drivers.wire import put_frame
+from pcpc.drivers.wire_layout import QUEUE_FRAMES, WIRE
+from pcpc.executive.laws import references
+from pcpc.executive.laws.idle import idle
+from pcpc.executive.loop import (
+    clock,
+    drive,
+    meeting,
+    reception,
+    strangers,
+    supervisor,
+    timing,
+    variables,
+)
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.clock import CLOCKED, LOCKSTEP, now
+from pcpc.executive.loop.cycle import STEPS, N, one_pass
+from pcpc.executive.loop.rings import publish_table
+from pcpc.executive.nodes.install import install_in_memory
+from pcpc.executive.nodes.plan import Plan, plan
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.atb1000 import model
+from pcpc.plants.atb1000.laws import pd
+from pcpc.tools.dev.bench import steps
+from pcpc.tools.dev.bench.cli import Ratio
+from pcpc.tools.machine.jitter import compiler
+from pcpc.tools.terminal.progress import Progress
+
+SUITE = "cycle"
+AGAINST = "C -O2, the same cycle"
+RIG = model.__file__.replace("model.py", "rigs/slew10.yaml")
+SOURCE = steps.SOURCE.with_name("cycle.c")
+WIRE_SOURCE = steps.SOURCE.with_name("frame.c")
+BUS = "udp_multicast:239.74.163.61:43161"  # of its own: no rig's frames are here
+FIRST, CYCLES = 500, 1600  # the move up; a whole number of turns of every counter
+REPEATS = 40  # of the recording, in a round in memory: the call itself takes 1 ms
+PUBLISHED = 256
+PUBLICATIONS = 20_000
+_MODULES = {
+    "SH": sh, "SV": supervisor, "V": variables, "DBC": dbc, "E2E": e2e, "CLK": clock,
+    "WIRE": wire_layout, "TIMING": timing, "STRANGERS": strangers, "MEETING": meeting,
+    "RECEPTION": reception, "STATES": e2e_states, "DRIVE": drive,
+}  # fmt: skip
+RESULTS = (
+    "NOTHING", "FRAME", "FOREIGN", "OWN", "BUS_ERROR", "FAILED", "ERROR_FLAG", "ERROR_FLAGS",
+)  # fmt: skip
+STEPS_IN_C = {
+    "quintic": references.quintic.step, "pd": pd.BLOCK.step, "barrel": model.BLOCK.step,
+    "idle": idle,
+}  # fmt: skip
+
+
+def library() -> ctypes.CDLL:
+    """Return cycle.c, frame.c and steps.c with the functions of emath.py; CompilerError."""
+    headers = {"layout.h": steps.layout(), "loop.h": loop_header()}
+    headers[WIRE_SOURCE.name] = WIRE_SOURCE.read_text(encoding="utf-8")
+    return compiler.library([SOURCE, steps.SOURCE], steps.SAME, headers)
+
+
+def loop_header() -> str:
+    """Return loop.h: the LOOP record as a struct, constants and tables of the loop's modules."""
+    fields: Any = sh.LOOP.fields
+    texts = [compiler.macros(prefix, module) for prefix, module in _MODULES.items()]
+    texts += [
+        "".join(f"#define WIRE_{name} {getattr(wire, name)}\n" for name in RESULTS),
+        "#include <stddef.h>\n#include <stdint.h>\n",
+        *(compiler.struct(name, kind) for name, (kind, *_) in fields.items() if kind.fields),
+        compiler.struct("loop", sh.LOOP),
+        compiler.array("CRC_TABLE", "uint8_t", e2e._CRC_TABLE),
+        compiler.array("CRC_16_TABLE", "uint16_t", e2e._CRC_16_TABLE),
+        compiler.array("NEXT", "int64_t", supervisor.NEXT),
+        compiler.array("NMT", "double", supervisor.NMT),
+        compiler.array("ERROR_CODES", "double", supervisor.ERROR_CODES),
+        compiler.array("ERROR_REGISTERS", "double", supervisor.ERROR_REGISTERS),
+        compiler.array("USAGE", "int64_t", timing.USAGE),
+        compiler.array("COUNTERS", "int64_t", timing.COUNTERS),
+    ]
+    return "".join(texts)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The frames that a node receives in each of CYCLES cycles from FIRST on.
+
+    `frames` (n, 16) as struct can_frame; `ends` (cycles,) where each cycle's end.
+    """
+
+    plan: Plan
+    frames: NDArray[np.uint8]
+    ends: NDArray[np.int64]
+
+
+def record(first: int = FIRST, cycles: int = CYCLES) -> Recording:
+    """Return the frames of the executive in a virtual run of slew10."""
+    rig = load_rig(RIG, settings=[f"duration_s={(first + cycles + 10) / 1000.0}"])
+    run = VirtualRun(rig, None)
+    for _ in run.advance():
+        pass
+    block = run.blocks[0]
+    rows = block["frame"][: int(block["frame_ends"][sh.PUT])]
+    about = rows[:, 3]
+    chosen = rows[(about >> 40 & 1 == 1) & (rows[:, 2] >= first) & (rows[:, 2] < first + cycles)]
+    words = np.zeros((len(chosen), 2), np.int64)  # id and flags, length; data
+    words[:, 0] = chosen[:, 3] & 0xFF_FFFF_FFFF
+    words[:, 1] = chosen[:, 4]
+    ends = np.searchsorted(chosen[:, 2], np.arange(first, first + cycles), "right")
+    return Recording(plan(rig, "executive", "lockstep"), words.view(np.uint8), ends)
+
+
+def new_loop(made: Plan) -> Any:
+    """Return a LOOP record of its own for `made`, without bus and clock."""
+    memory = np.recarray(1, sh.LOOP)
+    memory.view(np.uint8)[:] = 0
+    install_in_memory(made, memory[0])
+    memory[0].guard.cycles = 2**62
+    return memory[0]
+
+
+def in_c(entries: Sequence[int], library: ctypes.CDLL) -> Any:
+    """Return the table of C functions for the compiled steps of a plan."""
+    names = {step.entry: name for name, step in STEPS_IN_C.items()}
+    functions = [getattr(library, names[entry]) for entry in entries]
+    pointers = [ctypes.cast(function, ctypes.c_void_p).value for function in functions]
+    return (ctypes.c_void_p * len(pointers))(*pointers)
+
+
+def address(n: Any) -> ctypes.c_void_p:
+    """Return where a record lies; its first field must be an array."""
+    return ctypes.c_void_p(n[0].ctypes.data)
+
+
+@loop(types.void(N))
+def _put_back(n: Any) -> None:
+    """Empty the rings, as a recorder would."""
+    n.record_taken[0] = n.record_ends[sh.PUT]
+    n.frame_taken[0] = n.frame_ends[sh.PUT]
+    n.event_taken[0] = n.event_ends[sh.PUT]
+
+
+@loop(types.void(N, STEPS, u1[:, ::1], i8[::1], i8))
+def drive_memory(n: Any, steps: Any, frames: Any, ends: Any, repeats: Any) -> None:
+    """Run through the recorded cycles `repeats` times; `drive_memory` of cycle.c does the same."""
+    for _ in range(repeats):
+        first = 0
+        _put_back(n)
+        for k in range(ends.shape[0]):
+            for i in range(first, ends[k]):
+                copy(n.wire.inbox[n.wire.inbox_put % QUEUE_FRAMES], frames[i])
+                n.wire.inbox_put += 1
+            first = ends[k]
+            n.clock.now_ns = n.k * n.clock.period_ns
+            n.wire.outbox_put = 0
+            one_pass(n, steps)
+
+
+@loop(types.void(N, STEPS, wire.END, u1[:, ::1], i8[::1], i8, i8[::1]))
+def drive_bus(
+    n: Any, steps: Any, peer: Any, frames: Any, ends: Any, cycles: Any, took: Any
+) -> None:
+    """As `drive_memory` over `peer`'s bus; `took[k]` is the time of pass k, ns."""
+    first = 0
+    _put_back(n)
+    for k in range(cycles):
+        for i in range(first, ends[k]):
+            copy(peer.tx, frames[i])
+            put_frame(peer)
+        first = ends[k]
+        began = now(n.clock)
+        n.clock.deadline = began - n.clock.period_ns // 2
+        one_pass(n, steps)
+        took[k] = now(n.clock) - began
+
+
+@loop(types.void(N, i8))
+def drive_publish(n: Any, repeats: Any) -> None:
+    """Publish the table `repeats` times."""
+    for _ in range(repeats):
+        publish_table(n)
+
+
+def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
+    """Return the ratios "in memory", "on the bus" and "publish"; CompilerError, BusError."""
+    c = library()
+    progress.show("recording the frames: a virtual run")
+    recording = record()
+    cases = {
+        "in memory": (AGAINST, _memory(recording, c)),
+        "on the bus": (AGAINST, _bus(recording, c)),
+        "publish 256": ("memcpy of 2048 bytes", _publish(recording, c)),
+    }
+    found = []
+    for what, (against, sides) in cases.items():
+        times = interleave(progress, f"cycle {what}", rounds, sides)
+        found.append(Ratio.of(SUITE, what, against, times[0], times[1], "ns"))
+    return found
+
+
+def interleave(
+    progress: Progress, what: str, rounds: int, sides: Sequence[Callable[[], float]]
+) -> NDArray[np.float64]:
+    """Return the results of `sides` called in turn, (sides, rounds), after one call to warm up."""
+    times = np.empty((len(sides), rounds))
+    for side in sides:
+        side()
+    for i in range(rounds):
+        progress.show(f"{what}: round {i + 1} of {rounds}")
+        for j, side in enumerate(sides):
+            times[j, i] = side()
+    return times
+
+
+def per_repeat(drive: Callable[[], None], count: int) -> Callable[[], float]:
+    """Return a measurement of `drive`: processor time of the thread, ns, over `count`."""
+
+    def side() -> float:
+        start = time.thread_time_ns()
+        drive()
+        return (time.thread_time_ns() - start) / count
+
+    return side
+
+
+def _memory(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...]:
+    made, frames, ends = recording.plan, recording.frames, recording.ends
+    n = new_loop(made)
+    at, table, repeats = address(n), in_c(made.steps, c), ctypes.c_int64(REPEATS)
+    arrays = pointer(frames), pointer(ends), ctypes.c_int64(len(ends))
+    count = REPEATS * len(ends)
+    return (
+        per_repeat(lambda: drive_memory(n, made.steps, frames, ends, REPEATS), count),
+        per_repeat(lambda: c.drive_memory(at, table, *arrays, repeats), count),
+    )
+
+
+def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...]:
+    made, frames, ends = recording.plan, recording.frames, recording.ends
+    n = new_loop(made)
+    peer = np.recarray(1, WIRE)
+    peer.view(np.uint8)[:] = 0
+    bus = buses.choose(*buses.parse(BUS))
+    buses.open_bus(bus, made.receive_ids, n.wire)
+    buses.open_bus(bus, [], peer[0])
+    buses.know_own(n.wire)
+    os.close(int(peer[0].fd_rx))  # it only sends
+    n.clock.kind, n.clock.trigger = LOCKSTEP, CLOCKED
+    n.clock.late_ns = (
+        n.clock.period_ns
+    )  # half a period counts as on time: a sleep until now would take 50 us
+    took = np.zeros(len(ends), np.int64)
+    at, other, table = address(n), pointer(peer), in_c(made.steps, c)
+    cycles = ctypes.c_int64(len(ends))
+
+    def python() -> float:
+        drive_bus(n, made.steps, peer[0], frames, ends, len(ends), took)
+        return float(np.median(took))
+
+    def in_plain_c() -> float:
+        c.drive_bus(at, table, other, pointer(frames), pointer(ends), cycles, pointer(took))
+        return float(np.median(took))
+
+    return python, in_plain_c
+
+
+def _publish(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...]:
+    n = new_loop(recording.plan)
+    n.n_variables = PUBLISHED
+    at = address(n)
+    return (
+        per_repeat(lambda: drive_publish(n, PUBLICATIONS), PUBLICATIONS),
+        per_repeat(lambda: c.drive_copy(at, ctypes.c_int64(PUBLICATIONS)), PUBLICATIONS),
+    )
+
+
+def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
+    """Return the address of an array's first element."""
+    return ctypes.c_void_p(array.ctypes.data)

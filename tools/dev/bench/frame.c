@@ -1,0 +1,386 @@
+/* Wire, codec and end-to-end protection in plain C: the yardstick of `tools.dev.bench`.
+ *
+ * The same tables, structs and results as drivers/wire.py, codec.py and e2e.py; loop.h, made from
+ * the Python modules, gives layouts and constants. For little-endian machines: 8 data bytes are
+ * loaded as one word. Buses in memory, SocketCAN and python-can's udp_multicast.
+ */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+#include <sys/socket.h>
+
+#include "loop.h"
+
+typedef int64_t frame_row[DBC_FRAME_COLUMNS];
+typedef int64_t signal_row[DBC_SIGNAL_COLUMNS];
+typedef double scale_row[DBC_SCALE_COLUMNS];
+
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "for little-endian machines");
+
+/* -------------------------------------------------------------------- drivers/codec.py -------- */
+
+static inline double unscale(int64_t raw, const int64_t *signal, const double *scale)
+{
+    double factor = scale[DBC_FACTOR], offset = scale[DBC_OFFSET], code;
+    float single;
+    int32_t half = (int32_t)raw;
+    switch (signal[DBC_KIND]) {
+    case DBC_SCALED:
+        return (double)raw * factor + offset;
+    case DBC_UNSIGNED_64:
+        return (double)(uint64_t)raw * factor + offset;
+    case DBC_FLOAT_32:
+        memcpy(&single, &half, sizeof single);
+        code = single;
+        break;
+    case DBC_FLOAT_64:
+        memcpy(&code, &raw, sizeof code);
+        break;
+    default:
+        return (double)(raw * signal[DBC_INT_FACTOR] + signal[DBC_INT_OFFSET]);
+    }
+    return factor == 1.0 && offset == 0.0 ? code : code * factor + offset;
+}
+
+static inline void unpack(const uint8_t *data, const int64_t *frame, const signal_row *signals,
+                          const scale_row *scales, double *values)
+{
+    uint64_t little, big;
+    memcpy(&little, data, sizeof little);
+    big = __builtin_bswap64(little);
+    for (int64_t row = frame[DBC_FIRST]; row < frame[DBC_END]; row++) {
+        const int64_t *signal = signals[row];
+        int64_t word = (int64_t)(signal[DBC_BIG_ENDIAN] ? big : little);
+        int64_t raw = (word >> signal[DBC_SHIFT]) & signal[DBC_MASK], sign = signal[DBC_SIGN];
+        values[signal[DBC_VARIABLE]] = unscale((raw ^ sign) - sign, signal, scales[row]);
+    }
+}
+
+static inline double round_even(double x)
+{
+    double size = __builtin_fabs(x);
+    if (size < 0x1p52)
+        size = (size + 0x1p52) - 0x1p52;
+    return x < 0.0 ? -size : size;
+}
+
+static inline int64_t code_bits(double code, int64_t kind)
+{
+    int64_t bits;
+    int32_t half;
+    float single = (float)code;
+    if (kind == DBC_FLOAT_32) {
+        memcpy(&half, &single, sizeof half);
+        return half;
+    }
+    if (kind == DBC_FLOAT_64) {
+        memcpy(&bits, &code, sizeof bits);
+        return bits;
+    }
+    if (code >= 0x1p63)
+        return (int64_t)(code - 0x1p63) ^ INT64_MIN;
+    return (int64_t)code;
+}
+
+static inline int64_t pack(uint8_t *data, const int64_t *frame, const signal_row *signals,
+                           const scale_row *scales, const double *values)
+{
+    uint64_t little = 0, big = 0;
+    int64_t saturated = 0;
+    for (int64_t row = frame[DBC_FIRST]; row < frame[DBC_END]; row++) {
+        const int64_t *signal = signals[row], kind = signal[DBC_KIND];
+        const double *scale = scales[row];
+        int is_float = kind == DBC_FLOAT_32 || kind == DBC_FLOAT_64;
+        double low = scale[DBC_CODE_LOW], high = scale[DBC_CODE_HIGH];
+        double code = (values[signal[DBC_VARIABLE]] - scale[DBC_OFFSET]) / scale[DBC_FACTOR];
+        int64_t bits;
+        if (!is_float)
+            code = round_even(code);
+        if (code != code)
+            bits = 0, saturated++;
+        else if (code < low)
+            bits = is_float ? code_bits(low, kind) : signal[DBC_BITS_LOW], saturated++;
+        else if (code > high)
+            bits = is_float ? code_bits(high, kind) : signal[DBC_BITS_HIGH], saturated++;
+        else
+            bits = code_bits(code, kind);
+        uint64_t placed = (uint64_t)(bits & signal[DBC_MASK]) << signal[DBC_SHIFT];
+        if (signal[DBC_BIG_ENDIAN])
+            big |= placed;
+        else
+            little |= placed;
+    }
+    little |= __builtin_bswap64(big);
+    memcpy(data, &little, sizeof little);
+    return saturated;
+}
+
+/* `repeats` times: pack all frames from `values`, unpack all into `found`; tools/dev/bench/codec.py. */
+void drive_codec(int64_t repeats, int64_t n, const frame_row *frames, const signal_row *signals,
+                 const scale_row *scales, uint8_t (*data)[8], const double *values, double *found)
+{
+    for (int64_t i = 0; i < repeats; i++) {
+        for (int64_t f = 0; f < n; f++)
+            pack(data[f], frames[f], signals, scales, values);
+        for (int64_t f = 0; f < n; f++)
+            unpack(data[f], frames[f], signals, scales, found);
+    }
+}
+
+/* ---------------------------------------------------------------------- drivers/e2e.py -------- */
+
+static inline uint8_t crc8(int64_t id, const uint8_t *data, int64_t n)
+{
+    uint8_t crc = CRC_TABLE[0xFF ^ (id & 0xFF)];
+    crc = CRC_TABLE[crc ^ ((id >> 8) & 0xFF)];
+    for (int64_t i = 0; i < n; i++)
+        crc = CRC_TABLE[crc ^ data[i]];
+    return crc ^ 0xFF;
+}
+
+static uint16_t crc16(int64_t id, const uint8_t *data, int64_t place, int64_t n)
+{
+    uint16_t crc = 0xFFFF;
+    for (int64_t i = 0; i < n + 2; i++)
+        if (i < place || i > place + 1) {
+            uint8_t byte = i < n ? data[i] : id >> 8 * (i - n);
+            crc = crc << 8 ^ CRC_16_TABLE[crc >> 8 ^ byte];
+        }
+    return crc;
+}
+
+static inline uint16_t right_crc(const uint8_t *data, const int64_t *frame)
+{
+    if (frame[DBC_PROTECTED] == DBC_CRC_16)
+        return crc16(frame[DBC_DATA_ID], data, frame[DBC_CRC_BYTE], frame[DBC_DLC]);
+    return crc8(frame[DBC_CAN_ID], data, frame[DBC_CRC_BYTE]);
+}
+
+static inline uint16_t crc_of(const uint8_t *data, const int64_t *frame)
+{
+    int64_t place = frame[DBC_CRC_BYTE];
+    return data[place] | (frame[DBC_PROTECTED] == DBC_CRC_16 ? data[place + 1] << 8 : 0);
+}
+
+static inline void protect(uint8_t *data, const int64_t *frame, int64_t counter)
+{
+    if (!frame[DBC_PROTECTED])
+        return;
+    uint8_t *byte = data + frame[DBC_COUNTER_BYTE];
+    int64_t shift = frame[DBC_COUNTER_SHIFT], mask = frame[DBC_COUNTER_MASK];
+    *byte = (*byte & ~(mask << shift)) | (counter & mask) << shift;
+    int64_t place = frame[DBC_CRC_BYTE], crc = right_crc(data, frame);
+    data[place] = crc;
+    if (frame[DBC_PROTECTED] == DBC_CRC_16)
+        data[place + 1] = crc >> 8;
+}
+
+static inline void use(int64_t *state, int64_t outcome)
+{
+    state[E2E_STATE] = outcome;
+    state[E2E_N_RECEIVED]++;
+    state[E2E_AGE_CYCLES] = 0;
+    state[E2E_FRESH] = 1;
+}
+
+static inline int64_t check(const uint8_t *data, int64_t length, const int64_t *frame,
+                            int64_t *state, int64_t *lost)
+{
+    int64_t protected = frame[DBC_PROTECTED];
+    *lost = 0;
+    if (length != frame[DBC_DLC] || (protected && right_crc(data, frame) != crc_of(data, frame))) {
+        state[E2E_N_ERRORS]++;
+        return state[E2E_STATE] = E2E_ERROR;
+    }
+    if (!protected) {
+        use(state, E2E_OK);
+        return E2E_OK;
+    }
+    int64_t mask = frame[DBC_COUNTER_MASK], before = state[E2E_LAST_COUNTER];
+    int64_t counter = (data[frame[DBC_COUNTER_BYTE]] >> frame[DBC_COUNTER_SHIFT]) & mask;
+    int64_t delta = before >= 0 ? (counter - before) & mask : 1;
+    if (delta == 0) {
+        state[E2E_N_REPEATED]++;
+        return state[E2E_STATE] = E2E_REPEATED;
+    }
+    *lost = delta - 1;
+    if (delta > E2E_MAX_DELTA) {
+        int64_t turns = state[E2E_STILL_CYCLES] / frame[DBC_EVERY_N];
+        int64_t most = turns > 1 ? turns - 1 : 0;
+        *lost = *lost < most ? *lost : most;
+    }
+    state[E2E_LAST_COUNTER] = counter;
+    state[E2E_STILL_CYCLES] = 0;
+    state[E2E_N_LOST] += *lost;
+    if (delta > E2E_MAX_DELTA) {
+        state[E2E_N_WRONG_SEQUENCE]++;
+        return state[E2E_STATE] = E2E_WRONG_SEQUENCE;
+    }
+    use(state, delta == 1 ? E2E_OK : E2E_OK_SOME_LOST);
+    return state[E2E_STATE];
+}
+
+/* --------------------------------------------------------------------- drivers/wire.py -------- */
+
+#define NO "\xC2"
+#define TO_ID "\x8B" "\xA9" "timestamp" "\xCB\0\0\0\0\0\0\0\0" "\xAE" "arbitration_id" "\xCE"
+#define TO_EXTENDED TO_ID "\0\0\0\0" "\xAE" "is_extended_id"
+#define TO_DLC TO_EXTENDED NO "\xAF" "is_remote_frame" NO "\xAE" "is_error_frame" NO \
+    "\xA7" "channel" "\xC0" "\xA3" "dlc"
+#define TO_LENGTH TO_DLC "\x08" "\xA4" "data" "\xC4"
+#define TAIL "\xA5" "is_fd" NO "\xAE" "bitrate_switch" NO "\xB5" "error_state_indicator" NO
+#define LEN(text) (sizeof(text) - 1)
+#define IS(text) (n == LEN(text) && memcmp(b + key, text, LEN(text)) == 0)
+
+void prepare_packet(struct wire *wire)
+{
+    memcpy(wire->packet_tx, TO_LENGTH, LEN(TO_LENGTH));
+}
+
+static inline int64_t write_packet(const uint8_t *frame, uint8_t *packet)
+{
+    uint32_t word;
+    memcpy(&word, frame, sizeof word);
+    uint32_t id = __builtin_bswap32(word & 0x1FFFFFFF);
+    int64_t n = frame[4] < 8 ? frame[4] : 8;
+    memcpy(packet + LEN(TO_ID), &id, sizeof id);
+    packet[LEN(TO_EXTENDED)] = word >> 31 ? 0xC3 : 0xC2;
+    packet[LEN(TO_DLC)] = packet[LEN(TO_LENGTH)] = n;
+    memcpy(packet + LEN(TO_LENGTH) + 1, frame + 8, n);
+    memcpy(packet + LEN(TO_LENGTH) + 1 + n, TAIL, LEN(TAIL));
+    return LEN(TO_LENGTH) + 1 + n + LEN(TAIL);
+}
+
+static inline int64_t value_end(const uint8_t *b, int64_t at, int64_t end)
+{
+    int64_t length = -1;
+    uint8_t tag = b[at];
+    if (tag <= 0x7F || tag >= 0xE0)
+        length = 0;
+    else if (tag >= 0xA0 && tag <= 0xBF)
+        length = tag & 31;
+    else
+        switch (tag) {
+        case 0xC0: case 0xC2: case 0xC3: length = 0; break;
+        case 0xCC: case 0xD0: length = 1; break;
+        case 0xCD: case 0xD1: length = 2; break;
+        case 0xCA: case 0xCE: case 0xD2: length = 4; break;
+        case 0xCB: case 0xCF: case 0xD3: length = 8; break;
+        case 0xC4: case 0xD9: length = at + 1 < end ? b[at + 1] + 1 : -1; break;
+        }
+    return length < 0 || at + 1 + length > end ? -1 : at + 1 + length;
+}
+
+static inline int64_t whole_number(const uint8_t *b, int64_t at, int64_t stop)
+{
+    int64_t value = 0;
+    if (b[at] <= 0x7F)
+        return b[at];
+    if (b[at] == 0xC2 || b[at] == 0xC3)
+        return b[at] - 0xC2;
+    if (b[at] < 0xCC || b[at] > 0xCE)
+        return -1;
+    for (int64_t i = at + 1; i < stop; i++)
+        value = value << 8 | b[i];
+    return value;
+}
+
+static inline int read_packet(const uint8_t *b, int64_t end, uint8_t *frame)
+{
+    int64_t id = -1, data_at = 0, data_n = -1, at = 1;
+    int other = 0, extended = 0;
+    if (end < 2 || end > WIRE_PACKET_BYTES - 1 || (b[0] & 0xF0) != 0x80)
+        return 0;
+    for (int field = 0; field < (b[0] & 15); field++) {
+        if (at >= end || b[at] < 0xA1 || b[at] > 0xBF)
+            return 0;
+        int64_t n = b[at] & 31, key = at + 1, value = key + n;
+        if (value >= end || (at = value_end(b, value, end)) < 0)
+            return 0;
+        if (IS("arbitration_id")) {
+            id = whole_number(b, value, at);
+        } else if (IS("data")) {
+            if (b[value] != 0xC4)
+                return 0;
+            data_at = value + 2, data_n = b[value + 1];
+        } else if (IS("is_extended_id")) {
+            extended = whole_number(b, value, at) == 1;
+        } else if (IS("is_remote_frame") || IS("is_error_frame") || IS("is_fd")) {
+            other |= whole_number(b, value, at) != 0;
+        }
+    }
+    if (other || at != end || id < 0 || id > (extended ? 0x1FFFFFFF : 0x7FF) || data_n < 0
+        || data_n > 8)
+        return 0;
+    uint32_t word = (uint32_t)id | (uint32_t)extended << 31;
+    memcpy(frame, &word, sizeof word);
+    frame[4] = data_n;
+    memset(frame + 8, 0, 8);
+    memcpy(frame + 8, b + data_at, data_n);
+    return 1;
+}
+
+static inline int put_frame(struct wire *wire)
+{
+    const void *what = wire->tx;
+    int64_t n = WIRE_FRAME_BYTES;
+    if (wire->kind == WIRE_MEMORY) {
+        if (wire->outbox_put >= WIRE_QUEUE_FRAMES)
+            return 0;
+        memcpy(wire->outbox[wire->outbox_put++], wire->tx, WIRE_FRAME_BYTES);
+        return 1;
+    }
+    if (wire->kind == WIRE_UDP)
+        what = wire->packet_tx, n = write_packet(wire->tx, wire->packet_tx);
+    if (send(wire->fd_tx, what, n, MSG_DONTWAIT) == n)
+        return 1;
+    wire->errno_ = errno;
+    return 0;
+}
+
+static inline int get_frame(struct wire *wire, int block)
+{
+    int64_t n;
+    int known, flags = block ? 0 : MSG_DONTWAIT;
+    if (wire->kind == WIRE_MEMORY) {
+        if (wire->inbox_taken == wire->inbox_put)
+            return WIRE_NOTHING;
+        memcpy(wire->rx, wire->inbox[wire->inbox_taken++ % WIRE_QUEUE_FRAMES], WIRE_FRAME_BYTES);
+        return wire->rx[3] & WIRE_ERROR_FLAG ? WIRE_BUS_ERROR : WIRE_FRAME;
+    }
+    if (wire->kind == WIRE_SOCKETCAN) {
+        n = recv(wire->fd_rx, wire->rx, WIRE_FRAME_BYTES, flags);
+        if (n == WIRE_FRAME_BYTES && wire->rx[3] & WIRE_ERROR_FLAG)
+            return WIRE_BUS_ERROR;
+        known = n == WIRE_FRAME_BYTES && !(wire->rx[3] & WIRE_ERROR_FLAGS);
+    } else {
+        socklen_t *size = (socklen_t *)wire->address_bytes;
+        *size = WIRE_ADDRESS_BYTES;
+        n = recvfrom(wire->fd_rx, wire->packet_rx, WIRE_PACKET_BYTES, flags,
+                     (struct sockaddr *)wire->address, size);
+        wire->source = wire->address[0];
+        if (n >= 0 && (wire->source == wire->own[0] || wire->source == wire->own[1]))
+            return WIRE_OWN;
+        known = n > 0 && read_packet(wire->packet_rx, n, wire->rx);
+    }
+    if (n >= 0)
+        return known ? WIRE_FRAME : WIRE_FOREIGN;
+    if (errno == EAGAIN || errno == EINTR)
+        return WIRE_NOTHING;
+    wire->errno_ = errno;
+    return WIRE_FAILED;
+}
+
+/* Send and receive `count` frames in turn; return those received. tools/dev/bench/frame.py. */
+int64_t drive_frames(struct wire *wire, int64_t count)
+{
+    int64_t received = 0;
+    for (int64_t i = 0; i < count; i++) {
+        wire->tx[8] = i;
+        put_frame(wire);
+        received += get_frame(wire, 1) == WIRE_FRAME;
+    }
+    return received;
+}

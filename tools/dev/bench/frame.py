@@ -1,0 +1,128 @@
+"""One CAN frame sent and received by the same process, against C and python-can.
+
+    Python      drivers.wire: put_frame, then get_frame, in a compiled loop
+    C           the same two functions of frame.c at -O2, on the same sockets and buffers
+    python-can  send, then recv, of one can.Bus that receives its own messages
+
+On udp_multicast over loopback, in python-can's format; on vcan0 too where it exists, that is on
+machines with that module, or inside `pcpc vm`. Processor time of the thread, kernel included.
+"""
+
+import ctypes
+import os
+import sys
+from typing import Any
+
+import can
+import numpy as np
+
+from pcpc.drivers import bus as buses
+from pcpc.drivers.bus import Bus
+from pcpc.drivers.jit import i8, loop
+from pcpc.drivers.wire import END, FRAME, get_frame, put_frame
+from pcpc.drivers.wire_layout import WIRE
+from pcpc.tools.dev.bench.cli import BenchError, Ratio
+from pcpc.tools.dev.bench.cycle import interleave, library, per_repeat, pointer
+from pcpc.tools.terminal.progress import Progress
+
+SUITE = "frame"
+AGAINST = "C -O2, the same sockets"
+UDP = "udp_multicast:239.74.163.62:43162"  # of its own: no rig's frames are here
+VCAN = "vcan0"
+CAN_ID = 0x120
+FRAMES = 2000  # a round
+PYTHON_CAN_FRAMES = 200
+
+
+@loop(i8(END, i8))
+def drive(wire: Any, count: Any) -> Any:
+    """Send and receive `count` frames; return those received. `drive_frames` does the same in C."""
+    received = 0
+    for i in range(count):
+        wire.tx[8] = i & 255
+        put_frame(wire)
+        received += get_frame(wire, True) == FRAME
+    return received
+
+
+def open_end(bus: Bus) -> Any:
+    """Return one WIRE record (1,) that hears what it sends; BusError.
+
+    A raw CAN socket does not hear itself: on SocketCAN another one sends.
+    """
+    sender, end = np.recarray(1, WIRE), np.recarray(1, WIRE)
+    end.view(np.uint8)[:] = 0
+    buses.open_bus(bus, [CAN_ID], end[0])
+    if bus.interface == "socketcan":
+        buses.open_bus(bus, [], sender[0])
+        end[0].fd_tx = sender[0].fd_tx
+    end[0].tx[:5] = (CAN_ID & 255, CAN_ID >> 8, 0, 0, 8)
+    end[0].tx[8:] = range(8)
+    return end
+
+
+def open_python_can(bus: Bus) -> can.BusABC:
+    """Return python-can's bus of this kind that hears itself, on udp_multicast the next port.
+
+    On another port neither side delivers the other's frames. BenchError where it cannot be opened.
+    """
+    try:
+        if bus.interface == "udp_multicast":
+            group, port = buses.udp_address(bus.channel)
+            return can.Bus(group, "udp_multicast", port=port + 1)  # hears itself in any case
+        return can.Bus(bus.channel, bus.interface, receive_own_messages=True)
+    except (can.CanError, OSError) as error:
+        raise BenchError(
+            f"python-can cannot open {bus}: {error}; give loopback a multicast route: "
+            "sudo ip route add 224.0.0.0/4 dev lo"
+        ) from None
+
+
+def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
+    """Return the ratios of each bus to C and to python-can; CompilerError, BusError."""
+    c, found = library(), []
+    names = [UDP]
+    if buses.vcan_ready(VCAN):
+        names.append(VCAN)
+    else:
+        progress.close()
+        print(f"{SUITE}: no {VCAN} here, udp_multicast only; on a kernel with it: "
+              "pcpc vm -- pcpc bench frame", file=sys.stderr)  # fmt: skip
+    for name in names:
+        bus = buses.choose(*buses.parse(name))
+        found += measure_on(progress, rounds, bus, c)
+    return found
+
+
+def measure_on(progress: Progress, rounds: int, bus: Bus, c: ctypes.CDLL) -> list[Ratio]:
+    """Return the ratios on `bus`."""
+    end, port = open_end(bus), open_python_can(bus)
+    at, count = pointer(end), ctypes.c_int64(FRAMES)
+    message = can.Message(arbitration_id=CAN_ID, is_extended_id=False, data=bytes(range(8)))
+
+    def with_python_can() -> None:
+        for _ in range(PYTHON_CAN_FRAMES):
+            port.send(message)
+            if port.recv(1.0) is None:
+                raise BenchError(f"python-can does not hear its own frames on {bus}")
+
+    sides = (
+        per_repeat(lambda: drive(end[0], FRAMES), FRAMES),
+        per_repeat(lambda: c.drive_frames(at, count), FRAMES),
+        per_repeat(with_python_can, PYTHON_CAN_FRAMES),
+    )
+    try:
+        own, plain, theirs = interleave(progress, f"frame on {bus.interface}", rounds, sides)
+    finally:
+        port.shutdown()
+        close_end(end)
+    return [
+        Ratio.of(SUITE, bus.interface, AGAINST, own, plain, "ns"),
+        Ratio.of(SUITE, bus.interface, "python-can", own, theirs, "ns"),
+    ]
+
+
+def close_end(end: Any) -> None:
+    """Close the sockets of a WIRE record (1,)."""
+    for descriptor in {int(end[0].fd_tx), int(end[0].fd_rx)}:
+        os.close(descriptor)

@@ -1,0 +1,199 @@
+"""A virtual run of slew10, plant and executive, against C and against scipy's solve_ivp.
+
+    Python   `executive.loop.exchange`: both nodes, frames encoded, checked and decoded,
+    16
+             Runge-Kutta steps a period, records in memory
+    C        the same in cycle.c and steps.c at -O2 with the functions of emath.py: the same bits
+    scipy    the plant alone, no control, no frames, no noise: solve_ivp on the compiled derivative
+             over SEGMENT_S of the move with the torque held, a smooth stretch
+
+Accuracy is matched on the muzzle angle: the reference is DOP853 at 1e-12; the error of a method is
+the largest one at the ends of the control periods. Of RK45 and DOP853, each with the loosest
+tolerance (a decade apart, absolute a thousandth of relative) whose error is no larger than that of
+the plant's own steps, the quicker one counts. Processor time, ms per simulated second.
+"""
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.stage import stage
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.exchange import run_of
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.atb1000 import dynamics, model
+from pcpc.plants.atb1000.ports import External, Motion, Outputs, Parameters, States
+from pcpc.tools.dev.bench.cli import BenchError, Ratio
+from pcpc.tools.dev.bench.cycle import RIG, address, in_c, interleave, library, new_loop, per_repeat
+from pcpc.tools.terminal.progress import Progress
+
+SUITE = "simulate"
+DURATION_S = 2.0  # a run: the move up and rest
+SEGMENT_AT_S, SEGMENT_S = 0.7, 0.05
+TOLERANCES = tuple(10.0**-k for k in range(2, 12))
+REFERENCE = 1e-12
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Both nodes in memory and their start; a run leaves them at its end."""
+
+    loops: tuple[Any, Any]
+    steps: tuple[tuple[Any, ...], tuple[Any, ...]]
+    starts: tuple[Any, Any]
+
+    def restore(self) -> None:
+        """Put both back to the start."""
+        for n, start in zip(self.loops, self.starts, strict=True):
+            for name in KEPT:
+                n[name] = start[name]
+
+
+KEPT = tuple(name for name in sh.LOOP.names or () if name not in ("record", "frame", "event"))
+
+
+def nodes(seconds: float = DURATION_S) -> Nodes:
+    """Return both nodes of slew10; RigError."""
+    rig = load_rig(RIG, settings=[f"duration_s={seconds}"])
+    made = [plan(rig, role, "lockstep") for role in ("executive", "plant")]
+    loops, starts = [], []
+    for one in made:
+        n = new_loop(one)
+        n.guard.cycles = round(seconds * rig.config.rate_hz)
+        loops.append(n)
+        starts.append(n.copy())
+    return Nodes((loops[0], loops[1]), (made[0].steps, made[1].steps), (starts[0], starts[1]))
+
+
+def in_python(n: Nodes) -> None:
+    """Run from start to end, compiled."""
+    run_of(2)(n.loops, n.steps, n.loops[0].guard.cycles + 1)
+
+
+def in_plain_c(n: Nodes, c: ctypes.CDLL) -> None:
+    """Run from start to end in C."""
+    laws, models = (in_c(steps, c) for steps in n.steps)
+    cycles = ctypes.c_int64(n.loops[0].guard.cycles + 1)
+    c.run_virtual(address(n.loops[0]), laws, address(n.loops[1]), models, cycles)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """The plant amid the move: parameters, state, period in s; `held` is the torque, N m."""
+
+    p: NDArray[np.float64]
+    x: NDArray[np.float64]
+    t: float
+    dt: float
+    held: float
+
+    @property
+    def periods(self) -> int:
+        """The control periods in it."""
+        return round(SEGMENT_S / self.dt)
+
+
+def segment() -> Segment:
+    """Return the plant as a virtual run leaves it at SEGMENT_AT_S."""
+    run = VirtualRun(load_rig(RIG, settings=[f"duration_s={SEGMENT_AT_S}"]), None)
+    for _ in run.advance():
+        pass
+    n = run.blocks[1].loop
+    at = n.blocks.views[0]
+    x = n.v[at[2] : at[3]].copy()
+    dt = n.clock.period_ns * 1e-9
+    return Segment(n.v[at[0] : at[1]].copy(), x, n.k * dt, dt, float(States(x).held_Nm))
+
+
+def own_muzzle(s: Segment) -> NDArray[np.float64]:
+    """Return the muzzle angle, rad, after each period of the plant's own steps."""
+    x, u, y = s.x.copy(), np.array([s.held]), np.zeros(model.BLOCK.size(model.BLOCK.outputs))
+    found = []
+    for i in range(s.periods):
+        model.BLOCK.step(s.t + i * s.dt, s.dt, s.p, x, u, y)
+        found.append(Outputs(y).muzzle_rad)
+    return np.array(found)
+
+
+@stage
+def slopes(t: float, dt: float, p: Parameters, x: Motion, u: External, y: Motion) -> None:
+    """Write the derivative of the motion."""
+    dynamics.derivative(p, x, u, y)
+
+
+def by_scipy(s: Segment, method: str, tolerance: float) -> NDArray[np.float64]:
+    """Return the muzzle angle, rad, after each period as solve_ivp finds it; BenchError."""
+    try:
+        from scipy.integrate import solve_ivp
+    except ImportError:
+        raise BenchError("no scipy; `pip install scipy` brings it") from None
+    w = States(s.x).external.values().copy()
+    External(w).command_Nm = s.held
+    out = np.empty(Motion.size)
+
+    def derivative(t: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        slopes(t, s.dt, s.p, state, w, out)
+        return out.copy()
+
+    ends = s.dt * np.arange(1, s.periods + 1)
+    solved = solve_ivp(
+        derivative, (0.0, ends[-1]), States(s.x).motion.values().copy(), method, ends,
+        rtol=tolerance, atol=1e-3 * tolerance,
+    )  # fmt: skip
+    slope, motions = Parameters(s.p).slope, [Motion(column) for column in solved.y.T]
+    return np.array([motion.theta_rad + slope @ motion.q for motion in motions])
+
+
+def matched(s: Segment) -> list[tuple[str, float]]:
+    """Return each method with the loosest tolerance that is as accurate as the plant's steps."""
+    exact = by_scipy(s, "DOP853", REFERENCE)
+    allowed = float(np.abs(own_muzzle(s) - exact).max())
+    found = []
+    for method in ("RK45", "DOP853"):
+        for tolerance in TOLERANCES:
+            if np.abs(by_scipy(s, method, tolerance) - exact).max() <= allowed:
+                found.append((method, tolerance))
+                break
+    if not found:
+        raise BenchError(f"solve_ivp does not reach the plant's error of {allowed:.1e} rad")
+    return found
+
+
+def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
+    """Return the ratios to C and to solve_ivp; CompilerError, BenchError, RigError."""
+    c = library()
+    progress.show("simulate: matching scipy's accuracy")
+    n, s = nodes(), segment()
+    of_run, of_segment = DURATION_S * 1e6, SEGMENT_S * 1e6  # ns to ms per simulated second
+
+    def fresh(run: Callable[[], None]) -> Callable[[], float]:
+        def side() -> float:
+            n.restore()
+            return per_repeat(run, 1)() / of_run
+
+        return side
+
+    sides = [fresh(lambda: in_python(n)), fresh(lambda: in_plain_c(n, c))]
+    methods = matched(s)
+    sides += [_rival(s, method, tolerance, of_segment) for method, tolerance in methods]
+    times = interleave(progress, SUITE, rounds, sides)
+    quickest = int(np.argmin(np.median(times[2:], axis=1)))
+    name, tolerance = methods[quickest]
+    rivals = {"C -O2, both nodes": 1, f"{name} at {tolerance:.0e}, plant only": 2 + quickest}
+    return [
+        Ratio.of(SUITE, "slew10", against, times[0], times[j], "ms/s")
+        for against, j in rivals.items()
+    ]
+
+
+def _rival(s: Segment, method: str, tolerance: float, scale: float) -> Callable[[], float]:
+    def once() -> None:
+        by_scipy(s, method, tolerance)
+
+    return lambda: per_repeat(once, 1)() / scale

@@ -1,0 +1,199 @@
+"""Other senders of a node's frames, and cycles that ran past their end: what mutants are run on.
+
+What is expected stands here a second time, in plain Python, from docs/bus-safety.md and the head of
+`executive.loop.strangers`. Ages, counts and windows are drawn on their limits and beside them.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import dbc, e2e, e2e_states
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.clock import GIVEN
+from pcpc.executive.loop.variables import FALLBACK
+
+EPISODES, STEPS = 60, 150
+IDS, OWN, EVERY = (0x120, 0x121, 0x200), (0x0A0, 0x080), (1, 1, 5)
+SILENT, FOREIGN_LIMIT, REPEAT_LIMIT = 3, (3, 10), (10, 100)  # frames within so many cycles
+DRIVER = """
+
+@loop_function
+def senders(_m, n, about, told):
+    for s in range(about.shape[0]):
+        a, t = about[s], told[s]
+        n.passes, n.wire.source, n.clock.behind = a[0], a[1], a[2]
+        row, word = a[3], a[4]
+        if a[5] != 0:
+            n.guard.faulted = a[6]
+            n.v[6] = 0.0
+        for i in range(4):
+            n.wire.rx[i] = word >> 8 * i & 255
+        if row >= 0:
+            n.rx.state[row, 7] = a[7]
+        n.frame_taken[0] = n.frame_ends[0]
+        n.event_taken[0] = n.event_ends[0]
+        t[0] = m_is_foreign(_m, n, row, word)
+        if t[0] != 0:
+            m_note_foreign(_m, n, word)
+        elif a[8] != 0:
+            m_note_repeat(_m, n, word)
+        m_judge_overrun(_m, n)
+        t[1] = m_refused(_m, n)
+        t[2], t[3], t[4] = n.control[25], n.guard.faulted, n.control[54]
+        t[5], t[6], t[7] = n.guard.overruns, n.v[6], n.frame_ends[0]
+        for i in range(3):
+            t[8 + i] = n.rx.source[i]
+        last, event = n.frame[(n.frame_ends[0] - 1) % 65536], n.event[(n.event_ends[0] - 1) % 1024]
+        t[11], t[12] = last[3] if t[7] > 0 else 0, n.event_ends[0]
+        t[13], t[14], t[15] = event[2], event[3], event[4]
+"""
+TOLD = 16
+
+
+class Senders:
+    """What a node makes of frames from others, and of late cycles."""
+
+    def __init__(self, policy: int, after: int, grace: int, stop_row: int) -> None:
+        self.policy, self.after, self.grace, self.stop_row = policy, after, grace, stop_row
+        self.source, self.foreign, self.fault, self.culprit = [0, 0, 0], 0, 0, 0
+        self.every: Sequence[int] = EVERY
+        self.overruns = self.fallback = self.frames = self.frame = self.events = 0
+        self.event, self.windows = (0, 0, 0), {FOREIGN_LIMIT: [0, 0], REPEAT_LIMIT: [0, 0]}
+
+    def step(self, given: list[int]) -> list[int]:
+        """Return what is told after a step."""
+        passes, source, behind, row, word, sets, fault, age, repeated = given
+        if sets:
+            self.fault, self.fallback = fault, 0
+        foreign = self.is_foreign(passes, source, row, word, age)
+        if foreign:
+            self.frames, self.frame = self.frames + 1, word | 1 << 40 | e2e_states.FOREIGN << 48
+            self.note_foreign(passes, word)
+        elif repeated:
+            self.note_repeat(passes, word)
+        self.judge(passes, behind)
+        refused = passes == 0 and self.fault == sv.ANOTHER_SENDER
+        return [foreign, refused, self.foreign, self.fault, self.culprit, self.overruns,
+                self.fallback, self.frames, *self.source, self.frame, self.events,
+                *self.event]  # fmt: skip
+
+    def is_foreign(self, passes: int, source: int, row: int, word: int, age: int) -> bool:
+        """Return whether a frame is one of this node's, or not from its sender."""
+        if row < 0:
+            return word in OWN
+        if row == self.stop_row or source == self.source[row]:
+            return False
+        may_replace = self.source[row] == 0 or passes == 0 or age > SILENT * self.every[row]
+        if source != -1 and may_replace:
+            self.source[row] = source
+            return False
+        return True
+
+    def note_foreign(self, passes: int, word: int) -> None:
+        """Count a frame of another; tell the first of a window, fault after too many."""
+        self.foreign += 1
+        count = self.counted(FOREIGN_LIMIT, passes)
+        if count == 1:
+            self.tell(sh.FOREIGN_EVENT, word & 0x1FFFFFFF, self.foreign)
+        if count >= FOREIGN_LIMIT[0] or passes == 0:
+            self.blame(sv.ANOTHER_SENDER, word)
+
+    def note_repeat(self, passes: int, word: int) -> None:
+        """Count a repeated frame; fault after too many."""
+        if self.counted(REPEAT_LIMIT, passes) >= REPEAT_LIMIT[0]:
+            self.blame(sv.REPEATED_INPUT, word)
+
+    def counted(self, limit: tuple[int, int], passes: int) -> int:
+        """Return how many there were in this window."""
+        window = self.windows[limit]
+        if window[1] == 0 or passes >= window[0] + limit[1]:
+            window[:] = passes, 0
+        window[1] += 1
+        return window[1]
+
+    def tell(self, code: int, argument: int, value: float) -> None:
+        """Note an event."""
+        bits = int(np.float64(value).view(np.int64))
+        self.event, self.events = (code, argument, bits), self.events + 1
+
+    def blame(self, fault: int, word: int) -> None:
+        """Fault, if nothing was wrong before."""
+        if self.fault == 0:
+            self.fault, self.culprit = fault, word
+
+    def judge(self, passes: int, behind: int) -> None:
+        """Do what the rig says about late cycles in a row."""
+        self.overruns = self.overruns + 1 if behind > 0 and passes > self.grace else 0
+        if self.policy == sh.SKIP or self.overruns < self.after:
+            return
+        if self.policy == sh.FALL_BACK and not self.fallback:
+            self.fallback = 1
+            self.tell(sh.FALLBACK_EVENT, behind, 0.0)
+        elif self.policy == sh.FAULT_AFTER and self.fault == 0:
+            self.fault = sv.OVERRUN
+
+
+def _drawn(draw: np.random.Generator) -> NDArray[np.int64]:
+    """Return the steps of an episode: the pass, source, periods late, row, id, fault, age."""
+    about = np.zeros((STEPS, 9), np.int64)
+    steps = draw.choice([0, 0, 1, 1, 1, 2, 9, 10, 11, 99, 100], STEPS, p=[0.2, 0.2, *[0.12] * 4,
+                        0.04, 0.03, 0.03, 0.01, 0.01])  # fmt: skip
+    about[:, 0] = np.cumsum(steps)
+    about[:, 1] = draw.choice([11, 11, 11, 22, -1], STEPS)
+    about[:, 2] = np.where(draw.random(STEPS) < 0.6, draw.integers(1, 3, STEPS), 0)
+    about[:, 3] = draw.integers(-1, 3, STEPS)
+    others = np.where(draw.random(STEPS) < 0.3, draw.choice(OWN, STEPS), 0x555)
+    about[:, 4] = np.where(about[:, 3] < 0, others, np.array(IDS)[about[:, 3]])
+    about[:, 5] = draw.random(STEPS) < 0.08
+    about[:, 6] = np.where(draw.random(STEPS) < 0.2, draw.integers(1, 5, STEPS), 0)
+    every = np.array(EVERY)[about[:, 3]]
+    about[:, 7] = draw.choice([0, 1, 2], STEPS) + np.where(
+        draw.random(STEPS) < 0.3, 3 * every - 1, 0
+    )
+    about[:, 8] = draw.random(STEPS) < 0.8
+    return about
+
+
+def _install(n: Any, policy: int, after: int, grace: int, stop_row: int) -> None:
+    n.clock.kind = GIVEN
+    n.rx.n, n.tx.n = len(IDS), len(OWN)
+    for row, (can_id, every) in enumerate(zip(IDS, EVERY, strict=True)):
+        n.rx.frames[row, dbc.CAN_ID], n.rx.frames[row, dbc.EVERY_N] = can_id, every
+    n.tx.frames[: len(OWN), dbc.CAN_ID] = OWN
+    n.guard.overrun_policy, n.guard.overrun_after = policy, after
+    n.guard.grace_passes, n.guard.stop_row = grace, stop_row
+
+
+def senders(driver: Any, draw: np.random.Generator, count: int) -> Any:
+    """Feed what judges other senders and late cycles with `count` episodes."""
+    assert (e2e.AGE_CYCLES, sh.FOREIGN, sh.CULPRIT, FALLBACK) == (7, 25, 54, 6)
+    memory = np.recarray(1, sh.LOOP)
+    raw, places = memory.view(np.uint8), sh.LOOP.fields
+    assert places is not None
+    begin, n, episodes = places["k"][1], memory[0], []
+    for number in range(count):
+        raw[:] = 0
+        has = number % 3, int(draw.integers(1, 4)), int(draw.integers(0, 9)), number % 4 - 2
+        _install(n, *has)
+        about, model = _drawn(draw), Senders(*has)
+        wanted = np.array([model.step(row) for row in about.tolist()], np.int64)
+        episodes.append((raw[begin:].copy(), about, wanted))
+
+    def compare(number: int) -> bool:
+        chosen = np.array([number])
+        for private, about, wanted in episodes:
+            raw[begin:] = private
+            n.control[:] = 0
+            n.event_ends[:] = n.frame_ends[:] = 0
+            n.event[:] = 0
+            told = np.zeros((len(about), TOLD), np.int64)
+            driver.senders(chosen, n, about, told)
+            if not np.array_equal(told, wanted):
+                return True
+        return False
+
+    return compare

@@ -1,1 +1,0 @@
-"""The studies that `pcpc experiment` knows, a module each, with `run(folder, progress, jobs)`."""

@@ -1,0 +1,1 @@
+"""While it runs: values, tuning, operation, pages, the watchdog."""

@@ -1,0 +1,246 @@
+"""Commands: what looks at a running node, tunes and operates it."""
+
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.live import arguments as take_live
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import ASKING, Add, Command
+
+
+def list_(add: Add) -> None:
+    """Take variables, and how much about them."""
+    take_live.table("NAME", "*")(add)
+    add("-l", "--long", action="store_true", help="also writer and meaning")
+
+
+def save(add: Add) -> None:
+    """Take where the parameters of a node go."""
+    add("file", type=Path, metavar="FILE", help="a YAML file to write")
+    add("--all", action="store_true", help="all parameters that a rig gives, not only changed ones")
+    add("--force", action="store_true", help="overwrite FILE")
+    take_live.node(add)
+
+
+def load(add: Add) -> None:
+    """Take where parameters of a node come from."""
+    add("file", metavar="FILE", help="as `pcpc save` writes it: NAME: VALUE lines")
+    take_live.node(add)
+    take.json(add, "print JSON")
+
+
+def undo(add: Add) -> None:
+    """Take how many tunings."""
+    add("count", type=take.positive, nargs="?", default=1, metavar="N", help="the last N; 1")
+    take_live.node(add)
+    take.json(add, "print JSON")
+
+
+def watch(add: Add) -> None:
+    """Take variables, and how often."""
+    take_live.table("NAME", "+")(add)
+    add("--every", default="200ms", metavar="TIME", help="interval: 500us, 5ms, 10s")
+
+
+def scope(add: Add) -> None:
+    """Take variables, a trigger and where to write."""
+    add("names", nargs="+", metavar="VAR", help="variables of one node, or patterns, * ? []")
+    add("--trigger", required=True, metavar="CONDITION",
+        help="as in requirements; the cycle in which it becomes true")  # fmt: skip
+    add("--pre", default="200ms", metavar="TIME", help="before the trigger; %(default)s")
+    add("--post", default="1s", metavar="TIME", help="behind it; %(default)s")
+    add("-o", "--output", type=Path, required=True, metavar="FILE.mcap", help="the log to write")
+    add("--plot", type=Path, metavar="FILE.png", help="draw it, too")
+    add("--mode", choices=("single", "normal", "auto"), default="single",
+        help="one burst; each time; also without a trigger; %(default)s")  # fmt: skip
+    add("--count", type=take.positive, metavar="N", help="normal, auto: end after N bursts")
+    add("--within", type=take.duration, metavar="TIME", help="give up after it")
+    add("--past", action="store_true", help="also triggers that the node's ring still holds")
+    add("--force", action="store_true", help="overwrite FILE.mcap")
+    take_live.node(add)
+    take.json(add, "print JSON")
+    take.quiet(add)
+
+
+def stop(add: Add) -> None:
+    """Take which rig's run, and how."""
+    reset(add)
+    add("--quick", action="store_true", help="in supervisor.quick_stop_s instead of ramp_s")
+
+
+def reset(add: Add) -> None:
+    """Take which rig's nodes, if there are several."""
+    add("run", metavar="RIG|RUN", nargs="?",
+        help="if several go on: name of the rig, or its file, or the run: RIG.BUS")  # fmt: skip
+    take_live.at(add)
+    take.json(add, "print JSON")
+
+
+def operate(add: Add) -> None:
+    """Take which executive."""
+    take_live.node(add)
+    take.json(add, "print JSON")
+
+
+def handover(add: Add) -> None:
+    """Take who is to be in charge."""
+    add("controller", metavar="CONTROLLER", help="who takes over: on standby, or the rig's")
+    take_live.node(add)
+    take.json(add, "print JSON")
+
+
+def fault(add: Add) -> None:
+    """Take a fault of the rig, how long and how large."""
+    add("name", nargs="?", metavar="NAME", help="a name under faults: in the rig file")
+    add("--for", dest="for_", metavar="TIME", help="200ms, 5s; without it, until --end")
+    add("--value", type=float, metavar="X", help="how large, instead of the rig's value")
+    add("--share", type=float, metavar="X", help="in how many of all chances it acts, 0 to 1")
+    add("--end", action="store_true", help="end it")
+    add("--node", metavar="NODE", help="only there: executive, plant or a full name")
+    take_live.at(add)
+    take.json(add, "print JSON")
+
+
+COMMANDS = (
+    Command(
+        "list",
+        "list the variables of a node with values, units and ranges",
+        "pcpc list 'controller.*'",
+        list_,
+        module="live.watch",
+        codes=ASKING,
+    ),
+    Command(
+        "get",
+        "print values",
+        "pcpc get controller.e_rad barrel.theta_rad\n"
+        "pcpc get controller.e_rad --at localhost:8642 --token-file rig.token",
+        take_live.table("NAME", "+"),
+        module="live.watch",
+        codes=ASKING,
+    ),
+    Command(
+        "set",
+        "tune parameters, all at once",
+        "pcpc set controller.kv_Nms_rad=120 controller.lam_per_s=15\n"
+        "PCPC_TOKEN=... pcpc set controller.kv_Nms_rad=120 --at rig-machine:8642",
+        take_live.table("NAME=VALUE", "+"),
+        module="live.watch",
+        codes=ASKING,
+        first=True,
+    ),
+    Command(
+        "save",
+        "write the parameters that were tuned to a file",
+        "pcpc save tuned.yaml",
+        save,
+        notes="a rig takes them over with --set @FILE, a running one with `pcpc load`",
+        module="live.tunings",
+        codes=ASKING,
+    ),
+    Command(
+        "load",
+        "tune parameters to what a file says, all at once or none",
+        "pcpc load tuned.yaml",
+        load,
+        module="live.tunings",
+        codes=ASKING,
+    ),
+    Command(
+        "undo",
+        "go back to the values before the last tuning, whoever made it",
+        "pcpc undo\npcpc undo 3",
+        undo,
+        module="live.tunings",
+        codes=ASKING,
+    ),
+    Command(
+        "watch",
+        "print values again and again",
+        "pcpc watch 'controller.*' --every 500ms",
+        watch,
+        codes=ASKING,
+        module="live.watch",
+    ),
+    Command(
+        "scope",
+        "capture every cycle around a trigger into a log",
+        "pcpc scope 'controller.*' --trigger 'abs(controller.e_rad) > 2 mrad' "
+        "-o burst.mcap --plot burst.png",
+        scope,
+        codes={
+            Exit.OK: "",
+            Exit.NOT_MET: "no trigger",
+            Exit.WRONG_INPUT: "",
+            Exit.LOSS: "cycles were lost",
+            Exit.ENVIRONMENT: "no such node",
+            Exit.INTERRUPTED: "",
+        },
+        module="live.scope",
+    ),
+    Command(
+        "lock",
+        "forbid tunings (tune, all), or allow them again (none)",
+        "pcpc lock tune",
+        take_live.table("none|tune|all", 1),
+        module="live.watch",
+        codes=ASKING,
+    ),
+    Command(
+        "stop",
+        "end a run in order, also one that is locked",
+        "pcpc stop --quick",
+        stop,
+        module="live.stop",
+        codes=ASKING,
+    ),
+    Command(
+        "reset",
+        "go on after a fault that waits (supervisor.on_fault)",
+        "pcpc reset hull",
+        reset,
+        module="live.stop",
+        codes={**ASKING, Exit.NOT_MET: "its cause is still there"},
+    ),
+    Command(
+        "arm",
+        "close the loop of a run that waits for it (supervisor.arm)",
+        "pcpc arm",
+        operate,
+        module="live.operate",
+        codes={**ASKING, Exit.NOT_MET: "not in this state"},
+    ),
+    Command(
+        "hold",
+        "ramp commands to their safe values, without a fault",
+        "pcpc hold",
+        operate,
+        notes="time, references and laws go on; `pcpc resume` closes the loop again",
+        module="live.operate",
+        codes=ASKING,
+    ),
+    Command(
+        "resume",
+        "go on after `pcpc hold`: commands rise as fast as they fell",
+        "pcpc resume",
+        operate,
+        module="live.operate",
+        codes={**ASKING, Exit.NOT_MET: "not in this state"},
+    ),
+    Command(
+        "handover",
+        "let another controller take over, without a step",
+        "pcpc run hull --controller pd --standby pd_nn\npcpc handover pd_nn",
+        handover,
+        module="live.operate",
+        codes={**ASKING, Exit.NOT_MET: "it is not usable; who is in charge stays"},
+    ),
+    Command(
+        "fault",
+        "list the faults on purpose of a rig, begin or end one",
+        "pcpc fault encoder_stuck --for 200ms",
+        fault,
+        codes=ASKING,
+        module="live.fault",
+    ),
+)

@@ -1,0 +1,80 @@
+"""`pcpc run --host`: the page beside a run, in a process of its own that the run never waits for.
+
+It listens before the run begins, so that what is wrong is told then; it ends with the run. Should
+it end before, that is one line, and the run goes on.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pcpc.drivers import compile_cache
+from pcpc.drivers.errors import UserError
+from pcpc.tools.start.children import Child
+from pcpc.tools.start.page import SAID, NoPage
+
+if TYPE_CHECKING:
+    from pcpc.tools.live.host.cli import Door
+
+_GIVEN = "write", "port", "recordings", "recordings_mb"  # what `pcpc run` takes for it
+_AS_HOST: dict[str, Any] = {
+    "address": "127.0.0.1", "name": [], "tls_cert": None, "tls_key": None, "plain": False,
+    "new_token": False, "node": "", "what": None,
+}  # fmt: skip
+_END_S = 2.0
+
+
+class Page(NoPage):
+    """That of one run, whose leading node is `node`; without --host none, which does nothing."""
+
+    def __init__(self, options: argparse.Namespace, node: str) -> None:
+        given = {key: getattr(options, key, None) for key in _GIVEN}
+        self._wanted, self._node = bool(getattr(options, "host", False)), node
+        self._child: Child | None = None
+        self._door: Door | None = None
+        self._options = argparse.Namespace(**_AS_HOST, **given)
+        if self._wanted:
+            from pcpc.tools.live.host import cli
+
+            cli.check_packages()
+            self._door = cli.opened(self._options)
+        elif alone := [key for key, value in given.items() if value not in (None, False)]:
+            words = ", ".join(f"--{key.replace('_', '-')}" for key in alone)
+            raise UserError(f"{words}: about the page; give --host, too")
+
+    def end(self) -> None:
+        """End it with the run."""
+        if self._child is not None:
+            self._child.end(0.0, _END_S)
+
+    def start(self) -> None:
+        """Begin to serve, and tell where."""
+        if self._door is None:
+            return
+        print(f"{SAID}{self._door.url}", file=sys.stderr, flush=True)
+        self._child = Child.forked("page", self._serve, ())
+        self._door.line.close()
+
+    def _serve(self, words: Sequence[str]) -> int:
+        from pcpc.tools.live.host import cli
+        from pcpc.tools.live.host.sources import Watch
+
+        compile_cache.watch.listener = None
+        assert self._door is not None
+        cli.serve(self._door, Watch(node=self._node), self._options)
+        return 0
+
+    def ended(self) -> str:
+        """Return what to say where the page has ended before the run, once; else ""."""
+        if self._child is None or not self._child.ended:
+            return ""
+        why = self._child.complaint()[-1:] or [f"exit code {self._child.code}"]
+        self._child = None
+        return f"the page has ended: {why[0]}; the run goes on, `pcpc host` shows it again"
+
+    def farewell(self, folder: Path) -> None:
+        """Tell how the log is shown, where the run had a page."""
+        if self._wanted:
+            print(f"page: ended with the run; its log: pcpc host {folder}", file=sys.stderr)

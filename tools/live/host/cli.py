@@ -1,0 +1,183 @@
+"""`pcpc host [RIG|RUN|LOG]`: a page in the browser that shows a run or a log."""
+
+import argparse
+import asyncio
+import errno
+import os
+import re
+import signal
+import socket
+import ssl
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.nodes import live
+from pcpc.tools.after.log import source
+from pcpc.tools.after.log.recorded import LATEST, log_of
+from pcpc.tools.live.host.sources import Source, Watch, of_log
+from pcpc.tools.live.remote import guard
+from pcpc.tools.start import rigs
+from pcpc.tools.terminal.extras import need
+from pcpc.tools.terminal.progress import Progress
+from pcpc.tools.terminal.rooms import part_of
+
+PACKAGES = "starlette", "uvicorn", "websockets"
+_TRIES = 20
+_HOST = re.compile(r"[\w.:-]+")
+
+
+@dataclass
+class Door:
+    """Where a page is served: a socket that listens, its address, the names and the token."""
+
+    line: socket.socket
+    url: str
+    names: frozenset[str]
+    token: str
+    certificate: tuple[str, str] | None
+
+
+def command(options: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C; or what else is asked for."""
+    if getattr(options, "foxglove_layout", False):
+        return int(part_of("live/host/foxglove", "cli").layout(options))
+    if getattr(options, "foxglove", None) is not None:
+        foxglove = part_of("live/host/foxglove", "cli")
+        certificate = _certificate(options)
+        _check_address(options.address, certificate, options.plain)
+        shown = _shown(options.what, options.node)
+        return int(foxglove.command(options, shown, certificate))
+    check_packages()
+    door = opened(options)
+    shown = _shown(options.what, options.node)
+    with suppress(KeyboardInterrupt):  # while the server is loaded; then it hears it by itself
+        for part in ("uvicorn", "pcpc.tools.live.host.server"):
+            import_module(part)  # who reads the address is answered at once, also under load
+        print(door.url, flush=True)
+        print(_told(options, shown), file=sys.stderr, flush=True)
+        serve(door, shown, options)
+    return Exit.OK
+
+
+def check_packages() -> None:
+    """Raise UserError where a package is missing; loads none."""
+    need("the page needs", "web", *PACKAGES)
+
+
+def opened(options: argparse.Namespace) -> Door:
+    """Listen as `pcpc host` is told to; UserError."""
+    certificate = _certificate(options)
+    _check_address(options.address, certificate, options.plain)
+    for name in options.name:
+        if not _HOST.fullmatch(name):
+            raise UserError(f"--name {name!r}: no name of a machine; expected as rig.example.org")
+    folder = options.recordings
+    if folder and folder.exists() and not folder.is_dir():
+        raise UserError(f"--recordings {folder}: is no folder")
+    line = _listening(options.address, options.port)
+    port = line.getsockname()[1]
+    token = guard.token_of(os.environ, options.new_token)
+    local = guard.local(options.address)
+    names = guard.names_of(
+        {options.address, *(guard.LOOPBACK if local else ()), *options.name}, port
+    )
+    scheme = "https" if certificate else "http"
+    name = options.name[0] if options.name else options.address
+    place = f"[{name}]" if ":" in name else name
+    return Door(line, f"{scheme}://{place}:{port}/#{token}", names, token, certificate)
+
+
+def serve(door: Door, shown: Source | Watch, options: argparse.Namespace) -> None:
+    """Serve the page until this process is asked to end, or an error ends it, which is raised."""
+    import uvicorn
+
+    from pcpc.tools.live.host.server import Server, config
+
+    os.nice(5)  # the loop and its bus go first
+    server = Server(shown, door.token, options)
+    app = server.app(door.names, door.certificate is not None)
+    web = uvicorn.Server(config(app, door.certificate))
+    web.install_signal_handlers = lambda: None  # type: ignore
+
+    def end() -> None:
+        web.should_exit = True
+
+    async def run() -> None:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            asyncio.get_running_loop().add_signal_handler(number, end)
+        await web.serve(sockets=[door.line])
+
+    server.at_failure = end
+    asyncio.run(run())
+    if server.failure is not None:
+        raise server.failure
+
+
+def _told(options: argparse.Namespace, shown: Source | Watch) -> str:
+    what = "everything on it" if options.write else "it only shows; --write lets it tune"
+    if isinstance(shown, Source):
+        return f"{shown.rig}, a finished log; Ctrl-C ends"
+    return f"shows {options.node or options.what or 'whatever rig runs'}; {what}; Ctrl-C ends"
+
+
+def _shown(what: str | None, node: str) -> Source | Watch:
+    """Return what is to be shown: a log or run folder, a rig by name, or whatever runs."""
+    if what is None:
+        return Watch(node=node)
+    path = Path(what)
+    if path.suffix == ".mcap" or what == LATEST or (path.is_dir() and not _is_rig(path)):
+        return of_log(source.read(log_of(what), Progress()))
+    going_on = bool(what and live.running(what))
+    return Watch(what if going_on else str(rigs.data_of(rigs.find(what))["rig"]), node)
+
+
+def _is_rig(path: Path) -> bool:
+    return (path / "rig.yaml").is_file()
+
+
+def _certificate(options: argparse.Namespace) -> tuple[str, str] | None:
+    if bool(options.tls_cert) != bool(options.tls_key):
+        raise UserError("--tls-cert and --tls-key belong together")
+    for path in filter(None, (options.tls_cert, options.tls_key)):
+        if not Path(path).is_file():
+            raise UserError(f"{path}: no such file")
+    if not options.tls_cert:
+        return None
+    try:
+        ssl.create_default_context().load_cert_chain(options.tls_cert, options.tls_key)
+    except OSError:
+        what = "are no certificate and its key, both as PEM"
+        raise UserError(f"{options.tls_cert}, {options.tls_key}: {what}") from None
+    return options.tls_cert, options.tls_key
+
+
+def _check_address(address: str, certificate: object, plain: bool) -> None:
+    if not guard.local(address) and certificate is None and not plain:
+        raise UserError(
+            f"--address {address}: who listens there reads the token and all data; give "
+            "--tls-cert and --tls-key, or --plain if that network is yours alone"
+        )
+
+
+def _listening(address: str, port: int | None) -> socket.socket:
+    """Return a socket at the port, or without one at the first free from guard.PORT on."""
+    if port is not None and not 0 <= port <= 65535:
+        raise UserError(f"--port {port}: not a port; expected 0..65535, 0 for a free one")
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    wanted = range(guard.PORT, guard.PORT + _TRIES) if port is None else [port]
+    for one in wanted:
+        line = socket.socket(family, socket.SOCK_STREAM)
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            line.bind((address, one))
+            line.listen(128)
+            return line
+        except OSError as error:
+            line.close()
+            why = error.strerror
+            cure = "port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "address"
+    raise UserError(f"{address}:{wanted[0]}: {why}; choose another --{cure}", Exit.ENVIRONMENT)

@@ -1,0 +1,281 @@
+"""A browser that is connected: what it wants to see, and what it is sent.
+
+Each has a task of its own that sends at a tick what is new and then waits until the network has
+taken it: a slow one gets fewer and larger pieces, one that takes nothing for SILENT_S is cut off.
+None of that is felt by other clients, and nothing of it by the loop. Ticks are common to all.
+Where there is no room for one more, the one goes that has kept what it is sent waiting longest, and
+of those that have not told the token yet the first.
+"""
+
+import asyncio
+import json
+import math
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager, suppress
+from typing import Any, Protocol
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.nodes.live import Live
+from pcpc.tools.live.host import asked, status, terminals
+from pcpc.tools.live.host.derived import MARK, Derived
+from pcpc.tools.live.host.drawn import layout
+from pcpc.tools.live.host.panels import Shown
+from pcpc.tools.live.host.sources import Source, complete
+from pcpc.tools.live.host.stage import Stage
+from pcpc.tools.live.host.terminals import Terminal
+from pcpc.tools.live.remote import guard
+
+TICK_S = 1 / 60
+SCENE_TICKS, STATUS_TICKS = 2, 12  # common to all clients: what they are sent is made once
+HELLO_S, SILENT_S = 5.0, 10.0
+SLOW_S = 1.0  # who takes nothing for as long may be cut off for another
+MOST_STRANGERS = 32
+MOST_PANELS = 16
+_NONE = (-1, -1)  # nothing was told or drawn yet
+
+
+class Show(Protocol):
+    """What clients have in common."""
+
+    token: str
+    write: bool
+    most_clients: int
+    clients: "set[Client]"
+    strangers: list[asyncio.Timeout]  # of those that have not told the token yet, the first first
+    offered: list[dict[str, Any]]  # the runs that go on; anew when it changes
+    tick: "asyncio.Future[None]"  # done when what the runs have recorded was taken; then the next
+    ticks: int  # that were
+
+    def stage(self, run: str) -> Stage:
+        """Return what shows a run; "": whichever is alone."""
+        ...
+
+    def nodes(self) -> Mapping[str, Live]:
+        """Return all nodes that run, of whatever run."""
+        ...
+
+
+class Client:
+    """One connection, from its first word to its end."""
+
+    def __init__(self, socket: WebSocket, show: Show) -> None:
+        self._socket, self._show = socket, show
+        self.stage = show.stage("")
+        self._offered: tuple[object, str] = (None, "")  # runs and which of them, as it was told
+        self._panels: dict[int, Shown] = {}
+        self._version, self._event = _NONE, 0
+        self._told: dict[str, float | None] = {}  # parameters
+        self._status_at = self._scene_at = 0  # the tick from which on they are sent again
+        self._at: int | None = None  # the cycle of a log that is looked at
+        self._drawn = _NONE  # run and cycle of the scene that was sent
+        self._lock = asyncio.Lock()
+        self._since_s: float | None = None  # since when it does not take what is sent
+        self._ended: asyncio.Timeout | None = None
+
+    async def serve(self) -> None:
+        """Serve it until it leaves; whatever it does ends only itself."""
+        await self._socket.accept()
+        try:
+            kind = await self._greeted()
+            if not kind:
+                return
+            self._show.clients.add(self)
+            if kind == "terminal":
+                await self._answer()
+                return
+            async with asyncio.TaskGroup() as tasks:
+                sending = tasks.create_task(self._send())
+                await self._hear()
+                sending.cancel()
+        except* (WebSocketDisconnect, RuntimeError, TimeoutError, OSError):
+            pass  # it is gone
+        finally:
+            self._show.clients.discard(self)
+
+    async def _greeted(self) -> str:
+        """Return the kind of client, "" where its first word is no token, or there is no room."""
+        try:
+            async with self._a_stranger():
+                word = asked.read(await self._word())
+        except (asked.Wrong, TimeoutError):
+            word = None
+        if not isinstance(word, asked.Hello) or not guard.same(word.token, self._show.token):
+            await self._socket.close(guard.WRONG_TOKEN, "the token is missing or wrong")
+            return ""
+        if len(self._show.clients) >= self._show.most_clients and not self._room():
+            await self._socket.close(guard.TOO_MANY, "there are too many clients")
+            return ""
+        self.stage = self._show.stage(word.run)
+        return word.kind
+
+    @asynccontextmanager
+    async def _a_stranger(self) -> AsyncIterator[None]:
+        """Give it HELLO_S; where there are many, the one that came first has to go."""
+        strangers = self._show.strangers
+        async with asyncio.timeout(HELLO_S) as limit:
+            strangers.append(limit)
+            if len(strangers) > MOST_STRANGERS:
+                _end(strangers.pop(0))
+            try:
+                yield
+            finally:
+                if limit in strangers:
+                    strangers.remove(limit)
+
+    def _room(self) -> bool:
+        """Cut off the client that is slowest; return whether there was a slow one."""
+        now_s = asyncio.get_running_loop().time()
+        since = {one: s for one in self._show.clients if (s := one._since_s) is not None}
+        slowest = min(since, key=since.__getitem__, default=None)
+        if slowest is None or now_s - since[slowest] < SLOW_S or slowest._ended is None:
+            return False
+        self._show.clients.discard(slowest)
+        _end(slowest._ended)
+        return True
+
+    async def _word(self) -> str | bytes:
+        message = await self._socket.receive()
+        if message["type"] != "websocket.receive":
+            raise WebSocketDisconnect(1000)
+        return message.get("text") or message.get("bytes") or b""
+
+    async def _answer(self) -> None:
+        """Answer a terminal, until it leaves."""
+        terminal = Terminal(self._show.nodes, self._show.write)
+        flood = guard.Flood(terminals.RATE, terminals.BURST)
+        while (word := await self._next(flood, asked.read_terminal)) is not None:
+            found = await asyncio.to_thread(terminal.answer, word)
+            send = self._socket.send_text if isinstance(found, str) else self._socket.send_bytes
+            await self._put(send(found))  # type: ignore[arg-type]
+
+    # Hearing
+
+    async def _hear(self) -> None:
+        flood = guard.Flood()
+        while (word := await self._next(flood, asked.read)) is not None:
+            await self._take(word)
+
+    async def _next(self, flood: guard.Flood, read: Callable[[str | bytes], Any]) -> Any:
+        """Return what is asked next; None where the client was cut off."""
+        message = await self._word()
+        if flood.too_many():
+            await self._socket.close(guard.TOO_MANY, "too many messages")
+            return None
+        try:
+            return read(message)
+        except asked.Wrong as error:
+            await self._socket.close(guard.BAD_MESSAGE, str(error)[:120])
+            return None
+
+    async def _take(self, word: Any) -> None:
+        if isinstance(word, asked.Panel | asked.Phase):
+            places = []
+            for name in word.names:
+                try:
+                    places.append(self._curve(name))
+                except UserError as error:
+                    await self._tell({"refused": word.id, "name": name, "why": str(error)})
+                    return
+            if len(self._panels) >= MOST_PANELS and word.id not in self._panels:
+                await self._tell({"refused": word.id, "why": f"at most {MOST_PANELS} panels"})
+                return
+            self._panels[word.id] = Shown(word, places)
+        elif isinstance(word, asked.Drop):
+            self._panels.pop(word.id, None)
+        elif isinstance(word, asked.At):
+            self._at = round(word.t_s / self.stage.source.period_s)
+        elif isinstance(word, asked.Choose):
+            await self._tell({"done": word.id})
+            self._choose(word.run)
+        elif isinstance(word, asked.Acting):
+            try:
+                told = await asyncio.to_thread(self.stage.actions.do, word)
+                await self._tell({"done": word.id, "undoes": self.stage.actions.undoes, **told})
+            except UserError as error:
+                await self._tell({"refused": word.id, "why": str(error)})
+
+    def _choose(self, run: str) -> None:
+        """Show another run from now on; it is told as one that is new."""
+        self.stage = self._show.stage(run)
+        self._panels.clear()
+        self._version, self._event, self._at, self._drawn = _NONE, 0, None, _NONE
+
+    def _curve(self, name: str) -> tuple[str, str] | Derived:
+        """Return what a curve is of; UserError."""
+        source = self.stage.source
+        return Derived(name, source) if name.startswith(MARK) else source.curve(name)
+
+    # Sending
+
+    async def _send(self) -> None:
+        """Send what is new, at every tick."""
+        while True:
+            ticks = self._show.ticks
+            await self._new_run()
+            source = self.stage.source
+            for shown in list(self._panels.values()):
+                if message := shown.message(source):
+                    await self._put(self._socket.send_bytes(message))
+            if ticks >= self._scene_at:
+                self._scene_at = (ticks // SCENE_TICKS + 1) * SCENE_TICKS
+                await self._draw(source)
+            if source.live and source.nodes and ticks >= self._status_at:
+                self._status_at = (ticks // STATUS_TICKS + 1) * STATUS_TICKS
+                await self._tell_status()
+            await self._offer()
+            for number, event in [e for e in self.stage.events if e[0] > self._event]:
+                self._event = number
+                await self._tell({"event": event})
+            await asyncio.shield(self._show.tick)
+
+    async def _tell_status(self) -> None:
+        told, values = self.stage.status()
+        changed = {k: v for k, v in values.items() if self._told.get(k, math.inf) != v}
+        self._told = values
+        recording = self.stage.actions.recordings.state()
+        await self._tell({"status": told | {"values": changed, "recording": recording}})
+
+    async def _offer(self) -> None:
+        """Tell which runs go on, and which of them is shown, where that has changed."""
+        offered = self._show.offered
+        if self._offered[0] is not offered or self._offered[1] != self.stage.run:
+            self._offered = offered, self.stage.run
+            await self._tell({"runs": offered, "shown": self.stage.run})
+
+    async def _draw(self, source: Source) -> None:
+        """Send the plant as it is now, or at the instant of a log that is looked at."""
+        first, last = source.span()
+        last = complete(source) if source.live else last  # of all nodes
+        cycle = last if self._at is None or source.live else max(first, min(last, self._at))
+        if cycle >= 0 and self._drawn != (source.number, cycle):
+            self._drawn = source.number, cycle
+            if scene := self.stage.scene(cycle):
+                await self._put(self._socket.send_text(scene))
+
+    async def _new_run(self) -> None:
+        """Tell of a run that is not the one before; its panels have to be asked for again."""
+        source = self.stage.source
+        if self._version != source.version:
+            self._version = source.version
+            self._panels.clear()
+            self._told = {}
+            first, last = source.span()
+            told = status.about(source, self.stage.actions.write) | {"layout": layout(source)}
+            await self._tell({"about": told, "span": [first, last]})
+
+    async def _tell(self, message: dict[str, Any]) -> None:
+        await self._put(self._socket.send_text(json.dumps(message, allow_nan=False)))
+
+    async def _put(self, sending: Any) -> None:
+        async with self._lock, asyncio.timeout(SILENT_S) as self._ended:
+            self._since_s = asyncio.get_running_loop().time()
+            await sending
+            self._since_s = None
+
+
+def _end(limit: asyncio.Timeout) -> None:
+    """Let a time-out come now, if it has not come."""
+    with suppress(RuntimeError):
+        limit.reschedule(0.0)

@@ -1,0 +1,101 @@
+"""The plant of a run as its drawing.py draws it, for the page: a scene at one cycle."""
+
+import argparse
+import json
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.rig import yamlfile
+from pcpc.plants import drawing
+from pcpc.tools.after.log.rig import drawing_of_log
+from pcpc.tools.live.host.sources import Source
+
+LAYOUT = "layout.json"
+
+
+class Drawn:
+    """A drawing with the settings of the run, and the newest scene of it."""
+
+    def __init__(
+        self, found: drawing.Drawing, settings: Mapping[str, float], source: Source
+    ) -> None:
+        self._drawing, self._settings = found, settings
+        self._places = dict(self._found(source))
+        self._scene: tuple[int, dict[str, Any]] = (-1, {})
+
+    def scene(self, source: Source, cycle: int) -> dict[str, Any]:
+        """Return the scene of a cycle as plain lists; DrawingError."""
+        if self._scene[0] != cycle:
+            now = {name: _value(source, place, cycle) for name, place in self._places.items()}
+            now["t"] = cycle * source.period_s
+            self._scene = cycle, self._drawing.scene(now, self._settings).json()
+        return self._scene[1]
+
+    def _found(self, source: Source) -> Iterator[tuple[str, tuple[str, str]]]:
+        for name, wanted in self._drawing.needs.items():
+            with suppress(UserError):  # this rig has no such variable: it is drawn as not known
+                yield name, source.curve(wanted)
+
+
+def _value(source: Source, place: tuple[str, str], cycle: int) -> float:
+    """Return a variable at a cycle, or the newest before it within a second; NaN for none."""
+    node = source.nodes[place[0]]
+    _, values = node.part([place[1]], cycle - round(1.0 / source.period_s), cycle)
+    return float(values[-1, 0]) if len(values) else float(np.nan)
+
+
+def of(source: Source, options: argparse.Namespace) -> Drawn | None:
+    """Return the drawing of what is shown, None if it has none; DrawingError, LogError.
+
+    It is Python: that of a run of this user is his own; that of a log is the installed one, or with
+    `options.trust` what the log carries.
+    """
+    if source.log is not None:
+        with tempfile.TemporaryDirectory() as folder:
+            file, _ = drawing_of_log(source.log, Path(folder), options)
+            made = file and drawing.load(file)
+        return Drawn(made, drawing.settings_of_log(source.log), source) if made else None
+    for about in _descriptions(source):
+        for path in _paths(about, "draws"):
+            text = about["attachments"]["rig-resolved.yaml"]
+            return Drawn(drawing.load(path), settings(text), source)
+    return None
+
+
+def _paths(about: Mapping[str, Any], kind: str) -> list[Path]:
+    """Return the files of a description that judge or draw, which are there."""
+    named = [one for one in about.get("files", ()) if isinstance(one, dict) and one.get(kind)]
+    paths = [Path(str(one.get("path", ""))) for one in named]
+    return [path for path in paths if path.is_file()]
+
+
+def _descriptions(source: Source) -> list[dict[str, Any]]:
+    return [
+        node.live.block.description if source.live else node.description
+        for node in source.nodes.values()
+    ]
+
+
+def layout(source: Source) -> Any:
+    """Return the panels with which a plant is shown first, or None.
+
+    They are those of the layout.json beside its evaluation or its drawing.
+    """
+    for about in _descriptions(source):
+        for path in _paths(about, "judges") + _paths(about, "draws"):
+            with suppress(OSError, ValueError):
+                return json.loads(path.with_name(LAYOUT).read_text("utf-8"))
+    return None
+
+
+def settings(text: str) -> dict[str, float]:
+    """Return the settings of a plant's blocks, as a rig that is written out has them."""
+    data = yamlfile.load("rig.yaml", text).data
+    blocks = data.get("plant", {}).get("blocks", {}).values()
+    return {name: value for block in blocks for name, value in block["parameters"].items()}

@@ -1,0 +1,98 @@
+"""`pcpc host --foxglove [PORT]` and `--foxglove-layout`."""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+from urllib.parse import urlencode
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.live.host.foxglove.names import TOKEN
+from pcpc.tools.live.host.sources import Source, Watch
+from pcpc.tools.live.remote import guard
+
+PORT = 8765  # which both programs propose
+_TRIES = 20
+
+
+def layout(options: argparse.Namespace) -> int:
+    """Print the layout of a rig's plant."""
+    from pcpc.tools.live.host.foxglove import layouts
+
+    if options.what is None:
+        raise UserError("--foxglove-layout: of which rig? `pcpc rigs` lists them")
+    made, left_out = layouts.of_rig(options.what)
+    print(json.dumps(made, indent=1))
+    for name in left_out:
+        print(f"left out: {name}, which {options.what} does not record", file=sys.stderr)
+    return Exit.OK
+
+
+def command(
+    options: argparse.Namespace, shown: Source | Watch, certificate: tuple[str, str] | None
+) -> int:
+    """Serve Foxglove and Lichtblick until Ctrl-C."""
+    if options.port is not None:
+        raise UserError(f"--port is the page's; say --foxglove {options.port}")
+    if isinstance(shown, Source):
+        raise UserError(f"{options.what}: Foxglove and Lichtblick open the log.mcap itself")
+    try:
+        from pcpc.tools.live.host.foxglove.server import Server
+    except ImportError as error:
+        what = f"this needs {error.name}: pip install 'pcpc[foxglove]'"
+        raise UserError(what, Exit.ENVIRONMENT) from None
+    cert, key = certificate or (None, None)
+    pair = (Path(cert).read_bytes(), Path(key).read_bytes()) if cert and key else None
+    token = guard.token_of(os.environ, options.new_token)
+    for port in _ports(options.foxglove):
+        try:
+            server = Server(shown, token, options.write, options.address, port, pair)
+            break
+        except UserError as error:
+            if "in use" not in str(error):
+                raise
+            refused = error
+    else:
+        raise UserError(f"{refused}; choose another --foxglove PORT", Exit.ENVIRONMENT)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: ended.set())
+    _give_way()
+    _say(options, shown, server.port, token)
+    server.serve(ended)
+    return Exit.OK
+
+
+def _give_way() -> None:
+    """Let the loop and its bus go first, before every thread of the server."""
+    nice = os.nice(0) + 5
+    for thread in os.listdir("/proc/self/task"):
+        with suppress(ProcessLookupError):  # it has ended since
+            os.setpriority(os.PRIO_PROCESS, int(thread), min(nice, 19))
+
+
+def _ports(wanted: int) -> range:
+    """Return which ports to try: one that was asked for, or from PORT on."""
+    return range(PORT, PORT + _TRIES) if wanted < 0 else range(wanted, wanted + 1)
+
+
+def _say(options: argparse.Namespace, shown: Watch, port: int, token: str) -> None:
+    name = options.name[0] if options.name else options.address
+    place = f"[{name}]" if ":" in name else name
+    url = f"{'wss' if options.tls_cert else 'ws'}://{place}:{port}"
+    query = urlencode({"ds": "foxglove-websocket", "ds.url": url}, safe=":/[]")
+    print(f"{url}\nhttps://app.foxglove.dev/?{query}", flush=True)
+    reach = "every page open in a browser here" if guard.local(options.address) else "all there"
+    told = [
+        f"shows {options.node or options.what or 'whatever rig runs'}; Ctrl-C ends",
+        f"it asks for no token: {reach} can read it",
+    ]
+    if options.write:
+        told.append(f"to tune, set the parameter {TOKEN} to {token}")
+    else:
+        told.append("it only shows; --write lets who has the token tune")
+    print("\n".join(told), file=sys.stderr, flush=True)

@@ -1,0 +1,24 @@
+"""What `pcpc host` takes for Foxglove and Lichtblick."""
+
+import argparse
+
+from pcpc.tools.terminal.command import Add, Command
+
+
+def beside(add: Add) -> None:
+    """Take whether they are served, or a layout is printed."""
+    add("--foxglove", type=port, nargs="?", const=-1, metavar="PORT",
+        help="for Foxglove and Lichtblick instead; the first free from 8765 on")  # fmt: skip
+    add("--foxglove-layout", action="store_true", help="print a layout of RIG for both, and end")
+
+
+def port(text: str) -> int:
+    """Return a port; 0: any that is free."""
+    if not text.isdecimal() or int(text) > 65535:
+        what = f"{text!r} is no port; a rig stands before it: `pcpc host {text} --foxglove`"
+        raise argparse.ArgumentTypeError(what)
+    return int(text)
+
+
+BESIDE_HOST = beside
+COMMANDS: tuple[Command, ...] = ()

@@ -1,0 +1,158 @@
+"""The web server of the host: one page, its few files, and a WebSocket."""
+
+import argparse
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import AsyncIterator, Callable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.responses import Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket
+
+from pcpc.executive.nodes.live import Live
+from pcpc.tools.live.host import runs
+from pcpc.tools.live.host.asked import MOST_BYTES
+from pcpc.tools.live.host.clients import SILENT_S, TICK_S, Client
+from pcpc.tools.live.host.gathering import Gathering
+from pcpc.tools.live.host.requests import WAIT_S, Prompt
+from pcpc.tools.live.host.sources import Source, Watch
+from pcpc.tools.live.host.stage import Stage
+from pcpc.tools.live.remote import guard
+
+LOOK_S = 0.5  # how soon another run is seen
+IDLE_S = 10.0  # for a page that comes back
+_KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+_FILES = (
+    "index.html", "main.js", "net.js", "panels.js", "side.js", "operate.js", "drawing.js",
+    "runs.js", "host.css", "uplot.js", "uplot.css",
+)  # fmt: skip
+
+
+class Server:
+    """A page about a log, or about runs: what was chosen of several, else the one that goes on."""
+
+    most_clients = 32
+
+    def __init__(self, source: Source | Watch, token: str, options: argparse.Namespace) -> None:
+        self._watch = source if isinstance(source, Watch) else None
+        if self._watch is not None:
+            self._watch.asks = True
+        self.token, self.write, self._options = token, options.write, options
+        self._files: list[Path] = []  # that were recorded
+        self._stages = {"": Stage(source, options, self._files)}
+        self._idle_s: dict[str, float] = {}  # since when nobody looks at one
+        self.clients: set[Client] = set()
+        self.strangers: list[asyncio.Timeout] = []
+        self.offered: list[dict[str, Any]] = []
+        self.tick: asyncio.Future[None]
+        self.ticks = 0
+        self.failure: BaseException | None = None
+        self.at_failure: Callable[[], None] = lambda: None  # called once it can follow no more
+
+    def stage(self, run: str) -> Stage:
+        """Return what shows a run, which need not go on yet; "": whichever is alone."""
+        if self._watch is None or not run:
+            return self._stages[""]
+        if run not in self._stages:
+            if len(self._stages) > self.most_clients:
+                self._let_go(time.monotonic(), 0.0)
+            watch = Watch(node=f"{run}.", runs=self._watch.runs)
+            self._stages[run] = Stage(watch, self._options, self._files)
+            self._stages[run].find()
+        return self._stages[run]
+
+    def nodes(self) -> Mapping[str, Live]:
+        """Return all nodes that run and may be shown."""
+        return self._watch.runs.nodes() if self._watch is not None else {}
+
+    def app(self, names: frozenset[str], secure: bool) -> Any:
+        """Return the ASGI application for a server with these names."""
+        routes: list[Any] = [WebSocketRoute("/ws", self._connected)]
+        routes += [
+            Route("/" if name == "index.html" else f"/{name}", _file(name)) for name in _FILES
+        ]
+        return guard.Guard(Starlette(routes=routes, lifespan=self._life), names, secure)
+
+    async def _connected(self, socket: WebSocket) -> None:
+        await Client(socket, self).serve()
+
+    @contextlib.asynccontextmanager
+    async def _life(self, app: Starlette) -> AsyncIterator[None]:
+        self.tick = asyncio.get_running_loop().create_future()
+        following = asyncio.create_task(self._follow())
+        following.add_done_callback(self._failed)
+        yield
+        following.cancel()
+        for stage in self._stages.values():
+            await asyncio.to_thread(stage.close)
+
+    def _failed(self, following: "asyncio.Task[None]") -> None:
+        if not following.cancelled():
+            self.failure = following.exception()
+            self.at_failure()
+
+    async def _follow(self) -> None:
+        """Take what the runs have recorded, look for others, and have the clients go on."""
+        loop = asyncio.get_running_loop()
+        next_s = next_look_s = loop.time()
+        while True:
+            if self._watch is not None and loop.time() >= next_look_s:
+                next_look_s = loop.time() + LOOK_S
+                self._look(time.monotonic())
+            for stage in self._stages.values():
+                stage.poll()
+            self.ticks += 1
+            done, self.tick = self.tick, loop.create_future()
+            done.set_result(None)
+            next_s = max(next_s + TICK_S, loop.time())
+            await asyncio.sleep(next_s - loop.time())
+
+    def _look(self, now_s: float) -> None:
+        """Look which runs there are."""
+        offered = runs.offered(self.nodes())
+        if offered != self.offered:
+            self.offered = offered
+        for stage in self._stages.values():
+            stage.find()
+        self._let_go(now_s, IDLE_S)
+
+    def _let_go(self, now_s: float, idle_s: float) -> None:
+        """Let go the stages that nobody has looked at for so long."""
+        seen = {id(client.stage) for client in self.clients}
+        for name, stage in [*self._stages.items()]:
+            since_s = self._idle_s.setdefault(name, now_s)
+            if not name or id(stage) in seen or stage.records:
+                self._idle_s[name] = now_s
+            elif now_s >= since_s + idle_s:
+                del self._stages[name], self._idle_s[name]
+
+
+def _file(name: str) -> Any:
+    body = files("pcpc.tools.live.host").joinpath("page", name).read_bytes()
+    kind = _KINDS[name.rpartition(".")[2]]
+
+    async def answer(request: Any) -> Response:
+        return Response(body, media_type=kind)
+
+    return answer
+
+
+def config(app: Any, certificate: tuple[str, str] | None) -> uvicorn.Config:
+    """Return the settings of the web server: small messages, none of them compressed."""
+    cert, key = certificate or (None, None)
+    logging.getLogger("asyncio").setLevel(logging.ERROR)  # a client that is gone is no warning
+    return uvicorn.Config(
+        app, http=Prompt, ws=Gathering, lifespan="on", log_level="critical",
+        access_log=False, ws_max_size=MOST_BYTES, ws_per_message_deflate=False,
+        limit_concurrency=256, timeout_keep_alive=int(WAIT_S), timeout_graceful_shutdown=2,
+        ws_ping_interval=WAIT_S, ws_ping_timeout=SILENT_S,
+        server_header=False, date_header=False, ssl_certfile=cert, ssl_keyfile=key,
+        proxy_headers=False, h11_max_incomplete_event_size=16 * 1024,
+    )  # fmt: skip

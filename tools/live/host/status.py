@@ -1,0 +1,120 @@
+"""What the page shows of a run besides curves: states, faults, timing, frames, parameters."""
+
+import math
+import time
+from typing import Any
+
+from pcpc.executive.loop import faults
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes import injecting, operating
+from pcpc.executive.nodes.live import Live, Values
+from pcpc.executive.nodes.mailbox import LEVELS, level_of
+from pcpc.tools.live.host.sources import Source, full
+from pcpc.tools.live.host.traffic import load
+
+_COUNTERS = {
+    "late": sh.LATE, "skipped": sh.SKIPPED, "held": sh.HELD, "lost": sh.LOST,
+    "crc": sh.CRC_ERRORS, "repeated": sh.REPEATED, "sequence": sh.WRONG_SEQUENCE,
+    "foreign": sh.FOREIGN, "intrusions": sh.INTRUSIONS, "send errors": sh.SEND_ERRORS,
+    "bus errors": sh.BUS_ERRORS, "refused": sh.REFUSED,
+}  # fmt: skip
+_TIMES = ("wake_late_p50_us", "wake_late_p99_us", "wake_late_max_us", "work_p99_us")
+_PERIODS = 8  # of the histogram: buckets to an octave
+
+
+def about(source: Source, write: bool) -> dict[str, Any]:
+    """Return what does not change while a run is shown: its nodes and their variables."""
+    return {
+        "rig": source.rig, "live": source.live, "run": source.number, "write": write,
+        "period_s": source.period_s,
+        "nodes": {role: _variables(node, role) for role, node in source.nodes.items()},
+        "faults": _faults(source), "laws": _laws(source),
+    }  # fmt: skip
+
+
+def _variables(node: Any, role: str) -> list[dict[str, Any]]:
+    recorded = set(node.names)
+    return [
+        {
+            "name": full(role, name), "unit": one.unit, "help": one.help, "kind": one.kind,
+            "range": one.range and [_number(x) for x in one.range], "plot": name in recorded,
+        }
+        for name, one in node.variables.items()
+        if name in recorded or one.range is not None
+    ]  # fmt: skip
+
+
+def _laws(source: Source) -> list[str]:
+    node = source.nodes.get("executive") if source.live else None
+    return [] if node is None else operating.laws(node.live)
+
+
+def _faults(source: Source) -> list[dict[str, Any]]:
+    if not source.live:
+        return []
+    found = injecting.faults_of([node.live for node in source.nodes.values()])
+    return [{"name": one.name, "about": one.about, "node": one.node} for one in found]
+
+
+def _number(value: float) -> float | None:
+    """Return what JSON can hold."""
+    return float(value) if math.isfinite(value) else None
+
+
+class Status:
+    """The changing part of a running source, which all clients are told."""
+
+    def __init__(self) -> None:
+        self._passes: dict[tuple[int, str], tuple[float, int]] = {}
+
+    def of(self, source: Source) -> tuple[dict[str, Any], dict[str, float | None]]:
+        """Return states, counters, times, histogram, frames, load; and parameters."""
+        nodes, values = {}, dict[str, float | None]()
+        for role, node in source.nodes.items():
+            now = node.live.read()
+            nodes[role] = self._node((source.number, role), node.live, now)
+            nodes[role]["frames"] = [
+                {"id": one.number, "name": one.name, "way": one.way}
+                | {"signals": {signal: _number(now[name]) for signal, name in one.signals.items()}}
+                | node.traffic.timed(one.number, one.way)
+                for one in node.traffic.known
+            ]
+            values |= {
+                full(role, name): _number(now[name])
+                for name, one in node.variables.items() if one.range is not None
+            }  # fmt: skip
+        return {"nodes": nodes, "load": load(source.nodes)}, values
+
+    def _node(self, key: tuple[int, str], live: Live, now: Values) -> dict[str, Any]:
+        block, about = live.block, live.block.description
+        control = block["control"]
+        state = str(about["state_names"][int(control[sh.STATE])])
+        return {
+            "state": state if live.running else "ended",
+            "fault": faults.reason(about, control) if control[sh.FAULT] else "",
+            "cycle": now.cycle, "t_s": now.cycle * 1e-9 * live.period_ns,
+            "rate_hz": self._rate(key, int(control[sh.PASSES])),
+            "pacing": about["metadata"].get("pacing", ""),
+            "counters": {name: int(control[word]) for name, word in _COUNTERS.items()},
+            "times": {name: _number(now[f"timing.{name}"]) for name in _TIMES},
+            "late": _octaves(block["histogram"][0]),
+            "locked": LEVELS.index(level_of(block)),
+            "armed": now[operating.DISARMED] == 0.0, "in_charge": operating.in_charge(live, now),
+        }  # fmt: skip
+
+    def _rate(self, key: tuple[int, str], passes: int) -> float:
+        now_s = time.monotonic()
+        then_s, before = self._passes.get(key, (now_s - 1.0, passes))
+        if now_s - then_s >= 1.0 or key not in self._passes:
+            self._passes[key] = now_s, passes
+        return max(0.0, (passes - before) / max(now_s - then_s, 1e-3))
+
+
+def _octaves(histogram: Any) -> list[list[float]]:
+    """Return how many cycles woke later than 2^i ns and not than 2^(i + 1), as [us, count]."""
+    counts = [[16e-3, float(histogram[:16].sum())]]
+    for at in range(16, sh.BUCKETS, _PERIODS):
+        end_us = 1e-3 * 2 ** (5 + (at - 16) // _PERIODS)
+        counts.append([end_us, float(histogram[at : at + _PERIODS].sum())])
+    used = [i for i, (_, count) in enumerate(counts) if count]
+    return counts[used[0] : used[-1] + 1] if used else []

@@ -1,0 +1,298 @@
+"""`pcpc scope`: every cycle of some variables around a trigger, from a running node into a log.
+
+    trigger   a condition as requirements state it; the cycle in which it becomes true
+    burst     the cycles from `pre` before the trigger to `post` behind it; no trigger counts until
+              it is over, and no cycle is in two of them
+    single    one burst               normal   each time, until Ctrl-C, the node's end, --count
+    auto      as normal; a burst without a trigger where none came for pre + post
+
+It reads the node's ring of cycles beside the recorder (`executive.nodes.tap`), which the node does
+not notice. Rows that the ring lost before they were read are told, and are a loss.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.durations import duration_ns
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.executive.nodes.tap import Rows, Tap
+from pcpc.executive.rig import expressions as ex
+from pcpc.executive.rig.units import Unit, unit
+from pcpc.tools.after.log.part import NodePart, Part
+from pcpc.tools.live.remote.nodes import nodes_of
+from pcpc.tools.terminal.outfile import new_file
+from pcpc.tools.terminal.picture import check_picture
+from pcpc.tools.terminal.progress import Progress
+
+POLL_S = 0.02
+_CARRY = 4  # rows before those that are looked at: rate(rate(rate(x))) needs three
+
+
+@dataclass(frozen=True)
+class Burst:
+    """Rows of the ring around a cycle with a trigger, or up to one without (`found` False).
+
+    `short`: how many cycles of `pre` there were no rows of, as the ring begins later.
+    """
+
+    cycle: int
+    found: bool
+    rows: NDArray[np.int64]
+    short: int = 0
+
+
+class Trigger:
+    """Cuts bursts out of rows that come in any stretches; `pre`, `post` in cycles.
+
+    A trigger counts from cycle `armed` on.
+    """
+
+    def __init__(
+        self, condition: ex.Condition, period_s: float, pre: int, post: int, armed: int = 0,
+        auto: bool = False,
+    ) -> None:  # fmt: skip
+        self.condition, self.period_s, self.pre, self.post = condition, period_s, pre, post
+        self.armed, self.auto = armed, auto
+        self._open: tuple[int, bool] | None = None  # the burst that is being filled
+        self._oldest: int | None = None  # cycle that was seen
+        self._begin: int | None = None  # of the next burst at the earliest; None: none before
+        self._edges: list[int] = []
+        self._held = np.empty((0, 0), np.int64)
+        self._carry: ex.Rows | None = None
+
+    def take(self, seen: Rows, rows: NDArray[np.int64]) -> Iterator[Burst]:
+        """Look at the next cycles, `seen` for the condition and as `rows`; yield what is whole."""
+        if not len(seen):
+            return
+        self._oldest = int(seen.cycle[0]) if self._oldest is None else self._oldest
+        self._edges += self._rising(seen)
+        self._held = np.concatenate((self._held, rows)) if self._held.size else rows
+        newest = int(seen.cycle[-1])
+        while self._opened(newest) and self._open is not None:
+            if newest < self._open[0] + self.post:
+                break
+            yield self._cut(self._open[0] + self.post)
+        first = (self._open[0] if self._open else newest - self.post * self.auto) - self.pre
+        self._held = self._held[self._held[:, 0] >= max(first, self._begin or 0)]
+
+    def rest(self) -> Burst | None:
+        """Return the burst that the end of the node, or of the patience, has cut short."""
+        return None if self._open is None else self._cut(int(self._held[-1, 0]))
+
+    def _opened(self, newest: int) -> bool:
+        """Return whether a burst is being filled; begin one where there is a trigger."""
+        if self._open is None:
+            self._edges = [cycle for cycle in self._edges if cycle >= self.armed]
+            if self._edges:
+                self._open = self._edges[0], True
+            elif self.auto and newest >= self.armed + self.pre + self.post:
+                self._open = newest - self.post, False
+        return self._open is not None
+
+    def _cut(self, last: int) -> Burst:
+        assert self._open is not None and self._oldest is not None, "a burst is being filled"
+        (cycle, found), self._open = self._open, None
+        held, first = self._held[:, 0], cycle - self.pre
+        short = max(self._oldest - first, 0) if self._begin is None else 0
+        own = (held >= max(first, self._begin or 0)) & (held <= last)
+        self._begin = self.armed = last + 1
+        return Burst(cycle, found, self._held[own], short)
+
+    def _rising(self, seen: Rows) -> list[int]:
+        """Return the cycles in which the condition becomes true; never the first of all."""
+        columns = {name: seen[_bare(name)] for name in self.condition.names}
+        rows, new = ex.Rows(seen.cycle, columns, self.period_s), 0
+        if self._carry is not None:
+            rows, new = self._carry.then(rows), len(self._carry)
+        self._carry = rows.part(slice(-_CARRY, None))
+        holds = self.condition.margin(rows) >= 0.0
+        rises = np.concatenate(([False], holds[1:] & ~holds[:-1]))
+        rises[:new] = False
+        return [int(cycle) for cycle in rows.cycle[rises]]
+
+
+class Scope:
+    """One capture, from arming to its last burst."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.options, self.progress = options, Progress(options.quiet)
+        self.live, condition, self.names = _asked(options)
+        period_ns = self.live.period_ns
+        pre, post = (_cycles(options, key, period_ns) for key in ("pre", "post"))
+        self.count = 1 if options.mode == "single" else options.count
+        seen = {*self.names, *map(_bare, condition.names)}
+        self.tap = Tap(self.live, past=True, names=seen)
+        armed = 0 if options.past else int(self.live.block["control"][sh.CYCLE]) + 1
+        auto = options.mode == "auto"
+        self.trigger = Trigger(condition, 1e-9 * period_ns, pre, post, armed, auto)
+        self.told: list[dict[str, Any]] = []
+        self.cut = False  # the node ended within a burst
+        self.short = ""  # what to say where the first burst begins late
+
+    def run(self, path: Path) -> None:
+        """Capture until all bursts are there, the node or the patience has ended, or Ctrl-C."""
+        part = Part(path)
+        log = part.node(self.live.block.description, self.names)
+        try:
+            self.progress.say(f"{self.live.name}: armed: {self.options.trigger}")
+            self._capture(log)
+        except KeyboardInterrupt:
+            if not self.told:
+                raise
+        finally:
+            part.close({log.channels.name: {"record": self.tap.missed["record"]}})
+
+    def _capture(self, log: NodePart) -> None:
+        within = self.options.within
+        deadline_s = np.inf if within is None else time.monotonic() + within
+        while self.count is None or len(self.told) < self.count:
+            over = not self.live.running or time.monotonic() > deadline_s  # before the last look
+            seen = self.tap.rows()
+            for burst in self.trigger.take(seen, log.rows(seen)):
+                self._tell(log, burst)
+                if len(self.told) == self.count:
+                    return
+            if over:
+                if rest := self.trigger.rest():
+                    self.cut = True
+                    self._tell(log, rest)
+                return
+            if self.tap.stuck:
+                what = "its ring is full, as nobody records it; start the rig with `pcpc run`"
+                raise LiveError(f"{self.live.name}: {what}", Exit.ENVIRONMENT)
+            time.sleep(POLL_S)
+
+    def _tell(self, log: NodePart, burst: Burst) -> None:
+        """Write a burst, and its trigger as an event; say so."""
+        log.add("record", burst.rows)
+        stamps = burst.rows[burst.rows[:, 0] >= burst.cycle, 1]
+        clocked, period_ns = log.channels.clocked, log.channels.period_ns
+        stamp = int(stamps[0]) if clocked else burst.cycle * period_ns
+        entry = {"event": "trigger", "name": self.options.trigger}
+        entry = entry if burst.found else {"event": "no trigger"}
+        log.happened(stamp, burst.cycle, entry | {"value": 0.0})
+        first, last = (int(burst.rows[i, 0]) for i in (0, -1))
+        self.told.append(
+            {"cycle": burst.cycle, "t_s": float(f"{1e-9 * burst.cycle * self.live.period_ns:.12g}"),
+             "first": first, "last": last, "rows": len(burst.rows), "trigger": burst.found}
+        )  # fmt: skip
+        if burst.short:
+            self.told[-1]["missing_before"] = burst.short
+            self.short = self._too_long(burst)
+        what = "trigger" if burst.found else "no trigger"
+        where = f"cycle {burst.cycle}, {self.told[-1]['t_s']:g} s"
+        self.progress.say(f"{what} at {where}; {len(burst.rows)} cycles, {first} to {last}")
+
+    def _too_long(self, burst: Burst) -> str:
+        """Return why a burst begins later than `--pre` before its trigger."""
+        held_s = 1e-9 * (self.trigger.pre - burst.short) * self.live.period_ns
+        begin = burst.cycle - self.trigger.pre + burst.short
+        why = "the node's ring holds no more" if begin else "the run began there"
+        return f"--pre {self.options.pre}: only {held_s:.6g} s, from cycle {begin} on: {why}"
+
+
+def command(options: argparse.Namespace) -> int:
+    """Capture; return the exit code."""
+    if options.plot is not None:
+        check_picture("--plot", options.plot)
+    scope = Scope(options)
+    with new_file(options.output, options.force) as path:
+        scope.run(path)
+        missed = scope.tap.missed["record"]
+        if not scope.told:
+            why = "the node ended" if not scope.live.running else f"not within {options.within:g} s"
+            lost = f", {missed} cycles lost" if missed else ""
+            raise LiveError(f"{options.trigger}: {why}, no trigger{lost}", Exit.NOT_MET)
+    if options.plot is not None:
+        _draw(options, scope.names)
+    rows = sum(one["rows"] for one in scope.told)
+    if options.json:
+        print(json.dumps({"file": str(options.output), "lost": missed, "bursts": scope.told}))
+    else:
+        ended = ", the last one cut short" if scope.cut else ""
+        bursts = f"{len(scope.told)} burst{'s' * (len(scope.told) > 1)}"
+        print(f"{options.output}: {bursts}, {rows} cycles{ended}")
+        if scope.short:
+            print(scope.short)
+    if missed:
+        print(f"{missed} cycles lost: they were overwritten before they were read")
+    return Exit.LOSS if missed else Exit.OK
+
+
+def _draw(options: argparse.Namespace, names: Sequence[str]) -> None:
+    from pcpc.tools.after.log.plot import plot
+
+    words = [str(options.output), *names]
+    about = {"words": words, "output": options.plot, "start": None, "end": None}
+    plot(argparse.Namespace(**about), Progress(quiet=True))
+
+
+def _asked(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[str]]:
+    """Return the node, the trigger and the variables that are asked for; UserError."""
+    try:
+        wanted = ex.condition(options.trigger, lambda name: None).names
+        split = [name.rpartition(":")[::2] for name in (*options.names, *sorted(wanted))]
+        if not all(name for _, name in split):
+            raise UserError("'': names no variable; `pcpc list` shows all")
+        roles = {role for role, _ in split} - {""}
+        words = [name for _, name in split]
+        there = nodes_of(options)
+        named = options.node or min(roles, default="")
+        live = there.find(named) if named else there.find_for(words)
+        if roles - {role := str(live.block.description["node"])}:
+            other = min(roles - {role})
+            raise UserError(f"{other}: a scope is on one node, here on {live.name}")
+        condition = ex.condition(options.trigger, lambda name: _unit(live, _bare(name)))
+    except ex.ExpressionError as error:
+        raise UserError(f"--trigger: {error}") from None
+    if not condition.names:
+        raise UserError(f"--trigger: {options.trigger} names no variable")
+    about = live.block.description
+    recorded = [*about["state_columns"], *about["timing_columns"]]
+    chosen: dict[str, None] = {}
+    for word in words[: len(options.names)]:
+        found = [name for name in live.select([word]) if name in recorded]
+        if not found:
+            raise UserError(_unrecorded(live, word))
+        chosen |= dict.fromkeys(found)
+    return live, condition, list(chosen)
+
+
+def _bare(name: str) -> str:
+    """Return a variable's name without its node."""
+    return name.rpartition(":")[2]
+
+
+def _unit(live: Live, name: str) -> Unit | None:
+    about = live.block.description
+    if name not in (recorded := (*about["state_columns"], *about["timing_columns"])):
+        if name in live.variables:
+            raise ex.ExpressionError(_unrecorded(live, name))
+        raise ex.ExpressionError(f"no variable {name}{did_you_mean(name, recorded)}")
+    return unit(live.variables[name].unit)
+
+
+def _unrecorded(live: Live, name: str) -> str:
+    source = live.block.description["sources"].get(name)
+    cure = f"; take its source {source}" if source else ""
+    kind = live.variables[name].kind if name in live.variables else "nothing of it"
+    return f"{name}: {kind}, not recorded every cycle{cure}"
+
+
+def _cycles(options: argparse.Namespace, key: str, period_ns: int) -> int:
+    """Return the whole cycles in a duration that an option gives; UserError."""
+    try:
+        return int(duration_ns(getattr(options, key), zero=True) // period_ns)
+    except ValueError as error:
+        raise UserError(f"--{key} {error}") from None

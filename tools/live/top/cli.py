@@ -1,0 +1,155 @@
+"""`pcpc top [RIG]`: the screen on a terminal until q or Ctrl-C, else its lines again and again."""
+
+import argparse
+import os
+import select
+import shutil
+import sys
+import termios
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.durations import duration_s
+from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.tools.live.remote.nodes import Nodes, leader, nodes_of, rig_of
+from pcpc.tools.live.top.meter import Meter
+from pcpc.tools.live.top.page import lines
+from pcpc.tools.terminal.given import refuse
+
+if TYPE_CHECKING:
+    from rich.live import Live as Screen
+
+_LOOK_S = 0.1  # how soon a key and a new size are seen
+_ONCE_S = 0.5  # over which rates are measured with --once
+
+
+def command(options: argparse.Namespace) -> int:
+    """Show runs until somebody has seen enough; return the exit code."""
+    if options.once:
+        refuse(options, "contradicts --once", "every")
+    try:
+        every_s = duration_s(options.every)
+    except ValueError as error:
+        raise UserError(f"--every {error}") from None
+    there = nodes_of(options)
+    rig = rig_of(options, there)
+    if options.once:
+        meter = Meter(_nodes(there, rig, options.node) or _one(there, rig, options.node))
+        time.sleep(_ONCE_S)
+        meter.look()
+        print("\n".join(lines(meter, *_size())))
+        return Exit.OK
+    with _shown() as screen:
+        _watch(there, rig, options.node, every_s, screen)
+    return Exit.OK
+
+
+def _one(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
+    """Return the node that is meant; LiveError with what runs instead."""
+    live = leader(there, rig, node or "executive")
+    return {live.name: live}
+
+
+def _watch(
+    there: Nodes, rig: str, node: str | None, every_s: float, screen: "Screen | None"
+) -> None:
+    meter, ended, shown = None, "", [""]
+    while True:
+        if meter is None and (nodes := _nodes(there, rig, node)):
+            meter = Meter(nodes)
+            time.sleep(min(every_s, _ONCE_S))  # for the first rates
+        elif meter is not None and not meter.running:
+            about = meter.leader.live.run
+            ended, meter = f"{about}: ended in cycle {meter.leader.now.cycle}; ", None
+        if meter is None:
+            page = [f"{ended}waiting for a run{f' of {rig}' if rig else ''}"]
+        page = page if meter is None else []
+        if _asked(every_s, screen, meter, page, again=not page or page != shown):
+            return
+        shown = page
+
+
+def _asked(
+    every_s: float, screen: "Screen | None", meter: Meter | None, page: list[str], again: bool
+) -> bool:
+    """Show a page for a while; return whether somebody asked for the end.
+
+    Without a terminal only what is new is printed (`again`).
+    """
+    if meter is not None:
+        try:
+            meter.look()
+        except LiveError:  # it died in the middle of a cycle
+            return False
+    end_s, size = time.monotonic() + every_s, None
+    while True:
+        if size != _size():  # at first, and where the terminal has another one
+            size = _size()
+            text = "\n".join(page or (lines(meter, *size) if meter else []))
+            if screen is None and again:
+                print(text, end="\n\n", flush=True)
+            elif screen is not None:
+                from rich.text import Text
+
+                screen.update(Text(text, no_wrap=True), refresh=True)
+        rest_s = end_s - time.monotonic()
+        if rest_s <= 0.0 or (meter is not None and not meter.running):
+            return False
+        if _key(min(rest_s, _LOOK_S), screen is not None) in ("q", "Q"):
+            return True
+
+
+def _nodes(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
+    """Return the nodes of the one run that is meant, {} for none; LiveError if it is not one."""
+    found = there.running(rig)
+    if node is not None:
+        found = {name: live for name, live in found.items() if node in (name, live.run)}
+    runs = {live.run for live in found.values()}
+    if len(runs) > 1:
+        raise LiveError(
+            f"{len(runs)} runs go on; choose one with --node: {', '.join(sorted(runs))}"
+        )
+    (run,) = runs or {""}
+    every = there.running(rig) if found else {}
+    return {name: live for name, live in every.items() if live.run == run}
+
+
+def _size() -> tuple[int, int]:
+    """Return the columns and rows of the terminal, 80 x 24 where there is none."""
+    size = shutil.get_terminal_size()
+    return size.columns, size.lines
+
+
+def _key(within_s: float, terminal: bool) -> str:
+    """Wait for a key, as long as there is a terminal that sends any; "" for none."""
+    if not (terminal and sys.stdin is not None and sys.stdin.isatty()):
+        time.sleep(within_s)
+        return ""
+    ready, _, _ = select.select([sys.stdin], [], [], within_s)
+    return os.read(sys.stdin.fileno(), 1).decode(errors="replace") if ready else ""
+
+
+@contextmanager
+def _shown() -> "Iterator[Screen | None]":
+    """Take the terminal, if there is one, and give it back as it was."""
+    if not sys.stdout.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.live import Live as Screen
+
+    keys = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
+    before = termios.tcgetattr(keys) if keys >= 0 else None
+    try:
+        if before is not None:
+            tty.setcbreak(keys)
+        sys.stdout.obeyed = True  # type: ignore[union-attr]
+        with Screen(console=Console(highlight=False), screen=True, auto_refresh=False) as screen:
+            yield screen
+    finally:
+        if before is not None:
+            termios.tcsetattr(keys, termios.TCSADRAIN, before)

@@ -1,0 +1,121 @@
+"""What a run's nodes did since the last look: cycles, frames, alarms; read as a tap reads.
+
+load     of the bus, see `tools.start.bus_load`; of the fuller one where a local node is between two
+errors   the rig's `watch`, then outputs called e or error, with the largest magnitude of the
+         last interval and of all
+"""
+
+import re
+import time
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcpc.drivers import can_id
+from pcpc.drivers.e2e_states import OK
+from pcpc.executive.loop import faults
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.alarms import Alarms
+from pcpc.executive.nodes.live import Live, Values
+from pcpc.executive.nodes.tap import Tap, columns_of
+from pcpc.tools.start import bus_load
+
+_ERROR = re.compile(r"\.(e|err|error)(_|$|\d)")
+_ALARMS = 3
+
+
+@dataclass(frozen=True)
+class FrameRow:
+    """A frame as a node receives it: how many a second, and what the check made of them so far."""
+
+    name: str
+    node: str
+    rate_hz: float
+    counts: Mapping[int, int]  # by state of `drivers.e2e_states`
+
+    @property
+    def wrong(self) -> int:
+        """How many were not as they should be."""
+        return sum(count for state, count in self.counts.items() if state != OK)
+
+
+class NodeMeter:
+    """One node between looks."""
+
+    def __init__(self, live: Live) -> None:
+        about = live.block.description
+        self.live, self.role = live, str(about["node"])
+        self.alarms, recorded = Alarms(live.block), columns_of(about)
+        self.names = {int(word): str(name) for word, name in about["frames"].items()}
+        watched = [about["watch"]] if about["watch"] in recorded else []
+        outputs = (name for name in recorded if live.variables[name].kind == "output")
+        self.errors = [*dict.fromkeys([*watched, *(n for n in outputs if _ERROR.search(n))])]
+        self.tap = Tap(live, names=self.errors)
+        self.worst, self.lately = dict.fromkeys(self.errors, 0.0), dict.fromkeys(self.errors, 0.0)
+        self.passes, self.rate_hz = int(live.block["control"][sh.PASSES]), 0.0
+        self.received: dict[int, Counter[int]] = {}  # by id and state, of all looks
+        self.seen = bus_load.Kinds()  # of the last one
+        self.came: Counter[int] = Counter()
+        self.now: Values = live.read()
+
+    def look(self, over_s: float) -> None:
+        """Take what came in the last `over_s` seconds."""
+        self.now = self.live.read()
+        passes = int(self.live.block["control"][sh.PASSES])
+        self.rate_hz, self.passes = (passes - self.passes) / over_s, passes
+        rows = self.tap.rows()
+        for name in self.errors if len(rows) else ():
+            self.lately[name] = float(np.max(np.abs(rows[name])))
+            self.worst[name] = max(self.worst[name], self.lately[name])
+        last = bus_load.Counted(self.tap.frames())
+        self.seen, self.came = last.seen, Counter()
+        for number, states in last.received.items():
+            self.came[number] = states.total()
+            self.received.setdefault(number, Counter()).update(states)
+
+    def fault(self) -> str:
+        """Return the reason of its fault, "" for none."""
+        control = self.live.block["control"]
+        return faults.reason(self.live.block.description, control) if control[sh.FAULT] else ""
+
+
+class Meter:
+    """All nodes of a run that are here."""
+
+    def __init__(self, nodes: Mapping[str, Live]) -> None:
+        self.bitrate = bus_load.bitrate(next(iter(nodes.values())).block.description)
+        self.nodes = [NodeMeter(live) for live in nodes.values()]
+        self._last_s, self.over_s = time.monotonic(), 0.0
+        self.nodes.sort(key=lambda one: ("executive", "local", "plant").index(one.role))
+        self.leader = self.nodes[0]
+        self.told: deque[str] = deque(maxlen=_ALARMS)
+
+    @property
+    def running(self) -> bool:
+        """Whether its leading node goes on."""
+        return self.leader.live.running
+
+    def look(self) -> None:
+        """Read all nodes."""
+        now_s = time.monotonic()
+        self.over_s, self._last_s = max(now_s - self._last_s, 1e-3), now_s
+        for one in self.nodes:
+            one.look(self.over_s)
+            self.told.extend(str(alarm) for alarm in one.alarms.look())
+
+    def bits_per_s(self) -> float:
+        """Return what the bus carried a second, at most."""
+        return max(bus_load.on_buses({one.role: one.seen for one in self.nodes})) / self.over_s
+
+    def frames(self) -> list[FrameRow]:
+        """Return the frames that came, those with something wrong first."""
+        found = [
+            FrameRow(one.names.get(number & can_id.ID, f"{number & can_id.ID:X}"), one.role,
+                     one.came[number] / self.over_s, counts)
+            for one in self.nodes for number, counts in one.received.items()
+        ]  # fmt: skip
+        return sorted(
+            found, key=lambda row: (-sum(n for s, n in row.counts.items() if s), row.name)
+        )

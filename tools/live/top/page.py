@@ -1,0 +1,120 @@
+"""The lines of the screen: what a `Meter` has, in as many columns and rows as there are."""
+
+from collections.abc import Sequence
+
+from pcpc.drivers.e2e_states import ERROR, OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE
+from pcpc.executive.loop import drive
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.operating import in_charge, laws
+from pcpc.tools.live.top.meter import Meter, NodeMeter
+
+_DRIVE = {  # CiA 402
+    drive.NOT_READY_TO_SWITCH_ON: "not ready", drive.SWITCH_ON_DISABLED: "disabled",
+    drive.READY_TO_SWITCH_ON: "ready", drive.SWITCHED_ON: "switched on",
+    drive.OPERATION_ENABLED: "enabled", drive.QUICK_STOP_ACTIVE: "quick stop",
+    drive.FAULT_REACTION_ACTIVE: "fault reaction", drive.FAULT: "fault",
+}  # fmt: skip
+_OF_THE_DRIVE = 0x6F
+_LEAST = 3  # rows of frames and of parameters, however low the screen is
+_STATES = {
+    "used": (OK, OK_SOME_LOST), "gaps": (OK_SOME_LOST, WRONG_SEQUENCE), "repeated": (REPEATED,),
+    "crc": (ERROR,),
+}  # fmt: skip
+
+
+def lines(meter: Meter, columns: int, rows: int) -> list[str]:
+    """Return at most `rows` lines of at most `columns` characters."""
+    top = [*_head(meter), "", *_nodes(meter), *_wrong(meter), "", _load(meter), ""]
+    errors = [*_errors(meter), ""]
+    frames, parameters = _frames(meter), _parameters(meter.leader)
+    if len(top) + len(errors) + len(frames) + 1 + len(parameters) > rows:  # no room for blanks
+        top, errors = [line for line in top if line], [line for line in errors if line]
+    room = max(rows - len(top) - len(errors), 2 * (_LEAST + 1))
+    own = min(len(frames), max(room - min(len(parameters), room - room // 3), _LEAST + 1))
+    shown = [*top, *_cut(frames, own), *errors, *_cut(parameters, room - own)]
+    return [line[:columns].rstrip() for line in shown[:rows]]
+
+
+def _cut(found: Sequence[str], count: int) -> list[str]:
+    if len(found) <= count:
+        return list(found)
+    return [*found[: count - 1], f"... {len(found) - count + 1} more"]
+
+
+def _head(meter: Meter) -> list[str]:
+    live = meter.leader.live
+    about, cycle = live.block.description, meter.leader.now.cycle
+    facts, period_s = about["metadata"], 1e-9 * live.period_ns
+    end = f" of {about['cycles'] * period_s:g} s" if meter.leader.role == "executive" else " s"
+    law, standby = facts.get("controller", ""), ""
+    if now := in_charge(live, meter.leader.now):
+        law = f"{now} in charge"
+        standby = f"  on standby: {', '.join(one for one in laws(live) if one != now)}"
+    head = f"{about['rig']}  {law}  {facts.get('pacing', '')}"
+    return [f"{head}  {cycle * period_s:.2f}{end}, cycle {cycle}", facts.get("bus", "") + standby]
+
+
+def _nodes(meter: Meter) -> list[str]:
+    found = [
+        f"{'node':10}{'state':6}{'drive':15}{'rate Hz':>8}{'late us p50':>13}{'p99':>8}{'worst':>8}"
+        f"{'skip':>6}{'held':>6}"
+    ]
+    for one in meter.nodes:
+        control, about = one.live.block["control"], one.live.block.description
+        state = about["state_names"][int(control[sh.STATE])]
+        word = int(one.now["supervisor.status_word"]) & _OF_THE_DRIVE
+        clocked = about["metadata"].get("pacing") != "lockstep"
+        times = [one.now[f"timing.wake_late_{what}_us"] for what in ("p50", "p99", "max")]
+        shown = [f"{time:.1f}" if clocked else "-" for time in times]
+        found.append(
+            f"{one.role:10}{state:6}{_DRIVE.get(word, f'0x{word:02X}'):15}{one.rate_hz:8.1f}"
+            f"{shown[0]:>13}{shown[1]:>8}{shown[2]:>8}{control[sh.SKIPPED]:6}{control[sh.HELD]:6}"
+        )
+    return found
+
+
+def _wrong(meter: Meter) -> list[str]:
+    """Return faults, then the last alarms; a line that there are none."""
+    found = [f"fault: {one.role}: {why}" for one in meter.nodes if (why := one.fault())]
+    return [*found, *meter.told] or ["no faults, no alarms"]
+
+
+def _load(meter: Meter) -> str:
+    bits = meter.bits_per_s()
+    share = f", {100 * bits / meter.bitrate:.0f} % of the bus" if meter.bitrate else ""
+    lost = sum(int(one.live.block["control"][sh.LOST]) for one in meter.nodes)
+    return f"load {1e-3 * bits:.0f} kbit/s at most{share}; frames lost since the start: {lost}"
+
+
+def _frames(meter: Meter) -> list[str]:
+    head = "".join(f"{name:>9}" for name in _STATES)
+    found = [f"{'frame':22}{'to':10}{'a second':>9}{head}"]
+    for row in meter.frames():
+        counts = (sum(row.counts.get(state, 0) for state in states) for states in _STATES.values())
+        told = "".join(f"{count:9}" for count in counts)
+        found.append(f"{row.name[:21]:22}{row.node:10}{row.rate_hz:9.1f}{told}")
+    return found
+
+
+def _errors(meter: Meter) -> list[str]:
+    found = [f"{'error':40}{'now':>13}{'lately':>13}{'worst':>13}"]
+    for one in meter.nodes:
+        for name in one.errors[:2]:
+            numbers = (one.now[name], one.lately[name], one.worst[name])
+            told = "".join(f"{number:13.4g}" for number in numbers)
+            named = f"{name} [{one.live.variables[name].unit}]"
+            found.append(f"{named[:39]:40}{told}")
+    return found if len(found) > 1 else []
+
+
+def _parameters(one: NodeMeter) -> list[str]:
+    """Return the leading node's parameters, those that were tuned first, with a mark."""
+    given = one.live.block.description.get("initial", {})
+    law = "controller."  # what is tuned most
+    names = sorted(given, key=lambda n: (one.now[n] == given[n], not n.startswith(law)))
+    found = [f"{'parameter':42}{'value':>13}{'rig':>13}"]
+    for name in names:
+        tuned = "*" if one.now[name] != given[name] else " "
+        named = f"{name} [{one.live.variables[name].unit}]"
+        found.append(f"{tuned}{named[:40]:41}{one.now[name]:13.6g}{given[name]:13.6g}")
+    return found

@@ -1,0 +1,182 @@
+"""`pcpc save|load|undo`: the parameters of a running node in a file, taken from one, taken back.
+
+    controller.kv_Nms_rad: 121.5       what `save` writes: YAML, a comment with help, unit and range
+    pcpc load FILE                     all at once, or none
+    pcpc run RIG --set @FILE           the rig takes the values over
+
+The history that `undo` goes back in is the node's own: its ring of events holds who set what, and
+its description what the rig gave, so all hosts see the same. A state is what the tuned parameters
+were after a cycle with tunings; one that returns to an earlier state takes back what was between.
+"""
+
+import argparse
+import json
+import math
+import shlex
+from collections.abc import Iterator, Mapping
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.live import Live, LiveError, known
+from pcpc.executive.rig import yamlfile
+from pcpc.tools.live.remote.nodes import nodes_of
+from pcpc.tools.live.watch import tune
+from pcpc.tools.start import rigs
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.outfile import new_file
+
+State = dict[str, float]
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run one of the three subcommands."""
+    actions = {"save": _save, "load": _load, "undo": _undo}
+    actions[options.command](options)
+    return Exit.OK
+
+
+# History
+
+
+def states(live: Live) -> list[State]:
+    """Return the states of a node's tuned parameters, the present one last.
+
+    A value that the ring of events no longer tells is missing. LiveError: it does not tell the
+    present ones.
+    """
+    rows, whole = _events(live)
+    rows = rows[rows[:, 2] == sh.TUNING_EVENT]
+    names, own = list(live.variables), set(live.block.description.get("blocks", ()))
+    given = live.block.description.get("initial", {}) if whole else {}
+    state: State = {name: given[name] for at in rows[:, 3] if (name := names[at]) in given}
+    found = [state]
+    for _, group in groupby(rows, key=lambda row: row[1]):
+        state = dict(state)
+        for row in group:
+            name = names[row[3]]
+            if name.partition(".")[0] in own:  # faults, resets and stops are no tunings
+                state[name] = float(row[4:].view(np.float64)[0])
+        if state in found:
+            del found[found.index(state) + 1 :]
+        else:
+            found.append(state)
+    return found
+
+
+def _events(live: Live) -> tuple[NDArray[np.int64], bool]:
+    """Return the events that the ring still holds, and whether these are all."""
+    rows, first = live.rows("event", 0)
+    return rows, first == 0 and not live.block["event_ends"][sh.DROPPED]
+
+
+def back(live: Live, count: int = 1) -> State:
+    """Return what to tune so that the parameters are as before the last `count` tunings.
+
+    LiveError: there are not so many, or the node no longer tells them.
+    """
+    values, path = live.read(), states(live)
+    steps = len(path) - 1
+    if any(values[name] != value for name, value in path[-1].items()):
+        raise LiveError(f"{live.name}: its events no longer tell what it was tuned to")
+    if count > steps:
+        what = f"tunings that can be undone: {steps}" if steps else "nothing was tuned"
+        raise LiveError(f"{live.name}: {what}")
+    now, then = path[-1], path[-1 - count]
+    if missing := [name for name in now if name not in then]:
+        raise LiveError(f"{missing[0]}: its value before is no longer known; the log tells it")
+    return {name: then[name] for name in now if now[name] != then[name]}
+
+
+def _node(options: argparse.Namespace) -> Live:
+    there = nodes_of(options)
+    return there.find(options.node) if options.node else there.find_for([])
+
+
+def _undo(options: argparse.Namespace) -> None:
+    live = _node(options)
+    tune(live, back(live, options.count), options.json)
+
+
+# Files
+
+
+def _save(options: argparse.Namespace) -> None:
+    live = _node(options)
+    values, settings = live.read(), _settings(live.block.description)
+    given = live.block.description.get("initial", {})
+    chosen = [
+        name for name in given
+        if values[name] != given[name] or (options.all and name in settings)
+    ]  # fmt: skip
+    rig, file = live.block.description, str(options.file)
+    lines = [
+        f"# {live.name}, cycle {values.cycle}, controller {rig['metadata']['controller']}",
+        f"# at once: pcpc load {shlex.quote(file)}",
+        f"# a rig: pcpc run {rigs.named(rig.get('file', rig['rig']))} "
+        f"--set {shlex.quote(f'@{file}')}",
+    ]
+    for name in chosen:
+        one = live.variables[name]
+        low, high = one.range or (-math.inf, math.inf)
+        about = f"{' '.join(one.help.split())}; {low:.9g}..{high:.9g} {one.unit}".rstrip()
+        about += f"; rig {given[name]:.9g}" if values[name] != given[name] else ""
+        about += "" if name in settings else "; computed by its law: only `load` takes it"
+        lines += ["", *screen.wrapped(about, "# "), f"{name}: {values[name]!r}"]
+    with new_file(options.file, options.force) as path:
+        path.write_text("\n".join([*lines, *([] if chosen else ["{}"])]) + "\n", "utf-8")
+    changed = sum(values[name] != given[name] for name in chosen)
+    many = "parameter" if len(chosen) == 1 else "parameters"
+    print(f"{options.file}: {len(chosen)} {many} of {live.name}, {changed} changed")
+
+
+def _settings(about: Mapping[str, Any]) -> set[str]:
+    """Return the parameters of blocks that a rig gives, others are computed; UserError."""
+    try:
+        return _given(about)
+    except (KeyError, TypeError, AttributeError):
+        what = f"{about['name']}: says nothing sensible about its rig; what answers there?"
+        raise UserError(what, Exit.ENVIRONMENT) from None
+
+
+def _given(about: Mapping[str, Any]) -> set[str]:
+    data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data
+    blocks = data[about["node"]]["blocks"] | {"controller": data["controllers"][data["controller"]]}
+    blocks |= {name: data["controllers"][name] for name in data["standby"]}
+    names = {f"{block}.{name}" for block, one in blocks.items() for name in one["parameters"]}
+    return names | {f"handover.{name}" for name in data["handover"]}
+
+
+def _load(options: argparse.Namespace) -> None:
+    if not options.file:
+        raise UserError("'' is no file; give one that `pcpc save` has written")
+    document = yamlfile.load(options.file)
+    there = nodes_of(options)
+    nodes = [there.find(options.node)] if options.node else list(there.running().values())
+    names = [name for name in document.data if any(name in one.variables for one in nodes)]
+    live = nodes[0] if options.node else there.find_for(names)
+    changes = dict(_checked(document, live))
+    before = live.read()
+    if changes := {name: value for name, value in changes.items() if before[name] != value}:
+        tune(live, changes, options.json)
+    elif options.json:
+        print(json.dumps({"cycle": before.cycle, "values": {}, "before": {}}))
+    else:
+        print(f"{live.name}: has these values already")
+
+
+def _checked(document: yamlfile.Document, live: Live) -> Iterator[tuple[str, float]]:
+    """Yield name and value of all entries; UserError with file and line."""
+    for name, value in document.data.items():
+        place = document.where((name,))
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise UserError(f"{place}: {name}: expected a number, got {value!r}")
+        try:
+            live.check({known(name, live.variables): float(value)})
+        except LiveError as error:
+            raise UserError(f"{place}: {error}") from None
+        yield name, float(value)

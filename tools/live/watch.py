@@ -1,0 +1,237 @@
+"""`pcpc list|get|set|watch|lock`: the variables of a running node, shown and tuned."""
+
+import argparse
+import json
+import math
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.durations import duration_s
+from pcpc.executive.loop.alarms import Alarms
+from pcpc.executive.nodes.live import Live, LiveError, Variable, known
+from pcpc.tools.live.remote.nodes import nodes_of
+from pcpc.tools.terminal import screen
+
+_CYCLE, _NUMBER = 8, 12  # columns of a cycle number and of a value
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A variable of a node, and how it is called here: with its node, where there are several."""
+
+    label: str
+    live: Live
+    name: str
+
+    def shown(self, value: float) -> str:
+        """Return a value with its unit."""
+        return self.live.variables[self.name].shown(value)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run one of the five subcommands."""
+    chosen = _chosen(options)
+    if options.command in ("get", "watch"):
+        several = {"get": _get, "watch": _watch}
+        several[options.command](_columns(chosen, globs=options.command == "watch"), options)
+        return Exit.OK
+    if len({live.name for live, _ in chosen}) > 1:
+        raise UserError(f"{' '.join(options.names)}: of several nodes; {options.command} one's")
+    one = {"list": _list, "set": _set, "lock": _lock}
+    one[options.command](chosen[0][0], [word for _, word in chosen if word], options)
+    return Exit.OK
+
+
+def _chosen(options: argparse.Namespace) -> list[tuple[Live, str]]:
+    """Return each word with its node: the one that is named, else one that has all, else its own.
+
+    Without words, [(node, "")].
+    """
+    there, words = nodes_of(options), [word.rpartition(":")[::2] for word in options.names]
+    if options.command == "lock" or not words:
+        node = there.find(options.node) if options.node else there.find_for([])
+        return [(node, word) for word in options.names or [""]]
+    for shown, (role, word) in zip(options.names, words, strict=True):
+        if not word.partition("=")[0]:
+            if options.command == "set":
+                raise UserError(f"{shown or repr(shown)}: expected NAME=VALUE")
+            raise UserError(f"{shown!r}: names no variable; `pcpc list` shows all")
+        if options.node and role not in ("", options.node):
+            raise UserError(f"{shown}: contradicts --node {options.node}; give one of them")
+    if options.node:
+        node = there.find(options.node)
+        return [(node, word) for _, word in words]
+    free = [word.partition("=")[0] for role, word in words if not role]
+    try:
+        nodes = dict.fromkeys(free, there.find_for(free)) if free else {}
+    except LiveError:  # each by itself, or the same error
+        nodes = {word: there.find_for([word]) for word in free}
+    return [
+        (there.find(role) if role else nodes[word.partition("=")[0]], word) for role, word in words
+    ]
+
+
+def _columns(chosen: Sequence[tuple[Live, str]], globs: bool) -> list[_Column]:
+    """Return the variables that the words choose, each once; `globs`: a word may be a pattern."""
+    nodes = {live.name: live for live, _ in chosen}
+    roles = [name.rpartition(".")[2] for name in nodes]
+    found: dict[str, _Column] = {}
+    for live, word in chosen:
+        role = live.name.rpartition(".")[2]
+        at = "" if len(nodes) == 1 else f"{role if roles.count(role) == 1 else live.name}:"
+        for name in live.select([word]) if globs else [known(word, live.variables)]:
+            found[f"{at}{name}"] = _Column(f"{at}{name}", live, name)
+    return [*found.values()]
+
+
+def _list(live: Live, words: Sequence[str], options: argparse.Namespace) -> None:
+    values = live.read()
+    rows = [(live.variables[name], values[name]) for name in live.select(words or ["*"])]
+    if options.json:
+        print(json.dumps([_described(*row) for row in rows]))
+        return
+    cells = [("name", "value", "unit", "kind and range")]
+    for one, value in rows:
+        about = one.kind
+        if one.range is not None:
+            about += " {:.9g}..{:.9g}".format(*one.range)
+        if options.long:
+            about += f", {one.writer}: {one.help}"
+        cells.append((one.name, f"{value:.9g}", one.unit, about))
+    print("\n".join(screen.table(cells, right=(1,))))
+
+
+def _described(one: Variable, value: float) -> dict[str, object]:
+    """Return one variable for `list --json`."""
+    span = None if one.range is None else [_json(bound) for bound in one.range]
+    return {"name": one.name, "value": _json(value)} | vars(one) | {"range": span}
+
+
+def _read(columns: Sequence[_Column]) -> dict[str, float]:
+    """Return the values of all columns; those of a node are of one cycle."""
+    values = {one.live.name: one.live.read() for one in columns}
+    return {one.label: values[one.live.name][one.name] for one in columns}
+
+
+def _get(columns: Sequence[_Column], options: argparse.Namespace) -> None:
+    values = _read(columns)
+    if options.json:
+        print(json.dumps({name: _json(value) for name, value in values.items()}))
+        return
+    for one in columns:
+        print(f"{one.label} = {one.shown(values[one.label])}")
+
+
+def _set(live: Live, words: Sequence[str], options: argparse.Namespace) -> None:
+    changes: dict[str, float] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if not (equals and name):
+            raise UserError(f"{word or repr(word)}: expected NAME=VALUE")
+        if name in changes:
+            raise UserError(f"{name}: given twice")
+        try:
+            changes[name] = float(text)
+        except ValueError:
+            raise UserError(f"{word}: {text!r} is not a number") from None
+    tune(live, changes, options.json)
+
+
+def tune(live: Live, changes: Mapping[str, float], as_json: bool) -> None:
+    """Set parameters and print what they were, what they are and from which cycle on."""
+    before = live.read()
+    cycle = live.tune(changes)
+    if as_json:
+        old = {name: _json(before[name]) for name in changes}
+        print(json.dumps({"cycle": cycle, "values": changes, "before": old}))
+        return
+    for name, value in changes.items():
+        shown = live.variables[name].shown(value)
+        print(f"{name} = {shown} (was {before[name]:.9g}) from cycle {cycle}")
+
+
+def _lock(live: Live, words: Sequence[str], options: argparse.Namespace) -> None:
+    (level,) = words
+    live.lock(level)
+    print(json.dumps({"lock": level}) if options.json else f"lock {level}")
+
+
+def _watch(columns: Sequence[_Column], options: argparse.Namespace) -> None:
+    try:
+        every_s = duration_s(options.every)
+    except ValueError as error:
+        raise UserError(f"--every {error}") from None
+    nodes = {one.live.name: one.live for one in columns}
+    shown = _Screen(columns, options.json)
+    alarms = [Alarms(live.block) for live in nodes.values()]
+    for leading in columns[0].live.every(every_s):
+        for alarm in (alarm for one in alarms for alarm in one.look()):
+            shown.tell(str(alarm))
+        others = [one for one in columns if one.live is not columns[0].live]
+        values = {one.label: leading[one.name] for one in columns if one not in others}
+        shown.show(leading.cycle, values | _read(others))
+
+
+class _Screen:
+    """Shows values: in place on a terminal, else below a header, or one JSON object a line.
+
+    The cycle is that of the first column's node.
+    """
+
+    def __init__(self, columns: Sequence[_Column], as_json: bool) -> None:
+        self._columns, self._json = columns, as_json
+        self._in_place = sys.stdout.isatty()
+        self._shown = 0
+        units = {one.label: one.live.variables[one.name].unit for one in columns}
+        self._sizes = {
+            name: max(_NUMBER, len(name), len(unit) + len("[]")) for name, unit in units.items()
+        }
+        self._fits = _CYCLE + sum(2 + size for size in self._sizes.values()) <= screen.width()
+        if not (self._json or self._in_place) and self._fits:
+            print(self._row("cycle", {name: name for name in units}))
+            told = {name: f"[{unit}]" if unit else "" for name, unit in units.items()}
+            print(self._row("", told).rstrip(), flush=True)
+
+    def tell(self, line: str) -> None:
+        """Print a line that stays, on stderr; what is shown in place goes on below it."""
+        print(line, file=sys.stderr, flush=True)
+        self._shown = 0
+
+    def show(self, cycle: int, values: Mapping[str, float]) -> None:
+        """Show the values of all columns, by label."""
+        if self._json:
+            found = {one.label: _json(values[one.label]) for one in self._columns}
+            print(json.dumps({"cycle": cycle} | found), flush=True)
+        elif self._in_place:
+            self._rewrite([f"{self._columns[0].live.name}, cycle {cycle}", *self._named(values)])
+        elif self._fits:
+            row = {name: f"{value:.9g}" for name, value in values.items()}
+            print(self._row(str(cycle), row), flush=True)
+        else:
+            print(f"cycle {cycle}", *(f"  {line}" for line in self._named(values)),
+                  sep="\n", flush=True)  # fmt: skip
+
+    def _row(self, cycle: str, cells: Mapping[str, str]) -> str:
+        padded = (f"  {cells[name]:>{size}}" for name, size in self._sizes.items())
+        return f"{cycle:>{_CYCLE}}{''.join(padded)}"
+
+    def _named(self, values: Mapping[str, float]) -> list[str]:
+        """Return a line for each variable: its name, its value, its unit."""
+        broad = max(len(one.label) for one in self._columns)
+        return [f"{one.label:{broad}} = {one.shown(values[one.label])}" for one in self._columns]
+
+    def _rewrite(self, lines: list[str]) -> None:
+        columns, rows = shutil.get_terminal_size()
+        up = f"\x1b[{self._shown}A" if self._shown else ""
+        fitting = lines[: rows - 1]
+        sys.stdout.write(up + "".join(f"\r\x1b[K{line[: columns - 1]}\n" for line in fitting))
+        sys.stdout.flush()
+        self._shown = len(fitting)
+
+
+def _json(value: float) -> float | None:
+    """Return what JSON can hold."""
+    return float(value) if math.isfinite(value) else None

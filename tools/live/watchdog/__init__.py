@@ -1,0 +1,1 @@
+"""An independent watch of a run, from its bus alone."""

@@ -1,0 +1,1 @@
+"""What this machine offers: doctor, jitter, a kernel with vcan."""

@@ -1,0 +1,176 @@
+"""`pcpc doctor`: what this machine offers for real time and CAN, and the command for the rest.
+
+    ok        as it should be
+    warn      a rig runs, at the stated cost
+    missing   no rig runs without it
+
+Changes nothing and needs no root. What a node does is tried as a node does it: real-time settings
+in a child process, the bus with one datagram. The rest is read from /proc, /sys and /dev.
+"""
+
+import argparse
+import importlib.metadata
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.machine.doctor.machine import Row, machine_rows
+from pcpc.tools.terminal import screen
+
+_PROJECT = Path(__file__).resolve().parents[3]
+_PYTHON = (3, 11)
+_IMPORTS = {  # what every subcommand but `vm` needs: distribution, module
+    "numpy": "numpy", "numba": "numba", "python-can": "can", "cantools": "cantools",
+    "PyYAML": "yaml", "msgspec": "msgspec", "msgpack": "msgpack", "mcap": "mcap",
+    "zstandard": "zstandard", "rich": "rich",
+}  # fmt: skip
+_COLOURS = {"ok": 32, "warn": 33, "missing": 31}  # of ANSI
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print a row for each thing looked at; ENVIRONMENT if no rig can run."""
+    found = list(rows())
+    missing = [row for row in found if row.state == "missing"]
+    if options.json:
+        print(
+            json.dumps({"can_run": not missing, "rows": [asdict(row) for row in found]}, indent=2)
+        )
+    else:
+        show(found)
+    if missing:
+        names = ", ".join(row.name for row in missing)
+        print(f"no rig can run on this machine: missing {names}", file=sys.stderr)
+    return Exit.ENVIRONMENT if missing else Exit.OK
+
+
+def rows() -> Iterator[Row]:
+    """Yield all rows in the order of printing."""
+    yield python_row()
+    packages = packages_row()
+    yield packages
+    yield figures_row()
+    yield from machine_rows(_PROJECT)
+    if packages.state == "ok":
+        from pcpc.tools.machine.doctor.bus import bus_rows  # here, because it needs the packages
+
+        yield from bus_rows()
+    else:
+        yield Row("buses", "warn", "not looked at", "see packages")
+    yield node_memory_row()
+    yield compile_cache_row()
+    yield c_compiler_row()
+
+
+def show(found: list[Row]) -> None:
+    """Print what was found and what it costs, and below it the commands to copy."""
+    broad = max(len(row.name) for row in found)
+    for row in found:
+        ahead = f"{row.state:7}  {row.name:{broad}}  "
+        lines = screen.wrapped(row.found, ahead)
+        if row.cost:
+            lines += screen.wrapped(f"costs: {row.cost}", " " * len(ahead))
+        if sys.stdout.isatty():
+            lines[0] = f"\x1b[{_COLOURS[row.state]}m{row.state}\x1b[0m{lines[0][len(row.state) :]}"
+        print("\n".join(lines))
+    cures = [row for row in found if row.cure]
+    print("\nto mend:" if cures else "\nnothing to mend")
+    for row in cures:
+        command, _, remark = row.cure.partition("    # ")
+        print(f"  # {row.name}{f', {remark}' if remark else ''}")
+        print("\n".join(screen.shell(command)))
+
+
+def python_row() -> Row:
+    """Return whether this Python is new enough."""
+    found = f"{platform.python_version()}, {platform.machine()}, {sys.executable}"
+    if sys.version_info[:2] >= _PYTHON:
+        return Row("python", "ok", found)
+    wanted = ".".join(map(str, _PYTHON))
+    return Row("python", "missing", found, f"needs {wanted}", f"python{wanted} -m venv .venv")
+
+
+def packages_row() -> Row:
+    """Import every package in a child: one that is broken must not break the doctor."""
+    lines = [f"try:\n import {m}\nexcept Exception as e:\n print({d!r}, e, sep=': ')"
+             for d, m in _IMPORTS.items()]  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, cwd=_PROJECT
+    )
+    broken = done.stdout.splitlines()
+    if done.returncode:
+        broken.append(f"the import ended with code {done.returncode}")
+    if broken:
+        cure = f"{sys.executable} -m pip install -e {_PROJECT}"
+        return Row("packages", "missing", "; ".join(broken), "nothing runs without them", cure)
+    versions = (f"{name} {importlib.metadata.version(name)}" for name in _IMPORTS)
+    return Row("packages", "ok", ", ".join(versions))
+
+
+def figures_row() -> Row:
+    """Return whether runs can draw their figure."""
+    try:
+        return Row("matplotlib", "ok", importlib.metadata.version("matplotlib"))
+    except importlib.metadata.PackageNotFoundError:
+        cure = f"{sys.executable} -m pip install -e '{_PROJECT}[plot]'"
+        return Row("matplotlib", "warn", "not installed", "no figure.png of a run", cure)
+
+
+def node_memory_row() -> Row:
+    """Return whether a node can have its memory, and hand it to clients."""
+    try:
+        from pcpc.executive.loop.shared import LOOP, SharedError
+        from pcpc.executive.loop.sharing import Served
+    except ImportError:
+        return Row("node memory", "missing", "not tried", "see packages")
+    try:
+        served = Served("doctor", {"variables": [], "state_columns": [], "timing_columns": []})
+        served.open()
+    except SharedError as error:
+        return Row("node memory", "missing", str(error), "no node can start", "")
+    sealed = served.is_sealed()
+    served.close()
+    found = f"{LOOP.itemsize >> 20} MiB, sealed memory files and abstract sockets"
+    if sealed:
+        return Row("node memory", "ok", found)
+    cost = "this user's programs could write what a node publishes"
+    return Row("node memory", "warn", found, cost, "# run a kernel from 5.1 on")
+
+
+def compile_cache_row() -> Row:
+    """Return whether the next start finds compiled code."""
+    from pcpc.drivers import compile_cache
+
+    try:
+        folder = compile_cache.cache_folder()
+    except importlib.metadata.PackageNotFoundError:
+        return Row("compile cache", "warn", "no numba", "see packages")
+    why, places = compile_cache.distrust(folder), compile_cache.folders()
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    if not (why or os.access(existing, os.W_OK | os.X_OK)):
+        why = f"{existing} is not writable"
+    warm = next((str(place) for place in places if any(place.rglob("*.nbi"))), "")
+    if why:
+        cure = "export XDG_CACHE_HOME=/var/tmp/cache-$USER"
+        cost = f"compiled code goes to {compile_cache.temporary_folder()}, if at all"
+        return Row("compile cache", "warn", why + (f"; warm, {warm}" if warm else ""), cost, cure)
+    if warm:
+        return Row("compile cache", "ok", f"warm, {warm}")
+    cure = "pcpc simulate slew10 --set duration_s=0.1 --no-figure -o $(mktemp -d)"
+    cost = "the first start compiles for about half a minute"
+    return Row("compile cache", "warn", f"cold, {folder}", cost, cure)
+
+
+def c_compiler_row() -> Row:
+    """Return the compiler that only `pcpc bench` uses."""
+    for name in ("cc", "gcc", "clang"):
+        if path := shutil.which(name):
+            return Row("C compiler", "ok", path)
+    cost = "no comparison with C in `pcpc bench`; nothing else needs it"
+    return Row("C compiler", "warn", "none", cost, "sudo apt-get install -y gcc libc6-dev")

@@ -1,0 +1,1 @@
+"""The timing of the loop, measured."""

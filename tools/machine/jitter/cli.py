@@ -1,0 +1,177 @@
+"""`pcpc jitter`: how late the executive's own loop wakes, side by side with other loops.
+
+What is measured is the product: plants/probe with emulator, executive, bus and recorder, run as
+`pcpc run` does; every cycle's figures come from the log. Options and first line are cyclictest's.
+With --against, rounds of equal length, interval and priority follow each other, ABCABC: a slow
+moment of the machine falls on all, so ratios mean more than times.
+After Ctrl-C it tells what there is.
+"""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.durations import duration_ns
+from pcpc.executive.errors import code_of
+from pcpc.tools.machine.jitter import loops, probe, report
+from pcpc.tools.machine.jitter.figures import LEAST_CYCLES, Result, as_json
+from pcpc.tools.machine.jitter.loops import JitterError, Setup
+from pcpc.tools.terminal.outfile import check_file, whole_file
+from pcpc.tools.terminal.picture import check_picture
+from pcpc.tools.terminal.progress import Progress
+
+ROUNDS = 5  # with --against
+LEAST_INTERVAL_US, MOST_INTERVAL_US = 50, 1_000_000
+MOST_HISTOGRAM_US = 1_000_000  # cyclictest's
+
+
+def command(options: argparse.Namespace) -> int:
+    """Measure."""
+    progress = Progress(options.quiet)
+    setup, rounds, names = parse(options)
+    with _interruptible(), tempfile.TemporaryDirectory(prefix="pcpc-jitter-") as folder:
+        result = measure(setup, rounds, names, Path(folder), progress)
+    progress.close()
+    return conclude(result, options)
+
+
+def parse(options: argparse.Namespace) -> tuple[Setup, int, list[str]]:
+    """Return what to measure, in how many rounds, against what; JitterError."""
+    interval_ns = _ns(options.interval, "-i", "us")
+    interval_us = interval_ns / 1000
+    if not LEAST_INTERVAL_US <= interval_us <= MOST_INTERVAL_US or interval_us % 1:
+        raise JitterError(f"-i {options.interval}: expected whole us from 50us to 1s")
+    names = [] if options.against is None else list(dict.fromkeys(options.against.split(",")))
+    if unknown := [name for name in names if name not in loops.NAMES]:
+        known = ", ".join(loops.NAMES)
+        raise JitterError(f"--against {unknown[0]}: no such loop; expected some of {known}")
+    rounds = options.rounds or (ROUNDS if names else 1)
+    if options.rounds is not None and options.rounds < 1:
+        raise JitterError(f"--rounds {options.rounds}: expected 1 or more")
+    periods = round(_ns(options.duration, "-D", "s") / rounds / interval_ns)
+    if periods < LEAST_CYCLES:
+        raise JitterError(
+            f"-D {options.duration}: {periods} cycles a round of {rounds}; expected "
+            f"{LEAST_CYCLES} or more, -D {float(LEAST_CYCLES * rounds * interval_us / 1000):g}ms"
+        )
+    if not 1 <= options.priority <= 99:
+        raise JitterError(f"-p {options.priority}: expected a priority of 1 to 99")
+    wrong = options.histogram is not None and not 1 <= options.histogram <= MOST_HISTOGRAM_US
+    if wrong:
+        raise JitterError(f"-h {options.histogram}: expected 1 to {MOST_HISTOGRAM_US} us")
+    _check_outputs(options)
+    cpus = _cpus(options.affinity)
+    return Setup(int(interval_ns), periods, options.priority, cpus, options.bus), rounds, names
+
+
+def _ns(text: str, option: str, unit: str) -> Fraction:
+    try:
+        return duration_ns(text, unit)
+    except ValueError as error:
+        raise JitterError(f"{option} {error}") from None
+
+
+def _cpus(text: str | None) -> tuple[int, ...]:
+    """Return the processors of -a; JitterError for one that this process may not use."""
+    usable = sorted(os.sched_getaffinity(0))
+    words = [] if text is None else text.split(",")
+    for word in words:
+        if not word.isdecimal() or int(word) not in usable:
+            known = ", ".join(map(str, usable))
+            raise JitterError(f"-a {word}: no such processor here; expected some of {known}")
+    return tuple(map(int, words))
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Raise UserError for a file that cannot be written, before anything is measured."""
+    check_file("--json", options.json)
+    check_file("--plot", options.plot)
+    if options.plot is not None:
+        check_picture("--plot", options.plot)
+
+
+def measure(
+    setup: Setup, rounds: int, names: Sequence[str], folder: Path, progress: Progress
+) -> Result:
+    """Run all rounds; after Ctrl-C what there is. `folder` is empty and holds the logs meanwhile.
+
+    Raises JitterError, RigError, BusError, SharedError. What a loop of `names` lacks is an error
+    only if it is the only one, else a line in `absent`.
+    """
+    missing = loops.prepare(names, setup, folder)
+    if missing and len(names) == 1:
+        raise missing[names[0]]
+    for error in missing.values():
+        progress.close()
+        print(error, file=sys.stderr)
+    result = Result(setup, rounds, absent={name: str(e) for name, e in missing.items()})
+    result.yardsticks = {name: [] for name in names if name not in missing}
+    try:
+        for number in range(rounds):
+            if not _round(result, number, folder, progress):
+                break
+    except KeyboardInterrupt:  # between two loops
+        result.interrupted = True
+    return result
+
+
+def _round(result: Result, number: int, folder: Path, progress: Progress) -> bool:
+    """Run every loop once, ours first; return False after Ctrl-C."""
+    at = f"round {number + 1} of {result.rounds},"
+    with tempfile.TemporaryDirectory(dir=folder) as run_folder:
+        found = probe.run(result.setup, Path(run_folder), progress, f"{at} pcpc:")
+    _take_signals()  # the host had them
+    result.probes.append(found)
+    result.interrupted = found.interrupted
+    for name, rounds in result.yardsticks.items():
+        if result.interrupted:
+            break
+        loop = loops.run(name, result.setup, folder, progress, f"{at} {name}:")
+        rounds.append(loop)
+        result.interrupted = loop.interrupted
+    return not result.interrupted
+
+
+def _take_signals() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Make SIGINT and SIGTERM a KeyboardInterrupt in here."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    _take_signals()
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def conclude(result: Result, options: argparse.Namespace) -> int:
+    """Print, write and draw the result; return the exit code."""
+    if result.node("executive") is None:
+        return Exit.INTERRUPTED
+    print(report.text_of(result, options.histogram))
+    path = options.json
+    try:
+        if options.json is not None:
+            with whole_file(options.json) as unfinished:
+                unfinished.write_text(json.dumps(as_json(result), indent=1) + "\n")
+        path = options.plot
+        if options.plot is not None:
+            with whole_file(options.plot) as unfinished:
+                report.draw(result, unfinished)
+    except OSError as error:
+        what = f"{path}: cannot be written: {error.strerror}; choose another file"
+        raise JitterError(what, code_of(error)) from None
+    return Exit.INTERRUPTED if result.interrupted else Exit.OK

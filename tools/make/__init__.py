@@ -1,0 +1,1 @@
+"""What is made of rigs: new ones, DBC files, C, FMUs, devices."""

@@ -1,0 +1,193 @@
+"""What a device did on the bus, from what its plant recorded, and what was wrong with it.
+
+    wrong CRC, twice, jump, gap   as the receiver judged CRC and counter of each frame
+    late                          cycles of the plant without a valid frame of every cycle
+    silent                        more than AWAY of them in a row
+    rate                          of SYNC, on a clock: more than RATE_ERROR from the rig's
+    restarted                     it greets again after it was operational
+
+Single late cycles on a clock are what holding is for: they are told, and a fault of the device only
+from LATE_SHARE of all on. In lockstep there is no clock that could excuse one.
+
+On a clock with pacing sync each frame is stamped as it comes; with pacing real when the plant's
+next cycle takes it, so that jitter and reaction are those that a witness counted.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import dbc
+from pcpc.drivers.e2e_states import ERROR, FOREIGN, OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE
+from pcpc.executive.log.reader import Log
+from pcpc.executive.rig import messages
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.make.device.witness import Counts, share
+
+AWAY = 3  # cycles: a gap of the counter up to which a frame still counts, see e2e_states
+LATE_SHARE = 0.01  # of the cycles: a PC without SCHED_FIFO is late in some, and holds
+RATE_ERROR = 0.01  # a quartz is 100 times better
+FEWEST = 50  # frames that tell a rate
+LONGEST = 500  # frames of a stretch, in which a stamp that is a cycle off is a fifth of RATE_ERROR
+SHOWN = 3  # silences by name, of one frame
+OPERATIONAL, GREETINGS = 5, (0, 127)  # of heartbeats: boot-up, pre-operational
+_WRONG = {
+    ERROR: "with a wrong CRC or length",
+    REPEATED: "sent twice: the counter stood still",
+    WRONG_SEQUENCE: "with a jump of the counter",
+    OK_SOME_LOST: "behind a gap of the counter",
+    FOREIGN: "from another sender",
+}
+Frames = NDArray[Any]
+
+
+@dataclass
+class Behaviour:
+    """What a device did. `frames`: counts by name; `timing`: us and Hz, on a clock."""
+
+    frames: dict[str, dict[str, int]] = field(default_factory=dict)
+    timing: dict[str, float] = field(default_factory=dict)
+    late_cycles: int = 0
+    problems: list[str] = field(default_factory=list)
+
+    def json(self) -> dict[str, Any]:
+        """Return it as summary.json has it."""
+        return {
+            "frames": self.frames, "timing": self.timing, "late_cycles": self.late_cycles,
+            "problems": self.problems,
+        }  # fmt: skip
+
+
+def behaviour(rig: Rig, log: Log, pacing: str, counts: Counts | None = None) -> Behaviour:
+    """Return what the device did in the run of a plant; BusError if the DBC file is not there.
+
+    `counts`: what a witness of the bus has told.
+    """
+    plant, found = log.node["plant"], Behaviour()
+    came = plant.frames[plant.frames["direction"] == 1]
+    for frame in dbc.frames(messages.database_of(rig), rig.config.plant.node, "rx"):
+        own = came[came["id"] == frame.word]
+        if frame.on_event and not len(own):
+            continue
+        found.frames[frame.name] = _counts(own)
+        if not len(own):
+            found.problems.append(f"device: {frame.name} never came")
+        for state, what in _WRONG.items():
+            wrong = own["cycle"][own["e2e"] == state]
+            if len(wrong):
+                first = int(wrong[0])
+                found.problems.append(
+                    f"device: {frame.name}: {_frames(len(wrong))} {what}, first in "
+                    + _cycle(rig, first)
+                )
+        if frame.has_sequence:
+            found.problems += _rate(found, rig, own, pacing)
+        elif messages.awaited(frame):
+            found.problems += _lateness(found, rig, frame.name, own, plant.cycle, pacing)
+            _reaction(found, own, plant.frames, pacing)
+    found.problems += _restarts(rig, came)
+    for name, of in (counts or {}).items():
+        if of.total() >= FEWEST:
+            _told(found, name, partial(share, of))
+    return found
+
+
+def _told(found: Behaviour, name: str, value_at: Callable[[float], float]) -> None:
+    """Note the median, the 99th percentile and the largest of a time, us."""
+    for word, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0)):
+        found.timing[f"{name}_{word}_us"] = round(value_at(percent), 1)
+
+
+def _cycle(rig: Rig, cycle: int) -> str:
+    return f"cycle {cycle} ({cycle / rig.config.rate_hz:.4g} s)"
+
+
+def _frames(count: int) -> str:
+    return "1 frame" if count == 1 else f"{count:,} frames"
+
+
+def _counts(own: Frames) -> dict[str, int]:
+    names = {OK: "ok", OK_SOME_LOST: "gaps", WRONG_SEQUENCE: "jumps", REPEATED: "twice"}
+    names |= {ERROR: "wrong_crc", FOREIGN: "foreign"}
+    counts = {name: int((own["e2e"] == state).sum()) for state, name in names.items()}
+    return {"received": len(own), **{name: n for name, n in counts.items() if n}}
+
+
+def _used(own: Frames) -> Frames:
+    return own[(own["e2e"] == OK) | (own["e2e"] == OK_SOME_LOST)]
+
+
+def _lateness(
+    found: Behaviour, rig: Rig, name: str, own: Frames, cycle: NDArray[np.int64], pacing: str
+) -> Iterator[str]:
+    """Yield what is wrong with the cycles that had no valid frame `name`; cycle 0 has none ever."""
+    ran = cycle[cycle > 0]
+    without = ~np.isin(ran, _used(own)["cycle"])
+    edge = np.flatnonzero(np.diff(np.concatenate([[0], without.astype(np.int8), [0]])))
+    late, silent = 0, list[str]()
+    for first, past in edge.reshape(-1, 2).tolist():
+        if past - first <= AWAY:
+            late += past - first
+            continue
+        begin_s, cycles = ran[first] / rig.config.rate_hz, past - first
+        end = ", to the end" if past == len(ran) else ""
+        for_s = cycles / rig.config.rate_hz
+        silent.append(
+            f"device: {name}: silent for {cycles:,} cycles ({for_s:.4g} s) from {begin_s:.4g} s on"
+            + end
+        )
+    found.late_cycles = max(found.late_cycles, late)
+    if late > LATE_SHARE * len(ran) or (late and pacing == "lockstep"):
+        first_cycle = _cycle(rig, int(ran[np.flatnonzero(without)[0]]))
+        yield f"device: {name}: late in {late:,} of {len(ran):,} cycles, first in {first_cycle}"
+    yield from silent[:SHOWN]
+    if len(silent) > SHOWN:
+        yield f"device: {name}: silent {len(silent) - SHOWN} times more"
+
+
+def _rate(found: Behaviour, rig: Rig, own: Frames, pacing: str) -> Iterator[str]:
+    """Note the rate and jitter of SYNC; yield what is wrong with the rate."""
+    if pacing == "lockstep" or len(own) < FEWEST:
+        return
+    rate_hz = rate_of(own["stamp_ns"])
+    found.timing["rate_hz"] = round(rate_hz, 3)
+    if pacing == "sync":
+        off_us = 1e-3 * np.abs(np.diff(own["stamp_ns"]) - 1e9 / rig.config.rate_hz)
+        _told(found, "jitter", lambda percent: float(np.percentile(off_us, percent)))
+    if abs(rate_hz / rig.config.rate_hz - 1.0) > RATE_ERROR:
+        yield f"device: its cycle is {rate_hz:.4g} Hz, the rig's is {rig.config.rate_hz:g} Hz"
+
+
+def rate_of(stamp_ns: NDArray[np.int64]) -> float:
+    """Return the rate, Hz, of frames that came at these times, (n,) ns, n at least 4.
+
+    The median over stretches of a quarter of them: neither a silence nor what is caught up after
+    a stall changes it, and it matters little that stamps are those of another clock's cycles.
+    """
+    frames = min(len(stamp_ns) // 4, LONGEST)
+    took_ns = float(np.median(stamp_ns[frames:] - stamp_ns[:-frames]))
+    return 1e9 * frames / took_ns if took_ns > 0.0 else float("inf")
+
+
+def _reaction(found: Behaviour, own: Frames, frames: Frames, pacing: str) -> None:
+    """Note the time from the plant's last frame to the device's answer."""
+    sent = np.sort(frames["stamp_ns"][frames["direction"] == 0])
+    if pacing != "sync" or not len(sent) or len(own) < FEWEST:
+        return
+    before = np.searchsorted(sent, own["stamp_ns"]) - 1
+    took_us = 1e-3 * (own["stamp_ns"] - sent[np.maximum(before, 0)])[before >= 0]
+    _told(found, "reaction", lambda percent: float(np.percentile(took_us, percent)))
+
+
+def _restarts(rig: Rig, came: Frames) -> Iterator[str]:
+    """Yield where the device began anew: it greets after it was operational, or asks again."""
+    beats = (came["id"] & 0x780 == 0x700) & (came["id"] < 0x780)
+    state = np.where(beats, came["data"][:, 0], 255)
+    running = np.maximum.accumulate(state == OPERATIONAL) if len(came) else state > 0
+    again = came["cycle"][running & np.isin(state, GREETINGS) & beats]
+    if len(again):
+        yield f"device: restarted, it greets anew in {_cycle(rig, int(again[0]))}"

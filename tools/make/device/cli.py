@@ -1,0 +1,70 @@
+"""`pcpc plant`: the emulator for an executive elsewhere or, with --device, for a device.
+
+With a device the log is kept here, and judged: the plant's record by the rig's limits and
+requirements, the device by what it sent. docs/device.md is what a device has to do.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.make.device.host import DeviceHost, check
+from pcpc.tools.start import pace
+from pcpc.tools.start.folder import LOG, run_folder
+
+_CYCLES = "late_cycles", "skipped_cycles", "held_cycles"  # the plant's own
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `plant`; return the exit code."""
+    rig = load_rig(options.rig, options.controller, options.set, resolve=False)
+    check(rig)
+    options, said = pace.settle(options, rig, alone=True)
+    if said:
+        print(said, file=sys.stderr)
+    with run_folder(options.output, rig) as folder:
+        host = DeviceHost(options, rig, folder)
+        with host.page:
+            code = host.run()
+            if code >= 0:
+                os.truncate(folder / LOG, 0)
+                return code
+            code = _conclude(host, rig, folder, options)
+            host.page.farewell(folder)
+            return code
+
+
+def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namespace) -> int:
+    """Read the log back, judge plant and device, print; return the exit code of the verdict."""
+    from pcpc.tools.after.verdict import summary as summaries
+    from pcpc.tools.after.verdict.conclude import told, unreadable
+    from pcpc.tools.after.verdict.judge import EvaluationError
+    from pcpc.tools.make.device.behaviour import behaviour
+    from pcpc.tools.make.device.record import as_run, told_by
+
+    outcome = host.outcome
+    try:
+        log = as_run(rig, logs.read(folder / LOG), outcome.pacing)
+    except logs.LogError as error:
+        return unreadable(outcome, error)
+    judge, left = told_by(host.judge, log)
+    found = behaviour(rig, log, outcome.pacing, host.counts)
+    summary = summaries.summarise(judge.rig, log, outcome, judge)
+    summary["controller"] = "device"
+    summary["device"] = {"command": options.device, **found.json()}
+    summary |= {key: outcome.health.get("plant", {}).get(key, 0) for key in _CYCLES}
+    summary["not_judged"] |= left
+    if outcome.strict:
+        failed = [f"{name} was not judged: {why}" for name, why in left.items()]
+        summary["expectations_failed"] += failed
+    summaries.note_device(summary, found.problems)
+    if not options.no_figure and judge.evaluation is not None:
+        try:
+            title = f"{rig.config.rig}: {rig.config.title}, a device"
+            judge.draw(log, title, summary["metrics"], folder / "figure.png")
+        except (EvaluationError, OSError) as error:
+            print(f"no figure: {error}", file=sys.stderr)
+    return told(summary, folder, options)

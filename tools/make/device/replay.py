@@ -1,0 +1,89 @@
+"""The law of a rig, fed with what a plant sent to a device, and compared with what the device sent.
+
+    sample k    the plant's frames of its cycle k: what the device took in its own cycle k
+    answer k    what the plant received in its cycle k + 1, SYNC(k + 1) the last of it
+
+Without a clock that order is certain, so the answers of a device that computes the rig's law are
+those of the executive, bit for bit. Only frames that the plant hears are in its log. Heartbeats of
+the first cycle and what a device sends at its end, or beyond that of the rig, are not compared.
+"""
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers import dbc, e2e_states
+from pcpc.executive.log import reader as logs
+from pcpc.executive.nodes.plan import cycles_of
+from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay, Slice
+from pcpc.executive.rig import messages
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.replayed import Verdict, compare_frames
+
+ROLE = "device"
+_ASSUMED = {"supervisor.fault": 0.0, "supervisor.gain": 1.0, "supervisor.state": 2.0}
+
+
+def is_of_device(head: logs.Log) -> bool:
+    """Return whether a log is that of a plant with a device whose order is certain."""
+    pacing = head.metadata.get("plant", {}).get("pacing")
+    return set(head.node) == {"plant"} and pacing == "lockstep"
+
+
+class DeviceComparison:
+    """A device's frames against the rig's law, piece by piece; as `Comparison` in after.replay."""
+
+    def __init__(self, head: logs.Log, rig: Rig) -> None:
+        self.role = "plant"  # the node whose record it is
+        self.recorded = Assembler([])
+        self.replay = Replay(rig, "executive", "lockstep", [])
+        heard = dbc.frames(messages.database_of(rig), rig.config.plant.node, "rx")
+        self._heard = [frame.can_id for frame in heard]
+        self._beats = [frame.can_id for frame in heard if messages.heartbeat(frame)]
+        self.verdict = Verdict(ROLE, rig.config.rate_hz)
+        self._answers = self._computed = np.empty(0, logs.FRAME)
+        self._cycles = cycles_of(rig)
+        self._ended = False
+        self._begin_s = time.monotonic()
+
+    def take(self, piece: logs.Log, whole: int, last: bool) -> None:
+        """Recompute what `piece` completes, up to the plant's cycle `whole`; LogError."""
+        if "plant" in piece.node:
+            self.recorded.add(piece.node["plant"])
+        for part in self.recorded.take(whole, last):
+            self._advance(part)
+            self._compare(int(part.rows[-1, K]))
+        self.verdict.missing += piece.missing
+        self.verdict.spent_s = time.monotonic() - self._begin_s
+
+    def _advance(self, part: Slice) -> None:
+        """Let the law work on the samples of a slice."""
+        frames = part.frames
+        answers = frames[(frames["direction"] == 1) & (frames["e2e"] != e2e_states.FOREIGN)]
+        greeting = (answers["cycle"] <= 1) & np.isin(answers["id"], self._beats)
+        self._answers = np.concatenate((self._answers, answers[~greeting]))
+        if self._ended:
+            return
+        samples = frames[frames["direction"] == 0].copy()
+        samples["direction"], samples["e2e"] = 1, e2e_states.OK
+        rows = np.zeros((len(part.rows), HEAD + len(_ASSUMED)), np.int64)
+        rows[:, :HEAD] = part.rows[:, :HEAD]
+        rows[:, PASSES] = rows[:, K]
+        rows[:, HEAD:] = np.array(list(_ASSUMED.values())).view(np.int64)
+        done = self.replay.advance(Slice(rows, samples, []), list(_ASSUMED))
+        self._ended = len(done.values) < len(rows)
+        sent = done.sent[np.isin(done.sent["id"], self._heard)]
+        self._computed = np.concatenate((self._computed, sent))
+
+    def _compare(self, last: int) -> None:
+        """Compare the answers that the plant has had by its cycle `last`."""
+        last = min(last, self._cycles)
+        answered: NDArray[Any] = self._answers[self._answers["cycle"] <= last].copy()
+        answered["cycle"] = np.maximum(answered["cycle"] - 1, 0)
+        self._answers = self._answers[self._answers["cycle"] > last]
+        computed = self._computed[self._computed["cycle"] < last]
+        self._computed = self._computed[self._computed["cycle"] >= last]
+        compare_frames(self.verdict, answered, computed)
+        self.verdict.cycles = last

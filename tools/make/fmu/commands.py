@@ -1,0 +1,31 @@
+"""The part of `pcpc generate` that makes an FMU."""
+
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import SIMPLE, Add, Command
+
+
+def fmu(add: Add) -> None:
+    """Take a rig, which block of its plant, and where to write."""
+    add("rig", metavar="RIG", help="name of a rig (pcpc rigs), or its file")
+    add("--block", metavar="NAME", help="which block of the plant; without one, the only one")
+    take.settings(add, "any value of the rig or of a block")
+    add("-o", "--output", type=Path, metavar="FILE", help="default: BLOCK.fmu")
+
+
+COMMANDS: tuple[Command, ...] = ()
+PARTS_OF = {
+    "generate": (
+        Command(
+            "fmu",
+            "make an FMU of a rig's plant, FMI 2.0 for co-simulation, with its bits",
+            "pcpc generate fmu slew10 -o barrel.fmu",
+            fmu,
+            compiles=True,
+            module="make.fmu.cli",
+            codes={**SIMPLE, Exit.ENVIRONMENT: "no compiler, or FILE cannot be written"},
+        ),
+    )
+}

@@ -1,0 +1,183 @@
+"""`pcpc generate c`: laws and rigs as C99, checked in every build that this machine has."""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.laws.block import Block
+from pcpc.executive.nodes.plan import cycles_of
+from pcpc.executive.nodes.virtual import in_memory
+from pcpc.executive.rig import resolve
+from pcpc.executive.rig.modules import module_of
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.make.generate import builds, cost, precision, single
+from pcpc.tools.make.generate.closed import Closed, digest_of
+from pcpc.tools.make.generate.device import device
+from pcpc.tools.make.generate.library import write
+from pcpc.tools.make.generate.node import rig_files
+from pcpc.tools.make.generate.translator import elementary
+from pcpc.tools.make.generate.translator.law import translated
+from pcpc.tools.make.generate.words import identifier
+from pcpc.tools.start import rigs
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.progress import Progress
+
+_INTERPRETED = """
+import sys
+from pcpc.tools.make.generate.cli import python_digest
+print(python_digest(sys.argv[1], sys.argv[2] or None, sys.argv[4:], int(sys.argv[3])))
+"""
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write the C; check it, tell its cost, if asked; return the exit code."""
+    progress = Progress(quiet=options.quiet)
+    if is_law(options.what):
+        return _of_law(options, progress)
+    rig = load_rig(_rig(options.what), options.controller, options.set)
+    if options.device and options.single:
+        what = "a device's frames are packed in double; leave out --device or --single"
+        raise UserError(what)
+    files = device(rig) if options.device else rig_files(rig, in_single=options.single)
+    folder = options.output or Path(f"{identifier(rig.config.rig)}_c")
+    if options.output or options.device or not (options.check or options.cost):
+        _written(files, folder)
+    names = [options.controller] if options.controller else list(rig.config.controllers)
+    if options.cost:
+        given = options.set, options.cycles, options.single, progress
+        print("\n".join(cost.told(rig, names, *given)))
+    if not options.check:
+        return Exit.OK
+    code = check(rig, options, progress)
+    if options.single:
+        print("\n".join(["", *precision.told(rig, names, options.set, progress)]))
+    return code
+
+
+def _of_law(options: argparse.Namespace, progress: Progress) -> int:
+    """Write a law alone, or tell its cost; return the exit code."""
+    if options.check or options.device or options.controller or options.set:
+        raise UserError(f"{options.what} is a law; for that name a rig that uses it")
+    block, name = block_of(options.what)
+    law = translated(block, name)
+    files = single.single(law) | single.files() if options.single else law | elementary.files()
+    if options.output or not options.cost:
+        _written(files, options.output or Path(f"{name}_c"))
+    if options.cost:
+        print("\n".join(cost.told_of_law(block, name, options.cycles, progress)))
+    return Exit.OK
+
+
+def _rig(text: str) -> Path:
+    try:
+        return Path(rigs.find(text))
+    except UserError as error:
+        hint = did_you_mean(text, list(resolve.shipped()))
+        raise UserError(f"{error}; no law either{hint}", error.code) from None
+
+
+def is_law(text: str) -> bool:
+    """Return whether this names a law, not a rig."""
+    module = text.partition(":")[0]
+    dotted = "." in module and "/" not in module and not module.endswith((".yaml", ".yml"))
+    return module.endswith(".py") or module in resolve.shipped() or (dotted and ":" in text)
+
+
+def block_of(text: str) -> tuple[Block, str]:
+    """Return the block that a law's name means, and its name in C; UserError."""
+    module, _, name = text.partition(":")
+    path = Path(module).resolve()
+    if module.endswith(".py") and not path.is_file():
+        raise UserError(f"{module}: no such file")
+    try:
+        found = module_of("" if module.endswith(".py") else resolve.shipped().get(module, module),
+                          path)  # fmt: skip
+    except ImportError as error:
+        raise UserError(f"{module}: {error}") from error
+    block = getattr(found, name or "BLOCK", None)
+    if not isinstance(block, Block):
+        known = [key for key, value in vars(found).items() if isinstance(value, Block)]
+        raise UserError(f"{text}: no law {name or 'BLOCK'}{did_you_mean(name or 'BLOCK', known)}")
+    stem = Path(found.__file__ or "law").stem
+    own = path.parent.name if stem == "model" else stem
+    return block, identifier(own if not name or name == "BLOCK" else name)
+
+
+def _written(files: dict[str, str], folder: Path) -> None:
+    try:
+        write(files, folder)
+    except OSError as error:
+        what = f"{folder}: cannot be written: {error.strerror}; choose another with -o"
+        raise UserError(what, Exit.ENVIRONMENT) from error
+    laws = [name for name in files if name.endswith(".c")]
+    lines = sum(text.count("\n") for text in files.values())
+    print(f"{folder}: {len(files)} files, {lines:,} lines")
+    print("\n".join(screen.wrapped(" ".join(sorted(laws)), "  ")))
+    print(f"compile with {' '.join(elementary.FLAGS)}")
+
+
+def python_digest(rig: str, controller: str | None, settings: list[str], cycles: int) -> str:
+    """Return the digest of a rig's virtual run."""
+    shorter = [
+        *settings,
+        *_shorter(load_rig(Path(rig), controller, settings, resolve=False), cycles),
+    ]
+    return _digest(load_rig(Path(rig), controller, shorter), cycles)
+
+
+def _digest(rig: Rig, cycles: int) -> str:
+    return digest_of(in_memory(rig), Closed(rig).columns(), cycles)
+
+
+def _shorter(rig: Rig, cycles: int) -> list[str]:
+    """Return settings that end a run behind its first cycles."""
+    wanted = (cycles + 10) / rig.config.rate_hz
+    return [f"duration_s={wanted!r}"] if wanted < rig.config.duration_s else []
+
+
+def check(rig: Rig, options: argparse.Namespace, progress: Progress) -> int:
+    """Print the table of builds with their digests; return 1 if one differs, 4 if no C ran."""
+    cycles = min(options.cycles, cycles_of(rig))
+    closed = Closed(rig, options.single)
+    if not any(closed.columns().values()):
+        raise rig.error("", "records no state and no output; there is nothing to be compared")
+    words = [str(rig.path), options.controller or "", str(cycles), *options.set]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write(closed.files(cycles), folder)
+        builds.fixed_files(folder)
+        own: list[tuple[str, Callable[[], str]]] = []
+        if not options.single:  # Python has no floats: those builds have to agree with each other
+            progress.show("Python, compiled by numba")
+            expected = _digest(rig, cycles)
+            own = [("Python, numba", lambda: expected)]
+            own += [("Python, interpreted", lambda: _interpreted(words))]
+        python, c = builds.table(folder, own, progress.show)
+    progress.close()
+    kind = ", laws in float" if options.single else ""
+    print(f"{rig.config.rig}, {rig.config.controller}{kind}: {cycles} cycles of the closed loop")
+    print("\n".join(screen.table([(f"  {a}", b, c) for a, b, c in (*python, *c)])))
+    if any(row.wrong for row in (*python, *c)):
+        return Exit.NOT_MET
+    if not any(row.compared for row in c):
+        least = "two builds" if options.single else "a build"
+        what = f"no C was compared: that needs {least} of those that are not here"
+        raise UserError(f"{what}; {builds.GCC}", Exit.ENVIRONMENT)
+    return Exit.OK
+
+
+def _interpreted(words: list[str]) -> str:
+    """Return the digest of a rig's virtual run without numba, in a process of its own."""
+    code = [sys.executable, "-c", _INTERPRETED, *words]
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(code, capture_output=True, text=True, env=environment)
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or [f"ended with {done.returncode}"]
+        raise UserError(said[-1])
+    return done.stdout.strip()

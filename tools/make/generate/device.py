@@ -1,0 +1,75 @@
+"""The executive of a rig as a device in C: what `pcpc generate c RIG --device` writes.
+
+NAME.h, NAME.c        the law of each block, as `laws` gives it
+rig.h, rig.c          blocks, wiring, limits, frames of this rig
+frames.h, frames.c    pack and unpack, from the DBC file
+codec, device, run    the same for all rigs: CRC and counters, supervisor, the order of a run
+main_linux.c, ...     for a machine: Linux with CAN; a Cortex-M with a UART
+Makefile              `make linux m7 m4`
+"""
+
+import dataclasses
+from importlib import resources
+
+import msgspec
+
+from pcpc.executive.errors import RigError
+from pcpc.executive.loop.table import Views
+from pcpc.executive.nodes.plan import Plan, plan
+from pcpc.executive.rig.blocks import BlockSpec
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.make.generate import frames, wiring
+from pcpc.tools.make.generate.translator import elementary
+from pcpc.tools.make.generate.translator.law import translated
+from pcpc.tools.make.generate.words import identifier
+
+_FIXED = resources.files("pcpc.tools.make.generate") / "c"
+_SAME = (  # for all rigs
+    "codec.c", "codec.h", "device.c", "device.h", "rig_parts.h", "run.c", "run.h", "port.h",
+    "main_linux.c", "main_mps2.c", "slcan.c", "slcan.h", "startup.c", "soft_double.c", "mps2.ld",
+    "qemu.sh", "Makefile",
+)  # fmt: skip
+
+
+def device(rig: Rig) -> dict[str, str]:
+    """Return the files of a rig's device by name; RigError for what a device in C cannot do."""
+    _check(rig)
+    made = plan(_undisturbed(rig), "executive", "lockstep")
+    files = {name: (_FIXED / name).read_text() for name in _SAME} | elementary.files()
+    files["frames.h"] = frames.header(made.tx_frames, made.rx_frames)
+    files["frames.c"] = frames.source(made.tx_frames, made.rx_frames)
+    files["rig.h"], files["rig.c"] = wiring.header(made), wiring.source(made)
+    for spec, views in zip(made.spec.blocks, made.views, strict=True):
+        law = _law(made, spec, views)
+        if taken := sorted(law.keys() & files):
+            raise RigError(f"{spec.where()}: {spec.name}: {taken[0]} is another file; rename it")
+        files |= law
+    return dict(sorted(files.items()))
+
+
+def _law(made: Plan, spec: BlockSpec, views: Views) -> dict[str, str]:
+    """Return the files of a block, which begins with the rig's values."""
+    parameters, states = (
+        [(made.table.variables[i].name, made.values.get(i, 0.0)) for i in places]
+        for places in (views.parameters, views.states)
+    )
+    return translated(spec.block, identifier(spec.name), (parameters, states))
+
+
+def _undisturbed(rig: Rig) -> Rig:
+    """Return a rig without faults on purpose: they are the executive's, not the device's."""
+    config = msgspec.structs.replace(rig.config, faults={}, losses={})
+    return dataclasses.replace(rig, config=config)
+
+
+def _check(rig: Rig) -> None:
+    """Raise RigError for what only the executive does."""
+    config = rig.config
+    if config.local is not None:
+        raise rig.error("local", "a device takes the executive's place in rigs with two nodes only")
+    if config.executive.plausible:
+        what = "a device in C does not judge what it hears; leave it to the rig's executive"
+        raise rig.error("executive.plausible", what)
+    if config.supervisor.arm == "manual":
+        what = "a device in C has no operator who arms it; --set supervisor.arm=automatic"
+        raise rig.error("supervisor.arm", what)

@@ -1,0 +1,145 @@
+"""Frames of a DBC file in C: a struct of signals for each, functions to pack and unpack, a table.
+
+CMD_signals                    the frame's signals, physical values in double
+pack_CMD(s, data)              to eight bytes, counter and CRC still 0; returns how many clamped
+unpack_FB_A(data, s)           from eight bytes
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from pcpc.drivers import dbc
+from pcpc.executive.rig import messages
+from pcpc.tools.make.generate.words import comment, identifier, number
+
+Frames = Sequence[dbc.Frame]
+_PROTECTION = {dbc.UNPROTECTED: "UNPROTECTED", dbc.CRC_8: "CRC_8", dbc.CRC_16: "CRC_16"}
+_RAW_OF = {dbc.FLOAT_32: "raw_of_float32", dbc.FLOAT_64: "raw_of_float64"}
+
+
+def header(sent: Frames, heard: Frames) -> str:
+    """Return frames.h, of the frames that a device sends and hears."""
+    lines = ["/* Signals of the frames, from the DBC file; physical values in their units. */"]
+    lines += ["#ifndef FRAMES_H", "#define FRAMES_H", "", '#include "codec.h"', ""]
+    for frame in _full({one.name: one for one in (*sent, *heard)}.values()):
+        lines += [*_struct(frame), ""]
+    lines.append(
+        "/* Pack: counter and CRC are left 0; how many signals were clamped is returned. */"
+    )
+    lines += [f"{_pack_head(frame)};" for frame in _full(sent)]
+    lines += ["", *(f"{_unpack_head(frame)};" for frame in _full(heard))]
+    return "\n".join([*lines, "", "#endif", ""])
+
+
+def source(sent: Frames, heard: Frames) -> str:
+    """Return frames.c."""
+    lines = ['#include "frames.h"']
+    for frame in _full(sent):
+        lines += ["", *_pack(frame)]
+    for frame in _full(heard):
+        lines += ["", *_unpack(frame)]
+    return "\n".join([*lines, ""])
+
+
+def info(frame: dbc.Frame, rate_hz: float) -> str:
+    """Return the initialiser of the frame's `frame_info`."""
+    kind, crc_byte, data_id = frame.crc
+    byte, shift, mask = frame.counter
+    flags = (
+        frame.has_sequence, messages.awaited(frame), messages.heartbeat(frame),
+        messages.emergency(frame),
+    )  # fmt: skip
+    word = f"0x{frame.can_id:03X}u" + (" | FRAME_EXTENDED" if frame.extended else "")
+    told = ", ".join("true" if flag else "false" for flag in flags)
+    return (
+        f"{{{word}, {frame.every_n(rate_hz)}u, 0x{data_id & 0xFFFF:04X}u, {frame.dlc}u, "
+        f"{_PROTECTION[kind]}, {byte}u, {shift}u, 0x{mask:02X}u, {crc_byte}u, {told}}}"
+    )
+
+
+def _full(frames: Iterable[dbc.Frame]) -> Iterator[dbc.Frame]:
+    return (frame for frame in frames if frame.signals)
+
+
+def _struct(frame: dbc.Frame) -> Iterator[str]:
+    yield f"/* {frame.name}{': ' + comment(frame.help) if frame.help else ''} */"
+    yield "typedef struct {"
+    for signal in frame.signals:
+        about = "; ".join(filter(None, (signal.unit, comment(signal.help))))
+        yield f"    double {identifier(signal.name)};" + (f" /* {about} */" if about else "")
+    yield f"}} {identifier(frame.name)}_signals;"
+
+
+def _pack_head(frame: dbc.Frame) -> str:
+    name = identifier(frame.name)
+    return f"uint32_t pack_{name}(const {name}_signals *s, uint8_t data[8])"
+
+
+def _unpack_head(frame: dbc.Frame) -> str:
+    name = identifier(frame.name)
+    return f"void unpack_{name}(const uint8_t data[8], {name}_signals *s)"
+
+
+def _hex(word: int) -> str:
+    word &= 2**64 - 1
+    return f"0x{word:X}u" if word < 2**32 else f"0x{word:X}ull"
+
+
+def _pack(frame: dbc.Frame) -> Iterator[str]:
+    table = dbc.table([frame], 1.0)
+    yield _pack_head(frame)
+    yield "{"
+    for i, signal in enumerate(frame.signals):
+        row, scale = table.signals[i], [float(x) for x in table.scales[i]]
+        bits = _hex(int(row[dbc.BITS_LOW])), _hex(int(row[dbc.BITS_HIGH]))
+        fields = ", ".join([*map(number, scale), *bits])
+        yield f"    static const scale_t {identifier(signal.name)}_scale = {{{fields}}};"
+    yield "    uint64_t little = 0u;"
+    yield "    uint64_t big = 0u;"
+    yield "    uint32_t clamped = 0u;"
+    for i, signal in enumerate(frame.signals):
+        row, name = table.signals[i], identifier(signal.name)
+        raw = f"{_RAW_OF.get(signal.kind, 'raw_of')}(s->{name}, &{name}_scale, &clamped)"
+        word = "big" if signal.big_endian else "little"
+        shift, mask = int(row[dbc.SHIFT]), int(row[dbc.MASK])
+        yield f"    {word} |= ({raw} & {_hex(mask)}) << {shift};"
+    yield "    put_words(data, little, big);"
+    yield "    return clamped;"
+    yield "}"
+
+
+def _unpack(frame: dbc.Frame) -> Iterator[str]:
+    table = dbc.table([frame], 1.0)
+    yield _unpack_head(frame)
+    yield "{"
+    for word, big in (("little", False), ("big", True)):
+        if any(signal.big_endian is big for signal in frame.signals):
+            yield f"    const uint64_t {word} = get_{word}(data);"
+    for i, signal in enumerate(frame.signals):
+        row = table.signals[i]
+        word = "big" if signal.big_endian else "little"
+        raw = f"({word} >> {int(row[dbc.SHIFT])}) & {_hex(int(row[dbc.MASK]))}"
+        factors = int(row[dbc.INT_FACTOR]), int(row[dbc.INT_OFFSET])
+        yield f"    s->{identifier(signal.name)} = {_value(signal, raw, factors)};"
+    yield "}"
+
+
+def _value(signal: dbc.Signal, raw: str, whole: tuple[int, int]) -> str:
+    """Return the expression of a signal's value; without a scale of 1 and an offset of 0."""
+    if signal.kind in (dbc.FLOAT_32, dbc.FLOAT_64):
+        code = f"float{signal.nbits}_of({raw})"
+        if signal.factor != 1.0 or signal.offset != 0.0:  # else -0.0 stays
+            code = f"({code} * {number(signal.factor)}) + {number(signal.offset)}"
+        return code
+    if signal.kind == dbc.UNSIGNED_64:
+        code = f"(double)({raw})"
+    else:
+        extends = signal.signed and signal.nbits < 64
+        code = f"signed_of({raw}, {signal.nbits}u)" if extends else f"(int64_t)({raw})"
+        if signal.kind == dbc.WIDE:
+            return f"(double)(({code} * {whole[0]}ll) + {whole[1]}ll)"
+        code = f"(double){code}"
+    if signal.factor < 0.0 and signal.offset == 0.0:  # so that raw 0 is no -0.0
+        return f"plus_zero({code} * {number(signal.factor)})"
+    if signal.factor != 1.0:
+        code = f"{code} * {number(signal.factor)}"
+    return f"({code}) + {number(signal.offset)}" if signal.offset != 0.0 else code

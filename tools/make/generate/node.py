@@ -1,0 +1,295 @@
+"""The blocks of one node of a rig in C, in their order and wired: `NAME_rig.h` and `NAME_rig.c`.
+
+    NAME_received, NAME_sent      what frames carry, FRAME_signal in the order of the DBC file
+    NAME_rig                      parameters, states, inputs, outputs of all blocks, BLOCK_p, ...
+        .loop                     what the rig transmits of the loop itself, set by who calls
+    NAME_rig_init                 the rig's values after `prepare`; not 0: the self-test refuses
+    NAME_rig_step                 cycle k: tunings of `schedule`, blocks, `transmit`
+    NAME_rig_limit                what is sent, within `limits`: as `executive.loop.limits`
+
+Frames, counters, CRC and the supervisor stand around it.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from pcpc.executive.loop.limits import FINITE
+from pcpc.executive.nodes.plan import Plan, cycles_of, plan
+from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.roles import Role
+from pcpc.executive.rig.schema import FALLBACK
+from pcpc.tools.make.generate import single
+from pcpc.tools.make.generate.translator import elementary
+from pcpc.tools.make.generate.translator.kinds import Untranslatable, number_text
+from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, elements, signature, translated
+from pcpc.tools.make.generate.translator.source import commented
+from pcpc.tools.make.generate.translator.unit import wrapped
+from pcpc.tools.make.generate.words import identifier
+
+
+class Wiring:
+    """What of a node's table is where in C."""
+
+    def __init__(self, rig: Rig, role: Role, name: str) -> None:
+        self.rig, self.role, self.name = rig, role, name
+        self.plan: Plan = plan(rig, role, "lockstep")
+        if self.plan.faults:
+            raise Untranslatable(f"{rig.path}: faults on purpose have no C; take them out")
+        both = zip(self.plan.spec.blocks, self.plan.views, strict=True)
+        self.blocks = [(spec, views) for spec, views in both if spec.name != FALLBACK]
+        self.places: dict[int, str] = {}  # of a variable, behind `rig->`, `received->`, `sent->`
+        self.loop: dict[str, str] = {}  # variables of the loop itself that blocks or frames take
+        for spec, views in self.blocks:
+            declared = dict(zip(ROLES, spec.block.step.declared, strict=True))
+            for role_, letter in LETTERS.items():
+                texts = elements(declared[role_].layout)
+                stem = f"rig->{identifier(spec.name)}_{letter}."
+                for place, text in zip(getattr(views, role_), texts, strict=True):
+                    self.places[place] = stem + text
+        for place, variable in enumerate(self.plan.table.variables):
+            if variable.kind in ("received", "sent"):
+                its = identifier(variable.name.partition(".")[2])
+                self.places[place] = f"{variable.kind}->{its}"
+
+    def block_name(self, block: str) -> str:
+        """Return the name in C of a block's law."""
+        return f"{self.name}_{identifier(block)}"
+
+    def source(self, place: int) -> str:
+        """Return the expression of a variable that something is wired to."""
+        if place not in self.places:
+            variable = self.plan.table.variables[place]
+            its = identifier(variable.name)
+            self.loop[its] = variable.help
+            self.places[place] = f"rig->loop.{its}"
+        return self.places[place]
+
+    def copies(self, block: int) -> list[str]:
+        """Return the assignments before a block, or (-1) to what is sent."""
+        return [
+            f"{self.places[target]} = {self.source(source)};"
+            for source, target in self.plan.copies[block]
+        ]
+
+    def struct_members(self) -> list[str]:
+        """Return the members of NAME_rig that are doubles."""
+        return [
+            f"{self.block_name(spec.name)}_{role} {identifier(spec.name)}_{LETTERS[role]};"
+            for spec, _ in self.blocks for role in signature(spec.block)
+        ]  # fmt: skip
+
+
+def rig_files(
+    rig: Rig, role: Role = "executive", name: str = "", in_single: bool = False
+) -> dict[str, str]:
+    """Return all files of a node: its laws, the elementary functions, `NAME_rig.h` and `.c`.
+
+    `name` "": that of the rig; `in_single`: with floats. Raises Untranslatable, RigError.
+    """
+    name = name or identifier(rig.config.rig)
+    wiring = Wiring(rig, role, name)
+    files: dict[str, str] = {}
+    values = wiring.plan.values
+    for spec, views in wiring.blocks:
+        pairs = [
+            [(text, values.get(place, 0.0)) for text, place in
+             zip(port_names, getattr(views, kind), strict=True)]
+            for kind, port_names in (
+                (kind, [n for port in getattr(spec.block, kind) for n in port.names()])
+                for kind in ("parameters", "states")
+            )
+        ]  # fmt: skip
+        files |= translated(spec.block, wiring.block_name(spec.name), (pairs[0], pairs[1]))
+    steps = list(_steps(wiring))  # first: it finds out what of the loop is needed
+    files[f"{name}_rig.h"] = "\n".join(p for line in _header(wiring) for p in wrapped(line))
+    files[f"{name}_rig.c"] = "\n".join(p for line in _body(wiring, steps) for p in wrapped(line))
+    return single.single(files) | single.files() if in_single else files | elementary.files()
+
+
+def _header(wiring: Wiring) -> Iterator[str]:
+    name, rig = wiring.name, wiring.rig
+    guard = f"PCPC_{name.upper()}_RIG_H"
+    about = f"{rig.config.rig}: {rig.config.title}. Node {wiring.plan.spec.name} of the rig"
+    yield f"/* {commented(about)}, made by `pcpc generate c`. */"
+    yield from (f"#ifndef {guard}", f"#define {guard}", "", "#include <stdbool.h>")
+    yield from ("#include <stdint.h>", "")
+    yield from (f'#include "{wiring.block_name(spec.name)}.h"' for spec, _ in wiring.blocks)
+    rate = rig.config.rate_hz
+    yield from ("", f"#define {name.upper()}_PERIOD_S {number_text(round(1e9 / rate) * 1e-9)}")
+    yield from (f"#define {name.upper()}_CYCLES {cycles_of(rig)}U", "")
+    for kind, what in (("received", "hears"), ("sent", "sends")):
+        yield f"/* What the frames carry that this node {what}. */"
+        yield "typedef struct {"
+        for variable in wiring.plan.table.variables:
+            if variable.kind == kind:
+                its = identifier(variable.name.partition(".")[2])
+                words = commented(f"[{variable.unit or '1'}] {variable.help}")
+                yield f"    double {its}; /* {words} */"
+        yield from (f"}} {name}_{kind};", "")
+    if wiring.loop:
+        yield "/* What is sent of the loop itself; who calls sets it before each step. */"
+        yield "typedef struct {"
+        yield from (f"    double {its}; /* {commented(h)} */" for its, h in wiring.loop.items())
+        yield from (f"}} {name}_loop;", "")
+    yield "/* All blocks: p parameters, x states, u inputs, y outputs. */"
+    yield "typedef struct {"
+    yield from (f"    {member}" for member in wiring.struct_members())
+    if wiring.loop:
+        yield f"    {name}_loop loop;"
+    for what in ("last", "before") if wiring.plan.limits else ():
+        words = "before a ramp" if what == "last" else "in the cycle before"
+        yield f"    double {what}[{len(wiring.plan.limits)}]; /* commands sent {words} */"
+    yield from ("    int32_t refused; /* by the self-test; then a step does nothing */",)
+    yield from (f"}} {name}_rig;", "")
+    yield "/* Set the values that the rig starts with. Return 0, or what the self-test says. */"
+    yield from (f"int32_t {name}_rig_init({name}_rig *rig);", "")
+    yield "/* Cycle k: from what was received to what is to be sent. Return 0, or as init. */"
+    yield from (f"{_step_head(name)};", "")
+    yield "/* Keep commands within their limits: range and rate. `waits`: they are safe; `ramping`:"
+    yield " * they fall from the last ones to safe with `gain` 1..0; else they rise with it. Return"
+    yield " * how many were limited, -1 if one was no finite number (its last value is sent). */"
+    yield from (f"{_limit_head(name)};", "", f"#endif /* {guard} */", "")
+
+
+def _step_head(name: str) -> str:
+    given = f"const {name}_received *received, {name}_sent *sent"
+    return f"int32_t {name}_rig_step({name}_rig *rig, uint32_t cycle, {given})"
+
+
+def _limit_head(name: str) -> str:
+    given = f"bool waits, bool ramping, double gain, {name}_sent *sent"
+    return f"int32_t {name}_rig_limit({name}_rig *rig, {given})"
+
+
+def _body(wiring: Wiring, steps: Sequence[str]) -> Iterator[str]:
+    name = wiring.name
+    yield f"/* The blocks of {commented(wiring.plan.spec.name)}, wired as the rig says. */"
+    yield from ("", f'#include "{name}_rig.h"', "", '#include "pcpc_math.h"', "")
+    yield from _init(wiring)
+    yield from steps
+    yield from _limits(wiring)
+
+
+def _init(wiring: Wiring) -> Iterator[str]:
+    name, plan_ = wiring.name, wiring.plan
+    zeroed = [m for m in wiring.struct_members() if m.endswith(("_u;", "_y;"))]
+    if zeroed or wiring.loop:
+        yield "static void zero(double *values, uint32_t bytes)"
+        yield "{"
+        yield "    for (uint32_t i = 0U; i < (bytes / sizeof(double)); i += 1U) {"
+        yield from ("        values[i] = 0.0;", "    }", "}", "")
+    yield f"int32_t {name}_rig_init({name}_rig *rig)"
+    yield "{"
+    for spec, _ in wiring.blocks:
+        has = [role for role in ("parameters", "states") if role in signature(spec.block)]
+        given = ", ".join(f"&rig->{identifier(spec.name)}_{LETTERS[role]}" for role in has)
+        yield f"    {wiring.block_name(spec.name)}_init({given});"
+    for member in (*zeroed, *(["x loop;"] if wiring.loop else [])):
+        its = member.split()[1].rstrip(";")
+        yield f"    zero((double *)&rig->{its}, (uint32_t)sizeof(rig->{its}));"
+    for _, views in wiring.blocks:
+        for place in views.outputs:
+            if plan_.values.get(place, 0.0) != 0.0:
+                yield f"    {wiring.places[place]} = {number_text(plan_.values[place])};"
+    for i, limit in enumerate(plan_.limits.values()):
+        yield f"    rig->last[{i}] = {number_text(limit.safe or 0.0)};"
+        yield f"    rig->before[{i}] = {number_text(limit.safe or 0.0)};"
+    tests = " | ".join(f"{wiring.block_name(s.name)}_selftest()" for s, _ in wiring.blocks)
+    yield f"    rig->refused = {tests or 'pcpc_selftest()'};"
+    yield from ("    return rig->refused;", "}", "")
+
+
+def _steps(wiring: Wiring) -> Iterator[str]:
+    name, plan_ = wiring.name, wiring.plan
+    yield _step_head(name)
+    yield "{"
+    yield f"    const double dt = {name.upper()}_PERIOD_S;"
+    yield "    const double t = (double)cycle * dt;"
+    yield from ("", "    (void)received;", "    (void)sent;", "    (void)t;")
+    yield from ("    if (rig->refused != 0) {", "        return rig->refused;", "    }")
+    for cycle, place, value in plan_.schedule:
+        variable = plan_.table.variables[place]
+        if place not in wiring.places:
+            what = f"schedule: {variable.name} is of the loop, which has no C"
+            raise Untranslatable(f"{wiring.rig.path}: {what}; tune blocks only")
+        yield f"    if (cycle == {cycle}U) {{"
+        yield f"        {wiring.places[place]} = {number_text(value)};"
+        yield "    }"
+    clock = plan_.table.index["time.t_s"]
+    wiring.places[clock] = "t"
+    order = [spec.name for spec in plan_.spec.blocks]
+    for spec, _ in wiring.blocks:
+        yield ""
+        yield from (f"    {line}" for line in wiring.copies(order.index(spec.name)))
+        given = "".join(
+            f", &rig->{identifier(spec.name)}_{LETTERS[role]}" for role in signature(spec.block)
+        )
+        yield f"    {wiring.block_name(spec.name)}_step(t, dt{given});"
+    yield ""
+    yield from (f"    {line}" for line in wiring.copies(-1))
+    yield from ("    return 0;", "}", "")
+
+
+def _limits(wiring: Wiring) -> Iterator[str]:
+    """Yield NAME_rig_limit: `limit_commands` of the loop, command by command."""
+    name, plan_ = wiring.name, wiring.plan
+    dt = round(1e9 / wiring.rig.config.rate_hz) * 1e-9
+    if plan_.limits:
+        yield from _LIMITED.splitlines()
+        yield ""
+    yield _limit_head(name)
+    yield "{"
+    if not plan_.limits:
+        yield from (f"    (void){its};" for its in ("rig", "waits", "ramping", "gain", "sent"))
+        yield from ("    return 0;", "}", "")
+        return
+    yield from ("    int32_t count = 0;", "    bool odd = false;", "")
+    for i, (signal, limit) in enumerate(plan_.limits.items()):
+        rate = math.inf if limit.rate_per_s is None else limit.rate_per_s * dt
+        low, high, safe_, step = map(number_text, (limit.low, limit.high, limit.safe or 0.0, rate))
+        yield "    {"
+        yield f"        const limits its = {{{low}, {high}, {step}, {safe_}}};"
+        at = f"sent->{identifier(signal)}"
+        yield f"        if (!(pcpc_abs({at}) < {number_text(FINITE)})) {{"
+        yield "            odd = true;"
+        yield f"            {at} = rig->last[{i}];"
+        yield "        }"
+        yield (
+            f"        count += limited(&{at}, &rig->last[{i}], &rig->before[{i}], &its, waits,"
+            " ramping, gain);"
+        )
+        yield "    }"
+    yield from ("    return odd ? -1 : count;", "}", "")
+
+
+_LIMITED = """\
+typedef struct {
+    double low;
+    double high;
+    double step; /* the most that it may change in a cycle */
+    double safe;
+} limits;
+
+/* Keep one command within its limits; return 1 if that changed it. */
+static int32_t limited(double *command, double *last, double *before, const limits *its,
+        bool waits, bool ramping, double gain)
+{
+    double wanted = waits ? its->safe : *command;
+
+    if (ramping) {
+        wanted = (its->safe == 0.0) ? gain * *last : its->safe + gain * (*last - its->safe);
+    } else if (gain < 1.0) {
+        wanted = its->safe + gain * (wanted - its->safe);
+    }
+    double value = (its->low > wanted) ? its->low : wanted;
+    value = (its->high < value) ? its->high : value;
+    value = ((*before - its->step) > value) ? *before - its->step : value;
+    value = ((*before + its->step) < value) ? *before + its->step : value;
+    *before = value;
+    *command = value;
+    if (ramping) {
+        return 0;
+    }
+    *last = ((gain < 1.0) && (gain > 0.0)) ? its->safe + (value - its->safe) / gain : value;
+    return (value != wanted) ? 1 : 0;
+}"""

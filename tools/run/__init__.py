@@ -1,0 +1,1 @@
+"""From a rig to a verdict: on a bus, in virtual time, frame by frame."""

@@ -1,0 +1,284 @@
+"""`pcpc check RIG`: every check of the nodes without starting them, and what they would do.
+
+Prints nodes and schedules, the wiring (input <- source [unit]), the frames both ways, the bus load.
+A signal that is sent but wired to nothing carries 0: a warning.
+"""
+
+import argparse
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers import dbc
+from pcpc.drivers.errors import Exit, printable
+from pcpc.executive.log import names
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes import plausible
+from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of, plan
+from pcpc.executive.rig import law_errors, purity, trial
+from pcpc.executive.rig.blocks import law_keys
+from pcpc.executive.rig.buses import check_line
+from pcpc.executive.rig.messages import bus_load
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.resolve import Use, users_case
+from pcpc.executive.rig.schema import Limit
+from pcpc.plants.drawing import drawing_of, settings_of
+from pcpc.tools.after.verdict.imagine import imagined
+from pcpc.tools.after.verdict.judge import Judge, check
+from pcpc.tools.start.bus import traffic
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.rooms import parts_called
+
+_RATES_HZ = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Check and describe a rig."""
+    rig = load_rig(options.rig, options.controller, options.set)
+    check_line(rig, "virtual")
+    plans = [plan(rig, role, rig.config.pacing) for role in rig.roles]
+    impure = _try_laws(rig)
+    check_pacing(rig, rig.config.pacing)
+    check_rate(rig, rig.config.pacing)
+    for made in plans:
+        plausible.check(made)
+    judge = Judge.of(rig)
+    report = describe(rig, plans)
+    late = traffic.warning(rig, rig.config.pacing)
+    report["warnings"] += [*impure, *([late] if late else []), *check(judge, options.set)]
+    report["warnings"] += _try_drawing(rig)
+    if options.json:
+        print(json.dumps(report, indent=2))
+    else:
+        show(report)
+    return Exit.OK
+
+
+def _try_laws(rig: Rig) -> list[str]:
+    """Step the laws from outside the project with these settings; RigError for what is wrong.
+
+    Return a line for each thing in them that has other bits, or does other things, elsewhere.
+    """
+    config = rig.config
+    found: dict[str, None] = {}
+    blocks = [block for role in config.sections for block in rig.nodes()[role].blocks]
+    for block, (at, law) in zip(blocks, rig.laws(), strict=True):
+        module = law.partition(":")[0]
+        file = rig.document.file(at, module) if module.endswith(".py") else Path()
+        use = Use(block.settings, config.rate_hz, config.seed)
+        case = users_case(law, file, use)
+        if case is not None and (problem := trial.attempt(case)):
+            raise rig.document.error(at, problem)
+        if case is not None:
+            for line, name in purity.warnings(Path(case.file).read_text("utf-8")):
+                where = law_errors.at((case.file, line), f"{name} in a step")
+                found[f"{where}: not the same on every machine; see docs/howto/controller.md"] = (
+                    None
+                )
+    return [*found]
+
+
+def _try_drawing(rig: Rig) -> list[str]:
+    """Draw the plant with zeros and with nothing; DrawingError. Return what it needs in vain."""
+    made = drawing_of(rig)
+    if made is None:
+        return []
+    for value in (0.0, math.nan):
+        made.scene(dict.fromkeys((*made.needs, "t"), value), settings_of(rig))
+    log = imagined(rig, rig.config.pacing)
+    absent = [source for source in made.needs.values() if names.place(log, source) is None]
+    return [f"{made.file}: NEEDS: {names.missing(log, source)}" for source in absent]
+
+
+def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:
+    """Return what `--json` prints, from the checked plans of executive and plant."""
+    config = rig.config
+    return {
+        "rig": config.rig,
+        "title": config.title,
+        "file": str(rig.path),
+        "dbc": str(rig.dbc),
+        "controller": config.controller,
+        "pacing": config.pacing,
+        "rate_hz": config.rate_hz,
+        "duration_s": config.duration_s,
+        "cycles": cycles_of(rig),
+        "nodes": {made.role: _node(made) for made in plans},
+        "bus": _bus(rig),
+        "warnings": [line for made in plans for line in (*_unwired(made), *_narrow(made))],
+    }
+
+
+def _node(made: Plan) -> dict[str, Any]:
+    return {
+        "node": made.spec.name,
+        "schedule": [
+            {"block": spec.name, "law": _law(made, spec.name)} for spec in made.spec.blocks
+        ],
+        "wiring": _wiring(made),
+        "sends": [_frame(frame, made.rig.config.rate_hz) for frame in made.tx_frames],
+        "receives": [frame.name for frame in made.rx_frames],
+        "variables": len(made.table.variables),
+        **{part.KEY: part.report(made) for part in parts_called("checks")},
+    }
+
+
+def _law(made: Plan, block: str) -> str:
+    config = made.rig.config
+    kind, *_, name = map(str, law_keys(config, made.role, block))
+    if kind == "controllers":
+        return config.controllers[name].law
+    entry = config.sections[made.role].blocks.get(name)  # none: a part of the loop, as handover is
+    return (entry.law or "") if entry else ""
+
+
+def _wiring(made: Plan) -> list[dict[str, str]]:
+    """Return the copies in the loop's order: block by block, then what is sent."""
+    variables = made.table.variables
+    return [
+        {"input": variables[target].name, "source": variables[source].name,
+         "unit": variables[target].unit}
+        for copies in made.copies for source, target in copies
+    ]  # fmt: skip
+
+
+def _frame(frame: dbc.Frame, rate_hz: float) -> dict[str, Any]:
+    every = frame.every_n(rate_hz)
+    return {
+        "id": frame.can_id,
+        "extended": frame.extended,
+        "name": frame.name,
+        "bytes": frame.dlc,
+        "every_cycles": every,
+        "period_ms": 1000.0 * every / rate_hz,
+        "protected": frame.protected,
+        "crc_bits": 8 * frame.crc[0],
+        "signals": [signal.name for signal in frame.signals],
+        "scales": [
+            {"unit": signal.unit, "quantum": abs(signal.factor), "range": signal.range}
+            for signal in frame.signals
+        ],
+    }
+
+
+def _bus(rig: Rig) -> dict[str, Any]:
+    """Return the worst-case load at several rates, and the rate that fills the bus."""
+    config = rig.config
+    found: dict[str, Any] = {
+        "interface": config.bus.interface, "channel": config.bus.channel,
+        "bitrate": config.bus.bits_per_s,
+    }  # fmt: skip
+    if config.bus.bits_per_s is None:
+        return found | {"load": [], "highest_rate_hz": None}
+    database = dbc.load(rig.dbc)
+    rates = sorted({*_RATES_HZ, config.rate_hz})
+    load = {rate: bus_load(rig, database, rate, config.bus.bits_per_s) for rate in rates}
+    slow = bus_load(rig, database, 0.0, config.bus.bits_per_s)  # frames with a time of their own
+    per_hz = (load[config.rate_hz] - slow) / config.rate_hz
+    return found | {
+        "load": [{"rate_hz": rate, "load": round(share, 6)} for rate, share in load.items()],
+        "highest_rate_hz": int((1.0 - slow) / per_hz) if per_hz > 0.0 else None,
+    }
+
+
+def _unwired(made: Plan) -> list[str]:
+    """Return a line for each frame with signals that are sent but wired to nothing."""
+    place = made.rig.where(f"{made.role}.transmit")
+    lines = []
+    for frame in made.tx_frames:
+        names = [f"{frame.name}.{signal.name}" for signal in frame.signals]
+        bare = [name for name in names if name not in made.spec.transmit]
+        if bare:
+            lines.append(
+                f"{place}: {made.spec.name} sends 0 in {', '.join(bare)}: wired to nothing"
+            )
+    return lines
+
+
+def _narrow(made: Plan) -> Iterator[str]:
+    """Yield a line for each signal that cannot hold what the port that it is wired to may have."""
+    variables, sent = made.table.variables, made.copies[-1]
+    signals = {f"tx.{f.name}.{s.name}": (f, s) for f in made.tx_frames for s in f.signals}
+    for source, target in sent:
+        if variables[target].name not in signals:
+            continue
+        frame, signal = signals[variables[target].name]
+        name, port, (low, high) = f"{frame.name}.{signal.name}", variables[source], signal.range
+        limit = made.spec.limits.get(name, Limit())
+        asked = max(port.low, limit.low), min(port.high, limit.high)
+        beyond = low - asked[0], asked[1] - high
+        if port.kind == "output" and any(abs(signal.factor) < by < math.inf for by in beyond):
+            place = dbc.place(made.rig.dbc, frame.name, signal.name)
+            has = f"{port.name} goes from {asked[0]:g} to {asked[1]:g} {signal.unit}"
+            yield f"{place}: {name} holds {low:g} to {high:g} {signal.unit}, {has}: it will be cut"
+
+
+def show(report: dict[str, Any]) -> None:
+    """Print a report as text."""
+    title = f": {printable(report['title'])}" if report["title"] else ""
+    _say(f"{report['rig']}{title}")
+    _say(f"  file {report['file']}")
+    _say(f"  dbc  {report['dbc']}")
+    _say(
+        f"  {report['rate_hz']:g} Hz, {report['duration_s']:g} s, {report['cycles']} cycles, "
+        f"pacing {report['pacing']}, controller {report['controller']}"
+    )
+    for role, node in report["nodes"].items():
+        _show_node(role, node)
+    _show_bus(report)
+    for warning in report["warnings"]:
+        _say(f"warning: {warning}")
+
+
+def _say(text: str, indent: str = "    ") -> None:
+    """Print a line, wrapped where it does not fit."""
+    blanks = text[: len(text) - len(text.lstrip())]
+    print("\n".join(screen.wrapped(text.lstrip(), blanks, blanks + indent)))
+
+
+def _show_node(role: str, node: dict[str, Any]) -> None:
+    laws = ((entry["block"], entry["law"]) for entry in node["schedule"])
+    blocks = ", then ".join(f"{block} ({law})" if law else block for block, law in laws)
+    print(f"\n{role} {node['node']}, {node['variables']} of {sh.MAX_VARIABLES} variables")
+    _say(f"  schedule  {blocks}", " " * 10)
+    print("  wiring")
+    width = max((len(wire["input"]) for wire in node["wiring"]), default=0)
+    for wire in node["wiring"]:
+        unit = f" [{wire['unit']}]" if wire["unit"] else ""
+        print(f"    {wire['input']:{width}} <- {wire['source']}{unit}")
+    for part in parts_called("checks"):
+        for line in (line for about in node[part.KEY] for line in part.lines(about)):
+            _say(line)
+    _say(f"  receives  {', '.join(node['receives'])}", " " * 10)
+    print("  sends")
+    width = max((len(frame["name"]) for frame in node["sends"]), default=0)
+    for frame in node["sends"]:
+        digits = 8 if frame["extended"] else 3
+        when = "every cycle" if frame["every_cycles"] == 1 else f"every {frame['period_ms']:g} ms"
+        guard = {0: "", 8: "  counter, crc", 16: "  counter, crc16"}[frame["crc_bits"]]
+        print(
+            f"    0x{frame['id']:0{digits}X}  {frame['name']:{width}}  {frame['bytes']} bytes  "
+            f"{when:13}{guard}".rstrip()
+        )
+    rows = [
+        (f"    {frame['name']}.{name}", f"{scale['quantum']:g} {scale['unit']}".strip(),
+         f"{scale['range'][0]:g} to {scale['range'][1]:g}")
+        for frame in node["sends"]
+        for name, scale in zip(frame["signals"], frame["scales"], strict=True)
+    ]  # fmt: skip
+    print("\n".join(["  signals, their quantum and range", *screen.table(rows, (1,))]))
+
+
+def _show_bus(report: dict[str, Any]) -> None:
+    bus = report["bus"]
+    if not bus["load"]:
+        print("\nbus load: not checked, the rig gives no bus.bitrate")
+        return
+    print(f"\nbus load, worst case at {bus['bitrate']} bit/s")
+    for entry in bus["load"]:
+        this = "  <- this rig" if entry["rate_hz"] == report["rate_hz"] else ""
+        print(f"  {entry['rate_hz']:5g} Hz {entry['load']:7.1%}{this}")
+    if bus["highest_rate_hz"]:
+        _say(f"  {bus['highest_rate_hz']} Hz would fill it; `pcpc bus` tells when frames arrive")

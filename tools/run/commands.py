@@ -1,0 +1,141 @@
+"""Commands: check, run, simulate, plant, exec, local, play."""
+
+import argparse
+from typing import Any, NoReturn
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import SIMPLE, Add, Command
+from pcpc.tools.terminal.rooms import offered
+
+
+def check(add: Add) -> None:
+    """Take a rig."""
+    take.rig(add)
+    take.json(add)
+
+
+def simulate(add: Add) -> None:
+    """Take a rig, without what has no effect in virtual time."""
+    take.rig(add)
+    add("--bus", "--pacing", action=_Refused, help=argparse.SUPPRESS)
+    take.run_folder(add)
+
+
+class _Refused(argparse.Action):
+    """An option of the other commands that would have no effect here."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> NoReturn:
+        parser.error(f"{given[-1]}: not in virtual time; `pcpc run` has it")
+
+
+def plant(add: Add) -> None:
+    """Take what `run` takes, and what other rooms offer."""
+    take.run(add)
+    for more in offered("BESIDE_PLANT"):
+        more(add)
+
+
+def play(add: Add) -> None:
+    """Take a log, and which of its frames go where and when."""
+    add("log", metavar="LOG", help="log file, run folder or latest")
+    add("--bus", default="auto", metavar="INTERFACE[:CHANNEL]", help=take.BUSES)
+    add("-r", "--rate", type=float, default=1.0, metavar="FACTOR",
+        help="speed: 2 is twice as fast, 0 as fast as the bus takes frames")  # fmt: skip
+    add("--loop", type=int, nargs="?", const=0, metavar="N", help="N times; for ever without N")
+    add("--start", type=float, default=0.0, metavar="S",
+        help="begin S seconds behind the log's first frame")  # fmt: skip
+    add("--duration", type=float, metavar="S", help="play S seconds of the recording")
+    add("--step", nargs="?", const="frame", choices=("frame", "cycle"),
+        help="one frame, or the frames of one cycle, at each Enter")  # fmt: skip
+    add("--only", action="append", default=[], metavar="NAME|ID",
+        help="only this frame: its name, or its id in hexadecimal; may be repeated")  # fmt: skip
+    add("--as", dest="role", choices=("executive", "plant"),
+        help="only what this node sent, once the other node is heard")  # fmt: skip
+    add("--no-wait", action="store_true", help="with --as: begin without the other node")
+    add("-p", "--priority", type=int, default=70, metavar="1..99",
+        help="of SCHED_FIFO, where that is allowed; %(default)s, an emulator's")  # fmt: skip
+    take.json(add, "print the result as one JSON object")
+    take.quiet(add)
+
+
+COMMANDS = (
+    Command(
+        "check",
+        "check a rig file and print its wiring and bus load",
+        "pcpc check hull",
+        check,
+        codes={**SIMPLE, Exit.ENVIRONMENT: "the bus"},
+        judges=True,
+        compiles=True,
+        module="run.check",
+        first=True,
+    ),
+    Command(
+        "run",
+        "start emulator, executive and recorder, end with a verdict",
+        "pcpc run hull\npcpc run hull --host --write",
+        take.run,
+        judges=True,
+        compiles=True,
+        module="run.run",
+        first=True,
+    ),
+    Command(
+        "simulate",
+        "run the same in virtual time, in one process, without a bus",
+        "pcpc simulate hull --controller pid --set barrel.gap_rad=0.003",
+        simulate,
+        judges=True,
+        compiles=True,
+        module="run.simulate",
+        first=True,
+    ),
+    Command(
+        "plant",
+        "start the emulator only, or with a device of yours as the executive",
+        "pcpc plant hull --bus vcan0\npcpc plant probe --pacing lockstep --device ./firmware {bus}",
+        plant,
+        judges=True,
+        compiles=True,
+        last="--device",
+        module="run.run",
+    ),
+    Command(
+        "exec",
+        "start executive and recorder only",
+        "pcpc exec hull --bus vcan0",
+        take.run,
+        judges=True,
+        compiles=True,
+        module="run.run",
+    ),
+    Command(
+        "local",
+        "start the node between the two only, of a rig with three",
+        "pcpc local telerobot-u1 --bus vcan0",
+        take.run,
+        judges=True,
+        compiles=True,
+        module="run.run",
+    ),
+    Command(
+        "play",
+        "put recorded frames on a bus, at their times",
+        "pcpc play latest --bus vcan0\n"
+        "pcpc play latest --start 2 --duration 1 --loop --only FB_A --only 0x080\n"
+        "pcpc play latest --as plant --bus vcan0    # beside: pcpc exec RIG --bus vcan0",
+        play,
+        codes={
+            Exit.OK: "played",
+            Exit.WRONG_INPUT: "",
+            Exit.LOSS: "send errors or damaged log",
+            Exit.ENVIRONMENT: "",
+            Exit.INTERRUPTED: "",
+        },
+        judges=True,
+        compiles=True,
+        reads_logs=True,
+        module="run.play",
+    ),
+)

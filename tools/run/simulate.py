@@ -1,0 +1,94 @@
+"""`pcpc simulate`: a rig in virtual time, from its file to a run folder with a verdict."""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from pcpc.executive.log.long_logs import Wanted
+from pcpc.executive.log.mcap_writer import RecordError
+from pcpc.executive.nodes import fmus, plausible
+from pcpc.executive.nodes.external import External
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.nodes.watched import StepError
+from pcpc.executive.rig import carried
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.after.verdict.conclude import conclude
+from pcpc.tools.after.verdict.judge import Judge, foreseen
+from pcpc.tools.after.verdict.outcome import Outcome, changed
+from pcpc.tools.start.children import on_request
+from pcpc.tools.start.folder import LOG, run_folder
+from pcpc.tools.terminal.progress import Progress
+
+
+class Simulation:
+    """A rig of which all blocks can run, in virtual time into the file `log`."""
+
+    def __init__(
+        self, rig: Rig, log: Path, judged: Wanted, outcome: Outcome,
+        controller: External | None = None,
+    ) -> None:  # fmt: skip
+        """`judged`: of the recorder; `controller`: of VirtualRun. RigError, BusError."""
+        self.rig, self.outcome = rig, outcome
+        self.run = VirtualRun(rig, log, judged, controller, plausible.check)
+        self.lacking = carried.warning(self.run.blocks[0].description["files"])
+
+    def interrupt(self) -> None:
+        """Ask it to end."""
+        self.outcome.interrupted = True
+        self.run.stop()
+
+    def tell_line(self, folder: Path) -> str:
+        """Write what became of an emulated line, and return it in a line; "" without one."""
+        if not self.run.over:
+            return ""
+        from pcpc.tools.start.bus import line_report
+
+        line, bitrate, _ = self.run.over
+        found = line_report.of(line, self.rig.roles, bitrate)
+        line_report.write(found, folder / line_report.FILE)
+        return line_report.told(found)
+
+    def to_end(self, progress: Progress) -> None:
+        """Run it; what came of it goes into the outcome."""
+        begin_s, total = time.monotonic(), self.run.blocks[0].description["cycles"]
+        try:
+            for cycles in self.run.advance():
+                speed = cycles / self.rig.config.rate_hz / max(time.monotonic() - begin_s, 1e-9)
+                progress.show(f"cycle {cycles}/{total}, {speed:.0f} x real time")
+            self.run.close()
+        except StepError as error:
+            if str(error):
+                print(error, file=sys.stderr)
+            self.run.close()
+        except RecordError as error:
+            self.outcome.missing.append(str(error))
+        progress.close()
+        for line in (line for made in self.run.plans for line in fmus.failures(made)):
+            print(line, file=sys.stderr)
+        for block in self.run.blocks:
+            self.outcome.judge(block.description["node"], 0, block)
+        self.outcome.realtime = None
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run a rig in virtual time and sum up; return the exit code."""
+    rig = load_rig(options.rig, options.controller, options.set)
+    judge = Judge.of(rig)
+    judged = foreseen(judge, "lockstep", not options.no_figure)
+    outcome = Outcome("virtual", "memory", changed=changed(options.set), strict=options.judge)
+    with run_folder(options.output, rig) as folder:
+        simulation = Simulation(rig, folder / LOG, judged, outcome)
+        if simulation.lacking:
+            print(simulation.lacking, file=sys.stderr)
+
+        def interrupt(number: int, frame: Any) -> None:
+            simulation.interrupt()
+
+        on_request(interrupt)
+        progress = Progress(options.quiet)
+        simulation.to_end(progress)
+        if said := simulation.tell_line(folder):
+            progress.say(said)
+        return conclude(judge, folder, outcome, options, judged)

@@ -1,0 +1,1 @@
+"""What a run starts with: rigs by name, folders, processes, the bus."""

@@ -1,0 +1,1 @@
+"""The bus of a rig: its load, response times, an emulated line."""

@@ -1,0 +1,220 @@
+"""`pcpc bus emulate A B`: one CAN line with a bit rate, of two channels that have none.
+
+What is sent on A is there on B when its last bit would be, and the other way round; in between
+stands the model of `drivers.line`. At the end: what each side sent and lost, error counters, load,
+and how far behind its time the gateway handed the frames over.
+"""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers import bus as buses
+from pcpc.drivers import choice, line, realtime
+from pcpc.drivers.errors import BusError, Exit
+from pcpc.executive.errors import RigError
+from pcpc.executive.nodes.gateway import Gateway
+from pcpc.executive.rig.buses import line_options
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.start.bus import line_report
+from pcpc.tools.start.bus.report import rate_of
+from pcpc.tools.start.bus.traffic import MOST_CLASSIC
+from pcpc.tools.start.interface import named_bus
+from pcpc.tools.terminal.progress import Progress
+
+PRIORITY = 85  # above the executive's 80: a wire waits for nobody
+_POLL_S = 0.1
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How often a bit is hit, how many transmissions in a row, and by which chance."""
+
+    p: float = 0.0
+    burst: float = 1.0
+    seed: int = 1
+
+    @classmethod
+    def parsed(cls, text: str | None) -> "Errors":
+        """Return what `p=1e-5,burst=2,seed=7` says; RigError."""
+        given: dict[str, Any] = {}
+        for part in [] if text is None else text.replace(" ", "").split(","):
+            name, _, value = part.partition("=")
+            if name in given:
+                raise RigError(f"--errors {text}: {name}: given twice")
+            try:
+                given[name] = {"p": float, "burst": float, "seed": int}[name](value)
+            except (KeyError, ValueError):
+                what = "expected p=1e-5,burst=2,seed=7, each of them or not"
+                raise RigError(f"--errors {text}: {part}: {what}") from None
+        found = cls(**given)
+        if not (found.p == 0.0 or 1e-9 <= found.p <= 1.0):
+            raise RigError(f"--errors p={found.p:g}: expected 0, or 1e-9 to 1 of all bits")
+        if not 1.0 <= found.burst <= 1e9:
+            raise RigError(f"--errors burst={found.burst:g}: expected 1 to 1e9 transmissions")
+        if not 0 <= found.seed < 2**63:
+            raise RigError(f"--errors seed={found.seed}: expected 0 to 2^63 - 1")
+        return found
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry frames until the end is asked for; INTERRUPTED then, LOSS if one was lost."""
+    errors = Errors.parsed(options.errors)
+    if options.queue > line.MOST_ROOM:
+        raise RigError(f"--queue {options.queue}: at most {line.MOST_ROOM}")
+    if options.bitrate and options.bitrate > MOST_CLASSIC:
+        raise RigError(f"--bitrate {rate_of(options.bitrate)}: classic CAN ends at 1 Mbit/s")
+    sides = _sides(options.words[1:])
+    held = [choice.take(choice.Wanted(*one, rig="", roles=())) for one in sides]
+    gateway = Gateway(
+        options.bitrate or MOST_CLASSIC, options.queue, in_order=options.in_order, p=errors.p,
+        burst=errors.burst, seed=errors.seed,
+    )  # fmt: skip
+    gateway.open([one.bus for one in held])
+    names = [str(one.bus) for one in held]
+    interrupted = _run(gateway, names, options)
+    found = result(gateway, names)
+    print(json.dumps(found, indent=2) if options.json else text_of(found))
+    lost = any(side["refused"] or side["lost_off"] for side in found["sides"])
+    if interrupted:
+        return Exit.INTERRUPTED
+    return Exit.LOSS if lost or found["not_taken"] else Exit.OK
+
+
+def _sides(words: list[str]) -> list[tuple[str, str | None]]:
+    """Return the two buses that are named; RigError, BusError."""
+    if len(words) != 2:
+        raise RigError(f"emulate {' '.join(words)}: expected two buses, as emulate vcan0 vcan1")
+    found = []
+    for word in words:
+        named = buses.parse(word)
+        if named[0] == "auto":
+            raise RigError(f"emulate {word}: name the bus, as vcan0 or udp_multicast:GROUP:PORT")
+        bus = named_bus(named, f"emulate {word}")
+        if not bus.compiled:
+            raise RigError(f"emulate {word}: expected socketcan or udp_multicast")
+        if bus in found:
+            raise RigError(f"emulate {' '.join(words)}: both are one bus; name another one")
+        found.append(bus)
+    return [(bus.interface, bus.channel) for bus in found]
+
+
+def _run(gateway: Gateway, names: list[str], options: argparse.Namespace) -> bool:
+    """Carry until the end; return whether it was asked for."""
+    progress = Progress(options.quiet)
+    report, failed, interrupted = realtime.prepare_process(), [], False
+
+    def work() -> None:
+        nonlocal report
+        report += realtime.prepare_thread(PRIORITY, None)
+        try:
+            gateway.carry()
+        except BusError as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    previous = {s: signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)}
+    end_s = time.monotonic() + (options.for_s or float("inf"))
+    try:
+        for number in previous:
+            signal.signal(number, signal.default_int_handler)
+        thread.start()
+        progress.say(f"{names[0]} and {names[1]} are one line of {rate_of(gateway.bitrate)}")
+        before = 0, 0
+        while thread.is_alive() and (left_s := end_s - time.monotonic()) > 0.0:
+            thread.join(min(left_s, _POLL_S))
+            if progress.due():
+                now = int(gateway.n.line.busy), gateway.bits
+                progress.show(_state(gateway, now[0] - before[0], now[1] - before[1]))
+                before = now
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        gateway.stop()
+        thread.join()
+        progress.close()
+    if failed:
+        raise failed[0]
+    if warning := report.warning():
+        progress.say(f"gateway: {warning}")
+    return interrupted
+
+
+def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
+    """Be the line of a run, in a process of its own, until SIGTERM; tell `ready`, a file, at once.
+
+    Writes `result` to `report`. BusError goes to stderr.
+    """
+    config, sides = rig.config.bus, [bus, buses.beside(bus)]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    gateway = Gateway(config.bits_per_s or MOST_CLASSIC, config.queue, **line_options(rig))
+    try:
+        gateway.open(sides)
+        os.close(ready)
+        _run(gateway, [str(one) for one in sides], argparse.Namespace(quiet=True, for_s=None))
+    except BusError as error:
+        print(f"line: {error}", file=sys.stderr)
+        return error.code
+    line_report.write(result(gateway, [str(one) for one in sides]), report)
+    return Exit.OK
+
+
+def _state(gateway: Gateway, busy: int, bits: int) -> str:
+    """Return a line of progress, with the load since the last one."""
+    n = gateway.n.line
+    states = " ".join(line_report.STATES[line.state_of(n, s)] for s in range(2))
+    waiting = "+".join(str(int(n.waiting[s])) for s in range(2))
+    return (
+        f"{int(n.sent.sum())} frames, load {busy / max(bits, 1):.0%}, {int(n.errors.sum())} errors"
+        f", {states}, waiting {waiting}, lost {int((n.refused + n.lost_off).sum())}"
+    )
+
+
+def result(gateway: Gateway, names: list[str]) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    found = line_report.of(gateway.n.line, names, gateway.bitrate)
+    for side, count in zip(found["sides"], gateway.n.foreign, strict=True):
+        side["not_carried"] = int(count)
+    return found | {
+        "duration_s": gateway.bits / gateway.bitrate, "not_taken": gateway.not_taken,
+        "handed_over_late_us": gateway.late_us(),
+    }  # fmt: skip
+
+
+def text_of(found: dict[str, Any]) -> str:
+    """Return the result in lines to read."""
+    lines = [
+        f"line     {rate_of(found['bitrate'])}, {found['duration_s']:.3f} s, "
+        f"load {found['load']:.1%}"
+    ]
+    for side in found["sides"]:
+        lines.append(
+            f"{side['bus']}\n  sent     {side['sent']} frames, at most {side['longest_us']:.0f} us "
+            f"from queue to end, {side['most_waiting']} waiting"
+        )
+        lines.append(
+            f"  errors   {side['errors']}; {side['state']}, TEC {side['tec']} (worst "
+            f"{side['worst_tec']}), REC {side['rec']}, {side['times_off']} times bus-off"
+        )
+        lost = {"queue full": side["refused"], "bus-off": side["lost_off"]}
+        told = ", ".join(f"{count} {why}" for why, count in lost.items() if count)
+        lines.append(f"  lost     {told or 'none'}")
+        if side["not_carried"]:
+            lines.append(f"  left out {side['not_carried']} FD or remote frames")
+    late = found["handed_over_late_us"]
+    lines.append(
+        f"gateway  late p50 {late['p50']:.0f} us, p99 {late['p99']:.0f} us, max "
+        f"{late['max']:.0f} us"
+    )
+    if found["not_taken"]:
+        lines.append(f"         {found['not_taken']} frames not taken by the other side's bus")
+    return "\n".join(lines)

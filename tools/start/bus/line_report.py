@@ -1,0 +1,49 @@
+"""What became of an emulated CAN line: its numbers, and a line to read."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.line import state_of
+from pcpc.tools.start.bus.report import rate_of
+from pcpc.tools.terminal.outfile import whole_file
+
+FILE = "line.json"  # in a run's folder
+STATES = "active", "warning", "passive", "bus-off"
+_COUNTS = ("sent", "waiting", "errors", "refused", "lost_off", "times_off", "most_waiting")
+
+
+def of(line: Any, names: Sequence[str], bitrate: int) -> dict[str, Any]:
+    """Return the numbers of a LINE record with its senders' names.
+
+    The load is that from its first to its last frame.
+    """
+    return {
+        "bitrate": bitrate, "load": int(line.busy) / max(int(line.free_at - line.first), 1),
+        "sides": [
+            {"bus": name} | {key: int(line[key][s]) for key in _COUNTS} | {
+                "state": STATES[state_of(line, s)], "tec": int(line.transmit_errors[s]),
+                "rec": int(line.receive_errors[s]), "worst_tec": int(line.worst[s]),
+                "longest_us": 1e6 * int(line.longest_bits[s]) / bitrate,
+            }
+            for s, name in enumerate(names)
+        ],
+    }  # fmt: skip
+
+
+def write(found: dict[str, Any], path: Path) -> None:
+    """Write the numbers as JSON; OSError."""
+    with whole_file(path) as unfinished:
+        unfinished.write_text(json.dumps(found, indent=2) + "\n")
+
+
+def told(found: dict[str, Any]) -> str:
+    """Return the numbers in a line."""
+    sides, late = found["sides"], found.get("handed_over_late_us")
+    total = {key: sum(side[key] for side in sides) for key in _COUNTS}
+    return (
+        f"line: {rate_of(found['bitrate'])}, {total['sent']} frames, load {found['load']:.1%}, "
+        f"{total['errors']} errors, {total['refused'] + total['lost_off']} lost, "
+        f"{total['times_off']} times bus-off" + (f", late p99 {late['p99']:.0f} us" if late else "")
+    )

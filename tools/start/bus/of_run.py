@@ -1,0 +1,30 @@
+"""The CAN line of a run with `bus.emulate`: a gateway between the sides of its nodes."""
+
+import json
+from pathlib import Path
+
+from pcpc.drivers.bus import Bus
+from pcpc.executive.rig.buses import check_line
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.start.bus import line_report
+from pcpc.tools.start.children import Child
+
+
+def started(rig: Rig, bus: Bus, folder: Path) -> Child:
+    """Start the gateway; return once it hears both sides, or has ended. RigError."""
+    check_line(rig, "real")
+
+    def main(ready: int) -> int:
+        from pcpc.tools.start.bus import emulate  # here, because it compiles
+
+        return emulate.serve(rig, bus, folder / line_report.FILE, ready)
+
+    return Child.serving("line", main)
+
+
+def told(folder: Path) -> str:
+    """Return in a line what the gateway had to tell at its end; "" if it did not come to that."""
+    try:
+        return line_report.told(json.loads((folder / line_report.FILE).read_text()))
+    except OSError:
+        return ""

@@ -1,0 +1,23 @@
+"""Commands: rigs."""
+
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import SIMPLE, Add, Command
+
+
+def rigs(add: Add) -> None:
+    """Take names or patterns."""
+    add("names", nargs="*", metavar="NAME", help="only these rigs or plants; * ? []")
+    take.json(add, "print one JSON list")
+
+
+COMMANDS = (
+    Command(
+        "rigs",
+        "list the rigs that come with pcpc",
+        "pcpc rigs atb1000 'friction-*'",
+        rigs,
+        codes=SIMPLE,
+        module="start.rigs",
+        first=True,
+    ),
+)

@@ -1,0 +1,119 @@
+"""The folder of a run: made before its first cycle, gone again when nothing came of it.
+
+What a command makes under `runs` is its own, also where several start in the same second.
+"""
+
+import contextlib
+import itertools
+import os
+import tempfile
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pcpc.executive.errors import FULL, RigError
+from pcpc.executive.rig.reading import Rig
+
+LOG = "log.mcap"
+
+
+def fresh(name: str) -> Path:
+    """Make runs/<UTC time>-NAME, which no other command has; RigError if that cannot be."""
+    for folder in _names(name):
+        try:
+            folder.mkdir(parents=True)
+            return folder
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise _refused(folder, error) from None
+    raise AssertionError("there is always another name")
+
+
+@contextlib.contextmanager
+def folder_of(named: str | None, name: str) -> Iterator[Path]:
+    """Make the folder that a user names, else a fresh one; RigError if that cannot be.
+
+    At the end what was made here and is still empty is removed.
+    """
+    check_name(named)
+    made = _absent(Path(named or "runs"))
+    folder = Path(named) if named else fresh(name)
+    made = made if named else [folder, *made]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _check_links(folder)
+        with tempfile.TemporaryFile(dir=folder):  # whether anything can be written there
+            pass
+    except OSError as error:
+        raise _refused(folder, error) from None
+    try:
+        yield folder
+    finally:
+        _remove_empty(made)
+
+
+def check_name(named: str | Path | None) -> None:
+    """Raise RigError for an empty name, as that of a variable that is not set."""
+    if named is not None and (not str(named) or "\0" in str(named)):
+        raise RigError(f"-o {str(named)!r}: expected a folder")
+
+
+def _names(name: str) -> Iterator[Path]:
+    """Yield names for what starts now, with a number where others start in the same second."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    for number in itertools.count(1):
+        yield Path("runs") / (f"{stamp}-{name}" + (f"-{number}" if number > 1 else ""))
+
+
+def _check_links(folder: Path) -> None:
+    """Raise RigError for a link in place of a file: a run would write to where it leads."""
+    for path in folder.iterdir():
+        if path.is_symlink() and not path.is_dir():
+            raise RigError(f"{path}: is a link; remove it, or choose another folder with -o")
+
+
+def _absent(folder: Path) -> list[Path]:
+    """Return what of a path is not there, the last part first."""
+    return [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+
+
+def _remove_empty(made: list[Path]) -> None:
+    with contextlib.suppress(OSError):  # not empty: it stays
+        for path in made:
+            path.rmdir()
+
+
+def _refused(folder: Path, error: OSError) -> Exception:
+    if error.errno in FULL:
+        return OSError(error.errno, error.strerror, str(folder))
+    return RigError(f"{folder}: {error.strerror}; choose another folder with -o")
+
+
+@contextlib.contextmanager
+def run_folder(named: str | Path | None, rig: Rig) -> Iterator[Path]:
+    """Make the run's folder with an empty log, which claims it; RigError if that cannot be.
+
+    At the end what is still empty is removed.
+    """
+    check_name(named)
+    for own in _names(rig.config.rig):
+        folder = Path(named or own)
+        made = _absent(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _check_links(folder)
+            (folder / LOG).touch(exist_ok=False)
+            break
+        except FileExistsError:
+            if named:
+                what = "holds a log already" if folder.is_dir() else "is no folder"
+                raise RigError(f"{folder}: {what}; choose another folder with -o") from None
+        except OSError as error:
+            raise _refused(folder, error) from None
+    try:
+        yield folder
+    finally:
+        if not (folder / LOG).stat().st_size:
+            (folder / LOG).unlink()
+        _remove_empty(made)

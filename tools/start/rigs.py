@@ -1,0 +1,137 @@
+"""A rig by its name, from any folder, and `pcpc rigs`, which lists those that come with pcpc.
+
+hull, atb1000/hull      plants/atb1000/rigs/hull.yaml beside the installed package
+probe                   plants/probe/rig.yaml, which runs by itself
+any path                a rig file of your own, or a folder with a rig.yaml; a path wins
+a run that goes on      the file of its rig, by the rig's name or as RIG.BUS
+"""
+
+import argparse
+import json
+import re
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.executive.rig import yamlfile
+from pcpc.tools.terminal import screen
+
+_PLANTS = Path(__file__).resolve().parents[2] / "plants"
+_SUFFIXES = (".yaml", ".yml")
+_RIG = re.compile(r"^rig:\s*([a-z0-9._-]+)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Shipped:
+    """A rig that comes with pcpc, and the names by which it is found."""
+
+    plant: str
+    name: str
+    path: Path
+
+    @property
+    def names(self) -> set[str]:
+        """All names of this rig."""
+        own = {self.name, self.plant if self.path.stem == "rig" else self.path.stem}
+        return own | {f"{self.plant}/{name}" for name in own}
+
+
+def shipped() -> Iterator[Shipped]:
+    """Yield the rigs beside the package that run by themselves, by plant and name."""
+    for folder in sorted(path.parent for path in _PLANTS.glob("*/rig.yaml")):
+        for path in (folder / "rig.yaml", *sorted(folder.glob("rigs/*.yaml"))):
+            if found := _RIG.search(path.read_text(encoding="utf-8")):
+                yield Shipped(folder.name, found[1], path)
+
+
+def find(text: str) -> str:
+    """Return the path of the rig file that `text` names; RigError if there is none."""
+    if not text:
+        raise RigError("'' is no rig; `pcpc rigs` lists all, and `.` is this folder")
+    path = Path(text)
+    if (path / "rig.yaml").is_file():
+        return str(path / "rig.yaml")
+    if path.exists() and not path.is_dir():
+        return text
+    known = list(shipped())
+    found = [rig for rig in known if text in rig.names]
+    if len(found) == 1:
+        return yamlfile.shown(found[0].path)
+    if found:
+        choice = " or ".join(f"{rig.plant}/{rig.name}" for rig in found)
+        raise RigError(f"{text}: {len(found)} rigs have this name; say {choice}")
+    if running := _running(text):
+        return yamlfile.shown(running)
+    names = [name for rig in known for name in sorted(rig.names, key=len)]
+    if path.suffix in _SUFFIXES:
+        there = any(path.stem in rig.names for rig in known)
+        cure = f"; the rig that comes with pcpc is called {path.stem}" if there else ""
+        raise RigError(f"{text}: no such file{cure}")
+    what = "a folder without rig.yaml" if path.is_dir() else "no file and no rig of this name"
+    raise RigError(f"{text}: {what}{did_you_mean(text, names)}; `pcpc rigs` lists all")
+
+
+def named(file: str | Path) -> str:
+    """Return what a shell takes for a rig file: the name of a shipped one, else the path."""
+    own = (rig.name for rig in shipped() if rig.path == Path(file))
+    return shlex.quote(next(own, yamlfile.shown(Path(file))))
+
+
+def _running(text: str) -> Path | None:
+    """Return the rig file of the runs that are so called; None if they have none, or several."""
+    from pcpc.executive.nodes import live  # only where no file has the name: it takes time
+
+    files = {one.block.description.get("file") for one in live.running(text).values()}
+    paths = [Path(str(file)) for file in files]
+    return paths[0] if len(paths) == 1 and paths[0].is_file() else None
+
+
+def command(options: argparse.Namespace) -> int:
+    """List the rigs, or those whose name or plant matches."""
+    known = list(shipped())
+    chosen = [rig for rig in known if _matches(rig, options.names)]
+    if not chosen:
+        words = " ".join(options.names)
+        names = [name for rig in known for name in (rig.plant, rig.name)]
+        raise RigError(f"{words}: no such rig{did_you_mean(words, names)}")
+    listed = [_about(rig) for rig in chosen]
+    if options.json:
+        print(json.dumps(listed, indent=2))
+    else:
+        print("\n".join(_lines(listed)))
+    return Exit.OK
+
+
+def _matches(rig: Shipped, words: list[str]) -> bool:
+    names = (*rig.names, rig.plant)
+    return not words or any(fnmatchcase(name, word) for word in words for name in names)
+
+
+def data_of(file: str | Path) -> dict[str, Any]:
+    """Return what a rig file says, with that of its `base`; RigError."""
+    return dict(yamlfile.load(Path(file)).data)
+
+
+def _about(rig: Shipped) -> dict[str, Any]:
+    data = data_of(rig.path)
+    return {
+        "plant": rig.plant, "name": rig.name, "title": data.get("title", ""),
+        "file": str(rig.path), "rate_hz": data["rate_hz"], "duration_s": data["duration_s"],
+        "controller": data["controller"], "controllers": list(data["controllers"]),
+    }  # fmt: skip
+
+
+def _lines(listed: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield plant by plant what all its rigs share, then a line for each rig."""
+    for plant in dict.fromkeys(rig["plant"] for rig in listed):
+        own = [rig for rig in listed if rig["plant"] == plant]
+        rates = " and ".join(dict.fromkeys(f"{rig['rate_hz']:g} Hz" for rig in own))
+        laws = ", ".join(dict.fromkeys(law for rig in own for law in rig["controllers"]))
+        yield from screen.wrapped(f"{rates}; controllers {laws}", f"{plant}: ", "  ")
+        rows = [(f"  {rig['name']}", f"{rig['duration_s']:g} s", rig["title"]) for rig in own]
+        yield from screen.table(rows, right=(1,))

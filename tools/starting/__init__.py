@@ -1,1 +1,0 @@
-"""What it takes to start processes and to end them in order."""

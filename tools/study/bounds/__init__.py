@@ -1,0 +1,1 @@
+"""The theorem of a law, held against a run."""

@@ -1,0 +1,48 @@
+"""`pcpc.bounds`: a run against the theorem of its law, as an object."""
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.theorem import NoTheorem
+from pcpc.tools.after.record import Run
+from pcpc.tools.start.rigs import find
+from pcpc.tools.start.settings import settings
+from pcpc.tools.study.bounds.bounds import Bounds, of, of_rig
+from pcpc.tools.study.bounds.observed import BoundsError
+
+
+def bounds(
+    what: str | Path | Run, controller: str | None = None, *,
+    set: Mapping[str, Any] | None = None, law: str | None = None, trust: bool = False,
+) -> Bounds:  # fmt: skip
+    """Hold a run against the theorem of its law: V, V' twice, w, the ultimate bound, S_r.
+
+        found = pcpc.bounds("friction-c", set={"controller.kappa": 0.02})
+        found.holds, found.account.checks(), found.account.proof.asked
+        found.account.own.error, found.account.largest      the bound, and the largest |r|
+        found.account.unexplained                           V' of the run against that of the proof
+        found.draw("bounds.png"), found.to_dict()
+
+    what        a Run, a log file, a run folder, "latest"; or a rig, which is run in virtual time
+    controller, set   of a rig, as in `pcpc.simulate`
+    law         by the theorem of this law of the plant
+    trust       run the laws that a log carries where its files are not in their places
+
+    Raises pcpc.Error where no theorem is known of the law, and for a log that is not recomputed bit
+    by bit.
+    """
+    place = what.path if isinstance(what, Run) else Path(what)
+    a_log = isinstance(what, Run) or what == "latest" or place.suffix == ".mcap"
+    try:
+        if a_log or (place.is_dir() and any(place.glob("*.mcap"))):
+            options = argparse.Namespace(
+                controller=controller, set=settings(set), law_as=law,
+                rig=None, law=[], fmu=[], trust=trust,
+            )  # fmt: skip
+            return of(str(place), options)
+        return of_rig(load_rig(find(str(what)), controller, settings(set)), law)
+    except NoTheorem as error:
+        raise BoundsError(f"{place}: no theorem: {error}") from None

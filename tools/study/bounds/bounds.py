@@ -1,0 +1,206 @@
+"""`pcpc bounds RIG|LOG`: a run held against the theorem of its law.
+
+V and its two derivatives, w, the ultimate bound and S_r, as plants/lyapunov.py says, with the
+terms of the theorem.py that lies beside the plant's model. A rig is run in virtual time, a log is
+recomputed: weights stand in none.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from pcpc.drivers.errors import Exit
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.blocks import BlockSpec, law_keys
+from pcpc.executive.rig.modules import module_of, own_streams
+from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.executive.rig.roles import Role
+from pcpc.plants.judging import Run, effective_rig
+from pcpc.plants.lyapunov import Account
+from pcpc.plants.theorem import NoTheorem, Theorem, Told
+from pcpc.tools.after.log.recorded import LATEST, log_of
+from pcpc.tools.start.rigs import find
+from pcpc.tools.study.bounds import observed, text
+from pcpc.tools.study.bounds.observed import BoundsError
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.picture import check_picture
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """A run's account, and what it is of; `left_out`: cycles of the run that are not in it.
+
+    `missing`: what its log lacks, in words; `rates_set`: tuning rates that --set gave its run.
+    """
+
+    name: str
+    controller: str
+    account: Account
+    left_out: int = 0
+    missing: tuple[str, ...] = ()
+    rates_set: tuple[str, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """Whether all is shown and nothing violated in a whole log; see `account.checks()`."""
+        return self.account.holds and not self.missing
+
+    def draw(self, path: str | Path) -> Path:
+        """Draw V, its derivatives, error and weights with their bounds; return `path`."""
+        from pcpc.tools.study.bounds import figure
+
+        figure.draw(self.account, f"{self.name}, {self.controller}", Path(path))
+        return Path(path)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return all figures as plain values, for JSON."""
+        return {**text.plain(self.name, self.controller, self.account), "left_out": self.left_out,
+                "missing": list(self.missing), "rates_set": list(self.rates_set)}  # fmt: skip
+
+    def __str__(self) -> str:
+        found = text.lines(self.name, self.controller, self.account, self.left_out)
+        for one in self.rates_set:
+            said = f"{one}: the theorem is judged with the rate that was set"
+            found += screen.wrapped(said, "by --set   ")
+        return "\n".join(found)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the account; NOT_MET if it does not hold, LOSS in a log that is not whole.
+
+    OK also where no theorem is known.
+    """
+    if options.plot is not None:
+        check_picture("--plot", options.plot)
+    try:
+        with np.errstate(all="ignore"):  # a run may leave what floats hold: it violates V
+            found = of(options.what, options)
+            shown = json.dumps(found.to_dict(), indent=1) if options.json else str(found)
+    except NoTheorem as error:
+        if options.json:
+            print(json.dumps({"theorem": None, "why": str(error)}))
+        else:
+            print(f"no theorem: {error}")
+        return Exit.OK
+    print(shown)
+    if options.plot is not None:
+        found.draw(options.plot)
+    for line in found.missing:
+        print("\n".join(screen.wrapped(line, "missing  ", "         ")), file=sys.stderr)
+    if not found.account.holds:
+        return Exit.NOT_MET
+    return Exit.LOSS if found.missing else Exit.OK
+
+
+def of(what: str, options: argparse.Namespace) -> Bounds:
+    """Return the account of a rig or a log; NoTheorem, BoundsError, RigError, LogError.
+
+    `options`: controller, set, law_as (of another law), and those of tools.after.log.rig.
+    """
+    path = Path(what)
+    if what == LATEST or path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap"))):
+        return _of_log(log_of(what), options)
+    return of_rig(load_rig(find(what), options.controller, options.set), options.law_as)
+
+
+def of_rig(rig: Rig, law_as: str | None = None) -> Bounds:
+    """Run a rig in virtual time and return its account; NoTheorem, RigError."""
+    theorem = theorem_of(rig, law_as)
+    log = observed.of_rig(rig, theorem.states)
+    given = rig.evaluation
+    begin = given.window_s[0] if given and given.window_s else None
+    return _account(rig, theorem, log, begin)
+
+
+def _of_log(path: Path, options: argparse.Namespace) -> Bounds:
+    if options.controller or options.set:
+        raise BoundsError(f"{path}: --controller and --set are of a rig; a log is what it is")
+    made: list[Theorem] = []
+
+    def states(rig: Rig) -> tuple[str, ...]:
+        made.append(theorem_of(rig, options.law_as))
+        return tuple(made[0].states)
+
+    rig, log = observed.of_log(path, states, options)
+    window = (effective_rig(log).get("evaluation") or {}).get("window_s")
+    found = _account(rig, made[0], log, float(window[0]) if window else None)
+    return replace(found, rates_set=_rates_set(rig, made[0], log))
+
+
+def _rates_set(rig: Rig, theorem: Theorem, log: logs.Log) -> tuple[str, ...]:
+    """Return the tuning rates of a log's run that are not those of its rig's files, in words."""
+    role, spec = _tuned(rig, theorem)
+    own = {one.name: one.default for one in spec.block.settings if isinstance(one.default, float)}
+    own |= observed.given_rates(log, law_keys(rig.config, role, spec.name), theorem.said_by)
+    return tuple(
+        f"{name} {spec.settings[name]:g}, in the rig {own[name]:g}"
+        for name in theorem.said_by
+        if name in own and spec.settings[name] != own[name]
+    )
+
+
+def _account(rig: Rig, theorem: Theorem, log: logs.Log, begin_s: float | None) -> Bounds:
+    run = Run(log, 1.0 / rig.config.rate_hz)
+    if not run.plant_tells:
+        raise NoTheorem("the log has no record of the plant, from which w is computed")
+    told = Told(run, declared(rig, theorem))
+    proof = theorem.prove(told)
+    settled_s = float(proof.t_s[len(proof.t_s) // 2])
+    if begin_s is not None and begin_s < proof.t_s[-1]:
+        settled_s = begin_s
+    return Bounds(rig.config.rig, rig.config.controller, Account(proof, settled_s), told.left_out,
+                  tuple(log.missing))  # fmt: skip
+
+
+def declared(rig: Rig, theorem: Theorem) -> dict[str, float]:
+    """Return the tuning rates of a theorem as the rig file declares them, whatever --set says."""
+    role, spec = _tuned(rig, theorem)
+    keys = (*law_keys(rig.config, role, spec.name), "parameters")
+    tried = [name for name in theorem.said_by if rig.document.place((*keys, name)).option]
+    settings = dict(spec.settings)
+    if tried:
+        own = _tuned(load_rig(rig.path, rig.config.controller), theorem)[1].settings
+        settings |= {name: own[name] for name in tried}
+    return theorem.declared(settings)
+
+
+def _tuned(rig: Rig, theorem: Theorem) -> tuple[Role, BlockSpec]:
+    return next(
+        (role, spec)
+        for role, node in rig.nodes().items()
+        for spec in node.blocks
+        if spec.name == theorem.block
+    )
+
+
+def known(rig: Rig) -> dict[str, Theorem]:
+    """Return the theorems of a rig's plant, by law."""
+    found: dict[str, Theorem] = {}
+    for spec in rig.nodes()["plant"].blocks:
+        step = getattr(spec.block.step, "py_func", None)
+        file = Path(step.__code__.co_filename).with_name("theorem.py") if step else None
+        if file is not None and file.is_file():
+            with own_streams():
+                found |= module_of("", file).THEOREMS
+    return found
+
+
+def theorem_of(rig: Rig, law_as: str | None = None) -> Theorem:
+    """Return the theorem of a rig's law, or of the law `law_as` of its plant; NoTheorem."""
+    law, theorems = law_as or law_of(rig, rig.config.controller), known(rig)
+    if law in theorems:
+        return theorems[law]
+    if law_as:
+        raise BoundsError(f"--as {law_as}: no such law{did_you_mean(law_as, theorems)}")
+    have = f"; its plant has those of {', '.join(sorted(theorems))}" if theorems else ""
+    raise NoTheorem(f"none is known here of the law {law}{have}")
+
+
+def law_of(rig: Rig, controller: str) -> str:
+    """Return the law of a controller of a rig, as the rig names it."""
+    return str(rig.config.controllers[controller].law)

@@ -1,0 +1,41 @@
+"""Commands: bounds."""
+
+from pathlib import Path
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import Add, Command
+
+
+def bounds(add: Add) -> None:
+    """Take a rig or a log, and by which law's theorem it is judged."""
+    add("what", metavar="RIG|LOG", help="a rig, run in virtual time; a log file, folder or latest")
+    add("--controller", metavar="NAME", help="controller, instead of the rig's")
+    take.settings(add, "any value of the rig")
+    add("--as", dest="law_as", metavar="LAW", help="by the theorem of this law of the plant")
+    add("--plot", type=Path, metavar="FILE", help="draw V, its derivatives, |r|, weights, bounds")
+    take.code_of_laws(add)
+    take.json(add)
+    take.quiet(add)
+
+
+COMMANDS = (
+    Command(
+        "bounds",
+        "hold a run against the theorem of its law: V, V', ultimate bound",
+        "pcpc bounds friction-c\npcpc bounds latest --plot bounds.png",
+        bounds,
+        codes={
+            Exit.OK: "it holds, or no theorem is known",
+            Exit.NOT_MET: "violated",
+            Exit.WRONG_INPUT: "",
+            Exit.LOSS: "the log is damaged",
+            Exit.ENVIRONMENT: "a package is missing",
+            Exit.INTERRUPTED: "",
+        },
+        judges=True,
+        compiles=True,
+        reads_logs=True,
+        module="study.bounds.bounds",
+    ),
+)

@@ -1,0 +1,1 @@
+"""Studies: runs of rigs with tables and figures."""

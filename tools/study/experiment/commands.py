@@ -1,0 +1,39 @@
+"""Commands: experiment."""
+
+from pcpc.drivers.errors import Exit
+from pcpc.tools.terminal import arguments as take
+from pcpc.tools.terminal.command import Add, Command
+
+
+def experiment(add: Add) -> None:
+    """Take a study."""
+    add(
+        "name",
+        metavar="NAME",
+        help="chapterN of the book, approximation, actuators, drawings, margins, rivals, rough, "
+        "theorems, tuning, or a study.py",
+    )
+    add("-o", "--output", metavar="DIR", help="folder, instead of runs/<UTC time>-NAME")
+    add("--jobs", type=int, metavar="N", help="processes; all processors")
+    take.quiet(add)
+
+
+COMMANDS = (
+    Command(
+        "experiment",
+        "run a whole study in virtual time: tables and figures",
+        "pcpc experiment chapter9 -o results",
+        experiment,
+        codes={
+            Exit.OK: "",
+            Exit.NOT_MET: "a run failed",
+            Exit.WRONG_INPUT: "",
+            Exit.LOSS: "",
+            Exit.ENVIRONMENT: "",
+            Exit.INTERRUPTED: "",
+        },
+        judges=True,
+        compiles=True,
+        module="study.experiment.cli",
+    ),
+)

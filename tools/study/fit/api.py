@@ -1,0 +1,50 @@
+"""`pcpc.fit`: parameters of a plant from a log, as an object."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.log.recorded import log_of
+from pcpc.tools.after.place import progress
+from pcpc.tools.after.record import Run
+from pcpc.tools.start.rigs import find
+from pcpc.tools.start.settings import settings
+from pcpc.tools.study.fit.fitting import Asked, Model
+from pcpc.tools.study.fit.fitting import fit as fit_model
+from pcpc.tools.study.fit.result import Fit
+
+
+def fit(
+    rig: str | Path, log: str | Path | Run,
+    parameters: Sequence[str] | Mapping[str, tuple[float, float] | None] = (), *,
+    sensors: Sequence[str] = (), set: Mapping[str, Any] | None = None, quiet: bool | None = None,
+) -> Fit:  # fmt: skip
+    """Estimate parameters of a rig's plant from the commands and sensors that a log holds.
+
+        found = pcpc.fit("slew10", run, ["barrel.coulomb_Nm", "barrel.gap_rad"])
+        found["barrel.gap_rad"].value, .low, .high       with the 95 % interval
+        found.values                                     for pcpc.simulate(rig, set=found.values)
+        found.correlation, found.sensors, found.notes, found.draw("fit.png")
+
+    rig         whose plant is the model; its values are the start
+    log         a Run, a log file, a run folder, or "latest"
+    parameters  BLOCK.NAME of settings of the plant, or {name: (low, high)}; (): those that the
+                plant's identification.py names, else all that have a unit and are not 0
+    sensors     FRAME.signal as it came over the bus, or BLOCK.PORT, the plant's own record; (): as
+                identification.py says, else all that the plant sends
+    set         other values of the rig, as in `pcpc.simulate`
+
+    The model is driven by the recorded commands; what is minimised is the simulation error, each
+    sensor in units of its noise (`pcpc fit --help`, docs/howto/fit.md). Raises pcpc.Error for a log
+    of another plant, one that is too short, and names that are not the plant's.
+    """
+    loaded = load_rig(find(str(rig)), None, settings(set))
+    bounds = parameters if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
+    asked = [Asked(name, *(ends or (None, None))) for name, ends in bounds.items()]
+    shown = progress(quiet)
+    read = log.log if isinstance(log, Run) else logs.read(log_of(str(log)))
+    found = fit_model(Model(loaded, asked, sensors), read, shown.show)
+    shown.close()
+    return found

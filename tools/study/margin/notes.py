@@ -1,0 +1,186 @@
+"""What has to be said of a loop's margins, and what makes them none."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.errors import UserError
+from pcpc.tools.study.margin import impulse, linear, loops, measured, operating
+from pcpc.tools.study.margin.margins import Margins
+from pcpc.tools.study.margin.shown import STRONG, empty
+
+Found = linear.Linear | impulse.Impulse
+_MARGINAL = 1e5  # of |S| beside a pole on the unit circle
+_AT_LIMIT = 0.05  # of the time
+_PAIRS = (
+    ("gain_margin", "gain_margin_hz", "gain margin"),
+    ("phase_margin_deg", "crossover_hz", "phase margin"),
+    ("delay_margin_s", "crossover_hz", "delay margin"),
+    ("disk_margin", "disk_margin_hz", "disk margin"),
+)
+_NEAR, _WORSE = 1.03, 0.9
+
+
+def of_linear(found: Found, cut: loops.Loop, moves: float) -> list[str]:
+    """Return what has to be said of a linear loop; UserError if it has no margins.
+
+    moves   how the command moves at the point, rms
+    """
+    _check_stable(found)
+    if not cut.low < found.command < cut.high:
+        what = f"the command stands at its limit, {found.command:g}: there is no loop"
+        raise UserError(f"{what}; another --at or --set may leave it room")
+    notes = []
+    if found.kinks:
+        names = ", ".join(found.kinks[:4]) + (", ..." if len(found.kinks) > 4 else "")
+        what = "two slopes meet here (play, friction, a limit), their mean was taken"
+        notes.append(f"not differentiable in {names}: {what}")
+    if isinstance(found, impulse.Impulse):
+        what = "the loop is another map in every cycle (a delay line, a schedule)"
+        notes.append(f"{what}: found by {len(found.s)} cycles after an impulse, without poles")
+    for name, step in found.rounded.items():
+        what = f"{name} is rounded in the plant or a law, in steps of {step:.3g}"
+        notes.append(f"{what}: its slope is that from step to step")
+    if found.idle:
+        names = ", ".join(found.idle[:3]) + (", ..." if len(found.idle) > 3 else "")
+        what = "a gate, a dead band or a limit keeps them out of the loop at this point"
+        notes.append(f"no part of it: {names}; {what}")
+    if restless(moves, found.command):
+        unit = f" {cut.unit}" if cut.unit else ""
+        what = f"the command moves by {moves:.2g}{unit} rms (noise, a limit cycle or a drift)"
+        notes.append(f"not at rest: {what}; linearised at the mean")
+    return notes
+
+
+def _check_stable(found: Found) -> None:
+    """Raise UserError for poles outside, or on, the unit circle."""
+    poles = found.closed()
+    largest = float(np.abs(poles).max(initial=0.0))
+    cure = "a lower gain, or another --at or --set, may be stable"
+    if largest > 1.0 + linear.UNSTABLE:
+        raise UserError(f"the closed loop is unstable: a pole at |z| = {largest:.6f}; {cure}")
+    for pole in poles[np.abs(poles) > 1.0 - linear.UNSTABLE].tolist():
+        f = abs(np.angle(pole)) / (2.0 * np.pi * found.dt)
+        beside = found.response(np.array([f + linear.UNSTABLE / found.dt]))[0]
+        if abs(1.0 + beside) < 1.0 / _MARGINAL:
+            what = f"the closed loop is at the edge of stability: a pole at |z| = 1, {f:.4g} Hz"
+            raise UserError(f"{what}; {cure}")
+
+
+def of_measured(
+    own: measured.Measured, cut: loops.Loop, before: list[str], seen: Margins
+) -> list[str]:
+    """Return what has to be said of a measured loop; UserError if it does not answer.
+
+    before   what was said of it so far, for the error
+    """
+    unit = f" {cut.unit}" if cut.unit else ""
+    size = f"{own.amplitude:.3g}{unit}"
+    for moves, when in ((own.alone, "by itself"), (own.after, "once moved")):
+        begun = moves.rms > max(3.0 * own.alone.rms, 0.05 * own.amplitude) and moves.lasts
+        if begun or moves.at_limit > _AT_LIMIT:
+            what = f"{when} the command goes on, {_moved(moves, unit)}"
+            cure = "there is no loop that has margins; a lower gain may end it"
+            raise UserError("; ".join((f"{what}; {cure}", *before)))
+    answers = np.abs(own.response) > 1e-12
+    if not answers.any() or np.median(own.error) > 1.0:
+        what = f"the measured loop does not answer to {size}"
+        moved = f"by itself the command moves by {own.alone.rms:.3g}{unit} rms"
+        cure = "stuck, unstable, a limit cycle, or noise: inject more with --amplitude"
+        raise UserError("; ".join((f"{what}: {moved}", f"{cure}, or lower the gain", *before)))
+    peak, lowest = seen.sensitivity_peak, own.f_hz[0]
+    if peak > 2.0 and seen.sensitivity_peak_hz < 1.01 * lowest:
+        what = (
+            f"the sensitivity peak, {peak:.3g}, lies at the lowest line, {lowest:.4g} Hz, or below"
+        )
+        cure = "a lower --lowest tells, or no loop passes the plant"
+        raise UserError("; ".join((f"{what}: {cure}", *before)))
+    notes, weak = list[str](), own.f_hz[own.error > STRONG]
+    if empty(seen):
+        hidden = f"{len(weak)} of {len(own.f_hz)} lines at {size}"
+        what = f"noise, or what is not linear, hides {hidden}, and with them every margin"
+        cure = "--amplitude sets what is injected"
+        raise UserError(
+            "; ".join(
+                (f"{what}; by itself the command moves {_moved(own.alone, unit)}; {cure}", *before)
+            )
+        )
+    if own.alone.rms > 0.1 * own.amplitude:
+        cause = "a limit cycle, or a disturbance of the plant's" if own.alone.cycles else "noise"
+        notes.append(f"measured: by itself the command moves {_moved(own.alone, unit)}: {cause}")
+    if own.clamped:
+        notes.append(f"{own.clamped} values were clamped: inject less with --amplitude")
+    if len(weak):
+        what = f"{len(weak)} of {len(own.f_hz)} lines, the lowest at {weak[0]:.4g} Hz"
+        cure = (
+            "a margin that one of them may hide is not measured; --amplitude sets what is injected"
+        )
+        notes.append(f"measured: noise, or what is not linear, hides {what}: {cure}")
+    return notes
+
+
+def _moved(moves: measured.Moves, unit: str) -> str:
+    at = f", {100.0 * moves.at_limit:.0f} % of the time at its limit" if moves.at_limit else ""
+    where = f" at {moves.f_hz:.4g} Hz" if moves.cycles else ""
+    return f"by {moves.rms:.3g}{unit} rms{where}{at}"
+
+
+def compared(
+    ours: Margins, own: measured.Measured, seen: Margins, response: NDArray[np.complex128]
+) -> tuple[Margins, list[str]]:
+    """Return the measured margins with why some are other than the linearised ones.
+
+    Those that lie between other frequencies than the lines are not measured.
+
+    ours, response   of the linear loop, that at the measured lines (m,)
+    """
+    notes, better, worse = list[str](), list[str](), list[str]()
+    reasons = list[str]()
+    for name, where, what in _PAIRS:
+        linear_one, one, f = getattr(ours, name), getattr(seen, name), getattr(ours, where)
+        if one > _NEAR * linear_one and not own.f_hz[0] <= f <= own.f_hz[-1]:
+            also = ("sensitivity_peak",) if name == "disk_margin" else ()
+            seen = replace(seen, **dict.fromkeys((name, *also), np.nan))
+        elif one > _NEAR * linear_one:
+            at = int(np.argmin(np.abs(np.log(own.f_hz / f))))
+            off = abs(own.response[at] / response[at] - 1.0)
+            better.append(what)
+            reasons.append(_reason(off, own.error[at], own.f_hz[at]))
+        elif one < _WORSE * linear_one:
+            worse.append(what)
+    if better:
+        notes.append(f"measured better than linearised: {', '.join(better)}: {reasons[0]}")
+    if worse:
+        what = "the run has limits, ramps, slow frames and what is not linear at this amplitude"
+        notes.append(f"measured worse than linearised: {', '.join(worse)}: {what}; it counts")
+    return seen, notes
+
+
+def _reason(off: float, error: float, f_hz: float) -> str:
+    if off <= 3.0 * error + 0.03:
+        return f"within its error, {100.0 * max(off, error):.2g} % of L at {f_hz:.4g} Hz"
+    what = f"at {f_hz:.4g} Hz both loops differ by {100.0 * off:.2g} %"
+    return f"{what}, by what is not linear at this amplitude; the smaller one counts"
+
+
+def contradiction(one: Margins) -> bool:
+    """Return whether no crossing was found though S has a peak that none explains."""
+    crosses = np.isfinite(one.phase_margin_deg) or np.isfinite(one.gain_margin)
+    return bool(not crosses and one.gain_reduction == 0.0 and one.sensitivity_peak > 2.0)
+
+
+def without_crossings(one: Margins) -> Margins:
+    """Return margins in which what comes from crossings is not known."""
+    names = "gain_margin", "phase_margin_deg", "delay_margin_s", "delay_margin_samples"
+    return replace(one, **dict.fromkeys(names, np.nan))
+
+
+def restless(moves: float, command: float) -> bool:
+    """Return whether a command that moves by that much, rms, is not at rest."""
+    return moves > 1e-6 * max(1.0, abs(command))
+
+
+def moves_at(rest: operating.Rest, cut: loops.Loop) -> float:
+    """Return how much the command moves at rest, rms."""
+    return float(rest.deviation[rest.cycle.place(cut.role, cut.sent)])

@@ -1,0 +1,140 @@
+"""`pcpc.sweep`: a campaign of runs in virtual time, as a function."""
+
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pcpc.executive.errors import did_you_mean
+from pcpc.tools.after.place import progress
+from pcpc.tools.after.record import UnknownName
+from pcpc.tools.start.native import native
+from pcpc.tools.start.rigs import find
+from pcpc.tools.start.settings import settings
+from pcpc.tools.terminal.extras import need_for_sweep
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+    from pcpc.tools.study.sweep.results import Results
+    from pcpc.tools.study.sweep.sensitivity import Share
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A campaign: `table`, a row a run; `spec`, what it follows from; `statement` in words.
+
+    Of `until`, `worst` and `rare` the statement is what came out. Rows that `worst` and `rare` have
+    chosen are no sample: no share of them is a probability.
+
+    Columns: draw, controller, seed, `vary:NAME`, `metric:NAME`, `margin:NAME` and `held:NAME` of
+    requirements, ok (null: not judged), why, outcome (ran, fault, refused), alone (why it was not
+    done in lanes).
+    """
+
+    table: "pyarrow.Table"
+    spec: Mapping[str, Any]
+    folder: Path
+    statement: str = ""
+    _keep: Any = field(default=None, repr=False)
+
+    @property
+    def results(self) -> "Results":
+        """Columns and counts by controller."""
+        from pcpc.tools.study.sweep.results import Results
+
+        return Results(self.table, self.spec)
+
+    def failures(self, controller: str, requirement: str | None = None) -> tuple[int, int]:
+        """Return failures and runs of a controller, of a requirement or of the verdict."""
+        return self.results.failures(controller, requirement)
+
+    def sensitivity(self, name: str) -> dict[str, list["Share"]]:
+        """Return what each variation decides of a column, `metric:NAME` or `margin:NAME`.
+
+        By controller, largest first: shares of its variance, see `Share`. Controllers with too few
+        runs, or where nothing varies, are left out. UnknownName for another column.
+        """
+        from pcpc.tools.study.sweep.figures import shares_of
+
+        known = [one for one in self.table.column_names if one.startswith(("metric:", "margin:"))]
+        if name not in known:
+            raise UnknownName(f"no column {name}{did_you_mean(name, known)}")
+        return shares_of(self.results, name)
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return the table as a data frame; ImportError without pandas."""
+        return self.table.to_pandas()
+
+    def report(self, folder: str | Path | None = None) -> Path:
+        """Write report.html and its figures; return the page."""
+        from pcpc.tools.study.sweep.report import report
+
+        return report(self.table, self.spec, Path(folder or self.folder))
+
+
+def sweep(
+    rig: str | Path, controllers: Sequence[str] | None = None, *,
+    vary: Mapping[str, str] | None = None, draws: int | None = None, sampling: str | None = None,
+    seed: int = 1, set: Mapping[str, Any] | None = None, until: str | None = None,
+    worst: int | None = None, rare: int | None = None, of: str | None = None,
+    limit: float | None = None, threads: int | None = None, scheduler: str | None = None,
+    folder: str | Path | None = None, quiet: bool | None = None,
+) -> Sweep:  # fmt: skip
+    """Run a rig again and again with values that vary, in virtual time, eight runs at once.
+
+    Each row is what `pcpc simulate` says of its settings, bit for bit.
+
+    rig          a rig file, or the name of one that comes with pcpc (`pcpc rigs`)
+    controllers  of the rig, each on the same draws; None: the one that it names
+    vary         {"barrel.gap_rad": "x0.5:2"}: lo:hi, lo:hi:n, normal(m,s), lognormal(median,
+                 factor), choice(a,b); x before one: a factor on the rig's value
+    draws        1000; of a grid all, with `until` as many as it needs
+    sampling     random, lhs, sobol (default), grid
+    seed         of the draws, and of the runs' noises
+    set          other values of the rig, of all runs
+    until        a statement that ends it, as "p_fail < 1e-3 at 95%"; needs sampling random
+    worst        search for the worst case with so many runs, in place of draws: the smallest margin
+                 of the requirements
+    rare         the probability of a rare failure, by subset simulation with so many runs a step,
+                 as 1000, in place of draws
+    of           a metric that worst makes large, or that rare has above `limit` when a run fails
+    limit        see `of`
+    threads      two more than processors
+    scheduler    Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine (then below
+                 `if __name__ == "__main__":`, as each of them imports your script)
+    folder       keeps the rows there, and goes on with what is there; None: a temporary one
+    quiet        no progress; None: progress on a terminal only
+
+    Raises pcpc.Error, one line with its place and cure, for what cannot be. A run that ends in a
+    fault, or whose values are out of range, is a row like any other.
+    """
+    need_for_sweep()
+    with native("numba" not in sys.modules):
+        from pcpc.tools.study.sweep import shards
+        from pcpc.tools.study.sweep.campaign import Shard, asked
+        from pcpc.tools.study.sweep.search import chosen, search
+        from pcpc.tools.study.sweep.work import Work
+
+    varied = [f"{name}={text}" for name, text in (vary or {}).items()]
+    others = {"draws": draws, "sampling": sampling, "until": until}
+    if kind := chosen({"worst": worst, "rare": rare}, others):
+        sampling, draws = kind
+    campaign = asked(
+        find(str(rig)), controllers or (), varied, draws, sampling, seed, settings(set),
+        until is not None,
+    )  # fmt: skip
+    campaign.check()
+    looked_for = search(campaign, of, limit)
+    keep = None if folder else tempfile.TemporaryDirectory(prefix="pcpc-")
+    place = Path(folder or keep.name)  # type: ignore[union-attr]
+    work = Work(campaign, Shard(), place, until, threads, scheduler, looked_for)
+    try:
+        told = work.to_end(progress(quiet))
+    finally:
+        work.store.close()
+    table, spec = shards.merged([place])
+    return Sweep(table, spec, place, told, keep)

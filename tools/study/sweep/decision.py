@@ -1,0 +1,59 @@
+"""What a campaign's statement came to: its rows, counted in blocks as they came, to the decision.
+
+The text of a campaign that ends, of one that was complete before, and of its report are the same,
+as all of them follow from the rows.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from pcpc.executive.errors import RigError
+from pcpc.tools.study.sweep import statements
+from pcpc.tools.study.sweep.results import HELD, REFUSED, Results, failures
+
+LOOK, LATER = 64, 16  # draws between two looks at the statement, or this part of those done
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Of one controller: HOLDS, REFUTED, NOT_SHOWN or OPEN, and a line that says so."""
+
+    controller: str
+    outcome: str
+    text: str
+
+
+def blocks() -> Iterator[int]:
+    """Yield how many draws are counted before the next look, without end."""
+    done = 0
+    while True:
+        yield (size := max(LOOK, done // LATER))
+        done += size
+
+
+def decisions(results: Results, until: str) -> list[Decision]:
+    """Return what became of the statement `until`, by controller."""
+    statement = statements.parsed(until)
+    return [_decision(results, name, statement) for name in results.controllers]
+
+
+def _decision(results: Results, name: str, statement: statements.Statement) -> Decision:
+    if statement.requirement is not None and statement.requirement not in results.requirements:
+        raise RigError(f"{statement}: no run was judged by {statement.requirement}")
+    own = results.column("controller") == name
+    outcomes = results.column("outcome")[own].tolist()
+    of = statement.requirement
+    judged = results.column("ok" if of is None else HELD + of)[own].tolist()
+    failed = runs = done = 0
+    sizes = blocks()
+    while done < len(outcomes) and statement.decided(failed, runs) == statements.OPEN:
+        size = next(sizes)
+        more = failures(outcomes[done : done + size], judged[done : done + size])
+        failed, runs, done = failed + more[0], runs + more[1], done + size
+    seen = min(done, len(outcomes))
+    refused = outcomes[:seen].count(REFUSED)
+    others = (refused, "refused"), (seen - refused - runs, "not judged")
+    left = " and ".join(f"{count:,} {what}" for count, what in others if count)
+    text = (f"{name}: " if name else "") + statement.told(failed, runs)
+    text += f"; not counted: {left}" if left else ""
+    return Decision(name, statement.decided(failed, runs), text)

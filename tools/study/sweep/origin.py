@@ -1,0 +1,74 @@
+"""What the rows of a campaign follow from beside its own numbers: a digest of each part, by name.
+
+    rig        the effective rigs, every setting        project    pcpc's own modules
+    FILE       the DBC, and what a log would carry: laws, plant, evaluation, what they open
+    table T    the numbers of `law: table`, and descriptions of FMUs
+    NAME       the version of Python, and of each package that a log names
+
+Processes with equal digests make equal rows of the same draw; where one differs, rows do not mix.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from pcpc.executive.errors import RigError
+from pcpc.executive.log.facts import facts
+from pcpc.executive.nodes.plan import plan
+from pcpc.executive.rig import carried, modules
+from pcpc.executive.rig.buses import without_bus
+from pcpc.executive.rig.reading import Rig
+from pcpc.tools.after.verdict.judge import Judge
+
+_PROJECT = Path(__file__).resolve().parents[3]
+_VERSION = "version_"  # of a package, as a log names it
+
+
+def origin(rigs: Sequence[Rig]) -> dict[str, str]:
+    """Return the digests; RigError where a file is no longer what this process has imported."""
+    found = {name: text for name, text in facts().items() if name.startswith(_VERSION)}
+    found |= {"python": facts()["python"], f"{_VERSION}scipy": version("scipy")}
+    found |= {"project": _project(), "rig": _digest(rig.resolved().encode() for rig in rigs)}
+    for rig in rigs:
+        found[os.path.relpath(rig.dbc, rig.path.parent)] = carried.sha256(rig.dbc)
+        found |= {f"table {name}": _digest([text.encode()]) for name, text in rig.tables().items()}
+        found |= {str(entry["name"]): str(entry["sha256"]) for entry in _files(rig)}
+    return found
+
+
+def difference(one: Mapping[str, str], other: Mapping[str, str]) -> str:
+    """Return the names of the parts that differ, in words; "" of equal ones."""
+    names = [name for name in {**one, **other} if one.get(name) != other.get(name)]
+    return ", ".join(name.replace(_VERSION, "version of ") for name in names)
+
+
+def _files(rig: Rig) -> list[dict[str, object]]:
+    """Return the files that a log of the rig would carry, but not its drawing."""
+    judge, reads = Judge.of(rig), carried.Reads()
+    if judge.evaluation is not None and rig.evaluation is not None:
+        module = modules.outside(Path(rig.evaluation.file))
+        carried.merge(reads, modules.read_by(module) if module else {})
+    for role in rig.roles:
+        carried.merge(reads, plan(rig, role, without_bus(rig)).read)
+    found = [entry for entry in rig.carried(reads) if not entry["draws"]]
+    for entry in found:
+        if modules.imported(Path(entry["path"])) not in (None, entry["sha256"]):
+            what = "has changed since this process imported it; start a new one"
+            raise RigError(f"{entry['path']}: {what}")
+    return found
+
+
+def _project() -> str:
+    """Return the digest of the project's own modules, with their places."""
+    files = (file for area in carried.AREAS for file in (_PROJECT / area).rglob("*.py"))
+    about = ((str(file.relative_to(_PROJECT)).encode(), file) for file in files)
+    return _digest(part for name, file in sorted(about) for part in (name, file.read_bytes()))
+
+
+def _digest(parts: Iterable[bytes]) -> str:
+    found = hashlib.sha256()
+    for part in parts:
+        found.update(hashlib.sha256(part).digest())
+    return found.hexdigest()

@@ -1,0 +1,245 @@
+"""The report of a campaign: one HTML file that needs no network, and its figures as PNG.
+
+What it says, in this order: how it was drawn, the statement, failures with their intervals, why
+runs failed, the worst cases with the command that runs each again, then every metric and every
+requirement's margin: distribution, pairs of controllers on the same draws, what varied decides.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.after.html import image, page, png_of, table, text
+from pcpc.tools.study import binomial
+from pcpc.tools.study.sweep import decision, figures, reasons, statements
+from pcpc.tools.study.sweep.results import MARGIN, METRIC, Results, compared
+from pcpc.tools.study.sweep.sensitivity import Share
+from pcpc.tools.terminal.outfile import new_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CONFIDENCE = 0.95
+MOST_WORST, MOST_REASONS = 5, 10
+_NOT_INDEPENDENT = {
+    "grid": "The draws are a grid, no random sample: a share of failures is a share of the grid, "
+    "and the intervals say nothing about a probability.",
+    "lhs": "The draws are a Latin hypercube, not independent: the intervals are those of "
+    "independent draws, which are rather too wide here.",
+    "sobol": "The draws are a Sobol' sequence, not independent: the intervals are those of "
+    "independent draws, which are rather too wide here.",
+}
+
+
+def report(runs: Any, spec: Mapping[str, Any], folder: Path) -> Path:
+    """Write report.html and its PNGs into `folder`; return the path of the page.
+
+    `runs` as `Results` takes them, of one run or more; `spec`: rig, title, controllers, variations
+    (texts NAME=SPEC), draws, sampling, seed, settings (texts NAME=VALUE), and where there was one
+    `until`. Raises UserError where matplotlib is missing, there is nothing to report or a file
+    cannot be written.
+    """
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        cure = "a report needs matplotlib: pip install 'pcpc[sweep]'"
+        raise UserError(cure, Exit.ENVIRONMENT) from None
+    if not runs.num_rows:
+        raise UserError(f"{folder}: no run to report on; start the campaign first")
+    results = Results(runs, spec)
+    pictures = _Pictures(folder)
+    title = str(spec.get("title") or spec["rig"])
+    parts = [f"<h1>{text(title)}</h1>", _drawn(results), _failures(results, pictures),
+             _reasons(results), _worst(results), _metrics(results, pictures)]  # fmt: skip
+    with new_file(folder / "report.html", force=True) as unfinished:
+        unfinished.write_text(page(title, parts), encoding="utf-8")
+    return folder / "report.html"
+
+
+class _Pictures:
+    """PNGs in a folder, and the same in the page."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._names = set[str]()
+
+    def image(self, drawn: "Figure", name: str, alt: str) -> str:
+        stem = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)[:80]
+        while stem in self._names:  # of names that differ in what a file's name cannot say
+            stem += "-"
+        self._names.add(stem)
+        png = png_of(drawn)
+        with new_file(self._folder / f"{stem}.png", force=True) as unfinished:
+            unfinished.write_bytes(png)
+        return image(png, alt)
+
+
+def _drawn(results: Results) -> str:
+    spec = results.spec
+    settings = ", ".join(str(one) for one in spec.get("settings", ()))
+    rows = [
+        ("rig", f"<code>{text(spec['rig'])}</code>"),
+        ("controllers", text(", ".join(c or "the rig's own" for c in results.controllers))),
+        ("draws", f"{int(np.unique(results.column('draw')).size):,}, "
+                  f"{text(spec.get('sampling', ''))}, seed {spec.get('seed', '')}"),
+        *(("varied", f"<code>{text(one)}</code>") for one in spec.get("variations", ())),
+        *([("set", f"<code>{text(settings)}</code>")] if settings else []),
+    ]  # fmt: skip
+    return table(("", ""), rows)
+
+
+def _failures(results: Results, pictures: _Pictures) -> str:
+    rows = [
+        (what, controller, *results.failures(controller, requirement))
+        for what, requirement in [
+            ("any failure", None),
+            *((name, name) for name in results.requirements),
+        ]
+        for controller in results.controllers
+    ]
+    rows = [row for row in rows if row[-1] > 0 or row[0] == "any failure"]  # of other controllers
+    cells = []
+    for what, controller, failures, runs in rows:
+        low, high = binomial.clopper_pearson(failures, runs, CONFIDENCE)
+        rate = f"{failures / runs:.3g}" if runs else "not judged"
+        cells.append((text(what), text(controller), f"{failures:,}", f"{runs:,}", rate,
+                      f"{low:.3g} to {high:.3g}"))  # fmt: skip
+    refused = int(results.refused.sum())
+    notes = [_NOT_INDEPENDENT.get(str(results.spec.get("sampling")), "")]
+    notes += [f"{refused:,} runs were refused, as a value lay outside its range; they count "
+              "neither way."] if refused else []  # fmt: skip
+    notes += ["The campaign was ended by its statement. The intervals in the figure and the table "
+              "are those of a number of runs fixed beforehand; what the statement says holds at "
+              "every look."] if "until" in results.spec else []  # fmt: skip
+    image = pictures.image(figures.failures_page(results, rows), "failures", "failures")
+    counts = table(("requirement", "controller", "failures", "runs", "p_fail", "95 % interval"),
+                   cells, (2, 3, 4, 5))  # fmt: skip
+    said = "".join(f"<p>{text(line)}</p>" for line in _statements(results))
+    noted = "".join(f'<p class="note">{note}</p>' for note in notes if note)
+    return f"<h2>Failures</h2>{said}{image}{counts}{noted}"
+
+
+def _statements(results: Results) -> list[str]:
+    """Return the statement of each controller, in words: that of `until`, or a bound of 95 %."""
+    if until := results.spec.get("until"):
+        return [one.text for one in decision.decisions(results, until)]
+    found = []
+    for controller in results.controllers:
+        begin = f"{controller}: " if controller else ""
+        if results.spec.get("sampling") != "grid":
+            found.append(begin + _bound(*results.failures(controller)))
+    return found
+
+
+def _bound(failures: int, runs: int) -> str:
+    """Return what so many failures say; where all failed, nothing is known from above."""
+    every = 0 < failures == runs
+    bound_of = binomial.lower_bound if every else binomial.upper_bound
+    bound = statements.bound_text(bound_of(failures, runs, CONFIDENCE))
+    said = f"{statements.counted(failures, 'failure')} in {statements.counted(runs, 'run')}"
+    if not runs:
+        return f"nothing is known of p_fail: {said}"
+    return f"p_fail {'>' if every else '<'} {bound} at 95 %: {said}"
+
+
+def _reasons(results: Results) -> str:
+    failed = np.equal(results.column("ok"), False).astype(bool) & ~results.refused
+    names = results.column("controller")
+    found = [
+        (controller, *one)
+        for controller in results.controllers
+        for one in reasons.counted(
+            results.column("why")[failed & (names == controller)], results.requirements
+        )
+    ]
+    if not found:
+        return ""
+    found.sort(key=lambda one: -one[2])
+    rows = [(text(c), text(why), f"{n:,}") for c, why, n in found[:MOST_REASONS]]
+    rest = sum(n for *_, n in found[MOST_REASONS:])
+    rows += [("", "other reasons", f"{rest:,}")] if rest else []
+    head = ("controller", "first reason", "runs")
+    return f"<h2>Why runs failed</h2>{table(head, rows, (2,))}"
+
+
+def _worst(results: Results) -> str:
+    """Return the worst runs by each margin, without requirements by each metric, and the faults."""
+    groups = [(f"safety stops and divergences, the first {MOST_WORST}", "",
+               results.faults(MOST_WORST))]  # fmt: skip
+    for name in results.requirements:
+        groups.append((f"smallest margin: {name}", MARGIN + name,
+                       results.worst(MARGIN + name, MOST_WORST)))  # fmt: skip
+    for name in results.metrics if not results.requirements else ():
+        groups.append((f"largest {name}", METRIC + name,
+                       results.worst(METRIC + name, MOST_WORST, largest=True)))  # fmt: skip
+    parts = []
+    for what, column, rows in groups:
+        cells = []
+        for row in rows.tolist():
+            value = f"{results.column(column)[row]:.4g}" if column else results.column("why")[row]
+            command = f"<code>{text(results.command(row))}</code>"
+            draw = f"{results.column('draw')[row]:,}"
+            cells.append((draw, text(results.column("controller")[row]), text(value), command))
+        if cells:
+            label = "margin" if column.startswith(MARGIN) else "value" if column else "why"
+            head = ("draw", "controller", label, "to run it again, with its log")
+            parts.append(f"<h3>{text(what)}</h3>{table(head, cells, (0, 2) if column else (0,))}")
+    return f"<h2>Worst cases</h2>{''.join(parts)}" if parts else ""
+
+
+def _metrics(results: Results, pictures: _Pictures) -> str:
+    parts = []
+    for name in [METRIC + m for m in results.metrics] + [MARGIN + r for r in results.requirements]:
+        if not any(np.isfinite(results.values(name, c)).any() for c in results.controllers):
+            continue
+        found = figures.shares_of(results, name)
+        bare = name.removeprefix(METRIC).replace(MARGIN, "margin of ")
+        image = pictures.image(figures.page_of(results, name, found), name.replace(":", "-"), bare)
+        parts.append(f"<h3>{text(bare)}</h3>{image}{_summary(results, name)}{_interacting(found)}")
+    if not parts:
+        return ""
+    note = ("A curve ends below 1 where runs told no value, as after a safety stop. Pairs are runs "
+            "on the same draw, with the same noise.")  # fmt: skip
+    shares = ("First-order shares are estimated from these draws; what they leave to 1 is the part "
+              "of interactions and noise.") if results.variations else ""  # fmt: skip
+    return f'<h2>Metrics and margins</h2><p class="note">{note} {shares}</p>{"".join(parts)}'
+
+
+def _summary(results: Results, name: str) -> str:
+    rows = []
+    for controller in results.controllers:
+        values = results.values(name, controller)
+        told = values[np.isfinite(values)]
+        points = np.percentile(told, (0, 50, 95, 100)) if len(told) else [np.nan] * 4
+        row = [text(controller), f"{len(told):,} of {len(values):,}"]
+        rows.append(row + ["" if np.isnan(p) else f"{p:.4g}" for p in points])
+    head = ("controller", "runs", "smallest", "median", "95 %", "largest")
+    return table(head, rows, range(1, len(head))) + _against(results, name)
+
+
+def _against(results: Results, name: str) -> str:
+    """Return the table of pairs with the first controller; of values not all above 0 no times."""
+    rows = []
+    for other, told, counts, ratio in compared(results, name, figures.RATIOS):
+        times = ["" if np.isnan(ratio) else f"{count:,}" for count in counts[1:]]
+        median = "" if np.isnan(ratio) else f"{ratio:.3g}"
+        rows.append((text(other), f"{counts[0]:,} of {told:,}", *times, median))
+    first = text(results.controllers[0])
+    times = [f"{ratio:g} times" for ratio in figures.RATIOS[1:]]
+    head = ("controller", f"smaller than {first}", *times, f"{first} over it, median")
+    return table(head, rows, range(1, len(head))) if rows else ""
+
+
+def _interacting(found: Mapping[str, Sequence[Share]]) -> str:
+    """Return the total shares where they are estimable, on a full grid."""
+    rows = [
+        (text(controller), text(s.name), f"{s.first:.3f}", f"{s.total:.3f}")
+        for controller, own in found.items()
+        for s in own
+        if np.isfinite(s.total)
+    ]
+    head = ("controller", "varied", "first order", "with interactions")
+    return table(head, rows, (2, 3)) if rows else ""

@@ -1,0 +1,138 @@
+"""The table of a campaign by column: failures, pairs, worst cases, and how to run one again."""
+
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pcpc.tools.study.engine import FAULT, RAN, REFUSED
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+VARY, METRIC, MARGIN, HELD = "vary:", "metric:", "margin:", "held:"
+
+
+def failures(outcomes: Iterable[str], judged: Iterable[bool | None]) -> tuple[int, int]:
+    """Return failures and runs; `judged`: of each the verdict, or whether a requirement held.
+
+    A fault is a failure; a refused run, or one that could not be judged, is not counted.
+    """
+    pairs = zip(outcomes, judged, strict=True)
+    good = [
+        outcome != FAULT and bool(held)
+        for outcome, held in pairs
+        if outcome == FAULT or (outcome == RAN and held is not None)
+    ]
+    return good.count(False), len(good)
+
+
+class Results:
+    """A table with one row a run, as `pcpc sweep` writes it, and the campaign's `spec`.
+
+    Columns: draw, controller, seed, outcome (ran, fault, refused), ok, why; `vary:NAME`,
+    `metric:NAME` and `margin:NAME` (float, NaN where not told), `held:NAME` (null: not judged).
+    """
+
+    def __init__(self, table: Any, spec: Mapping[str, Any]) -> None:
+        """Take a pyarrow.Table in any order of rows."""
+        self._table = table.sort_by([("draw", "ascending"), ("controller", "ascending")])
+        self.spec = spec
+        self._columns: dict[str, NDArray[Any]] = {}
+        there = self.column("controller").tolist()
+        named = [name for name in spec.get("controllers", ()) if name in there]
+        self.controllers: list[str] = list(dict.fromkeys([*named, *there]))
+        self.variations, self.metrics, self.requirements = (
+            [name.removeprefix(kind) for name in table.column_names if name.startswith(kind)]
+            for kind in (VARY, METRIC, MARGIN)
+        )
+
+    def column(self, name: str) -> "NDArray[Any]":
+        """Return a column, by draw and controller; null is NaN in numbers, None elsewhere."""
+        if name not in self._columns:
+            self._columns[name] = np.asarray(self._table[name].to_numpy())
+        return self._columns[name]
+
+    @cached_property
+    def refused(self) -> "NDArray[np.bool_]":
+        """Which runs had a value outside its range and count neither way."""
+        return self.column("outcome") == REFUSED
+
+    def of(self, controller: str) -> "NDArray[np.bool_]":
+        """Which rows are a controller's runs, without the refused."""
+        return (self.column("controller") == controller) & ~self.refused
+
+    def failures(self, controller: str, requirement: str | None = None) -> tuple[int, int]:
+        """Return failures and runs, of a requirement or of the verdict."""
+        own = self.of(controller)
+        judged = self.column("ok" if requirement is None else HELD + requirement)[own]
+        return failures(self.column("outcome")[own], judged)
+
+    def values(self, name: str, controller: str) -> "NDArray[np.float64]":
+        """Return a column of numbers of a controller's runs, NaN where not told or at a fault."""
+        own = self.of(controller)
+        fault = self.column("outcome")[own] == FAULT
+        found = np.where(fault, np.nan, self.column(name)[own].astype(np.float64))
+        return np.where(np.isfinite(found), found, np.nan)
+
+    def drawn(self, controller: str) -> "NDArray[np.float64]":
+        """Return the varied values of a controller's runs, (n, d)."""
+        own = self.of(controller)
+        columns = [self.column(VARY + name)[own].astype(np.float64) for name in self.variations]
+        return np.column_stack(columns) if columns else np.empty((int(own.sum()), 0))
+
+    def pairs(
+        self, name: str, base: str, other: str
+    ) -> tuple["NDArray[np.float64]", "NDArray[np.float64]"]:
+        """Return the values of both controllers on the draws that told both."""
+        draws = self.column("draw")
+        _, left, right = np.intersect1d(
+            draws[self.of(base)], draws[self.of(other)], return_indices=True
+        )
+        x, y = self.values(name, base)[left], self.values(name, other)[right]
+        told = np.isfinite(x) & np.isfinite(y)
+        return x[told], y[told]
+
+    def worst(self, name: str, most: int, largest: bool = False) -> "NDArray[np.intp]":
+        """Return the rows with the smallest (or largest) values of a column, those first."""
+        values = self.column(name).astype(np.float64)
+        counted = np.flatnonzero(np.isfinite(values) & ~self.refused)
+        order = np.argsort(-values[counted] if largest else values[counted], kind="stable")
+        return counted[order[:most]]
+
+    def faults(self, most: int) -> "NDArray[np.intp]":
+        """Return the first rows that ended in a fault."""
+        return np.flatnonzero(self.column("outcome") == FAULT)[:most]
+
+    def command(self, row: int) -> str:
+        """Return the command that runs a row again, bit for bit, with its full log."""
+        words = ["pcpc", "simulate", str(self.spec["rig"])]
+        if controller := self.column("controller")[row]:
+            words += ["--controller", controller]
+        settings = [str(one) for one in self.spec.get("settings", ())]
+        settings += [f"{n}={_written(self.column(VARY + n)[row])}" for n in self.variations]
+        settings.append(f"seed={self.column('seed')[row]}")
+        return shlex.join([*words, *(word for one in settings for word in ("--set", one))])
+
+
+def _written(value: float) -> str:
+    """Return a number with all its bits, a whole one without a dot as whole settings need it."""
+    value = float(value)
+    return str(int(value)) if value.is_integer() and abs(value) < 2**53 else repr(value)
+
+
+def compared(
+    results: Results, name: str, ratios: Sequence[float]
+) -> Iterator[tuple[str, int, list[int], float]]:
+    """Yield of every controller but the first: pairs, in how many the first is r times larger.
+
+    And the median of first/other, NaN where a value is not above 0: then a ratio says nothing.
+    """
+    base, *others = results.controllers
+    for other in others:
+        x, y = results.pairs(name, base, other)
+        positive = len(x) > 0 and min(x.min(), y.min()) > 0.0
+        counts = [int(np.count_nonzero(x > y if r == 1.0 else x >= r * y)) for r in ratios]
+        yield other, len(x), counts, float(np.median(x / y)) if positive else float("nan")

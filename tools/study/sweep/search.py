@@ -1,0 +1,192 @@
+"""Campaigns whose next runs depend on the last: the worst case, the probability of a rare failure.
+
+A run is judged by a margin: the smallest of its requirements, or how far a metric is below a limit.
+A fault, and a run that could not tell it, is -inf; below 0 is a failure. All runs have noise of one
+seed, so that the margin is a function of what varies. The same campaign asks for the same points,
+so that one that goes on is answered by the rows that are there.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.tools.study.engine import Pieces, Row, pieces
+from pcpc.tools.study.sweep import rare, statements, worst
+from pcpc.tools.study.sweep.campaign import SEARCHES, Campaign
+from pcpc.tools.study.sweep.results import FAULT, REFUSED
+from pcpc.tools.study.sweep.store import Store
+from pcpc.tools.study.sweep.vary import of_normal
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Rows = Callable[[Pieces], Iterator[list[Row]]]
+CASES = 5  # of a controller that are told
+APART = 12  # numbers of draws are this times the runs apart between controllers: more than asked
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search looks at: the smallest margin of the requirements, or the metric `of`.
+
+    The metric is made as large as possible, or its failure is to be above `limit`.
+    """
+
+    campaign: Campaign
+    of: str | None = None
+    limit: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise RigError for what cannot be searched."""
+        kind, runs = self.campaign.sampling, self.campaign.draws
+        if not self.campaign.variations:
+            raise RigError(f"--{kind}: nothing is varied; give --vary NAME=SPEC")
+        if kind == "rare" and (runs < 20 or runs % 10):
+            raise RigError(f"--rare {runs}: expected a multiple of 10, 20 or more; 1000 is usual")
+        if self.of == "":
+            raise RigError("--of '': expected a metric of the rig's evaluation")
+        if self.limit is not None and not math.isfinite(self.limit):
+            raise RigError(f"--limit {self.limit}: expected a number")
+        if (self.limit is not None) != (kind == "rare" and self.of is not None):
+            raise RigError("--limit X is what --rare needs with --of METRIC, and nothing else")
+        for name, known in self.campaign.requirements().items():
+            if self.of is None and not known:
+                cure = "name a metric of its evaluation with --of"
+                raise RigError(f"{self.campaign.rig}: {name} has no requirement; {cure}")
+
+    def spec(self) -> dict[str, object]:
+        """Return what another search would have otherwise."""
+        return {"of": self.of, "limit": self.limit}
+
+    def outcome(self, rows_of: Rows, store: Store, shown: Callable[[], None]) -> str:
+        """Do the runs; return what came out, in lines. RigError: no such metric, refused values."""
+        found = []
+        for i, name in enumerate(self.campaign.controllers):
+            asked = _Asked(self, name, rows_of, store, shown, i * APART * self.campaign.draws)
+            try:
+                found += self._worst(asked) if self.campaign.sampling == "worst" else _rare(asked)
+            except ImportError as error:
+                what = f"--{self.campaign.sampling} needs {error.name}: pip install 'pcpc[sweep]'"
+                raise UserError(what, Exit.ENVIRONMENT) from None
+        again = f"again, with a log: pcpc sweep rerun {store.folder} DRAW CONTROLLER"
+        return "\n".join([*found, again])
+
+    def _worst(self, asked: "_Asked") -> list[str]:
+        campaign = self.campaign
+        about = campaign.variations, campaign.draws, campaign.seed, CASES
+        points, margins = worst.worst(asked.margins, *about)
+        if not len(margins) or margins[0] == math.inf:
+            what = "no run could be judged; vary within the ranges, or name a metric with --of"
+            raise RigError(f"--worst: {asked.controller}: {what}")
+        head = f"{asked.controller}: the worst of {statements.counted(asked.count, 'run')}"
+        return [head, *(asked.told(asked.numbers[point.tobytes()]) for point in points)]
+
+    def margin(self, row: Row) -> float:
+        """Return a row's margin; inf where nothing was to be judged, or nothing could be run."""
+        if row.outcome == REFUSED:
+            return math.inf
+        if row.outcome == FAULT:
+            return -math.inf
+        if self.of is not None:
+            value = row.metrics.get(self.of, math.nan)
+            return -math.inf if math.isnan(value) else (self.limit or 0.0) - value
+        told = [margin for margin in row.margins.values() if margin is not None]
+        return min(told, default=-math.inf if row.ok is False else math.inf)
+
+
+def chosen(runs: Mapping[str, int | None], others: Mapping[str, object]) -> tuple[str, int] | None:
+    """Return the search that is asked for and its runs, by `runs` of each; None for none.
+
+    RigError for two, or beside `others`: options that choose draws.
+    """
+    asked = [(kind, n) for kind, n in runs.items() if n is not None]
+    if len(asked) > 1:
+        raise RigError(f"{' and '.join(f'--{kind}' for kind, _ in asked)}: give one of them")
+    for kind, _ in asked:
+        for other in (name for name, value in others.items() if value is not None):
+            raise RigError(f"--{other}: --{kind} chooses its own draws, all of them; leave it")
+    return asked[0] if asked else None
+
+
+def search(campaign: Campaign, of: str | None, limit: float | None) -> Search | None:
+    """Return what a campaign searches, None for one that does not; RigError."""
+    if campaign.sampling in SEARCHES:
+        return Search(campaign, of, limit)
+    if of is not None or limit is not None:
+        raise RigError("--of and --limit are of --worst and --rare")
+    return None
+
+
+def _rare(asked: "_Asked") -> list[str]:
+    campaign = asked.search.campaign
+    about = len(campaign.variations), campaign.draws, campaign.seed
+    found = rare.subset(lambda z: asked.margins(of_normal(z)), *about)
+    low, high = (statements.bound_text(float(f"{p:.2g}")) for p in found.interval())
+    runs = statements.counted(asked.count, "run")
+    if found.p == 0.0:
+        said = f"no failure in {runs}: p_fail is below {high}"
+    else:
+        p = statements.bound_text(float(f"{found.p:.2g}"))
+        said = f"p_fail = {p}, between {low} and {high} at 95 %, by {runs}"
+    failed = [asked.numbers[of_normal(z).tobytes()] for z in found.failing[:CASES]]
+    return [f"{asked.controller}: {said}", *(asked.told(i) for i in dict.fromkeys(failed))]
+
+
+@dataclass
+class _Asked:
+    """The runs of one controller, numbered from `first` in the order in which they are asked."""
+
+    search: Search
+    controller: str
+    rows_of: Rows
+    store: Store
+    shown: Callable[[], None]
+    first: int
+
+    def __post_init__(self) -> None:
+        self.count = 0
+        self.numbers: dict[bytes, int] = {}
+
+    def margins(self, points: "NDArray[np.float64]") -> "NDArray[np.float64]":
+        """Return the margins of points (n, d)."""
+        campaign, rows, name = self.search.campaign, self.store.rows, self.controller
+        numbered = list(enumerate(points, self.first + self.count))
+        self.count += len(points)
+        left = []
+        for number, point in numbered:
+            self.numbers.setdefault(point.tobytes(), number)
+            row = rows.get((number, name))
+            if row is None:
+                left.append((number, point))
+            elif row.values != campaign.draw(name, number, point).values:
+                what = f"{self.store.folder}: draw {number} was of other values than now"
+                raise RigError(f"{what}, by other versions of numpy or cma; begin with another -o")
+        for done in self.rows_of(pieces(left, [name], campaign.draw)):
+            self.store.add(done)
+            self.shown()
+        found = [rows[number, name] for number, _ in numbered]
+        self._check(found)
+        return np.array([self.search.margin(row) for row in found])
+
+    def _check(self, rows: list[Row]) -> None:
+        for row in rows:
+            if row.outcome == REFUSED and self.search.campaign.sampling == "rare":
+                cure = "draw values that a run can have, as normal(m,s,lo,hi)"
+                raise RigError(f"--rare: draw {row.draw}: {row.why}; {cure}")
+        of, known = self.search.of, {name: None for row in rows for name in row.metrics}
+        if of is not None and known and of not in known:
+            what = f"{self.controller} has no metric {of}"
+            raise RigError(f"--of {of}: {what}{did_you_mean(of, known)}")
+
+    def told(self, number: int) -> str:
+        """Return a run in a line."""
+        row = self.store.rows[number, self.controller]
+        value = row.metrics.get(self.search.of or "", math.nan)
+        said = f"margin {self.search.margin(row):.4g}" if self.search.of is None else f"{value:.4g}"
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in row.values.items())
+        return f"  draw {number}: {row.why if row.outcome == FAULT else said}: {values}"

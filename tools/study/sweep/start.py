@@ -1,0 +1,20 @@
+"""`pcpc sweep` in a process of its own: compiled for this machine's processor, with equal bits.
+
+But not `rerun`: one run is not worth the loop compiled anew, beside that of `simulate` and `run`.
+"""
+
+import argparse
+
+from pcpc.tools.start.native import native
+from pcpc.tools.terminal.extras import need, need_for_sweep
+
+
+def command(options: argparse.Namespace) -> int:
+    """Carry out `pcpc sweep`; return the exit code."""
+    need_for_sweep()
+    if options.scheduler is not None:
+        need("--scheduler needs", "dask", "distributed")
+    with native(options.words[0] != "rerun"):
+        from pcpc.tools.study.sweep import cli  # which imports numba
+
+        return cli.command(options)

@@ -1,0 +1,251 @@
+"""Statements on a probability of failure: how sure, after how many runs, how many more.
+
+    p_fail < 1e-3 at 95%                 of all requirements and safety stops of a run
+    p_fail(peak error) < 1e-3 at 95%     of the requirement of this name
+    ... against 5e-4                     the alternative p1, in place of p0/10
+
+A campaign looks at its failures again and again, and an interval made for a fixed number of runs
+is then wrong too often. Wald's sequential test is not: with k failures in n runs
+
+    L = (p1/p0)^k ((1 - p1)/(1 - p0))^(n - k),  p1 < p0                                   (1)
+
+is, where p = p0, a non-negative martingale of mean 1, which ever reaches 1/alpha with probability
+alpha at most (Ville), and so it is where p > p0. Hence:
+
+    holds       L >= 1/alpha, alpha = 1 - confidence: p < p0
+    refuted     the lower bound (3) has reached p0: p > p0
+    not shown   L <= beta: p <= p1 is excluded, and to go on would seldom show that p < p0
+    open        neither of these yet
+
+L grows with p0; the p0 at which it is 1/alpha is therefore an upper bound of p that holds at all n
+at once (a confidence sequence), and says p < p0 exactly when the test does. With R = p0/p1
+
+    upper  (g - 1)/(g - 1/R),  g = (R^k/alpha)^(1/(n - k))                                (2)
+
+The lower bound is where the same martingale, its alternative mixed over all p by Jeffreys' prior,
+reaches 1/alpha below k/n (Robbins); it needs no p1 and gets ever closer:
+
+    lower  B(k + 1/2, n - k + 1/2) / (B(1/2, 1/2) p^k (1 - p)^(n - k)) = 1/alpha          (3)
+
+`against 0` is the test without failure: 1/alpha is reached after as many failure-free runs as a
+fixed number would have needed, and one failure ends it as not shown.
+
+Wald, Sequential Analysis, 1947, ch. 3 and A.2 to A.4; Ville 1939; Robbins 1970; Clopper and
+Pearson, Biometrika 26, 1934.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+
+from pcpc.executive.errors import RigError
+from pcpc.executive.rig import yamlfile
+from pcpc.tools.study.binomial import checked
+
+RATIO = 10.0  # p0/p1 where nothing is said: 11 % more failure-free runs than a fixed number needs
+BETA = 0.05  # how often `not shown` ends a campaign whose p is p1
+HOLDS, REFUTED, NOT_SHOWN, OPEN = "holds", "refuted", "not shown", "open"
+_UNTIL = re.compile(
+    r"p_fail\s*(?:\((?P<of>[^()]+(?:\([^()]*\)[^()]*)*)\))?\s*<\s*(?P<p0>[^\s%]+)"
+    r"\s+at\s+(?P<percent>[^\s%]+)\s*%(?:\s+against\s+(?P<p1>\S+))?"
+)
+_CURE = "expected p_fail < 1e-3 at 95%, or p_fail(REQUIREMENT) < 1e-3 at 95% against 5e-4"
+
+
+def always_valid(
+    failures: int, runs: int, confidence: float, ratio: float = RATIO
+) -> tuple[float, float]:
+    """Return a lower and an upper bound, each of `confidence` for all numbers of runs at once."""
+    checked(failures, runs)
+    sure, lower, upper = -math.log(1.0 - confidence), 0.0, 1.0
+    if failures < runs and (ratio < math.inf or failures == 0):
+        grown = (sure + (failures * math.log(ratio) if failures else 0.0)) / (runs - failures)
+        if grown < 700.0:  # ln g, of a float64
+            upper = 1.0 / (1.0 + (1.0 - 1.0 / ratio) / math.expm1(grown))
+
+    def excess(p: float) -> float:
+        return _mixed(failures, runs, p) - sure
+
+    if failures:  # below 0 at p = k/n, where nothing is likelier
+        from scipy.optimize import brentq
+
+        lower = float(brentq(excess, 1e-300, failures / runs, xtol=1e-18))
+    return lower, upper
+
+
+def _mixed(failures: int, runs: int, p: float) -> float:
+    """Return the logarithm of (3), left, at 0 < p < 1, or p = 1 without a clean run."""
+    from scipy.special import betaln
+
+    clean = (runs - failures) * math.log1p(-p) if runs > failures else 0.0
+    prior = float(betaln(0.5, 0.5))
+    whole = float(betaln(failures + 0.5, runs - failures + 0.5)) - prior
+    return whole - failures * math.log(p) - clean
+
+
+@dataclass(frozen=True)
+class Statement:
+    """`p_fail < p0 at confidence`, of one requirement or of all; `p1` is the alternative."""
+
+    p0: float
+    confidence: float
+    p1: float
+    requirement: str | None = None
+    beta: float = BETA
+
+    @property
+    def ratio(self) -> float:
+        """p0/p1; infinite of the test without failure."""
+        return self.p0 / self.p1 if self.p1 else math.inf
+
+    @property
+    def without_failure(self) -> int:
+        """How many runs the statement needs if none fails."""
+        return math.ceil(self._accepted / self._clean)
+
+    @property
+    def _accepted(self) -> float:
+        return -math.log(1.0 - self.confidence)
+
+    @property
+    def _clean(self) -> float:
+        """By how much a run without failure moves ln L."""
+        return math.log1p(-self.p1) - math.log1p(-self.p0)
+
+    @property
+    def _failed(self) -> float:
+        """By how much a failure moves ln L, down to -inf."""
+        return -math.log(self.ratio)
+
+    def likelihood(self, failures: int, runs: int) -> float:
+        """Return ln L, (1)."""
+        checked(failures, runs)
+        return (failures * self._failed if failures else 0.0) + (runs - failures) * self._clean
+
+    def bounds(self, failures: int, runs: int) -> tuple[float, float]:
+        """Return (3) and (2): each holds with the statement's confidence, whenever it is looked."""
+        return always_valid(failures, runs, self.confidence, self.ratio)
+
+    def decided(self, failures: int, runs: int) -> str:
+        """Return HOLDS, REFUTED, NOT_SHOWN or OPEN; a campaign ends with the first but OPEN."""
+        likelihood = self.likelihood(failures, runs)
+        if likelihood >= self._accepted:
+            return HOLDS
+        if failures > self.p0 * runs and _mixed(failures, runs, self.p0) >= self._accepted:
+            return REFUTED
+        return NOT_SHOWN if likelihood <= math.log(self.beta) else OPEN
+
+    def more(self, failures: int, runs: int) -> int:
+        """Return how many more runs decide it if failures go on at the present rate."""
+        rate = failures / runs if runs else 0.0
+        drift = self._drift(rate)
+        end = self._accepted if drift > 0.0 else math.log(self.beta)
+        gap = (end - self.likelihood(failures, runs)) / drift if drift else math.inf
+        return math.ceil(max(gap, 1.0)) if math.isfinite(gap) else 1
+
+    def _drift(self, p: float) -> float:
+        return (p * self._failed if p else 0.0) + (1.0 - p) * self._clean
+
+    def expected(self, p: float) -> float:
+        """Return the mean number of runs to the end where p is true, by Wald (A.4).
+
+        Neglects how far ln L jumps beyond a boundary; exact for p = 0. `refuted` comes sooner.
+        """
+        if p <= 0.0:
+            return float(self.without_failure)
+        if p >= 1.0:
+            return math.ceil(max(math.log(self.beta) / self._failed, 1.0))
+        if self.p1 == 0.0:  # the first failure ends it
+            return -math.expm1(self.without_failure * math.log1p(-p)) / p
+        up, down, drift = self._accepted, math.log(self.beta), self._drift(p)
+        root = self._root(p)
+        if abs(root) < 1e-6:
+            return -up * down / (p * self._failed**2 + (1.0 - p) * self._clean**2)
+        refused = math.expm1(root * up) / (math.exp(root * up) - math.exp(root * down))
+        return (refused * down + (1.0 - refused) * up) / drift
+
+    def _root(self, p: float) -> float:
+        """Return h other than 0 with E exp(h ln L of a run) = 1; 0 where the mean is 0."""
+        from scipy.optimize import brentq
+
+        def excess(h: float) -> float:
+            return p * math.expm1(h * self._failed) + (1.0 - p) * math.expm1(h * self._clean)
+
+        sign = -1.0 if self._drift(p) > 0.0 else 1.0
+        far = sign * 1e-9
+        while excess(far) < 0.0:
+            far *= 2.0
+        return float(brentq(excess, far / 2.0, far)) if abs(far) > 1e-9 else 0.0
+
+    def __str__(self) -> str:
+        of = f"({self.requirement})" if self.requirement else ""
+        return f"p_fail{of} < {_short(self.p0)}"
+
+    def told(self, failures: int, runs: int) -> str:
+        """Return the outcome in words, in one line."""
+        sure = f"at {_short(100.0 * self.confidence)} %"
+        found = f"{counted(failures, 'failure')} in {counted(runs, 'run')}"
+        lower, upper = self.bounds(failures, runs)
+        outcome = self.decided(failures, runs)
+        if outcome == HOLDS:
+            need = f"{self.without_failure:,} were needed without failure"
+            return f"{self} holds {sure}: {found}, bound {bound_text(upper)}; {need}"
+        if outcome == REFUTED:
+            return f"{self} is refuted {sure}: {found}, p_fail is above {bound_text(lower)}"
+        if outcome == NOT_SHOWN and self.p1 == 0.0:
+            return f"{self} is not shown: {found}, and the test was for none"
+        between = f"p_fail is above {bound_text(lower)} and below {bound_text(upper)}, each {sure}"
+        if outcome == NOT_SHOWN:
+            near = f"p_fail <= {_short(self.p1)} is excluded at {_short(100 * (1 - self.beta))} %"
+            return f"{self} is not shown: {found}, {near}; {between}"
+        rest = self.more(failures, runs)
+        rising = self._drift(failures / max(runs, 1)) > 0.0
+        end = "to show it" if rising else "until it is given up"
+        ahead = f"about {rest:,} more {end}, if it goes on like this"
+        return f"{self} is open after {found}: bound {bound_text(upper)}; {ahead}"
+
+
+def parsed(text: str) -> Statement:
+    """Return what `--until` says. Raises RigError, one line with the cure."""
+    found = _UNTIL.fullmatch(text.strip())
+    if not found:
+        raise RigError(f"--until {text!r}: {_CURE}")
+    p0, percent = _number(text, found["p0"]), _number(text, found["percent"])
+    p1 = p0 / RATIO if found["p1"] is None else _number(text, found["p1"])
+    if not 0.0 < p0 < 1.0:
+        raise RigError(f"--until {text!r}: {found['p0']} is no probability between 0 and 1")
+    if not 50.0 <= percent < 100.0:
+        raise RigError(f"--until {text!r}: {found['percent']}%; expected 50% or more, below 100%")
+    if not 0.0 <= p1 < p0:
+        raise RigError(f"--until {text!r}: against {found['p1']}; expected 0 or more, below {p0:g}")
+    name = found["of"]
+    return Statement(p0, percent / 100.0, p1, name.strip() if name else None)
+
+
+def _number(text: str, word: str) -> float:
+    try:
+        number = yamlfile.scalar(word)
+    except ValueError:
+        number = None
+    if type(number) not in (int, float):
+        raise RigError(f"--until {text!r}: {word} is no number; {_CURE}")
+    return float(number)
+
+
+def _short(number: float) -> str:
+    """Return a number as one writes it: 1e-3, 0.05, 99.9."""
+    mantissa, exponent = f"{number:e}".split("e")
+    power = int(exponent)
+    if -3 < power < 5 or number == 0.0:
+        return f"{number:.12g}"
+    return f"{float(mantissa):g}e{power}"
+
+
+def bound_text(number: float) -> str:
+    """Return a bound with four digits, 9.998e-4."""
+    return _short(float(f"{number:.4g}"))
+
+
+def counted(count: int, word: str) -> str:
+    """Return `1 run`, `2,995 runs`."""
+    return f"{count:,} {word}{'' if count == 1 else 's'}"

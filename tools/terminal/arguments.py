@@ -1,0 +1,134 @@
+"""What several commands of `pcpc` take; imports nothing that takes time."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.durations import duration_s
+from pcpc.tools.terminal.command import Add
+from pcpc.tools.terminal.rooms import offered
+
+MOST_SEED = 2**53  # which a float holds, as JSON and logs have numbers
+BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
+
+
+def json(add: Add, help: str = "print one JSON object") -> None:
+    """Take whether to print JSON."""
+    add("--json", action="store_true", help=help)
+
+
+def quiet(add: Add, *short: str) -> None:
+    """Take whether to show progress."""
+    add(*short, "--quiet", action="store_true", help="no progress")
+
+
+def settings(add: Add, help: str) -> None:
+    """Take settings of a rig."""
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=help)
+
+
+def rig(add: Add) -> None:
+    """Take a rig and what is changed in it."""
+    add(
+        "rig",
+        metavar="RIG",
+        help="name of a rig (pcpc rigs), its file or folder; a run that goes on",
+    )
+    add("--controller", metavar="NAME", help="controller, instead of the rig's")
+    add("--standby", action=_Standby, metavar="NAME[,NAME]",
+        help="other controllers of the rig, which can take over")  # fmt: skip
+    settings(
+        add, "any value of the rig or a block, as controller.kv_Nms_rad=130; @FILE: of pcpc save"
+    )
+
+
+class _Standby(argparse.Action):
+    """An option that is a setting of the rig in other words."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, options: argparse.Namespace, text: Any, *_: Any
+    ) -> None:
+        """Append it to the settings."""
+        if not text.strip(", "):
+            parser.error(f"--standby {text!r}: names no controller")
+        options.set = [*options.set, f"standby=[{text}]"]
+
+
+def run(add: Add) -> None:
+    """Take a rig, and how it runs on a bus."""
+    rig(add)
+    add("--pacing", choices=("real", "sync", "lockstep"),
+        help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock")  # fmt: skip
+    add("--bus", metavar="INTERFACE[:CHANNEL]", help=BUSES)
+    run_folder(add)
+    for more in offered("BESIDE_RUN"):
+        more(add)
+
+
+def run_folder(add: Add) -> None:
+    """Take where a run is kept, and how it is told and judged."""
+    add("-o", "--output", metavar="DIR", help="run folder, instead of runs/<UTC time>-<rig>")
+    json(add, "print the summary as one JSON object")
+    add("--quiet", action="store_true", help="no progress; of the summary problems and verdict")
+    add("--no-figure", action="store_true", help="do not draw figure.png")
+    add(
+        "--judge",
+        action="store_true",
+        help="a limit that could not be judged, or nothing to judge, is exit code 1",
+    )
+
+
+def _file(option: str) -> Callable[[str], str]:
+    """Return what refuses a file that is not there, whether or not the log needs it."""
+
+    def there(text: str) -> str:
+        try:
+            if Path(text).is_file():
+                return text
+        except ValueError:
+            pass
+        raise UserError(f"{option} {text}: no such file")
+
+    return there
+
+
+def code_of_laws(add: Add) -> None:
+    """Take whose code of a log may run."""
+    add("--trust", action="store_true",
+        help="run the Python that stands in the log: its laws, its evaluation")  # fmt: skip
+    add("--law", action="append", default=[], metavar="FILE", type=_file("--law"),
+        help="a law, an evaluation or a file one reads, of a run whose files moved")  # fmt: skip
+    add("--rig", metavar="RIG", help="the rig file beside which they lie now")
+    add(
+        "--fmu",
+        action="append",
+        default=[],
+        metavar="FILE",
+        type=_file("--fmu"),
+        help="run an FMU of the run, native code, which a log never holds",
+    )
+
+
+def duration(text: str) -> float:
+    """Return a duration such as 500ms, 10s, 2min in s."""
+    try:
+        return duration_s(text, unit="")
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def seed(text: str) -> int:
+    """Return the seed of random numbers."""
+    if not text.isdecimal() or int(text) > MOST_SEED:
+        what = f"expected a whole number from 0 to {MOST_SEED}, got {text!r}"
+        raise argparse.ArgumentTypeError(what)
+    return int(text)
+
+
+def positive(text: str) -> int:
+    """Return a whole number above 0."""
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"expected a positive whole number, got {text!r}")
+    return int(text)

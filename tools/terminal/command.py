@@ -1,0 +1,105 @@
+"""How a command of `pcpc` is registered: one `Command` in the commands.py of its room is enough."""
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pcpc.drivers.errors import Exit, UserError
+from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.given import note_options
+
+Add = Callable[..., argparse.Action]  # add_argument of a command's parser
+Attach = Callable[[str, argparse.Action], None]
+
+SIMPLE = {Exit.OK: "", Exit.WRONG_INPUT: ""}
+ASKING = {**SIMPLE, Exit.ENVIRONMENT: "no such node, or no answer", Exit.INTERRUPTED: ""}
+READING = {**SIMPLE, Exit.LOSS: "the log is damaged", Exit.INTERRUPTED: ""}
+WRITING = {
+    **SIMPLE, Exit.LOSS: "a log is damaged, what is readable was written",
+    Exit.ENVIRONMENT: "cannot be written, or a package is missing", Exit.INTERRUPTED: "",
+}  # fmt: skip
+
+
+PLACES = {"DIR": "a folder", "FILE": "a file", "OUT": "a file", "LOG": "a log", "A": "a log",
+          "B": "a log"}  # fmt: skip
+
+
+def nothing(add: Add) -> None:
+    """Take no arguments."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command, or with `parts` a family of them: `pcpc log info`.
+
+    It is carried out by `command(options)` in pcpc.tools.MODULE, which is imported only then.
+    """
+
+    name: str
+    help: str  # one line
+    example: str  # command lines to copy
+    arguments: Callable[[Add], None] = nothing
+    module: str = ""  # below pcpc.tools
+    codes: Mapping[Exit, str] | None = None  # with words of its own, "" for the usual; None: all
+    notes: str = ""  # in its help, above the exit codes
+    judges: bool = False  # its verdict does not depend on whether somebody reads what it prints
+    compiles: bool = False  # in this process
+    reads_logs: bool = False
+    rest: str = ""  # takes the words after --, which are so called
+    last: str = ""  # an option that takes all words behind it, also --
+    own_h: bool = False  # -h is an option of its own
+    first: bool = False  # one that people begin with
+    parts: Sequence["Command"] = ()
+
+    def add_to(
+        self, commands: "argparse._SubParsersAction[argparse.ArgumentParser]", attach: Attach
+    ) -> None:
+        """Register it; `attach` gives its arguments the words that a shell can complete."""
+        parser = commands.add_parser(
+            self.name, help=self.help, description=self.help, epilog=self._epilog(),
+            formatter_class=screen.Help, conflict_handler="resolve" if self.own_h else "error",
+            usage=f"%(prog)s [options] -- {self.rest}" if self.rest else None,
+        )  # fmt: skip
+        parser.set_defaults(registered=self)
+        note_options(parser)
+
+        def add(*names: str, **about: Any) -> argparse.Action:
+            kind = str(about.get("metavar", "")).partition(".")[0]
+            if kind in PLACES and "nargs" not in about:
+                about["type"] = _named(names[0], PLACES[kind], about.get("type", str))
+            action = parser.add_argument(*names, **about)
+            attach(self.name, action)
+            return action
+
+        self.arguments(add)
+        if self.parts:
+            parts = parser.add_subparsers(required=True, metavar="SUB")
+            for part in self.parts:
+                part.add_to(parts, attach)
+
+    def _epilog(self) -> str:
+        lines = ["example:", *(f"  {line}" for line in self.example.splitlines())]
+        tail = "each SUB has its own --help" if self.parts else exit_codes(self.codes)
+        return "\n".join([*lines, *self.notes.splitlines(), tail])
+
+
+def _named(option: str, expected: str, kind: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return `kind` that refuses an empty name, as that of a variable that is not set; UserError.
+
+    `Path` would make of it the folder in which one is.
+    """
+
+    def named(text: str) -> Any:
+        if not text:
+            raise UserError(f"{option} '': expected {expected}")
+        return kind(text)
+
+    return named
+
+
+def exit_codes(codes: Mapping[Exit, str] | None = None) -> str:
+    """Return the line of a help about exit codes."""
+    chosen = codes or dict.fromkeys(Exit, "")
+    told = (f"{code:d} {said or code.meaning}" for code, said in chosen.items())
+    return f"exit code: {', '.join(told)}"

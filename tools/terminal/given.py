@@ -1,0 +1,63 @@
+"""Which options a command line gives: none twice with two values, none without effect."""
+
+import argparse
+from typing import Any
+
+from pcpc.drivers.errors import UserError
+
+
+class _Store(argparse._StoreAction):
+    """An option with a value, which is noted; a second one that contradicts is refused."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, options: argparse.Namespace, values: Any,
+        option_string: str | None = None,
+    ) -> None:  # fmt: skip
+        if option_string is not None and repr(_note(self, options, values)) != repr(values):
+            parser.error(f"{option_string}: given twice, with two values")
+        super().__call__(parser, options, values, option_string)
+
+
+class _StoreTrue(argparse._StoreTrueAction):
+    """An option without a value, which is noted."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, options: argparse.Namespace, values: Any,
+        option_string: str | None = None,
+    ) -> None:  # fmt: skip
+        _note(self, options, True)
+        super().__call__(parser, options, values, option_string)
+
+
+class _Append(argparse._AppendAction):
+    """An option that may be repeated, which is noted."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, options: argparse.Namespace, values: Any,
+        option_string: str | None = None,
+    ) -> None:  # fmt: skip
+        _note(self, options, True)
+        super().__call__(parser, options, values, option_string)
+
+
+ACTIONS = {None: _Store, "store": _Store, "store_true": _StoreTrue, "append": _Append}
+
+
+def note_options(parser: argparse.ArgumentParser) -> None:
+    """Let a parser note which options are given; call it before they are added."""
+    for name, action in ACTIONS.items():
+        parser.register("action", name, action)
+
+
+def refuse(options: argparse.Namespace, why: str, *names: str) -> None:
+    """Raise UserError for the first of these options that is given, by its name in `options`."""
+    given = vars(options).get("given", {})
+    for name in names:
+        if name in given:
+            raise UserError(f"{given[name][0]}: {why}")
+
+
+def _note(action: argparse.Action, options: argparse.Namespace, value: Any) -> Any:
+    """Note an option; return the value that it was given first."""
+    given = vars(options).setdefault("given", {})
+    return given.setdefault(action.dest, (action.option_strings[-1], value))[1]

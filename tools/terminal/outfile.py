@@ -1,0 +1,55 @@
+"""Output files that are whole or not there, and the one-line errors of `pcpc log`."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pcpc.drivers.errors import UserError
+from pcpc.executive.errors import code_of
+
+
+class LogCommandError(UserError):
+    """A log, or what is asked of it, cannot be had."""
+
+
+@contextmanager
+def new_file(
+    path: Path, force: bool, cure: str = "choose another name, or overwrite it with --force"
+) -> Iterator[Path]:
+    """Give a file to write beside `path` that takes its place at the end, if there was no error.
+
+    Raises LogCommandError if `path` exists and not `force`, or cannot be written.
+    """
+    if path.exists() and not (force and path.is_file()):
+        what = f"exists; {cure}" if path.is_file() else "is no file; choose another name"
+        raise LogCommandError(f"{path}: {what}")
+    try:
+        with whole_file(path) as unfinished:
+            yield unfinished
+    except OSError as error:
+        what = f"{path}: cannot be written: {error.strerror}; choose another place"
+        raise LogCommandError(what, code_of(error)) from None
+
+
+def check_file(option: str, path: Path | None) -> None:
+    """Raise LogCommandError if no file can be `path`, as `option` named it; of None not."""
+    if path is not None and (path.is_dir() or not path.parent.is_dir()):
+        what = "is a folder" if path.is_dir() else f"there is no folder {path.parent}"
+        raise LogCommandError(f"{option} {path}: {what}; choose another file")
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a file to write that takes the place of `path`, also of a link; OSError.
+
+    Where it is removed meanwhile, or an error ends it, `path` stays what it was.
+    """
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")
+    try:
+        unfinished.touch(exist_ok=False)
+        yield unfinished
+        if unfinished.exists():
+            os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)

@@ -1,0 +1,58 @@
+"""Capabilities are rooms, folders of tools/ that are found, not listed: each can be taken out.
+
+A room is known by the names of its files: what is offered to others stands in
+
+    commands.py    COMMANDS, PARTS_OF commands of others, BESIDE_... others' arguments
+    api.py         what `import pcpc` offers
+    checks.py      what `pcpc check` tells of a node: KEY, report(plan) and lines(one of it)
+"""
+
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from pcpc.drivers.errors import Exit, UserError
+
+_TOOLS = Path(__file__).resolve().parents[1]
+_DEPTHS = ("*", "*/*", "*/*/*")  # groups, rooms in them, rooms in those
+
+
+@cache
+def having(part: str) -> list[str]:
+    """Return the rooms that have a file `part`.py, by their folders below tools/."""
+    files = [file for depth in _DEPTHS for file in _TOOLS.glob(f"{depth}/{part}.py")]
+    return sorted(file.parent.relative_to(_TOOLS).as_posix() for file in files)
+
+
+def offered(name: str) -> list[Any]:
+    """Return what the commands.py of rooms offer under `name`, in the order of their folders."""
+    modules = [
+        import_module(f"pcpc.tools.{room.replace('/', '.')}.commands")
+        for room in having("commands")
+        if room != "cli"
+    ]
+    return [getattr(module, name) for module in modules if hasattr(module, name)]
+
+
+def parts_called(name: str) -> list[ModuleType]:
+    """Import the file `name`.py of each room that has one."""
+    return [part_of(room, name) for room in having(name)]
+
+
+def part_of(room: str, part: str) -> ModuleType:
+    """Import a part of a room; UserError where that was taken out."""
+    need_room(f"{room}/{part}", room)
+    return import_module(".".join(("pcpc.tools", *room.split("/"), *part.split("/"))))
+
+
+def need_room(place: str, room: str = "") -> None:
+    """Raise UserError where a room, or the part of one at `place`, was taken out."""
+    if not there(place):
+        raise UserError(f"{room or place}: not in this installation of pcpc", Exit.ENVIRONMENT)
+
+
+def there(room: str) -> bool:
+    """Return whether a room is in this installation, not only what was compiled of it once."""
+    return any((_TOOLS / file).is_file() for file in (f"{room}/__init__.py", f"{room}.py"))

@@ -1,0 +1,96 @@
+"""Text for a terminal: it fits the width, and what is cut into lines can still be copied.
+
+Without a terminal the width is 80, or what COLUMNS says.
+"""
+
+import argparse
+import re
+import shutil
+import textwrap
+from collections.abc import Iterable, Sequence
+
+_NARROWEST = 60  # below that nothing can be aligned any more
+_WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
+
+# what a terminal obeys, or shows in another order; then what this program itself says to one
+_OBEYED = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]"
+_CONTROL = re.compile(_OBEYED)
+_OWN = re.compile(  # colours; a line in place of another; lines in place of those above
+    rf"(\x1b\[[\d;]*m|(?:\A(?:\x1b\[\d+A)?|(?<=\n))\r\x1b\[K|\r\n)|{_OBEYED}"
+)
+
+
+class Help(argparse.RawDescriptionHelpFormatter):
+    """Keeps the lines of a description or epilog, and wraps those that are too long."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        lines = []
+        for line in text.splitlines():
+            blanks = " " * (len(line) - len(line.lstrip()) + 2)
+            lines += textwrap.wrap(
+                line, width, initial_indent=indent, subsequent_indent=indent + blanks,
+                break_on_hyphens=False,
+            ) or [""]  # fmt: skip
+        return "\n".join(lines)
+
+
+def clean(text: str) -> str:
+    r"""Return `text` of others with `\x1b` and the like spelt out: no terminal obeys it."""
+    return _CONTROL.sub(_spelt, text)
+
+
+def own(text: str) -> str:
+    """Return `text` in which only the few codes of this program itself are left."""
+    return _OWN.sub(lambda found: found[1] or _spelt(found), text)
+
+
+def _spelt(found: re.Match[str]) -> str:
+    return found[0].encode("unicode_escape").decode()
+
+
+def width() -> int:
+    """Return the columns that a line may take."""
+    return max(shutil.get_terminal_size().columns, _NARROWEST)
+
+
+def wrapped(text: str, first: str = "", rest: str | None = None) -> list[str]:
+    """Return `text` as lines behind `first`, the following ones behind `rest` or as many blanks.
+
+    A word that is longer than the line is cut.
+    """
+    after = " " * len(first) if rest is None else rest
+    lines = textwrap.wrap(
+        text, width(), initial_indent=first, subsequent_indent=after, break_on_hyphens=False
+    )
+    return [line.rstrip() for line in lines] or [first.rstrip()]
+
+
+def rows(pairs: Iterable[tuple[str, str]]) -> list[str]:
+    """Return labelled texts, the texts below each other."""
+    known = list(pairs)
+    broad = max((len(label) for label, _ in known), default=0)
+    return [line for label, text in known for line in wrapped(text, f"{label:{broad}}  ")]
+
+
+def table(lines: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
+    """Return rows with aligned columns, those of `right` to the right, the last one wrapped."""
+    sizes = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    found = []
+    for *cells, last in lines:
+        padded = (
+            f"{text:>{size}}  " if i in right else f"{text:{size}}  "
+            for i, (text, size) in enumerate(zip(cells, sizes, strict=False))
+        )
+        found += wrapped(last, "".join(padded))
+    return found
+
+
+def shell(command: str, indent: str = "  ") -> list[str]:
+    r"""Return a shell command as lines to copy, continued with `\`; quoted words stay whole."""
+    room, lines = width() - len(indent) - len(" \\"), [""]
+    for word in _WORD.findall(command):
+        if lines[-1] and len(lines[-1]) + 1 + len(word) > room:
+            lines.append("  " + word)
+        else:
+            lines[-1] = f"{lines[-1]} {word}" if lines[-1] else word
+    return [f"{indent}{line} \\" for line in lines[:-1]] + [f"{indent}{lines[-1]}"]
