@@ -20,7 +20,7 @@ import pytest
 from copies import PROGRAMS, Copy, copies
 from hypothesis import HealthCheck, settings
 
-from pcpc.tools.starting.children import Child
+from pcpc.tools.start.children import Child
 
 LONGEST = [  # in turn
     "test_pytest_plugin", "test_pages", "test_ci", "test_neural_controllers", "test_memory",
@@ -34,7 +34,7 @@ LONGEST = [  # in turn
 
 STARTS_PROGRAMS = {
     "processes", "hosting", "live_run", "playing", "copies", "paging", "two_processes", "free_bus",
-    "live", "blocks", "pcpc.tools.starting.children",
+    "live", "blocks", "pcpc.tools.start.children",
 }  # fmt: skip
 
 _started = Child.started

@@ -36,7 +36,7 @@ _AT_RUN_TIME = {  # read when they are needed, not at an import
     "XDG_CACHE_HOME", "XDG_STATE_HOME",
 }  # fmt: skip
 _LATER = (  # what commands import once they know that they need it
-    "matplotlib.figure", "matplotlib.backends.backend_agg", "pytest", "pcpc.tools.host.server",
+    "matplotlib.figure", "matplotlib.backends.backend_agg", "pytest", "pcpc.tools.live.host.server",
     "uvicorn.lifespan.on", "uvicorn.loops.asyncio", "uvicorn.protocols.http.h11_impl",
 )  # fmt: skip
 _BEFORE = dict(os.environ)  # imports add to it, and tests, one of which may start the server
@@ -285,11 +285,12 @@ def _leave(code: int) -> None:
 
 
 if __name__ == "__main__":
-    for _command in import_module("pcpc.tools.console.commands").COMMANDS.values():
+    for _command in import_module("pcpc.tools.cli.commands").COMMANDS.values():
         for _one in _command.parts or (_command,):
-            import_module(f"pcpc.tools.{_one.at}")
+            import_module(f"pcpc.tools.{_one.module}")
     for _name in _LATER:
-        import_module(_name)
+        with suppress(ModuleNotFoundError):  # a room that was taken out
+            import_module(_name)
     _rig = import_module("pcpc.executive.rig.reading").load_rig(_RIG, None, ("duration_s=0.001",))
     import_module("pcpc.executive.nodes.virtual").in_memory(_rig)
     gc.collect()

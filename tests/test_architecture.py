@@ -1,9 +1,9 @@
 """Who may import whom, and what the sources never do, checked on their syntax trees.
 
 `drivers` imports nothing of ours; `executive` imports drivers, and of its rooms each only what
-stands below it; laws import blocks, elementary functions, approximators, models and each other;
-`plants` import drivers and the engine, never a controller; `tools` import everything. No module
-imports itself by way of others.
+stands below it; laws import blocks, elementary functions, approximators, models and each other; a
+plant imports drivers and the engine, never a law, nor a law a plant; of `tools` each group imports
+only those below it. No module imports itself by way of others.
 """
 
 import ast
@@ -30,12 +30,19 @@ ENGINE = [name for name in TREES if not name.startswith("tools/")]
 ROOMS = ("laws", "loop", "rig", "log", "nodes", "batch")  # of `executive`, from below
 
 
+GROUPS = (  # of `tools`, from below
+    "terminal", "start", "after", "live", "run", "study", "make", "machine", "api", "cli", "dev",
+)  # fmt: skip
+
+
 def _rooms(top: str) -> tuple[str, ...]:
     """Return the rooms that `top` may import, and what stands beside them all."""
     rooms = ROOMS[: ROOMS.index(top) + 1]
     return ("executive.durations", "executive.errors", *(f"executive.{room}" for room in rooms))
 
 
+LAWS = [f"plants.{name[7:].split('/laws/')[0].replace('/', '.')}.laws"
+        for name in TREES if name.startswith("plants/") and "/laws/" in name]  # fmt: skip
 _BARE = ("drivers.jit", "drivers.views", "executive.laws.emath")
 MAY_IMPORT = {
     "drivers": ("drivers",),
@@ -50,8 +57,11 @@ MAY_IMPORT = {
     "executive/log": ("drivers", *_rooms("log")),
     "plants": ("drivers", "executive", "plants"),
     "tools": AREAS,
+    **{f"tools/{group}": (*AREAS[:3], *(f"tools.{one}" for one in GROUPS[: level + 1]))
+       for level, group in enumerate(GROUPS)},
+    **{law.replace(".", "/"): (*_BARE[:2], "drivers.stage", "executive.laws", *LAWS)
+       for law in LAWS},
 }  # fmt: skip
-NEVER = {"plants": ("executive.laws.controllers",)}
 INSTALLED = {  # what pyproject.toml declares, by the names that are imported
     "argcomplete", "can", "cantools", "llvmlite", "mcap", "msgpack", "msgspec", "numba", "numpy",
     "rich", "yaml", "zstandard",
@@ -88,7 +98,8 @@ def area_of(name: str) -> str:
 
 def wrong_imports(name: str, tree: ast.AST) -> list[str]:
     """Return the imports of our own modules that the file's area does not allow."""
-    allowed, never = MAY_IMPORT[area_of(name)], NEVER.get(area_of(name), ())
+    allowed = MAY_IMPORT[area_of(name)]
+    never = tuple(LAWS) if area_of(name) == "plants" else ()
     ours = [(module, line) for module, line in imports(tree) if within(module, (*AREAS, "tests"))]
     return [
         f"{name}:{line}: {module}"
@@ -109,16 +120,26 @@ def test_every_module_imports_only_in_the_allowed_direction() -> None:
         ("drivers/a.py", "from pcpc.executive.loop import shared", False),
         ("executive/loop/a.py", "import pcpc.drivers.wire", True),
         ("executive/a.py", "def f():\n    from pcpc.plants.atb1000 import model", False),
-        ("executive/a.py", "import pcpc.tools.run", False),
+        ("executive/a.py", "import pcpc.tools.run.run", False),
         ("executive/loop/a.py", "from pcpc.executive.rig import schema", False),
         ("executive/log/a.py", "from pcpc.executive.rig import schema", True),
         ("plants/a.py", "from pcpc.executive.loop import cycle", True),
-        ("plants/a.py", "from pcpc.executive.laws import controllers", False),
-        ("plants/a.py", "from pcpc.executive.laws.controllers.barrel.pd import BLOCK", False),
+        ("plants/a.py", "from pcpc.plants.atb1000.laws.pd import BLOCK", False),
         ("executive/laws/a.py", "from pcpc.executive.laws.block import Block", True),
         ("executive/laws/a.py", "from pcpc.executive.loop import shared", False),
         ("executive/laws/a.py", "from pcpc.drivers import bus", False),
+        ("plants/atb1000/laws/a.py", "from pcpc.plants.atb1000.laws import pid", True),
+        ("plants/atb1000/laws/a.py", "from pcpc.plants.atb1000 import model", False),
+        (
+            "plants/friction_arm/laws/a.py",
+            "from pcpc.plants.families.two_link.laws import arm_pd",
+            True,
+        ),
+        ("plants/atb1000/model.py", "from pcpc.plants.atb1000.laws import pid", False),
         ("tools/a.py", "from tests import engine", False),
+        ("tools/after/a.py", "from pcpc.tools.start import rigs", True),
+        ("tools/after/a.py", "def f():\n    from pcpc.tools.run import run", False),
+        ("tools/terminal/a.py", "from pcpc.tools.cli import commands", False),
     ],
 )
 def test_the_direction_check_itself_works(name: str, line: str, allowed: bool) -> None:
@@ -157,13 +178,16 @@ def test_no_module_is_imported_by_its_name_against_the_direction() -> None:
     assert not wrong, wrong
 
 
-FOR_PYTEST = ("tools/pytest_pcpc.py", "tools/template/test_motor.py")
+FOR_PYTEST = ("tools/pytest_pcpc.py", "tools/make/template/test_motor.py")
 FOR_WEB = {
-    f"tools/host/{name}.py": {"starlette", "uvicorn"} for name in ("clients", "gathering", "server")
+    f"tools/live/host/{name}.py": {"starlette", "uvicorn"}
+    for name in ("clients", "gathering", "requests", "server")
 }
 FOR_FOXGLOVE = {
-    f"tools/foxglove/{name}.py": {"foxglove"} for name in ("parameters", "server", "topics")
+    f"tools/live/host/foxglove/{name}.py": {"foxglove"}
+    for name in ("parameters", "server", "topics")
 }
+FOR_BUILD = "tools/fresh_build.py"
 LATER = FOR_WEB | FOR_FOXGLOVE  # loaded by a function, with packages that not all have
 
 
@@ -174,6 +198,7 @@ def test_only_declared_packages_are_imported_at_the_start() -> None:
         start = ast.Module([n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)], [])
         more = {"pytest", "_pytest"} if name in FOR_PYTEST else set()  # pytest itself loads it
         more |= LATER.get(name, set())
+        more |= {"setuptools"} if name == FOR_BUILD else set()  # setuptools itself loads it
         found = [(m, n) for m, n in imports(start) if m.split(".")[0] not in known | more]
         wrong += [f"{name}:{n}: {m}" for m, n in found]
     assert not wrong, wrong
@@ -206,10 +231,9 @@ def test_what_can_be_installed_is_used() -> None:
 
 
 def test_a_law_imports_nothing_but_numpy_beside_its_block() -> None:
-    allowed = {"drivers", "executive", "numpy", "typing", "collections"}
-    laws = {
-        name: tree for name, tree in TREES.items() if name.startswith("executive/laws/controllers/")
-    }
+    allowed = {"drivers", "executive", "plants", "numpy", "typing", "collections"}
+    laws = {name: tree for name, tree in TREES.items() if area_of(name).endswith("/laws")}
+    laws = {name: tree for name, tree in laws.items() if name.startswith("plants/")}
     found = {name: {module.split(".")[0] for module, _ in imports(laws[name])} for name in laws}
     wrong = {name: modules - allowed for name, modules in found.items() if modules - allowed}
     assert len(laws) > 2 and not wrong, wrong

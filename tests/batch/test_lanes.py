@@ -32,7 +32,7 @@ ONE_RIG = (  # of each plant
     "plants/payload_arm/rigs/payload-on.yaml",
     "plants/probe/rig.yaml",
     "plants/quarter_car/rigs/suspension-8.yaml",
-    "tools/template/rig.yaml",
+    "tools/make/template/rig.yaml",
 )
 COUNTERS = ("health.frames_received", "health.frames_lost", "health.held_cycles",
             "health.stale_cycles", "health.saturated_values", "health.frames_lost_on_purpose",
@@ -164,7 +164,7 @@ def test_a_limited_rate_is_kept_and_a_command_not_safe_at_the_end_is_odd(
     rate: str, settles: bool, tmp_path: Path
 ) -> None:
     path = tmp_path / "rated.yaml"
-    base, limits = ROOT / "tools/template/rig.yaml", RATED % rate
+    base, limits = ROOT / "tools/make/template/rig.yaml", RATED % rate
     path.write_text(f"base: {base}\nrig: rated\nduration_s: 0.4\nexecutive: {{limits: {limits}}}\n")
     rig = load_rig(path, "pd")
     names = wanted(rig)
@@ -180,7 +180,7 @@ def test_a_limited_rate_is_kept_and_a_command_not_safe_at_the_end_is_odd(
 
 
 def test_a_value_that_is_no_number_makes_its_run_odd_and_no_other() -> None:
-    rig = load_rig(ROOT / "tools/template/rig.yaml", settings=["duration_s=0.2"])
+    rig = load_rig(ROOT / "tools/make/template/rig.yaml", settings=["duration_s=0.2"])
     group = Group(rig, {})
     group.begin()
     (place,) = (p for p, n in enumerate(group.plans["plant"].names) if n == "motor.inertia_kg_m2")
@@ -217,7 +217,7 @@ def test_a_rig_that_limits_what_it_receives_is_not_for_lanes() -> None:
 NOT_FOR_LANES = (
     (
         "y.voltage_V = min(clip(wanted_V, -p.u_max_V, p.u_max_V), 9.0)",
-        "controller: .*control.py:72: .* no min",
+        "controller: .*pid.py:72: .* no min",
     ),
     ("y.voltage_V = clip(wanted_V, -p.u_max_V, 9.0 if x.integral_V > 2.0 else 8.0)", "differ"),
 )
@@ -226,11 +226,11 @@ NOT_FOR_LANES = (
 @pytest.mark.parametrize(("line", "reason"), NOT_FOR_LANES)
 def test_a_step_that_is_not_for_lanes_is_named(line: str, reason: str, tmp_path: Path) -> None:
     folder = tmp_path / "motor"
-    shutil.copytree(ROOT / "tools/template", folder)
-    control, old = folder / "control.py", "y.voltage_V = clip(wanted_V, -p.u_max_V, p.u_max_V)"
-    text = control.read_text()
+    shutil.copytree(ROOT / "tools/make/template", folder)
+    law, old = folder / "laws/pid.py", "y.voltage_V = clip(wanted_V, -p.u_max_V, p.u_max_V)"
+    text = law.read_text()
     assert text.count(old) == 1
-    control.write_text(text.replace(old, line))
+    law.write_text(text.replace(old, line))
     rig = load_rig(folder / "rig.yaml")
     with pytest.raises((NotInLanes, LanesDiffer), match=reason):
         group = Group(rig, {})

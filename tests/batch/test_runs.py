@@ -20,10 +20,10 @@ LAST = "    x.integral_V += where(winds_up, 0.0, dt * p.ki_V_rads * y.e_rad)  # 
 
 
 def motor_with(folder: Path, line: str) -> Path:
-    shutil.copytree(ROOT / "tools/template", folder)
-    control = folder / "control.py"
-    assert LAST in control.read_text()
-    control.write_text(control.read_text().replace(LAST, f"{LAST}    {line}\n"))
+    shutil.copytree(ROOT / "tools/make/template", folder)
+    law = folder / "laws/pid.py"
+    assert LAST in law.read_text()
+    law.write_text(law.read_text().replace(LAST, f"{LAST}    {line}\n"))
     return folder / "rig.yaml"
 
 
@@ -46,7 +46,7 @@ def test_a_seed_gives_its_noise_in_lanes_too_also_where_nothing_else_is_changed(
 
 
 def test_what_is_no_setting_of_a_block_is_done_alone_and_says_so() -> None:
-    runs = Runs(ROOT / "tools/template/rig.yaml", "pid", [], {})
+    runs = Runs(ROOT / "tools/make/template/rig.yaml", "pid", [], {})
     (done,) = runs.done([Case(1, {"duration_s": 0.05})])
     assert done.alone == "duration_s is no setting of a block"
     assert done.log is not None and len(done.log.node["executive"].cycle) == 50

@@ -18,7 +18,7 @@ from paging import DRAWN, PATIENT_MS, PHONE, opened, shot, wait
 from playwright.sync_api import Browser, Page, expect
 
 import pcpc
-from pcpc.tools.rigs import shipped
+from pcpc.tools.start.rigs import shipped
 
 pytestmark = pytest.mark.browser
 

@@ -9,7 +9,7 @@ from paging import PHONE, WIDE, opened, shot, wait
 from playwright.sync_api import Browser, Page
 
 import pcpc
-from pcpc.tools.rigs import Shipped, shipped
+from pcpc.tools.start.rigs import Shipped, shipped
 
 pytestmark = pytest.mark.browser
 

@@ -9,7 +9,7 @@ from blocks import ROOT, blocks_of
 
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import cli
-from pcpc.tools.rigs import find
+from pcpc.tools.start.rigs import find
 
 PAGES = sorted((ROOT / "docs" / "book").glob("chapter*.md"))
 LINK = re.compile(r"\]\(([^)]*\.py)\)")

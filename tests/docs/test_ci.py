@@ -16,18 +16,19 @@ from typing import Any
 import pytest
 import yaml
 from blocks import ROOT, blocks_of
+from wheel_file import wheel_file
 
 from pcpc.drivers.compile_cache import user_cache
 from pcpc.tools import cli
 
-(WORKFLOW,) = [
-    yaml.safe_load(block.text) for block in blocks_of(ROOT / "docs/ci.md")
-    if block.text.startswith("# .github/")
-]  # fmt: skip
+(_TEXT,) = [b.text for b in blocks_of(ROOT / "docs/ci.md") if b.text.startswith("# .github/")]
+WORKFLOW, WORKFLOW_FILE = yaml.safe_load(_TEXT), _TEXT.split()[1]
+(REQUIREMENTS,) = [b.text for b in blocks_of(ROOT / "docs/ci.md") if b.language == "text"]
 JOB = WORKFLOW["jobs"]["rigs"]
 STEPS: dict[str, dict[str, Any]] = {s["name"]: s for s in JOB["steps"] if "run" in s}
 PACKAGES, ON_VCAN = "packages for a machine with CAN", "the same on a CAN interface of the kernel"
 WITH_VCAN = "PCPC_CI_ON_VCAN" in os.environ
+LIMITS = "the rig in virtual time, with its limits"
 COMMENT, SAME = "tell it under the pull request", "all three have the same bits"
 GH = """#!/bin/sh
 printf '%s\\n' "$@" > "$HOME/words"
@@ -39,7 +40,7 @@ cp "$last" "$HOME/comment.md"
 class Runner:
     """A machine that has Python with pcpc, git and a checked-out pull request, and no more."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, wheel: Path, kp_V_rad: str) -> None:
         self.home, self.repo = folder / "home", folder / "repo"
         (self.home / ".cache").mkdir(parents=True)
         programs = self.home / "bin"
@@ -58,12 +59,32 @@ class Runner:
         origin = folder / "origin.git"
         self.run(f"git init -q -b main {self.repo}; git init -q -b main --bare {origin}", folder)
         self.run("git config user.name me; git config user.email me@example.org; pcpc new motor")
-        (self.repo / "requirements.txt").write_text("pcpc[plot]\n")
+        (self.repo / "wheels").mkdir()
+        shutil.copy(wheel, self.repo / "wheels")
+        (self.repo / "requirements.txt").write_text(REQUIREMENTS)
         self.run(f"git add .; git commit -q -m one; git remote add origin {origin}")
         self.run("git push -q origin main; git checkout -q -b stiffer")
         rig = self.repo / "motor/rig.yaml"
-        rig.write_text(rig.read_text().replace("kp_V_rad: 30.0", "kp_V_rad: 31.0"))
+        rig.write_text(rig.read_text().replace("kp_V_rad: 30.0", f"kp_V_rad: {kp_V_rad}"))
         self.run("git commit -q -a -m two")
+
+    def job(self) -> dict[str, bool]:
+        """Carry out the steps as the service does; return which of them were, and which held."""
+        held: dict[str, bool] = {}
+        for name, step in STEPS.items():
+            if name == PACKAGES or (name == ON_VCAN and not WITH_VCAN) or not due(step, held):
+                continue
+            if name == SAME and not WITH_VCAN:
+                shutil.copytree(self.repo / "runs/lockstep", self.repo / "runs/vcan0")
+            given = {key: re.sub(r"\$\{\{.*\}\}", "7", v) for key, v in step.get("env", {}).items()}
+            if name == "install":
+                given["PIP_DRY_RUN"] = "1"  # this environment is that of all tests
+            try:
+                self.run(step["run"], **given)
+                held[name] = True
+            except AssertionError:
+                held[name] = False
+        return held
 
     def run(self, script: str, folder: Path | None = None, **more: str) -> str:
         """Run a script as a step is run; return what it printed."""
@@ -76,18 +97,38 @@ class Runner:
         return done.stdout
 
 
+def due(step: dict[str, Any], held: dict[str, bool]) -> bool:
+    """Return whether a step is carried out after others of which these held."""
+    asked = str(step.get("if", ""))
+    ids = {STEPS[name]["id"]: good for name, good in held.items() if "id" in STEPS[name]}
+    needed = re.findall(r"steps\.(\w+)\.outcome == 'success'", asked)
+    return ("!cancelled()" in asked or all(held.values())) and all(ids.get(n) for n in needed)
+
+
 @pytest.fixture(scope="module")
-def runner(tmp_path_factory: pytest.TempPathFactory) -> Runner:
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return wheel_file(tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def runner(tmp_path_factory: pytest.TempPathFactory, wheel: Path) -> Runner:
     """Return a machine on which the steps were carried out, in their order."""
-    runner = Runner(tmp_path_factory.mktemp("ci"))
-    for name, step in STEPS.items():
-        if name == PACKAGES or (name == ON_VCAN and not WITH_VCAN):
-            continue
-        if name == SAME and not WITH_VCAN:
-            shutil.copytree(runner.repo / "runs/lockstep", runner.repo / "runs/vcan0")
-        given = {key: re.sub(r"\$\{\{.*\}\}", "7", v) for key, v in step.get("env", {}).items()}
-        runner.run(step["run"], **given)
+    runner = Runner(tmp_path_factory.mktemp("ci"), wheel, "31.0")
+    held = runner.job()
+    assert all(held.values()), held
     return runner
+
+
+def test_behind_a_failed_limit_the_table_comes_all_the_same(tmp_path: Path, wheel: Path) -> None:
+    runner = Runner(tmp_path, wheel, "300.0")
+    held = runner.job()
+    assert [name for name, good in held.items() if not good] == [LIMITS], held
+    comment = (runner.home / "comment.md").read_text()
+    assert "controllers.pid.parameters.kp_V_rad 30 -> 300" in comment, comment
+
+
+def test_the_requirement_names_the_wheel(wheel: Path) -> None:
+    assert f"./wheels/{wheel.name}[plot]\n" == REQUIREMENTS
 
 
 def test_the_comment_names_the_rig_the_metric_and_the_first_cycle(runner: Runner) -> None:
@@ -148,4 +189,4 @@ def test_the_step_on_vcan0_is_a_command_line() -> None:
 def test_actions_are_named_with_their_versions() -> None:
     used = [step["uses"] for step in JOB["steps"] if "uses" in step]
     assert used and all(re.fullmatch(r"actions/[a-z-]+@v\d+", name) for name in used), used
-    assert os.path.basename(blocks_of(ROOT / "docs/ci.md")[0].text.split()[1]) == "rigs.yaml"
+    assert os.path.basename(WORKFLOW_FILE) == "rigs.yaml"

@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 from blocks import KNOWN, PAGES, ROOT, SHOWN, Block, Reader, blocks_of
 
+from pcpc.tools.make import new
+from pcpc.tools.terminal import screen
+
 BLOCKS = {page.relative_to(ROOT).as_posix(): blocks_of(page) for page in PAGES}
 BOOK = "docs/book/"  # quotes laws: test_book.py
 RUN = [
@@ -79,3 +82,9 @@ def test_a_block_that_does_otherwise_is_found(tmp_path: Path) -> None:
     ):
         with pytest.raises(AssertionError):
             follow(tmp_path, *wrong)
+
+
+def test_the_tutorial_lists_all_files_that_new_writes() -> None:
+    tutorial = (ROOT / "docs" / "tutorial.md").read_text("utf-8").splitlines()
+    lines = screen.table([(f"  {name}", what) for name, what in new.FILES.items()])
+    assert set(lines) <= set(tutorial), set(lines) - set(tutorial)

@@ -19,7 +19,7 @@ from test_frame_bits import arbitration, classic_frame, classic_stream
 
 from pcpc.drivers import line as lines
 from pcpc.drivers.line import BUS_OFF, ERROR, NOTHING, RECOVERED, SENT
-from pcpc.tools.bus.response import Message, responses_ns
+from pcpc.tools.start.bus.response import Message, responses_ns
 
 A, B, C = range(3)
 Arrival = tuple[int, int, NDArray[np.uint8]]  # bit, sender, frame

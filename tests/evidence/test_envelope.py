@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from pcpc.drivers.jit import LOOP_INTERPRETED
 from pcpc.executive.loop import supervisor as sv
-from pcpc.tools.evidence import cli, envelope, report
-from pcpc.tools.evidence.envelope import CYCLES, LOW, ODD, RATE, REQUESTS, SAFE, Law
+from pcpc.tools.dev.evidence import cli, envelope, report
+from pcpc.tools.dev.evidence.envelope import CYCLES, LOW, ODD, RATE, REQUESTS, SAFE, Law
 
 ANSWERS = st.floats(width=64) | st.sampled_from(ODD) | st.floats(-3.0, 3.0)
 CYCLE = st.integers(1, CYCLES)

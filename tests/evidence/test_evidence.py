@@ -13,9 +13,9 @@ from pcpc.executive.batch.runs import Runs
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
-from pcpc.tools.evidence import alarms, campaign, cli, matrix, report, residual
-from pcpc.tools.evidence.campaign import WARM, Bench
-from pcpc.tools.evidence.cases import CASES, Case
+from pcpc.tools.dev.evidence import alarms, campaign, cli, matrix, report, residual
+from pcpc.tools.dev.evidence.campaign import WARM, Bench
+from pcpc.tools.dev.evidence.cases import CASES, Case
 
 SETTINGS = [f"duration_s={matrix.LONGEST_S}"]
 

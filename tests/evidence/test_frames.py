@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcpc.drivers import wire
-from pcpc.tools.evidence import cli, expected, frames, report
+from pcpc.tools.dev.evidence import cli, expected, frames, report
 
 COUNT = 400
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from pcpc.tools.evidence import kills
+from pcpc.tools.dev.evidence import kills
 
 WELL: dict[str, Any] = {
     "process": "host", "signal": "KILL", "at": 5, "unsafe": [], "exposed": {"plant": 70},

@@ -38,7 +38,7 @@ PLANT_LAG_NS = 200_000  # the plant's pass behind the executive's
 
 PUPPET = """\
 from pcpc.executive.laws.block import Block, Ports, port, stage
-from pcpc.executive.laws.controllers.barrel import pd
+from pcpc.plants.atb1000.laws import pd
 
 
 class Settings(Ports):

@@ -4,9 +4,9 @@ import named_law
 import numpy as np
 import pytest
 
-from pcpc.executive.laws.controllers.arm import adaptive_critic as law
-from pcpc.executive.laws.controllers.arm import arm_pd_inertia
 from pcpc.executive.laws.emath import cos
+from pcpc.plants.families.two_link.laws import arm_pd_inertia
+from pcpc.plants.payload_arm.laws import adaptive_critic as law
 
 GAINS = {
     "kv_per_s": 30.0, "lam_per_s": 5.0, "a1_m": 1.0, "a2_m": 1.0, "m1_kg": 1.0, "m2_kg": 1.0,

@@ -7,7 +7,7 @@ import pytest
 
 from pcpc.executive.laws.approximators import jumps
 from pcpc.executive.laws.approximators.family import Cmac, Fuzzy, Grid, Rbf
-from pcpc.tools.experiments._approximation_training import (
+from pcpc.tools.study.book._approximation_training import (
     CASES,
     Net,
     downhill,
@@ -15,8 +15,8 @@ from pcpc.tools.experiments._approximation_training import (
     online_fit,
     residual,
 )
-from pcpc.tools.experiments._approximation_training import trained as trained_anew
-from pcpc.tools.experiments.approximation import fit_rms
+from pcpc.tools.study.book._approximation_training import trained as trained_anew
+from pcpc.tools.study.book.approximation import fit_rms
 
 trained = cache(trained_anew)  # the standard net of sin1d is judged twice
 GRIDS = {n: Grid((-1.0, -1.0), (1.0, 1.0), (n, n)) for n in (5, 7)}

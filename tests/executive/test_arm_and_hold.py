@@ -14,8 +14,8 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
+from pcpc.tools.after.replay import replay
+from pcpc.tools.terminal.progress import Progress
 
 DISARMED, SENT = "supervisor.disarmed", "tx.CMD.motor_torque"
 RAMP_CYCLES = 10

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.jit import compiled
 from pcpc.executive.laws.block import Block
-from pcpc.executive.laws.controllers.maps import backlash_nn, backlash_nn_discrete, map_pd
+from pcpc.plants.backlash_map.laws import backlash_nn_discrete
+from pcpc.plants.backlash_pendulum.laws import backlash_nn
+from pcpc.plants.families.maps.laws import map_pd
 
 DETERMINISTIC = settings(max_examples=60, derandomize=True, deadline=None)
 MODEL = {"model_time_constant_s": 1.0, "model_gravity_Nm": 24.525}

@@ -10,7 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcpc.executive.laws.block import Block
-from pcpc.executive.laws.controllers.barrel import (
+from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.actuators import friction
+from pcpc.plants.atb1000.beam import Tube, modal_data
+from pcpc.plants.atb1000.laws import (
     lqg,
     pd,
     pd_adaptive,
@@ -18,9 +21,6 @@ from pcpc.executive.laws.controllers.barrel import (
     pd_observer,
     super_twisting,
 )
-from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.actuators import friction
-from pcpc.plants.atb1000.beam import Tube, modal_data
 from pcpc.plants.atb1000.ports import load_parameters
 
 ATB1000 = Path(__file__).resolve().parents[2] / "plants" / "atb1000"

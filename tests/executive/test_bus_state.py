@@ -16,8 +16,8 @@ from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.bus_state import note_bus_error
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
+from pcpc.tools.after.replay import replay
+from pcpc.tools.terminal.progress import Progress
 
 PROBE = ROOT / "plants/probe/rig.yaml"
 KINDS = ("warnings", "passives", "offs", "restarts", "no_acks", "tx_timeouts")

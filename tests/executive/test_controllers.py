@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcpc.executive.laws.block import Block
-from pcpc.executive.laws.controllers.barrel import pd, pid
 from pcpc.executive.rig import resolve
+from pcpc.plants.atb1000.laws import pd, pid
 
 DETERMINISTIC = settings(max_examples=200, derandomize=True, deadline=None)
 GAINS = {

@@ -5,8 +5,8 @@ import pytest
 from named_law import Law
 from numpy.typing import NDArray
 
-from pcpc.executive.laws.controllers.arm import deadzone_nn as nn
-from pcpc.executive.laws.controllers.maps import deadzone_fuzzy as fuzzy
+from pcpc.plants.deadzone_arm.laws import deadzone_nn as nn
+from pcpc.plants.deadzone_map.laws import deadzone_fuzzy as fuzzy
 
 Array = NDArray[np.float64]
 SETTINGS = {

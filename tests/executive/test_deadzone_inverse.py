@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from named_law import Law
 from numpy.typing import NDArray
 
-from pcpc.executive.laws.controllers.maps import deadzone_inverse as inverse
+from pcpc.plants.deadzone_map.laws import deadzone_inverse as inverse
 
 SETTINGS = {
     "lam": 0.2, "kv": 0.3, "model_c": 0.1875, "r_max": 20.0, "gam": 0.5, "offset_max": 1.0,

@@ -14,8 +14,8 @@ from pcpc.executive.log import reader
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
+from pcpc.tools.after.replay import replay
+from pcpc.tools.terminal.progress import Progress
 
 ROOT = Path(__file__).resolve().parents[2]
 FROM, TO = 50, 60
@@ -24,8 +24,8 @@ FROM, TO = 50, 60
 def motor(folder: Path, frames: float | str, emulate: str | None) -> Path:
     """Return a rig of 0.1 s whose plant floods for 10 cycles."""
     if not (folder / "motor").exists():
-        shutil.copytree(ROOT / "tools/template", folder / "motor")
-    text = (ROOT / "tools/template/rig.yaml").read_text().partition("watch:")[0]
+        shutil.copytree(ROOT / "tools/make/template", folder / "motor")
+    text = (ROOT / "tools/make/template/rig.yaml").read_text().partition("watch:")[0]
     text = text.replace("duration_s: 1.0", "duration_s: 0.1")
     if emulate is not None:
         text = text.replace("bus: {", f"bus: {{emulate: {emulate}, ")

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pcpc.executive.laws.controllers.arm import arm_pd, friction_nn
+from pcpc.plants.families.two_link.laws import arm_pd
+from pcpc.plants.friction_arm.laws import friction_nn
 
 LINKS = (1.1, 1.0, 3.0, 2.3)
 GAINS = {

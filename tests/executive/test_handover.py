@@ -18,8 +18,8 @@ from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.plan import check_pacing, plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
+from pcpc.tools.after.replay import replay
+from pcpc.tools.terminal.progress import Progress
 
 HULL = ATB1000 / "rigs" / "hull.yaml"
 TORQUE = "controller.motor_torque_Nm"
@@ -27,7 +27,7 @@ SENT = "tx.CMD.motor_torque"
 OTHERS = """\
 from pcpc.executive.laws.block import Block, Ports, port, stage
 from pcpc.executive.laws.emath import NAN, where
-from pcpc.executive.laws.controllers.barrel import pd
+from pcpc.plants.atb1000.laws import pd
 
 
 class Settings(Ports):

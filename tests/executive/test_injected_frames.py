@@ -13,8 +13,8 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.dbc import frames_of, rigs_of, written
-from pcpc.tools.evidence.expected import crc16
+from pcpc.tools.dev.evidence.expected import crc16
+from pcpc.tools.make.dbc import frames_of, rigs_of, written
 
 ROOT = Path(__file__).resolve().parents[2]
 FROM, TO = 30, 40  # cycles whose frames are disturbed
@@ -26,12 +26,12 @@ def run(folder: Path, fault: str, *settings: str, crc_bits: int = 8) -> reader.L
     """Return the log of a short run of the motor with a fault of 10 cycles."""
     motor = folder / "motor"
     if not motor.exists():
-        shutil.copytree(ROOT / "tools/template", motor)
+        shutil.copytree(ROOT / "tools/make/template", motor)
         if crc_bits == 16:
             rigs = rigs_of(motor / "rig.yaml")
             frames = frames_of(rigs, crc_bits)
             (motor / "motor.dbc").write_text(written(frames, ["EXEC", "PLANT"], 1000.0))
-    text = (ROOT / "tools/template/rig.yaml").read_text().partition("watch:")[0]
+    text = (ROOT / "tools/make/template/rig.yaml").read_text().partition("watch:")[0]
     text = text.replace("duration_s: 1.0", "duration_s: 0.1")
     path, log = motor / "wrong.yaml", folder / "log.mcap"
     path.write_text(f"{text}faults:\n  it: {{{fault}, from: 30ms, for: 10ms}}\n")
@@ -226,7 +226,7 @@ def test_a_counter_goes_on_from_where_the_fault_left_it(tmp_path: Path) -> None:
 
 
 def test_a_fault_that_the_rig_has_not_is_given_with_the_command(tmp_path: Path) -> None:
-    shutil.copytree(ROOT / "tools/template", tmp_path / "motor")
+    shutil.copytree(ROOT / "tools/make/template", tmp_path / "motor")
     rig = tmp_path / "motor/rig.yaml"
     fault = "faults.late={kind: loss, frame: FB, from: 30ms, for: 10ms}"
     cut = "duration_s=0.1"

@@ -27,8 +27,8 @@ def rig_with(folder: Path, fault: str, *settings: str) -> Rig:
     """Return the motor with a reference that rises all the time, and a fault."""
     motor = folder / "motor"
     if not motor.exists():
-        shutil.copytree(ROOT / "tools/template", motor)
-    text = (ROOT / "tools/template/rig.yaml").read_text().partition("watch:")[0]
+        shutil.copytree(ROOT / "tools/make/template", motor)
+    text = (ROOT / "tools/make/template/rig.yaml").read_text().partition("watch:")[0]
     assert STEP in text
     text = text.replace(STEP, RAMP).replace("duration_s: 1.0", "duration_s: 0.1")
     path = motor / "wrong.yaml"

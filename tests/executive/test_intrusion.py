@@ -18,8 +18,8 @@ from pcpc.executive.loop.intrusion import HINT_TURNS, REACTIONS
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
+from pcpc.tools.after.replay import replay
+from pcpc.tools.terminal.progress import Progress
 
 HULL = ATB1000 / "rigs/hull.yaml"
 FB_A, HB_PLANT = 0x120, 0x702
@@ -73,6 +73,23 @@ def turn(node: Node, count: int = 1) -> None:
 def signs(node: Node) -> list[int]:
     """Return how many events of each kind were told."""
     return [len(node.events(kind)) for kind in (TWO, AHEAD, PLACES)]
+
+
+def received(node: Node) -> list[float]:
+    """Return the values of the frame that `hear` gives."""
+    n = node.loop
+    first, past = n.rx.frames[0, [dbc.FIRST, dbc.END]]
+    return [float(n.v[place]) for place in n.rx.signals[first:past, dbc.VARIABLE]]
+
+
+def test_a_frame_with_a_wrong_crc_is_not_decoded_and_no_input(node: Node) -> None:
+    turn(node)
+    before, used = received(node), int(node.loop.control[sh.RECEIVED])
+    hear(node, 1, 200, wrong_crc=True)
+    assert received(node) == before and node.loop.rx.fresh == 0
+    assert node.loop.control[sh.RECEIVED] == used
+    hear(node, 1, 3)  # the same but for its CRC is input
+    assert received(node) != before and node.loop.control[sh.RECEIVED] == used + 1
 
 
 def before_the_true_one(node: Node) -> None:

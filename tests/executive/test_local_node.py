@@ -13,10 +13,10 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
-from pcpc.tools.verdict.outcome import Outcome
-from pcpc.tools.verdict.summary import summarise
+from pcpc.tools.after.replay import replay
+from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.summary import summarise
+from pcpc.tools.terminal.progress import Progress
 
 RELAY = Path(__file__).parent / "relay" / "rig.yaml"
 

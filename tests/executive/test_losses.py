@@ -156,6 +156,25 @@ def test_one_or_two_missing_cycles_are_held_and_the_loop_goes_on(
     assert seen == (lost, 0, lost), health
 
 
+def test_a_held_input_is_stale_and_starved_from_the_first_cycle_beyond_the_limit(
+    tmp_path: Path,
+) -> None:
+    limits = "supervisor: {hold_cycles: 4, fault_after_cycles: 8}"
+    bench = Bench(both(load_rig(puppet_rig(tmp_path, limits))))
+    node = bench.executive
+    bench.run(10)
+    bench.run(3, {"FB_A": LOST})  # of one frame no more: the next one would be no successor
+    bench.run(3, {"FB_B": LOST})
+    bench.run(1)
+    for name, counted in (
+        ("held_cycles", [1, 2, 3, 4, 5, 6, 6]),
+        ("stale_cycles", [0, 0, 0, 0, 1, 2, 2]),
+        ("starved_cycles", [0, 0, 0, 0, 1, 2, 2]),
+    ):
+        assert node.series(f"health.{name}")[10:].tolist() == counted, name
+    assert node.state == "RUN" and node["supervisor.missing_cycles"] == 0
+
+
 def test_a_missing_frame_leaves_the_last_valid_values(bench: Bench) -> None:
     bench.executive["controller.torque_Nm"] = 0.0  # the plant is let go, and moves
     bench.run(20)

@@ -13,9 +13,9 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.bus.traffic import Setup, analysed, buses
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
+from pcpc.tools.after.replay import replay
+from pcpc.tools.start.bus.traffic import Setup, analysed, buses
+from pcpc.tools.terminal.progress import Progress
 
 PROBE = ROOT / "plants/probe/rig.yaml"
 HULL = ROOT / "plants/atb1000/rigs/hull.yaml"

@@ -17,8 +17,8 @@ from pcpc.executive.loop.plausibility import WHYS, take_plausible
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
+from pcpc.tools.after.replay import replay
+from pcpc.tools.terminal.progress import Progress
 
 HULL, ENCODER = ATB1000 / "rigs/hull.yaml", "FB_A.encoder"
 COUNT = f"health.implausible.{ENCODER}"

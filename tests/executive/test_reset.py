@@ -16,8 +16,8 @@ from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
+from pcpc.tools.after.replay import replay
+from pcpc.tools.terminal.progress import Progress
 
 WAITS = "supervisor: {on_fault: wait, ramp_s: 0.01, quick_stop_s: 0.004}"
 RAMP_CYCLES, QUICK_CYCLES = 10, 4

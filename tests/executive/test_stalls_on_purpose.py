@@ -17,8 +17,8 @@ ROOT = Path(__file__).resolve().parents[2]
 def motor(folder: Path, faults: str, *settings: str) -> Rig:
     """Return the motor with a timeline of faults."""
     if not (folder / "motor").exists():
-        shutil.copytree(ROOT / "tools/template", folder / "motor")
-    text = (ROOT / "tools/template/rig.yaml").read_text().partition("watch:")[0]
+        shutil.copytree(ROOT / "tools/make/template", folder / "motor")
+    text = (ROOT / "tools/make/template/rig.yaml").read_text().partition("watch:")[0]
     path = folder / "motor/rig.yaml"
     path.write_text(f"{text}faults:\n{faults}")
     return load_rig(path, settings=["duration_s=0.3", *settings])

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pcpc.executive.laws.block import Block, Port
-from pcpc.executive.laws.controllers.strut import strut_backstepping as fl
-from pcpc.executive.laws.controllers.strut import strut_outer as outer
-from pcpc.executive.laws.controllers.strut import strut_pid as pid
+from pcpc.plants.quarter_car.laws import strut_backstepping as fl
+from pcpc.plants.quarter_car.laws import strut_outer as outer
+from pcpc.plants.quarter_car.laws import strut_pid as pid
 
 Vector = NDArray[np.float64]
 T = 1e-3

@@ -16,7 +16,7 @@ from pcpc.executive.laws.block import Block
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig import tables
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.new import TEMPLATE
+from pcpc.tools.make.new import TEMPLATE
 
 STEP = "      law: references:step\n      parameters: {amplitude_rad: 3.0, start_s: 0.1}\n"
 TIMES = np.cumsum(np.random.default_rng(1).uniform(0.001, 0.5, 40))
@@ -185,6 +185,17 @@ def test_a_signal_that_a_log_does_not_have_is_refused(
     with pytest.raises(RigError) as error:
         load_rig(rig)
     assert why in str(error.value) and "log.mcap" in str(error.value), str(error.value)
+
+
+def test_a_damaged_log_is_no_reference(motor: Callable[..., Path], tmp_path: Path) -> None:
+    first = tmp_path / "first"
+    pcpc.simulate(TEMPLATE / "rig.yaml", quiet=True, folder=first)
+    whole = (first / "log.mcap").read_bytes()
+    (first / "log.mcap").write_bytes(whole[: len(whole) // 2])
+    rig = motor("", "signal: reference.q_d_rad")
+    rig.write_text(rig.read_text().replace("move.csv", "../first/log.mcap"))
+    with pytest.raises(RigError, match=r"log\.mcap: the end: nothing is readable after byte"):
+        load_rig(rig)
 
 
 def test_the_newest_rows_count_however_often_a_file_is_changed(motor: Callable[..., Path]) -> None:

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from pcpc.executive.laws.block import Block, Nothing, Port, Ports, port, stage
-from pcpc.executive.laws.controllers.telerobot import telerobot_local as local
-from pcpc.executive.laws.controllers.telerobot import telerobot_remote as remote
 from pcpc.executive.laws.models import double_pole, playout
 from pcpc.executive.laws.models.soft_sine import soft_sine
+from pcpc.plants.telerobot.laws import telerobot_local as local
+from pcpc.plants.telerobot.laws import telerobot_remote as remote
 
 Vector = NDArray[np.float64]
 H = 1e-3

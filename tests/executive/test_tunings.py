@@ -80,7 +80,12 @@ def test_only_parameters_are_taken_from_the_mailbox(bench: Bench) -> None:
         assert int(node.loop.answer[sh.REFUSED_ENTRY]) == 1, node.loop.answer
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300, -1.1e9, 5e300])
+JUST_ABOVE, JUST_BELOW = math.nextafter(1e9, math.inf), math.nextafter(-1e9, -math.inf)
+
+
+@pytest.mark.parametrize(
+    "value", [math.nan, math.inf, -math.inf, 1e300, -1.1e9, 5e300, JUST_ABOVE, JUST_BELOW]
+)
 def test_a_value_outside_of_its_range_is_refused_with_all_that_came_with_it(
     bench: Bench, value: float
 ) -> None:
@@ -90,6 +95,23 @@ def test_a_value_outside_of_its_range_is_refused_with_all_that_came_with_it(
     node.post({GAIN: 1e9, OTHER: -1e9})
     bench.run(1)
     assert (node[GAIN], node[OTHER]) == (1e9, -1e9), "the edges are inside"
+
+
+def test_the_loop_has_the_range_of_each_parameter_and_none_of_what_is_no_parameter(
+    bench: Bench,
+) -> None:
+    for node in (bench.executive, bench.plant):
+        for j, v in enumerate(node.plan.table.variables):
+            found = float(node.loop.tuning.low[j]), float(node.loop.tuning.high[j])
+            if v.kind == "parameter":
+                assert found == (v.low, v.high), v
+            else:
+                assert math.isnan(found[0]) and math.isnan(found[1]), v
+
+
+def test_a_request_of_the_supervisor_has_an_upper_end(bench: Bench) -> None:
+    for name, high in (("supervisor.stop", 2.0), ("supervisor.disarmed", 1.0)):
+        assert refused(bench, [bench.executive.place(name)], [high + 1]) == sh.OUT_OF_RANGE, name
 
 
 def test_an_unbounded_parameter_takes_no_infinity(bench: Bench) -> None:

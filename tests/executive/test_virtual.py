@@ -18,9 +18,9 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
-from pcpc.tools.verdict.judge import Judge
+from pcpc.tools.after.replay import replay
+from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.terminal.progress import Progress
 
 # engage needs a neural law: test_neural_controllers.py
 RIGS = sorted(p for p in (ATB1000 / "rigs").glob("*.yaml") if p.stem != "engage")

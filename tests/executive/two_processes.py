@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -92,7 +93,9 @@ def lockstep(rig: Rig, bus_name: str) -> Whole:
 
     children = []
     for role in rig.roles[1:]:
-        children.append(os.fork())
+        with warnings.catch_warnings():  # the other thread waits, without a lock
+            warnings.simplefilter("ignore", DeprecationWarning)
+            children.append(os.fork())
         if children[-1] == 0:
             with suppress(BaseException):
                 node(role)

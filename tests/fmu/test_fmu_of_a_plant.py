@@ -19,7 +19,7 @@ from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.generate import fmu
+from pcpc.tools.make.fmu import cli as fmu
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
 

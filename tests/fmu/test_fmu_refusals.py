@@ -16,7 +16,7 @@ from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory
 from pcpc.executive.rig.fmu import unit_of
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import fmus as told
+from pcpc.tools.make.fmu import checks
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
 
@@ -167,9 +167,9 @@ def test_check_runs_it_in_a_process_of_its_own(tmp_path: Path) -> None:
     made("VanDerPol", 3, tmp_path / "crash.fmu", code=CRASH)
     path = rig(tmp_path, tmp_path / "crash.fmu", "fmu.x0")
     with pytest.raises(RigError, match="fmu: its process ended with SIGSEGV"):
-        told.told(plan(load_rig(path), "plant", "real"))
+        checks.report(plan(load_rig(path), "plant", "real"))
     good = rig(tmp_path, fmu("VanDerPol", 3), "fmu.x0")
-    (about,) = told.told(plan(load_rig(good), "plant", "real"))
-    assert about["steps"] == told.STEPS and 0.0 < about["median_us"] <= about["worst_us"]
+    (about,) = checks.report(plan(load_rig(good), "plant", "real"))
+    assert about["steps"] == checks.STEPS and 0.0 < about["median_us"] <= about["worst_us"]
     slow = rig(tmp_path, fmu("VanDerPol", 3), "fmu.x0", rate=20000.0)
-    assert told.told(plan(load_rig(slow), "plant", "real"))[0]["period_us"] == 50.0
+    assert checks.report(plan(load_rig(slow), "plant", "real"))[0]["period_us"] == 50.0

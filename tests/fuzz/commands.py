@@ -11,8 +11,8 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
+from pcpc.tools.after.log import frames as play_frames
 from pcpc.tools.cli import main
-from pcpc.tools.log import frames as play_frames
 
 CODES = {0, 1, 2, 3, 4, 130}
 

@@ -16,7 +16,7 @@ from pcpc.executive.nodes.planned_faults import FLOOD, HOWS, STALL, WITHOUT_VALU
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.evidence import envelope
+from pcpc.tools.dev.evidence import envelope
 
 PROBE = Path(__file__).resolve().parents[2] / "plants" / "probe" / "rig.yaml"
 VALUES, IN_FRAMES = injected_values.KINDS, injected_frames.KINDS
@@ -103,7 +103,7 @@ def test_any_request_in_the_mailbox_is_refused_or_within_the_ranges(
     now = n.v[: n.n_variables]
     changed = parameters & (now != before) & ~(np.isnan(now) & np.isnan(before))
     left = [place for name, place in bench.places[node].items() if name.endswith(".left")]
-    changed[left] = changed[left] & ~refused  # which count down by themselves
+    changed[left] &= not refused  # which count down by themselves
     assert not (refused and changed.any()), np.flatnonzero(changed)
     assert ((now >= low) & (now <= high) & (abs(now) < math.inf))[changed].all()
     bench.go(20)

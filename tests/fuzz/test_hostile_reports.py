@@ -10,6 +10,7 @@ from mcap.records import Attachment
 
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -70,7 +71,7 @@ def test_names_of_a_log_are_text_in_its_report(evil: str, true_log: Path, tmp_pa
         "requirements": [{"name": evil, "held": False, "what": evil, "unit": evil, "margin": 1.0,
                           "margin_unit": evil, "first_s": 0.01}],
     }  # fmt: skip
-    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    summary_file.write_json(summary, tmp_path / "summary.json")
     assert main(["report", str(tmp_path), "--quiet"]) == 0
     page = Page(tmp_path / "report.html")
     page.check_alone()

@@ -9,14 +9,14 @@ import pytest
 
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.bench import generated, steps
 from pcpc.tools.cli import main
-from pcpc.tools.generate import builds
-from pcpc.tools.generate.closed import Closed, digest_of
-from pcpc.tools.generate.cost import measured
-from pcpc.tools.generate.library import WARNINGS, run, write
-from pcpc.tools.generate.translator import elementary
-from pcpc.tools.rigs import find
+from pcpc.tools.dev.bench import generated, steps
+from pcpc.tools.make.generate import builds
+from pcpc.tools.make.generate.closed import Closed, digest_of
+from pcpc.tools.make.generate.cost import measured
+from pcpc.tools.make.generate.library import WARNINGS, run, write
+from pcpc.tools.make.generate.translator import elementary
+from pcpc.tools.start.rigs import find, shipped
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
 
@@ -51,7 +51,7 @@ def test_every_build_of_this_machine_gives_the_bits_of_python(
 ) -> None:
     assert main(["generate", "c", "probe", "--check", "--cycles", "40", "-q"]) == 0
     told = capsys.readouterr().out
-    digests = set(re.findall(r" ([0-9a-f]{16})  equal\n", told))
+    digests = set(re.findall(r" ([0-9a-f]{16})  ", told))
     assert len(digests) == 1, told
     assert "gcc -O2" in told and "Python, interpreted" in told, told
     joins = "fma" in Path("/proc/cpuinfo").read_text().split()
@@ -76,6 +76,82 @@ def test_a_law_that_differs_in_the_13th_digit_is_another_digest(tmp_path: Path) 
         builds.fixed_files(tmp_path / name)
         found.append(gcc.digest(tmp_path / name))
     assert found[0] == expected != found[1], (expected, found)
+
+
+def test_a_check_says_which_build_differs(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = Closed.files
+
+    def changed(closed: Closed, cycles: int) -> dict[str, str]:
+        found = files(closed, cycles)
+        name = "plant_lag.c"
+        assert "u->command" in found[name], found[name]
+        return found | {name: found[name].replace("u->command", "(1.0 + 1e-13) * u->command")}
+
+    monkeypatch.setattr(Closed, "files", changed)
+    assert main(["generate", "c", "probe", "--check", "--cycles", "40", "-q"]) == 1
+    told = capsys.readouterr().out
+    assert re.search(r"gcc -O2 +[0-9a-f]{16}  DIFFERS\n", told), told
+    assert re.search(r"Python, interpreted +[0-9a-f]{16}  equal\n", told), told
+    assert not re.search(r"gcc.* equal", told), told
+
+
+def test_builds_with_floats_that_disagree_fail(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digest = builds.Build.digest
+
+    def other(build: builds.Build, folder: Path) -> str:
+        return "0" * 16 if build.name == "gcc -O3" else digest(build, folder)
+
+    monkeypatch.setattr(builds.Build, "digest", other)
+    assert main(["generate", "c", "probe", "--single", "--check", "--cycles", "9", "-q"]) == 1
+    told = capsys.readouterr().out
+    assert re.findall(r"(\S+ \S+) +0{16}  DIFFERS\n", told) == ["gcc -O3"], told
+
+
+@pytest.mark.parametrize("said", ["", "Segmentation fault", "0123456789abcdef and more"])
+def test_a_program_that_prints_no_digest_fails(
+    said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(builds.Build, "digest", lambda *_: said)
+    assert main(["generate", "c", "probe", "--check", "--cycles", "9", "-q"]) == 1
+    assert "FAILS: no digest" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "here"), [([], []), (["--single"], []), (["--single"], ["gcc -O0"])]
+)
+def test_a_check_in_which_no_c_was_compared_is_no_pass(
+    words: list[str], here: list[str], capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setattr(builds.Build, "possible", property(lambda build: build.name in here))
+    code = main(["generate", "c", "probe", "--check", "--cycles", "9", "-q", *words])
+    told = capsys.readouterr()
+    assert code == 4, told
+    assert re.fullmatch(r".*no C was compared.*apt install gcc\n", told.err), told.err
+    assert told.out.count("not here: ") == len(builds.builds()) - len(here), told.out
+
+
+def test_a_rig_that_records_nothing_is_not_compared(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Closed, "columns", lambda closed: {"executive": [], "plant": []})
+    assert main(["generate", "c", "probe", "--check", "--cycles", "9", "-q"]) == 2
+    assert "nothing to be compared" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("in_single", [False, True])
+@pytest.mark.parametrize("name", [rig.name for rig in shipped()])
+def test_what_a_closed_loop_counts_is_used(name: str, in_single: bool) -> None:
+    """Clang warns of, gcc is silent about a variable that is added to and never read."""
+    rig = load_rig(Path(find(name)), None)
+    settings = [f"losses.{name}.share=0" for name in rig.config.losses]
+    text = Closed(load_rig(rig.path, None, settings), in_single).files(3)["main.c"]
+    for body in text.split("static uint32_t clamped;")[1:]:
+        assert "(clamped != 0U)" in body.partition("\n}\n")[0], name
 
 
 @pytest.mark.parametrize("name", ["telerobot-u1", "fuzzy-d01"])
@@ -150,3 +226,13 @@ def test_the_program_of_a_closed_loop_has_no_warning_as_c_of_every_kind(tmp_path
         capture_output=True, text=True, cwd=tmp_path,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_build_that_must_refuse_and_gives_other_bits_is_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    joins = builds.Build("joins", ("cc",), (), (), "", refuses=True)
+    monkeypatch.setattr(builds, "builds", lambda: [joins])
+    monkeypatch.setattr(builds.Build, "digest", lambda *_: "0" * 16)
+    (row,) = builds.table(tmp_path, [("Python", lambda: "1" * 16)])[1]
+    assert row.wrong and row.verdict == "DIFFERS", row

@@ -18,10 +18,10 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.prepare import prepared
 from pcpc.executive.rig.reading import load_rig
 from pcpc.executive.rig.roles import Role
-from pcpc.tools.generate.library import Library, in_place, run, write
-from pcpc.tools.generate.translator import elementary, points
-from pcpc.tools.generate.translator.kinds import Untranslatable
-from pcpc.tools.generate.translator.law import signature, translated
+from pcpc.tools.make.generate.library import Library, in_place, run, write
+from pcpc.tools.make.generate.translator import elementary, points
+from pcpc.tools.make.generate.translator.kinds import Untranslatable
+from pcpc.tools.make.generate.translator.law import signature, translated
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
 

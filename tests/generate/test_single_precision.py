@@ -14,14 +14,14 @@ from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
 from pcpc.executive.rig import resolve
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
-from pcpc.tools.generate import builds, precision, single
-from pcpc.tools.generate.cli import block_of
-from pcpc.tools.generate.cost import measured
-from pcpc.tools.generate.library import WARNINGS, Library, run, write
-from pcpc.tools.generate.translator import elementary
-from pcpc.tools.generate.translator.kinds import Untranslatable
-from pcpc.tools.generate.translator.law import translated
-from pcpc.tools.rigs import find
+from pcpc.tools.make.generate import builds, precision, single
+from pcpc.tools.make.generate.cli import block_of
+from pcpc.tools.make.generate.cost import measured
+from pcpc.tools.make.generate.library import WARNINGS, Library, run, write
+from pcpc.tools.make.generate.translator import elementary
+from pcpc.tools.make.generate.translator.kinds import Untranslatable
+from pcpc.tools.make.generate.translator.law import translated
+from pcpc.tools.start.rigs import find
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
 

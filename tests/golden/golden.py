@@ -23,7 +23,7 @@ import zstandard
 
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.verdict.judge import Judge
+from pcpc.tools.after.verdict.judge import Judge
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]

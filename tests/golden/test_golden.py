@@ -8,8 +8,8 @@ import pytest
 import zstandard
 from golden import LOG_BYTES, blessed, changes, missing, packed_log, rigs, whole
 
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.replay import replay
+from pcpc.tools.after.replay import replay
+from pcpc.tools.terminal.progress import Progress
 
 RUNS = {name: (file, controller) for name, file, controller in rigs()}
 BLESS = "if this is meant, `make bless` and say why in the commit"

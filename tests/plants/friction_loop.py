@@ -9,8 +9,9 @@ import yaml
 from numpy.typing import NDArray
 from stepped import Stepped, gains
 
-from pcpc.executive.laws.controllers.arm import friction_nn, network_inputs
+from pcpc.plants.families.two_link.laws import network_inputs
 from pcpc.plants.friction_arm import model
+from pcpc.plants.friction_arm.laws import friction_nn
 
 Vector = NDArray[np.float64]
 FOLDER = Path(model.__file__).parent

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from stepped import gains
 
 from pcpc.executive.laws.block import Block, Port
-from pcpc.executive.laws.controllers.strut import strut_backstepping, strut_outer, strut_pid
 from pcpc.plants.quarter_car import model
+from pcpc.plants.quarter_car.laws import strut_backstepping, strut_outer, strut_pid
 
 Vector = NDArray[np.float64]
 FOLDER = Path(model.__file__).parent

@@ -8,13 +8,14 @@ import pytest
 from stepped import Stepped, parameters
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.laws.controllers.maps import backlash_nn_discrete, map_pd
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import check_pacing
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.backlash_map import evaluation
+from pcpc.plants.backlash_map.laws import backlash_nn_discrete
 from pcpc.plants.backlash_map.model import BLOCK
+from pcpc.plants.families.maps.laws import map_pd
 
 PLANT = Path(evaluation.__file__).parent
 NOMINAL = parameters(PLANT)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from stepped import Stepped, parameters
 
-from pcpc.executive.laws.controllers.maps import backlash_nn
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.backlash_pendulum import evaluation
+from pcpc.plants.backlash_pendulum.laws import backlash_nn
 from pcpc.plants.backlash_pendulum.model import BLOCK
 
 PLANT = Path(evaluation.__file__).parent

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.atb1000 import tuning
-from pcpc.plants.atb1000.tuning import RANGES, TABLE, Row
-from pcpc.tools.experiments import tuning as command
-from pcpc.tools.experiments._runs import alone
+from pcpc.plants.atb1000.book import tuning
+from pcpc.plants.atb1000.book.tuning import RANGES, TABLE, Row
+from pcpc.tools.study.experiment.runs import alone
+from pcpc.tools.study.margin.book import tuning as command
 
 FOUND = tuning.read()
 

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from stepped import Stepped
 
-from pcpc.executive.laws.controllers.arm import deadzone_nn
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.deadzone_arm import evaluation, model
+from pcpc.plants.deadzone_arm.laws import deadzone_nn
 
 Array = NDArray[np.float64]
 RIGS = Path(model.__file__).resolve().parent / "rigs"

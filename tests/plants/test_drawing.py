@@ -21,7 +21,7 @@ from pcpc.plants import drawing, scene
 from pcpc.plants.atb1000.beam import Tube, modal_data
 from pcpc.plants.drawing import Drawing, DrawingError, drawing_of, settings_of, settings_of_log
 from pcpc.plants.judging import Judged
-from pcpc.tools.experiments import drawings
+from pcpc.tools.study.book import drawings
 
 sys.path.append(str(Path(__file__).parents[1] / "golden"))
 from golden import packed_log, rigs
@@ -241,7 +241,7 @@ def test_every_plant_has_a_drawing() -> None:
     assert set(DRAWN) == rigs
 
 
-@pytest.mark.parametrize("folder", ["plants/probe", "tools/template"])
+@pytest.mark.parametrize("folder", ["plants/probe", "tools/make/template"])
 def test_probe_and_template_are_drawn_where_they_are(folder: str) -> None:
     rig = load_rig(ROOT / folder / "rig.yaml", settings=["duration_s=0.3"])
     made = drawing_of(rig)

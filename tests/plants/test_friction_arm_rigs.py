@@ -9,7 +9,8 @@ from friction_loop import FOLDER
 from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.friction_arm import evaluation, study
+from pcpc.plants.friction_arm import evaluation
+from pcpc.plants.friction_arm.book import study
 
 SEEDS = range(1, 11)
 CONTROLLERS = ("pd", *study.NETWORKS)

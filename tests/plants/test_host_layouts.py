@@ -7,10 +7,10 @@ import pytest
 
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.host.drawn import LAYOUT
-from pcpc.tools.host.sources import full
-from pcpc.tools.new import TEMPLATE
-from pcpc.tools.rigs import shipped
+from pcpc.tools.live.host.drawn import LAYOUT
+from pcpc.tools.live.host.sources import full
+from pcpc.tools.make.new import TEMPLATE
+from pcpc.tools.start.rigs import shipped
 
 RIGS = {rig.name: rig.path for rig in shipped()} | {"pcpc new": TEMPLATE / "rig.yaml"}
 

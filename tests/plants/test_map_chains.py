@@ -9,20 +9,16 @@ from stepped import Stepped
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.laws.block import Block
-from pcpc.executive.laws.controllers.maps import (
-    backlash_nn_discrete,
-    chains_fuzzy,
-    chains_nn,
-    chains_pd,
-    deadzone_fuzzy,
-)
 from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.plan import check_pacing
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.backlash_map import model as gap_model
+from pcpc.plants.backlash_map.laws import backlash_nn_discrete
 from pcpc.plants.deadzone_map import model as zone_model
+from pcpc.plants.deadzone_map.laws import deadzone_fuzzy
 from pcpc.plants.map_chains import evaluation, model
+from pcpc.plants.map_chains.laws import chains_fuzzy, chains_nn, chains_pd
 
 RIGS = Path(model.__file__).parent / "rigs"
 SINGLE = {"order": 2.0, "coupling": 0.0, "c": 0.1875}

@@ -6,8 +6,9 @@ from payload_arm_reference import ARM, LAW, Vector, acceleration, loop
 from stepped import Stepped, vector
 
 from pcpc.executive.laws.block import Nothing, Ports, group, port, stage
-from pcpc.executive.laws.controllers.arm import adaptive_critic, network_inputs
+from pcpc.plants.families.two_link.laws import network_inputs
 from pcpc.plants.payload_arm import model
+from pcpc.plants.payload_arm.laws import adaptive_critic
 from pcpc.plants.payload_arm.model import Motion
 
 FREE = {"viscous_Nms_rad": 0.0, "coulomb_Nm": 0.0}

@@ -8,7 +8,8 @@ from payload_arm_reference import FOLDER
 
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.payload_arm import evaluation, study
+from pcpc.plants.payload_arm import evaluation
+from pcpc.plants.payload_arm.book import study
 
 CONTROLLERS = ("pd", "robust_only", "critic")
 

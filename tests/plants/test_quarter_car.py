@@ -8,11 +8,12 @@ import pytest
 import quarter_car_reference as reference
 from quarter_car_reference import CAR, FOLDER, Loop, T, do_step, views
 
-from pcpc.executive.laws.controllers.strut import strut_outer
 from pcpc.executive.laws.models import hydraulic_strut
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.quarter_car import bode, model
-from pcpc.plants.quarter_car import study_expected as known
+from pcpc.plants.quarter_car import model
+from pcpc.plants.quarter_car.book import bode
+from pcpc.plants.quarter_car.book import study_expected as known
+from pcpc.plants.quarter_car.laws import strut_outer
 
 SCALE = np.array([0.1, 0.3, 0.1, 1.0, 1e7, 1e7, 1e-3])
 

@@ -7,8 +7,9 @@ from quarter_car_reference import FOLDER
 
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.quarter_car import evaluation, study
-from pcpc.plants.quarter_car import study_expected as known
+from pcpc.plants.quarter_car import evaluation
+from pcpc.plants.quarter_car.book import study
+from pcpc.plants.quarter_car.book import study_expected as known
 
 RIGS = sorted(path.stem for path in (FOLDER / "rigs").glob("*.yaml"))
 NAMES = (

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcpc.plants.atb1000 import rivals
-from pcpc.plants.atb1000.tuning import RMS, STEP
+from pcpc.plants.atb1000.book import rivals
+from pcpc.plants.atb1000.book.tuning import RMS, STEP
 from pcpc.plants.study import Case, Result
 
 CASES = list(rivals.cases(plants=6))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pcpc.executive.rig.reading import load_rig
-from pcpc.plants.atb1000 import study_rough as study
+from pcpc.plants.atb1000.book import study_rough as study
 from pcpc.plants.study import Case, Result
-from pcpc.tools.experiments import _runs as runs
+from pcpc.tools.study.experiment import runs as runs
 
 CASES = list(study.cases())
 COST = {"gyros": 1.25, study.ALL: 3.0}  # of each law, made up

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from pcpc.tools.sweep import vary
+from pcpc.tools.study.sweep import vary
 
 VARIED = ("plant.friction_Nm=x0.5:2", "plant.payload_kg=normal(4,1)", "plant.motor=choice(1,2)")
 CONTROLLERS = ("pd", "network<b>")  # a name that has to be escaped

@@ -18,15 +18,17 @@ import pcpc
 from pcpc.executive.errors import RigError
 from pcpc.tools.api.simulate import simulate
 from pcpc.tools.cli import main
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.sweep import statements, store
-from pcpc.tools.sweep.campaign import Campaign, Shard
-from pcpc.tools.sweep.engine import Bench, Draw, Row
-from pcpc.tools.sweep.results import FAULT, RAN, REFUSED, failures
-from pcpc.tools.sweep.work import LOOK, Work
+from pcpc.tools.study.engine import Bench, Draw, Row
+from pcpc.tools.study.sweep import shards, statements, store
+from pcpc.tools.study.sweep.campaign import Campaign, Shard
+from pcpc.tools.study.sweep.decision import LOOK
+from pcpc.tools.study.sweep.results import FAULT, RAN, REFUSED, failures
+from pcpc.tools.study.sweep.work import Work
+from pcpc.tools.terminal import extras
+from pcpc.tools.terminal.progress import Progress
 
 ROOT = Path(__file__).resolve().parents[2]
-RIG = str(ROOT / "tools/template/rig.yaml")
+RIG = str(ROOT / "tools/make/template/rig.yaml")
 SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
 VARY = ("motor.coulomb_Nm=x0.5:2", "motor.inertia_kg_m2=normal(19e-6,1e-6)")
 BOTH = Campaign(RIG, ("pid", "pd"), VARY, 21, "random", 5, SHORT)
@@ -53,7 +55,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rows_of(folder: Path) -> list[dict[str, object]]:
-    table, _ = store.merged([folder])
+    table, _ = shards.merged([folder])
     return [repr(sorted(row.items())) for row in table.to_pylist()]  # type: ignore[misc]
 
 
@@ -63,7 +65,7 @@ def pair(setting: str) -> tuple[str, object]:
 
 
 def test_a_row_is_what_simulate_says_of_its_settings(whole: Path) -> None:
-    table, spec = store.merged([whole])
+    table, spec = shards.merged([whole])
     rows = table.to_pylist()
     assert [row["draw"] for row in rows] == [i for i in range(21) for _ in range(2)]
     assert {row["alone"] for row in rows} == {""}, "all in lanes"
@@ -111,7 +113,7 @@ def test_shards_in_any_order_by_any_number_of_threads_make_the_same_table(
 ) -> None:
     for number in (3, 1, 2):
         done(BOTH, tmp_path, Shard(number, 3), threads)
-    assert len(list(store.tables(tmp_path))) == 3
+    assert len(list(shards.tables(tmp_path))) == 3
     assert rows_of(tmp_path) == rows_of(whole)
 
 
@@ -119,7 +121,7 @@ def test_what_was_done_is_not_done_again_and_a_torn_line_is_dropped(
     whole: Path, tmp_path: Path
 ) -> None:
     work = Work(BOTH, Shard(), tmp_path, None, 1)
-    kept, spec = store.merged([whole])
+    kept, spec = shards.merged([whole])
     rows = [row for row in done(BOTH, tmp_path / "other")[0].values() if row.draw < 9]
     marked = [dataclasses.replace(row, why="kept") for row in rows]
     work.store.add(marked)
@@ -161,7 +163,7 @@ def test_one_process_at_a_time_has_a_shard_and_a_folder_one_campaign(tmp_path: P
         store.Store(tmp_path, BOTH.spec(), Shard(1, 2))
     store.Store(tmp_path, BOTH.spec(), Shard(2, 2)).close()
     other = dataclasses.replace(BOTH, seed=6)
-    with pytest.raises(RigError, match="another campaign, whose seed differ; choose another"):
+    with pytest.raises(RigError, match="another campaign; it differs in seed; choose another"):
         store.Store(tmp_path, other.spec(), Shard(2, 2))
     first.close()
 
@@ -308,6 +310,7 @@ def test_the_same_campaign_from_python_and_in_a_folder_that_goes_on(
 
 
 def test_what_is_not_installed_is_told_before_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store, "_PACKAGES", ("scipy", "no_such_package"))
-    with pytest.raises(pcpc.Error, match=r"no no_such_package; `pip install 'pcpc\[sweep\]'`"):
+    found = extras.find_spec
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == "cma" else found(name))
+    with pytest.raises(pcpc.Error, match=r"a sweep needs cma: pip install 'pcpc\[sweep\]'"):
         pcpc.sweep(RIG, draws=1)

@@ -16,13 +16,13 @@ from copies import end_with_the_tests
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.sweep import cluster, store
-from pcpc.tools.sweep.campaign import Campaign, Shard
-from pcpc.tools.sweep.engine import WIDTH, Engine, pieces
-from pcpc.tools.sweep.work import Work
+from pcpc.tools.study.engine import WIDTH, Engine, pieces
+from pcpc.tools.study.sweep import cluster, shards, store
+from pcpc.tools.study.sweep.campaign import Campaign, Shard
+from pcpc.tools.study.sweep.work import Work
+from pcpc.tools.terminal.progress import Progress
 
-RIG = str(Path(__file__).resolve().parents[2] / "tools/template/rig.yaml")
+RIG = str(Path(__file__).resolve().parents[2] / "tools/make/template/rig.yaml")
 SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
 VARY = ("motor.coulomb_Nm=x0.5:2",)
 MANY = Campaign(RIG, ("pid", "pd"), VARY, 160, "random", 5, SHORT)
@@ -44,7 +44,7 @@ def done(folder: Path, scheduler: str | None = None) -> None:
 def table(folder: Path) -> list[dict[str, object]]:
     return [
         {name: repr(value) for name, value in row.items()}
-        for row in store.merged([folder])[0].to_pylist()
+        for row in shards.merged([folder])[0].to_pylist()
     ]
 
 
@@ -97,7 +97,7 @@ def client(start: Start, address: str, folder: Path) -> "subprocess.Popen[str]":
     words += [word for one in SHORT for word in ("--set", one)]
     code = (
         "from pcpc.tools import cli\n"
-        "from pcpc.tools.sweep import cluster\n"
+        "from pcpc.tools.study.sweep import cluster\n"
         f"cluster.TASK = {TASK}\n"
         "raise SystemExit(cli.main())"
     )
@@ -250,9 +250,10 @@ def test_a_task_that_is_sent_again_goes_on_where_it_was(tmp_path: Path) -> None:
 def test_a_worker_without_the_folder_or_with_another_rig_is_told(tmp_path: Path) -> None:
     with pytest.raises(RigError, match="does not see it; give -o a folder"):
         cluster.carried_out(MANY, tmp_path / "there" / "shard-1-of-1.0.0.jsonl", [])
-    spec = MANY.spec() | {"rigs": "another"}
+    spec = MANY.spec()
+    spec["origin"] |= {"motor.dbc": "another"}
     (tmp_path / store.SPEC).write_text(json.dumps(spec))
-    with pytest.raises(RigError, match="has another one than the campaign's"):
+    with pytest.raises(RigError, match=r"has others than the campaign: motor\.dbc"):
         cluster.carried_out(MANY, tmp_path / "shard-1-of-1.0.0.jsonl", [])
 
 
@@ -264,6 +265,7 @@ def test_a_scheduler_that_does_not_answer_is_told(
     with pytest.raises(UserError, match=f"{address}: nothing answers there; start") as error:
         done(tmp_path, address)
     assert error.value.code == Exit.ENVIRONMENT
+    assert not distributed.Client._instances, "one is left to close itself at any time"
 
 
 def test_without_the_package_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from pcpc.tools.sweep.rare import Margins, subset
+from pcpc.tools.study.sweep.rare import Margins, subset
 
 SEEDS = 40
 

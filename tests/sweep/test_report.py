@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 
 from pcpc.drivers.errors import UserError
 from pcpc.tools.cli import parsed
-from pcpc.tools.sweep import figures
-from pcpc.tools.sweep.report import report
-from pcpc.tools.sweep.results import Results, compared
+from pcpc.tools.study.sweep import figures, reasons
+from pcpc.tools.study.sweep.report import report
+from pcpc.tools.study.sweep.results import Results, compared
+from pcpc.tools.study.sweep.told import summary
 
 ERROR = "metric:error_rms_mrad"
 BARE = ["draw", "controller", "seed", "outcome", "ok", "why"]
@@ -75,6 +76,47 @@ def test_pairs_are_the_same_draw_in_any_order_of_rows(written: Path, tmp_path: P
     assert again.read_bytes() == written.read_bytes()
 
 
+def between(values: list[float], share: float) -> float:
+    """Return the quantile by hand: linear between the neighbours in the order of size."""
+    values, at = sorted(values), share * (len(values) - 1)
+    low = int(at)
+    high = min(low + 1, len(values) - 1)
+    return values[low] + (at - low) * (values[high] - values[low])
+
+
+def test_quantiles_on_the_page_are_those_of_the_runs_that_told_a_value(written: Path) -> None:
+    text = Page(written).text
+    for controller in CONTROLLERS:
+        rows = [r for r in table(50).to_pylist() if r["controller"] == controller]
+        own = [r for r in rows if r["outcome"] != "refused"]
+        for name in (ERROR, "metric:settle_s", "metric:bias_mrad"):
+            told = [r[name] for r in own if not np.isnan(r[name])]
+            points = [f"{between(told, share):.4g}" for share in (0.0, 0.5, 0.95, 1.0)]
+            assert f"{controller}{len(told)} of {len(own)}{''.join(points)}" in text, (name, points)
+
+
+@pytest.mark.parametrize("count", [1, 3, 21, 101])
+def test_the_summary_tells_the_value_at_a_share_of_the_runs(count: int) -> None:
+    ranks = np.random.default_rng(count).permutation(count).astype(float)
+    drawn_rows = table(count, ("pd",)).to_pylist()
+    given = {"outcome": "ran", "ok": True, "alone": False}
+    rows = [
+        {**row, **given, ERROR: rank} for row, rank in zip(drawn_rows, ranks.tolist(), strict=True)
+    ]
+    rows.append({**rows[0], "draw": count, ERROR: np.nan})  # one that told none
+    names = [*BARE, ERROR, "alone"]
+    made = pa.Table.from_pylist(rows).select(names)
+    lines = summary(made, spec(count, controllers=["pd"]), Path("folder")).splitlines()
+    at = lines.index("error_rms_mrad (metric)")
+    told = [
+        (line.rsplit(None, 1)[0].strip(), float(line.split()[-1]))
+        for line in lines[at + 1 : at + 4]
+    ]
+    last = count - 1
+    wanted = [("5 %", round(0.05 * last)), ("median", last // 2), ("95 %", round(0.95 * last))]
+    assert told == wanted
+
+
 def test_ratios_are_counted_pair_by_pair(written: Path) -> None:
     error = {(r["draw"], r["controller"]): r[ERROR] for r in table(50).to_pylist()}
     pairs = [(error[d, CONTROLLERS[0]], error[d, CONTROLLERS[1]]) for d in range(50)]
@@ -83,7 +125,8 @@ def test_ratios_are_counted_pair_by_pair(written: Path) -> None:
     ((other, told, found, median),) = compared(drawn(50), ERROR, figures.RATIOS)
     assert (other, told, found) == (CONTROLLERS[1], len(pairs), counts) and told == 48
     assert median == pytest.approx(np.median([a / b for a, b in pairs]))
-    assert f"{counts[0]} of 48 ({counts[1]}, {counts[2]})" in Page(written).text
+    row = f"{CONTROLLERS[1]}{counts[0]} of 48{counts[1]}{counts[2]}{median:.3g}"
+    assert row in "".join(Page(written).text.split("\n"))
 
 
 @pytest.mark.parametrize("xscale", ["linear", "log"])
@@ -185,7 +228,47 @@ def test_columns_that_are_all_empty_or_all_refused(tmp_path: Path) -> None:
     for row in rows:
         row.update({ERROR: np.nan, "outcome": "refused", "ok": False, "why": "gap_rad: 3 > 1"})
     text = Page(report(pa.Table.from_pylist(rows), spec(12), tmp_path)).text
-    assert "24 runs were refused" in text and "0 failures in 0 runs" in text
+    assert "24 runs were refused" in text
+    assert "nothing is known of p_fail: 0 failures in 0 runs" in text
+
+
+def test_where_all_runs_fail_the_bound_is_from_below(tmp_path: Path) -> None:
+    rows = table(200, ("pd",)).to_pylist()
+    for row in rows:
+        row.update({"outcome": "ran", "ok": False, "why": "it fell"})
+    text = Page(report(pa.Table.from_pylist(rows), spec(200), tmp_path)).text
+    assert "p_fail > 0.9851 at 95 %: 200 failures in 200 runs" in text and "p_fail < 1" not in text
+
+
+def test_reasons_that_differ_in_numbers_alone_are_one(tmp_path: Path) -> None:
+    rows = table(200, ("pd",)).to_pylist()
+    for i, row in enumerate(rows):
+        said = f"axis 2: violated first at {i / 100} s: rate = {7070 + i % 3} N/s, limit 5,000 N/s"
+        row.update({"outcome": "ran", "ok": False, "why": said if i % 50 else f"fell at {i} s"})
+    text = Page(report(pa.Table.from_pylist(rows), spec(200), tmp_path)).text
+    assert "axis 2: violated first at 0.01 to 1.99 s: rate = 7070 to 7072 N/s, limit 5,000" in text
+    assert "fell at 0 to 150 s" in text and "other reasons" not in text
+
+
+def test_reasons_of_two_requirements_stay_two() -> None:
+    texts = ["error at 10 Hz: 3 mm", "error at 20 Hz: 4 mm", "error at 10 Hz: -1e-3 mm", "inf m/s"]
+    names = ["error at 10 Hz", "error at 20 Hz"]
+    assert reasons.counted(texts, names) == [
+        ("error at 10 Hz: -1e-3 to 3 mm", 2), ("error at 20 Hz: 4 mm", 1), ("inf m/s", 1),
+    ]  # fmt: skip
+    assert reasons.counted(texts[:2]) == [("error at 10 to 20 Hz: 3 to 4 mm", 2)]
+    assert reasons.counted([]) == []
+
+
+def test_a_rate_of_1_is_drawn_whole_and_pairs_on_axes_of_one_kind() -> None:
+    page = figures.failures_page(drawn(50), [("any", "pd", 50, 50), ("any", "pd", 0, 50)])
+    dots = [line for line in page.axes[0].lines if line.get_marker() in ("o", "|")]
+    assert len(dots) == 2 and not any(line.get_clip_on() for line in dots)
+    for x, y in (([1.0, 100.0], [1.0, 2.0]), ([1.0, 2.0], [1.0, 100.0]), ([1.0, 2.0], [1.0, 3.0])):
+        ax = Figure().subplots()
+        pair = np.array(x), np.array(y)
+        figures.scatter(ax, drawn(50), ERROR, [pair], positive=True)
+        assert ax.get_xscale() == ax.get_yscale() == ("log" if 100.0 in x + y else "linear")
 
 
 def test_no_runs_and_a_place_that_cannot_be_written_are_one_line(tmp_path: Path) -> None:

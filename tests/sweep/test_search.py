@@ -4,23 +4,25 @@ import dataclasses
 import itertools
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 import pcpc
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.sweep import store
-from pcpc.tools.sweep.campaign import Campaign, Shard
-from pcpc.tools.sweep.engine import Engine, Row
-from pcpc.tools.sweep.results import FAULT, RAN, REFUSED
-from pcpc.tools.sweep.search import Search
-from pcpc.tools.sweep.work import Work
+from pcpc.tools.study.engine import Engine, Row
+from pcpc.tools.study.sweep import shards
+from pcpc.tools.study.sweep.campaign import Campaign, Shard
+from pcpc.tools.study.sweep.results import FAULT, RAN, REFUSED
+from pcpc.tools.study.sweep.search import Search
+from pcpc.tools.study.sweep.work import Work
+from pcpc.tools.terminal.progress import Progress
 
-RIG = str(Path(__file__).resolve().parents[2] / "tools/template/rig.yaml")
+RIG = str(Path(__file__).resolve().parents[2] / "tools/make/template/rig.yaml")
 SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
 VARY = ("motor.coulomb_Nm=x0.5:2", "motor.inertia_kg_m2=normal(19e-6,1e-6)")
 WORST = Campaign(RIG, ("pid",), VARY, 70, "worst", 3, SHORT)
@@ -68,15 +70,21 @@ def test_a_search_that_was_broken_off_comes_to_the_same_rows(
     assert not (parts / "shard-1-of-1.parquet").exists()
     again = done(search, parts, 3)
     assert told.replace(str(whole), "") == again.replace(str(parts), "") != ""
-    rows, others = (store.merged([folder])[0].to_pylist() for folder in (whole, parts))
+    rows, others = (shards.merged([folder])[0].to_pylist() for folder in (whole, parts))
     assert repr(rows) == repr(others) and len(rows) >= 40
     assert len({row["seed"] for row in rows}) == 1, "the margin is no function of what varies"
     assert done(search, whole, 1) == told, "what came out is told again"
 
 
+def test_a_search_among_runs_that_nothing_judges_has_no_worst() -> None:
+    none = SimpleNamespace(controller="pid", margins=lambda points: np.full(len(points), np.inf))
+    with pytest.raises(RigError, match="--worst: pid: no run could be judged"):
+        Search(WORST)._worst(none)  # type: ignore[arg-type]
+
+
 def test_the_worst_is_the_worst_row_and_is_run_again_by_its_number(tmp_path: Path) -> None:
     lines = done(Search(WORST, OVERSHOOT), tmp_path, 2).splitlines()
-    rows = store.merged([tmp_path])[0].to_pylist()
+    rows = shards.merged([tmp_path])[0].to_pylist()
     worst = max(rows, key=lambda row: row[f"metric:{OVERSHOOT}"])
     assert len(rows) == 70 and lines[0] == "pid: the worst of 70 runs"
     assert lines[1].startswith(f"  draw {worst['draw']}: {worst[f'metric:{OVERSHOOT}']:.4g}: ")
@@ -87,7 +95,7 @@ def test_the_worst_is_the_worst_row_and_is_run_again_by_its_number(tmp_path: Pat
 
 def test_a_likely_failure_is_the_share_of_the_rows(tmp_path: Path) -> None:
     told = done(Search(RARE, OVERSHOOT, 0.0), tmp_path / "likely", 2)
-    rows = store.merged([tmp_path / "likely"])[0].to_pylist()
+    rows = shards.merged([tmp_path / "likely"])[0].to_pylist()
     failed = [row[f"metric:{OVERSHOOT}"] > 0.0 for row in rows]
     assert len(rows) == 40 and sum(failed) > 0
     assert f"p_fail = {sum(failed) / 40:.2g}, between" in told and "by 40 runs" in told
@@ -137,7 +145,7 @@ def test_python_searches_as_the_command_does(tmp_path: Path) -> None:
         told = done(search, whole, 1)
         own = from_python(search.campaign.vary, seed=search.campaign.seed, **asked)
         assert own.statement.replace(str(own.folder), str(whole)) == told
-        assert repr(own.table.to_pylist()) == repr(store.merged([whole])[0].to_pylist())
+        assert repr(own.table.to_pylist()) == repr(shards.merged([whole])[0].to_pylist())
     for wrong, what in (
         ({"worst": 20, "until": "p_fail < 0.1 at 90%"}, "--until: --worst chooses its own draws"),
         ({"worst": 20, "rare": 20}, "--worst and --rare: give one of them"),
@@ -163,7 +171,7 @@ def test_python_is_told_what_decides_and_what_a_statement_came_to() -> None:
     [
         ("--worst 20 --rare 20", "--worst and --rare: give one of them"),
         ("--rare 25", "--rare 25: expected a multiple of 10"),
-        ("--worst 0", "--draws 0: expected 1 or more"),
+        ("--worst 0", "--worst 0: expected a whole number from 1 to"),
         ("--worst 20 --draws 9", "--draws: --worst chooses its own draws"),
         ("--worst 20 --shard 1/2", "--shard: --worst chooses its own draws"),
         ("--rare 20 --of settled_s", "--limit X is what --rare needs with --of METRIC"),

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pcpc.tools.sweep import vary
-from pcpc.tools.sweep.sensitivity import Share, shares
+from pcpc.tools.study.sweep import vary
+from pcpc.tools.study.sweep.sensitivity import Share, shares
 
 CUBE = vary.all_parsed([f"x{i}=-3.141592653589793:3.141592653589793" for i in (1, 2, 3)])
 

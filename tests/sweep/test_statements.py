@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import binomtest
 
 from pcpc.executive.errors import RigError
-from pcpc.tools.sweep import statements as st
+from pcpc.tools.study import binomial
+from pcpc.tools.study.sweep import statements as st
 
 REPETITIONS = 1000
 SLACK = 4.0 * math.sqrt(0.05 * 0.95 / REPETITIONS)  # four deviations of a rate of 5 %
@@ -34,16 +35,16 @@ def ended(statement: st.Statement, p: float, block: int, blocks: int) -> list[tu
 def test_bounds_of_a_fixed_number_of_runs_are_those_of_scipy() -> None:
     for failures, runs in ((0, 10), (3, 40), (10, 10), (7, 100_000)):
         exact = binomtest(failures, runs).proportion_ci(0.9, "exact")
-        assert st.clopper_pearson(failures, runs, 0.9) == pytest.approx(exact, rel=1e-9)
-    assert st.clopper_pearson(0, 0, 0.9) == (0.0, 1.0)
+        assert binomial.clopper_pearson(failures, runs, 0.9) == pytest.approx(exact, rel=1e-9)
+    assert binomial.clopper_pearson(0, 0, 0.9) == (0.0, 1.0)
 
 
 def test_failure_free_runs_that_are_needed() -> None:
-    assert st.needed(1e-3, 0.95) == 2995 and st.needed(1e-5, 0.95) == 299_572
-    assert st.upper_bound(0, 2995, 0.95) < 1e-3 <= st.upper_bound(0, 2994, 0.95)
+    assert binomial.needed(1e-3, 0.95) == 2995 and binomial.needed(1e-5, 0.95) == 299_572
+    assert binomial.upper_bound(0, 2995, 0.95) < 1e-3 <= binomial.upper_bound(0, 2994, 0.95)
     alone = st.parsed("p_fail < 1e-3 at 95% against 0")
     assert alone.without_failure == 2995
-    assert alone.bounds(0, 2995)[1] == pytest.approx(st.upper_bound(0, 2995, 0.95))
+    assert alone.bounds(0, 2995)[1] == pytest.approx(binomial.upper_bound(0, 2995, 0.95))
     assert st.parsed("p_fail < 1e-3 at 95%").without_failure == 3327
 
 
@@ -52,7 +53,7 @@ def test_fixed_intervals_cover_the_truth_at_the_stated_rate(p: float) -> None:
     covered = [
         low <= p <= high
         for failures in counts(p, 400, 1)[:, 0].tolist()
-        for low, high in [st.clopper_pearson(failures, 400, 0.95)]
+        for low, high in [binomial.clopper_pearson(failures, 400, 0.95)]
     ]
     assert np.mean(covered) >= 0.95 - SLACK, np.mean(covered)
 
@@ -73,7 +74,7 @@ def test_bounds_cover_the_truth_at_all_looks_at_once(p: float) -> None:
 def test_fixed_intervals_do_not_stand_repeated_looks() -> None:
     """The reason for the others: whoever looks after every block is wrong three times as often."""
     looks = [(i, k) for row in counts(0.01, 20, 150)[:400].tolist() for i, k in enumerate(row, 1)]
-    missed = np.array([st.upper_bound(k, 20 * i, 0.95) < 0.01 for i, k in looks])
+    missed = np.array([binomial.upper_bound(k, 20 * i, 0.95) < 0.01 for i, k in looks])
     assert missed.reshape(400, -1).any(axis=1).mean() > 0.15
 
 
@@ -134,6 +135,18 @@ def test_the_bound_is_where_the_test_turns() -> None:
         upper = statement.bounds(failures, 400)[1]
         turning = st.Statement(upper, 0.95, upper / 10).likelihood(failures, 400)
         assert turning == pytest.approx(math.log(20.0))
+
+
+@pytest.mark.parametrize("p0", [0.01, 0.1, 0.4])
+def test_a_rate_a_little_above_the_stated_one_is_refuted_and_one_below_never(p0: float) -> None:
+    statement = st.Statement(p0, 0.95, p0 / 10.0)
+    for times in (1.2, 1.5, 2.0):
+        runs = next(n for n in range(500, 200_000, 500)
+                    if statement.bounds(round(times * p0 * n), n)[0] > p0)  # fmt: skip
+        failures = round(times * p0 * runs)
+        assert statement.decided(failures, runs) == st.REFUTED, (times, failures, runs)
+        assert "is refuted at 95 %" in statement.told(failures, runs)
+        assert statement.decided(round(0.9 * p0 * runs), runs) != st.REFUTED
 
 
 def test_bounds_where_all_runs_fail_and_where_none_was_made() -> None:
@@ -204,6 +217,6 @@ def test_a_wrong_statement_is_one_line_with_its_cure(option: str, words: str) ->
 
 def test_more_failures_than_runs_are_refused() -> None:
     with pytest.raises(ValueError, match="3 failures in 2 runs"):
-        st.upper_bound(3, 2, 0.95)
+        binomial.upper_bound(3, 2, 0.95)
     with pytest.raises(ValueError, match="-1 failures"):
         st.always_valid(-1, 2, 0.95)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcpc.executive.errors import RigError
-from pcpc.tools.sweep import vary
+from pcpc.tools.study.sweep import vary
 
 MANY = (np.arange(20_000) + 0.5) / 20_000
 
@@ -127,7 +127,7 @@ def test_points_fill_the_open_unit_cube_evenly(sampling: str) -> None:
 
 def test_every_process_makes_the_same_points() -> None:
     code = (
-        "from pcpc.tools.sweep import vary; import hashlib, sys\n"
+        "from pcpc.tools.study.sweep import vary; import hashlib, sys\n"
         "v = vary.all_parsed(['a=1:2', 'b=normal(0,1)', 'c=choice(1,2)'])\n"
         "for s in ('random', 'lhs', 'sobol'):\n"
         "    print(hashlib.sha256(vary.points(v, 64, s, 9).tobytes()).hexdigest())\n"

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pcpc.tools.sweep import vary
-from pcpc.tools.sweep.worst import APART, HIGH, LOW, Margins, worst
+from pcpc.tools.study.sweep import vary
+from pcpc.tools.study.sweep.worst import APART, HIGH, LOW, Margins, worst
 
 SEEDS = range(5)
 

@@ -27,6 +27,16 @@ class Faulty(probe.Device):
 
     what, k = "", 0
 
+    def meet(self) -> None:
+        if self.what not in ("greets", "greets and more"):
+            super().meet()
+            return
+        while True:  # as a device whose own part has not begun
+            self.send("HB_EXEC", nmt_state=127)
+            if self.what == "greets and more":
+                self.put("SYNC", 0x80, bytearray((0, 0)))
+            self.hear(probe.GREET_S)
+
     def send_cycle(self, k: int, command: float, mode: int) -> None:
         self.k = k
         if k == AT and self.what == "killed":

@@ -6,13 +6,19 @@ import numpy as np
 import standing
 
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
 
-FACTS = {"clock_wall_ns": "9000", "clock_monotonic_ns": "0", "pacing": "real", "bus": "none"}
+FACTS = {"clock_wall_ns": "9000", "clock_monotonic_ns": "0", "pacing": "real", "bus": "none",
+         "controller": "none", "rate_hz": "1000"}  # fmt: skip
 HEAD = {
-    "variables": [["a.x", "rad", "state", "a", ""]], "ranges": {}, "state_columns": ["a.x"],
+    "variables": [["a.x", "rad", "state", "a", ""], ["time.t_s", "s", "time", "loop", ""],
+                  ["supervisor.state", "", "supervisor", "loop", ""]],
+    "ranges": {}, "state_columns": ["a.x"], "name": "stand", "alarms": {}, "laws": [],
+    "record_columns": 5, "faults": {}, "keep_ns": 0, "keep_on": [],
     "timing_columns": [], "period_ns": 1_000_000, "rig": "stand", "node": "executive",
     "metadata": FACTS, "sources": {}, "attachments": {}, "files": [], "blocks": ["a"],
-    "frames": {}, "state_names": [], "fault_names": [], "watch": "", "cycles": 0,
+    "frames": {}, "state_names": [*STATE_NAMES], "fault_names": [*FAULT_NAMES],
+    "watch": "", "cycles": 0,
 }  # fmt: skip
 ROWS = 50  # that are put at a time
 WORDS = ("scope", "a.*", "--trigger", "a.x > 0.5 rad", "--pre", "3ms", "--post", "4ms", "--quiet")

@@ -21,10 +21,10 @@ from pcpc.executive.nodes.tap import Tap
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.log import series
 from pcpc.tools.api.live import _verdict
-from pcpc.tools.api.settings import settings
-from pcpc.tools.log import series
-from pcpc.tools.rigs import find
+from pcpc.tools.start.rigs import find
+from pcpc.tools.start.settings import settings
 
 NEW_PROCESSES = True  # `pcpc.running` starts what it starts for its users
 SHORT = {"duration_s": 0.3}

@@ -13,7 +13,7 @@ SHORT = {"duration_s": 0.3}
 
 
 def own_pd(sample: pcpc.Sample, p: SimpleNamespace) -> None:
-    """Do what executive/laws/controllers/barrel/pd.py does; its numbers are those of its header."""
+    """Do what plants/atb1000/laws/pd.py does; its numbers are those of its header."""
     u, y = sample.inputs, sample.command
 
     def limited(torque: float) -> float:

@@ -21,8 +21,8 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live
 from pcpc.tools.cli import main
-from pcpc.tools.remote.link import Link
-from pcpc.tools.remote.live import There
+from pcpc.tools.live.remote.link import Link
+from pcpc.tools.live.remote.live import There
 
 
 @pytest.fixture(scope="module")

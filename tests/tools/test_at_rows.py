@@ -16,9 +16,9 @@ from scoped import CAPTURED, HEAD, WORDS, stepping
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.tap import Tap
-from pcpc.tools import scope
-from pcpc.tools.remote.link import Link
-from pcpc.tools.remote.live import There
+from pcpc.tools.live import scope
+from pcpc.tools.live.remote.link import Link
+from pcpc.tools.live.remote.live import There
 
 
 @pytest.mark.parametrize("jump", [0, 300_000])

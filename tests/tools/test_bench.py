@@ -10,8 +10,8 @@ import pytest
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000.ports import Outputs
-from pcpc.tools.bench import steps
-from pcpc.tools.bench.steps import (
+from pcpc.tools.dev.bench import steps
+from pcpc.tools.dev.bench.steps import (
     LAWS,
     LIBM,
     PERIODS,
@@ -22,7 +22,7 @@ from pcpc.tools.bench.steps import (
     in_c,
     in_python,
 )
-from pcpc.tools.console.progress import Progress
+from pcpc.tools.terminal.progress import Progress
 
 STEPS = (*LAWS, "barrel")
 FEW = 200

@@ -14,25 +14,24 @@ from free_bus import own_bus
 from pcpc.drivers import bus as buses
 from pcpc.drivers.wire import FRAME, get_frame, put_frame
 from pcpc.executive.loop import shared as sh
-from pcpc.tools.bench import (
-    ON_REQUEST,
-    SUITES,
-    Ratio,
-    batch,
-    codec,
-    cycle,
-    frame,
-    rate,
-    recorder,
-    simulate,
-    startup,
-)  # fmt: skip
-from pcpc.tools.bench.compiler import CompilerError
-from pcpc.tools.console.progress import Progress
+from pcpc.tools.cli import main
+from pcpc.tools.dev.bench import batch, codec, cycle, frame, rate, recorder, simulate, startup
+from pcpc.tools.dev.bench.cli import ON_REQUEST, SUITES, Ratio
+from pcpc.tools.machine.jitter.compiler import CompilerError
+from pcpc.tools.terminal.progress import Progress
 
 QUIET = Progress(quiet=True)
 CYCLES = 300
 SCRATCH = "the plant's scratch space, which C does not need"
+
+
+def test_a_folder_or_none_in_place_of_a_file_is_refused_before_anything_is_measured(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path, what in ((tmp_path, "is a folder"), (tmp_path / "no" / "such", "there is no folder")):
+        assert main(["bench", "codec", "--rounds", "1", "--quiet", "--json", str(path)]) == 2
+        said = capsys.readouterr()
+        assert said.out == "" and what in said.err and said.err.count("\n") == 1, said
 
 
 def of(ratios: list[Ratio]) -> dict[tuple[str, str], float]:

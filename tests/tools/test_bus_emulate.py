@@ -15,10 +15,10 @@ from processes import DEADLINE_S, PCPC, own_bus, until
 
 from pcpc.drivers import bus as buses
 from pcpc.executive.errors import RigError
-from pcpc.tools.bus.emulate import Errors
 from pcpc.tools.cli import main
-from pcpc.tools.starting import line
-from pcpc.tools.starting.children import Child
+from pcpc.tools.start.bus import of_run as line
+from pcpc.tools.start.bus.emulate import Errors
+from pcpc.tools.start.children import Child
 
 Screen = pytest.CaptureFixture[str]
 

@@ -13,9 +13,9 @@ from pcpc.drivers import dbc
 from pcpc.drivers.frame_bits import fd_bits
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.bus import figure, traffic
-from pcpc.tools.bus.traffic import Sent, Setup
 from pcpc.tools.cli import main
+from pcpc.tools.start.bus import figure, traffic
+from pcpc.tools.start.bus.traffic import Sent, Setup
 
 ROOT = Path(__file__).resolve().parents[2]
 HULL = str(ROOT / "plants/atb1000/rigs/hull.yaml")

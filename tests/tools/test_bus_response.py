@@ -10,8 +10,8 @@ from itertools import pairwise
 import pytest
 
 from pcpc.drivers.frame_bits import classic_bits, transmission_ns
-from pcpc.tools.bus.arranged import Queued, Wire, bounds_ns
-from pcpc.tools.bus.response import Message, responses_ns
+from pcpc.tools.start.bus.arranged import Queued, Wire, bounds_ns
+from pcpc.tools.start.bus.response import Message, responses_ns
 
 MS = 1_000_000
 

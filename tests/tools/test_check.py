@@ -12,10 +12,10 @@ from pcpc.drivers import dbc
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.purity import warnings
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import check
+from pcpc.tools.after.verdict.report import rows
 from pcpc.tools.cli import main
-from pcpc.tools.new import write
-from pcpc.tools.verdict.report import rows
+from pcpc.tools.make.new import write
+from pcpc.tools.run import check
 
 ROOT = Path(__file__).resolve().parents[2]
 RIGS = ROOT / "plants/atb1000/rigs"
@@ -160,14 +160,14 @@ def test_what_has_other_bits_elsewhere_is_a_warning_with_its_line(
 ) -> None:
     assert warnings(IMPURE) == [(7, "sin"), (14, "print"), (15, "m"), (15, "np"), (16, "**")]
     write(tmp_path / "motor")
-    law = tmp_path / "motor" / "control.py"
+    law = tmp_path / "motor" / "laws/pid.py"
     text = law.read_text("utf-8")
     law.write_text(
         text.replace("y.e_rad = u.q_d_rad - u.encoder_rad", "y.e_rad = math.sin(u.q_d_rad)")
         .replace("from pcpc", "import math\nfrom pcpc", 1)
     )  # fmt: skip
     (warning,) = report(capsys, str(tmp_path / "motor" / "rig.yaml"))["warnings"]
-    assert "control.py:70: math in a step, in `y.e_rad = math.sin(u.q_d_rad)" in warning, warning
+    assert "pid.py:70: math in a step, in `y.e_rad = math.sin(u.q_d_rad)" in warning, warning
     assert "not the same on every machine" in warning, warning
 
 

@@ -15,12 +15,13 @@ import pytest
 from processes import ROOT, pcpc
 
 from pcpc.executive.errors import RigError
-from pcpc.tools import cli, rigs
+from pcpc.tools import cli
+from pcpc.tools.after.log import recorded
+from pcpc.tools.after.verdict.conclude import changes
 from pcpc.tools.cli import main
-from pcpc.tools.console.command import Command
-from pcpc.tools.console.commands import COMMANDS
-from pcpc.tools.log import recorded
-from pcpc.tools.verdict.conclude import changes
+from pcpc.tools.cli.commands import COMMANDS, GROUPS, of_group
+from pcpc.tools.start import rigs
+from pcpc.tools.terminal.command import Command
 
 PARTS = [(name, part) for name, command in COMMANDS.items() for part in command.parts]
 HELPS = [(), *((name,) for name in COMMANDS), *((name, part.name) for name, part in PARTS)]
@@ -75,14 +76,14 @@ def check(words: list[str]) -> str:
         if controller is not None and controller not in data["controllers"]:
             return f"no controller {controller}"
     if words[0] == "experiment":
-        from pcpc.tools.experiment import names
+        from pcpc.tools.study.experiment.cli import names
 
         return "" if options.name in names() else "no such experiment"
     return ""
 
 
 def test_every_command_is_in_the_help_and_parses(capsys: Screen) -> None:
-    text = help_of((), capsys)
+    text = of_group("all")
     registered = next(
         action.choices
         for action in cli.parser()._actions
@@ -90,11 +91,42 @@ def test_every_command_is_in_the_help_and_parses(capsys: Screen) -> None:
     )
     assert set(registered) == set(COMMANDS)
     assert [name for name in COMMANDS if f"\n  {name} " not in text] == []
+    first = help_of((), capsys)
+    begin = [name for name, one in COMMANDS.items() if f"\n  {name} " in first and one.first]
+    assert len(begin) == 12 and all(f"\n  {group} " in first for group in GROUPS)
 
 
 @pytest.mark.parametrize("command", [*COMMANDS.values(), *(part for _, part in PARTS)])
 def test_what_carries_a_command_out_is_there(command: Command) -> None:
-    assert command.parts or callable(import_module(f"pcpc.tools.{command.at}").command)
+    assert command.parts or callable(import_module(f"pcpc.tools.{command.module}").command)
+
+
+def places(found: argparse.ArgumentParser) -> Iterator[tuple[list[str], argparse.Action]]:
+    """Yield of each command the words and the actions that take a file or a folder."""
+    for action in found._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, part in action.choices.items():
+                yield from (([name, *words], own) for words, own in places(part))
+        elif re.match(r"(DIR|FILE|OUT|LOG)\b", str(action.metavar)) or action.type is Path:
+            yield [], action
+
+
+def test_an_empty_name_of_a_file_or_folder_is_refused_by_every_command(capsys: Screen) -> None:
+    count, written = 0, set(Path().iterdir())
+    for words, action in places(cli.parser()):
+        ahead = action.option_strings[:1]
+        if action.nargs is not None:
+            continue
+        count += 1
+        given = [*words, *ahead, ""] if ahead else [*words, *[""] * 3]
+        assert main(given) == 2, given
+        out, err = capsys.readouterr()
+        said = re.escape(ahead[0] if ahead else str(action.dest))
+        assert re.fullmatch(rf"{said} '': expected a (file|folder|log|path)\n|.*'': .*\n", err), (
+            given, err,
+        )  # fmt: skip
+        assert out == "", given
+    assert count > 30 and set(Path().iterdir()) == written, count
 
 
 def test_neither_the_help_nor_a_mistake_brings_numpy_or_numba() -> None:
@@ -110,6 +142,23 @@ def test_version_names_pcpc_python_and_numba(capsys: Screen) -> None:
     assert main(["--version"]) == 0
     out = capsys.readouterr().out
     assert re.fullmatch(r"pcpc \d+\.\d+\.\d+, Python 3\.\d+\.\d+\S*, numba \d\S+\n", out), out
+
+
+def test_without_a_command_there_is_a_hint(capsys: Screen) -> None:
+    assert main([]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err == (
+        "pcpc: no command; `pcpc simulate hull` runs a rig, `pcpc --help` lists all commands\n"
+    )
+
+
+def test_a_fault_of_no_kind_is_told_all_kinds(capsys: Screen, tmp_path: Path) -> None:
+    fault = "{at: executive:rx.FB_A.encoder, kind: offset, value: 1.0}"
+    file = tmp_path / "rig.yaml"
+    file.write_text(f"base: {ROOT}/plants/atb1000/rigs/hull.yaml\nfaults: {{wrong: {fault}}}\n")
+    assert main(["check", str(file)]) == 2
+    err = capsys.readouterr().err
+    assert "no kind offset; known: " in err and "stall" in err and "flood" in err, err
 
 
 def test_an_unknown_command_is_refused_with_the_likely_one(capsys: Screen) -> None:

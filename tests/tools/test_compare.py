@@ -12,9 +12,10 @@ from logcommand import Done, run_here
 
 import pcpc
 from pcpc.executive.log import reader as logs
-from pcpc.tools.compare.comparison import Comparison
-from pcpc.tools.compare.pair import CHANGED, Change, Pair
-from pcpc.tools.starting.folder import LOG
+from pcpc.tools.after.compare.comparison import Comparison
+from pcpc.tools.after.compare.pair import CHANGED, Change, Pair
+from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.start.folder import LOG
 
 SHORT = {"duration_s": 0.4, "evaluation.window_s": [0.0, 0.4]}
 GAIN = {"controller.kv_Nms_rad": 111.0}
@@ -138,7 +139,7 @@ def test_margins_of_requirements_in_time_count_as_metrics(folder: Path, tmp_path
         file = tmp_path / side / "summary.json"
         told = json.loads(file.read_text())
         told["requirements"] = [{"name": "calm", "held": margin > 0.0, "margin": margin}]
-        file.write_text(json.dumps(told))
+        summary_file.write_json(told, file)
     text = compared(tmp_path / "old", tmp_path / "new", code=1).out
     assert re.search(r"metrics +margin of calm +0\.25 +-> +-0\.5 +-300\.0 %", text), text
 

@@ -15,9 +15,9 @@ import pytest
 from logcommand import Done, run_here
 from processes import ROOT, Running, alive, until
 
-from pcpc.tools.compare.inputs import Tree
-from pcpc.tools.compare.repository import Repository
-from pcpc.tools.compare.versions import _python_path
+from pcpc.tools.after.compare.inputs import Tree
+from pcpc.tools.after.compare.repository import Repository
+from pcpc.tools.after.compare.versions import _python_path
 
 AUTHOR = ("-c", "user.name=engineer", "-c", "user.email=engineer@example.org")
 SOFT = "  soft: {like: proportional, parameters: {gain: 2.0}}\n\nsupervisor:"
@@ -162,8 +162,42 @@ def test_rigs_of_one_version_and_unreadable_ones_are_named_and_the_others_compar
 
 
 @pytest.mark.parametrize(
+    ("folder", "word"),
+    [
+        ("motor", "."), ("motor", "rig.yaml"), ("motor", "motor"), ("", "motor"), ("", "motor/"),
+        ("..", "repo/motor"), ("..", "repo/motor/rig.yaml"), ("/", "{repo}/motor"),
+        ("../link", "."), ("..", "link/rig.yaml"),
+    ],
+)  # fmt: skip
+def test_a_rig_is_named_as_for_every_other_command(
+    folder: str, word: str, repo: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = repo.parent / "link"
+    link.unlink(missing_ok=True)
+    link.symlink_to("repo/motor")
+    monkeypatch.chdir(os.path.join(repo, folder))
+    assert states(word.format(repo=repo), code=0) == {"motor/proportional": "unchanged"}
+
+
+def test_a_rig_whose_folder_is_the_repository_is_the_dot_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cart = copied(tmp_path / "cart")
+    for file in (cart / "motor").iterdir():
+        file.rename(cart / file.name)
+    git(cart, "add", "-A")
+    git(cart, "commit", "-q", "-m", "two")
+    monkeypatch.chdir(cart)
+    assert states(".", code=0) == {"motor/proportional": "unchanged"}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path))
+    assert states("cart", code=0) == {"motor/proportional": "unchanged"}
+
+
+@pytest.mark.parametrize(
     ("words", "said"),
     [
+        (("--against", "HEAD", ""), "'': no rig of either version"),
         (("--against", "nosuch"), "--against nosuch: git: Needed a single revision; `git log`"),
         (("--against", "HEAD", "mtor"), "mtor: no rig of either version; did you mean motor?"),
         (("--against", "HEAD", "--jobs", "0"), "--jobs 0: expected 1 or more"),
@@ -201,7 +235,7 @@ def test_the_other_version_is_written_out_whole_and_removed_after_any_end(repo: 
     git(repo, "add", ".")
     commit = git(repo, "stash", "create").strip()
     git(repo, "reset", "-q", "--hard")
-    here = Repository.here()
+    here = Repository.around()
     with pytest.raises(KeyboardInterrupt), here.checked_out(commit) as folder:
         tree = folder / "tree"
         assert sorted(here.files_of(commit)) == sorted(
@@ -216,8 +250,8 @@ def test_the_other_version_is_written_out_whole_and_removed_after_any_end(repo: 
 
 def test_a_folder_of_a_killed_one_goes_with_the_next_start(repo: Path) -> None:
     code = (
-        "import signal\nfrom pcpc.tools.compare.repository import Repository\n"
-        "here = Repository.here()\n"
+        "import signal\nfrom pcpc.tools.after.compare.repository import Repository\n"
+        "here = Repository.around()\n"
         "with here.checked_out(here.commit('HEAD')) as folder:\n"
         "    print(folder, flush=True)\n    signal.pause()\n"
     )
@@ -226,7 +260,7 @@ def test_a_folder_of_a_killed_one_goes_with_the_next_start(repo: Path) -> None:
     )
     assert process.stdout is not None
     folder = Path(process.stdout.readline().strip())
-    here = Repository.here()
+    here = Repository.around()
     with here.checked_out(here.commit("HEAD")) as other:
         assert folder.is_dir() and other != folder, "it is in use"
     process.kill()
@@ -254,7 +288,7 @@ def test_ended_early_it_leaves_no_process_and_no_folder(number: int, repo: Path)
         done = command.done()
         until(lambda: not any(map(alive, family)), f"{family} end")
     if number == signal.SIGKILL:
-        with Repository.here().checked_out("HEAD"):
+        with Repository.around().checked_out("HEAD"):
             pass
     else:
         assert done.code == 130, done
@@ -363,7 +397,7 @@ def test_each_version_runs_with_its_own_code_where_the_repository_is_pcpcs(
     git(root, "commit", "-q", "-m", "before")
     git(root, "checkout", "-q", "-f", "now")
     assert "before: there pcpc is not yet" in compared(against="before", code=2).err
-    edit(root / "tools/verdict/judge.py", code, "return {'answer': 42.0}")
+    edit(root / "tools/after/verdict/judge.py", code, "return {'answer': 42.0}")
     pair = pairs("probe", code=1)["probe/proportional"]
     assert pair["first"] is None and pair["settings"] == []
     assert [m for m in pair["metrics"] if m["old"] != m["new"]] == [

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from logcommand import DBC, Done, run
 
-from pcpc.tools.log import recording
+from pcpc.tools.after.log import recording
 
 LOBJ = struct.Struct("<4sHHLL")  # mark, size of the head, its version, size, kind
 

@@ -13,9 +13,9 @@ from processes import ROOT, pcpc
 import pcpc as api
 from pcpc.drivers import dbc
 from pcpc.executive.errors import RigError
-from pcpc.tools.dbc import Frame, Signal, frames_of, resolution, rigs_of, written
-from pcpc.tools.evidence.expected import crc16
-from pcpc.tools.new import TEMPLATE
+from pcpc.tools.dev.evidence.expected import crc16
+from pcpc.tools.make.dbc import Frame, Signal, frames_of, resolution, rigs_of, written
+from pcpc.tools.make.new import TEMPLATE
 
 COUNT_RAD = 2.0 * np.pi / 2000.0
 

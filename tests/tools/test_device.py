@@ -1,6 +1,7 @@
 """`pcpc plant RIG --device`: a device as the executive, in C and in Python, right and wrong."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -8,12 +9,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import cantools
 import numpy as np
 import pytest
 from processes import PCPC, ROOT, Done, Running, own_bus, pcpc
 
+from pcpc.drivers import e2e, wire
 from pcpc.executive.log import reader as logs
-from pcpc.tools.log import diff
+from pcpc.tools.after.log import diff
 
 FOLDER = ROOT / "plants" / "probe" / "device"
 RIG = str(FOLDER / "rig.yaml")
@@ -165,6 +168,40 @@ def test_a_device_that_cannot_begin_is_told_with_its_own_words(tmp_path: Path) -
     assert (tmp_path / "run" / "device.txt").read_text() == "no probe found\n"
 
 
+@pytest.mark.parametrize("pacing", ["lockstep", "real"])
+@pytest.mark.parametrize(
+    ("what", "came"),
+    [("greets", "HB_EXEC came"), ("greets and more", "SYNC (ERROR), HB_EXEC came")],
+)
+def test_what_was_heard_of_a_device_that_never_begins_is_told(
+    what: str, came: str, pacing: str, tmp_path: Path
+) -> None:
+    rig, bus = tmp_path / "rig.yaml", own_bus()
+    rig.write_text(f"base: {RIG}\nsupervisor: {{peer_timeout_s: 7.0}}\n")
+    words = ("plant", str(rig), "--bus", bus, "--pacing", pacing, "-o", str(tmp_path / "run"))
+    device = subprocess.Popen([word.replace("{bus}", bus) for word in faulty(what, 0)])
+    try:
+        done = pcpc(*words, *SHORT, "--device")
+    finally:
+        device.kill()
+        device.wait()
+    assert done.code == 4, done
+    last = done.err.splitlines()[-1]
+    assert f"{came} from the device, but no valid SYNC" in last and "no run is kept" in last, done
+    waits = [line for line in done.err.splitlines() if "waiting for the device" in line]
+    assert 1 <= len(waits) <= 4, done
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_device_that_says_nothing_is_told_so(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(f"base: {RIG}\nsupervisor: {{peer_timeout_s: 1.0}}\n")
+    words = ("plant", str(rig), "--bus", own_bus(), "-o", str(tmp_path / "run"), *SHORT)
+    done = pcpc(*words, "--device")
+    assert done.code == 4 and "no frame of a device on" in done.err, done
+    assert "so no run is kept" in done.err and not (tmp_path / "run").exists(), done
+
+
 def test_what_cannot_be_a_device_is_refused(tmp_path: Path) -> None:
     done = with_device(tmp_path / "run", ("./no-such-program",))
     assert done.code == 2 and "no such program" in done.err, done
@@ -196,3 +233,20 @@ def test_the_executive_is_a_device_like_any_other(tmp_path: Path) -> None:
     logs_of = [logs.read(tmp_path / name / "log.mcap") for name in ("virtual", "plant")]
     report = diff.compare(alone(logs_of[0]), logs_of[1])
     assert report.equal, report
+
+
+def test_the_bytes_of_the_contract_are_those_on_the_wire() -> None:
+    page = (ROOT / "docs" / "device.md").read_text()
+    shown = re.findall(r"^(\w+) +((?:[0-9a-f]{2} ?){2,})$", page, re.MULTILINE)
+    told = {name: bytes.fromhex(text) for name, text in shown}
+    db = cantools.database.load_file(FOLDER.parent / "probe.dbc")
+    values = {"SYNC": {"sequence": 1}, "CMD": {"command": 0.8, "mode": 2, "counter": 5}}
+    for name, signals in values.items():
+        message = db.get_message_by_name(name)
+        body = message.encode(signals | {"crc": 0})[:-1]
+        crc = int(e2e.crc8(message.frame_id, np.frombuffer(body, np.uint8), len(body)))
+        assert told[name] == bytes([*body, crc]), (name, told)
+    frame = np.zeros(16, np.uint8)
+    packet = b"".join(bytes.fromhex(text) for name, text in shown if name.startswith("datagram"))
+    assert wire._read_packet(np.frombuffer(packet, np.uint8), len(packet), frame)
+    assert frame.tobytes() == bytes([0x80, 0, 0, 0, 2, 0, 0, 0, *told["SYNC"], *bytes(6)])

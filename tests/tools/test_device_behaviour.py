@@ -6,7 +6,7 @@ from processes import ROOT
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.device.behaviour import AWAY, LATE_SHARE, Behaviour, behaviour, rate_of
+from pcpc.tools.make.device.behaviour import AWAY, LATE_SHARE, Behaviour, behaviour, rate_of
 
 RIG = load_rig(ROOT / "plants" / "probe" / "device" / "rig.yaml", resolve=False)
 T_NS, N = 1_000_000, 2000

@@ -16,8 +16,8 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, K, Replay, Slice
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.generate.device import device
-from pcpc.tools.rigs import find
+from pcpc.tools.make.generate.device import device
+from pcpc.tools.start.rigs import find
 
 CYCLES = 400
 RATE_HZ = 1000.0

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from pcpc.drivers import bus, claim
-from pcpc.tools import doctor
 from pcpc.tools.cli import main
-from pcpc.tools.doctor import bus as doctor_bus
-from pcpc.tools.doctor import machine as doctor_machine
+from pcpc.tools.machine.doctor import bus as doctor_bus
+from pcpc.tools.machine.doctor import cli as doctor
+from pcpc.tools.machine.doctor import machine as doctor_machine
 
 ROOT = Path(__file__).resolve().parents[2]
 Screen = pytest.CaptureFixture[str]
@@ -170,6 +170,6 @@ def test_a_slow_clock_source_is_a_warning_with_the_better_one() -> None:
 
 
 def test_the_doctor_needs_no_numba() -> None:
-    code = "import sys; import pcpc.tools.doctor.bus; print('numba' in sys.modules)"
+    code = "import sys; import pcpc.tools.machine.doctor.bus; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout == "False\n", done.stdout + done.stderr

@@ -15,7 +15,8 @@ from logcommand import barrel_log
 from processes import PCPC, ROOT, pcpc
 
 from pcpc.drivers.errors import BusError, Exit, UserError
-from pcpc.tools.console import ending
+from pcpc.tools.cli import main
+from pcpc.tools.terminal import ending
 
 PROBE = str(ROOT / "plants/probe/rig.yaml")
 Screen = pytest.CaptureFixture[str]
@@ -27,7 +28,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 """
 ENDLESS = """
 import signal, sys
-from pcpc.tools.console.ending import ended
+from pcpc.tools.terminal.ending import ended
 def wait():
     print("waiting", flush=True)
     while True:
@@ -80,7 +81,7 @@ def test_an_exit_code_does_not_depend_on_whether_its_words_arrive(where: str) ->
 
 def test_what_is_opened_next_does_not_take_the_place_of_a_closed_stderr() -> None:
     code = (
-        "from pcpc.tools.console.ending import ended; import os;"
+        "from pcpc.tools.terminal.ending import ended; import os;"
         "raise SystemExit(ended(lambda: min(os.open('/dev/null', 0), 3), goes_on=True))"
     )
     done = subprocess.run(["bash", "-c", f'"{sys.executable}" -c "{code}" <&- >&- 2>&-'], cwd=ROOT)
@@ -167,6 +168,37 @@ def test_an_error_does_not_go_on_behind_a_progress(capsys: Screen) -> None:
 
     assert ending.ended(command, goes_on=True) == 2
     assert capsys.readouterr().err == "\r\x1b[Kcycle 5\nit faulted\n"
+
+
+EVIL = "\x1b]0;evil\x07\x1b[2J\x9b31m\u202e\b\rgone\x1b[3A"
+SPELT = r"\x1b]0;evil\x07\x1b[2J\x9b31m\u202e\x08\rgone\x1b[3A"
+
+
+def test_a_terminal_obeys_nothing_that_others_have_written(capsys: Screen) -> None:
+    def told() -> int:
+        print(f"title: {EVIL}")
+        sys.stdout.writelines([f"{EVIL}\n"])
+        sys.stderr.write(f"\r\x1b[K{EVIL}\n")
+        sys.stdout.write("\x1b[2A\r\x1b[Ka\n\r\x1b[Kb\x1b[31mred\x1b[0m\n")
+        raise UserError(f"no such rig: {EVIL}")
+
+    assert ending.ended(told, goes_on=False) == Exit.WRONG_INPUT
+    shown = capsys.readouterr()
+    own = "\x1b[2A\r\x1b[Ka\n\r\x1b[Kb\x1b[31mred\x1b[0m\n"
+    assert shown.out == f"title: {SPELT}\n{SPELT}\n{own}"
+    assert shown.err == f"\r\x1b[K{SPELT}\nno such rig: {SPELT}\n"
+
+
+def test_the_title_of_a_rig_is_shown_and_not_obeyed(tmp_path: Path, capsys: Screen) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(f'base: {PROBE}\ntitle: "\\e]0;evil\\a\\e[2J\\r"\n')
+    words = ["simulate", str(rig), "--set", "duration_s=0.05", "-o", str(tmp_path / "run")]
+    main([*words, "--no-figure"])
+    main(["log", "info", str(tmp_path / "run" / "log.mcap")])
+    main(["report", str(tmp_path / "run"), "-o", str(tmp_path / "page.html")])
+    shown = capsys.readouterr()
+    assert not re.search(r"[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f]|\x1b(?!\[[0-9;]*m)",
+                         shown.out + shown.err)  # fmt: skip
 
 
 def test_the_readme_tells_every_exit_code() -> None:

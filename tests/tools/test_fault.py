@@ -125,7 +125,8 @@ EXCUSES = [
     ('{kind: bias, at: "plant:tx.FB.encoder", value: 0.0, from: 120ms, for: 5ms}', True, "loss"),
     ("{kind: corruption, frame: CMD, from: 120ms, for: 1ms}", True, "loss"),
     ("{kind: corruption, frame: CMD, from: 900ms, share: 0.01}", True, "loss"),
-    ("{kind: corruption, frame: CMD, from: 0ms, share: 0.01}", True, "ok"),
+    ("{kind: corruption, frame: CMD, from: 0ms, share: 0.01}", True, "loss"),
+    ("{kind: flood, node: plant, value: 9, from: 0ms}", True, "loss"),
     ("{kind: loss, frame: FB, from: 500ms, for: 30ms}", False, "ok"),
     ("{kind: stall, node: plant, from: 960ms, for: 50ms}", False, "ok"),
 ]
@@ -137,7 +138,7 @@ def test_a_fault_of_frames_excuses_what_is_missing_while_it_is_on(
 ) -> None:
     own = rig.with_name("excused.yaml")
     own.write_text(
-        f"base: {ROOT / 'tools/template/rig.yaml'}\nrig: excused\nevaluation: null\n"
+        f"base: {ROOT / 'tools/make/template/rig.yaml'}\nrig: excused\nevaluation: null\n"
         f"expect: null\nrequire: null\nfaults: {{it: {fault}}}\n"
         + "losses: {FB: {share: 0.3, burst: 30}}\n"
         * losses

@@ -16,9 +16,9 @@ from processes import PCPC, ROOT, Done, own_bus, pcpc
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.generate.device import device
-from pcpc.tools.log import diff
-from pcpc.tools.rigs import find
+from pcpc.tools.after.log import diff
+from pcpc.tools.make.generate.device import device
+from pcpc.tools.start.rigs import find
 
 CYCLES = 500
 SHORT = ("--set", f"duration_s={CYCLES / 1000}", "--no-figure")
@@ -36,7 +36,7 @@ def made(folder: Path, target: str) -> None:
 
 KILLED = """
 import os, select, signal, subprocess, sys
-from pcpc.tools.device import slcan
+from pcpc.tools.make.device import slcan
 bus, commands = slcan.open_bus(sys.argv[2]), 0
 device = subprocess.Popen([*sys.argv[1:3], "0", "100"])
 while commands < 60:
@@ -156,7 +156,7 @@ def test_a_device_that_would_give_other_bits_refuses_to_run(barrel: Held, tmp_pa
 
 
 def test_sums_in_software_are_rounded_as_those_in_hardware(tmp_path: Path) -> None:
-    source = ROOT / "tools" / "generate" / "c" / "soft_double.c"
+    source = ROOT / "tools" / "make" / "generate" / "c" / "soft_double.c"
     words = ["cc", "-O2", "-shared", "-fPIC", "-o", str(tmp_path / "soft.so"), str(source)]
     subprocess.run(words, check=True)
     soft = ctypes.CDLL(str(tmp_path / "soft.so")).soft_sum

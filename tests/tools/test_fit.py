@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,14 @@ import pcpc
 from pcpc.executive.batch.driven import Driven
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
-from pcpc.tools.fit.fitting import Model, narrow
-from pcpc.tools.fit.record import record_of
-from pcpc.tools.fit.result import Parameter
-from pcpc.tools.new import write
-from pcpc.tools.rigs import find
+from pcpc.tools.make.new import write
+from pcpc.tools.start.rigs import find
+from pcpc.tools.study.fit import fitting
+from pcpc.tools.study.fit.book._identified_seeds import START, true_values
+from pcpc.tools.study.fit.estimate import estimated
+from pcpc.tools.study.fit.fitting import Model, narrow
+from pcpc.tools.study.fit.record import record_of
+from pcpc.tools.study.fit.result import Parameter
 
 MOTOR = {"motor.coulomb_Nm": 0.003, "motor.inertia_kg_m2": 25e-6, "motor.resistance_ohm": 3.5}
 
@@ -59,6 +63,51 @@ def test_the_command_writes_values_that_a_rig_takes_over(motor, tmp_path, capsys
     rig = load_rig(folder / "rig.yaml", None, [f"@{tmp_path / 'fitted' / 'fit.yaml'}"])
     value = rig.config.plant.blocks["motor"].parameters["coulomb_Nm"]
     assert value == pytest.approx(0.003, rel=0.01)
+
+
+def test_a_model_that_is_wrong_is_told_and_is_no_success(motor, tmp_path, capsys):
+    folder, _ = motor
+    words = ["fit", str(folder / "rig.yaml"), str(folder / "run"), "-o", str(tmp_path / "wrong"),
+             "--parameter", "motor.coulomb_Nm", "--parameter", "motor.resistance_ohm",
+             "--set", "motor.inertia_kg_m2=60e-6", "--quiet"]  # fmt: skip
+    assert main(words) == 1
+    said = capsys.readouterr().out
+    assert "the model leaves more than the samples' own noise" in said, said
+    assert "rather the model is wrong" in " ".join(said.split()), said
+    facts = json.loads((tmp_path / "wrong" / "fit.json").read_text("utf-8"))
+    assert facts["arrived"] is False and max(s["worst"] for s in facts["sensors"]) > 3.0
+    assert "no estimate of the plant" in (tmp_path / "wrong" / "fit.yaml").read_text("utf-8")
+
+
+def test_a_search_that_is_lost_gives_no_interval_and_is_no_success(
+    motor, tmp_path, capsys, monkeypatch
+):
+    folder, run = motor
+
+    def lost(*given):
+        found = estimated(*given)
+        return replace(found, explained=100, worst=9.0 + found.worst, alike=False)
+
+    monkeypatch.setattr(fitting, "estimated", lost)
+    words = ["fit", str(folder / "rig.yaml"), str(folder / "run"), "-o", str(tmp_path / "lost"),
+             "--parameter", "motor.coulomb_Nm", "--quiet"]  # fmt: skip
+    assert main(words) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the search did not arrive" in said and "search is lost or the model is wrong" in said
+    assert "the first 0.1 s of" in said and " .. " not in said, said
+    facts = json.loads((tmp_path / "lost" / "fit.json").read_text("utf-8"))
+    assert facts["parameters"][0]["low"] is None and facts["parameters"][0]["error"] is None
+    assert "no interval" in (tmp_path / "lost" / "fit.yaml").read_text("utf-8")
+    found = pcpc.fit(folder / "rig.yaml", run, ["motor.coulomb_Nm"], quiet=True)
+    assert not found.arrived and "did not arrive" in found.notes[0]
+
+
+def test_a_barrel_on_a_moving_hull_is_found_from_far_off():
+    run = pcpc.simulate("hull", seed=301, quiet=True)
+    found = pcpc.fit("hull", run, set=START, quiet=True)
+    assert found.arrived, found.notes
+    for one, true in zip(found.parameters, true_values(), strict=True):
+        assert one.low < true < one.high, f"{one}, true {true}"
 
 
 @pytest.mark.parametrize("words, told", [

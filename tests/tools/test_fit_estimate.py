@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from pcpc.tools.fit.estimate import covariances, estimated, resolution
+from pcpc.tools.study.fit.estimate import covariances, estimated
+from pcpc.tools.study.fit.noise import Own, difference_noise, resolution
+from pcpc.tools.study.fit.search import Problem
+from pcpc.tools.study.fit.smooth import smooth_part
 
 ROWS = 400
 BOUNDS = np.array([[-1e3, 1e3]] * 2)
@@ -123,6 +126,97 @@ def test_a_search_that_got_lost_in_the_parts_begins_again_at_the_start():
 def test_the_step_of_counts_is_found_in_the_samples():
     counts = 0.25 * np.round(np.random.default_rng(1).standard_normal((100, 1)) * 8.0)
     assert resolution(counts, np.array([1e-6]))[0] == pytest.approx(0.25)
+
+
+TURNING = 300.0  # rad by which the phase of `turning` runs over the record, for a value of 1
+
+
+def turning(points, rows):
+    """Return an oscillation whose frequency is sought: one minimum in an eighth of the record."""
+    phase = TURNING * points[:, :1] * T[None, :rows]
+    return (points[:, 1:] * np.sin(phase))[..., None]
+
+
+def test_a_start_that_is_lost_in_an_eighth_of_the_record_is_not_lost_in_less_of_it():
+    true = np.array([1.3, 2.0])
+    measured = turning(true[None], ROWS)[0]
+    measured += 0.02 * np.random.default_rng(1).standard_normal(measured.shape)
+    found = fit(measured, turning, start=(1.0, 1.0))
+    assert found.arrived and found.explained == ROWS
+    assert (np.abs(found.values - true) < 2.0 * found.errors + 1e-3).all(), found.values
+
+
+def test_a_search_that_is_lost_has_not_arrived_and_its_starts_end_apart():
+    def rugged(points, rows):
+        phase = TURNING * (1.0 + 0.3 * np.sin(1e6 * points))[..., None] * T[:rows]
+        return np.sin(phase).sum(axis=1)[..., None]
+
+    true = np.arange(1.0, 9.0)
+    measured = rugged(true[None], ROWS)[0]
+    measured += 0.01 * np.random.default_rng(2).standard_normal(measured.shape)
+    found = fit(measured, rugged, start=true + 0.1, bounds=np.array([[0.0, 10.0]] * len(true)))
+    assert not found.arrived and found.explained < ROWS
+    assert not found.alike, "the search is lost, and nothing tells that the model is wrong"
+
+
+def test_a_model_that_is_wrong_has_not_arrived_and_its_starts_end_alike():
+    measured = noisy(7, std=0.01)
+    measured[:, 0] += 0.5 * T
+    measured[:, 0] += 0.5 * np.sin(40.0 * T)
+    found = fit(measured)
+    assert not found.arrived and found.worst[0] > 3.0
+    assert found.alike
+
+
+def test_a_record_whose_later_half_is_rough_gives_the_errors_of_its_first():
+    def rugged(points, rows):
+        y = linear(points, rows)
+        y[:, ROWS // 2 :] += np.sign(np.sin(3e4 * points[:, :1, None]))
+        return y
+
+    def fitted(predict):
+        of = Problem(predict, noisy(8), np.ones(2), BOUNDS[:, 0], BOUNDS[:, 1])
+        of.measured += predict(TRUE[None], ROWS)[0] - linear(TRUE[None], ROWS)[0]
+        return smooth_part(of, TRUE, np.array([0.1]), np.full(2, 1e-7), np.ones(2, bool))
+
+    assert fitted(linear)[0] == ROWS
+    rows, errors = fitted(rugged)
+    assert rows == ROWS // 2
+    first = REGRESSORS[:rows] / 0.1
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(np.linalg.inv(first.T @ first))), rtol=1e-2)
+
+
+def test_noise_is_that_of_the_samples_whatever_moves_and_rounds():
+    draw = np.random.default_rng(3)
+    t = np.linspace(0.0, 1.0, 4000)
+    white = np.sin(5.0 * t) + 0.1 * draw.standard_normal(4000)
+    rounded = 1e-3 * np.rint(np.sin(5.0 * t) / 1e-3)
+    white[2000] += 50.0  # a jerk
+    found = difference_noise(np.stack((white, rounded), axis=1), np.array([0.0, 1e-3]))
+    np.testing.assert_allclose(found, [0.1, 1e-3 / np.sqrt(12.0)], rtol=0.05)
+
+
+def test_the_first_block_with_more_than_noise_is_where_the_model_ends():
+    draw = np.random.default_rng(4)
+    measured = draw.standard_normal((2000, 2))
+    measured[::2, 1] = np.nan
+    own = Own(np.ones(2), np.zeros(2))
+    worst, first = own.excess(np.zeros((2000, 2)), measured)
+    assert first == 2000 and worst.max() < 1.3, worst
+    predicted = np.zeros((2000, 2))
+    predicted[1201:1400:2, 1] = 1.5
+    worst, first = own.excess(predicted, measured)
+    assert first == 1201 and worst[1] > 1.5 > worst[0]
+    predicted[1701] = np.nan
+    assert own.excess(predicted, measured)[0].min() > 1e6, "a model that diverged explains nothing"
+
+
+def test_an_encoder_at_rest_may_err_by_half_a_count_and_not_when_it_moves():
+    still, moving = np.zeros((200, 1)), 20.0 * np.arange(200.0)[:, None]
+    own = Own(np.array([1.0 / np.sqrt(12.0)]), np.ones(1))
+    assert own.excess(still + 0.5, still)[1] == 200
+    assert own.excess(moving + 0.5, moving)[1] == 0
+    assert own.excess(still + 0.6, still)[1] == 0
 
 
 COUNT, STANDS, GYRO_STD = 0.25, 300, 0.1  # of an encoder; rows at rest at either end

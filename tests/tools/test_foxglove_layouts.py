@@ -11,7 +11,7 @@ from test_layouts import KEYS, message_paths, panels
 from pcpc.executive.log.channels import Channels
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.rigs import Shipped, shipped
+from pcpc.tools.start.rigs import Shipped, shipped
 
 RIGS = {rig.name: rig for rig in shipped()}
 ALSO = {"StateTransitions", "Parameters", "RosOut"}

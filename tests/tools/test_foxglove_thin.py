@@ -17,8 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from websockets.sync.client import connect
 
-from pcpc.tools.foxglove.server import QUEUE
-from pcpc.tools.foxglove.thin import RATE_HZ, Thin
+from pcpc.tools.live.host.foxglove.server import QUEUE
+from pcpc.tools.live.host.foxglove.thin import RATE_HZ, Thin
 
 MS = 10**6
 SLOT = 20  # cycles of 1 ms

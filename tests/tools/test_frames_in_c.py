@@ -14,11 +14,11 @@ from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
 
 from pcpc.drivers import codec, dbc, e2e
-from pcpc.tools.generate import frames as in_c
-from pcpc.tools.generate.words import identifier
+from pcpc.tools.make.generate import frames as in_c
+from pcpc.tools.make.generate.words import identifier
 
 ROOT = Path(__file__).resolve().parents[2]
-FIXED = ROOT / "tools" / "generate" / "c"
+FIXED = ROOT / "tools" / "make" / "generate" / "c"
 STRICT = "-std=c99 -O2 -Wall -Wextra -Wconversion -Wdouble-promotion -Werror -ffp-contract=off"
 FACTORS = 1, -1, 1e-4, 0.25, -0.1, 2.3968449810713143e-05, 3, -7, 2.0, 1e7, 0.3
 OFFSETS = 0, 0, 0, 1, -40, 0.5, -273.15, 100000
@@ -59,7 +59,7 @@ def made_up(number: int, draw: random.Random) -> Message | None:
 
 def all_frames() -> list[dbc.Frame]:
     """Return the frames of the project's plants and a few hundred made up."""
-    files = [*ROOT.glob("plants/*/*.dbc"), ROOT / "tools/evidence/crc16.dbc"]
+    files = [*ROOT.glob("plants/*/*.dbc"), ROOT / "tools/dev/evidence/crc16.dbc"]
     found = {}
     for file in sorted(files):
         for message in dbc.load(file).messages:

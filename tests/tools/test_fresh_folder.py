@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pcpc.executive.errors import RigError
-from pcpc.tools.starting.folder import folder_of, fresh
+from pcpc.tools.start.folder import folder_of, fresh
 
 AT_ONCE = 12
 
@@ -36,6 +36,7 @@ def test_commands_that_start_in_the_same_instant_get_a_folder_each() -> None:
 def test_a_folder_of_which_nothing_came_is_gone_and_a_named_one_is_the_users() -> None:
     with folder_of(None, "fit-hull") as own:
         assert own.is_dir()
+    assert not Path("runs").exists(), "it was made for this folder"
     with folder_of(None, "fit-hull") as kept:
         (kept / "fit.yaml").touch()
     Path("mine").mkdir()
@@ -45,6 +46,12 @@ def test_a_folder_of_which_nothing_came_is_gone_and_a_named_one_is_the_users() -
         assert named.is_dir()
     assert not Path("a").exists()
     assert (own.exists(), kept.exists(), Path("mine").is_dir()) == (own == kept, True, True)
+
+
+def test_a_folder_without_a_name_is_refused() -> None:
+    with pytest.raises(RigError, match="-o '': expected a folder"), folder_of("", "fit-hull"):
+        pass
+    assert not list(Path().iterdir())
 
 
 def test_runs_that_is_no_folder_is_said() -> None:

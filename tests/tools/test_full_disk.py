@@ -58,17 +58,26 @@ def test_a_disk_without_any_room_is_said_at_once(tmp_path: Path) -> None:
 
 
 def test_figure_and_summary_that_cannot_be_written_are_a_loss(tmp_path: Path) -> None:
-    os.symlink("/dev/full", tmp_path / "figure.png")
-    (tmp_path / "summary.json").mkdir()
-    rig = ROOT / "plants/atb1000/rigs/slew10.yaml"
+    rig, whole = str(ROOT / "plants/atb1000/rigs/slew10.yaml"), tmp_path / "whole"
     words = ["--set", "duration_s=0.2", "--set", "evaluation.window_s=[0.0, 0.2]", "--quiet"]
-    done = pcpc("simulate", str(rig), "-o", str(tmp_path), "--json", *words)
+    assert pcpc("simulate", rig, "-o", str(whole), "--json", *words).code in (0, 1)
+    sizes = {path.name: -(-path.stat().st_size // 4096) for path in whole.iterdir()}
+    assert sizes["figure.png"] > 6, sizes
+    disk = tmp_path / "disk"
+    room = sizes["log.mcap"] + sizes["summary.json"] + 3  # pages: with those of the folders
+    done = on_a_disk(f"{4 * room}k", disk, ["simulate", rig, "-o", str(disk), "--json", *words])
     assert done.code == 3 and done.summary["verdict"] == "loss", str(done)
-    assert done.summary["log_missing"] == [
-        f"{tmp_path}/figure.png: cannot be written: {FULL}",
-        f"{tmp_path}/summary.json: cannot be written: Is a directory",
-    ], str(done)
+    assert done.summary["log_missing"] == [f"{disk}/figure.png: cannot be written: {FULL}"]
     assert lines(done) == [], str(done)
+    for name in ("figure.png", "summary.json"):
+        (tmp_path / "run" / name).mkdir(parents=True)
+    done = pcpc("simulate", rig, "-o", str(tmp_path / "run"), "--json", *words)
+    assert done.code == 3 and done.summary["verdict"] == "loss", str(done)
+    missing = [
+        f"{tmp_path}/run/{name}: cannot be written: Is a directory"
+        for name in ("figure.png", "summary.json")
+    ]
+    assert done.summary["log_missing"] == missing and lines(done) == [], str(done)
 
 
 def test_an_export_that_does_not_fit_leaves_nothing_and_is_a_loss(tmp_path: Path) -> None:
@@ -90,14 +99,21 @@ def test_a_recorder_tells_a_full_disk_from_one_that_refuses(tmp_path: Path) -> N
     assert (full.value.code, refused.value.code) == (Exit.LOSS, Exit.ENVIRONMENT)
 
 
-@pytest.mark.parametrize("words", [("new", "motor"), ("dbc", "rig", "-o", "written.dbc")])
+@pytest.mark.parametrize(
+    ("words", "most_bytes"),
+    [
+        (("new", "motor"), 500),
+        (("new", "--device", "motor"), 5000),  # of its files only device.py is longer
+        (("dbc", "rig", "-o", "written.dbc"), 500),
+    ],
+)
 def test_what_cannot_be_written_whole_is_not_there_and_can_be_tried_again(
-    words: tuple[str, ...], tmp_path: Path
+    words: tuple[str, ...], most_bytes: int, tmp_path: Path
 ) -> None:
     """A limit of file sizes ends a write in the middle, as a disk that fills up does."""
-    shutil.copytree(ROOT / "tools/template", tmp_path / "rig")
+    shutil.copytree(ROOT / "tools/make/template", tmp_path / "rig")
     (tmp_path / "rig/motor.dbc").unlink()
-    small = pcpc(*words, cwd=tmp_path, before=["prlimit", "--fsize=500", "--"])
+    small = pcpc(*words, cwd=tmp_path, before=["prlimit", f"--fsize={most_bytes}", "--"])
     assert small.code in (Exit.LOSS, Exit.ENVIRONMENT), str(small)
     assert "cannot be written: File too large" in lines(small)[-1], str(small)
     assert "Traceback" not in small.err, str(small)

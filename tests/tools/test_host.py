@@ -14,7 +14,7 @@ from processes import own_bus
 
 import pcpc
 from pcpc.tools.cli import main
-from pcpc.tools.host.history import envelope
+from pcpc.tools.live.history import envelope
 
 BINS, WHOLE, PHASE = range(3)
 GAIN, ERROR, ANGLE = "controller.kv_Nms_rad", "controller.e_rad", "plant:barrel.theta_rad"

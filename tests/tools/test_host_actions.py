@@ -16,11 +16,11 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.live import Live
-from pcpc.tools.host import asked
-from pcpc.tools.host.actions import Actions
-from pcpc.tools.host.beside import Page
-from pcpc.tools.host.sources import Source, Watch
-from pcpc.tools.host.stage import Stage
+from pcpc.tools.live.host import asked
+from pcpc.tools.live.host.actions import Actions
+from pcpc.tools.live.host.beside import Page
+from pcpc.tools.live.host.sources import Source, Watch
+from pcpc.tools.live.host.stage import Stage
 
 ROLES = ("executive", "local", "plant")  # as the page has them
 STATE, RESET = "supervisor.state", "supervisor.reset"

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pcpc.tools.host.history import History, envelope
+from pcpc.tools.live.history import History, envelope
 
 floats = st.floats(allow_nan=True, allow_infinity=True, width=64)
 

@@ -12,8 +12,8 @@ from scoped import ROWS, stepping
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes import live as nodes
-from pcpc.tools.host.recordings import Recordings
-from pcpc.tools.host.sources import LiveNode, Source
+from pcpc.tools.live.host.recordings import Recordings
+from pcpc.tools.live.host.sources import LiveNode, Source
 
 
 @pytest.fixture

@@ -1,13 +1,19 @@
 """What a host refuses before it has let anybody in: requests and WebSockets."""
 
 import base64
+import json
 import os
+import select
 import socket
+import struct
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 from hosting import ANSWER_S, Host, hosting
-from websockets.exceptions import InvalidStatus
+from processes import until
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +47,17 @@ HTTP = {
     "a name rebound to this machine": lambda h: ("GET / HTTP/1.1", "Host: rebound.example"),
     "a name that begins like loopback":
         lambda h: ("GET / HTTP/1.1", f"Host: 127.0.0.1.attacker.example:{h.port}"),
+    "its name and more": lambda h: ("GET / HTTP/1.1", f"Host: {h.name}.evil.example"),
+    "its name and a digit": lambda h: ("GET / HTTP/1.1", f"Host: {h.name}0"),
+    "more and its name": lambda h: ("GET / HTTP/1.1", f"Host: evil.example.{h.name}"),
+    "its name in capitals": lambda h: ("GET / HTTP/1.1", f"Host: LOCALHOST:{h.port}"),
+    "a part of its name": lambda h: ("GET / HTTP/1.1", f"Host: {h.name[:-1]}"),
+    "a page whose site begins like its own": lambda h: (
+        "GET / HTTP/1.1", f"Host: {h.name}", f"Origin: http://{h.name}.evil.example"),
+    "a page whose site has more digits": lambda h: (
+        "GET / HTTP/1.1", f"Host: {h.name}", f"Origin: http://{h.name}0"),
+    "a page whose site ends like its own": lambda h: (
+        "GET / HTTP/1.1", f"Host: {h.name}", f"Origin: http://evil.example/http://{h.name}"),
     "another port": lambda h: ("GET / HTTP/1.1", "Host: 127.0.0.1:1"),
     "no port": lambda h: ("GET / HTTP/1.1", "Host: 127.0.0.1"),
     "a user before the name": lambda h: ("GET / HTTP/1.1", f"Host: a@127.0.0.1:{h.port}"),
@@ -117,3 +134,123 @@ def test_a_websocket_under_a_rebound_name_is_refused(host: Host) -> None:
 def test_a_websocket_elsewhere_is_refused(host: Host) -> None:
     with pytest.raises(InvalidStatus), host.connect("/elsewhere"):
         raise AssertionError("there is something")
+
+
+# Who holds a line
+
+LISTENS = "0A"  # as /proc/net/tcp says it
+
+
+def line_to(host: Host, held: ExitStack, small: bool = False) -> socket.socket:
+    """Return a line that is open until the end of the test; `small`: it takes little at once."""
+    line = held.enter_context(socket.socket())
+    if small:
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+    line.settimeout(ANSWER_S)
+    line.connect(("127.0.0.1", host.port))
+    return line
+
+
+def gone(line: socket.socket, wait_ms: int = 0) -> bool:
+    """Return whether the server has let a line go, without taking anything from it."""
+    look = select.poll()
+    look.register(line, select.POLLRDHUP)
+    return bool(look.poll(wait_ms))
+
+
+def lines_of(host: Host) -> int:
+    """Return how many lines the host holds; those that only the kernel still has count as none."""
+    rows = [row.split() for row in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    own = [row for row in rows if int(row[1].rpartition(":")[2], 16) == host.port]
+    return sum(row[3] != LISTENS and int(row[9]) != 0 for row in own)
+
+
+def half(host: Host) -> bytes:
+    return f"GET / HTTP/1.1\r\nHost: {host.name}\r\nX: ".encode()
+
+
+def served(host: Host) -> bool:
+    return code(answer(host, "GET / HTTP/1.1", f"Host: {host.name}")) == 200
+
+
+def test_half_requests_keep_nobody_out(host: Host) -> None:
+    with ExitStack() as held:
+        for _ in range(200):
+            line_to(host, held).sendall(half(host))
+        assert served(host)
+        for _ in range(200):
+            line_to(host, held)
+        assert served(host)
+    assert served(host)
+
+
+def test_a_request_that_does_not_end_has_an_end(host: Host) -> None:
+    with ExitStack() as held:
+        silent, begun, second, drips = (line_to(host, held) for _ in range(4))
+        begun.sendall(half(host))
+        second.sendall(half(host)[:-3] + b"\r\n" + half(host))
+        drips.sendall(half(host))
+        lines = {silent, begun, second, drips}
+
+        def all_gone() -> bool:
+            lines.difference_update([line for line in lines if gone(line, 50)])
+            if drips in lines:
+                drips.send(b"x")
+            return not lines
+
+        until(all_gone, "they are cut off", ANSWER_S)
+    assert served(host)
+
+
+def test_an_answer_that_nobody_takes_has_an_end(host: Host) -> None:
+    with ExitStack() as held:
+        until(lambda: lines_of(host) == 0, "nobody is there", ANSWER_S)
+        line = line_to(host, held, small=True)
+        asked = f"GET /uplot.js HTTP/1.1\r\nHost: {host.name}\r\n\r\n".encode()
+        line.sendall(asked * 60)
+        until(lambda: lines_of(host) == 1, "it is served", ANSWER_S)
+        until(lambda: lines_of(host) == 0, "it is cut off", ANSWER_S)
+    assert served(host)
+
+
+def deaf(host: Host, held: ExitStack, *words: dict[str, object]) -> socket.socket:
+    """Return a WebSocket that says these words and takes nothing."""
+    line = line_to(host, held, small=True)
+    key = base64.b64encode(os.urandom(16)).decode()
+    head = (
+        "GET /ws HTTP/1.1", f"Host: {host.name}", "Connection: Upgrade", "Upgrade: websocket",
+        f"Sec-WebSocket-Key: {key}", "Sec-WebSocket-Version: 13",
+    )  # fmt: skip
+    line.sendall("\r\n".join([*head, "", ""]).encode())
+    assert line.recv(1000).startswith(b"HTTP/1.1 101 ")
+    for word in words:
+        body = json.dumps(word).encode()
+        line.sendall(struct.pack(">BBHI", 0x81, 0xFE, len(body), 0) + body)
+    return line
+
+
+def enters(host: Host) -> bool:
+    """Return whether a client with the token is let in."""
+    with host.connect() as line:
+        line.send(json.dumps({"do": "hello", "token": host.token}))
+        try:
+            return bool(line.recv(timeout=ANSWER_S))
+        except ConnectionClosed:
+            return False
+
+
+def test_clients_that_never_take_anything_are_cut_off(host: Host) -> None:
+    with ExitStack() as held:
+        hello = {"do": "hello", "token": host.token}
+        for _ in range(32):
+            deaf(host, held, hello)
+        until(lambda: not enters(host), "they take all the room", ANSWER_S)
+        until(lambda: enters(host), "there is room again", ANSWER_S)
+        until(lambda: lines_of(host) == 0, "they are cut off", ANSWER_S)
+
+
+def test_websockets_that_tell_no_token_keep_nobody_out(host: Host) -> None:
+    with ExitStack() as held:
+        for _ in range(300):
+            deaf(host, held)
+        assert served(host) and enters(host)

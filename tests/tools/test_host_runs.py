@@ -13,7 +13,7 @@ from scoped import HEAD
 
 import pcpc
 from pcpc.executive.loop import shared as sh
-from pcpc.tools.host import runs
+from pcpc.tools.live.host import runs
 
 GAIN, ANGLE = "controller.kv_Nms_rad", "plant:barrel.theta_rad"
 NAME = f"alone{os.getpid()}"  # a host shows all runs of its rig: those of another test run too

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pcpc.tools.experiments import _identified_network as network
-from pcpc.tools.experiments import _identified_seeds as seeds
+from pcpc.tools.study.fit.book import _identified_network as network
+from pcpc.tools.study.fit.book import _identified_seeds as seeds
 
 
 def test_the_identifier_beside_the_loop_learns_what_the_one_in_the_loop_learns():

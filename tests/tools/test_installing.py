@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-SCRIPT = str(Path(__file__).resolve().parents[2] / "tools" / "installing.py")
+SCRIPT = str(Path(__file__).resolve().parents[2] / "tools" / "dev" / "installing.py")
 PIP = """
 import sys
 print("Obtaining file:///pcpc")

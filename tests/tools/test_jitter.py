@@ -27,14 +27,14 @@ from pcpc.executive.loop import sharing
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import jitter
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.jitter import figures as jitter_figures
-from pcpc.tools.jitter import loops as jitter_loops
-from pcpc.tools.jitter import probe as jitter_probe
-from pcpc.tools.jitter import report as jitter_report
-from pcpc.tools.jitter.figures import LEAST_CYCLES, PCPC, Result, percentiles
-from pcpc.tools.jitter.loops import JitterError, Setup
+from pcpc.tools.machine.jitter import cli as jitter
+from pcpc.tools.machine.jitter import figures as jitter_figures
+from pcpc.tools.machine.jitter import loops as jitter_loops
+from pcpc.tools.machine.jitter import probe as jitter_probe
+from pcpc.tools.machine.jitter import report as jitter_report
+from pcpc.tools.machine.jitter.figures import LEAST_CYCLES, PCPC, Result, percentiles
+from pcpc.tools.machine.jitter.loops import JitterError, Setup
+from pcpc.tools.terminal.progress import Progress
 
 QUIET = Progress(quiet=True)
 LINE = re.compile(

@@ -13,9 +13,9 @@ from pcpc import simulate
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.verdict.judge import Judge, check
-from pcpc.tools.verdict.outcome import Outcome
-from pcpc.tools.verdict.summary import CODES, note_figure, summarise
+from pcpc.tools.after.verdict.judge import Judge, check
+from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.summary import CODES, note_figure, summarise
 
 BODY = """\
 from pcpc.plants.evaluation import RUN, Evaluation, Line, Panel, Rms, started
@@ -193,3 +193,13 @@ def test_a_number_that_nothing_asks_for_is_told_with_its_place(name: str, tmp_pa
     assert f"rig.yaml:3:14: evaluation.{name}: nothing in" in told, told
     with pytest.raises(RigError, match=f"--set evaluation.{name}"):
         Judge.of(load_rig(RIGS / "hull.yaml", settings=[f"evaluation.{name}=1.0"]))
+
+
+@pytest.mark.parametrize("limits", ["[10.0, 20.0]", "[-2.0, -1.0]"])
+def test_a_metric_outside_either_limit_is_no_pass(limits: str, rig: Write) -> None:
+    path = rig().path
+    path.write_text(path.read_text().replace("[0.0, 1.0]", limits))
+    own = load_rig(path, "own")
+    summary = summarise(own, in_memory(own), Outcome("virtual", "memory"))
+    assert summary["verdict"] == "expectation not met", summary
+    assert summary["expectations_failed"][0].startswith("error_rms = "), summary

@@ -14,7 +14,8 @@ from mcap_ros2.decoder import DecoderFactory
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.schemas import field_names
 
-LAYOUTS = sorted((Path(__file__).parents[2] / "tools" / "layouts").glob("*.json"))
+FOXGLOVE = Path(__file__).parents[2] / "tools" / "live" / "host" / "foxglove"
+LAYOUTS = sorted(FOXGLOVE.glob("*.json"))
 KEYS = {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
 
 

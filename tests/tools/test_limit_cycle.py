@@ -10,10 +10,10 @@ from scipy.optimize import brentq
 
 import pcpc
 from pcpc.tools.cli import main
-from pcpc.tools.experiments._linear_rig import PLANTS, Linear
-from pcpc.tools.margin import balance
-from pcpc.tools.margin.limit_cycle import limit_cycle
-from pcpc.tools.margin.limit_cycle_result import LimitCycle
+from pcpc.tools.study.margin import balance
+from pcpc.tools.study.margin.book._linear_rig import PLANTS, Linear
+from pcpc.tools.study.margin.limit_cycle import limit_cycle
+from pcpc.tools.study.margin.limit_cycle_result import LimitCycle
 
 GAIN = "controller.kp"
 

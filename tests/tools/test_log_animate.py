@@ -12,7 +12,7 @@ from PIL import Image, ImageSequence
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import new
+from pcpc.tools.make import new
 
 MARK = "\nopen({mark!r}, 'a').close()\n"
 

@@ -14,8 +14,8 @@ from copies import program
 from logcommand import barrel_log, run
 
 from pcpc.executive.log import reader as logs
-from pcpc.tools.log import cat
-from pcpc.tools.log.tally import senseless
+from pcpc.tools.after.log import cat
+from pcpc.tools.after.log.tally import senseless
 
 ROOT = Path(__file__).resolve().parents[2]
 

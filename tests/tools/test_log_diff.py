@@ -12,8 +12,8 @@ from logcommand import PLANT, barrel_log, run
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.log import diff
-from pcpc.tools.log.ulp import ulp_distance
+from pcpc.tools.after.log import diff
+from pcpc.tools.after.log.ulp import ulp_distance
 
 
 @pytest.fixture(scope="module")

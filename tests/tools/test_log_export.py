@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from pcpc.executive.log import reader as logs
-from pcpc.tools.log import export, series
+from pcpc.tools.after.log import export, series
 
 TYPES = {".log": can.CanutilsLogReader, ".blf": can.BLFReader, ".asc": can.ASCReader}
 STEP_NS = {".log": 1000, ".blf": 1, ".asc": 1000}  # what a format resolves

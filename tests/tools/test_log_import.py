@@ -260,7 +260,8 @@ def test_wrong_input_is_one_line_with_the_cure(
 ) -> None:
     candump(tmp_path, [f"1.0 {ENGINE}#0000000000000000"])
     given = [word.format(tmp_path) for word in words]
-    done = run("import", "-o", tmp_path / "new.mcap", *given)
+    out = [] if "-o" in words else ["-o", tmp_path / "new.mcap"]
+    done = run("import", *out, *given)
     assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done
     assert sorted(p.name for p in tmp_path.iterdir()) == ["car.dbc", "drive.log"]
     assert car.read_text() == CAR

@@ -11,7 +11,7 @@ from test_outside import EVALUATION, LAW, MODEL, RIG, spring_dbc
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.log import drawing, plot, series
+from pcpc.tools.after.log import drawing, plot, series
 
 
 def source(path: Path) -> drawing.Source:
@@ -143,7 +143,8 @@ def test_wrong_input_is_one_line_and_draws_nothing(
         "readme": Path(__file__).parents[2] / "README.md",
     }  # fmt: skip
     given = [word.format(**places) for word in words]
-    done = run("plot", "-o", tmp_path / "f.png", *given)
+    output = [] if "-o" in given else ["-o", tmp_path / "f.png"]
+    done = run("plot", *output, *given)
     assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done
     assert not list(tmp_path.iterdir())
 

@@ -9,8 +9,8 @@ import pytest
 
 import pcpc
 from pcpc.tools.cli import main
-from pcpc.tools.experiments._linear_rig import PLANTS, RATE_HZ, Linear
-from pcpc.tools.margin.margins import Margins, margins
+from pcpc.tools.study.margin.book._linear_rig import PLANTS, RATE_HZ, Linear
+from pcpc.tools.study.margin.margins import Margins, margins
 
 Write = Callable[..., Path]
 FAST = {"settle_s": 2.0, "lowest_hz": 0.5, "amplitude": 10.0}

@@ -8,9 +8,9 @@ import pytest
 import pcpc
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
-from pcpc.tools.experiments._linear_rig import PLANTS, RATE_HZ, T
-from pcpc.tools.margin import loops, operating, slopes
-from pcpc.tools.margin.cycle_map import CycleMap
+from pcpc.tools.study.margin import loops, operating, slopes
+from pcpc.tools.study.margin.book._linear_rig import PLANTS, RATE_HZ, T
+from pcpc.tools.study.margin.cycle_map import CycleMap
 
 LAG = PLANTS["lag"]
 

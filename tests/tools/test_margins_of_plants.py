@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pcpc.tools.experiments import margins
-from pcpc.tools.experiments._linear_rig import PLANTS
+from pcpc.tools.study.margin.book import margins
+from pcpc.tools.study.margin.book._linear_rig import PLANTS
 
 
 @pytest.mark.parametrize("name", ["probe", "backlash_map", "payload_arm"])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pcpc.executive.rig.expressions import BARELY, Rows
 from pcpc.executive.rig.requirements import timed
 from pcpc.executive.rig.schema import Requirement
-from pcpc.tools.verdict.monitors import Monitor, extremes, monitor
+from pcpc.tools.after.verdict.monitors import Monitor, extremes, monitor
 
 PERIOD_S = 1e-3
 Cycles = list[int]

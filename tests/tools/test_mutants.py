@@ -1,10 +1,16 @@
 """Changes of the safety code are noticed: some of them here, all by `pcpc evidence mutants`."""
 
+import argparse
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
-from pcpc.tools.evidence import cli, mutants
-from pcpc.tools.evidence.mutation import build
+from pcpc.drivers.errors import Exit
+from pcpc.executive.loop import tuning
+from pcpc.tools.dev.evidence import cli, mutants
+from pcpc.tools.dev.evidence.mutation import build
 
 EVERY = 20
 
@@ -18,7 +24,10 @@ def test_mutants_are_noticed() -> None:
     assert len(chosen) > 20 and not left, "\n".join(["nobody notices:", *left])
 
 
-@pytest.mark.parametrize("name", ["supervisor", "receiver", "sender", "codec", "senders"])
+@pytest.mark.parametrize(
+    "name",
+    ["supervisor", "receiver", "sender", "codec", "senders", "values", "reception", "tunings"],
+)
 def test_the_code_itself_is_as_expected(name: str) -> None:
     _, compares = mutants.prepared(compiled=False)
     assert not compares[name](0), name
@@ -38,7 +47,7 @@ def test_mutants_that_nobody_notices_and_reasons_of_none_are_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     first, second, third, *_ = mutants.prepared(compiled=False)[0]
-    monkeypatch.setattr(mutants, "score", lambda: ([first, second, third], [second, third]))
+    monkeypatch.setattr(mutants, "score", lambda: ([first, second, third], [second, third], []))
     monkeypatch.setattr(mutants, "reason", lambda one: "so it is" if one is third else "")
     told = mutants.found()
     assert (told["mutants"], told["noticed"], told["left"]) == (3, 1, [str(second)])
@@ -46,6 +55,42 @@ def test_mutants_that_nobody_notices_and_reasons_of_none_are_told(
     assert [*cli.missed({"mutants": told})] == [
         f"nobody notices {second}", *(f"a reason of no mutant: {one}" for one in mutants.ARGUED)
     ]  # fmt: skip
+
+
+def test_modules_without_a_mutant_have_a_reason_or_are_not_as_stated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lacking = set(mutants.without())
+    assert lacking == {*mutants.ELSEWHERE}, lacking ^ {*mutants.ELSEWHERE}
+    assert not {"reception", "intrusion", "tuning", "bus_state", "shared"} & lacking
+    assert "reception.gather" in mutants.unchanged()
+    told = {"mutants": {"elsewhere": dict.fromkeys(["rings", "timing"], "why")}}
+    assert cli.conclusion([], told) == "all as stated; no mutants of rings, timing"
+    fewer = {key: names for key, names in mutants.TARGETS.items() if "supervisor" not in key}
+    monkeypatch.setattr(mutants, "TARGETS", fewer)
+    monkeypatch.setattr(mutants, "score", lambda: ([], [], []))
+    monkeypatch.setattr(mutants, "ARGUED", {})
+    wrong = [*cli.missed({"mutants": mutants.found()})]
+    assert wrong == ["executive/loop/supervisor.py: no mutants, and no reason why"]
+
+
+def _accepts_all(n: Any, count: Any, lock: Any) -> Any:
+    return 0, 0
+
+
+@np.errstate(all="ignore")
+def test_code_that_is_broken_itself_is_told_and_not_met(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The loop takes every request; the others are as they were."""
+    monkeypatch.setattr(tuning, "judge_request", _accepts_all)
+    afresh = mutants.prepared.__wrapped__
+    monkeypatch.setattr(mutants, "prepared", lambda compiled: afresh(False))
+    options = argparse.Namespace(parts=["mutants"], output=str(tmp_path / "e"), quiet=True)
+    assert cli.command(options) == Exit.NOT_MET
+    told = capsys.readouterr().out.splitlines()
+    words = "tunings: the code itself is not as expected, so that its mutants tell nothing"
+    assert told[:2] == [words, "1 not as stated"]
 
 
 def test_mutants_of_a_function_are_what_they_say() -> None:

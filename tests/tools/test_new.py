@@ -14,7 +14,7 @@ from processes import Done, Running, own_bus, pcpc
 
 import pcpc as pcpc_api
 from pcpc.executive.log import reader as logs
-from pcpc.tools.new import DEVICE_FILES, FILES, NEXT, NEXT_DEVICE, TEMPLATE
+from pcpc.tools.make.new import DEVICE_FILES, FILES, NEXT, NEXT_DEVICE, TEMPLATE
 
 
 @pytest.fixture(scope="module")
@@ -26,9 +26,14 @@ def motor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def files_of(folder: Path) -> set[str]:
+    found = (path for path in folder.rglob("*") if path.is_file() and path.suffix != ".pyc")
+    return {path.relative_to(folder).as_posix() for path in found}
+
+
 def test_every_file_of_the_template_is_written_and_named(motor: Path) -> None:
-    known = {path.name for path in TEMPLATE.iterdir() if path.is_file()}
-    assert known == set(FILES) == {path.name for path in motor.iterdir() if path.is_file()}
+    known = {name for name in files_of(TEMPLATE) if not name.startswith("device/")}
+    assert known == set(FILES) == files_of(motor)
     told = (motor / "README.md").read_text(encoding="utf-8")
     missing = [word for word in (*FILES, *NEXT) if word != "README.md" and f"{word}" not in told]
     assert not missing, missing
@@ -54,7 +59,7 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_its_device_runs_at_once_and_has_the_bits_of_the_law(device: Path) -> None:
     folder = device
-    assert {path.name for path in folder.iterdir()} == {*FILES, *DEVICE_FILES}
+    assert files_of(folder) == {*FILES, *DEVICE_FILES}
     told = (folder / "README.md").read_text(encoding="utf-8")
     assert NEXT_DEVICE in told and all(f"`{file}`" in told for file in DEVICE_FILES)
     words = NEXT_DEVICE.replace("--device python", f"--quiet --bus {own_bus()} --device python")
@@ -157,6 +162,8 @@ def test_its_readme_says_the_figures_that_a_run_has(motor: Path, tmp_path: Path)
         ("full", 2, "full: is not empty; name a folder that is new or empty"),
         ("full/file", 2, "full/file: is a file; name a folder"),
         ("My Motor", 2, "cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-'; try my-m"),
+        ("-x", 2, "'-x' cannot be a rig's name, which is of a-z, 0-9, '.', '_' and '-', which is"),
+        ("--", 2, "which is not its first; try motor"),
         ("m" * 65, 2, f"'{'m' * 65}' cannot be a rig's name"),
         ("/proc/motor", 4, "/proc/motor: cannot be written: No such file or directory; choose"),
         ("full/file/motor", 4, "Not a directory; choose another folder"),
@@ -167,7 +174,7 @@ def test_what_cannot_be_is_refused_in_a_line_with_the_cure(
 ) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").write_text("mine")
-    done = pcpc("new", folder, cwd=tmp_path)
+    done = pcpc("new", "--", folder, cwd=tmp_path)
     assert done.code == code and why in done.err and len(done.err.splitlines()) == 1, str(done)
     assert [path.name for path in tmp_path.rglob("*")] == ["full", "file"]
     assert (tmp_path / "full" / "file").read_text() == "mine"

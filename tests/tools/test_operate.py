@@ -13,8 +13,8 @@ from processes import own_bus, until
 import pcpc
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import rigs
 from pcpc.tools.cli import main
+from pcpc.tools.start import rigs
 
 PATIENT = {"duration_s": 600.0, "rate_hz": 200.0, "supervisor.fault_after_cycles": 400}
 SHORT = {

@@ -17,7 +17,7 @@ from pcpc.drivers.wire_layout import WIRE
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.verdict.frames import LIMITS, too_many
+from pcpc.tools.after.verdict.frames import LIMITS, too_many
 
 SLEW10 = str(RIGS / "slew10.yaml")
 SYNC = 0x080

@@ -11,7 +11,7 @@ import pytest
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.starting import pace
+from pcpc.tools.start import pace
 
 RIG = "plants/probe/rig.yaml"
 PC, TCG = "model name : AMD EPYC\n", "model name : QEMU TCG CPU version 2.5+\n"

@@ -18,11 +18,11 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.supervisor import HOLD, RUN
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.bench import play as bench
+from pcpc.tools.after.log import frames as play_frames
+from pcpc.tools.after.log.frames import PEER
 from pcpc.tools.cli import main, parsed
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.log import frames as play_frames
-from pcpc.tools.log.frames import PEER
+from pcpc.tools.dev.bench import play as bench
+from pcpc.tools.terminal.progress import Progress
 
 SLEW10 = str(RIGS / "slew10.yaml")
 PATIENT = ("supervisor.hold_cycles=100000", "supervisor.fault_after_cycles=100000")

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from pcpc.tools.starting.pool import PoolError, workers
+from pcpc.tools.start.pool import PoolError, workers
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])

@@ -14,9 +14,9 @@ from live_run import Screen
 from logcommand import barrel_log
 
 from pcpc.executive.log import reader as logs
-from pcpc.tools.console import progress
-from pcpc.tools.console.progress import Compiling, Progress
-from pcpc.tools.log import source
+from pcpc.tools.after.log import source
+from pcpc.tools.terminal import progress
+from pcpc.tools.terminal.progress import Compiling, Progress
 
 WITHIN_S = 10.0
 
@@ -74,3 +74,24 @@ def test_a_log_that_takes_long_to_read_says_how_far_it_is(
         for role, node in whole.node.items():
             for name, values in node.columns.items():
                 np.testing.assert_array_equal(log.node[role].columns[name], values)
+
+
+def test_a_long_wait_is_told_in_few_lines_and_what_is_new_at_once(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 0.0
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now_s)
+    shown = progress.Progress()
+    for tenths in range(3000):
+        now_s = 0.1 * tenths
+        what = "the device" if tenths < 2500 else "SYNC"
+        shown.show(f"waiting for {what}, {now_s:.0f} s")
+    told = capsys.readouterr().err.splitlines()
+    assert 8 <= len(told) <= 16, told
+    first = next(line for line in told if "SYNC" in line)
+    assert 250 <= int(first.split()[-2]) <= 252, told
+    for tenths in range(3000, 3100):
+        now_s = 0.1 * tenths
+        shown.show(f"RUN cycle {tenths} 1000 Hz")
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) <= 6, told

@@ -17,11 +17,11 @@ from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants import pages
-from pcpc.tools.verdict import report
-from pcpc.tools.verdict.judge import Judge, check
-from pcpc.tools.verdict.outcome import Outcome
-from pcpc.tools.verdict.requirements import Result
-from pcpc.tools.verdict.summary import summarise
+from pcpc.tools.after.verdict import report
+from pcpc.tools.after.verdict.judge import Judge, check
+from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.requirements import Result
+from pcpc.tools.after.verdict.summary import summarise
 
 STEP10 = RIGS / "step10.yaml"
 PAST = "never: abs(controller.e_rad) > 100 mrad"  # the step of cycle 500 is one of 175 mrad
@@ -87,7 +87,7 @@ def test_each_form_says_what_the_record_says(run: Run) -> None:
 def test_the_summary_fits_a_terminal_and_the_strict_verdict_knows_what_was_not_judged(
     run: Run, tmp_path: Path
 ) -> None:
-    for _, label, lines in report.rows(run.summary, tmp_path, 80):
+    for _, label, lines in report.rows(run.summary, Path("runs/x"), 80):
         assert all(len(line) <= 71 for line in lines), (label, lines)
     rig = load_rig(rig_file(tmp_path, "  - {when: 5s, then: controller.e_rad < 1}\n"))
     for strict, verdict in ((False, "ok"), (True, "expectation not met")):
@@ -144,6 +144,21 @@ def test_a_run_cut_short_is_judged_as_far_as_it_goes(run: Run) -> None:
     assert [one.held for one in found] == [False, None, None, None, None, False, True], found
     reasons = {one.reason for one in found if one.held is None}
     assert reasons == {"the run ended before it was over"}
+
+
+@pytest.mark.parametrize(
+    ("pacing", "cycles", "open_at_its_end"),
+    [("virtual", 700, False), ("virtual", 699, True), ("lockstep", 690, True),
+     ("virtual", 380, True), ("real", 600, False), ("real", 599, True), ("sync", 400, True)],
+)  # fmt: skip
+def test_a_record_is_whole_to_its_last_cycle_and_on_a_clock_to_a_tenth_of_a_second(
+    run: Run, pacing: str, cycles: int, open_at_its_end: bool
+) -> None:
+    cut = rows_of(run.log, cycles, "executive")
+    metadata = {**run.log.metadata, "executive": {"pacing": pacing}}
+    judge = Judge.of(dataclasses.replace(run._judge.rig))
+    always = judge.requirements(dataclasses.replace(cut, metadata=metadata))[1]
+    assert (always.held, always.open) == ((None, 1) if open_at_its_end else (True, 0)), always
 
 
 def test_cycles_without_a_record_are_told(run: Run, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import hashlib
+import json
 import shutil
 from functools import partial
 from pathlib import Path
@@ -18,9 +19,9 @@ from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.console.progress import Progress
-from pcpc.tools.report import figures, record
-from pcpc.tools.verdict.summary import read_json
+from pcpc.tools.after.report import figures, record
+from pcpc.tools.after.verdict import summary_file
+from pcpc.tools.terminal.progress import Progress
 
 ROOT = Path(__file__).resolve().parents[2]
 RIGS = ROOT / "plants" / "atb1000" / "rigs"
@@ -77,7 +78,8 @@ def paced(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_verdict_metrics_and_requirements_are_those_of_the_summary(folder: Path) -> None:
-    page, summary = page_of(folder), read_json(folder / "summary.json")
+    page, summary = page_of(folder), summary_file.beside(folder / "log.mcap")
+    assert summary is not None
     assert f"Verdict: {summary['verdict']}" in page.text
     assert summary["verdict"] == "expectation not met"
     for name, value in summary["metrics"].items():
@@ -112,6 +114,32 @@ def test_a_summary_that_is_none_is_no_summary(folder: Path, tmp_path: Path) -> N
         found = gathered(tmp_path / "log.mcap", tmp_path)
         assert found.told is not None and not found.at_end, text[:40]
         assert found.told.verdict == "expectation not met", text[:40]
+
+
+def test_a_summary_that_is_not_of_this_log_is_no_summary(folder: Path, tmp_path: Path) -> None:
+    whole = (folder / "summary.json").read_text()
+    other = tmp_path / "other"
+    assert run_here("simulate", "slew10", "-o", other, "--quiet", "--no-figure").code == 0
+    edited = whole.replace('"expectation not met"', '"ok"', 1)
+    unbound = {k: v for k, v in json.loads(edited).items() if k != "bound"}
+    copied = json.dumps(unbound | {"bound": json.loads(whole)["bound"]})
+    shutil.copy(folder / "log.mcap", tmp_path / "log.mcap")
+    for text in (edited, copied, json.dumps(unbound), (other / "summary.json").read_text()):
+        (tmp_path / "summary.json").write_text(text)
+        assert "Verdict: expectation not met" in page_of(tmp_path / "log.mcap").text
+        run = package.open(tmp_path)
+        assert run.verdict == "expectation not met" and not run.judged_at_its_end
+    (tmp_path / "summary.json").write_text(whole)
+    assert package.open(tmp_path).judged_at_its_end
+    shutil.copy(folder / "log.mcap", other / "log.mcap")
+    assert package.open(other).verdict == "expectation not met", "of another log"
+
+
+def test_a_log_alone_tells_of_faults_and_of_its_end(tmp_path: Path) -> None:
+    silent = "--set", "faults.gone={kind: loss, frame: FB_A, from: 200ms}"
+    assert run_here("simulate", "slew10", "-o", tmp_path / "a", *silent, "--quiet").code == 5
+    (tmp_path / "a" / "summary.json").unlink()
+    assert package.open(tmp_path / "a").verdict == "safety stop"
 
 
 def test_what_happened_stands_with_its_time_and_what_it_was_before(paced: Path) -> None:
@@ -178,7 +206,8 @@ def test_a_log_that_is_cut_says_what_is_missing_and_ends_with_its_code(
     shutil.copy(folder / "summary.json", tmp_path / "summary.json")
     (tmp_path / "log.mcap").write_bytes(whole[: len(whole) // 2])  # damaged after its verdict
     page = page_of(tmp_path / "log.mcap", code=3)
-    assert "missing in the log: the end" in page.text and 'class="verdict"' in page.source
+    assert "Verdict: loss" in page.text and 'class="verdict"' in page.source
+    assert "nothing is readable after byte" in page.text
 
 
 def test_a_log_without_a_cycle_has_a_report(tmp_path: Path) -> None:
@@ -245,8 +274,9 @@ def test_an_evaluation_from_outside_runs_unasked_only_in_its_place(tmp_path: Pat
     assert 'alt="variables over time"' in foreign.source
     page = page_of(log, "--trust")
     assert page.tables["Metrics"] == own.tables["Metrics"]
-    (moved / "summary.json").write_text('{"verdict": "ok", "metrics": {"end_m": 0.5}}')
     (moved / "figure.png").write_bytes(b"\x89PNG\r\n\x1a\n")  # as a run's end leaves it
+    told = {"verdict": "ok", "metrics": {"end_m": 0.5}}
+    summary_file.write_json(told, moved / "summary.json")
     found = page_of(log)
     assert "Verdict: ok" in found.text and found.cells("Metrics", "end_m")[0] == "0.5"
     assert "or run the log's own copies" in found.text  # why there are no limits
@@ -263,7 +293,7 @@ def test_an_evaluation_from_outside_runs_unasked_only_in_its_place(tmp_path: Pat
         (("LOG", "-o", "log.txt"), 2, "-o log.txt: no page; expected FILE.html"),
         (("LOG", "-o", "none/a.html"), 4, "cannot be written"),
         ((str(RELAY),), 2, "not an MCAP file"),
-        (("LOG", "--law", "none.py"), 0, ""),
+        (("LOG", "--law", "none.py"), 2, "--law none.py: no such file"),
     ],
 )
 def test_wrong_input_is_one_line(
@@ -276,7 +306,7 @@ def test_wrong_input_is_one_line(
 
 
 def test_the_run_says_how_to_get_it_and_python_writes_it(folder: Path, tmp_path: Path) -> None:
-    done = run_here("simulate", "slew10", "-o", tmp_path / "a b", "--quiet", "--no-figure",
+    done = run_here("simulate", "slew10", "-o", tmp_path / "a b", "--no-figure",
                     "--set", "duration_s=0.02")  # fmt: skip
     told = f"pcpc report '{tmp_path / 'a b'}'".replace(" ", "")  # folded where the path is long
     assert told in "".join(done.out.split()), done

@@ -14,9 +14,9 @@ from processes import until
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools import rigs
 from pcpc.tools.cli import main
-from pcpc.tools.tunings import states
+from pcpc.tools.live.tunings import states
+from pcpc.tools.start import rigs
 
 GIVEN = {KV: 110.0, LAM: 16.0}  # by the rig
 

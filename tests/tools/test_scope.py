@@ -19,9 +19,9 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.tap import Rows
 from pcpc.executive.rig import expressions as ex
 from pcpc.executive.rig.units import unit
-from pcpc.tools import scope
 from pcpc.tools.cli import main
-from pcpc.tools.scope import Burst, Trigger
+from pcpc.tools.live import scope
+from pcpc.tools.live.scope import Burst, Trigger
 
 ERROR, TORQUE = "controller.e_rad", "controller.tau_Nm"
 

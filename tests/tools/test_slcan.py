@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from processes import PCPC, ROOT, own_bus, pcpc, until
 
-from pcpc.tools.device import slcan
+from pcpc.tools.make.device import slcan
 
 FIXED = ROOT / "tools" / "generate" / "c"
 

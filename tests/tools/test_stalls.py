@@ -15,7 +15,7 @@ from pcpc.executive.loop import shared as sh
 PERIOD_NS = 1_000_000
 SLOW = """\
 from pcpc.executive.laws.block import Block, Ports, port, stage
-from pcpc.executive.laws.controllers.barrel import pd
+from pcpc.plants.atb1000.laws import pd
 from pcpc.executive.laws.emath import sin
 
 

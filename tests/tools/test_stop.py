@@ -1,17 +1,22 @@
 """`pcpc stop` and `pcpc reset` on a real run, of a rig whose name nobody else has."""
 
+import fcntl
 import json
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from processes import ROOT, own_bus
 
 import pcpc
 from pcpc.drivers.errors import Exit
-from pcpc.executive.nodes.live import find
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.nodes.live import LiveError, find, running
 from pcpc.tools.cli import main
+from pcpc.tools.start import rigs
 
 PATIENT = "hold_cycles: 100000, fault_after_cycles: 100000"
 ANSWER_S = 30.0
@@ -62,7 +67,120 @@ def test_a_run_goes_on_after_a_reset_and_ends_with_a_stop_also_when_locked(
     live.wait_until(lambda now: now["supervisor.gain"] == 1.0, within_s=ANSWER_S)
     assert live.state in ("RUN", "HOLD")
     assert main(["lock", "all", "--node", find("executive", NAME).name]) == Exit.OK
-    code, text = said(capsys, "stop", str(rig), "--quick")
+    code, text = said(capsys, "stop", NAME, "--quick")
     assert code == Exit.OK and "in cycle" in text, text
     live.wait(ANSWER_S)
     assert live.run.verdict.startswith("safety stop"), "it had a fault"
+
+
+def test_a_run_is_called_by_its_rigs_name_its_own_or_its_rigs_file(
+    live: pcpc.Live, rig: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    run = find("executive", NAME).run
+    for word in (NAME, run, str(rig), ".", "rig.yaml"):
+        code, text = said(capsys, "reset", word)
+        assert code == Exit.NOT_MET and text.startswith("no fault: "), (word, text)
+        code, text = said(capsys, "top", word, "--once")
+        assert code == Exit.OK and text.startswith(f"{NAME} "), (word, text)
+        assert Path(rigs.find(word)).resolve() == rig.resolve(), (
+            "what takes a rig takes that of a run"
+        )
+    code, text = said(capsys, "stop", f"{NAME}.vcan99")
+    assert code == Exit.WRONG_INPUT and "no file and no rig of this name" in text, text
+    assert find(run).name == find(NAME).name == f"{run}.executive"
+    code, text = said(capsys, "save", "my tuned.yaml", "--node", run)
+    assert code == Exit.OK, text
+    saved = (tmp_path / "my tuned.yaml").read_text()
+    assert "# a rig: pcpc run rig.yaml --set '@my tuned.yaml'\n" in saved, saved
+
+
+def test_of_two_runs_of_a_rig_each_has_its_name(
+    live: pcpc.Live, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pcpc.running(rig, bus=own_bus(), folder=tmp_path / "other") as other:
+        runs = sorted(one.run for one in running(NAME).values())[::2]
+        code, text = said(capsys, "stop", NAME)
+        assert code == Exit.WRONG_INPUT and f"2 runs of this rig go on; say {runs[0]} or" in text
+        mine = next(run for run in runs if other._nodes["plant"].run == run)
+        code, text = said(capsys, "stop", mine, "--quick")
+        assert code == Exit.OK, text
+        other.wait(ANSWER_S)
+    assert {one.run for one in running(NAME).values()} == {*runs} - {mine}, "the other goes on"
+
+
+EXTREMES = (2**63 - 1, -(2**63), -1, 1, 2**62, sh.MAIL_SLOTS + 1)
+
+
+def test_a_stop_ends_a_run_whatever_stands_in_any_word_of_the_mailbox(
+    live: pcpc.Live, rig: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    node = find("executive", NAME)
+    refused = 0
+    for field in sh.MAILBOX_FIELDS:
+        words = node.block[field].view(np.int64)
+        for place in range(min(len(words), sh.MAIL_WORDS)):
+            for extreme in EXTREMES:
+                words[place] = extreme
+                try:
+                    assert node.tune({"controller.gain": 3.0}) > 0
+                except LiveError as error:
+                    assert "locked" in str(error), (field, place, extreme, error)
+                    refused += 1
+                node.block["mail"][sh.LOCK] = 0
+    assert refused == len(EXTREMES), "as often as there was a lock"
+    for field in sh.MAILBOX_FIELDS:
+        node.block[field].view(np.int64)[:] = 2**63 - 1
+    code, text = said(capsys, "set", "controller.gain=2", "--node", node.name)
+    assert (code, "locked (all)" in text) == (Exit.WRONG_INPUT, True), text
+    code, text = said(capsys, "stop", str(rig))
+    assert code == Exit.OK and "in cycle" in text, text
+    live.wait(ANSWER_S)
+
+
+def test_a_stop_ends_a_run_while_another_client_holds_the_mailbox_and_writes(
+    live: pcpc.Live, rig: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    node, over = find("executive", NAME), threading.Event()
+    assert node.block.client is not None
+    holder = os.open(f"/proc/self/fd/{node.block.client.mailbox}", os.O_RDONLY)
+    fcntl.flock(holder, fcntl.LOCK_EX)
+
+    def write() -> None:
+        while not over.wait(1e-3):
+            node.block["mail_index"][:] = -1
+            node.block["mail"][sh.COUNT] = 0
+            node.block["mail"][sh.REQUEST] += 1
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        code, text = said(capsys, "stop", str(rig))
+        assert code == Exit.OK and "in cycle" in text, text
+        live.wait(ANSWER_S)
+        fcntl.flock(holder, fcntl.LOCK_UN)
+    finally:
+        over.set()
+        writer.join()
+        os.close(holder)
+
+
+def test_a_request_that_another_client_empties_is_no_stop(
+    live: pcpc.Live, rig: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    node, over = find("executive", NAME), threading.Event()
+
+    def write() -> None:
+        while not over.is_set():
+            node.block["mail"][sh.COUNT] = 0
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        code, text = said(capsys, "stop", str(rig))
+        assert code == Exit.OK and "in cycle" in text, text
+        live.wait(ANSWER_S)
+    finally:
+        over.set()
+        writer.join()

@@ -9,7 +9,7 @@ import pytest
 
 from pcpc import plants
 from pcpc.plants.study import Case, Result
-from pcpc.tools.experiments import _runs as runs
+from pcpc.tools.study.experiment import runs as runs
 
 RIGS = Path(plants.__file__).parent / "atb1000" / "rigs"
 HULL = str(RIGS / "hull.yaml")

@@ -9,8 +9,8 @@ from scoped import HEAD
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes.live import Live
-from pcpc.tools.host import asked
-from pcpc.tools.host.terminals import Terminal
+from pcpc.tools.live.host import asked
+from pcpc.tools.live.host.terminals import Terminal
 
 
 def test_a_later_run_of_a_name_is_another_node_and_the_one_before_still_answers() -> None:

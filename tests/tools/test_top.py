@@ -23,8 +23,8 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes import live
 from pcpc.tools.cli import main
-from pcpc.tools.top.meter import Meter
-from pcpc.tools.top.page import lines
+from pcpc.tools.live.top.meter import Meter
+from pcpc.tools.live.top.page import lines
 
 # A real run
 
@@ -65,6 +65,21 @@ def test_the_screen_fits_any_terminal(run: Run, columns: int, rows: int) -> None
     meter.look()
     page = lines(meter, columns, rows)
     assert len(page) <= rows and max(map(len, page)) <= columns, page
+
+
+@pytest.mark.parametrize(("rows", "least"), [(24, 4), (22, 4), (20, 3), (18, 2)])
+def test_a_low_screen_has_parameters_and_says_how_many_more(
+    run: Run, rows: int, least: int
+) -> None:
+    meter = Meter(nodes_of(run))
+    meter.look()
+    page = lines(meter, 80, rows)
+    at = next(i for i, line in enumerate(page) if line.startswith("parameter"))
+    whole = len(meter.leader.live.block.description["initial"])
+    shown = [line for line in page[at + 1 :] if not line.startswith("...")]
+    more = [f"... {whole - len(shown)} more"] if len(shown) < whole else []
+    assert len(shown) >= least and page[at + 1 + len(shown) :] == more, page
+    assert any(line.startswith("frame ") for line in page), page
 
 
 def test_a_terminal_is_given_back_as_it_was(run: Run) -> None:

@@ -21,11 +21,12 @@ from pcpc.executive.log.beside import Absences
 from pcpc.executive.loop.shared import IS_HEARTBEAT
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.verdict import report
-from pcpc.tools.verdict.conclude import conclude
-from pcpc.tools.verdict.judge import Judge
-from pcpc.tools.verdict.outcome import Outcome
-from pcpc.tools.verdict.summary import summarise
+from pcpc.tools.after.verdict import judge as judging
+from pcpc.tools.after.verdict import report
+from pcpc.tools.after.verdict.conclude import conclude
+from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.summary import summarise
 
 SLEW10, HULL = str(RIGS / "slew10.yaml"), str(RIGS / "hull.yaml")
 RELAY = str(Path(__file__).resolve().parents[1] / "executive" / "relay" / "rig.yaml")
@@ -58,6 +59,16 @@ def test_a_changed_value_does_not_switch_the_limits_off() -> None:
     assert worse["judged"] == ["muzzle_error_rms_mrad"], worse["judged"]
 
 
+@pytest.mark.parametrize("way", ["controller=pd", 'controller="pd"', "controller=Python"])
+def test_a_controller_that_the_rig_has_is_not_from_outside(way: str) -> None:
+    rig = load_rig(SLEW10, "pd", ["controller.kv_Nms_rad=10"])
+    found = summarise(rig, in_memory(rig), Outcome("virtual", "memory", changed=[way]))
+    assert found["verdict"] == "expectation not met" and not found["not_judged"], found
+    if "Python" not in way:
+        again = judged(way, "controller.kv_Nms_rad=10")
+        assert again["expectations_failed"] == found["expectations_failed"] != [], again
+
+
 def test_a_live_tuning_is_named_like_a_setting_and_a_planned_one_is_not() -> None:
     live = judged(tunings=(("controller.kv_Nms_rad", 120.0),))
     assert live["changed"] == ["controller.kv_Nms_rad=120"] and live["judged"], live
@@ -82,6 +93,19 @@ def test_limits_without_their_window_are_named_and_fail_on_demand(
     assert why.startswith(reason) and why in report.verdict_text(done.summary), why
     strict = virtual(tmp_path / "b", "--set", setting, "--judge")
     assert strict.code == 1 and reason in strict.summary["expectations_failed"][0], strict
+
+
+@pytest.mark.parametrize(
+    ("settings", "judged"),
+    [(("duration_s=6.0",), True), (("duration_s=5.999",), False), (("duration_s=3.5",), False),
+     (("duration_s=3.0",), False), (("duration_s=9.0",), True),
+     (("duration_s=7.0", "evaluation.window_s=[1.0, 7.5]"), False)],
+)  # fmt: skip
+def test_limits_are_judged_by_runs_that_reach_the_end_of_every_window(
+    settings: tuple[str, ...], judged: bool
+) -> None:
+    rig = load_rig(SLEW10, settings=settings)
+    assert (judging._beyond(rig, ["duration_s=1"]) == "") == judged, settings
 
 
 def test_a_run_with_nothing_to_judge_says_so(tmp_path: Path) -> None:

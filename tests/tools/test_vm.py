@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pcpc.tools import vm
 from pcpc.tools.cli import main, parsed
-from pcpc.tools.vm import accelerator, initramfs, kernel, programs, unpack
-from pcpc.tools.vm.job import Job, quoted, script
-from pcpc.tools.vm.machine import PORTS, Size, qemu_command
-from pcpc.tools.vm.session import Stream
+from pcpc.tools.machine import vm
+from pcpc.tools.machine.vm import accelerator, initramfs, kernel, programs, unpack
+from pcpc.tools.machine.vm.job import Job, quoted, script
+from pcpc.tools.machine.vm.machine import PORTS, Size, qemu_command
+from pcpc.tools.machine.vm.session import Stream
 
 WORD = st.binary(max_size=30).map(lambda data: data.replace(b"\0", b"~"))
 NASTY = [b"a b", b"'q\"", b"$HOME `id` \\n", b"new\nline", b"", bytes(range(1, 256)), b"--", b"*"]

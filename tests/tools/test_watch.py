@@ -122,8 +122,45 @@ def test_a_variable_is_found_by_its_node_and_name(
     for words in (["plant:barrel.gap_rad"], ["barrel.gap_rad"], [f"executive:{KV}"], [KV]):
         assert main(["get", *words]) == 0, capsys.readouterr().err
         assert capsys.readouterr().out.startswith(words[0].rpartition(":")[2]), words
-    code = main(["get", "plant:barrel.gap_rad", f"executive:{KV}"])
-    assert code == 2 and "no node has all of them" in capsys.readouterr().err
+
+
+def test_variables_of_several_nodes_are_read_with_their_nodes(
+    run: Run, capsys: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone(run, monkeypatch)
+    labels = ["plant:barrel.gap_rad", f"executive:{KV}"]
+    for words in (labels, [label.rpartition(":")[2] for label in labels]):
+        assert main(["get", *words, "--json"]) == 0, capsys.readouterr().err
+        assert list(json.loads(capsys.readouterr().out)) == labels
+    assert main(["get", *labels]) == 0
+    assert [line.split(" = ")[0] for line in capsys.readouterr().out.splitlines()] == labels
+    assert main(["set", f"executive:{KV}=1", "plant:barrel.gap_rad=0"]) == 2
+    err = capsys.readouterr().err
+    assert err == f"executive:{KV}=1 plant:barrel.gap_rad=0: of several nodes; set one's\n"
+    assert main(["get", "plant:barrel.gap_rad", "--node", run.node]) == 2
+    assert "plant:barrel.gap_rad: contradicts --node" in capsys.readouterr().err
+
+
+def test_a_watch_of_two_nodes_has_a_column_of_each(run: Run) -> None:
+    bus = run.node.removesuffix(".executive")
+    labels = ["executive:time.t_s", "plant:time.t_s"]
+    words = [f"{bus}.{label}" for label in labels]
+    for form in ([], ["--json"]):
+        watching = pcpc("watch", *words, "--every", "10ms", *form)
+        assert watching.stdout is not None
+        lines = [watching.stdout.readline() for _ in range(6)]
+        watching.send_signal(signal.SIGINT)
+        _, err = watching.communicate(timeout=ANSWER_S)
+        assert watching.returncode == 130, err
+        if form:
+            rows = [json.loads(line) for line in lines]
+            assert list(rows[0]) == ["cycle", *labels], rows[0]
+            times = [[row[label] for label in labels] for row in rows]
+        else:
+            assert lines[0].split() == ["cycle", *labels], lines
+            times = [[float(cell) for cell in line.split()[1:]] for line in lines[2:]]
+        assert all(abs(one - other) < 0.5 for one, other in times), times
+        assert times == sorted(times) and times[0] != times[-1], times
 
 
 def test_variables_of_no_single_node_are_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +233,7 @@ def test_watch_refuses_an_interval_that_is_none(run: Run, capsys: Screen) -> Non
 
 
 def test_reading_and_tuning_need_no_numba() -> None:
-    code = "import sys, pcpc.tools.cli, pcpc.tools.watch; print('numba' in sys.modules)"
+    code = "import sys, pcpc.tools.cli, pcpc.tools.live.watch; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout == "False\n", done.stdout + done.stderr
 

@@ -22,7 +22,7 @@ from pcpc.executive.nodes.live import find
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.cli import main
-from pcpc.tools.watchdog.watch import Watch
+from pcpc.tools.live.watchdog.watch import Watch
 
 SILENT, WRONG = 20, 3
 STOP_FRAME = {

@@ -10,45 +10,53 @@ from pathlib import Path
 
 import pytest
 from processes import ROOT
+from wheel_file import PARTS, wheel_file
 
-PARTS = ("drivers", "executive", "plants", "tools", "pcpc")
+STUDY = """\
+CHAPTER, TITLE = 0, "A study of nothing"
+
+
+def cases():
+    return []
+
+
+def report(results):
+    return f"runs: {len(results)}"
+
+
+def draw(results, folder):
+    pass
+"""
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the installed wheel, and nothing else."""
-    copy = tmp_path_factory.mktemp("source") / "project"
-    copy.mkdir()
-    for part in PARTS:
-        shutil.copytree(
-            ROOT / part, copy / part, symlinks=True, ignore=shutil.ignore_patterns("__pycache__")
-        )
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, copy)
     folder = tmp_path_factory.mktemp("site")
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    wheel = [*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(copy), str(copy)]
-    subprocess.run(wheel, check=True, capture_output=True)
-    (made,) = copy.glob("*.whl")
-    with zipfile.ZipFile(made) as archive:
+    with zipfile.ZipFile(wheel_file(tmp_path_factory.mktemp("source"))) as archive:
         archive.extractall(folder)
     return folder
 
 
-def pcpc(installed: Path, *words: str, cwd: Path) -> str:
+def pcpc(installed: Path, *words: str, cwd: Path, code: int = 0) -> str:
     """Run a command of the installed package; return what it prints."""
     command = [sys.executable, "-P", "-m", "pcpc.tools.cli", *words]
     environment = os.environ | {"PYTHONPATH": str(installed)}
     done = subprocess.run(
         command, cwd=cwd, env=environment, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, f"{words}: {done.returncode}\n{done.stdout}{done.stderr}"
-    return done.stdout
+    assert done.returncode == code, f"{words}: {done.returncode}\n{done.stdout}{done.stderr}"
+    return done.stdout or done.stderr
 
 
 def test_nothing_but_the_package_comes_to_the_top(installed: Path) -> None:
     top = {path.name.partition("-")[0] for path in installed.iterdir()}
     assert top == {"pcpc"}, top
+
+
+def stays(path: Path) -> bool:
+    """Return whether a file is in the repository only."""
+    return "book" in path.parts or path.parts[:2] == ("tools", "dev")
 
 
 def test_every_file_that_is_no_test_is_in_it(installed: Path) -> None:
@@ -59,8 +67,34 @@ def test_every_file_that_is_no_test_is_in_it(installed: Path) -> None:
         for path in (ROOT / part).rglob("*")
         if path.suffix in kinds and "__pycache__" not in path.parts
     }
+    own -= {path for path in own if stays(path)}
     missing = sorted(str(path) for path in own if not (installed / "pcpc" / path).is_file())
     assert len(own) > 300 and not missing, missing
+
+
+def test_the_workshop_and_the_book_stay_in_the_repository(installed: Path, tmp_path: Path) -> None:
+    parts = (path.relative_to(installed / "pcpc") for path in installed.rglob("pcpc/**/*"))
+    assert not [path for path in parts if stays(path)]
+    text = pcpc(installed, "help", "all", cwd=tmp_path)
+    commands = {line.split()[0] for line in text.splitlines() if line.startswith("  ")}
+    assert {"jitter", "experiment"} < commands, text
+    assert not {"bench", "evidence", "soak"} & commands, text
+    for words in (("jitter", "--help"), ("vm", "--help"), ("doctor",)):
+        assert pcpc(installed, *words, cwd=tmp_path)
+    told = pcpc(installed, "experiment", "chapter9", cwd=tmp_path, code=2)
+    assert "repository" in told and told.count("\n") == 1, told
+
+
+def test_an_installation_takes_a_study_of_ones_own(installed: Path, tmp_path: Path) -> None:
+    (tmp_path / "study.py").write_text(STUDY)
+    pcpc(installed, "experiment", "study.py", "-o", "out", "--quiet", cwd=tmp_path)
+    assert "# A study of nothing\n\nruns: 0" in (tmp_path / "out" / "results.md").read_text()
+
+
+def test_nothing_of_an_earlier_build_is_in_it(installed: Path) -> None:
+    own = {path.relative_to(installed / "pcpc") for path in (installed / "pcpc").rglob("*.py")}
+    extra = sorted(str(path) for path in own if not (ROOT / "pcpc" / path).is_file())
+    assert not extra, extra
 
 
 def test_shipped_rigs_are_found_and_a_plant_of_ones_own_is_tried_in_an_empty_folder(

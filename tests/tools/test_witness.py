@@ -13,7 +13,7 @@ from processes import ROOT, own_bus, pcpc
 
 from pcpc.drivers import bus as buses
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.device.witness import FILE, FIRST, Arrivals, share
+from pcpc.tools.make.device.witness import FILE, FIRST, Arrivals, share
 
 FOLDER = ROOT / "plants" / "probe" / "device"
 RIG = str(FOLDER / "rig.yaml")

@@ -12,7 +12,7 @@ import pytest
 from live import CHANNEL, ROOT, Frame, candump_into, cansend, frames_in, until
 
 from pcpc.executive.log import reader as logs
-from pcpc.tools.log import frames as play_frames
+from pcpc.tools.after.log import frames as play_frames
 
 pytestmark = pytest.mark.vcan
 

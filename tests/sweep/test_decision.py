@@ -1,0 +1,75 @@
+"""What a statement came to: by the rows alone, the same for the campaign, its merge, its report."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_shards import SPEC, row
+
+from pcpc.tools.cli import main
+from pcpc.tools.study.sweep import decision, shards, store
+from pcpc.tools.study.sweep.campaign import Shard
+from pcpc.tools.study.sweep.results import FAULT, RAN, REFUSED, Results
+
+UNTIL = "p_fail < 0.1 at 95%"
+GOOD: dict[str, Any] = {"outcome": RAN, "ok": True}
+BAD: dict[str, Any] = {"outcome": RAN, "ok": False, "why": "it fell"}
+STOPPED: dict[str, Any] = {"outcome": FAULT, "ok": True}
+LEFT: dict[str, Any] = {"outcome": REFUSED, "ok": False}
+UNJUDGED: dict[str, Any] = {"outcome": RAN, "ok": None}
+
+
+def campaign(folder: Path, rows: dict[str, list[dict[str, Any]]]) -> Path:
+    """Write a campaign with a statement whose rows came to these, by controller."""
+    spec = SPEC | {"until": UNTIL, "draws": 10_000, "controllers": list(rows)}
+    own = store.Store(folder, spec, Shard())
+    for name, all_of in rows.items():
+        own.add(type(old)(**{**vars(old), **one}) for draw, one in enumerate(all_of)
+                for old in [row(draw, name)])  # fmt: skip
+    own.complete()
+    own.close()
+    return folder
+
+
+def texts(folder: Path) -> list[str]:
+    table, spec = shards.merged([folder])
+    return [one.text for one in decision.decisions(Results(table, spec), spec["until"])]
+
+
+@pytest.mark.parametrize(
+    ("rows", "said", "code"),
+    [
+        ([GOOD] * 64, "holds at 95 %: 0 failures in 64 runs", 0),
+        ([BAD] * 64, "is refuted at 95 %: 64 failures in 64 runs", 1),
+        ([STOPPED] * 64, "is refuted at 95 %: 64 failures in 64 runs", 1),
+        ([GOOD] * 40, "holds at 95 %: 0 failures in 40 runs", 0),
+        ([GOOD] * 20, "is open after 0 failures in 20 runs", 1),
+        ([GOOD] * 58 + [BAD] * 6, "is not shown: 6 failures in 64 runs", 1),
+        ([GOOD] * 44 + [LEFT] * 12 + [UNJUDGED] * 8, "not counted: 12 refused and 8 not judged", 0),
+    ],
+)
+def test_a_statement_is_met_by_its_rows_alone_and_the_exit_code_says_so(
+    rows: list[dict[str, Any]], said: str, code: int, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    folder = campaign(tmp_path / "a", {"pid": rows, "pd": [GOOD] * len(rows)})
+    (folder / "outcome.txt").write_text("pid: p_fail < 0.1 holds")
+    assert main(["sweep", "merge", str(folder)]) == code
+    told = " ".join(capsys.readouterr().out.split())
+    assert said in texts(folder)[0] and texts(folder)[0] in told
+    assert said in " ".join((folder / "report.html").read_text().split())
+
+
+def test_rows_behind_the_decision_are_not_counted(tmp_path: Path) -> None:
+    """They are there where another controller took longer, and no look was due among them."""
+    folder = campaign(tmp_path, {
+        "pid": [GOOD] * 64 + [BAD] * 64, "pd": ([GOOD] * 31 + [BAD]) * 4,
+    })  # fmt: skip
+    assert "pid: p_fail < 0.1 holds at 95 %: 0 failures in 64 runs" in texts(folder)[0]
+    assert "4 failures in 128 runs" in texts(folder)[1]
+
+
+def test_looks_come_at_the_same_draws_however_long_it_takes() -> None:
+    sizes = decision.blocks()
+    ends = [next(sizes) for _ in range(60)]
+    assert ends[:16] == [64] * 16 and ends[-1] > 64 and sum(ends) > 5000

@@ -1,0 +1,127 @@
+"""What counts as the same run: each part of each frame that was sent, and each variable."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from logcommand import PLANT, barrel_log
+
+from pcpc.executive.log import reader as logs
+from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.nodes.virtual import VirtualRun
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after import replay as replaying
+from pcpc.tools.after.log.cat import unequal_texts
+from pcpc.tools.after.replayed import SENT, Verdict, compare_frames
+from pcpc.tools.terminal.progress import Progress
+
+
+def frames(count: int) -> Any:
+    """Return frames that differ in every part."""
+    made = np.zeros(count, logs.FRAME)
+    made["cycle"], made["id"], made["dlc"] = np.arange(count), 0x100 + np.arange(count), 8
+    made["data"] = np.arange(8 * count, dtype=np.uint8).reshape(count, 8)
+    return made
+
+
+@pytest.mark.parametrize("part", ["cycle", "id", "dlc", *range(8)])
+@pytest.mark.parametrize("at", [0, 2, 4])
+def test_a_frame_that_differs_in_one_bit_is_found(part: str | int, at: int) -> None:
+    verdict, other = Verdict("executive", 1000.0), frames(5)
+    value = other["data"][:, part] if isinstance(part, int) else other[part]
+    value[at] ^= 1
+    compare_frames(verdict, frames(5), other)
+    assert not verdict.agrees and verdict.differences[SENT].count == 1, verdict
+    assert verdict.differences[SENT].cycle == at
+
+
+@pytest.mark.parametrize(("ours", "theirs"), [(5, 4), (4, 5), (1, 0), (0, 3)])
+def test_a_frame_more_or_less_is_found(ours: int, theirs: int) -> None:
+    verdict = Verdict("executive", 1000.0)
+    compare_frames(verdict, frames(ours), frames(theirs))
+    assert verdict.differences[SENT].count == abs(ours - theirs)
+    assert verdict.differences[SENT].cycle == min(ours, theirs)
+
+
+@pytest.mark.parametrize("byte", range(8))
+def test_a_byte_of_a_sent_frame_that_the_log_has_otherwise_is_told(
+    byte: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    original = logs._frames
+
+    def other(found: Any, name: str, notes: list[str]) -> Any:
+        made = original(found, name, notes).copy()
+        sent = np.flatnonzero((made["direction"] == 0) & (made["dlc"] > byte))
+        if name == "plant" and len(sent):
+            made["data"][sent[len(sent) // 2], byte] ^= 1
+        return made
+
+    monkeypatch.setattr(logs, "_frames", other)
+    assert told(barrel_log("pd"))["plant"].first().name == SENT
+    assert told(barrel_log("pd"))["executive"].identical
+
+
+@pytest.mark.parametrize("left_out", [False, True])
+def test_a_heartbeat_after_the_meeting_is_compared(
+    left_out: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    original, ids = logs._frames, {"executive": 0x701, "plant": 0x702}
+
+    def other(found: Any, name: str, notes: list[str]) -> Any:
+        made = original(found, name, notes).copy()
+        own = (made["direction"] == 0) & (made["id"] == ids[name])
+        beat = np.flatnonzero(own & (made["cycle"] == 200))
+        made["data"][beat, 0] ^= 1
+        return np.delete(made, beat) if left_out else made
+
+    monkeypatch.setattr(logs, "_frames", other)
+    for role, verdict in told(barrel_log("pd")).items():
+        assert [(d.name, d.cycle) for d in verdict.ordered()] == [(SENT, 200)], (role, verdict)
+        assert verdict.state == "DIFFERENT", verdict
+
+
+@pytest.mark.parametrize("role", [0, 1])
+def test_a_bus_that_failed_fails_again_in_its_cycle(role: int, tmp_path: Path) -> None:
+    run = VirtualRun(load_rig(PLANT / "rigs" / "slew10.yaml"), tmp_path / "log.mcap")
+    for cycles in run.advance():
+        if cycles == 1000:
+            run.blocks[role].loop.guard.faulted = sv.BUS_FAILED
+    run.close()
+    log = logs.read(tmp_path / "log.mcap")
+    fault = log.node[("executive", "plant")[role]].columns["supervisor.fault"]
+    assert sv.BUS_FAILED in fault, np.unique(fault)
+    for verdict in told(tmp_path / "log.mcap").values():
+        assert verdict.identical, (verdict.role, verdict.incomplete, verdict.first())
+
+
+def told(log: Path) -> dict[str, Any]:
+    """Replay in this process; return the verdicts by node."""
+    options = argparse.Namespace(controller=None, set=[], node="all")
+    return {one.role: one for one in replaying.replay(log, options, Progress(quiet=True))}
+
+
+@pytest.mark.parametrize("missing", [[], ["/state: 1 of 300 messages"]])
+@pytest.mark.parametrize("incomplete", ["", "cycles are missing"])
+@pytest.mark.parametrize("differs", [False, True])
+def test_only_a_whole_log_without_a_difference_is_identical(
+    missing: list[str], incomplete: str, differs: bool
+) -> None:
+    verdict = Verdict("plant", 1000.0, cycles=300, missing=missing, incomplete=incomplete)
+    if differs:
+        compare_frames(verdict, frames(1), frames(0))
+    assert verdict.identical == (not (missing or incomplete or differs))
+    assert verdict.agrees == (not (incomplete or differs))
+    assert (verdict.state == "bit-identical") == verdict.identical
+    assert verdict.state.startswith("DIFFERENT") == differs
+
+
+def test_a_byte_behind_the_length_of_a_frame_is_seen_in_the_texts() -> None:
+    a, b = np.zeros(2, logs.FRAME)
+    a["dlc"] = b["dlc"] = 3
+    b["data"][5] = 0x2A
+    texts = unequal_texts(a, b)
+    assert texts[0] != texts[1] and "behind it 00002A0000" in texts[1], texts
+    b["data"][5], b["cycle"] = 0, 9
+    assert "cycle 9" in unequal_texts(a, b)[1]
