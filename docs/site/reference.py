@@ -20,8 +20,8 @@ import pcpc
 from pcpc.drivers.errors import Exit
 from pcpc.executive.laws.block import Block
 from pcpc.tools import cli
-from pcpc.tools.console.command import Command
-from pcpc.tools.console.commands import GROUPS
+from pcpc.tools.cli.commands import GROUPS, TITLES
+from pcpc.tools.terminal.command import Command
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference"
 _COLUMNS = 100
@@ -78,8 +78,8 @@ def commands() -> str:
     lines = [_COMMANDS, "| exit code | |", "|---|---|"]
     lines += [f"| {code:d} | {code.meaning} |" for code in Exit]
     parsers = _parts(cli.parser())
-    for title, group in GROUPS.items():
-        lines.append(f"\n## {title[0].upper()}{title[1:]}")
+    for name, group in GROUPS.items():
+        lines.append(f"\n## {TITLES[name][0].upper()}{TITLES[name][1:]}")
         for command in group:
             lines += _command(command, parsers[command.name])
     return "\n".join(lines) + "\n"
