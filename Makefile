@@ -1,15 +1,18 @@
 # make run, make test: everything else is made on the way. No compiler needed.
 PYTHON ?= python3
-VENV := .venv
+VENV ?= .venv
 BIN := $(VENV)/bin
 RIG ?= plants/atb1000/rigs/engage.yaml
 PLANT ?= *
 # processes of `make test`, 1 GB each; two leave a fifth of two processors idle
 WORKERS ?= 2
+# what another Python or numpy can change: types, bits, machine code, processes
+CHOICE = tests/golden tests/drivers tests/executive tests/batch tests/plants tests/fuzz \
+	$(addprefix tests/tools/test_,run.py replay.py device.py pytest_plugin.py api.py)
 
-PIP = @$(PYTHON) -P tools/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
+PIP = @$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
 
-.PHONY: run help test test-quiet install lint loop laws compiled bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
+.PHONY: run help test test-choice test-pythons test-quiet install lint loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -17,11 +20,18 @@ run: install ## the main job: a closed loop; picture, log and verdict in runs/
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-15s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
-test: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
-test: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
+test test-choice: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
+test test-choice: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
 test: tools ## all tests that need no CAN in the kernel
 	$(MAKE) --no-print-directory -j2 compiled lint
 	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
+test-choice: tools ## types and a third of the tests, for another PYTHON
+	$(MAKE) --no-print-directory -j2 compiled lint
+	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(CHOICE)
+
+test-pythons: tools ## test-choice with every other Python that is here
+	$(BIN)/python .ci/pythons.py $(MAKE) --no-print-directory test-choice
 
 test-vcan: tools ## the tests on a real vcan0, in a virtual machine if need be
 	bash tools/vcan_stage.sh
@@ -49,6 +59,10 @@ $(VENV)/tools: $(VENV)/installed
 	$(PIP) -e '.[plot,test]'
 	touch $@
 
+$(VENV)/docs: $(VENV)/installed
+	$(PIP) -e '.[docs,plot]'
+	touch $@
+
 vcan-tools: ## packages for `pcpc vm` and the vcan tests; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get update -qq
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends \
@@ -63,6 +77,9 @@ firmware-tools: ## compilers and QEMU for generated C; uses sudo
 	$$([ $$(id -u) = 0 ] || echo sudo) apt-get install -y --no-install-recommends gcc libc6-dev \
 		gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm \
 		gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static
+
+size: install ## tokens and lines of each room; SINCE=main: and what was added
+	@$(BIN)/python tools/dev/size.py $(SINCE)
 
 lint: tools ## ruff and mypy
 	$(BIN)/ruff check .
@@ -82,7 +99,7 @@ laws: tools ## the laws, compiled
 bless: tools ## the golden runs (of PLANT) anew, after a change that is meant
 	cd tests/golden && PYTHONPATH=$(CURDIR) $(CURDIR)/$(BIN)/python golden.py "$(PLANT)"
 
-docs: tools ## the documentation as a site, in build/site
+docs: $(VENV)/docs ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "open build/site/index.html"
 
