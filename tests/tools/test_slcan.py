@@ -15,7 +15,7 @@ from processes import PCPC, ROOT, own_bus, pcpc, until
 
 from pcpc.tools.make.device import slcan
 
-FIXED = ROOT / "tools" / "generate" / "c"
+FIXED = ROOT / "tools" / "make" / "generate" / "c"
 
 
 class Frame(ctypes.Structure):
