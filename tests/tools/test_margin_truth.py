@@ -13,7 +13,7 @@ from pcpc.tools.cli import main
 from pcpc.tools.study.margin import notes
 from pcpc.tools.study.margin.book._linear_rig import PLANTS, RATE_HZ
 from pcpc.tools.study.margin.margins import margins
-from pcpc.tools.study.margin.shown import shown
+from pcpc.tools.study.margin.visible import visible_margins
 
 LINEAR = dict(yamlfile.load(Path(atb1000.__file__).with_name("linear.yaml")).data)
 NAMES = ("gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
@@ -99,7 +99,7 @@ def test_noise_never_shows_a_margin_that_is_not_there() -> None:
             noise = size * np.exp(draw.uniform(-1.0, 1.0)) * (1.0 + 9.0 * (f < draw.choice(f)))
             g = -loop / (1.0 + loop)
             g = g + noise / np.sqrt(2.0) * (draw.normal(size=80) + 1j * draw.normal(size=80))
-            one = shown(f, -g / (1.0 + g), noise, RATE_HZ)
+            one = visible_margins(f, -g / (1.0 + g), noise, RATE_HZ)
             for what in ("gain_margin", "phase_margin_deg", "disk_margin"):
                 seen, true = getattr(one, what), getattr(exact, what)
                 told += not np.isnan(seen)

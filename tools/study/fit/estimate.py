@@ -31,13 +31,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcpc.tools.study.arrays import Array, Flags
 from pcpc.tools.study.fit.noise import own_noise, resolution
 from pcpc.tools.study.fit.search import Predict, Problem, bounded, minimum, onward, reached
 from pcpc.tools.study.fit.smooth import smooth_part
 
-Array = NDArray[np.float64]
 Samples = Callable[[Array], tuple[Array, Array]]  # point (p,) -> y, Q(y), each (rows, sensors)
 
 CLOSE = 0.97  # two estimates with a larger correlation are known better together than each
@@ -62,7 +61,7 @@ class Estimate:
     errors: Array
     interval: Array
     correlation: Array
-    excited: NDArray[np.bool_]
+    excited: Flags
     noise: Array
     predicted: Array
     lag: int
@@ -137,13 +136,13 @@ def _widened(found: Estimate, errors: Array) -> Estimate:
 
 def _unrounded(
     of: Problem, samples: Samples, z: Array, noise: Array, slope: Array,
-    excited: NDArray[np.bool_], floor: Array,
+    excited: Flags, floor: Array,
 ) -> Array:  # fmt: skip
     """Return z after (7); as it was where no sensor only rounds, or (7) leads away."""
     j = slope[..., excited].reshape(-1, excited.sum())
     step = np.linalg.pinv(j)
 
-    def only_round(y: Array) -> NDArray[np.bool_]:
+    def only_round(y: Array) -> Flags:
         return np.asarray(_noise_of(y - of.measured) <= ROUNDED * floor)
 
     y, rounded = samples(z * of.scale)
@@ -167,7 +166,7 @@ def _noise_of(error: Array) -> Array:
     return np.asarray(np.sqrt(np.nansum(error * error, axis=0) / count))
 
 
-def _noise(of: Problem, z: Array, rows: int, floor: Array, excited: NDArray[np.bool_]) -> Array:
+def _noise(of: Problem, z: Array, rows: int, floor: Array, excited: Flags) -> Array:
     """Return (3), of as many degrees of freedom as there are."""
     error = of.signals(z[None], rows)[0] - of.measured
     count = np.isfinite(error).sum(axis=0)
@@ -175,7 +174,7 @@ def _noise(of: Problem, z: Array, rows: int, floor: Array, excited: NDArray[np.b
     return np.maximum(np.sqrt(mean), np.maximum(floor, 1e-300))
 
 
-def _told(slope: Array, excited: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _told(slope: Array, excited: Flags) -> Flags:
     """Return of which parameters the record tells something, (6) against the scale."""
     told = excited.copy()
     while told.any():
@@ -191,7 +190,7 @@ def _told(slope: Array, excited: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _judged(
-    of: Problem, z: Array, rows: int, noise: Array, slope: Array, excited: NDArray[np.bool_]
+    of: Problem, z: Array, rows: int, noise: Array, slope: Array, excited: Flags
 ) -> Estimate:
     from scipy.special import stdtrit
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.executive.batch.driven import Driven
 from pcpc.executive.errors import RigError, did_you_mean
@@ -14,12 +13,12 @@ from pcpc.executive.log.reader import Log
 from pcpc.executive.rig.reading import Rig
 from pcpc.plants.identification import Identification, identification_of
 from pcpc.plants.judging import effective_rig
+from pcpc.tools.study.arrays import Array
 from pcpc.tools.study.fit.estimate import Estimate, close_pairs, estimated
 from pcpc.tools.study.fit.noise import HOLDS
 from pcpc.tools.study.fit.record import Record, record_of
 from pcpc.tools.study.fit.result import Fit, Parameter, Sensor
 
-Array = NDArray[np.float64]
 NARROW = 1e-6  # a standard error below this share of the value
 FEW = 0.2  # a 95 % interval wider than this share of the value to either side is worth a word
 

@@ -12,9 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pcpc.tools.study.arrays import Array
 
 BLOCK = 100  # samples of a sensor whose rms is judged
 HOLDS = 1.5  # times the noise: a block above it is not explained

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.executive.batch.driven import Driven
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.reader import Log, Node
+from pcpc.tools.study.arrays import Array
 
-Array = NDArray[np.float64]
 LEAST_ROWS = 50
 
 

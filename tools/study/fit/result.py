@@ -1,17 +1,21 @@
 """What came of a fit: parameters with their intervals, sensors, and what to mind."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from pcpc.executive.errors import did_you_mean
+from pcpc.tools.study.arrays import Array
+from pcpc.tools.study.result import Result
+from pcpc.tools.terminal.screen import wrapped
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+VALUES = "fit.yaml"
+_SIGNALS = ("t_s", "measured", "predicted")
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,37 @@ class Parameter:
     low: float
     high: float
     excited: bool
+
+    @property
+    def known(self) -> bool:
+        """Whether it has an interval."""
+        return math.isfinite(self.error)
+
+    @property
+    def digits(self) -> int:
+        """How many digits tell the ends of the interval apart: two of its half width."""
+        half = 0.5 * (self.high - self.low)
+        if not (math.isfinite(half) and half > 0.0 and self.value != 0.0):
+            return 6
+        return min(max(2 + math.ceil(math.log10(abs(self.value) / half)), 3), 9)
+
+    def interval(self, to: str) -> str:
+        """Return its interval in words, with its unit."""
+        ends = f"{self.low:.{self.digits}g}{to}{self.high:.{self.digits}g} {self.unit}"
+        return ends.rstrip() if self.known else "-"
+
+    def lines(self, width: int) -> Iterator[str]:
+        """Yield its row of the table."""
+        name = self.name
+        if len(name) > width:
+            yield name
+            name = ""
+        if not self.excited:
+            yield f"{name:{width}} {self.rig:10.5g} {'-':>11}   the log tells nothing of it"
+            return
+        row = f"{name:{width}} {self.rig:10.5g} {self.value:11.{self.digits}g}   "
+        whole = row + self.interval(" .. ")
+        yield whole if len(whole) <= 80 else whole.removesuffix(f" {self.unit}")
 
 
 @dataclass(frozen=True)
@@ -49,7 +84,7 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Result):
     """A plant fitted to a log; `values` may go to `pcpc.simulate(rig, set=fit.values)`.
 
     `measured`, `predicted` (rows, sensors) at `t_s` (rows,); `correlation` (p, p) of the estimates;
@@ -57,6 +92,8 @@ class Fit:
     whether the model leaves no more than noise; if not, `notes` begin with why, and no value is an
     estimate of the plant's.
     """
+
+    name = "fit"
 
     rig: str
     log: str
@@ -82,30 +119,54 @@ class Fit:
                 return one
         raise KeyError(f"{name}: not fitted{did_you_mean(name, [p.name for p in self.parameters])}")
 
-    def json(self) -> dict[str, Any]:
-        """Return all but the signals as what JSON holds; nothing for an infinite number."""
+    def facts(self) -> dict[str, Any]:
+        """Return all but the signals."""
+        found = {key: value for key, value in vars(self).items() if key not in _SIGNALS}
+        return found | {"cycles": len(self.t_s)}
 
-        def number(x: float) -> float | None:
-            return float(x) if math.isfinite(x) else None
+    def lines(self) -> Iterator[str]:
+        """Yield the tables of parameters and sensors, and what to mind."""
+        cycles = f"{len(self.t_s):,} cycles, {len(self.sensors)} sensors"
+        yield f"fit      {self.rig} to {cycles}, {self.runs:,} runs of the model"
+        yield f"log      {self.log}"
+        width = min(max(len(one.name) for one in self.parameters), 30)
+        yield f"{'parameter':{width}} {'rig':>10} {'fitted':>11}   95 % interval"
+        for parameter in self.parameters:
+            yield from parameter.lines(width)
+        yield f"{'sensor':{width}} {'left, rms':>10} {'own noise':>11}   explained"
+        for sensor in self.sensors:
+            share = f"{100.0 * sensor.explained:.4f} %" if math.isfinite(sensor.explained) else "-"
+            row = f"{sensor.name:{width}} {sensor.residual:10.3g} {sensor.noise:11.3g}   {share}"
+            yield _with_unit(row, sensor.unit)
+        for label, notes in (("note", self.notes), ("missing", self.missing)):
+            for note in notes:
+                yield from wrapped(note, f"{label:9}")
 
-        return {
-            "rig": self.rig, "log": self.log, "cycles": len(self.t_s), "runs": self.runs,
-            "arrived": self.arrived,
-            "parameters": [
-                {key: number(v) if isinstance(v, float) else v for key, v in vars(one).items()}
-                for one in self.parameters
-            ],
-            "correlation": [[number(x) for x in row] for row in self.correlation.tolist()],
-            "sensors": [
-                {key: number(v) if isinstance(v, float) else v for key, v in vars(one).items()}
-                for one in self.sensors
-            ],
-            "notes": self.notes, "missing": list(self.missing),
-        }  # fmt: skip
+    def settings(self, rig: str) -> str:
+        """Return the fitted values as a file for `--set @FILE`, each with its interval."""
+        head = [f"{self.rig}, fitted to {self.log}", f"pcpc simulate {rig} --set @{VALUES}"]
+        if not self.arrived:
+            head.append(f"no estimate of the plant: {self.notes[0]}")
+        lines = [line for text in head for line in wrapped(text, "# ", "#   ")]
+        for one in self.parameters:
+            if one.excited:
+                about = f"95 %: {one.interval(' to ')}" if one.known else "no interval"
+                lines += ["", f"# {about}; rig {one.rig:.9g}", f"{one.name}: {one.value!r}"]
+        return "\n".join([*lines, *([] if self.values else ["{}"])]) + "\n"
+
+    def pictures(self) -> Mapping[str, "Figure"]:
+        """Return the overlay of model and log, and the residuals."""
+        from pcpc.tools.study.fit import figure
+
+        return {"fit": figure.overlay(self)}
 
     def draw(self, path: str | Path) -> Path:
         """Write the overlay of model and log, and the residuals, as a picture; return `path`."""
-        from pcpc.tools.study.fit import figure
-
-        figure.draw(self, Path(path))
+        self.pictures()["fit"].savefig(path)
         return Path(path)
+
+
+def _with_unit(row: str, unit: str) -> str:
+    """Return a row with its unit, where it fits."""
+    whole = f"{row} {unit}".rstrip()
+    return whole if len(whole) <= 80 else row

@@ -17,11 +17,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcpc.tools.study.arrays import Array, Flags
 from pcpc.tools.study.fit.noise import Own
 
-Array = NDArray[np.float64]
 Predict = Callable[[Array, int], Array]  # points (m, p), rows -> signals (m, rows, sensors)
 Say = Callable[[str], None]
 
@@ -117,7 +116,7 @@ def _steps(slope: Array) -> Array:
 
 def minimum(
     of: Problem, z: Array, rows: int, noise: Array, steps: Array, tolerance: float,
-    *, prior: Array | None = None, free: NDArray[np.bool_] | None = None,
+    *, prior: Array | None = None, free: Flags | None = None,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return where the sum over a part is smallest, from `z` on, and steps of differences."""
     from scipy.optimize import least_squares

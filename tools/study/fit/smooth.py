@@ -9,11 +9,9 @@ it leaves open, the search may be off by.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcpc.tools.study.arrays import Array, Flags
 from pcpc.tools.study.fit.search import Problem, costs
-
-Array = NDArray[np.float64]
 
 REACH, POINTS = 1.5, 32  # standard errors; points of (1)
 ROUGH = 3.0  # times what slopes predict
@@ -21,7 +19,7 @@ HALVINGS = 7  # of the record, at most
 
 
 def smooth_part(
-    of: Problem, z: Array, noise: Array, steps: Array, free: NDArray[np.bool_]
+    of: Problem, z: Array, noise: Array, steps: Array, free: Flags
 ) -> tuple[int, Array]:
     """Return the rows of the longest smooth part, 0 for none, and the free errors it leaves (p,).
 
@@ -41,9 +39,7 @@ def smooth_part(
     return 0, found
 
 
-def _holds(
-    of: Problem, z: Array, rows: int, noise: Array, free: NDArray[np.bool_], covariance: Array
-) -> bool:
+def _holds(of: Problem, z: Array, rows: int, noise: Array, free: Flags, covariance: Array) -> bool:
     draw, count = np.random.default_rng(rows), int(free.sum())
     away = draw.standard_normal((POINTS, count)) @ np.linalg.cholesky(covariance).T
     points = np.tile(z, (POINTS + 1, 1))

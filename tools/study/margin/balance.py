@@ -19,10 +19,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from pcpc.tools.study.arrays import Complex, Vector
+
 Step = Callable[[Vector, float], Vector]
 """f(x; g): the next state (n,)."""
 
@@ -56,12 +55,12 @@ def turns(phases: int = PHASES) -> Complex:
     return np.exp(2j * np.pi * (np.arange(phases) + 0.5) / phases)
 
 
-def first_harmonic(values: NDArray[np.float64]) -> Complex:
+def first_harmonic(values: Vector) -> Complex:
     """Return the first harmonic of values (P, ...) at equal phases: a for a cos(th)."""
     return np.asarray(2.0 / len(values) * np.tensordot(np.conj(turns(len(values))), values, 1))
 
 
-def swept(step: Step, found: Cycle) -> NDArray[np.float64]:
+def swept(step: Step, found: Cycle) -> Vector:
     """Return f at the phases of a cycle, (P, n)."""
     states = np.array(list(found.states()))
     held = list(found.waiting)

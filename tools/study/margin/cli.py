@@ -7,9 +7,9 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.study.margin import limit_cycle
-from pcpc.tools.study.margin.find import SETTLE_S, of
+from pcpc.tools.study.margin.find import SETTLE_S, Question, margin_of
 from pcpc.tools.study.margin.limit_cycle_result import LimitCycle
-from pcpc.tools.study.margin.result import Margin
+from pcpc.tools.study.result import Result
 from pcpc.tools.terminal.ending import writing
 from pcpc.tools.terminal.extras import FIGURE, need
 
@@ -22,14 +22,13 @@ def command(options: argparse.Namespace) -> int:
     if options.output is not None:
         need("-o: a figure needs", "plot", FIGURE)
     if options.limit_cycle is not None:
-        return _told(options, _limit_cycle(options))
+        return _print(options, _limit_cycle(options))
     rig = load_rig(options.rig, options.controller, options.set)
-    settle_s = SETTLE_S if options.settle is None else options.settle
-    found = of(
-        rig, options.loop, options.at_s or 0.0, options.method, options.amplitude, options.seed,
-        settle_s, options.lowest,
+    question = Question(
+        options.loop, options.at_s or 0.0, options.method, options.amplitude, options.seed,
+        SETTLE_S if options.settle is None else options.settle, options.lowest,
     )  # fmt: skip
-    return _told(options, found)
+    return _print(options, margin_of(rig, question))
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -57,12 +56,9 @@ def _limit_cycle(options: argparse.Namespace) -> LimitCycle:
     )  # fmt: skip
 
 
-def _told(options: argparse.Namespace, found: Margin | LimitCycle) -> int:
+def _print(options: argparse.Namespace, found: Result) -> int:
     print(json.dumps(found.json()) if options.json else found.text(), end="\n" * options.json)
     if options.output is not None:
-        try:
-            with writing(Path(options.output)):
-                found.save(options.output)
-        except ImportError as error:
-            raise UserError(str(error), Exit.ENVIRONMENT) from None
+        with writing(Path(options.output)):
+            found.save(options.output)
     return Exit.OK

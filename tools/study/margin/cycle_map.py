@@ -10,7 +10,6 @@ executive without an input (references) stand still, their outputs held, unless 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.loop import shared as sh
@@ -20,9 +19,9 @@ from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import FALLBACK
+from pcpc.tools.study.arrays import Flags, Places, Vector
 from pcpc.tools.study.margin.loops import Loop
 
-Vector = NDArray[np.float64]
 _ORDER: tuple[Role, ...] = ("executive", "plant", "local")
 _KEPT = ("state", "received", "sent", "output")  # kinds of what a cycle begins with
 
@@ -32,8 +31,8 @@ class _Step:
     """A block's step with its wiring."""
 
     block: object
-    sources: NDArray[np.int64]
-    targets: NDArray[np.int64]
+    sources: Places
+    targets: Places
     views: tuple[slice, slice, slice, slice]
     held: bool
 
@@ -72,7 +71,7 @@ class CycleMap:
             for role in self.roles for name in self.plans[role].names
         ]  # fmt: skip
 
-    def kept(self) -> NDArray[np.int64]:
+    def kept(self) -> Places:
         """Return the places of what a cycle may take over from the one before."""
         kinds = [v.kind for role in self.roles for v in self.plans[role].table.variables]
         return np.flatnonzero([kind in _KEPT for kind in kinds])
@@ -90,7 +89,7 @@ class CycleMap:
         names = self.names[first : first + len(variables)]
         return {name for name, one in zip(names, variables, strict=True) if one.kind == kind}
 
-    def own(self, flagged: NDArray[np.bool_]) -> int:
+    def own(self, flagged: Flags) -> int:
         """Return the first place of those: a block's state before what only follows from one."""
         kinds = [v.kind for role in self.roles for v in self.plans[role].table.variables]
         order = [np.array([kind == own for kind in kinds]) & flagged for own in _KEPT]
@@ -159,11 +158,11 @@ class CycleMap:
             found.append(_Step(spec.block.step, sources, targets, cut, held))  # type: ignore[arg-type]
         return found
 
-    def _pairs(self, role: Role, b: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _pairs(self, role: Role, b: int) -> tuple[Places, Places]:
         pairs = np.array(self.plans[role].copies[b], np.int64).reshape(-1, 2) + self.first[role]
         return pairs[:, 0], pairs[:, 1]
 
-    def _carry(self, role: Role) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _carry(self, role: Role) -> tuple[Places, Places]:
         """Return where sent signals come from and go to."""
         pairs = [
             (self.first[role] + place, self.place(other, f"rx.{name[3:]}"))

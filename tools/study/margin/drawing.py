@@ -1,39 +1,38 @@
 """Bode and Nyquist plots of a `pcpc.Margin`: linearised as lines, measured as points."""
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION
+from pcpc.tools.study.arrays import Vector
+from pcpc.tools.study.margin.limit_cycle_result import LimitCycle
+from pcpc.tools.study.margin.result import Margin, Response
+from pcpc.tools.study.result import new_page
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _DPI = 110
 _FAR = 3.0  # of the Nyquist plot's axes
 
 
-def _page(size: tuple[float, float], rows: int = 1) -> tuple[Any, Any]:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise ImportError("a figure needs matplotlib: pip install 'pcpc[plot]'") from None
-    figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
-    return figure, figure.subplots(rows, 1, sharex=rows > 1, squeeze=False)[:, 0]
-
-
-def _dress(ax: Any) -> None:
+def _dress(ax: "Axes") -> None:
     ax.grid(color="#D8D8D8", linewidth=0.5)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.tick_params(labelsize=8)
 
 
-def _title(found: Any) -> str:
+def _title(found: Margin) -> str:
     return f"{found.rig}, {found.controller}: open loop at {found.loop}"
 
 
-def bode(found: Any, path: Path) -> None:
-    """Draw |L|, arg L and |S| over the frequency. ImportError without matplotlib."""
-    figure, (top, middle, low) = _page((7.5, 7.5), 3)
+def bode(found: Margin) -> "Figure":
+    """Return |L|, arg L and |S| over the frequency."""
+    figure, axes = new_page((7.5, 7.5), _DPI, 3, sharex=True)
+    top, middle, low = axes[:, 0]
     figure.suptitle(_title(found), fontsize=11)
     for one, style in _styles(found):
         size, angle = np.abs(one.response), np.unwrap(np.angle(one.response))
@@ -59,12 +58,12 @@ def bode(found: Any, path: Path) -> None:
     top.legend(fontsize=8, frameon=False)
     for ax in (top, middle, low):
         _dress(ax)
-    figure.savefig(path)
+    return figure
 
 
-def nyquist(found: Any, path: Path) -> None:
-    """Draw L in the complex plane about -1, with the disk that it keeps out of."""
-    figure, (ax,) = _page((6.0, 6.0))
+def nyquist(found: Margin) -> "Figure":
+    """Return L in the complex plane about -1, with the disk that it keeps out of."""
+    figure, ((ax,),) = new_page((6.0, 6.0), _DPI)
     ax.set_title(_title(found), fontsize=11)
     turn = np.linspace(0.0, 2.0 * np.pi, 400)
     ax.plot(np.cos(turn), np.sin(turn), color=GREY, linewidth=0.7, linestyle=":")
@@ -76,12 +75,12 @@ def nyquist(found: Any, path: Path) -> None:
     ax.set(xlabel="real part of L; shaded: the disk of the disk margin", ylabel="imaginary part")
     ax.legend(fontsize=8, frameon=False, loc="upper left")
     _dress(ax)
-    figure.savefig(path)
+    return figure
 
 
-def limit_cycle(found: Any, path: Path) -> None:
-    """Draw the branch of a `LimitCycle` and the runs beside it. ImportError without matplotlib."""
-    figure, (ax,) = _page((7.0, 4.6))
+def limit_cycle(found: LimitCycle) -> "Figure":
+    """Return the branch of a `LimitCycle` and the runs beside it."""
+    figure, ((ax,),) = new_page((7.0, 4.6), _DPI)
     at = found.branch.index(found.onset)
     for part, line, name in (
         (found.branch[: at + 1], "-", "predicted, stable"),
@@ -102,22 +101,23 @@ def limit_cycle(found: Any, path: Path) -> None:
     ax.set(xlabel=f"factor of {found.gain}", ylabel=f"step of {found.signal}, rms{unit}")
     ax.legend(fontsize=8, frameon=False)
     _dress(ax)
-    figure.savefig(path)
+    return figure
 
 
-def _disk(alpha: float, turn: Any) -> tuple[Any, Any]:
+def _disk(alpha: float, turn: Vector) -> tuple[Vector, Vector]:
     """Return the edge of what L keeps out of: -1/factor of all factors of the disk margin."""
     delta = min(alpha, 1.999) * np.exp(1j * turn)
     edge = -(1.0 - 0.5 * delta) / (1.0 + 0.5 * delta)
     return edge.real, edge.imag
 
 
-def _styles(found: Any) -> list[tuple[Any, dict[str, Any]]]:
-    both = []
-    if found.linearised is not None:
-        both.append((found.linearised, {"color": BLUE, "linewidth": 1.2, "label": "linearised"}))
-    if found.measured is not None:
-        style = {"color": BLACK, "linestyle": "none", "marker": "o", "markersize": 3.0,
-                 "fillstyle": "none", "label": "measured"}  # fmt: skip
-        both.append((found.measured, style))
-    return both
+_STYLES: dict[str, dict[str, Any]] = {
+    "linearised": {"color": BLUE, "linewidth": 1.2},
+    "measured": {
+        "color": BLACK, "linestyle": "none", "marker": "o", "markersize": 3.0, "fillstyle": "none",
+    },
+}  # fmt: skip
+
+
+def _styles(found: Margin) -> list[tuple[Response, dict[str, Any]]]:
+    return [(one, _STYLES[name] | {"label": name}) for name, one in found.responses.items()]

@@ -16,7 +16,7 @@ from pcpc.tools.start.settings import settings
 from pcpc.tools.study.margin import linear, loops, measured, motion, notes, operating
 from pcpc.tools.study.margin.margins import margins
 from pcpc.tools.study.margin.result import Margin, Response, Vector
-from pcpc.tools.study.margin.shown import shown
+from pcpc.tools.study.margin.visible import visible_margins
 
 Method = Literal["both", "linearised", "measured"]
 SETTLE_S = 4.0
@@ -45,66 +45,99 @@ def margin(
     Raises pcpc.Error for a rig without a loop, one that is unstable, ends in a fault or has no
     gain.
     """
-    loaded = load_rig(find(str(rig)), controller, settings(set))
-    return of(loaded, loop, at_s, method, amplitude, seed, settle_s, lowest_hz)
+    question = Question(loop, at_s, method, amplitude, seed, settle_s, lowest_hz)
+    return margin_of(load_rig(find(str(rig)), controller, settings(set)), question)
 
 
-def of(
-    rig: Rig, name: str | None, at_s: float, method: Method, amplitude: float | None, seed: int,
-    settle_s: float, lowest_hz: float | None,
-) -> Margin:  # fmt: skip
+@dataclass(frozen=True)
+class Question:
+    """How a loop is looked at; the words are those of `margin`."""
+
+    loop: str | None = None
+    at_s: float = 0.0
+    method: Method = "both"
+    amplitude: float | None = None
+    seed: int = 1
+    settle_s: float = SETTLE_S
+    lowest_hz: float | None = None
+
+    def lowest(self, rate: float) -> float:
+        """Return the lowest frequency, Hz, of a rig of a rate."""
+        return rate / _PERIODS if self.lowest_hz is None else self.lowest_hz
+
+    def check(self, rate: float) -> None:
+        """Raise UserError for what no rig of a rate can be asked."""
+        least, most, lowest = rate / 1e6, rate / 8.0, self.lowest(rate)
+        if self.method not in ("both", "linearised", "measured"):
+            raise UserError(f"method {self.method}: expected both, linearised or measured")
+        if not 0.0 <= self.at_s <= 1e6:
+            raise UserError(f"--at {self.at_s:g} s: expected a time of the run, 0 or later")
+        if self.amplitude is not None and not 0.0 < self.amplitude < 1e300:
+            raise UserError(f"--amplitude {self.amplitude:g}: expected a number above 0")
+        if not 1.0 / rate <= self.settle_s <= 1e4:
+            what = f"expected {1.0 / rate:g} s to 10000 s"
+            raise UserError(f"--settle {self.settle_s:g} s: {what}")
+        if not least <= lowest <= most:
+            what = f"expected {least:g} to {most:g} Hz, an eighth of the rate"
+            raise UserError(f"--lowest {lowest:g} Hz: {what}")
+        if self.seed < 0:
+            raise UserError(f"--seed {self.seed}: expected 0 or a whole number above it")
+
+
+def margin_of(rig: Rig, question: Question) -> Margin:
     """Return what `margin` does, of a rig that was read."""
-    rate = rig.config.rate_hz
-    lowest = rate / _PERIODS if lowest_hz is None else lowest_hz
-    _check(rate, at_s, method, amplitude, settle_s, lowest)
-    if seed < 0:
-        raise UserError(f"--seed {seed}: expected 0 or a whole number above it")
+    question.check(rig.config.rate_hz)
     with np.errstate(all="ignore"):  # what is no number is looked for
-        return _of(
-            operating.undisturbed(rig), name, at_s, method, amplitude, seed, settle_s, lowest
-        )
+        return _margin_of(operating.undisturbed(rig), question)
 
 
-def _of(
-    rig: Rig, name: str | None, at_s: float, method: Method, amplitude: float | None, seed: int,
-    settle_s: float, lowest: float,
-) -> Margin:  # fmt: skip
-    plans, rate = operating.plans_of(rig), rig.config.rate_hz
-    cut, known = loops.chosen(rig, plans, name)
-    held = operating.held(plans, at_s)
-    point, own, said = _Point(None), None, list[str]()
-    sizes = [] if method == "linearised" else [amplitude] if amplitude else cut.amplitudes()
+def _margin_of(rig: Rig, question: Question) -> Margin:
+    plans, rate, method = operating.plans_of(rig), rig.config.rate_hz, question.method
+    cut, known = loops.chosen(rig, plans, question.loop)
+    held = operating.held(plans, question.at_s)
+    point, own, remarks, sizes = _Point(None), None, list[str](), list[float]()
+    if method != "linearised":
+        sizes = [question.amplitude] if question.amplitude else cut.amplitudes()
     if method != "measured":
         try:
-            point = _linear(plans, cut, held, settle_s)
+            point = _linear(plans, cut, held, question.settle_s)
         except UserError as error:
             if method == "linearised":
                 raise
-            said = [f"not linearised: {error}"]
+            remarks = [f"not linearised: {error}"]
     if sizes:
+        about = rate, question.lowest(rate), question.seed
         try:
-            own = measured.loudest(rig, cut, held, (rate, lowest, seed), sizes, settle_s)
-            seen = shown(own.f_hz, own.response, own.noise, rate)
-            said += notes.of_measured(own, cut, said, seen)
+            own = measured.loudest(rig, cut, held, about, sizes, question.settle_s)
+            visible = visible_margins(own.f_hz, own.response, own.noise, rate)
+            remarks += notes.measured_notes(own, cut, remarks, visible)
         except UserError as error:
             if point.found is None:
                 raise
-            own, said = None, [*said, f"not measured: {error}"]
-    found = point.found
-    ours = None if found is None else _linearised(found, rate, lowest, own)
-    if found is not None and own is not None and ours is not None:
-        seen, more = notes.compared(ours.margins, own, seen, found.response(own.f_hz))
-        said += more
-    theirs = None if own is None else Response(
-        own.f_hz, own.response, seen, own.spread, own.coherence
-    )  # fmt: skip
-    ours, theirs, more = _consistent(ours, theirs)
+            own, remarks = None, [*remarks, f"not measured: {error}"]
+    responses, found = dict[str, Response](), point.found
+    if found is not None:
+        responses["linearised"] = _linearised(found, rate, question.lowest(rate), own)
+    if own is not None:
+        if found is not None:
+            ours = responses["linearised"].margins
+            visible, more = notes.comparison(ours, own, visible, found.response(own.f_hz))
+            remarks += more
+        theirs = own.f_hz, own.response, visible, own.spread, own.coherence
+        responses["measured"] = Response(*theirs)
+    for name, one in responses.items():
+        if notes.contradiction(one.margins):
+            peak, f = one.margins.sensitivity_peak, one.margins.sensitivity_peak_hz
+            what = f"{name}: the sensitivity peak, {peak:.3g} at {f:.4g} Hz, belongs to a crossing"
+            remarks.append(f"{what} that was not found; its margins are not known")
+            responses[name] = replace(one, margins=notes.without_crossings(one.margins))
     return Margin(
         rig.config.rig, rig.config.controller, cut.signal, cut.unit, [one.signal for one in known],
-        rate, held, found.command if found else own.command if own else np.nan, ours, theirs,
+        rate, held, found.command if found else own.command if own else np.nan,
+        responses.get("linearised"), responses.get("measured"),
         np.empty(0, complex) if found is None else found.closed(),
         [] if found is None else found.kinks, np.nan if own is None else own.amplitude,
-        [*point.said, *said, *more], point.moving_s,
+        [*point.remarks, *remarks], point.moving_s,
     )  # fmt: skip
 
 
@@ -113,7 +146,7 @@ class _Point:
     """A linear loop, what has to be said of it, and when of the rig's own run it was found."""
 
     found: notes.Found | None
-    said: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     moving_s: float = np.nan
 
 
@@ -124,55 +157,27 @@ def _linear(
     rest = operating.at_rest(plans, held, settle_s)
     found = linear.linearised(rest, cut)
     if found.passes(rest.cycle.received(cut.role)):
-        moves = notes.moves_at(rest, cut)
-        said = notes.of_linear(found, cut, moves)
-        if notes.restless(moves, found.command) and not found.rounded:  # which cycles by steps
+        moves = notes.command_rms(rest, cut)
+        restless = notes.is_restless(moves, found.command)
+        remarks = notes.linear_notes(found, cut, moves)
+        if restless and not found.rounded:  # which cycles by steps
             motion.check_rest(rest, cut)
-        if found.kinks or found.idle or notes.restless(moves, found.command):
+        if found.kinks or found.idle or restless:
             f = np.geomspace(1e-5, 0.5, _POINTS) / found.dt
             disk = margins(f, found.response(f), 1.0 / found.dt).disk_margin
-            said += motion.beside(plans, cut, disk)
-        return _Point(found, said)
-    seen = motion.in_motion(plans, cut)
-    if seen is None:
-        what = f"{motion.at_rest_words(cut)}, nor in its own run"
+            remarks += motion.worse_in_motion(plans, cut, disk)
+        return _Point(found, remarks)
+    moving = motion.in_motion(plans, cut)
+    if moving is None:
+        what = f"{motion.stuck_note(cut)}, nor in its own run"
         raise UserError(f"{what}; --at, --set or --loop choose another")
-    said = motion.words(cut, seen)
+    remarks = motion.motion_notes(cut, moving)
     try:
-        return _Point(seen.found, said + notes.of_linear(seen.found, cut, 0.0), seen.at_s)
+        own = notes.linear_notes(moving.found, cut, 0.0)
     except UserError as error:
-        raise UserError(f"{said[0].partition(':')[0]}: {motion.STUCK}; in motion {error}") from None
-
-
-def _consistent(
-    ours: Response | None, seen: Response | None
-) -> tuple[Response | None, Response | None, list[str]]:
-    """Return both, without margins that the peak of S contradicts, and what that is."""
-    said, found = list[str](), list[Response | None]()
-    for name, one in (("linearised", ours), ("measured", seen)):
-        if one is not None and notes.contradiction(one.margins):
-            peak, f = one.margins.sensitivity_peak, one.margins.sensitivity_peak_hz
-            what = f"{name}: the sensitivity peak, {peak:.3g} at {f:.4g} Hz, belongs to a crossing"
-            said.append(f"{what} that was not found; its margins are not known")
-            one = replace(one, margins=notes.without_crossings(one.margins))
-        found.append(one)
-    return found[0], found[1], said
-
-
-def _check(
-    rate: float, at_s: float, method: str, amplitude: float | None, settle_s: float, lowest: float
-) -> None:
-    if method not in ("both", "linearised", "measured"):
-        raise UserError(f"method {method}: expected both, linearised or measured")
-    if not 0.0 <= at_s <= 1e6:
-        raise UserError(f"--at {at_s:g} s: expected a time of the run, 0 or later")
-    if amplitude is not None and not 0.0 < amplitude < 1e300:
-        raise UserError(f"--amplitude {amplitude:g}: expected a number above 0")
-    if not 1.0 / rate <= settle_s <= 1e4:
-        raise UserError(f"--settle {settle_s:g} s: expected {1.0 / rate:g} s to 10000 s")
-    if not rate / 1e6 <= lowest <= rate / 8.0:
-        what = f"expected {rate / 1e6:g} to {rate / 8.0:g} Hz, an eighth of the rate"
-        raise UserError(f"--lowest {lowest:g} Hz: {what}")
+        head = remarks[0].partition(":")[0]
+        raise UserError(f"{head}: {motion.STUCK}; in motion {error}") from None
+    return _Point(moving.found, remarks + own, moving.at_s)
 
 
 def _linearised(

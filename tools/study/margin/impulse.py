@@ -11,13 +11,12 @@ of it; without states there are no poles, and a loop that does not come to rest 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
+from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin.cycle_map import CycleMap
 from pcpc.tools.study.margin.loops import Loop
 
-Vector = NDArray[np.float64]
 _STEP = 1e-6  # of the impulse, times 1 or the command
 _LEFT = 1e-6  # of the largest value, over the last tenth
 _MOST = 40_000  # cycles
@@ -40,17 +39,17 @@ class Impulse:
         """Return whether the command acts on what its node receives from others, and on itself."""
         return not received.isdisjoint(self.given) and bool(np.abs(self.s[1:]).max() > 0.0)
 
-    def response(self, f_hz: Vector) -> NDArray[np.complex128]:
+    def response(self, f_hz: Vector) -> Complex:
         """Return L of (2) at the frequencies f, (n,)."""
         turns = -2j * np.pi * self.dt * np.arange(len(self.s))
         found = np.array([np.exp(turns * f) @ self.s for f in f_hz.tolist()])
         return np.asarray(1.0 / found - 1.0)
 
-    def closed(self) -> NDArray[np.complex128]:
+    def closed(self) -> Complex:
         """Return no poles."""
         return np.empty(0, complex)
 
-    def poles(self) -> NDArray[np.complex128]:
+    def poles(self) -> Complex:
         """Return no poles."""
         return np.empty(0, complex)
 

@@ -13,18 +13,17 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin import balance, linear, loops, operating
 from pcpc.tools.study.margin.cycle_map import CycleMap
 from pcpc.tools.study.margin.limit_cycle_result import LimitCycle, Point, Row, lowest
 from pcpc.tools.study.margin.loops import Loop
 from pcpc.tools.study.margin.measured import commands
 
-Vector = NDArray[np.float64]
 _SETTLE_S = 2.0
 _SHARE = 0.5  # of the command's range, at which the branch begins
 _GROW = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)
@@ -144,7 +143,7 @@ class _Critical:
     factor: float
     f_hz: float
     found: linear.Linear
-    phi: NDArray[np.complex128]
+    phi: Complex
     omega: float
 
 

@@ -1,11 +1,14 @@
 """What `pcpc margin --limit-cycle` finds: the branch, its least gain, predictions beside runs."""
 
-import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from pcpc.tools.study.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,10 @@ class Row:
 
 
 @dataclass(frozen=True)
-class LimitCycle:
+class LimitCycle(Result):
     """The branch from large to small amplitudes, and runs; `grown`: what is not linear in it."""
+
+    name = "limit_cycle"
 
     rig: str
     controller: str
@@ -52,44 +57,31 @@ class LimitCycle:
         """The cycle of the least gain."""
         return self.branch[lowest(self.branch)]
 
-    def json(self) -> dict[str, Any]:
-        """Return all as plain values."""
-        found = asdict(self) | {"onset": asdict(self.onset)}
-        for row in found["rows"]:
-            row["run"] = row["run"] if math.isfinite(row["run"]) else None
-        return found
+    def facts(self) -> dict[str, Any]:
+        """Return all."""
+        return vars(self) | {"onset": self.onset}
 
-    def save(self, folder: str | Path) -> Path:
-        """Write limit_cycle.json and limit_cycle.png into a folder; return it. ImportError."""
+    def pictures(self) -> Mapping[str, "Figure"]:
+        """Return the branch's."""
         from pcpc.tools.study.margin import drawing
 
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "limit_cycle.json").write_text(json.dumps(self.json(), indent=1) + "\n")
-        drawing.limit_cycle(self, folder / "limit_cycle.png")
-        return folder
+        return {"limit_cycle": drawing.limit_cycle(self)}
 
-    def text(self) -> str:
-        """Return the table, at most 80 columns wide."""
+    def lines(self) -> Iterator[str]:
+        """Yield where cycles begin, and the table."""
         onset, unit = self.onset, f" [{self.unit}]" if self.unit else ""
-        lines = [
-            f"{self.rig}, {self.controller}: limit cycles as {self.gain} grows",
-            *(f"with      {name} = {value:g}" for name, value in self.grown.items()),
-            f"linear    unstable from factor {self.linear_factor:.4g}, {self.linear_hz:.4g} Hz",
-            f"cycles    predicted from factor {onset.factor:.4g}, {onset.f_hz:.4g} Hz",
-            "",
-            f"step of {self.signal}, rms{unit}",
-            "  factor         predicted   amplitude          Hz       alone     the rig",
-        ]
+        yield f"{self.rig}, {self.controller}: limit cycles as {self.gain} grows"
+        yield from (f"with      {name} = {value:g}" for name, value in self.grown.items())
+        yield f"linear    unstable from factor {self.linear_factor:.4g}, {self.linear_hz:.4g} Hz"
+        yield f"cycles    predicted from factor {onset.factor:.4g}, {onset.f_hz:.4g} Hz"
+        yield from ("", f"step of {self.signal}, rms{unit}")
+        yield "  factor         predicted   amplitude          Hz       alone     the rig"
         for row in self.rows:
-            if row.predicted is None:
-                cells = ["no cycle", "", ""]
-            else:
-                one = row.predicted
-                cells = [f"{one.step_rms:.4g}", f"{one.amplitude:.4g}", f"{one.f_hz:.4g}"]
+            cells = ["no cycle", "", ""]
+            if one := row.predicted:
+                cells = [f"{value:.4g}" for value in (one.step_rms, one.amplitude, one.f_hz)]
             cells += [f"{row.alone:.3g}", f"{row.run:.3g}" if math.isfinite(row.run) else "fault"]
-            lines.append(f"{row.factor:8.4g}      " + "".join(f"{cell:>12}" for cell in cells))
-        return "\n".join(lines) + "\n"
+            yield f"{row.factor:8.4g}      " + "".join(f"{cell:>12}" for cell in cells)
 
 
 def lowest(points: Sequence[Point]) -> int:

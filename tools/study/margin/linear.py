@@ -11,15 +11,14 @@ differences are exactly 0: noise, scratch and clocks are none of them. Slopes: `
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
+from pcpc.tools.study.arrays import Complex, Flags, Vector
 from pcpc.tools.study.margin import impulse, slopes
 from pcpc.tools.study.margin.cycle_map import CycleMap
 from pcpc.tools.study.margin.loops import Loop
 from pcpc.tools.study.margin.operating import Rest
 
-Vector = NDArray[np.float64]
 _CHANGES = 0.05  # of a response, from cycle to cycle
 UNSTABLE = 1e-7  # of a pole beyond 1: what rounding of several poles at 1 does not reach
 _FEW = 300  # states of a law that are looked at, though the command may not reach them
@@ -33,7 +32,7 @@ class Linear:
     command reaches or that reach it, but not both; `given`: all that the command reaches.
     """
 
-    a: NDArray[np.float64]
+    a: Vector
     b: Vector
     c: Vector
     d: float
@@ -45,7 +44,7 @@ class Linear:
     idle: list[str] = field(default_factory=list)
     given: frozenset[str] = frozenset()
 
-    def response(self, f_hz: Vector) -> NDArray[np.complex128]:
+    def response(self, f_hz: Vector) -> Complex:
         """Return L of (2) at the frequencies f, (n,)."""
         z = np.exp(2j * np.pi * f_hz * self.dt)
         if not self.states:
@@ -54,7 +53,7 @@ class Linear:
         solved = np.linalg.solve(z[:, None, None] * eye - self.a, self.b[None, :, None])
         return np.asarray(-(solved[:, :, 0] @ self.c + self.d))
 
-    def closed(self, gain: float = 1.0) -> NDArray[np.complex128]:
+    def closed(self, gain: float = 1.0) -> Complex:
         """Return the poles z of the closed loop with its gain times `gain`."""
         back = gain / (1.0 - gain * self.d)
         return np.linalg.eigvals(self.a + back * np.outer(self.b, self.c)).astype(complex)
@@ -63,7 +62,7 @@ class Linear:
         """Return whether the command acts on itself by what its node receives from others."""
         return not received.isdisjoint(self.states)
 
-    def poles(self) -> NDArray[np.complex128]:
+    def poles(self) -> Complex:
         """Return the poles z of the open loop."""
         return np.linalg.eigvals(self.a).astype(complex)
 
@@ -147,7 +146,7 @@ def _of_steps(
 
 
 def _reduced(
-    found: slopes.Slopes, names: list[str], state: NDArray[np.bool_], rounded: dict[str, float],
+    found: slopes.Slopes, names: list[str], state: Flags, rounded: dict[str, float],
     command: float, dt: float,
 ) -> Linear:  # fmt: skip
     """Return what of the differences lies between what is given and the command."""
@@ -166,13 +165,13 @@ def _reduced(
     )  # fmt: skip
 
 
-def _linked(linked: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _linked(linked: Flags) -> tuple[Flags, Flags]:
     """Return which states what is given reaches, and which of them the command sees."""
     a, b, c = linked[:-1, :-1], linked[:-1, -1], linked[-1, :-1]
     return _reached(a, b), _reached(a.T, c)
 
 
-def _reached(a: NDArray[np.bool_], first: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _reached(a: Flags, first: Flags) -> Flags:
     """Return what is reached from `first` by any number of steps; a[i, j]: from j to i."""
     found = first.copy()
     while True:

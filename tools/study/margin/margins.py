@@ -14,13 +14,13 @@ margins, IEEE Control Systems Magazine 40 (2020), with skew 0.
 """
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from pcpc.tools.study.arrays import Complex, Places, Vector
+
 _NONE = math.inf
 _LEVEL = 1e-2  # in turns, and the slope of log |L|: a constant
 _NOTHING = 1e-12  # of the largest |L|: a zero, whose logarithm bends the cubics
@@ -52,9 +52,8 @@ class Margins:
     def disk_gain(self) -> tuple[float, float]:
         """The range of gains of (6)."""
         alpha = self.disk_margin
-        return max((2.0 - alpha) / (2.0 + alpha), 0.0), (
-            (2.0 + alpha) / (2.0 - alpha) if alpha < 2.0 else _NONE
-        )
+        high = (2.0 + alpha) / (2.0 - alpha) if alpha < 2.0 else _NONE
+        return max((2.0 - alpha) / (2.0 + alpha), 0.0), high
 
     @property
     def disk_phase_deg(self) -> float:
@@ -63,14 +62,15 @@ class Margins:
 
     def json(self) -> dict[str, Any]:
         """Return all numbers; None for what is not finite."""
-        found = asdict(self) | {
-            "gain_margin_db": self.gain_margin_db, "disk_gain_low": self.disk_gain[0],
-            "disk_gain_high": self.disk_gain[1], "disk_phase_deg": self.disk_phase_deg,
+        low, high = self.disk_gain
+        found = vars(self) | {
+            "gain_margin_db": self.gain_margin_db, "disk_gain_low": low, "disk_gain_high": high,
+            "disk_phase_deg": self.disk_phase_deg,
         }  # fmt: skip
         return {name: value if math.isfinite(value) else None for name, value in found.items()}
 
 
-def margins(f_hz: Vector, response: NDArray[np.complex128], rate_hz: float) -> Margins:
+def margins(f_hz: Vector, response: Complex, rate_hz: float) -> Margins:
     """Return what L at rising frequencies (n,) comes to.
 
     Between two of them log |L| and arg L are cubics of log f, so that few do for what is smooth.
@@ -97,7 +97,7 @@ def margins(f_hz: Vector, response: NDArray[np.complex128], rate_hz: float) -> M
     )  # fmt: skip
 
 
-def _denser(f_hz: Vector, response: NDArray[np.complex128]) -> tuple[Vector, Vector, Vector]:
+def _denser(f_hz: Vector, response: Complex) -> tuple[Vector, Vector, Vector]:
     """Return frequencies with 20 steps between any two, |L| and the unwrapped phase in rad."""
     keep = np.abs(response) > _NOTHING * np.abs(response).max(initial=0.0)
     f_hz, response = f_hz[keep], response[keep]
@@ -110,7 +110,7 @@ def _denser(f_hz: Vector, response: NDArray[np.complex128]) -> tuple[Vector, Vec
     return np.exp(x[i] + s * np.diff(x)[i]), np.exp(_cubic(x, logs, i, s)), _cubic(x, angle, i, s)
 
 
-def _cubic(x: Vector, y: Vector, i: NDArray[np.int64], s: Vector) -> Vector:
+def _cubic(x: Vector, y: Vector, i: Places, s: Vector) -> Vector:
     """Return y the share s of the way from x_i to x_i+1: Hermite's cubic, slopes by parabolas."""
     slope, h = np.gradient(y, x), np.diff(x)[i]
     t, r = s * s, 1.0 - s

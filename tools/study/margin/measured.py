@@ -21,7 +21,6 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
 from pcpc.drivers.jit import VIEW, i8, loop, types
@@ -35,10 +34,10 @@ from pcpc.executive.loop.variables import STATE
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import watched
 from pcpc.executive.rig.reading import Rig
+from pcpc.tools.study.arrays import Complex, Places, Vector
 from pcpc.tools.study.margin.loops import Loop
 from pcpc.tools.study.margin.operating import INJECTED, excited, lasting
 
-Vector = NDArray[np.float64]
 PERIODS = 4
 _PIECE = 1000  # cycles between two looks at the nodes
 _LINES = 120
@@ -49,7 +48,7 @@ _ENOUGH, _MOST = 0.02, 0.3  # errors of L at a line: good, and no matter how bad
 class Multisine:
     """(1): `lines` n_i (m,), periods `d` (PERIODS, N) whose largest value is the amplitude."""
 
-    lines: NDArray[np.int64]
+    lines: Places
     d: Vector
 
 
@@ -63,7 +62,7 @@ class Measured:
     """
 
     f_hz: Vector
-    response: NDArray[np.complex128]
+    response: Complex
     spread: Vector
     coherence: Vector
     noise: Vector
@@ -158,7 +157,7 @@ def measure(
     )  # fmt: skip
 
 
-def _some(value: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _some(value: Complex) -> Complex:
     """Return values none of which is 0."""
     return np.where(np.abs(value) < 1e-150, 1e-150, value)
 

@@ -7,11 +7,11 @@ differences, as at rest. The loop of an instant is that of a rig that stays in t
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.roles import Role
+from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.margin import linear
 from pcpc.tools.study.margin.cycle_map import CycleMap
 from pcpc.tools.study.margin.linear import UNSTABLE, Linear
@@ -77,7 +77,7 @@ def _stability(one: Linear, rate: float) -> float:
     return margins(f := _grid(rate), one.response(f), rate).disk_margin
 
 
-def _grid(rate: float) -> NDArray[np.float64]:
+def _grid(rate: float) -> Vector:
     return np.geomspace(rate / 1e5, 0.5 * rate, _POINTS)
 
 
@@ -107,7 +107,7 @@ def check_rest(rest: Rest, cut: Loop) -> None:
         raise UserError(f"{what}, and would be still in the open loop; a lower gain may end it")
 
 
-def beside(plans: dict[Role, Plan], cut: Loop, disk_margin: float) -> list[str]:
+def worse_in_motion(plans: dict[Role, Plan], cut: Loop, disk_margin: float) -> list[str]:
     """Return what has to be said of the loop in motion beside that of a point, as its disk margin.
 
     The point is none of rest, or a gate, a gap or friction may be on another side in motion.
@@ -127,16 +127,16 @@ def beside(plans: dict[Role, Plan], cut: Loop, disk_margin: float) -> list[str]:
     return [f"in motion it is another: {where}; {worst}, {gain}"]
 
 
-def at_rest_words(cut: Loop) -> str:
+def stuck_note(cut: Loop) -> str:
     """Return what is said of a point at which the command has no effect on itself."""
     return f"{cut.signal} has no effect on itself: {STUCK}"
 
 
-def words(cut: Loop, one: Motion) -> list[str]:
+def motion_notes(cut: Loop, one: Motion) -> list[str]:
     """Return what has to be said of a loop in motion beside one that is stuck."""
     what = f"in motion, at {one.loops} of {one.looks} times of its own run, it has one"
     where = f"the worst of them, at {one.at_s:.4g} s, stands here"
-    notes = [f"{at_rest_words(cut)}; {what}: {where}"]
+    notes = [f"{stuck_note(cut)}; {what}: {where}"]
     if one.unstable:
         notes.append(f"at {one.unstable} of those the loop in motion is unstable, in passing")
     return notes

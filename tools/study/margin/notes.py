@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
+from pcpc.tools.study.arrays import Complex
 from pcpc.tools.study.margin import impulse, linear, loops, measured, operating
 from pcpc.tools.study.margin.margins import Margins
-from pcpc.tools.study.margin.shown import STRONG, empty
+from pcpc.tools.study.margin.visible import STRONG, is_empty
 
 Found = linear.Linear | impulse.Impulse
 _MARGINAL = 1e5  # of |S| beside a pole on the unit circle
@@ -22,7 +22,7 @@ _PAIRS = (
 _NEAR, _WORSE = 1.03, 0.9
 
 
-def of_linear(found: Found, cut: loops.Loop, moves: float) -> list[str]:
+def linear_notes(found: Found, cut: loops.Loop, moves: float) -> list[str]:
     """Return what has to be said of a linear loop; UserError if it has no margins.
 
     moves   how the command moves at the point, rms
@@ -46,7 +46,7 @@ def of_linear(found: Found, cut: loops.Loop, moves: float) -> list[str]:
         names = ", ".join(found.idle[:3]) + (", ..." if len(found.idle) > 3 else "")
         what = "a gate, a dead band or a limit keeps them out of the loop at this point"
         notes.append(f"no part of it: {names}; {what}")
-    if restless(moves, found.command):
+    if is_restless(moves, found.command):
         unit = f" {cut.unit}" if cut.unit else ""
         what = f"the command moves by {moves:.2g}{unit} rms (noise, a limit cycle or a drift)"
         notes.append(f"not at rest: {what}; linearised at the mean")
@@ -68,7 +68,7 @@ def _check_stable(found: Found) -> None:
             raise UserError(f"{what}; {cure}")
 
 
-def of_measured(
+def measured_notes(
     own: measured.Measured, cut: loops.Loop, before: list[str], seen: Margins
 ) -> list[str]:
     """Return what has to be said of a measured loop; UserError if it does not answer.
@@ -97,7 +97,7 @@ def of_measured(
         cure = "a lower --lowest tells, or no loop passes the plant"
         raise UserError("; ".join((f"{what}: {cure}", *before)))
     notes, weak = list[str](), own.f_hz[own.error > STRONG]
-    if empty(seen):
+    if is_empty(seen):
         hidden = f"{len(weak)} of {len(own.f_hz)} lines at {size}"
         what = f"noise, or what is not linear, hides {hidden}, and with them every margin"
         cure = "--amplitude sets what is injected"
@@ -126,8 +126,8 @@ def _moved(moves: measured.Moves, unit: str) -> str:
     return f"by {moves.rms:.3g}{unit} rms{where}{at}"
 
 
-def compared(
-    ours: Margins, own: measured.Measured, seen: Margins, response: NDArray[np.complex128]
+def comparison(
+    ours: Margins, own: measured.Measured, seen: Margins, response: Complex
 ) -> tuple[Margins, list[str]]:
     """Return the measured margins with why some are other than the linearised ones.
 
@@ -176,11 +176,11 @@ def without_crossings(one: Margins) -> Margins:
     return replace(one, **dict.fromkeys(names, np.nan))
 
 
-def restless(moves: float, command: float) -> bool:
+def is_restless(moves: float, command: float) -> bool:
     """Return whether a command that moves by that much, rms, is not at rest."""
     return moves > 1e-6 * max(1.0, abs(command))
 
 
-def moves_at(rest: operating.Rest, cut: loops.Loop) -> float:
+def command_rms(rest: operating.Rest, cut: loops.Loop) -> float:
     """Return how much the command moves at rest, rms."""
     return float(rest.deviation[rest.cycle.place(cut.role, cut.sent)])

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import Fault
+from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.margin.cycle_map import CycleMap
 from pcpc.tools.study.margin.loops import Loop
 
@@ -87,8 +87,8 @@ class Rest:
     """The map of a cycle after a time, and the mean of its variables over the last half of it."""
 
     cycle: CycleMap
-    mean: NDArray[np.float64]
-    deviation: NDArray[np.float64]
+    mean: Vector
+    deviation: Vector
 
 
 def at_rest(plans: dict[Role, Plan], values: Mapping[str, float], settle_s: float) -> Rest:

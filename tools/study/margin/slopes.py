@@ -14,11 +14,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from pcpc.tools.study.arrays import Array, Flags, Places, Vector
+
 Map = Callable[[dict[int, float]], Vector]
 """f at a point that differs from x by what is given by axis."""
 
@@ -36,7 +34,7 @@ _SHIFTS = 10.0 ** -np.arange(4.0, 13.0)  # of another axis, to see how much it m
 class Slopes:
     """(1) in `slopes` (n, m); `bent` where its two sides differ; `rounded` where (2) is needed."""
 
-    slopes: Matrix
+    slopes: Array
     bent: Flags
     rounded: Flags
 
@@ -52,7 +50,7 @@ class Steps:
     size: float
 
 
-def slopes(f: Map, x: Vector, first: int, also: NDArray[np.int64]) -> Slopes:
+def slopes(f: Map, x: Vector, first: int, also: Places) -> Slopes:
     """Return the slopes of a map at x (m,), and which values are rounded.
 
     Only along the axes that are reached from `first`, f_i being the next x_i, and along `also`.
@@ -113,7 +111,7 @@ def _stands(f: Map, middle: Vector, j: int, h: float) -> Flags:
     return np.asarray((np.sum(still, axis=0) >= 4) & seen & (moved > 0.0))
 
 
-def steps(f: Map, x: Vector, i: int, axes: NDArray[np.int64]) -> Steps | None:
+def steps(f: Map, x: Vector, i: int, axes: Places) -> Steps | None:
     """Return where f_i steps along that of some axes on which it does so soonest; None: nowhere.
 
     One that takes less than four values is no rounded slope: a switch, or a limit on both sides.
@@ -156,7 +154,7 @@ def _edge(
             low = middle
 
 
-def row(f: Map, x: Vector, i: int, one: Steps, columns: NDArray[np.int64]) -> Vector:
+def row(f: Map, x: Vector, i: int, one: Steps, columns: Places) -> Vector:
     """Return the slopes (2) of f_i along some axes, (m,) with 0 elsewhere."""
     found = np.zeros(len(x))
     found[one.axis] = one.size / one.apart

@@ -9,6 +9,7 @@ import numpy as np
 from pcpc.executive.rig.units import of_name
 from pcpc.plants import pages
 from pcpc.tools.after.log.drawing import shown
+from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.binomial import clopper_pearson
 from pcpc.tools.study.sweep.results import MARGIN, METRIC, VARY, Results, compared
 from pcpc.tools.study.sweep.sensitivity import Share, shares
@@ -17,9 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
-    Vector = NDArray[np.float64]
 
 COLOURS = (pages.BLUE, pages.VERMILION, pages.GREEN, pages.PURPLE, pages.ORANGE, pages.SKY,
            pages.BLACK)  # fmt: skip
@@ -78,14 +77,14 @@ def _page(panels: int) -> tuple["Figure", Sequence["Axes"]]:
     return page, list(axes[:panels])
 
 
-def _scale(*values: "Vector") -> str:
+def _scale(*values: Vector) -> str:
     """Return `log` of values above 0 that span more than LOG_FROM."""
     told = np.concatenate([v[np.isfinite(v)] for v in values])
     wide = len(told) > 0 and told.min() > 0.0 and told.max() > LOG_FROM * told.min()
     return "log" if wide else "linear"
 
 
-def _limits(values: "Vector", scale: str) -> tuple[float, float]:
+def _limits(values: Vector, scale: str) -> tuple[float, float]:
     """Return the range of an axis with a little room around its values."""
     low, high = float(values.min()), float(values.max())
     if scale == "log":
@@ -122,14 +121,14 @@ def distribution(ax: "Axes", results: Results, name: str) -> None:
     ax.legend(frameon=False, fontsize=7)
 
 
-def ratio_line(low: float, high: float, times: float) -> tuple["Vector", "Vector"]:
+def ratio_line(low: float, high: float, times: float) -> tuple[Vector, Vector]:
     """Return a dense line y = x/times over low..high > 0, smooth on linear and log axes alike."""
     x = np.union1d(np.linspace(low, high, LINE_POINTS), np.geomspace(low, high, LINE_POINTS))
     return x, x / times
 
 
 def scatter(
-    ax: "Axes", results: Results, name: str, pairs: Sequence[tuple["Vector", "Vector"]],
+    ax: "Axes", results: Results, name: str, pairs: Sequence[tuple[Vector, Vector]],
     positive: bool,
 ) -> None:  # fmt: skip
     """Draw each other controller against the first, run by run on the same draw.
@@ -162,9 +161,7 @@ def scatter(
     ax.legend(frameon=False, fontsize=7)
 
 
-def ratios(
-    ax: "Axes", results: Results, name: str, pairs: Sequence[tuple["Vector", "Vector"]]
-) -> None:
+def ratios(ax: "Axes", results: Results, name: str, pairs: Sequence[tuple[Vector, Vector]]) -> None:
     """Draw how often the first controller's value is so many times the other's."""
     base = results.controllers[0]
     quotients = [x / y for x, y in pairs]

@@ -28,14 +28,12 @@ Source: Au and Beck, Prob. Eng. Mech. 16, 2001, 263-277, sections 4 to 6.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from pcpc.tools.study.arrays import Flags, Vector
 
-Margins = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+Margins = Callable[[Vector], Vector]
 MOST_GENERATIONS = 12  # p0 = 0.1: down to 1e-12
 HALF_WIDTH = 1.0  # of a step's uniform distribution, in standard deviations
 
@@ -52,7 +50,7 @@ class Rare:
     cov: float
     levels: tuple[float, ...]
     runs: int
-    failing: "NDArray[np.float64]"
+    failing: Vector
     resolved: float
 
     def interval(self, z: float = 1.96) -> tuple[float, float]:
@@ -96,7 +94,7 @@ def subset(margins: Margins, d: int, n: int = 1000, seed: int = 0, p0: float = 0
         alike = np.arange(n).reshape(length, chains)
 
 
-def _bound(g: "NDArray[np.float64]", chains: int) -> float:
+def _bound(g: Vector, chains: int) -> float:
     """Return a bound with the lowest `chains` margins below it, and those that equal the last.
 
     Where these are more than half, as of margins in steps, the bound excludes them all.
@@ -107,9 +105,9 @@ def _bound(g: "NDArray[np.float64]", chains: int) -> float:
 
 
 def _generation(
-    margins: Margins, z: "NDArray[np.float64]", g: "NDArray[np.float64]", level: float,
+    margins: Margins, z: Vector, g: Vector, level: float,
     length: int, rng: np.random.Generator,
-) -> tuple["NDArray[np.float64]", "NDArray[np.float64]"]:  # fmt: skip
+) -> tuple[Vector, Vector]:  # fmt: skip
     """Return the points of all chains, one step of all after the other, and their margins."""
     points, found = [z], [g]
     for _ in range(length - 1):
@@ -124,14 +122,14 @@ def _generation(
     return np.concatenate(points), np.concatenate(found)
 
 
-def _asked(margins: Margins, z: "NDArray[np.float64]") -> "NDArray[np.float64]":
+def _asked(margins: Margins, z: Vector) -> Vector:
     found = np.asarray(margins(z), dtype=np.float64)
     if found.shape != (len(z),) or np.isnan(found).any():
         raise ValueError(f"expected {len(z)} margins without NaN, got shape {found.shape}")
     return found
 
 
-def _gamma(below: "NDArray[np.bool_]", share: float) -> float:
+def _gamma(below: Flags, share: float) -> float:
     """Return by how much the chains' likeness adds to the variance; `below` (length, chains)."""
     length = len(below)
     if length == 1 or share == 1.0:

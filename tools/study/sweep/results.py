@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pcpc.tools.study.arrays import Flags, Rows, Vector
 from pcpc.tools.study.engine import FAULT, RAN, REFUSED
 
 if TYPE_CHECKING:
@@ -56,11 +57,11 @@ class Results:
         return self._columns[name]
 
     @cached_property
-    def refused(self) -> "NDArray[np.bool_]":
+    def refused(self) -> Flags:
         """Which runs had a value outside its range and count neither way."""
         return self.column("outcome") == REFUSED
 
-    def of(self, controller: str) -> "NDArray[np.bool_]":
+    def of(self, controller: str) -> Flags:
         """Which rows are a controller's runs, without the refused."""
         return (self.column("controller") == controller) & ~self.refused
 
@@ -70,22 +71,20 @@ class Results:
         judged = self.column("ok" if requirement is None else HELD + requirement)[own]
         return failures(self.column("outcome")[own], judged)
 
-    def values(self, name: str, controller: str) -> "NDArray[np.float64]":
+    def values(self, name: str, controller: str) -> Vector:
         """Return a column of numbers of a controller's runs, NaN where not told or at a fault."""
         own = self.of(controller)
         fault = self.column("outcome")[own] == FAULT
         found = np.where(fault, np.nan, self.column(name)[own].astype(np.float64))
         return np.where(np.isfinite(found), found, np.nan)
 
-    def drawn(self, controller: str) -> "NDArray[np.float64]":
+    def drawn(self, controller: str) -> Vector:
         """Return the varied values of a controller's runs, (n, d)."""
         own = self.of(controller)
         columns = [self.column(VARY + name)[own].astype(np.float64) for name in self.variations]
         return np.column_stack(columns) if columns else np.empty((int(own.sum()), 0))
 
-    def pairs(
-        self, name: str, base: str, other: str
-    ) -> tuple["NDArray[np.float64]", "NDArray[np.float64]"]:
+    def pairs(self, name: str, base: str, other: str) -> tuple[Vector, Vector]:
         """Return the values of both controllers on the draws that told both."""
         draws = self.column("draw")
         _, left, right = np.intersect1d(
@@ -95,14 +94,14 @@ class Results:
         told = np.isfinite(x) & np.isfinite(y)
         return x[told], y[told]
 
-    def worst(self, name: str, most: int, largest: bool = False) -> "NDArray[np.intp]":
+    def worst(self, name: str, most: int, largest: bool = False) -> Rows:
         """Return the rows with the smallest (or largest) values of a column, those first."""
         values = self.column(name).astype(np.float64)
         counted = np.flatnonzero(np.isfinite(values) & ~self.refused)
         order = np.argsort(-values[counted] if largest else values[counted], kind="stable")
         return counted[order[:most]]
 
-    def faults(self, most: int) -> "NDArray[np.intp]":
+    def faults(self, most: int) -> Rows:
         """Return the first rows that ended in a fault."""
         return np.flatnonzero(self.column("outcome") == FAULT)[:most]
 

@@ -9,21 +9,18 @@ so that one that goes on is answered by the rows that are there.
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError, did_you_mean
+from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.engine import Pieces, Row, pieces
 from pcpc.tools.study.sweep import rare, statements, worst
 from pcpc.tools.study.sweep.campaign import SEARCHES, Campaign
 from pcpc.tools.study.sweep.results import FAULT, REFUSED
 from pcpc.tools.study.sweep.store import Store
 from pcpc.tools.study.sweep.vary import of_normal
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 Rows = Callable[[Pieces], Iterator[list[Row]]]
 CASES = 5  # of a controller that are told
@@ -152,7 +149,7 @@ class _Asked:
         self.count = 0
         self.numbers: dict[bytes, int] = {}
 
-    def margins(self, points: "NDArray[np.float64]") -> "NDArray[np.float64]":
+    def margins(self, points: Vector) -> Vector:
         """Return the margins of points (n, d)."""
         campaign, rows, name = self.search.campaign, self.store.rows, self.controller
         numbered = list(enumerate(points, self.first + self.count))

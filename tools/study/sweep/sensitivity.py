@@ -23,12 +23,10 @@ EJOR 226, 2013 (given data); Kelley, PNAS 21, 1935.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from pcpc.tools.study.arrays import Rows, Vector
 
 MOST_CLASSES, FEWEST_IN_ONE = 64, 5
 RESAMPLED, ROWS = 200, 4000  # of more runs a part is resampled, and its spread scaled
@@ -49,9 +47,7 @@ class Share:
     total: float = math.nan
 
 
-def shares(
-    names: Sequence[str], x: "NDArray[np.float64]", y: "NDArray[np.float64]", seed: int = 0
-) -> list[Share]:
+def shares(names: Sequence[str], x: Vector, y: Vector, seed: int = 0) -> list[Share]:
     """Return the shares of the columns of x (n, d) in the variance of y (n,), largest first.
 
     Runs whose y is not finite are left out. `seed` is the bootstrap's.
@@ -72,7 +68,7 @@ def shares(
     return sorted(found, key=lambda s: -s.first if math.isfinite(s.first) else math.inf)
 
 
-def _classes(x: "NDArray[np.float64]") -> "NDArray[np.intp]":
+def _classes(x: Vector) -> Rows:
     """Return the class of each value: itself where there are few values, else one of equal count.
 
     The number of classes is a whole one of 0, 1, ...; equal values are in one class.
@@ -84,7 +80,7 @@ def _classes(x: "NDArray[np.float64]") -> "NDArray[np.intp]":
     return np.searchsorted(np.quantile(x, np.arange(1, most) / most), x, side="right")
 
 
-def _first(classes: "NDArray[np.intp]", y: "NDArray[np.float64]") -> float:
+def _first(classes: Rows, y: Vector) -> float:
     """Return (3)."""
     count = np.bincount(classes)
     m, n = int(np.count_nonzero(count)), len(y)
@@ -97,7 +93,7 @@ def _first(classes: "NDArray[np.intp]", y: "NDArray[np.float64]") -> float:
     return (between - (m - 1) * (whole - between) / (n - m)) / whole
 
 
-def _totals(x: "NDArray[np.float64]", y: "NDArray[np.float64]") -> list[float]:
+def _totals(x: Vector, y: Vector) -> list[float]:
     """Return (2) of every column of a full grid, NaN of other draws."""
     values = [np.unique(column, return_inverse=True) for column in x.T]
     sizes = [len(own) for own, _ in values]

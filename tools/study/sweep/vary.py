@@ -19,15 +19,12 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yamlfile
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from pcpc.tools.study.arrays import Vector
 
 SAMPLINGS = ("random", "lhs", "sobol", "grid")
 KINDS = {"choice": (1, math.inf), "normal": (2, 4), "lognormal": (2, 2)}  # how many numbers
@@ -156,18 +153,14 @@ def all_parsed(options: Sequence[str]) -> tuple[Variation, ...]:
     return found
 
 
-def values(
-    variations: Sequence[Variation], points: "NDArray[np.float64]", own: Sequence[float]
-) -> "NDArray[np.float64]":
+def values(variations: Sequence[Variation], points: Vector, own: Sequence[float]) -> Vector:
     """Return the values of points (n, d), of the same shape; `own`: the rig's own d values."""
     columns = zip(variations, points.T, own, strict=True)
     found = [[v.value(float(u), value) for u in column] for v, column, value in columns]
     return np.array(found, dtype=np.float64).reshape(len(found), -1).T
 
 
-def snapped(
-    variations: Sequence[Variation], points: "NDArray[np.float64]"
-) -> "NDArray[np.float64]":
+def snapped(variations: Sequence[Variation], points: Vector) -> Vector:
     """Return points (n, d) in which all coordinates with the same value are the same number."""
     found = np.array(points)
     for column, levels in zip(found.T, (v.levels for v in variations), strict=True):
@@ -176,7 +169,7 @@ def snapped(
     return found
 
 
-def of_normal(z: "NDArray[np.float64]") -> "NDArray[np.float64]":
+def of_normal(z: Vector) -> Vector:
     """Return the points (n, d) of standard normal coordinates, as `rare.subset` asks for them."""
     from scipy.special import ndtr
 
@@ -191,9 +184,7 @@ def grid_size(variations: Sequence[Variation]) -> int:
     return math.prod(variation.levels or 1 for variation in variations)
 
 
-def points(
-    variations: Sequence[Variation], n: int, sampling: str, seed: int
-) -> "NDArray[np.float64]":
+def points(variations: Sequence[Variation], n: int, sampling: str, seed: int) -> Vector:
     """Return the draws of a campaign, (n, d) in the open unit cube; the last varies fastest.
 
     `random` and `sobol` (scrambled): point i is the same for every n, so that a campaign can be

@@ -12,16 +12,13 @@ the package `cma`.
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.sweep.vary import Variation, snapped
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-Margins = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+Margins = Callable[[Vector], Vector]
 LOW, HIGH = 0.001, 0.999
 FIRST_STEP = 0.3  # about a third of the box, as the tutorial advises
 APART = 0.05  # cases that differ less in every u are one
@@ -30,7 +27,7 @@ APART = 0.05  # cases that differ less in every u are one
 def worst(
     margins: Margins, variations: Sequence[Variation], runs: int, seed: int = 0, most: int = 10,
     batch: int = 16,
-) -> tuple["NDArray[np.float64]", "NDArray[np.float64]"]:  # fmt: skip
+) -> tuple[Vector, Vector]:  # fmt: skip
     """Return the `most` worst distinct points, (k, d) in u, and their margins (k,), lowest first.
 
     `margins` takes points (m, d) and returns (m,), -inf or NaN for a run that failed without one,
@@ -57,7 +54,7 @@ def worst(
 def _descent(
     margins: Margins, variations: Sequence[Variation], runs: int, rng: np.random.Generator,
     size: int, first: bool,
-) -> tuple["NDArray[np.float64]", "NDArray[np.float64]"]:  # fmt: skip
+) -> tuple[Vector, Vector]:  # fmt: skip
     """Return all points of one search, from the middle or from a random point, and their margins.
 
     Its last population is cut to what is left of `runs`. NaN becomes -inf.

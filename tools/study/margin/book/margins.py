@@ -21,7 +21,7 @@ from pcpc.plants.study import markdown
 from pcpc.tools.start.rigs import find
 from pcpc.tools.study.margin import linear, loops, measured, operating
 from pcpc.tools.study.margin.book._linear_rig import PLANTS
-from pcpc.tools.study.margin.find import of
+from pcpc.tools.study.margin.find import Question, margin_of
 from pcpc.tools.study.margin.margins import margins
 from pcpc.tools.terminal.progress import Progress
 
@@ -115,8 +115,8 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
     (folder / "results.md").write_text("\n".join(texts))
     draw(found, figures / "deviation.png")
     barrel = CASES["atb1000"]
-    one = of(load_rig(find(barrel.rig), barrel.controller, list(barrel.settings)), None, 0.0,
-             "both", 1.0, 1, barrel.settle_s, None)  # fmt: skip
+    rig = load_rig(find(barrel.rig), barrel.controller, list(barrel.settings))
+    one = margin_of(rig, Question(amplitude=1.0, settle_s=barrel.settle_s))
     one.save(figures)
     progress.close()
     return Exit.OK
@@ -161,7 +161,7 @@ def _exact(name: str) -> tuple[str, ...]:
     exact = margins(f, plant.loop(f), 500.0)
     with tempfile.TemporaryDirectory() as folder:
         rig = load_rig(plant.write(Path(folder)), None, [])
-        both = of(rig, None, 0.0, "both", 10.0, 1, 2.0, 0.5)
+        both = margin_of(rig, Question(amplitude=10.0, settle_s=2.0, lowest_hz=0.5))
     assert both.linearised is not None and both.measured is not None
     errors = [
         abs(getattr(one.margins, what) / getattr(exact, what) - 1.0)
@@ -190,7 +190,7 @@ def _causes() -> list[tuple[str, ...]]:
 def _as_it_is(rig: str, controller: str) -> tuple[str, ...]:
     """Return why a rig has no linear regime at rest, or what is said of it."""
     try:
-        one = of(load_rig(find(rig), controller, []), None, 0.0, "linearised", None, 1, 4.0, None)
+        one = margin_of(load_rig(find(rig), controller, []), Question(method="linearised"))
         said = "; ".join(one.notes) or "as above"
     except UserError as error:
         said = str(error).partition("; ")[0]

@@ -65,9 +65,9 @@ def margin(controller: str, settings: Sequence[str] = ()) -> float:
     whole = [*(f"{name}={value!r}" for name, value in linear.items()), *settings]
     rig = load_rig(tuning.RIGS / "sin0.5.yaml", controller, whole)
     method: Any = "measured" if controller in tuning.MEASURED else "linearised"
-    about = None, 0.0, method, tuning.AMPLITUDE_NM, 1, SETTLE_S, None
+    about = find.Question(None, 0.0, method, tuning.AMPLITUDE_NM, 1, SETTLE_S)
     try:
-        return float(find.of(rig, *about).disk_margin)
+        return float(find.margin_of(rig, about).disk_margin)
     except UserError:
         return 0.0
 

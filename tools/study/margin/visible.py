@@ -14,18 +14,16 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcpc.tools.study.arrays import Complex, Flags, Places, Vector
 from pcpc.tools.study.margin.margins import Margins, margins
 
-Vector = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 _SURE = 3.0  # standard errors
 STRONG = 0.1  # error of L at a line that counts, relative to it
 _PEAK = 0.1
 
 
-def shown(f_hz: Vector, response: NDArray[np.complex128], noise: Vector, rate_hz: float) -> Margins:
+def visible_margins(f_hz: Vector, response: Complex, noise: Vector, rate_hz: float) -> Margins:
     """Return the margins of a response at rising lines (n,); nan for what errors hide."""
     g = -response / (1.0 + response)
     size, rest, e = np.abs(g), np.abs(1.0 + g), _SURE * noise
@@ -51,7 +49,7 @@ def shown(f_hz: Vector, response: NDArray[np.complex128], noise: Vector, rate_hz
 _OF_CROSSOVER = ("phase_margin_deg", "crossover_hz", "delay_margin_s", "delay_margin_samples")
 
 
-def _hidden(side: NDArray[np.int64], strong: Flags) -> Flags:
+def _hidden(side: Places, strong: Flags) -> Flags:
     """Return which lines may hide a crossing between sides 1 and -1; 0: not sure of one."""
     found = np.zeros(len(side), bool)
     sure = np.flatnonzero(side)
@@ -63,7 +61,7 @@ def _hidden(side: NDArray[np.int64], strong: Flags) -> Flags:
     return found
 
 
-def _peaks(own: Margins, every: Margins, g: NDArray[np.complex128], e: Vector) -> Margins:
+def _peaks(own: Margins, every: Margins, g: Complex, e: Vector) -> Margins:
     """Return with the peaks of all lines: where L is large or small, S is known though L is not."""
     found = {
         "sensitivity_peak": every.sensitivity_peak, "disk_margin": every.disk_margin,
@@ -75,6 +73,6 @@ def _peaks(own: Margins, every: Margins, g: NDArray[np.complex128], e: Vector) -
     return replace(own, **found)
 
 
-def empty(one: Margins) -> bool:
+def is_empty(one: Margins) -> bool:
     """Return whether nothing of it was measured."""
     return all(map(math.isnan, (one.gain_margin, one.phase_margin_deg, one.disk_margin)))

@@ -1,0 +1,61 @@
+"""What a study comes to, told in one way: a text, JSON, and a folder with that and its pictures."""
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import msgspec
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Result:
+    """Of a study: a subclass gives its `lines`, its `facts` and its `pictures`."""
+
+    name: ClassVar[str]  # of its JSON file
+
+    def lines(self) -> Iterable[str]:
+        """Return what a terminal shows, in lines of 80 columns."""
+        raise NotImplementedError
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return what JSON holds: numbers, arrays, data classes by name."""
+        raise NotImplementedError
+
+    def pictures(self) -> Mapping[str, "Figure"]:
+        """Return pictures by the names of their files; ImportError without matplotlib."""
+        raise NotImplementedError
+
+    def text(self) -> str:
+        """Return the table, at most 80 columns wide."""
+        return "\n".join(self.lines()).rstrip() + "\n"
+
+    def json(self) -> dict[str, Any]:
+        """Return all as plain values; None for what is no finite number."""
+        facts = msgspec.json.encode(self.facts(), enc_hook=np.ndarray.tolist)
+        return dict(msgspec.json.decode(facts))
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the JSON and the pictures into a folder; return it. ImportError."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(self.json(), indent=1) + "\n"
+        (folder / f"{self.name}.json").write_text(text, encoding="utf-8")
+        for name, picture in self.pictures().items():
+            picture.savefig(folder / f"{name}.png")
+        return folder
+
+
+def new_page(
+    size_in: tuple[float, float], dpi: int, rows: int = 1, columns: int = 1, sharex: bool = False
+) -> tuple["Figure", Any]:
+    """Return a figure and its axes, (rows, columns); ImportError, with the cure."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise ImportError("a figure needs matplotlib: pip install 'pcpc[plot]'") from None
+    page = Figure(figsize=size_in, dpi=dpi, layout="constrained")
+    return page, page.subplots(rows, columns, sharex=sharex, squeeze=False)
