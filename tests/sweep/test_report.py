@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from pcpc.drivers.errors import UserError
 from pcpc.tools.cli import parsed
 from pcpc.tools.study.sweep import figures, reasons
-from pcpc.tools.study.sweep.report import report
+from pcpc.tools.study.sweep.report import report as report_of
 from pcpc.tools.study.sweep.results import Results, compared
-from pcpc.tools.study.sweep.told import summary
+from pcpc.tools.study.sweep.summary import summary
 
 ERROR = "metric:error_rms_mrad"
 BARE = ["draw", "controller", "seed", "outcome", "ok", "why"]
@@ -26,6 +26,10 @@ BARE = ["draw", "controller", "seed", "outcome", "ok", "why"]
 
 def drawn(draws: int, **more: Any) -> Results:
     return Results(table(draws), spec(draws, **more))
+
+
+def report(made: pa.Table, about: dict[str, Any], folder: Path) -> Path:
+    return report_of(Results(made, about), folder)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +110,7 @@ def test_the_summary_tells_the_value_at_a_share_of_the_runs(count: int) -> None:
     rows.append({**rows[0], "draw": count, ERROR: np.nan})  # one that told none
     names = [*BARE, ERROR, "alone"]
     made = pa.Table.from_pylist(rows).select(names)
-    lines = summary(made, spec(count, controllers=["pd"]), Path("folder")).splitlines()
+    lines = summary(Results(made, spec(count, controllers=["pd"])), Path("folder")).splitlines()
     at = lines.index("error_rms_mrad (metric)")
     told = [
         (line.rsplit(None, 1)[0].strip(), float(line.split()[-1]))

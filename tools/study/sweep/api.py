@@ -73,7 +73,7 @@ class Sweep:
         """Write report.html and its figures; return the page."""
         from pcpc.tools.study.sweep.report import report
 
-        return report(self.table, self.spec, Path(folder or self.folder))
+        return report(self.results, Path(folder or self.folder))
 
 
 def sweep(
@@ -115,26 +115,20 @@ def sweep(
     need_for_sweep()
     with native("numba" not in sys.modules):
         from pcpc.tools.study.sweep import shards
-        from pcpc.tools.study.sweep.campaign import Shard, asked
-        from pcpc.tools.study.sweep.search import chosen, search
-        from pcpc.tools.study.sweep.work import Work
+        from pcpc.tools.study.sweep.request import Request
 
     varied = [f"{name}={text}" for name, text in (vary or {}).items()]
-    others = {"draws": draws, "sampling": sampling, "until": until}
-    if kind := chosen({"worst": worst, "rare": rare}, others):
-        sampling, draws = kind
-    campaign = asked(
-        find(str(rig)), controllers or (), varied, draws, sampling, seed, settings(set),
-        until is not None,
+    request = Request(
+        find(str(rig)), controllers or (), varied, settings(set), draws, sampling, seed, until,
+        worst, rare, of, limit, threads=threads, scheduler=scheduler,
     )  # fmt: skip
-    campaign.check()
-    looked_for = search(campaign, of, limit)
+    campaign = request.campaign()
     keep = None if folder else tempfile.TemporaryDirectory(prefix="pcpc-")
     place = Path(folder or keep.name)  # type: ignore[union-attr]
-    work = Work(campaign, Shard(), place, until, threads, scheduler, looked_for)
+    work = request.work(campaign, place)
     try:
-        told = work.to_end(progress(quiet))
+        outcome = work.to_end(progress(quiet))
     finally:
         work.store.close()
     table, spec = shards.merged([place])
-    return Sweep(table, spec, place, told, keep)
+    return Sweep(table, spec, place, outcome, keep)

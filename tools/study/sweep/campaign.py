@@ -1,7 +1,7 @@
 """A campaign: which rig, controllers, values and seeds; each process makes the same draws of it."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,10 +18,8 @@ from pcpc.executive.rig.requirements import text_of
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.study.engine import Draw
 from pcpc.tools.study.sweep.origin import difference, origin
-from pcpc.tools.study.sweep.vary import Variation, all_parsed, grid_size, points, run_seed
-from pcpc.tools.terminal.arguments import MOST_SEED
+from pcpc.tools.study.sweep.vary import Variation, all_parsed, points, run_seed
 
-DRAWS = 1000
 MOST = 10_000_000  # draws of a campaign, and of one that ends by its statement
 SEARCHES = ("worst", "rare")  # samplings that depend on the rows: see `search`
 _BLOCK = 4096  # draws made at once
@@ -143,31 +141,6 @@ class Campaign:
     def own(self) -> dict[str, list[float]]:
         """The rig's own values of what is varied, by controller; RigError."""
         return {rig.config.controller: self._own(rig) for rig in self.of}
-
-
-def asked(
-    rig: str | Path, controllers: Sequence[str], vary: Sequence[str], draws: int | None,
-    sampling: str | None, seed: int, settings: Sequence[str], until: bool,
-) -> Campaign:  # fmt: skip
-    """Return what is asked for, completed; `until`: it ends by a statement. RigError."""
-    names, given = tuple(controllers), ",".join(controllers)
-    if "" in names:
-        raise RigError(f"--controllers {given!r}: expected names with a comma between, as pid,pd")
-    if twice := [name for i, name in enumerate(names) if name in names[:i]]:
-        raise RigError(f"--controllers {given}: {twice[0]} stands there twice")
-    names = names or (load_rig(rig, None, settings).config.controller,)
-    sampling = sampling or ("random" if until or not vary else "sobol")
-    if until and sampling != "random":
-        what = f"--until counts independent draws, and --sampling {sampling} makes others"
-        raise RigError(f"{what}; leave --sampling out")
-    if sampling == "grid" and draws is None:
-        draws = grid_size(all_parsed(vary))
-    if draws is None:
-        draws = MOST if until else DRAWS
-    of = sampling if sampling in SEARCHES else "draws"
-    check_whole(of, draws, 1, MOST)
-    check_whole("seed", seed, 0, MOST_SEED)
-    return Campaign(str(rig), names, tuple(vary), draws, sampling, seed, tuple(settings))
 
 
 def check_whole(option: str, value: object, least: int, most: int) -> None:

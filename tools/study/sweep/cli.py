@@ -10,13 +10,14 @@ from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.errors import RigError
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.rigs import find
-from pcpc.tools.study.sweep import decision, rerun, shards, told
-from pcpc.tools.study.sweep.campaign import SEARCHES, Campaign, Shard, asked
+from pcpc.tools.study.sweep import decision, rerun, shards
+from pcpc.tools.study.sweep.campaign import SEARCHES, Shard
 from pcpc.tools.study.sweep.commands import sweep
 from pcpc.tools.study.sweep.report import report
+from pcpc.tools.study.sweep.request import Request
 from pcpc.tools.study.sweep.results import Results
-from pcpc.tools.study.sweep.search import chosen, search
 from pcpc.tools.study.sweep.statements import HOLDS
+from pcpc.tools.study.sweep.summary import COLUMNS, summary
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.outfile import new_file
 from pcpc.tools.terminal.progress import Progress
@@ -24,6 +25,10 @@ from pcpc.tools.terminal.progress import Progress
 if TYPE_CHECKING:
     import pyarrow
 
+_REQUESTED = (
+    "draws", "sampling", "seed", "until", "worst", "rare", "of", "limit", "shard", "threads",
+    "scheduler",
+)  # fmt: skip
 _TAKES = {"merge": {"output", "quiet"}, "rerun": {"output", "quiet", "on_bus"}}
 
 
@@ -36,36 +41,34 @@ def command(options: argparse.Namespace) -> int:
         return rerun.command(options)
     if options.words[1:]:
         raise RigError(f"{' '.join(options.words[1:])}: one rig at a time")
-    options.rig = find(options.words[0])
-    campaign = _campaign(options)
-    campaign.check()
-    shard = Shard() if options.shard is None else Shard.parsed(options.shard)
+    controllers = options.controllers
+    request = Request(
+        find(options.words[0]), () if controllers is None else controllers.split(","),
+        options.vary, options.set, **{name: getattr(options, name) for name in _REQUESTED},
+    )  # fmt: skip
+    campaign = request.campaign()
+    shard = request.part()
     with folder_of(options.output, f"sweep-{campaign.of[0].config.rig}") as folder:
-        return _carried_out(options, campaign, shard, folder)
+        return _run(request.work(campaign, folder), shard, Progress(options.quiet))
 
 
-def _carried_out(
-    options: argparse.Namespace, campaign: Campaign, shard: Shard, folder: Path
-) -> int:
-    progress = Progress(options.quiet)
-    looked_for = search(campaign, options.of, options.limit)
-    about = options.until, options.threads, options.scheduler, looked_for
-    work = Work(campaign, shard, folder, *about)
+def _run(work: Work, shard: Shard, progress: Progress) -> int:
+    folder = work.folder
     try:
-        ended = work.to_end(progress)
+        outcome = work.to_end(progress)
     except KeyboardInterrupt:
         progress.close()
-        print(f"{len(work.store.rows)} rows are in {folder}; to go on, the same command with "
-              f"-o {folder}")  # fmt: skip
+        cure = f"to go on, the same command with -o {folder}"
+        print(f"{len(work.store.rows)} rows are in {folder}; {cure}")
         return Exit.INTERRUPTED
     finally:
         work.store.close()
     progress.close()
     if shard.of > 1:
-        print(f"{work.store.table}: {len(work.store.rows)} rows; when all shards are done: "
-              f"pcpc sweep merge {folder}")  # fmt: skip
+        cure = f"when all shards are done: pcpc sweep merge {folder}"
+        print(f"{work.store.table}: {len(work.store.rows)} rows; {cure}")
         return Exit.OK
-    return _tell(*shards.merged([folder]), folder, ended)
+    return _tell(*shards.merged([folder]), folder, outcome)
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -82,17 +85,6 @@ def _check_options(options: argparse.Namespace) -> None:
         raise RigError(f"{name}: {what}")
 
 
-def _campaign(options: argparse.Namespace) -> Campaign:
-    others = {name: getattr(options, name) for name in ("draws", "sampling", "until", "shard")}
-    if kind := chosen({name: getattr(options, name) for name in SEARCHES}, others):
-        options.sampling, options.draws = kind
-    named = () if options.controllers is None else options.controllers.split(",")
-    return asked(
-        options.rig, named, options.vary, options.draws, options.sampling, options.seed,
-        options.set, options.until is not None,
-    )  # fmt: skip
-
-
 def _merge(options: argparse.Namespace) -> int:
     folders = [Path(name) for name in options.words[1:]]
     if not folders:
@@ -103,30 +95,30 @@ def _merge(options: argparse.Namespace) -> int:
         return _tell(table, spec, folder, "")
 
 
-def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, ended: str) -> int:
+def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, outcome: str) -> int:
     """Write the whole table, if it is not one shard's, and tell what it says."""
     import pyarrow.parquet
 
     if spec["sampling"] in SEARCHES:  # its rows are no sample: no share of them says a thing
         print(printable(f"{spec['title']}: {table.num_rows:,} runs"))
-        print(_filled(ended) or "pcpc sweep with its -o tells what came out", folder, sep="\n")
+        print(_filled(outcome) or "pcpc sweep with its -o tells what came out", folder, sep="\n")
         return Exit.OK
     if [path.name for path in shards.tables(folder)] != [f"{Shard()}.parquet"]:
         with new_file(folder / "sweep.parquet", force=True) as unfinished:
             pyarrow.parquet.write_table(table, unfinished)
-    until, results = spec.get("until"), Results(table, spec)
+    results, until = Results(table, spec), spec.get("until")
     found = decision.decisions(results, until) if until is not None else []
-    print(printable(told.summary(table, spec, folder), "\n"))
+    print(printable(summary(results, folder), "\n"))
     if results.refused.all():
         raise RigError(f"{folder}: all runs were refused: {table['why'][0]}")
     for one in found:
         print(_filled(printable(one.text)))
-    print(f"report   {report(table, spec, folder)}")
+    print(f"report   {report(results, folder)}")
     return Exit.OK if all(one.outcome == HOLDS for one in found) else Exit.NOT_MET
 
 
 def _filled(text: str) -> str:
     """Return lines in as many as fit the terminal."""
     return "\n".join(
-        textwrap.fill(line, told.COLUMNS, subsequent_indent="    ") for line in text.splitlines()
+        textwrap.fill(line, COLUMNS, subsequent_indent="    ") for line in text.splitlines()
     )

@@ -7,7 +7,7 @@ requirement's margin: distribution, pairs of controllers on the same draws, what
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,24 +34,21 @@ _NOT_INDEPENDENT = {
 }
 
 
-def report(runs: Any, spec: Mapping[str, Any], folder: Path) -> Path:
+def report(results: Results, folder: Path) -> Path:
     """Write report.html and its PNGs into `folder`; return the path of the page.
 
-    `runs` as `Results` takes them, of one run or more; `spec`: rig, title, controllers, variations
-    (texts NAME=SPEC), draws, sampling, seed, settings (texts NAME=VALUE), and where there was one
-    `until`. Raises UserError where matplotlib is missing, there is nothing to report or a file
-    cannot be written.
+    Raises UserError where matplotlib is missing, there is nothing to report or a file cannot be
+    written.
     """
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError:
         cure = "a report needs matplotlib: pip install 'pcpc[sweep]'"
         raise UserError(cure, Exit.ENVIRONMENT) from None
-    if not runs.num_rows:
+    if not results.controllers:
         raise UserError(f"{folder}: no run to report on; start the campaign first")
-    results = Results(runs, spec)
     pictures = _Pictures(folder)
-    title = str(spec.get("title") or spec["rig"])
+    title = str(results.spec.get("title") or results.spec["rig"])
     parts = [f"<h1>{text(title)}</h1>", _drawn(results), _failures(results, pictures),
              _reasons(results), _worst(results), _metrics(results, pictures)]  # fmt: skip
     with new_file(folder / "report.html", force=True) as unfinished:
@@ -192,7 +189,7 @@ def _worst(results: Results) -> str:
 
 def _metrics(results: Results, pictures: _Pictures) -> str:
     parts = []
-    for name in [METRIC + m for m in results.metrics] + [MARGIN + r for r in results.requirements]:
+    for name in results.measures:
         if not any(np.isfinite(results.values(name, c)).any() for c in results.controllers):
             continue
         found = figures.shares_of(results, name)

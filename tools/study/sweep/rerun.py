@@ -6,16 +6,17 @@ import math
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.tools.start.folder import check_name
-from pcpc.tools.study.sweep import shards, told
+from pcpc.tools.study.sweep import shards
 from pcpc.tools.study.sweep.campaign import Campaign, differences
-from pcpc.tools.study.sweep.results import METRIC
+from pcpc.tools.study.sweep.results import METRIC, Results
 
 _RAN = (Exit.OK, Exit.NOT_MET, Exit.SAFETY_STOP)
 _MAIN = "from pcpc.tools.cli import main; raise SystemExit(main())"
@@ -28,29 +29,23 @@ def command(options: argparse.Namespace) -> int:
         raise RigError("pcpc sweep rerun: expected DIR DRAW [CONTROLLER], as runs/SWEEP 39 pd")
     folder, draw = Path(words[0]), int(words[1])
     check_name(options.output)
-    table, spec = shards.merged([folder], whole=False)
-    controllers = list(spec["controllers"])
+    results = Results(*shards.merged([folder], whole=False))
+    controllers = list(results.spec["controllers"])
     controller = words[2] if len(words) > 2 else controllers[0]
     if controller not in controllers:
         what = f"no controller {controller}{did_you_mean(controller, controllers)}"
         raise RigError(f"{folder}: {what}")
-    frame = {name: table[name].to_pylist() for name in table.column_names}
-    pairs = list(zip(frame["draw"], frame["controller"], strict=True))
-    if (draw, controller) not in pairs:
-        there = f"it has {min(frame['draw'])} to {max(frame['draw'])}" if pairs else "it has none"
+    draws = results.column("draw")
+    found = np.flatnonzero((draws == draw) & (results.column("controller") == controller))
+    if not len(found):
+        there = f"it has {draws.min()} to {draws.max()}" if len(draws) else "it has none"
         raise RigError(f"{folder}: no draw {draw} of {controller}; {there}")
-    row = pairs.index((draw, controller))
-    settings = told.settings_of(frame, row, spec)
-    about = [spec["rig"], "--controller", controller]
-    about += [word for setting in settings for word in ("--set", setting)]
-    campaign = Campaign(spec["rig"], tuple(controllers), (), 1, settings=tuple(spec["settings"]))
-    if differ := differences({**spec, "origin": campaign.spec()["origin"]}, spec):
-        again = shlex.join(["pcpc", "simulate", *about])
-        what = f"{differ} is not what it was in the campaign; as it is now"
-        raise RigError(f"{folder}: {what}: {again}")
+    row = int(found[0])
+    about = results.run_words(row)
+    _check_unchanged(results, folder, about)
     output = Path(options.output or folder / f"draw-{draw}-{controller}")
     code = _pcpc("simulate", *about, "-o", str(output))
-    if code in _RAN and (other := _others(output / "summary.json", frame, row)):
+    if code in _RAN and (other := _other_metrics(output / "summary.json", results, row)):
         print(f"{folder}: draw {draw} of {controller} came to another {', '.join(other)}")
         return Exit.NOT_MET
     if not options.on_bus or code not in _RAN:
@@ -60,20 +55,26 @@ def command(options: argparse.Namespace) -> int:
     return ran if ran != code else _pcpc("log", "diff", str(output), str(bus))
 
 
-def _others(summary: Path, frame: Mapping[str, Any], row: int) -> list[str]:
+def _check_unchanged(results: Results, folder: Path, about: Sequence[str]) -> None:
+    """Raise RigError where rig or code are other ones than the campaign's."""
+    spec = results.spec
+    settings = tuple(spec["settings"])
+    now = Campaign(spec["rig"], tuple(spec["controllers"]), (), 1, settings=settings).spec()
+    if changed := differences({**spec, "origin": now["origin"]}, spec):
+        what = f"{changed} is not what it was in the campaign; as it is now"
+        raise RigError(f"{folder}: {what}: {shlex.join(['pcpc', 'simulate', *about])}")
+
+
+def _other_metrics(summary: Path, results: Results, row: int) -> list[str]:
     """Return the metrics of a run that are others than those of a row."""
     metrics = json.loads(summary.read_text(encoding="utf-8"))["metrics"]
-    return [
-        name.removeprefix(METRIC)
-        for name in frame
-        if name.startswith(METRIC)
-        and _number(frame[name][row]) != _number(metrics.get(name.removeprefix(METRIC)))
-    ]
 
+    def number(value: float | None) -> float:
+        return math.nan if value is None else value
 
-def _number(value: float | None) -> float | None:
-    """Return a metric, None where it was not told."""
-    return None if value is None or math.isnan(value) else value
+    pairs = {name: (float(results.column(METRIC + name)[row]), number(metrics.get(name)))
+             for name in results.metrics}  # fmt: skip
+    return [name for name, pair in pairs.items() if not np.array_equal(*pair, equal_nan=True)]
 
 
 def _pcpc(*words: str) -> int:

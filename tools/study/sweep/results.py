@@ -14,6 +14,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 VARY, METRIC, MARGIN, HELD = "vary:", "metric:", "margin:", "held:"
+COLUMNS = {  # of a table in their order, or the kinds of those that have a name behind it
+    "draw": "int64", "controller": "string", "seed": "int64",
+    VARY: "double", METRIC: "double", MARGIN: "double", HELD: "bool",
+    "ok": "bool", "why": "string", "outcome": "string", "alone": "string",
+}  # fmt: skip
+
+
+def kind_of(column: str) -> str:
+    """Return a column's key in COLUMNS."""
+    kind, colon, _ = column.partition(":")
+    return kind + colon
 
 
 def failures(outcomes: Iterable[str], judged: Iterable[bool | None]) -> tuple[int, int]:
@@ -49,6 +60,12 @@ class Results:
             [name.removeprefix(kind) for name in table.column_names if name.startswith(kind)]
             for kind in (VARY, METRIC, MARGIN)
         )
+
+    @property
+    def measures(self) -> list[str]:
+        """The columns of metrics and margins."""
+        margins = (MARGIN + name for name in self.requirements)
+        return [*(METRIC + name for name in self.metrics), *margins]
 
     def column(self, name: str) -> "NDArray[Any]":
         """Return a column, by draw and controller; null is NaN in numbers, None elsewhere."""
@@ -101,19 +118,40 @@ class Results:
         order = np.argsort(-values[counted] if largest else values[counted], kind="stable")
         return counted[order[:most]]
 
+    def worst_first(self) -> Rows:
+        """Return the rows by verdict: faults, smallest margins, else largest first metric.
+
+        Without the refused.
+        """
+
+        def least(names: list[str]) -> Vector:
+            columns = (self.column(name).astype(np.float64) for name in names)
+            return np.fmin.reduce([np.full(len(self.refused), np.nan), *columns])
+
+        margin = least([MARGIN + name for name in self.requirements])
+        metric = least([METRIC + name for name in self.metrics[:1]])
+        badness = np.where(np.isnan(margin), metric, -margin)
+        badness = np.where(np.isnan(badness), -np.inf, badness)
+        order = np.lexsort((-badness, self.column("outcome") != FAULT))
+        return order[~self.refused[order]]
+
     def faults(self, most: int) -> Rows:
         """Return the first rows that ended in a fault."""
         return np.flatnonzero(self.column("outcome") == FAULT)[:most]
 
-    def command(self, row: int) -> str:
-        """Return the command that runs a row again, bit for bit, with its full log."""
-        words = ["pcpc", "simulate", str(self.spec["rig"])]
+    def run_words(self, row: int) -> list[str]:
+        """Return what follows `pcpc simulate` to run a row again, bit for bit."""
+        words = [str(self.spec["rig"])]
         if controller := self.column("controller")[row]:
             words += ["--controller", controller]
         settings = [str(one) for one in self.spec.get("settings", ())]
         settings += [f"{n}={_written(self.column(VARY + n)[row])}" for n in self.variations]
         settings.append(f"seed={self.column('seed')[row]}")
-        return shlex.join([*words, *(word for one in settings for word in ("--set", one))])
+        return [*words, *(word for one in settings for word in ("--set", one))]
+
+    def command(self, row: int) -> str:
+        """Return the command that runs a row again, bit for bit, with its full log."""
+        return shlex.join(["pcpc", "simulate", *self.run_words(row)])
 
 
 def _written(value: float) -> str:

@@ -7,7 +7,7 @@ so that one that goes on is answered by the rows that are there.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.engine import Pieces, Row, pieces
 from pcpc.tools.study.sweep import rare, statements, worst
-from pcpc.tools.study.sweep.campaign import SEARCHES, Campaign
+from pcpc.tools.study.sweep.campaign import Campaign
 from pcpc.tools.study.sweep.results import FAULT, REFUSED
 from pcpc.tools.study.sweep.store import Store
 from pcpc.tools.study.sweep.vary import of_normal
@@ -94,29 +94,6 @@ class Search:
             return -math.inf if math.isnan(value) else (self.limit or 0.0) - value
         told = [margin for margin in row.margins.values() if margin is not None]
         return min(told, default=-math.inf if row.ok is False else math.inf)
-
-
-def chosen(runs: Mapping[str, int | None], others: Mapping[str, object]) -> tuple[str, int] | None:
-    """Return the search that is asked for and its runs, by `runs` of each; None for none.
-
-    RigError for two, or beside `others`: options that choose draws.
-    """
-    asked = [(kind, n) for kind, n in runs.items() if n is not None]
-    if len(asked) > 1:
-        raise RigError(f"{' and '.join(f'--{kind}' for kind, _ in asked)}: give one of them")
-    for kind, _ in asked:
-        for other in (name for name, value in others.items() if value is not None):
-            raise RigError(f"--{other}: --{kind} chooses its own draws, all of them; leave it")
-    return asked[0] if asked else None
-
-
-def search(campaign: Campaign, of: str | None, limit: float | None) -> Search | None:
-    """Return what a campaign searches, None for one that does not; RigError."""
-    if campaign.sampling in SEARCHES:
-        return Search(campaign, of, limit)
-    if of is not None or limit is not None:
-        raise RigError("--of and --limit are of --worst and --rare")
-    return None
 
 
 def _rare(asked: "_Asked") -> list[str]:

@@ -5,7 +5,6 @@ import itertools
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +12,14 @@ from pcpc.drivers.errors import printable
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.carried import is_ordinary
 from pcpc.tools.study.sweep.campaign import SEARCHES, differences, read
-from pcpc.tools.study.sweep.results import FAULT, HELD, MARGIN, METRIC, RAN, REFUSED, VARY
-from pcpc.tools.study.sweep.store import FIRST, LAST, SPEC, completed
+from pcpc.tools.study.sweep.results import COLUMNS, FAULT, RAN, REFUSED, VARY, kind_of
+from pcpc.tools.study.sweep.store import SPEC, completed
 
 if TYPE_CHECKING:
     import pyarrow
 
 Run = tuple[int, str]  # draw and controller
+_KINDS = [name for name in COLUMNS if name.endswith(":")]
 _NAME = re.compile(r"shard-(\d+)-of-(\d+)\.parquet")
 
 
@@ -46,8 +46,7 @@ def merged(
         table = completed(pa.concat_tables(parts, promote_options="default"), spec)
     except pa.ArrowException as error:
         raise RigError(f"{files[0].parent}: {' '.join(str(error).split())}") from None
-    rows = _Rows(table, files, [part.num_rows for part in parts])
-    first = rows.first()
+    first = _first_rows(table, files, [part.num_rows for part in parts])
     if whole:
         _check_whole(first, spec, files)
     order = {name: i for i, name in enumerate(spec["controllers"])}
@@ -98,49 +97,37 @@ def _part(path: Path, spec: Mapping[str, Any]) -> "pyarrow.Table":
 
 def _check_columns(schema: "pyarrow.Schema", spec: Mapping[str, Any]) -> None:
     """Raise ValueError for columns that no shard of the campaign has, or that are missing."""
-    import pyarrow as pa
-
-    text, number, truth = pa.string(), pa.float64(), pa.bool_()
-    types = dict(zip((*FIRST, *LAST), (pa.int64(), text, pa.int64(), truth, text, text, text),
-                     strict=True))  # fmt: skip
-    kinds = {VARY: number, METRIC: number, MARGIN: number, HELD: truth}
-    for field in schema:
-        kind, colon, name = field.name.partition(":")
-        if field.type != (types.pop(field.name, None) or kinds.get(kind + colon)):
-            raise ValueError(f"column {field.name} of {field.type}")
-        if kind + colon == VARY and name not in (one.partition("=")[0] for one in spec["vary"]):
-            raise ValueError(f"column {field.name}, which does not vary")
-    if types:
-        raise ValueError(f"no column {', '.join(types)}")
+    varied = {text.partition("=")[0] for text in spec["vary"]}
+    for i, (name, type_) in enumerate(zip(schema.names, schema.types, strict=True)):
+        if type_ != COLUMNS.get(kind_of(name)) or name in (*_KINDS, *schema.names[:i]):
+            raise ValueError(f"column {name} of {type_}")
+        if name.startswith(VARY) and name.removeprefix(VARY) not in varied:
+            raise ValueError(f"column {name}, which does not vary")
+    if missing := [name for name in COLUMNS if name not in (*_KINDS, *schema.names)]:
+        raise ValueError(f"no column {', '.join(missing)}")
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """The rows of several files in one table."""
+def _first_rows(
+    table: "pyarrow.Table", files: Sequence[Path], sizes: Sequence[int]
+) -> dict[Run, int]:
+    """Return where each run of several files in one table stands, the first time.
 
-    table: "pyarrow.Table"
-    files: Sequence[Path]
-    sizes: Sequence[int]
-
-    def first(self) -> dict[Run, int]:
-        """Return where each run stands; RigError where one stands twice and differs."""
-        found: dict[Run, int] = {}
-        again: list[tuple[int, int]] = []
-        columns = (self.table[name].to_pylist() for name in FIRST[:2])
-        for row, run in enumerate(zip(*columns, strict=True)):
-            if found.setdefault(run, row) != row:
-                again.append((found[run], row))
-        for pair in again:
-            one, other = map(repr, self.table.take(list(pair)).to_pylist())
-            if one != other:
-                draw, name = self.table["draw"][pair[0]], self.table["controller"][pair[0]]
-                files = " and ".join(str(self._file(row)) for row in pair)
-                what = f"draw {draw} of {name} came to something else the second time"
-                raise RigError(f"{files}: {what}; one of the two is wrong")
-        return found
-
-    def _file(self, row: int) -> Path:
-        return self.files[bisect.bisect_right(list(itertools.accumulate(self.sizes)), row)]
+    RigError where one stands twice and differs.
+    """
+    found: dict[Run, int] = {}
+    columns = (table[name].to_pylist() for name in ("draw", "controller"))
+    runs: list[Run] = list(zip(*columns, strict=True))
+    ends = list(itertools.accumulate(sizes))
+    for row, run in enumerate(runs):
+        first = found.setdefault(run, row)
+        if first == row:
+            continue
+        one, other = map(repr, table.take([first, row]).to_pylist())
+        if one != other:
+            places = " and ".join(str(files[bisect.bisect_right(ends, i)]) for i in (first, row))
+            what = f"draw {run[0]} of {run[1]} came to something else the second time"
+            raise RigError(f"{places}: {what}; one of the two is wrong")
+    return found
 
 
 def _check_whole(runs: Mapping[Run, int], spec: Mapping[str, Any], files: Sequence[Path]) -> None:

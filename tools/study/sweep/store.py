@@ -24,7 +24,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import RigError, code_of
 from pcpc.tools.study.engine import Row
 from pcpc.tools.study.sweep.campaign import Shard, differences, read
-from pcpc.tools.study.sweep.results import HELD, MARGIN, METRIC, VARY
+from pcpc.tools.study.sweep.results import COLUMNS, HELD, MARGIN, METRIC, VARY, kind_of
 from pcpc.tools.terminal.outfile import new_file
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 SPEC = "sweep.json"
 CHUNK = 4096  # rows of a table that are in memory at once, about 5 kB each
-FIRST, LAST = ("draw", "controller", "seed"), ("ok", "why", "outcome", "alone")  # columns
 
 
 class Rows(Mapping[tuple[int, str], Row]):
@@ -213,10 +212,10 @@ def completed(table: "pyarrow.Table", spec: Mapping[str, Any]) -> "pyarrow.Table
     import pyarrow.compute
 
     for i, name in enumerate(table.column_names):
-        if name.startswith((METRIC, MARGIN)):
+        if kind_of(name) in (METRIC, MARGIN):
             table = table.set_column(i, name, pyarrow.compute.fill_null(table[name], math.nan))
-    kinds = [*FIRST, VARY, METRIC, MARGIN, HELD, *LAST]
-    names = sorted(table.column_names, key=lambda name: kinds.index(_kind(name)))
+    order = list(COLUMNS)
+    names = sorted(table.column_names, key=lambda name: order.index(kind_of(name)))
     return table.select(names).replace_schema_metadata({"pcpc": json.dumps(dict(spec))})
 
 
@@ -224,21 +223,13 @@ def _part(rows: Sequence[Row]) -> "pyarrow.Table":
     """Return rows as a table with the columns that they have."""
     import pyarrow as pa
 
-    types = {"draw": pa.int64(), "seed": pa.int64(), "ok": pa.bool_()}
-    columns: dict[str, Any] = {
-        name: pa.array([getattr(row, name) for row in rows], types.get(name, pa.string()))
-        for name in (*FIRST, *LAST)
-    }
-    for kind, of, type_ in (
-        (VARY, "values", pa.float64()), (METRIC, "metrics", pa.float64()),
-        (MARGIN, "margins", pa.float64()), (HELD, "held", pa.bool_()),
-    ):  # fmt: skip
-        for name in dict.fromkeys(name for row in rows for name in getattr(row, of)):
-            columns[kind + name] = pa.array([getattr(row, of).get(name) for row in rows], type_)
+    kinds = {VARY: "values", METRIC: "metrics", MARGIN: "margins", HELD: "held"}
+    columns = dict[str, Any]()
+    for kind, type_ in COLUMNS.items():
+        found = [getattr(row, kinds.get(kind, kind)) for row in rows]
+        if kind not in kinds:
+            columns[kind] = pa.array(found, type_)
+            continue
+        for name in dict.fromkeys(itertools.chain(*found)):
+            columns[kind + name] = pa.array([one.get(name) for one in found], type_)
     return pa.table(columns)
-
-
-def _kind(column: str) -> str:
-    """Return the kind of a column; a name of its own is one."""
-    kind, colon, _ = column.partition(":")
-    return kind + colon
