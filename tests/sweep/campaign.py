@@ -27,7 +27,7 @@ def table(draws: int = 50, controllers: tuple[str, ...] = CONTROLLERS) -> pa.Tab
 
     Draw 3 of the first is a fault, draw 4 is refused for both; beyond 14 mrad a run fails.
     """
-    variations = vary.all_parsed(VARIED)
+    variations = vary.parse_variations(VARIED)
     points = vary.points(variations, draws, "random", 7)
     values = vary.values(variations, points, (2.0, 1.0, 1.0))
     rows = []

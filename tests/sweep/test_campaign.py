@@ -55,7 +55,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rows_of(folder: Path) -> list[dict[str, object]]:
-    table, _ = shards.merged([folder])
+    table, _ = shards.merge([folder])
     return [repr(sorted(row.items())) for row in table.to_pylist()]  # type: ignore[misc]
 
 
@@ -65,7 +65,7 @@ def pair(setting: str) -> tuple[str, object]:
 
 
 def test_a_row_is_what_simulate_says_of_its_settings(whole: Path) -> None:
-    table, spec = shards.merged([whole])
+    table, spec = shards.merge([whole])
     rows = table.to_pylist()
     assert [row["draw"] for row in rows] == [i for i in range(21) for _ in range(2)]
     assert {row["alone"] for row in rows} == {""}, "all in lanes"
@@ -113,7 +113,7 @@ def test_shards_in_any_order_by_any_number_of_threads_make_the_same_table(
 ) -> None:
     for number in (3, 1, 2):
         done(BOTH, tmp_path, Shard(number, 3), threads)
-    assert len(list(shards.tables(tmp_path))) == 3
+    assert len(list(shards.table_files(tmp_path))) == 3
     assert rows_of(tmp_path) == rows_of(whole)
 
 
@@ -121,7 +121,7 @@ def test_what_was_done_is_not_done_again_and_a_torn_line_is_dropped(
     whole: Path, tmp_path: Path
 ) -> None:
     work = Work(BOTH, Shard(), tmp_path, None, 1)
-    kept, spec = shards.merged([whole])
+    kept, spec = shards.merge([whole])
     rows = [row for row in done(BOTH, tmp_path / "other")[0].values() if row.draw < 9]
     marked = [dataclasses.replace(row, why="kept") for row in rows]
     work.store.add(marked)
@@ -261,7 +261,7 @@ def test_a_statement_ends_a_campaign_at_the_same_draw_by_any_threads(tmp_path: P
     until = "p_fail(it arrives and stays) < 0.02 at 90%"
     found = [done(campaign, tmp_path / str(n), threads=n, until=until) for n in (1, 3)]
     assert found[0][1] == found[1][1] and "holds at 90 %: 0 failures" in found[0][1]
-    enough = -(-statements.parsed(until).without_failure // LOOK) * LOOK
+    enough = -(-statements.parse(until).without_failure // LOOK) * LOOK
     assert LOOK < len(found[0][0]) == len(found[1][0]) == enough
     read = pyarrow.parquet.read_table(tmp_path / "1" / "shard-1-of-1.parquet")
     assert read.num_rows == len(found[0][0])
@@ -275,7 +275,7 @@ def test_a_statement_counts_every_controller(tmp_path: Path) -> None:
     for name, line in zip(BOTH.controllers, told.splitlines(), strict=True):
         good = [row.ok for row in rows.values() if row.controller == name]
         assert f"{name}: p_fail < 0.5" in line
-        assert statements.counted(good.count(False), "failure") + f" in {LOOK} runs" in line
+        assert statements.count_text(good.count(False), "failure") + f" in {LOOK} runs" in line
 
 
 @pytest.mark.parametrize(

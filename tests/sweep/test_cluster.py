@@ -44,7 +44,7 @@ def done(folder: Path, scheduler: str | None = None) -> None:
 def table(folder: Path) -> list[dict[str, object]]:
     return [
         {name: repr(value) for name, value in row.items()}
-        for row in shards.merged([folder])[0].to_pylist()
+        for row in shards.merge([folder])[0].to_pylist()
     ]
 
 
@@ -230,14 +230,14 @@ def test_a_task_that_is_sent_again_goes_on_where_it_was(tmp_path: Path) -> None:
     folder = store.Store(tmp_path, MANY.spec(), Shard())
     engine = Engine(Path(RIG), MANY.controllers, SHORT, 1)
     task = list(pieces([(i, [0.01 * i + 0.1]) for i in range(12)], MANY.controllers, MANY.draw))
-    path = folder.of_task(0, "pid")
+    path = folder.task_journal(0, "pid")
     fresh = engine.piece(*task[0])
     journal = store.Journal(path)
     journal.add(dataclasses.replace(row, why="kept") for row in fresh[:3])
     journal.close()
     with path.open("a") as file:
         file.write('{"draw": 3, "contr')
-    rows = cluster.carried_out(MANY, path, task)
+    rows = cluster.run_task(MANY, path, task)
     assert [(row.draw, row.controller) for row in rows] == [
         (draw.number, name) for name, draws in task for draw in draws
     ]
@@ -249,12 +249,12 @@ def test_a_task_that_is_sent_again_goes_on_where_it_was(tmp_path: Path) -> None:
 
 def test_a_worker_without_the_folder_or_with_another_rig_is_told(tmp_path: Path) -> None:
     with pytest.raises(RigError, match="does not see it; give -o a folder"):
-        cluster.carried_out(MANY, tmp_path / "there" / "shard-1-of-1.0.0.jsonl", [])
+        cluster.run_task(MANY, tmp_path / "there" / "shard-1-of-1.0.0.jsonl", [])
     spec = MANY.spec()
     spec["origin"] |= {"motor.dbc": "another"}
     (tmp_path / store.SPEC).write_text(json.dumps(spec))
     with pytest.raises(RigError, match=r"has others than the campaign: motor\.dbc"):
-        cluster.carried_out(MANY, tmp_path / "shard-1-of-1.0.0.jsonl", [])
+        cluster.run_task(MANY, tmp_path / "shard-1-of-1.0.0.jsonl", [])
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "there", "tcp://no_such_host:8786"])

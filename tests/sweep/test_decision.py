@@ -32,7 +32,7 @@ def campaign(folder: Path, rows: dict[str, list[dict[str, Any]]]) -> Path:
 
 
 def texts(folder: Path) -> list[str]:
-    table, spec = shards.merged([folder])
+    table, spec = shards.merge([folder])
     return [one.text for one in decision.decisions(Results(table, spec), spec["until"])]
 
 

@@ -17,7 +17,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.tools.cli import parsed
 from pcpc.tools.study.sweep import figures, reasons
 from pcpc.tools.study.sweep.report import report as report_of
-from pcpc.tools.study.sweep.results import Results, compared
+from pcpc.tools.study.sweep.results import Results, comparisons
 from pcpc.tools.study.sweep.summary import summary
 
 ERROR = "metric:error_rms_mrad"
@@ -126,7 +126,7 @@ def test_ratios_are_counted_pair_by_pair(written: Path) -> None:
     pairs = [(error[d, CONTROLLERS[0]], error[d, CONTROLLERS[1]]) for d in range(50)]
     pairs = [(a, b) for a, b in pairs if np.isfinite(a) and np.isfinite(b)]
     counts = [sum(a > b for a, b in pairs), *(sum(a >= r * b for a, b in pairs) for r in (2.3, 5))]
-    ((other, told, found, median),) = compared(drawn(50), ERROR, figures.RATIOS)
+    ((other, told, found, median),) = comparisons(drawn(50), ERROR, figures.RATIOS)
     assert (other, told, found) == (CONTROLLERS[1], len(pairs), counts) and told == 48
     assert median == pytest.approx(np.median([a / b for a, b in pairs]))
     row = f"{CONTROLLERS[1]}{counts[0]} of 48{counts[1]}{counts[2]}{median:.3g}"
@@ -257,11 +257,11 @@ def test_reasons_that_differ_in_numbers_alone_are_one(tmp_path: Path) -> None:
 def test_reasons_of_two_requirements_stay_two() -> None:
     texts = ["error at 10 Hz: 3 mm", "error at 20 Hz: 4 mm", "error at 10 Hz: -1e-3 mm", "inf m/s"]
     names = ["error at 10 Hz", "error at 20 Hz"]
-    assert reasons.counted(texts, names) == [
+    assert reasons.count_reasons(texts, names) == [
         ("error at 10 Hz: -1e-3 to 3 mm", 2), ("error at 20 Hz: 4 mm", 1), ("inf m/s", 1),
     ]  # fmt: skip
-    assert reasons.counted(texts[:2]) == [("error at 10 to 20 Hz: 3 to 4 mm", 2)]
-    assert reasons.counted([]) == []
+    assert reasons.count_reasons(texts[:2]) == [("error at 10 to 20 Hz: 3 to 4 mm", 2)]
+    assert reasons.count_reasons([]) == []
 
 
 def test_a_rate_of_1_is_drawn_whole_and_pairs_on_axes_of_one_kind() -> None:

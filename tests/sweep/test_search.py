@@ -70,7 +70,7 @@ def test_a_search_that_was_broken_off_comes_to_the_same_rows(
     assert not (parts / "shard-1-of-1.parquet").exists()
     again = done(search, parts, 3)
     assert told.replace(str(whole), "") == again.replace(str(parts), "") != ""
-    rows, others = (shards.merged([folder])[0].to_pylist() for folder in (whole, parts))
+    rows, others = (shards.merge([folder])[0].to_pylist() for folder in (whole, parts))
     assert repr(rows) == repr(others) and len(rows) >= 40
     assert len({row["seed"] for row in rows}) == 1, "the margin is no function of what varies"
     assert done(search, whole, 1) == told, "what came out is told again"
@@ -84,7 +84,7 @@ def test_a_search_among_runs_that_nothing_judges_has_no_worst() -> None:
 
 def test_the_worst_is_the_worst_row_and_is_run_again_by_its_number(tmp_path: Path) -> None:
     lines = done(Search(WORST, OVERSHOOT), tmp_path, 2).splitlines()
-    rows = shards.merged([tmp_path])[0].to_pylist()
+    rows = shards.merge([tmp_path])[0].to_pylist()
     worst = max(rows, key=lambda row: row[f"metric:{OVERSHOOT}"])
     assert len(rows) == 70 and lines[0] == "pid: the worst of 70 runs"
     assert lines[1].startswith(f"  draw {worst['draw']}: {worst[f'metric:{OVERSHOOT}']:.4g}: ")
@@ -95,7 +95,7 @@ def test_the_worst_is_the_worst_row_and_is_run_again_by_its_number(tmp_path: Pat
 
 def test_a_likely_failure_is_the_share_of_the_rows(tmp_path: Path) -> None:
     told = done(Search(RARE, OVERSHOOT, 0.0), tmp_path / "likely", 2)
-    rows = shards.merged([tmp_path / "likely"])[0].to_pylist()
+    rows = shards.merge([tmp_path / "likely"])[0].to_pylist()
     failed = [row[f"metric:{OVERSHOOT}"] > 0.0 for row in rows]
     assert len(rows) == 40 and sum(failed) > 0
     assert f"p_fail = {sum(failed) / 40:.2g}, between" in told and "by 40 runs" in told
@@ -145,7 +145,7 @@ def test_python_searches_as_the_command_does(tmp_path: Path) -> None:
         told = done(search, whole, 1)
         own = from_python(search.campaign.vary, seed=search.campaign.seed, **asked)
         assert own.statement.replace(str(own.folder), str(whole)) == told
-        assert repr(own.table.to_pylist()) == repr(shards.merged([whole])[0].to_pylist())
+        assert repr(own.table.to_pylist()) == repr(shards.merge([whole])[0].to_pylist())
     for wrong, what in (
         ({"worst": 20, "until": "p_fail < 0.1 at 90%"}, "--until: --worst chooses its own draws"),
         ({"worst": 20, "rare": 20}, "--worst and --rare: give one of them"),

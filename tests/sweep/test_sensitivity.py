@@ -8,7 +8,7 @@ import pytest
 from pcpc.tools.study.sweep import vary
 from pcpc.tools.study.sweep.sensitivity import Share, shares
 
-CUBE = vary.all_parsed([f"x{i}=-3.141592653589793:3.141592653589793" for i in (1, 2, 3)])
+CUBE = vary.parse_variations([f"x{i}=-3.141592653589793:3.141592653589793" for i in (1, 2, 3)])
 
 
 def ishigami(x: np.ndarray) -> np.ndarray:
@@ -74,7 +74,7 @@ def test_a_choice_is_its_values_in_any_order() -> None:
 
 
 def test_an_interaction_is_in_the_totals_of_a_grid_and_in_no_first_order() -> None:
-    two = vary.all_parsed(["a=-1:1:20", "b=choice(-1,1)", "c=0:1:2"])
+    two = vary.parse_variations(["a=-1:1:20", "b=choice(-1,1)", "c=0:1:2"])
     x = vary.values(two, vary.points(two, 80, "grid", 0), (0.0, 0.0, 0.0))
     rows = np.random.default_rng(5).permutation(80)  # the order of the runs says nothing
     found = by_name(shares("abc", x[rows], (x[:, 0] * x[:, 1])[rows]))

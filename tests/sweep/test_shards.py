@@ -43,21 +43,21 @@ def shard(folder: Path, number: int, of: int, spec: dict[str, Any] = SPEC) -> Pa
 
 def refused(folders: Sequence[Path]) -> str:
     with pytest.raises(RigError) as error:
-        shards.merged(folders)
+        shards.merge(folders)
     return str(error.value)
 
 
 def test_all_shards_are_the_whole_in_one_folder_or_several(tmp_path: Path) -> None:
     shard(tmp_path / "whole", 1, 1)
-    whole, _ = shards.merged([tmp_path / "whole"])
+    whole, _ = shards.merge([tmp_path / "whole"])
     for number in (3, 1, 4, 2):
         shard(tmp_path / "one", number, 4)
         shard(tmp_path / str(number), number, 4)
-    assert shards.merged([tmp_path / "one"])[0].equals(whole)
-    assert shards.merged([tmp_path / str(n) for n in (4, 2, 1, 3)])[0].equals(whole)
+    assert shards.merge([tmp_path / "one"])[0].equals(whole)
+    assert shards.merge([tmp_path / str(n) for n in (4, 2, 1, 3)])[0].equals(whole)
     for number, of in ((1, 2), (2, 4), (4, 4)):
         shard(tmp_path / "mixed", number, of)
-    assert shards.merged([tmp_path / "mixed"])[0].equals(whole), "of 2 and of 4, none twice"
+    assert shards.merge([tmp_path / "mixed"])[0].equals(whole), "of 2 and of 4, none twice"
 
 
 @pytest.mark.parametrize(
@@ -104,9 +104,9 @@ def test_the_same_shard_twice_counts_once_if_it_is_the_same(tmp_path: Path) -> N
         shard(tmp_path / "a", number, 2)
     path = shard(tmp_path / "b", 2, 2)
     folders = [tmp_path / "a", tmp_path / "b"]
-    assert shards.merged(folders)[0].num_rows == 128
+    assert shards.merge(folders)[0].num_rows == 128
     shard(tmp_path / "a", 1, 1)
-    assert shards.merged([*folders, tmp_path / "a"])[0].num_rows == 128, "overlapping, and twice"
+    assert shards.merge([*folders, tmp_path / "a"])[0].num_rows == 128, "overlapping, and twice"
     table = pyarrow.parquet.read_table(path)
     metric = pa.array([1.0, *table["metric:rms"].to_pylist()[1:]])
     place = table.column_names.index("metric:rms")
@@ -300,5 +300,5 @@ def test_rows_of_a_run_without_a_value_are_the_same_alone_and_merged(tmp_path: P
     own.complete()
     own.close()
     shard(tmp_path, 2, 2, SPEC | {"draws": 2})
-    table, _ = shards.merged([tmp_path])
+    table, _ = shards.merge([tmp_path])
     assert repr(table["metric:only"].to_pylist()) == "[1.0, 1.0, nan, nan]"

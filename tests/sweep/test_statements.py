@@ -25,7 +25,7 @@ def ended(statement: st.Statement, p: float, block: int, blocks: int) -> list[tu
     found = []
     for campaign in counts(p, block, blocks).tolist():
         for i, failures in enumerate(campaign, 1):
-            outcome = statement.decided(failures, i * block)
+            outcome = statement.outcome(failures, i * block)
             if outcome != st.OPEN or i == blocks:
                 found.append((outcome, failures, i * block))
                 break
@@ -40,12 +40,12 @@ def test_bounds_of_a_fixed_number_of_runs_are_those_of_scipy() -> None:
 
 
 def test_failure_free_runs_that_are_needed() -> None:
-    assert binomial.needed(1e-3, 0.95) == 2995 and binomial.needed(1e-5, 0.95) == 299_572
+    assert binomial.runs_needed(1e-3, 0.95) == 2995 and binomial.runs_needed(1e-5, 0.95) == 299_572
     assert binomial.upper_bound(0, 2995, 0.95) < 1e-3 <= binomial.upper_bound(0, 2994, 0.95)
-    alone = st.parsed("p_fail < 1e-3 at 95% against 0")
+    alone = st.parse("p_fail < 1e-3 at 95% against 0")
     assert alone.without_failure == 2995
     assert alone.bounds(0, 2995)[1] == pytest.approx(binomial.upper_bound(0, 2995, 0.95))
-    assert st.parsed("p_fail < 1e-3 at 95%").without_failure == 3327
+    assert st.parse("p_fail < 1e-3 at 95%").without_failure == 3327
 
 
 @pytest.mark.parametrize("p", [0.003, 0.03, 0.4])
@@ -64,7 +64,7 @@ def test_bounds_cover_the_truth_at_all_looks_at_once(p: float) -> None:
     statement = st.Statement(p, 0.95, p / 10.0)
     high_missed = low_missed = 0
     for campaign in counts(p, 20, 150).tolist():
-        outcomes = {statement.decided(k, 20 * i) for i, k in enumerate(campaign, 1)}
+        outcomes = {statement.outcome(k, 20 * i) for i, k in enumerate(campaign, 1)}
         high_missed += st.HOLDS in outcomes
         low_missed += st.REFUTED in outcomes
     assert max(low_missed, high_missed) <= (0.05 + SLACK) * REPETITIONS, (low_missed, high_missed)
@@ -80,7 +80,7 @@ def test_fixed_intervals_do_not_stand_repeated_looks() -> None:
 
 @pytest.mark.parametrize("option", ["p_fail < 0.02 at 95%", "p_fail < 0.02 at 95% against 0.008"])
 def test_the_sequential_test_errs_no_more_often_than_stated(option: str) -> None:
-    statement = st.parsed(option)
+    statement = st.parse(option)
     at_p0 = [outcome for outcome, *_ in ended(statement, statement.p0, 10, 400)]
     at_p1 = [outcome for outcome, *_ in ended(statement, statement.p1, 10, 400)]
     assert at_p0.count(st.HOLDS) <= (0.05 + SLACK) * REPETITIONS
@@ -94,7 +94,7 @@ def test_the_sequential_test_errs_no_more_often_than_stated(option: str) -> None
 
 @pytest.mark.parametrize("p", [0.001, 0.005, 0.02, 0.06])
 def test_bounds_cover_the_truth_where_the_campaign_ended(p: float) -> None:
-    statement = st.parsed("p_fail < 0.02 at 95%")
+    statement = st.parse("p_fail < 0.02 at 95%")
     low, high = zip(
         *(statement.bounds(k, n) for _, k, n in ended(statement, p, 8, 400)), strict=True
     )
@@ -104,34 +104,34 @@ def test_bounds_cover_the_truth_where_the_campaign_ended(p: float) -> None:
 
 @pytest.mark.parametrize("p", [0.0, 0.005, 0.02, 0.1])
 def test_the_expected_number_of_runs_is_about_the_mean(p: float) -> None:
-    statement = st.parsed("p_fail < 0.05 at 95% against 0.025")
+    statement = st.parse("p_fail < 0.05 at 95% against 0.025")
     runs = np.mean([n for *_, n in ended(statement, p, 1, 800)])
     assert statement.expected(p) == pytest.approx(runs, rel=0.15)
 
 
 def test_expected_runs_where_every_run_fails_and_where_the_mean_stands_still() -> None:
-    statement = st.parsed("p_fail < 0.01 at 95% against 0.005")
+    statement = st.parse("p_fail < 0.01 at 95% against 0.005")
     assert statement.expected(1.0) == 5  # ln(0.05)/ln(0.5) = 4.3
     still = 1.0 / (1.0 - statement._failed / statement._clean)
     around = [statement.expected(still * (1.0 + e)) for e in (-1e-3, 0.0, 1e-3)]
     assert max(around) < 1.01 * min(around) and statement.expected(0.5 * still) < min(around)
-    alone = st.parsed("p_fail < 0.01 at 95% against 0")
+    alone = st.parse("p_fail < 0.01 at 95% against 0")
     assert alone.expected(0.0) == alone.without_failure
     assert alone.expected(0.1) == pytest.approx(10.0, rel=1e-6)
 
 
 def test_the_bound_is_where_the_test_turns() -> None:
-    statement = st.parsed("p_fail < 0.01 at 95%")
+    statement = st.parse("p_fail < 0.01 at 95%")
     for failures in (0, 1, 5):
         first = next(n for n in range(failures, 9000) if statement.bounds(failures, n)[1] < 0.01)
-        assert statement.decided(failures, first) == st.HOLDS
-        assert statement.decided(failures, first - 1) != st.HOLDS
+        assert statement.outcome(failures, first) == st.HOLDS
+        assert statement.outcome(failures, first - 1) != st.HOLDS
         last = max((n for n in range(failures, 900) if statement.bounds(failures, n)[0] > 0.01),
                    default=0)  # fmt: skip
         assert (last > 0) is (failures > 0)
         if last:
-            assert statement.decided(failures, last) == st.REFUTED
-            assert statement.decided(failures, last + 1) != st.REFUTED
+            assert statement.outcome(failures, last) == st.REFUTED
+            assert statement.outcome(failures, last + 1) != st.REFUTED
         upper = statement.bounds(failures, 400)[1]
         turning = st.Statement(upper, 0.95, upper / 10).likelihood(failures, 400)
         assert turning == pytest.approx(math.log(20.0))
@@ -144,41 +144,41 @@ def test_a_rate_a_little_above_the_stated_one_is_refuted_and_one_below_never(p0:
         runs = next(n for n in range(500, 200_000, 500)
                     if statement.bounds(round(times * p0 * n), n)[0] > p0)  # fmt: skip
         failures = round(times * p0 * runs)
-        assert statement.decided(failures, runs) == st.REFUTED, (times, failures, runs)
-        assert "is refuted at 95 %" in statement.told(failures, runs)
-        assert statement.decided(round(0.9 * p0 * runs), runs) != st.REFUTED
+        assert statement.outcome(failures, runs) == st.REFUTED, (times, failures, runs)
+        assert "is refuted at 95 %" in statement.text(failures, runs)
+        assert statement.outcome(round(0.9 * p0 * runs), runs) != st.REFUTED
 
 
 def test_bounds_where_all_runs_fail_and_where_none_was_made() -> None:
-    assert st.always_valid(0, 0, 0.95) == (0.0, 1.0)
-    assert st.always_valid(1, 1, 0.95) == (pytest.approx(0.05 * 0.5), 1.0)  # (3): 1/2 over p
+    assert st.anytime_bounds(0, 0, 0.95) == (0.0, 1.0)
+    assert st.anytime_bounds(1, 1, 0.95) == (pytest.approx(0.05 * 0.5), 1.0)  # (3): 1/2 over p
     for ratio in (2.0, 10.0, math.inf):
         for runs in (1, 10, 1000):
             for failures in range(0, runs + 1, max(runs // 10, 1)):
-                low, high = st.always_valid(failures, runs, 0.95, ratio)
+                low, high = st.anytime_bounds(failures, runs, 0.95, ratio)
                 assert 0.0 <= low <= failures / runs <= high <= 1.0, (failures, runs, ratio)
 
 
 def test_outcomes_in_words() -> None:
-    statement = st.parsed("p_fail < 1e-3 at 95%")
-    assert statement.told(0, 3327) == (
+    statement = st.parse("p_fail < 1e-3 at 95%")
+    assert statement.text(0, 3327) == (
         "p_fail < 1e-3 holds at 95 %: 0 failures in 3,327 runs, bound 9.999e-4; "
         "3,327 were needed without failure"
     )
-    assert statement.told(30, 3000) == (
+    assert statement.text(30, 3000) == (
         "p_fail < 1e-3 is refuted at 95 %: 30 failures in 3,000 runs, p_fail is above 4.576e-3"
     )
-    assert statement.told(0, 1) == (
+    assert statement.text(0, 1) == (
         "p_fail < 1e-3 is open after 0 failures in 1 run: bound 0.9548; "
         "about 3,326 more to show it, if it goes on like this"
     )
-    assert statement.told(3, 500) == (
+    assert statement.text(3, 500) == (
         "p_fail < 1e-3 is not shown: 3 failures in 500 runs, p_fail <= 1e-4 is excluded at 95 %; "
         "p_fail is above 2.8e-4 and below 0.02187, each at 95 %"
     )
-    alone = st.parsed("p_fail(peak error (slew)) < 1e-3 at 99.9% against 0")
+    alone = st.parse("p_fail(peak error (slew)) < 1e-3 at 99.9% against 0")
     assert alone.requirement == "peak error (slew)"
-    assert alone.told(1, 10) == (
+    assert alone.text(1, 10) == (
         "p_fail(peak error (slew)) < 1e-3 is not shown: 1 failure in 10 runs, "
         "and the test was for none"
     )
@@ -186,7 +186,7 @@ def test_outcomes_in_words() -> None:
 
 @pytest.mark.parametrize(("failures", "runs"), [(0, 0), (0, 1500), (1, 1900), (0, 3326)])
 def test_the_announced_number_of_runs_decides(failures: int, runs: int) -> None:
-    statement = st.parsed("p_fail < 1e-3 at 95%")
+    statement = st.parse("p_fail < 1e-3 at 95%")
     more = statement.more(failures, runs)
     rate = failures / runs if runs else 0.0
     total = runs + more
@@ -211,7 +211,7 @@ def test_the_announced_number_of_runs_decides(failures: int, runs: int) -> None:
 )
 def test_a_wrong_statement_is_one_line_with_its_cure(option: str, words: str) -> None:
     with pytest.raises(RigError) as error:
-        st.parsed(option)
+        st.parse(option)
     assert str(error.value).startswith(f"--until '{option}': ") and words in str(error.value)
 
 
@@ -219,4 +219,4 @@ def test_more_failures_than_runs_are_refused() -> None:
     with pytest.raises(ValueError, match="3 failures in 2 runs"):
         binomial.upper_bound(3, 2, 0.95)
     with pytest.raises(ValueError, match="-1 failures"):
-        st.always_valid(-1, 2, 0.95)
+        st.anytime_bounds(-1, 2, 0.95)

@@ -14,7 +14,7 @@ MANY = (np.arange(20_000) + 0.5) / 20_000
 
 
 def drawn(text: str, own: float = 7.0) -> np.ndarray:
-    variation = vary.parsed(f"plant.a={text}")
+    variation = vary.parse(f"plant.a={text}")
     return np.array([variation.value(u, own) for u in MANY])
 
 
@@ -91,19 +91,19 @@ def test_grid_values_include_both_ends_and_choices_are_equally_frequent() -> Non
 )
 def test_what_is_wrong_is_one_line_with_the_option_and_the_cure(option: str, words: str) -> None:
     with pytest.raises(RigError) as error:
-        vary.parsed(option)
+        vary.parse(option)
     text = str(error.value)
     assert text.startswith(f"--vary {option}: ") and words in text and "\n" not in text
 
 
 def test_a_name_varies_once_and_a_factor_needs_something_to_multiply() -> None:
     with pytest.raises(RigError, match=r"^--vary a=1:3: this value is already varied; "):
-        vary.all_parsed(["a=1:2", "b=1:2", "a=1:3"])
+        vary.parse_variations(["a=1:2", "b=1:2", "a=1:3"])
     with pytest.raises(RigError, match=r"the rig's own value is 0, .*; give lo:hi"):
-        vary.parsed("a=x1:2").value(0.5, 0.0)
+        vary.parse("a=x1:2").value(0.5, 0.0)
 
 
-THREE = vary.all_parsed(["a=1:2", "b=normal(0,1)", "c=choice(1,2)"])
+THREE = vary.parse_variations(["a=1:2", "b=normal(0,1)", "c=choice(1,2)"])
 
 
 @pytest.mark.parametrize("sampling", ["random", "sobol"])
@@ -128,7 +128,7 @@ def test_points_fill_the_open_unit_cube_evenly(sampling: str) -> None:
 def test_every_process_makes_the_same_points() -> None:
     code = (
         "from pcpc.tools.study.sweep import vary; import hashlib, sys\n"
-        "v = vary.all_parsed(['a=1:2', 'b=normal(0,1)', 'c=choice(1,2)'])\n"
+        "v = vary.parse_variations(['a=1:2', 'b=normal(0,1)', 'c=choice(1,2)'])\n"
         "for s in ('random', 'lhs', 'sobol'):\n"
         "    print(hashlib.sha256(vary.points(v, 64, s, 9).tobytes()).hexdigest())\n"
     )
@@ -137,13 +137,13 @@ def test_every_process_makes_the_same_points() -> None:
 
 
 def test_a_grid_holds_every_combination_once() -> None:
-    two = vary.all_parsed(["a=0:1:3", "b=choice(5,6,7,8)"])
+    two = vary.parse_variations(["a=0:1:3", "b=choice(5,6,7,8)"])
     found = vary.values(two, vary.points(two, 12, "grid", 0), (0.0, 0.0))
     assert found.tolist() == [[a, b] for a in (0.0, 0.5, 1.0) for b in (5.0, 6.0, 7.0, 8.0)]
     with pytest.raises(RigError, match="this grid has 12 combinations"):
         vary.points(two, 10, "grid", 0)
     with pytest.raises(RigError, match=r"^--vary b=normal\(0,1\): a grid needs values"):
-        vary.grid_size(vary.all_parsed(["a=0:1:3", "b=normal(0,1)"]))
+        vary.grid_size(vary.parse_variations(["a=0:1:3", "b=normal(0,1)"]))
 
 
 def test_what_cannot_be_drawn_is_one_line() -> None:
@@ -155,14 +155,14 @@ def test_what_cannot_be_drawn_is_one_line() -> None:
 
 def test_snapped_points_have_the_values_of_their_own_and_one_number_for_each() -> None:
     draws = vary.points(THREE, 100, "random", 3)
-    close = vary.snapped(THREE, draws)
+    close = vary.snap_to_levels(THREE, draws)
     own = (1.0, 1.0, 1.0)
     assert np.array_equal(vary.values(THREE, close, own), vary.values(THREE, draws, own))
     assert len(np.unique(close[:, 2])) == 2 and np.array_equal(close[:, :2], draws[:, :2])
 
 
 def test_normal_coordinates_have_values_however_far_out() -> None:
-    far = vary.of_normal(np.array([[-40.0] * 3, [0.0] * 3, [40.0] * 3]))
+    far = vary.points_of_normal(np.array([[-40.0] * 3, [0.0] * 3, [40.0] * 3]))
     assert far[1].tolist() == [0.5] * 3 and far.min() > 0.0 and far.max() < 1.0
     found = vary.values(THREE, far, (1.0, 1.0, 1.0))
     assert np.isfinite(found).all() and found[:, 2].tolist() == [1.0, 2.0, 2.0]

@@ -12,7 +12,7 @@ SEEDS = range(5)
 
 
 def uniform(d: int) -> tuple[vary.Variation, ...]:
-    return vary.all_parsed([f"x{i}=0:1" for i in range(d)])
+    return vary.parse_variations([f"x{i}=0:1" for i in range(d)])
 
 
 @pytest.mark.parametrize("d", [1, 2, 5])
@@ -46,7 +46,7 @@ def test_many_valleys() -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_level_of_a_choice(seed: int) -> None:
-    mixed = vary.all_parsed(["kind=choice(3,1,2,9)", "x=0:1", "n=0:1:5"])
+    mixed = vary.parse_variations(["kind=choice(3,1,2,9)", "x=0:1", "n=0:1:5"])
 
     def margins(u: np.ndarray) -> np.ndarray:
         value = vary.values(mixed, u, (0.0, 0.0, 0.0))
@@ -56,7 +56,7 @@ def test_the_level_of_a_choice(seed: int) -> None:
     points, found = worst(margins, mixed, 800, seed)
     value = vary.values(mixed, points[:1], (0.0, 0.0, 0.0))[0]
     assert value == pytest.approx([2.0, 0.3, 0.75], abs=0.03) and found[0] < -4.99
-    assert np.array_equal(vary.snapped(mixed, points), points)
+    assert np.array_equal(vary.snap_to_levels(mixed, points), points)
 
 
 def counted(margins: Margins, asked: list[np.ndarray]) -> Margins:

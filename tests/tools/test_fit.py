@@ -16,7 +16,7 @@ from pcpc.tools.make.new import write
 from pcpc.tools.start.rigs import find
 from pcpc.tools.study.fit import fitting
 from pcpc.tools.study.fit.book._identified_seeds import START, true_values
-from pcpc.tools.study.fit.estimate import estimated
+from pcpc.tools.study.fit.estimate import estimate
 from pcpc.tools.study.fit.fitting import Model, narrow
 from pcpc.tools.study.fit.record import record_of
 from pcpc.tools.study.fit.result import Parameter
@@ -85,10 +85,10 @@ def test_a_search_that_is_lost_gives_no_interval_and_is_no_success(
     folder, run = motor
 
     def lost(*given):
-        found = estimated(*given)
+        found = estimate(*given)
         return replace(found, explained=100, worst=9.0 + found.worst, alike=False)
 
-    monkeypatch.setattr(fitting, "estimated", lost)
+    monkeypatch.setattr(fitting, "estimate", lost)
     words = ["fit", str(folder / "rig.yaml"), str(folder / "run"), "-o", str(tmp_path / "lost"),
              "--parameter", "motor.coulomb_Nm", "--quiet"]  # fmt: skip
     assert main(words) == 1

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pcpc.tools.study.fit.estimate import covariances, estimated
-from pcpc.tools.study.fit.noise import Own, difference_noise, resolution
+from pcpc.tools.study.fit.estimate import covariances, estimate
+from pcpc.tools.study.fit.noise import Noise, difference_noise, resolution
 from pcpc.tools.study.fit.search import Problem
 from pcpc.tools.study.fit.smooth import smooth_part
 
@@ -26,9 +26,7 @@ def noisy(seed, std=0.1):
 
 
 def fit(measured, predict=linear, start=(1.0, -1.0), bounds=BOUNDS, **more):
-    return estimated(
-        predict, measured, np.zeros(measured.shape[1]), np.array(start), bounds, **more
-    )
+    return estimate(predict, measured, np.zeros(measured.shape[1]), np.array(start), bounds, **more)
 
 
 def test_a_linear_model_gives_the_least_squares_estimate_and_its_covariance():
@@ -200,7 +198,7 @@ def test_the_first_block_with_more_than_noise_is_where_the_model_ends():
     draw = np.random.default_rng(4)
     measured = draw.standard_normal((2000, 2))
     measured[::2, 1] = np.nan
-    own = Own(np.ones(2), np.zeros(2))
+    own = Noise(np.ones(2), np.zeros(2))
     worst, first = own.excess(np.zeros((2000, 2)), measured)
     assert first == 2000 and worst.max() < 1.3, worst
     predicted = np.zeros((2000, 2))
@@ -213,7 +211,7 @@ def test_the_first_block_with_more_than_noise_is_where_the_model_ends():
 
 def test_an_encoder_at_rest_may_err_by_half_a_count_and_not_when_it_moves():
     still, moving = np.zeros((200, 1)), 20.0 * np.arange(200.0)[:, None]
-    own = Own(np.array([1.0 / np.sqrt(12.0)]), np.ones(1))
+    own = Noise(np.array([1.0 / np.sqrt(12.0)]), np.ones(1))
     assert own.excess(still + 0.5, still)[1] == 200
     assert own.excess(moving + 0.5, moving)[1] == 0
     assert own.excess(still + 0.6, still)[1] == 0

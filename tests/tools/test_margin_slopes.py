@@ -91,8 +91,8 @@ def test_what_left_its_bounds_is_a_state_of_a_block(tmp_path: Path) -> None:
 
 
 def test_the_plant_is_a_cycle_ahead_of_the_law_it_answers(tmp_path: Path) -> None:
-    plans = operating.plans_of(operating.undisturbed(load_rig(LAG.write(tmp_path))))
-    cycle, (cut, _) = CycleMap(plans), loops.chosen(load_rig(LAG.write(tmp_path)), plans, None)
+    plans = operating.plans_of(operating.without_disturbances(load_rig(LAG.write(tmp_path))))
+    cycle, (cut, _) = CycleMap(plans), loops.choose(load_rig(LAG.write(tmp_path)), plans, None)
     cycle.begin({})
     for k in range(3):
         if k < 2:

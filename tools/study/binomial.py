@@ -19,7 +19,7 @@ def upper_bound(failures: int, runs: int, confidence: float) -> float:
     """Return the one-sided upper bound of Clopper and Pearson, for a fixed number of runs."""
     from scipy.special import betaincinv
 
-    checked(failures, runs)
+    check_counts(failures, runs)
     return 1.0 if failures == runs else float(betaincinv(failures + 1, runs - failures, confidence))
 
 
@@ -28,12 +28,12 @@ def lower_bound(failures: int, runs: int, confidence: float) -> float:
     return 1.0 - upper_bound(runs - failures, runs, confidence)
 
 
-def needed(p0: float, confidence: float) -> int:
+def runs_needed(p0: float, confidence: float) -> int:
     """Return how many runs without failure show p < p0, if their number is fixed beforehand."""
     return math.ceil(math.log(1.0 - confidence) / math.log1p(-p0))
 
 
-def checked(failures: int, runs: int) -> None:
+def check_counts(failures: int, runs: int) -> None:
     """Raise ValueError unless there can be so many failures."""
     if not 0 <= failures <= runs:
         raise ValueError(f"{failures} failures in {runs} runs")

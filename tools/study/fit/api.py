@@ -11,7 +11,7 @@ from pcpc.tools.after.place import progress
 from pcpc.tools.after.record import Run
 from pcpc.tools.start.rigs import find
 from pcpc.tools.start.settings import settings
-from pcpc.tools.study.fit.fitting import Asked, Model
+from pcpc.tools.study.fit.fitting import Model, Range
 from pcpc.tools.study.fit.fitting import fit as fit_model
 from pcpc.tools.study.fit.result import Fit
 
@@ -42,7 +42,7 @@ def fit(
     """
     loaded = load_rig(find(str(rig)), None, settings(set))
     bounds = parameters if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
-    asked = [Asked(name, *(ends or (None, None))) for name, ends in bounds.items()]
+    asked = [Range(name, *(ends or (None, None))) for name, ends in bounds.items()]
     shown = progress(quiet)
     read = log.log if isinstance(log, Run) else logs.read(log_of(str(log)))
     found = fit_model(Model(loaded, asked, sensors), read, shown.show)

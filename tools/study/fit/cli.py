@@ -10,7 +10,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.start.folder import folder_of
-from pcpc.tools.study.fit.fitting import Model, asked, fit
+from pcpc.tools.study.fit.fitting import Model, fit, parse_range
 from pcpc.tools.study.fit.result import VALUES
 from pcpc.tools.terminal.ending import writing
 from pcpc.tools.terminal.extras import FIGURE, need
@@ -24,14 +24,14 @@ def command(options: argparse.Namespace) -> int:
     """
     need("a fit needs", "sweep", "scipy.optimize", FIGURE)
     rig = load_rig(options.rig, None, options.set)
-    model = Model(rig, [asked(option) for option in options.parameter], options.sensor)
+    model = Model(rig, [parse_range(option) for option in options.parameter], options.sensor)
     log = logs.read(Path(options.log))
     _check_empty(options.output)
     with folder_of(options.output, f"fit-{rig.config.rig}") as folder:
-        return _fitted(options, model, log, folder)
+        return _fit(options, model, log, folder)
 
 
-def _fitted(options: argparse.Namespace, model: Model, log: logs.Log, folder: Path) -> int:
+def _fit(options: argparse.Namespace, model: Model, log: logs.Log, folder: Path) -> int:
     progress = Progress(options.quiet)
     found = fit(model, log, progress.show)
     progress.close()

@@ -34,7 +34,7 @@ import numpy as np
 
 from pcpc.tools.study.arrays import Array, Flags
 from pcpc.tools.study.fit.noise import own_noise, resolution
-from pcpc.tools.study.fit.search import Predict, Problem, bounded, minimum, onward, reached
+from pcpc.tools.study.fit.search import Predict, Problem, bounded, find, minimum, onward
 from pcpc.tools.study.fit.smooth import smooth_part
 
 Samples = Callable[[Array], tuple[Array, Array]]  # point (p,) -> y, Q(y), each (rows, sensors)
@@ -81,7 +81,7 @@ class Estimate:
         return self.explained == self.rows and self.smooth > 0
 
 
-def estimated(
+def estimate(
     predict: Predict, measured: Array, quantum: Array, start: Array, bounds: Array,
     samples: Samples | None = None, say: Callable[[str], None] = lambda _: None,
 ) -> Estimate:  # fmt: skip
@@ -95,7 +95,7 @@ def estimated(
     own = own_noise(measured, quantum)
     noise = own.noise
     floor, rows = quantum / math.sqrt(12.0), len(measured)
-    search = reached(of, start / scale, own, say)
+    search = find(of, start / scale, own, say)
     z, steps = search.z, search.steps
     if search.rows < rows:
         z, steps = onward(of, search, start / scale, noise, say)
@@ -105,27 +105,27 @@ def estimated(
         z, steps = minimum(of, z, rows, noise, steps, 1e-5 if turn else 1e-3, free=excited)
         noise = _noise(of, z, rows, floor, excited)
         _, slope = of.linearised(z, rows, noise, steps, central=turn > 0)
-        told = _told(slope, excited)
+        told = _are_excited(slope, excited)
         if turn and (told == excited).all():
             break
         z, excited = np.where(told, z, start / scale), told
     before = z * scale
     if samples is not None and excited.any():
         say(f"rounding, {of.evaluations} runs so far")
-        z = _unrounded(of, samples, z, noise, slope, excited, floor)
-    found = _judged(of, z, rows, noise, slope, excited)
+        z = _correct_rounding(of, samples, z, noise, slope, excited, floor)
+    found = _with_errors(of, z, rows, noise, slope, excited)
     smooth, unsure = rows, np.zeros(len(z))
     if excited.any() and own.excess(found.predicted, measured)[1] == rows:
         say(f"how smooth the minimum is, {of.evaluations} runs so far")
         smooth, unsure = smooth_part(of, before / scale, noise, steps, excited)
     if smooth < rows:
-        found = _widened(found, unsure * scale)
+        found = _widen(found, unsure * scale)
     worst, explained = own.excess(found.predicted, measured)
     return replace(found, before=before, own=own.noise, worst=worst, explained=explained,
                    alike=search.alike, smooth=smooth)  # fmt: skip
 
 
-def _widened(found: Estimate, errors: Array) -> Estimate:
+def _widen(found: Estimate, errors: Array) -> Estimate:
     """Return an estimate whose errors are at least WIDER times those."""
     least = np.maximum(found.errors, WIDER * errors)
     half = 0.5 * np.ptp(found.interval, axis=1)
@@ -134,7 +134,7 @@ def _widened(found: Estimate, errors: Array) -> Estimate:
     return replace(found, errors=least, interval=interval)
 
 
-def _unrounded(
+def _correct_rounding(
     of: Problem, samples: Samples, z: Array, noise: Array, slope: Array,
     excited: Flags, floor: Array,
 ) -> Array:  # fmt: skip
@@ -174,7 +174,7 @@ def _noise(of: Problem, z: Array, rows: int, floor: Array, excited: Flags) -> Ar
     return np.maximum(np.sqrt(mean), np.maximum(floor, 1e-300))
 
 
-def _told(slope: Array, excited: Flags) -> Flags:
+def _are_excited(slope: Array, excited: Flags) -> Flags:
     """Return of which parameters the record tells something, (6) against the scale."""
     told = excited.copy()
     while told.any():
@@ -189,7 +189,7 @@ def _told(slope: Array, excited: Flags) -> Flags:
     return told
 
 
-def _judged(
+def _with_errors(
     of: Problem, z: Array, rows: int, noise: Array, slope: Array, excited: Flags
 ) -> Estimate:
     from scipy.special import stdtrit

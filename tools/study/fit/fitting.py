@@ -14,7 +14,7 @@ from pcpc.executive.rig.reading import Rig
 from pcpc.plants.identification import Identification, identification_of
 from pcpc.plants.judging import effective_rig
 from pcpc.tools.study.arrays import Array
-from pcpc.tools.study.fit.estimate import Estimate, close_pairs, estimated
+from pcpc.tools.study.fit.estimate import Estimate, close_pairs, estimate
 from pcpc.tools.study.fit.noise import HOLDS
 from pcpc.tools.study.fit.record import Record, record_of
 from pcpc.tools.study.fit.result import Fit, Parameter, Sensor
@@ -24,7 +24,7 @@ FEW = 0.2  # a 95 % interval wider than this share of the value to either side i
 
 
 @dataclass(frozen=True)
-class Asked:
+class Range:
     """A parameter to be fitted, BLOCK.NAME, and its bounds, or None for the port's."""
 
     name: str
@@ -32,31 +32,31 @@ class Asked:
     high: float | None = None
 
 
-def asked(option: str) -> Asked:
+def parse_range(option: str) -> Range:
     """Return what `NAME` or `NAME=lo:hi` says. RigError."""
     name, equals, text = (part.strip() for part in option.partition("="))
     if not equals:
-        return Asked(name)
+        return Range(name)
     try:
         low, high = (float(word) for word in text.split(":"))
     except ValueError:
         raise RigError(f"--parameter {option}: expected NAME, or NAME=lo:hi") from None
     if not low < high:
         raise RigError(f"--parameter {option}: write the lower bound first")
-    return Asked(name, low, high)
+    return Range(name, low, high)
 
 
 class Model:
     """A rig's plant as a model: parameters, sensors, and how they hang together."""
 
     def __init__(
-        self, rig: Rig, parameters: Sequence[Asked] = (), sensors: Sequence[str] = ()
+        self, rig: Rig, parameters: Sequence[Range] = (), sensors: Sequence[str] = ()
     ) -> None:
         """Raise RigError for names that are not the plant's."""
         self.rig, self.plant = rig, Driven(rig)
-        self.said: Identification = identification_of(rig)
+        self.identification: Identification = identification_of(rig)
         self.own = self.plant.settings
-        self.parameters = list(parameters) or [Asked(name) for name in self._usual()]
+        self.parameters = list(parameters) or [Range(name) for name in self._default_names()]
         if not self.parameters:
             raise RigError(f"{rig.path}: nothing to be fitted; name it with --parameter")
         twice = {one.name for one in self.parameters}
@@ -98,15 +98,15 @@ class Model:
         columns = [self.plant.rounded(name, c) for name, c in zip(sent, raw.T, strict=True)]
         return smooth, np.stack(columns, axis=1)
 
-    def _usual(self) -> list[str]:
-        if self.said.parameters is not None:
-            return list(self.said.parameters)
+    def _default_names(self) -> list[str]:
+        if self.identification.parameters is not None:
+            return list(self.identification.parameters)
         return [
             name for name, value in self.own.items()
             if value != 0.0 and "noise" not in name and self.plant.port(name).unit
         ]  # fmt: skip
 
-    def _bounds(self, one: Asked) -> tuple[float, float]:
+    def _bounds(self, one: Range) -> tuple[float, float]:
         port, own = self.plant.port(one.name), self.own[one.name]
         low = port.low if one.low is None else one.low
         high = port.high if one.high is None else one.high
@@ -122,7 +122,9 @@ class Model:
         """Return what is compared: a name in the log to a name of the model."""
         sends = {name: source for name, source in self.plant.sources.items()
                  if source.partition(".")[0] in self.plant.blocks}  # fmt: skip
-        said = dict(self.said.sensors) if self.said.sensors is not None else sends
+        said = (
+            dict(self.identification.sensors) if self.identification.sensors is not None else sends
+        )
         for name in said:
             if name not in self.plant.sent:
                 raise RigError(f"SENSORS: {name}: the plant sends no such signal"
@@ -136,7 +138,7 @@ class Model:
 
     def _fixed(self) -> dict[str, float]:
         fixed = {name: 0.0 for name, value in self.own.items() if "noise" in name and value != 0.0}
-        fixed |= {name: float(value) for name, value in (self.said.model or {}).items()}
+        fixed |= {name: float(value) for name, value in (self.identification.model or {}).items()}
         for name in fixed:
             self.plant.port(name)
         return {name: value for name, value in fixed.items() if name not in self.names}
@@ -145,8 +147,8 @@ class Model:
 def fit(model: Model, log: Log, say: Callable[[str], None] = lambda _: None) -> Fit:
     """Fit `model` to `log`. RigError for a log that is not of its plant, or too short."""
     record = record_of(log, model.plant, list(model.sensors))
-    notes = _noted(model, record, log)
-    found = estimated_of(model, record, say)
+    notes = _log_notes(model, record, log)
+    found = estimate_of(model, record, say)
     parameters = [_parameter(model, found, i) for i in range(len(model.names))]
     sensors = [_sensor(model, record, found, j) for j in range(len(model.sensors))]
     notes = [*_refusal(found, record, sensors), *notes, *_warnings(model, found, parameters)]
@@ -157,7 +159,7 @@ def fit(model: Model, log: Log, say: Callable[[str], None] = lambda _: None) -> 
     )  # fmt: skip
 
 
-def estimated_of(
+def estimate_of(
     model: Model, record: Record, say: Callable[[str], None] = lambda _: None
 ) -> Estimate:
     """Return the estimate of the model's parameters, in the order of their names."""
@@ -168,7 +170,7 @@ def estimated_of(
     def samples(point: Array) -> tuple[Array, Array]:
         return model.samples(point, record.given, record.first)
 
-    return estimated(
+    return estimate(
         predict, record.measured, model.quantum, model.start, model.bounds, samples, say
     )
 
@@ -197,7 +199,7 @@ def _sensor(model: Model, record: Record, found: Estimate, j: int) -> Sensor:
     )  # fmt: skip
 
 
-def _noted(model: Model, record: Record, log: Log) -> list[str]:
+def _log_notes(model: Model, record: Record, log: Log) -> list[str]:
     """Return what is to be said before a fit."""
     own = {name: value for name, value in _settings(effective_rig(log)).items()
            if name in model.own and name not in model.names}  # fmt: skip
@@ -250,7 +252,7 @@ def _refusal(found: Estimate, record: Record, sensors: Sequence[Sensor]) -> list
 def _warnings(model: Model, found: Estimate, parameters: Sequence[Parameter]) -> list[str]:
     notes = []
     for one, bounds in zip(parameters, model.bounds, strict=True):
-        told = (model.said.parameters or {}).get(one.name, "")
+        told = (model.identification.parameters or {}).get(one.name, "")
         cure = f"; it takes {told}" if told else "; it takes a run that moves what it acts on"
         if not one.excited:
             notes.append(f"{one.name}: this log tells nothing of it, the rig's value stays{cure}")

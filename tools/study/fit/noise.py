@@ -44,7 +44,7 @@ def difference_noise(measured: Array, quantum: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Own:
+class Noise:
     """The samples' own noise s_j (sensors,), and the steps by which they come (sensors,)."""
 
     noise: Array
@@ -73,6 +73,6 @@ class Own:
         return max(HOLDS * float(self.noise[j]), rounding)
 
 
-def own_noise(measured: Array, quantum: Array) -> Own:
+def own_noise(measured: Array, quantum: Array) -> Noise:
     """Return the noise of samples (rows, sensors) that come in steps `quantum` (sensors,)."""
-    return Own(difference_noise(measured, quantum), quantum)
+    return Noise(difference_noise(measured, quantum), quantum)

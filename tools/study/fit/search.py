@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcpc.tools.study.arrays import Array, Flags
-from pcpc.tools.study.fit.noise import Own
+from pcpc.tools.study.fit.noise import Noise
 
 Predict = Callable[[Array, int], Array]  # points (m, p), rows -> signals (m, rows, sensors)
 Say = Callable[[str], None]
@@ -74,13 +74,13 @@ class Problem:
         r = bounded((y[0] - self.measured[:rows]) / noise)
         return r, np.moveaxis(np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0), 0, -1)
 
-    def excess(self, z: Array, rows: int, own: Own) -> tuple[Array, int]:
+    def excess(self, z: Array, rows: int, own: Noise) -> tuple[Array, int]:
         """Return what one point leaves over the noise (sensors,), and the rows it explains."""
         return own.excess(self.signals(z[None], rows)[0], self.measured[:rows])
 
 
 @dataclass(frozen=True)
-class Reached:
+class End:
     """Where a search ended: point, steps of differences there, rows that it explains.
 
     `alike`: searches from several starts ended at the same place, and explained no more.
@@ -152,10 +152,10 @@ def minimum(
     return full, steps
 
 
-def reached(of: Problem, start: Array, own: Own, say: Say) -> Reached:
+def find(of: Problem, start: Array, own: Noise, say: Say) -> End:
     """Return how far the record is explained from a start (p,) on: (1) to (4)."""
-    whole, trail = len(of.measured), [Reached(start, np.full(len(start), TRIAL), 0)]
-    best = _grown(of, trail, start, own, say)
+    whole, trail = len(of.measured), [End(start, np.full(len(start), TRIAL), 0)]
+    best = _grow(of, trail, start, own, say)
     ends = [best]
     while best.rows < whole and len(ends) < CHAINS and of.work < BUDGET * whole:
         back = best.rows / 2.0 ** (1 + (len(ends) - 1) % BACKS)
@@ -163,13 +163,13 @@ def reached(of: Problem, start: Array, own: Own, say: Say) -> Reached:
         points = _around(of, begun[-1], own.noise, len(ends))
         rows = min(whole, max(LEAST, 2 * begun[-1].rows))
         nearest = points[np.argmin(costs(of, points, rows, own.noise))]
-        ends.append(_grown(of, begun, nearest, own, say))
+        ends.append(_grow(of, begun, nearest, own, say))
         if ends[-1].rows > best.rows:
             best, trail = ends[-1], begun
-    return replace(best, alike=best.rows < whole and _alike(of, ends, best.rows, own))
+    return replace(best, alike=best.rows < whole and _ends_agree(of, ends, best.rows, own))
 
 
-def _alike(of: Problem, ends: Sequence[Reached], rows: int, own: Own) -> bool:
+def _ends_agree(of: Problem, ends: Sequence[End], rows: int, own: Noise) -> bool:
     """Return whether searches from several starts ended as one would that has the minimum."""
     part = min(len(of.measured), _little_more(rows))
     if any(_little_more(one.rows) < rows for one in ends):
@@ -182,7 +182,7 @@ def _little_more(rows: int) -> int:
     return rows + max(LEAST, rows // 50)
 
 
-def _grown(of: Problem, trail: list[Reached], z: Array, own: Own, say: Say) -> Reached:
+def _grow(of: Problem, trail: list[End], z: Array, own: Noise, say: Say) -> End:
     """Return where parts that grow end, and add what is explained on the way to the trail."""
     whole, start = len(of.measured), trail[0].z
     now, growth = replace(trail[-1], z=z), GROWTH
@@ -194,34 +194,34 @@ def _grown(of: Problem, trail: list[Reached], z: Array, own: Own, say: Say) -> R
         if now.rows == whole:
             return now
         part = min(whole, max(now.rows + LEAST, math.ceil(growth * now.rows)))
-        end = _fitted(of, now, part, own, start)
+        end = _fit_part(of, now, part, own, start)
         if end.rows == part:
             growth = min(GROWTH, 1.0 + 2.0 * (growth - 1.0))
         else:
             growth = 1.0 + (growth - 1.0) / 3.0
             part = min(whole, _little_more(now.rows))
-            end = _anew(of, now, part, own, start)
+            end = _fit_from_around(of, now, part, own, start)
             if end.rows < part:
                 return replace(end, rows=now.rows)
         now = end
         trail.append(now)
 
 
-def _fitted(of: Problem, begun: Reached, rows: int, own: Own, start: Array) -> Reached:
+def _fit_part(of: Problem, begun: End, rows: int, own: Noise, start: Array) -> End:
     """Return the minimum of a part, and how many rows it explains."""
     tolerance = 1.0 / (rows * len(own.noise))  # of the sum of squares, about 1: a trap costs more
     z, steps = minimum(of, begun.z, rows, own.noise, begun.steps, tolerance, prior=start)
-    return Reached(z, steps, of.excess(z, rows, own)[1])
+    return End(z, steps, of.excess(z, rows, own)[1])
 
 
-def _anew(of: Problem, begun: Reached, rows: int, own: Own, start: Array) -> Reached:
+def _fit_from_around(of: Problem, begun: End, rows: int, own: Noise, start: Array) -> End:
     """Return (3): what explains a part, or else agrees best with it."""
     best, least = begun, math.inf
     for turn in range(ROUNDS):
         points = _around(of, replace(best, rows=begun.rows), own.noise, turn)
         points = np.vstack((points, best.z))
         nearest = replace(best, z=points[np.argmin(costs(of, points, rows, own.noise))])
-        end = _fitted(of, nearest, rows, own, start)
+        end = _fit_part(of, nearest, rows, own, start)
         if end.rows == rows:
             return end
         cost = float(costs(of, end.z[None], rows, own.noise)[0])
@@ -230,7 +230,7 @@ def _anew(of: Problem, begun: Reached, rows: int, own: Own, start: Array) -> Rea
     return best
 
 
-def _around(of: Problem, begun: Reached, noise: Array, seed: int) -> Array:
+def _around(of: Problem, begun: End, noise: Array, seed: int) -> Array:
     """Return points about another (DRAWS, p), as far as what it explains and the start allow."""
     z, rows = begun.z, max(begun.rows, 1)
     draw, size = np.random.default_rng((rows, seed)), np.maximum(np.abs(z), 0.1)
@@ -244,9 +244,7 @@ def _around(of: Problem, begun: Reached, noise: Array, seed: int) -> Array:
     return np.clip(factors, of.low, of.high)
 
 
-def onward(
-    of: Problem, begun: Reached, start: Array, noise: Array, say: Say
-) -> tuple[Array, Array]:
+def onward(of: Problem, begun: End, start: Array, noise: Array, say: Say) -> tuple[Array, Array]:
     """Return where (5) ends, or the start where that agrees better, and steps there."""
     whole, z, steps = len(of.measured), begun.z, begun.steps
     part = max(begun.rows, round(FIRST * whole))

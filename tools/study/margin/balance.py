@@ -60,7 +60,7 @@ def first_harmonic(values: Vector) -> Complex:
     return np.asarray(2.0 / len(values) * np.tensordot(np.conj(turns(len(values))), values, 1))
 
 
-def swept(step: Step, found: Cycle) -> Vector:
+def after_cycle(step: Step, found: Cycle) -> Vector:
     """Return f at the phases of a cycle, (P, n)."""
     states = np.array(list(found.states()))
     held = list(found.waiting)
@@ -79,7 +79,7 @@ def swept(step: Step, found: Cycle) -> Vector:
     return after
 
 
-def waits(step: Step, found: Cycle) -> tuple[int, ...]:
+def waiting_states(step: Step, found: Cycle) -> tuple[int, ...]:
     """Return the states that are kept as they are at rest, and forgotten at other phases."""
     every = []
     for x in [found.mean, *found.states()]:
@@ -96,7 +96,7 @@ def waits(step: Step, found: Cycle) -> tuple[int, ...]:
     return tuple(np.flatnonzero(both & kept.any(axis=0) & lost.any(axis=0)).tolist())
 
 
-def balanced(step: Step, at: Cycle, state: int, amplitude: float) -> Cycle | None:
+def balance(step: Step, at: Cycle, state: int, amplitude: float) -> Cycle | None:
     """Return the cycle in which that state has an amplitude, from one nearby; None if not found."""
     n, unit = len(at.mean), np.abs(at.phi) * amplitude / abs(at.phi[state])
     unit = np.maximum(unit, 1e-9 * unit.max())
@@ -112,20 +112,20 @@ def balanced(step: Step, at: Cycle, state: int, amplitude: float) -> Cycle | Non
 
     def wrong(z: Vector) -> Vector:
         phi, mean, omega, gain = of(z)
-        after = swept(step, Cycle(phi, mean, omega, gain, amplitude, 0.0, at.waiting))
+        after = after_cycle(step, Cycle(phi, mean, omega, gain, amplitude, 0.0, at.waiting))
         first = (first_harmonic(after) - np.exp(1j * omega) * phi) / unit
         size = phi[state] / amplitude
         rest = (after.mean(axis=0) - mean) / unit
         first[list(at.waiting)], rest[list(at.waiting)] = 0.0, 0.0
         return np.concatenate((first.real, first.imag, rest, [size.real - 1.0, size.imag]))
 
-    z, left = _solved(wrong, z)
+    z, left = _solve(wrong, z)
     if not (left < 100.0 * _CLOSE and z[3 * n + 1] > 0.0):
         return None
     return Cycle(*of(z), amplitude, left, at.waiting)
 
 
-def _solved(wrong: Callable[[Vector], Vector], z: Vector) -> tuple[Vector, float]:
+def _solve(wrong: Callable[[Vector], Vector], z: Vector) -> tuple[Vector, float]:
     """Return where `wrong` is 0, by damped steps of Newton, and the largest rest of it."""
     now = wrong(z)
     for _ in range(_TRIES):
@@ -152,9 +152,9 @@ def branch(step: Step, first: Cycle, state: int, factor: float, most: int) -> li
     """Return cycles of falling amplitude, until one is not found, `most` at most."""
     found = [first]
     while len(found) < most:
-        new = balanced(step, found[-1], state, found[-1].amplitude * factor)
+        new = balance(step, found[-1], state, found[-1].amplitude * factor)
         if new is None:
-            new = balanced(step, found[-1], state, found[-1].amplitude * factor**0.25)
+            new = balance(step, found[-1], state, found[-1].amplitude * factor**0.25)
         if new is None:
             break
         found.append(new)

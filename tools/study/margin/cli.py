@@ -49,7 +49,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _limit_cycle(options: argparse.Namespace) -> LimitCycle:
-    settings = options.linear or [f"@{limit_cycle.of_plant(Path(options.rig))}"]
+    settings = options.linear or [f"@{limit_cycle.linear_file(Path(options.rig))}"]
     return limit_cycle.limit_cycle(
         Path(options.rig), options.controller, options.set, settings, options.limit_cycle,
         options.grown, options.factors, options.loop,

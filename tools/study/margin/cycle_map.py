@@ -97,7 +97,7 @@ class CycleMap:
             (int(np.argmax(found)) for found in order if found.any()), int(np.argmax(flagged))
         )
 
-    def taken(self, loop: Loop) -> list[int]:
+    def cut_places(self, loop: Loop) -> list[int]:
         """Return the places behind the cut of a loop: what is sent, and where it is received."""
         received = [self.place(role, f"rx.{loop.signal}") for role in loop.takers]
         return [*received, self.place(loop.role, loop.sent)]
@@ -118,7 +118,7 @@ class CycleMap:
         for role in self.roles:
             self._node(role, self.k if role == "executive" else self.k + 1)
             if cut is not None and cut.role == role:
-                self.v[self.taken(cut)] = given
+                self.v[self.cut_places(cut)] = given
         self.k += 1
 
     def advance_added(self, loop: Loop, added: float) -> float:
@@ -127,7 +127,7 @@ class CycleMap:
         for role in self.roles:
             self._node(role, self.k if role == "executive" else self.k + 1)
             if loop.role == role:
-                self.v[self.taken(loop)] += added
+                self.v[self.cut_places(loop)] += added
                 sent = float(self.v[self.place(role, loop.sent)])
         self.k += 1
         return sent

@@ -88,13 +88,13 @@ def margin_of(rig: Rig, question: Question) -> Margin:
     """Return what `margin` does, of a rig that was read."""
     question.check(rig.config.rate_hz)
     with np.errstate(all="ignore"):  # what is no number is looked for
-        return _margin_of(operating.undisturbed(rig), question)
+        return _margin_of(operating.without_disturbances(rig), question)
 
 
 def _margin_of(rig: Rig, question: Question) -> Margin:
     plans, rate, method = operating.plans_of(rig), rig.config.rate_hz, question.method
-    cut, known = loops.chosen(rig, plans, question.loop)
-    held = operating.held(plans, question.at_s)
+    cut, known = loops.choose(rig, plans, question.loop)
+    held = operating.reference_values(plans, question.at_s)
     point, own, remarks, sizes = _Point(None), None, list[str](), list[float]()
     if method != "linearised":
         sizes = [question.amplitude] if question.amplitude else cut.amplitudes()
@@ -108,7 +108,7 @@ def _margin_of(rig: Rig, question: Question) -> Margin:
     if sizes:
         about = rate, question.lowest(rate), question.seed
         try:
-            own = measured.loudest(rig, cut, held, about, sizes, question.settle_s)
+            own = measured.best_measurement(rig, cut, held, about, sizes, question.settle_s)
             visible = visible_margins(own.f_hz, own.response, own.noise, rate)
             remarks += notes.measured_notes(own, cut, remarks, visible)
         except UserError as error:
@@ -155,7 +155,7 @@ def _linear(
 ) -> _Point:
     """Return the loop at rest, or in motion where there is none at rest; UserError."""
     rest = operating.at_rest(plans, held, settle_s)
-    found = linear.linearised(rest, cut)
+    found = linear.linearise(rest, cut)
     if found.passes(rest.cycle.received(cut.role)):
         moves = notes.command_rms(rest, cut)
         restless = notes.is_restless(moves, found.command)

@@ -54,7 +54,7 @@ class Impulse:
         return np.empty(0, complex)
 
 
-def answered(cycle: CycleMap, loop: Loop, given: frozenset[str]) -> Impulse:
+def loop_by_impulse(cycle: CycleMap, loop: Loop, given: frozenset[str]) -> Impulse:
     """Return the loop at the state of `cycle`; UserError where it does not come to rest.
 
     given   names of what differences say that the command reaches

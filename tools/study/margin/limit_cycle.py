@@ -20,7 +20,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.study.arrays import Complex, Vector
 from pcpc.tools.study.margin import balance, linear, loops, operating
 from pcpc.tools.study.margin.cycle_map import CycleMap
-from pcpc.tools.study.margin.limit_cycle_result import LimitCycle, Point, Row, lowest
+from pcpc.tools.study.margin.limit_cycle_result import LimitCycle, Point, Row, onset_index
 from pcpc.tools.study.margin.loops import Loop
 from pcpc.tools.study.margin.measured import commands
 
@@ -32,7 +32,7 @@ _FALL, _MOST, _ABOVE = 0.85, 40, 5
 _AFTER_S, _LOOK_S = 2.0, 1.0
 
 
-class _Looked:
+class _ClosedLoop:
     """A closed loop as a map of the states of its open one, with a gain and grown settings."""
 
     def __init__(self, cycle: CycleMap, cut: Loop, names: list[str], gain: int) -> None:
@@ -51,7 +51,9 @@ class _Looked:
         return self.cycle.v[self.places].copy()
 
     def point(self, found: balance.Cycle) -> Point:
-        sent = np.array([row[-1] for row in balance.swept(self._and_sent, self._with_sent(found))])
+        sent = np.array(
+            [row[-1] for row in balance.after_cycle(self._and_sent, self._with_sent(found))]
+        )
         size = float(np.abs(balance.first_harmonic(sent)))
         step = size * 2.0 * np.sin(0.5 * found.omega) / np.sqrt(2.0)
         return Point(found.gain, found.omega / (2.0 * np.pi * self.cycle.dt), size, float(step))
@@ -88,30 +90,30 @@ def limit_cycle(
 
     Raises UserError where the linear loop is not stable as it is, or nothing makes it unstable.
     """
-    whole = operating.undisturbed(load_rig(rig, controller, list(settings)))
-    bare = operating.undisturbed(load_rig(rig, controller, [*settings, *linear_settings]))
+    whole = operating.without_disturbances(load_rig(rig, controller, list(settings)))
+    bare = operating.without_disturbances(load_rig(rig, controller, [*settings, *linear_settings]))
     plans = operating.plans_of(bare)
-    cut, _ = loops.chosen(bare, plans, name)
-    rest = operating.at_rest(plans, operating.held(plans, 0.0), _SETTLE_S)
+    cut, _ = loops.choose(bare, plans, name)
+    rest = operating.at_rest(plans, operating.reference_values(plans, 0.0), _SETTLE_S)
     own = CycleMap(operating.plans_of(whole))
     taken = _names(linear_settings)
     if grown is None:
         grown = [one for one in taken if not any(word in one for word in _NO_PART)]
     back = {one: float(own.v[_place(own, one)]) for one in grown}
     loop = _critical(rest.cycle, cut, gain)
-    looked = _Looked(rest.cycle, cut, loop.found.states, _place(rest.cycle, gain))
-    first = _first(looked, loop)
-    cycles = _grown(looked, first, back)
-    points = [looked.point(one) for one in cycles]
+    closed_loop = _ClosedLoop(rest.cycle, cut, loop.found.states, _place(rest.cycle, gain))
+    first = _first(closed_loop, loop)
+    cycles = _branch(closed_loop, first, back)
+    points = [closed_loop.point(one) for one in cycles]
     rows = []
     if factors is None:
         least = min([loop.factor, *(point.factor for point in points)])
         factors = np.round(np.linspace(min(1.0, 0.9 * least), 0.95 * loop.factor, 6), 2).tolist()
     for factor in factors:
-        alone = looked.run(_near(cycles, points, factor), factor)
-        more = [*settings, f"{gain}={factor * looked.nominal!r}"]
-        run = _of_run(operating.undisturbed(load_rig(rig, controller, more)), cut)
-        rows.append(Row(factor, crossing(points, factor), alone, run))
+        alone = closed_loop.run(_state_near(cycles, points, factor), factor)
+        more = [*settings, f"{gain}={factor * closed_loop.nominal!r}"]
+        run = _of_run(operating.without_disturbances(load_rig(rig, controller, more)), cut)
+        rows.append(Row(factor, stable_cycle_at(points, factor), alone, run))
     return LimitCycle(
         whole.config.rig, whole.config.controller, gain, back,
         loop.factor, loop.f_hz, points, rows, cut.signal, cut.unit,
@@ -127,7 +129,7 @@ def _names(settings: Sequence[str]) -> list[str]:
     return found
 
 
-def of_plant(rig: Path) -> Path:
+def linear_file(rig: Path) -> Path:
     """Return the file linear.yaml in the rig's folder or one above; UserError without one."""
     for folder in list(rig.resolve().parents)[:2]:
         if (folder / "linear.yaml").is_file():
@@ -180,49 +182,54 @@ def _critical(cycle: CycleMap, cut: Loop, gain: str) -> _Critical:
     return _Critical(high, abs(omega) / (2.0 * np.pi * cycle.dt), found, phi, abs(omega))
 
 
-def _first(looked: _Looked, loop: _Critical) -> balance.Cycle:
+def _first(closed_loop: _ClosedLoop, loop: _Critical) -> balance.Cycle:
     """Return the cycle of the linear loop with half of the command's range as its amplitude."""
-    half = 0.5 * (looked.cut.high - looked.cut.low)
+    half = 0.5 * (closed_loop.cut.high - closed_loop.cut.low)
     if not 0.0 < half < 1e9:
         half = 1.0
-    mean = looked.start[looked.places]
+    mean = closed_loop.start[closed_loop.places]
     size = abs(loop.found.c @ loop.phi) / (1.0 - loop.found.d)
     phi = loop.phi * _SHARE * half / size
     return balance.Cycle(phi, mean, loop.omega, loop.factor, 0.0, 0.0)
 
 
-def _grown(looked: _Looked, first: balance.Cycle, wanted: dict[str, float]) -> list[balance.Cycle]:
+def _branch(
+    closed_loop: _ClosedLoop, first: balance.Cycle, wanted: dict[str, float]
+) -> list[balance.Cycle]:
     """Return the branch, once what was taken away has come back."""
-    places = {name: _place(looked.cycle, name) for name in wanted}
-    began = {name: float(looked.start[place]) for name, place in places.items()}
-    plant = [name.startswith("plant:") for name in (looked.cycle.names[p] for p in looked.places)]
+    places = {name: _place(closed_loop.cycle, name) for name in wanted}
+    began = {name: float(closed_loop.start[place]) for name, place in places.items()}
+    plant = [
+        name.startswith("plant:")
+        for name in (closed_loop.cycle.names[p] for p in closed_loop.places)
+    ]
     state = int(np.argmax(np.where(plant, np.abs(first.phi), -1.0)))
     amplitude, at = float(abs(first.phi[state])), first
-    looked.start[list(places.values())] = list(wanted.values())
-    at = replace(first, waiting=balance.waits(looked.step, first))
+    closed_loop.start[list(places.values())] = list(wanted.values())
+    at = replace(first, waiting=balance.waiting_states(closed_loop.step, first))
     for share in _GROW:
         for name, value in wanted.items():
             now = began[name] + share * (value - began[name])
-            looked.start[places[name]] = now
-        new = balance.balanced(looked.step, at, state, amplitude)
+            closed_loop.start[places[name]] = now
+        new = balance.balance(closed_loop.step, at, state, amplitude)
         if new is None:
             what = f"no limit cycle found with {share:.0%} of {', '.join(wanted)}"
             raise UserError(f"{what}, at half of the command's range")
         at = new
-    up = balance.branch(looked.step, at, state, 1.0 / _FALL, _ABOVE)
-    down = balance.branch(looked.step, at, state, _FALL, _MOST)
+    up = balance.branch(closed_loop.step, at, state, 1.0 / _FALL, _ABOVE)
+    down = balance.branch(closed_loop.step, at, state, _FALL, _MOST)
     return [*up[:0:-1], *down]
 
 
-def _near(cycles: list[balance.Cycle], points: list[Point], factor: float) -> Vector:
+def _state_near(cycles: list[balance.Cycle], points: list[Point], factor: float) -> Vector:
     """Return a state of the stable cycle whose gain is nearest."""
-    stable = cycles[: lowest(points) + 1]
+    stable = cycles[: onset_index(points) + 1]
     return next(min(stable, key=lambda one: abs(one.gain - factor)).states())
 
 
-def crossing(points: Sequence[Point], factor: float) -> Point | None:
+def stable_cycle_at(points: Sequence[Point], factor: float) -> Point | None:
     """Return the stable cycle at a factor, between two of the branch: the first from above."""
-    for above, below in pairwise(points[: lowest(points) + 1]):
+    for above, below in pairwise(points[: onset_index(points) + 1]):
         if above.factor >= factor >= below.factor:
             share = (above.factor - factor) / max(above.factor - below.factor, 1e-12)
             pairs = zip(

@@ -55,7 +55,7 @@ class LimitCycle(Result):
     @property
     def onset(self) -> Point:
         """The cycle of the least gain."""
-        return self.branch[lowest(self.branch)]
+        return self.branch[onset_index(self.branch)]
 
     def facts(self) -> dict[str, Any]:
         """Return all."""
@@ -84,6 +84,6 @@ class LimitCycle(Result):
             yield f"{row.factor:8.4g}      " + "".join(f"{cell:>12}" for cell in cells)
 
 
-def lowest(points: Sequence[Point]) -> int:
+def onset_index(points: Sequence[Point]) -> int:
     """Return the place of the least gain: before it, at larger amplitudes, cycles are stable."""
     return min(range(len(points)), key=lambda i: points[i].factor)

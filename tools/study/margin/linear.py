@@ -67,7 +67,7 @@ class Linear:
         return np.linalg.eigvals(self.a).astype(complex)
 
 
-def linearised(rest: Rest, loop: Loop) -> Linear | impulse.Impulse:
+def linearise(rest: Rest, loop: Loop) -> Linear | impulse.Impulse:
     """Return the open loop at the mean of the states: noise keeps none of them at rest.
 
     Where the next cycle has another one (a delay line that is looked up by time), its answer to
@@ -75,7 +75,7 @@ def linearised(rest: Rest, loop: Loop) -> Linear | impulse.Impulse:
     """
     first = differences(rest.cycle, loop)
     names = {name: place for place, name in enumerate(rest.cycle.names)}
-    places = [names[name] for name in first.states] + rest.cycle.taken(loop)
+    places = [names[name] for name in first.states] + rest.cycle.cut_places(loop)
     rest.cycle.v[places] = rest.mean[places]
     found = differences(rest.cycle, loop)
     start, k = rest.cycle.v.copy(), rest.cycle.k
@@ -86,7 +86,7 @@ def linearised(rest: Rest, loop: Loop) -> Linear | impulse.Impulse:
     if lasts and found.given == second.given:
         return found
     try:
-        return impulse.answered(rest.cycle, loop, found.given)
+        return impulse.loop_by_impulse(rest.cycle, loop, found.given)
     except UserError:
         if lasts and found.states:
             return found
@@ -105,7 +105,7 @@ def differences(cycle: CycleMap, loop: Loop) -> Linear:
     """Return the open loop at the state of `cycle`, which is left as it was."""
     kept, start, k = cycle.kept(), cycle.v.copy(), cycle.k
     sent = cycle.place(loop.role, loop.source)
-    command = float(start[cycle.taken(loop)[0]])
+    command = float(start[cycle.cut_places(loop)[0]])
 
     def after(moved: dict[int, float]) -> Vector:
         """Return what a cycle makes of its start, some values of it changed; the command last."""

@@ -70,7 +70,7 @@ def _loop(made: Plan, role: Role, signal: str, source: str, takers: tuple[Role, 
     return Loop(signal, role, source, variable.unit, takers, low, high)
 
 
-def chosen(rig: Rig, plans: dict[Role, Plan], name: str | None) -> tuple[Loop, list[Loop]]:
+def choose(rig: Rig, plans: dict[Role, Plan], name: str | None) -> tuple[Loop, list[Loop]]:
     """Return the loop of that signal, or the first, and all. UserError if there is none."""
     known = loops(rig, plans)
     if not known:

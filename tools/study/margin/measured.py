@@ -36,7 +36,7 @@ from pcpc.executive.nodes.watched import watched
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.study.arrays import Complex, Places, Vector
 from pcpc.tools.study.margin.loops import Loop
-from pcpc.tools.study.margin.operating import INJECTED, excited, lasting
+from pcpc.tools.study.margin.operating import INJECTED, with_duration, with_injection
 
 PERIODS = 4
 _PIECE = 1000  # cycles between two looks at the nodes
@@ -137,7 +137,7 @@ def measure(
     settle = round(settle_s * rate)
     still, turns = np.zeros(settle), 1 + max(-(-settle // (2 * n)), 1)
     d = np.concatenate((still, np.tile(sines.d, (1, turns)).ravel(), still))
-    made = excited(lasting(rig, (len(d) + 10) / rate), cut, held)
+    made = with_injection(with_duration(rig, (len(d) + 10) / rate), cut, held)
     if quiet is None:
         quiet = _run(VirtualRun(made, None), cut, np.zeros(len(d)))[0]
     u, clamped = _run(VirtualRun(made, None), cut, d)
@@ -146,7 +146,7 @@ def measure(
     given = np.fft.rfft(sines.d, axis=1)[:, sines.lines]
     each = np.fft.rfft(seen, axis=1)[:, sines.lines] / given
     g = each.mean(axis=0)
-    response, one = -g / _some(1.0 + g), -each / _some(1.0 + each)
+    response, one = -g / _nonzero(1.0 + g), -each / _nonzero(1.0 + each)
     spread = np.abs(one - response).max(axis=0) / np.maximum(np.abs(response), 1e-300)
     power = np.mean(np.abs(each) ** 2, axis=0)
     variance = np.sum(np.abs(each - g) ** 2, axis=0) / (count - 1) / count
@@ -157,7 +157,7 @@ def measure(
     )  # fmt: skip
 
 
-def _some(value: Complex) -> Complex:
+def _nonzero(value: Complex) -> Complex:
     """Return values none of which is 0."""
     return np.where(np.abs(value) < 1e-150, 1e-150, value)
 
@@ -178,7 +178,7 @@ def _moves(u: Vector, rate: float, cut: Loop) -> Moves:
     return Moves(float(u.std()), k * rate / len(u), pure, at_limit, lasts)
 
 
-def loudest(
+def best_measurement(
     rig: Rig, cut: Loop, held: Mapping[str, float], about: tuple[float, float, int],
     sizes: Sequence[float], settle_s: float,
 ) -> Measured:  # fmt: skip
@@ -211,7 +211,7 @@ def loudest(
 def commands(rig: Rig, cut: Loop) -> Vector:
     """Return what a law commands in every cycle of the rig as it is; UserError at a fault."""
     n = round(rig.config.duration_s * rig.config.rate_hz)
-    made = excited(lasting(rig, (n + 10) / rig.config.rate_hz), cut, {})
+    made = with_injection(with_duration(rig, (n + 10) / rig.config.rate_hz), cut, {})
     return _run(VirtualRun(made, None), cut, np.zeros(n))[0]
 
 
@@ -227,7 +227,7 @@ def _run(run: VirtualRun, cut: Loop, d: Vector) -> tuple[Vector, int]:
         answer = np.empty_like(wanted)
         done = watched(partial(drive, loops, run.steps, places, wanted, answer), loops)
         u[part] = answer
-        _let_go(run)
+        _drop_records(run)
         if done < len(wanted) or any(block.loop.v[STATE] == sv.FAULT for block in run.blocks):
             raise UserError(_why(run, first + done))
         if first == 0:
@@ -258,7 +258,7 @@ def _drive_of(count: int) -> Any:
     return loop(i8(*kinds))(_drive)
 
 
-def _let_go(run: VirtualRun) -> None:
+def _drop_records(run: VirtualRun) -> None:
     """Forget the records of the nodes."""
     for block in run.blocks:
         for name in ("record", "frame", "event"):

@@ -88,7 +88,7 @@ def check_rest(rest: Rest, cut: Loop) -> None:
     """
     cycle, n = rest.cycle, round(_LOOK_S / rest.cycle.dt)
     start, k = cycle.v.copy(), cycle.k
-    command, sent = float(rest.mean[cycle.taken(cut)[0]]), cycle.place(cut.role, cut.source)
+    command, sent = float(rest.mean[cycle.cut_places(cut)[0]]), cycle.place(cut.role, cut.source)
     moved = np.empty((2, n))
     for i, opened in enumerate((None, cut)):
         cycle.v[:], cycle.k = start, k

@@ -25,7 +25,7 @@ INJECTED = "margin"  # name of the fault that adds the excitation
 _PER_S = re.compile(r"/s([23]?)\Z")
 
 
-def undisturbed(rig: Rig) -> Rig:
+def without_disturbances(rig: Rig) -> Rig:
     """Return the rig without faults and losses on purpose, and without an emulated line."""
     bus = msgspec.structs.replace(rig.config.bus, emulate=None)
     config = msgspec.structs.replace(rig.config, faults={}, losses={}, bus=bus)
@@ -37,7 +37,7 @@ def plans_of(rig: Rig) -> dict[Role, Plan]:
     return {role: plan(rig, role, "lockstep") for role in rig.roles}
 
 
-def held(plans: Mapping[Role, Plan], at_s: float) -> dict[str, float]:
+def reference_values(plans: Mapping[Role, Plan], at_s: float) -> dict[str, float]:
     """Return what the references give at a time, by variable; derivatives are 0."""
     made, found = plans["executive"], dict[str, float]()
     rate = made.rig.config.rate_hz
@@ -62,12 +62,12 @@ def _order(unit: str) -> int:
     return 0 if match is None else int(match[1] or 1)
 
 
-def lasting(rig: Rig, duration_s: float) -> Rig:
+def with_duration(rig: Rig, duration_s: float) -> Rig:
     """Return the rig with another duration."""
     return replace(rig, config=msgspec.structs.replace(rig.config, duration_s=duration_s))
 
 
-def excited(rig: Rig, loop: Loop, values: Mapping[str, float]) -> Rig:
+def with_injection(rig: Rig, loop: Loop, values: Mapping[str, float]) -> Rig:
     """Return the rig with the references held and something added to a sent signal.
 
     Both are faults on purpose: of kind value at the references' outputs, of kind bias at the

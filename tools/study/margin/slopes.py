@@ -92,17 +92,17 @@ def _column(f: Map, found: Slopes, middle: Vector, j: int, far: float, size: flo
     doubtful = np.abs(wider - slope) > most
     rounded = np.zeros(len(middle), bool)
     if doubtful.any():
-        rounded |= doubtful & _stands(f, middle, j, _STEP * far)
+        rounded |= doubtful & _is_rounded(f, middle, j, _STEP * far)
         found.bent[:, j] |= doubtful
     for h in np.multiply(_FAR, far):
         new = (slope == 0.0) & (np.abs(f({j: h}) - f({j: -h})) > noise) & ~rounded
         if new.any():
-            rounded |= new & _stands(f, middle, j, h)
+            rounded |= new & _is_rounded(f, middle, j, h)
     found.rounded[:, j] = rounded
     found.bent[rounded, j] = False
 
 
-def _stands(f: Map, middle: Vector, j: int, h: float) -> Flags:
+def _is_rounded(f: Map, middle: Vector, j: int, h: float) -> Flags:
     """Return which values stand still near most points within +-h, though not from end to end."""
     points = (-1.0, -0.61, -0.27, 0.33, 0.93)
     still = [f({j: s * h}) == f({j: (s + _CLOSE) * h}) for s in points]
@@ -163,7 +163,7 @@ def row(f: Map, x: Vector, i: int, one: Steps, columns: Places) -> Vector:
         if k == one.axis:
             continue
         for h in np.multiply(_SHIFTS, unit(x[k])).tolist():
-            if all(_holds(f, i, {k: side}, one, ends) for side in (h, -h)):
+            if all(_is_same_step(f, i, {k: side}, one, ends) for side in (h, -h)):
                 up, down = (_edge(f, i, {k: side}, one.axis, ends, one.level) for side in (h, -h))
                 if abs(up - down) > 1e-11 * max(1.0, abs(one.at)):
                     found[k] = -found[one.axis] * (up - down) / (2.0 * h)
@@ -171,7 +171,9 @@ def row(f: Map, x: Vector, i: int, one: Steps, columns: Places) -> Vector:
     return found
 
 
-def _holds(f: Map, i: int, also: dict[int, float], one: Steps, ends: tuple[float, float]) -> bool:
+def _is_same_step(
+    f: Map, i: int, also: dict[int, float], one: Steps, ends: tuple[float, float]
+) -> bool:
     """Return whether the same step, and no other, is still within `ends`."""
     low, high = (f(also | {one.axis: end})[i] for end in ends)
     most = 1e-6 * abs(one.size)

@@ -130,5 +130,5 @@ def sweep(
         outcome = work.to_end(progress(quiet))
     finally:
         work.store.close()
-    table, spec = shards.merged([place])
+    table, spec = shards.merge([place])
     return Sweep(table, spec, place, outcome, keep)

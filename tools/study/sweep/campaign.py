@@ -18,7 +18,7 @@ from pcpc.executive.rig.requirements import text_of
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.study.engine import Draw
 from pcpc.tools.study.sweep.origin import difference, origin
-from pcpc.tools.study.sweep.vary import Variation, all_parsed, points, run_seed
+from pcpc.tools.study.sweep.vary import Variation, parse_variations, points, run_seed
 
 MOST = 10_000_000  # draws of a campaign, and of one that ends by its statement
 SEARCHES = ("worst", "rare")  # samplings that depend on the rows: see `search`
@@ -33,7 +33,7 @@ class Shard:
     of: int = 1
 
     @classmethod
-    def parsed(cls, text: str) -> "Shard":
+    def parse(cls, text: str) -> "Shard":
         """Return what `--shard i/N` says; RigError."""
         number, slash, of = text.partition("/")
         if not (slash and number.isdecimal() and of.isdecimal() and 0 < int(number) <= int(of)):
@@ -58,8 +58,8 @@ class Campaign:
 
     def spec(self) -> dict[str, Any]:
         """Return it as JSON has it, with the title, and its `origin`; RigError."""
-        about = asdict(self) | {"variations": list(self.vary), "title": self.of[0].config.title}
-        return about | {"origin": origin(self.of)}
+        about = asdict(self) | {"variations": list(self.vary), "title": self.rigs[0].config.title}
+        return about | {"origin": origin(self.rigs)}
 
     def check_unchanged(self, spec: Mapping[str, Any]) -> None:
         """Raise RigError where rig or code are now other ones than those of `spec`, by the disk."""
@@ -68,14 +68,14 @@ class Campaign:
             raise RigError(f"{self.rig}: {what}: begin again with another -o")
 
     @cached_property
-    def of(self) -> list[Rig]:
+    def rigs(self) -> list[Rig]:
         """The rig with each of the controllers; RigError."""
         return [load_rig(self.rig, name, self.settings) for name in self.controllers]
 
     @cached_property
     def variations(self) -> tuple[Variation, ...]:
         """What is varied; RigError."""
-        return all_parsed(self.vary)
+        return parse_variations(self.vary)
 
     def check(self) -> None:
         """Raise RigError for a name that no run of a controller has, or values it cannot take."""
@@ -97,7 +97,7 @@ class Campaign:
         """Return the names of the requirements of each controller."""
         return {
             rig.config.controller: [text_of(one) for one in Judge(rig, None).required().values()]
-            for rig in self.of
+            for rig in self.rigs
         }
 
     def _own(self, rig: Rig) -> list[float]:
@@ -140,7 +140,7 @@ class Campaign:
     @cached_property
     def own(self) -> dict[str, list[float]]:
         """The rig's own values of what is varied, by controller; RigError."""
-        return {rig.config.controller: self._own(rig) for rig in self.of}
+        return {rig.config.controller: self._own(rig) for rig in self.rigs}
 
 
 def check_whole(option: str, value: object, least: int, most: int) -> None:

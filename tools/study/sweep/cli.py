@@ -48,7 +48,7 @@ def command(options: argparse.Namespace) -> int:
     )  # fmt: skip
     campaign = request.campaign()
     shard = request.part()
-    with folder_of(options.output, f"sweep-{campaign.of[0].config.rig}") as folder:
+    with folder_of(options.output, f"sweep-{campaign.rigs[0].config.rig}") as folder:
         return _run(request.work(campaign, folder), shard, Progress(options.quiet))
 
 
@@ -68,7 +68,7 @@ def _run(work: Work, shard: Shard, progress: Progress) -> int:
         cure = f"when all shards are done: pcpc sweep merge {folder}"
         print(f"{work.store.table}: {len(work.store.rows)} rows; {cure}")
         return Exit.OK
-    return _tell(*shards.merged([folder]), folder, outcome)
+    return _tell(*shards.merge([folder]), folder, outcome)
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -89,7 +89,7 @@ def _merge(options: argparse.Namespace) -> int:
     folders = [Path(name) for name in options.words[1:]]
     if not folders:
         raise RigError("pcpc sweep merge: name the folders of the shards")
-    table, spec = shards.merged(folders)
+    table, spec = shards.merge(folders)
     named = str(folders[0]) if options.output is None else options.output
     with folder_of(named, "") as folder:
         return _tell(table, spec, folder, "")
@@ -103,7 +103,7 @@ def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, outcome
         print(printable(f"{spec['title']}: {table.num_rows:,} runs"))
         print(_filled(outcome) or "pcpc sweep with its -o tells what came out", folder, sep="\n")
         return Exit.OK
-    if [path.name for path in shards.tables(folder)] != [f"{Shard()}.parquet"]:
+    if [path.name for path in shards.table_files(folder)] != [f"{Shard()}.parquet"]:
         with new_file(folder / "sweep.parquet", force=True) as unfinished:
             pyarrow.parquet.write_table(table, unfinished)
     results, until = Results(table, spec), spec.get("until")

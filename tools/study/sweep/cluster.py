@@ -91,9 +91,9 @@ class Cluster:
             while True:
                 wanted = AHEAD * self._threads() - len(flying)  # below 0 where a worker was lost
                 for task in itertools.islice(tasks, max(wanted, 0)):
-                    journal = self._store.of_task(task[0][1][0].number, task[0][0])
+                    journal = self._store.task_journal(task[0][1][0].number, task[0][0])
                     about = self._campaign, journal.resolve(), task
-                    future = self._client.submit(carried_out, *about, pure=False)
+                    future = self._client.submit(run_task, *about, pure=False)
                     flying[future] = journal
                     queue.add(future)
                 if not flying:
@@ -131,7 +131,7 @@ def dask_setup(worker: object) -> None:
 _turn = threading.Lock()
 
 
-def carried_out(campaign: Campaign, path: Path, pieces: list[Piece]) -> list[Row]:
+def run_task(campaign: Campaign, path: Path, pieces: list[Piece]) -> list[Row]:
     """Return a task's rows, on a worker; each is in the journal at `path` before the next piece."""
     with _turn:  # compiled once
         engine = _engine(campaign, path.parent)

@@ -33,7 +33,7 @@ def blocks() -> Iterator[int]:
 
 def decisions(results: Results, until: str) -> list[Decision]:
     """Return what became of the statement `until`, by controller."""
-    statement = statements.parsed(until)
+    statement = statements.parse(until)
     return [_decision(results, name, statement) for name in results.controllers]
 
 
@@ -46,7 +46,7 @@ def _decision(results: Results, name: str, statement: statements.Statement) -> D
     judged = results.column("ok" if of is None else HELD + of)[own].tolist()
     failed = runs = done = 0
     sizes = blocks()
-    while done < len(outcomes) and statement.decided(failed, runs) == statements.OPEN:
+    while done < len(outcomes) and statement.outcome(failed, runs) == statements.OPEN:
         size = next(sizes)
         more = failures(outcomes[done : done + size], judged[done : done + size])
         failed, runs, done = failed + more[0], runs + more[1], done + size
@@ -54,6 +54,6 @@ def _decision(results: Results, name: str, statement: statements.Statement) -> D
     refused = outcomes[:seen].count(REFUSED)
     others = (refused, "refused"), (seen - refused - runs, "not judged")
     left = " and ".join(f"{count:,} {what}" for count, what in others if count)
-    text = (f"{name}: " if name else "") + statement.told(failed, runs)
+    text = (f"{name}: " if name else "") + statement.text(failed, runs)
     text += f"; not counted: {left}" if left else ""
-    return Decision(name, statement.decided(failed, runs), text)
+    return Decision(name, statement.outcome(failed, runs), text)

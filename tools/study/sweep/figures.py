@@ -11,7 +11,7 @@ from pcpc.plants import pages
 from pcpc.tools.after.log.drawing import shown
 from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.binomial import clopper_pearson
-from pcpc.tools.study.sweep.results import MARGIN, METRIC, VARY, Results, compared
+from pcpc.tools.study.sweep.results import MARGIN, METRIC, VARY, Results, comparisons
 from pcpc.tools.study.sweep.sensitivity import Share, shares
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ def ratios(ax: "Axes", results: Results, name: str, pairs: Sequence[tuple[Vector
     count = int(np.clip(math.sqrt(max(len(q) for q in quotients)), 8, 40))
     bins = np.geomspace(low * 0.999, high * 1.001, count + 1)
     for (other, told, smaller, _), q in zip(
-        compared(results, name, RATIOS), quotients, strict=True
+        comparisons(results, name, RATIOS), quotients, strict=True
     ):
         label = f"{other}: smaller in {smaller[0]:,} of {told:,}"
         ax.hist(q, bins.tolist(), histtype="step", label=shown(label), linewidth=1.2,
@@ -209,7 +209,7 @@ def shares_of(results: Results, name: str) -> dict[str, list[Share]]:
     for controller in results.controllers if results.variations else ():
         y = results.values(name, controller)
         if np.count_nonzero(np.isfinite(y)) >= FEWEST_FOR_SHARES and np.nanvar(y) > 0.0:
-            found[controller] = shares(results.variations, results.drawn(controller), y)
+            found[controller] = shares(results.variations, results.varied_values(controller), y)
     return found
 
 

@@ -18,9 +18,9 @@ Intervals of that cover in 75 to 90 % of the cases where 95 % are meant (linear 
 3e-7), those of (2) in 95 % and more. p has a bias of the order cov^2, as b_i come from the same
 points.
 
-Space: independent standard normal coordinates, one a variation; `vary.of_normal` makes u of them.
-With the noise's seed held the same for all points the margin is a function of the point, as this
-needs.
+Space: independent standard normal coordinates, one a variation; `vary.points_of_normal` makes u of
+them. With the noise's seed held the same for all points the margin is a function of the point, as
+this needs.
 
 Source: Au and Beck, Prob. Eng. Mech. 16, 2001, 263-277, sections 4 to 6.
 """
@@ -74,7 +74,7 @@ def subset(margins: Margins, d: int, n: int = 1000, seed: int = 0, p0: float = 0
         raise ValueError(f"{n} points with p0 = {p0:g}: expected n p0 >= 2 and n = n p0 * 1/p0")
     rng = np.random.default_rng(seed)
     z = rng.standard_normal((n, d))
-    g, runs = _asked(margins, z), n
+    g, runs = _margins_of(margins, z), n
     p, cov, levels = 1.0, 0.0, list[float]()
     alike = np.arange(n).reshape(1, n)  # row j: the j-th points of all chains
     while True:
@@ -114,7 +114,7 @@ def _generation(
         step = z + rng.uniform(-HALF_WIDTH, HALF_WIDTH, z.shape)
         moved = rng.random(z.shape) < np.exp((z**2 - step**2) / 2.0)
         candidate = np.where(moved, step, z)
-        asked = _asked(margins, candidate)
+        asked = _margins_of(margins, candidate)
         taken = asked < level
         z, g = np.where(taken[:, None], candidate, z), np.where(taken, asked, g)
         points.append(z)
@@ -122,7 +122,7 @@ def _generation(
     return np.concatenate(points), np.concatenate(found)
 
 
-def _asked(margins: Margins, z: Vector) -> Vector:
+def _margins_of(margins: Margins, z: Vector) -> Vector:
     found = np.asarray(margins(z), dtype=np.float64)
     if found.shape != (len(z),) or np.isnan(found).any():
         raise ValueError(f"expected {len(z)} margins without NaN, got shape {found.shape}")

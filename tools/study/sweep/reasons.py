@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 _NUMBER = re.compile(r"(?<![\w.])-?(?:\d+(?:,\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?|inf)(?!\w)")
 
 
-def counted(texts: Iterable[str], names: Sequence[str] = ()) -> list[tuple[str, int]]:
+def count_reasons(texts: Iterable[str], names: Sequence[str] = ()) -> list[tuple[str, int]]:
     """Return reasons and how often each is there, the most frequent first.
 
     `names`: of requirements, in which a number is no value.

@@ -15,7 +15,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.after.html import image, page, png_of, table, text
 from pcpc.tools.study import binomial
 from pcpc.tools.study.sweep import decision, figures, reasons, statements
-from pcpc.tools.study.sweep.results import MARGIN, METRIC, Results, compared
+from pcpc.tools.study.sweep.results import MARGIN, METRIC, Results, comparisons
 from pcpc.tools.study.sweep.sensitivity import Share
 from pcpc.tools.terminal.outfile import new_file
 
@@ -136,7 +136,7 @@ def _bound(failures: int, runs: int) -> str:
     every = 0 < failures == runs
     bound_of = binomial.lower_bound if every else binomial.upper_bound
     bound = statements.bound_text(bound_of(failures, runs, CONFIDENCE))
-    said = f"{statements.counted(failures, 'failure')} in {statements.counted(runs, 'run')}"
+    said = f"{statements.count_text(failures, 'failure')} in {statements.count_text(runs, 'run')}"
     if not runs:
         return f"nothing is known of p_fail: {said}"
     return f"p_fail {'>' if every else '<'} {bound} at 95 %: {said}"
@@ -148,7 +148,7 @@ def _reasons(results: Results) -> str:
     found = [
         (controller, *one)
         for controller in results.controllers
-        for one in reasons.counted(
+        for one in reasons.count_reasons(
             results.column("why")[failed & (names == controller)], results.requirements
         )
     ]
@@ -220,7 +220,7 @@ def _summary(results: Results, name: str) -> str:
 def _against(results: Results, name: str) -> str:
     """Return the table of pairs with the first controller; of values not all above 0 no times."""
     rows = []
-    for other, told, counts, ratio in compared(results, name, figures.RATIOS):
+    for other, told, counts, ratio in comparisons(results, name, figures.RATIOS):
         times = ["" if np.isnan(ratio) else f"{count:,}" for count in counts[1:]]
         median = "" if np.isnan(ratio) else f"{ratio:.3g}"
         rows.append((text(other), f"{counts[0]:,} of {told:,}", *times, median))

@@ -8,7 +8,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.study.sweep.campaign import MOST, SEARCHES, Campaign, Shard, check_whole
 from pcpc.tools.study.sweep.search import Search
-from pcpc.tools.study.sweep.vary import all_parsed, grid_size
+from pcpc.tools.study.sweep.vary import grid_size, parse_variations
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.arguments import MOST_SEED
 
@@ -51,7 +51,7 @@ class Request:
             what = f"--until counts independent draws, and --sampling {sampling} makes others"
             raise RigError(f"{what}; leave --sampling out")
         if draws is None and sampling == "grid":
-            draws = grid_size(all_parsed(self.vary))
+            draws = grid_size(parse_variations(self.vary))
         if draws is None:
             draws = MOST if until else DRAWS
         check_whole(sampling if sampling in SEARCHES else "draws", draws, 1, MOST)
@@ -75,7 +75,7 @@ class Request:
 
     def part(self) -> Shard:
         """Return the shard; RigError."""
-        return Shard() if self.shard is None else Shard.parsed(self.shard)
+        return Shard() if self.shard is None else Shard.parse(self.shard)
 
     def work(self, campaign: Campaign, folder: Path) -> Work:
         """Return the work on the campaign in a folder; RigError."""

@@ -29,7 +29,7 @@ def command(options: argparse.Namespace) -> int:
         raise RigError("pcpc sweep rerun: expected DIR DRAW [CONTROLLER], as runs/SWEEP 39 pd")
     folder, draw = Path(words[0]), int(words[1])
     check_name(options.output)
-    results = Results(*shards.merged([folder], whole=False))
+    results = Results(*shards.merge([folder], whole=False))
     controllers = list(results.spec["controllers"])
     controller = words[2] if len(words) > 2 else controllers[0]
     if controller not in controllers:

@@ -78,26 +78,26 @@ class Results:
         """Which runs had a value outside its range and count neither way."""
         return self.column("outcome") == REFUSED
 
-    def of(self, controller: str) -> Flags:
+    def rows_of(self, controller: str) -> Flags:
         """Which rows are a controller's runs, without the refused."""
         return (self.column("controller") == controller) & ~self.refused
 
     def failures(self, controller: str, requirement: str | None = None) -> tuple[int, int]:
         """Return failures and runs, of a requirement or of the verdict."""
-        own = self.of(controller)
+        own = self.rows_of(controller)
         judged = self.column("ok" if requirement is None else HELD + requirement)[own]
         return failures(self.column("outcome")[own], judged)
 
     def values(self, name: str, controller: str) -> Vector:
         """Return a column of numbers of a controller's runs, NaN where not told or at a fault."""
-        own = self.of(controller)
+        own = self.rows_of(controller)
         fault = self.column("outcome")[own] == FAULT
         found = np.where(fault, np.nan, self.column(name)[own].astype(np.float64))
         return np.where(np.isfinite(found), found, np.nan)
 
-    def drawn(self, controller: str) -> Vector:
+    def varied_values(self, controller: str) -> Vector:
         """Return the varied values of a controller's runs, (n, d)."""
-        own = self.of(controller)
+        own = self.rows_of(controller)
         columns = [self.column(VARY + name)[own].astype(np.float64) for name in self.variations]
         return np.column_stack(columns) if columns else np.empty((int(own.sum()), 0))
 
@@ -105,7 +105,7 @@ class Results:
         """Return the values of both controllers on the draws that told both."""
         draws = self.column("draw")
         _, left, right = np.intersect1d(
-            draws[self.of(base)], draws[self.of(other)], return_indices=True
+            draws[self.rows_of(base)], draws[self.rows_of(other)], return_indices=True
         )
         x, y = self.values(name, base)[left], self.values(name, other)[right]
         told = np.isfinite(x) & np.isfinite(y)
@@ -160,7 +160,7 @@ def _written(value: float) -> str:
     return str(int(value)) if value.is_integer() and abs(value) < 2**53 else repr(value)
 
 
-def compared(
+def comparisons(
     results: Results, name: str, ratios: Sequence[float]
 ) -> Iterator[tuple[str, int, list[int], float]]:
     """Yield of every controller but the first: pairs, in how many the first is r times larger.

@@ -20,7 +20,7 @@ from pcpc.tools.study.sweep import rare, statements, worst
 from pcpc.tools.study.sweep.campaign import Campaign
 from pcpc.tools.study.sweep.results import FAULT, REFUSED
 from pcpc.tools.study.sweep.store import Store
-from pcpc.tools.study.sweep.vary import of_normal
+from pcpc.tools.study.sweep.vary import points_of_normal
 
 Rows = Callable[[Pieces], Iterator[list[Row]]]
 CASES = 5  # of a controller that are told
@@ -64,24 +64,26 @@ class Search:
         """Do the runs; return what came out, in lines. RigError: no such metric, refused values."""
         found = []
         for i, name in enumerate(self.campaign.controllers):
-            asked = _Asked(self, name, rows_of, store, shown, i * APART * self.campaign.draws)
+            runs = _ControllerRuns(
+                self, name, rows_of, store, shown, i * APART * self.campaign.draws
+            )
             try:
-                found += self._worst(asked) if self.campaign.sampling == "worst" else _rare(asked)
+                found += self._worst(runs) if self.campaign.sampling == "worst" else _rare(runs)
             except ImportError as error:
                 what = f"--{self.campaign.sampling} needs {error.name}: pip install 'pcpc[sweep]'"
                 raise UserError(what, Exit.ENVIRONMENT) from None
         again = f"again, with a log: pcpc sweep rerun {store.folder} DRAW CONTROLLER"
         return "\n".join([*found, again])
 
-    def _worst(self, asked: "_Asked") -> list[str]:
+    def _worst(self, runs: "_ControllerRuns") -> list[str]:
         campaign = self.campaign
         about = campaign.variations, campaign.draws, campaign.seed, CASES
-        points, margins = worst.worst(asked.margins, *about)
+        points, margins = worst.worst(runs.margins, *about)
         if not len(margins) or margins[0] == math.inf:
             what = "no run could be judged; vary within the ranges, or name a metric with --of"
-            raise RigError(f"--worst: {asked.controller}: {what}")
-        head = f"{asked.controller}: the worst of {statements.counted(asked.count, 'run')}"
-        return [head, *(asked.told(asked.numbers[point.tobytes()]) for point in points)]
+            raise RigError(f"--worst: {runs.controller}: {what}")
+        head = f"{runs.controller}: the worst of {statements.count_text(runs.count, 'run')}"
+        return [head, *(runs.line(runs.numbers[point.tobytes()]) for point in points)]
 
     def margin(self, row: Row) -> float:
         """Return a row's margin; inf where nothing was to be judged, or nothing could be run."""
@@ -96,24 +98,24 @@ class Search:
         return min(told, default=-math.inf if row.ok is False else math.inf)
 
 
-def _rare(asked: "_Asked") -> list[str]:
-    campaign = asked.search.campaign
+def _rare(runs: "_ControllerRuns") -> list[str]:
+    campaign = runs.search.campaign
     about = len(campaign.variations), campaign.draws, campaign.seed
-    found = rare.subset(lambda z: asked.margins(of_normal(z)), *about)
+    found = rare.subset(lambda z: runs.margins(points_of_normal(z)), *about)
     low, high = (statements.bound_text(float(f"{p:.2g}")) for p in found.interval())
-    runs = statements.counted(asked.count, "run")
+    count = statements.count_text(runs.count, "run")
     if found.p == 0.0:
-        said = f"no failure in {runs}: p_fail is below {high}"
+        said = f"no failure in {count}: p_fail is below {high}"
     else:
         p = statements.bound_text(float(f"{found.p:.2g}"))
-        said = f"p_fail = {p}, between {low} and {high} at 95 %, by {runs}"
-    failed = [asked.numbers[of_normal(z).tobytes()] for z in found.failing[:CASES]]
-    return [f"{asked.controller}: {said}", *(asked.told(i) for i in dict.fromkeys(failed))]
+        said = f"p_fail = {p}, between {low} and {high} at 95 %, by {count}"
+    failed = [runs.numbers[points_of_normal(z).tobytes()] for z in found.failing[:CASES]]
+    return [f"{runs.controller}: {said}", *(runs.line(i) for i in dict.fromkeys(failed))]
 
 
 @dataclass
-class _Asked:
-    """The runs of one controller, numbered from `first` in the order in which they are asked."""
+class _ControllerRuns:
+    """The runs of one controller, numbered from `first` in the order of asking."""
 
     search: Search
     controller: str
@@ -157,7 +159,7 @@ class _Asked:
             what = f"{self.controller} has no metric {of}"
             raise RigError(f"--of {of}: {what}{did_you_mean(of, known)}")
 
-    def told(self, number: int) -> str:
+    def line(self, number: int) -> str:
         """Return a run in a line."""
         row = self.store.rows[number, self.controller]
         value = row.metrics.get(self.search.of or "", math.nan)

@@ -13,7 +13,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.rig.carried import is_ordinary
 from pcpc.tools.study.sweep.campaign import SEARCHES, differences, read
 from pcpc.tools.study.sweep.results import COLUMNS, FAULT, RAN, REFUSED, VARY, kind_of
-from pcpc.tools.study.sweep.store import SPEC, completed
+from pcpc.tools.study.sweep.store import SPEC, complete_table
 
 if TYPE_CHECKING:
     import pyarrow
@@ -23,12 +23,12 @@ _KINDS = [name for name in COLUMNS if name.endswith(":")]
 _NAME = re.compile(r"shard-(\d+)-of-(\d+)\.parquet")
 
 
-def tables(folder: Path) -> Iterator[Path]:
+def table_files(folder: Path) -> Iterator[Path]:
     """Yield the Parquet files of a campaign's shards."""
     yield from sorted(path for path in folder.glob("shard-*.parquet") if _NAME.match(path.name))
 
 
-def merged(
+def merge(
     folders: Sequence[Path], whole: bool = True
 ) -> tuple["pyarrow.Table", dict[str, Any]]:  # fmt: skip
     """Return all shards of a campaign, from one folder or several, by draw and controller.
@@ -38,12 +38,12 @@ def merged(
     import pyarrow as pa
 
     spec = _spec(folders)
-    files = [path for folder in dict.fromkeys(folders) for path in tables(folder)]
+    files = [path for folder in dict.fromkeys(folders) for path in table_files(folder)]
     if not files:
         raise RigError(f"{folders[0]}: no shard is complete; start its `pcpc sweep` again to go on")
     parts = [_part(path, spec) for path in files]
     try:
-        table = completed(pa.concat_tables(parts, promote_options="default"), spec)
+        table = complete_table(pa.concat_tables(parts, promote_options="default"), spec)
     except pa.ArrowException as error:
         raise RigError(f"{files[0].parent}: {' '.join(str(error).split())}") from None
     first = _first_rows(table, files, [part.num_rows for part in parts])

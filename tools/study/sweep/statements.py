@@ -40,7 +40,7 @@ from dataclasses import dataclass
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig import yamlfile
-from pcpc.tools.study.binomial import checked
+from pcpc.tools.study.binomial import check_counts
 
 RATIO = 10.0  # p0/p1 where nothing is said: 11 % more failure-free runs than a fixed number needs
 BETA = 0.05  # how often `not shown` ends a campaign whose p is p1
@@ -52,11 +52,11 @@ _UNTIL = re.compile(
 _CURE = "expected p_fail < 1e-3 at 95%, or p_fail(REQUIREMENT) < 1e-3 at 95% against 5e-4"
 
 
-def always_valid(
+def anytime_bounds(
     failures: int, runs: int, confidence: float, ratio: float = RATIO
 ) -> tuple[float, float]:
     """Return a lower and an upper bound, each of `confidence` for all numbers of runs at once."""
-    checked(failures, runs)
+    check_counts(failures, runs)
     sure, lower, upper = -math.log(1.0 - confidence), 0.0, 1.0
     if failures < runs and (ratio < math.inf or failures == 0):
         grown = (sure + (failures * math.log(ratio) if failures else 0.0)) / (runs - failures)
@@ -119,14 +119,14 @@ class Statement:
 
     def likelihood(self, failures: int, runs: int) -> float:
         """Return ln L, (1)."""
-        checked(failures, runs)
+        check_counts(failures, runs)
         return (failures * self._failed if failures else 0.0) + (runs - failures) * self._clean
 
     def bounds(self, failures: int, runs: int) -> tuple[float, float]:
         """Return (3) and (2): each holds with the statement's confidence, whenever it is looked."""
-        return always_valid(failures, runs, self.confidence, self.ratio)
+        return anytime_bounds(failures, runs, self.confidence, self.ratio)
 
-    def decided(self, failures: int, runs: int) -> str:
+    def outcome(self, failures: int, runs: int) -> str:
         """Return HOLDS, REFUTED, NOT_SHOWN or OPEN; a campaign ends with the first but OPEN."""
         likelihood = self.likelihood(failures, runs)
         if likelihood >= self._accepted:
@@ -181,12 +181,12 @@ class Statement:
         of = f"({self.requirement})" if self.requirement else ""
         return f"p_fail{of} < {_short(self.p0)}"
 
-    def told(self, failures: int, runs: int) -> str:
+    def text(self, failures: int, runs: int) -> str:
         """Return the outcome in words, in one line."""
         sure = f"at {_short(100.0 * self.confidence)} %"
-        found = f"{counted(failures, 'failure')} in {counted(runs, 'run')}"
+        found = f"{count_text(failures, 'failure')} in {count_text(runs, 'run')}"
         lower, upper = self.bounds(failures, runs)
-        outcome = self.decided(failures, runs)
+        outcome = self.outcome(failures, runs)
         if outcome == HOLDS:
             need = f"{self.without_failure:,} were needed without failure"
             return f"{self} holds {sure}: {found}, bound {bound_text(upper)}; {need}"
@@ -205,7 +205,7 @@ class Statement:
         return f"{self} is open after {found}: bound {bound_text(upper)}; {ahead}"
 
 
-def parsed(text: str) -> Statement:
+def parse(text: str) -> Statement:
     """Return what `--until` says. Raises RigError, one line with the cure."""
     found = _UNTIL.fullmatch(text.strip())
     if not found:
@@ -246,6 +246,6 @@ def bound_text(number: float) -> str:
     return _short(float(f"{number:.4g}"))
 
 
-def counted(count: int, word: str) -> str:
+def count_text(count: int, word: str) -> str:
     """Return `1 run`, `2,995 runs`."""
     return f"{count:,} {word}{'' if count == 1 else 's'}"

@@ -41,7 +41,7 @@ class Rows(Mapping[tuple[int, str], Row]):
         self._file = file
         self._places: dict[str, dict[int, int]] = {}  # of each controller's draws
 
-    def at(self, row: Row, place: int) -> None:
+    def note_place(self, row: Row, place: int) -> None:
         """Take note where a row's line begins."""
         self._places.setdefault(row.controller, {})[row.draw] = place
 
@@ -87,7 +87,7 @@ class Journal:
                 row = None
             if row is None:
                 break
-            self.rows.at(row, whole)
+            self.rows.note_place(row, whole)
             whole += len(line)
         self._file.seek(whole)
         self._file.truncate()
@@ -98,7 +98,7 @@ class Journal:
         for row in rows:
             line = json.dumps(dataclasses.asdict(row)) + "\n"
             self._file.write(line.encode())
-            self.rows.at(row, place)
+            self.rows.note_place(row, place)
             place += len(line)
         self._file.flush()
 
@@ -137,7 +137,7 @@ class Store:
         """The Parquet file."""
         return self.folder / f"{self.shard}.parquet"
 
-    def of_task(self, draw: int, controller: str) -> Path:
+    def task_journal(self, draw: int, controller: str) -> Path:
         """Return the journal of a worker's task that begins with this run."""
         which = list(self.spec["controllers"]).index(controller)
         return self.folder / f"{self.shard}.{which}.{draw}.jsonl"
@@ -168,7 +168,7 @@ class Store:
         """Write the Parquet file, drop the journal, return the file; OSError, LogCommandError."""
         import pyarrow.parquet
 
-        table = arrow(self.rows, self.spec)
+        table = table_of(self.rows, self.spec)
         with new_file(self.table, force=True) as unfinished:
             pyarrow.parquet.write_table(table, unfinished)
         for path in (self.journal, *self.folder.glob(f"{self.shard}.*.*.jsonl")):
@@ -194,7 +194,7 @@ def row_of(data: Mapping[str, Any]) -> Row:
     return row
 
 
-def arrow(rows: Mapping[tuple[int, str], Row], spec: Mapping[str, Any]) -> "pyarrow.Table":
+def table_of(rows: Mapping[tuple[int, str], Row], spec: Mapping[str, Any]) -> "pyarrow.Table":
     """Return rows as a table, by draw and controller; `sweep.results` has its columns."""
     import pyarrow as pa
 
@@ -204,10 +204,10 @@ def arrow(rows: Mapping[tuple[int, str], Row], spec: Mapping[str, Any]) -> "pyar
     while some := [rows[of] for of in itertools.islice(left, CHUNK)]:
         parts.append(_part(some))
     table = pa.concat_tables(parts, promote_options="default")
-    return completed(table, spec)
+    return complete_table(table, spec)
 
 
-def completed(table: "pyarrow.Table", spec: Mapping[str, Any]) -> "pyarrow.Table":
+def complete_table(table: "pyarrow.Table", spec: Mapping[str, Any]) -> "pyarrow.Table":
     """Return a table with its columns in order, NaN where a run told no number, and its spec."""
     import pyarrow.compute
 

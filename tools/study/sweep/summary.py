@@ -29,10 +29,13 @@ def _table(results: Results) -> Iterator[str]:
     yield line("", names)
     outcome, ok = results.column("outcome"), results.column("ok")
     counted = {
-        "runs": outcome != "", "ok": np.equal(ok, True),
-        "faults": outcome == FAULT, "refused": outcome == REFUSED,
-        "not judged": np.array([one is None for one in ok]), "done one by one": results.column("alone").astype(bool),
-    }  # fmt: skip
+        "runs": outcome != "",
+        "ok": np.equal(ok, True),
+        "faults": outcome == FAULT,
+        "refused": outcome == REFUSED,
+        "not judged": np.array([one is None for one in ok]),
+        "done one by one": results.column("alone").astype(bool),
+    }
     for title, flags in counted.items():
         counts = [np.count_nonzero(flags[own]) for own in rows]
         if title in ("runs", "ok") or any(counts):

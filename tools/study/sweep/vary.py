@@ -91,7 +91,7 @@ class Variation:
         return RigError(f"--vary {self.name}={self.text}: {what}")
 
 
-def parsed(option: str) -> Variation:
+def parse(option: str) -> Variation:
     """Return what `NAME=SPEC` says. Raises RigError, one line with the cure."""
     name, equals, text = (part.strip() for part in option.partition("="))
     if not (name and equals and text):
@@ -144,9 +144,9 @@ def _wrong(kind: str, numbers: tuple[float, ...]) -> str:
     return ""
 
 
-def all_parsed(options: Sequence[str]) -> tuple[Variation, ...]:
+def parse_variations(options: Sequence[str]) -> tuple[Variation, ...]:
     """Return the variations of a campaign. Raises RigError where a name stands twice."""
-    found = tuple(parsed(option) for option in options)
+    found = tuple(parse(option) for option in options)
     for i, variation in enumerate(found):
         if variation.name in {other.name for other in found[:i]}:
             raise variation.error("this value is already varied; give one --vary for a name")
@@ -160,7 +160,7 @@ def values(variations: Sequence[Variation], points: Vector, own: Sequence[float]
     return np.array(found, dtype=np.float64).reshape(len(found), -1).T
 
 
-def snapped(variations: Sequence[Variation], points: Vector) -> Vector:
+def snap_to_levels(variations: Sequence[Variation], points: Vector) -> Vector:
     """Return points (n, d) in which all coordinates with the same value are the same number."""
     found = np.array(points)
     for column, levels in zip(found.T, (v.levels for v in variations), strict=True):
@@ -169,7 +169,7 @@ def snapped(variations: Sequence[Variation], points: Vector) -> Vector:
     return found
 
 
-def of_normal(z: Vector) -> Vector:
+def points_of_normal(z: Vector) -> Vector:
     """Return the points (n, d) of standard normal coordinates, as `rare.subset` asks for them."""
     from scipy.special import ndtr
 

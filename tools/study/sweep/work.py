@@ -41,7 +41,7 @@ class Work:
             raise RigError(f"--scheduler {self.scheduler!r}: expected tcp://HOST:PORT or local[:N]")
         if self.threads is not None and self.scheduler:
             raise RigError("--threads is of this process; workers of --scheduler have their own")
-        self.statement = None if self.until is None else statements.parsed(self.until)
+        self.statement = None if self.until is None else statements.parse(self.until)
         if self.statement is not None:
             if self.shard.of > 1:
                 raise RigError("--until needs all draws in their order; leave --shard out")
@@ -58,7 +58,9 @@ class Work:
         outcome = self.folder / "outcome.txt"
         if self.store.table.exists():
             progress.say(f"{self.store.table}: complete")
-            return self._told(outcome.read_text(encoding="utf-8") if outcome.exists() else "")
+            return self._outcome_text(
+                outcome.read_text(encoding="utf-8") if outcome.exists() else ""
+            )
         progress.show("compiling")
         campaign = self.campaign
         path = Path(campaign.rig).resolve()
@@ -68,18 +70,18 @@ class Work:
         if had := len(self.store.rows):
             progress.say(f"{had} rows are there, going on")
         with self._runner(engine) as runner:
-            told = self._run(runner.rows, progress)
+            outcome_text = self._run(runner.rows, progress)
         self.campaign.check_unchanged(self.store.spec)
-        if told:
-            outcome.write_text(told, encoding="utf-8")
+        if outcome_text:
+            outcome.write_text(outcome_text, encoding="utf-8")
         self.store.complete()
-        return self._told(told)
+        return self._outcome_text(outcome_text)
 
-    def _told(self, outcome: str) -> str:
+    def _outcome_text(self, outcome: str) -> str:
         """Return what came out: of a statement what its rows say, else `outcome`."""
         if self.until is None:
             return outcome
-        table, spec = shards.merged([self.folder])
+        table, spec = shards.merge([self.folder])
         found = decision.decisions(Results(table, spec), self.until)
         return "\n".join(one.text for one in found)
 
@@ -109,7 +111,7 @@ class Work:
         for size in decision.blocks():
             some = list(itertools.islice(numbered, size))
             do(some)
-            if not some or self._decided([number for number, _ in some], self.statement):
+            if not some or self._is_decided([number for number, _ in some], self.statement):
                 break
         return ""
 
@@ -124,10 +126,10 @@ class Work:
                 raise RigError(f"{self.store.journal}: {what}; begin again with another -o")
         return len(there) == len(names)
 
-    def _decided(self, draws: Sequence[int], statement: statements.Statement) -> bool:
+    def _is_decided(self, draws: Sequence[int], statement: statements.Statement) -> bool:
         """Count draws where the statement was open; return whether it is for nobody any more."""
         for name, count in self._counts.items():
-            if statement.decided(*count) == statements.OPEN:
+            if statement.outcome(*count) == statements.OPEN:
                 rows = [self.store.rows[draw, name] for draw in draws]
                 of = statement.requirement
                 judged = (row.ok if of is None else row.held.get(of) for row in rows)
@@ -137,7 +139,7 @@ class Work:
                     why = f"with draw {draws[0]} {rows[0].why or 'nothing was judged'}"
                     what = f"no run of {name} could be judged, {why}"
                     raise RigError(f"--until {self.until!r}: {what}; give the rig `require`")
-        return all(statement.decided(*n) != statements.OPEN for n in self._counts.values())
+        return all(statement.outcome(*n) != statements.OPEN for n in self._counts.values())
 
 
 class _Clock:

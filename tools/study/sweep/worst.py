@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pcpc.tools.study.arrays import Vector
-from pcpc.tools.study.sweep.vary import Variation, snapped
+from pcpc.tools.study.sweep.vary import Variation, snap_to_levels
 
 Margins = Callable[[Vector], Vector]
 LOW, HIGH = 0.001, 0.999
@@ -72,7 +72,7 @@ def _descent(
     points, found = np.empty((0, d)), np.empty(0)
     while not search.stop() and len(found) < runs:
         asked = search.ask()
-        batch = snapped(variations, np.array(asked)[: runs - len(found), :d])
+        batch = snap_to_levels(variations, np.array(asked)[: runs - len(found), :d])
         margin = np.asarray(margins(batch), dtype=np.float64)
         if margin.shape != (len(batch),):
             raise ValueError(f"expected {len(batch)} margins, got shape {margin.shape}")

@@ -50,7 +50,7 @@ class Seeds:
     def done(self) -> list[Fitted]:
         """Run and fit them in this process."""
         from pcpc.executive.batch.runs import Case
-        from pcpc.tools.study.fit.fitting import estimated_of
+        from pcpc.tools.study.fit.fitting import estimate_of
         from pcpc.tools.study.fit.record import record_of
 
         model, runs = _bench()
@@ -58,7 +58,7 @@ class Seeds:
         for seed, made in zip(self.seeds, runs.done([Case(s) for s in self.seeds]), strict=True):
             assert made.log is not None, made.refused
             record = record_of(made.log, model.plant, list(model.sensors))
-            one = estimated_of(model, record)
+            one = estimate_of(model, record)
             half = 0.5 * (one.interval[:, 1] - one.interval[:, 0])
             found.append(Fitted(seed, one.values, one.before, half, one.evaluations))
         return found

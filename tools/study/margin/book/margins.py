@@ -124,11 +124,13 @@ def run(folder: Path, progress: Progress, jobs: int | None) -> int:
 
 def compared(case: Case) -> Found:
     """Return both loops of a case, at the lines of all of its bands."""
-    rig = operating.undisturbed(load_rig(find(case.rig), case.controller, list(case.settings)))
+    rig = operating.without_disturbances(
+        load_rig(find(case.rig), case.controller, list(case.settings))
+    )
     plans, rate = operating.plans_of(rig), rig.config.rate_hz
-    cut, _ = loops.chosen(rig, plans, None)
-    held = operating.held(plans, 0.0)
-    model = linear.linearised(operating.at_rest(plans, held, case.settle_s), cut)
+    cut, _ = loops.choose(rig, plans, None)
+    held = operating.reference_values(plans, 0.0)
+    model = linear.linearise(operating.at_rest(plans, held, case.settle_s), cut)
     f, seen = list[Vector](), list[NDArray[np.complex128]]()
     for low, high, share in case.bands:
         sines = measured.multisine(rate, rate / 4000.0, share * case.amplitude, 1, high, low)
