@@ -17,10 +17,14 @@ from pcpc.tools.study.fit.result import Fit
 
 
 def fit(
-    rig: str | Path, log: str | Path | Run,
-    parameters: Sequence[str] | Mapping[str, tuple[float, float] | None] = (), *,
-    sensors: Sequence[str] = (), set: Mapping[str, Any] | None = None, quiet: bool | None = None,
-) -> Fit:  # fmt: skip
+    rig: str | Path,
+    log: str | Path | Run,
+    parameters: Sequence[str] | Mapping[str, tuple[float, float] | None] = (),
+    *,
+    sensors: Sequence[str] = (),
+    set: Mapping[str, Any] | None = None,
+    quiet: bool | None = None,
+) -> Fit:
     """Estimate parameters of a rig's plant from the commands and sensors that a log holds.
 
         found = pcpc.fit("slew10", run, ["barrel.coulomb_Nm", "barrel.gap_rad"])

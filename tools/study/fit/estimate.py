@@ -34,13 +34,20 @@ import numpy as np
 
 from pcpc.tools.study.arrays import Array, Flags
 from pcpc.tools.study.fit.noise import own_noise, resolution
-from pcpc.tools.study.fit.search import Predict, Problem, bounded, find, minimum, onward
+from pcpc.tools.study.fit.search import (
+    Predict,
+    Problem,
+    bounded,
+    find,
+    minimum,
+    onward,
+    scaled_inverse,
+)
 from pcpc.tools.study.fit.smooth import smooth_part
 
 Samples = Callable[[Array], tuple[Array, Array]]  # point (p,) -> y, Q(y), each (rows, sensors)
 
 CLOSE = 0.97  # two estimates with a larger correlation are known better together than each
-_RIDGE = 1e-13  # a matrix of correlations without rank keeps an inverse, which is large
 ROUNDED = 1.25  # residuals up to this many times those of rounding alone hold nothing else
 TURNS, KEPT = 9, 6  # steps of (7), and how many of the last are averaged
 WIDER = 3.0  # times the errors of a smooth part: an end beside the best value is within
@@ -82,9 +89,14 @@ class Estimate:
 
 
 def estimate(
-    predict: Predict, measured: Array, quantum: Array, start: Array, bounds: Array,
-    samples: Samples | None = None, say: Callable[[str], None] = lambda _: None,
-) -> Estimate:  # fmt: skip
+    predict: Predict,
+    measured: Array,
+    quantum: Array,
+    start: Array,
+    bounds: Array,
+    samples: Samples | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Estimate:
     """Return the estimate; `measured` (rows, sensors), NaN where there is no sample.
 
     `quantum` (sensors,) of the samples; `start` (p,); `bounds` (p, 2); `samples`: for (7).
@@ -121,8 +133,15 @@ def estimate(
     if smooth < rows:
         found = _widen(found, unsure * scale)
     worst, explained = own.excess(found.predicted, measured)
-    return replace(found, before=before, own=own.noise, worst=worst, explained=explained,
-                   alike=search.alike, smooth=smooth)  # fmt: skip
+    return replace(
+        found,
+        before=before,
+        own=own.noise,
+        worst=worst,
+        explained=explained,
+        alike=search.alike,
+        smooth=smooth,
+    )
 
 
 def _widen(found: Estimate, errors: Array) -> Estimate:
@@ -135,9 +154,14 @@ def _widen(found: Estimate, errors: Array) -> Estimate:
 
 
 def _correct_rounding(
-    of: Problem, samples: Samples, z: Array, noise: Array, slope: Array,
-    excited: Flags, floor: Array,
-) -> Array:  # fmt: skip
+    of: Problem,
+    samples: Samples,
+    z: Array,
+    noise: Array,
+    slope: Array,
+    excited: Flags,
+    floor: Array,
+) -> Array:
     """Return z after (7); as it was where no sensor only rounds, or (7) leads away."""
     j = slope[..., excited].reshape(-1, excited.sum())
     step = np.linalg.pinv(j)
@@ -178,9 +202,7 @@ def _are_excited(slope: Array, excited: Flags) -> Flags:
     """Return of which parameters the record tells something, (6) against the scale."""
     told = excited.copy()
     while told.any():
-        part = slope[..., told].reshape(-1, told.sum())
-        size = np.sqrt(np.maximum(np.sum(part * part, axis=0), 1e-300))
-        inverse = np.linalg.inv((part / size).T @ (part / size) + _RIDGE * np.eye(told.sum()))
+        inverse, size = scaled_inverse(slope[..., told])
         errors = np.sqrt(np.maximum(np.diag(inverse), 0.0)) / size
         worst = int(np.argmax(errors))
         if errors[worst] < LOST and np.isfinite(errors[worst]):
@@ -209,17 +231,24 @@ def _with_errors(
     half = factor * errors
     interval = np.stack((z - half, z + half), axis=1) * of.scale[:, None]
     return Estimate(
-        z * of.scale, errors * of.scale, interval, correlation, excited, noise, predicted, lag,
-        inflation, of.evaluations, rows, z * of.scale,
-    )  # fmt: skip
+        z * of.scale,
+        errors * of.scale,
+        interval,
+        correlation,
+        excited,
+        noise,
+        predicted,
+        lag,
+        inflation,
+        of.evaluations,
+        rows,
+        z * of.scale,
+    )
 
 
 def covariances(slope: Array, r: Array) -> tuple[Array, Array, int]:
     """Return (5), (6) and L for dr/dz (rows, sensors, p) and r (rows, sensors)."""
-    p = slope.shape[-1]
-    flat = slope.reshape(-1, p)
-    size = np.sqrt(np.maximum(np.sum(flat * flat, axis=0), 1e-300))  # keeps A well scaled
-    inverse = np.linalg.inv((flat / size).T @ (flat / size) + _RIDGE * np.eye(p))
+    inverse, size = scaled_inverse(slope)
     inverse = inverse / np.outer(size, size)
     scores = np.einsum("kjp,kj->kp", slope, r) @ inverse  # each already in units of z
     rows = len(scores)

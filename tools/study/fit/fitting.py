@@ -81,8 +81,9 @@ class Model:
 
     def predicted(self, points: Array, given: Array, first: int = 0, seed: int = 1) -> Array:
         """Return the model's sensors (m, rows, sensors) for points (m, p)."""
-        settings = [{**self.fixed, **dict(zip(self.names, map(float, p), strict=True))}
-                    for p in points]  # fmt: skip
+        settings = [
+            {**self.fixed, **dict(zip(self.names, map(float, p), strict=True))} for p in points
+        ]
         return self.plant.signals(settings, list(self.sensors.values()), given, first, seed)
 
     def samples(self, point: Array, given: Array, first: int = 0) -> tuple[Array, Array]:
@@ -120,15 +121,20 @@ class Model:
 
     def _sensors(self, given: Sequence[str]) -> dict[str, str]:
         """Return what is compared: a name in the log to a name of the model."""
-        sends = {name: source for name, source in self.plant.sources.items()
-                 if source.partition(".")[0] in self.plant.blocks}  # fmt: skip
+        sends = {
+            name: source
+            for name, source in self.plant.sources.items()
+            if source.partition(".")[0] in self.plant.blocks
+        }
         said = (
             dict(self.identification.sensors) if self.identification.sensors is not None else sends
         )
         for name in said:
             if name not in self.plant.sent:
-                raise RigError(f"SENSORS: {name}: the plant sends no such signal"
-                               + did_you_mean(name, self.plant.sent))  # fmt: skip
+                raise RigError(
+                    f"SENSORS: {name}: the plant sends no such signal"
+                    + did_you_mean(name, self.plant.sent)
+                )
         chosen = {name: said.get(name, sends.get(name, name)) for name in given} or said
         if not chosen:
             raise RigError(f"{self.rig.path}: the plant sends nothing to fit to; give --sensor")
@@ -153,10 +159,19 @@ def fit(model: Model, log: Log, say: Callable[[str], None] = lambda _: None) -> 
     sensors = [_sensor(model, record, found, j) for j in range(len(model.sensors))]
     notes = [*_refusal(found, record, sensors), *notes, *_warnings(model, found, parameters)]
     return Fit(
-        model.rig.config.rig, str(log.path), parameters, sensors, found.correlation, notes,
-        record.t_s, record.measured, found.predicted, found.evaluations, found.arrived,
+        model.rig.config.rig,
+        str(log.path),
+        parameters,
+        sensors,
+        found.correlation,
+        notes,
+        record.t_s,
+        record.measured,
+        found.predicted,
+        found.evaluations,
+        found.arrived,
         log.missing,
-    )  # fmt: skip
+    )
 
 
 def estimate_of(
@@ -194,17 +209,28 @@ def _sensor(model: Model, record: Record, found: Estimate, j: int) -> Sensor:
     power = float(np.mean(residual**2)) if there.any() else math.nan
     explained = max(1.0 - power / spread, 0.0) if spread > 0.0 else math.nan
     return Sensor(
-        name, model.plant.unit(model.sensors[name]), int(there.sum()), math.sqrt(power),
-        float(found.own[j]), explained, float(found.worst[j]),
-    )  # fmt: skip
+        name,
+        model.plant.unit(model.sensors[name]),
+        int(there.sum()),
+        math.sqrt(power),
+        float(found.own[j]),
+        explained,
+        float(found.worst[j]),
+    )
 
 
 def _log_notes(model: Model, record: Record, log: Log) -> list[str]:
     """Return what is to be said before a fit."""
-    own = {name: value for name, value in _settings(effective_rig(log)).items()
-           if name in model.own and name not in model.names}  # fmt: skip
-    other = [f"{name} = {value:g} (here {model.own[name]:g})"
-             for name, value in own.items() if value != model.own[name]]  # fmt: skip
+    own = {
+        name: value
+        for name, value in _settings(effective_rig(log)).items()
+        if name in model.own and name not in model.names
+    }
+    other = [
+        f"{name} = {value:g} (here {model.own[name]:g})"
+        for name, value in own.items()
+        if value != model.own[name]
+    ]
     notes = [f"the log's rig has {', '.join(other)}"] if other else []
     two = model.predicted(model.start[None], record.given[:200], record.first, seed=2)
     one = model.predicted(model.start[None], record.given[:200], record.first, seed=1)
@@ -217,8 +243,11 @@ def _log_notes(model: Model, record: Record, log: Log) -> list[str]:
 
 def _settings(rig: Mapping[str, Any]) -> dict[str, float]:
     blocks = rig.get("plant", {}).get("blocks", {})
-    return {f"{block}.{name}": value for block, about in blocks.items()
-            for name, value in about.get("parameters", {}).items()}  # fmt: skip
+    return {
+        f"{block}.{name}": value
+        for block, about in blocks.items()
+        for name, value in about.get("parameters", {}).items()
+    }
 
 
 def narrow(parameters: Sequence[Parameter]) -> list[str]:
@@ -240,13 +269,19 @@ def _refusal(found: Estimate, record: Record, sensors: Sequence[Sensor]) -> list
     worst = sorted((s for s in sensors if s.worst > HOLDS), key=lambda s: -s.worst)[:3]
     left = ", ".join(f"{s.name} {s.worst:.3g} times" for s in worst)
     begin, end = (found.explained * record.period_s, found.rows * record.period_s)
-    what = (f"the model leaves more than the samples' own noise: {left} (a right one up to "
-            f"{HOLDS:g}); it explains the first {begin:.3g} s of {end:.3g} s")  # fmt: skip
+    what = (
+        f"the model leaves more than the samples' own noise: {left} (a right one up to "
+        f"{HOLDS:g}); it explains the first {begin:.3g} s of {end:.3g} s"
+    )
     if found.alike:
-        return [f"{what}. Searches from several starts end there: rather the model is wrong than "
-                "the search lost; an interval holds for a model that is right"]  # fmt: skip
-    return [f"the search did not arrive: {what}. The search is lost or the model is wrong: start "
-            "nearer with --set, fit fewer values, or take a calmer record"]  # fmt: skip
+        return [
+            f"{what}. Searches from several starts end there: rather the model is wrong than "
+            "the search lost; an interval holds for a model that is right"
+        ]
+    return [
+        f"the search did not arrive: {what}. The search is lost or the model is wrong: start "
+        "nearer with --set, fit fewer values, or take a calmer record"
+    ]
 
 
 def _warnings(model: Model, found: Estimate, parameters: Sequence[Parameter]) -> list[str]:
@@ -262,10 +297,14 @@ def _warnings(model: Model, found: Estimate, parameters: Sequence[Parameter]) ->
             notes.append(f"{one.name}: it ended at its bound {one.value:g}")
     if 0 < found.smooth < found.rows:
         share = 100.0 * found.smooth / found.rows
-        notes.append("the whole record is so sensitive that the search may have ended beside the "
-                     f"best value; the intervals are those of its first {share:.0f} %")  # fmt: skip
+        notes.append(
+            "the whole record is so sensitive that the search may have ended beside the "
+            f"best value; the intervals are those of its first {share:.0f} %"
+        )
     notes += narrow(parameters)
     for a, b, c in close_pairs(found.correlation, model.names):
-        notes.append(f"{a} and {b}: correlation {c:+.3f}; this log knows one combination of "
-                     "them better than each")  # fmt: skip
+        notes.append(
+            f"{a} and {b}: correlation {c:+.3f}; this log knows one combination of "
+            "them better than each"
+        )
     return notes

@@ -42,8 +42,9 @@ def record_of(log: Log, plant: Driven, sensors: Sequence[str]) -> Record:
     RigError for a log of another plant, one that is too short, or one with tunings of the plant.
     """
     own = log.node.get("plant")
-    other = next((log.node[name] for name in ("executive", "local") if _hears(log, name, sensors)),
-                 None)  # fmt: skip
+    other = next(
+        (log.node[name] for name in ("executive", "local") if _hears(log, name, sensors)), None
+    )
     nodes = [node for node in (own, other) if node is not None]
     if not nodes:
         raise RigError(f"{log.path}: it holds no cycles of the plant, nor of what receives it")
@@ -53,8 +54,9 @@ def record_of(log: Log, plant: Driven, sensors: Sequence[str]) -> Record:
     if rows < LEAST_ROWS:
         raise RigError(f"{log.path}: {max(rows, 0)} cycles of the plant; a fit takes {LEAST_ROWS}")
     measured = np.stack([_samples(plant, own, other, name, first, rows) for name in sensors], 1)
-    return Record(_given(plant, own, other, first, rows), measured, first,
-                  1.0 / plant.rig.config.rate_hz)  # fmt: skip
+    return Record(
+        _given(plant, own, other, first, rows), measured, first, 1.0 / plant.rig.config.rate_hz
+    )
 
 
 def _hears(log: Log, name: str, sensors: Sequence[str]) -> bool:
@@ -72,8 +74,11 @@ def _check(log: Log, plant: Driven, nodes: Sequence[Node], sensors: Sequence[str
             what = f"{1e9 / node.description['period_ns']:g} cycles a second, the rig {rate_hz:g}"
             raise RigError(f"{log.path}: it has {what}; give the rig of the log")
     known = {name for node in nodes for name in node.columns}
-    lacks = [name for name in (*plant.received, *sensors)
-             if not {name, f"rx.{name}", f"tx.{name}"} & known]  # fmt: skip
+    lacks = [
+        name
+        for name in (*plant.received, *sensors)
+        if not {name, f"rx.{name}", f"tx.{name}"} & known
+    ]
     if lacks:
         named = ", ".join(lacks[:3]) + (", ..." if len(lacks) > 3 else "")
         raise RigError(f"{log.path}: it has no {named}; give the rig of the log")

@@ -34,6 +34,7 @@ SPREADS = (0.3, 1.0, 3.0, 10.0)  # of the points of (3), in standard errors of w
 TRIAL, NEAR, FAR = 1e-3, 1e-8, 3e-2  # steps of differences, as shares of the scale
 SHIFT = 0.03  # rms change of the signals that a step of a difference is to make, in units of s_j
 TURNS = 15  # of a search over a part
+RIDGE = 1e-13  # a matrix of correlations without rank keeps an inverse, which is large
 WILD = 1e4  # largest residual, in units of s_j: a model that has diverged is not worse than that
 
 
@@ -108,6 +109,17 @@ def costs(of: Problem, points: Array, rows: int, noise: Array) -> Array:
     return np.asarray(np.mean(r * r, axis=(1, 2)))
 
 
+def scaled_inverse(slope: Array) -> tuple[Array, Array]:
+    """Return (J'J)^-1 (p, p) of columns of length 1, and their lengths (p,).
+
+    `slope`: dr/dz (rows, sensors, p).
+    """
+    flat = slope.reshape(-1, slope.shape[-1])
+    size = np.sqrt(np.maximum(np.sum(flat * flat, axis=0), 1e-300))  # keeps J'J well scaled
+    information = (flat / size).T @ (flat / size) + RIDGE * np.eye(len(size))
+    return np.linalg.inv(information), size
+
+
 def _steps(slope: Array) -> Array:
     """Return steps of differences (p,) that change the signals by about SHIFT."""
     change = np.sqrt(np.mean(slope * slope, axis=(0, 1)))
@@ -115,9 +127,16 @@ def _steps(slope: Array) -> Array:
 
 
 def minimum(
-    of: Problem, z: Array, rows: int, noise: Array, steps: Array, tolerance: float,
-    *, prior: Array | None = None, free: Flags | None = None,
-) -> tuple[Array, Array]:  # fmt: skip
+    of: Problem,
+    z: Array,
+    rows: int,
+    noise: Array,
+    steps: Array,
+    tolerance: float,
+    *,
+    prior: Array | None = None,
+    free: Flags | None = None,
+) -> tuple[Array, Array]:
     """Return where the sum over a part is smallest, from `z` on, and steps of differences."""
     from scipy.optimize import least_squares
 
@@ -144,9 +163,16 @@ def minimum(
     margin = 1e-9 * np.maximum(1.0, np.abs(z))
     begin = np.clip(z, of.low + margin, of.high - margin)[free]
     found = least_squares(
-        lambda part: at(part)[0], begin, lambda part: at(part)[1], (of.low[free], of.high[free]),
-        method="trf", ftol=tolerance, xtol=1e-12, gtol=1e-10, max_nfev=TURNS,
-    )  # fmt: skip
+        lambda part: at(part)[0],
+        begin,
+        lambda part: at(part)[1],
+        (of.low[free], of.high[free]),
+        method="trf",
+        ftol=tolerance,
+        xtol=1e-12,
+        gtol=1e-10,
+        max_nfev=TURNS,
+    )
     full = z.copy()
     full[free] = found.x
     return full, steps

@@ -11,7 +11,7 @@ it leaves open, the search may be off by.
 import numpy as np
 
 from pcpc.tools.study.arrays import Array, Flags
-from pcpc.tools.study.fit.search import Problem, costs
+from pcpc.tools.study.fit.search import Problem, costs, scaled_inverse
 
 REACH, POINTS = 1.5, 32  # standard errors; points of (1)
 ROUGH = 3.0  # times what slopes predict
@@ -29,9 +29,7 @@ def smooth_part(
     for halved in range(HALVINGS + 1):
         rows = len(of.measured) >> halved
         _, slope = of.linearised(z, rows, noise, steps, central=False)
-        flat = slope[..., free].reshape(-1, free.sum())
-        size = np.sqrt(np.maximum(np.sum(flat * flat, axis=0), 1e-300))
-        inverse = np.linalg.inv((flat / size).T @ (flat / size) + 1e-13 * np.eye(free.sum()))
+        inverse, size = scaled_inverse(slope[..., free])
         inverse /= np.outer(size, size)
         if _holds(of, z, rows, noise, free, inverse):
             found[free] = np.sqrt(np.diag(inverse))

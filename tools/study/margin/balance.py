@@ -102,9 +102,7 @@ def balance(step: Step, at: Cycle, state: int, amplitude: float) -> Cycle | None
     unit = np.maximum(unit, 1e-9 * unit.max())
     turn = at.phi[state] / abs(at.phi[state])
     phi = at.phi / turn * amplitude / abs(at.phi[state])
-    z = np.concatenate(
-        ((phi / unit).real, (phi / unit).imag, np.zeros(n), [at.omega, at.gain])
-    )  # fmt: skip
+    z = np.concatenate(((phi / unit).real, (phi / unit).imag, np.zeros(n), [at.omega, at.gain]))
 
     def of(z: Vector) -> tuple[Complex, Vector, float, float]:
         phi = (z[:n] + 1j * z[n : 2 * n]) * unit

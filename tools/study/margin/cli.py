@@ -25,9 +25,14 @@ def command(options: argparse.Namespace) -> int:
         return _print(options, _limit_cycle(options))
     rig = load_rig(options.rig, options.controller, options.set)
     question = Question(
-        options.loop, options.at_s or 0.0, options.method, options.amplitude, options.seed,
-        SETTLE_S if options.settle is None else options.settle, options.lowest,
-    )  # fmt: skip
+        options.loop,
+        options.at_s or 0.0,
+        options.method,
+        options.amplitude,
+        options.seed,
+        SETTLE_S if options.settle is None else options.settle,
+        options.lowest,
+    )
     return _print(options, margin_of(rig, question))
 
 
@@ -51,9 +56,15 @@ def _check(options: argparse.Namespace) -> None:
 def _limit_cycle(options: argparse.Namespace) -> LimitCycle:
     settings = options.linear or [f"@{limit_cycle.linear_file(Path(options.rig))}"]
     return limit_cycle.limit_cycle(
-        Path(options.rig), options.controller, options.set, settings, options.limit_cycle,
-        options.grown, options.factors, options.loop,
-    )  # fmt: skip
+        Path(options.rig),
+        options.controller,
+        options.set,
+        settings,
+        options.limit_cycle,
+        options.grown,
+        options.factors,
+        options.loop,
+    )
 
 
 def _print(options: argparse.Namespace, found: Result) -> int:

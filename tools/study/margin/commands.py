@@ -13,27 +13,56 @@ def margin(add: Add) -> None:
     """Take a rig, a loop, the point, what is injected."""
     take.rig(add)
     add("--loop", metavar="SIGNAL", help="the sent signal that closes it; default: the first")
-    add("--at", type=take.duration, dest="at_s", metavar="TIME",
-        help="hold the reference at what it is at this time of the run; default 0 s")  # fmt: skip
+    add(
+        "--at",
+        type=take.duration,
+        dest="at_s",
+        metavar="TIME",
+        help="hold the reference at what it is at this time of the run; default 0 s",
+    )
     add("--settle", type=take.duration, metavar="TIME", help="come to rest first; default 4s")
-    add("--method", choices=("both", "linearised", "measured"), default="both",
-        help="default: %(default)s")  # fmt: skip
-    add("--amplitude", type=float, metavar="A",
-        help="most that is injected, in the signal's unit; default: chosen by the error"
-    )  # fmt: skip
+    add(
+        "--method",
+        choices=("both", "linearised", "measured"),
+        default="both",
+        help="default: %(default)s",
+    )
+    add(
+        "--amplitude",
+        type=float,
+        metavar="A",
+        help="most that is injected, in the signal's unit; default: chosen by the error",
+    )
     add("--lowest", type=frequency, metavar="F", help="lowest frequency; default: the rate by 4000")
     add(
         "--seed", type=take.seed, default=1, metavar="N", help="of the phases; default: %(default)s"
     )
-    add("-o", "--output", type=Path, metavar="DIR",
-        help="write margin.json, bode.png and nyquist.png there")  # fmt: skip
-    add("--limit-cycle", metavar="GAIN",
-        help="tell from which factor of this setting on the rig cycles")  # fmt: skip
-    add("--linear", action="append", default=[], metavar="SETTING",
-        help="--limit-cycle: what makes it linear, as --set; default: a linear.yaml there"
-    )  # fmt: skip
-    add("--with", action="append", dest="grown", metavar="NAME",
-        help="--limit-cycle: which of these come back; default: all but noise")  # fmt: skip
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="write margin.json, bode.png and nyquist.png there",
+    )
+    add(
+        "--limit-cycle",
+        metavar="GAIN",
+        help="tell from which factor of this setting on the rig cycles",
+    )
+    add(
+        "--linear",
+        action="append",
+        default=[],
+        metavar="SETTING",
+        help="--limit-cycle: what makes it linear, as --set; default: a linear.yaml there",
+    )
+    add(
+        "--with",
+        action="append",
+        dest="grown",
+        metavar="NAME",
+        help="--limit-cycle: which of these come back; default: all but noise",
+    )
     add("--factors", type=numbers, metavar="F,...", help="--limit-cycle: runs at these factors")
     take.json(add, "print all, with both responses, as one JSON object")
 

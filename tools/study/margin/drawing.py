@@ -94,8 +94,13 @@ def limit_cycle(found: LimitCycle) -> "Figure":
     ax.semilogy(x, y, "s", color=GREEN, fillstyle="none", label="the same rig, in a run")
     y = [row.run for row in found.rows]
     ax.semilogy(x, y, "o", color=BLACK, fillstyle="none", label="the rig as it is")
-    ax.axvline(found.linear_factor, color=VERMILION, linewidth=0.8, linestyle=":",
-               label="the linear loop becomes unstable")  # fmt: skip
+    ax.axvline(
+        found.linear_factor,
+        color=VERMILION,
+        linewidth=0.8,
+        linestyle=":",
+        label="the linear loop becomes unstable",
+    )
     unit = f" [{found.unit}]" if found.unit else ""
     ax.set_title(f"{found.rig}, {found.controller}: limit cycles", fontsize=11)
     ax.set(xlabel=f"factor of {found.gain}", ylabel=f"step of {found.signal}, rms{unit}")

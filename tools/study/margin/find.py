@@ -25,11 +25,18 @@ _PERIODS = 4000  # of the rate in the period of the lowest line
 
 
 def margin(
-    rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
-    loop: str | None = None, at_s: float = 0.0, method: Method = "both",
-    amplitude: float | None = None, seed: int = 1, settle_s: float = SETTLE_S,
+    rig: str | Path,
+    controller: str | None = None,
+    *,
+    set: Mapping[str, Any] | None = None,
+    loop: str | None = None,
+    at_s: float = 0.0,
+    method: Method = "both",
+    amplitude: float | None = None,
+    seed: int = 1,
+    settle_s: float = SETTLE_S,
     lowest_hz: float | None = None,
-) -> Margin:  # fmt: skip
+) -> Margin:
     """Return the margins of a rig's loop, linearised and measured in virtual time.
 
     rig, controller, set   as of `pcpc.simulate`
@@ -132,13 +139,22 @@ def _margin_of(rig: Rig, question: Question) -> Margin:
             remarks.append(f"{what} that was not found; its margins are not known")
             responses[name] = replace(one, margins=notes.without_crossings(one.margins))
     return Margin(
-        rig.config.rig, rig.config.controller, cut.signal, cut.unit, [one.signal for one in known],
-        rate, held, found.command if found else own.command if own else np.nan,
-        responses.get("linearised"), responses.get("measured"),
+        rig.config.rig,
+        rig.config.controller,
+        cut.signal,
+        cut.unit,
+        [one.signal for one in known],
+        rate,
+        held,
+        found.command if found else own.command if own else np.nan,
+        responses.get("linearised"),
+        responses.get("measured"),
         np.empty(0, complex) if found is None else found.closed(),
-        [] if found is None else found.kinks, np.nan if own is None else own.amplitude,
-        [*point.remarks, *remarks], point.moving_s,
-    )  # fmt: skip
+        [] if found is None else found.kinks,
+        np.nan if own is None else own.amplitude,
+        [*point.remarks, *remarks],
+        point.moving_s,
+    )
 
 
 @dataclass(frozen=True)

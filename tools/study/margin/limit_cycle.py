@@ -76,10 +76,15 @@ class _ClosedLoop:
 
 
 def limit_cycle(
-    rig: Path, controller: str | None, settings: Sequence[str], linear_settings: Sequence[str],
-    gain: str, grown: Sequence[str] | None = None, factors: Sequence[float] | None = None,
+    rig: Path,
+    controller: str | None,
+    settings: Sequence[str],
+    linear_settings: Sequence[str],
+    gain: str,
+    grown: Sequence[str] | None = None,
+    factors: Sequence[float] | None = None,
     name: str | None = None,
-) -> LimitCycle:  # fmt: skip
+) -> LimitCycle:
     """Return where limit cycles of a rig begin as a gain grows, and runs at some factors of it.
 
     linear_settings   make it linear, as for `--set`
@@ -115,9 +120,17 @@ def limit_cycle(
         run = _of_run(operating.without_disturbances(load_rig(rig, controller, more)), cut)
         rows.append(Row(factor, stable_cycle_at(points, factor), alone, run))
     return LimitCycle(
-        whole.config.rig, whole.config.controller, gain, back,
-        loop.factor, loop.f_hz, points, rows, cut.signal, cut.unit,
-    )  # fmt: skip
+        whole.config.rig,
+        whole.config.controller,
+        gain,
+        back,
+        loop.factor,
+        loop.f_hz,
+        points,
+        rows,
+        cut.signal,
+        cut.unit,
+    )
 
 
 def _names(settings: Sequence[str]) -> list[str]:
@@ -234,8 +247,9 @@ def stable_cycle_at(points: Sequence[Point], factor: float) -> Point | None:
             share = (above.factor - factor) / max(above.factor - below.factor, 1e-12)
             pairs = zip(
                 (above.f_hz, above.amplitude, above.step_rms),
-                (below.f_hz, below.amplitude, below.step_rms), strict=True,
-            )  # fmt: skip
+                (below.f_hz, below.amplitude, below.step_rms),
+                strict=True,
+            )
             return Point(factor, *(float(a ** (1.0 - share) * b**share) for a, b in pairs))
     return None
 

@@ -146,9 +146,13 @@ def _of_steps(
 
 
 def _reduced(
-    found: slopes.Slopes, names: list[str], state: Flags, rounded: dict[str, float],
-    command: float, dt: float,
-) -> Linear:  # fmt: skip
+    found: slopes.Slopes,
+    names: list[str],
+    state: Flags,
+    rounded: dict[str, float],
+    command: float,
+    dt: float,
+) -> Linear:
     """Return what of the differences lies between what is given and the command."""
     linked = found.slopes != 0.0
     given, seen = _linked(linked)
@@ -158,11 +162,18 @@ def _reduced(
     at = [names[i] for i in full]
     idle = np.flatnonzero(np.diagonal(linked)[:-1] & state & (given != seen))
     return Linear(
-        slope[:-1, :-1], slope[:-1, -1], slope[-1, :-1], float(slope[-1, -1]), dt, at[:-1],
-        command, [at[i] for i in np.flatnonzero(bent)],
-        {name: q for name, q in rounded.items() if name in at}, [names[i] for i in idle],
+        slope[:-1, :-1],
+        slope[:-1, -1],
+        slope[-1, :-1],
+        float(slope[-1, -1]),
+        dt,
+        at[:-1],
+        command,
+        [at[i] for i in np.flatnonzero(bent)],
+        {name: q for name, q in rounded.items() if name in at},
+        [names[i] for i in idle],
         frozenset(names[i] for i in np.flatnonzero(given)),
-    )  # fmt: skip
+    )
 
 
 def _linked(linked: Flags) -> tuple[Flags, Flags]:

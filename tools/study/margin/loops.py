@@ -49,9 +49,10 @@ def loops(rig: Rig, plans: dict[Role, Plan]) -> list[Loop]:
     for role, made in plans.items():
         for signal, source in made.spec.transmit.items():
             takers = tuple(
-                other for other, theirs in plans.items()
+                other
+                for other, theirs in plans.items()
                 if other != role and role != "plant" and _takes(theirs, signal)
-            )  # fmt: skip
+            )
             if takers and source.partition(".")[0] not in _HEAD:
                 found.append(_loop(made, role, signal, source, takers))
     return sorted(found, key=lambda loop: "plant" not in loop.takers)

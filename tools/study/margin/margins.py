@@ -88,13 +88,19 @@ def margins(f_hz: Vector, response: Complex, rate_hz: float) -> Margins:
     sensitivity, disk = np.abs(1.0 / (1.0 + loop)), np.abs((1.0 - loop) / (1.0 + loop))
     peak, widest = int(np.argmax(sensitivity)), int(np.argmax(disk))
     return Margins(
-        float(gains[up]) if up >= 0 else _NONE, float(at[up]) if up >= 0 else math.nan,
-        float(gains[down]) if down >= 0 else 0.0, float(at[down]) if down >= 0 else math.nan,
+        float(gains[up]) if up >= 0 else _NONE,
+        float(at[up]) if up >= 0 else math.nan,
+        float(gains[down]) if down >= 0 else 0.0,
+        float(at[down]) if down >= 0 else math.nan,
         float(phases[worst]) if worst >= 0 else _NONE,
         float(crossing[worst]) if worst >= 0 else math.nan,
-        delay, delay * rate_hz, float(sensitivity[peak]), float(f[peak]),
-        2.0 / float(disk[widest]), float(f[widest]),
-    )  # fmt: skip
+        delay,
+        delay * rate_hz,
+        float(sensitivity[peak]),
+        float(f[peak]),
+        2.0 / float(disk[widest]),
+        float(f[widest]),
+    )
 
 
 def _denser(f_hz: Vector, response: Complex) -> tuple[Vector, Vector, Vector]:

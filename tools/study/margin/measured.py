@@ -106,9 +106,13 @@ class Moves:
 
 
 def multisine(
-    rate_hz: float, lowest_hz: float, amplitude: float, seed: int, highest_hz: float | None = None,
+    rate_hz: float,
+    lowest_hz: float,
+    amplitude: float,
+    seed: int,
+    highest_hz: float | None = None,
     first_hz: float = 0.0,
-) -> Multisine:  # fmt: skip
+) -> Multisine:
     """Return lines from `lowest_hz` to half the rate or `highest_hz`, by logarithm.
 
     `first_hz`: leaves those below out; the period is still that of `lowest_hz`.
@@ -126,9 +130,13 @@ def multisine(
 
 
 def measure(
-    rig: Rig, cut: Loop, held: Mapping[str, float], sines: Multisine, settle_s: float,
+    rig: Rig,
+    cut: Loop,
+    held: Mapping[str, float],
+    sines: Multisine,
+    settle_s: float,
     quiet: Vector | None = None,
-) -> Measured:  # fmt: skip
+) -> Measured:
     """Run the rig with the excitation; UserError where it ends in a fault.
 
     quiet   what the law commands without any, for as long; None: another run
@@ -151,10 +159,18 @@ def measure(
     power = np.mean(np.abs(each) ** 2, axis=0)
     variance = np.sum(np.abs(each - g) ** 2, axis=0) / (count - 1) / count
     return Measured(
-        sines.lines * rate / n, response, spread, np.abs(g) ** 2 / np.maximum(power, 1e-300),
-        np.sqrt(_smooth(variance)), float(np.abs(sines.d).max()), clamped, float(alone.mean()),
-        _moves(alone, rate, cut), _moves(after, rate, cut), quiet,
-    )  # fmt: skip
+        sines.lines * rate / n,
+        response,
+        spread,
+        np.abs(g) ** 2 / np.maximum(power, 1e-300),
+        np.sqrt(_smooth(variance)),
+        float(np.abs(sines.d).max()),
+        clamped,
+        float(alone.mean()),
+        _moves(alone, rate, cut),
+        _moves(after, rate, cut),
+        quiet,
+    )
 
 
 def _nonzero(value: Complex) -> Complex:
@@ -179,9 +195,13 @@ def _moves(u: Vector, rate: float, cut: Loop) -> Moves:
 
 
 def best_measurement(
-    rig: Rig, cut: Loop, held: Mapping[str, float], about: tuple[float, float, int],
-    sizes: Sequence[float], settle_s: float,
-) -> Measured:  # fmt: skip
+    rig: Rig,
+    cut: Loop,
+    held: Mapping[str, float],
+    about: tuple[float, float, int],
+    sizes: Sequence[float],
+    settle_s: float,
+) -> Measured:
     """Return what the rig answers to that of rising sizes which leaves the least error.
 
     about   the rate, the lowest line and the seed

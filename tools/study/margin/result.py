@@ -139,7 +139,7 @@ class Margin(Result):
         heads = (
             f"{method} in motion" if moves and method == "linearised" else method
             for method in self.responses
-        )  # fmt: skip
+        )
         yield from ("", f"{'':20}" + "".join(f"{head:>28}" for head in heads))
         for what, *how in _ROWS:
             cells = (_cell(one.margins, *how) for one in self.responses.values())

@@ -77,13 +77,24 @@ class Sweep:
 
 
 def sweep(
-    rig: str | Path, controllers: Sequence[str] | None = None, *,
-    vary: Mapping[str, str] | None = None, draws: int | None = None, sampling: str | None = None,
-    seed: int = 1, set: Mapping[str, Any] | None = None, until: str | None = None,
-    worst: int | None = None, rare: int | None = None, of: str | None = None,
-    limit: float | None = None, threads: int | None = None, scheduler: str | None = None,
-    folder: str | Path | None = None, quiet: bool | None = None,
-) -> Sweep:  # fmt: skip
+    rig: str | Path,
+    controllers: Sequence[str] | None = None,
+    *,
+    vary: Mapping[str, str] | None = None,
+    draws: int | None = None,
+    sampling: str | None = None,
+    seed: int = 1,
+    set: Mapping[str, Any] | None = None,
+    until: str | None = None,
+    worst: int | None = None,
+    rare: int | None = None,
+    of: str | None = None,
+    limit: float | None = None,
+    threads: int | None = None,
+    scheduler: str | None = None,
+    folder: str | Path | None = None,
+    quiet: bool | None = None,
+) -> Sweep:
     """Run a rig again and again with values that vary, in virtual time, eight runs at once.
 
     Each row is what `pcpc simulate` says of its settings, bit for bit.
@@ -119,9 +130,21 @@ def sweep(
 
     varied = [f"{name}={text}" for name, text in (vary or {}).items()]
     request = Request(
-        find(str(rig)), controllers or (), varied, settings(set), draws, sampling, seed, until,
-        worst, rare, of, limit, threads=threads, scheduler=scheduler,
-    )  # fmt: skip
+        find(str(rig)),
+        controllers or (),
+        varied,
+        settings(set),
+        draws,
+        sampling,
+        seed,
+        until,
+        worst,
+        rare,
+        of,
+        limit,
+        threads=threads,
+        scheduler=scheduler,
+    )
     campaign = request.campaign()
     keep = None if folder else tempfile.TemporaryDirectory(prefix="pcpc-")
     place = Path(folder or keep.name)  # type: ignore[union-attr]

@@ -43,9 +43,12 @@ def command(options: argparse.Namespace) -> int:
         raise RigError(f"{' '.join(options.words[1:])}: one rig at a time")
     controllers = options.controllers
     request = Request(
-        find(options.words[0]), () if controllers is None else controllers.split(","),
-        options.vary, options.set, **{name: getattr(options, name) for name in _REQUESTED},
-    )  # fmt: skip
+        find(options.words[0]),
+        () if controllers is None else controllers.split(","),
+        options.vary,
+        options.set,
+        **{name: getattr(options, name) for name in _REQUESTED},
+    )
     campaign = request.campaign()
     shard = request.part()
     with folder_of(options.output, f"sweep-{campaign.rigs[0].config.rig}") as folder:

@@ -52,9 +52,12 @@ class Cluster:
         self._campaign = dataclasses.replace(campaign, rig=rig)
         local = _LOCAL.fullmatch(scheduler)
         self._own: Any = local and distributed.LocalCluster(
-            n_workers=int(local[1]) if local[1] else None, threads_per_worker=1,
-            dashboard_address=None, silence_logs=logging.CRITICAL, preload=__name__,
-        )  # fmt: skip
+            n_workers=int(local[1]) if local[1] else None,
+            threads_per_worker=1,
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+            preload=__name__,
+        )
         with suppress(OSError, ValueError):
             self._client = distributed.Client(self._own or scheduler, timeout=ANSWER_S)
         if not hasattr(self, "_client"):

@@ -7,21 +7,29 @@ from pcpc.tools.terminal.command import Add, Command
 
 def sweep(add: Add) -> None:
     """Take a rig, what varies, how often; or the shards of a campaign."""
-    add("words", nargs="+", metavar="RIG | merge DIR | rerun DIR",
+    add(
+        "words",
+        nargs="+",
+        metavar="RIG | merge DIR | rerun DIR",
         help="name of a rig (pcpc rigs), or its file; merge: folders of shards; "
-        "rerun: a folder, the number of a draw, a controller")  # fmt: skip
+        "rerun: a folder, the number of a draw, a controller",
+    )
     add(
         "--on-bus", action="store_true", help="rerun: also on a bus, in lockstep; compares the bits"
     )
     add("--controllers", metavar="A,B", help="these on the same draws; the rig's own")
-    add("--vary", action="append", default=[], metavar="NAME=SPEC",
+    add(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="NAME=SPEC",
         help="lo:hi, lo:hi:n, normal(m,s), lognormal(median,factor), choice(a,b); x before one: "
-        "a factor on the rig's value")  # fmt: skip
+        "a factor on the rig's value",
+    )
     add(
         "--draws", type=int, metavar="N", help="1000; of a grid all, with --until as many as needed"
     )
-    add("--sampling", choices=("random", "lhs", "sobol", "grid"),
-        help="sobol; random with --until")  # fmt: skip
+    add("--sampling", choices=("random", "lhs", "sobol", "grid"), help="sobol; random with --until")
     add(
         "--seed",
         type=take.seed,
@@ -30,20 +38,38 @@ def sweep(add: Add) -> None:
         help="of the draws and of the runs' noises",
     )
     take.settings(add, "any value of the rig or a block, of all runs")
-    add("--until", metavar="STATEMENT",
-        help="end when it is decided: 'p_fail < 1e-3 at 95%%', 'p_fail(NAME) < ...'")  # fmt: skip
-    add("--worst", type=int, metavar="RUNS",
-        help="search for the smallest margin of the requirements, or the largest --of")  # fmt: skip
-    add("--rare", type=int, metavar="RUNS",
-        help="probability of a rare failure: subset simulation, RUNS a step, as 1000")  # fmt: skip
+    add(
+        "--until",
+        metavar="STATEMENT",
+        help="end when it is decided: 'p_fail < 1e-3 at 95%%', 'p_fail(NAME) < ...'",
+    )
+    add(
+        "--worst",
+        type=int,
+        metavar="RUNS",
+        help="search for the smallest margin of the requirements, or the largest --of",
+    )
+    add(
+        "--rare",
+        type=int,
+        metavar="RUNS",
+        help="probability of a rare failure: subset simulation, RUNS a step, as 1000",
+    )
     add("--of", metavar="METRIC", help="in place of the requirements; --rare: with --limit")
     add("--limit", type=float, metavar="X", help="--rare: the metric fails above it")
     add("--shard", metavar="I/N", help="part I of N: N processes or machines share the draws")
     add("--threads", type=int, metavar="N", help="two more than processors")
-    add("--scheduler", metavar="ADDRESS",
-        help="Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine")  # fmt: skip
-    add("-o", "--output", metavar="DIR",
-        help="folder, not runs/<UTC time>-sweep-<rig>; what was begun goes on")  # fmt: skip
+    add(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Dask's: tcp://HOST:PORT, or local[:N] for N workers of this machine",
+    )
+    add(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="folder, not runs/<UTC time>-sweep-<rig>; what was begun goes on",
+    )
     take.quiet(add)
 
 

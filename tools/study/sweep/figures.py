@@ -20,8 +20,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-COLOURS = (pages.BLUE, pages.VERMILION, pages.GREEN, pages.PURPLE, pages.ORANGE, pages.SKY,
-           pages.BLACK)  # fmt: skip
+COLOURS = (
+    pages.BLUE,
+    pages.VERMILION,
+    pages.GREEN,
+    pages.PURPLE,
+    pages.ORANGE,
+    pages.SKY,
+    pages.BLACK,
+)
 STYLES = ("-", "--", ":")  # of controllers beyond the colours
 RATIOS = (1.0, 2.3, 5.0)
 LOG_FROM = 30.0  # an axis is logarithmic where its values span more
@@ -48,16 +55,15 @@ def label_of(name: str) -> str:
 
 def page_of(results: Results, name: str, found: dict[str, list[Share]]) -> "Figure":
     """Return the figure of a metric or margin; `found`: its shares by controller."""
-    paired = len(results.controllers) > 1
     pairs = [results.pairs(name, results.controllers[0], o) for o in results.controllers[1:]]
     drawn = [p for p in pairs if len(p[0])]
     positive = bool(drawn) and all(min(x.min(), y.min()) > 0.0 for x, y in drawn)
     panels: list[Any] = [lambda ax: distribution(ax, results, name)]
     if found:
         panels.append(lambda ax: bars(ax, results, found))
-    if paired and drawn:
+    if drawn:
         panels.append(lambda ax: scatter(ax, results, name, pairs, positive))
-    if paired and positive:
+    if positive:
         panels.append(lambda ax: ratios(ax, results, name, pairs))
     page, axes = _page(len(panels))
     for ax, draw in zip(axes, panels, strict=False):
@@ -106,8 +112,14 @@ def distribution(ax: "Axes", results: Results, name: str) -> None:
         label = shown(f"{controller or 'runs'}: {len(x):,} of {len(values):,}")
         kept = np.unique(np.linspace(0, len(x) - 1, MOST_STEPS).astype(int))[: len(x)]
         x, y = np.append(x[:1], x[kept]), np.append(0.0 * y[:1], y[kept])  # from 0 up
-        ax.plot(x, y, drawstyle="steps-post", label=label, linewidth=1.2,
-                **style_of(results, controller))  # fmt: skip
+        ax.plot(
+            x,
+            y,
+            drawstyle="steps-post",
+            label=label,
+            linewidth=1.2,
+            **style_of(results, controller),
+        )
     ax.set_xscale(_scale(*told.values()))
     if name.startswith(MARGIN):
         ax.axvline(0.0, color=pages.GREY, linewidth=0.9)
@@ -116,9 +128,13 @@ def distribution(ax: "Axes", results: Results, name: str) -> None:
     if ax.get_xscale() == "log":
         _plain_ticks(ax.xaxis, *ends)
     ax.set_ylim(0.0, 1.02)
-    ax.set_xlabel(label_of(name), fontsize=9)
-    ax.set_ylabel("share of runs up to it")
-    ax.legend(frameon=False, fontsize=7)
+    _words(ax, label_of(name), "share of runs up to it")
+
+
+def _words(ax: "Axes", x: str, y: str, loc: Any = "best") -> None:
+    ax.set_xlabel(x, fontsize=9)
+    ax.set_ylabel(y)
+    ax.legend(frameon=False, fontsize=7, loc=loc)
 
 
 def ratio_line(low: float, high: float, times: float) -> tuple[Vector, Vector]:
@@ -128,9 +144,12 @@ def ratio_line(low: float, high: float, times: float) -> tuple[Vector, Vector]:
 
 
 def scatter(
-    ax: "Axes", results: Results, name: str, pairs: Sequence[tuple[Vector, Vector]],
+    ax: "Axes",
+    results: Results,
+    name: str,
+    pairs: Sequence[tuple[Vector, Vector]],
     positive: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Draw each other controller against the first, run by run on the same draw.
 
     Below a line of ratio r the first is more than r times larger; only the line of equality where
@@ -146,19 +165,31 @@ def scatter(
     if positive:
         for r, line in zip(RATIOS, ("-", "--", ":"), strict=True):
             start = max(left, 1e-3 * right)
-            ax.plot(*ratio_line(start, right, r), color=pages.GREY, linewidth=0.9, linestyle=line,
-                    label="equal" if r == 1.0 else f"{r:g} times", zorder=3)  # fmt: skip
+            ax.plot(
+                *ratio_line(start, right, r),
+                color=pages.GREY,
+                linewidth=0.9,
+                linestyle=line,
+                label="equal" if r == 1.0 else f"{r:g} times",
+                zorder=3,
+            )
     else:
         ax.plot((left, right), (left, right), color=pages.GREY, linewidth=0.9, label="equal")
     size = min(12.0, max(2.0, 600.0 / math.sqrt(len(x) or 1) / 3.0))
     for other, (a, b) in zip(results.controllers[1:], pairs, strict=True):
         colour = style_of(results, other)["color"]
         label = other if len(a) <= MOST_DOTS else f"{other}: {MOST_DOTS:,} of {len(a):,} pairs"
-        ax.scatter(a[:MOST_DOTS], b[:MOST_DOTS], s=size, color=colour, alpha=0.6, linewidths=0,
-                   label=shown(label))  # fmt: skip
-    ax.set_xlabel(f"{shown(results.controllers[0])}: {label_of(name)}", fontsize=9)
-    ax.set_ylabel(f"the other: {label_of(name)}")
-    ax.legend(frameon=False, fontsize=7)
+        ax.scatter(
+            a[:MOST_DOTS],
+            b[:MOST_DOTS],
+            s=size,
+            color=colour,
+            alpha=0.6,
+            linewidths=0,
+            label=shown(label),
+        )
+    first, label = shown(results.controllers[0]), label_of(name)
+    _words(ax, f"{first}: {label}", f"the other: {label}")
 
 
 def ratios(ax: "Axes", results: Results, name: str, pairs: Sequence[tuple[Vector, Vector]]) -> None:
@@ -173,17 +204,21 @@ def ratios(ax: "Axes", results: Results, name: str, pairs: Sequence[tuple[Vector
         comparisons(results, name, RATIOS), quotients, strict=True
     ):
         label = f"{other}: smaller in {smaller[0]:,} of {told:,}"
-        ax.hist(q, bins.tolist(), histtype="step", label=shown(label), linewidth=1.2,
-                **style_of(results, other))  # fmt: skip
+        ax.hist(
+            q,
+            bins.tolist(),
+            histtype="step",
+            label=shown(label),
+            linewidth=1.2,
+            **style_of(results, other),
+        )
     for r in RATIOS:
         if low < r < high:
             ax.axvline(r, color=pages.GREY, linewidth=0.9, linestyle="-" if r == 1.0 else "--")
     ax.set_xscale("log")
     _plain_ticks(ax.xaxis, low, high)
     ax.margins(y=0.3)
-    ax.set_xlabel(f"{shown(base)} over the other, same draw", fontsize=9)
-    ax.set_ylabel("pairs")
-    ax.legend(frameon=False, fontsize=7, loc="upper right")
+    _words(ax, f"{shown(base)} over the other, same draw", "pairs", loc="upper right")
 
 
 def _plain_ticks(axis: "Axis", low: float, high: float) -> None:
@@ -227,10 +262,14 @@ def bars(ax: "Axes", results: Results, found: dict[str, list[Share]]) -> None:
         first = np.array([by_name[name].first for name in kept])
         half = np.array([by_name[name].high - by_name[name].first for name in kept])
         at = np.arange(len(kept)) + (i - (len(found) - 1) / 2.0) * thick
-        ax.barh(at, np.maximum(first, 0.0), thick, label=shown(controller or "runs"),
-                color=style_of(results, controller)["color"])  # fmt: skip
-        ax.errorbar(first, at, xerr=half, fmt="none", ecolor=pages.BLACK,
-                    elinewidth=0.8)  # fmt: skip
+        ax.barh(
+            at,
+            np.maximum(first, 0.0),
+            thick,
+            label=shown(controller or "runs"),
+            color=style_of(results, controller)["color"],
+        )
+        ax.errorbar(first, at, xerr=half, fmt="none", ecolor=pages.BLACK, elinewidth=0.8)
     ax.set_yticks(range(len(kept)), [_short(name) for name in kept])
     ax.invert_yaxis()
     ax.set_xlim(0.0, 1.0)
@@ -266,8 +305,15 @@ def failures_page(results: Results, rows: Sequence[tuple[str, str, int, int]]) -
             ax.plot(failures / runs, i, "o", color=colour, markersize=5, clip_on=False, zorder=3)
         else:
             ax.plot(high, i, "|", color=colour, markersize=9, clip_on=False)
-        ax.annotate(f"{failures:,} of {runs:,}", (1.0, i), xycoords=("axes fraction", "data"),
-                    xytext=(7, 0), textcoords="offset points", fontsize=7, va="center")  # fmt: skip
+        ax.annotate(
+            f"{failures:,} of {runs:,}",
+            (1.0, i),
+            xycoords=("axes fraction", "data"),
+            xytext=(7, 0),
+            textcoords="offset points",
+            fontsize=7,
+            va="center",
+        )
     names = [f"{what}, {controller}" if controller else what for what, controller, *_ in rows]
     ax.set_yticks(range(len(rows)), [shown(name) for name in names])
     ax.set(xscale="log", xlim=(left, 1.0), ylim=(len(rows) - 0.5, -0.5))

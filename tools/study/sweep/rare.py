@@ -105,9 +105,13 @@ def _bound(g: Vector, chains: int) -> float:
 
 
 def _generation(
-    margins: Margins, z: Vector, g: Vector, level: float,
-    length: int, rng: np.random.Generator,
-) -> tuple[Vector, Vector]:  # fmt: skip
+    margins: Margins,
+    z: Vector,
+    g: Vector,
+    level: float,
+    length: int,
+    rng: np.random.Generator,
+) -> tuple[Vector, Vector]:
     """Return the points of all chains, one step of all after the other, and their margins."""
     points, found = [z], [g]
     for _ in range(length - 1):

@@ -49,8 +49,14 @@ def report(results: Results, folder: Path) -> Path:
         raise UserError(f"{folder}: no run to report on; start the campaign first")
     pictures = _Pictures(folder)
     title = str(results.spec.get("title") or results.spec["rig"])
-    parts = [f"<h1>{text(title)}</h1>", _drawn(results), _failures(results, pictures),
-             _reasons(results), _worst(results), _metrics(results, pictures)]  # fmt: skip
+    parts = [
+        f"<h1>{text(title)}</h1>",
+        _drawn(results),
+        _failures(results, pictures),
+        _reasons(results),
+        _worst(results),
+        _metrics(results, pictures),
+    ]
     with new_file(folder / "report.html", force=True) as unfinished:
         unfinished.write_text(page(title, parts), encoding="utf-8")
     return folder / "report.html"
@@ -102,18 +108,41 @@ def _failures(results: Results, pictures: _Pictures) -> str:
     for what, controller, failures, runs in rows:
         low, high = binomial.clopper_pearson(failures, runs, CONFIDENCE)
         rate = f"{failures / runs:.3g}" if runs else "not judged"
-        cells.append((text(what), text(controller), f"{failures:,}", f"{runs:,}", rate,
-                      f"{low:.3g} to {high:.3g}"))  # fmt: skip
+        cells.append(
+            (
+                text(what),
+                text(controller),
+                f"{failures:,}",
+                f"{runs:,}",
+                rate,
+                f"{low:.3g} to {high:.3g}",
+            )
+        )
     refused = int(results.refused.sum())
     notes = [_NOT_INDEPENDENT.get(str(results.spec.get("sampling")), "")]
-    notes += [f"{refused:,} runs were refused, as a value lay outside its range; they count "
-              "neither way."] if refused else []  # fmt: skip
-    notes += ["The campaign was ended by its statement. The intervals in the figure and the table "
-              "are those of a number of runs fixed beforehand; what the statement says holds at "
-              "every look."] if "until" in results.spec else []  # fmt: skip
+    notes += (
+        [
+            f"{refused:,} runs were refused, as a value lay outside its range; they count "
+            "neither way."
+        ]
+        if refused
+        else []
+    )
+    notes += (
+        [
+            "The campaign was ended by its statement. The intervals in the figure and the table "
+            "are those of a number of runs fixed beforehand; what the statement says holds at "
+            "every look."
+        ]
+        if "until" in results.spec
+        else []
+    )
     image = pictures.image(figures.failures_page(results, rows), "failures", "failures")
-    counts = table(("requirement", "controller", "failures", "runs", "p_fail", "95 % interval"),
-                   cells, (2, 3, 4, 5))  # fmt: skip
+    counts = table(
+        ("requirement", "controller", "failures", "runs", "p_fail", "95 % interval"),
+        cells,
+        (2, 3, 4, 5),
+    )
     said = "".join(f"<p>{text(line)}</p>" for line in _statements(results))
     noted = "".join(f'<p class="note">{note}</p>' for note in notes if note)
     return f"<h2>Failures</h2>{said}{image}{counts}{noted}"
@@ -164,14 +193,21 @@ def _reasons(results: Results) -> str:
 
 def _worst(results: Results) -> str:
     """Return the worst runs by each margin, without requirements by each metric, and the faults."""
-    groups = [(f"safety stops and divergences, the first {MOST_WORST}", "",
-               results.faults(MOST_WORST))]  # fmt: skip
+    groups = [
+        (f"safety stops and divergences, the first {MOST_WORST}", "", results.faults(MOST_WORST))
+    ]
     for name in results.requirements:
-        groups.append((f"smallest margin: {name}", MARGIN + name,
-                       results.worst(MARGIN + name, MOST_WORST)))  # fmt: skip
+        groups.append(
+            (f"smallest margin: {name}", MARGIN + name, results.worst(MARGIN + name, MOST_WORST))
+        )
     for name in results.metrics if not results.requirements else ():
-        groups.append((f"largest {name}", METRIC + name,
-                       results.worst(METRIC + name, MOST_WORST, largest=True)))  # fmt: skip
+        groups.append(
+            (
+                f"largest {name}",
+                METRIC + name,
+                results.worst(METRIC + name, MOST_WORST, largest=True),
+            )
+        )
     parts = []
     for what, column, rows in groups:
         cells = []
@@ -198,10 +234,18 @@ def _metrics(results: Results, pictures: _Pictures) -> str:
         parts.append(f"<h3>{text(bare)}</h3>{image}{_summary(results, name)}{_interacting(found)}")
     if not parts:
         return ""
-    note = ("A curve ends below 1 where runs told no value, as after a safety stop. Pairs are runs "
-            "on the same draw, with the same noise.")  # fmt: skip
-    shares = ("First-order shares are estimated from these draws; what they leave to 1 is the part "
-              "of interactions and noise.") if results.variations else ""  # fmt: skip
+    note = (
+        "A curve ends below 1 where runs told no value, as after a safety stop. Pairs are runs "
+        "on the same draw, with the same noise."
+    )
+    shares = (
+        (
+            "First-order shares are estimated from these draws; what they leave to 1 is the part "
+            "of interactions and noise."
+        )
+        if results.variations
+        else ""
+    )
     return f'<h2>Metrics and margins</h2><p class="note">{note} {shares}</p>{"".join(parts)}'
 
 

@@ -72,8 +72,10 @@ def _other_metrics(summary: Path, results: Results, row: int) -> list[str]:
     def number(value: float | None) -> float:
         return math.nan if value is None else value
 
-    pairs = {name: (float(results.column(METRIC + name)[row]), number(metrics.get(name)))
-             for name in results.metrics}  # fmt: skip
+    pairs = {
+        name: (float(results.column(METRIC + name)[row]), number(metrics.get(name)))
+        for name in results.metrics
+    }
     return [name for name, pair in pairs.items() if not np.array_equal(*pair, equal_nan=True)]
 
 

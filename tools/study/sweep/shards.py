@@ -28,9 +28,7 @@ def table_files(folder: Path) -> Iterator[Path]:
     yield from sorted(path for path in folder.glob("shard-*.parquet") if _NAME.match(path.name))
 
 
-def merge(
-    folders: Sequence[Path], whole: bool = True
-) -> tuple["pyarrow.Table", dict[str, Any]]:  # fmt: skip
+def merge(folders: Sequence[Path], whole: bool = True) -> tuple["pyarrow.Table", dict[str, Any]]:
     """Return all shards of a campaign, from one folder or several, by draw and controller.
 
     RigError for shards that do not belong together, and if `whole` for a run that is missing.

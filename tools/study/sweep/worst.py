@@ -25,9 +25,13 @@ APART = 0.05  # cases that differ less in every u are one
 
 
 def worst(
-    margins: Margins, variations: Sequence[Variation], runs: int, seed: int = 0, most: int = 10,
+    margins: Margins,
+    variations: Sequence[Variation],
+    runs: int,
+    seed: int = 0,
+    most: int = 10,
     batch: int = 16,
-) -> tuple[Vector, Vector]:  # fmt: skip
+) -> tuple[Vector, Vector]:
     """Return the `most` worst distinct points, (k, d) in u, and their margins (k,), lowest first.
 
     `margins` takes points (m, d) and returns (m,), -inf or NaN for a run that failed without one,
@@ -52,9 +56,13 @@ def worst(
 
 
 def _descent(
-    margins: Margins, variations: Sequence[Variation], runs: int, rng: np.random.Generator,
-    size: int, first: bool,
-) -> tuple[Vector, Vector]:  # fmt: skip
+    margins: Margins,
+    variations: Sequence[Variation],
+    runs: int,
+    rng: np.random.Generator,
+    size: int,
+    first: bool,
+) -> tuple[Vector, Vector]:
     """Return all points of one search, from the middle or from a random point, and their margins.
 
     Its last population is cut to what is left of `runs`. NaN becomes -inf.
@@ -66,8 +74,13 @@ def _descent(
     d = len(variations)
     width = max(d, 2)  # of one variable the method has no covariance: a second one does nothing
     start = np.full(width, 0.5) if first else rng.uniform(LOW, HIGH, width)
-    options = {"bounds": [LOW, HIGH], "popsize": size, "verbose": -9, "seed": math.nan,
-               "randn": lambda *shape: rng.standard_normal(shape)}  # fmt: skip
+    options = {
+        "bounds": [LOW, HIGH],
+        "popsize": size,
+        "verbose": -9,
+        "seed": math.nan,
+        "randn": lambda *shape: rng.standard_normal(shape),
+    }
     search = cma.CMAEvolutionStrategy(start, FIRST_STEP, options)
     points, found = np.empty((0, d)), np.empty(0)
     while not search.stop() and len(found) < runs:
