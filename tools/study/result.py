@@ -2,11 +2,11 @@
 
 import json
 from collections.abc import Iterable, Mapping
+from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
-import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ class Result:
 
     def json(self) -> dict[str, Any]:
         """Return all as plain values; None for what is no finite number."""
-        facts = msgspec.json.encode(self.facts(), enc_hook=np.ndarray.tolist)
+        facts = msgspec.json.encode(self.facts(), enc_hook=methodcaller("tolist"))
         return dict(msgspec.json.decode(facts))
 
     def save(self, folder: str | Path) -> Path:
