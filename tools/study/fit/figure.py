@@ -1,13 +1,12 @@
 """The picture of a fit: each sensor with the model over it, and what the model leaves."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pcpc.plants.pages import BLACK, BLUE, VERMILION
 from pcpc.tools.after.log.drawing import DPI, decimated
-from pcpc.tools.study.fit.result import Fit, Sensor
 from pcpc.tools.study.result import new_page
 
 if TYPE_CHECKING:
@@ -18,8 +17,8 @@ from pcpc.tools.study.arrays import Array
 _WIDTH_IN, _ROW_IN, _REST_IN = 12.0, 1.5, 0.8
 
 
-def overlay(fit: Fit) -> "Figure":
-    """Return a row for each sensor: samples and model, and what the model leaves."""
+def overlay(fit: Any) -> "Figure":
+    """Return a row for each sensor of a `Fit`: samples and model, and what the model leaves."""
     rows = len(fit.sensors)
     page, axes = new_page((_WIDTH_IN, _ROW_IN * rows + _REST_IN), DPI, rows, 2, sharex=True)
     for j, sensor in enumerate(fit.sensors):
@@ -36,7 +35,7 @@ def overlay(fit: Fit) -> "Figure":
     return page
 
 
-def _samples(axis: "Axes", t: Array, y: Array, model: Array, about: Sensor) -> None:
+def _samples(axis: "Axes", t: Array, y: Array, model: Array, about: Any) -> None:
     axis.plot(*decimated(t, y), color=BLACK, linewidth=1.6, label="log")
     axis.plot(*decimated(t, model), color=VERMILION, linewidth=0.8, label="model")
     unit = f" [{about.unit}]" if about.unit else ""
@@ -45,7 +44,7 @@ def _samples(axis: "Axes", t: Array, y: Array, model: Array, about: Sensor) -> N
     axis.grid(alpha=0.3)
 
 
-def _left(axis: "Axes", t: Array, residual: Array, about: Sensor) -> None:
+def _left(axis: "Axes", t: Array, residual: Array, about: Any) -> None:
     axis.plot(*decimated(t, residual), color=BLUE, linewidth=0.6)
     for side in (-2.0, 2.0):
         axis.axhline(side * about.residual, color=BLACK, linewidth=0.8, linestyle="--")

@@ -6,8 +6,6 @@ import numpy as np
 
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, VERMILION
 from pcpc.tools.study.arrays import Vector
-from pcpc.tools.study.margin.limit_cycle_result import LimitCycle
-from pcpc.tools.study.margin.result import Margin, Response
 from pcpc.tools.study.result import new_page
 
 if TYPE_CHECKING:
@@ -25,11 +23,11 @@ def _dress(ax: "Axes") -> None:
     ax.tick_params(labelsize=8)
 
 
-def _title(found: Margin) -> str:
+def _title(found: Any) -> str:
     return f"{found.rig}, {found.controller}: open loop at {found.loop}"
 
 
-def bode(found: Margin) -> "Figure":
+def bode(found: Any) -> "Figure":
     """Return |L|, arg L and |S| over the frequency."""
     figure, axes = new_page((7.5, 7.5), _DPI, 3, sharex=True)
     top, middle, low = axes[:, 0]
@@ -61,7 +59,7 @@ def bode(found: Margin) -> "Figure":
     return figure
 
 
-def nyquist(found: Margin) -> "Figure":
+def nyquist(found: Any) -> "Figure":
     """Return L in the complex plane about -1, with the disk that it keeps out of."""
     figure, ((ax,),) = new_page((6.0, 6.0), _DPI)
     ax.set_title(_title(found), fontsize=11)
@@ -78,7 +76,7 @@ def nyquist(found: Margin) -> "Figure":
     return figure
 
 
-def limit_cycle(found: LimitCycle) -> "Figure":
+def limit_cycle(found: Any) -> "Figure":
     """Return the branch of a `LimitCycle` and the runs beside it."""
     figure, ((ax,),) = new_page((7.0, 4.6), _DPI)
     at = found.branch.index(found.onset)
@@ -124,5 +122,5 @@ _STYLES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def _styles(found: Margin) -> list[tuple[Response, dict[str, Any]]]:
+def _styles(found: Any) -> list[tuple[Any, dict[str, Any]]]:
     return [(one, _STYLES[name] | {"label": name}) for name, one in found.responses.items()]
