@@ -181,7 +181,7 @@ def test_no_module_is_imported_by_its_name_against_the_direction() -> None:
 FOR_PYTEST = ("tools/pytest_pcpc.py", "tools/make/template/test_motor.py")
 FOR_WEB = {
     f"tools/live/host/{name}.py": {"starlette", "uvicorn"}
-    for name in ("clients", "gathering", "requests", "server")
+    for name in ("batched_socket", "clients", "requests", "server")
 }
 FOR_FOXGLOVE = {
     f"tools/live/host/foxglove/{name}.py": {"foxglove"}

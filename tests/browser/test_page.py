@@ -18,12 +18,12 @@ from paging import DRAWN, PATIENT_MS, PHONE, opened, shot, wait
 from playwright.sync_api import Browser, Page, expect
 
 import pcpc
-from pcpc.tools.start.rigs import shipped
+from pcpc.tools.start.rigs import shipped_rigs
 
 pytestmark = pytest.mark.browser
 
 GAIN = "controller.kv_Nms_rad"
-ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped()])}
+ONE_OF_A_PLANT = {rig.plant: rig for rig in reversed([*shipped_rigs()])}
 
 
 @pytest.fixture(scope="module")

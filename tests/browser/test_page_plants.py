@@ -9,17 +9,17 @@ from paging import PHONE, WIDE, opened, shot, wait
 from playwright.sync_api import Browser, Page
 
 import pcpc
-from pcpc.tools.start.rigs import Shipped, shipped
+from pcpc.tools.start.rigs import ShippedRig, shipped_rigs
 
 pytestmark = pytest.mark.browser
 
-LIVE = {rig.plant: rig for rig in reversed([*shipped()])}
+LIVE = {rig.plant: rig for rig in reversed([*shipped_rigs()])}
 PATIENT = {"supervisor.hold_cycles": 10**6, "supervisor.fault_after_cycles": 10**6}
 UNCLOCKED = {"backlash_map", "deadzone_map", "map_chains"}  # whose laws take longer than a period
 STILL = {*UNCLOCKED, "probe"}  # whose motion may be over
 
 
-def running(rig: Shipped) -> pcpc.Live:
+def running(rig: ShippedRig) -> pcpc.Live:
     """Start a run of a rig, on its clock if its law allows it."""
     pacing, duration_s = ("lockstep", 1e6) if rig.plant in UNCLOCKED else ("real", 600.0)
     bus = f"udp_multicast:{GROUP}:{own_port()}"

@@ -14,7 +14,7 @@ from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.replay import replay
-from pcpc.tools.start.bus.traffic import Setup, analysed, buses
+from pcpc.tools.start.bus.traffic import Setup, buses, response_rows
 from pcpc.tools.terminal.progress import Progress
 
 PROBE = ROOT / "plants/probe/rig.yaml"
@@ -145,7 +145,7 @@ def test_no_frame_of_a_rig_takes_longer_than_its_analysis_says(
     _, line = logged(rig, tmp_path / "log.mcap")
     setup = Setup(rig.config.rate_hz, rig.config.bus.bits_per_s or 0)
     (frames,) = buses(rig)
-    longest = max(row.response_ns or 0 for row in analysed(frames, setup))
+    longest = max(row.response_ns or 0 for row in response_rows(frames, setup))
     waited_ns = 1e9 * int(line.longest_bits.max()) / setup.bitrate
     assert 0.4 * longest < waited_ns <= longest, f"{waited_ns} ns, bound {longest} ns"
 

@@ -16,7 +16,7 @@ from pcpc.tools.make.generate.closed import Closed, digest_of
 from pcpc.tools.make.generate.cost import measured
 from pcpc.tools.make.generate.library import WARNINGS, run, write
 from pcpc.tools.make.generate.translator import elementary
-from pcpc.tools.start.rigs import find, shipped
+from pcpc.tools.start.rigs import find, shipped_rigs
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
 
@@ -144,7 +144,7 @@ def test_a_rig_that_records_nothing_is_not_compared(
 
 
 @pytest.mark.parametrize("in_single", [False, True])
-@pytest.mark.parametrize("name", [rig.name for rig in shipped()])
+@pytest.mark.parametrize("name", [rig.name for rig in shipped_rigs()])
 def test_what_a_closed_loop_counts_is_used(name: str, in_single: bool) -> None:
     """Clang warns of, gcc is silent about a variable that is added to and never read."""
     rig = load_rig(Path(find(name)), None)

@@ -7,12 +7,12 @@ import pytest
 
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.live.host.drawn import LAYOUT
+from pcpc.tools.live.host.plant_drawing import LAYOUT
 from pcpc.tools.live.host.sources import full
 from pcpc.tools.make.new import TEMPLATE
-from pcpc.tools.start.rigs import shipped
+from pcpc.tools.start.rigs import shipped_rigs
 
-RIGS = {rig.name: rig.path for rig in shipped()} | {"pcpc new": TEMPLATE / "rig.yaml"}
+RIGS = {rig.name: rig.path for rig in shipped_rigs()} | {"pcpc new": TEMPLATE / "rig.yaml"}
 
 
 @pytest.mark.parametrize("path", RIGS.values(), ids=RIGS)

@@ -22,7 +22,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live
 from pcpc.tools.cli import main
 from pcpc.tools.live.remote.link import Link
-from pcpc.tools.live.remote.live import There
+from pcpc.tools.live.remote.live import RemoteNodes
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def link_to(host: Host) -> Link:
 
 def test_what_was_set_is_what_is_read_next(run: Run, host: Host) -> None:
     link = link_to(host)
-    node = There(link).find(run.node)
+    node = RemoteNodes(link).find(run.node)
     for value in (111.0, 112.0, 113.0, 110.0):
         assert node.tune({KV: value}) > 0
         assert node[KV] == value
@@ -260,7 +260,7 @@ class Older(Link):
 def test_a_host_of_another_version_is_refused(host: Host) -> None:
     link = Older(Namespace(at=host.name, token_file=None, ca=None, plain=False))
     with pytest.raises(live.LiveError, match="another version of pcpc runs there"):
-        There(link).running()
+        RemoteNodes(link).running()
     link.close()
 
 

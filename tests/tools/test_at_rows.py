@@ -18,7 +18,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.tap import Tap
 from pcpc.tools.live import scope
 from pcpc.tools.live.remote.link import Link
-from pcpc.tools.live.remote.live import There
+from pcpc.tools.live.remote.live import RemoteNodes
 
 
 @pytest.mark.parametrize("jump", [0, 300_000])
@@ -91,7 +91,7 @@ def test_a_gap_between_two_answers_is_counted(
         with hosting(tmp_path / "host", "--node", name) as other:
             monkeypatch.setenv("PCPC_TOKEN", other.token)
             link = Between(other, block)
-            node = There(link).find(name)
+            node = RemoteNodes(link).find(name)
             tap = Tap(node, past=True)
             first = tap.rows().cycle
             begin = size - 1 - 3 * size // 4

@@ -16,7 +16,7 @@ from processes import DEADLINE_S, PCPC, own_bus, until
 from pcpc.drivers import bus as buses
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
-from pcpc.tools.start.bus import of_run as line
+from pcpc.tools.start.bus import run_line as line
 from pcpc.tools.start.bus.emulate import Errors
 from pcpc.tools.start.children import Child
 

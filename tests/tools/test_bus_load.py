@@ -15,7 +15,7 @@ from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 from pcpc.tools.start.bus import figure, traffic
-from pcpc.tools.start.bus.traffic import Sent, Setup
+from pcpc.tools.start.bus.traffic import SentFrame, Setup
 
 ROOT = Path(__file__).resolve().parents[2]
 HULL = str(ROOT / "plants/atb1000/rigs/hull.yaml")
@@ -26,11 +26,11 @@ Screen = pytest.CaptureFixture[str]
 # ----------------------------------------------------------------------------------- a rig's frames
 
 
-def frames_of(rig: str | Path, *settings: str) -> list[list[Sent]]:
+def frames_of(rig: str | Path, *settings: str) -> list[list[SentFrame]]:
     return traffic.buses(load_rig(rig, None, settings, resolve=False))
 
 
-def names(frames: Sequence[Sent]) -> list[str]:
+def names(frames: Sequence[SentFrame]) -> list[str]:
     return [sent.frame.name for sent in frames]
 
 
@@ -46,7 +46,7 @@ def test_the_frames_of_each_bus_stand_by_priority() -> None:
 def test_of_equal_first_bits_the_11_bit_id_wins() -> None:
     def priority(can_id: int, extended: bool) -> tuple[int, bool, int]:
         frame = dbc.Frame("F", can_id, extended, 8, 0.0, False, False, (0, 0, 0), (), "")
-        return Sent(frame, "").priority
+        return SentFrame(frame, "").priority
 
     ids = [(0x080, False), (0x080 << 18, True), (0x080 << 18 | 5, True), (0x081, False)]
     assert [priority(*one) for one in ids] == sorted(priority(*one) for one in ids)
@@ -73,7 +73,7 @@ def test_a_frame_of_every_cycle_is_needed_by_its_receivers_next_one(
 def test_the_load_is_that_of_the_check(rig: str | Path) -> None:
     loaded = load_rig(rig, resolve=False)
     setup = Setup(loaded.config.rate_hz, 1_000_000)
-    loads = [traffic.load(traffic.analysed(bus, setup)) for bus in traffic.buses(loaded)]
+    loads = [traffic.load(traffic.response_rows(bus, setup)) for bus in traffic.buses(loaded)]
     wanted = bus_load(loaded, dbc.load(loaded.dbc), loaded.config.rate_hz, 1e6)
     assert max(loads) == pytest.approx(wanted, rel=1e-12), loads
 
@@ -86,7 +86,7 @@ def test_the_limits_are_the_last_that_hold(good: traffic.Good, data_bitrate: int
     setup = Setup(500.0, 500_000, data_bitrate)
 
     def holds(**changed: float) -> bool:
-        return good(traffic.analysed(hull, Setup(**{**vars(setup), **changed})))
+        return good(traffic.response_rows(hull, Setup(**{**vars(setup), **changed})))
 
     hz, bitrate = traffic.highest_hz(hull, setup, good), traffic.lowest_bitrate(hull, setup, good)
     assert bitrate is not None
@@ -196,8 +196,8 @@ def test_in_the_order_of_the_loop_slow_frames_are_ahead_of_the_command(capsys: S
 @pytest.mark.parametrize("setup", [Setup(1000.0, 10**6), Setup(500.0, 10**6, in_order=True)])
 def test_the_drawn_frames_are_there_by_their_worst_case(setup: Setup) -> None:
     (hull,) = frames_of(HULL)
-    rows = traffic.analysed(hull, setup)
-    drawn = figure.arbitrated(*traffic.queued(hull, setup))
+    rows = traffic.response_rows(hull, setup)
+    drawn = figure.arbitration(*traffic.queue_of(hull, setup))
     assert all(before[3] <= after[2] for before, after in pairwise(drawn)), "one at a time"
     assert {hull[m].frame.name for m, *_ in drawn} == set(names(hull))
     for m, due, begun, ended in drawn:

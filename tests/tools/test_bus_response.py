@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 
 from pcpc.drivers.frame_bits import classic_bits, transmission_ns
-from pcpc.tools.start.bus.arranged import Queued, Wire, bounds_ns
+from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire, bounds_ns
 from pcpc.tools.start.bus.response import Message, responses_ns
 
 MS = 1_000_000
@@ -142,7 +142,7 @@ def test_without_a_bound_there_is_no_number() -> None:
 CYCLE_NS = 1_000_000
 
 
-def arranged(draw: random.Random) -> list[Queued]:
+def arranged(draw: random.Random) -> list[QueuedFrame]:
     """Return frames of up to three nodes, of every cycle or slower, with a load up to 80 %."""
     phases = {"A": 0, "B": draw.randrange(CYCLE_NS), "C": draw.randrange(CYCLE_NS)}
     jitter = {node: draw.choice([0, draw.randrange(200_000)]) for node in phases}
@@ -150,7 +150,7 @@ def arranged(draw: random.Random) -> list[Queued]:
         nodes = [draw.choice("AABBC") for _ in range(draw.randint(2, 9))]
         places = draw.sample(range(len(nodes)), len(nodes))
         frames = [
-            Queued(
+            QueuedFrame(
                 1000 * classic_bits(draw.randrange(9)), CYCLE_NS * draw.choice([1, 1, 3, 10]),
                 jitter[node], node, phases[node], place,
             )
@@ -161,7 +161,7 @@ def arranged(draw: random.Random) -> list[Queued]:
 
 
 def sent_by_nodes(
-    frames: Sequence[Queued], in_order: bool, cycles: int, draw: random.Random
+    frames: Sequence[QueuedFrame], in_order: bool, cycles: int, draw: random.Random
 ) -> list[int]:
     """Return the longest times of a simulation in which each node has a queue of its own."""
     coming = []
@@ -213,7 +213,7 @@ def test_a_slow_frame_that_outlasts_its_cycle_is_ahead_of_the_next_ones() -> Non
         (135, "A", 3), (85, "A", 1), (85, "A", 1), (85, "A", 1),
     ]  # fmt: skip
     frames = [
-        Queued(1000 * us, n * CYCLE_NS, 0, node, {"A": 0, "B": 359_878}[node], 10 * n + m)
+        QueuedFrame(1000 * us, n * CYCLE_NS, 0, node, {"A": 0, "B": 359_878}[node], 10 * n + m)
         for m, (us, node, n) in enumerate(lengths)
     ]
     bounds = bounds_ns(frames, Wire(1000, CYCLE_NS, 0, in_order=True))
@@ -236,7 +236,7 @@ def test_the_bounds_of_a_small_rig_are_reached(in_order: bool) -> None:
         (65, "B", 9, 0),
     )
     frames = [
-        Queued(1000 * us, CYCLE_NS * n, 0, node, 0 if node == "A" else CYCLE_NS // 2, place)
+        QueuedFrame(1000 * us, CYCLE_NS * n, 0, node, 0 if node == "A" else CYCLE_NS // 2, place)
         for us, node, n, place in lengths
     ]
     bounds = bounds_ns(frames, Wire(1000, CYCLE_NS, 0, in_order))
@@ -249,7 +249,7 @@ def test_the_bounds_of_a_small_rig_are_reached(in_order: bool) -> None:
 
 
 def test_an_error_costs_the_same_in_a_bound() -> None:
-    alone = Queued(100_000, 10 * MS, 0, "A", 0)
+    alone = QueuedFrame(100_000, 10 * MS, 0, "A", 0)
     assert bounds_ns([alone], Wire(1000, CYCLE_NS, 100 * MS)) == [100_000 + 31_000 + 100_000]
     first, longer = replace(alone, place=1), replace(alone, transmission_ns=130_000)
     wire = Wire(1000, CYCLE_NS, 100 * MS, in_order=True)

@@ -243,9 +243,9 @@ def test_a_name_of_two_rigs_is_refused_with_both(
 
 
 def test_names_of_the_shipped_rigs_are_unique() -> None:
-    names = [name for rig in rigs.shipped() for name in rig.names]
+    names = [name for rig in rigs.shipped_rigs() for name in rig.names]
     assert len(names) == len(set(names)), sorted(n for n in names if names.count(n) > 1)
-    assert {rig.path for rig in rigs.shipped()} >= set((ROOT / "plants").glob("*/rigs/*.yaml"))
+    assert {rig.path for rig in rigs.shipped_rigs()} >= set((ROOT / "plants").glob("*/rigs/*.yaml"))
 
 
 def test_rigs_are_listed_with_titles_in_80_columns(capsys: Screen) -> None:

@@ -28,12 +28,12 @@ os.execv(sys.argv[1], sys.argv[1:])
 """
 ENDLESS = """
 import signal, sys
-from pcpc.tools.terminal.ending import ended
+from pcpc.tools.terminal.ending import exit_code
 def wait():
     print("waiting", flush=True)
     while True:
         signal.pause()
-sys.exit(ended(wait, goes_on=True))
+sys.exit(exit_code(wait, goes_on=True))
 """
 
 
@@ -81,8 +81,8 @@ def test_an_exit_code_does_not_depend_on_whether_its_words_arrive(where: str) ->
 
 def test_what_is_opened_next_does_not_take_the_place_of_a_closed_stderr() -> None:
     code = (
-        "from pcpc.tools.terminal.ending import ended; import os;"
-        "raise SystemExit(ended(lambda: min(os.open('/dev/null', 0), 3), goes_on=True))"
+        "from pcpc.tools.terminal.ending import exit_code; import os;"
+        "raise SystemExit(exit_code(lambda: min(os.open('/dev/null', 0), 3), goes_on=True))"
     )
     done = subprocess.run(["bash", "-c", f'"{sys.executable}" -c "{code}" <&- >&- 2>&-'], cwd=ROOT)
     assert done.returncode == 3, done.returncode
@@ -156,7 +156,7 @@ def raising(error: BaseException) -> Callable[[], int]:
 def test_what_the_machine_refuses_is_a_line(
     error: BaseException, code: int, line: str, capsys: Screen
 ) -> None:
-    assert ending.ended(raising(error), goes_on=True) == code
+    assert ending.exit_code(raising(error), goes_on=True) == code
     out, err = capsys.readouterr()
     assert (out, err.splitlines()) == ("", [line] if line else []), err
 
@@ -166,7 +166,7 @@ def test_an_error_does_not_go_on_behind_a_progress(capsys: Screen) -> None:
         sys.stderr.write("\r\x1b[Kcycle 5")
         raise UserError("it faulted")
 
-    assert ending.ended(command, goes_on=True) == 2
+    assert ending.exit_code(command, goes_on=True) == 2
     assert capsys.readouterr().err == "\r\x1b[Kcycle 5\nit faulted\n"
 
 
@@ -182,7 +182,7 @@ def test_a_terminal_obeys_nothing_that_others_have_written(capsys: Screen) -> No
         sys.stdout.write("\x1b[2A\r\x1b[Ka\n\r\x1b[Kb\x1b[31mred\x1b[0m\n")
         raise UserError(f"no such rig: {EVIL}")
 
-    assert ending.ended(told, goes_on=False) == Exit.WRONG_INPUT
+    assert ending.exit_code(told, goes_on=False) == Exit.WRONG_INPUT
     shown = capsys.readouterr()
     own = "\x1b[2A\r\x1b[Ka\n\r\x1b[Kb\x1b[31mred\x1b[0m\n"
     assert shown.out == f"title: {SPELT}\n{SPELT}\n{own}"
@@ -212,7 +212,7 @@ def test_a_working_folder_that_is_gone_is_said(
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     os.rmdir(tmp_path / "gone")
-    assert ending.ended(lambda: len(os.getcwd()), goes_on=True) == 4
+    assert ending.exit_code(lambda: len(os.getcwd()), goes_on=True) == 4
     assert capsys.readouterr().err == "the working folder is gone; change to another one\n"
 
 
@@ -221,7 +221,7 @@ def test_a_disk_that_is_full_while_something_is_written_is_named(capsys: Screen)
         with ending.writing(Path("results")), open("/dev/full", "w") as file:
             return file.write("a result\n")
 
-    assert ending.ended(written, goes_on=True) == 3
+    assert ending.exit_code(written, goes_on=True) == 3
     said = "results: No space left on device; free space there, or choose another place\n"
     assert capsys.readouterr().err == said
 
@@ -229,7 +229,7 @@ def test_a_disk_that_is_full_while_something_is_written_is_named(capsys: Screen)
 def test_a_mistake_of_the_program_keeps_its_traceback() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(ZeroDivisionError):
-        ending.ended(lambda: 1 // 0, goes_on=True)
+        ending.exit_code(lambda: 1 // 0, goes_on=True)
     assert signal.getsignal(signal.SIGTERM) == before
 
 

@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import pcpc
 from pcpc.tools.cli import main
-from pcpc.tools.live.host.foxglove.thin import RATE_HZ
+from pcpc.tools.live.host.foxglove.thinning import RATE_HZ
 
 GAIN, GAP, TOKEN = "controller.kv_Nms_rad", "plant:barrel.gap_rad", "write.token"
 ALL = {

@@ -11,9 +11,9 @@ from test_layouts import KEYS, message_paths, panels
 from pcpc.executive.log.channels import Channels
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.start.rigs import Shipped, shipped
+from pcpc.tools.start.rigs import ShippedRig, shipped_rigs
 
-RIGS = {rig.name: rig for rig in shipped()}
+RIGS = {rig.name: rig for rig in shipped_rigs()}
 ALSO = {"StateTransitions", "Parameters", "RosOut"}
 
 
@@ -33,7 +33,7 @@ class Fields:
         """Nothing of it is needed."""
 
 
-def channels_of(shown: Shipped) -> Fields:
+def channels_of(shown: ShippedRig) -> Fields:
     """Return the fields of a rig's channels, as its nodes would register them."""
     rig, fields = load_rig(shown.path), Fields()
     for role in rig.roles:
@@ -63,7 +63,7 @@ def paths(layout: dict[str, Any]) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("shown", RIGS.values(), ids=RIGS)
-def test_each_path_is_the_field_of_its_variable(shown: Shipped) -> None:
+def test_each_path_is_the_field_of_its_variable(shown: ShippedRig) -> None:
     done = run_here("host", "--foxglove-layout", shown.name)
     assert (done.code, done.err) == (0, "")
     layout, fields = json.loads(done.out), channels_of(shown).of

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from websockets.sync.client import connect
 
 from pcpc.tools.live.host.foxglove.server import QUEUE
-from pcpc.tools.live.host.foxglove.thin import RATE_HZ, Thin
+from pcpc.tools.live.host.foxglove.thinning import RATE_HZ, Thinning
 
 MS = 10**6
 SLOT = 20  # cycles of 1 ms
@@ -38,7 +38,7 @@ def test_each_slot_sends_its_first_cycle_however_it_was_read(
     skipped: set[int], cuts: list[int]
 ) -> None:
     cycles = [k for k in range(400) if k not in skipped]
-    thin, sent = Thin(MS, True), list[int]()
+    thin, sent = Thinning(MS, True), list[int]()
     ends = [0, *sorted(min(cut, len(cycles)) for cut in cuts), len(cycles)]
     for begin, end in pairwise(ends):
         sent += thin.cycles(of_cycles(cycles[begin:end]))[:, 0].tolist()
@@ -52,14 +52,14 @@ def test_each_slot_sends_its_first_cycle_however_it_was_read(
 @pytest.mark.parametrize("period_ns", [MS, 5 * MS, 20 * MS, 7 * MS, 100 * MS])
 def test_no_rate_is_above_the_limit(period_ns: int) -> None:
     cycles = [*range(2000)]
-    sent = Thin(period_ns, True).cycles(of_cycles(cycles))
+    sent = Thinning(period_ns, True).cycles(of_cycles(cycles))
     rate_hz = (len(sent) - 1) / ((sent[-1, 0] - sent[0, 0]) * 1e-9 * period_ns)
     assert rate_hz <= RATE_HZ, rate_hz
     assert rate_hz >= min(RATE_HZ / 2, 1e9 / period_ns) * (1 - 1e-9)
 
 
 def test_without_a_clock_a_look_sends_one_of_each() -> None:
-    thin = Thin(MS, False)
+    thin = Thinning(MS, False)
     assert len(thin.cycles(of_cycles([]))) == len(thin.frames(of_frames([], [1]))) == 0
     for look in range(5):
         cycles = [*range(500 * look, 500 * (look + 1))]
@@ -83,7 +83,7 @@ def test_all_kinds_of_frames_come_in_turn_and_a_rare_one_at_once() -> None:
     rare = of_frames([433], [0x7FF])
     rows = np.concatenate((rows, sent_ones, rare))
     rows = rows[np.argsort(rows[:, 1], kind="stable")]
-    thin = Thin(MS, True)
+    thin = Thinning(MS, True)
     sent = np.concatenate([thin.frames(part) for part in np.array_split(rows, 13)])
     counts = Counter((int(word) & 0xFFFFFFFF, int(word) >> 40) for word in sent[:, 3])
     assert len(sent) == 700 // SLOT - 1 and counts.pop((0x7FF, 1)) == 1

@@ -16,11 +16,11 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.nodes.live import Live
-from pcpc.tools.live.host import asked
+from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.host.actions import Actions
-from pcpc.tools.live.host.beside import Page
-from pcpc.tools.live.host.sources import Source, Watch
-from pcpc.tools.live.host.stage import Stage
+from pcpc.tools.live.host.display import Display
+from pcpc.tools.live.host.run_page import Page
+from pcpc.tools.live.host.sources import FollowedRun, Source
 
 ROLES = ("executive", "local", "plant")  # as the page has them
 STATE, RESET = "supervisor.state", "supervisor.reset"
@@ -55,14 +55,14 @@ def test_nodes_in_fault_are_reset_from_the_lowest_up(
     for role in faulted:
         blocks[role]["snapshot"][0] = sv.FAULT
     with standing.granting(*blocks.values()) as granted:
-        actions(blocks).do(asked.Act(1, "reset"))
+        actions(blocks).do(messages.Act(1, "reset"))
     order = [role for role in ("plant", "local", "executive") if role in faulted]
     assert granted == [(blocks[role].name, {RESET: 1.0}) for role in order]
 
 
 def test_without_a_fault_nothing_is_reset(blocks: dict[str, sh.Shared]) -> None:
     with pytest.raises(UserError, match="no node is in FAULT"):
-        actions(blocks).do(asked.Act(1, "reset"))
+        actions(blocks).do(messages.Act(1, "reset"))
     assert not any(block["mail"][sh.REQUEST] for block in blocks.values())
 
 
@@ -71,7 +71,7 @@ def test_what_is_told_is_made_anew_once_more_was_recorded(
 ) -> None:
     with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus()) as live:
         node = live._nodes["plant"]
-        stage = Stage(Watch(node=node.name), options, [])
+        stage = Display(FollowedRun(node=node.name), options, [])
         until(lambda: stage.find() or stage.source.nodes, "the run is found")
         told = []
         for _ in range(3):
@@ -93,10 +93,10 @@ def options(tmp_path, monkeypatch: pytest.MonkeyPatch) -> argparse.Namespace:
 def test_a_server_that_cannot_follow_ends_with_the_error(
     options: argparse.Namespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(stage: Stage) -> None:
+    def fails(stage: Display) -> None:
         raise ValueError("the ring is torn")
 
-    monkeypatch.setattr(Stage, "poll", fails)
+    monkeypatch.setattr(Display, "poll", fails)
     with Page(options, "nobody.executive") as page:
         page.start()
         said = until(page.ended, "the page ends")

@@ -10,7 +10,7 @@ from nbclient import NotebookClient
 from processes import own_bus
 
 import pcpc
-from pcpc.tools.api.moving import Moving, follow
+from pcpc.tools.api.live_plot import LivePlot, follow
 
 LONG = {  # and no stall of a busy machine ends it
     "duration_s": 600.0, "supervisor.hold_cycles": 10**6, "supervisor.fault_after_cycles": 10**6,
@@ -63,7 +63,7 @@ def test_an_interrupt_ends_the_plot_and_not_the_run(live: pcpc.Live) -> None:
         if len(pictures) == 3:
             raise KeyboardInterrupt
 
-    moving = Moving([("e", *live._split("controller.e_rad"))], 1.0)
+    moving = LivePlot([("e", *live._split("controller.e_rad"))], 1.0)
     last = follow(moving, lambda: live.running, 0.05, show)
     assert len(pictures) == 4 and pictures[-1] is last and live.running
 
@@ -71,7 +71,7 @@ def test_an_interrupt_ends_the_plot_and_not_the_run(live: pcpc.Live) -> None:
 def test_the_lines_are_the_cycles_that_the_log_has(live: pcpc.Live) -> None:
     begin = live.cycle
     names = ("controller.e_rad", "plant:barrel.theta_rad", "controller.motor_torque_Nm")
-    moving = Moving([(name, *live._split(name)) for name in names], 0.3)
+    moving = LivePlot([(name, *live._split(name)) for name in names], 0.3)
     follow(moving, lambda: live.cycle < begin + 400, 0.05, lambda picture: None)
     assert [len(ax.get_lines()) for ax in moving._axes] == [2, 1]  # by unit
     lines = {name: line.get_xydata() for name, line in moving._lines.items()}

@@ -9,7 +9,7 @@ from scoped import HEAD
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes.live import Live
-from pcpc.tools.live.host import asked
+from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.host.terminals import Terminal
 
 
@@ -22,9 +22,9 @@ def test_a_later_run_of_a_name_is_another_node_and_the_one_before_still_answers(
             about = HEAD | {"cycles": process}
             standing.stand(name, about)["control"][sh.PID] = process
             there[name] = Live(sharing.attach(name))
-            assert json.loads(terminal.answer(asked.Nodes(1)))["nodes"] == [f"{name}@{process}"]
+            assert json.loads(terminal.answer(messages.Nodes(1)))["nodes"] == [f"{name}@{process}"]
     finally:
         standing.end_all()
     for process in (1, 2):
-        told = json.loads(terminal.answer(asked.Describe(1, f"{name}@{process}")))
+        told = json.loads(terminal.answer(messages.Describe(1, f"{name}@{process}")))
         assert told["about"]["cycles"] == process

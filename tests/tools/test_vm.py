@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pcpc.tools.cli import main, parsed
 from pcpc.tools.machine import vm
 from pcpc.tools.machine.vm import accelerator, initramfs, kernel, programs, unpack
-from pcpc.tools.machine.vm.job import Job, quoted, script
+from pcpc.tools.machine.vm.job import Job, quote, script
 from pcpc.tools.machine.vm.machine import PORTS, Size, qemu_command
 from pcpc.tools.machine.vm.session import Stream
 
@@ -32,12 +32,12 @@ def words_of(line: bytes) -> list[bytes]:
 
 @given(st.lists(WORD, min_size=1, max_size=4))
 def test_quoted_words_are_read_back_unchanged(words: list[bytes]) -> None:
-    read = words_of(b" ".join(quoted(word) for word in words))
+    read = words_of(b" ".join(quote(word) for word in words))
     assert read == words, f"{words} came back as {read}"
 
 
 def test_a_shell_reads_what_the_rules_say() -> None:
-    line = quoted(b"it's a \\ $HOME\n\x81\xff*")
+    line = quote(b"it's a \\ $HOME\n\x81\xff*")
     read = subprocess.run(["sh"], input=b"printf %s " + line, stdout=subprocess.PIPE, check=True)
     assert read.stdout == b"it's a \\ $HOME\n\x81\xff*", f"came back as {read.stdout!r}"
 
@@ -232,8 +232,8 @@ def test_a_proof_of_kvm_is_forgotten_when_the_host_reboots(tmp_path: Path) -> No
     assert accelerator.proven(tmp_path) is None
     accelerator.remember(tmp_path, "tcg")
     assert accelerator.proven(tmp_path) == "tcg"
-    assert accelerator.chosen("auto", tmp_path) == "tcg"
-    assert accelerator.chosen("kvm", tmp_path) == "kvm"
+    assert accelerator.choice("auto", tmp_path) == "tcg"
+    assert accelerator.choice("kvm", tmp_path) == "kvm"
     (tmp_path / "accelerator").write_text("another-boot tcg\n")
     assert accelerator.proven(tmp_path) is None
 

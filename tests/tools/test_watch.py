@@ -233,7 +233,7 @@ def test_watch_refuses_an_interval_that_is_none(run: Run, capsys: Screen) -> Non
 
 
 def test_reading_and_tuning_need_no_numba() -> None:
-    code = "import sys, pcpc.tools.cli, pcpc.tools.live.watch; print('numba' in sys.modules)"
+    code = "import sys, pcpc.tools.cli, pcpc.tools.live.variables; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout == "False\n", done.stdout + done.stderr
 

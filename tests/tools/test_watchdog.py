@@ -22,7 +22,7 @@ from pcpc.executive.nodes.live import find
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.cli import main
-from pcpc.tools.live.watchdog.watch import Watch
+from pcpc.tools.live.watchdog.frame_judge import FrameJudge
 
 SILENT, WRONG = 20, 3
 STOP_FRAME = {
@@ -69,11 +69,11 @@ class Recorded:
 
     def watched(self, change: "Change | None" = None, clocked: bool = True) -> tuple[int, str]:
         """Return cycle and words of the first trouble, -1 without; `change` gets each cycle."""
-        watch = Watch(self.rig, clocked)
+        watch = FrameJudge(self.rig, clocked)
         for k, frames in enumerate(self.cycles):
             came = frames.copy() if change is None else change(k, frames.copy())
             watch.cycle = float(k)
-            watch.heard(came)
+            watch.judge(came)
             for _, what in watch.troubles():
                 return k, what
         return -1, ""
@@ -134,7 +134,7 @@ def test_a_node_that_falls_silent_is_one_trouble(clean: Recorded) -> None:
 
 def changed(rig: Rig, can: int, change: Callable[[int, Any], None], seal: bool = True) -> Change:
     """Return what changes the values of a frame from cycle 100 on, with a CRC that is right."""
-    watch = Watch(rig, True)
+    watch = FrameJudge(rig, True)
     row = watch.by_word[can_id.word_of(can, False)]
     frames, table = watch.table.frames, watch.table
     values = np.zeros(len(watch.places))

@@ -29,7 +29,7 @@ from pcpc.tools.after.log.ulp import ulp_distance
 from pcpc.tools.after.replayed import Difference, Verdict, compare_frames
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
-from pcpc.tools.terminal.rooms import part_of, there
+from pcpc.tools.terminal.rooms import is_installed, part_of
 
 _DEVICE = "make/device"  # the room that replays a device's log
 ROWS_SHOWN = 20
@@ -78,7 +78,7 @@ def replay(path: Path, options: argparse.Namespace, progress: Progress) -> list[
 
 def _of_device(head: logs.Log) -> bool:
     """Return whether a log is that of a plant with a device whose order is certain."""
-    return there(_DEVICE) and bool(part_of(_DEVICE, "replay").is_of_device(head))
+    return is_installed(_DEVICE) and bool(part_of(_DEVICE, "replay").is_of_device(head))
 
 
 class Comparison:

@@ -108,9 +108,13 @@ class Live:
         return node.tune({split[name][1]: value for name, value in changes.items()})
 
     def inject(
-        self, fault: str, *, for_s: float | None = None, value: float | None = None,
+        self,
+        fault: str,
+        *,
+        for_s: float | None = None,
+        value: float | None = None,
         share: float | None = None,
-    ) -> int:  # fmt: skip
+    ) -> int:
         """Begin a fault of the rig (`faults:`), in every node that has it; return the first cycle.
 
         It ends after `for_s` seconds of the run, or by `clear`. `value`, `share`: instead of the
@@ -146,9 +150,14 @@ class Live:
         return min(injecting.inject(list(self._nodes.values()), fault, end=True).values())
 
     def wait_until(
-        self, what: "str | Callable[[Mapping[str, float]], bool]", *, below: float | None = None,
-        above: float | None = None, magnitude: bool = False, within_s: float,
-    ) -> float:  # fmt: skip
+        self,
+        what: "str | Callable[[Mapping[str, float]], bool]",
+        *,
+        below: float | None = None,
+        above: float | None = None,
+        magnitude: bool = False,
+        within_s: float,
+    ) -> float:
         """Wait until a variable is `below` and `above` limits; return its value then.
 
         `what` may be a function of the executive's values, too: it is waited for until it is true,
@@ -175,26 +184,30 @@ class Live:
         return self._wait(node, inside, within_s, f"{what} {limits}")[variable]
 
     def plot(
-        self, name: str, *names: str, window_s: float = 5.0, every_s: float = 0.2,
+        self,
+        name: str,
+        *names: str,
+        window_s: float = 5.0,
+        every_s: float = 0.2,
         for_s: float | None = None,
-    ) -> Figure:  # fmt: skip
+    ) -> Figure:
         """Draw recorded variables over the last seconds again and again, until the run ends.
 
         Or for `for_s` seconds of the run, or until the cell is interrupted, which the run survives.
         A notebook shows the plot where it began, at most each `every_s` seconds; elsewhere nothing
         is shown. Returns the last picture. UnknownName: not there, or not recorded.
         """
-        from pcpc.tools.api.moving import Moving, follow, in_place
+        from pcpc.tools.api.live_plot import LivePlot, follow, notebook_display
 
         asked = [(one, *self._split(one)) for one in (name, *names)]
-        moving = Moving(asked, window_s)
+        live_plot = LivePlot(asked, window_s)
         first, period_s = self.cycle, 1e-9 * self._node(self._leader).period_ns
 
         def goes_on() -> bool:
             over = for_s is not None and (self.cycle - first) * period_s >= for_s
             return self.running and not over
 
-        return follow(moving, goes_on, every_s, in_place())
+        return follow(live_plot, goes_on, every_s, notebook_display())
 
     def wait(self, within_s: float | None = None) -> Run:
         """Wait for the run's own end; NotMet if that takes longer than `within_s` seconds."""
@@ -233,8 +246,11 @@ class Live:
             raise UnknownName(f"{name}: no node {role}; known: {', '.join(self._nodes)}")
         node = self._node(role)
         if variable not in node.variables:
-            known = [n if r == "executive" else f"{r}:{n}"
-                     for r, one in self._nodes.items() for n in one.variables]  # fmt: skip
+            known = [
+                n if r == "executive" else f"{r}:{n}"
+                for r, one in self._nodes.items()
+                for n in one.variables
+            ]
             raise UnknownName(f"{name}: no such variable{did_you_mean(name, known)}")
         return node, variable
 
@@ -278,11 +294,18 @@ class Live:
 
 @contextmanager
 def running(
-    rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
-    seed: int | None = None, pacing: str | None = None, bus: str | None = None,
-    folder: str | Path | None = None, host: bool = False, standby: Sequence[str] = (),
+    rig: str | Path,
+    controller: str | None = None,
+    *,
+    set: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    pacing: str | None = None,
+    bus: str | None = None,
+    folder: str | Path | None = None,
+    host: bool = False,
+    standby: Sequence[str] = (),
     device: Sequence[str | Path] | None = None,
-) -> Iterator[Live]:  # fmt: skip
+) -> Iterator[Live]:
     """Run a rig on a bus, in real processes, for as long as the `with` block lasts.
 
         with pcpc.running("atb1000/hull", pacing="real") as live:

@@ -80,9 +80,13 @@ class Loop:
     """
 
     def __init__(
-        self, rig: str | Path, controller: str | None, words: list[str],
-        folder: str | Path | None, quiet: bool | None,
-    ) -> None:  # fmt: skip
+        self,
+        rig: str | Path,
+        controller: str | None,
+        words: list[str],
+        folder: str | Path | None,
+        quiet: bool | None,
+    ) -> None:
         self._progress, self._folder = progress(quiet), folder
         self._rig = load_rig(find(str(rig)), controller, words)
         self._outcome = Outcome("virtual", "memory", changed=[*changed(words), "controller=Python"])
@@ -153,9 +157,14 @@ class Loop:
 
 
 def loop(
-    rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
-    seed: int | None = None, folder: str | Path | None = None, quiet: bool | None = None,
-) -> Loop:  # fmt: skip
+    rig: str | Path,
+    controller: str | None = None,
+    *,
+    set: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    folder: str | Path | None = None,
+    quiet: bool | None = None,
+) -> Loop:
     """Close a rig's loop with a controller in plain Python, in virtual time.
 
         loop = pcpc.loop("hull")

@@ -15,10 +15,15 @@ from pcpc.tools.start.settings import settings
 
 
 def simulate(
-    rig: str | Path, controller: str | None = None, *, set: Mapping[str, Any] | None = None,
-    seed: int | None = None, folder: str | Path | None = None, quiet: bool | None = None,
+    rig: str | Path,
+    controller: str | None = None,
+    *,
+    set: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    folder: str | Path | None = None,
+    quiet: bool | None = None,
     standby: Sequence[str] = (),
-) -> Run:  # fmt: skip
+) -> Run:
     """Run a rig in virtual time, in this process, and return what was recorded.
 
     The bits are those of `pcpc simulate` and of a lockstep run on a bus.

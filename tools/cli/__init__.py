@@ -16,7 +16,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.cli import completion
 from pcpc.tools.cli.commands import COMMANDS, overview
 from pcpc.tools.terminal import screen
-from pcpc.tools.terminal.ending import ended
+from pcpc.tools.terminal.ending import exit_code
 
 _OPEN_FILES = 64  # at once: a run has 32, and its libraries theirs
 _BEGIN_NS = time.monotonic_ns()  # of this process, but for the interpreter's own start
@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         gc.disable()
     words = list(sys.argv[1:] if argv is None else argv)
     goes_on = any(word in COMMANDS and COMMANDS[word].judges for word in words[:1])
-    return ended(lambda: _carry_out(words), goes_on=goes_on, last=own)
+    return exit_code(lambda: _carry_out(words), goes_on=goes_on, last=own)
 
 
 def _carry_out(words: Sequence[str]) -> int:

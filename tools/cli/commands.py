@@ -6,7 +6,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.command import Command, exit_codes
-from pcpc.tools.terminal.rooms import having, part_of
+from pcpc.tools.terminal.rooms import part_of, rooms_with
 
 TITLES = {  # of the groups, which are the folders of tools/, in the order of use
     "start": "before a run: the rigs, and what their bus takes",
@@ -22,9 +22,7 @@ TITLES = {  # of the groups, which are the folders of tools/, in the order of us
 
 def _found() -> dict[str, tuple[Command, ...]]:
     """Return the commands by group; parts that another room offers stand behind a command's own."""
-    modules = {
-        room: part_of(room, "commands") for room in having("commands") if room != "cli"
-    }  # fmt: skip
+    modules = {room: part_of(room, "commands") for room in rooms_with("commands") if room != "cli"}
     more: dict[str, list[Command]] = {}
     for module in modules.values():
         for name, parts in getattr(module, "PARTS_OF", {}).items():
@@ -49,10 +47,18 @@ def overview() -> str:
     """Return the help's first page: what people begin with, and where the rest stands."""
     first = [(f"  {one.name}", one.help) for one in COMMANDS.values() if one.first]
     groups = [(f"  {group}", TITLES[group]) for group in GROUPS]
-    return "\n".join([
-        "to begin with:", *screen.table(first), "", "all commands: `pcpc help GROUP`",
-        *screen.table(groups), "", _WORDS, exit_codes(),
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "to begin with:",
+            *screen.table(first),
+            "",
+            "all commands: `pcpc help GROUP`",
+            *screen.table(groups),
+            "",
+            _WORDS,
+            exit_codes(),
+        ]
+    )
 
 
 def of_group(name: str) -> str:

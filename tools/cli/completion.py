@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.tools.terminal import given
+from pcpc.tools.terminal import option_notes
 
 if TYPE_CHECKING:
-    from pcpc.executive.nodes.live import Variable
+    from pcpc.executive.nodes.live import Live, Variable
 
 _CHAPTER = re.compile(r"^CHAPTER = (\d+)", re.MULTILINE)
 Words = Iterable[str]
@@ -33,7 +33,7 @@ def complete(parser: argparse.ArgumentParser) -> None:
     """Answer a shell and end, if it asks (_ARGCOMPLETE)."""
     import argcomplete
 
-    argcomplete.safe_actions.update(given.ACTIONS.values())  # these only note what is typed
+    argcomplete.safe_actions.update(option_notes.ACTIONS.values())  # these only note what is typed
     argcomplete.autocomplete(parser)
 
 
@@ -45,9 +45,11 @@ def attach(command: str, action: argparse.Action) -> None:
 
 
 def _candidates(
-    found: Callable[[argparse.Namespace], Words], prefix: str, parsed_args: argparse.Namespace,
+    found: Callable[[argparse.Namespace], Words],
+    prefix: str,
+    parsed_args: argparse.Namespace,
     **_: object,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     try:
         return [word for word in found(parsed_args) if word.startswith(prefix)]
     except (UserError, OSError):  # a rig that is wrong, a node that has just ended
@@ -55,22 +57,35 @@ def _candidates(
 
 
 def _rigs(options: argparse.Namespace) -> Words:
-    from pcpc.tools.start.rigs import shipped
+    from pcpc.tools.start.rigs import shipped_rigs
 
-    return [*(name for rig in shipped() for name in rig.names if "/" not in name), *_files(".yaml")]
+    return [
+        *(name for rig in shipped_rigs() for name in rig.names if "/" not in name),
+        *_files(".yaml"),
+    ]
+
+
+def _running(options: argparse.Namespace) -> "dict[str, Live]":
+    from pcpc.tools.live.remote.nodes import nodes_of
+
+    there = nodes_of(options)
+    if (node := getattr(options, "node", None)) is not None:
+        return {node: there.find(node)}
+    return there.running()
+
+
+def _names_of_rigs(options: argparse.Namespace) -> set[str]:
+    return {str(one.block.description.get("rig")) for one in _running(options).values()}
 
 
 def _runs(options: argparse.Namespace) -> Words:
-    from pcpc.tools.live.remote.nodes import nodes_of
-
-    going_on = nodes_of(options).running().values()
-    return [*{str(one.block.description["rig"]) for one in going_on}, *_rigs(options)]
+    return [*_names_of_rigs(options), *_rigs(options)]
 
 
 def _plants(options: argparse.Namespace) -> Words:
-    from pcpc.tools.start.rigs import shipped
+    from pcpc.tools.start.rigs import shipped_rigs
 
-    return {name for rig in shipped() for name in (rig.plant, rig.name)}
+    return {name for rig in shipped_rigs() for name in (rig.plant, rig.name)}
 
 
 def _controllers(options: argparse.Namespace) -> Words:
@@ -96,42 +111,33 @@ def _files(suffix: str) -> Words:
 
 def _nodes(options: argparse.Namespace) -> Words:
     from pcpc.executive.rig.roles import ROLES
-    from pcpc.tools.live.remote.nodes import nodes_of
 
-    nodes = nodes_of(options).running()
-    rigs = {str(live.block.description.get("rig")) for live in nodes.values()}
-    return [*ROLES, *nodes, *rigs]
+    return [*ROLES, *_running(options), *_names_of_rigs(options)]
 
 
 def _variables(options: argparse.Namespace) -> Words:
-    return {one.name for one in _live(options)}
+    return {one.name for one in _live_variables(options)}
 
 
 def _parameters(options: argparse.Namespace) -> Words:
-    return {f"{one.name}=" for one in _live(options) if one.range is not None}
+    return {f"{one.name}=" for one in _live_variables(options) if one.range is not None}
 
 
-def _live(options: argparse.Namespace) -> "list[Variable]":
+def _live_variables(options: argparse.Namespace) -> "list[Variable]":
     """Return the variables of the node that is named, else of all."""
-    from pcpc.tools.live.remote.nodes import nodes_of
-
-    there = nodes_of(options)
-    nodes = [there.find(options.node)] if options.node is not None else there.running().values()
-    return [one for live in nodes for one in live.variables.values()]
+    return [one for live in _running(options).values() for one in live.variables.values()]
 
 
 def _faults(options: argparse.Namespace) -> Words:
     from pcpc.executive.nodes.injecting import faults_of
-    from pcpc.tools.live.remote.nodes import nodes_of
 
-    return {one.name for one in faults_of([*nodes_of(options).running().values()])}
+    return {one.name for one in faults_of([*_running(options).values()])}
 
 
 def _laws(options: argparse.Namespace) -> Words:
     from pcpc.executive.nodes.operating import laws
-    from pcpc.tools.live.remote.nodes import nodes_of
 
-    return {name for live in nodes_of(options).running().values() for name in laws(live)}
+    return {name for live in _running(options).values() for name in laws(live)}
 
 
 def _levels(options: argparse.Namespace) -> Words:

@@ -11,8 +11,11 @@ def table(names: str, count: str | int) -> Callable[[Add], None]:
 
     def arguments(add: Add) -> None:
         add("names", nargs=count, metavar=names)
-        add("--node", metavar="NODE",
-            help="executive, plant, RIG, RIG.plant; without it, the one that has NAME")  # fmt: skip
+        add(
+            "--node",
+            metavar="NODE",
+            help="executive, plant, RIG, RIG.plant; without it, the one that has NAME",
+        )
         at(add)
         take.json(add, "print JSON")
 
@@ -28,7 +31,10 @@ def node(add: Add) -> None:
 def at(add: Add) -> None:
     """Take on which other machine the nodes run."""
     add("--at", metavar="HOST:PORT", help="nodes of another machine, by a `pcpc host` there")
-    add("--token-file", metavar="FILE",
-        help="--at: its token, in a file that only you read; else PCPC_TOKEN")  # fmt: skip
+    add(
+        "--token-file",
+        metavar="FILE",
+        help="--at: its token, in a file that only you read; else PCPC_TOKEN",
+    )
     add("--ca", metavar="FILE", help="--at: the certificate (PEM) of a host with one of its own")
     add("--plain", action="store_true", help="--at: without TLS; all on the way can read and tune")

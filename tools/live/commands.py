@@ -5,7 +5,7 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit
 from pcpc.tools.live import arguments as take_live
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import ASKING, Add, Command
+from pcpc.tools.terminal.command import NODE_CODES, Add, Command
 
 
 def list_(add: Add) -> None:
@@ -39,20 +39,35 @@ def undo(add: Add) -> None:
 def watch(add: Add) -> None:
     """Take variables, and how often."""
     take_live.table("NAME", "+")(add)
-    add("--every", default="200ms", metavar="TIME", help="interval: 500us, 5ms, 10s")
+    add(
+        "--every",
+        type=take.seconds("--every"),
+        default="200ms",
+        metavar="TIME",
+        help="interval: 500us, 5ms, 10s",
+    )
 
 
 def scope(add: Add) -> None:
     """Take variables, a trigger and where to write."""
     add("names", nargs="+", metavar="VAR", help="variables of one node, or patterns, * ? []")
-    add("--trigger", required=True, metavar="CONDITION",
-        help="as in requirements; the cycle in which it becomes true")  # fmt: skip
-    add("--pre", default="200ms", metavar="TIME", help="before the trigger; %(default)s")
-    add("--post", default="1s", metavar="TIME", help="behind it; %(default)s")
+    add(
+        "--trigger",
+        required=True,
+        metavar="CONDITION",
+        help="as in requirements; the cycle in which it becomes true",
+    )
+    pre, post = (take.seconds(option, zero=True) for option in ("--pre", "--post"))
+    add("--pre", type=pre, default="200ms", metavar="TIME", help="before the trigger; %(default)s")
+    add("--post", type=post, default="1s", metavar="TIME", help="behind it; %(default)s")
     add("-o", "--output", type=Path, required=True, metavar="FILE.mcap", help="the log to write")
     add("--plot", type=Path, metavar="FILE.png", help="draw it, too")
-    add("--mode", choices=("single", "normal", "auto"), default="single",
-        help="one burst; each time; also without a trigger; %(default)s")  # fmt: skip
+    add(
+        "--mode",
+        choices=("single", "normal", "auto"),
+        default="single",
+        help="one burst; each time; also without a trigger; %(default)s",
+    )
     add("--count", type=take.positive, metavar="N", help="normal, auto: end after N bursts")
     add("--within", type=take.duration, metavar="TIME", help="give up after it")
     add("--past", action="store_true", help="also triggers that the node's ring still holds")
@@ -70,8 +85,12 @@ def stop(add: Add) -> None:
 
 def reset(add: Add) -> None:
     """Take which rig's nodes, if there are several."""
-    add("run", metavar="RIG|RUN", nargs="?",
-        help="if several go on: name of the rig, or its file, or the run: RIG.BUS")  # fmt: skip
+    add(
+        "run",
+        metavar="RIG|RUN",
+        nargs="?",
+        help="if several go on: name of the rig, or its file, or the run: RIG.BUS",
+    )
     take_live.at(add)
     take.json(add, "print JSON")
 
@@ -92,7 +111,13 @@ def handover(add: Add) -> None:
 def fault(add: Add) -> None:
     """Take a fault of the rig, how long and how large."""
     add("name", nargs="?", metavar="NAME", help="a name under faults: in the rig file")
-    add("--for", dest="for_", metavar="TIME", help="200ms, 5s; without it, until --end")
+    add(
+        "--for",
+        dest="for_s",
+        type=take.seconds("--for"),
+        metavar="TIME",
+        help="200ms, 5s; without it, until --end",
+    )
     add("--value", type=float, metavar="X", help="how large, instead of the rig's value")
     add("--share", type=float, metavar="X", help="in how many of all chances it acts, 0 to 1")
     add("--end", action="store_true", help="end it")
@@ -107,8 +132,8 @@ COMMANDS = (
         "list the variables of a node with values, units and ranges",
         "pcpc list 'controller.*'",
         list_,
-        module="live.watch",
-        codes=ASKING,
+        module="live.variables",
+        codes=NODE_CODES,
     ),
     Command(
         "get",
@@ -116,8 +141,8 @@ COMMANDS = (
         "pcpc get controller.e_rad barrel.theta_rad\n"
         "pcpc get controller.e_rad --at localhost:8642 --token-file rig.token",
         take_live.table("NAME", "+"),
-        module="live.watch",
-        codes=ASKING,
+        module="live.variables",
+        codes=NODE_CODES,
     ),
     Command(
         "set",
@@ -125,8 +150,8 @@ COMMANDS = (
         "pcpc set controller.kv_Nms_rad=120 controller.lam_per_s=15\n"
         "PCPC_TOKEN=... pcpc set controller.kv_Nms_rad=120 --at rig-machine:8642",
         take_live.table("NAME=VALUE", "+"),
-        module="live.watch",
-        codes=ASKING,
+        module="live.variables",
+        codes=NODE_CODES,
         first=True,
     ),
     Command(
@@ -136,7 +161,7 @@ COMMANDS = (
         save,
         notes="a rig takes them over with --set @FILE, a running one with `pcpc load`",
         module="live.tunings",
-        codes=ASKING,
+        codes=NODE_CODES,
     ),
     Command(
         "load",
@@ -144,7 +169,7 @@ COMMANDS = (
         "pcpc load tuned.yaml",
         load,
         module="live.tunings",
-        codes=ASKING,
+        codes=NODE_CODES,
     ),
     Command(
         "undo",
@@ -152,15 +177,15 @@ COMMANDS = (
         "pcpc undo\npcpc undo 3",
         undo,
         module="live.tunings",
-        codes=ASKING,
+        codes=NODE_CODES,
     ),
     Command(
         "watch",
         "print values again and again",
         "pcpc watch 'controller.*' --every 500ms",
         watch,
-        codes=ASKING,
-        module="live.watch",
+        codes=NODE_CODES,
+        module="live.variables",
     ),
     Command(
         "scope",
@@ -183,8 +208,8 @@ COMMANDS = (
         "forbid tunings (tune, all), or allow them again (none)",
         "pcpc lock tune",
         take_live.table("none|tune|all", 1),
-        module="live.watch",
-        codes=ASKING,
+        module="live.variables",
+        codes=NODE_CODES,
     ),
     Command(
         "stop",
@@ -192,7 +217,7 @@ COMMANDS = (
         "pcpc stop --quick",
         stop,
         module="live.stop",
-        codes=ASKING,
+        codes=NODE_CODES,
     ),
     Command(
         "reset",
@@ -200,15 +225,15 @@ COMMANDS = (
         "pcpc reset hull",
         reset,
         module="live.stop",
-        codes={**ASKING, Exit.NOT_MET: "its cause is still there"},
+        codes={**NODE_CODES, Exit.NOT_MET: "its cause is still there"},
     ),
     Command(
         "arm",
         "close the loop of a run that waits for it (supervisor.arm)",
         "pcpc arm",
         operate,
-        module="live.operate",
-        codes={**ASKING, Exit.NOT_MET: "not in this state"},
+        module="live.operation",
+        codes={**NODE_CODES, Exit.NOT_MET: "not in this state"},
     ),
     Command(
         "hold",
@@ -216,31 +241,31 @@ COMMANDS = (
         "pcpc hold",
         operate,
         notes="time, references and laws go on; `pcpc resume` closes the loop again",
-        module="live.operate",
-        codes=ASKING,
+        module="live.operation",
+        codes=NODE_CODES,
     ),
     Command(
         "resume",
         "go on after `pcpc hold`: commands rise as fast as they fell",
         "pcpc resume",
         operate,
-        module="live.operate",
-        codes={**ASKING, Exit.NOT_MET: "not in this state"},
+        module="live.operation",
+        codes={**NODE_CODES, Exit.NOT_MET: "not in this state"},
     ),
     Command(
         "handover",
         "let another controller take over, without a step",
         "pcpc run hull --controller pd --standby pd_nn\npcpc handover pd_nn",
         handover,
-        module="live.operate",
-        codes={**ASKING, Exit.NOT_MET: "it is not usable; who is in charge stays"},
+        module="live.operation",
+        codes={**NODE_CODES, Exit.NOT_MET: "it is not usable; who is in charge stays"},
     ),
     Command(
         "fault",
         "list the faults on purpose of a rig, begin or end one",
         "pcpc fault encoder_stuck --for 200ms",
         fault,
-        codes=ASKING,
+        codes=NODE_CODES,
         module="live.fault",
     ),
 )

@@ -5,21 +5,20 @@ import json
 from dataclasses import asdict
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.durations import duration_s
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.injecting import Injected, faults_of, inject
 from pcpc.executive.nodes.live import LiveError
 from pcpc.tools.live.remote.nodes import nodes_of
 from pcpc.tools.terminal import screen
-from pcpc.tools.terminal.given import refuse
+from pcpc.tools.terminal.option_notes import refuse
 
 
 def command(options: argparse.Namespace) -> int:
     """List the faults of the running rig, or begin or end one."""
     if options.name is None:
-        refuse(options, "of which fault? give its NAME", "for_", "value", "share", "end")
+        refuse(options, "of which fault? give its NAME", "for_s", "value", "share", "end")
     elif options.end:
-        refuse(options, "contradicts --end", "for_", "value", "share")
+        refuse(options, "contradicts --end", "for_s", "value", "share")
     nodes = list(nodes_of(options).running().values())
     if options.node is not None:
         nodes = [live for live in nodes if options.node in live.names or live.is_of(options.node)]
@@ -31,15 +30,13 @@ def command(options: argparse.Namespace) -> int:
     if options.name is None:
         _show(faults_of(nodes), options.json)
         return Exit.OK
-    try:
-        for_s = None if options.for_ is None else duration_s(options.for_)
-    except ValueError as error:
-        raise UserError(str(error)) from None
-    cycles = inject(nodes, options.name, for_s, options.value, options.share, options.end)
+    cycles = inject(nodes, options.name, options.for_s, options.value, options.share, options.end)
     if options.json:
         print(json.dumps({"fault": options.name, "on": not options.end, "cycles": cycles}))
         return Exit.OK
-    span = "ended" if options.end else "on" if for_s is None else f"on for {options.for_}"
+    span = (
+        "ended" if options.end else "on" if options.for_s is None else f"on for {options.for_s:g} s"
+    )
     where = ", ".join(f"{node} from cycle {cycle}" for node, cycle in cycles.items())
     print(f"{options.name} {span}: {where}")
     return Exit.OK
@@ -53,9 +50,18 @@ def _show(faults: list[Injected], as_json: bool) -> None:
     else:
         rows = [("fault", "node", "value", "share", "cycles left", "what")]
         rows += [
-            (one.name, one.node, f"{one.value:g} {one.unit}".strip(), f"{one.share:g}",
-             "off" if one.left <= 0 else "on" if one.left > 0.5 * FOR_EVER else f"{one.left:.0f}",
-             one.about)
+            (
+                one.name,
+                one.node,
+                f"{one.value:g} {one.unit}".strip(),
+                f"{one.share:g}",
+                "off"
+                if one.left <= 0
+                else "on"
+                if one.left > 0.5 * FOR_EVER
+                else f"{one.left:.0f}",
+                one.about,
+            )
             for one in faults
-        ]  # fmt: skip
+        ]
         print("\n".join(screen.table(rows)))

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.live import Live, LiveError
@@ -59,9 +58,14 @@ class Trigger:
     """
 
     def __init__(
-        self, condition: ex.Condition, period_s: float, pre: int, post: int, armed: int = 0,
+        self,
+        condition: ex.Condition,
+        period_s: float,
+        pre: int,
+        post: int,
+        armed: int = 0,
         auto: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.condition, self.period_s, self.pre, self.post = condition, period_s, pre, post
         self.armed, self.auto = armed, auto
         self._open: tuple[int, bool] | None = None  # the burst that is being filled
@@ -71,15 +75,15 @@ class Trigger:
         self._held = np.empty((0, 0), np.int64)
         self._carry: ex.Rows | None = None
 
-    def take(self, seen: Rows, rows: NDArray[np.int64]) -> Iterator[Burst]:
+    def bursts(self, seen: Rows, rows: NDArray[np.int64]) -> Iterator[Burst]:
         """Look at the next cycles, `seen` for the condition and as `rows`; yield what is whole."""
         if not len(seen):
             return
         self._oldest = int(seen.cycle[0]) if self._oldest is None else self._oldest
-        self._edges += self._rising(seen)
+        self._edges += self._rising_edges(seen)
         self._held = np.concatenate((self._held, rows)) if self._held.size else rows
         newest = int(seen.cycle[-1])
-        while self._opened(newest) and self._open is not None:
+        while self._fills_one(newest) and self._open is not None:
             if newest < self._open[0] + self.post:
                 break
             yield self._cut(self._open[0] + self.post)
@@ -90,7 +94,7 @@ class Trigger:
         """Return the burst that the end of the node, or of the patience, has cut short."""
         return None if self._open is None else self._cut(int(self._held[-1, 0]))
 
-    def _opened(self, newest: int) -> bool:
+    def _fills_one(self, newest: int) -> bool:
         """Return whether a burst is being filled; begin one where there is a trigger."""
         if self._open is None:
             self._edges = [cycle for cycle in self._edges if cycle >= self.armed]
@@ -109,7 +113,7 @@ class Trigger:
         self._begin = self.armed = last + 1
         return Burst(cycle, found, self._held[own], short)
 
-    def _rising(self, seen: Rows) -> list[int]:
+    def _rising_edges(self, seen: Rows) -> list[int]:
         """Return the cycles in which the condition becomes true; never the first of all."""
         columns = {name: seen[_bare(name)] for name in self.condition.names}
         rows, new = ex.Rows(seen.cycle, columns, self.period_s), 0
@@ -127,17 +131,17 @@ class Scope:
 
     def __init__(self, options: argparse.Namespace) -> None:
         self.options, self.progress = options, Progress(options.quiet)
-        self.live, condition, self.names = _asked(options)
+        self.live, condition, self.names = _selection(options)
         period_ns = self.live.period_ns
-        pre, post = (_cycles(options, key, period_ns) for key in ("pre", "post"))
+        pre, post = (round(1e9 * span_s) // period_ns for span_s in (options.pre, options.post))
         self.count = 1 if options.mode == "single" else options.count
         seen = {*self.names, *map(_bare, condition.names)}
         self.tap = Tap(self.live, past=True, names=seen)
         armed = 0 if options.past else int(self.live.block["control"][sh.CYCLE]) + 1
         auto = options.mode == "auto"
         self.trigger = Trigger(condition, 1e-9 * period_ns, pre, post, armed, auto)
-        self.told: list[dict[str, Any]] = []
-        self.cut = False  # the node ended within a burst
+        self.bursts: list[dict[str, Any]] = []
+        self.is_cut_short = False  # the node ended within a burst
         self.short = ""  # what to say where the first burst begins late
 
     def run(self, path: Path) -> None:
@@ -148,7 +152,7 @@ class Scope:
             self.progress.say(f"{self.live.name}: armed: {self.options.trigger}")
             self._capture(log)
         except KeyboardInterrupt:
-            if not self.told:
+            if not self.bursts:
                 raise
         finally:
             part.close({log.channels.name: {"record": self.tap.missed["record"]}})
@@ -156,16 +160,16 @@ class Scope:
     def _capture(self, log: NodePart) -> None:
         within = self.options.within
         deadline_s = np.inf if within is None else time.monotonic() + within
-        while self.count is None or len(self.told) < self.count:
+        while self.count is None or len(self.bursts) < self.count:
             over = not self.live.running or time.monotonic() > deadline_s  # before the last look
             seen = self.tap.rows()
-            for burst in self.trigger.take(seen, log.rows(seen)):
+            for burst in self.trigger.bursts(seen, log.rows(seen)):
                 self._tell(log, burst)
-                if len(self.told) == self.count:
+                if len(self.bursts) == self.count:
                     return
             if over:
                 if rest := self.trigger.rest():
-                    self.cut = True
+                    self.is_cut_short = True
                     self._tell(log, rest)
                 return
             if self.tap.stuck:
@@ -183,15 +187,21 @@ class Scope:
         entry = entry if burst.found else {"event": "no trigger"}
         log.happened(stamp, burst.cycle, entry | {"value": 0.0})
         first, last = (int(burst.rows[i, 0]) for i in (0, -1))
-        self.told.append(
-            {"cycle": burst.cycle, "t_s": float(f"{1e-9 * burst.cycle * self.live.period_ns:.12g}"),
-             "first": first, "last": last, "rows": len(burst.rows), "trigger": burst.found}
-        )  # fmt: skip
+        self.bursts.append(
+            {
+                "cycle": burst.cycle,
+                "t_s": float(f"{1e-9 * burst.cycle * self.live.period_ns:.12g}"),
+                "first": first,
+                "last": last,
+                "rows": len(burst.rows),
+                "trigger": burst.found,
+            }
+        )
         if burst.short:
-            self.told[-1]["missing_before"] = burst.short
+            self.bursts[-1]["missing_before"] = burst.short
             self.short = self._too_long(burst)
         what = "trigger" if burst.found else "no trigger"
-        where = f"cycle {burst.cycle}, {self.told[-1]['t_s']:g} s"
+        where = f"cycle {burst.cycle}, {self.bursts[-1]['t_s']:g} s"
         self.progress.say(f"{what} at {where}; {len(burst.rows)} cycles, {first} to {last}")
 
     def _too_long(self, burst: Burst) -> str:
@@ -199,7 +209,7 @@ class Scope:
         held_s = 1e-9 * (self.trigger.pre - burst.short) * self.live.period_ns
         begin = burst.cycle - self.trigger.pre + burst.short
         why = "the node's ring holds no more" if begin else "the run began there"
-        return f"--pre {self.options.pre}: only {held_s:.6g} s, from cycle {begin} on: {why}"
+        return f"--pre {self.options.pre:g} s: only {held_s:.6g} s, from cycle {begin} on: {why}"
 
 
 def command(options: argparse.Namespace) -> int:
@@ -210,18 +220,18 @@ def command(options: argparse.Namespace) -> int:
     with new_file(options.output, options.force) as path:
         scope.run(path)
         missed = scope.tap.missed["record"]
-        if not scope.told:
+        if not scope.bursts:
             why = "the node ended" if not scope.live.running else f"not within {options.within:g} s"
             lost = f", {missed} cycles lost" if missed else ""
             raise LiveError(f"{options.trigger}: {why}, no trigger{lost}", Exit.NOT_MET)
     if options.plot is not None:
         _draw(options, scope.names)
-    rows = sum(one["rows"] for one in scope.told)
+    rows = sum(one["rows"] for one in scope.bursts)
     if options.json:
-        print(json.dumps({"file": str(options.output), "lost": missed, "bursts": scope.told}))
+        print(json.dumps({"file": str(options.output), "lost": missed, "bursts": scope.bursts}))
     else:
-        ended = ", the last one cut short" if scope.cut else ""
-        bursts = f"{len(scope.told)} burst{'s' * (len(scope.told) > 1)}"
+        ended = ", the last one cut short" if scope.is_cut_short else ""
+        bursts = f"{len(scope.bursts)} burst{'s' * (len(scope.bursts) > 1)}"
         print(f"{options.output}: {bursts}, {rows} cycles{ended}")
         if scope.short:
             print(scope.short)
@@ -238,7 +248,7 @@ def _draw(options: argparse.Namespace, names: Sequence[str]) -> None:
     plot(argparse.Namespace(**about), Progress(quiet=True))
 
 
-def _asked(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[str]]:
+def _selection(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[str]]:
     """Return the node, the trigger and the variables that are asked for; UserError."""
     try:
         wanted = ex.condition(options.trigger, lambda name: None).names
@@ -264,7 +274,7 @@ def _asked(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[str]]:
     for word in words[: len(options.names)]:
         found = [name for name in live.select([word]) if name in recorded]
         if not found:
-            raise UserError(_unrecorded(live, word))
+            raise UserError(_why_unrecorded(live, word))
         chosen |= dict.fromkeys(found)
     return live, condition, list(chosen)
 
@@ -278,21 +288,13 @@ def _unit(live: Live, name: str) -> Unit | None:
     about = live.block.description
     if name not in (recorded := (*about["state_columns"], *about["timing_columns"])):
         if name in live.variables:
-            raise ex.ExpressionError(_unrecorded(live, name))
+            raise ex.ExpressionError(_why_unrecorded(live, name))
         raise ex.ExpressionError(f"no variable {name}{did_you_mean(name, recorded)}")
     return unit(live.variables[name].unit)
 
 
-def _unrecorded(live: Live, name: str) -> str:
+def _why_unrecorded(live: Live, name: str) -> str:
     source = live.block.description["sources"].get(name)
     cure = f"; take its source {source}" if source else ""
     kind = live.variables[name].kind if name in live.variables else "nothing of it"
     return f"{name}: {kind}, not recorded every cycle{cure}"
-
-
-def _cycles(options: argparse.Namespace, key: str, period_ns: int) -> int:
-    """Return the whole cycles in a duration that an option gives; UserError."""
-    try:
-        return int(duration_ns(getattr(options, key), zero=True) // period_ns)
-    except ValueError as error:
-        raise UserError(f"--{key} {error}") from None

@@ -25,7 +25,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.live import Live, LiveError, known
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.live.remote.nodes import nodes_of
-from pcpc.tools.live.watch import tune
+from pcpc.tools.live.variables import tune
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.outfile import new_file
@@ -74,7 +74,7 @@ def _events(live: Live) -> tuple[NDArray[np.int64], bool]:
     return rows, first == 0 and not live.block["event_ends"][sh.DROPPED]
 
 
-def back(live: Live, count: int = 1) -> State:
+def undo_changes(live: Live, count: int = 1) -> State:
     """Return what to tune so that the parameters are as before the last `count` tunings.
 
     LiveError: there are not so many, or the node no longer tells them.
@@ -99,7 +99,7 @@ def _node(options: argparse.Namespace) -> Live:
 
 def _undo(options: argparse.Namespace) -> None:
     live = _node(options)
-    tune(live, back(live, options.count), options.json)
+    tune(live, undo_changes(live, options.count), options.json)
 
 
 # Files
@@ -110,14 +110,13 @@ def _save(options: argparse.Namespace) -> None:
     values, settings = live.read(), _settings(live.block.description)
     given = live.block.description.get("initial", {})
     chosen = [
-        name for name in given
-        if values[name] != given[name] or (options.all and name in settings)
-    ]  # fmt: skip
+        name for name in given if values[name] != given[name] or (options.all and name in settings)
+    ]
     rig, file = live.block.description, str(options.file)
     lines = [
         f"# {live.name}, cycle {values.cycle}, controller {rig['metadata']['controller']}",
         f"# at once: pcpc load {shlex.quote(file)}",
-        f"# a rig: pcpc run {rigs.named(rig.get('file', rig['rig']))} "
+        f"# a rig: pcpc run {rigs.shell_name(rig.get('file', rig['rig']))} "
         f"--set {shlex.quote(f'@{file}')}",
     ]
     for name in chosen:
@@ -159,7 +158,7 @@ def _load(options: argparse.Namespace) -> None:
     nodes = [there.find(options.node)] if options.node else list(there.running().values())
     names = [name for name in document.data if any(name in one.variables for one in nodes)]
     live = nodes[0] if options.node else there.find_for(names)
-    changes = dict(_checked(document, live))
+    changes = dict(_changes(document, live))
     before = live.read()
     if changes := {name: value for name, value in changes.items() if before[name] != value}:
         tune(live, changes, options.json)
@@ -169,7 +168,7 @@ def _load(options: argparse.Namespace) -> None:
         print(f"{live.name}: has these values already")
 
 
-def _checked(document: yamlfile.Document, live: Live) -> Iterator[tuple[str, float]]:
+def _changes(document: yamlfile.Document, live: Live) -> Iterator[tuple[str, float]]:
     """Yield name and value of all entries; UserError with file and line."""
     for name, value in document.data.items():
         place = document.where((name,))

@@ -1,6 +1,6 @@
 """Commands: completion."""
 
-from pcpc.tools.terminal.command import SIMPLE, Add, Command
+from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 
 
 def help_(add: Add) -> None:
@@ -20,7 +20,7 @@ COMMANDS = (
         "pcpc help live\npcpc help all",
         help_,
         module="cli.help",
-        codes=SIMPLE,
+        codes=BASIC_CODES,
     ),
     Command(
         "completion",
@@ -28,7 +28,7 @@ COMMANDS = (
         "pcpc completion bash",
         completion,
         module="cli.completion",
-        codes=SIMPLE,
+        codes=BASIC_CODES,
         notes='~/.bashrc, ~/.zshrc: eval "$(pcpc completion bash)", or zsh\n'
         "~/.config/fish/config.fish: pcpc completion fish | source",
     ),

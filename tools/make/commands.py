@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
-from pcpc.tools.terminal.command import SIMPLE, Add, Command
+from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 
 
 def new(add: Add) -> None:
@@ -32,7 +32,7 @@ COMMANDS = (
         "write a rig of your own to begin with: a DC motor with an encoder",
         "pcpc new my-motor\npcpc new my-motor --device",
         new,
-        codes={**SIMPLE, Exit.ENVIRONMENT: "the folder cannot be written"},
+        codes={**BASIC_CODES, Exit.ENVIRONMENT: "the folder cannot be written"},
         module="make.new",
         first=True,
     ),
@@ -41,7 +41,7 @@ COMMANDS = (
         "write a DBC file from the wiring of a rig that has none",
         "pcpc dbc probe -o new.dbc",
         dbc,
-        codes={**SIMPLE, Exit.ENVIRONMENT: "the file cannot be written"},
+        codes={**BASIC_CODES, Exit.ENVIRONMENT: "the file cannot be written"},
         compiles=True,
         module="make.dbc",
     ),

@@ -138,10 +138,14 @@ def _wiring(made: Plan) -> list[dict[str, str]]:
     """Return the copies in the loop's order: block by block, then what is sent."""
     variables = made.table.variables
     return [
-        {"input": variables[target].name, "source": variables[source].name,
-         "unit": variables[target].unit}
-        for copies in made.copies for source, target in copies
-    ]  # fmt: skip
+        {
+            "input": variables[target].name,
+            "source": variables[source].name,
+            "unit": variables[target].unit,
+        }
+        for copies in made.copies
+        for source, target in copies
+    ]
 
 
 def _frame(frame: dbc.Frame, rate_hz: float) -> dict[str, Any]:
@@ -263,11 +267,14 @@ def _show_node(role: str, node: dict[str, Any]) -> None:
             f"{when:13}{guard}".rstrip()
         )
     rows = [
-        (f"    {frame['name']}.{name}", f"{scale['quantum']:g} {scale['unit']}".strip(),
-         f"{scale['range'][0]:g} to {scale['range'][1]:g}")
+        (
+            f"    {frame['name']}.{name}",
+            f"{scale['quantum']:g} {scale['unit']}".strip(),
+            f"{scale['range'][0]:g} to {scale['range'][1]:g}",
+        )
         for frame in node["sends"]
         for name, scale in zip(frame["signals"], frame["scales"], strict=True)
-    ]  # fmt: skip
+    ]
     print("\n".join(["  signals, their quantum and range", *screen.table(rows, (1,))]))
 
 

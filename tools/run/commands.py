@@ -5,8 +5,8 @@ from typing import Any, NoReturn
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import SIMPLE, Add, Command
-from pcpc.tools.terminal.rooms import offered
+from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
+from pcpc.tools.terminal.rooms import offers
 
 
 def check(add: Add) -> None:
@@ -32,7 +32,7 @@ class _Refused(argparse.Action):
 def plant(add: Add) -> None:
     """Take what `run` takes, and what other rooms offer."""
     take.run(add)
-    for more in offered("BESIDE_PLANT"):
+    for more in offers("BESIDE_PLANT"):
         more(add)
 
 
@@ -40,21 +40,52 @@ def play(add: Add) -> None:
     """Take a log, and which of its frames go where and when."""
     add("log", metavar="LOG", help="log file, run folder or latest")
     add("--bus", default="auto", metavar="INTERFACE[:CHANNEL]", help=take.BUSES)
-    add("-r", "--rate", type=float, default=1.0, metavar="FACTOR",
-        help="speed: 2 is twice as fast, 0 as fast as the bus takes frames")  # fmt: skip
+    add(
+        "-r",
+        "--rate",
+        type=float,
+        default=1.0,
+        metavar="FACTOR",
+        help="speed: 2 is twice as fast, 0 as fast as the bus takes frames",
+    )
     add("--loop", type=int, nargs="?", const=0, metavar="N", help="N times; for ever without N")
-    add("--start", type=float, default=0.0, metavar="S",
-        help="begin S seconds behind the log's first frame")  # fmt: skip
+    add(
+        "--start",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="begin S seconds behind the log's first frame",
+    )
     add("--duration", type=float, metavar="S", help="play S seconds of the recording")
-    add("--step", nargs="?", const="frame", choices=("frame", "cycle"),
-        help="one frame, or the frames of one cycle, at each Enter")  # fmt: skip
-    add("--only", action="append", default=[], metavar="NAME|ID",
-        help="only this frame: its name, or its id in hexadecimal; may be repeated")  # fmt: skip
-    add("--as", dest="role", choices=("executive", "plant"),
-        help="only what this node sent, once the other node is heard")  # fmt: skip
+    add(
+        "--step",
+        nargs="?",
+        const="frame",
+        choices=("frame", "cycle"),
+        help="one frame, or the frames of one cycle, at each Enter",
+    )
+    add(
+        "--only",
+        action="append",
+        default=[],
+        metavar="NAME|ID",
+        help="only this frame: its name, or its id in hexadecimal; may be repeated",
+    )
+    add(
+        "--as",
+        dest="role",
+        choices=("executive", "plant"),
+        help="only what this node sent, once the other node is heard",
+    )
     add("--no-wait", action="store_true", help="with --as: begin without the other node")
-    add("-p", "--priority", type=int, default=70, metavar="1..99",
-        help="of SCHED_FIFO, where that is allowed; %(default)s, an emulator's")  # fmt: skip
+    add(
+        "-p",
+        "--priority",
+        type=int,
+        default=70,
+        metavar="1..99",
+        help="of SCHED_FIFO, where that is allowed; %(default)s, an emulator's",
+    )
     take.json(add, "print the result as one JSON object")
     take.quiet(add)
 
@@ -65,7 +96,7 @@ COMMANDS = (
         "check a rig file and print its wiring and bus load",
         "pcpc check hull",
         check,
-        codes={**SIMPLE, Exit.ENVIRONMENT: "the bus"},
+        codes={**BASIC_CODES, Exit.ENVIRONMENT: "the bus"},
         judges=True,
         compiles=True,
         module="run.check",

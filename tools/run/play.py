@@ -11,7 +11,6 @@ heard, and then plays the recording whatever the other one sends: open loop.
 import argparse
 import json
 import os
-import signal
 import sys
 import threading
 import time
@@ -62,10 +61,13 @@ def _check(options: argparse.Namespace) -> None:
         ("-r", not 0.0 <= options.rate < 1e9, "0 (as fast as possible) or a positive factor"),
         ("--loop", options.loop is not None and options.loop < 0, "a number of times, or nothing"),
         ("--start", not 0.0 <= options.start < 1e9, "seconds, 0 or more"),
-        ("--duration", options.duration is not None and not 0.0 < options.duration < 1e9,
-         "seconds, more than 0"),
+        (
+            "--duration",
+            options.duration is not None and not 0.0 < options.duration < 1e9,
+            "seconds, more than 0",
+        ),
         ("-p", not 1 <= options.priority <= 99, "a priority of 1 to 99"),
-    ):  # fmt: skip
+    ):
         if wrong:
             option = {"-r": "rate", "-p": "priority"}.get(name, name.strip("-"))
             raise PlayError(f"{name} {getattr(options, option):g}: expected {expected}")
@@ -107,10 +109,7 @@ class Session:
         """Play; print the result; return the exit code."""
         player = self._make()
         self._say_what()
-        previous = {s: signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)}
         try:
-            for number in previous:
-                signal.signal(number, signal.default_int_handler)
             self._wait_for_peer(player)
             player.close_ears()
             if self.options.step:
@@ -120,8 +119,6 @@ class Session:
         except KeyboardInterrupt:
             self.interrupted = True
         finally:
-            for number, handler in previous.items():
-                signal.signal(number, handler)
             self.progress.close()
         return self._conclude(player)
 

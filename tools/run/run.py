@@ -30,12 +30,12 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.after.verdict.outcome import Outcome, changed, follows
 from pcpc.tools.start import pace
-from pcpc.tools.start.bus import of_run as lines
+from pcpc.tools.start.bus import run_line
 from pcpc.tools.start.children import Child, complain, on_request
 from pcpc.tools.start.folder import LOG, run_folder
 from pcpc.tools.start.interface import named_bus
 from pcpc.tools.start.page import page_of
-from pcpc.tools.start.waiting import Waiting
+from pcpc.tools.start.peer_wait import PeerWait
 from pcpc.tools.terminal.progress import Compiling, Progress, node_line
 from pcpc.tools.terminal.rooms import need_room, part_of
 
@@ -60,14 +60,17 @@ class Host:
         self.pacing = options.pacing or rig.config.pacing
         self.progress, self.compiling = Progress(options.quiet), Compiling()
         self.outcome = Outcome(
-            self.pacing, str(self.bus), changed=changed(options.set), strict=options.judge,
+            self.pacing,
+            str(self.bus),
+            changed=changed(options.set),
+            strict=options.judge,
             begin_ns=options.begin_ns,
-        )  # fmt: skip
+        )
         self.children: dict[str, Child] = {}
         self.nodes: dict[str, Live] = {}
         self.alarms: dict[str, Alarms] = {}
         self.begin_ns, self.heard = options.begin_ns, 0  # lines of the watchdog
-        self.waiting = Waiting(rig, roles)
+        self.waiting = PeerWait(rig, roles)
         self.page = page_of(options, self._block_name(self._leader()))
 
     @property
@@ -82,7 +85,7 @@ class Host:
         on_request(self._interrupt)
         try:
             if self.rig.config.bus.emulate is not None and "executive" in self.roles:
-                self.children["line"] = lines.started(self.rig, self.bus, self.folder)
+                self.children["line"] = run_line.start(self.rig, self.bus, self.folder)
             if self.rig.config.watchdog is not None and "executive" in self.roles:
                 self.children["watchdog"] = Child.serving("watchdog", self._watchdog)
             for role in self.roles:
@@ -95,7 +98,7 @@ class Host:
             self.progress.close()
         if self.waiting.given_up_s:
             complain(list(self.children.values()))
-            said = self.waiting.told(self._leader(), str(self.bus), self.options.rig)
+            said = self.waiting.message(self._leader(), str(self.bus), self.options.rig)
             print(said, file=sys.stderr)
             return Exit.ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
@@ -271,7 +274,7 @@ class Host:
         self._let_go(nodes, asked_s)
         if "line" in self.children:
             self.children["line"].end(0.0)
-            if said := lines.told(self.folder):
+            if said := run_line.summary(self.folder):
                 self.progress.say(said)
         if "watchdog" in self.children:
             self.children["watchdog"].end(0.0)

@@ -26,9 +26,13 @@ class Simulation:
     """A rig of which all blocks can run, in virtual time into the file `log`."""
 
     def __init__(
-        self, rig: Rig, log: Path, judged: Wanted, outcome: Outcome,
+        self,
+        rig: Rig,
+        log: Path,
+        judged: Wanted,
+        outcome: Outcome,
         controller: External | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """`judged`: of the recorder; `controller`: of VirtualRun. RigError, BusError."""
         self.rig, self.outcome = rig, outcome
         self.run = VirtualRun(rig, log, judged, controller, plausible.check)
@@ -46,9 +50,9 @@ class Simulation:
         from pcpc.tools.start.bus import line_report
 
         line, bitrate, _ = self.run.over
-        found = line_report.of(line, self.rig.roles, bitrate)
+        found = line_report.numbers(line, self.rig.roles, bitrate)
         line_report.write(found, folder / line_report.FILE)
-        return line_report.told(found)
+        return line_report.summary(found)
 
     def to_end(self, progress: Progress) -> None:
         """Run it; what came of it goes into the outcome."""

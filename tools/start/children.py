@@ -34,9 +34,13 @@ class Child:
 
     @classmethod
     def forked(
-        cls, name: str, main: Callable[[Sequence[str]], int], arguments: Sequence[str],
-        *, survives: bool = False,
-    ) -> "Child":  # fmt: skip
+        cls,
+        name: str,
+        main: Callable[[Sequence[str]], int],
+        arguments: Sequence[str],
+        *,
+        survives: bool = False,
+    ) -> "Child":
         """Call `main` in a copy of this process, which has no other thread; it ends with it.
 
         `survives`: it lives on when this process dies, and holds nothing that this one has open.
@@ -66,9 +70,13 @@ class Child:
         stderr = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the child
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", module, *arguments],  # -P: the user's folder has no say
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, env=environment,
-            preexec_fn=lambda: end_with(host), start_new_session=True,
-        )  # fmt: skip
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=stderr,
+            env=environment,
+            preexec_fn=lambda: end_with(host),
+            start_new_session=True,
+        )
         return cls(name, process, stderr)
 
     @property

@@ -1,7 +1,7 @@
 """Commands: rigs."""
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import SIMPLE, Add, Command
+from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 
 
 def rigs(add: Add) -> None:
@@ -16,7 +16,7 @@ COMMANDS = (
         "list the rigs that come with pcpc",
         "pcpc rigs atb1000 'friction-*'",
         rigs,
-        codes=SIMPLE,
+        codes=BASIC_CODES,
         module="start.rigs",
         first=True,
     ),

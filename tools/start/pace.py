@@ -55,9 +55,12 @@ def highest_rate_hz(slower: float, cpu: str) -> float:
 
 
 def settle(
-    options: argparse.Namespace, rig: Rig, alone: bool, slower: float | None = None,
+    options: argparse.Namespace,
+    rig: Rig,
+    alone: bool,
+    slower: float | None = None,
     cpu: str | None = None,
-) -> tuple[argparse.Namespace, str]:  # fmt: skip
+) -> tuple[argparse.Namespace, str]:
     """Return the options with the pacing that this machine holds, and what there is to say."""
     pacing, rate_hz = options.pacing or rig.config.pacing, rig.config.rate_hz
     if pacing == "lockstep":

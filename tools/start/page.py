@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from pcpc.tools.terminal.rooms import part_of, there
+from pcpc.tools.terminal.rooms import is_installed, part_of
 
 SAID = "page: "  # before its address
 _ROOM = "live/host"
@@ -18,9 +18,11 @@ class NoPage:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
         place: TracebackType | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.end()
 
     def start(self) -> None:
@@ -39,7 +41,7 @@ class NoPage:
 
 def page_of(options: argparse.Namespace, node: str) -> NoPage:
     """Return the page of a run whose leading node is `node`; UserError."""
-    if not there(_ROOM):
+    if not is_installed(_ROOM):
         return NoPage()
     page: Any = part_of(_ROOM, "beside").Page(options, node)
     assert isinstance(page, NoPage)

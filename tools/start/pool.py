@@ -50,9 +50,12 @@ def workers(jobs: int | None, most: int | None = None) -> Iterator[ProcessPoolEx
 
 
 def each(
-    function: Callable[[Item], Result], items: Sequence[Item], progress: Progress,
-    jobs: int | None = None, runs: Callable[[Item], int] = lambda item: 1,
-) -> list[Result]:  # fmt: skip
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    progress: Progress,
+    jobs: int | None = None,
+    runs: Callable[[Item], int] = lambda item: 1,
+) -> list[Result]:
     """Call `function` with every item on `jobs` processes; results in the order of the items.
 
     `runs`: how many of them an item stands for, of which the progress tells.

@@ -27,7 +27,7 @@ _RIG = re.compile(r"^rig:\s*([a-z0-9._-]+)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class Shipped:
+class ShippedRig:
     """A rig that comes with pcpc, and the names by which it is found."""
 
     plant: str
@@ -41,12 +41,12 @@ class Shipped:
         return own | {f"{self.plant}/{name}" for name in own}
 
 
-def shipped() -> Iterator[Shipped]:
+def shipped_rigs() -> Iterator[ShippedRig]:
     """Yield the rigs beside the package that run by themselves, by plant and name."""
     for folder in sorted(path.parent for path in _PLANTS.glob("*/rig.yaml")):
         for path in (folder / "rig.yaml", *sorted(folder.glob("rigs/*.yaml"))):
             if found := _RIG.search(path.read_text(encoding="utf-8")):
-                yield Shipped(folder.name, found[1], path)
+                yield ShippedRig(folder.name, found[1], path)
 
 
 def find(text: str) -> str:
@@ -58,7 +58,7 @@ def find(text: str) -> str:
         return str(path / "rig.yaml")
     if path.exists() and not path.is_dir():
         return text
-    known = list(shipped())
+    known = list(shipped_rigs())
     found = [rig for rig in known if text in rig.names]
     if len(found) == 1:
         return yamlfile.shown(found[0].path)
@@ -76,9 +76,9 @@ def find(text: str) -> str:
     raise RigError(f"{text}: {what}{did_you_mean(text, names)}; `pcpc rigs` lists all")
 
 
-def named(file: str | Path) -> str:
+def shell_name(file: str | Path) -> str:
     """Return what a shell takes for a rig file: the name of a shipped one, else the path."""
-    own = (rig.name for rig in shipped() if rig.path == Path(file))
+    own = (rig.name for rig in shipped_rigs() if rig.path == Path(file))
     return shlex.quote(next(own, yamlfile.shown(Path(file))))
 
 
@@ -93,7 +93,7 @@ def _running(text: str) -> Path | None:
 
 def command(options: argparse.Namespace) -> int:
     """List the rigs, or those whose name or plant matches."""
-    known = list(shipped())
+    known = list(shipped_rigs())
     chosen = [rig for rig in known if _matches(rig, options.names)]
     if not chosen:
         words = " ".join(options.names)
@@ -107,7 +107,7 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def _matches(rig: Shipped, words: list[str]) -> bool:
+def _matches(rig: ShippedRig, words: list[str]) -> bool:
     names = (*rig.names, rig.plant)
     return not words or any(fnmatchcase(name, word) for word in words for name in names)
 
@@ -117,7 +117,7 @@ def data_of(file: str | Path) -> dict[str, Any]:
     return dict(yamlfile.load(Path(file)).data)
 
 
-def _about(rig: Shipped) -> dict[str, Any]:
+def _about(rig: ShippedRig) -> dict[str, Any]:
     data = data_of(rig.path)
     return {
         "plant": rig.plant, "name": rig.name, "title": data.get("title", ""),

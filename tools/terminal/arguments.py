@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import UserError
-from pcpc.executive.durations import duration_s
+from pcpc.executive.durations import duration_ns, duration_s
 from pcpc.tools.terminal.command import Add
-from pcpc.tools.terminal.rooms import offered
+from pcpc.tools.terminal.rooms import offers
 
 MOST_SEED = 2**53  # which a float holds, as JSON and logs have numbers
 BUSES = "auto, vcan0, udp_multicast[:GROUP[:PORT]], any python-can one"
@@ -37,8 +37,12 @@ def rig(add: Add) -> None:
         help="name of a rig (pcpc rigs), its file or folder; a run that goes on",
     )
     add("--controller", metavar="NAME", help="controller, instead of the rig's")
-    add("--standby", action=_Standby, metavar="NAME[,NAME]",
-        help="other controllers of the rig, which can take over")  # fmt: skip
+    add(
+        "--standby",
+        action=_Standby,
+        metavar="NAME[,NAME]",
+        help="other controllers of the rig, which can take over",
+    )
     settings(
         add, "any value of the rig or a block, as controller.kv_Nms_rad=130; @FILE: of pcpc save"
     )
@@ -59,11 +63,14 @@ class _Standby(argparse.Action):
 def run(add: Add) -> None:
     """Take a rig, and how it runs on a bus."""
     rig(add)
-    add("--pacing", choices=("real", "sync", "lockstep"),
-        help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock")  # fmt: skip
+    add(
+        "--pacing",
+        choices=("real", "sync", "lockstep"),
+        help="real: own clocks; sync: the plant follows SYNC; lockstep: no clock",
+    )
     add("--bus", metavar="INTERFACE[:CHANNEL]", help=BUSES)
     run_folder(add)
-    for more in offered("BESIDE_RUN"):
+    for more in offers("BESIDE_RUN"):
         more(add)
 
 
@@ -96,10 +103,19 @@ def _file(option: str) -> Callable[[str], str]:
 
 def code_of_laws(add: Add) -> None:
     """Take whose code of a log may run."""
-    add("--trust", action="store_true",
-        help="run the Python that stands in the log: its laws, its evaluation")  # fmt: skip
-    add("--law", action="append", default=[], metavar="FILE", type=_file("--law"),
-        help="a law, an evaluation or a file one reads, of a run whose files moved")  # fmt: skip
+    add(
+        "--trust",
+        action="store_true",
+        help="run the Python that stands in the log: its laws, its evaluation",
+    )
+    add(
+        "--law",
+        action="append",
+        default=[],
+        metavar="FILE",
+        type=_file("--law"),
+        help="a law, an evaluation or a file one reads, of a run whose files moved",
+    )
     add("--rig", metavar="RIG", help="the rig file beside which they lie now")
     add(
         "--fmu",
@@ -117,6 +133,18 @@ def duration(text: str) -> float:
         return duration_s(text, unit="")
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def seconds(option: str, zero: bool = False) -> Callable[[str], float]:
+    """Return what makes seconds of a duration that `option` gives; UserError."""
+
+    def from_text(text: str) -> float:
+        try:
+            return float(duration_ns(text, zero=zero) / 10**9)
+        except ValueError as error:
+            raise UserError(f"{option} {error}") from None
+
+    return from_text
 
 
 def seed(text: str) -> int:

@@ -7,16 +7,16 @@ from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.terminal import screen
-from pcpc.tools.terminal.given import note_options
+from pcpc.tools.terminal.option_notes import note_options
 
 Add = Callable[..., argparse.Action]  # add_argument of a command's parser
 Attach = Callable[[str, argparse.Action], None]
 
-SIMPLE = {Exit.OK: "", Exit.WRONG_INPUT: ""}
-ASKING = {**SIMPLE, Exit.ENVIRONMENT: "no such node, or no answer", Exit.INTERRUPTED: ""}
-READING = {**SIMPLE, Exit.LOSS: "the log is damaged", Exit.INTERRUPTED: ""}
-WRITING = {
-    **SIMPLE, Exit.LOSS: "a log is damaged, what is readable was written",
+BASIC_CODES = {Exit.OK: "", Exit.WRONG_INPUT: ""}
+NODE_CODES = {**BASIC_CODES, Exit.ENVIRONMENT: "no such node, or no answer", Exit.INTERRUPTED: ""}
+LOG_CODES = {**BASIC_CODES, Exit.LOSS: "the log is damaged", Exit.INTERRUPTED: ""}
+OUTPUT_CODES = {
+    **BASIC_CODES, Exit.LOSS: "a log is damaged, what is readable was written",
     Exit.ENVIRONMENT: "cannot be written, or a package is missing", Exit.INTERRUPTED: "",
 }  # fmt: skip
 
@@ -25,7 +25,7 @@ PLACES = {"DIR": "a folder", "FILE": "a file", "OUT": "a file", "LOG": "a log", 
           "B": "a log"}  # fmt: skip
 
 
-def nothing(add: Add) -> None:
+def no_arguments(add: Add) -> None:
     """Take no arguments."""
 
 
@@ -39,7 +39,7 @@ class Command:
     name: str
     help: str  # one line
     example: str  # command lines to copy
-    arguments: Callable[[Add], None] = nothing
+    arguments: Callable[[Add], None] = no_arguments
     module: str = ""  # below pcpc.tools
     codes: Mapping[Exit, str] | None = None  # with words of its own, "" for the usual; None: all
     notes: str = ""  # in its help, above the exit codes
@@ -57,10 +57,14 @@ class Command:
     ) -> None:
         """Register it; `attach` gives its arguments the words that a shell can complete."""
         parser = commands.add_parser(
-            self.name, help=self.help, description=self.help, epilog=self._epilog(),
-            formatter_class=screen.Help, conflict_handler="resolve" if self.own_h else "error",
+            self.name,
+            help=self.help,
+            description=self.help,
+            epilog=self._epilog(),
+            formatter_class=screen.Help,
+            conflict_handler="resolve" if self.own_h else "error",
             usage=f"%(prog)s [options] -- {self.rest}" if self.rest else None,
-        )  # fmt: skip
+        )
         parser.set_defaults(registered=self)
         note_options(parser)
 

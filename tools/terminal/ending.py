@@ -66,7 +66,7 @@ class Output:
         self._try(self._stream.flush, None)
 
     def _fit(self, text: str) -> str:
-        return text if self.obeyed else screen.own(text)
+        return text if self.obeyed else screen.without_foreign_codes(text)
 
     def _try(self, action: Callable[[], Any], otherwise: Any) -> Any:
         try:
@@ -80,7 +80,7 @@ class Output:
             return otherwise
 
 
-def ended(command: Callable[[], int], *, goes_on: bool, last: bool = False) -> int:
+def exit_code(command: Callable[[], int], *, goes_on: bool, last: bool = False) -> int:
     """Run `command` and return its exit code, or that of the table above.
 
     `goes_on`: it has a verdict, which does not depend on whether somebody reads its words.
@@ -109,7 +109,7 @@ def ended(command: Callable[[], int], *, goes_on: bool, last: bool = False) -> i
     return code
 
 
-def said(error: OSError) -> str:
+def refusal_text(error: OSError) -> str:
     """Return what the machine refused, and for which file, in one line."""
     reason = error.strerror or str(error) or type(error).__name__
     files = [os.fsdecode(name) for name in (error.filename, error.filename2) if name is not None]
@@ -148,7 +148,7 @@ def _attempt(command: Callable[[], int], out: Output, err: Output) -> int:
     except OSError as error:
         if error is out.error:
             return Exit.OK
-        err.say(said(error))
+        err.say(refusal_text(error))
         return code_of(error)
     except MemoryError:
         err.say("out of memory; end other programs, or give this one more")

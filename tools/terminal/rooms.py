@@ -20,17 +20,17 @@ _DEPTHS = ("*", "*/*", "*/*/*")  # groups, rooms in them, rooms in those
 
 
 @cache
-def having(part: str) -> list[str]:
+def rooms_with(part: str) -> list[str]:
     """Return the rooms that have a file `part`.py, by their folders below tools/."""
     files = [file for depth in _DEPTHS for file in _TOOLS.glob(f"{depth}/{part}.py")]
     return sorted(file.parent.relative_to(_TOOLS).as_posix() for file in files)
 
 
-def offered(name: str) -> list[Any]:
+def offers(name: str) -> list[Any]:
     """Return what the commands.py of rooms offer under `name`, in the order of their folders."""
     modules = [
         import_module(f"pcpc.tools.{room.replace('/', '.')}.commands")
-        for room in having("commands")
+        for room in rooms_with("commands")
         if room != "cli"
     ]
     return [getattr(module, name) for module in modules if hasattr(module, name)]
@@ -38,7 +38,7 @@ def offered(name: str) -> list[Any]:
 
 def parts_called(name: str) -> list[ModuleType]:
     """Import the file `name`.py of each room that has one."""
-    return [part_of(room, name) for room in having(name)]
+    return [part_of(room, name) for room in rooms_with(name)]
 
 
 def part_of(room: str, part: str) -> ModuleType:
@@ -49,10 +49,10 @@ def part_of(room: str, part: str) -> ModuleType:
 
 def need_room(place: str, room: str = "") -> None:
     """Raise UserError where a room, or the part of one at `place`, was taken out."""
-    if not there(place):
+    if not is_installed(place):
         raise UserError(f"{room or place}: not in this installation of pcpc", Exit.ENVIRONMENT)
 
 
-def there(room: str) -> bool:
+def is_installed(room: str) -> bool:
     """Return whether a room is in this installation, not only what was compiled of it once."""
     return any((_TOOLS / file).is_file() for file in (f"{room}/__init__.py", f"{room}.py"))

@@ -28,9 +28,12 @@ class Help(argparse.RawDescriptionHelpFormatter):
         for line in text.splitlines():
             blanks = " " * (len(line) - len(line.lstrip()) + 2)
             lines += textwrap.wrap(
-                line, width, initial_indent=indent, subsequent_indent=indent + blanks,
+                line,
+                width,
+                initial_indent=indent,
+                subsequent_indent=indent + blanks,
                 break_on_hyphens=False,
-            ) or [""]  # fmt: skip
+            ) or [""]
         return "\n".join(lines)
 
 
@@ -39,7 +42,7 @@ def clean(text: str) -> str:
     return _CONTROL.sub(_spelt, text)
 
 
-def own(text: str) -> str:
+def without_foreign_codes(text: str) -> str:
     """Return `text` in which only the few codes of this program itself are left."""
     return _OWN.sub(lambda found: found[1] or _spelt(found), text)
 

@@ -10,7 +10,7 @@ from pcpc.tools.after.compare.comparison import Comparison
 from pcpc.tools.after.compare.overlay import How
 from pcpc.tools.after.compare.recorded import compared
 from pcpc.tools.terminal.extras import FIGURE, need
-from pcpc.tools.terminal.given import refuse
+from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.outfile import new_file
 from pcpc.tools.terminal.progress import Progress
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import READING, WRITING, Add, Command
+from pcpc.tools.terminal.command import LOG_CODES, OUTPUT_CODES, Add, Command
 
 
 def info(add: Add) -> None:
@@ -120,7 +120,7 @@ _PARTS = (
         "pcpc log info latest",
         info,
         module="after.log.info",
-        codes=READING,
+        codes=LOG_CODES,
     ),
     Command(
         "cat",
@@ -128,7 +128,7 @@ _PARTS = (
         "pcpc log cat latest --topics /can/frames --end 500ms",
         cat,
         module="after.log.cat",
-        codes=READING,
+        codes=LOG_CODES,
     ),
     Command(
         "diff",
@@ -164,7 +164,7 @@ _PARTS = (
         "pcpc log export latest -o frames.blf",
         export,
         module="after.log.export",
-        codes=WRITING,
+        codes=OUTPUT_CODES,
     ),
     Command(
         "import",
@@ -172,7 +172,7 @@ _PARTS = (
         "pcpc log import drive.blf --dbc car.dbc -o drive.mcap",
         import_,
         module="after.log.importer",
-        codes=WRITING,
+        codes=OUTPUT_CODES,
     ),
     Command(
         "require",
@@ -194,7 +194,7 @@ _PARTS = (
         "pcpc log plot runs/A runs/B controller.e_rad 'barrel.*' -o e.png",
         plot,
         module="after.log.plot",
-        codes=WRITING,
+        codes=OUTPUT_CODES,
     ),
     Command(
         "animate",
@@ -203,7 +203,7 @@ _PARTS = (
         "pcpc log animate latest --start 0.4s --end 1.6s --speed 0.2 -o slew.gif",
         animate,
         module="after.log.animate",
-        codes=WRITING,
+        codes=OUTPUT_CODES,
     ),
 )
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import WRITING, Add, Command
+from pcpc.tools.terminal.command import OUTPUT_CODES, Add, Command
 
 
 def report(add: Add) -> None:
@@ -23,7 +23,7 @@ COMMANDS = (
         report,
         reads_logs=True,
         module="after.report.cli",
-        codes=WRITING,
+        codes=OUTPUT_CODES,
         first=True,
     ),
 )

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import SIMPLE, Add, Command
+from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 
 _SUITES = {  # by their modules, one of which may go with what it measures
     "steps": "one step of controllers and plant against C at -O2",
@@ -39,7 +39,7 @@ COMMANDS = (
         "measure ratios against C and others, interleaved in one run",
         "pcpc bench steps --json steps.json",
         bench,
-        codes={**SIMPLE, Exit.ENVIRONMENT: "a yardstick is missing", Exit.INTERRUPTED: ""},
+        codes={**BASIC_CODES, Exit.ENVIRONMENT: "a yardstick is missing", Exit.INTERRUPTED: ""},
         notes="suites:\n" + "\n".join(f"  {name:9}{text}" for name, text in SUITES.items()),
         compiles=True,
         module="dev.bench.cli",

@@ -28,7 +28,7 @@ from pcpc.tools.after.log import frames as play_frames
 from pcpc.tools.after.log.frames import Frames
 from pcpc.tools.cli import parsed
 from pcpc.tools.machine.jitter.compiler import compile_to
-from pcpc.tools.terminal.ending import ended
+from pcpc.tools.terminal.ending import exit_code
 from pcpc.tools.terminal.progress import Progress
 
 SOURCE = Path(__file__).with_name("play.c")
@@ -126,4 +126,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(ended(main, goes_on=False))
+    sys.exit(exit_code(main, goes_on=False))

@@ -13,11 +13,18 @@ from pcpc.executive.loop.supervisor import FAULT
 from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes.live import Live
 from pcpc.tools.live import tunings
-from pcpc.tools.live.host import asked
+from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.host.recordings import Recordings
 from pcpc.tools.live.host.sources import Source, full
 
 _NOTHING = "no run is shown: where several go on choose one, else `pcpc run RIG` starts one"
+_WORDS = {
+    "stop": {"supervisor.stop": 1.0},
+    "quick_stop": {"supervisor.stop": 2.0},
+    "forget_timing": {"timing.reset": 1.0},
+}
+_OPERATIONS = {"arm": operating.arm, "hold": operating.hold}
+_LEVELS = {"lock": "tune", "unlock": "none"}
 
 
 class Actions:
@@ -37,30 +44,33 @@ class Actions:
         nodes = self._source().nodes.values() if self._source().live else ()
         return sum(len(tunings.states(node.live)) - 1 for node in nodes)
 
-    def do(self, wanted: asked.Acting) -> dict[str, Any]:
+    def do(self, wanted: messages.Action) -> dict[str, Any]:
         """Carry one out; return what is told of it. UserError: refused, nothing has changed."""
-        if isinstance(wanted, asked.Act) and wanted.what == "clear":
+        if isinstance(wanted, messages.Act) and wanted.what == "clear":
             return self._clear(self._source())
         if not self.write:
             raise UserError("this page only shows; start `pcpc host` with --write")
         source = self._source()
         if not source.live or not source.nodes:
             raise UserError(_NOTHING)
-        if isinstance(wanted, asked.Snapshot):
+        if isinstance(wanted, messages.Snapshot):
             return self.recordings.snapshot(source, wanted.last_s)
         with self._turn:
-            if isinstance(wanted, asked.Record):
-                return self.recordings.stop() if wanted.end else self.recordings.start(source)
-            if isinstance(wanted, asked.Set):
-                return self._set(source, wanted.values)
-            if isinstance(wanted, asked.Undo):
-                return self._undo(source)
-            if isinstance(wanted, asked.Handover):
-                live = self._executive(source)
-                return {"cycle": operating.hand_over(live, wanted.controller)}
-            if isinstance(wanted, asked.Fault):
-                return self._fault(source, wanted)
-            return self._act(source, wanted.what)
+            match wanted:
+                case messages.Record():
+                    return self.recordings.stop() if wanted.end else self.recordings.start(source)
+                case messages.Set():
+                    return self._set(source, wanted.values)
+                case messages.Undo():
+                    return self._undo(source)
+                case messages.Handover():
+                    executive = self._executive(source)
+                    return {"cycle": operating.hand_over(executive, wanted.controller)}
+                case messages.Fault():
+                    nodes = [node.live for node in source.nodes.values()]
+                    cycles = injecting.inject(nodes, wanted.name, wanted.for_s, end=wanted.end)
+                    return {"cycle": min(cycles.values())}
+            return {"cycle": self._act(source, wanted.what)}
 
     def _clear(self, source: Source) -> dict[str, Any]:
         """Forget the cycles that were, for all clients of this server; the log has them."""
@@ -70,49 +80,39 @@ class Actions:
         return {"cycle": last + 1}
 
     def _set(self, source: Source, values: Mapping[str, float]) -> dict[str, Any]:
-        live, changes = self._one_node(source, values)
-        cycle = live.tune(changes)
-        self._tuned = str(live.block.description["node"])
-        return {"cycle": cycle, "values": dict(values)}
-
-    def _one_node(
-        self, source: Source, values: Mapping[str, float]
-    ) -> tuple[Live, dict[str, float]]:
         places = {name: source.place(name) for name in values}
         roles = {role for role, _ in places.values()}
         if len(roles) != 1:
             raise UserError("of two nodes; set one node's at a time")
-        live: Live = source.nodes[roles.pop()].live
-        return live, {places[name][1]: value for name, value in values.items()}
+        (role,) = roles
+        cycle = source.nodes[role].live.tune({places[k][1]: v for k, v in values.items()})
+        self._tuned = role
+        return {"cycle": cycle, "values": dict(values)}
 
     def _undo(self, source: Source) -> dict[str, Any]:
         nodes = {role: node.live for role, node in source.nodes.items()}
         tuned = [role for role, live in nodes.items() if len(tunings.states(live)) > 1]
         role = self._tuned if self._tuned in tuned or not tuned else tuned[0]
         live = nodes[role if role in nodes else next(iter(nodes))]
-        changes = tunings.back(live)
+        changes = tunings.undo_changes(live)
         values = {full(role, name): value for name, value in changes.items()}
         return {"cycle": live.tune(changes), "values": values}
 
-    def _fault(self, source: Source, wanted: asked.Fault) -> dict[str, Any]:
-        nodes = [node.live for node in source.nodes.values()]
-        cycles = injecting.inject(nodes, wanted.name, wanted.for_s, end=wanted.end)
-        return {"cycle": min(cycles.values())}
-
-    def _act(self, source: Source, what: str) -> dict[str, Any]:
-        known: dict[str, Callable[[Source], int]] = {
-            "stop": lambda source: self._word(source, "supervisor.stop", 1.0),
-            "quick_stop": lambda source: self._word(source, "supervisor.stop", 2.0),
-            "arm": lambda source: operating.arm(self._executive(source)),
-            "hold": lambda source: operating.hold(self._executive(source)),
-            "reset": self._reset,
-            "forget_timing": lambda source: self._word(source, "timing.reset", 1.0),
-            "lock": lambda source: self._lock(source, "tune"),
-            "unlock": lambda source: self._lock(source, "none"),
-        }
-        if what not in known:
-            raise UserError(f"{what}: no such action; known: {', '.join(known)}")
-        return {"cycle": known[what](source)}
+    def _act(self, source: Source, what: str) -> int:
+        """Carry out one of the actions that have nothing but a name."""
+        if what in _WORDS:
+            first: Live = next(iter(source.nodes.values())).live
+            return first.tune(_WORDS[what])
+        if what in _LEVELS:
+            for node in source.nodes.values():
+                node.live.lock(_LEVELS[what])
+            return source.span()[1]
+        if what == "reset":
+            return self._reset(source)
+        if what in _OPERATIONS:
+            return _OPERATIONS[what](self._executive(source))
+        known = ", ".join((*_WORDS, *_OPERATIONS, "reset", *_LEVELS))
+        raise UserError(f"{what}: no such action; known: {known}")
 
     def _executive(self, source: Source) -> Live:
         if "executive" not in source.nodes:
@@ -120,21 +120,13 @@ class Actions:
         live: Live = source.nodes["executive"].live
         return live
 
-    def _word(self, source: Source, name: str, value: float) -> int:
-        live: Live = source.nodes[next(iter(source.nodes))].live
-        return live.tune({name: value})
-
     def _reset(self, source: Source) -> int:
         order = ("plant", "local", "executive")
         faulted = [
-            source.nodes[role].live for role in order
+            source.nodes[role].live
+            for role in order
             if role in source.nodes and source.nodes[role].live["supervisor.state"] == FAULT
-        ]  # fmt: skip
+        ]
         if not faulted:
             raise UserError("no node is in FAULT")
         return max(live.tune({"supervisor.reset": 1.0}) for live in faulted)
-
-    def _lock(self, source: Source, level: str) -> int:
-        for node in source.nodes.values():
-            node.live.lock(level)
-        return source.span()[1]

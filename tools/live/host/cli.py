@@ -18,7 +18,7 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes import live
 from pcpc.tools.after.log import source
 from pcpc.tools.after.log.recorded import LATEST, log_of
-from pcpc.tools.live.host.sources import Source, Watch, of_log
+from pcpc.tools.live.host.sources import FollowedRun, Source, of_log
 from pcpc.tools.live.remote import guard
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal.extras import need
@@ -47,18 +47,16 @@ def command(options: argparse.Namespace) -> int:
         return int(part_of("live/host/foxglove", "cli").layout(options))
     if getattr(options, "foxglove", None) is not None:
         foxglove = part_of("live/host/foxglove", "cli")
-        certificate = _certificate(options)
-        _check_address(options.address, certificate, options.plain)
-        shown = _shown(options.what, options.node)
-        return int(foxglove.command(options, shown, certificate))
+        certificate = certificate_of(options)
+        return int(foxglove.command(options, _source(options.what, options.node), certificate))
     check_packages()
-    door = opened(options)
-    shown = _shown(options.what, options.node)
+    door = open_door(options)
+    shown = _source(options.what, options.node)
     with suppress(KeyboardInterrupt):  # while the server is loaded; then it hears it by itself
         for part in ("uvicorn", "pcpc.tools.live.host.server"):
             import_module(part)  # who reads the address is answered at once, also under load
         print(door.url, flush=True)
-        print(_told(options, shown), file=sys.stderr, flush=True)
+        print(_summary(options, shown), file=sys.stderr, flush=True)
         serve(door, shown, options)
     return Exit.OK
 
@@ -68,30 +66,29 @@ def check_packages() -> None:
     need("the page needs", "web", *PACKAGES)
 
 
-def opened(options: argparse.Namespace) -> Door:
+def open_door(options: argparse.Namespace) -> Door:
     """Listen as `pcpc host` is told to; UserError."""
-    certificate = _certificate(options)
-    _check_address(options.address, certificate, options.plain)
+    certificate = certificate_of(options)
     for name in options.name:
         if not _HOST.fullmatch(name):
             raise UserError(f"--name {name!r}: no name of a machine; expected as rig.example.org")
     folder = options.recordings
     if folder and folder.exists() and not folder.is_dir():
         raise UserError(f"--recordings {folder}: is no folder")
-    line = _listening(options.address, options.port)
+    line = _listener(options.address, options.port)
     port = line.getsockname()[1]
     token = guard.token_of(os.environ, options.new_token)
-    local = guard.local(options.address)
+    local = guard.is_loopback(options.address)
     names = guard.names_of(
         {options.address, *(guard.LOOPBACK if local else ()), *options.name}, port
     )
     scheme = "https" if certificate else "http"
     name = options.name[0] if options.name else options.address
-    place = f"[{name}]" if ":" in name else name
-    return Door(line, f"{scheme}://{place}:{port}/#{token}", names, token, certificate)
+    url = f"{scheme}://{guard.place(name, port)}/#{token}"
+    return Door(line, url, names, token, certificate)
 
 
-def serve(door: Door, shown: Source | Watch, options: argparse.Namespace) -> None:
+def serve(door: Door, shown: Source | FollowedRun, options: argparse.Namespace) -> None:
     """Serve the page until this process is asked to end, or an error ends it, which is raised."""
     import uvicorn
 
@@ -117,35 +114,41 @@ def serve(door: Door, shown: Source | Watch, options: argparse.Namespace) -> Non
         raise server.failure
 
 
-def _told(options: argparse.Namespace, shown: Source | Watch) -> str:
+def _summary(options: argparse.Namespace, shown: Source | FollowedRun) -> str:
     what = "everything on it" if options.write else "it only shows; --write lets it tune"
     if isinstance(shown, Source):
         return f"{shown.rig}, a finished log; Ctrl-C ends"
     return f"shows {options.node or options.what or 'whatever rig runs'}; {what}; Ctrl-C ends"
 
 
-def _shown(what: str | None, node: str) -> Source | Watch:
+def _source(what: str | None, node: str) -> Source | FollowedRun:
     """Return what is to be shown: a log or run folder, a rig by name, or whatever runs."""
     if what is None:
-        return Watch(node=node)
+        return FollowedRun(node=node)
     path = Path(what)
-    if path.suffix == ".mcap" or what == LATEST or (path.is_dir() and not _is_rig(path)):
+    if (
+        path.suffix == ".mcap"
+        or what == LATEST
+        or (path.is_dir() and not (path / "rig.yaml").is_file())
+    ):
         return of_log(source.read(log_of(what), Progress()))
     going_on = bool(what and live.running(what))
-    return Watch(what if going_on else str(rigs.data_of(rigs.find(what))["rig"]), node)
+    return FollowedRun(what if going_on else str(rigs.data_of(rigs.find(what))["rig"]), node)
 
 
-def _is_rig(path: Path) -> bool:
-    return (path / "rig.yaml").is_file()
-
-
-def _certificate(options: argparse.Namespace) -> tuple[str, str] | None:
+def certificate_of(options: argparse.Namespace) -> tuple[str, str] | None:
+    """Return certificate and key, None without; UserError, also for an address that needs them."""
     if bool(options.tls_cert) != bool(options.tls_key):
         raise UserError("--tls-cert and --tls-key belong together")
     for path in filter(None, (options.tls_cert, options.tls_key)):
         if not Path(path).is_file():
             raise UserError(f"{path}: no such file")
     if not options.tls_cert:
+        if not guard.is_loopback(options.address) and not options.plain:
+            raise UserError(
+                f"--address {options.address}: who listens there reads the token and all data; "
+                "give --tls-cert and --tls-key, or --plain if that network is yours alone"
+            )
         return None
     try:
         ssl.create_default_context().load_cert_chain(options.tls_cert, options.tls_key)
@@ -155,15 +158,7 @@ def _certificate(options: argparse.Namespace) -> tuple[str, str] | None:
     return options.tls_cert, options.tls_key
 
 
-def _check_address(address: str, certificate: object, plain: bool) -> None:
-    if not guard.local(address) and certificate is None and not plain:
-        raise UserError(
-            f"--address {address}: who listens there reads the token and all data; give "
-            "--tls-cert and --tls-key, or --plain if that network is yours alone"
-        )
-
-
-def _listening(address: str, port: int | None) -> socket.socket:
+def _listener(address: str, port: int | None) -> socket.socket:
     """Return a socket at the port, or without one at the first free from guard.PORT on."""
     if port is not None and not 0 <= port <= 65535:
         raise UserError(f"--port {port}: not a port; expected 0..65535, 0 for a free one")

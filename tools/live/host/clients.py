@@ -18,12 +18,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.nodes.live import Live
-from pcpc.tools.live.host import asked, status, terminals
-from pcpc.tools.live.host.derived import MARK, Derived
-from pcpc.tools.live.host.drawn import layout
-from pcpc.tools.live.host.panels import Shown
+from pcpc.tools.live.host import client_messages as messages
+from pcpc.tools.live.host import status, terminals
+from pcpc.tools.live.host.curve_expression import MARK, CurveExpression
+from pcpc.tools.live.host.display import Display
+from pcpc.tools.live.host.panels import PanelState
+from pcpc.tools.live.host.plant_drawing import layout
 from pcpc.tools.live.host.sources import Source, complete
-from pcpc.tools.live.host.stage import Stage
 from pcpc.tools.live.host.terminals import Terminal
 from pcpc.tools.live.remote import guard
 
@@ -44,11 +45,11 @@ class Show(Protocol):
     most_clients: int
     clients: "set[Client]"
     strangers: list[asyncio.Timeout]  # of those that have not told the token yet, the first first
-    offered: list[dict[str, Any]]  # the runs that go on; anew when it changes
+    runs_under_way: list[dict[str, Any]]  # the runs that go on; anew when it changes
     tick: "asyncio.Future[None]"  # done when what the runs have recorded was taken; then the next
     ticks: int  # that were
 
-    def stage(self, run: str) -> Stage:
+    def display(self, run: str) -> Display:
         """Return what shows a run; "": whichever is alone."""
         ...
 
@@ -62,23 +63,23 @@ class Client:
 
     def __init__(self, socket: WebSocket, show: Show) -> None:
         self._socket, self._show = socket, show
-        self.stage = show.stage("")
-        self._offered: tuple[object, str] = (None, "")  # runs and which of them, as it was told
-        self._panels: dict[int, Shown] = {}
+        self.display = show.display("")
+        self._runs_sent: tuple[object, str] = (None, "")  # runs and which of them, as it was told
+        self._panels: dict[int, PanelState] = {}
         self._version, self._event = _NONE, 0
-        self._told: dict[str, float | None] = {}  # parameters
+        self._values_sent: dict[str, float | None] = {}  # parameters
         self._status_at = self._scene_at = 0  # the tick from which on they are sent again
         self._at: int | None = None  # the cycle of a log that is looked at
-        self._drawn = _NONE  # run and cycle of the scene that was sent
+        self._scene_sent = _NONE  # run and cycle of the scene that was sent
         self._lock = asyncio.Lock()
         self._since_s: float | None = None  # since when it does not take what is sent
-        self._ended: asyncio.Timeout | None = None
+        self._time_out: asyncio.Timeout | None = None
 
     async def serve(self) -> None:
         """Serve it until it leaves; whatever it does ends only itself."""
         await self._socket.accept()
         try:
-            kind = await self._greeted()
+            kind = await self._greet()
             if not kind:
                 return
             self._show.clients.add(self)
@@ -94,24 +95,24 @@ class Client:
         finally:
             self._show.clients.discard(self)
 
-    async def _greeted(self) -> str:
+    async def _greet(self) -> str:
         """Return the kind of client, "" where its first word is no token, or there is no room."""
         try:
-            async with self._a_stranger():
-                word = asked.read(await self._word())
-        except (asked.Wrong, TimeoutError):
+            async with self._stranger():
+                word = messages.read(await self._word())
+        except (messages.WrongMessage, TimeoutError):
             word = None
-        if not isinstance(word, asked.Hello) or not guard.same(word.token, self._show.token):
+        if not isinstance(word, messages.Hello) or not guard.is_token(word.token, self._show.token):
             await self._socket.close(guard.WRONG_TOKEN, "the token is missing or wrong")
             return ""
-        if len(self._show.clients) >= self._show.most_clients and not self._room():
+        if len(self._show.clients) >= self._show.most_clients and not self._make_room():
             await self._socket.close(guard.TOO_MANY, "there are too many clients")
             return ""
-        self.stage = self._show.stage(word.run)
+        self.display = self._show.display(word.run)
         return word.kind
 
     @asynccontextmanager
-    async def _a_stranger(self) -> AsyncIterator[None]:
+    async def _stranger(self) -> AsyncIterator[None]:
         """Give it HELLO_S; where there are many, the one that came first has to go."""
         strangers = self._show.strangers
         async with asyncio.timeout(HELLO_S) as limit:
@@ -124,15 +125,15 @@ class Client:
                 if limit in strangers:
                     strangers.remove(limit)
 
-    def _room(self) -> bool:
+    def _make_room(self) -> bool:
         """Cut off the client that is slowest; return whether there was a slow one."""
         now_s = asyncio.get_running_loop().time()
         since = {one: s for one in self._show.clients if (s := one._since_s) is not None}
         slowest = min(since, key=since.__getitem__, default=None)
-        if slowest is None or now_s - since[slowest] < SLOW_S or slowest._ended is None:
+        if slowest is None or now_s - since[slowest] < SLOW_S or slowest._time_out is None:
             return False
         self._show.clients.discard(slowest)
-        _end(slowest._ended)
+        _end(slowest._time_out)
         return True
 
     async def _word(self) -> str | bytes:
@@ -145,17 +146,17 @@ class Client:
         """Answer a terminal, until it leaves."""
         terminal = Terminal(self._show.nodes, self._show.write)
         flood = guard.Flood(terminals.RATE, terminals.BURST)
-        while (word := await self._next(flood, asked.read_terminal)) is not None:
+        while (word := await self._next(flood, messages.read_terminal)) is not None:
             found = await asyncio.to_thread(terminal.answer, word)
             send = self._socket.send_text if isinstance(found, str) else self._socket.send_bytes
-            await self._put(send(found))  # type: ignore[arg-type]
+            await self._send_in_time(send(found))  # type: ignore[arg-type]
 
     # Hearing
 
     async def _hear(self) -> None:
         flood = guard.Flood()
-        while (word := await self._next(flood, asked.read)) is not None:
-            await self._take(word)
+        while (word := await self._next(flood, messages.read)) is not None:
+            await self._carry_out(word)
 
     async def _next(self, flood: guard.Flood, read: Callable[[str | bytes], Any]) -> Any:
         """Return what is asked next; None where the client was cut off."""
@@ -165,12 +166,12 @@ class Client:
             return None
         try:
             return read(message)
-        except asked.Wrong as error:
+        except messages.WrongMessage as error:
             await self._socket.close(guard.BAD_MESSAGE, str(error)[:120])
             return None
 
-    async def _take(self, word: Any) -> None:
-        if isinstance(word, asked.Panel | asked.Phase):
+    async def _carry_out(self, word: Any) -> None:
+        if isinstance(word, messages.Panel | messages.Phase):
             places = []
             for name in word.names:
                 try:
@@ -181,31 +182,31 @@ class Client:
             if len(self._panels) >= MOST_PANELS and word.id not in self._panels:
                 await self._tell({"refused": word.id, "why": f"at most {MOST_PANELS} panels"})
                 return
-            self._panels[word.id] = Shown(word, places)
-        elif isinstance(word, asked.Drop):
+            self._panels[word.id] = PanelState(word, places)
+        elif isinstance(word, messages.Drop):
             self._panels.pop(word.id, None)
-        elif isinstance(word, asked.At):
-            self._at = round(word.t_s / self.stage.source.period_s)
-        elif isinstance(word, asked.Choose):
+        elif isinstance(word, messages.At):
+            self._at = round(word.t_s / self.display.source.period_s)
+        elif isinstance(word, messages.Choose):
             await self._tell({"done": word.id})
             self._choose(word.run)
-        elif isinstance(word, asked.Acting):
+        elif isinstance(word, messages.Action):
             try:
-                told = await asyncio.to_thread(self.stage.actions.do, word)
-                await self._tell({"done": word.id, "undoes": self.stage.actions.undoes, **told})
+                told = await asyncio.to_thread(self.display.actions.do, word)
+                await self._tell({"done": word.id, "undoes": self.display.actions.undoes, **told})
             except UserError as error:
                 await self._tell({"refused": word.id, "why": str(error)})
 
     def _choose(self, run: str) -> None:
         """Show another run from now on; it is told as one that is new."""
-        self.stage = self._show.stage(run)
+        self.display = self._show.display(run)
         self._panels.clear()
-        self._version, self._event, self._at, self._drawn = _NONE, 0, None, _NONE
+        self._version, self._event, self._at, self._scene_sent = _NONE, 0, None, _NONE
 
-    def _curve(self, name: str) -> tuple[str, str] | Derived:
+    def _curve(self, name: str) -> tuple[str, str] | CurveExpression:
         """Return what a curve is of; UserError."""
-        source = self.stage.source
-        return Derived(name, source) if name.startswith(MARK) else source.curve(name)
+        source = self.display.source
+        return CurveExpression(name, source) if name.startswith(MARK) else source.curve(name)
 
     # Sending
 
@@ -214,10 +215,10 @@ class Client:
         while True:
             ticks = self._show.ticks
             await self._new_run()
-            source = self.stage.source
+            source = self.display.source
             for shown in list(self._panels.values()):
                 if message := shown.message(source):
-                    await self._put(self._socket.send_bytes(message))
+                    await self._send_in_time(self._socket.send_bytes(message))
             if ticks >= self._scene_at:
                 self._scene_at = (ticks // SCENE_TICKS + 1) * SCENE_TICKS
                 await self._draw(source)
@@ -225,51 +226,51 @@ class Client:
                 self._status_at = (ticks // STATUS_TICKS + 1) * STATUS_TICKS
                 await self._tell_status()
             await self._offer()
-            for number, event in [e for e in self.stage.events if e[0] > self._event]:
+            for number, event in [e for e in self.display.events if e[0] > self._event]:
                 self._event = number
                 await self._tell({"event": event})
             await asyncio.shield(self._show.tick)
 
     async def _tell_status(self) -> None:
-        told, values = self.stage.status()
-        changed = {k: v for k, v in values.items() if self._told.get(k, math.inf) != v}
-        self._told = values
-        recording = self.stage.actions.recordings.state()
+        told, values = self.display.status()
+        changed = {k: v for k, v in values.items() if self._values_sent.get(k, math.inf) != v}
+        self._values_sent = values
+        recording = self.display.actions.recordings.state()
         await self._tell({"status": told | {"values": changed, "recording": recording}})
 
     async def _offer(self) -> None:
         """Tell which runs go on, and which of them is shown, where that has changed."""
-        offered = self._show.offered
-        if self._offered[0] is not offered or self._offered[1] != self.stage.run:
-            self._offered = offered, self.stage.run
-            await self._tell({"runs": offered, "shown": self.stage.run})
+        offered = self._show.runs_under_way
+        if self._runs_sent[0] is not offered or self._runs_sent[1] != self.display.run:
+            self._runs_sent = offered, self.display.run
+            await self._tell({"runs": offered, "shown": self.display.run})
 
     async def _draw(self, source: Source) -> None:
         """Send the plant as it is now, or at the instant of a log that is looked at."""
         first, last = source.span()
         last = complete(source) if source.live else last  # of all nodes
         cycle = last if self._at is None or source.live else max(first, min(last, self._at))
-        if cycle >= 0 and self._drawn != (source.number, cycle):
-            self._drawn = source.number, cycle
-            if scene := self.stage.scene(cycle):
-                await self._put(self._socket.send_text(scene))
+        if cycle >= 0 and self._scene_sent != (source.number, cycle):
+            self._scene_sent = source.number, cycle
+            if scene := self.display.scene(cycle):
+                await self._send_in_time(self._socket.send_text(scene))
 
     async def _new_run(self) -> None:
         """Tell of a run that is not the one before; its panels have to be asked for again."""
-        source = self.stage.source
+        source = self.display.source
         if self._version != source.version:
             self._version = source.version
             self._panels.clear()
-            self._told = {}
+            self._values_sent = {}
             first, last = source.span()
-            told = status.about(source, self.stage.actions.write) | {"layout": layout(source)}
+            told = status.about(source, self.display.actions.write) | {"layout": layout(source)}
             await self._tell({"about": told, "span": [first, last]})
 
     async def _tell(self, message: dict[str, Any]) -> None:
-        await self._put(self._socket.send_text(json.dumps(message, allow_nan=False)))
+        await self._send_in_time(self._socket.send_text(json.dumps(message, allow_nan=False)))
 
-    async def _put(self, sending: Any) -> None:
-        async with self._lock, asyncio.timeout(SILENT_S) as self._ended:
+    async def _send_in_time(self, sending: Any) -> None:
+        async with self._lock, asyncio.timeout(SILENT_S) as self._time_out:
             self._since_s = asyncio.get_running_loop().time()
             await sending
             self._since_s = None

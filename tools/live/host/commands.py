@@ -5,44 +5,63 @@ from pathlib import Path
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Add, Command
-from pcpc.tools.terminal.rooms import offered
+from pcpc.tools.terminal.rooms import offers
 
 
 def host(add: Add) -> None:
     """Take what is shown, to whom, and whether they may tune."""
-    add("what", nargs="?", metavar="RIG|RUN|LOG",
-        help="a rig whose run is shown, or a run folder, log or latest; what runs")  # fmt: skip
+    add(
+        "what",
+        nargs="?",
+        metavar="RIG|RUN|LOG",
+        help="a rig whose run is shown, or a run folder, log or latest; what runs",
+    )
     add("--node", default="", metavar="NAME", help="where several run: a node, by its full name")
-    add("--write", action="store_true", help="let the page tune, stop, reset, begin faults")
-    recordings(add)
-    add("--port", type=int, metavar="N", help="default: the first free from 8642 on")
-    add("--address", default="127.0.0.1", metavar="IP",
-        help="where it listens; %(default)s: for this machine only")  # fmt: skip
-    add("--name", action="append", default=[], metavar="HOST",
-        help="another name of this machine that browsers may use")  # fmt: skip
+    page(add)
+    add(
+        "--address",
+        default="127.0.0.1",
+        metavar="IP",
+        help="where it listens; %(default)s: for this machine only",
+    )
+    add(
+        "--name",
+        action="append",
+        default=[],
+        metavar="HOST",
+        help="another name of this machine that browsers may use",
+    )
     add("--tls-cert", metavar="FILE", help="certificate (PEM), and with")
     add("--tls-key", metavar="FILE", help="its key, what is sent is encrypted")
-    add("--plain", action="store_true",
-        help="other addresses without TLS: all on the way can read and tune")  # fmt: skip
+    add(
+        "--plain",
+        action="store_true",
+        help="other addresses without TLS: all on the way can read and tune",
+    )
     add("--new-token", action="store_true", help="pages opened before lose their right")
-    for more in offered("BESIDE_HOST"):
+    for more in offers("BESIDE_HOST"):
         more(add)
     take.code_of_laws(add)
 
 
 def beside(add: Add) -> None:
     """Take the page beside a run."""
-    add("--host", action="store_true",
-        help="a page beside the run, as of `pcpc host`; ends with it")  # fmt: skip
-    add("--write", action="store_true", help="--host: let the page tune, stop, reset, begin faults")
-    add("--port", type=int, metavar="N", help="--host: default: the first free from 8642 on")
-    recordings(add, "--host: ")
+    add(
+        "--host", action="store_true", help="a page beside the run, as of `pcpc host`; ends with it"
+    )
+    page(add, "--host: ")
 
 
-def recordings(add: Add, of: str = "") -> None:
-    """Take where a page records to, and how much; `of`: what else has to be given."""
-    add("--recordings", type=Path, metavar="DIR",
-        help=f"{of}where the page records to, and saves what was; default runs/host")  # fmt: skip
+def page(add: Add, of: str = "") -> None:
+    """Take what a page may do, where it listens and records to; `of`: what else must be given."""
+    add("--write", action="store_true", help=f"{of}let the page tune, stop, reset, begin faults")
+    add("--port", type=int, metavar="N", help=f"{of}default: the first free from 8642 on")
+    add(
+        "--recordings",
+        type=Path,
+        metavar="DIR",
+        help=f"{of}where the page records to, and saves what was; default runs/host",
+    )
     add(
         "--recordings-mb",
         type=take.positive,

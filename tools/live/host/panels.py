@@ -13,29 +13,29 @@ from typing import Any
 import numpy as np
 
 from pcpc.tools.live.history import Values, envelope
-from pcpc.tools.live.host import asked
-from pcpc.tools.live.host.derived import Derived
+from pcpc.tools.live.host import client_messages as messages
+from pcpc.tools.live.host.curve_expression import CurveExpression
 from pcpc.tools.live.host.sources import Source, complete
 
 BINS, WHOLE, PHASE = range(3)
 
 
 @dataclass
-class Shown:
+class PanelState:
     """A panel of a client, and up to which bin it has been sent."""
 
-    wanted: asked.Panel | asked.Phase
-    places: list[tuple[str, str] | Derived]  # node and variable, or what is calculated
+    wanted: messages.Panel | messages.Phase
+    places: list[tuple[str, str] | CurveExpression]  # node and variable, or what is calculated
     sent: int | None = None  # the first bin that may have been sent in part
     newest: int = -1
 
     def message(self, source: Source) -> bytes:
         """Return what is new, b"" for nothing."""
-        if isinstance(self.wanted, asked.Phase):
+        if isinstance(self.wanted, messages.Phase):
             return self._phase(self.wanted, source)
         return self._bins(self.wanted, source)
 
-    def _bins(self, wanted: asked.Panel, source: Source) -> bytes:
+    def _bins(self, wanted: messages.Panel, source: Source) -> bytes:
         """Return the bins since the first that may have been incomplete when it was sent."""
         begin, newest, done = _edges(source)
         period_s = source.period_s
@@ -73,9 +73,11 @@ class Shown:
         begin, last = first * width, (first + bins) * width - 1
         groups: dict[Any, list[int]] = {}
         for i, place in enumerate(self.places):
-            groups.setdefault(place if isinstance(place, Derived) else place[0], []).append(i)
+            groups.setdefault(place if isinstance(place, CurveExpression) else place[0], []).append(
+                i
+            )
         for of, mine in groups.items():
-            if isinstance(of, Derived):
+            if isinstance(of, CurveExpression):
                 cycle, values = of.part(source, begin, last)
             else:
                 names = [self.places[i][1] for i in mine]  # type: ignore[index]
@@ -83,7 +85,7 @@ class Shown:
             low[mine], high[mine] = envelope(cycle, values, first, bins, width)
         return low, high
 
-    def _phase(self, wanted: asked.Phase, source: Source) -> bytes:
+    def _phase(self, wanted: messages.Phase, source: Source) -> bytes:
         """Return the newest points of one variable over the other, at the cycles of both."""
         _, newest = source.span()
         if wanted.to_s is not None:
@@ -93,10 +95,11 @@ class Shown:
         self.newest = newest
         first = max(0, newest - round(wanted.window_s / source.period_s))
         (cycle_x, of_x), (cycle_y, of_y) = (
-            place.part(source, first, newest) if isinstance(place, Derived)
+            place.part(source, first, newest)
+            if isinstance(place, CurveExpression)
             else source.nodes[place[0]].part([place[1]], first, newest)
             for place in self.places
-        )  # fmt: skip
+        )
         both, at_x, at_y = np.intersect1d(cycle_x, cycle_y, True, True)
         every = slice(None, None, max(1, -(-len(both) // wanted.points)))
         xy = of_x[at_x, 0][every], of_y[at_y, 0][every]

@@ -14,7 +14,7 @@ WAIT_S = 5.0
 MOST = 96  # below the web server's own limit, from which on it answers 503
 
 
-class Prompt(H11Protocol):
+class TimedHttp(H11Protocol):
     """The HTTP protocol of the web server, with an end to each wait."""
 
     _timer: asyncio.TimerHandle | None = None
@@ -26,9 +26,10 @@ class Prompt(H11Protocol):
         super().connection_made(transport)
         self._wait()
         waiting = [
-            one for one in self.connections
-            if isinstance(one, Prompt) and not one.transport.is_closing()
-        ]  # fmt: skip
+            one
+            for one in self.connections
+            if isinstance(one, TimedHttp) and not one.transport.is_closing()
+        ]
         if len(waiting) > MOST:
             min(waiting, key=lambda one: one._since_s).transport.abort()
 

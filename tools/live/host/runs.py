@@ -39,7 +39,7 @@ class Runs:
             return {name: one for name, one in self._nodes.items() if one.running}
 
 
-def offered(found: Mapping[str, nodes.Live]) -> list[dict[str, Any]]:
+def run_list(found: Mapping[str, nodes.Live]) -> list[dict[str, Any]]:
     """Return the runs that nodes belong to: name, rig, when it began (s of Unix), states."""
     runs: dict[str, dict[str, Any]] = {}
     for name, live in sorted(found.items()):

@@ -18,12 +18,12 @@ from starlette.websockets import WebSocket
 
 from pcpc.executive.nodes.live import Live
 from pcpc.tools.live.host import runs
-from pcpc.tools.live.host.asked import MOST_BYTES
+from pcpc.tools.live.host.batched_socket import BatchedSocket
+from pcpc.tools.live.host.client_messages import MOST_BYTES
 from pcpc.tools.live.host.clients import SILENT_S, TICK_S, Client
-from pcpc.tools.live.host.gathering import Gathering
-from pcpc.tools.live.host.requests import WAIT_S, Prompt
-from pcpc.tools.live.host.sources import Source, Watch
-from pcpc.tools.live.host.stage import Stage
+from pcpc.tools.live.host.display import Display
+from pcpc.tools.live.host.requests import WAIT_S, TimedHttp
+from pcpc.tools.live.host.sources import FollowedRun, Source
 from pcpc.tools.live.remote import guard
 
 LOOK_S = 0.5  # how soon another run is seen
@@ -40,33 +40,35 @@ class Server:
 
     most_clients = 32
 
-    def __init__(self, source: Source | Watch, token: str, options: argparse.Namespace) -> None:
-        self._watch = source if isinstance(source, Watch) else None
+    def __init__(
+        self, source: Source | FollowedRun, token: str, options: argparse.Namespace
+    ) -> None:
+        self._watch = source if isinstance(source, FollowedRun) else None
         if self._watch is not None:
             self._watch.asks = True
         self.token, self.write, self._options = token, options.write, options
         self._files: list[Path] = []  # that were recorded
-        self._stages = {"": Stage(source, options, self._files)}
+        self._displays = {"": Display(source, options, self._files)}
         self._idle_s: dict[str, float] = {}  # since when nobody looks at one
         self.clients: set[Client] = set()
         self.strangers: list[asyncio.Timeout] = []
-        self.offered: list[dict[str, Any]] = []
+        self.runs_under_way: list[dict[str, Any]] = []
         self.tick: asyncio.Future[None]
         self.ticks = 0
         self.failure: BaseException | None = None
         self.at_failure: Callable[[], None] = lambda: None  # called once it can follow no more
 
-    def stage(self, run: str) -> Stage:
+    def display(self, run: str) -> Display:
         """Return what shows a run, which need not go on yet; "": whichever is alone."""
         if self._watch is None or not run:
-            return self._stages[""]
-        if run not in self._stages:
-            if len(self._stages) > self.most_clients:
+            return self._displays[""]
+        if run not in self._displays:
+            if len(self._displays) > self.most_clients:
                 self._let_go(time.monotonic(), 0.0)
-            watch = Watch(node=f"{run}.", runs=self._watch.runs)
-            self._stages[run] = Stage(watch, self._options, self._files)
-            self._stages[run].find()
-        return self._stages[run]
+            watch = FollowedRun(node=f"{run}.", runs=self._watch.runs)
+            self._displays[run] = Display(watch, self._options, self._files)
+            self._displays[run].find()
+        return self._displays[run]
 
     def nodes(self) -> Mapping[str, Live]:
         """Return all nodes that run and may be shown."""
@@ -90,8 +92,8 @@ class Server:
         following.add_done_callback(self._failed)
         yield
         following.cancel()
-        for stage in self._stages.values():
-            await asyncio.to_thread(stage.close)
+        for display in self._displays.values():
+            await asyncio.to_thread(display.close)
 
     def _failed(self, following: "asyncio.Task[None]") -> None:
         if not following.cancelled():
@@ -106,8 +108,8 @@ class Server:
             if self._watch is not None and loop.time() >= next_look_s:
                 next_look_s = loop.time() + LOOK_S
                 self._look(time.monotonic())
-            for stage in self._stages.values():
-                stage.poll()
+            for display in self._displays.values():
+                display.poll()
             self.ticks += 1
             done, self.tick = self.tick, loop.create_future()
             done.set_result(None)
@@ -116,22 +118,22 @@ class Server:
 
     def _look(self, now_s: float) -> None:
         """Look which runs there are."""
-        offered = runs.offered(self.nodes())
-        if offered != self.offered:
-            self.offered = offered
-        for stage in self._stages.values():
-            stage.find()
+        offered = runs.run_list(self.nodes())
+        if offered != self.runs_under_way:
+            self.runs_under_way = offered
+        for display in self._displays.values():
+            display.find()
         self._let_go(now_s, IDLE_S)
 
     def _let_go(self, now_s: float, idle_s: float) -> None:
-        """Let go the stages that nobody has looked at for so long."""
-        seen = {id(client.stage) for client in self.clients}
-        for name, stage in [*self._stages.items()]:
+        """Let go the displays that nobody has looked at for so long."""
+        seen = {id(client.display) for client in self.clients}
+        for name, display in [*self._displays.items()]:
             since_s = self._idle_s.setdefault(name, now_s)
-            if not name or id(stage) in seen or stage.records:
+            if not name or id(display) in seen or display.records:
                 self._idle_s[name] = now_s
             elif now_s >= since_s + idle_s:
-                del self._stages[name], self._idle_s[name]
+                del self._displays[name], self._idle_s[name]
 
 
 def _file(name: str) -> Any:
@@ -149,10 +151,23 @@ def config(app: Any, certificate: tuple[str, str] | None) -> uvicorn.Config:
     cert, key = certificate or (None, None)
     logging.getLogger("asyncio").setLevel(logging.ERROR)  # a client that is gone is no warning
     return uvicorn.Config(
-        app, http=Prompt, ws=Gathering, lifespan="on", log_level="critical",
-        access_log=False, ws_max_size=MOST_BYTES, ws_per_message_deflate=False,
-        limit_concurrency=256, timeout_keep_alive=int(WAIT_S), timeout_graceful_shutdown=2,
-        ws_ping_interval=WAIT_S, ws_ping_timeout=SILENT_S,
-        server_header=False, date_header=False, ssl_certfile=cert, ssl_keyfile=key,
-        proxy_headers=False, h11_max_incomplete_event_size=16 * 1024,
-    )  # fmt: skip
+        app,
+        http=TimedHttp,
+        ws=BatchedSocket,
+        lifespan="on",
+        log_level="critical",
+        access_log=False,
+        ws_max_size=MOST_BYTES,
+        ws_per_message_deflate=False,
+        limit_concurrency=256,
+        timeout_keep_alive=int(WAIT_S),
+        timeout_graceful_shutdown=2,
+        ws_ping_interval=WAIT_S,
+        ws_ping_timeout=SILENT_S,
+        server_header=False,
+        date_header=False,
+        ssl_certfile=cert,
+        ssl_keyfile=key,
+        proxy_headers=False,
+        h11_max_incomplete_event_size=16 * 1024,
+    )

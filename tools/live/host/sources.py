@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,23 +29,6 @@ KEPT_S, KEPT_BYTES = 120.0, 64 << 20  # of each node, whichever is less
 FRAMES_KEPT, EVENTS_KEPT = 1 << 19, 1 << 12  # 20 MB: 40 s of 13 frames a cycle at 1 kHz
 
 
-class Node(Protocol):
-    """A node of a run."""
-
-    role: str
-    period_s: float
-    variables: Mapping[str, nodes.Variable]
-    names: Sequence[str]  # those of its recorded variables
-
-    def part(self, names: Sequence[str], first: int, last: int) -> tuple[Cycles, Values]:
-        """Return the cycles `first` to `last` that are there, and values (n, names)."""
-        ...
-
-    def span(self) -> tuple[int, int]:
-        """Return the first and the last cycle that are there; (0, -1) for none."""
-        ...
-
-
 @dataclass(frozen=True)
 class Stretch:
     """Copies of some seconds of a node: its description, cycles, rows as its rings have them."""
@@ -57,7 +40,7 @@ class Stretch:
 
 
 class LiveNode:
-    """A running node, and its newest cycles, frames and events."""
+    """A running node, and its newest cycles, frames and events; `names`: what it records."""
 
     def __init__(self, live: nodes.Live) -> None:
         self.live, self.tap = live, Tap(live)
@@ -95,26 +78,30 @@ class LiveNode:
             first = (int(cycle[-1]) if len(cycle) else 0) - round(last_s / self.period_s) + 1
             new, history = slice(int(np.searchsorted(cycle, first)), None), self._history
             rows = Rows(
-                cycle[new].copy(), history.stamp_ns[new].copy(), history.values[new].copy(),
+                cycle[new].copy(),
+                history.stamp_ns[new].copy(),
+                history.values[new].copy(),
                 self._places,
-            )  # fmt: skip
+            )
             frames, events = self._frames.rows, self._events.rows
             return Stretch(
-                self.live.block.description, rows,
-                frames[frames[:, 2] >= first], events[events[:, 1] >= first],
-            )  # fmt: skip
+                self.live.block.description,
+                rows,
+                frames[frames[:, 2] >= first],
+                events[events[:, 1] >= first],
+            )
 
     def part(self, names: Sequence[str], first: int, last: int) -> tuple[Cycles, Values]:
-        """See Node."""
+        """Return the cycles `first` to `last` that are there, and values (n, names)."""
         return self._history.part([self._places[name] for name in names], first, last)
 
     def span(self) -> tuple[int, int]:
-        """See Node."""
+        """Return the first and the last cycle that are there; (0, -1) for none."""
         return _ends(self._history.cycle)
 
 
 class LoggedNode:
-    """A node as a log has it."""
+    """A node as a log has it, which looks like a running one."""
 
     def __init__(self, role: str, node: logs.Node, units: Mapping[str, nodes.Variable]) -> None:
         self.role, self._node, self.variables = role, node, units
@@ -124,13 +111,13 @@ class LoggedNode:
         self.names = [*self._columns]
 
     def part(self, names: Sequence[str], first: int, last: int) -> tuple[Cycles, Values]:
-        """See Node."""
+        """See LiveNode."""
         begin, end = np.searchsorted(self._node.cycle, (first, last + 1))
         columns = [self._columns[name][begin:end] for name in names]
         return self._node.cycle[begin:end], np.array(columns).T.reshape(end - begin, len(names))
 
     def span(self) -> tuple[int, int]:
-        """See Node."""
+        """See LiveNode."""
         return _ends(self._node.cycle)
 
 
@@ -221,7 +208,7 @@ def of_log(log: logs.Log) -> Source:
     return Source(str(rig), False, found, 1, log)
 
 
-class Watch:
+class FollowedRun:
     """A run of this user's rigs, or of one: found, followed, and kept after its end.
 
     `node`: the full name of one of its nodes, where several run; `runs`: nodes that were found
@@ -256,9 +243,10 @@ class Watch:
         having = {node.live.name for node in self.source.nodes.values()}
         run = run_of(min(having))
         late = [
-            live for name, live in self.runs.nodes().items()
+            live
+            for name, live in self.runs.nodes().items()
             if run_of(name) == run and name not in having
-        ]  # fmt: skip
+        ]
         self._take(late)
         return bool(late)
 

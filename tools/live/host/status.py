@@ -4,8 +4,8 @@ import math
 import time
 from typing import Any
 
-from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.faults import reason
 from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes.live import Live, Values
 from pcpc.executive.nodes.mailbox import LEVELS, level_of
@@ -24,11 +24,14 @@ _PERIODS = 8  # of the histogram: buckets to an octave
 
 def about(source: Source, write: bool) -> dict[str, Any]:
     """Return what does not change while a run is shown: its nodes and their variables."""
+    running = {role: node.live for role, node in source.nodes.items() if source.live}
+    faults = injecting.faults_of([*running.values()]) if running else []
     return {
         "rig": source.rig, "live": source.live, "run": source.number, "write": write,
         "period_s": source.period_s,
         "nodes": {role: _variables(node, role) for role, node in source.nodes.items()},
-        "faults": _faults(source), "laws": _laws(source),
+        "faults": [{"name": one.name, "about": one.about, "node": one.node} for one in faults],
+        "laws": operating.laws(running["executive"]) if "executive" in running else [],
     }  # fmt: skip
 
 
@@ -36,24 +39,16 @@ def _variables(node: Any, role: str) -> list[dict[str, Any]]:
     recorded = set(node.names)
     return [
         {
-            "name": full(role, name), "unit": one.unit, "help": one.help, "kind": one.kind,
-            "range": one.range and [_number(x) for x in one.range], "plot": name in recorded,
+            "name": full(role, name),
+            "unit": one.unit,
+            "help": one.help,
+            "kind": one.kind,
+            "range": one.range and [_number(x) for x in one.range],
+            "plot": name in recorded,
         }
         for name, one in node.variables.items()
         if name in recorded or one.range is not None
-    ]  # fmt: skip
-
-
-def _laws(source: Source) -> list[str]:
-    node = source.nodes.get("executive") if source.live else None
-    return [] if node is None else operating.laws(node.live)
-
-
-def _faults(source: Source) -> list[dict[str, Any]]:
-    if not source.live:
-        return []
-    found = injecting.faults_of([node.live for node in source.nodes.values()])
-    return [{"name": one.name, "about": one.about, "node": one.node} for one in found]
+    ]
 
 
 def _number(value: float) -> float | None:
@@ -77,12 +72,13 @@ class Status:
                 {"id": one.number, "name": one.name, "way": one.way}
                 | {"signals": {signal: _number(now[name]) for signal, name in one.signals.items()}}
                 | node.traffic.timed(one.number, one.way)
-                for one in node.traffic.known
+                for one in node.traffic.kinds
             ]
             values |= {
                 full(role, name): _number(now[name])
-                for name, one in node.variables.items() if one.range is not None
-            }  # fmt: skip
+                for name, one in node.variables.items()
+                if one.range is not None
+            }
         return {"nodes": nodes, "load": load(source.nodes)}, values
 
     def _node(self, key: tuple[int, str], live: Live, now: Values) -> dict[str, Any]:
@@ -91,7 +87,7 @@ class Status:
         state = str(about["state_names"][int(control[sh.STATE])])
         return {
             "state": state if live.running else "ended",
-            "fault": faults.reason(about, control) if control[sh.FAULT] else "",
+            "fault": reason(about, control) if control[sh.FAULT] else "",
             "cycle": now.cycle, "t_s": now.cycle * 1e-9 * live.period_ns,
             "rate_hz": self._rate(key, int(control[sh.PASSES])),
             "pacing": about["metadata"].get("pacing", ""),

@@ -11,7 +11,7 @@ from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes.live import Live, LiveError
-from pcpc.tools.live.host import asked
+from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.remote import fields
 
 RATE, BURST = 200.0, 400.0  # questions a second; at once
@@ -27,7 +27,7 @@ class Terminal:
         self._nodes, self._write = nodes, write
         self._held: dict[str, Live] = {}  # also after their end, for their last rows
 
-    def answer(self, word: asked.FromTerminal) -> str | bytes:
+    def answer(self, word: messages.FromTerminal) -> str | bytes:
         """Return the answer to a question, which repeats its id."""
         try:
             found = self._answer(word)
@@ -35,24 +35,25 @@ class Terminal:
             found = {"refused": word.id, "why": str(error), "code": int(error.code)}
         return found if isinstance(found, bytes) else json.dumps(found)
 
-    def _answer(self, word: asked.FromTerminal) -> dict[str, Any] | bytes:
-        if isinstance(word, asked.Nodes):
+    def _answer(self, word: messages.FromTerminal) -> dict[str, Any] | bytes:
+        if isinstance(word, messages.Nodes):
             handles = {f"{name}@{live.pid}": live for name, live in self._nodes().items()}
             self._hold(handles)
             return {"done": word.id, "version": fields.VERSION, "nodes": [*handles]}
         live = self._node(word.node)
-        if isinstance(word, asked.Describe):
-            return {"done": word.id, "about": live.block.description}
-        if isinstance(word, asked.Look):
-            return fields.look(word.id, live, word.fields)
-        if isinstance(word, asked.Rows):
-            try:
-                return fields.rows(word.id, live, word.ring, word.since, word.columns)
-            except IndexError:
-                raise LiveError(f"{word.ring}: no such column") from None
+        match word:
+            case messages.Describe():
+                return {"done": word.id, "about": live.block.description}
+            case messages.Look():
+                return fields.look(word.id, live, word.fields)
+            case messages.Rows():
+                try:
+                    return fields.rows(word.id, live, word.ring, word.since, word.columns)
+                except IndexError:
+                    raise LiveError(f"{word.ring}: no such column") from None
         if not self._write:
             raise UserError("this host only shows; start it with `pcpc host --write`")
-        if isinstance(word, asked.Tune):
+        if isinstance(word, messages.Tune):
             return {"done": word.id, "cycle": live.tune(word.values)}
         live.lock(word.level)
         return {"done": word.id}

@@ -20,7 +20,7 @@ _SPAN_NS = 3_000_000_000  # of which periods are, on the clock of the node
 
 
 @dataclass(frozen=True)
-class Known:
+class FrameKind:
     """A kind of frame that a node knows: `way` rx or tx, `signals` name -> variable."""
 
     number: int
@@ -29,7 +29,7 @@ class Known:
     signals: Mapping[str, str]
 
 
-def _known(live: Live) -> list[Known]:
+def _frame_kinds(live: Live) -> list[FrameKind]:
     """Return the kinds of frames that a node sends or receives."""
     found = []
     for word, name in live.block.description["frames"].items():
@@ -37,7 +37,7 @@ def _known(live: Live) -> list[Known]:
             start = f"{way}.{name}."
             own = {n.removeprefix(start): n for n in live.variables if n.startswith(start)}
             if own:
-                found.append(Known(int(word) & can_id.ID, name, way, own))
+                found.append(FrameKind(int(word) & can_id.ID, name, way, own))
     return found
 
 
@@ -45,7 +45,7 @@ class Traffic:
     """The frames of one node: `seen` and `sent`, by kind, in the last `over_s` seconds."""
 
     def __init__(self, live: Live) -> None:
-        self.known = _known(live)
+        self.kinds = _frame_kinds(live)
         self._live, self._new = live, list[NDArray[np.int64]]()
         self._lately = np.zeros((0, sh.FRAME_WORDS), np.int64)
         self._since_s, self._cycle = time.monotonic(), int(live.block["control"][sh.CYCLE])

@@ -40,10 +40,15 @@ HEADERS = {
 
 def names_of(addresses: Iterable[str], port: int) -> frozenset[str]:
     """Return what a Host header may say for a server at these addresses."""
-    return frozenset(f"{f'[{a}]' if ':' in a else a}:{port}" for a in addresses)
+    return frozenset(place(address, port) for address in addresses)
 
 
-def local(address: str) -> bool:
+def place(address: str, port: int) -> str:
+    """Return an address and a port as they stand in a URL."""
+    return f"[{address}]:{port}" if ":" in address else f"{address}:{port}"
+
+
+def is_loopback(address: str) -> bool:
     """Return whether only this machine reaches what listens there."""
     return address in LOOPBACK
 
@@ -117,9 +122,9 @@ class Flood:
         return self._left < 0.0
 
 
-def same(given: object, token: str) -> bool:
+def is_token(word: object, token: str) -> bool:
     """Return whether a client gave the token; how long that takes does not tell of it."""
-    return isinstance(given, str) and hmac.compare_digest(given.encode(), token.encode())
+    return isinstance(word, str) and hmac.compare_digest(word.encode(), token.encode())
 
 
 def token_of(environment: Mapping[str, str], anew: bool = False) -> str:

@@ -20,6 +20,16 @@ Answer = TypeVar("Answer")
 _ANSWER_S, _OPEN_S, _CLOSE_S = 15.0, 10.0, 1.0
 _MOST_BYTES = 64 << 20  # of one answer: what a node says about itself has its laws and tables
 _ENVIRONMENT = "PCPC_TOKEN"
+_ODD = (
+    ValueError,
+    KeyError,
+    TypeError,
+    IndexError,
+    OverflowError,
+    AttributeError,
+    RecursionError,
+    struct.error,
+)  # what reading an answer ends in that is none
 _OTHER = "does not answer as `pcpc host` does"
 
 
@@ -28,21 +38,26 @@ class Link:
 
     def __init__(self, options: argparse.Namespace) -> None:
         try:
-            from websockets.exceptions import InvalidHandshake, InvalidStatus
+            from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
             from websockets.sync.client import connect
         except ImportError:
             what = "--at needs websockets: pip install 'pcpc[web]'"
             raise UserError(what, Exit.ENVIRONMENT) from None
         host, port = _place(options.at)
-        self.at = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self.at = guard.place(host, port)
         token, context = token_of(options), _context(options, host)
         scheme = "ws" if context is None else "wss"
-        self._number = 0
+        self._number, self._closed = 0, ConnectionClosed
         try:
             self._line = connect(
-                f"{scheme}://{self.at}/ws", ssl=context, proxy=None, compression=None,
-                max_size=_MOST_BYTES, open_timeout=_OPEN_S, close_timeout=_CLOSE_S,
-            ).__enter__()  # fmt: skip
+                f"{scheme}://{self.at}/ws",
+                ssl=context,
+                proxy=None,
+                compression=None,
+                max_size=_MOST_BYTES,
+                open_timeout=_OPEN_S,
+                close_timeout=_CLOSE_S,
+            ).__enter__()
         except ssl.SSLError as error:
             raise self.error(
                 f"{_reason(error)}; --ca FILE takes a certificate of your own"
@@ -74,47 +89,37 @@ class Link:
             return found
         try:
             told = answers.clean(json.loads(found))
-            if "refused" in told:
-                why = " ".join(str(told["why"]).split())
-                refusal = LiveError(why, Exit(told["code"]))
-            else:
-                refusal = None
-        except (ValueError, KeyError, TypeError, RecursionError):
-            raise self.odd() from None
-        if refusal is not None:
-            raise refusal
-        return told
+            if "refused" not in told:
+                return told
+            refusal = LiveError(" ".join(str(told["why"]).split()), Exit(told["code"]))
+        except _ODD:
+            raise self.not_understood() from None
+        raise refusal
 
-    def take(self, read: Callable[[Any], Answer], what: str, **about: Any) -> Answer:
+    def answer(self, read: Callable[[Any], Answer], what: str, **about: Any) -> Answer:
         """Return what `read` makes of an answer; LiveError where it can make nothing of it."""
         found = self.ask(what, **about)
         try:
             return read(found)
-        except (ValueError, KeyError, TypeError, IndexError, OverflowError, AttributeError):
-            raise self.odd() from None
-        except (struct.error, RecursionError):
-            raise self.odd() from None
+        except _ODD:
+            raise self.not_understood() from None
 
-    def odd(self) -> LiveError:
+    def not_understood(self) -> LiveError:
         """Return an error about an answer that is none."""
         return self.error(f"{_OTHER}; what answers there?")
 
     def _send(self, message: dict[str, Any]) -> None:
-        from websockets.exceptions import ConnectionClosed
-
         try:
             self._line.send(json.dumps(message, allow_nan=False))
-        except (ConnectionClosed, OSError) as error:
+        except (self._closed, OSError) as error:
             raise self._lost(error) from None
 
     def _received(self) -> str | bytes:
-        from websockets.exceptions import ConnectionClosed
-
         try:
             return self._line.recv(timeout=_ANSWER_S)
         except TimeoutError:
             raise self.error(f"no answer for {_ANSWER_S:g} s") from None
-        except (ConnectionClosed, OSError) as error:
+        except (self._closed, OSError) as error:
             raise self._lost(error) from None
 
     def _lost(self, error: Exception) -> LiveError:
@@ -171,7 +176,7 @@ def _context(options: argparse.Namespace, host: str) -> ssl.SSLContext | None:
     """Return how TLS is spoken, None without; UserError."""
     if options.plain and options.ca is not None:
         raise UserError("--plain and --ca exclude each other")
-    if options.plain or (options.ca is None and guard.local(host)):
+    if options.plain or (options.ca is None and guard.is_loopback(host)):
         return None
     try:
         found = ssl.create_default_context(cafile=options.ca)

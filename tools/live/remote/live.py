@@ -62,7 +62,7 @@ class Mirror(sh.Shared):
             return alive, found
 
         about = {"node": self._handle, "fields": self._wanted}
-        self._alive, self._found = self._link.take(read, "look", **about)
+        self._alive, self._found = self._link.answer(read, "look", **about)
         self._until_s = time.monotonic() + FRESH_S
 
 
@@ -94,7 +94,7 @@ class Remote(Live):
                     raise ValueError("rows that there are not")
                 return answers.rows_of_width(rows, broad), first, newest
 
-            taken, first, newest = self._link.take(read, "rows", node=self._handle, **about)
+            taken, first, newest = self._link.answer(read, "rows", node=self._handle, **about)
             if not parts:
                 begin, at, end = first, first, min(newest, first + MOST_ROWS)
             if first != at or not len(taken):
@@ -109,7 +109,7 @@ class Remote(Live):
         self.check(changes)
         try:
             about = {"node": self._handle, "values": dict(changes)}
-            return self._link.take(lambda told: int(told["cycle"]), "tune", **about)
+            return self._link.answer(lambda told: int(told["cycle"]), "tune", **about)
         finally:
             self._mirror.forget()
 
@@ -124,7 +124,7 @@ class Remote(Live):
         return {"record": own, "frame": sh.FRAME_WORDS, "event": sh.EVENT_WORDS}[ring]
 
 
-class There:
+class RemoteNodes:
     """The nodes that run on the machine of a link; see `remote.nodes.Nodes`."""
 
     def __init__(self, link: Link) -> None:
@@ -133,7 +133,7 @@ class There:
 
     def running(self, rig: str = "") -> dict[str, Live]:
         """Return those whose loop runs, of all rigs or one, by name."""
-        version, handles = self._link.take(
+        version, handles = self._link.answer(
             lambda told: (told.get("version"), msgspec.convert(told.get("nodes"), list[str])),
             "nodes",
         )
@@ -141,7 +141,7 @@ class There:
             raise self._link.error("another version of pcpc runs there; take the same one")
         for handle in handles:
             if handle not in self._known:
-                about = self._link.take(answers.description_in, "describe", node=handle)
+                about = self._link.answer(answers.description_in, "describe", node=handle)
                 self._known[handle] = Remote(self._link, handle, about)
         found = {handle: self._known[handle] for handle in handles}
         return {one.name: one for one in found.values() if one.is_of(rig)}

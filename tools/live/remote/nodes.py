@@ -9,7 +9,7 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.nodes import live
 from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.tools.start import rigs
-from pcpc.tools.terminal.given import refuse
+from pcpc.tools.terminal.option_notes import refuse
 
 
 class Nodes(Protocol):
@@ -28,7 +28,7 @@ class Nodes(Protocol):
         ...
 
 
-class _Here:
+class _LocalNodes:
     """Those of this machine; the command keeps off the processors of their loops."""
 
     def running(self, rig: str = "") -> dict[str, Live]:
@@ -37,13 +37,13 @@ class _Here:
         return found
 
     def find(self, node: str = "executive", rig: str = "") -> Live:
-        return _beside(live.find(node, rig))
+        return _kept_off(live.find(node, rig))
 
     def find_for(self, words: Sequence[str]) -> Live:
-        return _beside(live.find_for(words))
+        return _kept_off(live.find_for(words))
 
 
-def _beside(one: Live) -> Live:
+def _kept_off(one: Live) -> Live:
     keep_off([one.pid])
     return one
 
@@ -52,13 +52,13 @@ def nodes_of(options: argparse.Namespace) -> Nodes:
     """Return where the nodes of a command are; UserError."""
     if getattr(options, "at", None) is None:
         refuse(options, "only with --at HOST:PORT", "token_file", "ca", "plain")
-        return _Here()
+        return _LocalNodes()
     from pcpc.tools.live.remote.link import Link
-    from pcpc.tools.live.remote.live import There
+    from pcpc.tools.live.remote.live import RemoteNodes
 
     if getattr(options, "link", None) is None:
         options.link = Link(options)
-    return There(options.link)
+    return RemoteNodes(options.link)
 
 
 def leader(there: Nodes, rig: str, node: str = "executive") -> Live:

@@ -12,13 +12,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.durations import duration_s
+from pcpc.drivers.errors import Exit
 from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.tools.live.remote.nodes import Nodes, leader, nodes_of, rig_of
 from pcpc.tools.live.top.meter import Meter
 from pcpc.tools.live.top.page import lines
-from pcpc.tools.terminal.given import refuse
+from pcpc.tools.terminal.option_notes import refuse
 
 if TYPE_CHECKING:
     from rich.live import Live as Screen
@@ -31,24 +30,20 @@ def command(options: argparse.Namespace) -> int:
     """Show runs until somebody has seen enough; return the exit code."""
     if options.once:
         refuse(options, "contradicts --once", "every")
-    try:
-        every_s = duration_s(options.every)
-    except ValueError as error:
-        raise UserError(f"--every {error}") from None
     there = nodes_of(options)
     rig = rig_of(options, there)
     if options.once:
-        meter = Meter(_nodes(there, rig, options.node) or _one(there, rig, options.node))
+        meter = Meter(_nodes(there, rig, options.node) or _leader(there, rig, options.node))
         time.sleep(_ONCE_S)
         meter.look()
         print("\n".join(lines(meter, *_size())))
         return Exit.OK
-    with _shown() as screen:
-        _watch(there, rig, options.node, every_s, screen)
+    with _screen() as screen:
+        _watch(there, rig, options.node, options.every, screen)
     return Exit.OK
 
 
-def _one(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
+def _leader(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
     """Return the node that is meant; LiveError with what runs instead."""
     live = leader(there, rig, node or "executive")
     return {live.name: live}
@@ -68,12 +63,12 @@ def _watch(
         if meter is None:
             page = [f"{ended}waiting for a run{f' of {rig}' if rig else ''}"]
         page = page if meter is None else []
-        if _asked(every_s, screen, meter, page, again=not page or page != shown):
+        if _show(every_s, screen, meter, page, again=not page or page != shown):
             return
         shown = page
 
 
-def _asked(
+def _show(
     every_s: float, screen: "Screen | None", meter: Meter | None, page: list[str], again: bool
 ) -> bool:
     """Show a page for a while; return whether somebody asked for the end.
@@ -134,7 +129,7 @@ def _key(within_s: float, terminal: bool) -> str:
 
 
 @contextmanager
-def _shown() -> "Iterator[Screen | None]":
+def _screen() -> "Iterator[Screen | None]":
     """Take the terminal, if there is one, and give it back as it was."""
     if not sys.stdout.isatty():
         yield None

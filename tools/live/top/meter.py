@@ -53,11 +53,14 @@ class NodeMeter:
         outputs = (name for name in recorded if live.variables[name].kind == "output")
         self.errors = [*dict.fromkeys([*watched, *(n for n in outputs if _ERROR.search(n))])]
         self.tap = Tap(live, names=self.errors)
-        self.worst, self.lately = dict.fromkeys(self.errors, 0.0), dict.fromkeys(self.errors, 0.0)
+        self.worst, self.interval_worst = (
+            dict.fromkeys(self.errors, 0.0),
+            dict.fromkeys(self.errors, 0.0),
+        )
         self.passes, self.rate_hz = int(live.block["control"][sh.PASSES]), 0.0
         self.received: dict[int, Counter[int]] = {}  # by id and state, of all looks
         self.seen = bus_load.Kinds()  # of the last one
-        self.came: Counter[int] = Counter()
+        self.arrivals: Counter[int] = Counter()
         self.now: Values = live.read()
 
     def look(self, over_s: float) -> None:
@@ -67,12 +70,12 @@ class NodeMeter:
         self.rate_hz, self.passes = (passes - self.passes) / over_s, passes
         rows = self.tap.rows()
         for name in self.errors if len(rows) else ():
-            self.lately[name] = float(np.max(np.abs(rows[name])))
-            self.worst[name] = max(self.worst[name], self.lately[name])
+            self.interval_worst[name] = float(np.max(np.abs(rows[name])))
+            self.worst[name] = max(self.worst[name], self.interval_worst[name])
         last = bus_load.Counted(self.tap.frames())
-        self.seen, self.came = last.seen, Counter()
+        self.seen, self.arrivals = last.seen, Counter()
         for number, states in last.received.items():
-            self.came[number] = states.total()
+            self.arrivals[number] = states.total()
             self.received.setdefault(number, Counter()).update(states)
 
     def fault(self) -> str:
@@ -90,7 +93,7 @@ class Meter:
         self._last_s, self.over_s = time.monotonic(), 0.0
         self.nodes.sort(key=lambda one: ("executive", "local", "plant").index(one.role))
         self.leader = self.nodes[0]
-        self.told: deque[str] = deque(maxlen=_ALARMS)
+        self.alarm_lines: deque[str] = deque(maxlen=_ALARMS)
 
     @property
     def running(self) -> bool:
@@ -103,19 +106,24 @@ class Meter:
         self.over_s, self._last_s = max(now_s - self._last_s, 1e-3), now_s
         for one in self.nodes:
             one.look(self.over_s)
-            self.told.extend(str(alarm) for alarm in one.alarms.look())
+            self.alarm_lines.extend(str(alarm) for alarm in one.alarms.look())
 
     def bits_per_s(self) -> float:
         """Return what the bus carried a second, at most."""
         return max(bus_load.on_buses({one.role: one.seen for one in self.nodes})) / self.over_s
 
     def frames(self) -> list[FrameRow]:
-        """Return the frames that came, those with something wrong first."""
+        """Return the frames that arrivals, those with something wrong first."""
         found = [
-            FrameRow(one.names.get(number & can_id.ID, f"{number & can_id.ID:X}"), one.role,
-                     one.came[number] / self.over_s, counts)
-            for one in self.nodes for number, counts in one.received.items()
-        ]  # fmt: skip
+            FrameRow(
+                one.names.get(number & can_id.ID, f"{number & can_id.ID:X}"),
+                one.role,
+                one.arrivals[number] / self.over_s,
+                counts,
+            )
+            for one in self.nodes
+            for number, counts in one.received.items()
+        ]
         return sorted(
             found, key=lambda row: (-sum(n for s, n in row.counts.items() if s), row.name)
         )

@@ -24,18 +24,18 @@ _STATES = {
 
 def lines(meter: Meter, columns: int, rows: int) -> list[str]:
     """Return at most `rows` lines of at most `columns` characters."""
-    top = [*_head(meter), "", *_nodes(meter), *_wrong(meter), "", _load(meter), ""]
+    top = [*_head(meter), "", *_nodes(meter), *_trouble(meter), "", _load(meter), ""]
     errors = [*_errors(meter), ""]
     frames, parameters = _frames(meter), _parameters(meter.leader)
     if len(top) + len(errors) + len(frames) + 1 + len(parameters) > rows:  # no room for blanks
         top, errors = [line for line in top if line], [line for line in errors if line]
     room = max(rows - len(top) - len(errors), 2 * (_LEAST + 1))
     own = min(len(frames), max(room - min(len(parameters), room - room // 3), _LEAST + 1))
-    shown = [*top, *_cut(frames, own), *errors, *_cut(parameters, room - own)]
+    shown = [*top, *_shortened(frames, own), *errors, *_shortened(parameters, room - own)]
     return [line[:columns].rstrip() for line in shown[:rows]]
 
 
-def _cut(found: Sequence[str], count: int) -> list[str]:
+def _shortened(found: Sequence[str], count: int) -> list[str]:
     if len(found) <= count:
         return list(found)
     return [*found[: count - 1], f"... {len(found) - count + 1} more"]
@@ -73,10 +73,10 @@ def _nodes(meter: Meter) -> list[str]:
     return found
 
 
-def _wrong(meter: Meter) -> list[str]:
+def _trouble(meter: Meter) -> list[str]:
     """Return faults, then the last alarms; a line that there are none."""
     found = [f"fault: {one.role}: {why}" for one in meter.nodes if (why := one.fault())]
-    return [*found, *meter.told] or ["no faults, no alarms"]
+    return [*found, *meter.alarm_lines] or ["no faults, no alarms"]
 
 
 def _load(meter: Meter) -> str:
@@ -100,7 +100,7 @@ def _errors(meter: Meter) -> list[str]:
     found = [f"{'error':40}{'now':>13}{'lately':>13}{'worst':>13}"]
     for one in meter.nodes:
         for name in one.errors[:2]:
-            numbers = (one.now[name], one.lately[name], one.worst[name])
+            numbers = (one.now[name], one.interval_worst[name], one.worst[name])
             told = "".join(f"{number:13.4g}" for number in numbers)
             named = f"{name} [{one.live.variables[name].unit}]"
             found.append(f"{named[:39]:40}{told}")

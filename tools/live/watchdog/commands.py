@@ -10,8 +10,11 @@ def watchdog(add: Add) -> None:
     take.rig(add)
     add("--bus", metavar="INTERFACE[:CHANNEL]", help=f"{take.BUSES}; the rig's run, if one goes on")
     add("--pacing", choices=("real", "sync", "lockstep"), help="of the run; the rig's")
-    add("--feed", metavar="FILE",
-        help="written as long as all is well: /dev/watchdog, a relay's heartbeat")  # fmt: skip
+    add(
+        "--feed",
+        metavar="FILE",
+        help="written as long as all is well: /dev/watchdog, a relay's heartbeat",
+    )
 
 
 COMMANDS = (

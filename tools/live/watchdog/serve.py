@@ -28,7 +28,7 @@ from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, WIRE
 from pcpc.executive.rig.buses import bus_wanted
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.tools.live.watchdog.watch import Watch
+from pcpc.tools.live.watchdog.frame_judge import FrameJudge
 
 PRIORITY = 65  # below the nodes, whom it must not delay, above all that is not real-time
 _LOOKS = 8  # in the time after which silence is noticed
@@ -38,7 +38,7 @@ _FRAMES = types.Array(types.uint8, 2, "C")
 
 
 @loop(i8(wire.END, _FRAMES))
-def _take(end: Any, frames: Any) -> Any:
+def _receive(end: Any, frames: Any) -> Any:
     """Take the frames that are there into `frames` (k, 16); return how many, -1: the bus failed."""
     count = np.int64(0)
     for _ in range(frames.shape[0]):
@@ -54,32 +54,32 @@ def _take(end: Any, frames: Any) -> Any:
 
 
 @loop(i8(wire.END))
-def _put(end: Any) -> Any:
+def _send(end: Any) -> Any:
     return np.int64(wire.put_frame(end))
 
 
 class _Bus:
     """The bus of a rig as the watch has it: what came, and the stop frame."""
 
-    def __init__(self, bus: buses.Bus, watch: Watch) -> None:
+    def __init__(self, bus: buses.Bus, watch: FrameJudge) -> None:
         self.end: Any = np.zeros(1, WIRE).view(np.recarray)[0]
-        self.came = np.zeros((_AT_ONCE, FRAME_BYTES), np.uint8)
+        self.frames = np.zeros((_AT_ONCE, FRAME_BYTES), np.uint8)
         buses.open_bus(bus, [row.frame.can_id for row in watch.rows], self.end)
         buses.know_own(self.end)
         self.name, frame = bus, watch.stop_frame
         self.end.tx[:4] = np.frombuffer(frame.word.to_bytes(4, "little"), np.uint8)
         self.end.tx[4], self.end.tx[8] = frame.dlc, 1
 
-    def take(self) -> NDArray[np.uint8]:
+    def receive(self) -> NDArray[np.uint8]:
         """Return the frames (k, 16) that have come; BusError."""
-        count = _take(self.end, self.came)
+        count = _receive(self.end, self.frames)
         if count < 0:
             raise BusError(f"{self.name}: the bus failed: {os.strerror(int(self.end.errno))}")
-        return self.came[:count]
+        return self.frames[:count]
 
     def stop(self) -> bool:
         """Send the stop frame; return whether the bus took it."""
-        return bool(_put(self.end))
+        return bool(_send(self.end))
 
 
 class _Feed:
@@ -102,8 +102,8 @@ class _Feed:
 
 
 def serve(rig: Rig, bus: buses.Bus, pacing: str, feed: str | None, ready: int = -1) -> int:
-    """Watch until SIGTERM or SIGINT; `ready`, a file, is closed once the bus is heard."""
-    watch = Watch(rig, clocked=pacing != "lockstep")
+    """FrameJudge until SIGTERM or SIGINT; `ready`, a file, is closed once the bus is heard."""
+    watch = FrameJudge(rig, clocked=pacing != "lockstep")
     on_bus, device = _Bus(bus, watch), _Feed(feed or watch.settings.feed)
     signals = {signal.SIGINT, signal.SIGTERM}
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
@@ -122,7 +122,7 @@ def serve(rig: Rig, bus: buses.Bus, pacing: str, feed: str | None, ready: int = 
         now_s = time.monotonic()
         watch.cycle += min(now_s - looked_s, 2.0 * tick_s) / period_s
         looked_s = now_s
-        watch.heard(on_bus.take())
+        watch.judge(on_bus.receive())
         troubles = dict(watch.troubles())
         if troubles:
             acted, sent = True, on_bus.stop()
@@ -140,7 +140,7 @@ def serve(rig: Rig, bus: buses.Bus, pacing: str, feed: str | None, ready: int = 
 
 
 def command(options: argparse.Namespace) -> int:
-    """Watch the runs of a rig from outside of them, until Ctrl-C."""
+    """FrameJudge the runs of a rig from outside of them, until Ctrl-C."""
     rig = load_rig(options.rig, options.controller, options.set)
     wanted = replace(bus_wanted(rig, (), options.bus), roles=("watchdog",), two=False)
     held = choice.take(wanted)

@@ -98,8 +98,10 @@ def python_row() -> Row:
 
 def packages_row() -> Row:
     """Import every package in a child: one that is broken must not break the doctor."""
-    lines = [f"try:\n import {m}\nexcept Exception as e:\n print({d!r}, e, sep=': ')"
-             for d, m in _IMPORTS.items()]  # fmt: skip
+    lines = [
+        f"try:\n import {m}\nexcept Exception as e:\n print({d!r}, e, sep=': ')"
+        for d, m in _IMPORTS.items()
+    ]
     done = subprocess.run(
         [sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, cwd=_PROJECT
     )

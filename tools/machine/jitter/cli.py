@@ -13,8 +13,7 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -37,7 +36,7 @@ def command(options: argparse.Namespace) -> int:
     """Measure."""
     progress = Progress(options.quiet)
     setup, rounds, names = parse(options)
-    with _interruptible(), tempfile.TemporaryDirectory(prefix="pcpc-jitter-") as folder:
+    with tempfile.TemporaryDirectory(prefix="pcpc-jitter-") as folder:
         result = measure(setup, rounds, names, Path(folder), progress)
     progress.close()
     return conclude(result, options)
@@ -128,7 +127,8 @@ def _round(result: Result, number: int, folder: Path, progress: Progress) -> boo
     at = f"round {number + 1} of {result.rounds},"
     with tempfile.TemporaryDirectory(dir=folder) as run_folder:
         found = probe.run(result.setup, Path(run_folder), progress, f"{at} pcpc:")
-    _take_signals()  # the host had them
+    for number in (signal.SIGINT, signal.SIGTERM):  # the host had them
+        signal.signal(number, signal.default_int_handler)
     result.probes.append(found)
     result.interrupted = found.interrupted
     for name, rounds in result.yardsticks.items():
@@ -138,23 +138,6 @@ def _round(result: Result, number: int, folder: Path, progress: Progress) -> boo
         rounds.append(loop)
         result.interrupted = loop.interrupted
     return not result.interrupted
-
-
-def _take_signals() -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """Make SIGINT and SIGTERM a KeyboardInterrupt in here."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    _take_signals()
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def conclude(result: Result, options: argparse.Namespace) -> int:

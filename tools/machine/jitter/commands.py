@@ -11,14 +11,27 @@ def jitter(add: Add) -> None:
     """Take what cyclictest takes, and yardsticks."""
     add("-i", "--interval", default="1000us", metavar="TIME", help="period; 1000us; 50us to 1s")
     add("-D", "--duration", default="10s", metavar="TIME", help="of all rounds of a loop; 10s")
-    add("-p", "--priority", type=int, default=80, metavar="1..99",
-        help="of SCHED_FIFO, where that is allowed; 80; the plant's is 10 less")  # fmt: skip
+    add(
+        "-p",
+        "--priority",
+        type=int,
+        default=80,
+        metavar="1..99",
+        help="of SCHED_FIFO, where that is allowed; 80; the plant's is 10 less",
+    )
     add("-h", "--histogram", type=int, metavar="US", help="cyclictest's histogram, up to US")
     take.quiet(add, "-q")
-    add("-a", "--affinity", metavar="CPU[,CPU]",
-        help="processors of executive and plant; other loops: the first one")  # fmt: skip
-    add("--bus", metavar="INTERFACE[:CHANNEL]",
-        help="auto, vcan0, udp_multicast[:GROUP[:PORT]]; one that nobody else uses")  # fmt: skip
+    add(
+        "-a",
+        "--affinity",
+        metavar="CPU[,CPU]",
+        help="processors of executive and plant; other loops: the first one",
+    )
+    add(
+        "--bus",
+        metavar="INTERFACE[:CHANNEL]",
+        help="auto, vcan0, udp_multicast[:GROUP[:PORT]]; one that nobody else uses",
+    )
     add("--against", metavar="NAME,...", help="compare with cyclictest, c, python")
     add("--rounds", type=int, metavar="N", help="parts of the duration; 5 with --against")
     add("--json", type=Path, metavar="FILE", help="write all figures there")

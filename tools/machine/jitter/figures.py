@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.tools.machine.jitter.loops import Loop, Setup
-from pcpc.tools.machine.jitter.probe import STAGES, Node, Probe, joined
+from pcpc.tools.machine.jitter.probe import STAGES, Node, Probe, join_rounds
 
 PERCENTILES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 COMPARED = ("p50", "p99", "max")
@@ -41,7 +41,7 @@ class Result:
     def node(self, name: str) -> Node | None:
         """Return all rounds of a node as one, None if there is none."""
         found = [probe.nodes[name] for probe in self.probes if name in probe.nodes]
-        return joined(found) if found else None
+        return join_rounds(found) if found else None
 
     def late_us(self, loop: str) -> list[Vector]:
         """Return the lateness of a loop, us, one array a round."""

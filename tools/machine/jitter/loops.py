@@ -106,7 +106,7 @@ def _wake(words: Sequence[str], setup: Setup, folder: Path, show: Callable[[floa
     out, cpu = folder / "late", setup.cpu(0)
     out.unlink(missing_ok=True)
     numbers = (setup.interval_ns, setup.periods, setup.priority, -1 if cpu is None else cpu)
-    done = _watched([*words, *(str(n) for n in numbers), str(out)], folder, show)
+    done = _outcome([*words, *(str(n) for n in numbers), str(out)], folder, show)
     if done.code or not out.exists():
         if not done.interrupted:
             raise JitterError(f"{words[-1]}: {done.why}", Exit.ENVIRONMENT)
@@ -130,7 +130,7 @@ def _cyclictest_words(setup: Setup, loops: int) -> list[str]:
 
 
 def _cyclictest(setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
-    done = _watched(_cyclictest_words(setup, setup.periods), folder, show)
+    done = _outcome(_cyclictest_words(setup, setup.periods), folder, show)
     late_ns = cyclictest_values(done.output.read_text())
     if not len(late_ns) and not done.interrupted:
         raise JitterError(f"cyclictest: {done.why}", Exit.ENVIRONMENT)
@@ -148,22 +148,26 @@ _LOOPS = {"cyclictest": _cyclictest, "c": _c, "python": _python}
 
 
 @dataclass(frozen=True)
-class _Done:
+class _Outcome:
     code: int
     output: Path
     why: str  # it failed
     interrupted: bool
 
 
-def _watched(words: Sequence[str], folder: Path, show: Callable[[float], None]) -> _Done:
+def _outcome(words: Sequence[str], folder: Path, show: Callable[[float], None]) -> _Outcome:
     """Run a command to its end, or to Ctrl-C, which is passed on; it dies with this process."""
     output, complaint = folder / "output", folder / "complaint"
     begin_s, interrupted = time.monotonic(), False
     with output.open("wb") as out, complaint.open("wb") as err:
         process = subprocess.Popen(
-            words, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True,
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=err,
+            start_new_session=True,
             preexec_fn=lambda: _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
-        )  # fmt: skip
+        )
         try:
             while process.poll() is None:
                 show(time.monotonic() - begin_s)
@@ -178,7 +182,7 @@ def _watched(words: Sequence[str], folder: Path, show: Callable[[float], None]) 
                 process.wait()
     last = complaint.read_text(errors="replace").strip().splitlines()[-1:]
     why = "".join(last) or f"exit code {process.returncode}"
-    return _Done(process.returncode, output, why, interrupted)
+    return _Outcome(process.returncode, output, why, interrupted)
 
 
 def _wait(process: "subprocess.Popen[bytes]", seconds: float) -> None:

@@ -23,7 +23,7 @@ from pcpc.tools.terminal.progress import Progress
 RIG = Path(__file__).resolve().parents[3] / "plants" / "probe" / "rig.yaml"
 STAGES = ("wake_late", "receive", "step", "send", "publish")
 _PLANT_BELOW = 10  # of the executive's priority, as in every rig
-PROBED = ("executive", "plant")
+ROLES = ("executive", "plant")
 _UNPACED = {"executive": 0, "plant": 1}  # first cycles that a frame started, not the clock
 
 
@@ -62,7 +62,7 @@ class Probe:
     metadata: dict[str, str] = field(default_factory=dict)
 
 
-class _Labelled(Progress):
+class _LabelledProgress(Progress):
     """Shows the host's progress behind `label`; what it would say every round is left out."""
 
     def __init__(self, progress: Progress, label: str) -> None:
@@ -103,11 +103,18 @@ def run(setup: Setup, folder: Path, progress: Progress, label: str) -> Probe:
     """
     rig = load_rig(RIG, None, settings_of(setup), resolve=False)
     options = argparse.Namespace(
-        rig=str(RIG), controller=None, set=settings_of(setup), bus=setup.bus, pacing="real",
-        quiet=True, no_figure=True, judge=False, begin_ns=time.monotonic_ns(),
-    )  # fmt: skip
+        rig=str(RIG),
+        controller=None,
+        set=settings_of(setup),
+        bus=setup.bus,
+        pacing="real",
+        quiet=True,
+        no_figure=True,
+        judge=False,
+        begin_ns=time.monotonic_ns(),
+    )
     host = Host(options, rig, ("plant", "executive"), folder)
-    host.progress = _Labelled(progress, label)
+    host.progress = _LabelledProgress(progress, label)
     if (code := host.run()) >= 0:
         raise JitterError("", Exit(code))
     outcome, bus = host.outcome, str(host.bus)
@@ -131,7 +138,7 @@ def read(
     names = [f"timing.{stage}_us" for stage in STAGES]
     names += [f"health.{name}" for name in ("passes", "late_cycles", "skipped_cycles")]
     parts: dict[str, dict[str, list[NDArray[np.float64]]]] = {
-        node: {name: [] for name in names} for node in PROBED
+        node: {name: [] for name in names} for node in ROLES
     }
     missing: list[str] = []
     metadata: dict[str, str] = {}
@@ -169,7 +176,7 @@ def _node(
     return Node(stages, missed, int(table["health.late_cycles"][-1]), pid, priority)
 
 
-def joined(rounds: Sequence[Node]) -> Node:
+def join_rounds(rounds: Sequence[Node]) -> Node:
     """Return several rounds of a node as one; pid and priority are the last one's."""
     stages = {stage: np.concatenate([one.stages_us[stage] for one in rounds]) for stage in STAGES}
     missed, late = sum(one.missed for one in rounds), sum(one.late for one in rounds)

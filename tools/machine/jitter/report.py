@@ -146,6 +146,8 @@ def draw(result: Result, path: Path) -> None:
     setup = result.setup
     axis.set_title(
         f"{setup.interval_ns // 1000} us, priority {setup.priority}, {len(result.probes)} rounds "
-        f"of {setup.round_s:g} s", loc="left", fontsize=10,
-    )  # fmt: skip
+        f"of {setup.round_s:g} s",
+        loc="left",
+        fontsize=10,
+    )
     page.savefig(path, dpi=110)

@@ -32,22 +32,22 @@ def remember(cache: Path, outcome: str) -> None:
     new.replace(cache / "accelerator")
 
 
-def chosen(wanted: str, cache: Path) -> str:
+def choice(wanted: str, cache: Path) -> str:
     """Return kvm or tcg to start with; `wanted` is auto, kvm or tcg."""
     if wanted != "auto":
         return wanted
     return "kvm" if kvm_is_open() and proven(cache) != "tcg" else "tcg"
 
 
-def explained(wanted: str, cache: Path) -> str:
+def reason(wanted: str, cache: Path) -> str:
     """Return the choice and its reason, for people."""
-    choice = chosen(wanted, cache)
+    kind = choice(wanted, cache)
     if wanted != "auto":
-        return f"{choice} (asked for)"
+        return f"{kind} (asked for)"
     if not kvm_is_open():
-        return f"{choice} (/dev/kvm is missing or not writable)"
-    reason = {"kvm": "KVM has booted", "tcg": "KVM failed to boot", None: "KVM untried; else tcg"}
-    return f"{choice} ({reason[proven(cache)]})"
+        return f"{kind} (/dev/kvm is missing or not writable)"
+    reasons = {"kvm": "KVM has booted", "tcg": "KVM failed to boot", None: "KVM untried; else tcg"}
+    return f"{kind} ({reasons[proven(cache)]})"
 
 
 def _boot_id() -> str:

@@ -41,11 +41,11 @@ def _run_command(options: argparse.Namespace) -> int:
         return 127
     progress = Progress(options.verbose)
     cache = kernel.cache_folder()
-    ready = kernel.prepared(tools, cache, options.update, progress.say)
+    ready = kernel.prepare(tools, cache, options.update, progress.say)
     job = script(job_of_caller(options.rest), tools.setpriv)
 
     size = Size(cpus=options.cpus, memory_mb=options.memory)
-    first = accelerator.chosen(options.accel, cache)
+    first = accelerator.choice(options.accel, cache)
     proving = first == "kvm" and options.accel == "auto"
     limits = Limits(options.timeout, accelerator.KVM_BOOT_LIMIT_S if first == "kvm" else math.inf)
     progress.boots(f"linux {ready.release} ({first})")
@@ -76,6 +76,6 @@ def _print_info(options: argparse.Namespace) -> int:
     else:
         package = (cache / release / "package").read_text().strip()
         print(f"kernel       linux {release}, in the cache: {package}")
-    print(f"accelerator  {accelerator.explained(options.accel, cache)}")
+    print(f"accelerator  {accelerator.reason(options.accel, cache)}")
     print(f"cache        {cache}")
     return Exit.OK

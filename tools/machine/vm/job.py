@@ -39,7 +39,7 @@ def job_of_caller(command: Sequence[str]) -> Job:
     )
 
 
-def quoted(text: bytes) -> bytes:
+def quote(text: bytes) -> bytes:
     """Return `text` as one word of a POSIX shell."""
     return b"'" + text.replace(b"'", b"'\\''") + b"'"
 
@@ -54,13 +54,13 @@ def script(job: Job, setpriv: str) -> bytes:
     words = [_BUSYBOX, b"setsid", _BUSYBOX, b"env", b"-i"]
     words += [name + b"=" + value for name, value in job.environment.items()]
     words += [os.fsencode(setpriv), *(word.encode() for word in user), b"--", *job.command]
-    runtime = quoted(b"/run/user/%d" % job.uid)
+    runtime = quote(b"/run/user/%d" % job.uid)
     lines = [
         b"echo $$ >/run/pcpc-vm/pid",
         b"%s mkdir -p %s && %s chown %d:%d %s && %s chmod 700 %s"
         % (_BUSYBOX, runtime, _BUSYBOX, job.uid, job.gid, runtime, _BUSYBOX, runtime),
         b"umask %04o" % job.umask,
-        b"cd %s || exit 126" % quoted(job.folder),
-        b"exec " + b" ".join(quoted(word) for word in words),
+        b"cd %s || exit 126" % quote(job.folder),
+        b"exec " + b" ".join(quote(word) for word in words),
     ]
     return b"\n".join(lines) + b"\n"

@@ -49,7 +49,7 @@ def cache_folder() -> Path:
     return base / "pcpc" / "vm"
 
 
-def prepared(programs: Programs, cache: Path, update: bool, say: Say) -> Kernel:
+def prepare(programs: Programs, cache: Path, update: bool, say: Say) -> Kernel:
     """Return the newest kernel of the cache, fetching and building what is missing.
 
     `update` fetches the distribution's present kernel. Raises VmError when apt cannot provide one.
@@ -59,7 +59,7 @@ def prepared(programs: Programs, cache: Path, update: bool, say: Say) -> Kernel:
             shutil.rmtree(leftover, ignore_errors=True)
         release = None if update else cached_release(cache)
         if release is None:
-            release = _fetched(programs, cache, say)
+            release = _fetch(programs, cache, say)
         return _with_initramfs(programs, cache / release)
 
 
@@ -130,7 +130,7 @@ def _locked(cache: Path, say: Say) -> Iterator[None]:
         yield
 
 
-def _fetched(programs: Programs, cache: Path, say: Say) -> str:
+def _fetch(programs: Programs, cache: Path, say: Say) -> str:
     release, packages = packages_to_fetch(programs)
     with tempfile.TemporaryDirectory(prefix="tmp-", dir=cache) as folder:
         say(f"fetching {' '.join(packages)} with apt ...")

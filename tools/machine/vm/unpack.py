@@ -22,7 +22,7 @@ _SECTOR_BYTES, _SIZE_BYTES = 512, 4  # the payload ends with its inflated size
 _PVH_NOTE = struct.pack("<I4s", 18, b"Xen")  # XEN_ELFNOTE_PHYS32_ENTRY
 
 
-def decompressed(data: bytes) -> bytes:
+def decompress(data: bytes) -> bytes:
     """Return `data` inflated if it begins as xz, gzip or zstd, else as it is.
 
     Raises VmError if it takes the program zstd and there is none.
@@ -43,7 +43,7 @@ def decompressed(data: bytes) -> bytes:
 
 def module_bytes(path: Path) -> bytes:
     """Return the bytes of a kernel module, decompressed: .ko, .ko.xz or .ko.zst."""
-    return decompressed(path.read_bytes())
+    return decompress(path.read_bytes())
 
 
 def bootable(image: bytes) -> bytes:
@@ -52,5 +52,5 @@ def bootable(image: bytes) -> bytes:
         return image
     offset, length = struct.unpack_from("<II", image, _PAYLOAD_AT)
     start = (image[_SETUP_SECTORS_AT] + 1) * _SECTOR_BYTES + offset
-    kernel = decompressed(image[start : start + length - _SIZE_BYTES])
+    kernel = decompress(image[start : start + length - _SIZE_BYTES])
     return kernel if kernel.startswith(b"\x7fELF") and _PVH_NOTE in kernel else image

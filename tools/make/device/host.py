@@ -33,7 +33,7 @@ from pcpc.tools.make.device import witness
 from pcpc.tools.run.run import Host
 from pcpc.tools.start.children import Child, end_with
 from pcpc.tools.start.folder import LOG
-from pcpc.tools.start.waiting import Waiting
+from pcpc.tools.start.peer_wait import PeerWait
 
 _LEAVE_S, _ASKED_S = 1.0, 2.0
 _SHOWN_LINES = 20  # of what a device that failed wrote
@@ -108,8 +108,8 @@ class Device:
                 self.output.unlink()
 
 
-class _WaitingForDevice(Waiting):
-    """As `Waiting`, and over once the device's command is."""
+class _WaitingForDevice(PeerWait):
+    """As `PeerWait`, and over once the device's command is."""
 
     device: Device
     heard = ""  # what came of the device, once it was too long

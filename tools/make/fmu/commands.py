@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import SIMPLE, Add, Command
+from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 
 
 def fmu(add: Add) -> None:
@@ -25,7 +25,7 @@ PARTS_OF = {
             fmu,
             compiles=True,
             module="make.fmu.cli",
-            codes={**SIMPLE, Exit.ENVIRONMENT: "no compiler, or FILE cannot be written"},
+            codes={**BASIC_CODES, Exit.ENVIRONMENT: "no compiler, or FILE cannot be written"},
         ),
     )
 }

@@ -13,14 +13,13 @@ import json
 from collections.abc import Iterator
 
 from pcpc.drivers.errors import Exit
-from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.start.bus import figure, report, traffic
 from pcpc.tools.start.bus.report import Bus, rate_of
 from pcpc.tools.start.bus.traffic import MOST_CLASSIC, Setup
 from pcpc.tools.start.rigs import find
-from pcpc.tools.terminal.given import refuse
+from pcpc.tools.terminal.option_notes import refuse
 from pcpc.tools.terminal.picture import check_picture
 
 _OF_A_RIG = ("set", "data_bitrate", "rate", "jitter", "any_phase", "error_every", "plot")
@@ -56,37 +55,33 @@ def _buses(rig: Rig, options: argparse.Namespace) -> Iterator[Bus]:
     config = rig.config
     below = config.local.bus if config.local else None
     of_rig = (config.bus.bits_per_s, (below and below.bits_per_s) or config.bus.bits_per_s)
-    jitter_ns = _ns("--jitter", options.jitter)
-    error_every_ns = _ns("--error-every", options.error_every)
+    jitter_ns, error_every_ns = round(1e9 * options.jitter), round(1e9 * options.error_every)
     if jitter_ns > 1e9 / config.rate_hz:
         what = f"longer than a cycle, {1e3 / config.rate_hz:g} ms: frames would meet the next"
-        raise RigError(f"--jitter {options.jitter}: {what}; give less")
+        raise RigError(f"--jitter {1e3 * options.jitter:g}ms: {what}; give less")
     found = traffic.buses(rig, options.any_phase)
     for name, own, frames in zip(("bus", "local bus"), of_rig, found, strict=False):
         bitrate, origin = _bitrate(options, own)
         setup = Setup(
-            config.rate_hz, bitrate, options.data_bitrate, jitter_ns, error_every_ns,
+            config.rate_hz,
+            bitrate,
+            options.data_bitrate,
+            jitter_ns,
+            error_every_ns,
             options.in_order,
-        )  # fmt: skip
-        yield Bus(name, origin, setup, frames, traffic.analysed(frames, setup))
+        )
+        yield Bus(name, origin, setup, frames, traffic.response_rows(frames, setup))
 
 
 def _bitrate(options: argparse.Namespace, of_rig: int | None) -> tuple[int, str]:
     """Return a bus's bit rate and where it comes from; RigError if the data phase is slower."""
-    bitrate, origin = options.bitrate, "--bitrate"
-    if bitrate is None:
-        bitrate, origin = of_rig, "of the rig"
-    if bitrate is None:
-        bitrate, origin = MOST_CLASSIC, "assumed, the rig names none"
+    known = {
+        "--bitrate": options.bitrate,
+        "of the rig": of_rig,
+        "assumed, the rig names none": MOST_CLASSIC,
+    }
+    origin, bitrate = next((name, rate) for name, rate in known.items() if rate is not None)
     if options.data_bitrate is not None and options.data_bitrate < bitrate:
         asked, than = rate_of(options.data_bitrate), rate_of(bitrate)
         raise RigError(f"--data-bitrate {asked}: slower than the nominal {than}; give more")
     return bitrate, origin
-
-
-def _ns(option: str, text: str | None) -> int:
-    """Return a duration in whole ns, 0 for none; RigError."""
-    try:
-        return 0 if text is None else round(duration_ns(text))
-    except ValueError as error:
-        raise RigError(f"{option} {error}") from None

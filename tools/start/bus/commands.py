@@ -10,28 +10,70 @@ from pcpc.tools.terminal.rates import bits_per_s, hz
 
 def bus(add: Add) -> None:
     """Take a rig, and the bus that it is to fit; or two buses to make one of."""
-    add("words", nargs="+", metavar="RIG | emulate A B",
+    add(
+        "words",
+        nargs="+",
+        metavar="RIG | emulate A B",
         help="name of a rig (pcpc rigs), or its file; emulate: two buses, as vcan0 vcan1, "
-        "udp_multicast:GROUP:PORT")  # fmt: skip
+        "udp_multicast:GROUP:PORT",
+    )
     take.settings(add, "any value of the rig, as realtime.plant.phase=0.4")
-    add("--bitrate", type=bits_per_s, metavar="RATE",
-        help="500k, 1M; default: the rig's bus.bitrate, else 1M")  # fmt: skip
-    add("--data-bitrate", type=bits_per_s, metavar="RATE",
-        help="as CAN FD frames that switch to this rate: 2M, 5M")  # fmt: skip
+    add(
+        "--bitrate",
+        type=bits_per_s,
+        metavar="RATE",
+        help="500k, 1M; default: the rig's bus.bitrate, else 1M",
+    )
+    add(
+        "--data-bitrate",
+        type=bits_per_s,
+        metavar="RATE",
+        help="as CAN FD frames that switch to this rate: 2M, 5M",
+    )
     add("--rate", type=hz, metavar="RATE", help="cycles a second, instead of the rig's: 2kHz")
-    add("--jitter", metavar="TIME",
-        help="from a node's cycle to its frames: waking, work; 100us; default 0")  # fmt: skip
-    add("--any-phase", action="store_true",
-        help="nodes on clocks of their own, as two machines: their phases drift")  # fmt: skip
-    add("--in-order", action="store_true",
-        help="a node sends in its loop's order, as SocketCAN; default: by priority")  # fmt: skip
-    add("--queue", type=take.positive, default=64, metavar="N",
-        help="emulate: frames that wait on a side, no more; default: %(default)s")  # fmt: skip
-    add("--errors", metavar="p=P,...",
-        help="emulate: bit error rate p; burst=N transmissions in a row; seed=N")  # fmt: skip
-    add("--for", type=take.duration, dest="for_s", metavar="DURATION",
-        help="emulate: end after it; default: at Ctrl-C")  # fmt: skip
-    add("--error-every", metavar="TIME", help="a bus error at most this often: 10ms; default none")
+    add(
+        "--jitter",
+        type=take.seconds("--jitter"),
+        default=0.0,
+        metavar="TIME",
+        help="from a node's cycle to its frames: waking, work; 100us; default 0",
+    )
+    add(
+        "--any-phase",
+        action="store_true",
+        help="nodes on clocks of their own, as two machines: their phases drift",
+    )
+    add(
+        "--in-order",
+        action="store_true",
+        help="a node sends in its loop's order, as SocketCAN; default: by priority",
+    )
+    add(
+        "--queue",
+        type=take.positive,
+        default=64,
+        metavar="N",
+        help="emulate: frames that wait on a side, no more; default: %(default)s",
+    )
+    add(
+        "--errors",
+        metavar="p=P,...",
+        help="emulate: bit error rate p; burst=N transmissions in a row; seed=N",
+    )
+    add(
+        "--for",
+        type=take.duration,
+        dest="for_s",
+        metavar="DURATION",
+        help="emulate: end after it; default: at Ctrl-C",
+    )
+    add(
+        "--error-every",
+        type=take.seconds("--error-every"),
+        default=0.0,
+        metavar="TIME",
+        help="a bus error at most this often: 10ms; default none",
+    )
     add("--plot", type=Path, metavar="FILE.png", help="draw the fullest cycle of the bus")
     take.quiet(add)
     take.json(add)

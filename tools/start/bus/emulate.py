@@ -74,9 +74,13 @@ def command(options: argparse.Namespace) -> int:
     sides = _sides(options.words[1:])
     held = [choice.take(choice.Wanted(*one, rig="", roles=())) for one in sides]
     gateway = Gateway(
-        options.bitrate or MOST_CLASSIC, options.queue, in_order=options.in_order, p=errors.p,
-        burst=errors.burst, seed=errors.seed,
-    )  # fmt: skip
+        options.bitrate or MOST_CLASSIC,
+        options.queue,
+        in_order=options.in_order,
+        p=errors.p,
+        burst=errors.burst,
+        seed=errors.seed,
+    )
     gateway.open([one.bus for one in held])
     names = [str(one.bus) for one in held]
     interrupted = _run(gateway, names, options)
@@ -120,11 +124,8 @@ def _run(gateway: Gateway, names: list[str], options: argparse.Namespace) -> boo
             failed.append(error)
 
     thread = threading.Thread(target=work, daemon=True)
-    previous = {s: signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)}
     end_s = time.monotonic() + (options.for_s or float("inf"))
     try:
-        for number in previous:
-            signal.signal(number, signal.default_int_handler)
         thread.start()
         progress.say(f"{names[0]} and {names[1]} are one line of {rate_of(gateway.bitrate)}")
         before = 0, 0
@@ -137,8 +138,6 @@ def _run(gateway: Gateway, names: list[str], options: argparse.Namespace) -> boo
     except KeyboardInterrupt:
         interrupted = True
     finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
         gateway.stop()
         thread.join()
         progress.close()
@@ -181,7 +180,7 @@ def _state(gateway: Gateway, busy: int, bits: int) -> str:
 
 def result(gateway: Gateway, names: list[str]) -> dict[str, Any]:
     """Return what `--json` prints."""
-    found = line_report.of(gateway.n.line, names, gateway.bitrate)
+    found = line_report.numbers(gateway.n.line, names, gateway.bitrate)
     for side, count in zip(found["sides"], gateway.n.foreign, strict=True):
         side["not_carried"] = int(count)
     return found | {

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from pcpc.executive.rig.reading import Rig
 from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 from pcpc.tools.start.bus import traffic
-from pcpc.tools.start.bus.arranged import Queued, Wire
+from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire
 from pcpc.tools.start.bus.report import Bus, rate_of
 from pcpc.tools.terminal.outfile import new_file
 
@@ -23,7 +23,7 @@ _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, SKY, GREY)  # of senders
 _CYCLES, _ROW_IN = 2, 0.24
 
 
-def arbitrated(frames: Sequence[Queued], wire: Wire) -> list[tuple[int, int, int, int]]:
+def arbitration(frames: Sequence[QueuedFrame], wire: Wire) -> list[tuple[int, int, int, int]]:
     """Return (place in `frames`, due, begun, ended) of the frames of the first cycles, by time."""
     coming = sorted(
         (cycle * wire.cycle_ns + (k.phase_ns or 0), k.place, m)
@@ -62,11 +62,11 @@ def draw(rig: Rig, buses: Sequence[Bus], path: Path) -> None:
 
 
 def _draw_bus(axis: "Axes", bus: Bus) -> None:
-    frames, wire = traffic.queued(bus.frames, bus.setup)
+    frames, wire = traffic.queue_of(bus.frames, bus.setup)
     senders = list(dict.fromkeys(k.node for k in frames))
     colours = {name: _COLOURS[i % len(_COLOURS)] for i, name in enumerate(senders)}
     last_us = 0.0
-    for m, due, begun, ended in arbitrated(frames, wire):
+    for m, due, begun, ended in arbitration(frames, wire):
         colour, last_us = colours[frames[m].node], max(last_us, ended / 1e3)
         axis.barh(m, (begun - due) / 1e3, left=due / 1e3, height=0.5, color=colour, alpha=0.25)
         axis.barh(m, (ended - begun) / 1e3, left=begun / 1e3, height=0.7, color=colour)

@@ -14,7 +14,7 @@ STATES = "active", "warning", "passive", "bus-off"
 _COUNTS = ("sent", "waiting", "errors", "refused", "lost_off", "times_off", "most_waiting")
 
 
-def of(line: Any, names: Sequence[str], bitrate: int) -> dict[str, Any]:
+def numbers(line: Any, names: Sequence[str], bitrate: int) -> dict[str, Any]:
     """Return the numbers of a LINE record with its senders' names.
 
     The load is that from its first to its last frame.
@@ -38,7 +38,7 @@ def write(found: dict[str, Any], path: Path) -> None:
         unfinished.write_text(json.dumps(found, indent=2) + "\n")
 
 
-def told(found: dict[str, Any]) -> str:
+def summary(found: dict[str, Any]) -> str:
     """Return the numbers in a line."""
     sides, late = found["sides"], found.get("handed_over_late_us")
     total = {key: sum(side[key] for side in sides) for key in _COUNTS}

@@ -7,7 +7,7 @@ from typing import Any
 from pcpc.drivers.frame_bits import classic_bits, fd_bits
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import traffic
-from pcpc.tools.start.bus.traffic import Good, Row, Sent, Setup
+from pcpc.tools.start.bus.traffic import Good, Row, SentFrame, Setup
 from pcpc.tools.terminal import screen
 
 _TITLES = ("id", "frame", "from", "bytes", "bits", "T", "C", "R", "D", "margin")
@@ -20,7 +20,7 @@ class Bus:
     name: str
     origin: str
     setup: Setup
-    frames: Sequence[Sent]
+    frames: Sequence[SentFrame]
     rows: Sequence[Row]
 
     @property

@@ -62,7 +62,7 @@ def _response_ns(
     def sent(frames: Sequence[Message], t: int) -> int:
         return sum(-(-(t + k.jitter_ns) // k.period_ns) * k.transmission_ns for k in frames)
 
-    busy = _settled(
+    busy = _fixed_point(
         own.transmission_ns, lambda t: errors(t) + blocking + sent(messages[: m + 1], t)
     )  # (2)
     wait, worst = blocking, 0
@@ -72,12 +72,12 @@ def _response_ns(
         def longer(w: int, before: int = before) -> int:
             return errors(w + own.transmission_ns) + before + sent(higher, w + bit_ns)  # (4)
 
-        wait = _settled(max(wait, before), longer)
+        wait = _fixed_point(max(wait, before), longer)
         worst = max(worst, own.jitter_ns + wait - q * own.period_ns + own.transmission_ns)  # (5)
     return worst
 
 
-def _settled(value: int, following: Callable[[int], int]) -> int:
+def _fixed_point(value: int, following: Callable[[int], int]) -> int:
     """Return the least value that follows from itself, not below `value`."""
     while (after := following(value)) != value:
         value = after

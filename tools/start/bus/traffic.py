@@ -20,14 +20,14 @@ from pcpc.drivers import dbc
 from pcpc.drivers.frame_bits import transmission_ns
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.start.bus.arranged import Queued, Wire, bounds_ns
+from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire, bounds_ns
 from pcpc.tools.start.bus.response import responses_ns
 
 MOST_HZ, MOST_CLASSIC = 20_000, 1_000_000  # of a rig's rate; bit/s of classic CAN
 
 
 @dataclass(frozen=True)
-class Sent:
+class SentFrame:
     """A frame with its sender, and the share of a cycle after which its receiver wants it.
 
     `phase`: of the sender, as a share of a cycle; None for any.
@@ -64,7 +64,7 @@ class Setup:
 class Row:
     """A frame's times in ns; `response_ns` None: not bounded."""
 
-    sent: Sent
+    sent: SentFrame
     transmission_ns: int
     period_ns: int
     deadline_ns: int
@@ -86,22 +86,22 @@ class Row:
         return not self.sent.frame.cycle_ms and (self.margin_ns is None or self.margin_ns < 0)
 
 
-def buses(rig: Rig, any_phase: bool = False) -> list[list[Sent]]:
+def buses(rig: Rig, any_phase: bool = False) -> list[list[SentFrame]]:
     """Return the frames on each of a rig's buses by priority, the executive's bus first."""
     database = messages.database_of(rig)
     role_of = {node.node: role for role, node in rig.config.sections.items()}
     phases = {node: rig.config.realtime.of(role).phase for node, role in role_of.items()}
     kept = rig.config.pacing == "real" and not any_phase
 
-    def sent(message: dbc.Message) -> Sent:
+    def sent(message: dbc.Message) -> SentFrame:
         frame, sender = dbc.frame(message), next(iter(message.senders), "")
         phase = phases.get(sender) if kept else None
         heard = [phases[name] for name in message.receivers if name in phases]
         if frame.cycle_ms or sender not in phases or not heard:
-            return Sent(frame, sender, 1.0, phase)
+            return SentFrame(frame, sender, 1.0, phase)
         if phase is not None:
-            return Sent(frame, sender, min((p - phase) % 1.0 or 1.0 for p in heard), phase)
-        return Sent(frame, sender, 0.5 if rig.config.pacing == "sync" else 1.0)
+            return SentFrame(frame, sender, min((p - phase) % 1.0 or 1.0 for p in heard), phase)
+        return SentFrame(frame, sender, 0.5 if rig.config.pacing == "sync" else 1.0)
 
     with messages.errors_named(rig):
         return [
@@ -113,7 +113,7 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[Sent]]:
         ]
 
 
-def queued(frames: Sequence[Sent], setup: Setup) -> tuple[list[Queued], Wire]:
+def queue_of(frames: Sequence[SentFrame], setup: Setup) -> tuple[list[QueuedFrame], Wire]:
     """Return the frames of a bus, by priority, and the bus, as the analysis takes them."""
     cycle_ns = 1e9 / setup.rate_hz
     in_cycle = sorted(frames, key=lambda entry: messages.sending_order(entry.frame))
@@ -124,14 +124,16 @@ def queued(frames: Sequence[Sent], setup: Setup) -> tuple[list[Queued], Wire]:
         period_ns = math.floor(frame.every_n(setup.rate_hz) * cycle_ns)
         phase_ns = None if sent.phase is None else math.floor(sent.phase * cycle_ns)
         place = in_cycle.index(sent)
-        found.append(Queued(takes_ns, period_ns, setup.jitter_ns, sent.sender, phase_ns, place))
+        found.append(
+            QueuedFrame(takes_ns, period_ns, setup.jitter_ns, sent.sender, phase_ns, place)
+        )
     bit_ns = math.ceil(1e9 / setup.bitrate)
     return found, Wire(bit_ns, math.floor(cycle_ns), setup.error_every_ns, setup.in_order)
 
 
-def analysed(frames: Sequence[Sent], setup: Setup) -> list[Row]:
+def response_rows(frames: Sequence[SentFrame], setup: Setup) -> list[Row]:
     """Return the times of the frames of a bus, by priority."""
-    queue, wire = queued(frames, setup)
+    queue, wire = queue_of(frames, setup)
     rows = []
     for sent, k, response_ns in zip(frames, queue, _responses_ns(queue, wire), strict=True):
         share = math.floor(sent.wanted * 1e9 / setup.rate_hz)
@@ -140,7 +142,7 @@ def analysed(frames: Sequence[Sent], setup: Setup) -> list[Row]:
     return rows
 
 
-def _responses_ns(queue: Sequence[Queued], wire: Wire) -> list[int | None]:
+def _responses_ns(queue: Sequence[QueuedFrame], wire: Wire) -> list[int | None]:
     """Return the lower of the bounds that hold."""
     bounds = bounds_ns(queue, wire)
     if wire.in_order:
@@ -168,17 +170,19 @@ def in_time(rows: Sequence[Row]) -> bool:
 Good = Callable[[Sequence[Row]], bool]
 
 
-def highest_hz(frames: Sequence[Sent], setup: Setup, good: Good) -> int:
+def highest_hz(frames: Sequence[SentFrame], setup: Setup, good: Good) -> int:
     """Return the highest rate of whole Hz that is `good`; 0 for none, MOST_HZ for any."""
-    return _boundary(MOST_HZ, lambda hz: good(analysed(frames, replace(setup, rate_hz=float(hz)))))
+    return _boundary(
+        MOST_HZ, lambda hz: good(response_rows(frames, replace(setup, rate_hz=float(hz))))
+    )
 
 
-def lowest_bitrate(frames: Sequence[Sent], setup: Setup, good: Good) -> int | None:
+def lowest_bitrate(frames: Sequence[SentFrame], setup: Setup, good: Good) -> int | None:
     """Return the lowest bit rate of whole kbit/s that is `good`; None if no CAN is."""
     most = min(setup.data_bitrate or MOST_CLASSIC, MOST_CLASSIC) // 1000
 
     def bad(kbit_s: int) -> bool:
-        return not good(analysed(frames, replace(setup, bitrate=1000 * kbit_s)))
+        return not good(response_rows(frames, replace(setup, bitrate=1000 * kbit_s)))
 
     found = _boundary(most, bad)
     return None if found == most else 1000 * (found + 1)
@@ -203,7 +207,7 @@ def warning(rig: Rig, pacing: str) -> str:
         return ""
     setup = Setup(config.rate_hz, config.bus.bits_per_s)
     sent = buses(rig)
-    found = [analysed(frames, setup) for frames in sent]
+    found = [response_rows(frames, setup) for frames in sent]
     late = [(i, row) for i, rows in enumerate(found) for row in rows if row.late]
     if not late or max(map(load, found)) > 1.0:
         return ""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
-from pcpc.tools.terminal.command import SIMPLE, Add, Command
+from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 from pcpc.tools.terminal.rates import frequency
 
 
@@ -87,6 +87,6 @@ COMMANDS = (
         margin,
         compiles=True,
         module="study.margin.cli",
-        codes={**SIMPLE, Exit.ENVIRONMENT: "a package is missing", Exit.INTERRUPTED: ""},
+        codes={**BASIC_CODES, Exit.ENVIRONMENT: "a package is missing", Exit.INTERRUPTED: ""},
     ),
 )

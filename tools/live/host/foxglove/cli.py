@@ -12,7 +12,7 @@ from urllib.parse import urlencode
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.tools.live.host.foxglove.names import TOKEN
-from pcpc.tools.live.host.sources import Source, Watch
+from pcpc.tools.live.host.sources import FollowedRun, Source
 from pcpc.tools.live.remote import guard
 
 PORT = 8765  # which both programs propose
@@ -33,7 +33,7 @@ def layout(options: argparse.Namespace) -> int:
 
 
 def command(
-    options: argparse.Namespace, shown: Source | Watch, certificate: tuple[str, str] | None
+    options: argparse.Namespace, shown: Source | FollowedRun, certificate: tuple[str, str] | None
 ) -> int:
     """Serve Foxglove and Lichtblick until Ctrl-C."""
     if options.port is not None:
@@ -48,7 +48,9 @@ def command(
     cert, key = certificate or (None, None)
     pair = (Path(cert).read_bytes(), Path(key).read_bytes()) if cert and key else None
     token = guard.token_of(os.environ, options.new_token)
-    for port in _ports(options.foxglove):
+    wanted = options.foxglove  # a port, or from PORT on
+    ports = range(PORT, PORT + _TRIES) if wanted < 0 else (wanted,)
+    for port in ports:
         try:
             server = Server(shown, token, options.write, options.address, port, pair)
             break
@@ -75,24 +77,18 @@ def _give_way() -> None:
             os.setpriority(os.PRIO_PROCESS, int(thread), min(nice, 19))
 
 
-def _ports(wanted: int) -> range:
-    """Return which ports to try: one that was asked for, or from PORT on."""
-    return range(PORT, PORT + _TRIES) if wanted < 0 else range(wanted, wanted + 1)
-
-
-def _say(options: argparse.Namespace, shown: Watch, port: int, token: str) -> None:
+def _say(options: argparse.Namespace, shown: FollowedRun, port: int, token: str) -> None:
     name = options.name[0] if options.name else options.address
-    place = f"[{name}]" if ":" in name else name
-    url = f"{'wss' if options.tls_cert else 'ws'}://{place}:{port}"
+    url = f"{'wss' if options.tls_cert else 'ws'}://{guard.place(name, port)}"
     query = urlencode({"ds": "foxglove-websocket", "ds.url": url}, safe=":/[]")
     print(f"{url}\nhttps://app.foxglove.dev/?{query}", flush=True)
-    reach = "every page open in a browser here" if guard.local(options.address) else "all there"
-    told = [
+    reach = (
+        "every page open in a browser here" if guard.is_loopback(options.address) else "all there"
+    )
+    to_tune = f"to tune, set the parameter {TOKEN} to {token}"
+    lines = (
         f"shows {options.node or options.what or 'whatever rig runs'}; Ctrl-C ends",
         f"it asks for no token: {reach} can read it",
-    ]
-    if options.write:
-        told.append(f"to tune, set the parameter {TOKEN} to {token}")
-    else:
-        told.append("it only shows; --write lets who has the token tune")
-    print("\n".join(told), file=sys.stderr, flush=True)
+        to_tune if options.write else "it only shows; --write lets who has the token tune",
+    )
+    print(*lines, sep="\n", file=sys.stderr, flush=True)

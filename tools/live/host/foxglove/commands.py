@@ -7,8 +7,14 @@ from pcpc.tools.terminal.command import Add, Command
 
 def beside(add: Add) -> None:
     """Take whether they are served, or a layout is printed."""
-    add("--foxglove", type=port, nargs="?", const=-1, metavar="PORT",
-        help="for Foxglove and Lichtblick instead; the first free from 8765 on")  # fmt: skip
+    add(
+        "--foxglove",
+        type=port,
+        nargs="?",
+        const=-1,
+        metavar="PORT",
+        help="for Foxglove and Lichtblick instead; the first free from 8765 on",
+    )
     add("--foxglove-layout", action="store_true", help="print a layout of RIG for both, and end")
 
 

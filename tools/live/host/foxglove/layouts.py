@@ -15,8 +15,8 @@ from pcpc.executive.log.schemas import field_names
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.plants.pages import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from pcpc.tools.live.host.drawn import LAYOUT
 from pcpc.tools.live.host.foxglove.names import LOG_TOPIC
+from pcpc.tools.live.host.plant_drawing import LAYOUT
 from pcpc.tools.live.host.sources import full
 from pcpc.tools.start import rigs
 
@@ -67,8 +67,9 @@ def _panels(rig: Rig, places: Iterable[str]) -> tuple[float, list[dict[str, Any]
         return 5.0, [{"kind": "time", "names": names}]
     try:
         wanted = json.loads(path.read_text("utf-8"))
-        panels = [{"kind": str(p["kind"]), "names": [*map(str, p["names"])]}
-                  for p in wanted["panels"]]  # fmt: skip
+        panels = [
+            {"kind": str(p["kind"]), "names": [*map(str, p["names"])]} for p in wanted["panels"]
+        ]
         return float(wanted["window_s"]), panels
     except (ValueError, KeyError, TypeError) as error:
         raise UserError(f"{path}: no layout: {error}") from None
@@ -79,7 +80,10 @@ def of_panels(
 ) -> dict[str, Any]:
     """Return a layout with these panels of the page, and states, parameters and what is told."""
     plots = {f"Plot!{i}": _plot(panel, places, window_s) for i, panel in enumerate(panels, 1)}
-    states = {name: path for name, (path, _) in places.items() if _is_state(name)}
+    supervisor = ("supervisor.state", "supervisor.fault")
+    states = {
+        name: path for name, (path, _) in places.items() if name.rpartition(":")[2] in supervisor
+    }
     beside = {
         "StateTransitions!states": {
             "foxglovePanelTitle": "states",
@@ -102,10 +106,6 @@ def of_panels(
             "first": _column([*plots]), "second": _column([*beside]),
         },
     }  # fmt: skip
-
-
-def _is_state(name: str) -> bool:
-    return name.rpartition(":")[2] in ("supervisor.state", "supervisor.fault")
 
 
 def _plot(

@@ -14,7 +14,7 @@ from foxglove.websocket import ServerListener
 
 from pcpc.drivers.errors import UserError, printable
 from pcpc.tools.live.host.actions import Actions
-from pcpc.tools.live.host.asked import Set
+from pcpc.tools.live.host.client_messages import Set
 from pcpc.tools.live.host.foxglove.names import TOKEN
 from pcpc.tools.live.host.sources import Source, full
 from pcpc.tools.live.remote import guard
@@ -31,13 +31,16 @@ class Parameters(ServerListener):
     """
 
     def __init__(
-        self, source: Callable[[], Source], actions: Actions, token: str,
+        self,
+        source: Callable[[], Source],
+        actions: Actions,
+        token: str,
         tell: Callable[[str, Any], None],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._source, self._actions, self._token, self._tell = source, actions, token, tell
         self._allowed: set[int] = set()
         self._floods: dict[int, guard.Flood] = {}
-        self._told: dict[str, float] = {}
+        self._values_sent: dict[str, float] = {}
 
     def on_get_parameters(
         self, client: Any, param_names: Sequence[str], request_id: str | None = None
@@ -61,11 +64,11 @@ class Parameters(ServerListener):
         shown |= {name: _parameter(name, value) for name, value in values.items()}
         return list(shown.values())
 
-    def changed(self, anew: bool) -> list[Parameter]:
-        """Return the parameters that have changed since, all if `anew`."""
+    def changes(self, anew: bool) -> list[Parameter]:
+        """Return the parameters that have changes since, all if `anew`."""
         now = self._values()
-        before = {} if anew else self._told
-        self._told = now
+        before = {} if anew else self._values_sent
+        self._values_sent = now
         return [_parameter(k, value) for k, value in now.items() if before.get(k) != value]
 
     def _too_many(self, client: int) -> bool:
@@ -77,12 +80,12 @@ class Parameters(ServerListener):
         return flood.too_many()
 
     def _set(self, client: int, wanted: dict[str, Any]) -> dict[str, float]:
-        """Return the values that have been set; UserError: refused, nothing has changed."""
+        """Return the values that have been set; UserError: refused, nothing has changes."""
         if not self._actions.write:
             raise UserError("this server only shows; start `pcpc host --foxglove` with --write")
         if TOKEN in wanted:
             given = wanted.pop(TOKEN)
-            if not guard.same(given, self._token):
+            if not guard.is_token(given, self._token):
                 raise UserError(f"{TOKEN}: not the token that `pcpc host` printed; nothing was set")
             self._allowed.add(client)
             self._tell("a client gave the token and may tune", StatusLevel.Info)
@@ -93,7 +96,7 @@ class Parameters(ServerListener):
         values = _numbers(wanted)
         cycle = self._actions.do(Set(0, values))["cycle"]
         source = self._source()
-        words = ", ".join(_shown(source, name, value) for name, value in values.items())
+        words = ", ".join(_value_text(source, name, value) for name, value in values.items())
         self._tell(f"{words} from cycle {cycle}", StatusLevel.Info)
         return values
 
@@ -132,6 +135,6 @@ def _numbers(wanted: dict[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in wanted.items()}
 
 
-def _shown(source: Source, name: str, value: float) -> str:
+def _value_text(source: Source, name: str, value: float) -> str:
     role, variable = source.place(name)
     return f"{name} = {source.nodes[role].variables[variable].shown(value)}"

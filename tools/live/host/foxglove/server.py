@@ -16,7 +16,7 @@ from pcpc.tools.live.host.actions import Actions
 from pcpc.tools.live.host.foxglove.names import LOG_TOPIC
 from pcpc.tools.live.host.foxglove.parameters import Parameters
 from pcpc.tools.live.host.foxglove.topics import NodeTopics
-from pcpc.tools.live.host.sources import Source, Watch
+from pcpc.tools.live.host.sources import FollowedRun, Source
 
 TICK_S = 0.02
 LOOK_S = 0.5  # how soon another run, and what others have tuned, is seen
@@ -27,9 +27,14 @@ class Server:
     """One; `certificate`: with its key, both PEM. UserError: it cannot listen there."""
 
     def __init__(
-        self, watch: Watch, token: str, write: bool, address: str, port: int,
+        self,
+        watch: FollowedRun,
+        token: str,
+        write: bool,
+        address: str,
+        port: int,
         certificate: tuple[bytes, bytes] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         foxglove.set_log_level("CRITICAL")  # it would print what strangers send
         self._watch, self._number = watch, 0
         self._nodes: dict[str, NodeTopics] = {}
@@ -40,10 +45,16 @@ class Server:
         cert, key = certificate or (None, None)
         try:
             self._server: Any = foxglove.start_server(
-                name="pcpc", host=address, port=port, context=self._context, tls_cert=cert,
-                tls_key=key, capabilities=[Capability.Parameters],
-                server_listener=self._parameters, message_backlog_size=QUEUE,
-            )  # fmt: skip
+                name="pcpc",
+                host=address,
+                port=port,
+                context=self._context,
+                tls_cert=cert,
+                tls_key=key,
+                capabilities=[Capability.Parameters],
+                server_listener=self._parameters,
+                message_backlog_size=QUEUE,
+            )
         except (RuntimeError, ValueError) as error:
             why = str(error).removeprefix("FoxgloveError: ")
             if "bind" in why:
@@ -73,7 +84,7 @@ class Server:
         anew = source.number != self._number
         if anew:
             self._number = source.number
-            self._server.clear_session(_session(source))
+            self._server.clear_session(f"{source.rig} {_began_ns(source)}")  # tells it from others
             for node in self._nodes.values():
                 node.close()
             self._nodes = {}
@@ -82,7 +93,7 @@ class Server:
                 self._nodes[role] = NodeTopics(
                     node.live, self._context, self._log, _began_ns(source)
                 )
-        self._server.publish_parameter_values(self._parameters.changed(anew))
+        self._server.publish_parameter_values(self._parameters.changes(anew))
 
     def _tell(self, text: str, level: Any) -> None:
         self._server.publish_status(text, level, id="set")
@@ -92,8 +103,3 @@ def _began_ns(source: Source) -> str:
     """Return when the first node of a run began, on the wall's clock."""
     first = next(iter(source.nodes.values()))
     return str(first.live.block.description["metadata"]["clock_wall_ns"])
-
-
-def _session(source: Source) -> str:
-    """Return what tells a run from others; clients forget the one before."""
-    return f"{source.rig} {_began_ns(source)}"

@@ -18,7 +18,7 @@ from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.tap import Tap
-from pcpc.tools.live.host.foxglove.thin import Thin
+from pcpc.tools.live.host.foxglove.thinning import Thinning
 from pcpc.tools.live.host.sources import full
 
 _KINDS = {"cdr": "ros2msg", "json": "jsonschema"}
@@ -46,7 +46,7 @@ class NodeTopics:
             about = {**about, "metadata": facts}
         self._about, self._live, self._tap = about, live, Tap(live)
         self._channels = Channels(about, self)
-        self._thin = Thin(self._channels.period_ns, self._channels.clocked)
+        self._thinning = Thinning(self._channels.period_ns, self._channels.clocked)
 
     def register(self, name: str, schema: str, text: str, encoding: str) -> int:
         """Advertise a topic; see `executive.log.channels.Topics`."""
@@ -63,8 +63,8 @@ class NodeTopics:
 
     def publish(self) -> None:
         """Send what the node has recorded since, as much as goes, to those who subscribed."""
-        self._send("record", self._thin.cycles(self._tap.raw("record")))
-        self._send("frame", self._thin.frames(self._tap.raw("frame")))
+        self._send("record", self._thinning.cycles(self._tap.raw("record")))
+        self._send("frame", self._thinning.frames(self._tap.raw("frame")))
         events = self._tap.raw("event")
         self._send("event", events)
         if self._log.has_sinks():

@@ -26,11 +26,17 @@ Field = Literal[
 ]  # fmt: skip
 
 
-class _Asked(Struct, tag_field="do", forbid_unknown_fields=True, frozen=True):
-    pass
+class Message(Struct, tag_field="do", tag=str.lower, forbid_unknown_fields=True):
+    """One of these, told apart by `do`: its name in small letters."""
 
 
-class Hello(_Asked, frozen=True, tag="hello"):
+class Request(Message):
+    """One whose answer repeats its number."""
+
+    id: Number
+
+
+class Hello(Message):
     """The first word of a client."""
 
     token: Annotated[str, Meta(max_length=MOST_TOKEN)]
@@ -38,10 +44,9 @@ class Hello(_Asked, frozen=True, tag="hello"):
     run: Run = ""  # which it had chosen, of several
 
 
-class Panel(_Asked, frozen=True, tag="panel"):
+class Panel(Request):
     """Curves over time, of at most 32 variables: of the newest `window_s`, or of a span."""
 
-    id: Number
     names: Names
     bins: Bins
     window_s: Annotated[float, Meta(gt=0, le=3600)] | None = None
@@ -49,110 +54,97 @@ class Panel(_Asked, frozen=True, tag="panel"):
     to_s: Seconds = 0.0
 
 
-class Phase(_Asked, frozen=True, tag="phase"):
+class Phase(Request):
     """One variable over another: at most `points` of the newest `window_s`, or up to `to_s`."""
 
-    id: Number
     names: Annotated[list[Name], Meta(min_length=2, max_length=2)]
     points: Bins
     window_s: Annotated[float, Meta(gt=0, le=3600)]
     to_s: Seconds | None = None
 
 
-class Drop(_Asked, frozen=True, tag="drop"):
+class Drop(Request):
     """A panel is not shown any more."""
 
-    id: Number
 
-
-class At(_Asked, frozen=True, tag="at"):
+class At(Message):
     """The instant of a log that is looked at."""
 
     t_s: Seconds
 
 
-class Set(_Asked, frozen=True, tag="set"):
+class Set(Request):
     """Parameters of one node, all between the same two cycles or none."""
 
-    id: Number
     values: Annotated[dict[Name, float], Meta(min_length=1, max_length=64)]
 
 
-class Choose(_Asked, frozen=True, tag="run"):
+class Choose(Request, tag="run"):
     """Show this run from now on; "": whatever runs."""
 
-    id: Number
     run: Run
 
 
-class Undo(_Asked, frozen=True, tag="undo"):
+class Undo(Request):
     """Give the parameters back what they had before the newest tuning."""
 
-    id: Number
 
-
-class Act(_Asked, frozen=True, tag="act"):
+class Act(Request):
     """One of ACTIONS."""
 
-    id: Number
     what: Annotated[str, Meta(max_length=20)]
 
 
-class Fault(_Asked, frozen=True, tag="fault"):
+class Fault(Request):
     """Begin a fault on purpose of the rig, or end it."""
 
-    id: Number
     name: Name
     end: bool = False
     for_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None
 
 
-class Handover(_Asked, frozen=True, tag="handover"):
+class Handover(Request):
     """Let another controller take over."""
 
-    id: Number
     controller: Name
 
 
-class Record(_Asked, frozen=True, tag="record"):
+class Record(Request):
     """Begin to record what runs into a file of the host, or end it."""
 
-    id: Number
     end: bool = False
 
 
-class Snapshot(_Asked, frozen=True, tag="snapshot"):
+class Snapshot(Request):
     """Write the newest seconds that the host has into a file of its own."""
 
-    id: Number
     last_s: Annotated[float, Meta(gt=0, le=120)] = 30.0
 
 
 # What a terminal of another machine asks (hello: terminal)
 
 
-class Nodes(_Asked, frozen=True, tag="nodes"):
+class Nodes(Request):
     """All nodes that run: a handle for each."""
 
-    id: Number
 
+class NodeMessage(Request):
+    """One about a node."""
 
-class _OfNode(_Asked, frozen=True):
-    id: Number
     node: Name  # its handle
 
 
-class Describe(_OfNode, frozen=True, tag="describe"):
+class Describe(NodeMessage):
     """What a node says about itself."""
 
 
-class Look(_OfNode, frozen=True, tag="look"):
+class Look(NodeMessage):
     """Fields that a node publishes, as they are now."""
 
     fields: Annotated[list[Field], Meta(min_length=1, max_length=16)]
 
 
-class Rows(_OfNode, frozen=True, tag="rows"):
+class Rows(NodeMessage):
     """Rows of a ring from number `since` on, as many as one answer holds."""
 
     ring: Literal["record", "frame", "event"]
@@ -160,42 +152,42 @@ class Rows(_OfNode, frozen=True, tag="rows"):
     columns: Annotated[list[Column], Meta(min_length=1, max_length=MOST_COLUMNS)] | None = None
 
 
-class Tune(_OfNode, frozen=True, tag="tune"):
+class Tune(NodeMessage):
     """Parameters of a node, all between the same two cycles or none."""
 
     values: Annotated[dict[Name, float], Meta(min_length=1, max_length=64)]
 
 
-class Lock(_OfNode, frozen=True, tag="lock"):
+class Lock(NodeMessage):
     """Forbid tunings of a node, or allow them."""
 
     level: Literal["none", "tune", "all"]
 
 
 FromTerminal = Nodes | Describe | Look | Rows | Tune | Lock
-Wanted = Panel | Phase | Drop
-Acting = Set | Undo | Act | Fault | Handover | Record | Snapshot
+PanelMessage = Panel | Phase | Drop
+Action = Set | Undo | Act | Fault | Handover | Record | Snapshot
 Decoded = TypeVar("Decoded")
-_decoder = msgspec.json.Decoder(Hello | Wanted | At | Choose | Acting)
+_decoder = msgspec.json.Decoder(Hello | PanelMessage | At | Choose | Action)
 _of_terminal = msgspec.json.Decoder(FromTerminal)
 
 
-class Wrong(ValueError):
+class WrongMessage(ValueError):
     """A message that is none of these, in words."""
 
 
-def read(message: str | bytes) -> Hello | Wanted | At | Choose | Acting:
-    """Return what a message asks; Wrong."""
-    return _decoded(_decoder, message)
+def read(message: str | bytes) -> Hello | PanelMessage | At | Choose | Action:
+    """Return what a message asks; WrongMessage."""
+    return _decode(_decoder, message)
 
 
 def read_terminal(message: str | bytes) -> FromTerminal:
-    """Return what a terminal's message asks; Wrong."""
-    return _decoded(_of_terminal, message)
+    """Return what a terminal's message asks; WrongMessage."""
+    return _decode(_of_terminal, message)
 
 
-def _decoded(decoder: msgspec.json.Decoder[Decoded], message: str | bytes) -> Decoded:
+def _decode(decoder: msgspec.json.Decoder[Decoded], message: str | bytes) -> Decoded:
     try:
         return decoder.decode(message)
     except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
-        raise Wrong(f"not a message: {error}") from None
+        raise WrongMessage(f"not a message: {error}") from None

@@ -19,14 +19,14 @@ from pcpc.tools.live.host.sources import Source
 LAYOUT = "layout.json"
 
 
-class Drawn:
+class PlantDrawing:
     """A drawing with the settings of the run, and the newest scene of it."""
 
     def __init__(
         self, found: drawing.Drawing, settings: Mapping[str, float], source: Source
     ) -> None:
         self._drawing, self._settings = found, settings
-        self._places = dict(self._found(source))
+        self._places = dict(self._curves_needed(source))
         self._scene: tuple[int, dict[str, Any]] = (-1, {})
 
     def scene(self, source: Source, cycle: int) -> dict[str, Any]:
@@ -37,7 +37,7 @@ class Drawn:
             self._scene = cycle, self._drawing.scene(now, self._settings).json()
         return self._scene[1]
 
-    def _found(self, source: Source) -> Iterator[tuple[str, tuple[str, str]]]:
+    def _curves_needed(self, source: Source) -> Iterator[tuple[str, tuple[str, str]]]:
         for name, wanted in self._drawing.needs.items():
             with suppress(UserError):  # this rig has no such variable: it is drawn as not known
                 yield name, source.curve(wanted)
@@ -50,7 +50,7 @@ def _value(source: Source, place: tuple[str, str], cycle: int) -> float:
     return float(values[-1, 0]) if len(values) else float(np.nan)
 
 
-def of(source: Source, options: argparse.Namespace) -> Drawn | None:
+def drawing_of(source: Source, options: argparse.Namespace) -> PlantDrawing | None:
     """Return the drawing of what is shown, None if it has none; DrawingError, LogError.
 
     It is Python: that of a run of this user is his own; that of a log is the installed one, or with
@@ -60,11 +60,11 @@ def of(source: Source, options: argparse.Namespace) -> Drawn | None:
         with tempfile.TemporaryDirectory() as folder:
             file, _ = drawing_of_log(source.log, Path(folder), options)
             made = file and drawing.load(file)
-        return Drawn(made, drawing.settings_of_log(source.log), source) if made else None
+        return PlantDrawing(made, drawing.settings_of_log(source.log), source) if made else None
     for about in _descriptions(source):
         for path in _paths(about, "draws"):
             text = about["attachments"]["rig-resolved.yaml"]
-            return Drawn(drawing.load(path), settings(text), source)
+            return PlantDrawing(drawing.load(path), settings(text), source)
     return None
 
 

@@ -10,7 +10,7 @@ from pcpc.tools.start.bus import line_report
 from pcpc.tools.start.children import Child
 
 
-def started(rig: Rig, bus: Bus, folder: Path) -> Child:
+def start(rig: Rig, bus: Bus, folder: Path) -> Child:
     """Start the gateway; return once it hears both sides, or has ended. RigError."""
     check_line(rig, "real")
 
@@ -22,9 +22,9 @@ def started(rig: Rig, bus: Bus, folder: Path) -> Child:
     return Child.serving("line", main)
 
 
-def told(folder: Path) -> str:
+def summary(folder: Path) -> str:
     """Return in a line what the gateway had to tell at its end; "" if it did not come to that."""
     try:
-        return line_report.told(json.loads((folder / line_report.FILE).read_text()))
+        return line_report.summary(json.loads((folder / line_report.FILE).read_text()))
     except OSError:
         return ""

@@ -10,9 +10,12 @@ class _Store(argparse._StoreAction):
     """An option with a value, which is noted; a second one that contradicts is refused."""
 
     def __call__(
-        self, parser: argparse.ArgumentParser, options: argparse.Namespace, values: Any,
+        self,
+        parser: argparse.ArgumentParser,
+        options: argparse.Namespace,
+        values: Any,
         option_string: str | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if option_string is not None and repr(_note(self, options, values)) != repr(values):
             parser.error(f"{option_string}: given twice, with two values")
         super().__call__(parser, options, values, option_string)
@@ -22,9 +25,12 @@ class _StoreTrue(argparse._StoreTrueAction):
     """An option without a value, which is noted."""
 
     def __call__(
-        self, parser: argparse.ArgumentParser, options: argparse.Namespace, values: Any,
+        self,
+        parser: argparse.ArgumentParser,
+        options: argparse.Namespace,
+        values: Any,
         option_string: str | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         _note(self, options, True)
         super().__call__(parser, options, values, option_string)
 
@@ -33,9 +39,12 @@ class _Append(argparse._AppendAction):
     """An option that may be repeated, which is noted."""
 
     def __call__(
-        self, parser: argparse.ArgumentParser, options: argparse.Namespace, values: Any,
+        self,
+        parser: argparse.ArgumentParser,
+        options: argparse.Namespace,
+        values: Any,
         option_string: str | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         _note(self, options, True)
         super().__call__(parser, options, values, option_string)
 

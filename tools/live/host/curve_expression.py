@@ -16,7 +16,7 @@ from pcpc.tools.live.host.sources import Source
 MARK = "="
 
 
-class Derived:
+class CurveExpression:
     """One of these; UserError for what is none, or names what the run does not record."""
 
     def __init__(self, text: str, source: Source) -> None:

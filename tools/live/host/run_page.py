@@ -39,7 +39,7 @@ class Page(NoPage):
             from pcpc.tools.live.host import cli
 
             cli.check_packages()
-            self._door = cli.opened(self._options)
+            self._door = cli.open_door(self._options)
         elif alone := [key for key, value in given.items() if value not in (None, False)]:
             words = ", ".join(f"--{key.replace('_', '-')}" for key in alone)
             raise UserError(f"{words}: about the page; give --host, too")
@@ -59,11 +59,11 @@ class Page(NoPage):
 
     def _serve(self, words: Sequence[str]) -> int:
         from pcpc.tools.live.host import cli
-        from pcpc.tools.live.host.sources import Watch
+        from pcpc.tools.live.host.sources import FollowedRun
 
         compile_cache.watch.listener = None
         assert self._door is not None
-        cli.serve(self._door, Watch(node=self._node), self._options)
+        cli.serve(self._door, FollowedRun(node=self._node), self._options)
         return 0
 
     def ended(self) -> str:

@@ -6,37 +6,39 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import UserError
-from pcpc.tools.live.host import drawn
 from pcpc.tools.live.host.actions import Actions
-from pcpc.tools.live.host.drawn import Drawn
+from pcpc.tools.live.host.plant_drawing import PlantDrawing, drawing_of
 from pcpc.tools.live.host.recordings import recordings_of
 from pcpc.tools.live.host.runs import run_of
-from pcpc.tools.live.host.sources import Source, Watch
+from pcpc.tools.live.host.sources import FollowedRun, Source
 from pcpc.tools.live.host.status import Status
 
 MOST_EVENTS = 200
 
 
-class Stage:
+class Display:
     """One of these. `events` are messages with their numbers, rising.
 
     `files`: what the host has recorded so far, of whatever run.
     """
 
     def __init__(
-        self, shown: Source | Watch, options: argparse.Namespace, files: list[Path]
+        self, shown: Source | FollowedRun, options: argparse.Namespace, files: list[Path]
     ) -> None:
         self._shown, self._options = shown, options
         self.actions = Actions(lambda: self.source, options.write, recordings_of(options, files))
         self.events: list[tuple[int, dict[str, Any]]] = []
         self._count = 0
         self._status = Status()
-        self._drawn: tuple[tuple[int, int], Drawn | None] = ((-1, -1), None)  # of which version
+        self._drawing: tuple[tuple[int, int], PlantDrawing | None] = (
+            (-1, -1),
+            None,
+        )  # of which version
 
     @property
     def source(self) -> Source:
         """The run that is shown now."""
-        return self._shown.source if isinstance(self._shown, Watch) else self._shown
+        return self._shown.source if isinstance(self._shown, FollowedRun) else self._shown
 
     @property
     def run(self) -> str:
@@ -64,24 +66,24 @@ class Stage:
         source = self.source
         version = source.version
         try:
-            if self._drawn[0] != version:
-                self._drawn = version, None  # should it fail, it does so once
-                self._drawn = version, drawn.of(source, self._options)
-            found = self._drawn[1]
+            if self._drawing[0] != version:
+                self._drawing = version, None  # should it fail, it does so once
+                self._drawing = version, drawing_of(source, self._options)
+            found = self._drawing[1]
             return found.scene(source, cycle) if found else {}
         except UserError as error:
-            self._drawn = version, None
+            self._drawing = version, None
             return {"bounds": [0, 0, 1, 1], "note": str(error), "shapes": []}
 
     def find(self) -> None:
         """Look for nodes that have come or gone."""
-        if isinstance(self._shown, Watch):
+        if isinstance(self._shown, FollowedRun):
             self._shown.find()
 
     def poll(self) -> None:
         """Take what the run has recorded since."""
         self.source.parts.clear()
-        if not isinstance(self._shown, Watch):
+        if not isinstance(self._shown, FollowedRun):
             return
         for role, cycle, topic, entry in self._shown.poll():
             self._count += 1

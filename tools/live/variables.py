@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.durations import duration_s
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes.live import Live, LiveError, Variable, known
 from pcpc.tools.live.remote.nodes import nodes_of
@@ -33,7 +32,7 @@ class _Column:
 
 def command(options: argparse.Namespace) -> int:
     """Run one of the five subcommands."""
-    chosen = _chosen(options)
+    chosen = _nodes_and_words(options)
     if options.command in ("get", "watch"):
         several = {"get": _get, "watch": _watch}
         several[options.command](_columns(chosen, globs=options.command == "watch"), options)
@@ -45,7 +44,7 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def _chosen(options: argparse.Namespace) -> list[tuple[Live, str]]:
+def _nodes_and_words(options: argparse.Namespace) -> list[tuple[Live, str]]:
     """Return each word with its node: the one that is named, else one that has all, else its own.
 
     Without words, [(node, "")].
@@ -91,7 +90,7 @@ def _list(live: Live, words: Sequence[str], options: argparse.Namespace) -> None
     values = live.read()
     rows = [(live.variables[name], values[name]) for name in live.select(words or ["*"])]
     if options.json:
-        print(json.dumps([_described(*row) for row in rows]))
+        print(json.dumps([_description(*row) for row in rows]))
         return
     cells = [("name", "value", "unit", "kind and range")]
     for one, value in rows:
@@ -104,7 +103,7 @@ def _list(live: Live, words: Sequence[str], options: argparse.Namespace) -> None
     print("\n".join(screen.table(cells, right=(1,))))
 
 
-def _described(one: Variable, value: float) -> dict[str, object]:
+def _description(one: Variable, value: float) -> dict[str, object]:
     """Return one variable for `list --json`."""
     span = None if one.range is None else [_json(bound) for bound in one.range]
     return {"name": one.name, "value": _json(value)} | vars(one) | {"range": span}
@@ -160,14 +159,10 @@ def _lock(live: Live, words: Sequence[str], options: argparse.Namespace) -> None
 
 
 def _watch(columns: Sequence[_Column], options: argparse.Namespace) -> None:
-    try:
-        every_s = duration_s(options.every)
-    except ValueError as error:
-        raise UserError(f"--every {error}") from None
     nodes = {one.live.name: one.live for one in columns}
     shown = _Screen(columns, options.json)
     alarms = [Alarms(live.block) for live in nodes.values()]
-    for leading in columns[0].live.every(every_s):
+    for leading in columns[0].live.every(options.every):
         for alarm in (alarm for one in alarms for alarm in one.look()):
             shown.tell(str(alarm))
         others = [one for one in columns if one.live is not columns[0].live]
@@ -211,8 +206,12 @@ class _Screen:
             row = {name: f"{value:.9g}" for name, value in values.items()}
             print(self._row(str(cycle), row), flush=True)
         else:
-            print(f"cycle {cycle}", *(f"  {line}" for line in self._named(values)),
-                  sep="\n", flush=True)  # fmt: skip
+            print(
+                f"cycle {cycle}",
+                *(f"  {line}" for line in self._named(values)),
+                sep="\n",
+                flush=True,
+            )
 
     def _row(self, cycle: str, cells: Mapping[str, str]) -> str:
         padded = (f"  {cells[name]:>{size}}" for name, size in self._sizes.items())

@@ -13,7 +13,7 @@ _LAST_S = 5.0
 _MOST_ENDING = 32  # that were told of their end, and do not answer that
 
 
-class _Gathered:
+class _BatchedTransport:
     """A transport whose writes of one pass of the event loop go out together."""
 
     def __init__(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:
@@ -40,13 +40,15 @@ class _Gathered:
         return getattr(self._transport, name)
 
 
-class Gathering(WebSocketsSansIOProtocol):
+class BatchedSocket(WebSocketsSansIOProtocol):
     """The WebSocket protocol of the web server over such a transport."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Wrap the transport once it is known; wait for the last word of a few only."""
         super().connection_made(transport)
-        ending = [one for one in self.connections if isinstance(one, Gathering) and one.close_sent]
+        ending = [
+            one for one in self.connections if isinstance(one, BatchedSocket) and one.close_sent
+        ]
         for one in ending[_MOST_ENDING:]:
             one.transport.abort()
-        self.transport = _Gathered(self.transport, self.loop)  # type: ignore[assignment]
+        self.transport = _BatchedTransport(self.transport, self.loop)  # type: ignore[assignment]

@@ -53,7 +53,7 @@ class _Frame:
     wrong: deque[str] = field(default_factory=lambda: deque(maxlen=_RECENT))
 
 
-class Watch:
+class FrameJudge:
     """What is judged, without bus and clock: frames go in by `heard`, troubles come out."""
 
     def __init__(self, rig: Rig, clocked: bool) -> None:
@@ -92,7 +92,7 @@ class Watch:
         self.read = {  # rows of frames whose values matter
             i for i, row in enumerate(self.rows) if row.limits or told.intersection(own[i])
         }
-        self.told: dict[Role, float] = {}  # in which state each node says it is
+        self.stated: dict[Role, float] = {}  # in which state each node says it is
         self.armed, self.begun, self.cycle = False, 0.0, 0.0  # in cycles of the rig
         self.stop_frame = dbc.frame(database.get_message_by_name(messages.stop_frame_of(rig)))
 
@@ -112,7 +112,7 @@ class Watch:
                 place = self.places[f"{row.frame.name}.{one.name}"]
                 row.limits[place] = _Limits(low - slack, high + slack, step, slack)
 
-    def heard(self, frames: NDArray[np.uint8]) -> None:
+    def judge(self, frames: NDArray[np.uint8]) -> None:
         """Judge frames (k, 16) that came up to now."""
         words = frames[:, :4].copy().view("<u4")[:, 0].tolist()
         for data, word in zip(frames, words, strict=True):
@@ -126,14 +126,14 @@ class Watch:
         one.last, why = self.cycle, ""
         if state in (OK, OK_SOME_LOST) and row in self.read:
             codec.unpack(data[8:], row, *self.tables, self.values)
-            why = self._odd(one, int(missing) + 1)
+            why = self._value_trouble(one, int(missing) + 1)
             self._note_state(one.role)
         elif state not in (OK, OK_SOME_LOST) and (self.clocked or state == ERROR):
             one.values.clear()
             why = f"is {name_of(state)}"
         one.wrong.append(why)
 
-    def _odd(self, one: _Frame, turns: int) -> str:
+    def _value_trouble(self, one: _Frame, turns: int) -> str:
         """Return what is wrong with the values of a frame, the first of them."""
         said = ""
         for place, (low, high, step, slack) in one.limits.items():
@@ -151,9 +151,9 @@ class Watch:
     def _note_state(self, role: Role) -> None:
         """Take a node at its word about its state; the executive's begins and ends the watch."""
         for place, _ in self.ends[role]:
-            self.told[role] = float(self.values[place])
+            self.stated[role] = float(self.values[place])
         if role == "executive":
-            runs = self.told[role] not in (INIT, STOP)
+            runs = self.stated[role] not in (INIT, STOP)
             if runs and not self.armed:
                 self.state[:] = e2e.new_state(len(self.rows))
                 self.begun = self.cycle
@@ -168,7 +168,7 @@ class Watch:
         if not self.armed:
             return
         for role, ends in self.ends.items():
-            stopped = any(self.told.get(role) == end for _, end in ends)
+            stopped = any(self.stated.get(role) == end for _, end in ends)
             away = [one for one in self.rows if one.role == role and self._is_away(one)]
             if away and not stopped:
                 more = f" and {len(away) - 1} more" if len(away) > 1 else ""

@@ -27,22 +27,22 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLOURS = (BLUE, VERMILION, GREEN, BLACK, PURPLE, ORANGE, SKY)
-Asked = tuple[str, Live, str]  # a name as it was asked for, its node, its name there
+PlottedVariable = tuple[str, Live, str]  # a name as it was asked for, its node, its name there
 _POLL_S = 0.02
 _SHARE = 3  # of the time, for a drawing
 _WIDTH_IN, _AXIS_IN, _REST_IN, _DPI, _PIXELS = 8.0, 1.6, 0.6, 90, 600
 
 
-class Moving:
+class LivePlot:
     """The last seconds of variables, and their picture."""
 
-    def __init__(self, asked: Sequence[Asked], window_s: float) -> None:
+    def __init__(self, asked: Sequence[PlottedVariable], window_s: float) -> None:
         try:
             from matplotlib.figure import Figure as Page
         except ImportError:
             cure = "a plot needs matplotlib: pip install 'pcpc[plot]'"
             raise UserError(cure, Exit.ENVIRONMENT) from None
-        self._asked, self._window_s = asked, window_s
+        self._variables, self._window_s = asked, window_s
         nodes = {id(node): node for _, node, _ in asked}
         self._taps = {key: Tap(node) for key, node in nodes.items()}
         for name, node, variable in asked:
@@ -65,16 +65,19 @@ class Moving:
         self._lines: Mapping[str, Any] = {}
         for ax, unit in zip(self._axes, groups, strict=True):
             own = [name for name, text in units.items() if text == unit]
-            self._lines |= {name: ax.plot([], [], color=COLOURS[i % len(COLOURS)], linewidth=1.1,
-                                          label=shown(name))[0]
-                            for i, name in enumerate(own)}  # fmt: skip
+            self._lines |= {
+                name: ax.plot(
+                    [], [], color=COLOURS[i % len(COLOURS)], linewidth=1.1, label=shown(name)
+                )[0]
+                for i, name in enumerate(own)
+            }
             ax.set_ylabel(label(unit))
             ruled(ax)
             ax.legend(loc="upper left", framealpha=0.8, edgecolor="none", fontsize=8)
         self._axes[-1].set_xlabel("time [s]")
 
     def _of(self, key: int) -> list[str]:
-        return [variable for _, node, variable in self._asked if id(node) == key]
+        return [variable for _, node, variable in self._variables if id(node) == key]
 
     def look(self) -> None:
         """Take what the nodes have done since the last look."""
@@ -87,7 +90,7 @@ class Moving:
     def picture(self) -> Figure:
         """Return what was seen last."""
         end_s = 0.0
-        for name, node, variable in self._asked:
+        for name, node, variable in self._variables:
             past = self._past[id(node)]
             t_s = np.asarray(past.cycle * (1e-9 * node.period_ns), np.float64)
             values = past.values[:, self._of(id(node)).index(variable)]
@@ -107,7 +110,7 @@ class Moving:
 
 
 def follow(
-    moving: Moving, goes_on: Callable[[], bool], every_s: float, show: Callable[[Figure], None]
+    moving: LivePlot, goes_on: Callable[[], bool], every_s: float, show: Callable[[Figure], None]
 ) -> Figure:
     """Show what moves until it does not go on, or on Ctrl-C; return the last picture."""
     try:
@@ -127,7 +130,7 @@ def follow(
     return last
 
 
-def in_place() -> Callable[[Figure], None]:
+def notebook_display() -> Callable[[Figure], None]:
     """Return what shows a picture where the one before it stood; outside a notebook nothing."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     if getattr(shell, "kernel", None) is None:

@@ -19,7 +19,7 @@ _KIND = 0x0000_FF00_FFFF_FFFF  # id and direction, in the fourth word of a frame
 Rows = NDArray[np.int64]
 
 
-class Thin:
+class Thinning:
     """The choice for one node."""
 
     def __init__(self, period_ns: int, clocked: bool) -> None:

@@ -10,7 +10,7 @@ _MEET_S = 20.0  # nodes of one host that are ready hear each other within this
 _COMMANDS = {"executive": "exec"}
 
 
-class Waiting:
+class PeerWait:
     """The wait of a host's nodes from the moment when all are ready to their first cycle."""
 
     def __init__(self, rig: Rig, roles: Sequence[str]) -> None:
@@ -32,7 +32,7 @@ class Waiting:
         self.given_up_s = waited_s if waited_s > self.limit_s else 0.0
         return self.given_up_s > 0.0
 
-    def told(self, leader: str, bus: str, rig_file: str) -> str:
+    def message(self, leader: str, bus: str, rig_file: str) -> str:
         """Return what to say once it was too long."""
         missing = [role for role in self.rig.roles if role not in self.roles]
         cure = "is the bus shared with another run?"

@@ -32,7 +32,7 @@ from pcpc.tools.start.bus.response import Message, error_cost_ns
 
 
 @dataclass(frozen=True)
-class Queued(Message):
+class QueuedFrame(Message):
     """A frame with its node, that node's phase (None: any) and its place among those of a cycle."""
 
     node: str = ""
@@ -50,7 +50,7 @@ class Wire:
     in_order: bool = False
 
 
-def bounds_ns(frames: Sequence[Queued], wire: Wire) -> list[int | None]:
+def bounds_ns(frames: Sequence[QueuedFrame], wire: Wire) -> list[int | None]:
     """Return a bound on R of each of `frames`, which stand in order of priority; None for none."""
     found = [float(k.transmission_ns + k.jitter_ns) for k in frames]
     while (after := [_bound(frames, found, m, wire) for m in range(len(frames))]) != found:
@@ -58,7 +58,7 @@ def bounds_ns(frames: Sequence[Queued], wire: Wire) -> list[int | None]:
     return [None if math.isinf(ns) else int(ns) for ns in found]
 
 
-def _bound(frames: Sequence[Queued], found: Sequence[float], m: int, wire: Wire) -> float:
+def _bound(frames: Sequence[QueuedFrame], found: Sequence[float], m: int, wire: Wire) -> float:
     """Return (4) for frame `m`, given the others' R so far; infinite beyond its period."""
     own, last, ahead = frames[m], m, 0.0
     others = [*enumerate(frames)]
@@ -88,7 +88,7 @@ def _bound(frames: Sequence[Queued], found: Sequence[float], m: int, wire: Wire)
     return own.jitter_ns + wait + own.transmission_ns
 
 
-def _first_ns(k: Queued, own: Queued, response_ns: float, wire: Wire) -> float:
+def _first_ns(k: QueuedFrame, own: QueuedFrame, response_ns: float, wire: Wire) -> float:
     """Return p_k of (2)."""
     if k.phase_ns is None or own.phase_ns is None or math.isinf(response_ns):
         return -response_ns
