@@ -120,7 +120,7 @@ def test_a_refusal_stays_one_when_the_gateway_has_to_be_killed(
         monkeypatch.setattr(child, "end", partial(child.end, ask_s=0.05))
         return child
 
-    monkeypatch.setattr(line, "started", started)
+    monkeypatch.setattr(line, "start", started)
     words = ["--set", "bus.emulate=100k", "--bus", own_bus()]
     assert main(["run", "hull", *words, "--quiet"]) == 2
     told = capsys.readouterr().err

@@ -50,12 +50,12 @@ def test_the_page_shows_its_run_tunes_it_and_ends_with_it() -> None:
 def test_a_page_that_dies_is_a_line_and_the_run_goes_on() -> None:
     with pcpc.running("slew10", pacing="real", set=LONG, bus=own_bus(), host=True) as live:
         os.kill(page_of(live), signal.SIGKILL)
-        until(lambda: "the page has ended" in live._said(), "the line")
+        until(lambda: "the page has ended" in live._complaint(), "the line")
         cycle = live.cycle
         live.wait_until(lambda now: live.cycle > cycle + 50, within_s=60.0)
         run = live.stop()
     assert run.summary["faults"] == [], run.summary["faults"]
-    assert live._said().count("the page has ended") == 1
+    assert live._complaint().count("the page has ended") == 1
 
 
 def test_it_records_to_where_it_is_told_and_no_more_than_it_may(tmp_path: Path) -> None:

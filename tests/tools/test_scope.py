@@ -45,7 +45,7 @@ def bursts(cutter: Trigger, rows: Rows, sizes: Sequence[int]) -> list[Burst]:
     while at < len(rows):
         part = slice(at, at + sizes[i % len(sizes)])
         some = Rows(rows.cycle[part], rows.stamp_ns[part], rows.values[part], rows.places)
-        found += cutter.take(some, np.column_stack((some.cycle, some.values.view(np.int64))))
+        found += cutter.bursts(some, np.column_stack((some.cycle, some.values.view(np.int64))))
         at, i = part.stop, i + 1
     return found
 

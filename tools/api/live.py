@@ -177,10 +177,8 @@ class Live:
             value = abs(now[variable]) if magnitude else now[variable]
             return low < value < high
 
-        given = {"above": above, "below": below}
-        limits = " and ".join(
-            f"{word} {value:g}" for word, value in given.items() if value is not None
-        )
+        bounds = {"above": above, "below": below}
+        limits = " and ".join(f"{k} {value:g}" for k, value in bounds.items() if value is not None)
         return self._wait(node, inside, within_s, f"{what} {limits}")[variable]
 
     def plot(
@@ -219,7 +217,7 @@ class Live:
 
     def stop(self) -> Run:
         """Ask the run to end, in order, and return its record."""
-        self._end()
+        self._command.end(0.0, _END_S)
         return self.run
 
     @property
@@ -229,7 +227,7 @@ class Live:
             if not self._command.ended:
                 raise UserError("the run goes on; its record is there after its end")
             if not (self._folder / LOG).is_file():
-                raise UserError(self._said() or "the run left no log")
+                raise UserError(self._complaint() or "the run left no log")
             self._run = Run(self._folder / LOG, keep=self._keep)
         return self._run
 
@@ -267,29 +265,22 @@ class Live:
 
     def _begin(self, roles: tuple[str, ...]) -> None:
         """Wait until all nodes are there and the executive steps; pcpc.Error if it does not."""
-        while len(self._nodes) < len(roles) or not self._under_way():
+        while len(self._nodes) < len(roles) or not self._node(self._leader).under_way:
             if self._command.ended:
                 if len(self._nodes) == len(roles):  # a run may last a millisecond
                     return
                 if (self._folder / LOG).is_file() and self._command.code in (0, 1):
                     return
-                raise UserError(self._said() or _verdict(self._folder, self._command.code))
+                raise UserError(self._complaint() or _verdict(self._folder, self._command.code))
             for name, one in nodes.running().items():
                 if _parent(one.pid) == self._command.process.pid:
                     self._nodes.setdefault(name.rpartition(".")[2], one)
             time.sleep(_POLL_S)
 
-    def _under_way(self) -> bool:
-        return self._node(self._leader).under_way
-
-    def _said(self) -> str:
+    def _complaint(self) -> str:
         """Return what the command said against itself."""
-        said = self._command.complaint()
-        return "; ".join(line for line in said if not line.startswith(SAID))
-
-    def _end(self) -> None:
-        """End the run in order, or at least for sure."""
-        self._command.end(0.0, _END_S)
+        lines = self._command.complaint()
+        return "; ".join(line for line in lines if not line.startswith(SAID))
 
 
 @contextmanager
@@ -340,7 +331,7 @@ def running(
         live._begin(roles)
         yield live
     finally:
-        live._end()
+        live._command.end(0.0, _END_S)  # in order, or at least for sure
 
 
 def _verdict(folder: Path, code: int) -> str:

@@ -76,12 +76,13 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
 
         cure = did_you_mean(name, COMMANDS) or "; `pcpc --help` lists all"
         raise UserError(f"pcpc {name}: no such command{cure}")
+    command = COMMANDS.get(name)
+    last = command.last if command is not None else ""
     rest: list[str] = []
-    if name in COMMANDS and COMMANDS[name].rest and "--" in words:
+    behind: list[str] = []
+    if command is not None and command.rest and "--" in words:
         at = words.index("--")
         words, rest = words[:at], list(words[at + 1 :])
-    last = COMMANDS[name].last if name in COMMANDS else ""
-    behind: list[str] = []
     if last and last in words:  # argparse would stop at a -- in it
         at = words.index(last) + 1
         words, behind = words[:at], list(words[at:])
@@ -122,11 +123,10 @@ def _name_files(options: argparse.Namespace) -> None:
             value = getattr(options, key)
             setattr(options, key, type(value)(log_of(str(value))))
         if "words" in options:  # of `log plot`: logs and variables
-            options.words = [str(log_of(w)) if _is_log(w, LATEST) else w for w in options.words]
-
-
-def _is_log(word: str, latest: str) -> bool:
-    return word == latest or Path(word).is_dir()
+            options.words = [
+                str(log_of(word)) if word == LATEST or Path(word).is_dir() else word
+                for word in options.words
+            ]
 
 
 class _Version(argparse.Action):

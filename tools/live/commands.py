@@ -216,7 +216,7 @@ COMMANDS = (
         "end a run in order, also one that is locked",
         "pcpc stop --quick",
         stop,
-        module="live.stop",
+        module="live.operation",
         codes=NODE_CODES,
     ),
     Command(
@@ -224,7 +224,7 @@ COMMANDS = (
         "go on after a fault that waits (supervisor.on_fault)",
         "pcpc reset hull",
         reset,
-        module="live.stop",
+        module="live.operation",
         codes={**NODE_CODES, Exit.NOT_MET: "its cause is still there"},
     ),
     Command(

@@ -35,7 +35,7 @@ def command(options: argparse.Namespace) -> int:
         print(json.dumps({"fault": options.name, "on": not options.end, "cycles": cycles}))
         return Exit.OK
     span = (
-        "ended" if options.end else "on" if options.for_s is None else f"on for {options.for_s:g} s"
+        "ended" if options.end else "on" if options.for_s is None else f"on for {options.for_s:g}s"
     )
     where = ", ".join(f"{node} from cycle {cycle}" for node, cycle in cycles.items())
     print(f"{options.name} {span}: {where}")

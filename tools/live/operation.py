@@ -1,26 +1,79 @@
-"""`pcpc arm|hold|resume|handover`: what an operator asks of a running executive."""
+"""`pcpc arm|hold|resume|handover|stop|reset`: what an operator asks of a running rig."""
 
 import argparse
 import json
+from collections.abc import Iterable
+from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.executive.loop.faults import reason
+from pcpc.executive.loop.supervisor import FAULT
 from pcpc.executive.nodes import operating
-from pcpc.tools.live.remote.nodes import nodes_of
+from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.tools.live.remote.nodes import leader, nodes_of, rig_of
+
+_WITHIN_S = 2.0  # a node that runs needs a few cycles
 
 
 def command(options: argparse.Namespace) -> int:
     """Carry one out, and tell in which cycle it was taken."""
+    if options.command in ("stop", "reset"):
+        found: dict[str, Any] = _stop(options) if options.command == "stop" else _reset(options)
+        cycles = ", ".join(f"{name} in cycle {cycle}" for name, cycle in found.items())
+        text = f"{options.command}: {cycles}"
+    else:
+        found, text = _ask_executive(options)
+    print(json.dumps(found) if options.json else text)
+    return Exit.OK
+
+
+def _ask_executive(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     live = nodes_of(options).find(options.node or "executive")
     if (role := live.block.description["node"]) != "executive":
         raise UserError(f"{live.name}: is a {role}; `pcpc {options.command}` asks an executive")
     if options.command == "handover":
         cycle = operating.hand_over(live, options.controller)
-        told: dict[str, object] = {"cycle": cycle, "in_charge": options.controller}
         text = f"{options.controller} is in charge from cycle {cycle}"
-    else:
-        held = options.command == "hold"
-        cycle = operating.hold(live) if held else operating.arm(live)
-        told = {"cycle": cycle, "armed": not held}
-        text = f"{'held, commands go to their safe values' if held else 'armed'}: cycle {cycle}"
-    print(json.dumps(told) if options.json else text)
-    return Exit.OK
+        return {"cycle": cycle, "in_charge": options.controller}, text
+    if options.command == "hold":
+        cycle = operating.hold(live)
+        text = f"held, commands go to their safe values: cycle {cycle}"
+        return {"cycle": cycle, "armed": False}, text
+    cycle = operating.arm(live)
+    return {"cycle": cycle, "armed": True}, f"armed: cycle {cycle}"
+
+
+def _stop(options: argparse.Namespace) -> dict[str, int]:
+    """Ask the executive, whose frames tell the others."""
+    there = nodes_of(options)
+    node = leader(there, rig_of(options, there))
+    return {node.name: node.tune({"supervisor.stop": 2.0 if options.quick else 1.0})}
+
+
+def _reset(options: argparse.Namespace) -> dict[str, int]:
+    """Reset every node in FAULT, the lowest first; LiveError with the fault that is still there."""
+    there = nodes_of(options)
+    rig = rig_of(options, there)
+    nodes = there.running(rig)
+    found = nodes_in_fault(nodes.values())
+    if not found:
+        leader(there, rig)  # which says so, if none runs at all
+        raise LiveError(f"no fault: {', '.join(nodes)}", Exit.NOT_MET)
+    return {node.name: _reset_one(node) for node in found}
+
+
+def nodes_in_fault(nodes: Iterable[Live]) -> list[Live]:
+    """Return those in FAULT in the order in which they are reset, the lowest first."""
+    found = [node for node in nodes if node["supervisor.state"] == FAULT]
+    order = ("plant", "local", "executive")
+    return sorted(found, key=lambda node: order.index(node.block.description["node"]))
+
+
+def _reset_one(node: Live) -> int:
+    node.tune({"supervisor.reset": 1.0})
+    try:
+        now = node.wait_until(lambda now: now["supervisor.state"] != FAULT, _WITHIN_S)
+    except LiveError:
+        why = reason(node.block.description, node.block["control"])
+        raise LiveError(f"{node.name}: still there: {why}", Exit.NOT_MET) from None
+    return now.cycle

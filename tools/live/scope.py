@@ -13,7 +13,7 @@ not notice. Rows that the ring lost before they were read are told, and are a lo
 import argparse
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -183,8 +183,9 @@ class Scope:
         stamps = burst.rows[burst.rows[:, 0] >= burst.cycle, 1]
         clocked, period_ns = log.channels.clocked, log.channels.period_ns
         stamp = int(stamps[0]) if clocked else burst.cycle * period_ns
-        entry = {"event": "trigger", "name": self.options.trigger}
-        entry = entry if burst.found else {"event": "no trigger"}
+        entry = {"event": "no trigger"}
+        if burst.found:
+            entry = {"event": "trigger", "name": self.options.trigger}
         log.happened(stamp, burst.cycle, entry | {"value": 0.0})
         first, last = (int(burst.rows[i, 0]) for i in (0, -1))
         self.bursts.append(
@@ -209,7 +210,7 @@ class Scope:
         held_s = 1e-9 * (self.trigger.pre - burst.short) * self.live.period_ns
         begin = burst.cycle - self.trigger.pre + burst.short
         why = "the node's ring holds no more" if begin else "the run began there"
-        return f"--pre {self.options.pre:g} s: only {held_s:.6g} s, from cycle {begin} on: {why}"
+        return f"--pre {self.options.pre:g}s: only {held_s:.6g} s, from cycle {begin} on: {why}"
 
 
 def command(options: argparse.Namespace) -> int:
@@ -225,7 +226,11 @@ def command(options: argparse.Namespace) -> int:
             lost = f", {missed} cycles lost" if missed else ""
             raise LiveError(f"{options.trigger}: {why}, no trigger{lost}", Exit.NOT_MET)
     if options.plot is not None:
-        _draw(options, scope.names)
+        from pcpc.tools.after.log.plot import plot  # here, because it takes time
+
+        words = [str(options.output), *scope.names]
+        about = argparse.Namespace(words=words, output=options.plot, start=None, end=None)
+        plot(about, Progress(quiet=True))
     rows = sum(one["rows"] for one in scope.bursts)
     if options.json:
         print(json.dumps({"file": str(options.output), "lost": missed, "bursts": scope.bursts}))
@@ -238,14 +243,6 @@ def command(options: argparse.Namespace) -> int:
     if missed:
         print(f"{missed} cycles lost: they were overwritten before they were read")
     return Exit.LOSS if missed else Exit.OK
-
-
-def _draw(options: argparse.Namespace, names: Sequence[str]) -> None:
-    from pcpc.tools.after.log.plot import plot
-
-    words = [str(options.output), *names]
-    about = {"words": words, "output": options.plot, "start": None, "end": None}
-    plot(argparse.Namespace(**about), Progress(quiet=True))
 
 
 def _selection(options: argparse.Namespace) -> tuple[Live, ex.Condition, list[str]]:

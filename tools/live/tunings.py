@@ -18,7 +18,6 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop import shared as sh
@@ -49,7 +48,8 @@ def states(live: Live) -> list[State]:
     A value that the ring of events no longer tells is missing. LiveError: it does not tell the
     present ones.
     """
-    rows, whole = _events(live)
+    rows, first = live.rows("event", 0)
+    whole = first == 0 and not live.block["event_ends"][sh.DROPPED]
     rows = rows[rows[:, 2] == sh.TUNING_EVENT]
     names, own = list(live.variables), set(live.block.description.get("blocks", ()))
     given = live.block.description.get("initial", {}) if whole else {}
@@ -66,12 +66,6 @@ def states(live: Live) -> list[State]:
         else:
             found.append(state)
     return found
-
-
-def _events(live: Live) -> tuple[NDArray[np.int64], bool]:
-    """Return the events that the ring still holds, and whether these are all."""
-    rows, first = live.rows("event", 0)
-    return rows, first == 0 and not live.block["event_ends"][sh.DROPPED]
 
 
 def undo_changes(live: Live, count: int = 1) -> State:
@@ -92,13 +86,8 @@ def undo_changes(live: Live, count: int = 1) -> State:
     return {name: then[name] for name in now if now[name] != then[name]}
 
 
-def _node(options: argparse.Namespace) -> Live:
-    there = nodes_of(options)
-    return there.find(options.node) if options.node else there.find_for([])
-
-
 def _undo(options: argparse.Namespace) -> None:
-    live = _node(options)
+    live = nodes_of(options).chosen(options)
     tune(live, undo_changes(live, options.count), options.json)
 
 
@@ -106,7 +95,7 @@ def _undo(options: argparse.Namespace) -> None:
 
 
 def _save(options: argparse.Namespace) -> None:
-    live = _node(options)
+    live = nodes_of(options).chosen(options)
     values, settings = live.read(), _settings(live.block.description)
     given = live.block.description.get("initial", {})
     chosen = [
@@ -136,18 +125,15 @@ def _save(options: argparse.Namespace) -> None:
 def _settings(about: Mapping[str, Any]) -> set[str]:
     """Return the parameters of blocks that a rig gives, others are computed; UserError."""
     try:
-        return _given(about)
+        data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data
+        laws = data["controllers"]
+        blocks = data[about["node"]]["blocks"] | {"controller": laws[data["controller"]]}
+        blocks |= {name: laws[name] for name in data["standby"]}
+        names = {f"{block}.{name}" for block, one in blocks.items() for name in one["parameters"]}
+        return names | {f"handover.{name}" for name in data["handover"]}
     except (KeyError, TypeError, AttributeError):
         what = f"{about['name']}: says nothing sensible about its rig; what answers there?"
         raise UserError(what, Exit.ENVIRONMENT) from None
-
-
-def _given(about: Mapping[str, Any]) -> set[str]:
-    data = yamlfile.load("rig.yaml", about["attachments"]["rig-resolved.yaml"]).data
-    blocks = data[about["node"]]["blocks"] | {"controller": data["controllers"][data["controller"]]}
-    blocks |= {name: data["controllers"][name] for name in data["standby"]}
-    names = {f"{block}.{name}" for block, one in blocks.items() for name in one["parameters"]}
-    return names | {f"handover.{name}" for name in data["handover"]}
 
 
 def _load(options: argparse.Namespace) -> None:
@@ -157,7 +143,7 @@ def _load(options: argparse.Namespace) -> None:
     there = nodes_of(options)
     nodes = [there.find(options.node)] if options.node else list(there.running().values())
     names = [name for name in document.data if any(name in one.variables for one in nodes)]
-    live = nodes[0] if options.node else there.find_for(names)
+    live = there.chosen(options, names)
     changes = dict(_changes(document, live))
     before = live.read()
     if changes := {name: value for name, value in changes.items() if before[name] != value}:

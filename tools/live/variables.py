@@ -34,8 +34,8 @@ def command(options: argparse.Namespace) -> int:
     """Run one of the five subcommands."""
     chosen = _nodes_and_words(options)
     if options.command in ("get", "watch"):
-        several = {"get": _get, "watch": _watch}
-        several[options.command](_columns(chosen, globs=options.command == "watch"), options)
+        show = _get if options.command == "get" else _watch
+        show(_columns(chosen, globs=options.command == "watch"), options)
         return Exit.OK
     if len({live.name for live, _ in chosen}) > 1:
         raise UserError(f"{' '.join(options.names)}: of several nodes; {options.command} one's")
@@ -51,7 +51,7 @@ def _nodes_and_words(options: argparse.Namespace) -> list[tuple[Live, str]]:
     """
     there, words = nodes_of(options), [word.rpartition(":")[::2] for word in options.names]
     if options.command == "lock" or not words:
-        node = there.find(options.node) if options.node else there.find_for([])
+        node = there.chosen(options)
         return [(node, word) for word in options.names or [""]]
     for shown, (role, word) in zip(options.names, words, strict=True):
         if not word.partition("=")[0]:

@@ -47,7 +47,7 @@ def command(options: argparse.Namespace) -> int:
     judge = Judge.of(rig)
     report = describe(rig, plans)
     late = traffic.warning(rig, rig.config.pacing)
-    report["warnings"] += [*impure, *([late] if late else []), *check(judge, options.set)]
+    report["warnings"] += [*impure, *filter(None, [late]), *check(judge, options.set)]
     report["warnings"] += _try_drawing(rig)
     if options.json:
         print(json.dumps(report, indent=2))
@@ -62,22 +62,21 @@ def _try_laws(rig: Rig) -> list[str]:
     Return a line for each thing in them that has other bits, or does other things, elsewhere.
     """
     config = rig.config
-    found: dict[str, None] = {}
+    found: list[str] = []
     blocks = [block for role in config.sections for block in rig.nodes()[role].blocks]
     for block, (at, law) in zip(blocks, rig.laws(), strict=True):
         module = law.partition(":")[0]
         file = rig.document.file(at, module) if module.endswith(".py") else Path()
         use = Use(block.settings, config.rate_hz, config.seed)
         case = users_case(law, file, use)
-        if case is not None and (problem := trial.attempt(case)):
+        if case is None:
+            continue
+        if problem := trial.attempt(case):
             raise rig.document.error(at, problem)
-        if case is not None:
-            for line, name in purity.warnings(Path(case.file).read_text("utf-8")):
-                where = law_errors.at((case.file, line), f"{name} in a step")
-                found[f"{where}: not the same on every machine; see docs/howto/controller.md"] = (
-                    None
-                )
-    return [*found]
+        for line, name in purity.warnings(Path(case.file).read_text("utf-8")):
+            where = law_errors.at((case.file, line), f"{name} in a step")
+            found += [f"{where}: not the same on every machine; see docs/howto/controller.md"]
+    return list(dict.fromkeys(found))
 
 
 def _try_drawing(rig: Rig) -> list[str]:
@@ -187,18 +186,13 @@ def _bus(rig: Rig) -> dict[str, Any]:
     }
 
 
-def _unwired(made: Plan) -> list[str]:
-    """Return a line for each frame with signals that are sent but wired to nothing."""
+def _unwired(made: Plan) -> Iterator[str]:
+    """Yield a line for each frame with signals that are sent but wired to nothing."""
     place = made.rig.where(f"{made.role}.transmit")
-    lines = []
     for frame in made.tx_frames:
-        names = [f"{frame.name}.{signal.name}" for signal in frame.signals]
-        bare = [name for name in names if name not in made.spec.transmit]
-        if bare:
-            lines.append(
-                f"{place}: {made.spec.name} sends 0 in {', '.join(bare)}: wired to nothing"
-            )
-    return lines
+        names = (f"{frame.name}.{signal.name}" for signal in frame.signals)
+        if bare := [name for name in names if name not in made.spec.transmit]:
+            yield f"{place}: {made.spec.name} sends 0 in {', '.join(bare)}: wired to nothing"
 
 
 def _narrow(made: Plan) -> Iterator[str]:

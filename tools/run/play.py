@@ -4,6 +4,8 @@ The frames of the log's nodes go out in the order of the bus, each at the time t
 a thread of its own runs the compiled loop, so that its timing is that of a node. At the end: how
 many frames, and how far from their deadlines.
 
+The player imports numba, so it is imported only once the bus is known.
+
 With --as the player stands in for one node. It waits, as that node would, until the other one is
 heard, and then plays the recording whatever the other one sends: open loop.
 """
@@ -41,7 +43,6 @@ def command(options: argparse.Namespace) -> int:
     """Play a log."""
     progress = Progress(options.quiet)
     _check(options)
-    _check_bus(options.bus)
     path = Path(options.log)
     if path.is_file() and path.stat().st_size > _LONG_READ_BYTES:
         progress.show(f"reading {path}")
@@ -56,7 +57,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raise PlayError for a number that makes no sense."""
+    """Raise PlayError for a number that makes no sense, RigError for a bus that cannot be."""
     for name, wrong, expected in (
         ("-r", not 0.0 <= options.rate < 1e9, "0 (as fast as possible) or a positive factor"),
         ("--loop", options.loop is not None and options.loop < 0, "a number of times, or nothing"),
@@ -75,12 +76,8 @@ def _check(options: argparse.Namespace) -> None:
         raise PlayError("--step with --loop: leave out one of them")
     if options.no_wait and options.role is None:
         raise PlayError("--no-wait: only with --as, nothing is waited for otherwise")
-
-
-def _check_bus(text: str) -> None:
-    """Raise RigError if there can be no bus of its name on any machine."""
-    named = buses.parse(text)
-    if named[0] != "auto" and not named_bus(named, f"--bus {text}").compiled:
+    named = buses.parse(options.bus)
+    if named[0] != "auto" and not named_bus(named, f"--bus {options.bus}").compiled:
         os.environ["PCPC_LOOP"] = "interpreted"  # before numba is imported
 
 
@@ -103,7 +100,6 @@ class Session:
     progress: Progress
     interrupted: bool = False
     report: realtime.Report = field(default_factory=lambda: realtime.Report(()))
-    failure: str = ""  # of the playing thread
 
     def run(self) -> int:
         """Play; print the result; return the exit code."""
@@ -124,7 +120,7 @@ class Session:
 
     def _make(self) -> "Player":
         """Return a player of the chosen frames with the bus open; BusError."""
-        from pcpc.executive.nodes.player import Player  # here, because it imports numba
+        from pcpc.executive.nodes.player import Player
 
         rate, stamps = self.options.rate, self.frames.stamp_ns
         timed = rate > 0.0
@@ -215,9 +211,8 @@ class Session:
     def _step(self, player: "Player") -> None:
         """Send one frame, or the frames of one cycle, for each line of the standard input."""
         frames = self.frames
-        ends = np.arange(len(frames) + 1)
-        if self.options.step == "cycle":
-            ends = play_frames.cycles(frames)
+        by_cycle = self.options.step == "cycle"
+        ends = play_frames.cycles(frames) if by_cycle else np.arange(len(frames) + 1)
         self.progress.say(f"Enter sends the next {self.options.step}, Ctrl-D ends")
         for first, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
             if not sys.stdin.readline():
@@ -229,8 +224,7 @@ class Session:
 
     def _conclude(self, player: "Player") -> int:
         result = self._result(player)
-        warning = self.report.warning()
-        if warning:
+        if warning := self.report.warning():
             self.progress.say(f"player: {warning}")
         print(json.dumps(result, indent=2) if self.options.json else text_of(result))
         if self.interrupted:

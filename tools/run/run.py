@@ -71,7 +71,8 @@ class Host:
         self.alarms: dict[str, Alarms] = {}
         self.begin_ns, self.heard = options.begin_ns, 0  # lines of the watchdog
         self.waiting = PeerWait(rig, roles)
-        self.page = page_of(options, self._block_name(self._leader()))
+        self.leader = "executive" if "executive" in roles else roles[0]
+        self.page = page_of(options, self._block_name(self.leader))
 
     @property
     def blocks(self) -> dict[str, sh.Shared]:
@@ -84,10 +85,11 @@ class Host:
         self.page.start()
         on_request(self._interrupt)
         try:
-            if self.rig.config.bus.emulate is not None and "executive" in self.roles:
-                self.children["line"] = run_line.start(self.rig, self.bus, self.folder)
-            if self.rig.config.watchdog is not None and "executive" in self.roles:
-                self.children["watchdog"] = Child.serving("watchdog", self._watchdog)
+            if self.leader == "executive":
+                if self.rig.config.bus.emulate is not None:
+                    self.children["line"] = run_line.start(self.rig, self.bus, self.folder)
+                if self.rig.config.watchdog is not None:
+                    self.children["watchdog"] = Child.serving("watchdog", self._watchdog)
             for role in self.roles:
                 self.children[role] = self._node(role)
             self._load_judge()
@@ -98,7 +100,7 @@ class Host:
             self.progress.close()
         if self.waiting.given_up_s:
             complain(list(self.children.values()))
-            said = self.waiting.message(self._leader(), str(self.bus), self.options.rig)
+            said = self.waiting.message(self.leader, str(self.bus), self.options.rig)
             print(said, file=sys.stderr)
             return Exit.ENVIRONMENT
         refused = [c for _, c in sorted(self.children.items()) if c.code in REFUSALS]
@@ -168,10 +170,9 @@ class Host:
 
     def _interrupt(self, number: int, frame: Any) -> None:
         self.outcome.interrupted = True
-        for role in ("executive", *self.roles):
-            if role in self.children:
-                self.children[role].ask()
-                break
+        first = [role for role in (self.leader, *self.roles) if role in self.children]
+        for role in first[:1]:
+            self.children[role].ask()
 
     def _watch(self) -> None:
         """Attach to what appears, start the recorder, show progress, until a node ends."""
@@ -202,6 +203,9 @@ class Host:
                 self.outcome.faults.append(line)
             self.heard = len(said)
 
+    def _has_ended(self, name: str) -> bool:
+        return name in self.children and self.children[name].ended
+
     def _done(self, role: str) -> bool:
         """Return whether the loop of a node has ended; its process stays until we let it go."""
         return role in self.nodes and self.nodes[role].ended
@@ -226,23 +230,20 @@ class Host:
         words = [log, *names, "--judged", json.dumps(self.judged)]
         self.children["recorder"] = Child.forked("recorder", recorder.main, words, survives=True)
 
-    def _leader(self) -> str:
-        return "executive" if "executive" in self.roles else self.roles[0]
-
     def _under_way(self) -> bool:
-        node = self.nodes.get(self._leader())
+        node = self.nodes.get(self.leader)
         return node is not None and node.under_way
 
     def _state(self) -> str:
         """Return the progress line from the leading node's block."""
         waited = 1e-9 * (time.monotonic_ns() - self.begin_ns)
-        node = self.nodes.get(self._leader())
+        node = self.nodes.get(self.leader)
         if node is None or not node.ready:
             return self.compiling.text() or f"starting, {waited:.0f} s"
         if not self._under_way():
             return f"waiting for the other node on {self.bus}, {waited:.0f} s"
-        known = self._leader() == "executive"  # the plant runs until it is told to stop
-        return node_line(node.block, f"/{node.block.description['cycles']}" if known else "")
+        total = f"/{node.block.description['cycles']}"  # the plant runs until it is told to stop
+        return node_line(node.block, total if self.leader == "executive" else "")
 
     def _end(self) -> None:
         """Let the nodes end by themselves, then ask; then the recorder, which drains the rings."""
@@ -250,20 +251,14 @@ class Host:
         self._attach()
         first = [name for name, child in self.children.items() if child.ended or self._done(name)]
         over = all(node.ended for node in self.nodes.values())
-        recorder_first = (
-            "recorder" in self.children and self.children["recorder"].ended and not over
-        )
+        recorder_first = self._has_ended("recorder") and not over
         codes = [child.code for child in nodes if child.ended]
         patience = _END_S
-        line_gone = "line" in self.children and self.children["line"].ended
-        if (
-            recorder_first
-            or line_gone
-            or any(code not in (Exit.OK, Exit.SAFETY_STOP) for code in codes)
-        ):
+        wrong = any(code not in (Exit.OK, Exit.SAFETY_STOP) for code in codes)
+        if recorder_first or wrong or self._has_ended("line"):
             patience = _SHORT_END_S
-        unborn = self.outcome.interrupted and not self._under_way()
-        unborn = unborn or bool(self.waiting.given_up_s)
+        unborn = self.waiting.given_up_s > 0.0
+        unborn = unborn or (self.outcome.interrupted and not self._under_way())
         if unborn or any(code in REFUSALS for code in codes):
             patience = 0.0
         asked_s = _UNBORN_S if unborn else _ASKED_S
@@ -322,7 +317,7 @@ class Host:
     def _recorder_may_come(self) -> bool:
         """Return whether our recorder, or that of the executive's host here, is still to come."""
         if "executive" in self.roles:
-            return "recorder" in self.children and not self.children["recorder"].ended
+            return "recorder" in self.children and not self._has_ended("recorder")
         return sharing.is_locked(self._block_name("executive"))
 
 

@@ -38,8 +38,8 @@ class Simulation:
         self.run = VirtualRun(rig, log, judged, controller, plausible.check)
         self.lacking = carried.warning(self.run.blocks[0].description["files"])
 
-    def interrupt(self) -> None:
-        """Ask it to end."""
+    def interrupt(self, *_: Any) -> None:
+        """Ask it to end; also what hears a signal."""
         self.outcome.interrupted = True
         self.run.stop()
 
@@ -47,7 +47,7 @@ class Simulation:
         """Write what became of an emulated line, and return it in a line; "" without one."""
         if not self.run.over:
             return ""
-        from pcpc.tools.start.bus import line_report
+        from pcpc.tools.start.bus import line_report  # here, because few rigs need it
 
         line, bitrate, _ = self.run.over
         found = line_report.numbers(line, self.rig.roles, bitrate)
@@ -86,11 +86,7 @@ def command(options: argparse.Namespace) -> int:
         simulation = Simulation(rig, folder / LOG, judged, outcome)
         if simulation.lacking:
             print(simulation.lacking, file=sys.stderr)
-
-        def interrupt(number: int, frame: Any) -> None:
-            simulation.interrupt()
-
-        on_request(interrupt)
+        on_request(simulation.interrupt)
         progress = Progress(options.quiet)
         simulation.to_end(progress)
         if said := simulation.tell_line(folder):

@@ -18,7 +18,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
 _PR_SET_PDEATHSIG, _PR_SET_NAME = 1, 15
 _LOOK_S = 0.005
@@ -98,18 +98,17 @@ class Child:
     def end(self, patience_s: float, ask_s: float = 5.0) -> None:
         """Wait, then ask with SIGTERM, then after `ask_s` kill."""
         for ask, wait_s in ((None, patience_s), (signal.SIGTERM, ask_s), (signal.SIGKILL, 5.0)):
-            if ask is not None and not self.ended:
-                self.asked = True
-                self.process.send_signal(ask)
+            if ask is not None:
+                self.ask(ask)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self.process.wait(wait_s)
                 return
 
-    def ask(self) -> None:
+    def ask(self, number: int = signal.SIGTERM) -> None:
         """Ask the child to end, without waiting."""
         if not self.ended:
             self.asked = True
-            self.process.send_signal(signal.SIGTERM)
+            self.process.send_signal(number)
 
 
 class Forked:
@@ -159,7 +158,10 @@ def _be_child(name: str, call: Callable[[], int], stderr: int, host: int) -> NoR
             os.dup2(file, number)
         if not host:
             _let_go(nothing)
-        sys.stdout, sys.stderr = map(_written_to, (1, 2))
+        sys.stdout, sys.stderr = (
+            open(n, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+            for n in (1, 2)
+        )
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -186,10 +188,6 @@ def _let_go(nothing: int) -> None:
             except OSError:
                 with contextlib.suppress(OSError):  # the list's own
                     os.close(number)
-
-
-def _written_to(number: int) -> TextIO:
-    return open(number, "w", buffering=1, errors="backslashreplace", closefd=False)
 
 
 def end_with(host: int, number: int = signal.SIGTERM) -> None:

@@ -65,7 +65,8 @@ def settle(
     pacing, rate_hz = options.pacing or rig.config.pacing, rig.config.rate_hz
     if pacing == "lockstep":
         return options, ""
-    cpu = _cpu() if cpu is None else cpu
+    if cpu is None:
+        cpu = _CPU.read_text(errors="replace") if _CPU.is_file() else ""
     slower = slowness() if slower is None else slower
     highest_hz = highest_rate_hz(slower, cpu)
     if rate_hz <= highest_hz:
@@ -86,13 +87,6 @@ def _round(rate_hz: float) -> float:
         return rate_hz
     unit = 10.0 ** math.floor(math.log10(rate_hz))
     return math.floor(rate_hz / unit) * unit
-
-
-def _cpu() -> str:
-    try:
-        return _CPU.read_text(errors="replace")
-    except OSError:
-        return ""
 
 
 def silence(blocks: Mapping[str, sh.Shared], rig: Rig) -> str:

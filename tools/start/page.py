@@ -43,6 +43,6 @@ def page_of(options: argparse.Namespace, node: str) -> NoPage:
     """Return the page of a run whose leading node is `node`; UserError."""
     if not is_installed(_ROOM):
         return NoPage()
-    page: Any = part_of(_ROOM, "beside").Page(options, node)
+    page: Any = part_of(_ROOM, "run_page").Page(options, node)
     assert isinstance(page, NoPage)
     return page

@@ -93,23 +93,23 @@ def _running(text: str) -> Path | None:
 
 def command(options: argparse.Namespace) -> int:
     """List the rigs, or those whose name or plant matches."""
-    known = list(shipped_rigs())
-    chosen = [rig for rig in known if _matches(rig, options.names)]
+    known, words = list(shipped_rigs()), options.names
+    chosen = [
+        rig
+        for rig in known
+        if not words
+        or any(fnmatchcase(name, word) for word in words for name in (*rig.names, rig.plant))
+    ]
     if not chosen:
-        words = " ".join(options.names)
+        text = " ".join(words)
         names = [name for rig in known for name in (rig.plant, rig.name)]
-        raise RigError(f"{words}: no such rig{did_you_mean(words, names)}")
+        raise RigError(f"{text}: no such rig{did_you_mean(text, names)}")
     listed = [_about(rig) for rig in chosen]
     if options.json:
         print(json.dumps(listed, indent=2))
     else:
         print("\n".join(_lines(listed)))
     return Exit.OK
-
-
-def _matches(rig: ShippedRig, words: list[str]) -> bool:
-    names = (*rig.names, rig.plant)
-    return not words or any(fnmatchcase(name, word) for word in words for name in names)
 
 
 def data_of(file: str | Path) -> dict[str, Any]:

@@ -54,9 +54,9 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000 import model
 from pcpc.plants.atb1000.laws import pd
+from pcpc.tools.dev.bench import c_library as compiler
 from pcpc.tools.dev.bench import steps
 from pcpc.tools.dev.bench.cli import Ratio
-from pcpc.tools.machine.jitter import compiler
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "cycle"

@@ -9,8 +9,8 @@ import numpy as np
 
 from pcpc.drivers.compile_cache import made
 from pcpc.tools.dev.bench import steps as by_hand
+from pcpc.tools.dev.bench.c_library import library
 from pcpc.tools.dev.bench.cli import Ratio
-from pcpc.tools.machine.jitter.compiler import library
 from pcpc.tools.make.generate.library import write
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, signature, translated

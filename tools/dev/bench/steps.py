@@ -35,9 +35,9 @@ from pcpc.plants.atb1000.laws import (
     tracking_network,
 )
 from pcpc.plants.atb1000.ports import HULL_COMPONENTS, Motion
+from pcpc.tools.dev.bench.c_library import library
 from pcpc.tools.dev.bench.cli import Ratio
 from pcpc.tools.machine.jitter.compiler import CompilerError as CompilerError
-from pcpc.tools.machine.jitter.compiler import library
 from pcpc.tools.terminal.progress import Progress
 
 SOURCE = Path(__file__).with_name("steps.c")

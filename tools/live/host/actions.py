@@ -9,13 +9,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from pcpc.drivers.errors import UserError
-from pcpc.executive.loop.supervisor import FAULT
 from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes.live import Live
 from pcpc.tools.live import tunings
 from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.host.recordings import Recordings
 from pcpc.tools.live.host.sources import Source, full
+from pcpc.tools.live.operation import nodes_in_fault
 
 _NOTHING = "no run is shown: where several go on choose one, else `pcpc run RIG` starts one"
 _WORDS = {
@@ -121,12 +121,7 @@ class Actions:
         return live
 
     def _reset(self, source: Source) -> int:
-        order = ("plant", "local", "executive")
-        faulted = [
-            source.nodes[role].live
-            for role in order
-            if role in source.nodes and source.nodes[role].live["supervisor.state"] == FAULT
-        ]
+        faulted = nodes_in_fault(node.live for node in source.nodes.values())
         if not faulted:
             raise UserError("no node is in FAULT")
         return max(live.tune({"supervisor.reset": 1.0}) for live in faulted)

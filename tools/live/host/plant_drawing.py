@@ -3,7 +3,7 @@
 import argparse
 import json
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,10 @@ class PlantDrawing:
         self, found: drawing.Drawing, settings: Mapping[str, float], source: Source
     ) -> None:
         self._drawing, self._settings = found, settings
-        self._places = dict(self._curves_needed(source))
+        self._places: dict[str, tuple[str, str]] = {}
+        for name, wanted in found.needs.items():
+            with suppress(UserError):  # this rig has no such variable: it is drawn as not known
+                self._places[name] = source.curve(wanted)
         self._scene: tuple[int, dict[str, Any]] = (-1, {})
 
     def scene(self, source: Source, cycle: int) -> dict[str, Any]:
@@ -36,11 +39,6 @@ class PlantDrawing:
             now["t"] = cycle * source.period_s
             self._scene = cycle, self._drawing.scene(now, self._settings).json()
         return self._scene[1]
-
-    def _curves_needed(self, source: Source) -> Iterator[tuple[str, tuple[str, str]]]:
-        for name, wanted in self._drawing.needs.items():
-            with suppress(UserError):  # this rig has no such variable: it is drawn as not known
-                yield name, source.curve(wanted)
 
 
 def _value(source: Source, place: tuple[str, str], cycle: int) -> float:

@@ -46,15 +46,10 @@ def run_list(found: Mapping[str, nodes.Live]) -> list[dict[str, Any]]:
         run, about = run_of(name), live.block.description
         with suppress(KeyError, TypeError, ValueError, IndexError):  # it says nothing sensible
             state = str(about["state_names"][int(live.block["control"][sh.STATE])])
-            new = {"run": run, "rig": str(about["rig"]), "since_s": _since_s(about), "nodes": {}}
+            since_s = 1e-9 * int(about["metadata"]["clock_wall_ns"])
+            new = {"run": run, "rig": str(about["rig"]), "since_s": since_s, "nodes": {}}
             runs.setdefault(run, new)["nodes"][str(about["node"])] = state
     return [*runs.values()]
-
-
-def _since_s(about: Mapping[str, Any]) -> float:
-    """Return the wall time at which a node was set up."""
-    facts = about["metadata"]
-    return float(1e-9 * int(facts["clock_wall_ns"]))
 
 
 def run_of(name: str) -> str:

@@ -118,9 +118,9 @@ class Server:
 
     def _look(self, now_s: float) -> None:
         """Look which runs there are."""
-        offered = runs.run_list(self.nodes())
-        if offered != self.runs_under_way:
-            self.runs_under_way = offered
+        found = runs.run_list(self.nodes())
+        if found != self.runs_under_way:  # else it stays the same object
+            self.runs_under_way = found
         for display in self._displays.values():
             display.find()
         self._let_go(now_s, IDLE_S)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live as here
 from pcpc.executive.nodes.live import Live
+from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.live.remote import answers, fields
 from pcpc.tools.live.remote.link import Link
 
@@ -124,7 +125,7 @@ class Remote(Live):
         return {"record": own, "frame": sh.FRAME_WORDS, "event": sh.EVENT_WORDS}[ring]
 
 
-class RemoteNodes:
+class RemoteNodes(Nodes):
     """The nodes that run on the machine of a link; see `remote.nodes.Nodes`."""
 
     def __init__(self, link: Link) -> None:

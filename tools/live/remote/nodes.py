@@ -1,58 +1,22 @@
-"""The running nodes that a command is about: of this machine, or with --at of another one."""
+"""The running nodes that a command is about: of this machine, or with --at of another one.
+
+What asks another machine is imported only then, as it takes time.
+"""
 
 import argparse
-from collections.abc import Sequence
-from typing import Protocol
 
-from pcpc.drivers.bystander import keep_off
 from pcpc.drivers.errors import Exit
-from pcpc.executive.nodes import live
 from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal.option_notes import refuse
-
-
-class Nodes(Protocol):
-    """Where they are found."""
-
-    def running(self, rig: str = "") -> dict[str, Live]:
-        """Return the nodes whose loop runs, of all rigs or one, by name."""
-        ...
-
-    def find(self, node: str = "executive", rig: str = "") -> Live:
-        """Return the running node of a name; LiveError."""
-        ...
-
-    def find_for(self, words: Sequence[str]) -> Live:
-        """Return the node that has these variables; LiveError."""
-        ...
-
-
-class _LocalNodes:
-    """Those of this machine; the command keeps off the processors of their loops."""
-
-    def running(self, rig: str = "") -> dict[str, Live]:
-        found = live.running(rig)
-        keep_off(one.pid for one in found.values())
-        return found
-
-    def find(self, node: str = "executive", rig: str = "") -> Live:
-        return _kept_off(live.find(node, rig))
-
-    def find_for(self, words: Sequence[str]) -> Live:
-        return _kept_off(live.find_for(words))
-
-
-def _kept_off(one: Live) -> Live:
-    keep_off([one.pid])
-    return one
 
 
 def nodes_of(options: argparse.Namespace) -> Nodes:
     """Return where the nodes of a command are; UserError."""
     if getattr(options, "at", None) is None:
         refuse(options, "only with --at HOST:PORT", "token_file", "ca", "plain")
-        return _LocalNodes()
+        return Nodes()
     from pcpc.tools.live.remote.link import Link
     from pcpc.tools.live.remote.live import RemoteNodes
 

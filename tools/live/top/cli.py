@@ -1,15 +1,18 @@
-"""`pcpc top [RIG]`: the screen on a terminal until q or Ctrl-C, else its lines again and again."""
+"""`pcpc top [RIG]`: the screen on a terminal until q or Ctrl-C, else its lines again and again.
+
+Only a terminal needs rich, which takes time to import.
+"""
 
 import argparse
 import os
 import select
-import shutil
 import sys
 import termios
 import time
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from pcpc.drivers.errors import Exit
@@ -33,20 +36,18 @@ def command(options: argparse.Namespace) -> int:
     there = nodes_of(options)
     rig = rig_of(options, there)
     if options.once:
-        meter = Meter(_nodes(there, rig, options.node) or _leader(there, rig, options.node))
+        nodes = _nodes(there, rig, options.node)
+        if not nodes:
+            live = leader(there, rig, options.node or "executive")  # else what runs instead
+            nodes = {live.name: live}
+        meter = Meter(nodes)
         time.sleep(_ONCE_S)
         meter.look()
-        print("\n".join(lines(meter, *_size())))
+        print("\n".join(lines(meter, *get_terminal_size())))
         return Exit.OK
     with _screen() as screen:
         _watch(there, rig, options.node, options.every, screen)
     return Exit.OK
-
-
-def _leader(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
-    """Return the node that is meant; LiveError with what runs instead."""
-    live = leader(there, rig, node or "executive")
-    return {live.name: live}
 
 
 def _watch(
@@ -60,9 +61,8 @@ def _watch(
         elif meter is not None and not meter.running:
             about = meter.leader.live.run
             ended, meter = f"{about}: ended in cycle {meter.leader.now.cycle}; ", None
-        if meter is None:
-            page = [f"{ended}waiting for a run{f' of {rig}' if rig else ''}"]
-        page = page if meter is None else []
+        waiting = f"{ended}waiting for a run{f' of {rig}' if rig else ''}"
+        page = [waiting] if meter is None else []
         if _show(every_s, screen, meter, page, again=not page or page != shown):
             return
         shown = page
@@ -82,8 +82,8 @@ def _show(
             return False
     end_s, size = time.monotonic() + every_s, None
     while True:
-        if size != _size():  # at first, and where the terminal has another one
-            size = _size()
+        if size != get_terminal_size():  # at first, and where the terminal has another one
+            size = get_terminal_size()
             text = "\n".join(page or (lines(meter, *size) if meter else []))
             if screen is None and again:
                 print(text, end="\n\n", flush=True)
@@ -111,12 +111,6 @@ def _nodes(there: Nodes, rig: str, node: str | None) -> dict[str, Live]:
     (run,) = runs or {""}
     every = there.running(rig) if found else {}
     return {name: live for name, live in every.items() if live.run == run}
-
-
-def _size() -> tuple[int, int]:
-    """Return the columns and rows of the terminal, 80 x 24 where there is none."""
-    size = shutil.get_terminal_size()
-    return size.columns, size.lines
 
 
 def _key(within_s: float, terminal: bool) -> str:

@@ -124,6 +124,4 @@ class Meter:
             for one in self.nodes
             for number, counts in one.received.items()
         ]
-        return sorted(
-            found, key=lambda row: (-sum(n for s, n in row.counts.items() if s), row.name)
-        )
+        return sorted(found, key=lambda row: (-row.wrong, row.name))

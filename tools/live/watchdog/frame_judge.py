@@ -25,7 +25,7 @@ from pcpc.executive.loop.supervisor import INIT, NMT, STOP
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
-from pcpc.executive.rig.schema import Watchdog
+from pcpc.executive.rig.schema import Limit, Watchdog
 
 _RECENT = 10  # frames, of which some are wrong
 _SLOW = 3  # cycles of a slow frame, as in the verdict
@@ -101,16 +101,15 @@ class FrameJudge:
         for row in self.rows:
             given = rig.nodes()[row.role].limits
             for one in row.frame.signals:
-                limit = given.get(f"{row.frame.name}.{one.name}")
-                if limit is None and not one.is_float:
+                name = f"{row.frame.name}.{one.name}"
+                if name not in given and not one.is_float:
                     continue
-                low, high, rate = -math.inf, math.inf, None
-                if limit is not None:
-                    low, high, rate = limit.low, limit.high, limit.rate_per_s
+                limit = given.get(name, Limit())
+                rate = limit.rate_per_s
                 step = math.inf if rate is None else rate / rig.config.rate_hz
                 slack = 0.0 if one.is_float else abs(one.factor)
-                place = self.places[f"{row.frame.name}.{one.name}"]
-                row.limits[place] = _Limits(low - slack, high + slack, step, slack)
+                bounds = limit.low - slack, limit.high + slack
+                row.limits[self.places[name]] = _Limits(*bounds, step, slack)
 
     def judge(self, frames: NDArray[np.uint8]) -> None:
         """Judge frames (k, 16) that came up to now."""

@@ -31,6 +31,7 @@ _LIMITS = (
 _CONTAINER = (
     "docker run --cap-add SYS_NICE --cap-add IPC_LOCK --ulimit rtprio=90 --ulimit memlock=-1"
 )
+_DMA_DEVICE = "docker run --device /dev/cpu_dma_latency    # in a container; else a kernel with it"
 _DMA_RULE = (
     """echo 'KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"' | """
     f"sudo tee /etc/udev/rules.d/99-realtime.rules && {_GROUP} && sudo udevadm control --reload "
@@ -95,28 +96,20 @@ def permission_rows(project: Path) -> Iterator[Row]:
         return
     settings = json.loads(done.stdout)
     limits = _CONTAINER if os.geteuid() == 0 else _LIMITS
-    yield _setting("SCHED_FIFO", settings, "p99 wake-up under load 37 times later", limits)
+    dma = _DMA_RULE if os.path.exists("/dev/cpu_dma_latency") else _DMA_DEVICE
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    memory = _setting("mlockall", settings, "page faults in the loop", limits)
     size = "unlimited" if limit == resource.RLIM_INFINITY else f"{limit >> 10} KiB"
-    yield Row(memory.name, memory.state, f"{memory.found}; limit {size}", memory.cost, memory.cure)
-    yield _setting(
-        "cpu_dma_latency", settings, "wake-up from idle 45 instead of 21 us", _dma_cure()
-    )
-    yield _setting("timer slack", settings, "wake-up 48 us later without SCHED_FIFO", "")
-
-
-def _setting(name: str, settings: dict[str, tuple[bool, str]], cost: str, cure: str) -> Row:
-    granted, detail = settings[name]
-    if granted:
-        return Row(name, "ok", detail)
-    return Row(name, "warn", detail.partition(";")[0], cost, cure)
-
-
-def _dma_cure() -> str:
-    if not os.path.exists("/dev/cpu_dma_latency"):
-        return "docker run --device /dev/cpu_dma_latency    # in a container; else a kernel with it"
-    return _DMA_RULE
+    for name, more, cost, cure in (
+        ("SCHED_FIFO", "", "p99 wake-up under load 37 times later", limits),
+        ("mlockall", f"; limit {size}", "page faults in the loop", limits),
+        ("cpu_dma_latency", "", "wake-up from idle 45 instead of 21 us", dma),
+        ("timer slack", "", "wake-up 48 us later without SCHED_FIFO", ""),
+    ):
+        granted, detail = settings[name]
+        if granted:
+            yield Row(name, "ok", detail + more)
+        else:
+            yield Row(name, "warn", detail.partition(";")[0] + more, cost, cure)
 
 
 def _isolated() -> Row:

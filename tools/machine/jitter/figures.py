@@ -83,21 +83,14 @@ def ratios(ours: Sequence[Vector], theirs: Sequence[Vector]) -> dict[str, dict[s
         for a, b in zip(ours, theirs, strict=False)  # an interrupted run has a round less of one
         if min(len(a), len(b)) >= LEAST_CYCLES
     ]
-    found: dict[str, dict[str, Any]] = {}
-    for figure in COMPARED if pairs else ():
-        each = [a[figure] / b[figure] for a, b in pairs]
-        found[figure] = {
-            "median": float(np.median(each)), "min": min(each), "max": max(each), "rounds": each,
-        }  # fmt: skip
-    return found
-
-
-def clock_source() -> str:
-    """Return the kernel's clock source, `unknown` where it does not tell."""
-    try:
-        return _CLOCK_SOURCE.read_text().strip()
-    except OSError:
-        return "unknown"
+    each = {figure: [a[figure] / b[figure] for a, b in pairs] for figure in COMPARED if pairs}
+    return {
+        figure: {
+            "median": float(np.median(values)), "min": min(values), "max": max(values),
+            "rounds": values,
+        }
+        for figure, values in each.items()
+    }  # fmt: skip
 
 
 def as_json(result: Result) -> dict[str, Any]:
@@ -116,7 +109,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "fifo": result.fifo,
         "absent": result.absent,
         "kernel": f"{platform.system()} {platform.release()}",
-        "clock_source": clock_source(),
+        "clock_source": _CLOCK_SOURCE.read_text().strip() if _CLOCK_SOURCE.exists() else "unknown",
         "machine": metadata,
         "nodes": {n: _node_json(node) for n in ("executive", "plant") if (node := result.node(n))},
         "loops": {

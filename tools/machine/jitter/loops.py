@@ -98,7 +98,14 @@ def _compile(folder: Path) -> None:
 
 def run(name: str, setup: Setup, folder: Path, progress: Progress, label: str) -> Loop:
     """Run one round of a loop that `prepare` found; JitterError if it fails."""
-    return _LOOPS[name](setup, folder, lambda s: progress.show(f"{label} {s:.0f} s"))
+
+    def show(spent_s: float) -> None:
+        progress.show(f"{label} {spent_s:.0f} s")
+
+    if name == "cyclictest":
+        return _cyclictest(setup, folder, show)
+    python = [sys.executable, "-P", str(SOURCE.with_suffix(".py"))]
+    return _wake(python if name == "python" else [str(folder / "wake")], setup, folder, show)
 
 
 def _wake(words: Sequence[str], setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
@@ -112,15 +119,6 @@ def _wake(words: Sequence[str], setup: Setup, folder: Path, show: Callable[[floa
             raise JitterError(f"{words[-1]}: {done.why}", Exit.ENVIRONMENT)
         return Loop(np.empty(0, np.int64), False, True)
     return Loop(np.fromfile(out, "<i8"), done.output.read_text().strip() == "1", done.interrupted)
-
-
-def _c(setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
-    return _wake([str(folder / "wake")], setup, folder, show)
-
-
-def _python(setup: Setup, folder: Path, show: Callable[[float], None]) -> Loop:
-    script = str(Path(__file__).with_name("wake.py"))
-    return _wake([sys.executable, "-P", script], setup, folder, show)
 
 
 def _cyclictest_words(setup: Setup, loops: int) -> list[str]:
@@ -142,9 +140,6 @@ def cyclictest_values(text: str) -> NDArray[np.int64]:
     rows = (line.split(":") for line in text.splitlines())
     values = [int(row[2]) for row in rows if len(row) == 3 and row[0].strip().isdigit()]
     return np.array(values, np.int64)
-
-
-_LOOPS = {"cyclictest": _cyclictest, "c": _c, "python": _python}
 
 
 @dataclass(frozen=True)

@@ -66,21 +66,23 @@ def prepare(programs: Programs, cache: Path, update: bool, say: Say) -> Kernel:
 def cached_release(cache: Path) -> str | None:
     """Return the release of the newest kernel in the cache, None if there is none."""
     releases = [path.parent.name for path in cache.glob("*/kernel")]
-    return max(releases, key=_version_key, default=None)
+    return max(releases, key=_version, default=None)
 
 
 def packages_to_fetch(programs: Programs) -> tuple[str, list[str]]:
     """Return (release, packages) of the kernel that the distribution's metapackage stands for."""
     for metapackage in _METAPACKAGES:
-        match = re.search(r"linux-image-(\d[\w.+~-]*)", _depends(programs, metapackage))
+        match = re.search(
+            r"^(?:Pre-)?Depends: .*?linux-image-(\d[\w.+~-]*)",
+            _apt_show(programs, metapackage),
+            re.MULTILINE,
+        )
         if match is None:
             continue
         release = match[1]
-        packages = [f"linux-image-{release}"]
-        for name in (f"linux-modules-{release}", f"linux-modules-extra-{release}"):
-            if _known(programs, name):
-                packages.append(name)
-        return release, packages
+        modules = (f"linux-modules-{release}", f"linux-modules-extra-{release}")
+        known = [name for name in modules if _apt_show(programs, name)]
+        return release, [f"linux-image-{release}", *known]
     raise VmError(
         f"apt knows neither {' nor '.join(_METAPACKAGES)}; run `apt-get update` as root, then again"
     )
@@ -188,20 +190,16 @@ def _with_initramfs(programs: Programs, folder: Path) -> Kernel:
     return Kernel(folder.name, package, folder / "kernel", image)
 
 
-def _depends(programs: Programs, package: str) -> str:
+def _apt_show(programs: Programs, package: str) -> str:
+    """Return what apt tells of a package, "" where it does not know it."""
     command = [programs.apt_cache, "show", "--no-all-versions", package]
-    shown = subprocess.run(command, capture_output=True, text=True, check=False).stdout
-    return " ".join(re.findall(r"^(?:Pre-)?Depends: (.*)$", shown, re.MULTILINE))
-
-
-def _known(programs: Programs, package: str) -> bool:
-    command = [programs.apt_cache, "show", "--no-all-versions", package]
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    return "" if found.returncode else found.stdout
 
 
 def _module_name(path: Path) -> str:
     return path.name.split(".ko")[0].replace("-", "_")
 
 
-def _version_key(release: str) -> list[int]:
+def _version(release: str) -> list[int]:
     return [int(number) for number in re.findall(r"\d+", release)]
