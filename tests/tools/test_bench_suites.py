@@ -16,13 +16,14 @@ from pcpc.drivers.wire import FRAME, get_frame, put_frame
 from pcpc.executive.loop import shared as sh
 from pcpc.tools.cli import main
 from pcpc.tools.dev.bench import batch, codec, cycle, frame, rate, recorder, simulate, startup
-from pcpc.tools.dev.bench.cli import ON_REQUEST, SUITES, Ratio
+from pcpc.tools.dev.bench.cli import ON_REQUEST, SUITES
+from pcpc.tools.dev.bench.compiler import address
+from pcpc.tools.dev.bench.ratio import Ratio
 from pcpc.tools.machine.jitter.compiler import CompilerError
 from pcpc.tools.terminal.progress import Progress
 
 QUIET = Progress(quiet=True)
 CYCLES = 300
-SCRATCH = "the plant's scratch space, which C does not need"
 
 
 def test_a_folder_or_none_in_place_of_a_file_is_refused_before_anything_is_measured(
@@ -34,7 +35,7 @@ def test_a_folder_or_none_in_place_of_a_file_is_refused_before_anything_is_measu
         assert said.out == "" and what in said.err and said.err.count("\n") == 1, said
 
 
-def of(ratios: list[Ratio]) -> dict[tuple[str, str], float]:
+def medians(ratios: list[Ratio]) -> dict[tuple[str, str], float]:
     """Return the medians by name, after a look at every number."""
     for r in ratios:
         numbers = np.array([r.own, r.base, *r.ratio])
@@ -43,9 +44,9 @@ def of(ratios: list[Ratio]) -> dict[tuple[str, str], float]:
     return {(r.what, r.against): r.ratio[1] for r in ratios}
 
 
-def differing(ours: Any, theirs: Any, skip: tuple[str, ...] = ()) -> list[str]:
+def differing(ours: Any, theirs: Any) -> list[str]:
     """Return the fields of two LOOP records whose bytes differ."""
-    names = [name for name in sh.LOOP.names or () if name not in skip]
+    names = sh.LOOP.names or ()
     return [n for n in names if np.asarray(ours[n]).tobytes() != np.asarray(theirs[n]).tobytes()]
 
 
@@ -57,10 +58,10 @@ def recording() -> cycle.Recording:
 def test_a_cycle_in_c_leaves_the_bytes_of_a_cycle_in_python(recording: cycle.Recording) -> None:
     made, c = recording.plan, cycle.library()
     ours, theirs = cycle.new_loop(made), cycle.new_loop(made)
-    at, table = cycle.address(theirs), cycle.in_c(made.steps, c)
+    at, table = address(theirs[0]), cycle.in_c(made.steps, c)
     frames, ends = recording.frames, recording.ends
     cycle.drive_memory(ours, made.steps, frames, ends, 1)
-    views = cycle.pointer(frames), cycle.pointer(ends)
+    views = address(frames), address(ends)
     c.drive_memory(at, table, *views, ctypes.c_int64(CYCLES), ctypes.c_int64(1))
     assert ours.control[sh.RECEIVED] == len(frames) and ours.control[sh.PASSES] == CYCLES
     assert ours.control[sh.SENT] > 2 * CYCLES and not ours.control[sh.CRC_ERRORS]
@@ -73,10 +74,9 @@ def test_a_virtual_run_in_c_leaves_the_bytes_of_one_in_python() -> None:
     simulate.in_python(ours)
     simulate.in_plain_c(theirs, cycle.library())
     assert ours.loops[0].control[sh.DONE] == 1 and ours.loops[0].k == CYCLES
-    differ = differing(ours.loops[0], theirs.loops[0])
-    assert not differ, f"the executive in C differs in {differ}"
-    differ = differing(ours.loops[1], theirs.loops[1], skip=("v", "snapshot"))
-    assert not differ, f"the plant in C differs in {differ} ({SCRATCH} left out)"
+    for node, our, their in zip(("executive", "plant"), ours.loops, theirs.loops, strict=True):
+        differ = differing(our, their)
+        assert not differ, f"the {node} in C differs in {differ}"
 
 
 def test_a_restored_run_gives_the_same_bytes_again() -> None:
@@ -95,7 +95,7 @@ def test_a_frame_of_c_is_read_by_python_and_the_reverse() -> None:
     ends = frame.open_end(bus), frame.open_end(bus)
     ours, theirs = ends[0][0], ends[1][0]
     theirs.packet_tx[:] = 0
-    c.prepare_packet(cycle.pointer(ends[1]))
+    c.prepare_packet(address(ends[1]))
     for length in (0, 3, 8):
         for extended in (0, 0x80):
             head = np.array([0x21, 0x01, 0, extended, length, 0, 0, 0], np.uint8)
@@ -104,7 +104,7 @@ def test_a_frame_of_c_is_read_by_python_and_the_reverse() -> None:
             assert put_frame(ours) and get_frame(ours, True) == FRAME
             received = ours.rx.copy()
             theirs.tx[:] = ours.tx
-            assert c.drive_frames(cycle.pointer(ends[1]), ctypes.c_int64(1)) == 1
+            assert c.drive_frames(address(ends[1]), ctypes.c_int64(1)) == 1
             assert get_frame(ours, True) == FRAME
             ours.rx[8], theirs.rx[8] = received[8], received[8]  # the driver numbers its frames
             assert bytes(ours.rx) == bytes(received) == bytes(theirs.rx), f"{length} bytes"
@@ -128,14 +128,14 @@ def test_python_c_and_cantools_pack_the_same_bytes_and_read_the_same_values() ->
 
 
 def test_cycle_gives_its_ratios() -> None:
-    found = of(cycle.measure(QUIET, rounds=2))
+    found = medians(cycle.measure(QUIET, rounds=2))
     assert {what for what, _ in found} == {"in memory", "on the bus", "publish 256"}
 
 
 def test_a_compiled_frame_is_three_times_faster_than_with_python_can(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    found = of(frame.measure(QUIET, rounds=2))
+    found = medians(frame.measure(QUIET, rounds=2))
     ratio = found["udp_multicast", "python-can"]
     assert ratio < 1 / 3, f"{ratio:.3f} of python-can's time"
     assert ("udp_multicast", frame.AGAINST) in found
@@ -144,7 +144,7 @@ def test_a_compiled_frame_is_three_times_faster_than_with_python_can(
 
 
 def test_the_codec_is_twenty_times_faster_than_cantools() -> None:
-    found = of(codec.measure(QUIET, rounds=2))
+    found = medians(codec.measure(QUIET, rounds=2))
     ratio = found["all 14 frames", "cantools"]
     assert len(found) == 2 and ratio < 1 / 20, f"{ratio:.4f} of cantools' time"
 
@@ -157,12 +157,12 @@ def test_the_virtual_run_gives_its_ratios_at_matched_accuracy() -> None:
     for method, tolerance in simulate.matched(s):
         error = np.abs(simulate.by_scipy(s, method, tolerance) - exact).max()
         assert error <= own, f"{method} at {tolerance:.0e}: {error:.1e}, the plant {own:.1e} rad"
-    found = of(simulate.measure(QUIET, rounds=1))
+    found = medians(simulate.measure(QUIET, rounds=1))
     assert len(found) == 2 and ("slew10", "C -O2, both nodes") in found
 
 
 def test_the_recorder_gives_its_ratios() -> None:
-    found = of([recorder.throughput(QUIET, rounds=1)])
+    found = medians([recorder.throughput(QUIET, rounds=1)])
     assert found["throughput", "mcap.Writer.add_message"] > 1.0, f"{found}"
     late_us, work_us = recorder.one_run(recorder.Unrecorded, seconds=0.4)
     assert 0.0 < late_us < 1e6 and 0.0 < work_us < 1e6, f"{late_us}, {work_us} us"
@@ -189,7 +189,7 @@ def test_a_rate_is_held_in_time_and_without_loss_only(held: rate.Held, ok: bool)
 
 
 def test_the_start_is_timed() -> None:
-    found = of(startup.measure(QUIET, rounds=1, cold=False))
+    found = medians(startup.measure(QUIET, rounds=1, cold=False))
     (what, _), *rest = found
     assert what == "warm" and not rest
 

@@ -11,23 +11,20 @@ thread and in two. Compiled for this machine's processor, as `pcpc sweep` is.
 
 import threading
 import time
-from collections.abc import Callable
-from typing import Any
-
-import numpy as np
+from functools import partial
 
 from pcpc.drivers.lanes import WIDTH
 from pcpc.executive.batch.group import Group
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.dev.bench.cli import Ratio
-from pcpc.tools.dev.bench.cycle import RIG, interleave, library, per_repeat
+from pcpc.tools.dev.bench.cycle import RIG, library
+from pcpc.tools.dev.bench.ratio import Measurement, Ratio, interleave
 from pcpc.tools.dev.bench.simulate import (
     DURATION_S,
-    SEGMENT_S,
-    by_scipy,
     in_plain_c,
-    matched,
     nodes,
+    quickest,
+    rival_times,
+    run_time,
     segment,
 )
 from pcpc.tools.terminal.progress import Progress
@@ -78,35 +75,22 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
     """Return the ratios; CompilerError, BenchError, RigError."""
     c, groups = library(), [group() for _ in range(2 * THREADS)]
     progress.show("batch: matching scipy's accuracy")
-    n, s = nodes(), segment()
-    of_run, of_segment = DURATION_S * 1e6, SEGMENT_S * 1e6  # ns to ms per simulated second
-
-    def in_c() -> float:
-        n.restore()
-        return per_repeat(lambda: in_plain_c(n, c), 1)() / of_run
-
-    def rival(method: str, tolerance: float) -> Callable[[], float]:
-        def run() -> None:
-            by_scipy(s, method, tolerance)
-
-        return lambda: per_repeat(run, 1)() / of_segment
-
-    methods = matched(s)
+    rivals = rival_times(segment())
     runs = 2 * THREADS * WIDTH * DURATION_S * 1e-3  # s to ms per simulated second
-    sides: list[Callable[[], Any]] = [
-        lambda: in_lanes(groups[0]) / of_run,
-        in_c,
-        *(rival(*one) for one in methods),
+    sides: list[Measurement] = [
+        lambda: in_lanes(groups[0]) / (DURATION_S * 1e6),
+        run_time(nodes(), partial(in_plain_c, c=c)),
+        lambda: in_threads(groups, THREADS) / runs,
+        lambda: in_threads(groups, 1) / runs,
+        *rivals.values(),
     ]
-    sides += [lambda: in_threads(groups, THREADS) / runs, lambda: in_threads(groups, 1) / runs]
-    times = interleave(progress, SUITE, rounds, sides)
-    quickest = int(np.argmin(np.median(times[2:-2], axis=1)))
-    name, tolerance = methods[quickest]
-    about = SUITE, "a run in lanes"
+    own, plain, threads, thread, *others = interleave(progress, SUITE, rounds, sides)
+    compared = (
+        ("a run in lanes", own, "C -O2, both nodes", plain),
+        ("a run in lanes", own, *quickest(rivals, others)),
+        (f"{THREADS} threads", threads, "one thread, wall", thread),
+    )
     return [
-        Ratio.of(*about, "C -O2, both nodes", times[0], times[1], "ms/s"),
-        Ratio.of(
-            *about, f"{name} at {tolerance:.0e}, plant only", times[0], times[2 + quickest], "ms/s"
-        ),
-        Ratio.of(SUITE, f"{THREADS} threads", "one thread, wall", times[-2], times[-1], "ms/s"),
+        Ratio.from_rounds(SUITE, what, against, ours, base, "ms/s")
+        for what, ours, against, base in compared
     ]

@@ -20,8 +20,9 @@ from pcpc.drivers import dbc
 from pcpc.drivers.codec import pack, unpack
 from pcpc.drivers.jit import compiled, f8, i8, types, u1
 from pcpc.plants.atb1000 import model
-from pcpc.tools.dev.bench.cli import Ratio
-from pcpc.tools.dev.bench.cycle import interleave, library, per_repeat, pointer
+from pcpc.tools.dev.bench.compiler import address
+from pcpc.tools.dev.bench.cycle import library
+from pcpc.tools.dev.bench.ratio import Ratio, interleave, processor_time
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "codec"
@@ -93,7 +94,7 @@ def in_c(f: Frames, repeats: int, c: ctypes.CDLL) -> None:
         f.found,
     )
     c.drive_codec(
-        ctypes.c_int64(repeats), ctypes.c_int64(len(f.data)), *(pointer(a) for a in arrays)
+        ctypes.c_int64(repeats), ctypes.c_int64(len(f.data)), *(address(a) for a in arrays)
     )
 
 
@@ -113,13 +114,13 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
             with_cantools(messages)
 
     sides = (
-        per_repeat(lambda: in_python(f, PASSES), PASSES),
-        per_repeat(lambda: in_c(f, PASSES, c), PASSES),
-        per_repeat(cantools_passes, CANTOOLS_PASSES),
+        processor_time(lambda: in_python(f, PASSES), PASSES),
+        processor_time(lambda: in_c(f, PASSES, c), PASSES),
+        processor_time(cantools_passes, CANTOOLS_PASSES),
     )
     own, plain, tools = interleave(progress, SUITE, rounds, sides)
     what = f"all {len(f.data)} frames"
     return [
-        Ratio.of(SUITE, what, "cantools", own, tools, "ns"),
-        Ratio.of(SUITE, what, "C -O2, the same tables", own, plain, "ns"),
+        Ratio.from_rounds(SUITE, what, "cantools", own, tools, "ns"),
+        Ratio.from_rounds(SUITE, what, "C -O2, the same tables", own, plain, "ns"),
     ]

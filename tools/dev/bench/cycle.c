@@ -1,6 +1,10 @@
 /* The loop in plain C: the yardstick of `tools.dev.bench`. The functions of executive/loop/cycle.py and
- * rings.py on the same LOOP record, with the wire, codec and protection of frame.c and the steps of
- * steps.c; the same bits, so that the records of a run are equal.
+ * rings.py on the same LOOP record, with the wire, codec and protection of frame.c and generated steps;
+ * the same bits, so that the records of a run are equal.
+ *
+ * By hand, with frame.c, because nothing generates it: `pcpc generate c` translates steps, without the
+ * loop around them, and the loop of the device that it writes (make/generate/c/device.c) has no rings,
+ * snapshot, tunings or clocks, so that it is no yardstick for this one.
  */
 #include "frame.c"
 
@@ -965,28 +969,6 @@ int64_t run_virtual(loop *executive, step_function **laws, loop *plant, step_fun
         }
     }
     return 1;
-}
-
-/* -------------------------------------------------------- executive/laws/references.py ------------- */
-
-struct rise { double value, first, second; };
-
-static struct rise rise(double s)
-{
-    s = s < 0.0 ? 0.0 : s > 1.0 ? 1.0 : s;
-    double s2 = s * s;
-    return (struct rise){s2 * s * (10.0 + s * (6.0 * s - 15.0)),
-                         30.0 * s2 * (1.0 + s * (s - 2.0)),
-                         s * (60.0 + s * (120.0 * s - 180.0))};
-}
-
-void quintic(double t, double dt, double *p, double *x, double *u, double *y)
-{
-    double amplitude = p[0], move = p[1];
-    struct rise up = rise((t - p[2]) / move), back = rise((t - p[3]) / move);
-    y[0] = amplitude * (up.value - back.value);
-    y[1] = amplitude * (up.first - back.first) / move;
-    y[2] = amplitude * (up.second - back.second) / (move * move);
 }
 
 /* ------------------------------------------------- the drivers, as in tools/dev/bench/cycle.py ---- */

@@ -18,9 +18,9 @@ recordings; on the bus: median over passes, each timed from before its sleep to 
 
 import ctypes
 import os
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ from pcpc.drivers.structures import copy
 from pcpc.drivers.wire import put_frame
 from pcpc.drivers.wire_layout import QUEUE_FRAMES, WIRE
 from pcpc.executive.laws import references
+from pcpc.executive.laws.block import Block
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.loop import (
     clock,
@@ -54,16 +55,15 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000 import model
 from pcpc.plants.atb1000.laws import pd
-from pcpc.tools.dev.bench import c_library as compiler
-from pcpc.tools.dev.bench import steps
-from pcpc.tools.dev.bench.cli import Ratio
+from pcpc.tools.dev.bench import compiler
+from pcpc.tools.dev.bench.compiler import address
+from pcpc.tools.dev.bench.ratio import Measurement, Ratio, interleave, processor_time
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "cycle"
 AGAINST = "C -O2, the same cycle"
 RIG = model.__file__.replace("model.py", "rigs/slew10.yaml")
-SOURCE = steps.SOURCE.with_name("cycle.c")
-WIRE_SOURCE = steps.SOURCE.with_name("frame.c")
+SOURCE, FRAME = (Path(__file__).with_name(name) for name in ("cycle.c", "frame.c"))
 BUS = "udp_multicast:239.74.163.61:43161"  # of its own: no rig's frames are here
 FIRST, CYCLES = 500, 1600  # the move up; a whole number of turns of every counter
 REPEATS = 40  # of the recording, in a round in memory: the call itself takes 1 ms
@@ -77,17 +77,13 @@ _MODULES = {
 RESULTS = (
     "NOTHING", "FRAME", "FOREIGN", "OWN", "BUS_ERROR", "FAILED", "ERROR_FLAG", "ERROR_FLAGS",
 )  # fmt: skip
-STEPS_IN_C = {
-    "quintic": references.quintic.step, "pd": pd.BLOCK.step, "barrel": model.BLOCK.step,
-    "idle": idle,
-}  # fmt: skip
+BLOCKS = {"quintic": references.quintic, "pd": pd.BLOCK, "barrel": model.BLOCK, "idle": Block(idle)}
 
 
 def library() -> ctypes.CDLL:
-    """Return cycle.c, frame.c and steps.c with the functions of emath.py; CompilerError."""
-    headers = {"layout.h": steps.layout(), "loop.h": loop_header()}
-    headers[WIRE_SOURCE.name] = WIRE_SOURCE.read_text(encoding="utf-8")
-    return compiler.library([SOURCE, steps.SOURCE], steps.SAME, headers)
+    """Return cycle.c, frame.c and generated steps with the functions of emath.py; CompilerError."""
+    headers = {"loop.h": loop_header(), FRAME.name: FRAME.read_text(encoding="utf-8")}
+    return compiler.library([SOURCE], BLOCKS, headers)
 
 
 def loop_header() -> str:
@@ -151,15 +147,10 @@ def new_loop(made: Plan) -> Any:
 
 def in_c(entries: Sequence[int], library: ctypes.CDLL) -> Any:
     """Return the table of C functions for the compiled steps of a plan."""
-    names = {step.entry: name for name, step in STEPS_IN_C.items()}
+    names = {block.step.entry: name for name, block in BLOCKS.items()}
     functions = [getattr(library, names[entry]) for entry in entries]
     pointers = [ctypes.cast(function, ctypes.c_void_p).value for function in functions]
     return (ctypes.c_void_p * len(pointers))(*pointers)
-
-
-def address(n: Any) -> ctypes.c_void_p:
-    """Return where a record lies; its first field must be an array."""
-    return ctypes.c_void_p(n[0].ctypes.data)
 
 
 @loop(types.void(N))
@@ -224,48 +215,23 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
     found = []
     for what, (against, sides) in cases.items():
         times = interleave(progress, f"cycle {what}", rounds, sides)
-        found.append(Ratio.of(SUITE, what, against, times[0], times[1], "ns"))
+        found.append(Ratio.from_rounds(SUITE, what, against, times[0], times[1], "ns"))
     return found
 
 
-def interleave(
-    progress: Progress, what: str, rounds: int, sides: Sequence[Callable[[], float]]
-) -> NDArray[np.float64]:
-    """Return the results of `sides` called in turn, (sides, rounds), after one call to warm up."""
-    times = np.empty((len(sides), rounds))
-    for side in sides:
-        side()
-    for i in range(rounds):
-        progress.show(f"{what}: round {i + 1} of {rounds}")
-        for j, side in enumerate(sides):
-            times[j, i] = side()
-    return times
-
-
-def per_repeat(drive: Callable[[], None], count: int) -> Callable[[], float]:
-    """Return a measurement of `drive`: processor time of the thread, ns, over `count`."""
-
-    def side() -> float:
-        start = time.thread_time_ns()
-        drive()
-        return (time.thread_time_ns() - start) / count
-
-    return side
-
-
-def _memory(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...]:
+def _memory(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     made, frames, ends = recording.plan, recording.frames, recording.ends
     n = new_loop(made)
-    at, table, repeats = address(n), in_c(made.steps, c), ctypes.c_int64(REPEATS)
-    arrays = pointer(frames), pointer(ends), ctypes.c_int64(len(ends))
+    at, table, repeats = address(n[0]), in_c(made.steps, c), ctypes.c_int64(REPEATS)
+    arrays = address(frames), address(ends), ctypes.c_int64(len(ends))
     count = REPEATS * len(ends)
     return (
-        per_repeat(lambda: drive_memory(n, made.steps, frames, ends, REPEATS), count),
-        per_repeat(lambda: c.drive_memory(at, table, *arrays, repeats), count),
+        processor_time(lambda: drive_memory(n, made.steps, frames, ends, REPEATS), count),
+        processor_time(lambda: c.drive_memory(at, table, *arrays, repeats), count),
     )
 
 
-def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...]:
+def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     made, frames, ends = recording.plan, recording.frames, recording.ends
     n = new_loop(made)
     peer = np.recarray(1, WIRE)
@@ -276,11 +242,9 @@ def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...
     buses.know_own(n.wire)
     os.close(int(peer[0].fd_rx))  # it only sends
     n.clock.kind, n.clock.trigger = LOCKSTEP, CLOCKED
-    n.clock.late_ns = (
-        n.clock.period_ns
-    )  # half a period counts as on time: a sleep until now would take 50 us
+    n.clock.late_ns = n.clock.period_ns  # half a period is on time: no sleep of 50 us until now
     took = np.zeros(len(ends), np.int64)
-    at, other, table = address(n), pointer(peer), in_c(made.steps, c)
+    at, other, table = address(n[0]), address(peer), in_c(made.steps, c)
     cycles = ctypes.c_int64(len(ends))
 
     def python() -> float:
@@ -288,22 +252,17 @@ def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...
         return float(np.median(took))
 
     def in_plain_c() -> float:
-        c.drive_bus(at, table, other, pointer(frames), pointer(ends), cycles, pointer(took))
+        c.drive_bus(at, table, other, address(frames), address(ends), cycles, address(took))
         return float(np.median(took))
 
     return python, in_plain_c
 
 
-def _publish(recording: Recording, c: ctypes.CDLL) -> tuple[Callable[[], float], ...]:
+def _publish(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     n = new_loop(recording.plan)
     n.n_variables = PUBLISHED
-    at = address(n)
+    at = address(n[0])
     return (
-        per_repeat(lambda: drive_publish(n, PUBLICATIONS), PUBLICATIONS),
-        per_repeat(lambda: c.drive_copy(at, ctypes.c_int64(PUBLICATIONS)), PUBLICATIONS),
+        processor_time(lambda: drive_publish(n, PUBLICATIONS), PUBLICATIONS),
+        processor_time(lambda: c.drive_copy(at, ctypes.c_int64(PUBLICATIONS)), PUBLICATIONS),
     )
-
-
-def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
-    """Return the address of an array's first element."""
-    return ctypes.c_void_p(array.ctypes.data)

@@ -2,7 +2,8 @@
  *
  * The same tables, structs and results as drivers/wire.py, codec.py and e2e.py; loop.h, made from
  * the Python modules, gives layouts and constants. For little-endian machines: 8 data bytes are
- * loaded as one word. Buses in memory, SocketCAN and python-can's udp_multicast.
+ * loaded as one word. Buses in memory, SocketCAN and python-can's udp_multicast. By hand: what
+ * `pcpc generate` writes of a codec is code for each frame, without tables, and it has no sockets.
  */
 #define _GNU_SOURCE
 #include <errno.h>

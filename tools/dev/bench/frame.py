@@ -21,8 +21,10 @@ from pcpc.drivers.bus import Bus
 from pcpc.drivers.jit import i8, loop
 from pcpc.drivers.wire import END, FRAME, get_frame, put_frame
 from pcpc.drivers.wire_layout import WIRE
-from pcpc.tools.dev.bench.cli import BenchError, Ratio
-from pcpc.tools.dev.bench.cycle import interleave, library, per_repeat, pointer
+from pcpc.tools.dev.bench.compiler import address
+from pcpc.tools.dev.bench.cycle import library
+from pcpc.tools.dev.bench.ratio import Ratio, interleave, processor_time
+from pcpc.tools.machine.jitter.compiler import BenchError
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "frame"
@@ -97,7 +99,7 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
 def measure_on(progress: Progress, rounds: int, bus: Bus, c: ctypes.CDLL) -> list[Ratio]:
     """Return the ratios on `bus`."""
     end, port = open_end(bus), open_python_can(bus)
-    at, count = pointer(end), ctypes.c_int64(FRAMES)
+    at, count = address(end), ctypes.c_int64(FRAMES)
     message = can.Message(arbitration_id=CAN_ID, is_extended_id=False, data=bytes(range(8)))
 
     def with_python_can() -> None:
@@ -107,9 +109,9 @@ def measure_on(progress: Progress, rounds: int, bus: Bus, c: ctypes.CDLL) -> lis
                 raise BenchError(f"python-can does not hear its own frames on {bus}")
 
     sides = (
-        per_repeat(lambda: drive(end[0], FRAMES), FRAMES),
-        per_repeat(lambda: c.drive_frames(at, count), FRAMES),
-        per_repeat(with_python_can, PYTHON_CAN_FRAMES),
+        processor_time(lambda: drive(end[0], FRAMES), FRAMES),
+        processor_time(lambda: c.drive_frames(at, count), FRAMES),
+        processor_time(with_python_can, PYTHON_CAN_FRAMES),
     )
     try:
         own, plain, theirs = interleave(progress, f"frame on {bus.interface}", rounds, sides)
@@ -117,8 +119,8 @@ def measure_on(progress: Progress, rounds: int, bus: Bus, c: ctypes.CDLL) -> lis
         port.shutdown()
         close_end(end)
     return [
-        Ratio.of(SUITE, bus.interface, AGAINST, own, plain, "ns"),
-        Ratio.of(SUITE, bus.interface, "python-can", own, theirs, "ns"),
+        Ratio.from_rounds(SUITE, bus.interface, AGAINST, own, plain, "ns"),
+        Ratio.from_rounds(SUITE, bus.interface, "python-can", own, theirs, "ns"),
     ]
 
 

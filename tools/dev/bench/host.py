@@ -26,7 +26,8 @@ from pcpc.drivers.bystander import keep_off
 from pcpc.executive.nodes.live import Live, find
 from pcpc.executive.nodes.tap import Tap
 from pcpc.tools.api.live import running
-from pcpc.tools.dev.bench.cli import BenchError, Ratio
+from pcpc.tools.dev.bench.ratio import Ratio
+from pcpc.tools.machine.jitter.compiler import BenchError
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "host"
@@ -55,7 +56,7 @@ def measure(progress: Progress, rounds: int = 5) -> list[Ratio]:
         for share in FIGURES.values()
     }
     return [
-        Ratio.of(
+        Ratio.from_rounds(
             SUITE, f"lateness {figure}{more}", "alone", at[name, share], at["alone", share], "us"
         )
         for name, more in (("hosts", ""), ("counting", ", two others"))

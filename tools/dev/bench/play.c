@@ -5,7 +5,8 @@
  *
  * Absolute deadlines on CLOCK_MONOTONIC, one send a frame, no retry; the set-up is that of
  * drivers/realtime.py, the datagram that of drivers/wire.py. Prints one JSON object; the timing
- * error of a frame is the time at which the bus had taken it minus its deadline, ns.
+ * error of a frame is the time at which the bus had taken it minus its deadline, ns. By hand: a
+ * program of its own, of which nothing here could be generated.
  */
 #define _GNU_SOURCE
 #include <arpa/inet.h>

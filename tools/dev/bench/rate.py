@@ -33,8 +33,10 @@ from pcpc.executive.loop import sharing
 from pcpc.executive.loop.supervisor import FAULT_NAMES, PEER_SILENT
 from pcpc.executive.nodes import process
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.dev.bench.cli import BenchError, Ratio
-from pcpc.tools.dev.bench.cycle import RIG, address, in_c, library
+from pcpc.tools.dev.bench.compiler import address
+from pcpc.tools.dev.bench.cycle import RIG, in_c, library
+from pcpc.tools.dev.bench.ratio import Ratio
+from pcpc.tools.machine.jitter.compiler import BenchError
 from pcpc.tools.start.children import Child
 from pcpc.tools.terminal.progress import Progress
 
@@ -97,7 +99,7 @@ def measure(
         none = " and ".join(side for side, rate in best.items() if not rate)
         raise BenchError(f"{none} held not even {rates[0]} Hz: something else is running here")
     own, base = float(best["Python"]), float(best["C"])
-    return [Ratio.of(SUITE, "highest rate", "C -O2, two processes", [own], [base], "Hz")]
+    return [Ratio.from_rounds(SUITE, "highest rate", "C -O2, two processes", [own], [base], "Hz")]
 
 
 def run(side: str, rate_hz: int, seconds: float) -> Held:
@@ -189,7 +191,7 @@ def run_in_c(n: Any, steps: Sequence[Any]) -> int:
     """Be `executive.loop.cycle.run` in C, without the GIL."""
     c = library()
     c.run.restype = ctypes.c_int64
-    return int(c.run(address(n), in_c(steps, c)))
+    return int(c.run(address(n[0]), in_c(steps, c)))
 
 
 def main(argv: Sequence[str]) -> int:

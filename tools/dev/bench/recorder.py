@@ -27,8 +27,9 @@ from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.dev.bench.cli import BenchError, Ratio
-from pcpc.tools.dev.bench.cycle import RIG, interleave
+from pcpc.tools.dev.bench.cycle import RIG
+from pcpc.tools.dev.bench.ratio import Ratio, interleave
+from pcpc.tools.machine.jitter.compiler import BenchError
 from pcpc.tools.run.run import Host
 from pcpc.tools.terminal.progress import Progress
 
@@ -60,7 +61,7 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
     own, base = np.array(latest[Host]), np.array(latest[Unrecorded])
     for column, what in enumerate(("lateness p99", "work p99")):
         against = "the run without recorder"
-        found.append(Ratio.of(SUITE, what, against, own[:, column], base[:, column], "us"))
+        found.append(Ratio.from_rounds(SUITE, what, against, own[:, column], base[:, column], "us"))
     return found
 
 
@@ -127,7 +128,7 @@ def throughput(progress: Progress, rounds: int) -> Ratio:
         )
         theirs.finish()
         ours.finish()
-    return Ratio.of(SUITE, "throughput", "mcap.Writer.add_message", own, base, "MB/s")
+    return Ratio.from_rounds(SUITE, "throughput", "mcap.Writer.add_message", own, base, "MB/s")
 
 
 def _messages(recorder: Recorder, run: VirtualRun) -> tuple[int, list[tuple[int, bytes]]]:

@@ -1,9 +1,8 @@
 """A virtual run of slew10, plant and executive, against C and against scipy's solve_ivp.
 
-    Python   `executive.loop.exchange`: both nodes, frames encoded, checked and decoded,
-    16
+    Python   `executive.loop.exchange`: both nodes, frames encoded, checked and decoded, 16
              Runge-Kutta steps a period, records in memory
-    C        the same in cycle.c and steps.c at -O2 with the functions of emath.py: the same bits
+    C        the same, equal bits, in cycle.c and generated steps at -O2 with the functions of emath
     scipy    the plant alone, no control, no frames, no noise: solve_ivp on the compiled derivative
              over SEGMENT_S of the move with the torque held, a smooth stretch
 
@@ -14,8 +13,9 @@ the plant's own steps, the quicker one counts. Processor time, ms per simulated 
 """
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,8 +29,10 @@ from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000 import dynamics, model
 from pcpc.plants.atb1000.ports import External, Motion, Outputs, Parameters, States
-from pcpc.tools.dev.bench.cli import BenchError, Ratio
-from pcpc.tools.dev.bench.cycle import RIG, address, in_c, interleave, library, new_loop, per_repeat
+from pcpc.tools.dev.bench.compiler import address
+from pcpc.tools.dev.bench.cycle import RIG, in_c, library, new_loop
+from pcpc.tools.dev.bench.ratio import Measurement, Ratio, interleave, processor_time
+from pcpc.tools.machine.jitter.compiler import BenchError
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "simulate"
@@ -80,7 +82,7 @@ def in_plain_c(n: Nodes, c: ctypes.CDLL) -> None:
     """Run from start to end in C."""
     laws, models = (in_c(steps, c) for steps in n.steps)
     cycles = ctypes.c_int64(n.loops[0].guard.cycles + 1)
-    c.run_virtual(address(n.loops[0]), laws, address(n.loops[1]), models, cycles)
+    c.run_virtual(address(n.loops[0][0]), laws, address(n.loops[1][0]), models, cycles)
 
 
 @dataclass(frozen=True)
@@ -165,35 +167,40 @@ def matched(s: Segment) -> list[tuple[str, float]]:
     return found
 
 
+def run_time(n: Nodes, run: Callable[[Nodes], None]) -> Measurement:
+    """Return a measurement of a run from its start, ms per simulated second."""
+    once = processor_time(lambda: run(n), DURATION_S * 1e6)
+
+    def side() -> float:
+        n.restore()
+        return once()
+
+    return side
+
+
+def rival_times(s: Segment) -> dict[str, Measurement]:
+    """Return measurements of scipy's methods, as accurate as the plant's steps, ms per second."""
+    return {
+        f"{method} at {tolerance:.0e}, plant only": processor_time(
+            partial(by_scipy, s, method, tolerance), SEGMENT_S * 1e6
+        )
+        for method, tolerance in matched(s)
+    }
+
+
+def quickest(names: Iterable[str], times: Iterable[NDArray[np.float64]]) -> tuple[str, Any]:
+    """Return the shortest times and their name."""
+    return min(zip(names, times, strict=True), key=lambda one: float(np.median(one[1])))
+
+
 def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
     """Return the ratios to C and to solve_ivp; CompilerError, BenchError, RigError."""
     c = library()
     progress.show("simulate: matching scipy's accuracy")
-    n, s = nodes(), segment()
-    of_run, of_segment = DURATION_S * 1e6, SEGMENT_S * 1e6  # ns to ms per simulated second
-
-    def fresh(run: Callable[[], None]) -> Callable[[], float]:
-        def side() -> float:
-            n.restore()
-            return per_repeat(run, 1)() / of_run
-
-        return side
-
-    sides = [fresh(lambda: in_python(n)), fresh(lambda: in_plain_c(n, c))]
-    methods = matched(s)
-    sides += [_rival(s, method, tolerance, of_segment) for method, tolerance in methods]
-    times = interleave(progress, SUITE, rounds, sides)
-    quickest = int(np.argmin(np.median(times[2:], axis=1)))
-    name, tolerance = methods[quickest]
-    rivals = {"C -O2, both nodes": 1, f"{name} at {tolerance:.0e}, plant only": 2 + quickest}
+    n, rivals = nodes(), rival_times(segment())
+    sides = [run_time(n, in_python), run_time(n, partial(in_plain_c, c=c)), *rivals.values()]
+    own, plain, *others = interleave(progress, SUITE, rounds, sides)
     return [
-        Ratio.of(SUITE, "slew10", against, times[0], times[j], "ms/s")
-        for against, j in rivals.items()
+        Ratio.from_rounds(SUITE, "slew10", against, own, base, "ms/s")
+        for against, base in (("C -O2, both nodes", plain), quickest(rivals, others))
     ]
-
-
-def _rival(s: Segment, method: str, tolerance: float, scale: float) -> Callable[[], float]:
-    def once() -> None:
-        by_scipy(s, method, tolerance)
-
-    return lambda: per_repeat(once, 1)() / scale

@@ -17,8 +17,9 @@ import time
 from pathlib import Path
 
 from pcpc.executive.log import reader as logs
-from pcpc.tools.dev.bench.cli import BenchError, Ratio
 from pcpc.tools.dev.bench.cycle import RIG
+from pcpc.tools.dev.bench.ratio import Ratio
+from pcpc.tools.machine.jitter.compiler import BenchError
 from pcpc.tools.terminal.progress import Progress
 
 SUITE = "startup"
@@ -38,13 +39,13 @@ def measure(progress: Progress, rounds: int = 15, cold: bool = True) -> list[Rat
         progress.show(f"startup: warm, round {i + 1} of {count}")
         own.append(first_cycle_s())
         bare.append(bare_s())
-    found = [Ratio.of(SUITE, "warm", f"python -c '{IMPORTS}'", own, bare, "s")]
+    found = [Ratio.from_rounds(SUITE, "warm", f"python -c '{IMPORTS}'", own, bare, "s")]
     if cold:
         progress.say("startup: cold, compiling in an empty cache, about a minute")
         with tempfile.TemporaryDirectory() as folder:
             first = first_cycle_s(Path(folder))
         base = found[0].own
-        found.append(Ratio.of(SUITE, "cold", "warm", [first], [base], "s"))
+        found.append(Ratio.from_rounds(SUITE, "cold", "warm", [first], [base], "s"))
     return found
 
 

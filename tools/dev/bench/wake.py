@@ -9,8 +9,9 @@ import tempfile
 from pathlib import Path
 
 from pcpc.drivers.errors import UserError
-from pcpc.tools.dev.bench.cli import BenchError, Ratio
+from pcpc.tools.dev.bench.ratio import Ratio
 from pcpc.tools.machine.jitter import cli as jitter
+from pcpc.tools.machine.jitter.compiler import BenchError
 from pcpc.tools.machine.jitter.figures import PCPC, percentiles
 from pcpc.tools.machine.jitter.loops import Setup
 from pcpc.tools.terminal.progress import Progress
@@ -43,5 +44,5 @@ def measure(progress: Progress, rounds: int = 5) -> list[Ratio]:
         base = [percentiles(late) for late in result.late_us(name)]
         for figure in FIGURES:
             ours, theirs = ([p[figure] for p in points] for points in (own, base))
-            found.append(Ratio.of(SUITE, f"wake-up {figure}", name, ours, theirs, "us"))
+            found.append(Ratio.from_rounds(SUITE, f"wake-up {figure}", name, ours, theirs, "us"))
     return found

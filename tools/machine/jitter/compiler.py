@@ -1,4 +1,4 @@
-"""Compiles the C of a yardstick."""
+"""The C compiler of this machine, for yardsticks in C."""
 
 import os
 import shutil

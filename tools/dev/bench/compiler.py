@@ -1,0 +1,137 @@
+"""The C side of the bench: steps that `pcpc generate c` writes, headers, compilation.
+
+Generated C of a step is as fast as C by hand (docs/decisions.md; suite `generated`), so no step is
+written twice. It is compiled in two ways:
+
+    the same functions   -O2 -ffp-contract=off: the bits of Python
+    libm                 -O2, with those of this machine for the elementary functions
+
+A numpy record type becomes a struct with the same layout, checked by the compiler; the constants of
+a Python module become macros. So C works on the very memory of the compiled loop. The cache folder
+keeps the libraries.
+"""
+
+import ctypes
+import hashlib
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcpc.drivers.compile_cache import made
+from pcpc.executive.laws.block import Block
+from pcpc.tools.machine.jitter.compiler import compile_to, find
+from pcpc.tools.make.generate.translator import elementary
+from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, signature, translated
+
+C_NAMES = {"errno": "errno_"}  # a macro of C
+C_TYPES = {"<i8": "int64_t", "<f8": "double", "|u1": "uint8_t"}
+ADAPTER = """\
+#include "{name}.h"
+void {name}({views});
+void {name}({views}) {{ {name}_step(t, dt{given}); }}
+"""
+VIEWS = "double t, double dt, " + ", ".join(f"double *{LETTERS[role]}" for role in ROLES)
+LIBM = """
+#include <math.h>
+static inline double libm_expmsq(double x) { return exp(-(x * x)); }
+static inline double libm_floor(double x)
+{
+    double n = (double)(long long)x; /* what is taken the floor of is far below 2^63 */
+    return n > x ? n - 1.0 : n;
+}
+static inline double libm_logistic(double x)
+{
+    double e = exp(-fabs(x));
+    return (x < 0.0 ? e : 1.0) / (1.0 + e);
+}
+static inline void libm_sincos(double x, double *sine, double *cosine)
+{
+    *sine = sin(x); /* one call of sincos, which is no standard C */
+    *cosine = cos(x);
+}
+#define pcpc_exp exp
+#define pcpc_expmsq libm_expmsq
+#define pcpc_tanh tanh
+#define pcpc_logistic libm_logistic
+#define pcpc_floor libm_floor
+#define pcpc_sin sin
+#define pcpc_cos cos
+#define pcpc_sincos libm_sincos
+"""
+
+
+def step_sources(blocks: Mapping[str, Block], libm: bool = False) -> dict[str, str]:
+    """Return the generated files of steps; `NAME(t, dt, p, x, u, y)` calls one by pointers."""
+    texts = elementary.files()
+    if libm:
+        texts["pcpc_math.h"] += LIBM
+    for name, block in blocks.items():
+        given = "".join(f", (void *){LETTERS[role]}" for role in signature(block))
+        texts |= translated(block, name)
+        texts[f"{name}_views.c"] = ADAPTER.format(name=name, views=VIEWS, given=given)
+    return texts
+
+
+def library(
+    sources: Sequence[Path],
+    blocks: Mapping[str, Block],
+    headers: Mapping[str, str] | None = None,
+    libm: bool = False,
+) -> ctypes.CDLL:
+    """Return a library of `sources` and of steps, compiled if the cache has none; CompilerError.
+
+    `headers`: texts by file name, of what a source includes from its own folder too.
+    """
+    flags = ["-O2"] if libm else ["-O2", "-ffp-contract=off"]
+    version = subprocess.run([find(), "--version"], capture_output=True, check=False).stdout
+    steps = step_sources(blocks, libm)
+    texts = steps | dict(headers or {})
+    parts = [*(source.read_bytes() for source in sources), " ".join(flags).encode(), version]
+    parts += [text.encode() for text in texts.values()]
+    digest = hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+    folder = made(f"bench-{digest}")
+    path = folder / f"{sources[0].stem}.so"
+    if not path.exists():
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        every = [*sources, *(folder / name for name in steps if name.endswith(".c"))]
+        compile_to(path, every, [*flags, "-shared", "-fPIC", f"-I{folder}"])
+    return ctypes.CDLL(str(path))
+
+
+def address(array: NDArray[Any]) -> ctypes.c_void_p:
+    """Return the address of an array's first element."""
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def struct(name: str, dtype: np.dtype) -> str:
+    """Return `struct name` for a record type; a field of record type F is a `struct F`."""
+    assert dtype.fields is not None, f"{dtype} is no record type"
+    lines, checks = [], []
+    for field, (kind, offset, *_) in dtype.fields.items():
+        named = C_NAMES.get(field, field)
+        base, shape = kind.subdtype or (kind, ())
+        text = f"struct {field}" if base.fields else C_TYPES[base.str]
+        lines.append(f"    {text} {named}{''.join(f'[{n}]' for n in shape)};")
+        checks.append(f"offsetof(struct {name}, {named}) == {offset}")
+    checks.append(f"sizeof(struct {name}) == {dtype.itemsize}")
+    asserts = [f'_Static_assert({check}, "struct {name}");' for check in checks]
+    return "\n".join([f"struct {name} {{", *lines, "};", *asserts, ""])
+
+
+def macros(prefix: str, module: ModuleType) -> str:
+    """Return `#define PREFIX_NAME value` for each whole number in capitals of `module`."""
+    found = {k: v for k, v in vars(module).items() if k.isupper() and type(v) is int}
+    return "".join(f"#define {prefix}_{k} {v}LL\n" for k, v in found.items() if k[0] != "_")
+
+
+def array(name: str, c_type: str, values: np.ndarray) -> str:
+    """Return a constant C array with the shape and the values of `values`."""
+    places = "".join(f"[{n}]" for n in values.shape)
+    flat = ", ".join(str(value) for value in values.ravel().tolist())
+    return f"static const {c_type} {name}{places} = {{{flat}}};\n"
