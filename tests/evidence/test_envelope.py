@@ -64,5 +64,5 @@ def test_a_limit_that_the_rig_has_not_is_told(monkeypatch: pytest.MonkeyPatch) -
     told = {word for wrong in found["broken"].values() for word in wrong}
     assert {"range", "rate"} <= told, found
     kept = {"laws": 20, "kept": False, "met": {"RUN": 20}, "broken": found["broken"]}
-    assert cli.missed({"envelope": kept})[0].startswith("beyond the envelope: ")
+    assert cli.failures({"envelope": kept})[0].startswith("beyond the envelope: ")
     assert f"{len(found['broken'])} of them sent" in "".join(report._parts({"envelope": kept}))

@@ -29,8 +29,8 @@ def bench() -> Bench:
 @pytest.mark.parametrize("name", ["loss", "delay_6", "encoder_stuck", "plant_stall_2",
                                   "executive_stall_6", "friction_x5", "law_nan"])  # fmt: skip
 def test_a_run_that_was_set_back_is_one_of_its_own(name: str, bench: Bench) -> None:
-    bench.once((name,), 20, 5)  # leave something behind
-    bench.once((name,), 7, 3)
+    bench.run_once((name,), 20, 5)  # leave something behind
+    bench.run_once((name,), 7, 3)
     begin = WARM + int(np.random.default_rng(3).integers(2, campaign.SPREAD))
     words = [f"faults.{name}.from={begin}ms", f"faults.{name}.for=7ms"]
     whole = in_memory(load_rig(matrix.RIG, matrix.CONTROLLER, [*SETTINGS, *words]))
@@ -51,7 +51,7 @@ def test_a_few_runs_of_every_case_are_as_stated(bench: Bench) -> None:
         matrix.row(
             case,
             [
-                matrix.bench(case.rig).once(case.faults, case.cycles, seed)
+                matrix.bench(case.rig).run_once(case.faults, case.cycles, seed)
                 for seed in range(900, 906)
             ],
         )
@@ -74,7 +74,7 @@ def test_a_few_runs_of_every_case_are_as_stated(bench: Bench) -> None:
 ])  # fmt: skip
 def test_a_row_that_is_not_as_stated_is_told(changed: dict[str, object], bench: Bench) -> None:
     case = Case(("loss",), 1, 0, "HOLD")._replace(**changed)  # type: ignore[arg-type]
-    seen = [bench.once(case.faults, case.cycles, seed) for seed in range(4)]
+    seen = [bench.run_once(case.faults, case.cycles, seed) for seed in range(4)]
     assert not matrix.row(case, seen)["kept"]
 
 
@@ -98,7 +98,7 @@ def test_a_share_that_is_not_the_predicted_one_is_told_with_its_crc() -> None:
     wide = found["crc_16"]
     wide["drawn_frames"] = {"kept": False, "used": 7}
     wide["weights"] = [{**wide["weights"][0], "kept": False, "measured": 0.5}]
-    assert [*cli.missed({"residual": found})] == [
+    assert [*cli.failures({"residual": found})] == [
         "CRC-16: 1 wrong bits: 0.5, 0 predicted", "CRC-16: drawn frames: 7 used"
     ]  # fmt: skip
 
@@ -115,7 +115,7 @@ def test_measured_shares_are_the_predicted_ones() -> None:
     for one, distance in ((found, 3), (found["crc_16"], 4)):
         assert all(row["kept"] for row in one["weights"]) and one["drawn_frames"]["kept"]
         assert one["distance"] == distance
-    assert [*cli.missed({"residual": found})] == []
+    assert [*cli.failures({"residual": found})] == []
     assert found["weights"][2]["measured"] > 0.0
     assert residual.measured(3, 100, 1).sum() == 100 and e2e.MAX_DELTA == 4
 

@@ -15,7 +15,7 @@ COUNT = 400
 
 @pytest.fixture(scope="module")
 def rows() -> list[dict[str, Any]]:
-    return [frames.kind_of(*task[:2], COUNT, seed=5) for task in frames.tasks(1, 1)]
+    return [frames.fates_of_kind(*task[:2], COUNT, seed=5) for task in frames.tasks(1, 1)]
 
 
 def test_frames_of_every_kind_are_survived_counted_and_judged_as_the_rules_say(
@@ -37,15 +37,15 @@ def test_another_share_than_the_predicted_one_is_told(monkeypatch: pytest.Monkey
     for other in (0.5 * (share or 0.0), 0.0):
         changed = one._replace(kinds={"any counter": (make, other)})
         monkeypatch.setattr(frames, "formats", lambda changed=changed: {"a": changed})
-        row = frames.kind_of("a", "any counter", COUNT, 5)
-        assert not row["kept"] and "any counter" in cli.missed({"frames": [row]})[0], row
+        row = frames.fates_of_kind("a", "any counter", COUNT, 5)
+        assert not row["kept"] and "any counter" in cli.failures({"frames": [row]})[0], row
 
 
 def test_a_receiver_that_judges_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     rules = expected.Receiver.check
     monkeypatch.setattr(expected.Receiver, "check", lambda self, data, length: rules(
         dataclasses.replace(self, last=self.last + 1), data, length))  # fmt: skip
-    row = frames.kind_of("struct can_frame", "any counter", COUNT, 5)
+    row = frames.fates_of_kind("struct can_frame", "any counter", COUNT, 5)
     assert row["misjudged"] > 10 and not row["kept"], row
 
 

@@ -52,8 +52,8 @@ def test_a_log_without_its_recorder_ends_early_and_opens(rows: list[dict[str, An
     ({"next": 5}, "the next run ended with 5"),
 ])  # fmt: skip
 def test_what_is_wrong_is_told(change: dict[str, Any], says: str) -> None:
-    assert kills.wrong_of(WELL) == []
-    assert kills.wrong_of(WELL | change) == [says]
+    assert kills.failures_of(WELL) == []
+    assert kills.failures_of(WELL | change) == [says]
 
 
 def test_the_table_counts_and_fits_a_terminal() -> None:

@@ -42,11 +42,11 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_runs_in_virtual_time_and_on_a_clock_keep_every_promise(rig: Path) -> None:
-    virtual, paced = (soak.one(str(rig), 1, number, each_s=2.5) for number in range(2))
+    virtual, paced = (soak.judged_run(str(rig), 1, number, each_s=2.5) for number in range(2))
     assert virtual["wrong"] == paced["wrong"] == [], (virtual, paced)
     assert virtual["cycles"] == 3001 and virtual["tuned"] == 3 and virtual["faults"] == 2, virtual
     assert paced["tuned"] >= 5 and paced["faults"] >= 1 and paced["cycles"] > 1000, paced
-    told = soak.told([virtual, paced])
+    told = soak.summary_lines([virtual, paced])
     assert told[0].startswith("2 runs, 1 of them on a clock, "), told
     assert "no run lasted long enough" in told[-1] and max(map(len, told)) <= 80, told
 
@@ -55,7 +55,7 @@ def test_the_log_of_a_run_with_an_error_is_kept_and_named(
     rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(soak, "broken", lambda log, rig: (0, ["the moon is missing"]))
+    monkeypatch.setattr(soak, "broken_promises", lambda log, rig: (0, ["the moon is missing"]))
     options = argparse.Namespace(rig=str(rig), seed=1, hours=0.0, each=1.0, json=True, quiet=False)
     assert soak.command(options) == 1
     out, err = capsys.readouterr()
@@ -71,7 +71,7 @@ def test_the_memory_of_every_process_of_a_run_is_looked_at(rig: Path, tmp_path: 
     try:
         nodes = soak._nodes(child, "soak")
         nodes[-1].wait_until(lambda now: now.cycle > 5, 60.0)
-        held = soak._held(child.process.pid)
+        held = soak._memory_kb(child.process.pid)
     finally:
         child.end(60.0)
     assert held.keys() == {"host", "executive", "plant", "recorder"} and min(held.values()) > 10_000
@@ -81,7 +81,7 @@ def test_a_run_that_ends_by_itself_is_told(tmp_path: Path) -> None:
     for cycles, told in ((1000, ["ended by itself after 1.000 of 9 s", "a fault"]), (8500, [])):
         summary = {"cycles": cycles, "rate_hz": 1000.0, "faults": ["a fault"]}
         (tmp_path / "summary.json").write_text(json.dumps(summary))
-        assert soak.short(tmp_path, 9.0) == told
+        assert soak.early_end(tmp_path, 9.0) == told
 
 
 @pytest.fixture(scope="module")
@@ -127,12 +127,14 @@ def test_a_command_that_breaks_a_promise_is_told(
 def test_memory_that_grows_is_told() -> None:
     first = [5000 + 900 * i for i in range(30)]  # what is written once for the first time
     flat, more = first + [32_000] * 60, first + [32_000 + 15 * i for i in range(60)]
-    held = soak.settled({"plant": flat, "recorder": more, "host": flat[:40]})
+    held = soak.settled_memory({"plant": flat, "recorder": more, "host": flat[:40]})
     assert held == {"plant": (32_000, 32_000), "recorder": (32_037, 32_847)}, held
-    assert soak.grown(held) == ["recorder: 32,037 kB once it had settled, 32,847 kB at the end"]
+    assert soak.growing_memory(held) == [
+        "recorder: 32,037 kB once it had settled, 32,847 kB at the end"
+    ]
     row = {"run": 3, "paced": True, "cycles": 9, "tuned": 1, "faults": 2, "resets": 0,
-           "settled": held, "wrong": soak.grown(held)}  # fmt: skip
-    told = soak.told([row])
+           "settled": held, "wrong": soak.growing_memory(held)}  # fmt: skip
+    told = soak.summary_lines([row])
     assert told[-1].startswith("run 3: recorder: ") and "+2.53 %" in told[-2], told
 
 
@@ -141,7 +143,7 @@ def test_the_command_takes_hours_and_tells_rows_as_json(
 ) -> None:
     row = {"run": 0, "paced": False, "cycles": 9, "tuned": 1, "faults": 2, "resets": 0,
            "settled": {}, "wrong": ["broken"]}  # fmt: skip
-    monkeypatch.setattr(soak, "one", lambda *_: row)
+    monkeypatch.setattr(soak, "judged_run", lambda *_: row)
     assert cli.main(["soak", str(rig), "--hours", "1e-15", "--json", "--quiet"]) == 1
     rows = capsys.readouterr().out.splitlines()  # one and more: the clock says how many
     assert rows and all(json.loads(one) == row for one in rows)

@@ -86,9 +86,9 @@ def test_any_request_in_the_mailbox_is_refused_or_within_the_ranges(
     entries: list[tuple[int, float]], count: int | None, lock: int, request: int, node: int
 ) -> None:
     bench = envelope.bench()
-    bench.back()
+    bench.restore()
     n = bench.loops[node]
-    bench.go(10)
+    bench.advance(10)
     places, tuning = [*bench.places[node].values()], n.tuning
     for i, (place, value) in enumerate(entries):
         known = place % len(places) if place % 3 else place  # two of three are variables
@@ -96,7 +96,7 @@ def test_any_request_in_the_mailbox_is_refused_or_within_the_ranges(
     n.mail[sh.COUNT] = len(entries) if count is None else count
     n.mail[sh.LOCK], n.mail[sh.REQUEST] = lock if lock % 2 else 0, request
     before = n.v[: n.n_variables].copy()
-    bench.go(1)
+    bench.advance(1)
     refused = request == 0 or n.answer[sh.REFUSAL] != sh.ACCEPTED
     low, high = tuning.low[: n.n_variables], tuning.high[: n.n_variables]
     parameters = low == low
@@ -106,5 +106,5 @@ def test_any_request_in_the_mailbox_is_refused_or_within_the_ranges(
     changed[left] &= not refused  # which count down by themselves
     assert not (refused and changed.any()), np.flatnonzero(changed)
     assert ((now >= low) & (now <= high) & (abs(now) < math.inf))[changed].all()
-    bench.go(20)
+    bench.advance(20)
     assert n.control[sh.PASSES] >= 20 or n.control[sh.DONE], "the loop stands still"

@@ -20,7 +20,7 @@ def test_mutants_are_noticed() -> None:
     """One of twenty, of those that can be noticed."""
     every, _ = mutants.prepared(compiled=False)
     chosen = [one for one in every if not mutants.reason(one)][::EVERY]
-    left = [str(one) for one in chosen if not mutants.noticed(one, compiled=False)]
+    left = [str(one) for one in chosen if not mutants.is_noticed(one, compiled=False)]
     assert len(chosen) > 20 and not left, "\n".join(["nobody notices:", *left])
 
 
@@ -49,10 +49,10 @@ def test_mutants_that_nobody_notices_and_reasons_of_none_are_told(
     first, second, third, *_ = mutants.prepared(compiled=False)[0]
     monkeypatch.setattr(mutants, "score", lambda: ([first, second, third], [second, third], []))
     monkeypatch.setattr(mutants, "reason", lambda one: "so it is" if one is third else "")
-    told = mutants.found()
+    told = mutants.results()
     assert (told["mutants"], told["noticed"], told["left"]) == (3, 1, [str(second)])
     assert told["argued"] == {"so it is": 1} and told["idle"] == [*mutants.ARGUED]
-    assert [*cli.missed({"mutants": told})] == [
+    assert [*cli.failures({"mutants": told})] == [
         f"nobody notices {second}", *(f"a reason of no mutant: {one}" for one in mutants.ARGUED)
     ]  # fmt: skip
 
@@ -60,17 +60,17 @@ def test_mutants_that_nobody_notices_and_reasons_of_none_are_told(
 def test_modules_without_a_mutant_have_a_reason_or_are_not_as_stated(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    lacking = set(mutants.without())
+    lacking = set(mutants.modules_without_mutants())
     assert lacking == {*mutants.ELSEWHERE}, lacking ^ {*mutants.ELSEWHERE}
     assert not {"reception", "intrusion", "tuning", "bus_state", "shared"} & lacking
-    assert "reception.gather" in mutants.unchanged()
+    assert "reception.gather" in mutants.unchanged_functions()
     told = {"mutants": {"elsewhere": dict.fromkeys(["rings", "timing"], "why")}}
     assert cli.conclusion([], told) == "all as stated; no mutants of rings, timing"
     fewer = {key: names for key, names in mutants.TARGETS.items() if "supervisor" not in key}
     monkeypatch.setattr(mutants, "TARGETS", fewer)
     monkeypatch.setattr(mutants, "score", lambda: ([], [], []))
     monkeypatch.setattr(mutants, "ARGUED", {})
-    wrong = [*cli.missed({"mutants": mutants.found()})]
+    wrong = [*cli.failures({"mutants": mutants.results()})]
     assert wrong == ["executive/loop/supervisor.py: no mutants, and no reason why"]
 
 

@@ -35,7 +35,7 @@ class Seen(NamedTuple):
     period_ms: float
 
 
-def seen_of(node: Live, rig: str, role: Any) -> Seen:
+def node_run(node: Live, rig: str, role: Any) -> Seen:
     """Return what the memory of a node says of its run, also after its death."""
     block, made = node.block, plan(load_rig(rig), role, "real")
     safe = {f"rx.{name}": value for name, value in made.spec.safe.items()}
@@ -90,7 +90,7 @@ def _longest(there: NDArray[np.bool_]) -> int:
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def of_the_log(path: Path, seen: Mapping[str, Seen], until: Mapping[str, int]) -> dict[str, Any]:
+def log_losses(path: Path, seen: Mapping[str, Seen], until: Mapping[str, int]) -> dict[str, Any]:
     """Return what a log lacks at its end, up to the cycles `until`, and before its end."""
     try:
         found = logs.read(path)
@@ -107,7 +107,7 @@ def of_the_log(path: Path, seen: Mapping[str, Seen], until: Mapping[str, int]) -
     return {"opens": True, "why": "", "missing_ms": missing_ms, "holes": holes}
 
 
-def left_on(bus: str) -> list[str]:
+def left_behind(bus: str) -> list[str]:
     """Return what is left of the nodes on a bus: claims, and files in /dev/shm."""
     mine = sh.block_name("", bus, "")
     files = [path.name for path in Path("/dev/shm").iterdir() if "pcpc" in path.name]

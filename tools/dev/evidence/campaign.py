@@ -49,7 +49,7 @@ class Bench:
         self.loops = tuple(block.loop for block in self.run.blocks)
         self._go = run_of(len(self.loops))
         if warm:
-            self.go(warm)
+            self.advance(warm)
         self._parts = [part for loop in self.loops for part in _to_set_back(loop)]
         self._saved = [part.copy() for part in self._parts]
         self._columns = [
@@ -65,21 +65,23 @@ class Bench:
             for block in self.run.blocks
         ]
 
-    def clean(self, cycles: int) -> NDArray[np.float64]:
+    def clean_error(self, cycles: int) -> NDArray[np.float64]:
         """Return the pointing error without a fault, rad, from the end of the warming on."""
-        self.back()
-        self.go(cycles)
+        self.restore()
+        self.advance(cycles)
         return self.column(1, "barrel.theta_rad")
 
-    def once(self, faults: Sequence[str], cycles: int, seed: int) -> Seen:
+    def run_once(self, faults: Sequence[str], cycles: int, seed: int) -> Seen:
         """Run once: all `faults` act from the same drawn cycle on, for `cycles`."""
-        self.back()
+        self.restore()
         begin = int(np.random.default_rng(seed).integers(2, SPREAD))
-        self.arrange([(WARM + begin, f"fault.{name}.left", float(cycles)) for name in faults], seed)
-        self.go(begin + cycles + AFTER)
+        self.schedule(
+            [(WARM + begin, f"fault.{name}.left", float(cycles)) for name in faults], seed
+        )
+        self.advance(begin + cycles + AFTER)
         return self._seen(WARM + begin)
 
-    def arrange(self, events: Sequence[tuple[int, str, float]], seed: int) -> None:
+    def schedule(self, events: Sequence[tuple[int, str, float]], seed: int) -> None:
         """Let variables be set in cycles of this run, in each node that has them; seed the draws.
 
         A fault acts from its cycle on; `executive:NAME` is set in the executive alone.
@@ -108,11 +110,11 @@ class Bench:
         stalls = set(places.peer_stall[: int(places.n_peer_stalls)].tolist())
         return node == 1 and self.places[node][f"fault.{name}.left"] in stalls
 
-    def go(self, cycles: int) -> None:
+    def advance(self, cycles: int) -> None:
         """Do some cycles."""
         self._go(self.loops, self.run.steps, cycles)
 
-    def back(self) -> None:
+    def restore(self) -> None:
         """Be where the warming ended."""
         for part, saved in zip(self._parts, self._saved, strict=True):
             part[:] = saved

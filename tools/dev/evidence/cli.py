@@ -18,7 +18,7 @@ from pcpc.tools.dev.evidence import (
     report,
     residual,
 )
-from pcpc.tools.dev.evidence.parts import PARTS
+from pcpc.tools.dev.evidence.commands import PARTS
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal.progress import Progress
@@ -37,7 +37,7 @@ def command(options: argparse.Namespace) -> int:
         ),
         "envelope": lambda: envelope.envelope(options.laws, options.seed, progress, options.jobs),
         "alarms": lambda: alarms.alarms(options.hours, options.seed, progress, options.jobs),
-        "mutants": mutants.found,
+        "mutants": mutants.results,
         "kills": lambda: kills.run(
             options.kills, options.seed, options.jobs or kills.JOBS, progress
         ),
@@ -56,7 +56,7 @@ def _carried_out(
         evidence[name] = parts[name]()
     evidence = {name: evidence[name] for name in PARTS if name in evidence}
     page = report.write(folder, evidence)
-    wrong = list(missed(evidence))
+    wrong = list(failures(evidence))
     print("\n".join([*wrong, conclusion(wrong, evidence)]))
     print(f"{page} and {report.NUMBERS}")
     return Exit.NOT_MET if wrong else Exit.OK
@@ -74,11 +74,11 @@ def conclusion(wrong: Sequence[str], evidence: Mapping[str, Any]) -> str:
 
 def _matrix(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     rows = matrix.matrix(options.runs, options.seed, progress, options.jobs)
-    clean = 1e3 * float(abs(matrix.bench().clean(campaign.SPREAD + campaign.AFTER)).max())
+    clean = 1e3 * float(abs(matrix.bench().clean_error(campaign.SPREAD + campaign.AFTER)).max())
     return {"seed": options.seed, "after_cycles": campaign.AFTER, "clean_mrad": clean, "rows": rows}
 
 
-def missed(evidence: Mapping[str, Any]) -> list[str]:
+def failures(evidence: Mapping[str, Any]) -> list[str]:
     """Return a line for each row that is not as stated."""
     lines = [
         f"{row['fault']}: {row['within_limit']} of {row['runs']} within {row['limit_cycles']} "

@@ -4,10 +4,10 @@ import argparse
 import math
 
 from pcpc.drivers.errors import Exit
-from pcpc.tools.dev.evidence.parts import PARTS
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import Add, Command
 
+PARTS = ("matrix", "residual", "frames", "envelope", "alarms", "mutants", "kills")  # in their order
 _MOST_H = 87_600.0  # ten years
 
 
@@ -55,7 +55,7 @@ COMMANDS = (
         "pcpc evidence\npcpc evidence mutants kills --kills 32",
         evidence,
         compiles=True,
-        module="dev.evidence.start",
+        module="dev.evidence.native_process",
         codes={
             Exit.OK: "all as stated",
             Exit.NOT_MET: "something was not",

@@ -18,6 +18,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, ON_FRAMES
 from pcpc.tools.dev.evidence import expected
+from pcpc.tools.dev.evidence.episodes import Episodes
 
 AT, OUTPUTS, WATCHED, ESTOP, MODE = 100, 102, 105, 106, 107  # places in the table
 NOT_FINITE = sh.NOT_FINITE_EVENT  # the event that carries a value
@@ -102,33 +103,14 @@ Compare = Callable[[int], bool]  # whether a mutant is noticed; 0: the code as i
 
 def supervisor(driver: Any, draw: np.random.Generator, count: int) -> Compare:
     """Feed supervise, hear_requests and limit_commands with `count` episodes."""
-    memory = np.recarray(1, sh.LOOP)
-    raw = memory.view(np.uint8)
-    places: Any = sh.LOOP.fields
-    begin = places["k"][1]
-    episodes = []
+    episodes = Episodes(driver.supervised)
     for number in range(count):
         has, commands = _settings(draw, number), _commands(draw)
-        raw[:] = 0
-        _install(memory[0], has, commands)
+        _install(episodes.new_loop(), has, commands)
         whole, values = _events(draw, number, has)
         model = expected.Supervised(has, commands, 2, 1)
-        episodes.append((raw[begin:].copy(), whole, values, _expected(model, whole, values)))
-    n: Any = memory[0]
-
-    def compare(number: int) -> bool:
-        chosen = np.array([number])
-        for private, whole, values, wanted in episodes:
-            raw[begin:] = private
-            n.control[:] = 0
-            n.event_ends[:] = 0
-            told = np.zeros((len(whole), wanted.shape[1]))
-            driver.supervised(chosen, n, whole, values, told)
-            if not np.array_equal(told, wanted):
-                return True
-        return False
-
-    return compare
+        episodes.add((whole, values), (_expected(model, whole, values),))
+    return episodes.differ
 
 
 def _settings(draw: np.random.Generator, number: int) -> expected.Settings:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pcpc.executive.loop import plausibility
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
+from pcpc.tools.dev.evidence.episodes import Episodes
 
 EPISODES, STEPS = 60, 150
 ROWS, PLACES, COUNTS = (0, 0, 1), (20, 21, 22), (30, 31, 32)
@@ -39,7 +40,6 @@ def plausible(_m, n, about, values, told, kept):
             kept[s, i] = n.v[these.place[i]]
             kept[s, these.n + i] = n.v[these.count_place[i]]
 """
-TOLD = 11
 
 
 def _bits(x: float) -> int:
@@ -160,34 +160,13 @@ def receiver(driver: Any, draw: np.random.Generator, count: int) -> Any:
     assert (sh.IMPLAUSIBLE, sh.CULPRIT, sh.ODD_PLACE, sh.ODD_CYCLE, sh.ODD_BITS) == (
         55, 54, 48, 49, 50,
     )  # fmt: skip
-    memory = np.recarray(1, sh.LOOP)
-    raw, places = memory.view(np.uint8), sh.LOOP.fields
-    assert places is not None
-    begin, n, episodes = places["k"][1], memory[0], []
+    episodes = Episodes(driver.plausible)
     for number in range(count):
-        raw[:] = 0
         signals = _signals(number, draw)
-        install(n.plausible, signals)
+        install(episodes.new_loop().plausible, signals)
         about, values = _drawn(draw)
         model = Receiver(signals)
         steps = zip(about.tolist(), values.tolist(), strict=True)
         told, kept = zip(*(model.step(*step) for step in steps), strict=True)
-        wanted = np.array(told, np.int64), np.array(kept, np.float64)
-        episodes.append((raw[begin:].copy(), about, values, *wanted))
-
-    def compare(number: int) -> bool:
-        chosen = np.array([number])
-        for private, about, values, wanted, wanted_kept in episodes:
-            raw[begin:] = private
-            n.control[:] = 0
-            n.event_ends[:] = 0
-            n.event[:] = 0
-            n.v[:] = 0.0
-            told = np.zeros((len(about), TOLD), np.int64)
-            kept = np.zeros((len(about), 2 * len(ROWS)))
-            driver.plausible(chosen, n, about, values, told, kept)
-            if not (np.array_equal(told, wanted) and np.array_equal(kept, wanted_kept)):
-                return True
-        return False
-
-    return compare
+        episodes.add((about, values), (np.array(told, np.int64), np.array(kept, np.float64)))
+    return episodes.differ

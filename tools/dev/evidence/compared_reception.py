@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers import dbc
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.variables import BUS_AT
 from pcpc.tools.dev.evidence import compared_plausible
 from pcpc.tools.dev.evidence.compared_senders import OWN
+from pcpc.tools.dev.evidence.episodes import Episodes
 from pcpc.tools.dev.evidence.expected_reception import (
     ANOTHER,
     AWAITED,
@@ -200,33 +200,15 @@ def _install(n: Any, has: Settings) -> None:
 
 def reception(driver: Any, draw: np.random.Generator, count: int) -> Any:
     """Feed what takes frames with `count` episodes."""
-    memory = np.recarray(1, sh.LOOP)
-    raw, places = memory.view(np.uint8), sh.LOOP.fields
-    assert places is not None
-    begin, n, episodes = places["k"][1], memory[0], []
+    episodes = Episodes(driver.reception)
     for number in range(count):
-        raw[:] = 0
         signals = [compared_plausible.Signal(0.125, 1.5, 1.0, 9, 4) for _ in range(3)]
         turn = 1 if number % 5 == 4 else 8
         has = Settings(number % 3, number % 2, number // 2 % 2, int(number % 7 > 0), turn, signals)
-        _install(n, has)
+        _install(episodes.new_loop(), has)
         (about, frames), model = _drawn(draw), Node(has)
         steps = zip(about.tolist(), frames, strict=True)
         fed = [model.feed(one, *(its.tobytes() for its in both)) for one, both in steps]
         told, kept = (np.array(one) for one in zip(*fed, strict=True))
-        episodes.append((raw[begin:].copy(), about, frames, told.astype(np.int64), kept))
-
-    def compare(number: int) -> bool:
-        chosen = np.array([number])
-        for private, about, frames, wanted, wanted_kept in episodes:
-            raw[begin:] = private
-            n.control[:] = 0
-            n.event_ends[:] = n.frame_ends[:] = 0
-            n.event[:] = n.frame[-2:] = n.frame[: 3 * STEPS] = 0
-            told, kept = np.zeros_like(wanted), np.zeros_like(wanted_kept)
-            driver.reception(chosen, n, about, frames, told, kept)
-            if not (np.array_equal(told, wanted) and np.array_equal(kept, wanted_kept)):
-                return True
-        return False
-
-    return compare
+        episodes.add((about, frames), (told.astype(np.int64), kept))
+    return episodes.differ

@@ -15,6 +15,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.variables import FALLBACK
+from pcpc.tools.dev.evidence.episodes import Episodes
 
 EPISODES, STEPS = 60, 150
 IDS, OWN, EVERY = (0x120, 0x121, 0x200), (0x0A0, 0x080), (1, 1, 5)
@@ -51,7 +52,6 @@ def senders(_m, n, about, told):
         t[11], t[12] = last[3] if t[7] > 0 else 0, n.event_ends[0]
         t[13], t[14], t[15] = event[2], event[3], event[4]
 """
-TOLD = 16
 
 
 class Senders:
@@ -171,29 +171,11 @@ def _install(n: Any, policy: int, after: int, grace: int, stop_row: int) -> None
 def senders(driver: Any, draw: np.random.Generator, count: int) -> Any:
     """Feed what judges other senders and late cycles with `count` episodes."""
     assert (e2e.AGE_CYCLES, sh.FOREIGN, sh.CULPRIT, FALLBACK) == (7, 25, 54, 6)
-    memory = np.recarray(1, sh.LOOP)
-    raw, places = memory.view(np.uint8), sh.LOOP.fields
-    assert places is not None
-    begin, n, episodes = places["k"][1], memory[0], []
+    episodes = Episodes(driver.senders)
     for number in range(count):
-        raw[:] = 0
         has = number % 3, int(draw.integers(1, 4)), int(draw.integers(0, 9)), number % 4 - 2
-        _install(n, *has)
+        _install(episodes.new_loop(), *has)
         about, model = _drawn(draw), Senders(*has)
-        wanted = np.array([model.step(row) for row in about.tolist()], np.int64)
-        episodes.append((raw[begin:].copy(), about, wanted))
-
-    def compare(number: int) -> bool:
-        chosen = np.array([number])
-        for private, about, wanted in episodes:
-            raw[begin:] = private
-            n.control[:] = 0
-            n.event_ends[:] = n.frame_ends[:] = 0
-            n.event[:] = 0
-            told = np.zeros((len(about), TOLD), np.int64)
-            driver.senders(chosen, n, about, told)
-            if not np.array_equal(told, wanted):
-                return True
-        return False
-
-    return compare
+        expected = [model.step(row) for row in about.tolist()]
+        episodes.add((about,), (np.array(expected, np.int64),))
+    return episodes.differ

@@ -15,6 +15,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import GIVEN, REAL
 from pcpc.executive.loop.variables import RESET_ASKED, STATE, STOP_ASKED
+from pcpc.tools.dev.evidence.episodes import Episodes
 
 STEPS, VARIABLES, FAULT_AT = 120, 200, 190
 RANGES = {150: (-1.0, 1.0), 0: (0.0, 4.0), 151: (-math.inf, math.inf), 199: (2.0, 2.0),
@@ -152,11 +153,9 @@ def _drawn(draw: np.random.Generator) -> tuple[NDArray[Any], ...]:
 
 def tuning(driver: Any, draw: np.random.Generator, count: int) -> Any:
     """Feed tune with `count` episodes."""
-    memory = np.recarray(1, sh.LOOP)
-    raw, places = memory.view(np.uint8), sh.LOOP.fields
-    assert places is not None and sh.REFUSED == 31
-    begin, n, episodes = places["k"][1], memory[0], []
-    raw[:] = 0
+    assert sh.REFUSED == 31
+    episodes = Episodes(driver.tuned)
+    n = episodes.new_loop()
     n.n_variables, n.faults.every_place[0], n.v[FAULT_AT] = VARIABLES, FAULT_AT, 100.0
     n.tuning.low[:] = n.tuning.high[:] = math.nan
     for place, (low, high) in RANGES.items():
@@ -164,23 +163,9 @@ def tuning(driver: Any, draw: np.random.Generator, count: int) -> Any:
     n.tuning.n, n.tuning.schedule[8:, 0] = len(SCHEDULE), 8000  # no mutant runs past the end
     for i, (cycle, place, value) in enumerate(SCHEDULE):
         n.tuning.schedule[i], n.tuning.value[i] = (cycle, place), value
-    private = raw[begin:].copy()
     for _ in range(count):
         drawn, model = _drawn(draw), Tuned()
         steps = zip(*(one.tolist() for one in drawn), strict=True)
         told, kept = zip(*(model.step(*step) for step in steps), strict=True)
-        episodes.append((drawn, np.array(told, np.int64), np.array(kept)))
-
-    def compare(number: int) -> bool:
-        for drawn, wanted, wanted_kept in episodes:
-            raw[begin:] = private
-            n.control[:] = n.answer[:] = 0
-            n.event_ends[:] = n.event[:] = 0
-            told, kept = np.zeros_like(wanted), np.zeros_like(wanted_kept)
-            driver.tuned(np.array([number]), n, *drawn, told, kept)
-            same = np.array_equal(kept, wanted_kept, equal_nan=True)
-            if not (same and np.array_equal(told, wanted)):
-                return True
-        return False
-
-    return compare
+        episodes.add(drawn, (np.array(told, np.int64), np.array(kept)))
+    return episodes.differ

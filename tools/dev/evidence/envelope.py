@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.dev.evidence.any_law import COUNT
 from pcpc.tools.dev.evidence.campaign import Bench
-from pcpc.tools.dev.evidence.wild import COUNT
 from pcpc.tools.start.pool import each
 from pcpc.tools.terminal.progress import Progress
 
@@ -85,13 +85,13 @@ def drawn(seed: int, known: Sequence[str]) -> Law:
 def run(law: Law) -> list[str]:
     """Do a run; return what left the envelope."""
     one = bench()
-    one.back()
+    one.restore()
     n, places = one.loops[0], one.places[0]
     first = places["controller.answers_0"]
     n.v[first : first + COUNT] = law.answers
     n.v[places["controller.gain"]] = law.gain
-    one.arrange(law.events, law.seed)
-    one.go(CYCLES)
+    one.schedule(law.events, law.seed)
+    one.advance(CYCLES)
     state = one.column(0, "supervisor.state")
     found = [*commands(one.rows(0)[:, 0], state, one.column(0, "tx.CMD.command"))]
     heard = n.guard.missing < n.guard.fault_after

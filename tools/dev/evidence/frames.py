@@ -239,7 +239,7 @@ def _known(n: Any) -> Good:
     return Good(can_id, known, [one for one in range(0x800) if one != can_id])
 
 
-def kind_of(name: str, kind: str, count: int, seed: int) -> dict[str, Any]:
+def fates_of_kind(name: str, kind: str, count: int, seed: int) -> dict[str, Any]:
     """Return what became of `count` frames of a kind."""
     one = formats()[name]
     make, share = one.kinds[kind]
@@ -311,7 +311,7 @@ Task = tuple[str, str, int, int]
 
 def task(one: Task) -> dict[str, Any]:
     """Return what became of the frames of a task."""
-    return kind_of(*one)
+    return fates_of_kind(*one)
 
 
 def tasks(frames: int, seed: int) -> Sequence[Task]:

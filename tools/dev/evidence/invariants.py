@@ -21,10 +21,10 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.supervisor import FAULT, INIT
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.dev.evidence.aftermath import left_on
+from pcpc.tools.dev.evidence.aftermath import left_behind
 
 
-def broken(path: Path, rig: Rig) -> tuple[int, list[str]]:
+def broken_promises(path: Path, rig: Rig) -> tuple[int, list[str]]:
     """Return how many cycles a log of `rig` has, and what is wrong with it."""
     try:
         log = long_logs.read(path)
@@ -37,7 +37,7 @@ def broken(path: Path, rig: Rig) -> tuple[int, list[str]]:
     found += [f"{node}: {account['unread']} frames unread" for node, account in
               summary.get("frames_to", {}).items() if account.get("unread", 0) < 0]  # fmt: skip
     own = (f"/{rig.config.rig}.", f"/{rig.config.rig}/")  # others may have taken the bus since
-    found += [f"left behind: {name}" for name in left_on(summary.get("bus") or "none")
+    found += [f"left behind: {name}" for name in left_behind(summary.get("bus") or "none")
               if any(part in name for part in own)]  # fmt: skip
     for role, node in log.node.items():
         found += [f"{role}: {line}" for line in commands(rig, role, node)]

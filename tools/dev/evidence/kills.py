@@ -35,7 +35,7 @@ from pcpc.drivers import choice
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes.live import Live, LiveError
-from pcpc.tools.dev.evidence.aftermath import Seen, left_on, of_the_log, seen_of
+from pcpc.tools.dev.evidence.aftermath import Seen, left_behind, log_losses, node_run
 from pcpc.tools.start import rigs
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.folder import LOG
@@ -194,20 +194,20 @@ def _disturbed(case: Case, bus: str, tries: int) -> dict[str, Any]:
             _act(process, case)
         left = process.left(_END_S)
         end_s = time.monotonic() + _LET_GO_S
-        while (names := left_on(bus)) and time.monotonic() < end_s:
+        while (names := left_behind(bus)) and time.monotonic() < end_s:
             time.sleep(_LOOK_S)
-        seen = {role: seen_of(node, case.rig, role) for role, node in process.nodes.items()}
+        seen = {role: node_run(node, case.rig, role) for role, node in process.nodes.items()}
     row: dict[str, Any] = {
         "signal": case.signal,
         "at": at["executive"],
         "left": left + names,
-    } | _of_nodes(seen, case)
-    row |= of_the_log(folder / LOG, seen, at if case.process == "recorder" else {})
+    } | _node_columns(seen, case)
+    row |= log_losses(folder / LOG, seen, at if case.process == "recorder" else {})
     words = [*_words(case.rig, bus, f"{folder}-next"), *_NEXT]
     following = Child.started("next", "pcpc.tools.cli", words)
     following.end(_START_S)
     row["next"] = following.code
-    wrong = wrong_of(row)
+    wrong = failures_of(row)
     return row | {"ok": not wrong, "wrong": "; ".join(wrong)}
 
 
@@ -231,7 +231,7 @@ def _act(process: _Run, case: Case) -> None:
         process.send("host", signal.SIGTERM)
 
 
-def _of_nodes(seen: Mapping[str, Seen], case: Case) -> dict[str, Any]:
+def _node_columns(seen: Mapping[str, Seen], case: Case) -> dict[str, Any]:
     """Return for how long commands were neither fresh nor safe, and how they were at the end."""
     gone = case.process if case.signal in ("KILL", "BORN") else ""
     return {
@@ -243,7 +243,7 @@ def _of_nodes(seen: Mapping[str, Seen], case: Case) -> dict[str, Any]:
     }
 
 
-def wrong_of(row: Mapping[str, Any]) -> list[str]:
+def failures_of(row: Mapping[str, Any]) -> list[str]:
     """Return what is not as it should be after a run was disturbed."""
     found = [f"{role} ended with a command that is not safe" for role in row["unsafe"]]
     found += [

@@ -35,7 +35,7 @@ def runs_of(task: Task) -> list[Seen]:
     """Return what came of some runs of a case."""
     case = CASES[task[0]]
     own = bench(case.rig)
-    return [own.once(case.faults, case.cycles, seed) for seed in range(task[1], task[2])]
+    return [own.run_once(case.faults, case.cycles, seed) for seed in range(task[1], task[2])]
 
 
 def matrix(runs: int, seed: int, progress: Progress, jobs: int | None = None) -> list[Any]:

@@ -105,7 +105,7 @@ ELSEWHERE = {  # modules of the loop without mutants, and why
 }  # fmt: skip
 
 
-def found() -> dict[str, Any]:
+def results() -> dict[str, Any]:
     """Return how many mutants there are, which nobody notices, and reasons of none."""
     every, left, broken = score()
     told = [mutant.change for mutant in left]
@@ -115,18 +115,18 @@ def found() -> dict[str, Any]:
         "argued": dict(Counter(reason(one) for one in left if reason(one))),
         "left": [str(one) for one in left if not reason(one)],
         "idle": [] if broken else idle, "broken": broken,
-        "without": [one for one in without() if one not in ELSEWHERE],
-        "unchanged": unchanged(),
-        "elsewhere": {one: ELSEWHERE[one] for one in without() if one in ELSEWHERE},
+        "without": [one for one in modules_without_mutants() if one not in ELSEWHERE],
+        "unchanged": unchanged_functions(),
+        "elsewhere": {one: ELSEWHERE[one] for one in modules_without_mutants() if one in ELSEWHERE},
     }  # fmt: skip
 
 
-def without() -> list[str]:
+def modules_without_mutants() -> list[str]:
     """Return the modules of the loop that have compiled functions, of which none is changed."""
     return [name for name in _compiled() if f"executive.loop.{name}" not in TARGETS]
 
 
-def unchanged() -> list[str]:
+def unchanged_functions() -> list[str]:
     """Return the compiled functions without a mutant in modules of the loop that have others."""
     known = {f"executive.loop.{name}": name for name in _compiled()}
     return [f"{known[key]}.{one}" for key, names in TARGETS.items() if key in known
@@ -159,10 +159,10 @@ def score() -> tuple[list[Mutant], list[Mutant], list[str]]:
     """
     mutants, compares = prepared(True)
     broken = [name for name, compare in compares.items() if _differs(compare, 0)]
-    return mutants, [] if broken else [one for one in mutants if not noticed(one)], broken
+    return mutants, [] if broken else [one for one in mutants if not is_noticed(one)], broken
 
 
-def noticed(mutant: Mutant, compiled: bool = True) -> bool:
+def is_noticed(mutant: Mutant, compiled: bool = True) -> bool:
     """Return whether any comparison sees a mutant."""
     groups = {
         "drivers.codec": ("codec",), "drivers.e2e": ("receiver", "sender"),

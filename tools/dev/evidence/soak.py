@@ -32,7 +32,7 @@ from pcpc.executive.nodes.live import Live, LiveError, running
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES
-from pcpc.tools.dev.evidence.invariants import broken
+from pcpc.tools.dev.evidence.invariants import broken_promises
 from pcpc.tools.start import rigs
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.folder import LOG, run_folder
@@ -55,7 +55,7 @@ def command(options: argparse.Namespace) -> int:
     rows: list[dict[str, Any]] = []
     begin_s, spent_s, wanted_s = time.monotonic(), 0.0, 3600.0 * options.hours
     while not rows or spent_s < wanted_s:
-        rows.append(one(rig, options.seed, len(rows), min(options.each, wanted_s - spent_s)))
+        rows.append(judged_run(rig, options.seed, len(rows), min(options.each, wanted_s - spent_s)))
         spent_s = time.monotonic() - begin_s
         if options.json:
             print(json.dumps(rows[-1]), flush=True)
@@ -66,11 +66,11 @@ def command(options: argparse.Namespace) -> int:
         progress.show(f"run {len(rows)}, {spent}, {wrong} with errors")
     progress.close()
     if not options.json:
-        print("\n".join(told(rows)))
+        print("\n".join(summary_lines(rows)))
     return Exit.NOT_MET if any(row["wrong"] for row in rows) else Exit.OK
 
 
-def told(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def summary_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return how much was done, the memory of each process at its worst, and what was wrong."""
     paced = sum(row["paced"] for row in rows)
     sums = {key: sum(row[key] for row in rows) for key in ("cycles", "tuned", "faults", "resets")}
@@ -88,7 +88,7 @@ def told(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines + [f"run {row['run']}: {line}" for row in rows for line in row["wrong"]]
 
 
-def one(rig: str, seed: int, number: int, each_s: float) -> dict[str, Any]:
+def judged_run(rig: str, seed: int, number: int, each_s: float) -> dict[str, Any]:
     """Do a run and judge its log; return its row."""
     draw, loaded, paced = random.Random(f"{seed}/{number}"), load_rig(rig), number % 2 == 1
     row: dict[str, Any] = {"run": number, "paced": paced, "faults": 0, "resets": 0}
@@ -110,17 +110,17 @@ def one(rig: str, seed: int, number: int, each_s: float) -> dict[str, Any]:
             asked = _disturb(child, loaded.config.rig, draw, row, memory, settings["duration_s"])
         child.end(_JUDGE_S)
         row["wrong"] = [] if child.code in _ENDS else [f"exit {child.code}", *child.complaint()]
-        row["cycles"], wrong = broken(Path(folder) / "run" / LOG, loaded)
+        row["cycles"], wrong = broken_promises(Path(folder) / "run" / LOG, loaded)
         if paced and not asked:
-            wrong += short(Path(folder) / "run", settings["duration_s"])
-        row["settled"] = settled(memory)
-        row["wrong"] += wrong + grown(row["settled"])
+            wrong += early_end(Path(folder) / "run", settings["duration_s"])
+        row["settled"] = settled_memory(memory)
+        row["wrong"] += wrong + growing_memory(row["settled"])
         if row["wrong"]:
-            row["wrong"].append(f"its log: {_kept(Path(folder) / 'run', loaded)}")
+            row["wrong"].append(f"its log: {_kept_folder(Path(folder) / 'run', loaded)}")
     return row
 
 
-def short(run: Path, for_s: float) -> list[str]:
+def early_end(run: Path, for_s: float) -> list[str]:
     """Return that a run which waits in FAULT ended before its last cycle though nobody asked."""
     summary = json.loads((run / "summary.json").read_text())
     done_s = summary["cycles"] / summary["rate_hz"]
@@ -129,7 +129,7 @@ def short(run: Path, for_s: float) -> list[str]:
     return [f"ended by itself after {done_s:.3f} of {for_s:g} s", *summary["faults"]]
 
 
-def _kept(run: Path, rig: Rig) -> Path:
+def _kept_folder(run: Path, rig: Rig) -> Path:
     """Move a run's folder to those of other runs; return where it is."""
     with run_folder(None, rig) as folder:
         shutil.copytree(run, folder, dirs_exist_ok=True)
@@ -169,7 +169,7 @@ def _disturb(
     asked = False
     while not child.ended:
         if any(node.running for node in nodes):  # not while the host judges
-            for key, size in _held(child.process.pid).items():
+            for key, size in _memory_kb(child.process.pid).items():
                 memory.setdefault(key, []).append(size)
         with suppress(LiveError, UserError):  # the run may end in between
             if time.monotonic() >= next_s:
@@ -217,7 +217,7 @@ def _end(child: Child, nodes: Sequence[Live], draw: random.Random) -> None:
         child.process.send_signal(signal.SIGTERM)
 
 
-def _held(host: int) -> dict[str, int]:
+def _memory_kb(host: int) -> dict[str, int]:
     """Return the memory, kB, that the processes of a run hold, by name."""
     found = {"host": _status(host, "VmRSS")}
     with suppress(OSError):
@@ -227,7 +227,7 @@ def _held(host: int) -> dict[str, int]:
     return {name: size for name, size in found.items() if size}
 
 
-def settled(memory: Mapping[str, Sequence[int]]) -> dict[str, tuple[int, int]]:
+def settled_memory(memory: Mapping[str, Sequence[int]]) -> dict[str, tuple[int, int]]:
     """Return what each process of a run that lasted held when it had settled, and at its end."""
     found = {}
     for name, sizes in memory.items():
@@ -238,7 +238,7 @@ def settled(memory: Mapping[str, Sequence[int]]) -> dict[str, tuple[int, int]]:
     return found
 
 
-def grown(held: Mapping[str, tuple[int, int]]) -> list[str]:
+def growing_memory(held: Mapping[str, tuple[int, int]]) -> list[str]:
     """Return which processes ended with more memory than they had settled with."""
     return [f"{name}: {first:,} kB once it had settled, {last:,} kB at the end"
             for name, (first, last) in held.items() if last > _GROWS * first]  # fmt: skip

@@ -4,7 +4,7 @@ import argparse
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
-from pcpc.tools.dev.evidence.parts import PARTS
+from pcpc.tools.dev.evidence.commands import PARTS
 from pcpc.tools.start.native import native
 
 
