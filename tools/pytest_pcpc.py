@@ -131,7 +131,7 @@ def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Pa
         item.user_properties += properties  # of the reports to come, as JUnit takes them
         report.user_properties += properties
         if report.failed:
-            lines += _what_it_came_to(run)
+            lines += _verdict_lines(run)
             run.figure(path=folder / "figure.png")
             lines.append(f"figure   {folder / 'figure.png'}")
             _show(item, report, title, folder / "figure.png")
@@ -142,11 +142,9 @@ def _report(item: pytest.Item, report: pytest.TestReport, title: str, folder: Pa
         report.sections.append((f"pcpc, {title}", "\n".join(lines)))
 
 
-def _what_it_came_to(run: "pcpc.Run") -> list[str]:
+def _verdict_lines(run: "pcpc.Run") -> list[str]:
     """Return verdict, and what was not met."""
-    from pcpc.tools.after.verdict.summary import problems
-
-    return [f"verdict  {run.verdict}", *(f"         {line}" for line in problems(run.summary))]
+    return [f"verdict  {run.verdict}", *(f"         {line}" for line in run.result.problems())]
 
 
 def _show(item: pytest.Item, report: Any, title: str, figure: Path) -> None:

@@ -53,7 +53,7 @@ def test_the_local_nodes_command_goes_to_its_safe_value_at_its_rate(tmp_path: Pa
     assert set(local.columns["supervisor.state"][10:]) == {2.0}, "RUN to the end"
     assert np.abs(plant.columns["rx.CMD.command"][-1] - 0.4) <= 0.005, "the plant took it"
     outcome = Outcome("virtual", "memory", nodes=list(log.node))
-    assert summarise(rig, log, outcome)["verdict"] == "ok"
+    assert summarise(rig, log, outcome).verdict == "ok"
 
 
 def test_each_node_has_only_the_frames_of_its_buses() -> None:
@@ -116,10 +116,10 @@ def test_losses_on_purpose_are_replayed_and_no_fault_of_the_run(tmp_path: Path) 
         assert verdict.identical, f"{verdict.first()} {verdict.incomplete}"
     log = logs.read(path)
     summary = summarise(rig, log, Outcome("virtual", "memory"))
-    frames = summary["frames"]
+    frames = summary.frames
     assert 700 < frames["lost_on_purpose"] < 1300, frames
     assert 0 < frames["lost"] <= frames["lost_on_purpose"], frames
-    assert summary["verdict"] == ("loss" if frames["stale"] else "ok"), summary["verdict"]
+    assert summary.verdict == ("loss" if frames["stale"] else "ok"), summary.verdict
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ def tried_to_play(log: Path) -> Finding | None:
 
     options = argparse.Namespace(role=None, only=[], start=0.0, duration=None)
     try:
-        play_frames.choose(play_frames.of(logs.read(log)), options, str(log))
+        play_frames.choose(play_frames.bus_frames(logs.read(log)), options, str(log))
     except (play_frames.PlayError, logs.LogError):
         return None
     except Exception as error:

@@ -71,7 +71,7 @@ def test_names_of_a_log_are_text_in_its_report(evil: str, true_log: Path, tmp_pa
         "requirements": [{"name": evil, "held": False, "what": evil, "unit": evil, "margin": 1.0,
                           "margin_unit": evil, "first_s": 0.01}],
     }  # fmt: skip
-    summary_file.write_json(summary, tmp_path / "summary.json")
+    summary_file.write_json(summary_file.from_json(summary), tmp_path / "summary.json")
     assert main(["report", str(tmp_path), "--quiet"]) == 0
     page = Page(tmp_path / "report.html")
     page.check_alone()

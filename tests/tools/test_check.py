@@ -206,7 +206,7 @@ def test_the_summary_names_the_signal_that_was_cut_most(tmp_path: Path) -> None:
     first_s = 1e-3 * int(np.argmax(current < -0.005))
     said = f"FB.current was cut to 0 A in {below} cycles, first at {first_s:.4g} s"
     assert run.summary["most_cut"] == said, run.summary["most_cut"]
-    lines = [line for _, _, own in rows(run.summary, tmp_path, 80) for line in own]
+    lines = [line for own in rows(run.result, tmp_path, 80).values() for line in own]
     assert said in lines, lines
     whole = simulate(narrow(tmp_path / "b").parent / "rig.yaml", set={"duration_s": 0.05})
     assert whole.summary["most_cut"] == "", "it has not moved"

@@ -17,7 +17,7 @@ from processes import ROOT, pcpc
 from pcpc.executive.errors import RigError
 from pcpc.tools import cli
 from pcpc.tools.after.log import recorded
-from pcpc.tools.after.verdict.conclude import changes
+from pcpc.tools.after.verdict.judge import changes
 from pcpc.tools.cli import main
 from pcpc.tools.cli.commands import COMMANDS, GROUPS, of_group
 from pcpc.tools.start import rigs

@@ -139,7 +139,7 @@ def test_margins_of_requirements_in_time_count_as_metrics(folder: Path, tmp_path
         file = tmp_path / side / "summary.json"
         told = json.loads(file.read_text())
         told["requirements"] = [{"name": "calm", "held": margin > 0.0, "margin": margin}]
-        summary_file.write_json(told, file)
+        summary_file.write_json(summary_file.from_json(told), file)
     text = compared(tmp_path / "old", tmp_path / "new", code=1).out
     assert re.search(r"metrics +margin of calm +0\.25 +-> +-0\.5 +-300\.0 %", text), text
 

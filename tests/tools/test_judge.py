@@ -13,9 +13,10 @@ from pcpc import simulate
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import Rig, load_rig
+from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.judge import Judge, check
 from pcpc.tools.after.verdict.outcome import Outcome
-from pcpc.tools.after.verdict.summary import CODES, note_figure, summarise
+from pcpc.tools.after.verdict.summary import CODES, summarise
 
 BODY = """\
 from pcpc.plants.evaluation import RUN, Evaluation, Line, Panel, Rms, started
@@ -141,25 +142,25 @@ def test_an_evaluation_that_fails_at_the_end_costs_its_metrics_only(
 ) -> None:
     own = rig(BODY.replace(old, new))
     summary = summarise(own, in_memory(own), Outcome("virtual", "memory"))
-    assert summary["verdict"] == "expectation not met" and CODES[summary["verdict"]] == 1
-    assert "own.py:5: " in summary["expectations_failed"][0], summary
-    assert summary["not_judged"] == {"error_rms": "the evaluation failed"}, summary
-    assert summary["cycles"] == 200 and json.dumps(summary), summary
+    assert summary.verdict == "expectation not met" and CODES[summary.verdict] == 1
+    assert "own.py:5: " in summary.expectations_failed[0], summary
+    assert summary.not_judged == {"error_rms": "the evaluation failed"}, summary
+    assert summary.cycles == 200 and json.dumps(summary_file.plain(summary)), summary
 
 
 def test_a_metric_that_is_not_there_is_named_with_a_proposal(rig: Write) -> None:
     own = rig(metric="eror_rms")
     summary = summarise(own, in_memory(own), Outcome("virtual", "memory"))
-    (line,) = summary["expectations_failed"]
+    (line,) = summary.expectations_failed
     assert line.startswith("eror_rms is not told by this run") and "error_rms?" in line, line
 
 
 def test_a_figure_that_fails_is_told_and_not_ok(rig: Write) -> None:
     own = rig()
     summary = summarise(own, in_memory(own), Outcome("virtual", "memory"))
-    assert summary["verdict"] == "ok", summary
-    note_figure(summary, "no figure: own.py:12: boom")
-    assert summary["verdict"] == "expectation not met", summary
+    assert summary.verdict == "ok", summary
+    summary.note_failed(["no figure: own.py:12: boom"])
+    assert summary.verdict == "expectation not met", summary
 
 
 def test_a_metric_that_is_not_finite_is_read_back_and_drawn(rig: Write, tmp_path: Path) -> None:
@@ -201,5 +202,5 @@ def test_a_metric_outside_either_limit_is_no_pass(limits: str, rig: Write) -> No
     path.write_text(path.read_text().replace("[0.0, 1.0]", limits))
     own = load_rig(path, "own")
     summary = summarise(own, in_memory(own), Outcome("virtual", "memory"))
-    assert summary["verdict"] == "expectation not met", summary
-    assert summary["expectations_failed"][0].startswith("error_rms = "), summary
+    assert summary.verdict == "expectation not met", summary
+    assert summary.expectations_failed[0].startswith("error_rms = "), summary

@@ -68,7 +68,7 @@ def test_tunings_and_events_carry_time_name_and_value(tuned: Path) -> None:
     states = [e["name"] for e in report["events"] if e["node"] == "executive"]
     assert states == ["READY", "RUN", "STOP"], f"{states}"
     screen = run("info", tuned).out
-    assert "  state READY " in screen and "  state RUN " in screen, screen
+    assert "  state READY\n" in screen and "  state RUN\n" in screen, screen
     assert "controller.kv_Nms_rad 77.5" in screen and len(screen.splitlines()) < 50, screen
 
 
@@ -146,7 +146,7 @@ def test_cycles_that_the_loop_skipped_are_told_apart_from_rows_that_are_lost(
     simulate(load_rig(tmp_path / "stalls.yaml", "pd"), tmp_path / "log.mcap")
     counts = {"cycles": 95, "first": 0, "last": 99, "skipped": 5, "lost": 0}
     assert told(tmp_path / "log.mcap")["nodes"]["executive"] == counts
-    assert "95 cycles (0 to 99), 5 skipped " in run("info", tmp_path / "log.mcap").out
+    assert "95 cycles (0 to 99), 5 skipped\n" in run("info", tmp_path / "log.mcap").out
     fewer = without(tmp_path / "log.mcap", {7, 8}, tmp_path / "fewer.mcap")
     counts |= {"cycles": 93, "lost": 2}
     assert told(fewer, code=3)["nodes"]["executive"] == counts

@@ -52,7 +52,7 @@ def probe_with(folder: Path, more: str) -> tuple[str, dict[str, int], list[str]]
     simulate(made, log)
     summary = summarise(made, logs.read(log), Outcome("virtual", "memory"))
     log.unlink()
-    return summary["verdict"], summary["frames"], summary["frames_too_many"]
+    return summary.verdict, summary.frames, summary.frames_too_many
 
 
 @pytest.mark.parametrize("fault", SPOILED)

@@ -44,7 +44,7 @@ def log(path: Path) -> logs.Log:
 
 @pytest.fixture(scope="module")
 def frames(log: logs.Log) -> play_frames.Frames:
-    return play_frames.of(log)
+    return play_frames.bus_frames(log)
 
 
 def options(*words: str) -> argparse.Namespace:
@@ -98,7 +98,7 @@ def test_a_frame_counts_at_the_stamp_of_its_sender(
     late = {name: log.node[name].frames.copy() for name in PEER}
     for rows in late.values():
         rows["stamp_ns"][rows["direction"] == 1] += 300_000
-    found = play_frames.of(with_frames(log, **late))
+    found = play_frames.bus_frames(with_frames(log, **late))
     moved = int(np.abs(found.stamp_ns - frames.stamp_ns).max())
     assert moved == 0, f"a receiver's stamp moved a frame by {moved} ns"
 
@@ -107,7 +107,9 @@ def test_what_the_sender_has_not_recorded_counts_at_the_receivers_stamp(log: log
     plant, executive = log.node["plant"].frames.copy(), log.node["executive"].frames.copy()
     executive["stamp_ns"][executive["direction"] == 1] += 300_000
     lost = np.flatnonzero(plant["direction"] == 0)[100:150]
-    found = play_frames.of(with_frames(log, executive=executive, plant=np.delete(plant, lost)))
+    found = play_frames.bus_frames(
+        with_frames(log, executive=executive, plant=np.delete(plant, lost))
+    )
     late = int((found.stamp_ns % 1_000_000 == 300_000).sum())
     assert late == len(lost), f"{late} frames have the receiver's stamp, {len(lost)} were lost"
 
@@ -118,7 +120,7 @@ def test_a_frame_put_in_by_somebody_else_is_played_too(
     executive = log.node["executive"].frames
     wrong = executive[np.flatnonzero(executive["direction"] == 1)[50:51]].copy()
     wrong["data"][:, -1] ^= 0xFF
-    found = play_frames.of(with_frames(log, executive=np.concatenate([executive, wrong])))
+    found = play_frames.bus_frames(with_frames(log, executive=np.concatenate([executive, wrong])))
     assert len(found) == len(frames) + 1, f"{len(found)} frames, without it {len(frames)}"
     assert found.sent_by("plant").sum() == frames.sent_by("plant").sum() + 1
 
@@ -126,7 +128,7 @@ def test_a_frame_put_in_by_somebody_else_is_played_too(
 def test_of_one_node_alone_all_frames_are_played(log: logs.Log) -> None:
     for name in ("executive", "bus"):
         alone = replace(log, node={name: log.node["executive"]})
-        n = len(play_frames.of(alone))
+        n = len(play_frames.bus_frames(alone))
         assert n == len(log.node["executive"].frames), f"{name}: {n} frames"
 
 
@@ -250,7 +252,7 @@ def test_wrong_input_is_said_in_one_line(
 def test_a_log_without_frames_is_refused(log: logs.Log) -> None:
     empty = np.empty(0, logs.FRAME)
     with pytest.raises(play_frames.PlayError, match="holds no frames"):
-        play_frames.of(with_frames(log, executive=empty, plant=empty))
+        play_frames.bus_frames(with_frames(log, executive=empty, plant=empty))
 
 
 # One node recorded, the other alive

@@ -118,10 +118,10 @@ def test_only_a_whole_log_without_a_difference_is_identical(
 
 
 def test_a_byte_behind_the_length_of_a_frame_is_seen_in_the_texts() -> None:
-    a, b = np.zeros(2, logs.FRAME)
+    a, b = np.zeros((2, 1), logs.FRAME)
     a["dlc"] = b["dlc"] = 3
-    b["data"][5] = 0x2A
-    texts = unequal_texts(a, b)
+    b["data"][0, 5] = 0x2A
+    texts = unequal_texts(a, b, 0)
     assert texts[0] != texts[1] and "behind it 00002A0000" in texts[1], texts
-    b["data"][5], b["cycle"] = 0, 9
-    assert "cycle 9" in unequal_texts(a, b)[1]
+    b["data"][0, 5], b["cycle"] = 0, 9
+    assert "cycle 9" in unequal_texts(a, b, 0)[1]

@@ -87,13 +87,13 @@ def test_each_form_says_what_the_record_says(run: Run) -> None:
 def test_the_summary_fits_a_terminal_and_the_strict_verdict_knows_what_was_not_judged(
     run: Run, tmp_path: Path
 ) -> None:
-    for _, label, lines in report.rows(run.summary, Path("runs/x"), 80):
+    for label, lines in report.rows(run.result, Path("runs/x"), 80).items():
         assert all(len(line) <= 71 for line in lines), (label, lines)
     rig = load_rig(rig_file(tmp_path, "  - {when: 5s, then: controller.e_rad < 1}\n"))
     for strict, verdict in ((False, "ok"), (True, "expectation not met")):
         found = summarise(rig, run.log, Outcome("virtual", "memory", strict=strict))
-        assert found["verdict"] == verdict, found
-        assert list(found["not_judged"].values()) == ["its event never happened"], found
+        assert found.verdict == verdict, found
+        assert list(found.not_judged.values()) == ["its event never happened"], found
 
 
 def test_requirements_are_those_of_the_controller(run: Run, tmp_path: Path) -> None:
@@ -120,10 +120,12 @@ def test_equal_bits_have_equal_results_in_every_pacing(run: Run) -> None:
 @pytest.mark.parametrize("part", [7, 250, 600])
 def test_a_long_log_has_the_results_of_a_short_one(run: Run, part: int) -> None:
     judge = run._judge
-    long = long_logs.read(run.path, lambda log: judge.asked(log, True), short=100, part=part)
+    long = long_logs.read(
+        run.path, lambda log: judge.needed_columns(log, True), short=100, part=part
+    )
     assert isinstance(long, long_logs.LongLog)
     same(judge.requirements(long), run.requirements)
-    asked = judge.asked(run.log, False)
+    asked = judge.needed_columns(run.log, False)
     assert {"controller.e_rad", "health.late_cycles"} <= set(asked["executive"]) and (
         "barrel.theta_rad" in asked["plant"]
     ), asked
@@ -284,7 +286,7 @@ def test_what_is_judged_does_not_depend_on_what_is_kept(run: Run, tmp_path: Path
         "--no-figure", "--set", "record.keep=10ms",
     )  # fmt: skip
     assert done.summary["records"]["written"] == 0, done
-    assert done.summary["requirements"] == [one.json() for one in run.requirements]
+    assert done.summary["requirements"] == [vars(one) for one in run.requirements]
 
 
 def test_a_rig_without_an_evaluation_has_requirements_too(tmp_path: Path) -> None:

@@ -80,16 +80,16 @@ def paced(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_verdict_metrics_and_requirements_are_those_of_the_summary(folder: Path) -> None:
     page, summary = page_of(folder), summary_file.beside(folder / "log.mcap")
     assert summary is not None
-    assert f"Verdict: {summary['verdict']}" in page.text
-    assert summary["verdict"] == "expectation not met"
-    for name, value in summary["metrics"].items():
+    assert f"Verdict: {summary.verdict}" in page.text
+    assert summary.verdict == "expectation not met"
+    for name, value in summary.metrics.items():
         assert page.cells("Metrics", name)[0] == f"{value:.4g}", name
     (low, high) = load_rig(RIGS / "slew10.yaml").config.expect["pd"]["muzzle_error_rms_mrad"]
     assert page.cells("Metrics", "muzzle_error_rms_mrad")[1:] == [f"{low:g} to {high:g}", "met"]
-    (one,) = summary["requirements"]
+    (one,) = summary.requirements
     held, first, margin = page.cells("Requirements", "close")
-    assert held == "violated" and first.startswith(f"cycle {one['first_cycle']}, "), first
-    assert margin == f"{one['margin']:.4g} {one['margin_unit']} at {one['margin_s']} s"
+    assert held == "violated" and first.startswith(f"cycle {one.first_cycle}, "), first
+    assert margin == f"{one.margin:.4g} {one.margin_unit} at {one.margin_s} s"
     sha256 = hashlib.sha256((folder / "log.mcap").read_bytes()).hexdigest()
     assert page.cells("Replay", "sha256") == [sha256]
     assert page.commands == [f"pcpc replay {folder / 'log.mcap'}"]
@@ -112,8 +112,8 @@ def test_a_summary_that_is_none_is_no_summary(folder: Path, tmp_path: Path) -> N
                  b'{"verdict": "ok", "metrics": {"a": {}}}'):  # fmt: skip
         (tmp_path / "summary.json").write_bytes(text)
         found = gathered(tmp_path / "log.mcap", tmp_path)
-        assert found.told is not None and not found.at_end, text[:40]
-        assert found.told.verdict == "expectation not met", text[:40]
+        assert found.summary is not None and not found.at_end, text[:40]
+        assert found.summary.verdict == "expectation not met", text[:40]
 
 
 def test_a_summary_that_is_not_of_this_log_is_no_summary(folder: Path, tmp_path: Path) -> None:
@@ -276,7 +276,7 @@ def test_an_evaluation_from_outside_runs_unasked_only_in_its_place(tmp_path: Pat
     assert page.tables["Metrics"] == own.tables["Metrics"]
     (moved / "figure.png").write_bytes(b"\x89PNG\r\n\x1a\n")  # as a run's end leaves it
     told = {"verdict": "ok", "metrics": {"end_m": 0.5}}
-    summary_file.write_json(told, moved / "summary.json")
+    summary_file.write_json(summary_file.from_json(told), moved / "summary.json")
     found = page_of(log)
     assert "Verdict: ok" in found.text and found.cells("Metrics", "end_m")[0] == "0.5"
     assert "or run the log's own copies" in found.text  # why there are no limits

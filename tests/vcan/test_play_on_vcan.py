@@ -51,7 +51,7 @@ def log(simulated: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def frames(log: Path) -> play_frames.Frames:
-    return play_frames.of(logs.read(log))
+    return play_frames.bus_frames(logs.read(log))
 
 
 def sent(frames: play_frames.Frames) -> list[Frame]:

@@ -37,5 +37,5 @@ def finished(log: Path, rig: Rig, outcome: Outcome, keep: Any) -> Run:
     """Return the run; in a folder of the user's its summary is written too."""
     run = Run(log, rig, outcome, keep)
     if keep is None:
-        summary_file.write_json(run.summary, log.with_name(summary_file.NAME))
+        summary_file.write_json(run.result, log.with_name(summary_file.NAME))
     return run

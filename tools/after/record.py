@@ -26,7 +26,7 @@ from pcpc.tools.after.verdict import summary as summaries
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.outcome import Outcome
-from pcpc.tools.after.verdict.requirements import Result, results, violations
+from pcpc.tools.after.verdict.requirements import Result, results
 from pcpc.tools.start.settings import settings
 from pcpc.tools.terminal.progress import Progress
 from pcpc.tools.terminal.rooms import part_of
@@ -172,7 +172,7 @@ class Run:
         (n,) with the fields t_s, cycle, sender, id, name, dlc, data: `run.frames["id"]`.
         """
         try:
-            found = play_frames.of(self.log)
+            found = play_frames.bus_frames(self.log)
         except play_frames.PlayError:
             return np.empty(0, FRAME)
         table = np.zeros(len(found), FRAME)
@@ -224,26 +224,31 @@ class Run:
         return Judge.of(self.rig)
 
     @cached_property
-    def _own_summary(self) -> summaries.Summary | None:
+    def _bound(self) -> summaries.Summary | None:
         return None if self._outcome is not None else summary_file.beside(self.path)
 
     @property
     def judged_at_its_end(self) -> bool:
         """The verdict is the run's own; that of a log alone knows nothing of what was set."""
-        return self._outcome is not None or self._own_summary is not None
+        return self._outcome is not None or self._bound is not None
+
+    @cached_property
+    def result(self) -> summaries.Summary:
+        """What the run came to; judged anew where there is no summary of this log."""
+        if self._bound is not None:
+            return self._bound
+        outcome = self._outcome or summaries.outcome_of(self.log)
+        return summaries.summarise(self.rig, self.log, outcome, self._judge)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What `summary.json` of a run holds; judged anew where there is none of this log."""
-        if self._own_summary is not None:
-            return self._own_summary
-        outcome = summaries.outcome_of(self.log) if self._outcome is None else self._outcome
-        return summaries.summarise(self.rig, self.log, outcome, self._judge)
+        """What `summary.json` of a run holds, and the run came to."""
+        return summary_file.plain(self.result)
 
     @property
     def metrics(self) -> dict[str, float]:
         """The figures of merit of the rig's evaluation."""
-        return dict(self.summary["metrics"])
+        return dict(self.result.metrics)
 
     @cached_property
     def requirements(self) -> list[Result]:
@@ -272,14 +277,13 @@ class Run:
     @property
     def verdict(self) -> str:
         """`ok`, `expectation not met`, `loss`, `safety stop` or `interrupted`."""
-        return str(self.summary["verdict"])
+        return self.result.verdict
 
     def check(self) -> "Run":
         """Return the run itself if its verdict is ok, else raise NotOk (an AssertionError)."""
         if self.verdict != "ok":
-            said = self.summary
-            why = summaries.problems(said)
-            raise NotOk(f"{said['rig']}: {self.verdict}: " + ("; ".join(why) or "see its summary"))
+            why = "; ".join(self.result.problems()) or "see its summary"
+            raise NotOk(f"{self.result.rig}: {self.verdict}: {why}")
         return self
 
     def figure(self, *variables: str, path: str | Path | None = None) -> Figure:
@@ -292,11 +296,8 @@ class Run:
             if variables:
                 self._plot(variables, place)
             else:
-                config = self.rig.config
-                title = f"{config.rig}: {config.title}, controller {config.controller}"
-                marks = violations(one.json() for one in self.requirements)
-                reason = self._judge.draw(self.log, title, self.metrics, place, marks)
-                if reason:
+                about = self.metrics, place, self.requirements
+                if reason := self._judge.draw(self.log, *about):
                     raise UserError(f"{self.path}: {reason}")
             found = Figure(place.read_bytes())
         if path is not None:
@@ -306,7 +307,7 @@ class Run:
     def report(self, path: str | Path) -> Path:
         """Write the run as one HTML file that needs no network, as `pcpc report`; return `path`."""
         options = argparse.Namespace(trust=self._trust, law=[], rig=None)
-        known = self.summary if self.judged_at_its_end else None
+        known = self.result if self.judged_at_its_end else None
         page = part_of("after/report", "cli")
         page.write(self.path, Path(path), options, Progress(quiet=True), known)
         return Path(path)

@@ -3,10 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.tools.after.log.cat import frame_text, unequal_texts
+from pcpc.tools.after.log.cat import unequal_frames, unequal_texts
 
 SENT = "frames sent"
 
@@ -79,20 +78,11 @@ class Verdict:
 
 def compare_frames(verdict: Verdict, recorded: NDArray[Any], computed: NDArray[Any]) -> None:
     """Note the first frame that differs; `count` counts all."""
-    n = min(len(recorded), len(computed))
-    parts = ("cycle", "id", "dlc", "data")
-    differs = np.zeros(n, bool)
-    for part in parts:
-        unequal = recorded[part][:n] != computed[part][:n]
-        differs |= unequal.any(axis=1) if unequal.ndim > 1 else unequal
-    verdict.frames += n
-    count = int(differs.sum()) + abs(len(recorded) - len(computed))
+    count, at = unequal_frames(recorded, computed, ("cycle", "id", "dlc", "data"))
+    verdict.frames += min(len(recorded), len(computed))
     if not count:
         return
-    at = int(differs.argmax()) if differs.any() else n
-    old, new = ("none" if at >= len(f) else frame_text(f[at]) for f in (recorded, computed))
-    if old == new:
-        old, new = unequal_texts(recorded[at], computed[at])
+    old, new = unequal_texts(recorded, computed, at)
     longer = recorded if len(recorded) > at else computed
     first = Difference(SENT, int(longer["cycle"][at]), old, new, None)
     verdict.differences.setdefault(first.name, first).count += count

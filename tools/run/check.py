@@ -25,7 +25,7 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.resolve import Use, users_case
 from pcpc.executive.rig.schema import Limit
 from pcpc.plants.drawing import drawing_of, settings_of
-from pcpc.tools.after.verdict.imagine import imagined
+from pcpc.tools.after.verdict.imagined_logs import imagined_log
 from pcpc.tools.after.verdict.judge import Judge, check
 from pcpc.tools.start.bus import traffic
 from pcpc.tools.terminal import screen
@@ -86,7 +86,7 @@ def _try_drawing(rig: Rig) -> list[str]:
         return []
     for value in (0.0, math.nan):
         made.scene(dict.fromkeys((*made.needs, "t"), value), settings_of(rig))
-    log = imagined(rig, rig.config.pacing)
+    log = imagined_log(rig, rig.config.pacing)
     absent = [source for source in made.needs.values() if names.place(log, source) is None]
     return [f"{made.file}: NEEDS: {names.missing(log, source)}" for source in absent]
 

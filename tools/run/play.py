@@ -47,7 +47,7 @@ def command(options: argparse.Namespace) -> int:
     if path.is_file() and path.stat().st_size > _LONG_READ_BYTES:
         progress.show(f"reading {path}")
     log = logs.read(path)
-    everything = play_frames.of(log)
+    everything = play_frames.bus_frames(log)
     frames = play_frames.choose(everything, options, options.log)
     progress.close()
     for line in log.missing:

@@ -143,13 +143,13 @@ class Host:
         Also tells what the rig's bus would not take in time.
         """
         try:
-            from pcpc.tools.after.verdict.judge import Judge, foreseen
+            from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
             from pcpc.tools.start.bus.traffic import warning
 
             if said := warning(self.rig, self.pacing):
                 print(said, file=sys.stderr)
             self.judge = Judge.of(self.rig)
-            self.judged = foreseen(self.judge, self.pacing, not self.options.no_figure)
+            self.judged = columns_to_keep(self.judge, self.pacing, not self.options.no_figure)
         except BaseException:
             for child in self.children.values():
                 child.end(0.0, 0.0)

@@ -15,7 +15,7 @@ from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig import carried
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.verdict.conclude import conclude
-from pcpc.tools.after.verdict.judge import Judge, foreseen
+from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
 from pcpc.tools.after.verdict.outcome import Outcome, changed
 from pcpc.tools.start.children import on_request
 from pcpc.tools.start.folder import LOG, run_folder
@@ -80,7 +80,7 @@ def command(options: argparse.Namespace) -> int:
     """Run a rig in virtual time and sum up; return the exit code."""
     rig = load_rig(options.rig, options.controller, options.set)
     judge = Judge.of(rig)
-    judged = foreseen(judge, "lockstep", not options.no_figure)
+    judged = columns_to_keep(judge, "lockstep", not options.no_figure)
     outcome = Outcome("virtual", "memory", changed=changed(options.set), strict=options.judge)
     with run_folder(options.output, rig) as folder:
         simulation = Simulation(rig, folder / LOG, judged, outcome)

@@ -20,7 +20,7 @@ from pcpc.executive.batch.runs import Case, Done, Runs
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
-from pcpc.tools.after.verdict.imagine import imagined
+from pcpc.tools.after.verdict.imagined_logs import imagined_log
 from pcpc.tools.after.verdict.judge import TIMING_COLUMNS, Judge
 from pcpc.tools.after.verdict.outcome import changed
 from pcpc.tools.after.verdict.requirements import Bound
@@ -109,9 +109,9 @@ class Bench:
 
 def asked(rig: Rig, judge: Judge, names: Sequence[str] = ()) -> dict[Role, list[str]]:
     """Return the variables by node that the judge will look at, and those behind `names`."""
-    log = imagined(rig, "lockstep")
+    log = imagined_log(rig, "lockstep")
     judge.check_requirements(log)
-    found = judge.asked(log, drawn=False, names=names)
+    found = judge.needed_columns(log, drawn=False, names=names)
     return {role: list(dict.fromkeys(found[role][: -len(TIMING_COLUMNS)])) for role in rig.roles}
 
 

@@ -8,12 +8,25 @@ from typing import Any
 from pcpc.tools.after.compare.pair import ALONE, CHANGED, EQUAL, FAILED, UNCHANGED, Change, Pair
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.document import (
+    Bullets,
+    Code,
+    Labelled,
+    Part,
+    Picture,
+    Section,
+    Strong,
+    Table,
+    markdown,
+    terminal,
+)  # fmt: skip
 
 _METRICS, _SIGNALS, _SETTINGS = 6, 3, 4  # shown of a rig; all of them in JSON
 _LONGEST = 40  # letters of a value
-_LABEL = "  {:9}"
-_HEAD = """| rig | first difference | metric | old | new | change |
-| --- | --- | --- | ---: | ---: | ---: |"""
+_INDENT, _LABEL = "  ", 9  # letters of a label
+_HEAD = "rig", "first difference", "metric", "old", "new", "change"
+_SAME = {EQUAL: "equal to the bit", UNCHANGED: "unchanged, not run"}
+_APART = {ALONE: "on one side only", FAILED: "not compared"}
 
 
 @dataclass
@@ -46,45 +59,42 @@ class Comparison:
     @property
     def counts(self) -> str:
         """How many are in which state, in words."""
-        words = {
-            CHANGED: "changed", EQUAL: "equal", UNCHANGED: "unchanged", ALONE: "on one side only",
-            FAILED: "not compared",
-        }  # fmt: skip
+        words = {CHANGED: "changed", EQUAL: "equal", UNCHANGED: "unchanged", **_APART}
         told = [f"{n} {word}" for state, word in words.items() if (n := len(self.of(state)))]
         return ", ".join(told) or "nothing to compare"
 
     def text(self) -> str:
         """Return what a terminal shows."""
-        lines = screen.wrapped(f"{self.old} -> {self.new}: {self.counts}", rest="  ")
-        for pair in self.of(CHANGED):
-            lines += ["", *_block(pair)]
-        for state, word in ((ALONE, "on one side only"), (FAILED, "not compared")):
-            for pair in self.of(state):
-                text = f"{pair.name}: {'; '.join(pair.said) or word}"
-                lines += ["", *screen.wrapped(text, rest="  ")]
-        for state, word in ((EQUAL, "equal to the bit"), (UNCHANGED, "unchanged, not run")):
-            if names := ", ".join(_names(self.of(state))):
-                lines += ["", *screen.wrapped(f"{word}: {names}", rest="  ")]
-        return "\n".join(lines)
+        parts = [terminal(f"{self.old} -> {self.new}: {self.counts}")]
+        parts += [_block(pair) for pair in self.of(CHANGED)]
+        for state, word in _APART.items():
+            parts += [
+                terminal(f"{pair.name}: {'; '.join(pair.said) or word}") for pair in self.of(state)
+            ]
+        for state, word in _SAME.items():
+            if names := _names(self.of(state)):
+                parts.append(terminal(f"{word}: {names}"))
+        return "\n\n".join("\n".join(lines) for lines in parts)
 
     def markdown(self, pictures: bool = False) -> str:
         """Return a table for a pull request and what does not fit into it, maybe `pictures`."""
-        old, new = _cell(self.old), _cell(self.new)
-        parts = [f"### pcpc compare: {self.counts}\n\n`{old}` → `{new}`\n"]
-        if rows := [row for pair in self.of(CHANGED) for row in _rows(pair)]:
-            parts.append("\n".join((_HEAD, *(f"| {' | '.join(row)} |" for row in rows), "")))
-        for pair in self.of(ALONE, FAILED):
-            parts.append(f"- **{_cell(pair.name)}**: {_cell('; '.join(pair.said))}\n")
-        if more := [line for pair in self.of(CHANGED) for line in _more(pair)]:
-            parts.append(_details("what else differs", "\n".join(more)))
-        for state, word in ((EQUAL, "equal to the bit"), (UNCHANGED, "unchanged, not run")):
-            if names := ", ".join(map(_cell, _names(self.of(state)))):
-                parts.append(_details(f"{len(self.of(state))} {word}", names))
+        changed = self.of(CHANGED)
+        rows = [row for pair in changed for row in _rows(pair)]
+        more = [line for pair in changed for line in _more(pair)]
+        parts: list[Part] = [(Code(self.old), " → ", Code(self.new)), Table(_HEAD, rows, (3, 4, 5))]
         parts += [
-            f"![{_cell(pair.name)}]({pair.figure})\n"
-            for pair in self.pairs if pictures and pair.figure
+            Bullets([(Strong(pair.name), f": {'; '.join(pair.said)}")])
+            for pair in self.of(ALONE, FAILED)
+        ]
+        parts.append(Section("what else differs", [Bullets(more)], folded=True))
+        for state, word in _SAME.items():
+            names = _names(self.of(state))
+            parts.append(Section(f"{len(self.of(state))} {word}", [names], folded=True))
+        parts += [
+            Picture(b"", pair.name, pair.figure)
+            for pair in (self.pairs if pictures else ()) if pair.figure
         ]  # fmt: skip
-        return "\n".join(parts)
+        return markdown(Section(f"pcpc compare: {self.counts}", parts))
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""
@@ -95,16 +105,12 @@ class Comparison:
         return summary_file.text_of(self.as_dict())
 
 
-def _details(title: str, text: str) -> str:
-    return f"<details><summary>{title}</summary>\n\n{text}\n\n</details>\n"
-
-
-def _names(pairs: list[Pair]) -> list[str]:
+def _names(pairs: list[Pair]) -> str:
     """Return the rigs, those with several controllers once."""
     found: dict[str, list[str]] = {}
     for pair in pairs:
         found.setdefault(pair.rig, []).append(pair.controller)
-    return [f"{rig} ({', '.join(dict.fromkeys(laws))})" for rig, laws in found.items()]
+    return ", ".join(f"{rig} ({', '.join(dict.fromkeys(laws))})" for rig, laws in found.items())
 
 
 def _where(pair: Pair) -> str:
@@ -115,29 +121,26 @@ def _where(pair: Pair) -> str:
     return f"from cycle {first.cycle} ({first.time_s:.3f} s) on, first {first.name}"
 
 
-def _block(pair: Pair) -> Iterator[str]:
-    """Yield the lines of a changed pair for a terminal."""
-    yield from screen.wrapped(f"{pair.name}: differs {_where(pair)}", rest="  ")
-    for label, texts in (
-        ("rig", _settings(pair)), ("verdict", _verdict(pair)), ("signals", _signals(pair)),
-        ("also", pair.said),
-    ):  # fmt: skip
-        for number, text in enumerate(texts):
-            yield from screen.wrapped(text, _LABEL.format("" if number else label))
+def _block(pair: Pair) -> list[str]:
+    """Return the lines of a changed pair for a terminal."""
+    texts = {
+        "rig": _settings(pair), "verdict": _verdict(pair), "signals": _signals(pair),
+        "also": pair.said, "metrics": _metrics(pair), "figure": [pair.figure] * bool(pair.figure),
+    }  # fmt: skip
+    head = f"{pair.name}: differs {_where(pair)}"
+    return [*terminal(head), *terminal(Labelled(texts, _LABEL, _INDENT))]
+
+
+def _metrics(pair: Pair) -> list[str]:
+    """Return the metrics that changed most, in columns where these are not too broad."""
     shown = pair.changed_metrics[:_METRICS]
-    rows = [(c.name, (v := _values(c))[0], "->", v[1], _percent(c)) for c in shown]
+    rows = [(one.name, (v := _values(one))[0], "->", v[1], _percent(one)) for one in shown]
     lines = screen.table(rows, right=(1, 3, 4)) if rows else []
-    indent = len(_LABEL.format(""))
-    if len(lines) > len(rows) or any(indent + len(line) > screen.width() for line in lines):
-        lines = [" ".join(row) for row in rows]  # too broad for a table
-    for number, line in enumerate(lines):
-        label = _LABEL.format("" if number else "metrics")
-        short = indent + len(line) <= screen.width()
-        yield from [label + line] if short else screen.wrapped(line, label)
-    if left := len(pair.changed_metrics) - len(shown):
-        yield _LABEL.format("") + f"and {left} more, see --json"
-    if pair.figure:
-        yield _LABEL.format("figure") + pair.figure
+    room = screen.width() - _LABEL - len(_INDENT)
+    if len(lines) > len(rows) or any(len(line) > room for line in lines):
+        lines = [" ".join(row) for row in rows]
+    left = len(pair.changed_metrics) - len(shown)
+    return lines + [f"and {left} more, see --json"] * (left > 0)
 
 
 def _rows(pair: Pair) -> Iterator[tuple[str, ...]]:
@@ -146,18 +149,17 @@ def _rows(pair: Pair) -> Iterator[tuple[str, ...]]:
     if pair.verdict.differs or not changes:
         changes = [pair.verdict, *changes]
     for number, one in enumerate(changes):
-        name, first = (_cell(pair.name), _cell(_where(pair))) if not number else ("", "")
-        percent = "**changed**" if one is pair.verdict and one.differs else _percent(one)
-        yield name, first, _cell(one.name), *map(_cell, _values(one)), percent
+        name, first = ("", "") if number else (pair.name, _where(pair))
+        percent = Strong("changed") if one is pair.verdict and one.differs else _percent(one)
+        yield name, first, one.name, *_values(one), percent
 
 
-def _more(pair: Pair) -> Iterator[str]:
-    """Yield a list item with what the table does not say of a pair."""
+def _more(pair: Pair) -> Iterator[tuple[str, ...]]:
+    """Yield what the table does not say of a pair."""
     texts = [*_settings(pair), *_signals(pair), *pair.said]
-    rest = pair.changed_metrics[_METRICS - 1 :]
-    texts += [_told(one) for one in rest]
+    texts += [_told(one) for one in pair.changed_metrics[_METRICS - 1 :]]
     if texts:
-        yield f"- **{_cell(pair.name)}**: {_cell('; '.join(texts))}"
+        yield Strong(pair.name), f": {'; '.join(texts)}"
 
 
 def _settings(pair: Pair) -> list[str]:
@@ -204,8 +206,3 @@ def _percent(one: Change) -> str:
     if math.isnan(percent):
         return ""
     return f"{percent:+.1f} %" if abs(percent) >= 0.1 else f"{percent:+.1g} %"
-
-
-def _cell(text: str) -> str:
-    """Return a text that stays in its cell."""
-    return text.replace("|", "\\|").replace("\n", " ").replace("`", "'")

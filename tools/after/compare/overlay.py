@@ -45,14 +45,13 @@ def _draw(old: Run, new: Run, pair: Pair, path: Path) -> bool:
     """Write a picture, old in grey below new; return False if there is nothing to draw."""
     try:
         judge = Judge.of(new.rig)
-        evaluation = judge.evaluation
-        if evaluation is not None and evaluation.panels and judge.rig.evaluation is not None:
-            window_s = judge.rig.evaluation.window_s
+        panels, given = judge.evaluation.panels, judge.given
+        if panels:
             runs = [
-                evaluation.judged(run.log, window_s, judge.rig.evaluation.numbers, run.period_s)
+                judge.evaluation.judged(run.log, given.window_s, given.numbers, run.period_s)
                 for run in (old, new)
             ]
-            guarded(lambda: _panels(runs, evaluation.panels, pair.name, path))
+            guarded(lambda: _panels(runs, panels, pair.name, path))
             return True
     except (LogError, UserError):
         pass  # an evaluation that is not there, or does not fit the older run

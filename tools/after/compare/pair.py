@@ -21,6 +21,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import diff, series
 from pcpc.tools.after.record import Run
+from pcpc.tools.after.verdict.summary import Summary
 
 EQUAL, CHANGED, UNCHANGED, ALONE, FAILED = "equal", "changed", "unchanged", "alone", "failed"
 _APART = ("title", "note", "watch")  # keys of a rig that no bit depends on
@@ -115,15 +116,15 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     summaries = [_summary(run, found.said) for run in (old, new)]
     found.metrics = [
         one if not abs(one.relative) <= tolerance else Change(one.name, one.old, one.old)
-        for one in _changes(*({**s.get("metrics", {}), **_margins(s)} for s in summaries))
+        for one in _changes(*({**s.metrics, **_margins(s)} for s in summaries))
     ]
-    limited = (name for s in summaries for name in (*s.get("judged", ()), *_margins(s)))
+    limited = (name for s in summaries for name in (*s.judged, *_margins(s)))
     found.judged = list(dict.fromkeys(limited))
     if old.judged_at_its_end and new.judged_at_its_end:
-        found.verdict = Change("verdict", *(s.get("verdict", "") for s in summaries))
+        found.verdict = Change("verdict", *(s.verdict for s in summaries))
     for side, summary in zip(("old", "new"), summaries, strict=True):
         if found.verdict.differs:
-            why = (*summary.get("faults", ()), *summary.get("expectations_failed", ()))
+            why = (*summary.faults, *summary.expectations_failed)
             found.said += [f"{side}: {reason}" for reason in why]
     if not report.equal or found.changed_metrics or found.verdict.differs:
         found.state = CHANGED
@@ -142,19 +143,18 @@ def fact(log: logs.Log, key: str) -> str:
     return next((log.metadata.get(node, {}).get(key, "") for node in log.node), "")
 
 
-def _summary(run: Run, said: list[str]) -> dict[str, Any]:
-    """Return the summary of a run; of one that cannot be judged here nothing, and why is said."""
+def _summary(run: Run, said: list[str]) -> Summary:
+    """Return what a run came to; of one that cannot be judged here nothing, and why is said."""
     try:
-        return run.summary
+        return run.result
     except _UNTOLD as error:
         said.append(f"no metrics: {error}")
-        return {}
+        return Summary(metrics={}, verdict="")
 
 
-def _margins(summary: Mapping[str, Any]) -> dict[str, Any]:
+def _margins(summary: Summary) -> dict[str, float | None]:
     """Return how far a run was from violating each requirement in time, negative if it did."""
-    told = summary.get("requirements", ())
-    return {f"margin of {one['name']}": one["margin"] for one in told}
+    return {f"margin of {one.name}": one.margin for one in summary.requirements}
 
 
 def _is_nan(value: Any) -> bool:

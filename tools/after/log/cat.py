@@ -13,7 +13,7 @@ import json
 import math
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -38,14 +38,10 @@ _FRAMES = "can/frames"
 
 
 def command(options: argparse.Namespace) -> int:
-    """Carry out `cat`; return the exit code."""
-    quiet = options.quiet or sys.stdout.isatty()  # there the text itself shows how far it is
-    return cat(options, Progress(quiet))
-
-
-def cat(options: argparse.Namespace, progress: Progress) -> int:
     """Print; raises LogError, LogCommandError, BrokenPipeError."""
-    path, found = source.file_of(options.log), Scan()
+    path, found = options.log, Scan()
+    # on a terminal the text itself shows how far it is
+    progress = Progress(options.quiet or sys.stdout.isatty())
     start_s = seconds(options.start, -math.inf, "--start")
     end_s = seconds(options.end, math.inf, "--end")
     zero_ns = first_cycle_ns(path)
@@ -224,20 +220,37 @@ class Printer:
         return "vcan0"
 
 
+def payload(frame: Any) -> str:
+    """Return the data of a recorded frame."""
+    return bytes(frame["data"][: int(frame["dlc"])]).hex().upper()
+
+
 def frame_text(frame: Any) -> str:
     """Return a recorded frame as candump writes it."""
-    data = bytes(frame["data"][: int(frame["dlc"])]).hex().upper()
-    return f"{can_id.text_of(int(frame['id']))}#{data}"
+    return f"{can_id.text_of(int(frame['id']))}#{payload(frame)}"
 
 
-def unequal_texts(a: Any, b: Any) -> tuple[str, str]:
-    """Return two recorded frames that differ, so that one sees in what."""
-    texts = [frame_text(a), frame_text(b)]
+def unequal_frames(a: NDArray[Any], b: NDArray[Any], fields: Sequence[str]) -> tuple[int, int]:
+    """Return how many frames differ in these fields or have no counterpart, and where the first."""
+    n = min(len(a), len(b))
+    differs = np.zeros(n, bool)
+    for field_ in fields:
+        unequal = a[field_][:n] != b[field_][:n]
+        differs |= unequal.any(axis=1) if unequal.ndim > 1 else unequal
+    count = int(differs.sum()) + abs(len(a) - len(b))
+    return count, int(differs.argmax()) if differs.any() else n
+
+
+def unequal_texts(
+    a: NDArray[Any], b: NDArray[Any], at: int, text: Callable[[Any], str] = frame_text
+) -> tuple[str, str]:
+    """Return two recorded frames that differ, "none" for none, so that one sees in what."""
+    texts = ["none" if at >= len(frames) else text(frames[at]) for frames in (a, b)]
     if texts[0] == texts[1]:
         texts = [
-            f"{text}, behind it {bytes(one['data'][int(one['dlc']) :]).hex().upper()}, "
+            f"{frame_text(one)}, behind it {bytes(one['data'][int(one['dlc']) :]).hex().upper()}, "
             f"cycle {int(one['cycle'])}, check {int(one['e2e'])}"
-            for text, one in zip(texts, (a, b), strict=True)
+            for one in (a[at], b[at])
         ]
     return texts[0], texts[1]
 

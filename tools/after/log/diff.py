@@ -28,10 +28,11 @@ from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import series, source
-from pcpc.tools.after.log.cat import unequal_texts
+from pcpc.tools.after.log.cat import payload, unequal_frames, unequal_texts
 from pcpc.tools.after.log.tally import DIRECTIONS
 from pcpc.tools.after.log.ulp import ulp_distance
 from pcpc.tools.terminal import screen
+from pcpc.tools.terminal.document import Table, terminal
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
@@ -79,20 +80,16 @@ class Report:
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `diff`; return the exit code."""
-    return _diff(options, Progress(options.quiet))
-
-
-def _diff(options: argparse.Namespace, progress: Progress) -> int:
     for name in ("tolerance", "absolute"):
         value = getattr(options, name)
         if not (math.isfinite(value) and value >= 0.0):
             raise LogCommandError(f"--{name} {value:g}: not a tolerance; expected 0 or more")
-    paths = [source.file_of(path) for path in (options.a, options.b)]
-    watch, read = source.Watch(paths[0], progress), []
-    for path in paths:
+    progress = Progress(options.quiet)
+    watch, read = source.Watch(options.a, progress), []
+    for path in (options.a, options.b):
         watch.say(f"reading {path}")
         read.append(series.read_log(path, progress))
-    watch.say(f"comparing with {paths[1]}")
+    watch.say(f"comparing with {options.b}")
     report = compare(read[0], read[1], options.variables, options.tolerance, options.absolute)
     progress.close()
     if options.json:
@@ -231,28 +228,14 @@ def _by_id(frames: NDArray[Any]) -> Mapping[tuple[int, int], NDArray[Any]]:
 def _frame_difference(
     name: str, a: NDArray[Any], b: NDArray[Any], parts: Sequence[str], begin: NDArray[np.int64]
 ) -> Difference | None:
-    n = min(len(a), len(b))
-    differs = np.zeros(n, bool)
-    for part in parts:
-        unequal = a[part][:n] != b[part][:n]
-        differs |= unequal.any(axis=1) if unequal.ndim > 1 else unequal
-    count = int(differs.sum()) + abs(len(a) - len(b))
+    count, at = unequal_frames(a, b, parts)
     if not count:
         return None
-    at = int(differs.argmax()) if differs.any() else n
     longer = a if len(a) > at else b
     zero_ns = int(begin[0]) if len(begin) else int(longer["stamp_ns"][0])
     time_s = (int(longer["stamp_ns"][at]) - zero_ns) / 1e9
-    texts = (_frame_text(a, at), _frame_text(b, at))
-    if texts[0] == texts[1]:
-        texts = unequal_texts(a[at], b[at])
-    return Difference(name, time_s, int(longer["cycle"][at]), texts[0], texts[1], count)
-
-
-def _frame_text(frames: NDArray[Any], at: int) -> str:
-    if len(frames) <= at:
-        return "none"
-    return bytes(frames["data"][at][: int(frames["dlc"][at])]).hex().upper()
+    texts = unequal_texts(a, b, at, payload)
+    return Difference(name, time_s, int(longer["cycle"][at]), *texts, count)
 
 
 def show(report: Report) -> None:
@@ -267,15 +250,8 @@ def show(report: Report) -> None:
     if not report.differences:
         return
     head = ("variable", "first at", "cycle", "A", "B", "ULP", "largest", "at", "cycles")
-    rows = [head, *_rows(report.differences[:_SHOWN])]
-    if sum(max(map(len, column)) + 2 for column in zip(*rows, strict=True)) <= screen.width():
-        print("\n".join(screen.table(rows, right=range(1, len(head)))))
-    else:
-        for name, *values in rows[1:]:
-            told = (
-                f"{what} {value}" for what, value in zip(head[1:], values, strict=True) if value
-            )
-            print("\n".join((name, *screen.wrapped(", ".join(told), "  "))))
+    rows = list(_rows(report.differences[:_SHOWN]))
+    print("\n".join(terminal(Table(head, rows, range(1, len(head))))))
     if len(report.differences) > _SHOWN:
         print(f"and {len(report.differences) - _SHOWN} more, see --json", file=sys.stderr)
 

@@ -47,11 +47,7 @@ _STEP = 20_000  # frames or rows from one look at the progress to the next
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `export`; return the exit code."""
-    return export(options, Progress(options.quiet))
-
-
-def export(options: argparse.Namespace, progress: Progress) -> int:
-    """As `command`; raises LogCommandError."""
+    progress = Progress(options.quiet)
     form = options.format or FORMATS.get(options.output.suffix.lower())
     if form is None:
         known = ", ".join(FORMATS)

@@ -86,7 +86,7 @@ class Frames:
         return self.names.get(word & can_id.ID, can_id.text_of(word))
 
 
-def of(log: logs.Log) -> Frames:
+def bus_frames(log: logs.Log) -> Frames:
     """Return all data frames of a log, each once; PlayError if there is none."""
     nodes = [name for name in log.node if len(log.node[name].frames)]
     if not nodes:

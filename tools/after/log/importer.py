@@ -44,11 +44,7 @@ _TOLD_IDS = 8
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `import`; return the exit code."""
-    return import_recording(options, Progress(options.quiet))
-
-
-def import_recording(options: argparse.Namespace, progress: Progress) -> int:
-    """As `command`; raises LogCommandError."""
+    progress = Progress(options.quiet)
     with new_file(options.output, options.force) as path:
         from pcpc.tools.after.log import decode  # here, because they bring the compiler
 

@@ -8,22 +8,18 @@ import argparse
 import json
 import math
 import re
-import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan
 from pcpc.tools.after.log import source
 from pcpc.tools.after.log.foreign import survey
-from pcpc.tools.after.log.tally import Tally
+from pcpc.tools.after.log.tally import DIRECTIONS, Tally
+from pcpc.tools.terminal import document
 from pcpc.tools.terminal.progress import Progress
 
 _FACTS = ("rig", "controller", "pacing", "bus", "seed", "rate_hz")
@@ -33,11 +29,7 @@ _SHOWN = 12  # events and tunings on the screen; all of them with --json
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `info`; return the exit code."""
-    return _info(options, Progress(options.quiet))
-
-
-def _info(options: argparse.Namespace, progress: Progress) -> int:
-    path = source.file_of(options.log)
+    path, progress = options.log, Progress(options.quiet)
     try:
         report = describe(path, progress)
     except logs.LogError as error:
@@ -93,56 +85,66 @@ def start_of(facts: Mapping[str, str], wall_ns: int) -> str:
 
 
 def show(report: Mapping[str, Any]) -> None:
-    """Print a report as a table on stdout."""
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column()
-    for name, text in _lines(report):
-        table.add_row(name, Text(text))
-    Console(highlight=False, width=max(shutil.get_terminal_size().columns, 80)).print(table)
+    """Print a report on stdout."""
+    texts = {label: own for label, own in _texts(report).items() if own}
+    broad = max(map(len, texts)) + 2
+    document.show(document.terminal(document.Labelled(texts, broad)), broad)
 
 
-def _lines(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield (label, text) of each line on the screen."""
+def _texts(report: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the texts of each label on the screen."""
     facts = (f"{name} {report[name]}" for name in _FACTS[1:] if report[name])
-    yield "rig", ", ".join((str(report["rig"]), *facts))
-    yield "start", f"{report['start'] or 'unknown'}, for {report['duration_s']:g} s"
-    for name, node in report["nodes"].items():
-        span = f" ({node['first']} to {node['last']})" if node["cycles"] else ""
-        lost = f", {node['lost']} lost" if node["lost"] else ""
-        yield name, f"{node['cycles']} cycles{span}, {node['skipped']} skipped{lost}"
-    yield "frames", _frames_text(report["frames"], "sent")
-    yield "", _frames_text(report["frames"], "received")
     bad = [f"{name} {state} {n}" for name, row in report["e2e"].items() for state, n in row.items()]
-    yield "e2e errors", ", ".join(bad) or "none"
-    yield from _entry_lines("faults", report["faults"])
-    yield from _entry_lines("events", report["events"])
-    yield from _entry_lines("tunings", report["tunings"])
-    for i, row in enumerate(report["topics"][:_TOPICS]):
-        text = f"{row['topic']:20} {row['messages']:>9} messages {_size(row['bytes']):>10}"
-        yield "topics" if i == 0 else "", text
-    if len(report["topics"]) > _TOPICS:
-        yield "", f"and {len(report['topics']) - _TOPICS} more, see --json"
+    topics = [
+        f"{row['topic']:20} {row['messages']:>9} messages {_size(row['bytes']):>10}"
+        for row in report["topics"]
+    ]
     hour = report["bytes_per_hour"]
     per_hour = "" if hour is None else f", {_size(hour)} an hour"
-    yield "size", f"{_size(report['bytes'])}{per_hour} (compressed)"
-    yield "attachments", ", ".join(report["attachments"]) or "none"
-    yield "versions", ", ".join(f"{name} {text}" for name, text in report["versions"].items())
-    yield "machine", ", ".join(text for text in report["machine"].values() if text)
-    if report["recorder"]:
-        yield "recorder", _recorder_text(report["recorder"])
-    for name, text in report["recovered"].items():
-        yield "recovered", f"{name}: {text}"
-    for i, line in enumerate(report["missing"] or ["nothing"]):
-        yield "missing" if i == 0 else "", line
+    return {
+        "rig": [", ".join((str(report["rig"]), *facts))],
+        "start": [f"{report['start'] or 'unknown'}, for {report['duration_s']:g} s"],
+        **{name: [_node_text(node)] for name, node in report["nodes"].items()},
+        "frames": [_frames_text(report["frames"], way) for way in DIRECTIONS],
+        "e2e errors": [", ".join(bad) or "none"],
+        **{
+            kind: _some([*map(_line, report[kind])], _SHOWN) or ["none"]
+            for kind in ("faults", "events", "tunings")
+        },
+        "topics": _some(topics, _TOPICS),
+        "size": [f"{_size(report['bytes'])}{per_hour} (compressed)"],
+        "attachments": [", ".join(report["attachments"]) or "none"],
+        "versions": [", ".join(f"{name} {text}" for name, text in report["versions"].items())],
+        "machine": [", ".join(text for text in report["machine"].values() if text)],
+        "recorder": [_recorder_text(report["recorder"])] if report["recorder"] else [],
+        "recovered": [f"{name}: {text}" for name, text in report["recovered"].items()],
+        "missing": report["missing"] or ["nothing"],
+    }
+
+
+def _some(texts: Sequence[str], most: int) -> list[str]:
+    more = [f"and {len(texts) - most} more, see --json"] * (len(texts) > most)
+    return [*texts[:most], *more]
+
+
+def _node_text(node: Mapping[str, int]) -> str:
+    span = f" ({node['first']} to {node['last']})" if node["cycles"] else ""
+    lost = f", {node['lost']} lost" if node["lost"] else ""
+    return f"{node['cycles']} cycles{span}, {node['skipped']} skipped{lost}"
+
+
+def _line(entry: Mapping[str, Any]) -> str:
+    """Return an event or a tuning with its time."""
+    at = f"{entry['time_s']:+.3f} s  {entry['node']}  cycle {entry.get('cycle')}"
+    return f"{at}  {entry_text(entry)}"
 
 
 def _frames_text(frames: list[dict[str, Any]], direction: str) -> str:
-    rows = (row for row in frames if row["direction"] == direction)
     texts = [
         f"{row['name'] or row['id']} {row['count']}"
         + (f" ({row['rate_hz']:g}/s)" if row["rate_hz"] is not None else "")
-        for row in rows
+        for row in frames
+        if row["direction"] == direction
     ]
     return f"{direction}: {', '.join(texts) or 'none'}"
 
@@ -171,17 +173,6 @@ def entry_text(entry: Mapping[str, Any]) -> str:
 
 def _number(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
-
-
-def _entry_lines(label: str, entries: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
-    for i, entry in enumerate(entries[:_SHOWN]):
-        what = entry_text(entry)
-        text = f"{entry['time_s']:+.3f} s  {entry['node']}  cycle {entry.get('cycle')}  {what}"
-        yield label if i == 0 else "", text
-    if len(entries) > _SHOWN:
-        yield "", f"and {len(entries) - _SHOWN} more, see --json"
-    if not entries:
-        yield label, "none"
 
 
 def _size(count: float) -> str:

@@ -110,7 +110,6 @@ def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> 
     """Draw the figure of the log's evaluation; return False, and say why, if there is none."""
     from pcpc.executive.errors import RigError
     from pcpc.tools.after.verdict.judge import Judge
-    from pcpc.tools.after.verdict.requirements import violations
 
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -120,19 +119,18 @@ def _has_own(log: logs.Log, options: argparse.Namespace, progress: Progress) -> 
             return False
         if note:
             progress.say(f"{log.path}: {note}")
-        config = rig.config
-        title = f"{config.rig}: {config.title}, controller {config.controller}"
         try:
-            judge, given = Judge.of(rig), rig.evaluation
-            if given is None or judge.evaluation is None or not judge.evaluation.panels:
+            judge = Judge.of(rig)
+            if not judge.evaluation.panels:
                 return False
             with new_file(options.output, force=True) as path:
-                marks = violations(one.json() for one in judge.requirements(log))
-                if reason := judge.draw(log, title, judge.metrics(log), path, marks):
+                about = judge.metrics(log), path, judge.requirements(log)
+                if reason := judge.draw(log, *about):
                     raise LogCommandError(reason, Exit.ENVIRONMENT)
         except RigError as error:
             raise LogCommandError(str(error)) from None
-    print(f"{options.output}: the figure of {Path(given.file).parent.name}, rig {config.rig}")
+    system = Path(judge.given.file).parent.name
+    print(f"{options.output}: the figure of {system}, rig {rig.config.rig}")
     return True
 
 

@@ -20,11 +20,8 @@ from pcpc.tools.terminal.progress import Progress
 
 def command(options: argparse.Namespace) -> int:
     """Carry out `recover`; return the exit code."""
-    return _recover(options, Progress(options.quiet))
-
-
-def _recover(options: argparse.Namespace, progress: Progress) -> int:
-    path = source.file_of(options.log)
+    progress = Progress(options.quiet)
+    path = options.log
     out = options.output or path.with_name(f"{path.stem}-recovered.mcap")
     with new_file(out, force=False, cure="choose another name with -o") as unfinished:
         try:

@@ -10,7 +10,6 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import rig as log_rig
-from pcpc.tools.after.log import source
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
@@ -20,7 +19,7 @@ def command(options: argparse.Namespace) -> int:
     """Print what became of each requirement; return the exit code."""
     from pcpc.tools.after.verdict.judge import Judge
 
-    path, progress = source.file_of(options.log), Progress(options.quiet)
+    path, progress = options.log, Progress(options.quiet)
     settings = [f"require=[{', '.join(f'{{{one}}}' for one in options.require)}]"]
     with tempfile.TemporaryDirectory() as folder:
         head = logs.head(path)
@@ -33,13 +32,13 @@ def command(options: argparse.Namespace) -> int:
         if note:
             progress.say(f"{path}: {note}")
         judge = Judge.of(rig)
-        log = long_logs.read(path, lambda log: judge.asked(log, False))
+        log = long_logs.read(path, lambda log: judge.needed_columns(log, False))
         found = judge.requirements(log)
     if not found:
         name = rig.config.controller
         raise LogCommandError(f"{path}: its rig requires nothing of {name}; try --require")
     if options.json:
-        print(json.dumps([one.json() for one in found], indent=2))
+        print(json.dumps([vars(one) for one in found], indent=2))
     for one in () if options.json else found:
         print("\n".join(screen.wrapped(str(one), "", "    ")))
     if any(one.held is False for one in found) or not any(one.held for one in found):

@@ -15,11 +15,6 @@ from pcpc.tools.terminal.progress import Progress
 _PATIENCE_S = 1.0
 
 
-def file_of(path: Path) -> Path:
-    """Return the log in a run folder, or the file itself."""
-    return path / "log.mcap" if path.is_dir() else path
-
-
 def stream(path: Path, found: Scan, progress: Progress) -> Iterator[Piece]:
     """Yield the messages of a log as they come, and show how far it is; LogError."""
     watch = Watch(path, progress)

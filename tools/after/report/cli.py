@@ -11,7 +11,9 @@ from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.after.verdict.summary import Summary
+from pcpc.tools.terminal.document import Section, html
 from pcpc.tools.terminal.extras import FIGURE, need
+from pcpc.tools.terminal.html import page
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
 
@@ -46,25 +48,27 @@ def write(
     if output.suffix.lower() not in SUFFIXES:
         raise LogCommandError(f"-o {output}: no page; expected FILE.html")
     need("a report needs", "plot", FIGURE)
-    from pcpc.tools.after.html import page
     from pcpc.tools.after.report import details, sections
     from pcpc.tools.after.report.record import gather
 
     with tempfile.TemporaryDirectory(prefix="pcpc-report-") as folder:
         record = gather(path, Path(folder), options, progress, summary)
-        chapters = {
-            "Figure": sections.figure(record, Path(folder)),
-            "Requirements": sections.requirements(record),
-            "Metrics": sections.metrics(record), "Course": sections.course(record),
-            "Timing": details.timing(record), "Bus": details.bus(record),
-            "Configuration": details.configuration(record),
-            "Versions": details.versions(record), "Replay": details.replay(record),
-        }  # fmt: skip
-    told = {name: chapter for name, chapter in chapters.items() if chapter}
-    contents = "".join(f'<a href="#{name}">{name}</a> ' for name in told)
-    body = [sections.heading(record), sections.verdict(record), f"<nav>{contents}</nav>"]
-    body += [f'<h2 id="{name}">{name}</h2>{chapter}' for name, chapter in told.items()]
+        chapters = [
+            Section("Figure", [sections.figure(record, Path(folder))]),
+            Section("Requirements", [sections.requirements(record)]),
+            Section("Metrics", [sections.metrics(record)]),
+            Section("Course", sections.course(record)),
+            Section("Timing", details.timing(record)),
+            Section("Bus", details.bus(record)),
+            Section("Configuration", details.configuration(record)),
+            Section("Versions", [details.versions(record)]),
+            Section("Replay", details.replay(record)),
+        ]
+    bodies = {chapter.title: body for chapter in chapters if (body := html(chapter))}
+    heading = html(Section(sections.title(record), [sections.facts(record)]), 1)
+    contents = "".join(f'<a href="#{name}">{name}</a> ' for name in bodies)
+    parts = [heading, html(sections.verdict(record)), f"<nav>{contents}</nav>", *bodies.values()]
     title = f"{record.facts.get('rig', '')}, {record.facts.get('controller', '')}"
     with new_file(output, force=True) as unfinished:
-        unfinished.write_text(page(title, body), encoding="utf-8")
+        unfinished.write_text(page(title, parts), encoding="utf-8")
     return [*record.log.missing, *record.tally.left_out()]

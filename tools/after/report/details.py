@@ -1,17 +1,27 @@
-"""How a run was carried out, as HTML: timing, bus, configuration, versions, how to replay it."""
+"""How a run was carried out: timing, bus, configuration, versions, how to replay it."""
 
 import shlex
 from collections.abc import Mapping
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
-from pcpc.tools.after.html import table, text
 from pcpc.tools.after.log.rig import carried_by
 from pcpc.tools.after.report import figures
 from pcpc.tools.after.report.record import RESOLVED, Record
-from pcpc.tools.after.report.sections import drawn_as, listed
+from pcpc.tools.after.report.sections import listed
 from pcpc.tools.start.bus.report import rate_of
 from pcpc.tools.start.bus.traffic import MOST_CLASSIC
+from pcpc.tools.terminal.document import (
+    Block,
+    Bullets,
+    Code,
+    Part,
+    Picture,
+    Section,
+    Strong,
+    Table,
+)
+from pcpc.tools.terminal.html import png_of
 
 MOST_LETTERS = 200_000  # of a rig file
 REPLAY_S, REPLAY_CYCLE_S = 2.0, 20e-6  # to begin; a cycle of a node: measured, a processor of 2025
@@ -26,60 +36,67 @@ _COUNTS = {  # of the summary's frames: in words
 }  # fmt: skip
 
 
-def timing(record: Record) -> str:
+def timing(record: Record) -> list[Part]:
     """Return how late the executive woke and how long each stage took."""
-    told = record.told
+    summary = record.summary
     if record.facts.get("pacing") in WITHOUT_CLOCK:
-        return "<p>No clock ran: nothing could be late.</p>"
-    drawn = drawn_as("histogram of lateness and work", figures.lateness(record))
-    if told is None or not told.timing_us:
-        return drawn
-    points = list(next(iter(told.timing_us.values())))
-    rows = [(text(stage), *(f"{values.get(p, 0.0):.1f}" for p in points))
-            for stage, values in told.timing_us.items()]  # fmt: skip
-    stages = table(("stage [us]", *map(text, points)), rows, range(1, len(points) + 1))
+        return ["No clock ran: nothing could be late."]
+    page = figures.lateness(record)
+    drawn = page and Picture(png_of(page), "histogram of lateness and work")
+    if summary is None or not summary.timing_us:
+        return [drawn]
+    points = list(next(iter(summary.timing_us.values())))
+    rows = [
+        (stage, *(f"{values.get(p, 0.0):.1f}" for p in points))
+        for stage, values in summary.timing_us.items()
+    ]
     words = (
-        f"<p>{told.late_cycles:,} cycles late, {told.skipped_cycles:,} skipped, "
-        f"{told.held_cycles:,} held, of {told.cycles:,}. {text(told.timing_level)}: lateness and "
-        f"work at p99.9 are {told.timing_share:.1%} of a period.</p>"
+        f"{summary.late_cycles:,} cycles late, {summary.skipped_cycles:,} skipped, "
+        f"{summary.held_cycles:,} held, of {summary.cycles:,}. {summary.timing_level}: lateness "
+        f"and work at p99.9 are {summary.timing_share:.1%} of a period."
     )
-    keys = ("cycle", "wake_late_us", "work_us", "cause")
-    latest = [[text(one.get(key, "")) for key in keys] for one in told.latest_cycles]
-    head = ("cycle", "late [us]", "work [us]", "why")
-    return drawn + words + stages + listed("The latest cycles", head, latest, (0, 1, 2))
+    keys = {"cycle": "cycle", "wake_late_us": "late [us]", "work_us": "work [us]", "cause": "why"}
+    latest = [[one.get(key, "") for key in keys] for one in summary.latest_cycles]
+    return [
+        drawn, words, Table(("stage [us]", *points), rows, range(1, len(points) + 1)),
+        listed("The latest cycles", [*keys.values()], latest, (0, 1, 2)),
+    ]  # fmt: skip
 
 
 # The bus
 
 
-def bus(record: Record) -> str:
+def bus(record: Record) -> list[Part]:
     """Return the frames of each bus with its load, and where they went."""
     nodes = ("executive", "plant") if "local" in record.log.node else (record.tally.heard(),)
-    seen = [_frames(record, node) for node in nodes if node in record.log.node]
-    if told := record.told:
-        rows = [(words, f"{told.frames.get(key, 0):,}") for key, words in _COUNTS.items()]
-        most = f"<p>{text(told.most_cut)}</p>" if told.most_cut else ""
-        wrong = f"<h3>What went wrong, of all nodes</h3>{table(('', ''), rows, (1,))}{most}"
-        return "".join([*seen, _account(told.frames_to), wrong])
-    bad = [(text(node), text(state), f"{n:,}")
-           for node, row in record.tally.e2e(record.log.node).items()
-           for state, n in row.items()]  # fmt: skip
+    parts = [part for node in nodes if node in record.log.node for part in _frames(record, node)]
+    if summary := record.summary:
+        rows = [(words, f"{summary.frames.get(key, 0):,}") for key, words in _COUNTS.items()]
+        wrong = Section(
+            "What went wrong, of all nodes", [Table(("", ""), rows, (1,)), summary.most_cut]
+        )
+        return [*parts, _account(summary.frames_to), wrong]
+    bad = (
+        (node, state, f"{n:,}")
+        for node, row in record.tally.e2e(record.log.node).items()
+        for state, n in row.items()
+    )
     head = ("node", "state", "count")
-    return "".join([*seen, listed("Received frames that were not valid", head, bad, (2,))])
+    return [*parts, listed("Received frames that were not valid", head, bad, (2,))]
 
 
-def _frames(record: Record, node: str) -> str:
+def _frames(record: Record, node: str) -> list[Part]:
     """Return what a node sent and received, and which share of its bus that takes."""
     duration_s = record.tally.duration_s(logs.topic(node, "can/frames"))
     found = record.tally.frames(logs.frame_names(record.log), duration_s, node)
     if not found:
-        return ""
+        return []
     config = record.judge.rig.config if record.judge else None
     own = config and (config.local.bus if config.local and node == "plant" else None)
     given = (own and own.bits_per_s) or (config and config.bus.bits_per_s)
     room = duration_s * (given or MOST_CLASSIC)
     rows = [
-        (text(row["name"]), row["id"], row["direction"], f"{row['count']:,}",
+        (row["name"], row["id"], row["direction"], f"{row['count']:,}",
          "" if row["rate_hz"] is None else f"{row['rate_hz']:,.1f}",
          f"{row['bits'] / room:.2%}" if room else "")
         for row in found
@@ -87,79 +104,73 @@ def _frames(record: Record, node: str) -> str:
     head = ("frame", "id", f"by the {node}", "count", "per second", "of the bus")
     share = sum(row["bits"] for row in found) / room if room else 0.0
     rate = rate_of(given or MOST_CLASSIC) + ("" if given else ", assumed: no bit rate is known")
-    load = f"<p>Load: <b>{share:.1%}</b> of {rate}; each frame with the most stuff bits.</p>"
-    return load + table(head, rows, (3, 4, 5))
+    load = ("Load: ", Strong(f"{share:.1%}"), f" of {rate}; each frame with the most stuff bits.")
+    return [load, Table(head, rows, (3, 4, 5))]
 
 
-def _account(frames_to: Mapping[str, Mapping[str, int]]) -> str:
+def _account(frames_to: Mapping[str, Mapping[str, int]]) -> Section:
     """Return where the frames to each node went."""
     keys = dict.fromkeys(key for row in frames_to.values() for key in row)
     rows = [
-        (text(node), *(f"{row[key]:,}" if key in row else "" for key in keys))
+        (node, *(f"{row[key]:,}" if key in row else "" for key in keys))
         for node, row in frames_to.items()
     ]
-    head = ("to", *(text(key.replace("_", " ")) for key in keys))
-    return f"<h3>Where the frames went</h3>{table(head, rows, range(1, len(head)))}" if rows else ""
+    head = ("to", *(key.replace("_", " ") for key in keys))
+    return Section("Where the frames went", [Table(head, rows, range(1, len(head)))])
 
 
 # What it was
 
 
-def configuration(record: Record) -> str:
+def configuration(record: Record) -> list[Part]:
     """Return the rig as it was written, what was set besides, and all its values."""
     texts = {n: t for n, t in record.log.attachments.items() if n.endswith((".yaml", ".yml"))}
     if not texts:
-        return "<p>The log holds no rig.</p>"
-    changed = record.told.changed if record.told else []
-    said = "".join(f"<li><code>{text(one)}</code></li>" for one in changed)
-    parts = [f"<p>Changed:</p><ul>{said}</ul>" if said else "<p>Nothing was changed.</p>"]
-    if changed == [] and not record.at_end:
-        parts = ["<p>What was set on the command line is among all values.</p>"]
+        return ["The log holds no rig."]
+    changed = record.summary.changed if record.summary else []
+    parts: list[Part] = ["Changed:", Bullets(map(Code, changed))]
+    if not changed:
+        parts = ["Nothing was changed."]
+        if not record.at_end:
+            parts = ["What was set on the command line is among all values."]
     for name, content in texts.items():
         more = len(content) - MOST_LETTERS
         shown = content[:MOST_LETTERS] + (f"\n... and {more:,} letters" if more > 0 else "")
-        if name.endswith(RESOLVED):
-            name, tag = "All values, as they were used", "details"
-            parts.append(f"<{tag}><summary>{name}</summary><pre>{text(shown)}</pre></{tag}>")
-        else:
-            parts.append(f"<h3>{text(name)}</h3><pre>{text(shown)}</pre>")
-    return "".join(parts)
+        whole = name.endswith(RESOLVED)
+        title = "All values, as they were used" if whole else name
+        parts.append(Section(title, [Block(shown)], folded=whole))
+    return parts
 
 
-def versions(record: Record) -> str:
+def versions(record: Record) -> Table:
     """Return what made the run, and where."""
-    facts = record.facts
+    others = "python", "git", "kernel", "machine", "processor", "cpus"
     rows = [
-        (text(name.removeprefix("version_")), text(value))
-        for name, value in facts.items()
-        if name.startswith("version_") or name in ("python", "git", "kernel", "machine",
-                                                   "processor", "cpus")
-    ]  # fmt: skip
-    return table(("", ""), rows) if rows else ""
+        (name.removeprefix("version_"), value)
+        for name, value in record.facts.items()
+        if name.startswith("version_") or name in others
+    ]
+    return Table(("", ""), rows)
 
 
-def replay(record: Record) -> str:
+def replay(record: Record) -> list[Part]:
     """Return how to compute the run again from its log, and what identifies the log."""
     log = record.log
-    about = table(("", ""), [
-        ("file", f"<code>{text(record.path)}</code>, {record.tally.found.size:,} bytes"),
-        ("sha256", f"<code>{record.sha256}</code>"),
-    ])  # fmt: skip
+    size = f", {record.tally.found.size:,} bytes"
+    about = Table(("", ""), [("file", (Code(record.path), size)), ("sha256", Code(record.sha256))])
     if not any(name.endswith(RESOLVED) for name in log.attachments):
-        return f"<p>The log holds no rig, so it cannot be replayed.</p>{about}"
+        return ["The log holds no rig, so it cannot be replayed.", about]
     try:
         foreign = bool(carried_by(log))
     except logs.LogError as error:
-        return f"<p>{text(error)}</p>{about}"
+        return [str(error), about]
     cycles = sum(len(node.cycle) for node in log.node.values())
     takes_s = REPLAY_S + REPLAY_CYCLE_S * cycles
     takes = f"{takes_s:.0f} s" if takes_s < 120 else f"{takes_s / 60:.0f} min"
     where = (
-        "Its laws come from outside the project: where their files are not in their places, "
-        "add <code>--law FILE</code>, or <code>--trust</code> if you trust who made the log."
-    )
-    command = f"pcpc replay {shlex.quote(str(record.path))}"
-    return (
-        f"<p><code>{text(command)}</code> computes every node again and compares each bit: about "
-        f"{takes}. {where if foreign else ''}</p>{about}"
-    )
+        " Its laws come from outside the project: where their files are not in their places, add ",
+        Code("--law FILE"), ", or ", Code("--trust"), " if you trust who made the log.",
+    )  # fmt: skip
+    command = Code(f"pcpc replay {shlex.quote(str(record.path))}")
+    does = f" computes every node again and compares each bit: about {takes}."
+    return [(command, does, *(where if foreign else ())), about]

@@ -48,7 +48,7 @@ def on_purpose_spans(record: Record) -> Iterator[tuple[str, str, float, float, M
     for node, one in record.log.node.items():
         period_s = record.period_s(node)
         began: dict[str, tuple[float, float]] = {}
-        for fault, cycle, left, about in on_purpose.settings(one):
+        for fault, cycle, left, about in on_purpose.fault_settings(one):
             at_s = period_s * (cycle + bool(about.get("next_cycle")))
             if fault in began:
                 begin_s, end_s = began.pop(fault)

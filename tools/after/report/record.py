@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from pcpc.drivers.errors import UserError
@@ -31,7 +30,7 @@ from pcpc.tools.after.verdict import summary as summaries
 from pcpc.tools.after.verdict import summary_file
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.outcome import HEALTH
-from pcpc.tools.after.verdict.requirements import Result
+from pcpc.tools.after.verdict.summary import Summary
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
@@ -41,43 +40,13 @@ _POINTS = 4000  # of one of them in a long log
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
-class Told(msgspec.Struct, kw_only=True):
-    """A summary.json, as far as a report tells of it."""
-
-    verdict: str
-    title: str = ""
-    cycles: int = 0
-    late_cycles: int = 0
-    skipped_cycles: int = 0
-    held_cycles: int = 0
-    metrics: dict[str, float | None]
-    timing_us: dict[str, dict[str, float]] = {}
-    timing_level: str = ""
-    timing_share: float = 0.0
-    latest_cycles: list[dict[str, Any]] = []
-    frames: dict[str, int] = {}
-    frames_too_many: list[str] = []
-    frames_to: dict[str, dict[str, int]] = {}
-    most_cut: str = ""
-    records: dict[str, int | bool] = {}
-    faults: list[str] = []
-    injected: list[str] = []
-    changed: list[str] = []
-    judged: list[str] = []
-    not_judged: dict[str, str] = {}
-    expectations_failed: list[str] = []
-    requirements: list[Result] = []
-    realtime: bool | None = None
-    log_missing: list[str] = []
-
-
 @dataclass
 class Record:
     """A log, what it adds up to, and what became of the run.
 
-    `unjudged`: why nobody judges it here, or by another evaluation; then `told` may be None, where
-    nothing can be said of what it came to. `at_end`: the verdict is the run's own. `groups`: the
-    variables to draw, where the evaluation draws none. `of_end`: the summary of the run's end.
+    `unjudged`: why nobody judges it here, or by another evaluation; then `summary` may be None,
+    where nothing can be said of what it came to. `at_end`: the verdict is the run's own.
+    `groups`: the variables to draw, where the evaluation draws none.
     """
 
     log: logs.Log
@@ -85,10 +54,9 @@ class Record:
     sha256: str
     judge: Judge | None
     unjudged: str
-    told: Told | None = None
+    summary: Summary | None = None
     at_end: bool = False
     groups: list[list[str]] = field(default_factory=list)
-    of_end: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def path(self) -> Path:
@@ -129,13 +97,14 @@ class Record:
 
     def own_figure(self) -> bytes:
         """Return the figure.png of a run's end, b"" if it cannot be had."""
-        content = summary_file.figure_beside(self.path, self.of_end)
+        own = self.summary if self.at_end else None
+        content = summary_file.figure_beside(self.path, own) if own else b""
         return content if content.startswith(_PNG) else b""
 
 
 def gather(
     path: Path, folder: Path, options: argparse.Namespace, progress: Progress,
-    summary: summaries.Summary | None = None,
+    summary: Summary | None = None,
 ) -> Record:  # fmt: skip
     """Read a log; LogError if it is none. `folder`: for the files of its rig, while they are used.
 
@@ -147,7 +116,7 @@ def gather(
 
     def wanted(first: logs.Log) -> long_logs.Wanted:
         """Return what will be asked of a long log."""
-        asked = {} if judge is None else judge.asked(first, True)
+        asked = {} if judge is None else judge.needed_columns(first, True)
         if not _draws(judge):
             groups.extend(_groups(first))
         names = [name for group in groups for name in group]
@@ -163,13 +132,12 @@ def gather(
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     found = Record(log, tally, sha256, judge, why, groups=groups)
-    own = summary if summary is not None else summary_file.beside(path)
-    found.told = None if own is None else _told(own)
-    found.at_end, found.of_end = found.told is not None, own or {}
-    if found.told is None and judge is not None:
+    found.summary = summary or summary_file.beside(path)
+    found.at_end = found.summary is not None
+    if found.summary is None and judge is not None:
         outcome = summaries.outcome_of(log)
         outcome.health = {name: _health(ends, name) for name in log.node}
-        found.told = _told(summaries.summarise(judge.rig, log, outcome, judge))
+        found.summary = summaries.summarise(judge.rig, log, outcome, judge)
     return found
 
 
@@ -187,7 +155,7 @@ def _judge(
 
 
 def _draws(judge: Judge | None) -> bool:
-    return judge is not None and judge.evaluation is not None and bool(judge.evaluation.panels)
+    return judge is not None and bool(judge.evaluation.panels)
 
 
 def _tallied(path: Path, progress: Progress) -> tuple[Tally, dict[str, dict[str, float]]]:
@@ -234,12 +202,3 @@ def _series(log: logs.Log, names: Sequence[str]) -> dict[str, series.Series]:
         for table in (table for tables in log.tables.values() for table in tables):
             table.forget()
     return found
-
-
-def _told(summary: summaries.Summary) -> Told | None:
-    """Return a summary, None if it is none; "nan" and "inf" are numbers there."""
-    try:
-        text = summary_file.text_of(summary)
-        return msgspec.json.decode(text, type=Told, strict=False)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return None

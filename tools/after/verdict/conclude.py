@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
@@ -13,11 +12,8 @@ from pcpc.tools.after.verdict import report, summary_file
 from pcpc.tools.after.verdict import summary as summaries
 from pcpc.tools.after.verdict.judge import EvaluationError, Judge
 from pcpc.tools.after.verdict.outcome import Outcome
-from pcpc.tools.after.verdict.requirements import violations
 from pcpc.tools.start.folder import LOG
 from pcpc.tools.terminal.outfile import whole_file
-
-_TITLED, _LONGEST = 2, 36  # settings in the figure's title, and letters of one
 
 
 def conclude(
@@ -32,7 +28,7 @@ def conclude(
     full: OSError | None = None
     try:
         try:
-            log = long_logs.read(path, lambda log: judge.asked(log, drawn))
+            log = long_logs.read(path, lambda log: judge.needed_columns(log, drawn))
         except OSError as error:  # no space for the columns of a long log
             full, log = error, logs.head(path)
         outcome.kept = {name: len(node.cycle) for name, node in log.node.items()}
@@ -45,17 +41,17 @@ def conclude(
                 long_logs.sidecar(path, name).unlink()
     summary = summaries.summarise(judge.rig, log, outcome, judge)
     if full is not None:
-        summaries.note_missing(summary, long_logs.sidecar(path, "columns"), full)
+        summary.note_missing(long_logs.sidecar(path, "columns"), full)
     if drawn:
         figure = folder / summary_file.FIGURE
         try:
             with whole_file(figure) as unfinished:
-                summaries.note_figure(summary, _figure(judge, log, summary, unfinished))
+                summary.note_failed(_figure(judge, log, summary, unfinished))
                 if not unfinished.stat().st_size:
                     unfinished.unlink()
         except OSError as error:
-            summaries.note_missing(summary, figure, error)
-    return told(summary, folder, options)
+            summary.note_missing(figure, error)
+    return publish(summary, folder, options)
 
 
 def unreadable(outcome: Outcome, error: logs.LogError) -> int:
@@ -66,34 +62,22 @@ def unreadable(outcome: Outcome, error: logs.LogError) -> int:
     return Exit.SAFETY_STOP if outcome.faults else Exit.LOSS
 
 
-def told(summary: summaries.Summary, folder: Path, options: argparse.Namespace) -> int:
+def publish(summary: summaries.Summary, folder: Path, options: argparse.Namespace) -> int:
     """Write the summary, print it; return the exit code of its verdict."""
     text = summary_file.write_json(summary, folder / summary_file.NAME)
     if options.json:
         print(text)
     else:
         report.show(summary, folder, quiet=options.quiet)
-    return summaries.CODES[summary["verdict"]]
+    return summaries.CODES[summary.verdict]
 
 
-def changes(settings: Sequence[str]) -> str:
-    """Return what was changed, for a title: the first ones, and how many more."""
-    shown = [f"{text[:_LONGEST]}..." if len(text) > _LONGEST else text for text in settings]
-    if len(shown) > _TITLED:
-        shown[_TITLED:] = [f"{len(shown) - _TITLED} more"]
-    return "".join(f"; {setting}" for setting in shown)
-
-
-def _figure(judge: Judge, log: logs.Log, summary: summaries.Summary, path: Path) -> str:
-    """Draw the run; return what is wrong with the evaluation's figure, "" for nothing."""
-    config = judge.rig.config
-    title = f"{config.rig}: {config.title}, controller {config.controller}"
-    title += changes(summary["changed"])
+def _figure(judge: Judge, log: logs.Log, summary: summaries.Summary, path: Path) -> list[str]:
+    """Draw the run; return what is wrong with the evaluation's figure."""
     try:
-        marks = violations(summary["requirements"])
-        reason = judge.draw(log, title, summary["metrics"], path, marks)
+        reason = judge.draw(log, summary.metrics, path, summary.requirements, summary.changed)
     except EvaluationError as error:
-        return f"no figure: {error}"
+        return [f"no figure: {error}"]
     if reason:
         print(f"no figure: {reason}", file=sys.stderr)
-    return ""
+    return []

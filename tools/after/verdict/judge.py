@@ -18,14 +18,14 @@ from typing import Any, TypeVar
 from pcpc.executive.errors import FULL, RigError, did_you_mean
 from pcpc.executive.log.long_logs import Columns
 from pcpc.executive.log.reader import Log
+from pcpc.executive.rig import schema
 from pcpc.executive.rig.law_errors import cause
 from pcpc.executive.rig.modules import module_of, own_streams
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.requirements import RequirementError, text_of
-from pcpc.executive.rig.schema import Requirement
 from pcpc.plants.evaluation import Evaluation
 from pcpc.plants.judging import Judged, Mistake
-from pcpc.tools.after.verdict.imagine import imagined, large, noise, nothing
+from pcpc.tools.after.verdict.imagined_logs import imagined_log, large, noise, nothing
 from pcpc.tools.after.verdict.requirements import Bound, Names, Result, bound, results
 
 TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figure are made of
@@ -36,6 +36,8 @@ TIMING_COLUMNS = (  # of every node: what a summary and the last axes of a figur
         "frames_lost_on_purpose",
     )),
 )  # fmt: skip
+_NONE = schema.Evaluation(file="", window_s=(-math.inf, math.inf))  # of a rig that names none
+_TITLED, _LONGEST = 2, 36  # settings in the figure's title, and letters of one
 Made = TypeVar("Made")
 
 
@@ -66,16 +68,16 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Judge:
-    """A rig and its evaluation."""
+    """A rig and its evaluation, an empty one if the rig names none."""
 
     rig: Rig
-    evaluation: Evaluation | None
+    evaluation: Evaluation = field(default_factory=Evaluation)
 
     @classmethod
     def of(cls, rig: Rig) -> "Judge":
         """Load the rig's evaluation, if it names one; RigError for what is wrong with it."""
         if rig.evaluation is None:
-            return cls(rig, None)
+            return cls(rig)
         file = Path(rig.evaluation.file)
         judge = cls(rig, guarded(lambda: _loaded(file)))
         for name, what in judge.unused().items():
@@ -83,38 +85,29 @@ class Judge:
                 raise rig.error(f"evaluation.{name}", what)
         return judge
 
+    @property
+    def given(self) -> schema.Evaluation:
+        """What the rig says of its evaluation."""
+        return self.rig.evaluation or _NONE
+
     def unused(self) -> dict[str, str]:
         """Return the rig's numbers that nothing in its evaluation asks for, and what to say."""
-        evaluation, given = self.evaluation, self.rig.evaluation
-        if evaluation is None or given is None:
-            return {}
-        what = f"nothing in {given.file} asks for it"
-        return {name: what + cure for name, cure in evaluation.unknown(given.numbers)}
+        what = f"nothing in {self.given.file} asks for it"
+        return {name: what + cure for name, cure in self.evaluation.unknown(self.given.numbers)}
 
     def metrics(self, log: Log, window_s: tuple[float, float] | None = None) -> dict[str, float]:
         """Return the metrics of a run; {} if the rig names no evaluation. EvaluationError.
 
         `window_s`: another window than the rig's.
         """
-        evaluation, given = self.evaluation, self.rig.evaluation
-        if evaluation is None or given is None:
-            return {}
-        about = window_s or given.window_s, given.numbers, 1.0 / self.rig.config.rate_hz
-        return guarded(lambda: evaluation.judge(log, *about))
+        return guarded(lambda: self.evaluation.figures(self.judged(log, window_s)))
 
-    def _figures(self, judged: Judged) -> dict[str, float]:
-        evaluation = self.evaluation
-        return {} if evaluation is None else guarded(lambda: evaluation.figures(judged))
-
-    def judged(self, log: Log) -> Judged:
+    def judged(self, log: Log, window_s: tuple[float, float] | None = None) -> Judged:
         """Return a run with what the rig says of its evaluation."""
-        evaluation, given = self.evaluation, self.rig.evaluation
-        period_s = 1.0 / self.rig.config.rate_hz
-        if evaluation is None or given is None:
-            return Judged(log, period_s)
-        return evaluation.judged(log, given.window_s, given.numbers, period_s)
+        window_s, period_s = window_s or self.given.window_s, 1.0 / self.rig.config.rate_hz
+        return self.evaluation.judged(log, window_s, self.given.numbers, period_s)
 
-    def required(self) -> dict[int, Requirement]:
+    def required(self) -> dict[int, schema.Requirement]:
         """Return the rig's requirements of the controller that runs, by their numbers."""
         config = self.rig.config
         return {
@@ -139,39 +132,42 @@ class Judge:
 
         RigError for names and units that are wrong.
         """
-        signals = self.evaluation.signals if self.evaluation else {}
         try:
-            return bound(list(self.required().values()), Names(log, signals))
+            return bound(list(self.required().values()), Names(log, self.evaluation.signals))
         except RequirementError as error:
             keys = ("require", list(self.required())[error.number], *error.keys)
             raise self.rig.document.error(keys, error.what) from None
 
     def draw(
-        self, log: Log, title: str, metrics: Mapping[str, float], path: Path | None,
-        violations: Sequence[tuple[float, str]] = (),
+        self, log: Log, metrics: Mapping[str, float], path: Path | None,
+        requirements: Sequence[Result] = (), changed: Sequence[str] = (), who: str = "",
     ) -> str:  # fmt: skip
         """Draw the rig's figure; return "" or the reason why there is none.
 
         Without a `path` it is laid out only, which finds what is wrong with it.
-        `violations`: of requirements, see `tools.after.verdict.requirements`; they are marked.
-        Raises EvaluationError; OSError if `path` cannot be written.
+        `requirements` that were violated are marked, what was `changed` stands in the title, and
+        `who` in the controller's place. EvaluationError; OSError if `path` cannot be written.
         """
-        evaluation, given = self.evaluation, self.rig.evaluation
-        if evaluation is None or given is None or not evaluation.panels:
+        config, given = self.rig.config, self.given
+        if not self.evaluation.panels:
             return "the rig names no evaluation file with panels"
-        about = title, metrics, given.window_s, given.numbers, violations
+        title = f"{config.rig}: {config.title}, {who or f'controller {config.controller}'}"
+        marks = [(one.first_s or 0.0, one.name) for one in requirements if one.held is False]
+        about = title + changes(changed), metrics, given.window_s, given.numbers, marks
         try:
-            guarded(lambda: evaluation.draw(log, path, *about), path or Path(os.devnull))
+            guarded(lambda: self.evaluation.draw(log, path, *about), path or Path(os.devnull))
         except ImportError as error:
             return str(error)
         return ""
 
-    def asked(self, log: Log, drawn: bool, names: Sequence[str] = ()) -> dict[str, list[str]]:
+    def needed_columns(
+        self, log: Log, drawn: bool, names: Sequence[str] = ()
+    ) -> dict[str, list[str]]:
         """Return the columns by node that metrics, and the figure if `drawn`, ask of such a log.
 
         `names`: of variables and signals that are asked for besides.
         """
-        evaluation, nodes = self.evaluation, {}
+        nodes = {}
         for name, node in log.node.items():
             nodes[name] = replace(
                 node, cycle=node.cycle[:_PROBED], stamp_ns=node.stamp_ns[:_PROBED],
@@ -183,8 +179,8 @@ class Judge:
             self.metrics(probe, (-math.inf, math.inf))
             for name in names:
                 self.judged(probe).run().get(name)
-            if drawn and evaluation is not None:
-                guarded(lambda: evaluation.touch(self.judged(probe).run()))
+            if drawn:
+                guarded(lambda: self.evaluation.touch(self.judged(probe).run()))
         except RigError:
             pass  # it will fail again, and be told, on the whole log
         found = {}
@@ -219,7 +215,7 @@ class Judge:
         config = self.rig.config
         expected = config.expect.get(config.controller, {})
         try:
-            found.metrics = self._figures(judged)
+            found.metrics = guarded(lambda: self.evaluation.figures(judged))
         except EvaluationError as error:
             found.failed.append(str(error))
             found.not_judged = dict.fromkeys(expected, "the evaluation failed")
@@ -235,6 +231,14 @@ class Judge:
                 known = "" if name in found.metrics else did_you_mean(name, found.metrics)
                 said = "is not told by this run" if math.isnan(value) else f"= {value:.4g}"
                 found.failed.append(f"{name} {said}, expected {low:g} to {high:g}{known}")
+
+
+def changes(settings: Sequence[str]) -> str:
+    """Return what was changed, for a title: the first ones, and how many more."""
+    shown = [f"{text[:_LONGEST]}..." if len(text) > _LONGEST else text for text in settings]
+    if len(shown) > _TITLED:
+        shown[_TITLED:] = [f"{len(shown) - _TITLED} more"]
+    return "".join(f"; {setting}" for setting in shown)
 
 
 _PROBED = 1000  # rows
@@ -307,17 +311,16 @@ def guarded(action: Callable[[], Made], output: Path | None = None) -> Made:
 
 def _check_names(judge: Judge, log: Log) -> None:
     """Refuse variables that the records of no controller of the rig have; RigError."""
-    assert judge.evaluation is not None, "it is checked"
     absent = dict(judge.evaluation.absent(log))
     for name in judge.rig.config.controllers if absent else ():
         with suppress(RigError):  # its own check tells
-            other = imagined(load_rig(judge.rig.path, name), judge.rig.config.pacing)
+            other = imagined_log(load_rig(judge.rig.path, name), judge.rig.config.pacing)
             absent = {k: v for k, v in absent.items() if k in dict(judge.evaluation.absent(other))}
     for what in absent.values():
         raise RigError(what)
 
 
-def foreseen(judge: Judge, pacing: str, drawn: bool) -> dict[str, list[str]]:
+def columns_to_keep(judge: Judge, pacing: str, drawn: bool) -> dict[str, list[str]]:
     """Return the columns by node that will be judged and drawn, of a log that keeps a part only.
 
     {} for a rig whose log keeps everything. RigError, BusError as `plan`, and for requirements
@@ -326,9 +329,9 @@ def foreseen(judge: Judge, pacing: str, drawn: bool) -> dict[str, list[str]]:
     config = judge.rig.config
     if config.record.keep is None and not config.require:
         return {}
-    log = imagined(judge.rig, pacing)
+    log = imagined_log(judge.rig, pacing)
     judge.check_requirements(log)
-    return {} if config.record.keep is None else judge.asked(log, drawn)
+    return {} if config.record.keep is None else judge.needed_columns(log, drawn)
 
 
 def check(judge: Judge, changed: list[str]) -> list[str]:
@@ -342,22 +345,19 @@ def check(judge: Judge, changed: list[str]) -> list[str]:
     rig, evaluation = judge.rig, judge.rig.evaluation
     config = rig.config
     if config.require:
-        judge.check_requirements(imagined(rig, config.pacing))
+        judge.check_requirements(imagined_log(rig, config.pacing))
     if evaluation is None:
         if any(config.expect.values()):
             raise rig.error("expect", "the rig has no evaluation that tells metrics; add one")
         return []
     told: dict[str, None] = {}
-    assert judge.evaluation is not None, "the rig names one"
     for fill in (nothing, noise, large):
-        log = imagined(rig, config.pacing, fill)
+        log = imagined_log(rig, config.pacing, fill)
         told |= dict.fromkeys(judge.metrics(log))
-    judge.draw(log, config.title, judge.metrics(log), None)
+    judge.draw(log, judge.metrics(log), None)
     _check_names(judge, log)
-    expected, known = (
-        config.expect.get(config.controller, {}),
-        judge.evaluation.names(evaluation.numbers),
-    )
+    expected = config.expect.get(config.controller, {})
+    known = judge.evaluation.names(evaluation.numbers)
     for name in expected:
         if name not in known:
             what = f"the evaluation has no such metric{did_you_mean(name, known)}"

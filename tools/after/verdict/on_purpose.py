@@ -19,12 +19,12 @@ from pcpc.tools.after.verdict.outcome import HEALTH
 EARLY_CYCLES = 2  # the cycles of two nodes on clocks of their own may be that far apart
 
 
-def begun(log: logs.Log) -> list[str]:
+def started_faults(log: logs.Log) -> list[str]:
     """Return what faults on purpose began, by time, and how often."""
     times: dict[str, list[float]] = {}
     for node in log.node.values():
         own: dict[str, list[float]] = {}
-        for fault, cycle, left, about in settings(node):
+        for fault, cycle, left, about in fault_settings(node):
             if left > 0.0:
                 later = bool(about.get("next_cycle"))
                 own.setdefault(fault, []).append((cycle + later) * 1e-9 * _period_ns(node))
@@ -35,7 +35,7 @@ def begun(log: logs.Log) -> list[str]:
     ]
 
 
-def missing(log: logs.Log, health: Mapping[str, Mapping[str, int]]) -> bool:
+def is_input_missing(log: logs.Log, health: Mapping[str, Mapping[str, int]]) -> bool:
     """Return whether input is missing that nothing took on purpose; `health`: at the end."""
     for role, counters in health.items():
         node = log.node.get(role)
@@ -66,7 +66,7 @@ def _stalls(log: logs.Log, role: str) -> NDArray[np.float64]:
     spans: list[tuple[float, float]] = []
     for name, node in log.node.items():
         on: dict[str, tuple[float, float]] = {}  # stalls -> their cycles
-        for fault, cycle, left, about in settings(node) if name != role else ():
+        for fault, cycle, left, about in fault_settings(node) if name != role else ():
             if about.get("kind") != "stall" or fault in log.node[role].description["faults"]:
                 continue
             if fault in on:
@@ -85,7 +85,7 @@ def _stalls(log: logs.Log, role: str) -> NDArray[np.float64]:
     return np.array(merged).reshape(-1, 2)
 
 
-def settings(node: logs.Node) -> Iterator[tuple[str, int, float, Mapping[str, Any]]]:
+def fault_settings(node: logs.Node) -> Iterator[tuple[str, int, float, Mapping[str, Any]]]:
     """Yield fault, cycle, for how many it is on from there, and what is known of it."""
     known = node.description.get("faults", {})
     for tuning in node.tunings:

@@ -1,7 +1,7 @@
 """What became of a rig's requirements in a log of any length, pacing and completeness."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -51,32 +51,37 @@ class Result:
     judged: int = 0
     open: int = 0
     unrecorded: int = 0
+    text: str = ""  # all of it, as a line
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "text", self._line())
 
     def __str__(self) -> str:
-        """Return it as a line."""
+        return self.text
+
+    @property
+    def first(self) -> str:
+        """Where it was first violated, and by what."""
+        own = f" {self.unit}" if self.unit else ""
+        return (
+            f"cycle {self.first_cycle}, {self.first_s} s: {self.what} = "
+            f"{_number(self.value)}{own}, limit {_number(self.limit)}{own}"
+        )
+
+    @property
+    def smallest(self) -> str:
+        """The smallest margin, and when that was."""
+        unit = f" {self.margin_unit}" if self.margin_unit else ""
+        return f"{_number(self.margin)}{unit} at {self.margin_s} s"
+
+    def _line(self) -> str:
         of = f", {self.judged} of {self.events} events judged" if self.open else ""
         of += f", cycles without a record: {self.unrecorded}" if self.unrecorded else ""
-        unit = f" {self.margin_unit}" if self.margin_unit else ""
-        margin = f"margin {_number(self.margin)}{unit} at {self.margin_s} s"
         if self.held is None:
             return f"{self.name}: not judged: {self.reason}"
         if self.held:
-            return f"{self.name}: held, {margin}{of}"
-        own = f" {self.unit}" if self.unit else ""
-        return (
-            f"{self.name}: violated first at cycle {self.first_cycle}, {self.first_s} s: "
-            f"{self.what} = {_number(self.value)}{own}, limit {_number(self.limit)}{own}, "
-            f"smallest {margin}{of}"
-        )
-
-    def json(self) -> dict[str, Any]:
-        """Return it as summary.json has it."""
-        return {**asdict(self), "text": str(self)}
-
-
-def violations(told: Iterable[Mapping[str, Any]]) -> list[tuple[float, str]]:
-    """Return time in s and name of what was violated, of results as summary.json has them."""
-    return [(one["first_s"], one["name"]) for one in told if one["held"] is False]
+            return f"{self.name}: held, margin {self.smallest}{of}"
+        return f"{self.name}: violated first at {self.first}, smallest margin {self.smallest}{of}"
 
 
 def _number(value: float | None) -> str:

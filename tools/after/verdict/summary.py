@@ -17,10 +17,11 @@ import contextlib
 import math
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,14 +36,74 @@ from pcpc.tools.after.verdict.frames import frames_to, most_cut, stayed_away, to
 from pcpc.tools.after.verdict.judge import Judge
 from pcpc.tools.after.verdict.latest import level
 from pcpc.tools.after.verdict.outcome import HEALTH, Outcome
-from pcpc.tools.after.verdict.requirements import END_S, LEADER
+from pcpc.tools.after.verdict.requirements import END_S, LEADER, Result
 
 CODES = {code.meaning: code for code in Exit}
 _PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
 _STAGES = ("wake_late", "receive", "step", "send", "publish")
+Counts = dict[str, int]
 
 
-Summary = dict[str, Any]
+class Summary(msgspec.Struct, kw_only=True):
+    """What a run came to; summary.json has the same keys in this order.
+
+    What an older file does not tell is what nothing happened of.
+    """
+
+    rig: str = ""
+    title: str = ""
+    controller: str = ""
+    pacing: str = ""
+    bus: str = ""
+    seed: int = 0
+    rate_hz: float = 0.0
+    cycles: int = 0
+    late_cycles: int = 0
+    skipped_cycles: int = 0
+    held_cycles: int = 0
+    metrics: dict[str, float]
+    timing_us: dict[str, dict[str, float]] = {}  # stage -> percentile -> us
+    timing_level: str = ""
+    timing_share: float = 0.0
+    latest_cycles: list[dict[str, Any]] = []  # see `latest.latest_cycles`
+    frames: Counts = {}  # of all nodes, see `outcome.HEALTH`
+    frames_too_many: list[str] = []
+    most_cut: str = ""
+    frames_to: dict[str, Counts] = {}  # node -> account
+    records: dict[str, int | bool] = {}
+    faults: list[str] = []
+    injected: list[str] = []
+    changed: list[str] = []
+    judged: list[str] = []
+    not_judged: dict[str, str] = {}  # name -> reason
+    expectations_failed: list[str] = []
+    requirements: list[Result] = []
+    realtime: bool | None = None
+    start_to_first_cycle_s: float | None = None
+    log_missing: list[str] = []
+    verdict: str
+    device: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET
+    bound: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # see summary_file
+
+    def problems(self) -> list[str]:
+        """Return what keeps a run from being ok, a line each."""
+        return [
+            *self.faults, *self.expectations_failed, *self.frames_too_many, *self.log_missing,
+        ]  # fmt: skip
+
+    def note_failed(self, problems: list[str]) -> None:
+        """Enter what was not met besides, if anything was not."""
+        self.expectations_failed += problems
+        if problems and self.verdict == "ok":
+            self.verdict = "expectation not met"
+
+    def note_missing(self, path: Path, error: OSError) -> None:
+        """Enter a file of the run that could not be written."""
+        self.log_missing.append(f"{path}: cannot be written: {error.strerror or error}")
+        if self.verdict in ("ok", "expectation not met"):
+            self.verdict = "loss"
+        with contextlib.suppress(OSError):  # a part of a file is worse than none
+            path.unlink()
 
 
 def outcome_of(log: logs.Log) -> Outcome:
@@ -68,8 +129,8 @@ def outcome_of(log: logs.Log) -> Outcome:
 def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = None) -> Summary:
     """Return the content of summary.json."""
     executive = log.node.get("executive")
-    health = _health(log, outcome)
-    kept_back = rig.config.record.keep is not None
+    each = _each_health(log, outcome)
+    health = _sum(each)
     early = ""
     if outcome.interrupted or outcome.faults or outcome.short:
         early = "the run did not come to its end"
@@ -91,46 +152,52 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
         failed += [f"{name} was not judged: {why}" for name, why in found.not_judged.items()]
         failed += ["nothing was judged"] * (not found.judged and not found.not_judged)
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
-    each = _each_health(log, outcome)
-    summary: dict[str, Any] = {
-        "rig": rig.config.rig,
-        "title": rig.config.title,
-        "controller": rig.config.controller,
-        "pacing": outcome.pacing,
-        "bus": outcome.bus,
-        "seed": rig.config.seed,
-        "rate_hz": rig.config.rate_hz,
-        "cycles": max(_cycles(executive), outcome.cycles),
-        "late_cycles": health.pop("late_cycles"),
-        "skipped_cycles": health.pop("skipped_cycles"),
-        "held_cycles": health.pop("held_cycles"),
-        "metrics": found.metrics,
-        "timing_us": timing,
-        "timing_level": timing_level,
-        "timing_share": round(share, 4),
-        "latest_cycles": outcome.latest,
-        "frames": health,
-        "frames_too_many": [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)],
-        "most_cut": most_cut(rig, log) if health["saturated_values"] else "",
-        "frames_to": frames_to(rig, log, each),
-        "records": {
+    frames_wrong = [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)]
+    dropped = _dropped(log, outcome)
+    missing = [*log.missing, *absent, *outcome.missing]
+    verdict = "expectation not met" if failed else "ok"
+    if on_purpose.is_input_missing(log, each) or dropped or frames_wrong or missing:
+        verdict = "loss"
+    if outcome.interrupted or outcome.faults:
+        verdict = "interrupted" if outcome.interrupted else "safety stop"
+    return Summary(
+        rig=rig.config.rig,
+        title=rig.config.title,
+        controller=rig.config.controller,
+        pacing=outcome.pacing,
+        bus=outcome.bus,
+        seed=rig.config.seed,
+        rate_hz=rig.config.rate_hz,
+        cycles=max(_cycles(executive), outcome.cycles),
+        late_cycles=health.pop("late_cycles"),
+        skipped_cycles=health.pop("skipped_cycles"),
+        held_cycles=health.pop("held_cycles"),
+        metrics=found.metrics,
+        timing_us=timing,
+        timing_level=timing_level,
+        timing_share=round(share, 4),
+        latest_cycles=outcome.latest,
+        frames=health,
+        frames_too_many=frames_wrong,
+        most_cut=most_cut(rig, log) if health["saturated_values"] else "",
+        frames_to=frames_to(rig, log, each),
+        records={
             "written": _written(log, outcome),
-            "dropped": _dropped(log, outcome),
-            **({"kept_back": True} if kept_back else {}),
+            "dropped": dropped,
+            **({"kept_back": True} if rig.config.record.keep is not None else {}),
         },
-        "faults": outcome.faults,
-        "injected": on_purpose.begun(log),
-        "changed": changed,
-        "judged": found.judged,
-        "not_judged": found.not_judged,
-        "expectations_failed": failed,
-        "requirements": [one.json() for one in found.requirements],
-        "realtime": outcome.realtime,
-        "start_to_first_cycle_s": _start_s(executive, outcome),
-        "log_missing": [*log.missing, *absent, *outcome.missing],
-    }
-    summary["verdict"] = _verdict(summary, outcome, on_purpose.missing(log, each))
-    return summary
+        faults=outcome.faults,
+        injected=on_purpose.started_faults(log),
+        changed=changed,
+        judged=found.judged,
+        not_judged=found.not_judged,
+        expectations_failed=failed,
+        requirements=found.requirements,
+        realtime=outcome.realtime,
+        start_to_first_cycle_s=_start_s(executive, outcome),
+        log_missing=missing,
+        verdict=verdict,
+    )
 
 
 def _tuned(rig: Rig, log: logs.Log) -> list[str]:
@@ -164,18 +231,6 @@ def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
     return round(1e-9 * (first_ns - outcome.begin_ns), 2)
 
 
-def _verdict(summary: Mapping[str, Any], outcome: Outcome, missing: bool) -> str:
-    """Return the verdict; `missing`: frames that no fault on purpose took."""
-    if outcome.interrupted:
-        return "interrupted"
-    if outcome.faults:
-        return "safety stop"
-    lost = missing or summary["records"]["dropped"]
-    if lost or summary["frames_too_many"] or summary["log_missing"]:
-        return "loss"
-    return "expectation not met" if summary["expectations_failed"] else "ok"
-
-
 def _last(values: NDArray[np.float64] | None) -> int:
     return int(values[-1]) if values is not None and len(values) else 0
 
@@ -192,14 +247,16 @@ def _each_health(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, int]]:
     return found
 
 
-def _health(log: logs.Log, outcome: Outcome) -> dict[str, int]:
+def _sum(each: dict[str, Counts]) -> Counts:
     """Return the counters of all nodes added up; those of cycles are the executive's."""
-    total = dict.fromkeys(HEALTH, 0)
-    for role, counters in _each_health(log, outcome).items():
-        for key, count in counters.items():
-            if role == "executive" or not key.endswith("_cycles"):
-                total[key] += count
-    return total
+    return {
+        key: sum(
+            counters.get(key, 0)
+            for role, counters in each.items()
+            if role == "executive" or not key.endswith("_cycles")
+        )
+        for key in HEALTH
+    }
 
 
 def _timing(log: logs.Log, outcome: Outcome) -> dict[str, dict[str, float]]:
@@ -261,33 +318,3 @@ def _written(log: logs.Log, outcome: Outcome) -> int:
         return sum(counts)
     kept = outcome.kept or {name: len(node.cycle) for name, node in log.node.items()}
     return sum(kept.values())
-
-
-def problems(summary: Mapping[str, Any]) -> list[str]:
-    """Return what keeps a run from being ok, a line each."""
-    kinds = ("faults", "expectations_failed", "frames_too_many", "log_missing")
-    return [line for kind in kinds for line in summary[kind]]
-
-
-def note_figure(summary: Summary, problem: str) -> None:
-    """Enter what is wrong with the figure, if anything is, into a summary and its verdict."""
-    if problem:
-        summary["expectations_failed"].append(problem)
-        if summary["verdict"] == "ok":
-            summary["verdict"] = "expectation not met"
-
-
-def note_device(summary: Summary, problems: list[str]) -> None:
-    """Enter what a device did wrong into a summary and its verdict."""
-    summary["expectations_failed"] = [*problems, *summary["expectations_failed"]]
-    if problems and summary["verdict"] == "ok":
-        summary["verdict"] = "expectation not met"
-
-
-def note_missing(summary: Summary, path: Path, error: OSError) -> None:
-    """Enter a file of the run that could not be written into a summary and its verdict."""
-    summary["log_missing"].append(f"{path}: cannot be written: {error.strerror or error}")
-    if summary["verdict"] in ("ok", "expectation not met"):
-        summary["verdict"] = "loss"
-    with contextlib.suppress(OSError):  # a part of a file is worse than none
-        path.unlink()

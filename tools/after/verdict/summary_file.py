@@ -12,26 +12,26 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pcpc.tools.after.verdict.summary import Summary, note_missing
+import msgspec
+
+from pcpc.tools.after.verdict.summary import Summary
 from pcpc.tools.start.folder import LOG
 from pcpc.tools.terminal.outfile import whole_file
 
 NAME, FIGURE = "summary.json", "figure.png"
 _MOST_BYTES = 1 << 24
-_WORDS = {"value", "limit", "margin"}  # of a requirement: numbers, "inf" and "nan" among them
 
 
 def write_json(summary: Summary, path: Path) -> str:
     """Write summary.json, see `text_of`, if that can be; return its text."""
-    summary.pop("bound", None)
     files = {name: digest for name in (LOG, FIGURE) if (digest := _digest(path.with_name(name)))}
-    summary["bound"] = {**files, NAME: _seal(summary, files)}
+    summary.bound = {**files, NAME: _seal(plain(summary), files)}
     try:
         with whole_file(path) as unfinished:
-            unfinished.write_text(text_of(summary) + "\n")
+            unfinished.write_text(text_of(plain(summary)) + "\n")
     except OSError as error:
-        note_missing(summary, path, error)
-    return text_of(summary)
+        summary.note_missing(path, error)
+    return text_of(plain(summary))
 
 
 def beside(log: Path) -> Summary | None:
@@ -40,25 +40,30 @@ def beside(log: Path) -> Summary | None:
         path = log.with_name(NAME)
         if not path.is_file() or path.stat().st_size > _MOST_BYTES:
             return None
-        summary = dict(json.loads(path.read_text("utf-8")))
-        bound = {str(key): str(value) for key, value in dict(summary.pop("bound")).items()}
-        seal = bound.pop(NAME)
-        if seal != _seal(summary, bound) or bound[LOG] != _digest(log):
+        found = dict(json.loads(path.read_text("utf-8")))
+        bound = {str(key): str(value) for key, value in dict(found["bound"]).items()}
+        if bound.pop(NAME) != _seal(found, bound) or bound[LOG] != _digest(log):
             return None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return from_json(found)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
-    summary["bound"] = {**bound, NAME: seal}
-    metrics = summary.get("metrics", {}).items()
-    summary["metrics"] = {k: math.nan if v is None else float(v) for k, v in metrics}
-    for one in summary.get("requirements", ()):
-        one |= {key: float(one[key]) for key in _WORDS if one.get(key) is not None}
-    return summary
 
 
-def figure_beside(log: Path, summary: Mapping[str, Any]) -> bytes:
+def from_json(found: Mapping[str, Any]) -> Summary:
+    """Return a summary as summary.json has it: with "nan" and "inf", of older files None."""
+    metrics = {k: "nan" if v is None else v for k, v in found["metrics"].items()}
+    return msgspec.convert({**found, "metrics": metrics}, Summary, strict=False)
+
+
+def figure_beside(log: Path, summary: Summary) -> bytes:
     """Return the figure of a run's end that its summary is bound to; b"" for none."""
-    path, known = log.with_name(FIGURE), summary.get("bound", {}).get(FIGURE)
+    path, known = log.with_name(FIGURE), (summary.bound or {}).get(FIGURE)
     return path.read_bytes() if known and _digest(path) == known else b""
+
+
+def plain(summary: Summary) -> dict[str, Any]:
+    """Return a summary as summary.json has it, but with numbers for NaN and infinity."""
+    return dict(msgspec.to_builtins(summary))
 
 
 def text_of(summary: Mapping[str, Any]) -> str:

@@ -71,7 +71,7 @@ def run_python(log: Path, bus: buses.Bus, words: Sequence[str] = ()) -> dict[str
 def scheduled(log: Path, words: Sequence[str]) -> Frames:
     """Return the frames that `pcpc play LOG WORDS` sends, at the times at which it does."""
     options = parsed(["play", str(log), *words])
-    frames = play_frames.choose(play_frames.of(logs.read(log)), options, str(log))
+    frames = play_frames.choose(play_frames.bus_frames(logs.read(log)), options, str(log))
     since = frames.stamp_ns - frames.stamp_ns[0]
     return replace(frames, stamp_ns=np.rint(since / options.rate).astype(np.int64))
 

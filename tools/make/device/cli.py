@@ -40,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
 def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namespace) -> int:
     """Read the log back, judge plant and device, print; return the exit code of the verdict."""
     from pcpc.tools.after.verdict import summary as summaries
-    from pcpc.tools.after.verdict.conclude import told, unreadable
+    from pcpc.tools.after.verdict.conclude import publish, unreadable
     from pcpc.tools.after.verdict.judge import EvaluationError
     from pcpc.tools.make.device.behaviour import behaviour
     from pcpc.tools.make.device.record import as_run, told_by
@@ -53,18 +53,20 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     judge, left = told_by(host.judge, log)
     found = behaviour(rig, log, outcome.pacing, host.counts)
     summary = summaries.summarise(judge.rig, log, outcome, judge)
-    summary["controller"] = "device"
-    summary["device"] = {"command": options.device, **found.json()}
-    summary |= {key: outcome.health.get("plant", {}).get(key, 0) for key in _CYCLES}
-    summary["not_judged"] |= left
+    summary.controller = "device"
+    summary.device = {"command": options.device, **found.json()}
+    for key in _CYCLES:
+        setattr(summary, key, outcome.health.get("plant", {}).get(key, 0))
+    summary.not_judged |= left
     if outcome.strict:
         failed = [f"{name} was not judged: {why}" for name, why in left.items()]
-        summary["expectations_failed"] += failed
-    summaries.note_device(summary, found.problems)
-    if not options.no_figure and judge.evaluation is not None:
+        summary.expectations_failed += failed
+    own, summary.expectations_failed = summary.expectations_failed, []
+    summary.note_failed(found.problems)
+    summary.expectations_failed += own
+    if not options.no_figure and rig.evaluation is not None:
         try:
-            title = f"{rig.config.rig}: {rig.config.title}, a device"
-            judge.draw(log, title, summary["metrics"], folder / "figure.png")
+            judge.draw(log, summary.metrics, folder / "figure.png", who="a device")
         except (EvaluationError, OSError) as error:
             print(f"no figure: {error}", file=sys.stderr)
-    return told(summary, folder, options)
+    return publish(summary, folder, options)

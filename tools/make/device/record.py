@@ -66,7 +66,7 @@ def told_by(judge: Judge, log: logs.Log) -> tuple[Judge, dict[str, str]]:
         left = {name: WHY for name in expected if math.isnan(metrics.get(name, math.nan))}
     except EvaluationError as error:
         left = dict.fromkeys(expected, str(error))
-    known = Names(log, judge.evaluation.signals if judge.evaluation else {})
+    known = Names(log, judge.evaluation.signals)
     require = list(judge.required().values())
     silent = [entry for entry in require if _asks_for_more(judge, log, known, entry)]
     left |= {text_of(entry): WHY for entry in silent}

@@ -233,7 +233,7 @@ def alone(case: Case) -> Result:
 
 
 def _judged(case: Case, judge: "Judge", log: "Log", settings: Mapping[str, float]) -> Result:
-    if judge.evaluation is None:
+    if judge.rig.evaluation is None:
         raise RigError(f"{case.rig}: names no evaluation file")
     metrics = judge.metrics(log, case.window_s)
     traces = _traces(judge.judged(log).run(), case.traces) if case.traces else {}

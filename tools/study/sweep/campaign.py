@@ -96,7 +96,7 @@ class Campaign:
     def requirements(self) -> dict[str, list[str]]:
         """Return the names of the requirements of each controller."""
         return {
-            rig.config.controller: [text_of(one) for one in Judge(rig, None).required().values()]
+            rig.config.controller: [text_of(one) for one in Judge(rig).required().values()]
             for rig in self.rigs
         }
 

@@ -46,8 +46,9 @@ def difference(one: Mapping[str, str], other: Mapping[str, str]) -> str:
 
 def _files(rig: Rig) -> list[dict[str, object]]:
     """Return the files that a log of the rig would carry, but not its drawing."""
-    judge, reads = Judge.of(rig), carried.Reads()
-    if judge.evaluation is not None and rig.evaluation is not None:
+    reads = carried.Reads()
+    if rig.evaluation is not None:
+        Judge.of(rig)  # reads what it is made of
         module = modules.outside(Path(rig.evaluation.file))
         carried.merge(reads, modules.read_by(module) if module else {})
     for role in rig.roles:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.tools.after.html import image, page, png_of, table, text
 from pcpc.tools.study import binomial
 from pcpc.tools.study.sweep import decision, figures, reasons, statements
 from pcpc.tools.study.sweep.results import MARGIN, METRIC, Results, comparisons
 from pcpc.tools.study.sweep.sensitivity import Share
+from pcpc.tools.terminal.html import image, page, png_of, table, text
 from pcpc.tools.terminal.outfile import new_file
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ def large(name: str, cycles: int) -> Vector:
     return 5e5 * (1.0 + 0.5 * noise(name, cycles))
 
 
-def imagined(rig: Rig, pacing: str, fill: Fill = nothing) -> logs.Log:
+def imagined_log(rig: Rig, pacing: str, fill: Fill = nothing) -> logs.Log:
     """Return a log of all nodes with variables of `fill`; RigError, BusError as `plan`.
 
     As long as a run of the rig, of a long one with gaps.
