@@ -11,7 +11,7 @@ from processes import ROOT
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.after.verdict.on_purpose import missing
+from pcpc.tools.after.verdict.on_purpose import is_input_missing
 from pcpc.tools.after.verdict.outcome import HEALTH, Outcome
 from pcpc.tools.after.verdict.summary import summarise
 
@@ -80,4 +80,4 @@ def test_a_stall_of_another_node_excuses_its_cycles_and_two_beside_them(
     stall = {"name": "fault.halt.left", "cycle": 100, "value": 20.0}
     other = SimpleNamespace(description={"faults": {"halt": {"kind": "stall"}}}, tunings=[stall])
     log: Any = SimpleNamespace(node={"executive": own, "plant": other})
-    assert missing(log, {"executive": {"starved": 1}}) == counts
+    assert is_input_missing(log, {"executive": {"starved": 1}}) == counts

@@ -74,6 +74,10 @@ class Result:
         unit = f" {self.margin_unit}" if self.margin_unit else ""
         return f"{_number(self.margin)}{unit} at {self.margin_s} s"
 
+    def json(self) -> dict[str, Any]:
+        """Return it as summary.json has it."""
+        return {**vars(self)}
+
     def _line(self) -> str:
         of = f", {self.judged} of {self.events} events judged" if self.open else ""
         of += f", cycles without a record: {self.unrecorded}" if self.unrecorded else ""
