@@ -235,6 +235,18 @@ def test_the_executive_is_a_device_like_any_other(tmp_path: Path) -> None:
     assert report.equal, report
 
 
+def test_what_only_the_executive_knows_is_no_pass_where_all_must_be_judged(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(f"base: {RIG}\nrequire: [{{always: abs(controller.command) < 1e9}}]\n")
+    words = ("plant", str(rig), "--pacing", "lockstep", "--json", *SHORT)
+    device = (*PYTHON, str(CYCLES))
+    for more, code in (((), 0), (("--judge",), 1)):
+        folder = tmp_path / f"run{code}"
+        done = pcpc(*words, *more, "-o", str(folder), "--bus", own_bus(), "--device", *device)
+        assert done.code == code and len(done.summary["not_judged"]) == 1, done
+        assert (done.summary["verdict"] == "ok") == (code == 0), done
+
+
 def test_the_bytes_of_the_contract_are_those_on_the_wire() -> None:
     page = (ROOT / "docs" / "device.md").read_text()
     shown = re.findall(r"^(\w+) +((?:[0-9a-f]{2} ?){2,})$", page, re.MULTILINE)

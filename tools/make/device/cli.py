@@ -58,12 +58,11 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     for key in _CYCLES:
         setattr(summary, key, outcome.health.get("plant", {}).get(key, 0))
     summary.not_judged |= left
-    if outcome.strict:
-        failed = [f"{name} was not judged: {why}" for name, why in left.items()]
-        summary.expectations_failed += failed
     own, summary.expectations_failed = summary.expectations_failed, []
     summary.note_failed(found.problems)
     summary.expectations_failed += own
+    if outcome.strict:
+        summary.note_failed([f"{name} was not judged: {why}" for name, why in left.items()])
     if not options.no_figure and rig.evaluation is not None:
         try:
             judge.draw(log, summary.metrics, folder / "figure.png", who="a device")
