@@ -103,13 +103,16 @@ class Constants:
 
 
 @dataclass(frozen=True)
-class Asked:
+class Assumption:
     """Something that a theorem asks for, whether the run has it, and what was found."""
 
     what: str
     holds: bool
     found: str
     needed: bool = False  # without it nothing of the proof stands
+
+
+Asked = Assumption  # the name until 0.1
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class Proof:
     constants: Constants
     tuned: Sequence[Weights] = ()
     beyond: Mapping[str, Vector] = field(default_factory=dict)
-    asked: Sequence[Asked] = ()
+    asked: Sequence[Assumption] = ()
     ideal_by: str = "least squares over the cycles of the run"
     step_s: float | None = None
     extra: Vector | None = None  # of each cycle, 0 and above

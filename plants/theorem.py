@@ -2,13 +2,13 @@
 
     THEOREMS = {"friction_nn": Theorem(prove, ("controller.w1_*", "controller.v_*"), ("s_rate",))}
 
-by the rig's names of the laws. `prove(told)` returns a `Proof` (plants/lyapunov.py) or raises
+by the rig's names of the laws. `prove(run)` returns a `Proof` (plants/lyapunov.py) or raises
 `NoTheorem` where the case is none of the theorem's. `states` are patterns of variables that no log
 keeps, as weights: a replay of the log recomputes them, bit by bit. Parameters of all blocks are
 there as well.
 
 A law reads its weights at the start of a cycle and writes them at its end: what it used in cycle k
-is recorded in k - 1, so that proofs begin with the second cycle; see `Told.used`.
+is recorded in k - 1, so that proofs begin with the second cycle; see `Cycles.used`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,9 +16,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pcpc.plants.judging import Run
-from pcpc.plants.lyapunov import Asked, Proof, Vector
+from pcpc.plants.lyapunov import Assumption, Proof, Vector
 from pcpc.plants.weights import Weights
 
 LEAST = 20  # cycles of a stretch
@@ -30,7 +31,7 @@ class NoTheorem(Exception):
 
 
 @dataclass(frozen=True)
-class Told:
+class Cycles:
     """A run as a proof sees it, from its second cycle on: n cycles, of which n - 1 have a next.
 
     All columns are those of cycles 1, 2, ...; `used` and `earlier` those of the cycle before each.
@@ -99,6 +100,14 @@ class Told:
         """Return a parameter of the controller as the stretch ended."""
         return self.setting(f"executive:controller.{name}")
 
+    def laws(self, *names: str) -> list[float]:
+        """Return parameters of the controller as the stretch ended."""
+        return [self.law(name) for name in names]
+
+    def settings(self, block: str, names: Sequence[str]) -> list[float]:
+        """Return parameters of a block `NODE:BLOCK.` as the stretch ended."""
+        return [self.setting(block + name) for name in names]
+
     def rate(self, name: str) -> float:
         """Return a tuning rate as the rig declares it, whatever the run tuned by."""
         return self.declared[name] if name in self.declared else self.law(name)
@@ -110,6 +119,10 @@ class Told:
     def used(self, name: str, *shape: int) -> Vector:
         """Return a state of a block as each cycle found it, (n, *shape)."""
         return self._array(name, *shape)[:-1]
+
+    def moved(self, name: str, *shape: int) -> Vector:
+        """Return what each cycle adds to a state of a block, (n, *shape)."""
+        return self.array(name, *shape) - self.used(name, *shape)
 
     def _array(self, name: str, *shape: int) -> Vector:
         size = int(np.prod(shape))
@@ -125,7 +138,7 @@ class Theorem:
     are no settings, the setting that says them, and what they are by all settings.
     """
 
-    prove: Callable[[Told], Proof]
+    prove: Callable[[Cycles], Proof]
     states: Sequence[str] = ()
     rates: Sequence[str] = ()
     block: str = "controller"
@@ -178,7 +191,19 @@ def read_out(w: Vector, nodes: Vector) -> Vector:
     return np.einsum("nkm,nk->nm", w, nodes)
 
 
-def rates_positive(weights: Sequence[Weights]) -> Asked:
+def linearised(phi: Vector, v: Vector, x: Vector, v_lacks: Vector) -> tuple[Vector, ...]:
+    """Return s - s'z, s' and s'V~'x of logistic nodes s, z = V'x; v (n, i, k), x (n, i).
+
+    phi (n, 1 + k + ...): 1, s, and nodes that V does not reach, which stay in the first.
+    """
+    inside = slice(1, 1 + v.shape[2])
+    slope = phi[:, inside] * (1.0 - phi[:, inside])
+    flat = phi.copy()
+    flat[:, inside] -= slope * np.einsum("nij,ni->nj", v, x)
+    return flat, slope, slope * np.einsum("nij,ni->nj", v_lacks, x)
+
+
+def rates_positive(weights: Sequence[Weights]) -> Assumption:
     """Return whether all tuning rates are above 0: a network that rests has no theorem."""
     dead = [one.name for one in weights if not one.rate > 0.0]
     found = (
@@ -186,12 +211,32 @@ def rates_positive(weights: Sequence[Weights]) -> Asked:
         if dead
         else ", ".join(f"{one.name} {one.rate:g}" for one in weights)
     )
-    return Asked("tuning rates above 0", not dead, found, needed=True)
+    return Assumption("tuning rates above 0", not dead, found, needed=True)
 
 
-def acting(asked: Vector, acts: Vector, unit: str) -> Asked:
+def positive(what: str, value: float) -> Assumption:
+    """Return whether what the proof cannot do without is above 0; `what` ends in its symbol."""
+    return Assumption(f"{what} above 0", value > 0.0, f"{what.split()[-1]} {value:g}", needed=True)
+
+
+def switched_on(run: Cycles, what: str, *names: str) -> Assumption:
+    """Return whether switches of the law, without which nothing is tuned, are on."""
+    found = {name: run.law(name) for name in names}
+    words = ", ".join(f"{name} {value:g}" for name, value in found.items())
+    return Assumption(what, all(value > 0.5 for value in found.values()), words, needed=True)
+
+
+def never(what: str, wrong: NDArray[np.bool_], words: str) -> Assumption:
+    """Return whether a cycle is `wrong`, (n,); `words` have {} for the share of those that are."""
+    share = f"{100.0 * float(np.mean(wrong)):.3g} % of the cycles"
+    return Assumption(what, not wrong.any(), words.format(share))
+
+
+def acting(wanted: Vector, acts: Vector, unit: str) -> Assumption:
     """Return whether what acts is what the law wants: no limit, quantum, delay; (n, m) both."""
-    gap = size(acts - asked)[:-1]
-    share = 100.0 * float(np.mean(gap > 1e-9))
-    found = f"differs by up to {gap.max(initial=0.0):.2g} {unit}, in {share:.3g} % of the cycles"
-    return Asked("what acts is what the law computes", share == 0.0, found)
+    gap = size(acts - wanted)[:-1]
+    words = f"differs by up to {gap.max(initial=0.0):.2g} {unit}, in {{}}"
+    return never("what acts is what the law computes", gap > 1e-9, words)
+
+
+Told = Cycles  # the names until 0.1

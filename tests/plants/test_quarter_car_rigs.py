@@ -9,7 +9,6 @@ from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.quarter_car import evaluation
 from pcpc.plants.quarter_car.book import study
-from pcpc.plants.quarter_car.book import study_expected as known
 
 RIGS = sorted(path.stem for path in (FOLDER / "rigs").glob("*.yaml"))
 NAMES = (
@@ -52,7 +51,7 @@ def test_every_strut_has_the_figures_of_an_independent_implementation(
 ) -> None:
     controller, settings = study.STRUTS[strut]
     found = metrics(str(road), controller, *settings)
-    for name, printed in zip(NAMES, known.TABLE[strut][road], strict=True):
+    for name, printed in zip(NAMES, study.known("table", strut, road), strict=True):
         if name is not None and printed:
             digit = 10.0 ** -len(printed.partition(".")[2])
             value = found[name] * (1e3 if name == "spool_max_m" else 1.0)

@@ -14,7 +14,7 @@ from pcpc.executive.log.reader import Node
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.judging import Run
 from pcpc.plants.lyapunov import UNEXPLAINED, Account, Check
-from pcpc.plants.theorem import Told
+from pcpc.plants.theorem import Cycles
 from pcpc.tools.study.bounds import observed
 from pcpc.tools.study.bounds.bounds import of_rig, theorem_of
 from pcpc.tools.study.bounds.retuned import retuned
@@ -184,7 +184,7 @@ def test_of_a_log_with_holes_the_longest_whole_stretch_is_taken() -> None:
         return replace(one, cycle=one.cycle[left], stamp_ns=one.stamp_ns[left], columns=columns)
 
     nodes = {"plant": without("plant", 0, 5), "executive": without("executive", 40, 43)}
-    told = Told(Run(replace(log, node=nodes), 0.1))
+    told = Cycles(Run(replace(log, node=nodes), 0.1))
     account = Account(theorem.prove(told), 10.0)
     assert account.holds and account.unexplained < 1e-9, violated(account)
     assert told.left_out == 40 and account.proof.t_s[0] == pytest.approx(4.4)

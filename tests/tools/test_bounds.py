@@ -11,8 +11,9 @@ import pcpc as pcpc_package
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.theorem import NoTheorem
 from pcpc.tools.start import rigs
-from pcpc.tools.study.bounds import observed
+from pcpc.tools.study.bounds import bounds, observed
 from pcpc.tools.study.bounds.book import theorems
 
 RIG = Path(__file__).resolve().parents[2] / "plants/friction_arm/rigs/friction-c.yaml"
@@ -127,6 +128,26 @@ def test_python_says_the_same(log: Path, tmp_path: Path) -> None:
         pcpc_package.bounds("friction-c", "pd")
 
 
+def test_a_theorem_of_ones_own_is_found_beside_the_model_or_in_its_book(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = tmp_path / "model.py"
+    monkeypatch.setattr(bounds, "model_files", lambda rig: [model])
+    for place, law in (("theorem.py", "mine"), ("book/theorem.py", "other")):
+        file = tmp_path / place
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(f"THEOREMS = {{{law!r}: {law!r}}}\n")
+    assert bounds.known(load_rig(RIG)) == {"mine": "mine", "other": "other"}
+
+
+def test_without_the_book_it_says_where_the_proofs_of_shipped_systems_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(bounds, "PLACES", ("theorem.py", "no-book/theorem.py"))
+    with pytest.raises(NoTheorem, match="in the repository of pcpc only"):
+        bounds.theorem_of(load_rig(RIG))
+
+
 def test_the_experiment_finds_what_is_mistuned_and_what_is_switched_off() -> None:
     rig = str(RIG.parents[2] / "deadzone_map/rigs/fuzzy-d03.yaml")
     rows = theorems.rows_of((rig, "fuzzy"))
@@ -141,5 +162,5 @@ def test_the_experiment_finds_what_is_mistuned_and_what_is_switched_off() -> Non
 
 
 def test_a_picture_is_drawn_of_each_plant_that_has_a_theorem() -> None:
-    plants = {path.parent.name for path in theorems.PLANTS.glob("*/theorem.py")}
+    plants = {path.parents[1].name for path in theorems.PLANTS.glob("*/book/theorem.py")}
     assert plants == set(theorems.SHOWN)

@@ -12,13 +12,14 @@ tuning, so chosen on the nominal barrel alone. `pcpc experiment rivals` runs it.
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.plants.atb1000.book.study import NOMINAL, RIGS, SCENARIOS, random_plant
+from pcpc.plants.atb1000.book.study import NOMINAL, SCENARIOS, random_plant
 from pcpc.plants.atb1000.book.tuning import RMS, STEP
+from pcpc.plants.book.figures import legend_below, page
+from pcpc.plants.book.tables import case_maker
 from pcpc.plants.study import Case, Result, markdown
 
 WITHOUT = ("pd", "pd_star", "pid", "pd_tuned", "pid_tuned", "pd_fast_tuned", "pd_feedforward",
@@ -32,6 +33,8 @@ REFERENCE, NETWORK = "pd_feedforward", "pd_nn_fast"
 SEEDS = tuple(range(101, 107))
 PLANTS, PLANT_SEED, NOISE_SEED = 200, 1902, 7000
 CORE = ("slew10", "sin0.5", "hull")
+SHORTER = {"hull": (("duration_s=8.0",), (4.0, 8.0))}  # and its window
+_case = case_maker(__file__)
 THIRDS = (("friction below 0.8", 0.0, 0.8), ("0.8 to 1.25", 0.8, 1.25), ("above", 1.25, 9.0))
 DRAWN = {"pd_feedforward": "#e69f00", "pd_adaptive": "#009e73", "lqg": "#0072b2",
          "pd_nn_fast": "#d55e00", "pd_nn_fast_tuned": "#cc79a7"}  # fmt: skip
@@ -43,19 +46,14 @@ def cases(plants: int = PLANTS) -> Iterator[Case]:
     for scenario in SCENARIOS:
         for law in LAWS:
             for seed in SEEDS:
-                rig = str(RIGS / f"{scenario}.yaml")
-                yield Case("nominal", rig, law, str(seed), (f"seed={seed}",))
+                yield _case("nominal", scenario, law, str(seed), f"seed={seed}")
     rng = np.random.default_rng(PLANT_SEED)
     for i in range(plants):
         own = (f"seed={NOISE_SEED + i}", *random_plant(rng))
         for law in ON_PLANTS:
             for scenario in CORE:
-                rig = str(RIGS / f"{scenario}.yaml")
-                if scenario == "hull":
-                    first = ("duration_s=8.0", *own)
-                    yield Case("plants", rig, law, str(i), first, window_s=(4.0, 8.0))
-                else:
-                    yield Case("plants", rig, law, str(i), own)
+                first, window_s = SHORTER.get(scenario, ((), None))
+                yield _case("plants", scenario, law, str(i), *first, *own, window_s=window_s)
 
 
 class Table:
@@ -91,7 +89,7 @@ def interval(ratio: Array) -> tuple[float, float, float]:
     return float(np.exp(logs.mean())), float(np.exp(low)), float(np.exp(high))
 
 
-def told(ratio: Array) -> str:
+def mean_ratio(ratio: Array) -> str:
     """Return a ratio with its interval."""
     return "{:.3g} ({:.3g} to {:.3g})".format(*interval(ratio))
 
@@ -136,7 +134,7 @@ def _best(rms: Table) -> str:
         classic, net = (min(laws, key=lambda law: rms.mean(s, law)) for laws in (WITHOUT, NETWORKS))
         ratio = rms[s, net] / rms[s, classic]
         rows.append([s, f"{classic} {rms.mean(s, classic):.3g}", f"{net} {rms.mean(s, net):.3g}",
-                     told(ratio), told(rms[s, NETWORK] / rms[s, classic])])  # fmt: skip
+                     mean_ratio(ratio), mean_ratio(rms[s, NETWORK] / rms[s, classic])])  # fmt: skip
     head = ("scenario", "best without a network", "best with one", "ratio", f"ratio of {NETWORK}")
     return markdown(head, rows)
 
@@ -149,7 +147,7 @@ def _on_plants(rms: Table, count: int) -> str:
             row = [s, law, f"{np.median(own):.3g}, {own.max():.3g}"]
             for other in (REFERENCE, NETWORK):
                 wins = int((own < rms[s, other]).sum())
-                row += ["", ""] if law == other else [told(own / rms[s, other]), str(wins)]
+                row += ["", ""] if law == other else [mean_ratio(own / rms[s, other]), str(wins)]
             rows.append(row)
     head = ("", "law", "rms", f"to {REFERENCE}", f"better of {count}", f"to {NETWORK}", "better")
     return markdown(head, rows)
@@ -175,19 +173,17 @@ def _by_friction(rms: Table, friction: Array) -> str:
             cells = []
             for _, low, high in THIRDS:
                 some = ratio[(friction >= low) & (friction < high)]
-                cells.append(told(some) if len(some) > 2 else "")
+                cells.append(mean_ratio(some) if len(some) > 2 else "")
             rows.append([s, law, *cells])
     return markdown(("", "law", *(name for name, _, _ in THIRDS)), rows)
 
 
 def draw(results: Sequence[Result], path: Path) -> None:
     """Draw the error on each random plant over its friction, and the medians of six bins."""
-    from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter, ScalarFormatter
 
     rms, friction = Table(results, "plants", RMS), frictions(results)
-    page = Figure(figsize=(12.0, 4.8), layout="constrained")
-    axes: Any = page.subplots(1, len(CORE))
+    figure, axes = page((12.0, 4.8), 110, 1, len(CORE))
     edges = np.geomspace(0.5, 2.0, 7)
     for ax, scenario in zip(axes, CORE, strict=True):
         for law, colour in DRAWN.items():
@@ -209,6 +205,5 @@ def draw(results: Sequence[Result], path: Path) -> None:
         ax.set_title(scenario, fontsize=10)
         ax.grid(alpha=0.3, which="both")
     axes[0].set_ylabel("muzzle error rms [mrad]")
-    handles, names = axes[0].get_legend_handles_labels()
-    page.legend(handles, names, frameon=False, ncols=5, fontsize=9, loc="outside lower center")
-    page.savefig(path, dpi=110)
+    legend_below(figure, axes[0], 5)
+    figure.savefig(path)

@@ -3,16 +3,18 @@
 1 kHz and sensor noise seed 1 unless a table says otherwise.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from pcpc.plants.atb1000.book.study_figures import draw_all, draw_monte_carlo
+from pcpc.plants.book.tables import by_case, case_maker
 from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 9
 TITLE = "Chapter 9: the flexible barrel"
-RIGS = Path(__file__).resolve().parents[1] / "rigs"
+_case = case_maker(__file__)
 SCENARIOS = ("slew10", "slew25", "bang10", "step10", "step25", "sin0.2", "sin0.5", "sin1.0", "hull",
              "hullrand", "lowspeed", "fire", "firetrack")  # fmt: skip
 CONTROLLERS = ("pd", "pd_star", "pid", "pd_fast", "pd_nn", "pd_nn_fast", "nn_backstepping")
@@ -20,19 +22,14 @@ DRAWN = ("pd", "pid", "pd_nn_fast", "nn_backstepping")
 CORE = ("slew10", "sin0.5", "hull")
 VARIED = ("pd", "pid", "pd_fast", "pd_nn_fast", "nn_backstepping")
 
-FRICTION = (
-    "coulomb_Nm",
-    "breakaway_Nm",
-    "sig2_Nms_rad",
-    "motor_coulomb_Nm",
-    "motor_viscous_Nms_rad",
-)
 NOMINAL = {
     "coulomb_Nm": 2.0, "breakaway_Nm": 3.0, "sig2_Nms_rad": 0.8, "motor_coulomb_Nm": 0.020,
     "motor_viscous_Nms_rad": 1e-4, "tip_mass_kg": 0.15, "gap_rad": 1e-3, "ks_Nm_rad": 6e4,
     "cs_Nms_rad": 40.0, "hub_inertia_kg_m2": 1.2, "unbalance_Nm": 2.5, "young_Pa": 205e9,
     "zeta1": 0.008, "zeta2": 0.008, "zeta3": 0.010, "mesh_loss": 0.06,
 }  # fmt: skip
+FRICTION = ("coulomb_Nm", "breakaway_Nm", "sig2_Nms_rad", "motor_coulomb_Nm",
+            "motor_viscous_Nms_rad")  # fmt: skip
 DRAWS, DRAW_SEED, NOISE_SEED = 50, 2024, 1000
 SEEDS = {"hull": 50, "sin0.5": 50, "sin0.2": 10}  # a gap limit cycle makes one seed worthless
 
@@ -71,12 +68,6 @@ ABLATIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("controller.f2_rate=0.0", "controller.fj2_rate=0.0", "controller.g2_rate=0.0"),
     ),
 }
-
-
-def _case(
-    group: str, scenario: str, controller: str, label: str, *settings: str, **more: object
-) -> Case:
-    return Case(group, str(RIGS / f"{scenario}.yaml"), controller, label, settings, **more)  # type: ignore[arg-type]
 
 
 def cases() -> Iterator[Case]:
@@ -129,27 +120,12 @@ def monte_carlo() -> Iterator[Case]:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw signals and networks of the main scenarios, and the random plants."""
-    from pcpc.plants.atb1000.book.study_figures import draw_all, draw_monte_carlo
-
     draw_all([r for r in results if r.traces], folder)
     draw_monte_carlo(of_group(results, "monte carlo"), folder / "monte-carlo.png")
 
 
-def _of(results: Sequence[Result], group: str) -> dict[tuple[str, str, str], Result]:
-    """Return the results of a group by (scenario, controller, label)."""
-    return {
-        (Path(r.case.rig).stem, r.case.controller, r.case.label): r
-        for r in results
-        if r.case.group == group
-    }
-
-
 def _rms(result: Result) -> float:
-    return (
-        float("inf")
-        if result.diverged
-        else result.metrics.get("muzzle_error_rms_mrad", float("nan"))
-    )
+    return result.metric("muzzle_error_rms_mrad")
 
 
 def _short(result: Result) -> str:
@@ -158,43 +134,31 @@ def _short(result: Result) -> str:
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    parts = ["Muzzle error rms in mrad, window of each scenario, 1 kHz, seed 1.\n"]
-    main = _of(results, "main")
-    rows = [[s, *(f"{_rms(main[s, c, c]):.3g}" for c in CONTROLLERS)] for s in SCENARIOS]
-    parts.append(markdown(("scenario", *CONTROLLERS), rows))
-    parts.append("Largest muzzle error in mrad.\n")
-    rows = [
-        [s, *(f"{main[s, c, c].metrics['muzzle_error_max_mrad']:.3g}" for c in CONTROLLERS)]
-        for s in SCENARIOS
-    ]
-    parts.append(markdown(("scenario", *CONTROLLERS), rows))
-    parts.append(
-        "Step of the command from cycle to cycle, rms, N m at the output: what the gear feels.\n"
-    )
-    rows = [
-        [s, *(f"{main[s, c, c].metrics['command_step_rms_Nm']:.2g}" for c in CONTROLLERS)]
-        for s in SCENARIOS
-    ]
-    parts.append(markdown(("scenario", *CONTROLLERS), rows))
-    parts.append(_ablations(results))
-    parts.append(
-        _grid(results, "variation", "Variations: rms mrad | command step N m", list(VARIATIONS))
-    )
-    parts.append(
-        _grid(
-            results,
-            "rate",
-            "Rates in Hz: rms mrad | command step N m",
-            ["500", "1000", "2000", "4000"],
-        )
-    )
-    parts.append(_seeds(results))
-    parts.append(_draws(results))
-    return "\n".join(parts)
+    return "\n".join((
+        "Muzzle error rms in mrad, window of each scenario, 1 kHz, seed 1.\n",
+        _main(results, lambda r: f"{_rms(r):.3g}"),
+        "Largest muzzle error in mrad.\n",
+        _main(results, lambda r: f"{r.metrics['muzzle_error_max_mrad']:.3g}"),
+        "Step of the command from cycle to cycle, rms, N m at the output: what the gear feels.\n",
+        _main(results, lambda r: f"{r.metrics['command_step_rms_Nm']:.2g}"),
+        _ablations(results),
+        _grid(results, "variation", "Variations: rms mrad | command step N m", list(VARIATIONS)),
+        _grid(results, "rate", "Rates in Hz: rms mrad | command step N m",
+              ["500", "1000", "2000", "4000"]),
+        _seeds(results),
+        _draws(results),
+    ))  # fmt: skip
+
+
+def _main(results: Sequence[Result], cell: Callable[[Result], str]) -> str:
+    """Return a row a scenario, a column a controller."""
+    main = by_case(results, "main")
+    rows = [[s, *(cell(main[s, c, c]) for c in CONTROLLERS)] for s in SCENARIOS]
+    return markdown(("scenario", *CONTROLLERS), rows)
 
 
 def _ablations(results: Sequence[Result]) -> str:
-    found = _of(results, "ablation")
+    found = by_case(results, "ablation")
     scenarios = list(dict.fromkeys(key[0] for key in found))
     rows = [
         [label, *(_short(found[s, controller, label]) for s in scenarios)]
@@ -204,7 +168,7 @@ def _ablations(results: Sequence[Result]) -> str:
 
 
 def _grid(results: Sequence[Result], group: str, title: str, labels: Sequence[str]) -> str:
-    found = _of(results, group)
+    found = by_case(results, group)
     rows = [
         [label, scenario, *(_short(found[scenario, c, label]) for c in VARIED)]
         for label in labels
@@ -219,7 +183,7 @@ def _spread(values: Sequence[float]) -> str:
 
 
 def _seeds(results: Sequence[Result]) -> str:
-    found = _of(results, "seeds")
+    found = by_case(results, "seeds")
     rows = []
     for scenario, seeds in SEEDS.items():
         row = [scenario, str(seeds)]
@@ -233,7 +197,7 @@ def _seeds(results: Sequence[Result]) -> str:
 
 
 def _draws(results: Sequence[Result]) -> str:
-    found = _of(results, "monte carlo")
+    found = by_case(results, "monte carlo")
     rows = []
     for scenario in ("slew10", "sin0.5", "hull"):
         base = [_rms(found[scenario, "pd", str(i)]) for i in range(DRAWS)]
@@ -250,16 +214,6 @@ def _draws(results: Sequence[Result]) -> str:
         f"Monte Carlo, {DRAWS} draws of ten plant factors (hull: first 8 s): rms mrad "
         "min / median / p95 / max\n\n"
     )
-    return text + markdown(
-        (
-            "scenario",
-            "controller",
-            "rms",
-            "ratio to pd",
-            "draws better than pd",
-            "2.3 times",
-            "5 times",
-            "diverged",
-        ),
-        rows,
-    )
+    head = ("scenario", "controller", "rms", "ratio to pd", "draws better than pd", "2.3 times",
+            "5 times", "diverged")  # fmt: skip
+    return text + markdown(head, rows)

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.plants.book.figures import legend_below, name_rows, page
+from pcpc.plants.book.tables import rig_name
 from pcpc.plants.study import Result
 
 COLOURS = {"pd": "#7f7f7f", "pid": "#0072b2", "pd_nn_fast": "#d55e00", "nn_backstepping": "#009e73"}
@@ -15,15 +17,16 @@ TIMES = (1.0, 2.3, 5.0)  # counted in the table too
 
 def draw_all(results: Sequence[Result], folder: Path) -> None:
     """Draw all scenarios that `results` hold traces of."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    folder.mkdir(parents=True, exist_ok=True)
-    scenarios = list(dict.fromkeys(Path(r.case.rig).stem for r in results))
-    for scenario in scenarios:
-        own = [r for r in results if Path(r.case.rig).stem == scenario]
+    for scenario, own in _by_scenario(results).items():
         _signals(scenario, own, folder / f"{scenario}.png")
         _networks(scenario, own, folder / f"{scenario}-networks.png")
+
+
+def _by_scenario(results: Sequence[Result]) -> dict[str, list[Result]]:
+    found: dict[str, list[Result]] = {}
+    for result in results:
+        found.setdefault(rig_name(result), []).append(result)
+    return found
 
 
 def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
@@ -31,18 +34,11 @@ def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
 
     Each step of a curve is a plant: its own error with plain PD over that with the controller.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
     from matplotlib.ticker import NullFormatter, ScalarFormatter
 
-    scenarios = list(dict.fromkeys(Path(r.case.rig).stem for r in results))
-    figure, axes = pyplot.subplots(
-        1, len(scenarios), figsize=(12, 4.6), sharey=True, layout="constrained"
-    )
-    for ax, scenario in zip(axes, scenarios, strict=True):
-        own = [r for r in results if Path(r.case.rig).stem == scenario]
+    scenarios = _by_scenario(results)
+    figure, axes = page((12, 4.6), 110, 1, len(scenarios), sharey=True)
+    for ax, (scenario, own) in zip(axes, scenarios.items(), strict=True):
         base = {r.case.label: _rms(r) for r in own if r.case.controller == "pd"}
         for name in (n for n in COLOURS if n != "pd"):
             mine = [r for r in own if r.case.controller == name]
@@ -63,8 +59,7 @@ def draw_monte_carlo(results: Sequence[Result], path: Path) -> None:
     axes[0].set_ylim(0.0, len(base) + 1.0)
     axes[0].set_yticks(range(0, len(base) + 1, 5))
     axes[-1].legend(frameon=False, fontsize=8, loc="upper right")
-    figure.savefig(path, dpi=110)
-    pyplot.close(figure)
+    figure.savefig(path)
 
 
 def _rms(result: Result) -> float:
@@ -72,9 +67,7 @@ def _rms(result: Result) -> float:
 
 
 def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(4, 1, figsize=(9, 10), sharex=True, layout="constrained")
+    figure, axes = page((9, 10), 110, 4, 1, sharex=True)
     q_d = results[0].traces["executive:reference.q_d_rad"]
     in_degrees = np.abs(q_d).max() >= 1.0 / DEG  # else in the unit of the error below
     unit, scale = ("deg", DEG) if in_degrees else ("mrad", MRAD)
@@ -93,9 +86,7 @@ def _signals(scenario: str, results: Sequence[Result], path: Path) -> None:
 
 
 def _networks(scenario: str, results: Sequence[Result], path: Path) -> None:
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    figure, axes = page((12, 3.6), 110, 1, 3)
     for result in results:
         x, name = result.traces, result.case.controller
         style: dict[str, Any] = {"color": COLOURS[name], "linewidth": 0.9, "label": name}
@@ -103,35 +94,22 @@ def _networks(scenario: str, results: Sequence[Result], path: Path) -> None:
         axes[1].plot(x["t"], x["executive:controller.norm_z"], **style)
         rate = x["executive:reference.q_d_rate_rad_s"] - x["plant:barrel.theta_rate_rad_s"]
         axes[2].plot(MRAD * x["hub_error_rad"], MRAD * rate, **style)
-    for ax, (below, beside) in zip(
-        axes,
-        (
-            ("time [s]", "network [N m]"),
-            ("time [s]", "norm of weights"),
-            ("e [mrad]", "e' [mrad/s]"),
-        ),
-        strict=True,
-    ):
-        ax.set_xlabel(below)
-        ax.set_ylabel(beside)
+    axes[0].set(xlabel="time [s]", ylabel="network [N m]")
+    axes[1].set(xlabel="time [s]", ylabel="norm of weights")
+    axes[2].set(xlabel="e [mrad]", ylabel="e' [mrad/s]")
+    for ax in axes:
         ax.grid(alpha=0.3)
-    handles, names = axes[2].get_legend_handles_labels()
-    figure.legend(handles, names, frameon=False, fontsize=8, ncols=5, loc="outside lower center")
+    legend_below(figure, axes[2], 5, size=8)
     figure.suptitle(f"{scenario}: network output, weight norm, phase plane of the hub", fontsize=11)
-    figure.savefig(path, dpi=110)
-    pyplot.close(figure)
+    figure.savefig(path)
 
 
 def _finish(figure: Any, axes: Any, labels: Sequence[str], title: str, path: Path) -> None:
-    from matplotlib import pyplot
-
-    for ax, label in zip(axes, labels, strict=True):
-        ax.set_ylabel(label)
+    name_rows(axes[:, None], labels, "time [s]")
+    for ax in axes:
         ax.grid(alpha=0.3)
     axes[0].legend(
         frameon=False, fontsize=8, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0)
     )
-    axes[-1].set_xlabel("time [s]")
     figure.suptitle(title, fontsize=12)
-    figure.savefig(path, dpi=110)
-    pyplot.close(figure)
+    figure.savefig(path)

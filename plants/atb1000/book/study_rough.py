@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.plants.atb1000.book.study import random_plant
+from pcpc.plants.atb1000.book.study_rough_figure import draw_costs
 from pcpc.plants.atb1000.ports import load_parameters
 from pcpc.plants.study import Case, Result, markdown
 
@@ -109,8 +110,8 @@ def report(results: Sequence[Result]) -> str:
         steps = [column(results, law, kind, STEP) for kind in (NONE, ALL)]
         ratio = costs(results, law, ALL)
         rows.append(
-            [law, *(f"{np.median(one):.3g}" for one in pair), _told(ratio), f"{_bad(ratio):.2f}",
-             f"{ratio.max():.2f}", str(before[law]), str(after[law]),
+            [law, *(f"{np.median(one):.3g}" for one in pair), _median_cost(ratio),
+             f"{_bad(ratio):.2f}", f"{ratio.max():.2f}", str(before[law]), str(after[law]),
              *(f"{np.median(one):.2g}" for one in steps), str(int(np.isinf(pair[1]).sum()))]
         )  # fmt: skip
     parts = [
@@ -128,7 +129,7 @@ def report(results: Sequence[Result]) -> str:
     )
 
 
-def _told(values: Vector) -> str:
+def _median_cost(values: Vector) -> str:
     middle, low, high = interval(values)
     return f"{middle:.3f} ({low:.3f} to {high:.3f})"
 
@@ -139,8 +140,6 @@ def _bad(values: Vector) -> float:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw the cost of each part for each law, and the errors without and with all."""
-    from pcpc.plants.atb1000.book.study_rough_figure import draw_costs
-
     kinds = (*PARTS, ALL)
     table = np.array([[_bad(costs(results, law, kind)) for law in LAWS] for kind in kinds])
     errors = [[column(results, law, kind) for law in LAWS] for kind in (NONE, ALL)]

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.plants.book.figures import page
+
 Vector = NDArray[np.float64]
 LIMIT = 2.0  # of the colours; a cost beyond it is as red
 
@@ -18,14 +20,7 @@ def draw_costs(
     path: Path,
 ) -> None:
     """Draw `table` (kinds, laws) of costs, and errors (without, with) of each law, mrad."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, (left, right) = pyplot.subplots(
-        1, 2, figsize=(12, 4.8), width_ratios=(1.5, 1.0), layout="constrained"
-    )
+    figure, (left, right) = page((12, 4.8), 100, 1, 2, width_ratios=(1.5, 1.0))
     shown = np.clip(np.log2(table), -np.log2(LIMIT), np.log2(LIMIT))
     left.imshow(shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
     for (row, at), value in np.ndenumerate(table):
@@ -50,5 +45,4 @@ def draw_costs(
     right.set_xlabel("muzzle error rms [mrad]: median, 5 to 95 %")
     right.grid(alpha=0.3)
     right.legend(frameon=False, fontsize=9)
-    figure.savefig(path, dpi=100)
-    pyplot.close(figure)
+    figure.savefig(path)

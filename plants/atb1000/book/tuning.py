@@ -21,10 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
+from pcpc.plants.book.tables import case_maker
 from pcpc.plants.study import Case, Result
 
 FOLDER = Path(__file__).resolve().parent
 RIGS = FOLDER.parent / "rigs"
+_case = case_maker(__file__)
 TABLE = FOLDER / "tuning.csv"
 SCENARIOS = ("slew10", "sin0.5", "hull", "lowspeed")
 SEEDS = (11, 12)
@@ -108,7 +110,7 @@ def cases(laws: Iterable[str] = tuple(RANGES)) -> Iterator[Case]:
             for scenario in SCENARIOS:
                 for seed in SEEDS:
                     own = (*settings(gains), f"seed={seed}")
-                    yield Case("tuning", str(RIGS / f"{scenario}.yaml"), law, str(number), own)
+                    yield _case("tuning", scenario, law, str(number), *own)
 
 
 def rows(results: Sequence[Result], margins: Mapping[tuple[str, int], float]) -> list[Row]:

@@ -9,11 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
+from pcpc.plants.backlash_map.book.study_figures import draw_laws, draw_steps
+from pcpc.plants.book.tables import (
+    beside,
+    case_maker,
+    expected_figures,
+    labelled,
+    labels,
+    least_to_largest,
+    rig_name,
+)
 from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 5
 TITLE = "Chapter 5.3: a map behind backlash"
-RIGS = Path(__file__).resolve().parents[1] / "rigs"
+_case, known = case_maker(__file__), expected_figures(__file__)
 MAIN, LATE, IDEAL = "backlash-map", "backlash-map-late", "backlash-map-ideal"
 REPEATS, SEEDS = 40, 40
 UNGUARDED = "controller.r_max=1e12"
@@ -24,25 +34,12 @@ TRACES = (
 )  # fmt: skip
 SHORT = ("duration_s=1.0",)  # every step is in its traces
 
-# of an independent implementation: rms and largest of 1-5 s, rms and largest of 10-20 s, settled
-REFERENCE = {
-    (IDEAL, "pd"): ("0.0338", "0.1350", "0.0000", "0.0000", "1.50"),
-    (MAIN, "pd"): ("0.5244", "0.8776", "0.7568", "1.0000", "never"),
-    (MAIN, "inversion"): ("0.5244", "0.8776", "0.7568", "1.0000", "never"),
-    (MAIN, "nn_sigmoid"): ("0.0773", "0.3195", "0.0704", "0.2486", "never"),
-}
-COLUMNS = (
+COLUMNS = (  # metric, digits
     ("early_error_rms", 4), ("early_error_max", 4), ("error_rms", 4), ("error_max", 4),
     ("settled_s", 2),
 )  # fmt: skip
-MANY = {  # group: title, the reference's ranges
-    "repeats": ("nn, repeats", ("0.0004", "0.0007", "0.0006-0.0029", "0.008-0.09", "0.04-19")),
-    "model": (
-        "nn, c = 0.15 in the law, repeats",
-        ("0.056-0.064", "0.22-0.33", "0.059-0.066", "0.22-0.25", "never"),
-    ),
-}
-SIGNS = {  # label: settings, and what the reference says
+MANY = {"repeats": "nn, repeats", "model": "nn, c = 0.15 in the law, repeats"}
+SIGNS = {  # label: settings, and what an independent implementation says
     "cr = +1": (("controller.cr=1.0", UNGUARDED), "runs away"),
     "cr = +0.3": (("controller.cr=0.3", UNGUARDED), "runs away"),
     "cr = +1, guarded": (("controller.cr=1.0",), ""),
@@ -52,10 +49,6 @@ SIGNS = {  # label: settings, and what the reference says
     "rho = 0": (("controller.smoothing=0.0",), "works"),
     "rho = 0.99": (("controller.smoothing=0.99",), "works"),
 }
-
-
-def _case(group: str, rig: str, law: str, label: str, *settings: str, **more: object) -> Case:
-    return Case(group, str(RIGS / f"{rig}.yaml"), law, label, settings, **more)  # type: ignore[arg-type]
 
 
 def repeat(i: int) -> str:
@@ -94,11 +87,6 @@ def cases() -> Iterator[Case]:
         yield _case("signs", MAIN, "nn", label, *settings)
 
 
-def labelled(results: Sequence[Result], group: str, label: str = "") -> list[Result]:
-    """Return the results of a group that have this label."""
-    return [result for result in of_group(results, group) if result.case.label == label]
-
-
 def figure(value: float, digits: int) -> str:
     """Return the text of a metric; what never settles does so in the last period."""
     if digits == 2 and value > 19.99:
@@ -108,9 +96,11 @@ def figure(value: float, digits: int) -> str:
 
 def span(results: Sequence[Result], name: str, digits: int = 4) -> str:
     """Return `least-largest` of a metric, or one number where they print alike."""
-    values = [result.metric(name) for result in results]
-    low, high = figure(min(values), digits), figure(max(values), digits)
-    return low if low == high else f"{low}-{high}"
+    return least_to_largest(results, lambda r: r.metric(name), lambda v: figure(v, digits))
+
+
+def _spans(results: Sequence[Result]) -> list[str]:
+    return [span(results, name, digits) for name, digits in COLUMNS]
 
 
 def late_peaks(runs: Sequence[Result]) -> str:
@@ -127,15 +117,10 @@ def report(results: Sequence[Result]) -> str:
 def _main(results: Sequence[Result]) -> str:
     rows = []
     for result in of_group(results, "main"):
-        key = (Path(result.case.rig).stem, result.case.controller)
-        known = REFERENCE.get(key, ("",) * len(COLUMNS))
-        values = [figure(result.metric(name), digits) for name, digits in COLUMNS]
-        pairs = (f"{v} ({k})" if k else v for v, k in zip(values, known, strict=True))
-        rows.append([result.case.label, *pairs])
-    for group, (title, known) in MANY.items():
-        found = of_group(results, group)
-        values = [span(found, name, digits) for name, digits in COLUMNS]
-        rows.append([title, *(f"{v} ({k})" for v, k in zip(values, known, strict=True))])
+        other = known("main", rig_name(result), result.case.controller)
+        rows.append([result.case.label, *beside(_spans([result]), other)])
+    for group, title in MANY.items():
+        rows.append([title, *beside(_spans(of_group(results, group)), known("many", group))])
     head = ("law", "rms 1-5 s", "max 1-5 s", "rms 10-20 s", "max 10-20 s", "last abs(e) > 0.05")
     return (
         "e = x2 - x_d; in brackets an independent implementation without a bus; a single run of a "
@@ -145,14 +130,14 @@ def _main(results: Sequence[Result]) -> str:
 
 def _seeds(results: Sequence[Result]) -> str:
     runs = of_group(results, "seeds")
-    known = {
+    independent = {
         "early_error_rms": ("0.0003", "0.0005"), "early_error_max": ("0.0006", "0.0009"),
         "error_rms": ("0.0009", "0.0032"), "error_max": ("0.009", "0.10"),
         "settled_early_s": ("0.08", "0.27"), "x2_max": ("1.56", ""),
         "command_jump_median": ("0.38", ""), "command_jumps_share": ("0.72", ""),
     }  # fmt: skip
     rows = []
-    for name, (median, worst) in known.items():
+    for name, (median, worst) in independent.items():
         values = [result.metric(name) for result in runs]
         rows.append([name, f"{np.median(values):.4f}", median, f"{max(values):.4f}", worst])
     head = ("nn", "median", "independent", "worst", "independent")
@@ -166,7 +151,7 @@ def _seeds(results: Sequence[Result]) -> str:
 
 def _late(results: Sequence[Result]) -> str:
     rows = []
-    for label in dict.fromkeys(result.case.label for result in of_group(results, "late")):
+    for label in labels(results, "late"):
         runs = labelled(results, "late", label)
         cut = sum(result.metric("diverged") > 0.5 for result in runs)
         names = ("early_error_rms", "error_rms", "error_max", "settled_s")
@@ -202,8 +187,6 @@ def _signs(results: Sequence[Result]) -> str:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw PD and NN beside each other, and what u does from step to step."""
-    from pcpc.plants.backlash_map.book.study_figures import draw_laws, draw_steps
-
     main = {r.case.label: r for r in of_group(results, "main")}
     wanted = ("pd without gap", "pd", "nn_sigmoid", "nn")
     draw_laws([main[label] for label in wanted], folder / "backlash-map.png")

@@ -9,11 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
+from pcpc.plants.backlash_pendulum.book.study_figures import draw_attribution, draw_cases
+from pcpc.plants.book.tables import (
+    beside,
+    case_maker,
+    expected_figures,
+    labelled,
+    labels,
+    least_to_largest,
+    rig_name,
+)
 from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 5
 TITLE = "Chapter 5.2: a pendulum behind backlash"
-RIGS = Path(__file__).resolve().parents[1] / "rigs"
+_case, known = case_maker(__file__), expected_figures(__file__)
 MAIN, LATE, IDEAL = "backlash-pendulum", "backlash-pendulum-late", "backlash-pendulum-ideal"
 LAWS = ("pd", "robust", "nn")
 REPEATS, SEEDS = 12, 10
@@ -24,26 +34,13 @@ TRACES = (
     "executive:controller.network_Nm_s", "executive:controller.robust_Nm_s",
 )  # fmt: skip
 
-# of an independent implementation of the same equations, without a bus
-REFERENCE = {
-    (IDEAL, "pd"): ("1.1", "1.8", "1.2", "0.052", "9.9"),
-    (MAIN, "pd"): ("17.0", "52.4", "63.6", "1.218", "20.3"),
-    (MAIN, "robust"): ("4.9", "14.3", "35.5", "0.700", "11.2"),
-    (MAIN, "nn"): ("1.1", "4.5", "8.3", "0.195", "4.9"),
-    (LATE, "pd"): ("16.9", "", "", "", ""),
-    (LATE, "robust"): ("5.3", "", "", "", ""),
-    (LATE, "nn"): ("1.0-1.1", "4.0-4.5", "", "", ""),
+VARIED: dict[str, tuple[str, ...]] = {
+    "1 sample late": ("pendulum.delay_samples=1.0",),
+    "2 samples late": ("pendulum.delay_samples=2.0",),
+    "3 samples late": ("pendulum.delay_samples=3.0",),
+    "500 Hz": ("rate_hz=500.0",),
+    "200 Hz": ("rate_hz=200.0",),
 }
-VARIED: dict[
-    str, tuple[tuple[str, ...], str, str]
-] = {  # label: settings, and the reference's ranges over 12 repeats: rms, largest
-    "1 sample late": (("pendulum.delay_samples=1.0",), "1.0-1.1", "4.0-4.5"),
-    "2 samples late": (("pendulum.delay_samples=2.0",), "1.5-1.6", "5.4"),
-    "3 samples late": (("pendulum.delay_samples=3.0",), "1.3-1.6", "4.2-4.7"),
-    "500 Hz": (("rate_hz=500.0",), "1.7", "6.0-6.2"),
-    "200 Hz": (("rate_hz=200.0",), "2.1-2.7", "7.0-9.7"),
-}
-WORST = ("1.2", "1.3", "1.6", "1.7")  # the reference's worst of ten seeds, 0 to 3 samples late
 HALF, LIGHT, INVERTED = (
     ("pendulum.mass_kg=0.5", "controller.model_gravity_Nm=12.2625"),
     ("pendulum.mass_kg=0.16", "controller.model_gravity_Nm=3.924"),
@@ -56,22 +53,15 @@ MODELS: dict[str, tuple[str, ...]] = {
     "sign of sin reversed": INVERTED,
 }
 NO_LAYER = ("controller.layer_Nm=0.0", "controller.layer_ratio=1e30", "controller.u_max_Nm=1e9")
-ATTRIBUTION: dict[str, tuple[str, tuple[str, ...], str]] = {
-    "PD, Kb = 15": ("pd", (), "17.0"),
-    "network without robust term": ("nn", ("controller.robust_on=0.0",), "12-16"),
-    "robust term alone, Z_M = 1": ("robust", (), "4.9"),
-    "robust term alone, Z_M = 11": ("robust", ("controller.z_bound=11.0",), "1.5"),
-    "robust term alone, Z_M = 25": ("robust", ("controller.z_bound=25.0",), "1.2"),
-    "PD, Kb = 50": ("pd", ("controller.kb_per_s=50.0",), ""),
-    "PD, Kb = 100": ("pd", ("controller.kb_per_s=100.0",), ""),
-    "PD, Kb = 200": ("pd", ("controller.kb_per_s=200.0",), ""),
-    "PD, Kb = 400": ("pd", ("controller.kb_per_s=400.0",), ""),
-    "all of case 3": ("nn", (), "1.1"),
+ATTRIBUTION = {  # label: law, settings
+    "PD, Kb = 15": ("pd",),
+    "network without robust term": ("nn", "controller.robust_on=0.0"),
+    "robust term alone, Z_M = 1": ("robust",),
+    "robust term alone, Z_M = 11": ("robust", "controller.z_bound=11.0"),
+    "robust term alone, Z_M = 25": ("robust", "controller.z_bound=25.0"),
+    **{f"PD, Kb = {kb}": ("pd", f"controller.kb_per_s={kb}.0") for kb in (50, 100, 200, 400)},
+    "all of case 3": ("nn",),
 }
-
-
-def _case(group: str, rig: str, law: str, label: str, *settings: str, **more: object) -> Case:
-    return Case(group, str(RIGS / f"{rig}.yaml"), law, label, settings, **more)  # type: ignore[arg-type]
 
 
 def repeat(i: int) -> str:
@@ -84,17 +74,22 @@ def late(samples: int) -> str:
     return f"pendulum.delay_samples={float(samples)}"
 
 
+def seeded(seed: int) -> str:
+    """Return the setting that draws a first layer."""
+    return f"controller.network_seed={float(seed)}"
+
+
 def cases() -> Iterator[Case]:
     """Yield all runs."""
     for rig in (IDEAL, MAIN, LATE):
         for law in LAWS:
             yield _case("main", rig, law, f"{rig} {law}", traces=TRACES)
-    for label, (settings, *_) in VARIED.items():
+    for label, settings in VARIED.items():
         for i in range(REPEATS):
             yield _case("varied", MAIN, "nn", label, *settings, repeat(i))
     for samples in range(4):
         for seed in range(SEEDS):
-            drawn = (late(samples), f"controller.network_seed={float(seed)}")
+            drawn = (late(samples), seeded(seed))
             yield _case("seeds", MAIN, "nn", str(samples), *drawn)
             minute = ("duration_s=60.0", *drawn)
             yield _case("minute", MAIN, "nn", str(samples), *minute, window_s=(2.0, 60.0))
@@ -105,9 +100,9 @@ def cases() -> Iterator[Case]:
         "command_lsb_Nm=1e-2",
     )
     yield _case("coarse", MAIN, "nn", "coarse sensors", *(f"pendulum.{one}" for one in lsb))
-    for label, (law, settings, _) in ATTRIBUTION.items():
+    for label, (law, *own) in ATTRIBUTION.items():
         for samples in (0, 3):
-            yield _case("attribution", MAIN, law, f"{label} {samples}", *settings, late(samples))
+            yield _case("attribution", MAIN, law, f"{label} {samples}", *own, late(samples))
     yield from layers()
     for label, settings in MODELS.items():
         for law, samples in (("pd", 0), ("robust", 0), ("nn", 0), ("nn", 1)):
@@ -124,18 +119,13 @@ def layers() -> Iterator[Case]:
         fixed = (f"controller.layer_Nm={width}", "controller.layer_ratio=1e30")
         for samples in (0, 1):
             for seed in range(SEEDS):
-                drawn = (late(samples), f"controller.network_seed={float(seed)}")
+                drawn = (late(samples), seeded(seed))
                 yield _case("layer", MAIN, "nn", f"fixed {width}, {samples}", *fixed, *drawn)
     for ratio in (0.15, 0.20, 0.25, 0.40):
         for seed in range(SEEDS):
-            drawn = (late(3), f"controller.network_seed={float(seed)}")
+            drawn = (late(3), seeded(seed))
             steep = f"controller.layer_ratio={ratio}"
             yield _case("layer", MAIN, "nn", f"rho = {ratio:.2f}, 3", steep, *drawn)
-
-
-def labelled(results: Sequence[Result], group: str, label: str) -> list[Result]:
-    """Return the results of a group that have this label."""
-    return [result for result in of_group(results, group) if result.case.label == label]
 
 
 def in_mrad(result: Result, name: str) -> float:
@@ -145,9 +135,7 @@ def in_mrad(result: Result, name: str) -> float:
 
 def span(results: Sequence[Result], name: str, digits: int = 1) -> str:
     """Return `least-largest` of a metric, or one number where they print alike."""
-    values = [in_mrad(result, name) for result in results]
-    low, high = f"{min(values):.{digits}f}", f"{max(values):.{digits}f}"
-    return low if low == high else f"{low}-{high}"
+    return least_to_largest(results, lambda r: in_mrad(r, name), lambda v: f"{v:.{digits}f}")
 
 
 def report(results: Sequence[Result]) -> str:
@@ -165,14 +153,9 @@ def _main(results: Sequence[Result]) -> str:
     )  # fmt: skip
     rows = []
     for result in of_group(results, "main"):
-        rig, law = Path(result.case.rig).stem, result.case.controller
-        known = REFERENCE.get((rig, law), ("",) * len(figures))
-        pairs = [
-            f"{in_mrad(result, name):.{digits}f} ({there})"
-            if there
-            else f"{in_mrad(result, name):.{digits}f}"
-            for (name, digits), there in zip(figures, known, strict=True)
-        ]
+        rig, law = rig_name(result), result.case.controller
+        cells = [f"{in_mrad(result, name):.{digits}f}" for name, digits in figures]
+        pairs = beside(cells, known("main", rig, law))
         rest = [f"{result.metric('settled_s'):.2f}", f"{result.metric('command_max_Nm'):.1f}"]
         rows.append([rig, law, *pairs, *rest])
     head = ("rig", "law", "rms e1", "max e1", "rms e2", "rms tt", "rms e1 0.5-2 s",
@@ -185,13 +168,11 @@ def _main(results: Sequence[Result]) -> str:
 
 def _varied(results: Sequence[Result]) -> str:
     rows = []
-    for label, (_, rms, largest) in VARIED.items():
-        found = labelled(results, "varied", label)
+    for label in (*VARIED, "coarse sensors"):
+        found = labelled(results, "varied" if label in VARIED else "coarse", label)
+        rms, largest = known("varied", label)
         pair = (span(found, "error_rms_rad"), rms, span(found, "error_max_rad"), largest)
         rows.append([label, *pair])
-    coarse = of_group(results, "coarse")
-    rows.append(["coarse sensors", span(coarse, "error_rms_rad"), "1.1",
-                 span(coarse, "error_max_rad"), ""])  # fmt: skip
     head = ("nn", "rms e1", "independent", "max e1", "independent")
     return (
         f"Delay and rate: ranges over {REPEATS} repeats. Coarse: 1e-4 rad, 1e-2 rad/s, N m.\n\n"
@@ -201,12 +182,13 @@ def _varied(results: Sequence[Result]) -> str:
 
 def _seeds(results: Sequence[Result]) -> str:
     rows = []
-    for samples, there in enumerate(WORST):
+    for samples in range(4):
         runs, minutes = (labelled(results, group, str(samples)) for group in ("seeds", "minute"))
         values = [in_mrad(result, "error_rms_rad") for result in runs]
         settled = [result.metric("settled_s") for result in runs]
         rows.append([
-            str(samples), f"{np.median(values):.1f}", f"{max(values):.1f}", there,
+            str(samples), f"{np.median(values):.1f}", f"{max(values):.1f}",
+            *known("seeds", samples),
             f"{max(settled):.2f}", f"{max(in_mrad(r, 'error_rms_rad') for r in minutes):.1f}",
             f"{max(r.metric('norm_w_max') for r in runs):.0f}",
             f"{max(r.metric('torque_error_rms_Nm') for r in runs):.2f}",
@@ -218,10 +200,11 @@ def _seeds(results: Sequence[Result]) -> str:
 
 def _attribution(results: Sequence[Result]) -> str:
     rows = []
-    for label, (_, _, there) in ATTRIBUTION.items():
+    for label in ATTRIBUTION:
         now = labelled(results, "attribution", f"{label} 0")
         later = labelled(results, "attribution", f"{label} 3")
         tt = span(now, "torque_error_rms_Nm", 2)
+        (there,) = known("attribution", label) or ("",)
         rows.append([label, span(now, "error_rms_rad"), there, tt, span(later, "error_rms_rad")])
     head = ("law", "rms e1", "independent", "rms tt", "rms e1, 3 samples late")
     return "Where the gain comes from.\n\n" + markdown(head, rows)
@@ -229,7 +212,7 @@ def _attribution(results: Sequence[Result]) -> str:
 
 def _layers(results: Sequence[Result]) -> str:
     rows = []
-    for label in dict.fromkeys(result.case.label for result in of_group(results, "layer")):
+    for label in labels(results, "layer"):
         runs = labelled(results, "layer", label)
         cut = sum(result.metric("diverged") > 0.5 for result in runs)
         width, samples = label.rsplit(", ", 1)
@@ -262,8 +245,6 @@ def _models(results: Sequence[Result]) -> str:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw the three cases beside each other, and where the gain comes from."""
-    from pcpc.plants.backlash_pendulum.book.study_figures import draw_attribution, draw_cases
-
     main = {r.case.label: r for r in of_group(results, "main")}
     draw_cases([main[f"{MAIN} {law}"] for law in LAWS], folder / "backlash-pendulum.png")
     gains = {label: labelled(results, "attribution", f"{label} 0")[0] for label in ATTRIBUTION}

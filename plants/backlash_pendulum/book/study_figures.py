@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
+from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION
 from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD (case 1)", "robust": "PD + robust term (2)", "nn": "PD + robust + network (3)"}
@@ -13,10 +14,7 @@ MRAD = 1e3
 
 def draw_cases(results: Sequence[Result], path: Path) -> None:
     """Draw error, torque and command of the three cases, a column each, same scales in a row."""
-    from matplotlib.figure import Figure
-
-    page = Figure(figsize=(12.0, 7.2), dpi=130, layout="constrained")
-    axes = page.subplots(3, len(results), sharex=True, sharey="row")
+    made, axes = page((12.0, 7.2), 130, 3, len(results), sharex=True, sharey="row")
     for column, result in enumerate(results):
         tr, law = result.traces, result.case.controller
         t = tr["t"]
@@ -28,30 +26,21 @@ def draw_cases(results: Sequence[Result], path: Path) -> None:
         top.plot(t, MRAD * tr["error_rad"], color=COLOURS[law], linewidth=1.0)
         tau, tau_d = tr["plant:pendulum.torque_Nm"], tr["executive:controller.tau_d_Nm"]
         middle.plot(t, tr["plant:pendulum.acting_Nm"], color=GREY, linewidth=0.9, label="command u")
-        middle.plot(t, tau_d, color=BLACK, linewidth=1.4, linestyle="--", label="desired torque")
+        middle.plot(t, tau_d, linewidth=1.4, label="desired torque", **REFERENCE)
         middle.plot(t, tau, color=COLOURS[law], linewidth=1.0, label="torque behind the gap")
         middle.legend(fontsize=7, loc="upper right", ncols=1, framealpha=0.9)
         bottom.plot(t, tr["torque_error_Nm"], color=COLOURS[law], linewidth=0.8)
-        bottom.set_xlabel("time [s]")
-    axes[0, 0].set_ylim(-60.0, 60.0)
-    axes[1, 0].set_ylim(-36.0, 66.0)
-    axes[2, 0].set_ylim(-11.0, 11.0)
-    for row, label in enumerate(("error q - q_d [mrad]", "torque [N m]", "torque error [N m]")):
-        axes[row, 0].set_ylabel(label)
-    for ax in axes.flat:
-        ax.grid(color="#D0D0D0", linewidth=0.5)
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.set_xlim(0.0, 20.0)
-        ax.set_xticks((0, 5, 10, 15, 20))
-    page.savefig(path)
+    for ax, ends in zip(axes[:, 0], ((-60.0, 60.0), (-36.0, 66.0), (-11.0, 11.0)), strict=True):
+        ax.set(ylim=ends, xlim=(0.0, 20.0), xticks=(0, 5, 10, 15, 20))
+    names = ("error q - q_d [mrad]", "torque [N m]", "torque error [N m]")
+    name_rows(axes, names, "time [s]")
+    dress(axes.flat)
+    made.savefig(path)
 
 
 def draw_attribution(gains: Mapping[str, Result], path: Path) -> None:
     """Draw the rms error of each law as a bar, the whole law's last."""
-    from matplotlib.figure import Figure
-
-    page = Figure(figsize=(8.0, 4.4), dpi=130, layout="constrained")
-    ax = page.subplots()
+    made, ax = page((8.0, 4.4), 130)
     labels = list(gains)
     values = [1e3 * result.metric("error_rms_rad") for result in gains.values()]
     colours = [_colour(label) for label in labels]
@@ -62,11 +51,8 @@ def draw_attribution(gains: Mapping[str, Result], path: Path) -> None:
     ax.set_title(
         "Pendulum behind backlash: a higher plain gain Kb does what the network does", size=10
     )
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.grid(axis="x", color="#D0D0D0", linewidth=0.5)
-    ax.set_axisbelow(True)
-    ax.tick_params(labelsize=8)
-    page.savefig(path)
+    dress([ax], 8, below=True, axis="x")
+    made.savefig(path)
 
 
 def _colour(label: str) -> str:

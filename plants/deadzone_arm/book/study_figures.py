@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
+from pcpc.plants.book.tables import rig_name
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from pcpc.plants.study import Result
 
@@ -17,18 +19,15 @@ SHOWN = ("rig", "rig + 1 sample", "rig + 2 samples", "L = 40", "no jump nodes", 
 
 def draw_beside(pair: Sequence[Result], path: Path) -> None:
     """Draw PD in the left column, the network in the right: angles, errors, torques."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 10.0), dpi=120, layout="constrained")
-    axes = figure.subplots(4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 3, 3))
+    figure, axes = page(
+        (11.0, 10.0), 120, 4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 3, 3)
+    )
     for column, result in zip(axes.T, pair, strict=True):
         _draw_run(column, result)
         column[0].set_title(NAMES[result.case.controller], fontsize=11, loc="left")
-        column[-1].set_xlabel("time [s]")
     labels = ("angle [rad]", "|error| [rad]", "joint 1 [N m]", "joint 2 [N m]")
-    for ax, label in zip(axes[:, 0], labels, strict=True):
-        ax.set_ylabel(label)
-    scenario = Path(pair[0].case.rig).stem.removeprefix("deadzone-")
+    name_rows(axes, labels, "time [s]")
+    scenario = rig_name(pair[0]).removeprefix("deadzone-")
     figure.suptitle(f"Two-link arm behind deadzones: {scenario}", fontsize=13)
     low, high = axes[0, 0].get_ylim()
     axes[0, 0].set_ylim(low, high + 0.15 * (high - low))  # room for the legend
@@ -36,10 +35,8 @@ def draw_beside(pair: Sequence[Result], path: Path) -> None:
     axes[1, 0].set_ylim(SMALLEST_RAD, 10.0)
     axes[2, 0].set_ylim(-160.0, 200.0)
     axes[3, 0].set_ylim(-160.0, 200.0)
-    for ax in axes.flat:
-        ax.grid(color="#D0D0D0", linewidth=0.5)
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.set_xlim(0.0, 10.0)
+    dress(axes.flat)
+    axes[0, 0].set_xlim(0.0, 10.0)
     for ax in axes[:3, 1]:
         ax.legend(fontsize=8, ncols=3, loc="upper right", framealpha=0.9)
     figure.savefig(path)
@@ -62,7 +59,7 @@ def _draw_run(axes: Any, result: Result) -> None:
         ax.axhspan(*deadzone_Nm, color="#F3E8D2", linewidth=0, zorder=0, label="deadzone of u")
         ax.plot(t, command, color=GREEN, linewidth=0.8, label="command u")
         ax.plot(t, torque, color=BLACK, linewidth=0.8, label="torque behind the deadzone")
-    axes[0].plot(t, q_d, color=BLACK, linewidth=0.9, linestyle="--", label="reference")
+    axes[0].plot(t, q_d, linewidth=0.9, label="reference", **REFERENCE)
     if np.ptp(q_d) == 0.0:
         edge_Nm = of["controller.kv_Nms_rad"] * of["controller.lam_per_s"]  # per rad
         axes[1].axhline(
@@ -78,10 +75,7 @@ def draw_seeds(
     found: Mapping[tuple[str, str], np.ndarray], base: Mapping[str, np.ndarray], path: Path
 ) -> None:
     """Draw the worse joint's error over 8-10 s of each draw against PD's."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 5.2), dpi=120, layout="constrained")
-    axes = figure.subplots(1, 2, sharey=True)
+    figure, axes = page((11.0, 5.2), 120, 1, 2, sharey=True)
     rng = np.random.default_rng(1)
     for ax, scenario in zip(axes, base, strict=True):
         for i, label in enumerate(reversed(SHOWN)):
@@ -95,8 +89,7 @@ def draw_seeds(
         ax.set_xscale("log")
         ax.set_xlabel("error rms over 8-10 s, worse joint [rad]")
         ax.set_title(f"{scenario}: 20 draws, median black, PD orange", fontsize=10, loc="left")
-        ax.grid(color="#D0D0D0", linewidth=0.5, which="both", axis="x", alpha=0.6)
-        ax.spines[["top", "right"]].set_visible(False)
+    dress(axes, which="both", axis="x", alpha=0.6)
     axes[0].set_yticks(range(len(SHOWN)), list(reversed(SHOWN)))
     figure.suptitle("Twenty draws of the networks; red ones are worse than PD", fontsize=13)
     figure.savefig(path)

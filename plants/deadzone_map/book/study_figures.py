@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION
 from pcpc.plants.study import Result
 
@@ -11,15 +12,14 @@ NAMES = {"pd": "PD", "fuzzy": "PD and fuzzy precompensator"}
 
 def draw_beside(pair: Sequence[Result], path: Path) -> None:
     """Draw PD in the left column, the precompensator in the right."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 9.5), dpi=120, layout="constrained")
-    axes = figure.subplots(4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 4, 3))
+    figure, axes = page(
+        (11.0, 9.5), 120, 4, 2, sharex=True, sharey="row", height_ratios=(4, 4, 4, 3)
+    )
     for column, result in zip(axes.T, pair, strict=True):
         x, width = result.traces, result.settings["map.d"]
         t, xd, x2 = x["t"], x["executive:reference.now"], x["plant:map.x2"]
         column[0].plot(t, x2, color=BLUE, linewidth=1.2, label="x2")
-        column[0].plot(t, xd, color=BLACK, linewidth=0.9, linestyle="--", label="reference")
+        column[0].plot(t, xd, linewidth=0.9, label="reference", **REFERENCE)
         column[1].plot(t, x2 - xd, color=VERMILION, linewidth=1.1)
         band = {"color": "#F3E8D2", "linewidth": 0, "zorder": 0, "label": "deadzone of u"}
         column[2].axhspan(-width, width, **band)
@@ -30,26 +30,20 @@ def draw_beside(pair: Sequence[Result], path: Path) -> None:
             t - begin, tau, where="post", color=BLACK, linewidth=0.9, label="behind the deadzone"
         )
         column[0].set_title(NAMES[result.case.controller], fontsize=11, loc="left")
-        column[3].axhline(
-            width, color=BLACK, linewidth=0.9, linestyle="--", label="true, both sides"
-        )
+        column[3].axhline(width, linewidth=0.9, label="true, both sides", **REFERENCE)
         for name, colour in (("plus", GREEN), ("minus", PURPLE)):
             learned = x.get(f"executive:controller.d_{name}")
             if learned is not None:
                 sign = "positive" if name == "plus" else "negative"
                 column[3].plot(t, learned, color=colour, linewidth=1.2, label=f"learned, {sign}")
-        column[3].set_xlabel("time [s]")
     figure.suptitle(f"Second-order map behind a deadzone of half width {width:g}", fontsize=13)
     axes[3, 0].text(15.0, 0.5 * width, "PD learns no width", ha="center", color=GREY)
-    for ax, label in zip(axes[:, 0], ("x2", "x2 - reference", "input", "width"), strict=True):
-        ax.set_ylabel(label)
+    name_rows(axes, ("x2", "x2 - reference", "input", "width"), "time [s]")
     axes[0, 0].set_ylim(-1.15, 1.6)
     axes[1, 0].set_ylim(-0.55, 0.55)  # the first error is -1 in both
     axes[2, 0].set_ylim(-0.55, 0.9)
-    for ax in axes.flat:
-        ax.grid(color="#D0D0D0", linewidth=0.5)
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.set_xlim(0.0, 30.0)
+    dress(axes.flat)
+    axes[0, 0].set_xlim(0.0, 30.0)
     axes[3, 0].set_ylim(-0.02, 1.4 * width)
     for ax, place in zip(
         axes[(0, 2, 3), 1], ("upper right", "upper right", "lower right"), strict=True

@@ -5,17 +5,17 @@ independent implementation of the same equations gave.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from pcpc.plants.friction_arm.book import study_expected as known
+from pcpc.plants.book.tables import beside, case_maker, expected_figures
+from pcpc.plants.friction_arm.book.study_figures import draw_all
 from pcpc.plants.study import Case, Result, markdown, of_group, statistic
 
 CHAPTER = 3
 TITLE = "Chapter 3: the two-link arm with friction"
-RIGS = Path(__file__).resolve().parents[1] / "rigs"
+_case, known = case_maker(__file__, "friction-"), expected_figures(__file__)
 NETWORKS = ("nn_standard", "nn_step", "nn_ramp", "nn_project", "nn_const")
 SEEDS, FEW_SEEDS = range(1, 11), range(1, 6)
 DRAWN = ("pd", "nn_standard", "nn_step", "nn_ramp", "nn_const")
@@ -46,12 +46,6 @@ TRACES = (
 )  # fmt: skip
 
 
-def _case(
-    group: str, rig: str, controller: str, label: str, *settings: str, **more: object
-) -> Case:
-    return Case(group, str(RIGS / f"friction-{rig}.yaml"), controller, label, settings, **more)  # type: ignore[arg-type]
-
-
 def _seeded(
     group: str, rig: str, controller: str, label: str, seeds: Sequence[int], *settings: str
 ) -> Iterator[Case]:
@@ -76,8 +70,8 @@ def cases() -> Iterator[Case]:
         for controller in DRAWN:
             yield _case("drawn", rig, controller, controller, traces=TRACES)
     for controller in ("nn_step", "nn_ramp", "nn_project", "nn_const"):
-        short = _case("zoom", "a", controller, controller, "duration_s=2.9", traces=TRACES)
-        yield replace(short, window_s=(0.0, 2.9))
+        yield _case("zoom", "a", controller, controller, "duration_s=2.9", traces=TRACES,
+                    window_s=(0.0, 2.9))  # fmt: skip
 
 
 def _gains_and_nodes() -> Iterator[Case]:
@@ -106,12 +100,11 @@ def _sampled() -> Iterator[Case]:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw cases A to D, phase planes, the chatter of the step node and the step weights."""
-    from pcpc.plants.friction_arm.book.study_figures import draw_all
-
     draw_all(results, folder)
 
 
 Key = tuple[str, str]
+EARLY, LATE = "early_error_abs_mean_{}_rad", "error_abs_mean_{}_rad"
 
 
 def _runs(results: Sequence[Result], group: str) -> dict[Key, list[Result]]:
@@ -134,8 +127,16 @@ def _pair(runs: Sequence[Result], metric: str, of: Callable[..., float] = np.med
     return " / ".join(_number(statistic(runs, name, of)) for name in names)
 
 
-def _beside(measured: str, other: str | None) -> str:
-    return f"{measured} ({other})" if other else measured
+def _peak(runs: Sequence[Result]) -> str:
+    return f"{statistic(runs, 'torque_peak_Nm', np.max):.0f}"
+
+
+def _variation(runs: Sequence[Result]) -> str:
+    return f"{statistic(runs, 'torque_variation_Nm_s', np.median):.0f}"
+
+
+def _overshoot(runs: Sequence[Result]) -> str:
+    return _number(statistic(runs, "overshoot_1_rad", np.median))
 
 
 def report(results: Sequence[Result]) -> str:
@@ -159,7 +160,7 @@ def report(results: Sequence[Result]) -> str:
     stiff = of_group(results, "stiff pd")
     parts.append(
         "PD with the damping that the robust term adds, Kv = 23, case A: "
-        f"{_beside(_pair(stiff, 'error_abs_mean_{}_rad'), '.879 / .470')}\n"
+        f"{beside([_pair(stiff, LATE)], known('stiff pd', 'pd'))[0]}\n"
     )
     parts += [_tunings(results), _rates(results), _quanta(results), _delays(results)]
     return "\n".join(parts)
@@ -168,16 +169,15 @@ def report(results: Sequence[Result]) -> str:
 def _regulation(results: Sequence[Result], group: str) -> str:
     rows = []
     for (controller, _), runs in _runs(results, group).items():
-        row = known.REGULATION[group].get(controller, ("",) * 6)
         cells = (
-            _pair(runs, "early_error_abs_mean_{}_rad"),
-            _pair(runs, "error_abs_mean_{}_rad"),
-            _pair(runs, "error_abs_mean_{}_rad", np.max) if controller != "pd" else "-",
+            _pair(runs, EARLY),
+            _pair(runs, LATE),
+            _pair(runs, LATE, np.max) if controller != "pd" else "-",
             _pair(runs, "overshoot_{}_rad") if controller != "pd" else "-",
-            f"{statistic(runs, 'torque_peak_Nm', np.max):.0f}",
-            f"{statistic(runs, 'torque_variation_Nm_s', np.median):.0f}",
+            _peak(runs),
+            _variation(runs),
         )
-        rows.append([controller, *map(_beside, cells, row)])
+        rows.append([controller, *beside(cells, known(group, controller))])
     head = ("", "4 to 5 s", "9 to 10 s", "worst seed, 9 to 10 s", "overshoot", "peak", "variation")
     return markdown(head, rows)
 
@@ -188,9 +188,9 @@ def _tracking(results: Sequence[Result]) -> str:
         cells = (
             _pair(runs, "error_rms_{}_rad"),
             _pair(runs, "error_max_{}_rad"),
-            f"{statistic(runs, 'torque_variation_Nm_s', np.median):.0f}",
+            _variation(runs),
         )
-        rows.append([controller, *map(_beside, cells, known.TRACKING[controller])])
+        rows.append([controller, *beside(cells, known("c", controller))])
     return markdown(("", "rms, 10 to 20 s", "largest, 10 to 20 s", "variation"), rows)
 
 
@@ -203,12 +203,12 @@ def _tunings(results: Sequence[Result]) -> str:
         rows = []
         for (controller, label), runs in _runs(results, group).items():
             cells = (
-                _pair(runs, "early_error_abs_mean_{}_rad"),
-                _pair(runs, "error_abs_mean_{}_rad"),
-                f"{statistic(runs, 'torque_peak_Nm', np.max):.0f}",
+                _pair(runs, EARLY),
+                _pair(runs, LATE),
+                _peak(runs),
             )
-            other = known.TUNINGS.get((group, controller, label), ("", "", ""))
-            rows.append([label, controller, *map(_beside, cells, other)])
+            other = known(group, controller, label)
+            rows.append([label, controller, *beside(cells, other)])
         parts.append(
             f"{title}\n\n" + markdown(("", "law", "4 to 5 s", "9 to 10 s", "peak torque"), rows)
         )
@@ -221,14 +221,14 @@ def _rates(results: Sequence[Result]) -> str:
     for rate in map(str, RATES_HZ):
         standard, step, ramp = (found[c, rate] for c in ("nn_standard", "nn_step", "nn_ramp"))
         cells = (
-            _pair(standard, "error_abs_mean_{}_rad"),
-            _pair(step, "error_abs_mean_{}_rad"),
-            f"{statistic(step, 'torque_variation_Nm_s', np.median):.0f}",
-            f"{statistic(ramp, 'torque_variation_Nm_s', np.median):.0f}",
-            _number(statistic(step, "overshoot_1_rad", np.median)),
+            _pair(standard, LATE),
+            _pair(step, LATE),
+            _variation(step),
+            _variation(ramp),
+            _overshoot(step),
         )
         gain = statistic(step, "tuning_gain_median_Nms_rad", np.median)
-        rows.append([rate, *map(_beside, cells, known.RATES[rate]), f"{gain:.3g}"])
+        rows.append([rate, *beside(cells, known("rates", rate)), f"{gain:.3g}"])
     head = ("Hz", "nn_standard, 9 to 10 s", "nn_step, 9 to 10 s", "nn_step variation",
             "nn_ramp variation", "nn_step overshoot 1", "nn_step median T G")  # fmt: skip
     return "Sampling rate, case A, medians over 5 seeds; Kv is 20\n\n" + markdown(head, rows)
@@ -238,12 +238,11 @@ def _quanta(results: Sequence[Result]) -> str:
     rows = []
     for (controller, label), runs in _runs(results, "quanta").items():
         cells = (
-            _pair(runs, "error_abs_mean_{}_rad"),
-            _pair(runs, "error_abs_mean_{}_rad", np.max),
-            f"{statistic(runs, 'torque_variation_Nm_s', np.median):.0f}",
+            _pair(runs, LATE),
+            _pair(runs, LATE, np.max),
+            _variation(runs),
         )
-        other = known.QUANTA.get((controller, label), ("", "", ""))
-        rows.append([label, controller, *map(_beside, cells, other)])
+        rows.append([label, controller, *beside(cells, known("quanta", controller, label))])
     head = ("quantum", "law", "9 to 10 s", "worst of 5 seeds", "variation")
     return "Quantisation, case A\n\n" + markdown(head, rows)
 
@@ -251,13 +250,12 @@ def _quanta(results: Sequence[Result]) -> str:
 def _delays(results: Sequence[Result]) -> str:
     rows = []
     for (_, label), runs in _runs(results, "delays").items():
-        overshoot = _number(statistic(runs, "overshoot_1_rad", np.median))
-        cells = (_pair(runs, "error_abs_mean_{}_rad"), _beside(overshoot, known.DELAYS[label]))
-        rows.append([label, *cells])
+        other = beside([_overshoot(runs)], known("delays", label))
+        rows.append([label, _pair(runs, LATE), *other])
     text = "Delay of the torque in samples, case A, nn_step, medians over 5 seeds\n\n"
     text += markdown(("samples", "9 to 10 s", "overshoot 1"), rows)
     rows = [
-        [label, _pair(runs, "early_error_abs_mean_{}_rad"), _pair(runs, "error_abs_mean_{}_rad")]
+        [label, _pair(runs, EARLY), _pair(runs, LATE)]
         for (_, label), runs in _runs(results, "steps").items()
     ]
     text += "\nIntegration step, case A, nn_standard, medians over 3 seeds\n\n"

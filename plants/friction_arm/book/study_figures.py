@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.plants.book.figures import REFERENCE, legend_below, name_rows, page
+from pcpc.plants.book.tables import labels, rig_name
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from pcpc.plants.study import Result, of_group, statistic
 
@@ -27,12 +29,9 @@ PHASE_FROM_S = {"friction-a": 0.0, "friction-c": 13.0}  # the last period of sin
 
 def draw_all(results: Sequence[Result], folder: Path) -> None:
     """Draw all figures of `results` into the folder."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     drawn = of_group(results, "drawn")
     for rig, title in TITLES.items():
-        own = [result for result in drawn if Path(result.case.rig).stem == rig]
+        own = [result for result in drawn if rig_name(result) == rig]
         _errors(own, title, folder / f"{rig}.png")
     _phase_planes(drawn, folder / "phase.png")
     _chatter(of_group(results, "zoom"), folder / "chatter.png")
@@ -47,11 +46,7 @@ def _style(result: Result, width: float = 1.1) -> dict[str, Any]:
 
 def _errors(results: Sequence[Result], title: str, path: Path) -> None:
     """Draw angles and errors of both joints side by side, one line a controller."""
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(
-        3, 2, figsize=(11, 8), sharex=True, layout="constrained", height_ratios=(4, 4, 3)
-    )
+    figure, axes = page((11, 8), 100, 3, 2, sharex=True, height_ratios=(4, 4, 3))
     for j in (1, 2):
         angle, error, torque = axes[:, j - 1]
         for result in results:
@@ -61,7 +56,7 @@ def _errors(results: Sequence[Result], title: str, path: Path) -> None:
             error.plot(x["t"], x[f"error_{j}_rad"], **_style(result))
             if result.case.controller in ("pd", "nn_standard", "nn_ramp"):
                 torque.plot(x["t"], x[f"plant:arm.acting_{j}_Nm"], **_style(result, 0.9))
-        angle.plot(x["t"], reference, color=BLACK, linestyle="--", linewidth=0.9, label="reference")
+        angle.plot(x["t"], reference, linewidth=0.9, label="reference", **REFERENCE)
         error.axhline(0.0, color=BLACK, linewidth=0.6)
         span = max(0.2, *(_late_error(r, j) for r in results if r.case.controller != "pd"))
         error.set_ylim(-1.15 * span, 1.15 * span)
@@ -69,12 +64,8 @@ def _errors(results: Sequence[Result], title: str, path: Path) -> None:
             error.text(0.99, 0.94, f"pd out of view: {pd:.2f} rad", color=COLOURS["pd"], ha="right",
                        fontsize=8, transform=error.transAxes)  # fmt: skip
         angle.set_title(f"joint {j}", fontsize=10)
-        torque.set_xlabel("time [s]")
-    for ax, label in zip(axes[:, 0], ("angle [rad]", "error [rad], detail", "torque [N m]"),
-                         strict=True):  # fmt: skip
-        ax.set_ylabel(label)
-    for ax in axes[2]:
-        ax.set_title("pd, nn_standard, nn_ramp", fontsize=8, color=GREY)
+        torque.set_title("pd, nn_standard, nn_ramp", fontsize=8, color=GREY)
+    name_rows(axes, ("angle [rad]", "error [rad], detail", "torque [N m]"), "time [s]")
     _finish(figure, axes, axes[0, 0], f"{title}: PD and networks, seed 1", path)
 
 
@@ -86,11 +77,9 @@ def _late_error(result: Result, joint: int) -> float:
 
 def _phase_planes(results: Sequence[Result], path: Path) -> None:
     """Draw the error rate over the error: the whole step of case A, the last turns of case C."""
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(2, 2, figsize=(11, 8.5), layout="constrained")
+    figure, axes = page((11, 8.5), 100, 2, 2)
     for row, (rig, from_s) in zip(axes, PHASE_FROM_S.items(), strict=True):
-        own = [r for r in results if Path(r.case.rig).stem == rig]
+        own = [r for r in results if rig_name(r) == rig]
         for j, ax in enumerate(row, 1):
             for result in own:
                 if result.case.controller in PHASES:
@@ -103,18 +92,15 @@ def _phase_planes(results: Sequence[Result], path: Path) -> None:
             span = f"from {from_s:g} s on" if from_s else "whole run"
             ax.set_title(f"{TITLES[rig]}: joint {j}, {span}", fontsize=9)
             ax.set_xlabel("error e [rad]")
-        row[0].set_ylabel("error rate e' [rad/s]")
+    name_rows(axes, ["error rate e' [rad/s]"] * 2)
     _finish(figure, axes, axes[0, 0], "Phase planes, PD and networks, seed 1", path)
 
 
 def _chatter(results: Sequence[Result], path: Path) -> None:
     """Draw the torque of joint 1 of the step node beside the others, whole and close up."""
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(
-        len(results), 2, figsize=(11, 8), layout="constrained", sharey="row", sharex="col",
-        width_ratios=(3, 2),
-    )  # fmt: skip
+    figure, axes = page(
+        (11, 8), 100, len(results), 2, sharey="row", sharex="col", width_ratios=(3, 2)
+    )
     for row, result in zip(axes, results, strict=True):
         x = result.traces
         tau = x["plant:arm.acting_1_Nm"]
@@ -137,32 +123,26 @@ def _chatter(results: Sequence[Result], path: Path) -> None:
 
 def _weights(results: Sequence[Result], path: Path) -> None:
     """Draw the own-joint weights of phi_0 in cases A and C beside twice the friction."""
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(2, 2, figsize=(11, 6), layout="constrained", sharex="row")
+    figure, axes = page((11, 6), 100, 2, 2, sharex="row")
     for row, rig in zip(axes, ("friction-a", "friction-c"), strict=True):
-        own = [r for r in results if Path(r.case.rig).stem == rig]
+        own = [r for r in results if rig_name(r) == rig]
         for j, ax in enumerate(row):
             for result in own:
                 if result.case.controller in ("nn_step", "nn_ramp"):
                     weight = result.traces[f"executive:controller.step_weight_{j + 1}_Nm"]
                     ax.plot(result.traces["t"], weight, **_style(result, 0.9))
-            ax.axhline(
-                IDEAL_Nm[j], color=BLACK, linestyle="--", linewidth=0.9, label="2 x friction"
-            )
+            ax.axhline(IDEAL_Nm[j], linewidth=0.9, label="2 x friction", **REFERENCE)
             ax.axhline(0.0, color=BLACK, linewidth=0.6)
             ax.set_title(f"{TITLES[rig]}: joint {j + 1}", fontsize=9)
             ax.set_xlabel("time [s]")
-        row[0].set_ylabel("weight of phi_0 [N m]")
+    name_rows(axes, ["weight of phi_0 [N m]"] * 2)
     title = "The weight of the step node does not converge to twice the friction, seed 1"
     _finish(figure, axes, axes[0, 0], title, path)
 
 
 def _rates(results: Sequence[Result], path: Path) -> None:
     """Draw error, variation and tuning gain of case A over the sampling rate."""
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 3, figsize=(12, 4), layout="constrained")
+    figure, axes = page((12, 4), 100, 1, 3)
     metrics = (
         ("error_abs_mean_{}_rad", "mean |error|, 9 to 10 s [rad]"),
         ("torque_variation_Nm_s", "torque variation [N m/s]"),
@@ -178,11 +158,10 @@ def _rates(results: Sequence[Result], path: Path) -> None:
         ax.set(xscale="log", yscale="log", xlabel="sampling rate [Hz]", ylabel=label)
         ax.grid(alpha=0.3, which="both")
         ax.legend(frameon=False, fontsize=7)
-    axes[2].axhline(20.0, color=BLACK, linestyle="--", linewidth=0.9)
+    axes[2].axhline(20.0, linewidth=0.9, **REFERENCE)
     axes[2].annotate("Kv", (3000.0, 22.0), fontsize=9)
     figure.suptitle("Case A over the sampling rate, medians over 5 seeds", fontsize=11)
-    figure.savefig(path, dpi=100)
-    pyplot.close(figure)
+    figure.savefig(path)
 
 
 def _over_rate(
@@ -190,23 +169,17 @@ def _over_rate(
 ) -> tuple[list[float], list[float]]:
     """Return rates and medians."""
     own = [r for r in results if r.case.controller == controller]
-    labels = list(dict.fromkeys(r.case.label for r in own))
+    rates = labels(own, "rates")
     values = [
-        statistic((r for r in own if r.case.label == label), metric, np.median) for label in labels
+        statistic((r for r in own if r.case.label == rate), metric, np.median) for rate in rates
     ]
-    return [float(label) for label in labels], values
+    return [float(rate) for rate in rates], values
 
 
 def _finish(figure: Any, axes: Any, legend_of: Any, title: str, path: Path) -> None:
-    from matplotlib import pyplot
-
     for ax in axes.flat:
         ax.grid(alpha=0.3)
     if legend_of is not None:
-        handles, names = legend_of.get_legend_handles_labels()
-        figure.legend(
-            handles, names, frameon=False, fontsize=9, ncols=6, loc="outside lower center"
-        )
+        legend_below(figure, legend_of, 6)
     figure.suptitle(title, fontsize=11)
-    figure.savefig(path, dpi=100)
-    pyplot.close(figure)
+    figure.savefig(path)

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from pcpc.plants.book.tables import by_case, case_maker, rig_name
+from pcpc.plants.map_chains.book.study_figures import draw_pair
 from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 5
 TITLE = "Chapters 4.3 and 5.3 with two inputs and third order"
-RIGS = Path(__file__).resolve().parents[1] / "rigs"
+_case = case_maker(__file__)
 ZONES, GAPS = "two-deadzones", "two-gaps"
 LAWS = {ZONES: ("pd", "pd_exact", "fuzzy"), GAPS: ("pd_slow", "nn", "nn_unaware")}
 COUPLINGS = (0.0, 0.05, 0.2, 0.5)
@@ -26,10 +28,6 @@ TRACES = tuple(
         "executive:controller.{}_command",
     )
 )  # fmt: skip
-
-
-def _case(group: str, rig: str, law: str, label: str, *settings: str, **more: object) -> Case:
-    return Case(group, str(RIGS / f"{rig}.yaml"), law, label, settings, **more)  # type: ignore[arg-type]
 
 
 def cases() -> Iterator[Case]:
@@ -59,11 +57,7 @@ def shown(result: Result) -> str:
 
 def report(results: Sequence[Result]) -> str:
     """Return the tables."""
-    main = {
-        (Path(r.case.rig).stem, r.case.controller, r.case.label): r
-        for r in of_group(results, "main")
-    }
-    rows = []
+    main, rows = by_case(results, "main"), []
     for rig, laws in LAWS.items():
         for law in laws:
             for order in "23":
@@ -92,10 +86,7 @@ def _seeds(runs: Sequence[Result]) -> str:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw both rigs with their best law and without it."""
-    from pcpc.plants.map_chains.book.study_figures import draw_pair
-
-    found = {
-        (Path(r.case.rig).stem, r.case.controller): r for r in of_group(results, "main") if r.traces
-    }
+    drawn = (r for r in of_group(results, "main") if r.traces)
+    found = {(rig_name(r), r.case.controller): r for r in drawn}
     draw_pair(found[ZONES, "pd"], found[ZONES, "fuzzy"], folder / "two-deadzones.png")
     draw_pair(found[GAPS, "pd_slow"], found[GAPS, "nn"], folder / "two-gaps.png")

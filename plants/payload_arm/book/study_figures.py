@@ -6,19 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.plants.book.figures import REFERENCE, dress, name_rows, page
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from pcpc.plants.study import Result
 
 NAMES = {"pd": "PD", "robust_only": "PD, robust term", "critic": "PD, robust term, both networks"}
 JOINTS = ((1, BLUE), (2, VERMILION))
 SHADE = "#F3E8D2"
+GRID: dict[str, Any] = {"below": True, "which": "both", "alpha": 0.6}
 SMALLEST_RAD = 1e-4  # of the logarithmic axis
-
-
-def _dress(ax: Any) -> None:
-    ax.grid(color="#D0D0D0", linewidth=0.5, which="both", alpha=0.6)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
 
 
 def _shade(ax: Any, result: Result) -> None:
@@ -29,21 +25,16 @@ def _shade(ax: Any, result: Result) -> None:
 
 def draw_beside(runs: Sequence[Result], path: Path) -> None:
     """Draw a column a controller: angles, errors, torques; the payload is shaded."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12.0, 9.0), dpi=120, layout="constrained")
-    axes = figure.subplots(3, len(runs), sharex=True, sharey="row", height_ratios=(4, 5, 3))
+    figure, axes = page(
+        (12.0, 9.0), 120, 3, len(runs), sharex=True, sharey="row", height_ratios=(4, 5, 3)
+    )
     for column, result in zip(axes.T, runs, strict=True):
         _draw_run(column, result.traces)
         column[0].set_title(NAMES[result.case.controller], fontsize=11, loc="left")
-        column[-1].set_xlabel("time [s]")
         for ax in column:
             _shade(ax, result)
-            _dress(ax)
-    for ax, label in zip(
-        axes[:, 0], ("angle [rad]", "|error| [rad]", "torque [N m], start cut"), strict=True
-    ):
-        ax.set_ylabel(label)
+    dress(axes.flat, **GRID)
+    name_rows(axes, ("angle [rad]", "|error| [rad]", "torque [N m], start cut"), "time [s]")
     axes[0, 0].set_ylim(-1.3, 1.9)
     axes[0, 0].set_xlim(0.0, 10.0)
     axes[1, 0].set_yscale("log")
@@ -60,10 +51,8 @@ def _draw_run(axes: Any, x: Mapping[str, Any]) -> None:
     for joint, colour in JOINTS:
         q, q_d = x[f"plant:arm.q_{joint}_rad"], x[f"executive:reference_{joint}.q_d_rad"]
         axes[0].plot(t, q, color=colour, linewidth=1.2, label=f"joint {joint}")
-        axes[0].plot(
-            t, q_d, color=BLACK, linewidth=0.8, linestyle="--",
-            label="references" if joint == 2 else None,
-        )  # fmt: skip
+        name = "references" if joint == 2 else None
+        axes[0].plot(t, q_d, linewidth=0.8, label=name, **REFERENCE)
         size = np.maximum(np.abs(q_d - q), SMALLEST_RAD)
         axes[1].plot(t, size, color=colour, linewidth=0.9, label=f"joint {joint}")
         tau = x[f"plant:arm.acting_{joint}_Nm"]
@@ -72,10 +61,7 @@ def _draw_run(axes: Any, x: Mapping[str, Any]) -> None:
 
 def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path) -> None:
     """Draw the rms errors of each combination of parts before, under and after the payload."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12.0, 5.0), dpi=120, layout="constrained")
-    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    figure, axes = page((12.0, 5.0), 120, 1, 3, sharex=True, sharey=True)
     windows = (("early_error_rms", "3 to 5 s, before the payload"),
                ("payload_error_rms", "5 to 7 s, with the payload"),
                ("error_rms", "8 to 10 s, after it"))  # fmt: skip
@@ -93,7 +79,7 @@ def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path)
         ax.set_xscale("log")
         ax.set_xlabel("rms error [rad]")
         ax.set_title(title, fontsize=10, loc="left")
-        _dress(ax)
+    dress(axes, **GRID)
     axes[0].set_yticks(range(len(labels)), labels)
     axes[0].legend(fontsize=8, loc="upper right", framealpha=0.9)
     figure.suptitle("What each part of the law brings", fontsize=13)
@@ -102,11 +88,8 @@ def draw_parts(shown: Mapping[str, Result], seeds: Sequence[Result], path: Path)
 
 def draw_long(result: Result, path: Path) -> None:
     """Draw errors and norms of the run of 60 s with the payload in its beginning."""
-    from matplotlib.figure import Figure
-
     x = result.traces
-    figure = Figure(figsize=(11.0, 7.0), dpi=120, layout="constrained")
-    axes = figure.subplots(3, 1, sharex=True)
+    figure, axes = page((11.0, 7.0), 120, 3, 1, sharex=True)
     for joint, colour in JOINTS:
         style: dict[str, Any] = {"color": colour, "linewidth": 0.9, "label": f"joint {joint}"}
         axes[0].plot(x["t"], 1e3 * x[f"error_{joint}_rad"], **style)
@@ -119,8 +102,8 @@ def draw_long(result: Result, path: Path) -> None:
     for ax, label in zip(axes, ("error [mrad]", "critic", "action network"), strict=True):
         ax.set_ylabel(label)
         _shade(ax, result)
-        _dress(ax)
         ax.legend(fontsize=8, ncols=3, loc="upper right", framealpha=0.9)
+    dress(axes, **GRID)
     axes[-1].set_xlabel("time [s]")
     figure.suptitle("60 s: errors and weights stay bounded, payload from 5 to 7 s", fontsize=13)
     figure.savefig(path)

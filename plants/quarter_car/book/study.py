@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.executive.rig.reading import load_rig
+from pcpc.plants.book.tables import beside, case_maker, expected_figures, labels, rig_name
 from pcpc.plants.quarter_car.book import bode
-from pcpc.plants.quarter_car.book import study_expected as known
+from pcpc.plants.quarter_car.book.study_figures import ROADS, draw_all
 from pcpc.plants.study import Case, Result, markdown, of_group
 
 CHAPTER = 6
 TITLE = "Chapter 6: quarter car with a hydraulic strut"
 RIGS = Path(__file__).resolve().parents[1] / "rigs"
-ROADS = known.ROADS
+case, known = case_maker(__file__, "suspension-"), expected_figures(__file__)
+DELAYS, PID_DELAYS, KAPS, KICK = (1, 2, 3, 5), (0, 1, 2, 3), (1, 10, 300), ("pid", "fl", "no_fl")
+BODE_RAD_S = (2.0, 5.0, 7.6, 8.0, 20.0, 40.0, 56.75, 58.0, 100.0, 150.0, 300.0)
 STRUTS = {  # label: controller, settings
     "passive, no stops": ("outer", ("car.strut=0.0", "car.limits_on=0.0")),
     "passive": ("outer", ("car.strut=0.0",)),
@@ -45,8 +48,7 @@ TRACES = (
 
 
 def _case(group: str, road: int | str, controller: str, label: str, *settings: str) -> Case:
-    rig = str(RIGS / f"suspension-{road}.yaml")
-    return Case(group, rig, controller, label, settings, traces=TRACES)
+    return case(group, str(road), controller, label, *settings, traces=TRACES)
 
 
 def cases() -> Iterator[Case]:
@@ -60,19 +62,19 @@ def cases() -> Iterator[Case]:
             yield _case("close", road, controller, label, *settings, *short)
         preloaded = ("car.strut=0.0", "car.gravity_m_s2=0.0")
         yield _case("preloaded", road, "outer", str(road), *preloaded)
-        for delay in known.DELAYS:
-            yield _case("delay", road, "fl", delay, f"car.delay_samples={delay}.0")
-        for kap in known.KAPS:
-            yield _case("kap", road, "fl", kap, f"controller.kap_per_m={kap}.0")
+        for delay in DELAYS:
+            yield _case("delay", road, "fl", str(delay), f"car.delay_samples={delay}.0")
+        for kap in KAPS:
+            yield _case("kap", road, "fl", str(kap), f"controller.kap_per_m={kap}.0")
         yield _case("quanta", road, "fl", "coarse", *QUANTA)
         for step in STEPS_S:
             for label in ("passive", "pid", "fl", "no_fl"):
                 controller, settings = STRUTS[label]
                 yield _case("steps", road, controller, label, *settings, f"car.step_s={step}")
-    for controller in known.KICK:
+    for controller in KICK:
         yield _case("kick", "kick", controller, controller)
-    for delay in known.PID_DELAYS:
-        yield _case("pid delay", 8, "pid", delay, f"car.delay_samples={delay}.0")
+    for delay in PID_DELAYS:
+        yield _case("pid delay", 8, "pid", str(delay), f"car.delay_samples={delay}.0")
     yield _case("long", 58, "fl", "30 s", "duration_s=30.0", "evaluation.window_s=[3.0,30.0]")
     for label, settings in CAUSES.items():
         yield _case("causes", 150, "fl", label, *settings)
@@ -80,8 +82,6 @@ def cases() -> Iterator[Case]:
 
 def draw(results: Sequence[Result], folder: Path) -> None:
     """Draw roads, forces, the kick, the bars and the frequency responses."""
-    from pcpc.plants.quarter_car.book.study_figures import draw_all
-
     draw_all(results, folder, *nominal())
 
 
@@ -91,10 +91,6 @@ def nominal() -> tuple[Mapping[str, float], Mapping[str, float]]:
     (car,) = (b.settings for b in nodes["plant"].blocks if b.name == "car")
     (law,) = (b.settings for b in nodes["executive"].blocks if b.name == "controller")
     return car, law
-
-
-def _beside(measured: str, other: str) -> str:
-    return f"{measured} ({other})" if other else measured
 
 
 def _speed(value: float) -> str:
@@ -128,9 +124,8 @@ def report(results: Sequence[Result]) -> str:
     rows = []
     ordered = sorted(of_group(results, "table"), key=lambda r: [*STRUTS].index(r.case.label))
     for result in ordered:
-        road = _road(result)
-        cells = map(_beside, _row(result), known.TABLE[result.case.label][road])
-        rows.append([result.case.label, str(road), *cells])
+        label, road = result.case.label, _road(result)
+        rows.append([label, road, *beside(_row(result), known("table", label, road))])
     head = ("strut", "rad/s", "v_rms m/s", "v_max m/s", "a_rms m/s2", "extension m", "ef_rms N",
             "spool mm")  # fmt: skip
     text = (
@@ -142,15 +137,14 @@ def report(results: Sequence[Result]) -> str:
     return "\n".join([text, *(part(results) for part in parts), _bode()])
 
 
-def _road(result: Result) -> int:
-    return int(Path(result.case.rig).stem.rpartition("-")[2])
+def _road(result: Result) -> str:
+    return rig_name(result).rpartition("-")[2]
 
 
 def _preloaded(results: Sequence[Result]) -> str:
-    cells = [
-        _beside(_speed(r.metric("speed_rms_m_s")), known.PRELOADED.get(_road(r), ""))
-        for r in of_group(results, "preloaded")
-    ]
+    own = of_group(results, "preloaded")
+    found = [_speed(r.metric("speed_rms_m_s")) for r in own]
+    cells = beside(found, ["".join(known("preloaded", _road(r))) for r in own])
     title = (
         "Passive, preloaded so that it rests at mid stroke, stops on: v_rms (computed with g = 0)"
     )
@@ -166,33 +160,31 @@ def _kick(results: Sequence[Result]) -> str:
             _number(result.metric("oscillation_rad_s")),
         )
         name = result.case.controller
-        rows.append([name, *map(_beside, cells, known.KICK[name])])
+        rows.append([name, *beside(cells, known("kick", name))])
     head = ("", "v_rms m/s", "spool mm", "oscillation rad/s")
     return "Flat road, body kicked with 0.05 m/s, 3 to 6 s\n\n" + markdown(head, rows)
 
 
 def _robust(results: Sequence[Result]) -> str:
     parts = []
-    for group, title, expected in (
-        ("delay", "fl, command late by so many samples: v_rms", known.DELAYS),
-        ("kap", "fl, other kap (100 in the rigs): v_rms", known.KAPS),
-        ("quanta", "fl, sensors of 1 mm/s, 10 um, 2 kPa, 0.1 um: v_rms", {"coarse": known.QUANTA}),
+    for group, title in (
+        ("delay", "fl, command late by so many samples: v_rms"),
+        ("kap", "fl, other kap (100 in the rigs): v_rms"),
+        ("quanta", "fl, sensors of 1 mm/s, 10 um, 2 kPa, 0.1 um: v_rms"),
     ):
         own = of_group(results, group)
         rows = []
-        for label, row in expected.items():
+        for label in labels(own, group):
             values = [_speed(r.metric("speed_rms_m_s")) for r in own if r.case.label == label]
-            rows.append([label, *map(_beside, values, row)])
+            rows.append([label, *beside(values, known(group, label))])
         parts.append(f"{title}\n\n" + markdown(("", *(f"{w} rad/s" for w in ROADS)), rows))
     return "\n".join(parts)
 
 
 def _pid_delay(results: Sequence[Result]) -> str:
     own = of_group(results, "pid delay")
-    cells = [
-        _beside(f"{r.metric('acceleration_rms_m_s2'):.2f}", known.PID_DELAYS[r.case.label])
-        for r in own
-    ]
+    found = [f"{r.metric('acceleration_rms_m_s2'):.2f}" for r in own]
+    cells = beside(found, [known("pid delay", r.case.label)[0] for r in own])
     head = [f"{r.case.label} samples" for r in own]
     return "pid at 8 rad/s, command late: a_rms\n\n" + markdown(head, [cells])
 
@@ -200,7 +192,7 @@ def _pid_delay(results: Sequence[Result]) -> str:
 def _long(results: Sequence[Result]) -> str:
     (run,) = of_group(results, "long")
     values = [f"{1e3 * run.metric(name):.2f}" for name in ("theta_norm_max_m", "theta_max_m")]
-    norm, largest = map(_beside, values, known.THETA)
+    norm, largest = beside(values, known("long", run.case.label))
     return f"fl, 30 s at 58 rad/s: norm of Th at most {norm} mm, largest entry {largest} mm\n"
 
 
@@ -212,7 +204,7 @@ def _causes(results: Sequence[Result]) -> str:
             f"{result.metric('force_correlation'):.2f}",
             _speed(result.metric("speed_rms_m_s")),
         )
-        rows.append([result.case.label, *map(_beside, cells, known.CAUSES[result.case.label])])
+        rows.append([result.case.label, *beside(cells, known("causes", result.case.label))])
     head = ("", "ef_rms N", "correlation of F with Fd", "v_rms m/s")
     title = "Why the strut does not follow Fd at 150 rad/s; faster: tf 0.5 ms, lam 400/s, k1 200/s"
     return f"{title}\n\n" + markdown(head, rows)
@@ -223,20 +215,19 @@ def _steps(results: Sequence[Result]) -> str:
     rows = []
     for label in ("passive", "pid", "fl", "no_fl"):
         for road in ROADS:
-            runs = [r for r in own if r.case.label == label and _road(r) == road]
+            runs = [r for r in own if r.case.label == label and _road(r) == str(road)]
             rows.append([label, str(road), *(f"{r.metric('speed_rms_m_s'):.5f}" for r in runs)])
     return "Integration step: v_rms\n\n" + markdown(("", "rad/s", *STEPS_S), rows)
 
 
 def _bode() -> str:
     car, gains = nominal()
-    w = np.array(known.BODE_W)
     rows = []
-    for law, expected in known.BODE.items():
-        found = bode.response_db(law, w, car, gains)
+    for law in bode.LAWS:
+        found = bode.response_db(law, np.array(BODE_RAD_S), car, gains)
         at, height = bode.peak(law, 40.0, 90.0, car, gains)
-        other_at, other = known.BODE_PEAKS[law]
-        cells = [f"{f:.2f} ({e:.2f})" for f, e in zip(found, expected, strict=True)]
-        rows.append([law, *cells, f"{height:.1f} at {at:.1f} ({other:.1f} at {other_at:.1f})"])
-    head = ("dB re 1/s2", *(f"{v:g}" for v in known.BODE_W), "peak")
+        cells = [*(f"{value:.2f}" for value in found), f"{height:.1f} at {at:.1f}"]
+        peak = " at ".join(known("peak", law))
+        rows.append([law, *beside(cells, [*known("bode", law), peak])])
+    head = ("dB re 1/s2", *(f"{v:g}" for v in BODE_RAD_S), "peak")
     return "Linear: road to body acceleration\n\n" + markdown(head, rows)

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.plants.book.figures import REFERENCE, dress, legend_below, name_rows, page
+from pcpc.plants.book.tables import rig_name
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from pcpc.plants.quarter_car.book import bode
-from pcpc.plants.quarter_car.book.study_expected import ROADS
 from pcpc.plants.study import Result, of_group
 
 NAMES = {
@@ -20,6 +21,7 @@ COLOURS = {
     "passive, no stops": SKY, "passive": GREY, "pid": VERMILION, "fl": BLUE, "no_fl": PURPLE,
     "ideal force": GREEN, "valve closed": ORANGE,
 }  # fmt: skip
+ROADS = (8, 58, 150)  # rad/s
 SHOWN = ("passive", "pid", "fl")
 SPAN_S = {8: 3.0, 58: 0.8, 150: 0.4}  # the last so many seconds
 
@@ -40,13 +42,7 @@ def draw_all(
 
 def road_of(result: Result) -> int:
     """Return the road's frequency, rad/s."""
-    return int(Path(result.case.rig).stem.rpartition("-")[2])
-
-
-def _page(size: tuple[float, float]) -> Any:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=size, dpi=110, layout="constrained")
+    return int(rig_name(result).rpartition("-")[2])
 
 
 def _late(x: Mapping[str, Any], span_s: float) -> Any:
@@ -59,10 +55,9 @@ Close = Mapping[tuple[str, int], Mapping[str, Any]]
 
 def _motion(runs: Runs, close: Close, path: Path) -> None:
     """Draw body speed and strut travel of passive, PID and fuzzy backstepping on every road."""
-    figure = _page((12.0, 10.0))
-    axes = figure.subplots(
-        len(SHOWN) * 2, len(ROADS), sharex="col", sharey="row", height_ratios=(4, 2) * len(SHOWN)
-    )
+    rows = len(SHOWN)
+    figure, axes = page((12.0, 10.0), 110, 2 * rows, len(ROADS), sharex="col", sharey="row",
+                        height_ratios=(4, 2) * rows)  # fmt: skip
     for i, label in enumerate(SHOWN):
         for j, road in enumerate(ROADS):
             x, (speed, travel) = close[label, road], axes[2 * i : 2 * i + 2, j]
@@ -81,29 +76,21 @@ def _motion(runs: Runs, close: Close, path: Path) -> None:
             travel.set_ylim(-140.0, 140.0)
             if i == 0:
                 speed.set_title(f"{road} rad/s\n{text}", fontsize=9, loc="left")
-        axes[2 * i, 0].set_ylabel("body [m/s]")
-        axes[2 * i + 1, 0].set_ylabel("strut [mm]")
-    for ax in axes[-1]:
-        ax.set_xlabel("time [s]")
-    _finish(
-        figure,
-        axes,
-        "Body speed and strut travel, stops dashed; each rms is over 3 to 6 s",
-        path,
-    )
+    name_rows(axes, ("body [m/s]", "strut [mm]") * rows, "time [s]")
+    title = "Body speed and strut travel, stops dashed; each rms is over 3 to 6 s"
+    _finish(figure, axes, title, path)
 
 
 def _forces(runs: Runs, close: Close, path: Path) -> None:
     """Draw desired and actual strut force of PID and fuzzy backstepping, and the valve."""
-    figure = _page((12.0, 8.5))
-    axes = figure.subplots(4, len(ROADS), sharex="col", height_ratios=(4, 2, 4, 2))
+    figure, axes = page((12.0, 8.5), 110, 4, len(ROADS), sharex="col", height_ratios=(4, 2, 4, 2))
     for i, label in enumerate(("pid", "fl")):
         for j, road in enumerate(ROADS):
             x, (force, valve) = close[label, road], axes[2 * i : 2 * i + 2, j]
             late = _late(x, SPAN_S[road])
             t = x["t"][late]
             desired = 1e-3 * x["executive:controller.desired_N"][late]
-            force.plot(t, desired, color=BLACK, linewidth=0.9, linestyle="--", label="desired")
+            force.plot(t, desired, linewidth=0.9, label="desired", **REFERENCE)
             own = {"color": COLOURS[label], "linewidth": 1.0}
             force.plot(t, 1e-3 * x["plant:car.strut_N"][late], label="strut", **own)
             valve.plot(t, 1e3 * x["plant:car.spool_m"][late], **own)
@@ -111,14 +98,12 @@ def _forces(runs: Runs, close: Close, path: Path) -> None:
             text = f"{NAMES[label]}, {road} rad/s\nerror {metrics['force_error_rms_N']:.0f} N rms, "
             text += f"correlation {metrics['force_correlation']:.2f}"
             force.set_title(text, fontsize=9, loc="left")
-        axes[2 * i, 0].set_ylabel("force [kN]")
-        axes[2 * i + 1, 0].set_ylabel("spool [mm]")
     for column in axes.T:
         for row in (0, 1):  # PID and FL on the same scale
             ends = [ax.get_ylim() for ax in column[row::2]]
             for ax in column[row::2]:
                 ax.set_ylim(min(e[0] for e in ends), max(e[1] for e in ends))
-        column[-1].set_xlabel("time [s]")
+    name_rows(axes, ("force [kN]", "spool [mm]") * 2, "time [s]")
     for ax in axes[::2, 0]:
         ax.legend(
             frameon=False, fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1.03, 1.08),
@@ -131,8 +116,7 @@ def _forces(runs: Runs, close: Close, path: Path) -> None:
 
 def _bars(runs: Runs, path: Path) -> None:
     """Draw rms speed and acceleration of all struts on all roads."""
-    figure = _page((12.0, 6.5))
-    axes = figure.subplots(2, len(ROADS), sharex="col")
+    figure, axes = page((12.0, 6.5), 110, 2, len(ROADS), sharex="col")
     for row, metric, form in (
         (0, "speed_rms_m_s", "{:.4f}"),
         (1, "acceleration_rms_m_s2", "{:.2f}"),
@@ -146,18 +130,15 @@ def _bars(runs: Runs, path: Path) -> None:
             ax.margins(y=0.12)
             if row == 0:
                 ax.set_title(f"{road} rad/s", fontsize=10)
-    axes[0, 0].set_ylabel("body speed, rms [m/s]")
-    axes[1, 0].set_ylabel("body acceleration, rms [m/s²]")
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, frameon=False, fontsize=9, ncols=4, loc="outside lower center")
+    name_rows(axes, ("body speed, rms [m/s]", "body acceleration, rms [m/s²]"))
+    legend_below(figure, axes[0, 0], 4)
     _finish(figure, axes, "Every strut on every road, 3 to 6 s", path)
 
 
 def _kick(results: Sequence[Result], path: Path) -> None:
     """Draw the kicked body with PID in the left column, fuzzy backstepping in the right."""
     own = {r.case.controller: r for r in results}
-    figure = _page((11.0, 7.0))
-    axes = figure.subplots(3, 2, sharex=True, sharey="row")
+    figure, axes = page((11.0, 7.0), 110, 3, 2, sharex=True, sharey="row")
     signals = (
         ("plant:car.body_rate_m_s", 1.0, "body speed [m/s]"),
         ("executive:controller.ef_N", 1e-3, "force error [kN]"),
@@ -172,16 +153,13 @@ def _kick(results: Sequence[Result], path: Path) -> None:
         if "oscillation_rad_s" in metrics:
             text += f", at {metrics['oscillation_rad_s']:.1f} rad/s"
         column[0].set_title(text, fontsize=10, loc="left")
-        column[-1].set_xlabel("time [s]")
-    for ax, (_, _, label) in zip(axes[:, 0], signals, strict=True):
-        ax.set_ylabel(label)
+    name_rows(axes, [label for _, _, label in signals], "time [s]")
     _finish(figure, axes, "Flat road, the body kicked with 0.05 m/s", path)
 
 
 def _responses(car: Mapping[str, float], gains: Mapping[str, float], path: Path) -> None:
     """Draw the linear responses with their invariant point."""
-    figure = _page((9.0, 5.5))
-    axes = figure.subplots(1, 1, squeeze=False)
+    figure, axes = page((9.0, 5.5), 110, 1, 1, squeeze=False)
     ax, w = axes[0, 0], np.geomspace(1.0, 500.0, 1500)
     for law, colour, style, label in (
         ("passive", BLACK, "-", "passive, Bs and Ks at all frequencies"),
@@ -207,10 +185,6 @@ def _responses(car: Mapping[str, float], gains: Mapping[str, float], path: Path)
 
 
 def _finish(figure: Any, axes: Any, title: str, path: Path) -> None:
-    for ax in axes.flat:
-        ax.grid(color="#D0D0D0", linewidth=0.5)
-        ax.set_axisbelow(True)
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.tick_params(labelsize=8)
+    dress(axes.flat, 8, below=True)
     figure.suptitle(title, fontsize=12)
     figure.savefig(path)

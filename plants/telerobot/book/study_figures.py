@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
+from pcpc.plants.book.figures import REFERENCE, legend_below, name_rows, page
+from pcpc.plants.pages import BLUE, GREEN, GREY, ORANGE, VERMILION
 from pcpc.plants.study import Result, of_group
 
 COLOURS = {"pd_near": ORANGE, "pd_slow": GREY, "smith": BLUE, "nornn": GREEN, "rnn": VERMILION}
@@ -19,9 +20,6 @@ def draw_all(
     results: Sequence[Result], losses: Mapping[Any, Result], bursts: Sequence[int], folder: Path
 ) -> None:
     """Draw all figures of `results` into the folder; `losses`: runs by controller and label."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     drawn = [r for r in of_group(results, "scenarios") if r.traces]
     _errors(drawn, folder / "telerobot-u2.png")
     _margins(results, losses, bursts, folder / "margins.png")
@@ -29,9 +27,7 @@ def draw_all(
 
 def _errors(results: Sequence[Result], path: Path) -> None:
     """Draw angles, errors and errors in detail, both joints side by side."""
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(3, 2, figsize=(11, 8), sharex=True, layout="constrained")
+    figure, axes = page((11, 8), 100, 3, 2, sharex=True)
     for j in (1, 2):
         angle, error, detail = axes[:, j - 1]
         for result in results:
@@ -42,11 +38,10 @@ def _errors(results: Sequence[Result], path: Path) -> None:
             error.plot(x["t"], e, **style)
             if name in ("nornn", "rnn"):
                 detail.plot(x["t"], e, **style)
-        angle.plot(x["t"], aim, color=BLACK, linestyle="--", linewidth=0.9, label="wanted, T ago")
+        angle.plot(x["t"], aim, linewidth=0.9, label="wanted, T ago", **REFERENCE)
         detail.set_ylim(-DETAIL_RAD[j - 1], DETAIL_RAD[j - 1])
         detail.set_title("detail: without and with the network", fontsize=9, color=GREY)
         angle.set_title(f"joint {j}", fontsize=10)
-        detail.set_xlabel("time [s]")
         for ax in axes[:, j - 1]:
             load_s = (result.settings[f"arm.load_{end}_s"] for end in ("from", "to"))
             ax.axvspan(*load_s, color="#ECEFF3", linewidth=0, zorder=0)
@@ -54,22 +49,17 @@ def _errors(results: Sequence[Result], path: Path) -> None:
             ax.set_xlim(0.0, 20.0)
         detail.annotate("payload", (13.4, 0.04), xycoords=("data", "axes fraction"), ha="center",
                         fontsize=8, color=GREY)  # fmt: skip
-    for ax, label in zip(axes[:, 0], ("angle [rad]", "error [rad]", "error [rad]"), strict=True):
-        ax.set_ylabel(label)
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, frameon=False, fontsize=9, ncols=6, loc="outside lower center")
+    name_rows(axes, ("angle [rad]", "error [rad]", "error [rad]"), "time [s]")
+    legend_below(figure, axes[0, 0], 6)
     figure.suptitle("Telerobot, T = 0.2 s each way, friction, payload from 10 to 15 s", fontsize=11)
-    figure.savefig(path, dpi=100)
-    pyplot.close(figure)
+    figure.savefig(path)
 
 
 def _margins(
     results: Sequence[Result], runs: Mapping[Any, Result], bursts: Sequence[int], path: Path
 ) -> None:
     """Draw rms errors over delay, over the error of the delay's model and over bursts."""
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 3, figsize=(12, 4), layout="constrained", sharey=False)
+    figure, axes = page((12, 4), 100, 1, 3)
     delays, wrong, losses = axes
     for name in ("smith", "nornn", "rnn"):
         own = [r for r in of_group(results, "delays") if r.case.controller == name]
@@ -90,8 +80,7 @@ def _margins(
     wrong.set_title("predictor and RNN, T = 0.2 s", fontsize=9, color=GREY)
     losses.set_title("predictor and RNN, T = 0.2 s", fontsize=9, color=GREY)
     figure.suptitle("rms error after the payload; joint 1 solid, joint 2 dashed", fontsize=11)
-    figure.savefig(path, dpi=100)
-    pyplot.close(figure)
+    figure.savefig(path)
 
 
 def _lines(ax: Any, x: Sequence[float], results: Sequence[Result], colour: str, label: str) -> None:

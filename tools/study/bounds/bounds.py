@@ -1,8 +1,8 @@
 """`pcpc bounds RIG|LOG`: a run held against the theorem of its law.
 
 V and its two derivatives, w, the ultimate bound and S_r, as plants/lyapunov.py says, with the
-terms of the theorem.py that lies beside the plant's model. A rig is run in virtual time, a log is
-recomputed: weights stand in none.
+terms of the theorem.py that lies beside the plant's model or in `book/` there. A rig is run in
+virtual time, a log is recomputed: weights stand in none.
 """
 
 import argparse
@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcpc import plants
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
@@ -22,13 +23,16 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.plants.judging import Run, effective_rig
 from pcpc.plants.lyapunov import Account
-from pcpc.plants.theorem import NoTheorem, Theorem, Told
+from pcpc.plants.theorem import Cycles, NoTheorem, Theorem
 from pcpc.tools.after.log.recorded import LATEST, log_of
 from pcpc.tools.start.rigs import find
 from pcpc.tools.study.bounds import observed, text
 from pcpc.tools.study.bounds.observed import BoundsError
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.picture import check_picture
+
+SHIPPED = Path(plants.__file__).parent
+PLACES = ("theorem.py", "book/theorem.py")  # beside a model; a wheel has no book
 
 
 @dataclass(frozen=True)
@@ -148,13 +152,14 @@ def _account(rig: Rig, theorem: Theorem, log: logs.Log, begin_s: float | None) -
     run = Run(log, 1.0 / rig.config.rate_hz)
     if not run.plant_tells:
         raise NoTheorem("the log has no record of the plant, from which w is computed")
-    told = Told(run, declared(rig, theorem))
-    proof = theorem.prove(told)
+    cycles = Cycles(run, declared(rig, theorem))
+    proof = theorem.prove(cycles)
     settled_s = float(proof.t_s[len(proof.t_s) // 2])
     if begin_s is not None and begin_s < proof.t_s[-1]:
         settled_s = begin_s
-    return Bounds(rig.config.rig, rig.config.controller, Account(proof, settled_s), told.left_out,
-                  tuple(log.missing))  # fmt: skip
+    account = Account(proof, settled_s)
+    missing = tuple(log.missing)
+    return Bounds(rig.config.rig, rig.config.controller, account, cycles.left_out, missing)
 
 
 def declared(rig: Rig, theorem: Theorem) -> dict[str, float]:
@@ -178,13 +183,17 @@ def _tuned(rig: Rig, theorem: Theorem) -> tuple[Role, BlockSpec]:
     )
 
 
+def model_files(rig: Rig) -> list[Path]:
+    """Return where the steps of a rig's plant are written."""
+    steps = (getattr(spec.block.step, "py_func", None) for spec in rig.nodes()["plant"].blocks)
+    return [Path(step.__code__.co_filename) for step in steps if step]
+
+
 def known(rig: Rig) -> dict[str, Theorem]:
     """Return the theorems of a rig's plant, by law."""
     found: dict[str, Theorem] = {}
-    for spec in rig.nodes()["plant"].blocks:
-        step = getattr(spec.block.step, "py_func", None)
-        file = Path(step.__code__.co_filename).with_name("theorem.py") if step else None
-        if file is not None and file.is_file():
+    for file in (model.with_name(place) for model in model_files(rig) for place in PLACES):
+        if file.is_file():
             with own_streams():
                 found |= module_of("", file).THEOREMS
     return found
@@ -195,6 +204,9 @@ def theorem_of(rig: Rig, law_as: str | None = None) -> Theorem:
     law, theorems = law_as or law_of(rig, rig.config.controller), known(rig)
     if law in theorems:
         return theorems[law]
+    shipped = any(file.is_relative_to(SHIPPED) for file in model_files(rig))
+    if shipped and not any(SHIPPED.glob(f"*/{PLACES[1]}")):
+        raise NoTheorem("the proofs of shipped systems are in the repository of pcpc only")
     if law_as:
         raise BoundsError(f"--as {law_as}: no such law{did_you_mean(law_as, theorems)}")
     have = f"; its plant has those of {', '.join(sorted(theorems))}" if theorems else ""

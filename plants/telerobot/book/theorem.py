@@ -15,15 +15,16 @@ without payload, and the payload's part of the run. rad, rad/s. Source: Lewis, C
 
 import numpy as np
 
-from pcpc.plants.families.two_link.theory import TwoLinks, accelerated
-from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
+from pcpc.plants.families.two_link.book.theory import TwoLinks, accelerated
+from pcpc.plants.lyapunov import Assumption, Constants, Proof, Vector
 from pcpc.plants.theorem import (
+    Cycles,
     NoTheorem,
     Theorem,
-    Told,
     acting,
     fitted,
     inner,
+    positive,
     rates_positive,
     read_out,
     size,
@@ -39,12 +40,12 @@ SERVO = "local:servo."
 ARM = ("a1_m", "a2_m", "m1_kg", "m2_kg", "gravity_m_s2")
 
 
-def nodes_of(v: Vector, q: Vector, rate: Vector) -> Vector:
+def hidden_nodes(v: Vector, q: Vector, rate: Vector) -> Vector:
     """Return ph (n, 20) at q and q' (n, 2)."""
     return np.tanh(with_threshold(np.concatenate((q, rate), axis=1)) @ v)
 
 
-def around(values: Vector, draw: np.random.Generator) -> Vector:
+def states_drawn(values: Vector, draw: np.random.Generator) -> Vector:
     """Return DRAWN rows from 1.25 times the ranges of the columns."""
     middle = 0.5 * (values.max(axis=0) + values.min(axis=0))
     half = 0.5 * MARGIN * (values.max(axis=0) - values.min(axis=0))
@@ -58,50 +59,50 @@ def damping(kr: float) -> float:
     return float(np.linalg.eigvalsh(root @ (0.5 * Q + kr * np.outer(st, st)) @ root.T)[0])
 
 
-def prove(told: Told) -> Proof:
+def prove(run: Cycles) -> Proof:
     """Return the proof of a run; NoTheorem where the robot has no identifier."""
-    if told.law("local_law") < ROBUST:
+    if run.law("local_law") < ROBUST:
         raise NoTheorem("the robot's node has no identifier with this controller")
-    kr, kw, kap = (told.setting(f"{SERVO}{name}") for name in ("kr_per_s", "kw", "kap"))
-    known = TwoLinks(*(told.setting(f"{SERVO}{name}") for name in ARM))
-    plain = TwoLinks(*(told.setting(f"plant:arm.{name}") for name in ARM))
-    loaded = told.after(told.column("plant:arm.mass_kg"))
+    kr, kw, kap = run.settings(SERVO, ("kr_per_s", "kw", "kap"))
+    known = TwoLinks(*run.settings(SERVO, ARM))
+    plain = TwoLinks(*run.settings("plant:arm.", ARM))
+    loaded = run.after(run.column("plant:arm.mass_kg"))
     links = TwoLinks(plain.a1, plain.a2, plain.m1, loaded, plain.g)
-    q, rate = told.columns("plant:arm.q_{}_rad"), told.columns("plant:arm.rate_{}_rad_s")
-    acts = told.after(told.columns("plant:arm.acting_{}_Nm"))
-    asked = told.columns(f"{SERVO}torque_{{}}_Nm")
-    far = q - told.columns(f"{SERVO}model_{{}}_rad")
-    far_rate = rate - told.columns(f"{SERVO}model_rate_{{}}_rad_s")
+    q, rate = run.columns("plant:arm.q_{}_rad"), run.columns("plant:arm.rate_{}_rad_s")
+    acts = run.after(run.columns("plant:arm.acting_{}_Nm"))
+    asked = run.columns(f"{SERVO}torque_{{}}_Nm")
+    far = q - run.columns(f"{SERVO}model_{{}}_rad")
+    far_rate = rate - run.columns(f"{SERVO}model_rate_{{}}_rad_s")
 
-    v = np.array([told.setting(f"{SERVO}v_{i}") for i in range(INPUTS * NODES)])
-    first = v.reshape(INPUTS, NODES)
-    w = told.used(f"{SERVO}w", NODES, 2)
-    ph, st = nodes_of(first, q, rate), np.stack((far, far_rate), axis=2) @ P[:, 1]
+    v = run.settings(SERVO, [f"v_{i}" for i in range(INPUTS * NODES)])
+    first = np.array(v).reshape(INPUTS, NODES)
+    w = run.used(f"{SERVO}w", NODES, 2)
+    ph, st = hidden_nodes(first, q, rate), np.stack((far, far_rate), axis=2) @ P[:, 1]
     norm = size(w)
     robust = (kr + kw * norm)[:, None] * st
     learned = read_out(w, ph)
     drive = np.linalg.solve(known.inertia(q), asked[:, :, None])[:, :, 0] + learned + robust
-    f = accelerated(told, links, q, rate, WIDTH_RAD_S, acts) - drive + learned + robust
+    f = accelerated(run, links, q, rate, WIDTH_RAD_S, acts) - drive + learned + robust
     ideal = fitted(ph, f)
     lacks, rest = ideal - w, f - ph @ ideal
     drive = ph[:, :, None] * st[:, None, :] - kap * w
-    moved = told.array(f"{SERVO}w", NODES, 2) - w
-    weights = Weights("Gam", told.rate("gam"), lacks, moved, drive)
+    moved = run.moved(f"{SERVO}w", NODES, 2)
+    weights = Weights("Gam", run.rate("gam"), lacks, moved, drive)
 
     spread = np.stack((far, far_rate), axis=2)
     error = np.sqrt(np.einsum("nji,ik,njk->n", spread, P, spread))
     draw = np.random.default_rng(0)
-    at, moving = around(q, draw), around(rate, draw)
-    falls = accelerated(told, plain, at, moving, WIDTH_RAD_S)
-    eps = size(falls - nodes_of(first, at, moving) @ ideal).max()
-    payload = size(f - accelerated(told, plain, q, rate, WIDTH_RAD_S)).max()
+    at, moving = states_drawn(q, draw), states_drawn(rate, draw)
+    falls = accelerated(run, plain, at, moving, WIDTH_RAD_S)
+    eps = size(falls - hidden_nodes(first, at, moving) @ ideal).max()
+    payload = size(f - accelerated(run, plain, q, rate, WIDTH_RAD_S)).max()
     scale = float(np.sqrt(P[1, 1]))
     wrong = float(np.abs(known.inertia(q) - links.inertia(q)).max())
-    missed = float(told.column(f"{SERVO}held_u")[-1])
+    missed = float(run.column(f"{SERVO}held_u")[-1])
     return Proof(
         theorem="Theorem 8.3.1",
         error_is="sqrt(x~'P x~) of the identifier",
-        t_s=told.t_s,
+        t_s=run.t_s,
         v=0.5 * error**2 + weights.stored,
         tuned=(weights,),
         damping=0.5 * np.einsum("nji,ik,njk->n", spread, Q, spread)
@@ -123,19 +124,18 @@ def prove(told: Told) -> Proof:
         ),
         asked=(
             rates_positive([weights]),
-            Asked("leak kap above 0", kap > 0.0, f"kap {kap:g}", needed=True),
-            Asked(
+            positive("leak kap", kap),
+            Assumption(
                 "the network is on",
-                told.law("local_law") == NETWORK,
-                f"local_law {told.law('local_law'):g}",
+                run.law("local_law") == NETWORK,
+                f"local_law {run.law('local_law'):g}",
                 needed=True,
             ),
-            Asked("Mhat is M", wrong < 1e-9, f"they differ by up to {wrong:.3g} kg m2"),
-            Asked("every u is there in time", missed == 0.0, f"{missed:g} are not"),
+            Assumption("Mhat is M", wrong < 1e-9, f"they differ by up to {wrong:.3g} kg m2"),
+            Assumption("every u is there in time", missed == 0.0, f"{missed:g} are not"),
             acting(asked, acts, "N m"),
         ),
     )
 
 
-STATES = tuple(f"servo.{name}_*" for name in ("w",))
-THEOREMS = {"telerobot_remote": Theorem(prove, STATES, ("gam",), "servo")}
+THEOREMS = {"telerobot_remote": Theorem(prove, ("servo.w_*",), ("gam",), "servo")}

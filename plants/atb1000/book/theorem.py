@@ -21,13 +21,16 @@ import math
 
 import numpy as np
 
-from pcpc.plants.lyapunov import Asked, Constants, Proof
+from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
+    Cycles,
     Theorem,
-    Told,
     fitted,
     inner,
+    linearised,
     logistic,
+    never,
+    positive,
     rates_positive,
     size,
     with_threshold,
@@ -39,27 +42,23 @@ R_MAX_RAD_S, DEAD_BAND_RAD = 0.3, 1e-4
 LAW, PLANT, REFERENCE = "executive:controller.", "plant:barrel.", "executive:reference."
 
 
-def prove(told: Told) -> Proof:
+def prove(run: Cycles) -> Proof:
     """Return the proof of a run."""
-    lam, kv, kz, z_bound, kappa, limit = (
-        told.law(name)
-        for name in ("lam_per_s", "kv_Nms_rad", "kz", "z_bound", "kappa", "tau_max_Nm")
+    lam, kv, kz, z_bound, kappa, limit = run.laws(
+        "lam_per_s", "kv_Nms_rad", "kz", "z_bound", "kappa", "tau_max_Nm"
     )
-    rotor = told.setting(f"{PLANT}motor_inertia_kg_m2") * told.setting(f"{PLANT}gear_ratio") ** 2
-    m = told.setting(f"{PLANT}rigid_inertia_kg_m2") + rotor
-    turns = told.column(f"{PLANT}theta_rate_rad_s")
-    e = told.column(f"{REFERENCE}q_d_rad") - told.column(f"{PLANT}theta_rad")
-    e_rate = told.column(f"{REFERENCE}q_d_rate_rad_s") - turns
-    acc_d = told.column(f"{REFERENCE}q_d_acc_rad_s2")
+    rotor = run.setting(f"{PLANT}motor_inertia_kg_m2") * run.setting(f"{PLANT}gear_ratio") ** 2
+    m = run.setting(f"{PLANT}rigid_inertia_kg_m2") + rotor
+    turns = run.column(f"{PLANT}theta_rate_rad_s")
+    e = run.column(f"{REFERENCE}q_d_rad") - run.column(f"{PLANT}theta_rad")
+    e_rate = run.column(f"{REFERENCE}q_d_rate_rad_s") - turns
+    acc_d = run.column(f"{REFERENCE}q_d_acc_rad_s2")
     r = e_rate + lam * e
-    m_r_rate = m * (acc_d + lam * e_rate - (told.after(turns) - turns) / told.period_s)
+    m_r_rate = m * (acc_d + lam * e_rate - (run.after(turns) - turns) / run.period_s)
 
-    w = told.used(f"{LAW}w", 1 + NODES + JUMPS)
-    v = told.used(f"{LAW}v", INPUTS, NODES)
-    x, phi = told.array(f"{LAW}x", INPUTS), told.array(f"{LAW}phi", 1 + NODES + JUMPS)
-    z = np.einsum("nij,ni->nj", v, x)
-    smooth = phi[:, 1 : 1 + NODES]
-    slope = smooth * (1.0 - smooth)
+    w = run.used(f"{LAW}w", 1 + NODES + JUMPS)
+    v = run.used(f"{LAW}v", INPUTS, NODES)
+    x, phi = run.array(f"{LAW}x", INPUTS), run.array(f"{LAW}phi", 1 + NODES + JUMPS)
     y, norm = inner(w, phi), np.sqrt(size(w) ** 2 + size(v) ** 2)
     asked = kv * r + y + kz * (norm + z_bound) * r
     f = m_r_rate + asked  # less u_F, which is the run's as well
@@ -67,38 +66,35 @@ def prove(told: Told) -> Proof:
     known = np.concatenate((with_threshold(logistic(x @ v_ideal)), phi[:, 1 + NODES :]), axis=1)
     w_ideal = fitted(known[:-1], f[:-1, None])[:, 0]
     w_lacks, v_lacks = w_ideal - w, v_ideal - v
-    flat = phi.copy()
-    flat[:, 1 : 1 + NODES] -= slope * z
-    turned = slope * np.einsum("nij,ni->nj", v_lacks, x)
+    flat, slope, turned = linearised(phi, v, x, v_lacks)
     cancelled = inner(w_lacks, flat) + inner(w[:, 1 : 1 + NODES], turned)
     rest = f - y - cancelled
 
-    seen, off = told.column(f"{LAW}r_rad_s"), told.column(f"{LAW}e_rad")
-    inside = 0.5 * m * (told.after(r) ** 2 - r**2) / told.period_s - r * m_r_rate
-    engaged = told.column(f"{LAW}network_on") > 0.5
+    seen, off = run.column(f"{LAW}r_rad_s"), run.column(f"{LAW}e_rad")
+    inside = 0.5 * m * (run.after(r) ** 2 - r**2) / run.period_s - r * m_r_rate
+    engaged = run.column(f"{LAW}network_on") > 0.5
     tunes = (np.abs(off) > DEAD_BAND_RAD) | (np.abs(acc_d) > 1e-6)
     tuned = np.clip(seen, -R_MAX_RAD_S, R_MAX_RAD_S) * tunes * engaged
-    moved = told.array(f"{LAW}w", 1 + NODES + JUMPS) - w
-    moved_v = told.array(f"{LAW}v", INPUTS, NODES) - v
+    moved = run.moved(f"{LAW}w", 1 + NODES + JUMPS)
     held = kappa * np.abs(tuned)
     back = slope * w[:, 1 : 1 + NODES] * tuned[:, None]
     drive = flat * tuned[:, None] - held[:, None] * w
     drive_v = x[:, :, None] * back[:, None, :] - held[:, None, None] * v
     near, far = slice(0, 1 + NODES), slice(1 + NODES, None)
     weights = (
-        Weights("F", told.rate("f_rate"), w_lacks[:, near], moved[:, near], drive[:, near]),
-        Weights("FJ", told.rate("fj_rate"), w_lacks[:, far], moved[:, far], drive[:, far]),
-        Weights("G", told.rate("g_rate"), v_lacks, moved_v, drive_v),
+        Weights("F", run.rate("f_rate"), w_lacks[:, near], moved[:, near], drive[:, near]),
+        Weights("FJ", run.rate("fj_rate"), w_lacks[:, far], moved[:, far], drive[:, far]),
+        Weights("G", run.rate("g_rate"), v_lacks, run.moved(f"{LAW}v", INPUTS, NODES), drive_v),
     )
     leak = kappa * (inner(w_lacks, w) + inner(v_lacks, v))
     outer, first = float(np.linalg.norm(w_ideal)), float(np.linalg.norm(v_ideal))
     eps = float(np.abs(f - known @ w_ideal)[:-1].max())
-    tau, opened = told.column(f"{LAW}tau_Nm"), told.column(f"{PLANT}penetration_rad") == 0.0
+    tau, opened = run.column(f"{LAW}tau_Nm"), run.column(f"{PLANT}penetration_rad") == 0.0
     damping = kv + kz * z_bound
     return Proof(
         theorem="Theorem 3.2.2, for a rigid hub",
         error_is="|r| [rad/s]",
-        t_s=told.t_s,
+        t_s=run.t_s,
         v=0.5 * m * r**2 + sum(one.stored for one in weights),
         tuned=weights,
         damping=kv * r**2 + kz * (norm + z_bound) * r**2,
@@ -125,27 +121,19 @@ def prove(told: Told) -> Proof:
         ),
         asked=(
             rates_positive(weights),
-            Asked("leak kappa above 0", kappa > 0.0, f"kappa {kappa:g}", needed=True),
-            Asked(
+            positive("leak kappa", kappa),
+            Assumption(
                 "the network is on in the end",
                 bool(engaged[-1]),
                 f"it is in {100.0 * float(engaged.mean()):.3g} % of the cycles",
                 needed=True,
             ),
-            Asked(
+            Assumption(
                 "the hub is rigid, tau turns it", False, "bending, shaft and current loop are in w"
             ),
-            Asked(
-                "the gap is never open",
-                not opened.any(),
-                f"it is in {100.0 * float(opened.mean()):.3g} % of the cycles",
-            ),
-            Asked(
-                "tuning rests in no cycle",
-                bool(tunes.all()),
-                f"the dead band holds it in {100.0 * float((~tunes).mean()):.3g} % of the cycles",
-            ),
-            Asked(
+            never("the gap is never open", opened, "it is in {}"),
+            never("tuning rests in no cycle", ~tunes, "the dead band holds it in {}"),
+            Assumption(
                 "tau is not limited",
                 bool((np.abs(tau) < limit).all()),
                 f"up to {np.abs(tau).max():.3g} of {limit:g} N m",

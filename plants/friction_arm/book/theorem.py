@@ -22,15 +22,18 @@ import math
 
 import numpy as np
 
-from pcpc.plants.families.two_link.theory import Motion, TwoLinks, drawn, motion, times
-from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
+from pcpc.plants.families.two_link.book.theory import Motion, TwoLinks, drawn, motion, times
+from pcpc.plants.lyapunov import Assumption, Constants, Proof, Vector
 from pcpc.plants.theorem import (
+    Cycles,
     Theorem,
-    Told,
     acting,
     fitted,
     inner,
+    linearised,
     logistic,
+    never,
+    positive,
     rates_positive,
     read_out,
     size,
@@ -41,35 +44,30 @@ from pcpc.plants.weights import Weights
 INPUTS, ROOM, JUMPS = 11, 16, 4
 STANDARD, PROJECT, CONST = 0.0, 3.0, 4.0
 NO_FRICTION, LUGRE = 0.0, 2.0
+FRICTION = ("coulomb_{}_Nm", "stiction_{}_Nm", "viscous_{}_Nm", "beta1_{}_s_rad", "beta2_{}_s_rad")
 LINKS = ("a1_m", "a2_m", "m1_kg", "m2_kg", "gravity_m_s2")
 
 
-def seen(one: Motion) -> Vector:
+def network_input(one: Motion) -> Vector:
     """Return x (n, 11)."""
     parts = (one.e, one.e_rate, one.q_d, one.rate_d, one.acc_d)
     return with_threshold(np.concatenate(parts, axis=1))
 
 
-def sliding(told: Told, v: Vector) -> Vector:
+def friction_torque(run: Cycles, v: Vector) -> Vector:
     """Return the friction of joints that move with v, N m."""
     made = np.empty_like(v)
     for j in range(2):
-        a0, a1, a2, b1, b2 = (
-            told.setting(f"plant:arm.{name}_{j + 1}_{unit}")
-            for name, unit in (
-                ("coulomb", "Nm"), ("stiction", "Nm"), ("viscous", "Nm"),
-                ("beta1", "s_rad"), ("beta2", "s_rad"),
-            )
-        )  # fmt: skip
+        a0, a1, a2, b1, b2 = run.settings("plant:arm.", [name.format(j + 1) for name in FRICTION])
         speed = np.abs(v[:, j])
         level = a0 + a1 * np.exp(-b1 * speed) + a2 * (1.0 - np.exp(-b2 * speed))
         made[:, j] = level * np.sign(v[:, j])
-    return made * float(told.setting("plant:arm.friction_model") > 0.0)
+    return made * float(run.setting("plant:arm.friction_model") > 0.0)
 
 
-def jump_nodes(told: Told, v: Vector) -> Vector:
+def jump_nodes(run: Cycles, v: Vector) -> Vector:
     """Return phi (n, 4) at joint rates v."""
-    kind = told.law("jump_nodes")
+    kind = run.law("jump_nodes")
     if kind in (STANDARD, CONST):
         return np.tile([1.0, 0.0, 1.0, 0.0], (len(v), 1)) * float(kind == CONST)
     ahead = (v >= 0.0).astype(float)
@@ -77,31 +75,31 @@ def jump_nodes(told: Told, v: Vector) -> Vector:
     return np.concatenate(pairs, axis=1)
 
 
-def wanted(links: TwoLinks, one: Motion) -> Vector:
+def frictionless(links: TwoLinks, one: Motion) -> Vector:
     """Return f (1) without friction, N m."""
     ahead, along = one.forward
     moved = times(links.inertia(one.q), ahead) + times(links.coriolis(one.q, one.v), along)
     return moved + links.gravity(one.q)
 
 
-def projected(told: Told, w2: Vector, driven: Vector, rate: float) -> Vector:
+def projection(run: Cycles, w2: Vector, driven: Vector, rate: float) -> Vector:
     """Return what the projection of own-joint step weights to 0 and more adds to `driven` of W2."""
     added = np.zeros_like(driven)
-    if told.law("jump_nodes") == PROJECT and rate != 0.0:
-        free = w2 + told.period_s * rate * driven
+    if run.law("jump_nodes") == PROJECT and rate != 0.0:
+        free = w2 + run.period_s * rate * driven
         for j in range(2):
             own = free[:, 2 * j, j]
-            added[:, 2 * j, j] = (np.maximum(own, 0.0) - own) / (rate * told.period_s)
+            added[:, 2 * j, j] = (np.maximum(own, 0.0) - own) / (rate * run.period_s)
     return added
 
 
-def driven(told: Told, used: tuple[Vector, ...], nodes: tuple[Vector, ...], r: Vector
+def tuning_drives(run: Cycles, used: tuple[Vector, ...], nodes: tuple[Vector, ...], r: Vector
            ) -> list[Vector]:  # fmt: skip
     """Return (6) over the rates for W1, V, W2; `nodes`: s - s'z, s', x, phi."""
     flat, slope, x, phi = nodes
     w1, v, w2 = used
     back = slope * np.einsum("njm,nm->nj", w1[:, 1:], r)
-    leak = told.law("kappa") * size(r)[:, None, None]
+    leak = run.law("kappa") * size(r)[:, None, None]
     return [
         flat[:, :, None] * r[:, None, :] - leak * w1,
         x[:, :, None] * back[:, None, :] - leak * v,
@@ -109,82 +107,78 @@ def driven(told: Told, used: tuple[Vector, ...], nodes: tuple[Vector, ...], r: V
     ]
 
 
-def smooth(told: Told, one: Motion) -> Asked:
+def friction_without_memory(run: Cycles, one: Motion) -> Assumption:
     """Return whether friction is a function of x: without a state of its own, nothing at rest."""
-    what, model = "friction is a function of x", told.setting("plant:arm.friction_model")
+    what, model = "friction is a function of x", run.setting("plant:arm.friction_model")
     if model == NO_FRICTION:
-        return Asked(what, True, "the joints have none")
+        return Assumption(what, True, "the joints have none")
     if model == LUGRE:
-        return Asked(what, False, "LuGre's bristles are a state of their own")
-    sticks = 100.0 * float(np.mean((one.v == 0.0).any(axis=1)))
-    return Asked(what, sticks == 0.0, f"a joint sticks in {sticks:.3g} % of the cycles")
+        return Assumption(what, False, "LuGre's bristles are a state of their own")
+    return never(what, (one.v == 0.0).any(axis=1), "a joint sticks in {}")
 
 
-def prove(told: Told) -> Proof:
+def prove(run: Cycles) -> Proof:
     """Return the proof of a run."""
-    nodes = int(told.law("nodes"))
-    kv = np.array([told.law(f"kv_{j}_Nms_rad") for j in (1, 2)])
-    lam = np.array([told.law(f"lam_{j}_per_s") for j in (1, 2)])
-    kappa, kz, z_bound = told.law("kappa"), told.law("kz"), told.law("z_bound")
-    links = TwoLinks(*(told.setting(f"plant:arm.{name}") for name in LINKS))
-    one = motion(told, lam)
+    nodes = int(run.law("nodes"))
+    kv = np.array(run.laws("kv_1_Nms_rad", "kv_2_Nms_rad"))
+    lam = np.array(run.laws("lam_1_per_s", "lam_2_per_s"))
+    kappa, kz, z_bound = run.laws("kappa", "kz", "z_bound")
+    links = TwoLinks(*run.settings("plant:arm.", LINKS))
+    one = motion(run, lam)
     r, inertia = one.r, links.inertia(one.q)
 
-    w1 = told.used("executive:controller.w1", ROOM + 1, 2)[:, : nodes + 1]
-    w2 = told.used("executive:controller.w2", JUMPS, 2)
-    v = told.used("executive:controller.v", INPUTS, ROOM)[:, :, :nodes]
-    x, phi = seen(one), told.array("executive:controller.phi", JUMPS)
-    z = np.einsum("nij,ni->nj", v, x)
-    s = with_threshold(logistic(z))
-    slope = s[:, 1:] * (1.0 - s[:, 1:])
-    friction = told.after(told.columns("plant:arm.friction_{}_Nm"))
-    f = wanted(links, one) + friction
+    w1 = run.used("executive:controller.w1", ROOM + 1, 2)[:, : nodes + 1]
+    w2 = run.used("executive:controller.w2", JUMPS, 2)
+    v = run.used("executive:controller.v", INPUTS, ROOM)[:, :, :nodes]
+    x, phi = network_input(one), run.array("executive:controller.phi", JUMPS)
+    s = with_threshold(logistic(np.einsum("nij,ni->nj", v, x)))
+    friction = run.after(run.columns("plant:arm.friction_{}_Nm"))
+    f = frictionless(links, one) + friction
 
     v_ideal = v[0]
     both = fitted(np.concatenate((with_threshold(logistic(x @ v_ideal)), phi), axis=1), f)
     w1_lacks, w2_lacks, v_lacks = both[: nodes + 1] - w1, both[nodes + 1 :] - w2, v_ideal - v
     learned = read_out(w1, s) + read_out(w2, phi)
-    turned = slope * np.einsum("nij,ni->nj", v_lacks, x)
-    flat = np.concatenate((s[:, :1], s[:, 1:] - slope * z), axis=1)
+    flat, slope, turned = linearised(s, v, x, v_lacks)
     cancelled = read_out(w1_lacks, flat) + read_out(w1[:, 1:], turned) + read_out(w2_lacks, phi)
     rest = f - learned - cancelled  # (3)
 
     used, lacks = (w1, v, w2), (w1_lacks, v_lacks, w2_lacks)
     state = "executive:controller."
-    after = (
-        told.array(f"{state}w1", ROOM + 1, 2)[:, : nodes + 1],
-        told.array(f"{state}v", INPUTS, ROOM)[:, :, :nodes],
-        told.array(f"{state}w2", JUMPS, 2),
+    moved = (
+        run.moved(f"{state}w1", ROOM + 1, 2)[:, : nodes + 1],
+        run.moved(f"{state}v", INPUTS, ROOM)[:, :, :nodes],
+        run.moved(f"{state}w2", JUMPS, 2),
     )
-    drives = driven(told, used, (flat, slope, x, phi), r)
-    held = projected(told, w2, drives[2], told.rate("e_rate"))
+    drives = tuning_drives(run, used, (flat, slope, x, phi), r)
+    held = projection(run, w2, drives[2], run.rate("e_rate"))
     drives[2] = drives[2] + held
-    names = "ST" if told.law("jump_nodes") == STANDARD else "STE"
+    names = "ST" if run.law("jump_nodes") == STANDARD else "STE"
     weights = [
-        Weights(name, told.rate(f"{name.lower()}_rate"), lack, new - old, drive)
-        for name, lack, new, old, drive in zip(names, lacks, after, used, drives, strict=False)
+        Weights(name, run.rate(f"{name.lower()}_rate"), *parts)
+        for name, *parts in zip(names, lacks, moved, drives, strict=False)
     ]
     lack = np.sqrt(sum(size(one) ** 2 for one in lacks))
     norm = np.sqrt(size(w1) ** 2 + size(v) ** 2 + size(w2) ** 2)
     lyapunov = 0.5 * np.einsum("ni,nij,nj->n", r, inertia, r)
     error = size(r)
-    asked = told.columns("executive:controller.torque_{}_Nm")
-    acts = told.after(told.columns("plant:arm.acting_{}_Nm"))
+    asked = run.columns("executive:controller.torque_{}_Nm")
+    acts = run.after(run.columns("plant:arm.acting_{}_Nm"))
     leak = sum(inner(a, b) for a, b in zip(lacks, used, strict=True))
 
     far = drawn(one)
-    far_x = seen(far)
+    far_x = network_input(far)
     known = np.concatenate(
-        (with_threshold(logistic(far_x @ v_ideal)), jump_nodes(told, far.v)), axis=1
+        (with_threshold(logistic(far_x @ v_ideal)), jump_nodes(run, far.v)), axis=1
     )
-    eps = size(wanted(links, far) + sliding(told, far.v) - known @ both).max()
+    eps = size(frictionless(links, far) + friction_torque(run, far.v) - known @ both).max()
     outer, reach = float(np.linalg.norm(both)), float(size(far_x).max())
     ideal = math.hypot(outer, float(np.linalg.norm(v_ideal)))
     low, high = links.inertia_range()
     return Proof(
         theorem="Theorem 3.2.2",
         error_is="|r| [rad/s]",
-        t_s=told.t_s,
+        t_s=run.t_s,
         v=lyapunov + sum(one.stored for one in weights),
         tuned=weights,
         damping=np.sum(r * kv * r, axis=1) + kz * (norm + z_bound) * error**2,
@@ -209,14 +203,14 @@ def prove(told: Told) -> Proof:
         ),
         asked=(
             rates_positive(weights),
-            Asked("leak kappa above 0", kappa > 0.0, f"kappa {kappa:g}", needed=True),
-            Asked(
+            positive("leak kappa", kappa),
+            Assumption(
                 "Z_B is above |Z*|",
                 z_bound >= ideal,
                 f"Z_B {z_bound:g}, |Z*| {ideal:.3g}",
             ),
             acting(asked, acts, "N m"),
-            smooth(told, one),
+            friction_without_memory(run, one),
         ),
     )
 

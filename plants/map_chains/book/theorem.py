@@ -1,24 +1,33 @@
 """The theorem of chapter 4.3 on runs of two coupled chains: exact, from step to step.
 
-(1) to (4) of plants/deadzone_map/theorem.py for either chain; V is the sum of both. What one chain
-does to the other and the law does not know counts to w, as the model's error does. The error of a
-step is the size of both r after it. With a gap instead of a deadzone there is no theorem here.
+(1) to (4) of plants/deadzone_map/book/theorem.py for either chain; V is the sum of both. What one
+chain does to the other and the law does not know counts to w, as the model's error does. The error
+of a step is the size of both r after it. With a gap instead of a deadzone there is no theorem here.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3, for m inputs.
 """
 
 import numpy as np
 
-from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
-from pcpc.plants.theorem import NoTheorem, Theorem, Told, inner, rates_positive, size
+from pcpc.plants.lyapunov import Assumption, Constants, Proof, Vector
+from pcpc.plants.theorem import (
+    Cycles,
+    NoTheorem,
+    Theorem,
+    inner,
+    never,
+    positive,
+    rates_positive,
+    size,
+)
 from pcpc.plants.weights import Weights
 
 MARGIN = 1.25  # of the range that w is looked for in, over that of the run
 CHAINS, LAW, PLANT = "ab", "executive:controller.", "plant:chains."
 
 
-def both(told: Told, name: str) -> Vector:
+def both(run: Cycles, name: str) -> Vector:
     """Return NAME with {} for a, b, (n, 2)."""
-    return np.stack([told.column(name.format(chain)) for chain in CHAINS], axis=1)
+    return np.stack([run.column(name.format(chain)) for chain in CHAINS], axis=1)
 
 
 def drift(x: tuple[Vector, Vector, Vector], order: float, c: float, kappa: float) -> Vector:
@@ -28,34 +37,34 @@ def drift(x: tuple[Vector, Vector, Vector], order: float, c: float, kappa: float
     return -c * first / bent + x[2] + kappa * x[2][:, ::-1] / bent
 
 
-def prove(told: Told) -> Proof:
+def prove(run: Cycles) -> Proof:
     """Return the proof of a run; NoTheorem for chains with gaps."""
-    gaps = max(told.setting(f"{PLANT}{chain}_gap") for chain in CHAINS)
-    if gaps > 0.0:
+    if max(run.settings(PLANT, ("a_gap", "b_gap"))) > 0.0:
         raise NoTheorem("these chains have gaps, and the law's theorem is one of deadzones")
-    names = ("kv", "lam", "lam_2", "order", "model_c", "model_coupling", "gam")
-    kv, lam, lam_2, order, known, known_kappa, gam = (told.law(name) for name in names)
-    true, kappa, actual = (told.setting(f"{PLANT}{name}") for name in ("c", "coupling", "order"))
-    alpha = told.rate("alpha")
+    kv, lam, lam_2, order, known, known_kappa, gam = run.laws(
+        "kv", "lam", "lam_2", "order", "model_c", "model_coupling", "gam"
+    )
+    true, kappa, actual = run.settings(PLANT, ("c", "coupling", "order"))
+    alpha = run.rate("alpha")
     rate = abs(alpha) or 1.0
-    width = np.array([told.setting(f"{PLANT}{chain}_dead") for chain in CHAINS])
-    x = (both(told, PLANT + "{}_x1"), both(told, PLANT + "{}_x2"), both(told, PLANT + "{}_x3"))
+    width = np.array(run.settings(PLANT, ("a_dead", "b_dead")))
+    x = (both(run, PLANT + "{}_x1"), both(run, PLANT + "{}_x2"), both(run, PLANT + "{}_x3"))
     now, previous, older = (
-        both(told, "executive:reference_{}." + name) for name in ("now", "previous", "older")
+        both(run, "executive:reference_{}." + name) for name in ("now", "previous", "older")
     )
     r = x[2] - now + lam * (x[1] - previous) + lam_2 * (x[0] - older)
-    after = np.stack([told.after(column) for column in r.T], axis=1)
-    d = np.stack([both(told, LAW + f"{{}}_width_{side}") for side in ("plus", "minus")], axis=2)
-    fired = np.stack([both(told, LAW + f"{{}}_fired_{side}") for side in ("plus", "minus")], axis=2)
+    after = np.stack([run.after(column) for column in r.T], axis=1)
+    d = np.stack([both(run, LAW + f"{{}}_width_{side}") for side in ("plus", "minus")], axis=2)
+    fired = np.stack([both(run, LAW + f"{{}}_fired_{side}") for side in ("plus", "minus")], axis=2)
     ideal = np.broadcast_to(width[:, None], d.shape)
     lacks = ideal - d
     moved = np.concatenate((np.diff(d, axis=0), np.zeros_like(d[:1])))
     drive = -fired * after[:, :, None] - (gam / rate) * d
     weights = Weights("alpha", alpha, lacks, moved, drive)
-    acts = np.stack([told.after(column) for column in both(told, PLANT + "{}_tau").T], axis=1)
-    command = both(told, LAW + "{}_command")
+    acts = np.stack([run.after(column) for column in both(run, PLANT + "{}_tau").T], axis=1)
+    command = both(run, LAW + "{}_command")
     off = drift(x, actual, true, kappa) - drift(x, order, known, known_kappa)
-    w = off + acts - both(told, LAW + "{}_tau_d") + np.sum(fired * lacks, axis=2)
+    w = off + acts - both(run, LAW + "{}_tau_d") + np.sum(fired * lacks, axis=2)
     helps = np.sum(fired * ideal, axis=2)
     damping = 0.5 * (1.0 - alpha - 2.0 * gam - ((1.0 - gam) * kv) ** 2)
     norm = float(np.sqrt(2.0) * np.linalg.norm(width))
@@ -65,7 +74,7 @@ def prove(told: Told) -> Proof:
     return Proof(
         theorem="theorem of chapter 4.3",
         error_is="|r| of both after the step",
-        t_s=told.t_s,
+        t_s=run.t_s,
         v=0.5 * size(r) ** 2 + weights.stored,
         tuned=(weights,),
         damping=0.5 * size(r) ** 2
@@ -92,22 +101,22 @@ def prove(told: Told) -> Proof:
         ),
         asked=(
             rates_positive([weights]),
-            Asked("forgetting Gam above 0", gam > 0.0, f"Gam {gam:g}", needed=True),
-            Asked(
+            positive("forgetting Gam", gam),
+            Assumption(
                 "Kv^2 < 1 - alpha, about",
                 damping > 0.0,
                 f"Kv {kv:g}, alpha {alpha:g}, K {damping:.3g}",
                 needed=True,
             ),
-            Asked(
+            Assumption(
                 "the model is exact",
                 (known, known_kappa, order) == (true, kappa, actual),
                 f"c {true:g}, coupling {kappa:g}; as known {known:g}, {known_kappa:g}",
             ),
-            Asked(
+            never(
                 "the commands leave the deadzones",
-                not inside.any(),
-                f"one does not in {100.0 * float(inside.any(axis=1).mean()):.3g} % of the cycles",
+                np.asarray(inside.any(axis=1)),
+                "one does not in {}",
             ),
         ),
         ideal_by="the true widths",

@@ -16,32 +16,32 @@ Lewis, Campos, Selmic (SIAM 2002), chapter 4.3.
 
 import numpy as np
 
-from pcpc.plants.lyapunov import Asked, Constants, Proof
-from pcpc.plants.theorem import Theorem, Told, inner, rates_positive, size
+from pcpc.plants.lyapunov import Assumption, Constants, Proof
+from pcpc.plants.theorem import Cycles, Theorem, inner, never, positive, rates_positive, size
 from pcpc.plants.weights import Weights
 
 MARGIN = 1.25  # of the range that w is looked for in, over that of the run
 STATE, GOAL = "executive:controller.", "executive:reference.now"
 
 
-def prove(told: Told) -> Proof:
+def prove(run: Cycles) -> Proof:
     """Return the proof of a run."""
-    kv, lam, known, gam = (told.law(name) for name in ("kv", "lam", "model_c", "gam"))
-    alpha = told.rate("alpha")
+    kv, lam, known, gam = run.laws("kv", "lam", "model_c", "gam")
+    alpha = run.rate("alpha")
     rate = abs(alpha) or 1.0
-    true, width = told.setting("plant:map.c"), told.setting("plant:map.d")
-    x1, x2 = told.column("plant:map.x1"), told.column("plant:map.x2")
-    before, now = told.earlier(GOAL), told.column(GOAL)
+    true, width = run.setting("plant:map.c"), run.setting("plant:map.d")
+    x1, x2 = run.column("plant:map.x1"), run.column("plant:map.x2")
+    before, now = run.earlier(GOAL), run.column(GOAL)
     r = x2 - now + lam * (x1 - before)
-    after = told.after(r)
-    d = np.stack((told.column(f"{STATE}width_plus"), told.column(f"{STATE}width_minus")), axis=1)
-    x = np.stack((told.column(f"{STATE}fired_plus"), told.column(f"{STATE}fired_minus")), axis=1)
+    after = run.after(r)
+    d = np.stack((run.column(f"{STATE}width_plus"), run.column(f"{STATE}width_minus")), axis=1)
+    x = np.stack((run.column(f"{STATE}fired_plus"), run.column(f"{STATE}fired_minus")), axis=1)
     lacks = width - d
     moved = np.concatenate((np.diff(d, axis=0), np.zeros_like(d[:1])))
     drive = -x * after[:, None] - (gam / rate) * d
     weights = Weights("alpha", alpha, lacks, moved, drive)
-    tau_d, command = told.column(f"{STATE}tau_d"), told.column(f"{STATE}command")
-    acts = told.after(told.column("plant:map.tau"))
+    tau_d, command = run.column(f"{STATE}tau_d"), run.column(f"{STATE}command")
+    acts = run.after(run.column("plant:map.tau"))
     bend = (known - true) * x1 / (1.0 + x2**2)
     w = bend + acts - tau_d + inner(x, lacks)
     ideal = width * np.ones_like(d)
@@ -55,7 +55,7 @@ def prove(told: Told) -> Proof:
     return Proof(
         theorem="theorem of chapter 4.3",
         error_is="|r| after the step",
-        t_s=told.t_s,
+        t_s=run.t_s,
         v=0.5 * r**2 + weights.stored,
         tuned=(weights,),
         damping=0.5 * r**2
@@ -82,19 +82,15 @@ def prove(told: Told) -> Proof:
         ),
         asked=(
             rates_positive([weights]),
-            Asked("forgetting Gam above 0", gam > 0.0, f"Gam {gam:g}", needed=True),
-            Asked(
+            positive("forgetting Gam", gam),
+            Assumption(
                 "Kv^2 < 1 - alpha, about",
                 damping > 0.0,
                 f"Kv {kv:g}, alpha {alpha:g}, K {damping:.3g}",
                 needed=True,
             ),
-            Asked("the model is exact", known == true, f"c {true:g}, as known {known:g}"),
-            Asked(
-                "the command leaves the deadzone",
-                not inside.any(),
-                f"it does not in {100.0 * float(inside.mean()):.3g} % of the cycles",
-            ),
+            Assumption("the model is exact", known == true, f"c {true:g}, as known {known:g}"),
+            never("the command leaves the deadzone", inside, "it does not in {}"),
         ),
         ideal_by="the true widths",
         step_s=1.0,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcpc.plants.lyapunov import Vector
-from pcpc.plants.theorem import Told
+from pcpc.plants.theorem import Cycles
 
 DRAWN = 4000  # points of the compact set
 MARGIN = 1.25  # of the compact set over the run
@@ -96,14 +96,14 @@ class Motion:
         return self.acc_d + self.lam * self.e_rate, self.rate_d + self.lam * self.e
 
 
-def motion(told: Told, lam: Vector) -> Motion:
+def motion(run: Cycles, lam: Vector) -> Motion:
     """Return the motion of an arm whose blocks are `arm`, `reference_1` and `reference_2`."""
     return Motion(
-        told.columns("plant:arm.q_{}_rad"),
-        told.columns("plant:arm.rate_{}_rad_s"),
-        told.columns("executive:reference_{}.q_d_rad"),
-        told.columns("executive:reference_{}.q_d_rate_rad_s"),
-        told.columns("executive:reference_{}.q_d_acc_rad_s2"),
+        run.columns("plant:arm.q_{}_rad"),
+        run.columns("plant:arm.rate_{}_rad_s"),
+        run.columns("executive:reference_{}.q_d_rad"),
+        run.columns("executive:reference_{}.q_d_rate_rad_s"),
+        run.columns("executive:reference_{}.q_d_acc_rad_s2"),
         lam,
     )
 
@@ -122,11 +122,11 @@ def drawn(one: Motion) -> Motion:
 
 
 def accelerated(
-    told: Told, links: TwoLinks, q: Vector, v: Vector, width: float, torque: Vector | float = 0.0
+    run: Cycles, links: TwoLinks, q: Vector, v: Vector, width: float, torque: Vector | float = 0.0
 ) -> Vector:
     """Return q'' (n, 2) of (1) (2) of arm.py beside it under a torque, none by default."""
-    viscous = told.setting("plant:arm.viscous_Nms_rad")
-    coulomb = told.setting("plant:arm.coulomb_Nm")
+    viscous = run.setting("plant:arm.viscous_Nms_rad")
+    coulomb = run.setting("plant:arm.coulomb_Nm")
     slowed = times(links.coriolis(q, v), v) + links.gravity(q)
     pull = torque - slowed - viscous * v - coulomb * np.tanh(v / width)
     return np.asarray(np.linalg.solve(links.inertia(q), pull[:, :, None])[:, :, 0])

@@ -17,30 +17,40 @@ most |sg|/(1 - |Kv + c_r|) after its transient. Source: Lewis, Campos, Selmic (S
 
 import numpy as np
 
-from pcpc.plants.lyapunov import Asked, Constants, Proof
-from pcpc.plants.theorem import Theorem, Told, fitted, inner, rates_positive, size
+from pcpc.plants.lyapunov import Assumption, Constants, Proof
+from pcpc.plants.theorem import (
+    Cycles,
+    Theorem,
+    fitted,
+    inner,
+    never,
+    positive,
+    rates_positive,
+    size,
+    switched_on,
+)
 from pcpc.plants.weights import Weights
 
 NODES, JUMPS = 10, 2
 STATE, GOAL = "executive:controller.", "executive:reference.now"
 
 
-def prove(told: Told) -> Proof:
+def prove(run: Cycles) -> Proof:
     """Return the proof of a run."""
-    lam, kv, kb, gam, cr = (told.law(name) for name in ("lam", "kv", "kb", "gamma", "cr"))
-    alpha, m = told.rate("alpha"), told.setting("plant:map.slope")
+    lam, kv, kb, gam, cr = run.laws("lam", "kv", "kb", "gamma", "cr")
+    alpha, m = run.rate("alpha"), run.setting("plant:map.slope")
     rate = abs(alpha) or 1.0
-    gap = told.setting("plant:map.d_plus") - told.setting("plant:map.d_minus")
-    x1, x2, tau = (told.column(f"plant:map.{name}") for name in ("x1", "x2", "tau"))
-    x_d, x_d_before = told.column(GOAL), told.earlier(GOAL)
+    gap = run.setting("plant:map.d_plus") - run.setting("plant:map.d_minus")
+    x1, x2, tau = (run.column(f"plant:map.{name}") for name in ("x1", "x2", "tau"))
+    x_d, x_d_before = run.column(GOAL), run.earlier(GOAL)
     r = x2 - x_d + lam * (x1 - x_d_before)
-    tau_d, foretold = told.column(f"{STATE}tau_d"), told.column(f"{STATE}foretold")
+    tau_d, foretold = run.column(f"{STATE}tau_d"), run.column(f"{STATE}foretold")
     tt = tau_d - tau
     sg = tt + cr * r
-    after = told.after(sg)
-    s = told.array(f"{STATE}s", 1 + NODES + JUMPS)[:, 1:]
-    w = told.array(f"{STATE}w", NODES + JUMPS)
-    wanted = told.after(tau_d) - m * (foretold - kb * tt) + cr * told.after(r)
+    after = run.after(sg)
+    s = run.array(f"{STATE}s", 1 + NODES + JUMPS)[:, 1:]
+    w = run.array(f"{STATE}w", NODES + JUMPS)
+    wanted = run.after(tau_d) - m * (foretold - kb * tt) + cr * run.after(r)
     ideal = fitted(s[:-1], wanted[:-1, None] / m)[:, 0]
     lacks, square = ideal - w, inner(s, s)
     rest = after - m * inner(lacks, s)
@@ -57,15 +67,15 @@ def prove(told: Told) -> Proof:
     extra = np.maximum(leak - kappa * inner(lacks, w), 0.0)
     damping = 0.5 * (1.0 - m * alpha * (NODES + 1.0))
     eps = float(np.abs(wanted - m * (s @ ideal))[:-1].max())
-    command, limit = told.column(f"{STATE}command"), told.law("u_max")
-    resting = told.after(tau) == tau
+    command, limit = run.column(f"{STATE}command"), run.law("u_max")
+    resting = run.after(tau) == tau
     contracts = 1.0 - abs(kv + cr)
-    late = told.t_s >= told.t_s[len(told.t_s) // 2]
+    late = run.t_s >= run.t_s[len(run.t_s) // 2]
     reach = float(np.abs(sg[late]).max()) / max(contracts, 1e-9)
     return Proof(
         theorem="theorem of chapter 5.3",
         error_is="|tt + c_r r| after the step",
-        t_s=told.t_s,
+        t_s=run.t_s,
         v=0.5 * sg**2 + m * weights.stored,
         tuned=(weights,),
         damping=0.5 * sg**2 + 0.5 * (1.0 - m * alpha * square) * after**2,
@@ -85,35 +95,26 @@ def prove(told: Told) -> Proof:
         ),
         asked=(
             rates_positive([weights]),
-            Asked("forgetting Gam above 0", gam > 0.0, f"Gam {gam:g}", needed=True),
-            Asked(
-                "the network is on",
-                told.law("network_on") > 0.5,
-                f"network_on {told.law('network_on'):g}",
-                needed=True,
-            ),
-            Asked(
+            positive("forgetting Gam", gam),
+            switched_on(run, "the network is on", "network_on"),
+            Assumption(
                 "11 m alpha < 1, |Kv + c_r| < 1",
                 damping > 0.0 and contracts > 0.0,
                 f"K {damping:.3g}, Kv + c_r {kv + cr:.3g}",
                 needed=True,
             ),
-            Asked(
+            Assumption(
                 "the model is exact",
-                told.law("model_c") == told.setting("plant:map.c"),
-                f"c {told.setting('plant:map.c'):g}, as known {told.law('model_c'):g}",
+                run.law("model_c") == run.setting("plant:map.c"),
+                f"c {run.setting('plant:map.c'):g}, as known {run.law('model_c'):g}",
             ),
-            Asked(
-                "the gap is never open",
-                not resting.any(),
-                f"tau rests in {100.0 * float(resting.mean()):.3g} % of the cycles",
-            ),
-            Asked(
+            never("the gap is never open", resting, "tau rests in {}"),
+            Assumption(
                 "u is not limited",
                 bool((np.abs(command) < limit).all()),
                 f"|u| up to {np.abs(command).max():.3g} of {limit:g}",
             ),
-            Asked(
+            Assumption(
                 "|r| <= |tt + c_r r|/(1 - |Kv + c_r|) in the second half",
                 float(np.abs(r[late]).max()) <= reach,
                 f"{np.abs(r[late]).max():.3g} of {reach:.3g}",

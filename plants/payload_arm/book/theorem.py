@@ -22,18 +22,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcpc.plants.families.two_link.theory import Motion, TwoLinks, accelerated, drawn, motion
-from pcpc.plants.lyapunov import Asked, Constants, Proof, Vector
+from pcpc.plants.families.two_link.book.theory import Motion, TwoLinks, accelerated, drawn, motion
+from pcpc.plants.lyapunov import Assumption, Constants, Proof, Vector
 from pcpc.plants.theorem import (
+    Cycles,
     Theorem,
-    Told,
     acting,
     fitted,
     inner,
     logistic,
+    positive,
     rates_positive,
     read_out,
     size,
+    switched_on,
     with_threshold,
 )
 from pcpc.plants.weights import Weights
@@ -43,22 +45,22 @@ STATE = "executive:controller."
 WIDTH = "plant:arm.smooth_rad_s"
 
 
-def seen(one: Motion) -> Vector:
+def network_input(one: Motion) -> Vector:
     """Return x (n, 11) of the action network."""
     return with_threshold(
         np.concatenate((one.e, one.e_rate, one.q_d, one.rate_d, one.acc_d), axis=1)
     )
 
 
-def needed(told: Told, links: TwoLinks, one: Motion) -> Vector:
+def unknown_part(run: Cycles, links: TwoLinks, one: Motion) -> Vector:
     """Return q_d'' + Lam e' + M^-1 (Vm q' + G + Fr) (n, 2), rad/s2: f for Mhat = M."""
-    slowed = accelerated(told, links, one.q, one.v, told.setting(WIDTH))
+    slowed = accelerated(run, links, one.q, one.v, run.setting(WIDTH))
     return one.forward[0] - slowed
 
 
-def damping(told: Told, s1: Vector) -> tuple[float, float]:
+def damping(run: Cycles, s1: Vector) -> tuple[float, float]:
     """Return K and mu for the |s1| of the run."""
-    kv, beta, kap1 = (told.law(name) for name in ("kv_per_s", "beta", "kap1"))
+    kv, beta, kap1 = run.laws("kv_per_s", "beta", "kap1")
     most, left = np.inf, np.inf
     for s in np.linspace(s1.min(), s1.max(), 21):
         both = np.array([[s * s, 0.5 * s], [0.5 * s, kap1]])
@@ -71,52 +73,49 @@ def damping(told: Told, s1: Vector) -> tuple[float, float]:
     return left, most
 
 
-def prove(told: Told) -> Proof:
+def prove(run: Cycles) -> Proof:
     """Return the proof of a run."""
-    kv, lam, kz, delta, beta, kap1, kap2 = (
-        told.law(name)
-        for name in ("kv_per_s", "lam_per_s", "kz", "delta_rad_s", "beta", "kap1", "kap2")
+    kv, lam, kz, delta, beta, kap1, kap2 = run.laws(
+        "kv_per_s", "lam_per_s", "kz", "delta_rad_s", "beta", "kap1", "kap2"
     )
     names = ("a1_m", "a2_m", "m1_kg", "m2_kg")
-    known = TwoLinks(*(told.law(name) for name in names))
-    outer_mass = told.after(told.column("plant:arm.outer_mass_kg"))
-    own = (*names, "gravity_m_s2")
-    plain = TwoLinks(*(told.setting(f"plant:arm.{name}") for name in own))
-    links = replace(plain, m2=outer_mass)
-    one = motion(told, np.array([lam, lam]))
-    r, acts = one.r, told.after(told.columns("plant:arm.acting_{}_Nm"))
-    moved = accelerated(told, links, one.q, one.v, told.setting(WIDTH), acts)
+    known = TwoLinks(*run.laws(*names))
+    plain = TwoLinks(*run.settings("plant:arm.", (*names, "gravity_m_s2")))
+    links = replace(plain, m2=run.after(run.column("plant:arm.outer_mass_kg")))
+    one = motion(run, np.array([lam, lam]))
+    r, acts = one.r, run.after(run.columns("plant:arm.acting_{}_Nm"))
+    moved = accelerated(run, links, one.q, one.v, run.setting(WIDTH), acts)
     r_rate = one.forward[0] - moved
 
-    w1 = told.used(f"{STATE}w1", NODES, 2)
-    w2 = told.used(f"{STATE}w2", NODES, 2)
-    v2 = told.used(f"{STATE}v2", INPUTS, NODES)[0]
-    s1, s2 = told.array(f"{STATE}s1", NODES), logistic(seen(one) @ v2)
-    sc, critic = told.array(f"{STATE}sc", 2), told.columns("executive:controller.critic_{}")
-    robust = told.columns("executive:controller.robust_{}_rad_s2")
-    learned = told.columns("executive:controller.learned_{}_rad_s2")
+    w1 = run.used(f"{STATE}w1", NODES, 2)
+    w2 = run.used(f"{STATE}w2", NODES, 2)
+    v2 = run.used(f"{STATE}v2", INPUTS, NODES)[0]
+    s1, s2 = run.array(f"{STATE}s1", NODES), logistic(network_input(one) @ v2)
+    sc, critic = run.array(f"{STATE}sc", 2), run.columns("executive:controller.critic_{}")
+    robust = run.columns("executive:controller.robust_{}_rad_s2")
+    learned = run.columns("executive:controller.learned_{}_rad_s2")
     f = r_rate + kv * r + learned + robust
     ideal = fitted(s2, f)
     lacks, rest = ideal - w2, f - s2 @ ideal
 
     drive = s2[:, :, None] * sc[:, None, :] - kap2 * w2
-    moved = told.array(f"{STATE}w2", NODES, 2) - w2
-    weights = Weights("Gam", told.rate("gam"), lacks, moved, drive)
+    moved_w2 = run.moved(f"{STATE}w2", NODES, 2)
+    weights = Weights("Gam", run.rate("gam"), lacks, moved_w2, drive)
 
     error, back, judged = size(r), size(s1), size(sc)
     unhelped = np.maximum(size(rest) - kz, 0.0)
     sway = size(sc - r)
-    k, mu = damping(told, back)
+    k, mu = damping(run, back)
     at = drawn(one)
-    eps = size(needed(told, plain, at) - logistic(seen(at) @ v2) @ ideal).max()
-    payload = size(f - needed(told, plain, one)).max()
+    eps = size(unknown_part(run, plain, at) - logistic(network_input(at) @ v2) @ ideal).max()
+    payload = size(f - unknown_part(run, plain, one)).max()
     c0 = max(float(eps + payload) - kz, 0.0)
-    asked = told.columns("executive:controller.torque_{}_Nm")
+    asked = run.columns("executive:controller.torque_{}_Nm")
     wrong = float(np.abs(known.inertia(one.q) - links.inertia(one.q)).max())
     return Proof(
         theorem="Theorem 7.3.1",
         error_is="|r| [rad/s]",
-        t_s=told.t_s,
+        t_s=run.t_s,
         v=0.5 * (error**2 + size(critic) ** 2 + size(w1) ** 2) + weights.stored,
         tuned=(weights,),
         damping=kv * error**2
@@ -145,26 +144,20 @@ def prove(told: Told) -> Proof:
         ),
         asked=(
             rates_positive([weights]),
-            Asked("leak kap2 above 0", kap2 > 0.0, f"kap2 {kap2:g}", needed=True),
-            Asked(
-                "both networks are on",
-                told.law("action_on") > 0.5 and told.law("critic_on") > 0.5,
-                f"action_on {told.law('action_on'):g}, critic_on {told.law('critic_on'):g}",
-                needed=True,
-            ),
-            Asked(
+            positive("leak kap2", kap2),
+            switched_on(run, "both networks are on", "action_on", "critic_on"),
+            Assumption(
                 "beta^2 < 4 Kv |s1|^2 (1 - 1/(4 kap1)), alpha = kap1",
-                k > 0.0 and told.law("alpha") == kap1,
-                f"beta {beta:g}, K {k:.3g} of Kv {kv:g}, kap1 {kap1:g}, "
-                f"alpha {told.law('alpha'):g}",
+                k > 0.0 and run.law("alpha") == kap1,
+                f"beta {beta:g}, K {k:.3g} of Kv {kv:g}, kap1 {kap1:g}, alpha {run.law('alpha'):g}",
                 needed=True,
             ),
-            Asked(
+            Assumption(
                 "kz is above |w|",
                 bool((unhelped == 0.0).all()),
                 f"kz {kz:g}, |w| up to {size(rest).max():.3g}",
             ),
-            Asked("Mhat is M", wrong < 1e-9, f"they differ by up to {wrong:.3g} kg m2"),
+            Assumption("Mhat is M", wrong < 1e-9, f"they differ by up to {wrong:.3g} kg m2"),
             acting(asked, acts, "N m"),
         ),
     )

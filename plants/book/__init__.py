@@ -1,0 +1,1 @@
+"""What the studies of several systems are made of; in the repository only, as they are."""
