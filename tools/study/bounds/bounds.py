@@ -192,7 +192,7 @@ def model_files(rig: Rig) -> list[Path]:
 def known(rig: Rig) -> dict[str, Theorem]:
     """Return the theorems of a rig's plant, by law."""
     found: dict[str, Theorem] = {}
-    for file in (model.with_name(place) for model in model_files(rig) for place in PLACES):
+    for file in (model.parent / place for model in model_files(rig) for place in PLACES):
         if file.is_file():
             with own_streams():
                 found |= module_of("", file).THEOREMS
