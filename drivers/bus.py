@@ -51,7 +51,7 @@ class Bus:
         return self.interface in ("socketcan", "udp_multicast")
 
 
-def choose(interface: str, channel: str | None) -> Bus:
+def bus_named(interface: str, channel: str | None) -> Bus:
     """Return the bus for an interface name; `auto` looks at the machine, not at who uses it.
 
     A bus has one name: the default port of udp_multicast is left out.
@@ -77,11 +77,11 @@ def parse(text: str) -> tuple[str, str | None]:
     return interface, None
 
 
-def beside(bus: Bus) -> Bus:
+def neighbour_of(bus: Bus) -> Bus:
     """Return the bus next to `bus`: vcan1 to vcan0, the next port of udp_multicast; BusError."""
     if bus.interface == "udp_multicast":
         group, port = udp_address(bus.channel)
-        return choose(bus.interface, f"{group}:{port + 1 if port < 65535 else UDP_PORT}")
+        return bus_named(bus.interface, f"{group}:{port + 1 if port < 65535 else UDP_PORT}")
     name = re.fullmatch(r"(.*?)(\d+)", bus.channel)
     if bus.interface != "socketcan" or name is None:
         raise BusError(

@@ -18,7 +18,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from pcpc.drivers import claim
-from pcpc.drivers.bus import UDP_GROUP, UDP_PORT, Bus, beside, choose, udp_address, vcan_ready
+from pcpc.drivers.bus import (
+    UDP_GROUP,
+    UDP_PORT,
+    Bus,
+    bus_named,
+    neighbour_of,
+    udp_address,
+    vcan_ready,
+)
 from pcpc.drivers.errors import BusError
 
 _PORTS = 1000  # from the default one on; nobody runs so many rigs
@@ -56,18 +64,18 @@ class Choice:
         self.claims.clear()
 
 
-def take(wanted: Wanted) -> Choice:
+def take_bus(wanted: Wanted) -> Choice:
     """Choose and hold a bus; BusError if there is none."""
     try:
         if wanted.interface != "auto" or (wanted.channel and vcan_ready(wanted.channel)):
-            return _seated(Choice(choose(wanted.interface, wanted.channel)), wanted)
+            return _take_seats(Choice(bus_named(wanted.interface, wanted.channel)), wanted)
         with claim.turn():
-            return _seated(_partners(wanted) or _free(wanted), wanted)
+            return _take_seats(_partners_bus(wanted) or _free_bus(wanted), wanted)
     except OSError as error:
         raise BusError(f"no bus can be claimed: {error.strerror}; name one with --bus") from None
 
 
-def _seated(choice: Choice, wanted: Wanted) -> Choice:
+def _take_seats(choice: Choice, wanted: Wanted) -> Choice:
     """Add the claims of the bus and of a seat for each role, where they are free."""
     if not choice.bus.compiled:
         return choice
@@ -79,12 +87,12 @@ def _seated(choice: Choice, wanted: Wanted) -> Choice:
     return choice
 
 
-def _partners(wanted: Wanted) -> Choice | None:
+def _partners_bus(wanted: Wanted) -> Choice | None:
     """Return the first bus on which this user runs the rig without these roles."""
     seats: dict[str, list[str]] = {}
     for name in claim.held(f"seat/{os.getuid()}/"):
         _, _, bus, rig, role, *rest = [*name.split("/"), "", "", ""]
-        if rig == _short(wanted.rig) and not any(rest) and _is_ours(name):
+        if rig == _short_name(wanted.rig) and not any(rest) and _is_ours(name):
             seats.setdefault(bus, []).append(role)
     for bus, roles in seats.items():
         if wanted.roles and not set(roles) & set(wanted.roles):
@@ -93,12 +101,12 @@ def _partners(wanted: Wanted) -> Choice | None:
     return None
 
 
-def _free(wanted: Wanted) -> Choice:
+def _free_bus(wanted: Wanted) -> Choice:
     """Return the first bus that is free, its neighbour too where two are needed."""
     taken = {name.split("/")[2] for name in claim.held("seat/") if name.count("/") > 3}
     note = ""
     for bus, why_not in itertools.chain(_vcans(wanted), _udp_ports(wanted)):
-        both = (bus, beside(bus)) if wanted.two else (bus,)
+        both = (bus, neighbour_of(bus)) if wanted.two else (bus,)
         if any(str(one) in taken for one in both):
             continue
         claims = [one for one in (claim.hold(_name(bus)) for bus in both) if one is not None]
@@ -130,7 +138,7 @@ def _udp_ports(wanted: Wanted) -> Iterator[tuple[Bus, str]]:
     """Yield the ports of the default group, each with why it is not free or nothing."""
     used = used_ports()
     for port in range(UDP_PORT, UDP_PORT + _PORTS):
-        bus = choose("udp_multicast", f"{UDP_GROUP}:{port}")
+        bus = bus_named("udp_multicast", f"{UDP_GROUP}:{port}")
         wanted_ports = (port, port + 1) if wanted.two else (port,)
         busy = [number for number in wanted_ports if number in used]
         yield bus, f"another program uses port {busy[0]}" if busy else ""
@@ -157,10 +165,10 @@ def _name(bus: Bus) -> str:
 
 
 def _seat(bus: Bus, rig: str, role: str) -> str:
-    return f"seat/{os.getuid()}/{bus}/{_short(rig)}/{role}"
+    return f"seat/{os.getuid()}/{bus}/{_short_name(rig)}/{role}"
 
 
-def _short(rig: str) -> str:
+def _short_name(rig: str) -> str:
     if len(rig) <= _RIG_CHARACTERS:
         return rig
     return f"{rig[:8]}~{hashlib.sha256(rig.encode()).hexdigest()[:15]}"

@@ -275,11 +275,22 @@ def _signal(signal: DbcSignal, dlc: int, where: str) -> Signal:
         what = f"no raw value lies in [{limits[0]}|{limits[1]}]"
         raise DbcError(f"{where}: {what}; correct [minimum|maximum], [0|0] is no limit")
     return Signal(
-        signal.name, printable(signal.unit or ""), printable(signal.comment or "", _BREAKS),
-        limits[0], limits[1], factor, offset, signal.start, signal.length,
-        signal.byte_order == "big_endian", signal.is_signed, signal.is_float, kind, codes,
+        signal.name,
+        printable(signal.unit or ""),
+        printable(signal.comment or "", _BREAKS),
+        limits[0],
+        limits[1],
+        factor,
+        offset,
+        signal.start,
+        signal.length,
+        signal.byte_order == "big_endian",
+        signal.is_signed,
+        signal.is_float,
+        kind,
+        codes,
         {int(k): str(v) for k, v in (signal.choices or {}).items()},
-    )  # fmt: skip
+    )
 
 
 def _real(number: float) -> float:
@@ -334,9 +345,17 @@ def table(
             signals.append(_signal_row(signal, place))
             scales.append([signal.factor, signal.offset, *_float_codes(signal)])
         rows[row] = [
-            entry.can_id, entry.extended, entry.dlc, first, len(signals), entry.every_n(rate_hz),
-            entry.crc[0], entry.has_sequence, *entry.counter, *entry.crc[1:],
-        ]  # fmt: skip
+            entry.can_id,
+            entry.extended,
+            entry.dlc,
+            first,
+            len(signals),
+            entry.every_n(rate_hz),
+            entry.crc[0],
+            entry.has_sequence,
+            *entry.counter,
+            *entry.crc[1:],
+        ]
     return Table(
         rows,
         np.array(signals, np.int64).reshape(-1, SIGNAL_COLUMNS),
@@ -353,10 +372,16 @@ def _signal_row(signal: Signal, place: int) -> list[int]:
     wide = signal.kind == WIDE
     bits = [0, 0] if signal.is_float else [_wrap(int(code) & mask) for code in signal.codes]
     return [
-        signal.big_endian, shift, _wrap(mask),
-        1 << (signal.nbits - 1) if extends else 0, signal.kind, place,
-        int(signal.factor) if wide else 0, int(signal.offset) if wide else 0, *bits,
-    ]  # fmt: skip
+        signal.big_endian,
+        shift,
+        _wrap(mask),
+        1 << (signal.nbits - 1) if extends else 0,
+        signal.kind,
+        place,
+        int(signal.factor) if wide else 0,
+        int(signal.offset) if wide else 0,
+        *bits,
+    ]
 
 
 def _wrap(word: int) -> int:

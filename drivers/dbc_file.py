@@ -19,7 +19,7 @@ from cantools.database.can import Database
 
 from pcpc.drivers.errors import DbcError, printable
 from pcpc.drivers.patience import StalledError, patience
-from pcpc.drivers.regular import opened
+from pcpc.drivers.regular_files import open_regular
 
 logging.getLogger("cantools").setLevel(logging.ERROR)  # equal ids are refused in one line here
 
@@ -42,7 +42,7 @@ _NAME = re.compile(r"\w+", re.ASCII)
 def text(path: str | Path) -> str:
     """Return the text of a DBC file, lines ended by a newline; DbcError if it is none."""
     try:
-        with opened(Path(path)) as file:
+        with open_regular(Path(path)) as file:
             data = file.read()
     except FileNotFoundError:
         raise DbcError(f"{path}: no such file; give the path of the plant's DBC file") from None

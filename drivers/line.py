@@ -98,9 +98,15 @@ N = structure(LINE)
 
 
 def prepare(
-    line: Any, senders: int, room: int = 64, *, in_order: bool = False, p: float = 0.0,
-    burst: float = 1.0, seed: int = 1,
-) -> None:  # fmt: skip
+    line: Any,
+    senders: int,
+    room: int = 64,
+    *,
+    in_order: bool = False,
+    p: float = 0.0,
+    burst: float = 1.0,
+    seed: int = 1,
+) -> None:
     """Fill the zeroed LINE record `line`."""
     if not 1 <= senders <= SENDERS or not 1 <= room <= MOST_ROOM:
         raise ValueError(f"{senders} senders with room for {room}: at most {SENDERS}, {MOST_ROOM}")

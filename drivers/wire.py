@@ -44,11 +44,18 @@ NOTHING, FRAME, FOREIGN, OWN, BUS_ERROR, FAILED = 0, 1, 2, 3, 4, -1
 def _template() -> tuple[bytes, int, int, int]:
     """Return python-can's message map with 8 data bytes; offsets of id, dlc and data."""
     fields = {
-        "timestamp": 0.0, "arbitration_id": 0xFFFFFFFF, "is_extended_id": False,
-        "is_remote_frame": False, "is_error_frame": False, "channel": None, "dlc": 8,
-        "data": b"01234567", "is_fd": False, "bitrate_switch": False,
+        "timestamp": 0.0,
+        "arbitration_id": 0xFFFFFFFF,
+        "is_extended_id": False,
+        "is_remote_frame": False,
+        "is_error_frame": False,
+        "channel": None,
+        "dlc": 8,
+        "data": b"01234567",
+        "is_fd": False,
+        "bitrate_switch": False,
         "error_state_indicator": False,
-    }  # fmt: skip
+    }
     packed = msgpack.packb(fields, use_bin_type=True)
     return (
         packed,

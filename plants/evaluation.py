@@ -267,8 +267,8 @@ class Evaluation:
         for source, place in self._sources():
             node, colon, _ = source.partition(":")
             told = node in log.node if colon else "plant" in log.node
-            if told and source not in self.signals and names.place(log, source) is None:
-                yield source, str(Mistake(names.missing(log, source, self.signals), place))
+            if told and source not in self.signals and names.find_variable(log, source) is None:
+                yield source, str(Mistake(names.unknown_name(log, source, self.signals), place))
 
 
 def further(numbers: Mapping[str, float]) -> list[str]:

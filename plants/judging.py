@@ -22,7 +22,7 @@ from pcpc.executive.errors import RigError
 from pcpc.executive.log import names
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, LongLog
 from pcpc.executive.log.reader import NODES, Log
-from pcpc.executive.rig.law_errors import at
+from pcpc.executive.rig.law_errors import located
 from pcpc.plants.statistics import Statistic
 
 Vector = NDArray[np.float64]
@@ -66,7 +66,7 @@ class Mistake(RigError):
     """What is wrong in an evaluation, in one line; `place`: of the declaration that says it."""
 
     def __init__(self, what: str, place: Place | None = None) -> None:
-        super().__init__(at(place, what) if place else what)
+        super().__init__(located(place, what) if place else what)
         self.placed = place is not None
 
 
@@ -143,7 +143,7 @@ class Run:
 
     def has(self, name: str) -> bool:
         """Return whether the records have a variable, `NODE:NAME` or `NAME`."""
-        return names.place(self.whole or self.log, name) is not None
+        return names.find_variable(self.whole or self.log, name) is not None
 
     def values(self, source: Source, place: Place | None = None) -> Vector:
         """Return what a source says, a value or a row a cycle; `place`: where it is declared."""
@@ -159,16 +159,16 @@ class Run:
 
     def _told(self, name: str) -> Vector:
         log = self.whole or self.log
-        node, variable = names.place(log, name) or name.partition(":")[::2]
+        node, variable = names.find_variable(log, name) or name.partition(":")[::2]
         if node not in NODES:
             if "plant" in log.node or "." not in name:
-                raise Mistake(names.missing(log, name, self.signals))
+                raise Mistake(names.unknown_name(log, name, self.signals))
             return np.full(len(self.cycle), math.nan)
         rows, record = self._rows(node), self.log.node.get(node)
         if record is None or not len(record.cycle) or not len(record.columns):
             return np.full(len(rows), math.nan)
         if variable not in record.columns and variable not in record.timing:
-            raise Mistake(names.missing(log, name))
+            raise Mistake(names.unknown_name(log, name))
         found = (record.columns if variable in record.columns else record.timing)[variable]
         if self._in_step(node):
             return np.where(False, math.nan, found[: len(rows)])  # of the same type as below

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from pcpc.executive.rig.purity import impure, marked
+from pcpc.executive.rig.purity import has_decorator, impure_uses
 
 ROOT = Path(__file__).resolve().parents[1]
 AREAS = ("drivers", "executive", "plants", "tools")
@@ -241,8 +241,8 @@ def test_a_law_imports_nothing_but_numpy_beside_its_block() -> None:
 
 def impurities(tree: ast.Module) -> list[str]:
     """Return what would make the bits or the time of a step depend on the machine."""
-    found = [f"{line}: {name}" for line, name in impure(tree)]
-    for node in (n for f in tree.body if marked(f, "stage", "inline") for n in ast.walk(f)):
+    found = [f"{line}: {name}" for line, name in impure_uses(tree)]
+    for node in (n for f in tree.body if has_decorator(f, "stage", "inline") for n in ast.walk(f)):
         if isinstance(node, ast.Global | ast.Try | ast.With | ast.ListComp | ast.Dict):
             found.append(f"{node.lineno}: {type(node).__name__}")
     return found
@@ -250,7 +250,9 @@ def impurities(tree: ast.Module) -> list[str]:
 
 def test_a_step_uses_no_libm_no_power_no_clock_and_no_file() -> None:
     pure = [n for n in ENGINE if not n.startswith("drivers/")]
-    with_steps = [n for n in pure if any(marked(f, "stage", "inline") for f in TREES[n].body)]
+    with_steps = [
+        n for n in pure if any(has_decorator(f, "stage", "inline") for f in TREES[n].body)
+    ]
     assert len(with_steps) >= 8, f"only {with_steps} have steps"
     wrong = [f"{name}:{line}" for name in with_steps for line in impurities(TREES[name])]
     assert not wrong, wrong
@@ -267,7 +269,7 @@ def counted(tree: ast.Module) -> list[str]:
     A helper may index a vector by what it counts; it may be called x.
     """
     found = []
-    for function in (f for f in tree.body if marked(f, "stage", "inline")):
+    for function in (f for f in tree.body if has_decorator(f, "stage", "inline")):
         for node in ast.walk(function):
             if not isinstance(node, ast.Subscript) or not isinstance(node.value, ast.Name):
                 continue
@@ -275,14 +277,16 @@ def counted(tree: ast.Module) -> list[str]:
             numbered = bool(names) and any(re.fullmatch(r"_?[A-Z][A-Z0-9_]*", n) for n in names)
             literal = not names and node.value.id in ("p", "u", "y")
             if node.value.id in ("p", "x", "u", "y") and (
-                marked(function, "stage") or numbered or literal
+                has_decorator(function, "stage") or numbered or literal
             ):
                 found.append(f"{node.lineno}: {ast.unparse(node)}")
     return found
 
 
 def test_a_step_says_its_ports_by_name() -> None:
-    with_steps = [n for n in ENGINE if any(marked(f, "stage", "inline") for f in TREES[n].body)]
+    with_steps = [
+        n for n in ENGINE if any(has_decorator(f, "stage", "inline") for f in TREES[n].body)
+    ]
     wrong = [f"{name}:{line}" for name in with_steps for line in counted(TREES[name])]
     assert len(with_steps) > 40 and not wrong, wrong
     source = "@stage\ndef step(t, dt, p, x, u, y):\n    y.a = u[i]\n"

@@ -88,7 +88,7 @@ def bus() -> Iterator[str]:
     """Hold a free bus for as long as the test lasts; its name, as --bus takes it."""
     from pcpc.drivers import choice
 
-    held = choice.take(choice.Wanted("auto", None, "", ()))
+    held = choice.take_bus(choice.Wanted("auto", None, "", ()))
     yield str(held.bus)
     held.release()
 

@@ -28,7 +28,7 @@ from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import describe, plan
 from pcpc.executive.nodes.watched import StepError, watched
 from pcpc.executive.rig.blocks import BlockSpec
-from pcpc.executive.rig.prepare import prepared
+from pcpc.executive.rig.preparation import prepared_values
 from pcpc.executive.rig.reading import Rig
 
 _OPTIONS = OPTIONS | {"_nrt": False}
@@ -189,7 +189,7 @@ class Driven:
                 self._specs[name], settings={**self._specs[name].settings, **own}
             )
             try:
-                pairs = prepared(spec.block, spec.settings, self.rig.config.rate_hz, seed)
+                pairs = prepared_values(spec.block, spec.settings, self.rig.config.rate_hz, seed)
             except ValueError as error:
                 raise RigError(f"{name}: {error}") from None
             for key, value in (*pairs[0], *pairs[1]):

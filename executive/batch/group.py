@@ -17,6 +17,7 @@ from pcpc.drivers.jit import LOOP_INTERPRETED
 from pcpc.drivers.lanes import WIDTH, LanesDiffer, table
 from pcpc.drivers.stage import Stage
 from pcpc.executive.batch import cycle
+from pcpc.executive.log.description import NodeDescription, node_description
 from pcpc.executive.loop import exchange, losses, reception
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
@@ -80,8 +81,9 @@ class Group:
         self.plans: dict[Role, Plan] = {role: plan(rig, role, "lockstep") for role in rig.roles}
         self._blocks = [sh.private(describe(p, {}, kept=False)) for p in self.plans.values()]
         roles: tuple[Role, ...] = rig.roles
-        self.described: dict[Role, dict[str, Any]] = {
-            role: block.description for role, block in zip(roles, self._blocks, strict=True)
+        self.described: dict[Role, NodeDescription] = {
+            role: node_description(block.description)
+            for role, block in zip(roles, self._blocks, strict=True)
         }
         top, low = (block.loop for block in self._blocks)
         for made, loop in zip(self.plans.values(), (top, low), strict=True):

@@ -27,7 +27,7 @@ from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
 from pcpc.executive.rig.blocks import law_keys
-from pcpc.executive.rig.prepare import prepared
+from pcpc.executive.rig.preparation import prepared_values
 from pcpc.executive.rig.reading import BlockSpec, Rig, load_rig
 from pcpc.executive.rig.roles import Role
 
@@ -142,7 +142,7 @@ class Runs:
             try:
                 for role, spec in self._specs(case):
                     rate_hz = self.rig.config.rate_hz
-                    pairs = prepared(spec.block, spec.settings, rate_hz, case.seed)
+                    pairs = prepared_values(spec.block, spec.settings, rate_hz, case.seed)
                     places = self._places(group, role, spec)
                     own = {places[name]: value for name, value in (*pairs[0], *pairs[1])}
                     group.put(lane, role, own)

@@ -10,19 +10,20 @@ The bytes of a row become the payloads of two messages:
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.mcap_writer import BulkWriter, message_records
 from pcpc.executive.log.schemas import FRAME_SCHEMA, JSON_SCHEMAS, field_names
 from pcpc.executive.loop import shared
-from pcpc.executive.rig import carried
+from pcpc.executive.rig import carried_files
 
 _OF_THE_MEMORY = (
     "attachments",
@@ -49,24 +50,22 @@ class Topics(Protocol):
 class Channels:
     """The topics of a node, of which `about` is the description."""
 
-    def __init__(self, about: Mapping[str, Any], writer: Topics) -> None:
+    def __init__(self, about: NodeDescription, writer: Topics) -> None:
         self.about, self.name = about, str(about["node"])
         facts = about["metadata"]
         self.wall_ns = int(facts["clock_wall_ns"]) - int(facts["clock_monotonic_ns"])
         self.clocked = facts.get("pacing") not in WITHOUT_CLOCK
         self.period_ns = int(about["period_ns"])
         self.state_end = 8 * (shared.RECORD_HEAD + len(about["state_columns"]))
-        self.ids = {
-            kind: self._columns(writer, kind, about[f"{kind}_columns"])
-            for kind in ("state", "timing")
-        }
-        self.ids |= others(writer, self.name)
+        both = {"state": about["state_columns"], "timing": about["timing_columns"]}
+        self.ids = {kind: self._columns(writer, kind, names) for kind, names in both.items()}
+        self.ids |= register_entries(writer, self.name)
 
     def _columns(self, writer: Topics, kind: str, names: Sequence[str]) -> int:
         known = {row[0]: row for row in self.about["variables"]}
         rows = [known.get(name, (name, "", "", "", "")) for name in names]
         schema = f"pcpc/{'' if self.name == 'executive' else self.name.title()}{kind.title()}"
-        return columns(writer, logs.topic(self.name, kind), schema, rows)
+        return register_columns(writer, logs.topic(self.name, kind), schema, rows)
 
     def messages(self, ring: str, rows: NDArray[np.int64]) -> list[NDArray[Any]]:
         """Return copies of ring rows as message records."""
@@ -98,7 +97,9 @@ class Channels:
         return message_records(self.ids[kind], k, log_ns, data)
 
 
-def columns(writer: Topics, topic: str, schema: str, variables: Sequence[Sequence[str]]) -> int:
+def register_columns(
+    writer: Topics, topic: str, schema: str, variables: Sequence[Sequence[str]]
+) -> int:
     """Register a topic of columns, each variable with unit, kind, writer, help; return its id."""
     lines, mapping = [], {}
     for field, row in zip(field_names([row[0] for row in variables]), variables, strict=True):
@@ -111,7 +112,7 @@ def columns(writer: Topics, topic: str, schema: str, variables: Sequence[Sequenc
     return writer.register(topic, schema, "\n".join(lines) + "\n", "cdr")
 
 
-def others(writer: Topics, node: str) -> dict[str, int]:
+def register_entries(writer: Topics, node: str) -> dict[str, int]:
     """Register the topics of a node that are no columns; return their ids by kind."""
     place = logs.topic(node, "can/frames")
     found = {"can/frames": writer.register(place, "pcpc/Frame", FRAME_SCHEMA, "cdr")}
@@ -122,7 +123,7 @@ def others(writer: Topics, node: str) -> dict[str, int]:
     return found
 
 
-def explain(writer: BulkWriter, about: Mapping[str, Any], files: dict[str, str]) -> None:
+def write_description(writer: BulkWriter, about: NodeDescription, files: dict[str, str]) -> None:
     """Write what explains the messages of a node; `files` are those that stand in the log so far.
 
     A file that differs from one of its name stands below the node's name.
@@ -133,7 +134,7 @@ def explain(writer: BulkWriter, about: Mapping[str, Any], files: dict[str, str])
     writer.add_metadata(name, facts)
     rest = {k: v for k, v in about.items() if k not in _OF_THE_MEMORY}
     wall_ns = int(about["metadata"]["clock_wall_ns"])
-    for file, data, digest in carried.attachments(about, {f"{name}.json": json.dumps(rest)}):
+    for file, data, digest in carried_files.attachments(about, {f"{name}.json": json.dumps(rest)}):
         place = file if files.get(file, digest) == digest else f"{name}/{file}"
         if files.setdefault(place, "") == "":
             files[place] = digest

@@ -11,7 +11,7 @@ Texts are printable. So that whoever reads a log needs no checks of his own.
 import json
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
 import numpy as np
@@ -19,33 +19,30 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import printable
+from pcpc.executive.log.description import (
+    LATEST,
+    LONGEST_PERIOD_NS,
+    CheckedDescription,
+    NodeDescription,
+    Number,
+    node_description,
+)
 
-LATEST = 1 << 62  # ns or cycles; the sum of two is an int64
-LONGEST_PERIOD_NS = 10**12
 _Int = Annotated[int, Meta(ge=-LATEST, le=LATEST)]
-_Count = Annotated[int, Meta(ge=0, le=LATEST)]
-_Number = int | float
 _Word = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]  # what somebody asked for, whatever it was
-_KINDS: dict[str, Any] = {
-    "node": str, "rig": str, "watch": str | None,
-    "files": list[dict[str, str | bool | int | list[str]]],
-    "period_ns": Annotated[int, Meta(ge=1, le=LONGEST_PERIOD_NS)], "cycles": _Count,
-    "variables": list[tuple[str, str, str, str, str]], "ranges": dict[str, tuple[_Number, _Number]],
-    "state_columns": list[str], "timing_columns": list[str],
-    "frames": dict[Annotated[str, Meta(pattern=r"\A[0-9]{1,10}\Z")], str],
-    "sources": dict[str, str], "state_names": list[str], "fault_names": list[str],
-    "metadata": dict[str, str], "faults": dict[str, dict[str, Any]],
-}  # fmt: skip
+_KINDS: dict[str, Any] = get_type_hints(CheckedDescription, include_extras=True) | {
+    "files": list[dict[str, str | bool | int | list[str]]]  # earlier versions had fewer keys
+}
 _ENTRY: dict[str, Any] = {
     "cycle": _Int, "stamp_ns": _Int, "name": str, "event": str, "argument": _Word,
-    "value": _Number | str,
+    "value": Number | str,
 }  # fmt: skip
 _NEEDED = ("cycle", "stamp_ns", "value")
 _NUMBER_TEXT = re.compile(r"-?(nan|inf)")
 _WHOLE = re.compile(r"-?[0-9]{1,19}")
 
 
-def parsed(text: str | bytes) -> Any:
+def parse_json(text: str | bytes) -> Any:
     """Return a JSON value with printable texts; ValueError whatever is wrong with it."""
     try:
         return _clean(json.loads(text))
@@ -63,7 +60,7 @@ def _clean(value: Any) -> Any:
     return value
 
 
-def _is(value: Any, kind: Any) -> bool:
+def _fits(value: Any, kind: Any) -> bool:
     try:
         msgspec.convert(value, kind)
     except (msgspec.ValidationError, OverflowError):
@@ -71,10 +68,11 @@ def _is(value: Any, kind: Any) -> bool:
     return True
 
 
-def description(value: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+def description(value: Mapping[str, Any]) -> tuple[NodeDescription, list[str]]:
     """Return the keys of a node's description that are of their type, and the names of others."""
-    wrong = [key for key, kind in _KINDS.items() if key in value and not _is(value[key], kind)]
-    return {key: part for key, part in value.items() if key not in wrong}, wrong
+    wrong = [key for key, kind in _KINDS.items() if key in value and not _fits(value[key], kind)]
+    right = {key: part for key, part in value.items() if key not in wrong}
+    return node_description(right), wrong
 
 
 def facts(metadata: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
@@ -102,13 +100,13 @@ def counts(metadata: Mapping[str, str]) -> dict[str, str]:
 def entry(text: bytes, named: bool = False) -> dict[str, Any] | None:
     """Return an event or tuning, which must be `named`; None if it is none."""
     try:
-        found = parsed(text)
+        found = parse_json(text)
     except ValueError:
         return None
     needed = (*_NEEDED, "name") if named else _NEEDED
     if not isinstance(found, dict) or not all(key in found for key in needed):
         return None
-    if not all(_is(found[key], kind) for key, kind in _ENTRY.items() if key in found):
+    if not all(_fits(found[key], kind) for key, kind in _ENTRY.items() if key in found):
         return None
     value = found["value"]
     if isinstance(value, str) and not _NUMBER_TEXT.fullmatch(value):
@@ -116,7 +114,7 @@ def entry(text: bytes, named: bool = False) -> dict[str, Any] | None:
     return {key: part for key, part in found.items() if not isinstance(part, list | dict)}
 
 
-def sane(frames: NDArray[Any]) -> NDArray[np.bool_]:
+def possible_frames(frames: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which frames (n,) of `logs.FRAME` a bus could have carried, (n,)."""
     found = (frames["dlc"] <= 8) & (frames["direction"] <= 1)
     for name in ("stamp_ns", "cycle"):
@@ -124,7 +122,7 @@ def sane(frames: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(found)
 
 
-def cycles(sequence: NDArray[np.int64], before: int | None = None) -> NDArray[np.int64]:
+def unwrapped_cycles(sequence: NDArray[np.int64], before: int | None = None) -> NDArray[np.int64]:
     """Return cycle numbers of their low 32 bits; a fall by more than half of these is a wrap.
 
     `before` is the cycle ahead of the first.

@@ -1,17 +1,17 @@
 """What a log says of an event in a node's ring, by its code."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.schemas import EVENTS, OF_A_FRAME, VALUE_EVENTS
 from pcpc.executive.loop import shared
 
 
-def entry_of(row: NDArray[np.int64], about: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+def entry_of(row: NDArray[np.int64], about: NodeDescription) -> tuple[str, dict[str, Any]]:
     """Return the topic of an event in a node's ring, and what the log says of it.
 
     `about` is the node's description.
@@ -27,9 +27,11 @@ def entry_of(row: NDArray[np.int64], about: Mapping[str, Any]) -> tuple[str, dic
         return "events", {"event": VALUE_EVENTS[code], "name": name, "value": value}
     kind = EVENTS.get(code, f"code_{code}")
     entry = {"event": kind, "argument": argument, "value": value}
-    names = about.get(f"{kind}_names", ())
-    if code == shared.REFUSED_EVENT:
-        names = [variable[0] for variable in variables]
+    names = {
+        "fault": about.get("fault_names", []),
+        "state": about.get("state_names", []),
+        "refused": [variable[0] for variable in variables],
+    }.get(kind, [])
     if 0 <= argument < len(names):
         entry["name"] = names[argument]
     if code in OF_A_FRAME:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.account import LEFT_OUT, TOPICS
+from pcpc.executive.log.inventory import LEFT_OUT, TOPICS
 from pcpc.executive.log.mcap_reader import Scan
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD, message_dtype
 

@@ -7,8 +7,8 @@ files without a name beside the log, and are mapped; `LongLog.part` gives a stre
 A column that was not foreseen costs one more pass over the file. `Columns.asked` holds what a
 function has asked of a log.
 
-Where a log keeps only a part of the run (`executive.log.keep`), the recorder writes tables of the
-whole run beside it, `sidecar`, for who judges the run and removes them.
+Where a log keeps only a part of the run (`executive.log.snapshot`), the recorder writes tables of
+the whole run beside it, `sidecar`, for who judges the run and removes them.
 """
 
 import mmap
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.reader import Log, Node
 
 SHORT_CYCLES = 120_000  # of a node: with all columns 150 MB
@@ -84,8 +85,11 @@ class Table:
         rows[:, 0], rows[:, 1] = node.cycle, node.stamp_ns
         for name, place in self.names.items():
             values = node.columns.get(name, node.timing.get(name))
-            rows[:, place] = np.float64(np.nan).view(np.int64) if values is None else (
-                np.ascontiguousarray(values, np.float64).view(np.int64))  # fmt: skip
+            rows[:, place] = (
+                np.float64(np.nan).view(np.int64)
+                if values is None
+                else (np.ascontiguousarray(values, np.float64).view(np.int64))
+            )
         self.append(rows)
 
     def rows(self) -> NDArray[np.int64]:
@@ -132,15 +136,20 @@ class LongLog(Log):
 
     def _stretch(self, leader: str, first: int, past: int) -> Log:
         lead = self.node[leader]
-        ends = (lead.cycle[first], lead.cycle[past - 1]), (lead.stamp_ns[first],
-                                                           lead.stamp_ns[past - 1])  # fmt: skip
+        ends = (
+            (lead.cycle[first], lead.cycle[past - 1]),
+            (lead.stamp_ns[first], lead.stamp_ns[past - 1]),
+        )
         found = {}
         for name, node in self.node.items():
             a, b = (first, past) if name == leader else self._beside(name, *ends)
             found[name] = replace(
-                node, cycle=np.array(node.cycle[a:b]), stamp_ns=np.array(node.stamp_ns[a:b]),
-                columns=_cut(node.columns, a, b), timing=_cut(node.timing, a, b),
-            )  # fmt: skip
+                node,
+                cycle=np.array(node.cycle[a:b]),
+                stamp_ns=np.array(node.stamp_ns[a:b]),
+                columns=_cut(node.columns, a, b),
+                timing=_cut(node.timing, a, b),
+            )
         return Log(self.path, found, self.attachments, self.metadata, self.missing)
 
     def _beside(
@@ -156,15 +165,18 @@ class LongLog(Log):
 
 
 def read(
-    path: Path, wanted: Callable[[Log], Wanted] = lambda log: {}, *,
-    short: int = SHORT_CYCLES, part: int = PART_CYCLES,
-) -> Log:  # fmt: skip
+    path: Path,
+    wanted: Callable[[Log], Wanted] = lambda log: {},
+    *,
+    short: int = SHORT_CYCLES,
+    part: int = PART_CYCLES,
+) -> Log:
     """Return a log of any length, without its frames; LogError.
 
     `wanted`: the columns that will be asked of a log like this one, which is its beginning.
     """
     kept: dict[str, list[Node]] = {}
-    about: dict[str, dict[str, Any]] = {}
+    about: dict[str, NodeDescription] = {}
     entries: dict[str, tuple[list[Any], list[Any]]] = {name: ([], []) for name in logs.NODES}
     notes: list[str] = []
     tables: dict[str, list[Table]] = {}
@@ -201,7 +213,7 @@ def sidecar(log: Path, node: str) -> Path:
     return log.with_name(f".{log.name}.{node}.judged")
 
 
-def whole(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = PART_CYCLES) -> Log:
+def whole_run(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = PART_CYCLES) -> Log:
     """Return the whole run of a log that keeps a part, from the tables of `wanted` beside it."""
     nodes, tables = {}, {}
     for name, node in log.node.items():
@@ -217,9 +229,15 @@ def whole(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = PART_
             for key in table.names
         }
         nodes[name] = Node(
-            np.array(rows[:, 0]), np.array(rows[:, 1]), columns, columns, np.empty(0, logs.FRAME),
-            node.events, node.tunings, node.description,
-        )  # fmt: skip
+            np.array(rows[:, 0]),
+            np.array(rows[:, 1]),
+            columns,
+            columns,
+            np.empty(0, logs.FRAME),
+            node.events,
+            node.tunings,
+            node.description,
+        )
         tables[name] = [table]
     about = log.attachments, log.metadata, log.missing
     if max((len(node.cycle) for node in nodes.values()), default=0) <= short:
@@ -228,19 +246,28 @@ def whole(log: Log, wanted: Wanted, short: int = SHORT_CYCLES, part: int = PART_
 
 
 def _joined(
-    path: Path, kept: Mapping[str, list[Node]], about: Mapping[str, Any],
-    entries: Mapping[str, tuple[list[Any], list[Any]]], last: Log, notes: list[str],
-) -> Log:  # fmt: skip
+    path: Path,
+    kept: Mapping[str, list[Node]],
+    about: Mapping[str, NodeDescription],
+    entries: Mapping[str, tuple[list[Any], list[Any]]],
+    last: Log,
+    notes: list[str],
+) -> Log:
     """Return consecutive pieces as one log."""
-    nodes = {name: logs.joined(parts, about[name], *entries[name]) for name, parts in kept.items()}
+    nodes = {name: logs.join(parts, about[name], *entries[name]) for name, parts in kept.items()}
     return Log(path, nodes, last.attachments, last.metadata, notes)
 
 
 def _mapped(
-    path: Path, tables: dict[str, list[Table]],
-    columns: Mapping[str, tuple[Sequence[str], Sequence[str]]], about: Mapping[str, Any],
-    entries: Mapping[str, tuple[list[Any], list[Any]]], last: Log, notes: list[str], part: int,
-) -> Log:  # fmt: skip
+    path: Path,
+    tables: dict[str, list[Table]],
+    columns: Mapping[str, tuple[Sequence[str], Sequence[str]]],
+    about: Mapping[str, NodeDescription],
+    entries: Mapping[str, tuple[list[Any], list[Any]]],
+    last: Log,
+    notes: list[str],
+    part: int,
+) -> Log:
     """Return a log whose columns lie in `tables`; of each node `columns`: (state, timing)."""
     nodes = {}
     for name, own in tables.items():
@@ -255,9 +282,14 @@ def _mapped(
             return own[-1].column(key)
 
         nodes[name] = Node(
-            rows[:, 0], rows[:, 1], Columns(known[0], fetch), Columns(known[1], fetch),
-            np.empty(0, logs.FRAME), *entries[name], about[name],
-        )  # fmt: skip
+            rows[:, 0],
+            rows[:, 1],
+            Columns(known[0], fetch),
+            Columns(known[1], fetch),
+            np.empty(0, logs.FRAME),
+            *entries[name],
+            about[name],
+        )
     about_all = last.attachments, last.metadata, notes, last.files
     return LongLog(path, nodes, *about_all, tables=tables, part_cycles=part)
 

@@ -37,8 +37,8 @@ from mcap.records import Attachment, Channel, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
-from pcpc.drivers.regular import opened
-from pcpc.executive.log.account import CHUNK_HEAD, Account
+from pcpc.drivers.regular_files import open_regular
+from pcpc.executive.log.inventory import CHUNK_HEAD, Inventory
 from pcpc.executive.log.mcap_records import (
     CHECKED,
     DECLARED,
@@ -86,7 +86,7 @@ class Scan:
     metadata: list[Metadata] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     count: Counter[int] = field(default_factory=Counter)
-    account: Account = field(default_factory=Account)
+    inventory: Inventory = field(default_factory=Inventory)
     statistics: Statistics | None = None
     place: int = 0
     size: int = 0
@@ -95,7 +95,7 @@ class Scan:
     untold: int = 0  # damaged places without a line of their own
     untimely: int = 0  # messages left out for their time
 
-    def of(self, name: str) -> list[NDArray[np.uint8]]:
+    def pieces_of(self, name: str) -> list[NDArray[np.uint8]]:
         """Return the pieces of a topic."""
         ids = {i for i, channel in self.channels.items() if channel.topic == name}
         return [piece for i, piece in self.pieces if i in ids]
@@ -104,7 +104,7 @@ class Scan:
         """Return the topic of a channel, empty if nothing describes it."""
         return self.channels[channel].topic if channel in self.channels else ""
 
-    def note(self, line: str) -> None:
+    def add_note(self, line: str) -> None:
         """Add a line to `missing`; after many of them only count."""
         if len(self.missing) < _NOTES:
             self.missing.append(line)
@@ -134,7 +134,7 @@ def walk(path: Path, found: Scan, messages: bool = True) -> Iterator[Piece]:
     All pieces of a chunk come at one `found.place`. Without `messages` chunks are not looked into.
     """
     try:
-        with opened(path) as file:
+        with open_regular(path) as file:
             data: Any = _map(file.fileno()) or file.read()
     except OSError as error:
         raise LogError(f"{path}: {error.strerror}") from None
@@ -155,7 +155,7 @@ def walk(path: Path, found: Scan, messages: bool = True) -> Iterator[Piece]:
         _compare(found)
         known = {one.name: one.metadata for one in found.metadata}
         closed = not (found.missing or found.untold)
-        notes = found.account.notes(known, {one.name for one in found.attachments}, closed)
+        notes = found.inventory.notes(known, {one.name for one in found.attachments}, closed)
         found.missing += [line for line in notes if line not in found.missing]
     if found.untold:
         found.missing.append(f"{found.untold} further places are damaged")
@@ -180,14 +180,14 @@ def _walk_data(
     while place < stop:
         found.place = place
         try:
-            opcode, end, content = _whole(data, place, stop, found, skipped)
+            opcode, end, content = _read_record(data, place, stop, found, skipped)
         except UNREADABLE as error:
-            after = _next_whole(data, place + 1, stop, found)
+            after = _next_record(data, place + 1, stop, found)
             if after == stop and not summary:
                 break
             what = _NAMES.get(data[place], "record")
             lost = f"all up to byte {after} is left out"
-            found.note(f"{what} at byte {place} is damaged ({error}); {lost}")
+            found.add_note(f"{what} at byte {place} is damaged ({error}); {lost}")
             place = after
             continue
         if opcode == Opcode.DATA_END:
@@ -207,13 +207,13 @@ def _walk_data(
             pass
         elif opcode == Opcode.CHUNK:
             head = place + RECORD.size
-            if found.account.has_chunk(data[head : head + CHUNK_HEAD]):
+            if found.inventory.has_chunk(data[head : head + CHUNK_HEAD]):
                 place = end
                 continue
             try:
                 yield from _split(content, found)
             except UNREADABLE as error:
-                found.note(f"a part of the chunk at byte {place}: {error or 'it is cut'}")
+                found.add_note(f"a part of the chunk at byte {place}: {error or 'it is cut'}")
         elif opcode == Opcode.ATTACHMENT:
             found.attachments.append(content)
         elif opcode == Opcode.METADATA:
@@ -226,7 +226,7 @@ def _walk_data(
         )
 
 
-def _whole(
+def _read_record(
     data: bytes, place: int, stop: int, found: Scan, skipped: tuple[int, ...] = ()
 ) -> tuple[int, int, Any]:
     """Return (opcode, end, content) of the record at `place`; UNREADABLE if a check fails."""
@@ -249,7 +249,7 @@ def _whole(
         raise ValueError(str(error) or "it is cut") from None
 
 
-def _next_whole(data: bytes, place: int, stop: int, found: Scan) -> int:
+def _next_record(data: bytes, place: int, stop: int, found: Scan) -> int:
     """Return where the next record lies that passes a check of its own; `stop` if there is none."""
     size, most = _WINDOWS
     while place < stop:
@@ -264,7 +264,7 @@ def _next_whole(data: bytes, place: int, stop: int, found: Scan) -> int:
                 continue
             found.spend(length)
             try:
-                _whole(data, place + i, stop, found)
+                _read_record(data, place + i, stop, found)
             except UNREADABLE:
                 continue
             return place + i
@@ -337,7 +337,7 @@ def _split(data: bytes, found: Scan) -> Iterator[Piece]:
         if not timely.all():
             found.untimely += len(rows) - int(timely.sum())
             rows = rows[timely]
-        rows = found.account.fresh(found.topic(channel), rows)
+        rows = found.inventory.new_rows(found.topic(channel), rows)
         if len(rows):
             yield channel, rows
 
@@ -348,7 +348,7 @@ def _compare(found: Scan) -> None:
     for i, count in written.items():
         if found.count[i] < count:
             name = found.topic(i) or f"channel {i}"
-            found.note(f"{name}: {count - found.count[i]} of {count} messages")
+            found.add_note(f"{name}: {count - found.count[i]} of {count} messages")
     unknown = sum(count for i, count in found.count.items() if i not in found.channels)
     if unknown:
         found.missing.append(f"the topics of {unknown} messages: no channel describes them")

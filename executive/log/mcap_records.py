@@ -42,10 +42,15 @@ def message_dtype(payload_bytes: int) -> np.dtype[Any]:
     """Return the layout of an MCAP message record whose payload has this size."""
     return np.dtype(
         [
-            ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
-            ("log_time", "<u8"), ("publish_time", "<u8"), ("data", "u1", (payload_bytes,)),
+            ("opcode", "u1"),
+            ("length", "<u8"),
+            ("channel", "<u2"),
+            ("sequence", "<u4"),
+            ("log_time", "<u8"),
+            ("publish_time", "<u8"),
+            ("data", "u1", (payload_bytes,)),
         ]
-    )  # fmt: skip
+    )
 
 
 def metadata_crc(name: str, entries: Mapping[str, str]) -> str:
@@ -58,13 +63,13 @@ def _read_chunk(body: bytes) -> bytes:
     chunk = Chunk.read(ReadDataStream(BytesIO(body)))
     if not chunk.uncompressed_crc:
         raise ValueError("it has no checksum")
-    data = unpacked(chunk)
+    data = unpack_chunk(chunk)
     if zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("its checksum does not match")
     return data
 
 
-def unpacked(chunk: Chunk) -> bytes:
+def unpack_chunk(chunk: Chunk) -> bytes:
     """Return a chunk's content, never more than it declares; one of UNREADABLE."""
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
@@ -75,7 +80,7 @@ def unpacked(chunk: Chunk) -> bytes:
             raise ValueError("its sizes disagree")
         data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
     elif chunk.compression == "lz4":
-        data = _unpacked_lz4(chunk.data, size)
+        data = _unpack_lz4(chunk.data, size)
     elif chunk.compression:
         raise ValueError(f"compression {printable(chunk.compression[:20])} is not known")
     else:
@@ -85,7 +90,7 @@ def unpacked(chunk: Chunk) -> bytes:
     return bytes(data)
 
 
-def _unpacked_lz4(data: bytes, size: int) -> bytes:
+def _unpack_lz4(data: bytes, size: int) -> bytes:
     import lz4.frame  # mcap brings it; only logs of other tools need it
 
     try:

@@ -11,21 +11,21 @@ from pcpc.executive.log.reader import Log
 LEADER = "executive"
 
 
-def place(log: Log, name: str) -> tuple[str, str] | None:
+def find_variable(log: Log, name: str) -> tuple[str, str] | None:
     """Return node and variable of what was recorded; None for what was not."""
-    nodes, variable = _meant(log, name)
+    nodes, variable = _candidates(log, name)
     for node in nodes:
         if variable in log.node[node].columns or variable in log.node[node].timing:
             return node, variable
     return None
 
 
-def unrecorded(log: Log, name: str) -> str:
+def why_unrecorded(log: Log, name: str) -> str:
     """Return what a node's variable is that is not recorded, and what to ask for instead.
 
     "" for one that no node has.
     """
-    nodes, variable = _meant(log, name)
+    nodes, variable = _candidates(log, name)
     for node in nodes:
         about = log.node[node].description
         kind = next((row[2] for row in about.get("variables", ()) if row[0] == variable), "")
@@ -40,12 +40,12 @@ def unrecorded(log: Log, name: str) -> str:
     return ""
 
 
-def missing(log: Log, name: str, others: Iterable[str] = ()) -> str:
+def unknown_name(log: Log, name: str, others: Iterable[str] = ()) -> str:
     """Return what is wrong with a name that `place` does not find, with the cure.
 
     `others`: what may be meant besides.
     """
-    if why := unrecorded(log, name):
+    if why := why_unrecorded(log, name):
         return f"{name}: {why}"
     node, colon, variable = name.partition(":")
     if colon and node in log.node:
@@ -57,7 +57,7 @@ def missing(log: Log, name: str, others: Iterable[str] = ()) -> str:
     return f"no signal {name}{did_you_mean(name, [*others, *known])}"
 
 
-def _meant(log: Log, name: str) -> tuple[Sequence[str], str]:
+def _candidates(log: Log, name: str) -> tuple[Sequence[str], str]:
     """Return the nodes of the log that a name may mean, and the variable."""
     node, colon, variable = name.partition(":")
     if colon:

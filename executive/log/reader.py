@@ -26,14 +26,15 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import printable
 from pcpc.executive.log import checks as log_checks
-from pcpc.executive.log.account import topic
+from pcpc.executive.log.description import NodeDescription
+from pcpc.executive.log.inventory import topic
 from pcpc.executive.log.mcap_reader import LogError, Scan, scan, walk
 from pcpc.executive.log.mcap_records import MESSAGE_HEAD, message_dtype
 from pcpc.executive.rig.roles import ROLES as NODES
 
 __all__ = ["NODES", "LogError", "Scan", "message_dtype", "scan", "topic", "walk"]  # and its own
 
-CARRIED = "files/"  # how the names of attachments begin that `executive.rig.carried` describes
+CARRIED = "files/"  # of attachments that `executive.rig.carried_files` describes
 CDR_BYTES = 4  # the header of a CDR payload: 00 01 00 00, little-endian
 FRAME = np.dtype(
     [
@@ -55,7 +56,7 @@ class Node:
     frames: NDArray[Any]
     events: list[dict[str, Any]]
     tunings: list[dict[str, Any]]
-    description: dict[str, Any]
+    description: NodeDescription
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Log:
     attachments: dict[str, str]
     metadata: dict[str, dict[str, str]]
     missing: list[str]
-    files: Mapping[str, bytes] = field(default_factory=dict)  # of `executive.rig.carried`
+    files: Mapping[str, bytes] = field(default_factory=dict)  # of `executive.rig.carried_files`
     rig: Mapping[str, Any] | None = None
 
 
@@ -97,9 +98,10 @@ def head(path: Path) -> Log:
 
 
 def pieces(
-    path: Path, size: int = 1 << 23,
+    path: Path,
+    size: int = 1 << 23,
     see: Callable[[Scan, int, NDArray[np.uint8]], None] = lambda found, channel, rows: None,
-) -> Iterator[tuple[Log, bool]]:  # fmt: skip
+) -> Iterator[tuple[Log, bool]]:
     """As `read`, in pieces of about `size` bytes of the file; yield them and whether it is the end.
 
     `missing` of a piece is what could not be read since the piece before. `see` gets the scan and
@@ -117,8 +119,8 @@ def pieces(
     yield assemble(path, found, told), True
 
 
-def joined(
-    parts: Sequence[Node], about: dict[str, Any], events: list[Any], tunings: list[Any]
+def join(
+    parts: Sequence[Node], about: NodeDescription, events: list[Any], tunings: list[Any]
 ) -> Node:
     """Return consecutive pieces of a node as one, without frames."""
     columns, timing = (
@@ -128,8 +130,13 @@ def joined(
     return Node(
         np.concatenate([part.cycle for part in parts]),
         np.concatenate([part.stamp_ns for part in parts]),
-        columns, timing, np.empty(0, FRAME), events, tunings, about,
-    )  # fmt: skip
+        columns,
+        timing,
+        np.empty(0, FRAME),
+        events,
+        tunings,
+        about,
+    )
 
 
 def assemble(path: Path, found: Scan, told: int = 0) -> Log:
@@ -144,8 +151,9 @@ def assemble(path: Path, found: Scan, told: int = 0) -> Log:
     files = {one.name: one.data for one in found.attachments if one.name.startswith(CARRIED)}
     attachments = {
         one.name: one.data.decode("utf-8", "replace")
-        for one in found.attachments if one.name not in files
-    }  # fmt: skip
+        for one in found.attachments
+        if one.name not in files
+    }
     descriptions = _descriptions(metadata, attachments, notes)
     if not descriptions:
         reason = found.missing[0] if found.missing else "no metadata of a node"
@@ -191,7 +199,7 @@ def _field(field: str, rest: str) -> tuple[str, str, str]:
 
 def payloads(path: Path, name: str) -> list[bytes]:
     """Return the payloads of a topic in the order of recording."""
-    rows = (row for piece in scan(path).of(name) for row in piece)
+    rows = (row for piece in scan(path).pieces_of(name) for row in piece)
     return [row[MESSAGE_HEAD:].tobytes() for row in rows]
 
 
@@ -202,9 +210,9 @@ def digest(path: Path, name: str) -> str:
 
 def _descriptions(
     metadata: dict[str, dict[str, str]], attachments: Mapping[str, str], notes: list[str]
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, NodeDescription]:
     """Return the description of each node; add metadata that is damaged but repeated in there."""
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, NodeDescription] = {}
     for name in NODES:
         if name not in metadata and f"{name}.json" not in attachments:
             continue
@@ -225,9 +233,12 @@ def _descriptions(
 
 
 def _node(
-    name: str, found: Scan, metadata: Mapping[str, Mapping[str, str]], about: dict[str, Any],
+    name: str,
+    found: Scan,
+    metadata: Mapping[str, Mapping[str, str]],
+    about: NodeDescription,
     notes: list[str],
-) -> Node:  # fmt: skip
+) -> Node:
     cycle, log_time, columns = _columns(found, topic(name, "state"))
     timing_cycle, _, timing = _columns(found, topic(name, "timing"))
     if timing and not np.array_equal(cycle, timing_cycle):  # one of them lost messages
@@ -243,17 +254,22 @@ def _node(
     )
     frames = _frames(found, name, notes)
     return Node(
-        cycle, log_time - (wall_ns - monotonic_ns), columns, timing, frames,
+        cycle,
+        log_time - (wall_ns - monotonic_ns),
+        columns,
+        timing,
+        frames,
         _objects(found, topic(name, "events"), notes),
-        _objects(found, topic(name, "tunings"), notes), about,
-    )  # fmt: skip
+        _objects(found, topic(name, "tunings"), notes),
+        about,
+    )
 
 
 def _frames(found: Scan, name: str, notes: list[str]) -> NDArray[Any]:
     """Return the frames of a node; what no bus could have carried is left out."""
     messages = _messages(found, topic(name, "can/frames"), CDR_BYTES + FRAME.itemsize)
     frames = np.ascontiguousarray(messages["data"][:, CDR_BYTES:]).view(FRAME)[:, 0]
-    sane = log_checks.sane(frames)
+    sane = log_checks.possible_frames(frames)
     if not sane.all():
         notes.append(f"{name}: {len(frames) - sane.sum()} frames that no bus could have carried")
         frames = frames[sane]
@@ -263,7 +279,7 @@ def _frames(found: Scan, name: str, notes: list[str]) -> NDArray[Any]:
 def _messages(found: Scan, name: str, payload_bytes: int) -> NDArray[Any]:
     """Return the messages of a topic of one payload size as one structured array."""
     dtype = message_dtype(payload_bytes)
-    rows = [piece for piece in found.of(name) if piece.shape[1] == dtype.itemsize]
+    rows = [piece for piece in found.pieces_of(name) if piece.shape[1] == dtype.itemsize]
     if not rows:
         return np.empty(0, dtype)
     return np.concatenate(rows).view(dtype)[:, 0]
@@ -277,12 +293,12 @@ def _columns(
     messages = _messages(found, name, CDR_BYTES + 8 * len(names))
     rows = np.frombuffer(messages["data"][:, CDR_BYTES:].tobytes(), "<f8")
     values = rows.reshape(len(messages), len(names)).T.copy()
-    cycle = log_checks.cycles(messages["sequence"].astype(np.int64))
+    cycle = log_checks.unwrapped_cycles(messages["sequence"].astype(np.int64))
     return cycle, messages["log_time"].astype(np.int64), dict(zip(names, values, strict=True))
 
 
 def _objects(found: Scan, name: str, notes: list[str]) -> list[dict[str, Any]]:
-    texts = [row[MESSAGE_HEAD:].tobytes() for piece in found.of(name) for row in piece]
+    texts = [row[MESSAGE_HEAD:].tobytes() for piece in found.pieces_of(name) for row in piece]
     entries = [log_checks.entry(text, name.endswith("tunings")) for text in texts]
     if bad := entries.count(None):
         notes.append(f"{name}: {bad} entries are not readable")
@@ -292,7 +308,7 @@ def _objects(found: Scan, name: str, notes: list[str]) -> list[dict[str, Any]]:
 def _parsed(text: str | bytes, otherwise: Any, what: str, notes: list[str]) -> Any:
     """Return the JSON value; `otherwise`, and a note, if it is damaged or of another kind."""
     try:
-        value = log_checks.parsed(text)
+        value = log_checks.parse_json(text)
     except ValueError:
         value = None
     if isinstance(value, type(otherwise)) and not isinstance(value, bool):

@@ -19,11 +19,12 @@ from pathlib import Path
 from pcpc.drivers import heap
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import code_of
-from pcpc.executive.log.beside import Beside
-from pcpc.executive.log.channels import Channels, explain
-from pcpc.executive.log.keep import Sink, SnapshotRing
+from pcpc.executive.log.channels import Channels, write_description
+from pcpc.executive.log.description import node_description
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK, Wanted
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, RecordError
+from pcpc.executive.log.run_counts import RunCounts
+from pcpc.executive.log.snapshot import Sink, SnapshotRing
 from pcpc.executive.loop import shared, sharing
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.loop.shared import RINGS, Shared, SharedError
@@ -36,25 +37,25 @@ class _Node:
     """One attached block: its channels and what was counted."""
 
     def __init__(self, block: Shared, writer: BulkWriter) -> None:
-        about = block.description
-        self.block, self.name = block, str(about["node"])
+        about = node_description(block.description)
+        self.block, self.about, self.name = block, about, about["node"]
         self.channels = Channels(about, writer)
         self.alarms = Alarms(block)
         self.written = dict.fromkeys((*RINGS, "alarm"), 0)
         self.backlog = dict.fromkeys(RINGS, 0)
-        self.taken = {ring: _taken(block, ring) for ring in RINGS}
-        self.beside = Beside(about)
+        self.taken = {ring: _rows_taken(block, ring) for ring in RINGS}
+        self.counts = RunCounts(about)
 
-    def over(self) -> bool:
+    def is_over(self) -> bool:
         """Return whether the loop has ended, in good order or by death: it puts no more rows."""
         alive = self.block.alive()  # before the look at DONE: its last word counts
         return bool(self.block["control"][shared.DONE]) or not alive
 
-    def empty(self) -> bool:
+    def is_empty(self) -> bool:
         """Return whether all that was put is taken."""
         return all(self.block[f"{r}_ends"][shared.PUT] == self.taken[r] for r in RINGS)
 
-    def died(self) -> bool:
+    def has_died(self) -> bool:
         """Return whether the loop ended without good order."""
         return bool(self.block["control"][shared.PID]) and not self.block["control"][shared.DONE]
 
@@ -62,8 +63,8 @@ class _Node:
         """Move the rows that are now in the rings on; return whether one was 1/8 full."""
         for alarm in self.alarms.look():
             entry = {"event": "alarm", "name": alarm.kind, "value": float(alarm.count)}
-            told = self.channels.entry("events", time.monotonic_ns(), alarm.cycle, entry)
-            sink.pass_on([told])
+            message = self.channels.entry("events", time.monotonic_ns(), alarm.cycle, entry)
+            sink.write([message])
             self.written["alarm"] += 1
         full = False
         for ring in RINGS:
@@ -77,18 +78,18 @@ class _Node:
                 start = taken % len(rows)
                 count = min(put - taken, len(rows) - start, most)
                 messages = self.channels.messages(ring, rows[start : start + count])
-                self.beside.note(ring, rows[start : start + count])
+                self.counts.add(ring, rows[start : start + count])
                 taken += count
                 self.taken[ring] = self.block[f"{ring}_taken"][0] = taken
-                (sink.pass_on if ring == "event" else sink.add)(messages)
+                (sink.write if ring == "event" else sink.add)(messages)
                 self.written[ring] += count
                 if ring == "event":
                     for row in rows[start : start + count]:
-                        sink.happened(int(row[2]), int(row[0]) + self.channels.wall_ns)
+                        sink.note_event(int(row[2]), int(row[0]) + self.channels.wall_ns)
         return full
 
 
-def _taken(block: Shared, ring: str) -> int:
+def _rows_taken(block: Shared, ring: str) -> int:
     """Return how many rows of a ring are taken already; a word that cannot be true counts as none.
 
     From here on the recorder's own count holds: any client may write into that word.
@@ -132,7 +133,7 @@ class Recorder:
         for block in blocks:
             self._add(block)
         self._attach_late()
-        about = blocks[0].description
+        about = node_description(blocks[0].description)
         if about.get("keep_ns"):
             self.sink = SnapshotRing(self.writer, about["keep_ns"], about["keep_on"])
         self.writer.flush()
@@ -154,17 +155,17 @@ class Recorder:
     def _add(self, block: Shared) -> None:
         """Take up a node; write what explains its messages first."""
         self._set_clock(block.description["metadata"])
-        about = block.description
+        about = node_description(block.description)
         node = _Node(block, self.writer)
         if node.name in self.judged:
-            node.beside.judge_by(self.path, self.judged[node.name])
-        explain(self.writer, about, self._files)
+            node.counts.open_table(self.path, self.judged[node.name])
+        write_description(self.writer, about, self._files)
         self.nodes.append(node)
 
     def _set_clock(self, facts: dict[str, str]) -> None:
         """Let the stamps of a node without a clock, k T, count from the start of the first node."""
         if facts.get("pacing") in WITHOUT_CLOCK:
-            first = self.nodes[0].block.description["metadata"] if self.nodes else facts
+            first = self.nodes[0].about["metadata"] if self.nodes else facts
             facts |= {"clock_monotonic_ns": "0", "clock_wall_ns": first["clock_wall_ns"]}
 
     def _attach_late(self) -> None:
@@ -209,14 +210,14 @@ class Recorder:
             self.writer.flush()
             self.flushed_ns = now_ns
 
-    def over(self) -> bool:
+    def is_over(self) -> bool:
         """Return whether all nodes have ended and all that they put is taken."""
-        if not all(node.over() for node in self.nodes):
+        if not all(node.is_over() for node in self.nodes):
             return False
         self._writing(self._attach_late)  # of a node that came and went since
-        return all(node.empty() for node in self.nodes)
+        return all(node.is_empty() for node in self.nodes)
 
-    def dropped(self) -> dict[str, int]:
+    def dropped_rows(self) -> dict[str, int]:
         """Return the rows that found a ring full, by `node.ring`."""
         return {
             f"{node.name}.{ring}": int(node.block[f"{ring}_ends"][shared.DROPPED])
@@ -231,12 +232,12 @@ class Recorder:
             self._writing(self._finish)
 
     def _finish(self) -> None:
-        if any(node.died() for node in self.nodes):
-            self.sink.died()
+        if any(node.has_died() for node in self.nodes):
+            self.sink.note_death()
         self.sink.close()
         for node in self.nodes:
-            node.beside.close()
-        counts: dict[str, int] = {f"dropped.{key}": n for key, n in self.dropped().items()}
+            node.counts.close()
+        counts: dict[str, int] = {f"dropped.{key}": n for key, n in self.dropped_rows().items()}
         for node in self.nodes:
             counts |= {f"written.{node.name}.{kind}": n for kind, n in node.written.items()}
             for ring in RINGS:
@@ -249,9 +250,9 @@ class Recorder:
         counts["longest_drain_us"] = self.longest_ns // 1000
         self.writer.flush()
         self.writer.add_metadata("run", {key: str(n) for key, n in counts.items()})
-        frames = {key: n for node in self.nodes for key, n in node.beside.frame_counts().items()}
+        frames = {key: n for node in self.nodes for key, n in node.counts.frame_counts().items()}
         self.writer.add_metadata("frames", {key: str(n) for key, n in frames.items()})
-        away = {key: n for node in self.nodes for key, n in node.beside.away().items()}
+        away = {key: n for node in self.nodes for key, n in node.counts.absences().items()}
         self.writer.add_metadata("away", {key: str(n) for key, n in away.items()})
         self.writer.finish()
         self.writer.file.close()
@@ -283,14 +284,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     with suppress(BrokenPipeError):
         print("ready", flush=True)
     try:
-        while not stopped and not recorder.over():
+        while not stopped and not recorder.is_over():
             if not recorder.drain():
                 time.sleep(POLL_S)
         recorder.finish()
     except RecordError as error:
         print(error, file=sys.stderr)
         return Exit.LOSS
-    lost = {ring: rows for ring, rows in recorder.dropped().items() if rows}
+    lost = {ring: rows for ring, rows in recorder.dropped_rows().items() if rows}
     if lost:
         print(f"{options.out}: rows dropped, the ring was full: {lost}", file=sys.stderr)
     return Exit.LOSS if lost else Exit.OK

@@ -11,12 +11,12 @@ import numpy as np
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.names import missing, place
-from pcpc.executive.rig.tables import MOST_VALUES, Numbers, reads
+from pcpc.executive.log.names import find_variable, unknown_name
+from pcpc.executive.rig.tables import MOST_VALUES, Numbers, table_reader
 from pcpc.executive.rig.yamlfile import shown
 
 
-@reads(".mcap")
+@table_reader(".mcap")
 def signals(file: Path, names: Sequence[str]) -> Numbers:
     """Return what a log recorded of variables of one node; RigError."""
     where = shown(file)
@@ -24,7 +24,7 @@ def signals(file: Path, names: Sequence[str]) -> Numbers:
     if log.missing:
         cure = "name a whole log, or a CSV file with what is to count"
         raise RigError(f"{where}: {log.missing[0]}; {cure}")
-    split = [place(log, name) or name.rpartition(":")[::2] for name in names]
+    split = [find_variable(log, name) or name.rpartition(":")[::2] for name in names]
     roles = list(dict.fromkeys(role or "executive" for role, _ in split))
     if len(roles) != 1 or roles[0] not in log.node:
         what = "signals of one node are needed" if len(roles) > 1 else f"no node {roles[0]}"
@@ -33,7 +33,7 @@ def signals(file: Path, names: Sequence[str]) -> Numbers:
     units = {name: unit for name, unit, *_ in node.description["variables"]}
     for given, (_, name) in zip(names, split, strict=True):
         if name not in node.columns:
-            raise RigError(f"{where}: {missing(log, given)}")
+            raise RigError(f"{where}: {unknown_name(log, given)}")
     period_ns = float(log.metadata[roles[0]]["period_ns"])
     columns = [f"{name.rpartition('.')[2]} [{units[name]}]" for _, name in split]
     values = np.column_stack([node.columns[name] for _, name in split])

@@ -17,9 +17,9 @@ import yaml
 
 from pcpc.drivers import can_id, dbc
 from pcpc.executive.loop.shared import GREETING
-from pcpc.executive.rig.carried import beside
+from pcpc.executive.rig.carried_files import with_local_imports
+from pcpc.executive.rig.law_lookup import law_source
 from pcpc.executive.rig.reading import Rig
-from pcpc.executive.rig.resolve import source
 from pcpc.executive.rig.roles import ROLES, Role
 
 PLANT_BYTES = 8
@@ -45,8 +45,8 @@ def plant_of(rig: Rig) -> bytes:
     for name, text in sorted(rig.tables().items()):
         digest.update(f"{name} {text}".encode())
     for keys, law in rig.laws():
-        file, _ = source(rig.document, keys, law) if "plant" in keys else (None, None)
-        for path in beside(file) if file is not None else ():
+        file, _ = law_source(rig.document, keys, law) if "plant" in keys else (None, None)
+        for path in with_local_imports(file) if file is not None else ():
             digest.update(path.name.encode() + path.read_bytes())
     return digest.digest()[:PLANT_BYTES]
 

@@ -23,7 +23,13 @@ from pcpc.executive.nodes.plan import Plan, cycles_of
 from pcpc.executive.nodes.planned_faults import install_faults
 from pcpc.executive.nodes.planned_plausible import install_plausible
 from pcpc.executive.rig.buses import OVER_LINE
-from pcpc.executive.rig.messages import awaited, emergency, heartbeat, parts_in_meeting, starts
+from pcpc.executive.rig.messages import (
+    is_awaited,
+    is_emergency,
+    is_heartbeat,
+    parts_in_meeting,
+    starts_cycle,
+)
 from pcpc.executive.rig.schema import FALLBACK
 
 RECEIVE_TIMEOUT_S = 1e-6 * RECEIVE_TIMEOUT_US  # of a blocking receive
@@ -105,7 +111,7 @@ def _install_schedule(made: Plan, loop: Any) -> None:
     clocked = made.pacing in ("real", OVER_LINE) or (made.pacing == "sync" and leads)
     clock.trigger = CLOCKED if clocked else ON_FRAMES
     clock.period_ns = round(1e9 / config.rate_hz)
-    clock.phase_ns = round(clock.period_ns * config.realtime.of(made.role).phase)
+    clock.phase_ns = round(clock.period_ns * config.realtime.of_node(made.role).phase)
     clock.late_ns = round(clock.period_ns * config.realtime.late_fraction)
     loop.guard.cycles = cycles_of(made.rig) if leads else 2**62
     clock.arm_pass = -1 if made.pacing == OVER_LINE else 0 if leads else 1
@@ -163,7 +169,7 @@ def _install_frames(made: Plan, loop: Any) -> None:
     part = parts_in_meeting(made.rx_frames, made.below, leads=made.role == "executive")
     for i, frame in enumerate(made.rx_frames):
         peer = made.role != "local" or frame.name in made.below
-        rx.role[i] = (starts(made.role, frame, made.below), awaited(frame), peer, part[i])
+        rx.role[i] = (starts_cycle(made.role, frame, made.below), is_awaited(frame), peer, part[i])
     rx.starters, rx.awaited, *_ = rx.role[: rx.n].sum(axis=0)
     lost = {name: (loss.share, loss.burst) for name, loss in made.rig.config.losses.items()}
     losses.install(loop, made.rx_frames, lost, made.rig.config.seed)
@@ -171,7 +177,7 @@ def _install_frames(made: Plan, loop: Any) -> None:
     loop.wire.n_second = len(second)
     loop.wire.second[: len(second)] = second
     for i, frame in enumerate(made.tx_frames):
-        tx.role[i, :3] = (frame.has_sequence, heartbeat(frame), emergency(frame))
+        tx.role[i, :3] = (frame.has_sequence, is_heartbeat(frame), is_emergency(frame))
 
 
 def _install_intrusion(made: Plan, loop: Any) -> None:
@@ -181,7 +187,7 @@ def _install_intrusion(made: Plan, loop: Any) -> None:
     limited = {name.partition(".")[0] for name in config.sections[made.role].plausible}
     watch.early_at[:] = -(2**62)
     for row, frame in enumerate(made.rx_frames):
-        if heartbeat(frame) and frame.cycle_ms:
+        if is_heartbeat(frame) and frame.cycle_ms:
             watch.beat_every[row] = frame.every_n(config.rate_hz)
         doubted = watch.reaction > 0 or frame.name in limited
         watch.care[row] = doubted or watch.beat_every[row] > 0

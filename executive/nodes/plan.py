@@ -16,6 +16,7 @@ from pcpc.drivers import dbc
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a log
+from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views
@@ -23,9 +24,9 @@ from pcpc.executive.loop.variables import BUS, DRIVE, HEAD, REFUSALS, REQUESTS, 
 from pcpc.executive.nodes import planned_controllers, planned_faults, planned_plausible
 from pcpc.executive.rig import messages as protocol
 from pcpc.executive.rig import standby
-from pcpc.executive.rig.carried import Reads, merge, noted
+from pcpc.executive.rig.carried_files import Reads, add_reads, noted_reads
 from pcpc.executive.rig.commands import commands
-from pcpc.executive.rig.prepare import prepared
+from pcpc.executive.rig.preparation import prepared_values
 from pcpc.executive.rig.reading import BlockSpec, NodeSpec, Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import Limit
@@ -112,7 +113,7 @@ def _take_frames(made: Plan, database: dbc.Database) -> None:
     made.rx_frames = list(dbc.frames(database, name, "rx"))
     made.tx_frames = sorted(dbc.frames(database, name, "tx"), key=protocol.sending_order)
     if role == "local":
-        made.below = protocol.towards_plant(rig, database)
+        made.below = protocol.frames_to_plant(rig, database)
     protocol.check(rig, role, made.rx_frames, made.tx_frames)
     protocol.check_losses(rig, database)
     protocol.check_stops(rig, database)
@@ -191,11 +192,11 @@ def _initial_values(made: Plan, spec: BlockSpec) -> None:
     """Note parameters and initial states of a block, computed by its `prepare` where it has one."""
     table, config = made.table, made.rig.config
     try:
-        with noted() as reads:
-            pairs = prepared(spec.block, spec.settings, config.rate_hz, config.seed)
+        with noted_reads() as reads:
+            pairs = prepared_values(spec.block, spec.settings, config.rate_hz, config.seed)
     except ValueError as error:
         raise RigError(f"{spec.where()}: {spec.name}: {error}") from None
-    merge(made.read, reads)
+    add_reads(made.read, reads)
     for name, value in (*pairs[0], *pairs[1]):
         made.values[table.index[f"{spec.name}.{name}"]] = value
 
@@ -285,7 +286,7 @@ def _plan_schedule(made: Plan) -> None:
     table, config = made.table, made.rig.config
     tunable = [v.name for v in table.variables if v.kind == "parameter"]
     for i, tuning in enumerate(config.schedule):
-        for name, value in standby.tunings(made.rig.document, config, i, tuning).items():
+        for name, value in standby.scheduled_values(made.rig.document, config, i, tuning).items():
             path = f"schedule[{i}].set.{name}"
             if name not in tunable:
                 raise made.rig.error(path, f"no parameter {name}{did_you_mean(name, tunable)}")
@@ -309,7 +310,7 @@ def _plan_schedule(made: Plan) -> None:
 def _plan_faults(made: Plan, database: dbc.Database) -> None:
     """Add what the rig's faults on purpose need in this node, and when they begin."""
     rig, role = made.rig, made.role
-    planned_faults.check_frames(rig, protocol.received(rig, database))
+    planned_faults.check_frames(rig, protocol.received_frames(rig, database))
     place = made.table, made.views, made.rx_frames
     made.faults = planned_faults.add_faults(rig, role, made.pacing, *place)
     for one in made.faults:
@@ -341,7 +342,7 @@ def cycles_of(rig: Rig) -> int:
     return max(1, round(rig.config.duration_s * rig.config.rate_hz))
 
 
-def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> dict[str, Any]:
+def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDescription:
     """Return the JSON head of the node's shared block; it also goes into the log.
 
     Not `kept`: without the effective rig's text, for a run whose log is not written.
@@ -361,8 +362,8 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> dict[st
         "timing": {"warn": rig.config.timing.warn, "error": rig.config.timing.error},
         "keep_ns": rig.config.record.keep_ns,
         "keep_on": rig.config.record.events,
-        "variables": [[v.name, v.unit, v.kind, v.writer, v.help] for v in table.variables],
-        "ranges": {v.name: [v.low, v.high] for v in table.variables if v.kind == "parameter"},
+        "variables": [(v.name, v.unit, v.kind, v.writer, v.help) for v in table.variables],
+        "ranges": {v.name: (v.low, v.high) for v in table.variables if v.kind == "parameter"},
         "state_columns": [table.variables[i].name for i in made.columns(False)],
         "timing_columns": [table.variables[i].name for i in made.columns(True)],
         "sources": {
@@ -377,7 +378,7 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> dict[st
         "state_names": list(STATE_NAMES),
         "fault_names": list(FAULT_NAMES),
         "attachments": attachments,
-        "files": rig.carried(made.read),
+        "files": rig.carried_files(made.read),
         "external": list(made.external),
         "metadata": metadata,
     }

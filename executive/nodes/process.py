@@ -34,7 +34,7 @@ from pcpc.drivers import bus as buses
 from pcpc.drivers import choice, claim, kernel, realtime
 from pcpc.drivers.errors import BusError, Exit, UserError
 from pcpc.executive.laws.emath_selftest import selftest
-from pcpc.executive.log.facts import facts
+from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import faults, sharing
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
@@ -51,8 +51,8 @@ from pcpc.executive.nodes.plan import (
     plan,
 )
 from pcpc.executive.nodes.watched import POLL_S, StepError, Watch, Work, failed
-from pcpc.executive.rig import carried
-from pcpc.executive.rig.buses import bus_wanted, check_line
+from pcpc.executive.rig import carried_files
+from pcpc.executive.rig.buses import check_line, wanted_bus
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES, Role
 
@@ -107,7 +107,7 @@ class Process:
         check_pacing(self.rig, self.pacing)
         check_rate(self.rig, self.pacing)
         check_line(self.rig, self.pacing)
-        self.choice = choice.take(bus_wanted(self.rig, (self.role,), options.bus))
+        self.choice = choice.take_bus(wanted_bus(self.rig, (self.role,), options.bus))
         self.bus = self.choice.bus
         self.plan: Plan = plan(self.rig, self.role, self.pacing)
         plausible.check(self.plan)
@@ -126,9 +126,9 @@ class Process:
             "rate_hz": repr(self.rig.config.rate_hz),
         }
         self.signals = kernel.signal_file(_SIGNALS)
-        about = describe(self.plan, metadata) | {"initial": self._parameters()}
-        about["file"] = str(self.rig.path.resolve())
-        if lacking := carried.warning(about["files"]):
+        about = describe(self.plan, metadata)
+        about["initial"], about["file"] = self._parameters(), str(self.rig.path.resolve())
+        if lacking := carried_files.missing_warning(about["files"]):
             print(f"{self.role}: {lacking}", file=sys.stderr, flush=True)
         served = sharing.Served(name, about)
         block = served.block
@@ -277,7 +277,7 @@ class Process:
 
         `opened_ns`: since when the bus is heard.
         """
-        settings = self.rig.config.realtime.of(self.role)
+        settings = self.rig.config.realtime.of_node(self.role)
         if self._paced:  # a loop that never waits for time would take the whole machine
             self.report += realtime.prepare_thread(settings.priority, settings.cpu)
         selftest()
@@ -311,11 +311,11 @@ def bus_below(rig: Rig, bus: buses.Bus) -> buses.Bus | None:
     """
     local = rig.config.local
     if local is None:
-        return None if rig.config.bus.emulate is None else buses.beside(bus)
+        return None if rig.config.bus.emulate is None else buses.neighbour_of(bus)
     if local.bus is None:
-        return buses.beside(bus)
+        return buses.neighbour_of(bus)
     channel = None if local.bus.channel is None else str(local.bus.channel)
-    return buses.choose(local.bus.interface, channel)
+    return buses.bus_named(local.bus.interface, channel)
 
 
 def warm_up_memory(made: Plan) -> Any:

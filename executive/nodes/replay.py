@@ -27,7 +27,7 @@ from pcpc.drivers.wire_layout import FRAME_BYTES, STRANGER
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.facts import facts
+from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.bus_state import note_bus_error
@@ -42,8 +42,8 @@ from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
 from pcpc.executive.nodes.watched import watched
-from pcpc.executive.rig.buses import without_bus
-from pcpc.executive.rig.messages import heartbeat
+from pcpc.executive.rig.buses import virtual_pacing
+from pcpc.executive.rig.messages import is_heartbeat
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -214,7 +214,7 @@ class Replay:
         `check`: of VirtualRun.
         """
         selftest()
-        made = plan(rig, role, without_bus(rig) if pacing == "virtual" else pacing)
+        made = plan(rig, role, virtual_pacing(rig) if pacing == "virtual" else pacing)
         check(made)
         made.external = dict.fromkeys(external, idle.entry)
         self.block = sh.private(describe(made, facts()))
@@ -242,7 +242,7 @@ class Replay:
         self._gain = np.array([loop.guard.gain])  # of the cycle before the next slice
         self._clocked = np.zeros((1, len(self._clocks)))  # of the cycle before the next slice
         self.needed = ["supervisor.fault", *self._clocks, *self._given]  # of a record
-        self._heartbeats = [f.can_id for f in made.tx_frames if heartbeat(f)]
+        self._heartbeats = [f.can_id for f in made.tx_frames if is_heartbeat(f)]
 
     def advance(self, part: Slice, names: Sequence[str]) -> Computed:
         """Recompute the cycles of `part`, whose variables are `names`. Raises StepError."""

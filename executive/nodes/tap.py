@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.executive.log.description import node_description
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.live import Live, known
@@ -83,7 +84,7 @@ class Tap:
     def events(self) -> Iterator[tuple[int, str, dict[str, Any]]]:
         """Yield cycle, topic and entry of what happened since the last look."""
         for row in self.raw("event"):
-            yield int(row[1]), *entry_of(row, self.live.block.description)
+            yield int(row[1]), *entry_of(row, node_description(self.live.block.description))
 
     def _size(self, ring: str) -> int:
         """Return how many rows a ring holds."""

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from pcpc.drivers import line as lines
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.facts import facts
+from pcpc.executive.log.description import node_description
 from pcpc.executive.log.long_logs import Wanted
+from pcpc.executive.log.provenance import facts
 from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.exchange import run_of
@@ -27,7 +28,7 @@ from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, describe, plan
 from pcpc.executive.nodes.watched import watched
-from pcpc.executive.rig.buses import check_line, line_options, without_bus
+from pcpc.executive.rig.buses import check_line, line_options, virtual_pacing
 from pcpc.executive.rig.reading import Rig
 
 CYCLES_BETWEEN_DRAINS = 1000  # rows in flight; the rings hold several thousand
@@ -59,7 +60,7 @@ class Memory:
         """Return the run as it would be read back from a file."""
         nodes = {}
         for block, rows in zip(self._blocks, self._rows, strict=True):
-            about = block.description
+            about = node_description(block.description)
             rows[:] = [table := np.concatenate(rows)]
             values = table.view(np.float64).T
             n = len(about["state_columns"])
@@ -90,7 +91,7 @@ class VirtualRun:
         """
         selftest()
         check_line(rig, "virtual")
-        made = [plan(rig, role, without_bus(rig)) for role in rig.roles]
+        made = [plan(rig, role, virtual_pacing(rig)) for role in rig.roles]
         for one in made:
             check(one)
         if controller is not None:

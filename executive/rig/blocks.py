@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig import fmu, tables, yamlfile
-from pcpc.executive.rig.resolve import Use, resolve
+from pcpc.executive.rig.conversion import convert
+from pcpc.executive.rig.law_lookup import Use, law_block
 from pcpc.executive.rig.roles import Role
-from pcpc.executive.rig.schema import FALLBACK, Config, Entry, Parameter, Plant
-from pcpc.executive.rig.typed import convert
+from pcpc.executive.rig.schema import FALLBACK, Config, Entry, Parameter, Plant, Section
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 if TYPE_CHECKING:
@@ -42,12 +42,14 @@ class BlockSpec:
         return self.places.get(path, self.places[""])
 
 
-def parameters_file(document: Document, plant: Plant) -> dict[str, Shared]:
-    """Return the parameters file by name, each with its document and path."""
-    if plant.parameters_file is None:
+def _shared_parameters(document: Document, node: Section) -> dict[str, Shared]:
+    """Return the entries of a plant's parameters file by name; every block takes those it has."""
+    if not isinstance(node, Plant) or node.parameters_file is None:
         return {}
-    source = yamlfile.load(document.file(("plant", "parameters_file"), plant.parameters_file))
-    groups = convert(source, source.data, dict[str, dict[str, Parameter]], ())
+    source = yamlfile.load(document.file(("plant", "parameters_file"), node.parameters_file))
+    groups: dict[str, dict[str, Parameter]] = convert(
+        source, source.data, dict[str, dict[str, Parameter]], ()
+    )
     flat: dict[str, Shared] = {}
     for group, parameters in groups.items():
         for name, parameter in parameters.items():
@@ -60,21 +62,18 @@ def parameters_file(document: Document, plant: Plant) -> dict[str, Shared]:
 
 def law_keys(config: Config, section: str, name: str) -> Keys:
     """Return the path of the entry that names the law of a block."""
-    if section == "executive" and name == FALLBACK and config.overrun.fallback is not None:
-        return ("controllers", config.overrun.fallback)
-    if section == "executive" and name == "controller":
-        return ("controllers", config.controller)
-    if section == "executive" and name in config.standby:
-        return ("controllers", name)
+    controllers = {name: name for name in config.standby} | {"controller": config.controller}
+    if config.overrun.fallback is not None:
+        controllers[FALLBACK] = config.overrun.fallback
+    if section == "executive" and name in controllers:
+        return ("controllers", controllers[name])
     return (section, "blocks", name)
 
 
-def blocks(
-    document: Document, config: Config, section: Role,
-    shared: Mapping[str, Shared],
-) -> list[BlockSpec]:  # fmt: skip
-    """Return the blocks of a node; `shared` goes to every block that has such a setting."""
+def blocks(document: Document, config: Config, section: Role) -> list[BlockSpec]:
+    """Return the blocks of a node, with laws imported and settings complete; RigError."""
     specs: list[BlockSpec] = []
+    shared = _shared_parameters(document, config.sections[section])
     unused = dict(shared)
     for name, entry in entries(config, section):
         keys = law_keys(config, section, name)
@@ -83,12 +82,12 @@ def blocks(
         use = Use(given | law.parameters, config.rate_hz, config.seed)
         text = ""
         if law is entry and entry.law == tables.LAW:
-            block, text = tables.read(document, keys, entry)
+            block, text = tables.read_table(document, keys, entry)
         elif law is entry and entry.law == fmu.LAW:
-            block, text, entry = fmu.read(document, keys, entry)
+            block, text, entry = fmu.read_fmu(document, keys, entry)
             law = entry
         else:
-            block = resolve(document, keys, str(law.law), use)
+            block = law_block(document, keys, str(law.law), use)
         places = {"": document.where((section, "blocks", name))}
         places |= {"law": document.where((*keys, "law"))}
         for inputs, at in ((entry.inputs, (section, "blocks", name)), (law.inputs, keys)):
@@ -107,16 +106,20 @@ def entries(config: Config, section: Role) -> Iterator[tuple[str, Entry]]:
     """Yield the blocks of a node; those of other controllers follow, and are wired alike."""
     for name, entry in config.sections[section].blocks.items():
         yield name, entry
-        if section == "executive" and name == "controller" and config.overrun.fallback is not None:
-            yield FALLBACK, entry
-        if section == "executive" and name == "controller":
+        if (section, name) == ("executive", "controller"):
+            if config.overrun.fallback is not None:
+                yield FALLBACK, entry
             yield from ((other, entry) for other in config.standby)
 
 
 def _settings(
-    document: Document, keys: Keys, given: Mapping[str, float], block: "Block",
-    shared: Mapping[str, Shared], places: dict[str, str],
-) -> dict[str, float]:  # fmt: skip
+    document: Document,
+    keys: Keys,
+    given: Mapping[str, float],
+    block: "Block",
+    shared: Mapping[str, Shared],
+    places: dict[str, str],
+) -> dict[str, float]:
     """Return all settings of a block in the order of its ports; their places go to `places`."""
     ports = {name: port for port in block.settings for name in port.names()}
     for name in given:

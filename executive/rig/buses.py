@@ -10,7 +10,7 @@ from pcpc.executive.rig.roles import Role
 OVER_LINE = "line"  # the pacing of a plan
 
 
-def bus_wanted(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
+def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
     """Return what `drivers.choice` needs to know; `named` is a --bus option, before the rig's."""
     config = rig.config
     channel = None if config.bus.channel is None else str(config.bus.channel)
@@ -34,7 +34,7 @@ def check_line(rig: Rig, pacing: str) -> None:
         raise rig.error("bus.emulate", what)
 
 
-def without_bus(rig: Rig) -> str:
+def virtual_pacing(rig: Rig) -> str:
     """Return the pacing of nodes in virtual time: lockstep, or over the rig's emulated line."""
     return "lockstep" if rig.config.bus.emulate is None else OVER_LINE
 

@@ -79,7 +79,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Said:
+class Comparison:
     """A comparison at one cycle: what was compared, its value and limit, in `unit`."""
 
     what: str
@@ -120,7 +120,7 @@ class Condition:
     text: str
     names: frozenset[str]
     margin: Callable[[Rows], Vector]
-    said: Callable[[Rows, int], Said]
+    said: Callable[[Rows, int], Comparison]
     inverse: "Callable[[], Condition]"
 
 
@@ -140,10 +140,10 @@ def value(text: str, units: Units) -> Value:
     return found
 
 
-def compared(a: Value, sign: str, b: Value) -> Condition:
+def comparison(a: Value, sign: str, b: Value) -> Condition:
     """Return a comparison; ExpressionError for different units."""
     text = f"{a.text} {sign} {b.text}"
-    a, b = _alike(a, b, text)
+    a, b = _in_one_unit(a, b, text)
     left, right = (b, a) if a.number is not None else (a, b)  # the value, and its limit
     shown = left.unit or right.unit or NONE
     holds, opposite = _SIGNS[sign]
@@ -156,12 +156,12 @@ def compared(a: Value, sign: str, b: Value) -> Condition:
         found = np.where(held, 0.0 if sign == "==" else far, np.minimum(-far, BARELY))
         return np.where(np.isnan(x) | np.isnan(y), -np.inf, found)
 
-    def said(rows: Rows, i: int) -> Said:
+    def said(rows: Rows, i: int) -> Comparison:
         x, y = (np.broadcast_to(one.at(rows), len(rows))[i] for one in (left, right))
         factor = float(shown.factor)
-        return Said(left.text, float(x) / factor, float(y) / factor, shown)
+        return Comparison(left.text, float(x) / factor, float(y) / factor, shown)
 
-    return Condition(text, a.names | b.names, margin, said, lambda: compared(a, opposite, b))
+    return Condition(text, a.names | b.names, margin, said, lambda: comparison(a, opposite, b))
 
 
 class _Reader:
@@ -209,7 +209,7 @@ class _Reader:
             case ast.UnaryOp(op=ast.USub(), operand=one):
                 return _product(text, _constant("-1", Fraction(-1), None), "*", self._value(one))
             case ast.BinOp(left=a, op=ast.Add() | ast.Sub() as op, right=b):
-                return _mixed(text, _ARITHMETIC[type(op)][1], self._value(a), self._value(b))
+                return _combination(text, _ARITHMETIC[type(op)][1], self._value(a), self._value(b))
             case ast.BinOp(left=a, op=ast.Mult() | ast.Div() as op, right=b):
                 return _product(text, self._value(a), _ARITHMETIC[type(op)][0], self._value(b))
             case ast.Compare(left=a, ops=ops, comparators=more) if all(
@@ -217,12 +217,13 @@ class _Reader:
             ):
                 sides = pairwise([self._value(one) for one in (a, *more)])
                 signs = [_COMPARED[type(op)] for op in ops]
-                return _joined(
-                    [compared(x, sign, y) for sign, (x, y) in zip(signs, sides, strict=True)], "and"
+                return _junction(
+                    [comparison(x, sign, y) for sign, (x, y) in zip(signs, sides, strict=True)],
+                    "and",
                 )
             case ast.BoolOp(op=op, values=parts):
                 word = "and" if isinstance(op, ast.And) else "or"
-                return _joined([self._condition(one) for one in parts], word)
+                return _junction([self._condition(one) for one in parts], word)
             case ast.Call(func=ast.Name(id=name), args=given, keywords=[]):
                 return self._call(text, name, [self._value(one) for one in given])
         known = "names, numbers, + - * /, comparisons, and or not, abs min max sqrt rate"
@@ -243,10 +244,11 @@ class _Reader:
     def _call(self, text: str, name: str, given: list[Value]) -> Value:
         if name in ("min", "max") and len(given) > 1:
             which = np.minimum if name == "min" else np.maximum
-            return reduce(lambda a, b: _mixed(text, which, a, b), given)
+            return reduce(lambda a, b: _combination(text, which, a, b), given)
         if name not in _FUNCTIONS or len(given) != 1:
-            raise self.wrong("calls what is not known; known: abs sqrt rate of one value, "
-                             "min max of several")  # fmt: skip
+            raise self.wrong(
+                "calls what is not known; known: abs sqrt rate of one value, min max of several"
+            )
         (one,), (act, own) = given, _FUNCTIONS[name]
         made = one.unit and own(one.unit)
         return Value(text, made, lambda rows: act(rows, one.at(rows)), one.names)
@@ -289,9 +291,9 @@ def _product(text: str, a: Value, sign: str, b: Value) -> Value:
     return Value(text, own, at, a.names | b.names)
 
 
-def _mixed(text: str, act: Any, a: Value, b: Value) -> Value:
+def _combination(text: str, act: Any, a: Value, b: Value) -> Value:
     """Return what two values of the same unit give: their sum, difference, minimum, maximum."""
-    a, b = _alike(a, b, text)
+    a, b = _in_one_unit(a, b, text)
     if a.number is not None and b.number is not None and act in _EXACT:
         return _constant(text, _EXACT[act](a.number, b.number), a.unit)
 
@@ -302,7 +304,7 @@ def _mixed(text: str, act: Any, a: Value, b: Value) -> Value:
     return Value(text, a.unit, at, a.names | b.names)
 
 
-def _alike(a: Value, b: Value, text: str) -> tuple[Value, Value]:
+def _in_one_unit(a: Value, b: Value, text: str) -> tuple[Value, Value]:
     """Return two values of the same unit; ExpressionError."""
     a, b = a.taken_as(b.unit), b.taken_as(a.unit)
     if a.unit is not None and b.unit is not None and a.unit.powers != b.unit.powers:
@@ -311,7 +313,7 @@ def _alike(a: Value, b: Value, text: str) -> tuple[Value, Value]:
     return a, b
 
 
-def _joined(found: list[Condition], word: str) -> Condition:
+def _junction(found: list[Condition], word: str) -> Condition:
     """Return what holds where all hold, or any."""
     if len(found) == 1:
         return found[0]
@@ -320,14 +322,14 @@ def _joined(found: list[Condition], word: str) -> Condition:
     def margin(rows: Rows) -> Vector:
         return np.asarray(pick.reduce([one.margin(rows) for one in found]))
 
-    def said(rows: Rows, i: int) -> Said:
+    def said(rows: Rows, i: int) -> Comparison:
         decided = int(where([one.margin(rows)[i] for one in found]))
         return found[decided].said(rows, i)
 
     text = f" {word} ".join(one.text for one in found)
     names = frozenset[str]().union(*(one.names for one in found))
     return Condition(
-        text, names, margin, said, lambda: _joined([one.inverse() for one in found], other)
+        text, names, margin, said, lambda: _junction([one.inverse() for one in found], other)
     )
 
 

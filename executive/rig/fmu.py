@@ -39,7 +39,7 @@ _NUMBERS = {
 }  # fmt: skip
 
 
-def write_out(document: Document) -> None:
+def expand_shorthand(document: Document) -> None:
     """Turn `plant: {fmu: FILE, inputs, parameters}` into a block `fmu`, the first; RigError."""
     plant = document.data.get("plant")
     if not isinstance(plant, dict) or "fmu" not in plant:
@@ -52,12 +52,12 @@ def write_out(document: Document) -> None:
         if key in plant:
             new = "file" if key == "fmu" else key
             entry[new] = plant.pop(key)
-            _move(document, ("plant", key), ("plant", "blocks", "fmu", new))
+            _move_places(document, ("plant", key), ("plant", "blocks", "fmu", new))
     document.places[("plant", "blocks", "fmu")] = document.place(("plant", "blocks", "fmu", "file"))
     plant["blocks"] = {"fmu": entry, **blocks}
 
 
-def _move(document: Document, old: Keys, new: Keys) -> None:
+def _move_places(document: Document, old: Keys, new: Keys) -> None:
     found: list[tuple[Keys, Place]] = [
         (keys, place) for keys, place in document.places.items() if keys[: len(old)] == old
     ]
@@ -65,7 +65,7 @@ def _move(document: Document, old: Keys, new: Keys) -> None:
         document.places[(*new, *keys[len(old) :])] = place
 
 
-def read(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str, Entry]":
+def read_fmu(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str, Entry]":
     """Return the block of an FMU, its description as text, and `entry` with the names here.
 
     RigError for what is wrong with the file or with the names of its inputs.
@@ -76,7 +76,7 @@ def read(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str, Ent
         raise document.error(keys, "law fmu needs `file`, an FMU")
     file = document.file((*keys, "file"), entry.file)
     try:
-        model = _kept(file) if file.suffix == ".json" else described(file)
+        model = _model_of_log(file) if file.suffix == ".json" else read_description(file)
     except RigError as error:
         raise document.error((*keys, "file"), str(error)) from None
     inputs = {one.given: one.name for one in model.of(fmu_block.INPUT)}
@@ -85,9 +85,10 @@ def read(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str, Ent
         if inputs.get(name, name) not in inputs.values():
             raise document.error((*keys, "inputs", name), _no_input(model, name, file))
     here = msgspec.structs.replace(
-        entry, inputs=_here(document, (*keys, "inputs"), entry.inputs, inputs),
-        parameters=_here(document, (*keys, "parameters"), entry.parameters, settings),
-    )  # fmt: skip
+        entry,
+        inputs=_by_own_names(document, (*keys, "inputs"), entry.inputs, inputs),
+        parameters=_by_own_names(document, (*keys, "parameters"), entry.parameters, settings),
+    )
     own = None if file.suffix == ".json" else file
     try:
         block = fmu_block.block(model, own, here.inputs)
@@ -96,7 +97,7 @@ def read(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str, Ent
     return block, msgspec.json.encode(model).decode() + "\n", here
 
 
-def _here(
+def _by_own_names(
     document: Document, at: Keys, given: Mapping[str, Any], names: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return a mapping by the names here, where it goes by the FMU's own; places go along."""
@@ -118,7 +119,7 @@ def _no_input(model: "Model", name: str, file: Path) -> str:
     return f"{file.name} has no input {name}{did_you_mean(name, known)}"
 
 
-def _kept(file: Path) -> "Model":
+def _model_of_log(file: Path) -> "Model":
     """Return the model of a log's text; RigError."""
     from pcpc.executive.rig.fmu_block import Model
 
@@ -131,15 +132,17 @@ def _kept(file: Path) -> "Model":
 # ---------------------------------------------------------------------------- the FMU's own text
 
 
-def described(file: Path) -> "Model":
+def read_description(file: Path) -> "Model":
     """Return what an FMU's description says; RigError in a line for what cannot be used."""
     from pcpc.executive.rig.fmu_block import Model
 
     found = _read(file)
     where, simulated = shown(file), found.coSimulation
     if simulated is None:
-        kinds = {"model exchange": found.modelExchange, "scheduled execution":
-                 found.scheduledExecution}  # fmt: skip
+        kinds = {
+            "model exchange": found.modelExchange,
+            "scheduled execution": found.scheduledExecution,
+        }
         has = " and ".join(kind for kind, there in kinds.items() if there is not None)
         raise RigError(f"{where}: an FMU for {has} only; export it for co-simulation")
     if simulated.needsExecutionTool:
@@ -147,11 +150,15 @@ def described(file: Path) -> "Model":
     with file.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     return Model(
-        name=found.modelName or simulated.modelIdentifier, fmi=found.fmiVersion,
-        identifier=simulated.modelIdentifier, token=found.guid or "", sha256=digest,
+        name=found.modelName or simulated.modelIdentifier,
+        fmi=found.fmiVersion,
+        identifier=simulated.modelIdentifier,
+        token=found.guid or "",
+        sha256=digest,
         once=bool(simulated.canBeInstantiatedOnlyOncePerProcess),
-        made_by=found.generationTool or "", variables=tuple(_variables(found)),
-    )  # fmt: skip
+        made_by=found.generationTool or "",
+        variables=tuple(_variables(found)),
+    )
 
 
 def _read(file: Path) -> Any:
@@ -184,8 +191,13 @@ def _read(file: Path) -> Any:
         folder = platform if found.fmiVersion == "2.0" else platform_tuple
         library = f"binaries/{folder}/{found.coSimulation.modelIdentifier}.so"
         if library not in inside:
-            others = sorted({name.split("/")[1] for name in inside if name.count("/") > 1
-                             and name.startswith("binaries/")})  # fmt: skip
+            others = sorted(
+                {
+                    name.split("/")[1]
+                    for name in inside
+                    if name.count("/") > 1 and name.startswith("binaries/")
+                }
+            )
             has = f"; it has {', '.join(others)}" if others else ""
             raise RigError(f"{where}: nothing for this machine, {library}{has}")
     return found
@@ -207,7 +219,7 @@ def _variables(found: Any) -> Iterator["Variable"]:
         roles = [*_roles(one)]
         for element, name in _elements(one, found):
             for role, ending in roles:
-                yield _variable(one, role, element, name, _free(name + ending, taken))
+                yield _variable(one, role, element, name, _unique_name(name + ending, taken))
 
 
 def _roles(one: Any) -> Iterator[tuple[str, str]]:
@@ -218,9 +230,12 @@ def _roles(one: Any) -> Iterator[tuple[str, str]]:
         yield "parameter", ""
     elif one.start is not None and (
         one.causality == "input"
-        or (one.initial == "exact" and one.variability != "constant"
-            and one.causality in ("output", "local"))
-    ):  # fmt: skip
+        or (
+            one.initial == "exact"
+            and one.variability != "constant"
+            and one.causality in ("output", "local")
+        )
+    ):
         yield "start", "_start"
 
 
@@ -254,11 +269,19 @@ def _variable(one: Any, role: str, element: int, name: str, here: str) -> "Varia
     if role == "parameter" and start is None:
         start = 0.0
     return Variable(
-        name=here, given=name, role=role, kind=one.type, reference=one.valueReference,
-        element=element, unit=unit_of(text), start=start, low=low, high=high,
+        name=here,
+        given=name,
+        role=role,
+        kind=one.type,
+        reference=one.valueReference,
+        element=element,
+        unit=unit_of(text),
+        start=start,
+        low=low,
+        high=high,
         help=about or f"{name} of the FMU",
         tunable=role == "parameter" and one.variability == "tunable",
-    )  # fmt: skip
+    )
 
 
 def _number(text: Any, element: int = 0) -> float | None:
@@ -275,7 +298,7 @@ def _number(text: Any, element: int = 0) -> float | None:
         return None
 
 
-def _free(name: str, taken: set[str]) -> str:
+def _unique_name(name: str, taken: set[str]) -> str:
     """Return the name of a variable as an identifier, with a number if that is taken."""
     word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     word = word if re.match("[A-Za-z]", word) else f"v_{word}"

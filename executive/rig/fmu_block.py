@@ -79,9 +79,13 @@ class FmuStep(Stage):
     """
 
     def __init__(
-        self, model: Model, file: Path | None, declared: tuple[Any, ...], wired: list[Variable],
+        self,
+        model: Model,
+        file: Path | None,
+        declared: tuple[Any, ...],
+        wired: list[Variable],
         tunable: list[Variable],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.model, self.file, self.declared = model, file, declared
         self.wired, self.tunable = wired, tunable
         self.py_func, self.__name__, self.__doc__ = fmi.stepped, model.name, fmi.stepped.__doc__
@@ -107,13 +111,16 @@ def block(model: Model, file: Path | None, wired: Mapping[str, str]) -> Block:
     inputs = [one for one in model.of(INPUT) if (one.kind, one.reference) in whole]
     tunable = [one for one in model.of(PARAMETER) if one.tunable]
     settings = [
-        one for one in model.of(PARAMETER, START)
+        one
+        for one in model.of(PARAMETER, START)
         if not (one.role == START and one.given in {wire.given for wire in inputs})
-    ]  # fmt: skip
+    ]
     declared = (
-        _ports("Parameters", tunable), States, _ports("Inputs", inputs),
+        _ports("Parameters", tunable),
+        States,
+        _ports("Inputs", inputs),
         _ports("Outputs", model.of(OUTPUT)),
-    )  # fmt: skip
+    )
     names = [one.name for one in tunable]
 
     def prepare(given: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -127,10 +134,14 @@ def _ports(kind: str, variables: list[Variable]) -> Any:
     """Return a declaration with a port of one value for each variable, under its name."""
     made = {
         f"v{i}": port(
-            one.unit, one.help, one.start,
+            one.unit,
+            one.help,
+            one.start,
             -float("inf") if one.low is None else one.low,
-            float("inf") if one.high is None else one.high, named=one.name, shape=1,
+            float("inf") if one.high is None else one.high,
+            named=one.name,
+            shape=1,
         )
         for i, one in enumerate(variables)
-    }  # fmt: skip
+    }
     return type(kind, (Ports,), {"__doc__": "Of an FMU.", **made})

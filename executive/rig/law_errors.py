@@ -25,7 +25,7 @@ _OWN = {  # how laws are read and stepped, evaluations read and asked
     for name in (
         "drivers/jit", "drivers/stage", "drivers/views", "executive/laws/block",
         "executive/laws/ports",
-        "executive/rig/modules", "executive/rig/prepare", "executive/rig/resolve",
+        "executive/rig/modules", "executive/rig/preparation", "executive/rig/law_lookup",
         "executive/rig/trial", "plants/drawing", "plants/evaluation", "plants/judging",
         "plants/pages", "plants/scene", "plants/statistics", "plants/study",
         "plants/families/two_link/joints", "tools/study/experiment/cli",
@@ -44,12 +44,12 @@ def cause(error: BaseException) -> str:
     """Return `file:line: what, in source` for an error of a law's module, `prepare` or step."""
     if isinstance(error, SyntaxError) and error.filename:
         return f"{shown(Path(error.filename))}:{error.lineno}: {type(error).__name__}: {error.msg}"
-    if is_numbas(error):
-        return at(_compile_place(error), f"cannot be compiled: {_compile_reason(error)}")
-    return at(place(error.__traceback__), described(error))
+    if is_numba_error(error):
+        return located(_compile_place(error), f"cannot be compiled: {_compile_reason(error)}")
+    return located(users_place(error.__traceback__), error_text(error))
 
 
-def described(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """Return the kind of an error and its text, in one line."""
     if isinstance(error, SystemExit):
         return "ends the process; it must not"
@@ -70,7 +70,7 @@ def _import_of(name: str) -> str:
     return ""
 
 
-def is_numbas(error: BaseException) -> bool:
+def is_numba_error(error: BaseException) -> bool:
     """Return whether numba refused to compile."""
     frames = traceback.extract_tb(error.__traceback__)
     return type(error).__module__.partition(".")[0] == "numba" or (
@@ -78,7 +78,7 @@ def is_numbas(error: BaseException) -> bool:
     )
 
 
-def at(where: tuple[str, int] | None, what: str) -> str:
+def located(where: tuple[str, int] | None, what: str) -> str:
     """Return `file:line: what, in source`."""
     if where is None:
         return what
@@ -87,7 +87,7 @@ def at(where: tuple[str, int] | None, what: str) -> str:
     return f"{shown(Path(file))}:{line}: {what}{f', in `{source}`' if source else ''}"
 
 
-def place(frames: TracebackType | None) -> tuple[str, int] | None:
+def users_place(frames: TracebackType | None) -> tuple[str, int] | None:
     """Return file and line of the innermost frame that is the user's; else the innermost one."""
     found = [(lies_at(f.filename), f.lineno or 0) for f in traceback.extract_tb(frames)]
     ours = [frame for frame in found if is_users(frame[0])]
@@ -114,7 +114,7 @@ def _compile_place(error: BaseException) -> tuple[str, int] | None:
     location = getattr(error, "loc", None)
     if location is not None and is_users(str(location.filename)):
         return str(location.filename), int(location.line)
-    return place(error.__traceback__)
+    return users_place(error.__traceback__)
 
 
 def _places(text: str) -> Iterator[tuple[str, int]]:

@@ -31,27 +31,27 @@ def database_of(rig: Rig) -> dbc.Database:
     return dbc.load(rig.dbc)
 
 
-def awaited(frame: dbc.Frame) -> bool:
+def is_awaited(frame: dbc.Frame) -> bool:
     """Return True if a cycle without this frame counts as missing input."""
     return frame.cycle_ms == 0.0 and not frame.has_sequence
 
 
-def starts(role: Role, frame: dbc.Frame, below: Collection[str]) -> bool:
+def starts_cycle(role: Role, frame: dbc.Frame, below: Collection[str]) -> bool:
     """Return True if this frame starts a cycle where no clock does.
 
     The executive waits for all feedback, the plant for SYNC, a local node for both; `below` are the
     frames on its bus to the plant.
     """
     feedback = role == "executive" or frame.name in below
-    return frame.has_sequence or (feedback and awaited(frame))
+    return frame.has_sequence or (feedback and is_awaited(frame))
 
 
-def heartbeat(frame: dbc.Frame) -> bool:
+def is_heartbeat(frame: dbc.Frame) -> bool:
     """Return True for CANopen's heartbeat, which nodes also send while they look for each other."""
     return 0x700 <= frame.can_id < 0x780
 
 
-def emergency(frame: dbc.Frame) -> bool:
+def is_emergency(frame: dbc.Frame) -> bool:
     """Return True for CANopen's emergency frame, which is sent when a fault comes or goes."""
     return frame.on_event and 0x080 < frame.can_id < 0x100 and not frame.protected
 
@@ -71,15 +71,15 @@ def check(rig: Rig, role: Role, rx: Sequence[dbc.Frame], tx: Sequence[dbc.Frame]
                 "below the signals sequence and crc",
             )
     for frame in tx:
-        if frame.on_event and not emergency(frame):
+        if frame.on_event and not is_emergency(frame):
             raise rig.error(
                 "dbc",
                 f"nothing sends {frame.name}, of send type Event; only an emergency frame, 0x081 "
                 "to 0x0FF and without counter and crc, is sent so; give it a GenMsgCycleTime",
             )
-    if not any(awaited(frame) for frame in rx):
+    if not any(is_awaited(frame) for frame in rx):
         node = rig.config.sections[role].node
-        slow = next((str(frame.can_id) for frame in rx if not heartbeat(frame)), "ID")
+        slow = next((str(frame.can_id) for frame in rx if not is_heartbeat(frame)), "ID")
         raise rig.error(
             "dbc",
             f'{node} receives no frame with send type "EveryCycle"; write '
@@ -91,9 +91,9 @@ def check_losses(rig: Rig, database: dbc.Database) -> None:
     """Raise RigError for losses of a frame that is not there, or that starts cycles."""
     if not rig.config.losses:
         return
-    known = set[str]().union(*(_of(database, n.node) for n in rig.config.sections.values()))
+    known = _frames_of_rig(rig, database)
     frames = [dbc.frame(message) for message in database.messages if message.name in known]
-    names = [frame.name for frame in frames if awaited(frame)]
+    names = [frame.name for frame in frames if is_awaited(frame)]
     for name in rig.config.losses:
         if name not in names:
             what = f"no frame {name}{did_you_mean(name, names)}"
@@ -137,16 +137,16 @@ def stop_frame_of(rig: Rig) -> str:
     return stop
 
 
-def towards_plant(rig: Rig, database: dbc.Database) -> frozenset[str]:
+def frames_to_plant(rig: Rig, database: dbc.Database) -> frozenset[str]:
     """Return the frames of the local node's bus to the plant; RigError if one is on both buses."""
-    known = {role: _of(database, node.node) for role, node in rig.config.sections.items()}
+    known = {role: _frame_names(database, node.node) for role, node in rig.config.sections.items()}
     own, above, below = known["local"], known["executive"], known["plant"]
     for name in sorted(own & above & below):
         raise rig.error("dbc", f"frame {name} is on both buses; give each bus a frame of its own")
     return frozenset(own & below)
 
 
-def received(rig: Rig, database: dbc.Database) -> dict[Role, list[str]]:
+def received_frames(rig: Rig, database: dbc.Database) -> dict[Role, list[str]]:
     """Return the names of the frames that each node receives."""
     return {
         role: [frame.name for frame in dbc.frames(database, node.node, "rx")]
@@ -154,25 +154,30 @@ def received(rig: Rig, database: dbc.Database) -> dict[Role, list[str]]:
     }
 
 
-def _of(database: dbc.Database, node: str) -> set[str]:
+def _frame_names(database: dbc.Database, node: str) -> set[str]:
     """Return the names of the frames that a node sends or receives."""
     both = (*dbc.frames(database, node, "rx"), *dbc.frames(database, node, "tx"))
     return {frame.name for frame in both}
 
 
-def on_buses(rig: Rig, database: dbc.Database) -> tuple[frozenset[str], ...]:
+def _frames_of_rig(rig: Rig, database: dbc.Database) -> set[str]:
+    nodes = rig.config.sections.values()
+    return set[str]().union(*(_frame_names(database, node.node) for node in nodes))
+
+
+def frames_by_bus(rig: Rig, database: dbc.Database) -> tuple[frozenset[str], ...]:
     """Return the names of the frames on each of a rig's buses, the executive's first.
 
     Only frames of the rig's nodes count: a DBC file may know more nodes than a rig has.
     """
-    known = set[str]().union(*(_of(database, n.node) for n in rig.config.sections.values()))
-    below = frozenset[str]() if rig.config.local is None else towards_plant(rig, database)
+    known = _frames_of_rig(rig, database)
+    below = frozenset[str]() if rig.config.local is None else frames_to_plant(rig, database)
     return (frozenset(known - below), *([below] if below else []))
 
 
 def bus_load(rig: Rig, database: dbc.Database, rate_hz: float, bitrate: float) -> float:
     """Return the worst-case load as a fraction of `bitrate`, of the fuller of a rig's two buses."""
-    return max(dbc.bus_load(database, rate_hz, bitrate, n) for n in on_buses(rig, database))
+    return max(dbc.bus_load(database, rate_hz, bitrate, n) for n in frames_by_bus(rig, database))
 
 
 def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: bool) -> list[int]:
@@ -181,10 +186,10 @@ def parts_in_meeting(rx: Sequence[dbc.Frame], below: Collection[str], leads: boo
     `leads`: this is the executive, all of whose frames come from below.
     """
     lower = [frame for frame in rx if leads or frame.name in below]
-    beats = sorted(filter(heartbeat, lower), key=sending_order)
+    beats = sorted(filter(is_heartbeat, lower), key=sending_order)
     found = []
     for frame in rx:
-        if heartbeat(frame) and frame not in lower:
+        if is_heartbeat(frame) and frame not in lower:
             found.append(meeting.FROM_ABOVE)
         elif not beats or frame not in lower:
             found.append(meeting.NO_PART)

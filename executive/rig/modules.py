@@ -19,8 +19,8 @@ from types import ModuleType
 from pcpc.drivers import compile_cache
 from pcpc.drivers.compile_cache import cache_folder, keep_by
 from pcpc.drivers.patience import StalledError, patience
-from pcpc.executive.rig import carried
-from pcpc.executive.rig.carried import AREAS, Reads, merge
+from pcpc.executive.rig import carried_files
+from pcpc.executive.rig.carried_files import AREAS, Reads, add_reads
 
 PROJECT = Path(__file__).resolve().parents[2]
 OURS = "pcpc."  # modules of the project
@@ -36,12 +36,12 @@ _ALONE = {  # a law that imports nothing else, and reads nothing, is what its te
 
 def module_of(name: str, file: Path) -> ModuleType:
     """Import the module `name`, or that of `file` where the name is ""; ImportError for no end."""
-    with _bounded(name or str(file)):
+    with _bounded_import(name or str(file)):
         return _import_module(name) if name else _import_file(file)
 
 
 @contextmanager
-def _bounded(what: str) -> Iterator[None]:
+def _bounded_import(what: str) -> Iterator[None]:
     """Name an import that takes long; end it when it computes for ever and compiles nothing."""
     before = compile_cache.watch.done
 
@@ -62,26 +62,26 @@ def _bounded(what: str) -> Iterator[None]:
         told.join()
 
 
-def outside(file: Path) -> ModuleType | None:
+def outside_module(file: Path) -> ModuleType | None:
     """Return the module of a file outside the project, if it was imported."""
     return _outside.get(file)
 
 
-def read_by(module: ModuleType) -> Reads:
+def reads_of(module: ModuleType) -> Reads:
     """Return what the import of a module opened."""
     return _read_by.get(_key(module), {})
 
 
-def imported(file: Path) -> str | None:
+def digest_at_import(file: Path) -> str | None:
     """Return the SHA-256 that a file had when a module's import opened it; None: none did."""
     return _contents.get(file)
 
 
-def opened() -> Reads:
+def opened_files() -> Reads:
     """Return what the imports of this process opened, as far as a log is to carry it."""
     found: Reads = {}
     for reads in _read_by.values():
-        merge(found, reads)
+        add_reads(found, reads)
     return found
 
 
@@ -132,8 +132,8 @@ def _import_file(file: Path) -> ModuleType:
         return importlib.import_module(own_name)
     if file in _outside:
         return _outside[file]
-    known = _Remembered(file)
-    with carried.noted() as reads:
+    known = _ReadMemory(file)
+    with carried_files.noted_reads() as reads:
         module = _execute(file, known.module_name())
     reads.pop(file, None)
     if known.is_news(reads):
@@ -148,7 +148,7 @@ def _note(module: ModuleType, reads: Reads, *files: Path) -> None:
     _read_by[_key(module)] = reads
     for file in (*files, *reads):
         with suppress(OSError):
-            _contents.setdefault(file, carried.sha256(file))
+            _contents.setdefault(file, carried_files.sha256(file))
 
 
 def _key(module: ModuleType) -> str:
@@ -160,22 +160,22 @@ def _import_module(name: str) -> ModuleType:
     """Import an installed module; note what a module from outside the project opens."""
     if name in sys.modules or name.startswith(OURS):
         return importlib.import_module(name)
-    with carried.noted() as reads:
+    with carried_files.noted_reads() as reads:
         module = importlib.import_module(name)
     _note(module, reads)
     return module
 
 
-def _alone(file: Path) -> bytes:
+def _standalone_text(file: Path) -> bytes:
     """Return the text of a law that depends on nothing else; b"" of another."""
     with suppress(OSError, SyntaxError, ValueError):
         text = file.read_bytes()
-        if _ALONE.issuperset(carried.imported(text)) and b"__file__" not in text:
+        if _ALONE.issuperset(carried_files.imported_names(text)) and b"__file__" not in text:
             return text
     return b""
 
 
-class _Remembered:
+class _ReadMemory:
     """What the import of a law opened the last time, kept beside the compiled code.
 
     Tables and modules that a law reads end up in its compiled code, so that their content is in the
@@ -194,7 +194,7 @@ class _Remembered:
 
     def module_name(self) -> str:
         """Return a name made of the law's text, or of its path and of what it read."""
-        if not self._files and (text := _alone(self.file)):
+        if not self._files and (text := _standalone_text(self.file)):
             name = f"{self.file.stem}_{hashlib.sha256(text).hexdigest()[:16]}"
             keep_by(self.file, name)
             return name
@@ -202,7 +202,7 @@ class _Remembered:
         digest = hashlib.sha256(self._path.encode())
         for name in self._files:
             with suppress(OSError):
-                digest.update(name.encode() + carried.sha256(Path(name)).encode())
+                digest.update(name.encode() + carried_files.sha256(Path(name)).encode())
         mark = digest.hexdigest() if self._files else self._path
         return f"{self.file.stem}_{mark[:16]}"
 

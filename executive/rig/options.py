@@ -6,25 +6,32 @@
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NoReturn
+from typing import Any
 
 import msgspec
 
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yamlfile
-from pcpc.executive.rig.resolve import Use, resolve
+from pcpc.executive.rig.conversion import convert
+from pcpc.executive.rig.law_lookup import Use, law_block
 from pcpc.executive.rig.schema import EARLIER, Config
-from pcpc.executive.rig.typed import convert
-from pcpc.executive.rig.yamlfile import Document, Keys, Place, dotted
+from pcpc.executive.rig.yamlfile import Document, Keys, Place, dotted_path
 
 
-def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
-    """Put the `--set` options into the data, keys of the rig first: one may be `controller`."""
+def apply_options(document: Document, controller: str | None, settings: Sequence[str]) -> None:
+    """Put `--controller` and `--set` options into the data of a file that is right without them.
+
+    Keys of the rig come first: one of them may be `controller`.
+    """
+    config = convert(document, document.data, Config, ())
+    if controller is not None:
+        place = Place(document.path, option=f"--controller {controller}")
+        document.put(("controller",), controller, place)
     keys_of = dict(_leaves(msgspec.to_builtins(config), ()))
-    keys_of |= {dotted(earlier): keys for earlier, keys in EARLIER.items()}
+    keys_of |= {dotted_path(earlier): keys for earlier, keys in EARLIER.items()}
     blocks = {name: role for role, node in config.sections.items() for name in node.blocks}
     rest: list[tuple[str, Any, Place]] = []
-    for name, value, place in _given(document, settings):
+    for name, value, place in _parsed_settings(document, settings):
         section, _, fault = name.partition(".")
         if not place.option:  # of a file: settings of blocks only
             rest.append((name, value, place))
@@ -50,13 +57,15 @@ def apply(document: Document, config: Config, settings: Sequence[str]) -> None:
             raise RigError(f"{place}: no such setting{_cure(document, config, name, keys_of)}")
         chosen = document.data["controller"]
         if block == "controller" and chosen not in document.data["controllers"]:
-            unknown_controller(document, chosen, config)
+            raise document.error(("controller",), config.no_controller(str(chosen)))
         own: Keys = (blocks[block], "blocks", block)
         keys = ("controllers", chosen) if block == "controller" else own
         document.put((*keys, "parameters", setting), value, place)
 
 
-def _given(document: Document, settings: Sequence[str]) -> Iterator[tuple[str, Any, Place]]:
+def _parsed_settings(
+    document: Document, settings: Sequence[str]
+) -> Iterator[tuple[str, Any, Place]]:
     """Yield name, value and place of each setting, also of those in a file, `@FILE`."""
     for setting in settings:
         place = Place(document.path, option=f"--set {setting}")
@@ -66,20 +75,20 @@ def _given(document: Document, settings: Sequence[str]) -> Iterator[tuple[str, A
             document.sources.update(file.sources)
             yield from ((name, one, file.place((name,))) for name, one in file.data.items())
         elif equals:
-            yield name, yamlfile.value(text, place), place
+            yield name, yamlfile.parse_value(text, place), place
         else:
             raise RigError(f"{place}: expected NAME=VALUE")
 
 
-def rename(document: Document) -> None:
+def rename_earlier_keys(document: Document) -> None:
     """Put what stands under keys of earlier versions, as in their logs, under today's."""
     for earlier, keys in EARLIER.items():
         if earlier not in document.places:
             continue
         if keys[:-1] in document.places:
             where = document.where(keys[:-1])
-            raise document.error(earlier, f"is {dotted(keys)} today; write it there, {where}")
-        around = _at(document.data, earlier[:-1])
+            raise document.error(earlier, f"is {dotted_path(keys)} today; write it there, {where}")
+        around = _value_at(document.data, earlier[:-1])
         document.put(keys, around.pop(earlier[-1]), document.places.pop(earlier))
 
 
@@ -100,7 +109,7 @@ def _cure(document: Document, config: Config, name: str, keys: Mapping[str, Keys
         whole_one = f", or --set '{first}.{rest.partition('.')[0]}={{kind: ...}}'"
         cure = f"; write {first}: {entry} into the rig file, then --set can change it"
         return cure + whole_one * (first == "faults")
-    lists = {key for key, at in keys.items() if isinstance(_at(whole, at), list)}
+    lists = {key for key, at in keys.items() if isinstance(_value_at(whole, at), list)}
     return did_you_mean(name, [*(key for key in keys if key not in lists), *own])
 
 
@@ -111,19 +120,19 @@ def _block_settings(document: Document, config: Config) -> Iterator[str]:
             own: Keys = (role, "blocks", name)
             keys = ("controllers", document.data["controller"]) if name == "controller" else own
             try:
-                law = convert(document, _at(document.data, (*keys, "law")), str, keys)
+                law = convert(document, _value_at(document.data, (*keys, "law")), str, keys)
                 entry = (
                     config.controllers[str(keys[1])] if name == "controller" else node.blocks[name]
                 )
                 use = Use(entry.parameters, config.rate_hz, config.seed)
-                block = resolve(document, keys, law, use)
+                block = law_block(document, keys, law, use)
             except (RigError, KeyError):
                 continue  # wrong itself, which is said once the option is mended
             ports = block.settings
             yield from (f"{name}.{setting}" for port in ports for setting in port.names())
 
 
-def _at(data: Any, keys: Keys) -> Any:
+def _value_at(data: Any, keys: Keys) -> Any:
     for key in keys:
         data = data[key]
     return data
@@ -134,10 +143,4 @@ def _leaves(data: Mapping[str, Any], keys: Keys) -> Iterator[tuple[str, Keys]]:
         if isinstance(child, dict):
             yield from _leaves(child, (*keys, key))
         else:
-            yield dotted((*keys, key)), (*keys, key)
-
-
-def unknown_controller(document: Document, name: Any, config: Config) -> NoReturn:
-    """Raise the error about a controller that the rig does not have."""
-    what = f"no controller {name}{did_you_mean(str(name), config.controllers)}"
-    raise document.error(("controller",), what)
+            yield dotted_path((*keys, key)), (*keys, key)

@@ -76,7 +76,7 @@ class Overshoot:
 
 
 @dataclass(frozen=True)
-class Timed:
+class TimedRequirement:
     """A requirement that can be judged: `holds`, from when, until when. Times in s.
 
     `lasts_s`: once for so long; None: to the next event, or to the end.
@@ -106,13 +106,29 @@ def text_of(entry: schema.Requirement) -> str:
     if entry.name:
         return entry.name
     given = msgspec.to_builtins(entry)
-    order = ("when", "always", "never", "settles", "overshoot", "rate", "to", "into", "over",
-             "at_most", "until", "within", "then", "for", "after", "before")  # fmt: skip
+    order = (
+        "when",
+        "always",
+        "never",
+        "settles",
+        "overshoot",
+        "rate",
+        "to",
+        "into",
+        "over",
+        "at_most",
+        "until",
+        "within",
+        "then",
+        "for",
+        "after",
+        "before",
+    )
     told = ", ".join(f"{key.replace('_', ' ')} {given[key]}" for key in order if key in given)
     return told.removeprefix("then ")
 
 
-def timed(entry: schema.Requirement, units: Units) -> Timed:
+def timed_requirement(entry: schema.Requirement, units: Units) -> TimedRequirement:
     """Return a requirement with its names known and its units checked; RequirementError."""
     form = _form(entry)
     given = {key: str(value) for key, value in msgspec.to_builtins(entry).items()}
@@ -135,9 +151,9 @@ def timed(entry: schema.Requirement, units: Units) -> Timed:
         event = event or Event(changes=past.over)
     else:
         holds = own.rate()
-    made = Timed(
+    made = TimedRequirement(
         text_of(entry), holds, event, until, seconds["within"], lasts_s, window_s, past
-    )  # fmt: skip
+    )
     if not made.names:
         raise RequirementError(form, "names no variable")
     return made
@@ -198,7 +214,7 @@ class _Part:
     def at_most(self, key: str, one: Value, limit: Value) -> Condition:
         """Return that a value is no larger than what `key` gives."""
         try:
-            return ex.compared(one, "<=", limit)
+            return ex.comparison(one, "<=", limit)
         except ExpressionError as error:
             raise RequirementError(key, str(error)) from None
 
@@ -236,7 +252,7 @@ class _Part:
         what = _column(f"overshoot of {one.text}", PAST, own)
         bound = _column(LIMIT, LIMIT, own)
         past = Overshoot(one, over, float(limit.number or 0), relative)
-        return past, ex.compared(what, "<=", bound)
+        return past, ex.comparison(what, "<=", bound)
 
 
 def _column(text: str, key: str, own: Unit) -> Value:

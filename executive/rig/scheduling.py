@@ -2,15 +2,16 @@
 
 from typing import Annotated
 
-from msgspec import Meta, Struct
+from msgspec import Meta
 
+from pcpc.executive.rig.keyed import Keyed
 from pcpc.executive.rig.roles import Role
 
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Priority = Annotated[int, Meta(ge=1, le=99)]  # SCHED_FIFO's range
 
 
-class Scheduling(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Scheduling(Keyed):
     """Of a node: SCHED_FIFO `priority`, and the processor to stay on with it, null for any.
 
     `phase`: fraction of a period by which its cycles lie behind the common grid of whole periods.
@@ -21,22 +22,22 @@ class Scheduling(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     cpu: Annotated[int, Meta(ge=0, le=4095)] | None = None
 
 
-class _Executive(Scheduling, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _Executive(Scheduling):
     priority: Priority = 80
     phase: Fraction = 0.0
 
 
-class _Local(Scheduling, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _Local(Scheduling):
     priority: Priority = 75
     phase: Fraction = 0.3333
 
 
-class _Plant(Scheduling, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _Plant(Scheduling):
     priority: Priority = 70
     phase: Fraction = 0.5
 
 
-class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Realtime(Keyed):
     """Scheduling of each node; `late_fraction` of a period after its time a wake-up is late."""
 
     executive: _Executive = _Executive()
@@ -44,6 +45,7 @@ class Realtime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     plant: _Plant = _Plant()
     late_fraction: Fraction = 0.1
 
-    def of(self, role: Role) -> Scheduling:
+    def of_node(self, role: Role) -> Scheduling:
         """Return the settings of a node."""
-        return {"executive": self.executive, "local": self.local, "plant": self.plant}[role]
+        found: Scheduling = getattr(self, role)
+        return found

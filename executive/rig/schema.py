@@ -1,11 +1,15 @@
 """The keys of a rig file and of a plant's parameters file, with types and ranges."""
 
+# ruff: noqa: RUF012  msgspec gives each mapping its own copy of a mutable default
+
 from typing import Annotated, Any, ClassVar, Literal
 
-from msgspec import Meta, Struct
+from msgspec import Meta
 
 from pcpc.executive.durations import duration_ns
-from pcpc.executive.rig.roles import Role
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig.keyed import Keyed
+from pcpc.executive.rig.roles import ROLES, Role
 from pcpc.executive.rig.scheduling import Fraction, Realtime
 from pcpc.executive.rig.yamlfile import Keys
 
@@ -29,7 +33,7 @@ BitRate = Annotated[str, Meta(pattern=r"\A[0-9]{1,7}(\.[0-9]{1,6})? ?[kM]?(bit/s
 Condition = Annotated[str, Meta(max_length=300)]  # see `rig.expressions`
 
 
-class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Bus(Keyed):
     """A bus as python-can names it; `bitrate` null means that its load is not checked.
 
     `emulate`: a CAN line with this bit rate lies between the nodes, see `drivers.line`, with
@@ -54,7 +58,7 @@ class Bus(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return round(scale * float(number.rstrip("kM ")))
 
 
-class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Supervisor(Keyed):
     """Reactions to missing frames, in cycles, and the ramp to safe values.
 
     `peer_timeout_s`: how long a node that is ready waits for the other one. `on_fault`: what
@@ -76,7 +80,7 @@ class Supervisor(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     peer_timeout_s: Annotated[float, Meta(gt=0, le=1e6)] = 300.0
 
 
-class Watchdog(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Watchdog(Keyed):
     """A process that sees only the bus and sends the stop frame; see `tools.live.watchdog`."""
 
     silent_cycles: Annotated[int, Meta(ge=2)] = 50
@@ -84,7 +88,7 @@ class Watchdog(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     feed: str | None = None
 
 
-class Overrun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Overrun(Keyed):
     """What follows when cycles run past their end, besides skipped periods: nothing, by default.
 
     After `fault_after` of them in a row the node faults; or after `fallback_after` the controller
@@ -97,7 +101,7 @@ class Overrun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     grace_s: Annotated[float, Meta(ge=0, le=3600)] = 0.1
 
 
-class Timing(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Timing(Keyed):
     """Judges lateness plus work at p99.9, as fractions of a period; null: not judged.
 
     WARN is told, ERROR is an expectation that is not met.
@@ -107,7 +111,7 @@ class Timing(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     error: Annotated[float, Meta(gt=0)] | None = None
 
 
-class Errors(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Errors(Keyed):
     """How many frames may go wrong, all nodes together, before a run counts as one with loss.
 
     A healthy bus has none of these, also on a loaded machine, where frames come late but whole.
@@ -122,7 +126,7 @@ class Errors(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     bus: Count = 0
 
 
-class Alarms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Alarms(Keyed):
     """What is told at once while a run goes on: more than so many in a second; null: never.
 
     `late_us`: a cycle that wakes later; null: than a period.
@@ -134,11 +138,11 @@ class Alarms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     held_per_s: PerSecond | None = 10.0  # single ones are what holding is for
 
 
-class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Law(Keyed):
     """A controller: a law with its settings, and wiring beyond that of all controllers.
 
     `lockstep_only`: why a clock would break it (one sample more of delay); "" where it would not.
-    `like` stands for what another controller gives, see `rig.alike`; it is carried out before.
+    `like` stands for what another controller gives; it is carried out before: `rig.inheritance`.
     """
 
     carried_out: ClassVar[tuple[str, ...]] = ("like",)  # keys that are known, and gone by now
@@ -150,7 +154,7 @@ class Law(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     transmit: dict[str, str] = {}
 
 
-class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Entry(Keyed):
     """A block of a node; only the executive's `controller` has no law here.
 
     With `law: table` a `file` of numbers over time, or a log and its `signal`; see `rig.tables`.
@@ -165,7 +169,7 @@ class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     inputs: dict[str, str] = {}
 
 
-class Limit(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Limit(Keyed):
     """Bounds of a sent signal, in its unit; `rate_per_s` null means no rate limit.
 
     `safe`: where FAULT and the end of the run take it; null for what the receiver's `safe` says,
@@ -178,7 +182,7 @@ class Limit(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     safe: float | None = None
 
 
-class Plausible(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Plausible(Keyed):
     """What a received signal may be, in its unit; a value beyond it is not taken.
 
     `rate_per_s`, `still_cycles` null: not judged. `fault_after` such values in a row are a fault,
@@ -192,7 +196,7 @@ class Plausible(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     fault_after: Annotated[int, Meta(ge=1, le=10**9)] | None = None
 
 
-class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Executive(Keyed):
     """The controller node; the order of `blocks` is the schedule."""
 
     node: str
@@ -202,7 +206,7 @@ class Executive(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     plausible: dict[str, Plausible] = {}
 
 
-class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Plant(Keyed):
     """The plant node; `safe` are the values that its watchdog substitutes.
 
     `limits`: what it sends may be bounded too, and is then safe in its FAULT. `fmu`: see `rig.fmu`.
@@ -219,7 +223,7 @@ class Plant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     safe: dict[str, float] = {}
 
 
-class Local(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Local(Keyed):
     """The node between executive and plant; `bus` is the one towards the plant.
 
     `bus` null: beside the executive's, vcan1 to vcan0, the next port of udp_multicast. `safe` are
@@ -235,7 +239,10 @@ class Local(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     safe: dict[str, float] = {}
 
 
-class Loss(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+Section = Executive | Local | Plant
+
+
+class Loss(Keyed):
     """Loss of a frame on purpose, at its receivers: `share` of all, in runs of `burst` on average.
 
     The log holds what was lost; the receiver counts it by the counter that is missing.
@@ -245,10 +252,7 @@ class Loss(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     burst: Annotated[float, Meta(ge=1, le=1e9)] = 1.0
 
 
-class Fault(
-    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
-    rename={"from_": "from", "for_": "for"},
-):  # fmt: skip
+class Fault(Keyed, rename={"from_": "from", "for_": "for"}):
     """A fault on purpose: of a value `at` a variable, of a `frame`, or a stall of a `node`.
 
     On `from` a time on, `for` a while (null: to the end), again `every` so often, or `times` times
@@ -273,7 +277,7 @@ class Fault(
     times: Annotated[int, Meta(ge=1, le=1000)] | None = None
 
 
-class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Tuning(Keyed):
     """Parameters that change at a time of the run, all in the same cycle; who takes over in it."""
 
     at_s: Annotated[float, Meta(ge=0, le=1e6)]
@@ -281,7 +285,7 @@ class Tuning(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     handover: Name | None = None
 
 
-class Handover(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Handover(Keyed):
     """How controllers on `standby` take over: the step fades in `over_s`.
 
     `to`: who begins, 0 the controller, 1 the first of `standby`, and so on.
@@ -294,8 +298,8 @@ class Handover(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 Happening = Literal["fault", "change", "skip", "tuning"]
 
 
-class Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the log keeps: all, or with `keep` what lies around an event; see `log.keep`."""
+class Record(Keyed):
+    """What the log keeps: all, or with `keep` what lies around an event; see `log.snapshot`."""
 
     keep: Duration | None = None
     on: Happening | list[Happening] = "fault"
@@ -311,10 +315,7 @@ class Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return [self.on] if isinstance(self.on, str) else list(self.on)
 
 
-class Requirement(
-    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True,
-    rename={"for_": "for"},
-):  # fmt: skip
+class Requirement(Keyed, omit_defaults=True, rename={"for_": "for"}):
     """What has to hold in time, in one of the forms of `rig.requirements`, for `controllers`."""
 
     name: Word | None = None
@@ -337,7 +338,7 @@ class Requirement(
     controllers: list[Name] | None = None
 
 
-class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Config(Keyed):
     """A rig file as it stands, with defaults filled in and options applied."""
 
     rig: Name
@@ -373,15 +374,17 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     expect: dict[str, dict[str, tuple[float, float]]] = {}
 
     @property
-    def sections(self) -> dict[Role, Executive | Local | Plant]:
+    def sections(self) -> dict[Role, Section]:
         """The nodes that this rig has, by role."""
-        found: dict[Role, Executive | Local | Plant] = {"executive": self.executive}
-        if self.local is not None:
-            found["local"] = self.local
-        return found | {"plant": self.plant}
+        nodes = {role: getattr(self, role) for role in ROLES}
+        return {role: node for role, node in nodes.items() if node is not None}
+
+    def no_controller(self, name: str) -> str:
+        """Return what is wrong with a name that is no controller's."""
+        return f"no controller {name}{did_you_mean(name, self.controllers)}"
 
 
-class Evaluation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Evaluation(Keyed):
     """What judges a run: a Python file, the part of the run it looks at, and numbers for it."""
 
     file: str
@@ -389,7 +392,7 @@ class Evaluation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     numbers: dict[str, float] = {}
 
 
-class Parameter(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Parameter(Keyed):
     """One entry of a parameters file."""
 
     value: float

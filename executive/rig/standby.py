@@ -1,6 +1,7 @@
 """Controllers on standby: the checks of their names; who is there besides the controller."""
 
 import re
+from collections.abc import Iterator
 
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig.schema import Config, Tuning
@@ -16,35 +17,34 @@ def laws(config: Config) -> tuple[str, ...]:
     return (config.controller, *config.standby)
 
 
-def check(document: Document, config: Config) -> None:
-    """Raise RigError for a name on standby that is none, twice there, or already taken."""
+def problems(config: Config) -> Iterator[tuple[Keys, str]]:
+    """Yield names on standby that are none, twice there, or already taken."""
     if not config.standby:
         return
     if config.overrun.fallback is not None:
-        what = "overrun.fallback is given too; choose one of the two"
-        raise document.error(("standby",), what)
+        yield ("standby",), "overrun.fallback is given too; choose one of the two"
     for i, name in enumerate(config.standby):
         if name not in config.controllers:
-            cure = did_you_mean(name, config.controllers)
-            raise document.error(("standby", i), f"no controller {name}{cure}")
+            yield ("standby", i), config.no_controller(name)
         if name == config.controller:
-            raise document.error(("standby", i), f"{name} is the controller itself; take it out")
+            yield ("standby", i), f"{name} is the controller itself; take it out"
         if name in config.standby[:i]:
-            raise document.error(("standby", i), f"{name} stands there twice; take one out")
+            yield ("standby", i), f"{name} stands there twice; take one out"
     blocks = {name: role for role, node in config.sections.items() for name in node.blocks}
     for name in laws(config):
         at: Keys = ("controllers", name)
         if not _NAME.fullmatch(name):
             what = f"{name} names variables; with standby: a letter, then letters, digits and _"
-            raise document.error(at, what)
+            yield at, what
         if name in blocks:
-            what = f"the {blocks[name]} has a block {name}; with standby, rename one"
-            raise document.error(at, what)
+            yield at, f"the {blocks[name]} has a block {name}; with standby, rename one"
         if name in _TAKEN:
-            raise document.error(at, f"with standby, {name} is taken; rename it")
+            yield at, f"with standby, {name} is taken; rename it"
 
 
-def tunings(document: Document, config: Config, place: int, tuning: Tuning) -> dict[str, float]:
+def scheduled_values(
+    document: Document, config: Config, place: int, tuning: Tuning
+) -> dict[str, float]:
     """Return what a scheduled tuning sets, `handover` among it; RigError."""
     if tuning.handover is None:
         if not tuning.set:

@@ -51,7 +51,7 @@ Reader = Callable[[Path, Sequence[str]], Numbers]  # of a file and the names of 
 _readers: dict[str, Reader] = {}
 
 
-def reads(ending: str) -> Callable[[Reader], Reader]:
+def table_reader(ending: str) -> Callable[[Reader], Reader]:
     """Return what makes a function the reader of files with this ending; RigError from it."""
 
     def taken(reader: Reader) -> Reader:
@@ -61,7 +61,7 @@ def reads(ending: str) -> Callable[[Reader], Reader]:
     return taken
 
 
-def read(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str]":
+def read_table(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str]":
     """Return the block of a table and its numbers as text; RigError for what is wrong."""
     from pcpc.executive.laws import table  # here, because it imports numba
 
@@ -75,7 +75,7 @@ def read(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str]":
         raise document.error(keys, what)
     if reader is None and entry.interpolation is None:
         raise document.error(keys, "say `interpolation: linear` or `interpolation: hold`")
-    numbers = reader(file, wanted) if reader else _read(file)
+    numbers = reader(file, wanted) if reader else _read_csv(file)
     columns: dict[str, str] = {}
     for text in numbers.columns:
         found = _COLUMN.fullmatch(text)
@@ -88,7 +88,7 @@ def read(document: Document, keys: Keys, entry: Entry) -> "tuple[Block, str]":
     return block, numbers.text()
 
 
-def _read(file: Path) -> Numbers:
+def _read_csv(file: Path) -> Numbers:
     """Return what a CSV holds; RigError."""
     where, header, rows = shown(file), list[str](), list[list[float]]()
     for number, text in _lines(file):

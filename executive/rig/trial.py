@@ -28,13 +28,13 @@ import numpy as np
 
 import pcpc
 from pcpc.drivers import compile_cache
-from pcpc.executive.rig.carried import Reads, merge, noted, sha256
-from pcpc.executive.rig.law_errors import at, cause, is_users, place
+from pcpc.executive.rig.carried_files import Reads, add_reads, noted_reads, sha256
+from pcpc.executive.rig.law_errors import cause, is_users, located, users_place
 from pcpc.executive.rig.yamlfile import shown
 
 if TYPE_CHECKING:
     from pcpc.executive.laws.block import Block, Port
-    from pcpc.executive.rig.prepare import Values
+    from pcpc.executive.rig.preparation import Values
 
 IMPORT_S, PREPARE_S, STEP_S = 20.0, 60.0, 10.0  # until a part counts as never returning
 STEP_PERIODS = 200.0  # a step may also take so many periods: interpreted is some 100 times slower
@@ -42,9 +42,9 @@ ENOUGH_S = 5.0  # of steps
 LATE, LATE_S = 4, 0.5  # after a leap in time a law may have much to make up
 CYCLES = (0, 1, 2, 3, 4, 10, 100, 1000, 10_000, 100_000, 1_000_000)
 _RECORDS = "laws"  # the folder of what is remembered
-_passed: set[str] = set()  # records and cases, in this process
-_spared: list[bool] = []
-_opened: Reads = {}  # by `prepare`, in the child
+_passes: set[str] = set()  # records and cases, in this process
+_suspensions: list[bool] = []
+_prepare_reads: Reads = {}  # by `prepare`, in the child
 
 
 @dataclass(frozen=True)
@@ -60,30 +60,30 @@ class Case:
 
 
 @contextmanager
-def spared() -> Iterator[None]:
+def without_trials() -> Iterator[None]:
     """Try no law meanwhile: those of a log ran before, and open their files by other names."""
-    _spared.append(True)
+    _suspensions.append(True)
     try:
         yield
     finally:
-        _spared.pop()
+        _suspensions.pop()
 
 
-def ensure(case: Case) -> str:
+def law_problem(case: Case) -> str:
     """Return "" for a law that passes or has passed before, else what is wrong, in a line."""
-    record = _record(case)
-    if _spared or record in _passed:
+    record = _record_name(case)
+    if _suspensions or record in _passes:
         return ""
-    problem = "" if _remembered(record, case) else attempt(case)
+    problem = "" if _has_passed(record, case) else trial_problem(case)
     if not problem:
-        _passed.add(record)
+        _passes.add(record)
     return problem
 
 
-def attempt(case: Case) -> str:
+def trial_problem(case: Case) -> str:
     """Try a law, whatever other processes remember; return "" or what is wrong, in a line."""
     text = json.dumps([asdict(case), sys.path])
-    if text in _passed:
+    if text in _passes:
         return ""
     words = [sys.executable, "-P", "-m", "pcpc.executive.rig.trial", text]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -93,9 +93,13 @@ def attempt(case: Case) -> str:
     limit_s = IMPORT_S + PREPARE_S + 2.0 * max(STEP_S, STEP_PERIODS / case.rate_hz)
     try:
         child = subprocess.run(
-            words, stdin=subprocess.DEVNULL, capture_output=True, timeout=limit_s,
-            env=environment | {"PYTHONPATH": path}, check=False,
-        )  # fmt: skip
+            words,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=limit_s,
+            env=environment | {"PYTHONPATH": path},
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         return f"{where}: its trial does not return within {limit_s:.0f} s"
     told = [json.loads(line) for line in child.stdout.splitlines() if line.startswith(b"{")]
@@ -111,22 +115,22 @@ def attempt(case: Case) -> str:
     if told[-1]["said"]:
         print(f"{where}: prints: {told[-1]['said']}", file=sys.stderr)
     if not told[-1]["problem"]:
-        _passed.add(text)
-        _remember(_record(case), case, told[-1]["sources"])
+        _passes.add(text)
+        _note_pass(_record_name(case), case, told[-1]["sources"])
     return str(told[-1]["problem"])
 
 
 # What is remembered
 
 
-def _record(case: Case) -> str:
+def _record_name(case: Case) -> str:
     digest = hashlib.sha256(f"{case.module}:{case.name}\n".encode())
     with suppress(OSError):
         digest.update(Path(case.file).read_bytes())
     return f"{digest.hexdigest()[:32]}.json"
 
 
-def _remembered(record: str, case: Case) -> bool:
+def _has_passed(record: str, case: Case) -> bool:
     """Return whether the law passed, and all that it imports and reads is as it was."""
     folder = Path(case.file).parent
     for kept in compile_cache.folders():
@@ -137,14 +141,16 @@ def _remembered(record: str, case: Case) -> bool:
     return False
 
 
-def _remember(record: str, case: Case, sources: list[str]) -> None:
+def _note_pass(record: str, case: Case, sources: list[str]) -> None:
     """Note that a law passed; where nothing can be written it is tried again the next time."""
     folder = Path(case.file).parent
     with suppress(OSError):
         found = {
-            os.path.relpath(source, folder) if Path(source).is_relative_to(folder) else source:
-            sha256(Path(source)) for source in sources
-        }  # fmt: skip
+            os.path.relpath(source, folder)
+            if Path(source).is_relative_to(folder)
+            else source: sha256(Path(source))
+            for source in sources
+        }
         place = compile_cache.made(_RECORDS)
         draft = place / f"{record}.{os.getpid()}"
         draft.write_text(json.dumps(found), encoding="utf-8")
@@ -158,15 +164,15 @@ class IndexOutside(Exception):
     """A step reached beyond a view."""
 
 
-class Refused(Exception):
+class UnusableBlock(Exception):
     """A block is not what a rig can use; without a line."""
 
 
-class Hangs(BaseException):
+class EndlessPart(BaseException):
     """A part of a law does not return."""
 
 
-class Leaves(BaseException):
+class ProcessExit(BaseException):
     """A law wants to end the process."""
 
 
@@ -218,11 +224,11 @@ def _view(values: list[float]) -> View:
 
 
 @contextmanager
-def _within(seconds: float) -> Iterator[None]:
+def _time_limit(seconds: float) -> Iterator[None]:
     """Raise Hangs where the process is after so many seconds."""
 
     def ring(number: int, frame: FrameType | None) -> NoReturn:
-        raise Hangs(f"does not return within {seconds:g} s")
+        raise EndlessPart(f"does not return within {seconds:g} s")
 
     signal.signal(signal.SIGALRM, ring)
     signal.setitimer(signal.ITIMER_REAL, seconds)
@@ -232,8 +238,8 @@ def _within(seconds: float) -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
-def _leave(*_: Any) -> NoReturn:
-    raise Leaves("ends the process; a law must not")
+def _refuse_exit(*_: Any) -> NoReturn:
+    raise ProcessExit("ends the process; a law must not")
 
 
 def main(text: str) -> None:
@@ -244,7 +250,7 @@ def main(text: str) -> None:
         os.dup2(said.fileno(), descriptor)
     given, sys.path[:] = json.loads(text)
     case, end = Case(**given), os._exit
-    os._exit = os.abort = _leave  # type: ignore[assignment]
+    os._exit = os.abort = _refuse_exit  # type: ignore[assignment]
     before = set(sys.modules)
     problem = _problem(case, lambda phase: print(json.dumps({"phase": phase}), file=answers))
     sys.stdout.flush()
@@ -257,21 +263,21 @@ def main(text: str) -> None:
 
 def _sources(before: set[str]) -> list[str]:
     """Return the user's files that came with the law: modules, and what they or `prepare` read."""
-    from pcpc.executive.rig.modules import opened
+    from pcpc.executive.rig.modules import opened_files
 
     files = [getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - before]
     users = {Path(file).resolve() for file in files if file and is_users(file)}
-    return sorted(map(str, {*users, *opened(), *_opened}))
+    return sorted(map(str, {*users, *opened_files(), *_prepare_reads}))
 
 
 def _problem(case: Case, begin: Any) -> str:
     try:
         _try(case, begin)
     except IndexOutside as error:
-        return at(place(error.__traceback__), str(error))
-    except (Hangs, Leaves) as error:
-        return at(place(error.__traceback__), str(error))
-    except Refused as error:
+        return located(users_place(error.__traceback__), str(error))
+    except (EndlessPart, ProcessExit) as error:
+        return located(users_place(error.__traceback__), str(error))
+    except UnusableBlock as error:
         return str(error)
     except (Exception, SystemExit) as error:
         return cause(error)
@@ -280,16 +286,18 @@ def _problem(case: Case, begin: Any) -> str:
 
 def _try(case: Case, begin: Any) -> None:
     from pcpc.executive.rig.modules import module_of
-    from pcpc.executive.rig.prepare import check_size
+    from pcpc.executive.rig.preparation import check_size
 
     begin("import")
     try:
-        with _within(IMPORT_S):
+        with _time_limit(IMPORT_S):
             block = getattr(module_of(case.module, Path(case.file)), case.name, None)
-    except (Exception, SystemExit, Hangs, Leaves) as error:
-        here = at(place(error.__traceback__), str(error))
-        what = here if isinstance(error, Hangs | Leaves) else cause(error)
-        raise Refused(f"{case.module or Path(case.file).name} cannot be imported: {what}") from None
+    except (Exception, SystemExit, EndlessPart, ProcessExit) as error:
+        here = located(users_place(error.__traceback__), str(error))
+        what = here if isinstance(error, EndlessPart | ProcessExit) else cause(error)
+        raise UnusableBlock(
+            f"{case.module or Path(case.file).name} cannot be imported: {what}"
+        ) from None
     if block is None or not hasattr(block, "step"):
         return  # `laws` says so
     begin("prepare")
@@ -297,27 +305,27 @@ def _try(case: Case, begin: Any) -> None:
         check_size(block)
         parameters, states = _prepare(block, case)
     except ValueError as error:
-        raise Refused(f"{shown(Path(case.file))}: {error}") from error
+        raise UnusableBlock(f"{shown(Path(case.file))}: {error}") from error
     begin("step")
     views = [_view([value for _, value in values]) for values in (parameters, states)]
     _steps(block, views, case.rate_hz)
 
 
 def _prepare(block: "Block", case: Case) -> "tuple[Values, Values]":
-    from pcpc.executive.rig.prepare import prepared
+    from pcpc.executive.rig.preparation import prepared_values
 
     settings = {
-        name: case.settings.get(name, _usual(port))
+        name: case.settings.get(name, _default_value(port))
         for port in block.settings
         for name in port.names()
     }
-    with _within(PREPARE_S), noted() as reads:
-        values = prepared(block, settings, case.rate_hz, case.seed)
-    merge(_opened, reads)
+    with _time_limit(PREPARE_S), noted_reads() as reads:
+        values = prepared_values(block, settings, case.rate_hz, case.seed)
+    add_reads(_prepare_reads, reads)
     return values
 
 
-def _usual(port: "Port") -> float:
+def _default_value(port: "Port") -> float:
     if port.default is not None:
         return port.default
     low, high = (edge if math.isfinite(edge) else 0.0 for edge in (port.low, port.high))
@@ -337,11 +345,11 @@ def _steps(block: "Block", views: list[View], rate_hz: float) -> None:
             limit_s = LATE_S if late else max(STEP_S, STEP_PERIODS / rate_hz)
             with np.errstate(all="ignore"):
                 try:
-                    with _within(limit_s):
+                    with _time_limit(limit_s):
                         block.step(np.float64(k * dt), dt, p, x, u, y)
                 except ArithmeticError:  # compiled code has infinity or NaN there
                     break
-                except Hangs:
+                except EndlessPart:
                     if not late:
                         raise
                     break

@@ -123,7 +123,7 @@ def _power(name: str, n: Fraction) -> str:
     return name if n == 1 else f"{name}{float(n):g}"
 
 
-def of_name(name: str) -> Unit | None:
+def unit_of_name(name: str) -> Unit | None:
     """Return the unit that a name ends in, as error_rad, rate_rad_s, torque_Nm; None for none."""
     parts = name.split("_")
     for i in range(max(len(parts) - 3, 1), len(parts)):

@@ -30,13 +30,13 @@ class _Strict:
         return super().compose_node(parent, index)  # type: ignore[misc]
 
 
-class Slow(_Strict, yaml.SafeLoader):
+class SlowLoader(_Strict, yaml.SafeLoader):
     """PyYAML's own parser, whose words the messages are."""
 
 
 if yaml.__with_libyaml__:
 
-    class Fast(_Strict, Composer, yaml.CSafeLoader):
+    class FastLoader(_Strict, Composer, yaml.CSafeLoader):
         """libyaml's, several times as fast."""
 
         __init__ = yaml.CSafeLoader.__init__
@@ -44,12 +44,15 @@ if yaml.__with_libyaml__:
 
 def compose(text: str) -> yaml.Node | None:
     """Return the tree of a text; yaml.YAMLError."""
-    if is_alike(text):
+    root: yaml.Node | None
+    if reads_the_same(text):
         with contextlib.suppress(yaml.YAMLError):
-            return Fast(text).get_single_node()
-    return Slow(text).get_single_node()
+            root = FastLoader(text).get_single_node()
+            return root
+    root = SlowLoader(text).get_single_node()
+    return root
 
 
-def is_alike(text: str) -> bool:
+def reads_the_same(text: str) -> bool:
     """Return whether libyaml is there and known to read such a text in the same way."""
     return bool(yaml.__with_libyaml__) and not _SEEN_OTHERWISE.search(text)

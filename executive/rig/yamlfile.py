@@ -23,11 +23,9 @@ from typing import Any
 
 import yaml
 
-from pcpc.drivers.regular import opened
-from pcpc.executive.errors import RigError, did_you_mean
-from pcpc.executive.rig.yaml_parser import compose, is_alike
-
-__all__ = ["Document", "Keys", "Place", "did_you_mean", "dotted", "dump", "load", "scalar", "value"]
+from pcpc.drivers.regular_files import open_regular
+from pcpc.executive.errors import RigError
+from pcpc.executive.rig.yaml_parser import compose, reads_the_same
 
 Keys = tuple[str | int, ...]
 
@@ -85,7 +83,7 @@ class Document:
                 path = path[:-1]
             return self.places[path]
         if len(self._named) != len(self.places):
-            self._named = {dotted(keys): place for keys, place in self.places.items()}
+            self._named = {dotted_path(keys): place for keys, place in self.places.items()}
         while path not in self._named:
             path = path[: max(path.rfind("."), path.rfind("["), 0)]
         return self._named[path]
@@ -96,7 +94,7 @@ class Document:
 
     def error(self, path: str | Keys, what: str) -> RigError:
         """Return the error `file:line:column: path: what`; an option needs no path beside it."""
-        place, name = self.place(path), dotted(path) if isinstance(path, tuple) else path
+        place, name = self.place(path), dotted_path(path) if isinstance(path, tuple) else path
         return RigError(
             f"{place}: {what}" if place.option or not name else f"{place}: {name}: {what}"
         )
@@ -104,7 +102,7 @@ class Document:
     def file(self, keys: Keys, text: str, cure: str = "") -> Path:
         """Return the file that the value `text` at `keys` names, from where it was written."""
         try:
-            file = _resolved(self.place(keys).folder / text)
+            file = _real_path(self.place(keys).folder / text)
             if file.is_file():
                 return file
         except (OSError, ValueError) as error:  # a loop of links, a name too long
@@ -139,7 +137,7 @@ def load(path: str | Path, text: str | None = None) -> Document:
     Raises RigError with the place of whatever is wrong.
     """
     try:
-        file = _resolved(Path(path))
+        file = _real_path(Path(path))
     except (OSError, ValueError) as error:
         raise RigError(f"{str(path)[:200]}: cannot be read: {_reason(error)}") from None
     sources: dict[Path, str] = {}
@@ -149,7 +147,7 @@ def load(path: str | Path, text: str | None = None) -> Document:
     return document
 
 
-def value(text: str, place: Place) -> Any:
+def parse_value(text: str, place: Place) -> Any:
     """Return the value of a command line's NAME=`text`: a scalar or a flow list or mapping."""
     try:
         node = compose(text)
@@ -163,23 +161,23 @@ def value(text: str, place: Place) -> Any:
 def dump(data: Any) -> str:
     """Return YAML text that `load` reads back as equal data, in the same order."""
     with contextlib.suppress(UnicodeEncodeError):  # half a character, which libyaml refuses
-        text = _written(data, _Fast, readable=True)
-        if is_alike(text) and "\\" not in text and max(map(len, text.splitlines())) <= _WIDTH:
+        text = _yaml_text(data, _Fast, readable=True)
+        if reads_the_same(text) and "\\" not in text and max(map(len, text.splitlines())) <= _WIDTH:
             return text  # PyYAML's own emitter, four times as slow, writes the same
     for readable in (True, False):
-        text = _written(data, _Slow, readable)
+        text = _yaml_text(data, _Slow, readable)
         if not _UNICODE_BREAKS.search(text):  # PyYAML writes them raw and reads them as a space
             break
     return text
 
 
-def _written(data: Any, dumper: Any, readable: bool) -> str:
+def _yaml_text(data: Any, dumper: Any, readable: bool) -> str:
     return str(
         yaml.dump(data, Dumper=dumper, sort_keys=False, allow_unicode=readable, width=_WIDTH)
     )
 
 
-def scalar(text: str) -> Any:
+def parse_scalar(text: str) -> Any:
     """Return the value of a plain scalar. Raises ValueError (what; cure) if it is refused."""
     if text in _WORDS:
         return _WORDS[text]
@@ -201,7 +199,7 @@ def scalar(text: str) -> Any:
 
 
 @lru_cache(10_000)
-def dotted(keys: Keys) -> str:
+def dotted_path(keys: Keys) -> str:
     """Return the written form of a path: `a.b[2].c`."""
     parts = (f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
     return "".join(parts).removeprefix(".")
@@ -228,7 +226,7 @@ def _working_folder() -> Path | None:
         return None
 
 
-def _resolved(path: Path) -> Path:
+def _real_path(path: Path) -> Path:
     """Return the absolute name behind all links; OSError, in every Python, for a loop of them."""
     try:
         os.path.realpath(path, strict=True)
@@ -257,7 +255,7 @@ class _Fast(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc
 
 def _text_node(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
     try:
-        plain = scalar(text) == text
+        plain = parse_scalar(text) == text
     except ValueError:
         plain = False
     style = None if plain else '"'
@@ -269,9 +267,12 @@ _Fast.add_representer(str, _text_node)
 
 
 def _read_file(
-    file: Path, text: str | None, sources: dict[Path, str], above: tuple[Path, ...],
+    file: Path,
+    text: str | None,
+    sources: dict[Path, str],
+    above: tuple[Path, ...],
     named_at: Place | None,
-) -> _Node:  # fmt: skip
+) -> _Node:
     """Return the tree of `file` merged over its bases; `above` are the files that build on it."""
     at = f"{named_at}: base: " if named_at else ""
     if file in above:
@@ -295,7 +296,7 @@ def _read_file(
     if not isinstance(base.value, str):
         raise RigError(f"{base.place}: base: expected the path of a file")
     try:
-        named = _resolved(file.parent / base.value)
+        named = _real_path(file.parent / base.value)
     except (OSError, ValueError) as error:
         raise RigError(f"{base.place}: base: is no file: {_reason(error)}") from None
     return _merge(_read_file(named, None, sources, (*above, file), base.place), root)
@@ -303,7 +304,7 @@ def _read_file(
 
 def _text_of(file: Path) -> str:
     """Return the text of a regular file; OSError, UnicodeDecodeError."""
-    with opened(file) as stream:
+    with open_regular(file) as stream:
         whole = stream.read(MOST_BYTES + 1)
     if len(whole) > MOST_BYTES:
         raise OSError(0, f"more than {MOST_BYTES >> 20} MiB")
@@ -343,7 +344,7 @@ def _tree(node: yaml.Node, file: Path, place: Place | None = None) -> _Node:
     if node.style:  # quoted, or a block
         return _Node(node.value, place or _at(node, file))
     try:
-        return _Node(scalar(node.value), place or _at(node, file))
+        return _Node(parse_scalar(node.value), place or _at(node, file))
     except ValueError as error:
         raise RigError(f"{place or _at(node, file)}: {error}") from None
 

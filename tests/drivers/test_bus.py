@@ -141,7 +141,7 @@ def test_python_can_without_a_channel_hears_each_of_our_frames_once(
 
 def test_our_default_is_python_cans_group_and_port() -> None:
     port = inspect.signature(UdpMulticastBus.__init__).parameters["port"].default
-    address = bus.udp_address(bus.choose("udp_multicast", None).channel)
+    address = bus.udp_address(bus.bus_named("udp_multicast", None).channel)
     assert address == (UdpMulticastBus.DEFAULT_GROUP_IPv4, port), f"{address}"
 
 
@@ -282,7 +282,7 @@ def test_a_bus_text_is_split_as_written(text: str, interface: str, channel: str 
 
 
 def test_auto_is_a_bus_that_opens() -> None:
-    taken = choice.take(choice.Wanted("auto", None, "test", ()))
+    taken = choice.take_bus(choice.Wanted("auto", None, "test", ()))
     chosen, end = taken.bus, new_wire()
     bus.open_bus(chosen, [], end)
     taken.release()

@@ -40,7 +40,7 @@ def rig(name: str = "rig") -> str:
 
 
 def auto(name: str, *roles: str, two: bool = False) -> Choice:
-    return choice.take(Wanted("auto", None, name, roles, two))
+    return choice.take_bus(Wanted("auto", None, name, roles, two))
 
 
 def port(one: Choice) -> int:
@@ -84,7 +84,7 @@ def test_three_nodes_meet_and_have_the_bus_beside_theirs(taken: list[Choice]) ->
 
 def test_a_node_on_a_named_bus_is_found_and_other_rigs_are_not_joined(taken: list[Choice]) -> None:
     named = Wanted("udp_multicast", f"{GROUP}:{47000 + os.getpid() % 1000}", rig(), ("plant",))
-    taken.append(choice.take(named))
+    taken.append(choice.take_bus(named))
     taken.append(auto(rig("other"), "executive"))
     taken.append(auto(rig(), "executive"))
     assert taken[1].bus != taken[0].bus == taken[2].bus
@@ -113,7 +113,7 @@ def test_a_port_of_another_program_is_left_to_it_and_named(taken: list[Choice]) 
 def test_a_named_bus_is_taken_as_named_and_shared(taken: list[Choice]) -> None:
     for name in ("one", "two"):
         default = f"{bus.UDP_GROUP}:{bus.UDP_PORT}"
-        taken.append(choice.take(Wanted("udp_multicast", default, rig(name), BOTH)))
+        taken.append(choice.take_bus(Wanted("udp_multicast", default, rig(name), BOTH)))
     taken.append(auto(rig(), *BOTH))
     assert [str(one.bus) for one in taken[:2]] == [f"udp_multicast:{bus.UDP_GROUP}"] * 2
     taken[0].release()  # the second is there still

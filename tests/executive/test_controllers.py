@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcpc.executive.laws.block import Block
-from pcpc.executive.rig import resolve
+from pcpc.executive.rig import law_lookup
 from pcpc.plants.atb1000.laws import pd, pid
 
 DETERMINISTIC = settings(max_examples=200, derandomize=True, deadline=None)
@@ -197,18 +197,18 @@ def test_the_integral_is_frozen_in_saturation(sign: float) -> None:
 
 
 PARTS = {"boundary_layer", "network_inputs", "tracking_network"}  # of several laws
-LAW_FILES = {n for n, m in resolve.shipped().items() if ".controllers." in m} - PARTS
+LAW_FILES = {n for n, m in law_lookup.shipped_laws().items() if ".controllers." in m} - PARTS
 
 
 @pytest.mark.parametrize("part", sorted(PARTS))
 def test_every_part_of_a_law_says_its_equations(part: str) -> None:
-    header = importlib.import_module(resolve.shipped()[part]).__doc__ or ""
+    header = importlib.import_module(law_lookup.shipped_laws()[part]).__doc__ or ""
     assert "(1)" in header and "Source" in header, part
 
 
 @pytest.mark.parametrize("module", sorted(LAW_FILES))
 def test_every_law_says_its_equations_and_has_a_block(module: str) -> None:
-    law = importlib.import_module(resolve.shipped()[module])
+    law = importlib.import_module(law_lookup.shipped_laws()[module])
     header = law.__doc__ or ""
     assert isinstance(law.BLOCK, Block), module
     assert re.search(r"\b(N|rad|m)\b|ithout unit", header), f"{module} does not name its units"

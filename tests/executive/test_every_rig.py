@@ -66,7 +66,7 @@ BLOCK = Block(step)
 def test_a_plant_whose_first_sample_takes_long_has_the_same_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(trial, "ensure", lambda case: None)  # it would interpret the loop
+    monkeypatch.setattr(trial, "law_problem", lambda case: None)  # it would interpret the loop
     (tmp_path / "slow.py").write_text(SLOW)
     text = (ROOT / "plants" / "probe" / "rig.yaml").read_text()
     for name in ("probe.dbc", "law.py"):

@@ -15,7 +15,7 @@ from pcpc.executive.rig.expressions import (
     condition,
     value,
 )
-from pcpc.executive.rig.units import Unit, of_name, unit
+from pcpc.executive.rig.units import Unit, unit, unit_of_name
 
 UNITS = {
     "a.e_rad": "rad", "a.rate_rad_s": "rad/s", "a.tau_Nm": "N m", "a.late_us": "us", "a.n": "",
@@ -70,7 +70,9 @@ def test_prefixes_are_exact() -> None:
 
 
 def test_a_name_tells_its_unit() -> None:
-    found = {name: of_name(name) for name in ("error_rad", "x_rad_s", "lam_per_s", "count", "rad")}
+    found = {
+        name: unit_of_name(name) for name in ("error_rad", "x_rad_s", "lam_per_s", "count", "rad")
+    }
     assert {k: v and v.text for k, v in found.items()} == {
         "error_rad": "rad", "x_rad_s": "rad/s", "lam_per_s": "1/s", "count": None, "rad": None,
     }  # fmt: skip

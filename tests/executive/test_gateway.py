@@ -35,8 +35,8 @@ def make() -> Iterator[Make]:
     opened: list[Any] = []
 
     def made(bitrate: int = 1_000_000, room: int = 64, **options: Any) -> tuple[Gateway, Any, Any]:
-        first = buses.choose(*buses.parse(own_bus()))
-        sides = [first, buses.beside(first)]
+        first = buses.bus_named(*buses.parse(own_bus()))
+        sides = [first, buses.neighbour_of(first)]
         gateway = Gateway(bitrate, room, **options)
         gateway.open(sides)
         opened.extend([gateway.n.a, gateway.n.b, *map(an_end, sides)])

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pcpc.executive.laws.block import Block, Nothing, Ports, Prepared, port, stage
-from pcpc.executive.rig.prepare import prepared
+from pcpc.executive.rig.preparation import prepared_values
 
 
 class Gains(Ports):
@@ -35,7 +35,7 @@ def handed_on(
     parameters: dict[str, Any], states: dict[str, Any] | None = None
 ) -> list[list[float]]:
     block = Block(idle, prepare=lambda settings, rate_hz, seed: Prepared(parameters, states or {}))
-    return [[value for _, value in values] for values in prepared(block, {}, 1000.0, 1)]
+    return [[value for _, value in values] for values in prepared_values(block, {}, 1000.0, 1)]
 
 
 def bits(values: list[float]) -> list[bytes]:

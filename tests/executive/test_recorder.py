@@ -147,7 +147,7 @@ def test_overflow_is_counted_exactly_and_seen_in_the_sequence(name: str, tmp_pat
     assert not log.drain()
     log.finish()
     read = logs.read(tmp_path / "log.mcap")
-    assert log.dropped()["executive.record"] == 44, f"{log.dropped()}"
+    assert log.dropped_rows()["executive.record"] == 44, f"{log.dropped_rows()}"
     assert read.metadata["run"]["dropped.executive.record"] == "44"
     assert absent(read.node["executive"]) == 44
     assert read.node["executive"].cycle[-2:].tolist() == [rows - 1, rows + 44]

@@ -13,7 +13,7 @@ from small_rig import LAWS, MODEL, RIG, Write, message
 
 from pcpc.drivers.compile_cache import user_cache
 from pcpc.executive.errors import RigError
-from pcpc.executive.rig import resolve, yamlfile
+from pcpc.executive.rig import law_lookup, yamlfile
 from pcpc.executive.rig.modules import project_name
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES
@@ -44,7 +44,7 @@ def test_each_node_has_real_time_settings_which_earlier_rigs_put_elsewhere(write
     found.append(load_rig(write(), None, (*options, "realtime.plant_phase=0.4")).config)
     realtime = found[0].realtime
     assert all(one.realtime == realtime for one in found), [one.realtime for one in found]
-    control, local, plant = (realtime.of(role) for role in ROLES)
+    control, local, plant = (realtime.of_node(role) for role in ROLES)
     assert (control.priority, control.phase, control.cpu) == (60, 0.0, 2)
     assert (local.priority, local.phase, local.cpu) == (75, 0.25, None), "it has a cpu of its own"
     assert (plant.priority, plant.phase, plant.cpu) == (70, 0.4, None)
@@ -125,7 +125,9 @@ def test_laws_are_found_by_name_module_or_file(
     own = tmp_path / "laws_of_this_test"
     own.mkdir()
     (own / "pd_of_this_test.py").write_text(LAWS)
-    monkeypatch.setattr(resolve, "shipped", lambda: {"bare": "laws_of_this_test.pd_of_this_test"})
+    monkeypatch.setattr(
+        law_lookup, "shipped_laws", lambda: {"bare": "laws_of_this_test.pd_of_this_test"}
+    )
     monkeypatch.syspath_prepend(str(tmp_path))
     by_name = load_rig(write('"laws.py:PD"', "bare:PD"))
     by_module = load_rig(write('"laws.py:PD"', "laws_of_this_test.pd_of_this_test:PD"))

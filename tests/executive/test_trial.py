@@ -15,7 +15,7 @@ from copies import program
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.plan import plan
-from pcpc.executive.rig import resolve as laws
+from pcpc.executive.rig import law_lookup as laws
 from pcpc.executive.rig import trial
 from pcpc.executive.rig.reading import load_rig
 
@@ -212,19 +212,19 @@ def test_a_law_that_passed_is_not_tried_again_until_it_or_what_it_reads_changes(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    monkeypatch.setattr(trial, "_passed", set())
+    monkeypatch.setattr(trial, "_passes", set())
     rig = rig_with(tmp_path / "rig", f"{READING}{GOOD}", ", prepare=prepare")
     contents = {"own_helper.py": "A = {}\n", "table.txt": "{}\n", "prepared.txt": "{}\n"}
     for name, content in contents.items():
         rig.with_name(name).write_text(content.format(1.0))
     case = trial_case(rig)
-    assert trial.ensure(case) == ""
+    assert trial.law_problem(case) == ""
     assert "law.py: prints: hello" in capfd.readouterr().err
-    trial._passed.clear()
-    assert trial.ensure(case) == "" and capfd.readouterr().err == "", "remembered"
+    trial._passes.clear()
+    assert trial.law_problem(case) == "" and capfd.readouterr().err == "", "remembered"
     rig.with_name(changed).write_text(contents[changed].format(2.0))
-    trial._passed.clear()
-    assert trial.ensure(case) == "" and "hello" in capfd.readouterr().err, "tried again"
+    trial._passes.clear()
+    assert trial.law_problem(case) == "" and "hello" in capfd.readouterr().err, "tried again"
 
 
 READING = """\

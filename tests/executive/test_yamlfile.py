@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig import yaml_parser, yamlfile
-from pcpc.executive.rig.yaml_parser import is_alike
-from pcpc.executive.rig.yamlfile import Document, Place, dump, load, scalar, value
+from pcpc.executive.rig.yaml_parser import reads_the_same
+from pcpc.executive.rig.yamlfile import Document, Place, dump, load, parse_scalar, parse_value
 
 PLANTS = Path(__file__).resolve().parents[2] / "plants"
 
@@ -168,11 +168,11 @@ def test_a_put_value_is_placed_at_its_option(tmp_path: Path) -> None:
 
 def test_an_options_value_is_read_like_one_in_a_file(tmp_path: Path) -> None:
     place = Place(tmp_path, option="--set x=010")
-    assert value("[1, 2e3]", place) == [1, 2e3] and value("", place) is None
-    assert value("yes", place) == "yes"
+    assert parse_value("[1, 2e3]", place) == [1, 2e3] and parse_value("", place) is None
+    assert parse_value("yes", place) == "yes"
     for text in ("010", "[1", "{a: 1, a: 2}", "*x"):
         with pytest.raises(RigError, match=r"^--set x=010: "):
-            value(text, place)
+            parse_value(text, place)
 
 
 def test_did_you_mean_looks_past_the_unit() -> None:
@@ -213,14 +213,14 @@ LINES = st.text(st.sampled_from("ab :,#-?'\"\n{}[]&*!|>%@`.0"), max_size=130)
 @example({"a": "\U0001f600"})
 @example({"a": "\udc80"})
 def test_libyaml_writes_the_bytes_of_pyyaml(data: dict[str, Any]) -> None:
-    texts = [yamlfile._written(data, yamlfile._Slow, readable) for readable in (True, False)]
+    texts = [yamlfile._yaml_text(data, yamlfile._Slow, readable) for readable in (True, False)]
     assert dump(data) in texts
 
 
 def test_libyaml_writes_the_shipped_rigs(monkeypatch: pytest.MonkeyPatch) -> None:
-    rigs = [rig for rig in PLANTS.glob("*/rigs/*.yaml") if is_alike(rig.read_text())]
+    rigs = [rig for rig in PLANTS.glob("*/rigs/*.yaml") if reads_the_same(rig.read_text())]
     documents = [load(rig).data for rig in rigs]
-    slow = [yamlfile._written(data, yamlfile._Slow, True) for data in documents]
+    slow = [yamlfile._yaml_text(data, yamlfile._Slow, True) for data in documents]
     monkeypatch.delattr(yamlfile, "_Slow")
     assert len(rigs) > 20 and [dump(data) for data in documents] == slow
 
@@ -228,7 +228,7 @@ def test_libyaml_writes_the_shipped_rigs(monkeypatch: pytest.MonkeyPatch) -> Non
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_every_way_to_write_a_float_reads_as_that_float(number: float) -> None:
     for text in (repr(number), f"{number:.17e}", f"{number:.17E}"):
-        assert scalar(text) == number, text
+        assert parse_scalar(text) == number, text
 
 
 def tree(node: Any) -> Any:
@@ -256,11 +256,11 @@ def test_both_parsers_read_the_same_from_the_same_place() -> None:
     quick = 0
     for text in texts:
         try:
-            slow = yaml_parser.Slow(text).get_single_node()
+            slow = yaml_parser.SlowLoader(text).get_single_node()
         except (yaml.YAMLError, ValueError):
             with pytest.raises(yaml.YAMLError):
                 yaml_parser.compose(text)
             continue
         assert tree(yaml_parser.compose(text)) == tree(slow), text
-        quick += yaml_parser.is_alike(text)
+        quick += yaml_parser.reads_the_same(text)
     assert quick > len(rigs), "libyaml read too few of them"

@@ -75,7 +75,7 @@ def virtual(rig: Rig) -> Whole:
 
 def lockstep(rig: Rig, bus_name: str) -> Whole:
     """Return a run of `rig` on `bus_name`; AssertionError if it does not end."""
-    bus = buses.choose(*buses.parse(bus_name))
+    bus = buses.bus_named(*buses.parse(bus_name))
     plans = {role: plan(rig, role, "lockstep") for role in rig.roles}
     metadata = {"pacing": "lockstep"}
     blocks = {}

@@ -15,7 +15,7 @@ import pytest
 from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
 from pcpc.executive.laws.emath import clip, sin, where
 from pcpc.executive.nodes.virtual import VirtualRun
-from pcpc.executive.rig.prepare import prepared
+from pcpc.executive.rig.preparation import prepared_values
 from pcpc.executive.rig.reading import load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.library import Library, in_place, run, write
@@ -91,7 +91,7 @@ def test_random_and_odd_inputs_give_the_bits_of_python(
     rig = load_rig(RUNS[name][0], law)
     spec = next(b for b in rig.nodes()[role].blocks if b.name == of)
     block = spec.block
-    values = prepared(block, spec.settings, rig.config.rate_hz, rig.config.seed)
+    values = prepared_values(block, spec.settings, rig.config.rate_hz, rig.config.seed)
     in_c = _in_c(block, tmp_path)
     python, c = _vectors(block, values), _vectors(block, values)
     for k, given in enumerate(_inputs(7, block.size(block.inputs))):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pcpc.executive.laws.block import Block, Nothing, Ports, port, stage
-from pcpc.executive.rig import resolve
+from pcpc.executive.rig import law_lookup
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 from pcpc.tools.make.generate import builds, precision, single
@@ -76,7 +76,7 @@ def test_each_function_is_as_near_as_its_header_says(tmp_path: Path) -> None:
 def _laws(folder: Path) -> list[Path]:
     """Write all laws of the project with floats."""
     found = single.files()
-    for law in resolve.shipped():
+    for law in law_lookup.shipped_laws():
         if law not in ("tracking_network", "boundary_layer", "network_inputs", "sequences"):
             block, name = block_of("references:sine" if law == "references" else law)
             found |= single.single(translated(block, name))

@@ -26,7 +26,7 @@ class Listener:
 
     def __init__(self, bus: str) -> None:
         end = np.zeros(1, WIRE).view(np.recarray)[0]
-        buses.open_bus(buses.choose(*buses.parse(bus)), [], end)
+        buses.open_bus(buses.bus_named(*buses.parse(bus)), [], end)
         socket.socket(fileno=int(end.fd_tx)).close()
         self.socket = socket.socket(fileno=int(end.fd_rx))  # with a time-out of 0.1 s
         self.heard: list[Sent] = []

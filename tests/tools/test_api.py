@@ -181,7 +181,7 @@ def test_importing_it_does_not_load_the_compiler() -> None:
 @example({"\x1f" * 110: {"a": 1.0}})  # a key of more letters than YAML looks for its colon
 def test_a_value_from_python_arrives_in_the_rig(value: object) -> None:
     text = settings({"name": value})[0].removeprefix("name=")
-    assert yamlfile.value(text, yamlfile.Place(Path("rig.yaml"))) == value
+    assert yamlfile.parse_value(text, yamlfile.Place(Path("rig.yaml"))) == value
 
 
 # Real processes

@@ -91,7 +91,7 @@ def test_a_restored_run_gives_the_same_bytes_again() -> None:
 
 def test_a_frame_of_c_is_read_by_python_and_the_reverse() -> None:
     c = cycle.library()
-    bus = buses.choose(*buses.parse(own_bus()))
+    bus = buses.bus_named(*buses.parse(own_bus()))
     ends = frame.open_end(bus), frame.open_end(bus)
     ours, theirs = ends[0][0], ends[1][0]
     theirs.packet_tx[:] = 0

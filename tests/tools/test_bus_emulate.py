@@ -61,7 +61,7 @@ def port(text: str) -> can.BusABC:
 
 def test_python_can_programs_meet_over_the_line_and_the_end_tells_of_all() -> None:
     first = own_bus()
-    sides = [first, str(buses.beside(buses.choose(*buses.parse(first))))]
+    sides = [first, str(buses.neighbour_of(buses.bus_named(*buses.parse(first))))]
     words = [PCPC, "bus", "emulate", *sides, "--bitrate", "125k", "--json", "--errors", "p=1e-4"]
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

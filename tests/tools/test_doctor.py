@@ -143,7 +143,7 @@ def test_a_datagram_makes_its_way_through_the_sockets_of_a_node() -> None:
 
 def test_can_interfaces_agree_with_what_the_auto_bus_finds() -> None:
     up = doctor_bus.can_interfaces().get("vcan0", False)
-    assert up == (bus.choose("auto", None).interface == "socketcan"), doctor_bus.can_interfaces()
+    assert up == (bus.bus_named("auto", None).interface == "socketcan"), doctor_bus.can_interfaces()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from logcommand import barrel_log, run, run_here
 from processes import RIGS, pcpc
 
-from pcpc.drivers.regular import opened
+from pcpc.drivers.regular_files import open_regular
 from pcpc.executive.rig import modules
 from pcpc.tools.live.remote import guard
 
@@ -59,7 +59,7 @@ def test_a_token_that_is_a_pipe_is_made_anew(tmp_path: Path) -> None:
 def test_only_a_regular_file_is_opened(name: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "fifo")
     with pytest.raises(OSError, match=r"regular|directory"):
-        opened(tmp_path / name)
+        open_regular(tmp_path / name)
 
 
 def test_an_import_without_an_end_is_named_and_ended(

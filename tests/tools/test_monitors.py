@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcpc.executive.rig.expressions import BARELY, Rows
-from pcpc.executive.rig.requirements import timed
+from pcpc.executive.rig.requirements import timed_requirement
 from pcpc.executive.rig.schema import Requirement
 from pcpc.tools.after.verdict.monitors import Monitor, extremes, monitor
 
@@ -44,7 +44,9 @@ class Found:
 def watched(record: Record, pieces: int | None = None, **entry: Any) -> Monitor:
     """Return the monitor of a requirement on x and y after the record, in pieces of so many."""
     words = {key.removesuffix("_"): value for key, value in entry.items()}
-    one = monitor(timed(msgspec.convert(words, Requirement), lambda name: None), PERIOD_S)
+    one = monitor(
+        timed_requirement(msgspec.convert(words, Requirement), lambda name: None), PERIOD_S
+    )
     columns = {name: np.array(getattr(record, name), np.float64) for name in "xy"}
     rows = Rows(np.array(record.cycle), columns, PERIOD_S)
     for begin in range(0, len(rows), pieces or len(rows)):

@@ -27,7 +27,7 @@ SYNC = 0x080
 def stranger(bus: str) -> Iterator[Any]:
     """Open an end on `bus` that claims nothing and knows nobody."""
     end = np.zeros(1, WIRE).view(np.recarray)[0]
-    buses.open_bus(buses.choose(*buses.parse(bus)), [], end)
+    buses.open_bus(buses.bus_named(*buses.parse(bus)), [], end)
     yield end
     os.close(end.fd_tx)
     os.close(end.fd_rx)

@@ -319,7 +319,7 @@ def test_the_c_player_sends_the_same_frames(
     text.write_text(bench.candump_text(few))
     listener = Listener(bus)
     with listener.socket:
-        one = bench.run_c(program, text, buses.choose(*buses.parse(bus)))
+        one = bench.run_c(program, text, buses.bus_named(*buses.parse(bus)))
         listener.hear(10**9, lambda: False)
     assert listener.heard == raw(few), f"{len(listener.heard)} of {len(few)} frames heard"
     assert (one["frames"], one["send_errors"]) == (len(few), 0), one
@@ -331,7 +331,9 @@ def test_our_timing_is_that_of_c_in_the_same_rounds(
     if shutil.which("cc") is None:
         request.applymarker(pytest.mark.xfail(reason="no C compiler", raises=bench.CompilerError))
     for attempt in ("first", "retry"):  # the other tests take processors away
-        rounds = bench.compare(path, buses.choose(*buses.parse(own_bus())), 5, Progress(quiet=True))
+        rounds = bench.compare(
+            path, buses.bus_named(*buses.parse(own_bus())), 5, Progress(quiet=True)
+        )
         within = statistics.median(one["within_200us_percent"] for one in rounds["Python"])
         ratio = bench.ratio(rounds, "p99")
         told = f"{attempt}: {within:.2f} % within 200 us, p99 {ratio:.2f} x C"

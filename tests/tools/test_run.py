@@ -299,7 +299,7 @@ def test_killed_process_ends_the_others_and_is_named(
         running.in_the_middle("slew10", bus)
 
         def on_the_disk() -> int:
-            return sum(map(len, logs.scan(log_file).of("/state")))
+            return sum(map(len, logs.scan(log_file).pieces_of("/state")))
 
         until(lambda: on_the_disk() > 50 or running.over(), "records on the disk")
         os.kill(running.pid(victim), signal.SIGKILL)

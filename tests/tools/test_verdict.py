@@ -16,7 +16,7 @@ from processes import RIGS, Done, Running, own_bus, pcpc
 from pcpc.drivers import dbc
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.beside import Absences
+from pcpc.executive.log.run_counts import Absences
 from pcpc.executive.loop.shared import IS_HEARTBEAT
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
@@ -247,14 +247,14 @@ def test_an_absence_is_counted_in_cycles_that_the_node_ran(part: int, ahead: int
     rows = np.array([(0, 0, k, word, 0) for k, own in words.items() for word in own])
     absences, seen = Absences(), -1
     for own in np.array_split(cycles, range(part, len(cycles), part)):
-        absences.ran(own)
+        absences.add_cycles(own)
         new = rows[(rows[:, 2] > seen) & (rows[:, 2] <= own[-1] + ahead)]
         if len(new):
-            absences.came(new)
+            absences.add_frames(new)
             seen = new[-1, 2]
-    assert absences.told() == {0x202: 15}, absences.told()
-    absences.ran(np.arange(440, 450))
-    assert absences.told() == {0x202: 25}, "and at the end"
+    assert absences.longest() == {0x202: 15}, absences.longest()
+    absences.add_cycles(np.arange(440, 450))
+    assert absences.longest() == {0x202: 25}, "and at the end"
 
 
 # ------------------------------------------------------------------------- on the screen

@@ -57,7 +57,7 @@ def test_a_share_is_that_of_the_sorted_values(seed: int) -> None:
 
 @contextmanager
 def hearing(name: str) -> Iterator[tuple[socket.socket, buses.Bus]]:
-    bus = buses.choose(*buses.parse(name))
+    bus = buses.bus_named(*buses.parse(name))
     with buses.listener(bus) as ear:
         yield ear, bus
 

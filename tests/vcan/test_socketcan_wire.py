@@ -171,7 +171,7 @@ def test_an_interface_taken_down_fails_with_its_error_number() -> None:
 
 
 def test_auto_is_vcan0() -> None:
-    assert bus.choose("auto", None) == Bus("socketcan", CHANNEL)
+    assert bus.bus_named("auto", None) == Bus("socketcan", CHANNEL)
 
 
 def test_an_error_frame_is_heard_as_one(open_can: Open, python_can: can.BusABC) -> None:

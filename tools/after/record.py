@@ -127,7 +127,7 @@ class Run:
         return Judged(self.log, self.period_s).run(leader)
 
     def __getitem__(self, name: str) -> Vector:
-        if (found := names.place(self.log, name)) is not None:
+        if (found := names.find_variable(self.log, name)) is not None:
             node, variable = found
             timing = self.log.node[node].timing
             if variable in timing:
@@ -140,7 +140,9 @@ class Run:
     def _unknown(self, name: str) -> UnknownName:
         """Return why there is no such record."""
         cure = did_you_mean(name, self.names)
-        return UnknownName(f"{name}: {names.unrecorded(self.log, name) or f'not recorded{cure}'}")
+        return UnknownName(
+            f"{name}: {names.why_unrecorded(self.log, name) or f'not recorded{cure}'}"
+        )
 
     def _at_cycles(self, node: str, values: Vector) -> Vector:
         """Return what a node recorded at the executive's cycles."""
@@ -151,7 +153,7 @@ class Run:
         return np.where(rows < 0, np.nan, values[rows])
 
     def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and names.place(self.log, name) is not None
+        return isinstance(name, str) and names.find_variable(self.log, name) is not None
 
     def __iter__(self) -> Any:
         return iter(self.names)

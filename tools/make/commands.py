@@ -9,8 +9,11 @@ from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 def new(add: Add) -> None:
     """Take a folder, and what is to be in it."""
     add("dir", type=Path, metavar="DIR", help="a new or empty folder; its name is the rig's")
-    add("--device", action="store_true",
-        help="also the law as a program of its own in the executive's place")  # fmt: skip
+    add(
+        "--device",
+        action="store_true",
+        help="also the law as a program of its own in the executive's place",
+    )
 
 
 def dbc(add: Add) -> None:

@@ -156,9 +156,16 @@ def frames_of(rigs: list[Rig], crc_bits: int = 8) -> list[Frame]:
     if rig.config.local is not None:
         raise rig.error("local", "`pcpc dbc` writes files of two nodes; write that of three")
     names = {role: rig.nodes()[role].name for role in rig.roles}
-    sync = Frame(0x080, "SYNC", names["executive"], names["plant"], 1 + crc_bits // 8, 0, (
-        Signal("sequence", "", "Cycle number modulo 256.", 0.0, 255.0, 8, 16 * (crc_bits > 8)),
-    ), crc_bits)  # fmt: skip
+    sync = Frame(
+        0x080,
+        "SYNC",
+        names["executive"],
+        names["plant"],
+        1 + crc_bits // 8,
+        0,
+        (Signal("sequence", "", "Cycle number modulo 256.", 0.0, 255.0, 8, 16 * (crc_bits > 8)),),
+        crc_bits,
+    )
     frames = [sync]
     ends: tuple[tuple[Role, Role], ...] = (("executive", "plant"), ("plant", "executive"))
     for role, other in ends:
@@ -292,9 +299,10 @@ def resolution(low: float, high: float, nbits: int) -> float:
     least = max(abs(low), abs(high)) / steps
     power = math.floor(math.log10(least))
     return next(
-        factor for factor in (float(f"{m}e{e}") for e in (power, power + 1) for m in (1, 2, 5))
+        factor
+        for factor in (float(f"{m}e{e}") for e in (power, power + 1) for m in (1, 2, 5))
         if factor >= least
-    )  # fmt: skip
+    )
 
 
 def written(frames: list[Frame], nodes: list[str], rate_hz: float) -> str:

@@ -20,9 +20,9 @@ from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of,
 from pcpc.executive.rig import law_errors, purity, trial
 from pcpc.executive.rig.blocks import law_keys
 from pcpc.executive.rig.buses import check_line
+from pcpc.executive.rig.law_lookup import Use, users_case
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.executive.rig.resolve import Use, users_case
 from pcpc.executive.rig.schema import Limit
 from pcpc.plants.drawing import drawing_of, settings_of
 from pcpc.tools.after.verdict.imagined_logs import imagined_log
@@ -71,10 +71,10 @@ def _try_laws(rig: Rig) -> list[str]:
         case = users_case(law, file, use)
         if case is None:
             continue
-        if problem := trial.attempt(case):
+        if problem := trial.trial_problem(case):
             raise rig.document.error(at, problem)
         for line, name in purity.warnings(Path(case.file).read_text("utf-8")):
-            where = law_errors.at((case.file, line), f"{name} in a step")
+            where = law_errors.located((case.file, line), f"{name} in a step")
             found += [f"{where}: not the same on every machine; see docs/howto/controller.md"]
     return list(dict.fromkeys(found))
 
@@ -87,8 +87,8 @@ def _try_drawing(rig: Rig) -> list[str]:
     for value in (0.0, math.nan):
         made.scene(dict.fromkeys((*made.needs, "t"), value), settings_of(rig))
     log = imagined_log(rig, rig.config.pacing)
-    absent = [source for source in made.needs.values() if names.place(log, source) is None]
-    return [f"{made.file}: NEEDS: {names.missing(log, source)}" for source in absent]
+    absent = [source for source in made.needs.values() if names.find_variable(log, source) is None]
+    return [f"{made.file}: NEEDS: {names.unknown_name(log, source)}" for source in absent]
 
 
 def describe(rig: Rig, plans: list[Plan]) -> dict[str, Any]:

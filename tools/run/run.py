@@ -25,7 +25,7 @@ from pcpc.executive.loop import sharing
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes import process
 from pcpc.executive.nodes.live import Live
-from pcpc.executive.rig.buses import bus_wanted
+from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.after.verdict.outcome import Outcome, changed, follows
@@ -328,11 +328,11 @@ def _told_to_end(child: Child) -> bool:
 
 def choose_bus(options: argparse.Namespace, rig: Rig, roles: tuple[Role, ...]) -> choice.Choice:
     """Return the bus for `roles`, held; RigError if there can be none of its name anywhere."""
-    wanted = bus_wanted(rig, roles, options.bus)
+    wanted = wanted_bus(rig, roles, options.bus)
     if wanted.interface != "auto":
         place = f"--bus {options.bus}" if options.bus else rig.where("bus.interface")
         named_bus((wanted.interface, wanted.channel), place)
-    return choice.take(wanted)
+    return choice.take_bus(wanted)
 
 
 def _child_arguments(options: argparse.Namespace, bus: str) -> list[str]:

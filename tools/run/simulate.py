@@ -12,7 +12,7 @@ from pcpc.executive.nodes import fmus, plausible
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
-from pcpc.executive.rig import carried
+from pcpc.executive.rig import carried_files
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.verdict.conclude import conclude
 from pcpc.tools.after.verdict.judge import Judge, columns_to_keep
@@ -36,7 +36,7 @@ class Simulation:
         """`judged`: of the recorder; `controller`: of VirtualRun. RigError, BusError."""
         self.rig, self.outcome = rig, outcome
         self.run = VirtualRun(rig, log, judged, controller, plausible.check)
-        self.lacking = carried.warning(self.run.blocks[0].description["files"])
+        self.lacking = carried_files.missing_warning(self.run.blocks[0].description["files"])
 
     def interrupt(self, *_: Any) -> None:
         """Ask it to end; also what hears a signal."""

@@ -10,7 +10,7 @@ def named_bus(named: tuple[str, str | None], place: str) -> buses.Bus:
 
     Raises RigError if there can be none of its name on any machine, BusError if this one lacks it.
     """
-    bus = buses.choose(*named)
+    bus = buses.bus_named(*named)
     if bus.interface == "udp_multicast":
         try:
             buses.udp_address(bus.channel)

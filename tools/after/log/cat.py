@@ -145,7 +145,7 @@ class Printer:
     def _cycles(self, channel: int, rows: NDArray[Any]) -> list[int]:
         """Return the cycles of messages that carry their low 32 bits."""
         sequence = rows["sequence"].astype(np.int64)
-        cycles: list[int] = log_checks.cycles(sequence, self._last.get(channel)).tolist()
+        cycles: list[int] = log_checks.unwrapped_cycles(sequence, self._last.get(channel)).tolist()
         self._last[channel] = cycles[-1]
         return cycles
 
@@ -177,7 +177,7 @@ class Printer:
             self._left_out[topic] += len(rows)
             return
         data = np.ascontiguousarray(rows["data"][:, logs.CDR_BYTES :]).view(logs.FRAME)[:, 0]
-        sane = log_checks.sane(data)
+        sane = log_checks.possible_frames(data)
         self._left_out[topic] += len(rows) - int(sane.sum())
         rows, data = rows[sane], data[sane]
         if self.form == "candump":

@@ -11,7 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Header
 
 from pcpc.drivers.errors import printable
-from pcpc.drivers.regular import opened
+from pcpc.drivers.regular_files import open_regular
 from pcpc.executive.log.mcap_reader import Scan, TooMuchError
 from pcpc.executive.log.mcap_records import (
     LARGEST_CHUNK,
@@ -19,7 +19,7 @@ from pcpc.executive.log.mcap_records import (
     RECORD,
     UNREADABLE,
     read_channel,
-    unpacked,
+    unpack_chunk,
 )
 
 
@@ -28,7 +28,10 @@ def survey(path: Path) -> dict[str, Any] | None:
     found: dict[str, Any] = {"file": str(path), "library": "", "topics": {}}
     names: dict[int, str] = {}
     try:
-        with opened(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        with (
+            open_regular(path) as file,
+            mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
+        ):
             if data[: len(MAGIC)] != MAGIC:
                 return None
             for opcode, body in _records(data, len(MAGIC), Scan(size=len(data))):
@@ -66,6 +69,6 @@ def _records(
         if opcode == Opcode.CHUNK and not inside:
             chunk = Chunk.read(ReadDataStream(BytesIO(body)))
             cost.spend(min(chunk.uncompressed_size, LARGEST_CHUNK))
-            yield from _records(unpacked(chunk), 0, cost, inside=True)
+            yield from _records(unpack_chunk(chunk), 0, cost, inside=True)
         else:
             yield opcode, body

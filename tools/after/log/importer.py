@@ -26,9 +26,9 @@ from pcpc.drivers import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.channels import columns, others
-from pcpc.executive.log.facts import facts
+from pcpc.executive.log.channels import register_columns, register_entries
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter, message_records
+from pcpc.executive.log.provenance import facts
 from pcpc.tools.after.log.recording import Recording, read
 from pcpc.tools.terminal.outfile import LogCommandError, new_file
 from pcpc.tools.terminal.progress import Progress
@@ -151,8 +151,8 @@ class _Imported:
 
     def _register(self, writer: BulkWriter) -> tuple[int, int]:
         """Register the topics as the recorder does; return the ids of /state and /can/frames."""
-        state = columns(writer, "/state", "pcpc/State", self.variables)
-        return state, others(writer, "executive")["can/frames"]
+        state = register_columns(writer, "/state", "pcpc/State", self.variables)
+        return state, register_entries(writer, "executive")["can/frames"]
 
     def _messages(self, writer: BulkWriter, channels: tuple[int, int], progress: Progress) -> None:
         """Write rows and frames in pieces, so that what belongs together lies together."""

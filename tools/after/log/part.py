@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.log.channels import Channels, explain
+from pcpc.executive.log.channels import Channels, write_description
+from pcpc.executive.log.description import NodeDescription, node_description
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.mcap_writer import CHUNK_BYTES, BulkWriter
 from pcpc.executive.loop import shared as sh
@@ -29,11 +30,11 @@ _KINDS = "state_columns", "timing_columns"
 class NodePart:
     """What of one node is written; made by `Part.node`."""
 
-    def __init__(self, about: Mapping[str, Any], writer: BulkWriter) -> None:
-        self.names = [name for kind in _KINDS for name in about[kind]]
+    def __init__(self, about: NodeDescription, writer: BulkWriter) -> None:
+        self.names = [*about["state_columns"], *about["timing_columns"]]
         self.channels = Channels(about, writer)
         self.written = dict.fromkeys((*sh.RINGS, "alarm"), 0)
-        self._writer, self._states = writer, len(about[_KINDS[0]])
+        self._writer, self._states = writer, len(about["state_columns"])
 
     def rows(self, seen: Rows) -> NDArray[np.int64]:
         """Return cycles as rows of a ring with the columns of this log only."""
@@ -76,8 +77,8 @@ class Part:
         if facts.get("pacing") in WITHOUT_CLOCK:
             facts |= {"clock_monotonic_ns": "0", "clock_wall_ns": self._wall_ns}
         own = {} if names is None else {k: [n for n in about[k] if n in names] for k in _KINDS}
-        about = {**about, **own, "metadata": facts}
-        explain(self.writer, about, self._files)
+        about = node_description({**about, **own, "metadata": facts})
+        write_description(self.writer, about, self._files)
         found = self.nodes[str(about["node"])] = NodePart(about, self.writer)
         return found
 

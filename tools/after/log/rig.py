@@ -1,8 +1,8 @@
 """The rig of a log, and from where its laws and its evaluation are taken.
 
-A log carries its evaluation and what laws from outside the project need (`executive.rig.carried`).
-The project's own are those of this installation. Python out of a
-log that somebody else wrote may do anything, so it is not run unasked:
+A log carries its evaluation and what laws from outside the project need, see
+`executive.rig.carried_files`. The project's own are those of this installation. Python out of a log
+that somebody else wrote may do anything, so it is not run unasked:
 
     by default   files that lie where the log says, with the content that it records
     --rig RIG    the same, below the folder of a rig file
@@ -32,10 +32,10 @@ import numpy as np
 import yaml
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.rig import carried, fmu, trial, yamlfile
+from pcpc.executive.rig import carried_files, fmu, trial, yamlfile
+from pcpc.executive.rig.law_lookup import present_name
 from pcpc.executive.rig.modules import PROJECT, project_file
 from pcpc.executive.rig.reading import Rig, load_rig
-from pcpc.executive.rig.resolve import today
 from pcpc.executive.rig.roles import ROLES
 from pcpc.plants.judging import effective_rig
 
@@ -92,7 +92,7 @@ def rig_of(
             target = target[key]
         _, colon, attribute = law.partition(":")
         target[keys[-1]] = f"{path}{colon}{attribute}"
-    with opened_from(_redirected(files, where)), trial.spared():
+    with opened_from(_redirected(files, where)), trial.without_trials():
         yield load_rig(place, controller, settings, text=yamlfile.dump(data))
 
 
@@ -132,9 +132,9 @@ def fmu_file(
         return None  # whoever reads it says so
     for text in given:
         path = Path(text).resolve()
-        if not carried.is_ordinary(path):
+        if not carried_files.is_ordinary(path):
             raise logs.LogError(f"--fmu {text}: no such file")
-        if (found := carried.sha256(path)) == wanted:
+        if (found := carried_files.sha256(path)) == wanted:
             return path
         if len(given) == 1:
             what = f"the run's {model} has sha256 {wanted[:16]}, this one {found[:16]}"
@@ -173,7 +173,7 @@ def _evaluation(
 ) -> tuple[Path, str]:
     """Return the file of a log's evaluation, and a word if it is another one; LogError."""
     files, own = carried_by(head, "judges"), project_file(name)
-    same = own is not None and (not files or files[0].sha256 == carried.sha256(own))
+    same = own is not None and (not files or files[0].sha256 == carried_files.sha256(own))
     if own is not None and (same or not options.trust):
         return own, "" if same else f"{name} is another one than the log's; --trust takes that"
     if not files:  # logs of earlier versions
@@ -200,7 +200,7 @@ def drawing_of_log(
     shipped = evaluation.with_name("drawing.py") if evaluation else None
     ours = (file for place in _DRAWINGS for file in PROJECT.glob(place))
     for own in [shipped] if shipped else ours:
-        if own.is_file() and carried.sha256(own) == digest:
+        if own.is_file() and carried_files.sha256(own) == digest:
             return own, ""
     if shipped and shipped.is_file() and not (files and options.trust):
         word = f"{shipped} is another one than the log's; --trust takes that"
@@ -249,7 +249,7 @@ def _path_of(head: logs.Log, law: str, by_law: Mapping[str, Path]) -> Path | Non
     module = law.partition(":")[0]
     if module in by_law:
         return by_law[module]
-    module = today(module)
+    module = present_name(module)
     is_path = module.endswith(".py") or "/" in module
     if not is_path and ("." not in module or module.startswith("pcpc.")):
         return None
@@ -300,9 +300,9 @@ def _named(head: logs.Log, files: list[Carried], law: Sequence[str]) -> dict[Car
     found: dict[Carried, Path] = {}
     for text in law:
         path = Path(text).resolve()
-        if not carried.is_ordinary(path):
+        if not carried_files.is_ordinary(path):
             raise logs.LogError(f"--law {text}: no such file")
-        digest = carried.sha256(path)
+        digest = carried_files.sha256(path)
         same = [file for file in files if file.sha256 == digest]
         alike = same or [f for f in files if PurePosixPath(f.name).name == path.name]
         if not alike or (len(alike) > 1 and not same):
@@ -318,9 +318,9 @@ def _in_place(file: Carried, beside: Path | None) -> Path | None:
     places = [] if beside is None else [os.path.normpath(beside / file.name)]
     for text in (*places, file.path):
         path = Path(text)
-        if text and "\0" not in text and path.is_absolute() and carried.is_ordinary(path):
+        if text and "\0" not in text and path.is_absolute() and carried_files.is_ordinary(path):
             try:
-                if carried.sha256(path) == file.sha256:
+                if carried_files.sha256(path) == file.sha256:
                     return path
             except OSError:
                 continue

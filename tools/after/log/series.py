@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pcpc.executive.durations import duration_s
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
-from pcpc.executive.log.names import unrecorded
+from pcpc.executive.log.names import why_unrecorded
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
@@ -106,7 +106,7 @@ def choose(
         further = [prefix + pattern for prefix in _PREFIXES]
         found = found or [n for n in names if any(fnmatchcase(n, other) for other in further)]
         if not found:
-            if why := next(filter(None, (unrecorded(log, given) for log in told)), ""):
+            if why := next(filter(None, (why_unrecorded(log, given) for log in told)), ""):
                 raise LogCommandError(f"{where}: {given}: {why}")
             bare = [_bare(name) for name in names]
             raise LogCommandError(f"{where}: no variable {given}{did_you_mean(pattern, bare)}")

@@ -61,11 +61,11 @@ class Tally:
 
     def _step(self, topic: str, sequence: NDArray[np.int64]) -> None:
         step = self._steps.setdefault(topic, [int(sequence[0]), int(sequence[0])])
-        step[1] = int(log_checks.cycles(sequence, step[1])[-1])
+        step[1] = int(log_checks.unwrapped_cycles(sequence, step[1])[-1])
 
     def _take_frames(self, topic: str, rows: NDArray[Any]) -> None:
         data = np.ascontiguousarray(rows["data"][:, logs.CDR_BYTES :]).view(logs.FRAME)[:, 0]
-        sane = log_checks.sane(data)
+        sane = log_checks.possible_frames(data)
         self._left_out[topic] += len(data) - int(sane.sum())
         data = data[sane]
         key = data["id"].astype(np.uint64) | data["direction"].astype(np.uint64) << np.uint64(32)

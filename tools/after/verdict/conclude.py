@@ -32,7 +32,7 @@ def conclude(
         except OSError as error:  # no space for the columns of a long log
             full, log = error, logs.head(path)
         outcome.kept = {name: len(node.cycle) for name, node in log.node.items()}
-        log = long_logs.whole(log, judged) if judged else log
+        log = long_logs.whole_run(log, judged) if judged else log
     except logs.LogError as error:
         return unreadable(outcome, error)
     finally:

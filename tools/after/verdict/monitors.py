@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.rig.expressions import Condition, Rows, Said, Vector
-from pcpc.executive.rig.requirements import LIMIT, PAST, Overshoot, Timed
+from pcpc.executive.rig.expressions import Comparison, Condition, Rows, Vector
+from pcpc.executive.rig.requirements import LIMIT, PAST, Overshoot, TimedRequirement
 from pcpc.plants.judging import EDGE_PERIODS, edges
 
 Mask = NDArray[np.bool_]
@@ -43,11 +43,11 @@ def extremes(values: Vector, first: Indices, past: Indices, pick: Any) -> Vector
 class Monitor:
     """What became of a requirement; `first`: cycle and values of the first violation."""
 
-    timed: Timed
+    timed: TimedRequirement
     period_s: float
-    first: tuple[int, Said] | None = None
+    first: tuple[int, Comparison] | None = None
     margin: float = math.inf
-    least: tuple[int, Said] | None = None  # cycle and values of the smallest margin
+    least: tuple[int, Comparison] | None = None  # cycle and values of the smallest margin
     events: int = 0
     judged: int = 0
     rows: int = 0
@@ -116,12 +116,12 @@ class Monitor:
         more = {PAST: np.sign(step) * (x - over), LIMIT: limit}
         return replace(rows, columns={**rows.columns, **more})
 
-    def _note(self, cycle: int, margin: float, said: Said) -> None:
+    def _note(self, cycle: int, margin: float, said: Comparison) -> None:
         """Keep the smallest margin."""
         if margin < self.margin or self.least is None:
             self.margin, self.least = margin, (cycle, said)
 
-    def _violated(self, cycle: int, said: Said) -> None:
+    def _violated(self, cycle: int, said: Comparison) -> None:
         """Keep the first violation."""
         if self.first is None or cycle < self.first[0]:
             self.first = cycle, said
@@ -281,7 +281,7 @@ class Until(Monitor):
             self.margin, self.least = math.inf, None
 
 
-def monitor(timed: Timed, period_s: float) -> Monitor:
+def monitor(timed: TimedRequirement, period_s: float) -> Monitor:
     """Return what watches a requirement."""
     if timed.until is not None:
         return Until(timed, period_s)

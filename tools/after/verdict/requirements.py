@@ -13,12 +13,17 @@ from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import schema
 from pcpc.executive.rig.expressions import BARELY, ExpressionError, Rows
-from pcpc.executive.rig.requirements import RequirementError, Timed, text_of, timed
-from pcpc.executive.rig.units import Unit, of_name, unit
+from pcpc.executive.rig.requirements import (
+    RequirementError,
+    TimedRequirement,
+    text_of,
+    timed_requirement,
+)
+from pcpc.executive.rig.units import Unit, unit, unit_of_name
 from pcpc.plants.judging import Judged, Run
 from pcpc.tools.after.verdict.monitors import Monitor, monitor
 
-Bound = list[Timed | str]  # a node that is missing
+Bound = list[TimedRequirement | str]  # a node that is missing
 LEADER = "executive"  # whose cycles count
 END_S = 0.1  # before the last cycle a paced run may end: a stall skips its last cycles
 
@@ -111,11 +116,11 @@ class Names:
 
         ExpressionError for what is neither.
         """
-        if (found := names.place(self.log, name)) is not None:
+        if (found := names.find_variable(self.log, name)) is not None:
             return found
         if name in self.signals:
             return "", name
-        if why := names.unrecorded(self.log, name):
+        if why := names.why_unrecorded(self.log, name):
             raise ExpressionError(f"{name} is {why}")
         raise ExpressionError(f"no variable {name}{did_you_mean(name, self._known())}")
 
@@ -123,7 +128,7 @@ class Names:
         """Return the unit of a name, None for one that nobody tells; ExpressionError."""
         node, variable = self.place(name)
         if not node:
-            return of_name(name)
+            return unit_of_name(name)
         text = self._units.get((node, variable))
         return None if text is None else unit(text)
 
@@ -136,9 +141,9 @@ class Names:
     def absent(self, entry: schema.Requirement) -> str:
         """Return a node that a requirement asks for and the log does not have; "" for none."""
         asked = [LEADER]
-        for name in timed(entry, lambda name: None).names:
+        for name in timed_requirement(entry, lambda name: None).names:
             node, colon, _ = name.partition(":")
-            own = names.place(self.log, name) or names.unrecorded(self.log, name)
+            own = names.find_variable(self.log, name) or names.why_unrecorded(self.log, name)
             asked.append(node if colon else LEADER if own else "plant")
         return next((node for node in asked if node not in self.log.node), "")
 
@@ -163,7 +168,7 @@ def bound(entries: Sequence[schema.Requirement], known: Names) -> Bound:
     found: Bound = []
     for number, entry in enumerate(entries):
         try:
-            found.append(known.absent(entry) or timed(entry, known.unit))
+            found.append(known.absent(entry) or timed_requirement(entry, known.unit))
         except RequirementError as error:
             error.number = number
             raise

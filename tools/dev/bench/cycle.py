@@ -236,7 +236,7 @@ def _bus(recording: Recording, c: ctypes.CDLL) -> tuple[Measurement, ...]:
     n = new_loop(made)
     peer = np.recarray(1, WIRE)
     peer.view(np.uint8)[:] = 0
-    bus = buses.choose(*buses.parse(BUS))
+    bus = buses.bus_named(*buses.parse(BUS))
     buses.open_bus(bus, made.receive_ids, n.wire)
     buses.open_bus(bus, [], peer[0])
     buses.know_own(n.wire)

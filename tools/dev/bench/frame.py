@@ -91,7 +91,7 @@ def measure(progress: Progress, rounds: int = 15) -> list[Ratio]:
         print(f"{SUITE}: no {VCAN} here, udp_multicast only; on a kernel with it: "
               "pcpc vm -- pcpc bench frame", file=sys.stderr)  # fmt: skip
     for name in names:
-        bus = buses.choose(*buses.parse(name))
+        bus = buses.bus_named(*buses.parse(name))
         found += measure_on(progress, rounds, bus, c)
     return found
 

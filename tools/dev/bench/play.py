@@ -111,7 +111,7 @@ def main() -> int:
     parser.add_argument("--bus", default=BUS)
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
-    bus = buses.choose(*buses.parse(options.bus))
+    bus = buses.bus_named(*buses.parse(options.bus))
     rounds = compare(options.log, bus, options.rounds, Progress())
     for number in range(options.rounds):
         for name in rounds:

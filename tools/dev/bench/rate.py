@@ -110,7 +110,7 @@ def run(side: str, rate_hz: int, seconds: float) -> Held:
     words = [RIG, "--bus", BUS, "--pacing", "real"]
     words += [word for setting in settings for word in ("--set", setting)]
     rig = load_rig(RIG, settings=settings, resolve=False)
-    bus = str(buses.choose(*buses.parse(BUS)))
+    bus = str(buses.bus_named(*buses.parse(BUS)))
     children = {}
     for role in ("plant", "executive"):
         children[role] = Child.started(role, MODULES[side], [role, *words])

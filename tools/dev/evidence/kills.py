@@ -168,7 +168,7 @@ def disturb(case: Case) -> dict[str, Any]:
     """Run a case, again if its run ended by itself before; return its row."""
     said = ""
     for tries in range(1, _TRIES + 1):
-        held = choice.take(choice.Wanted("auto", None, "kills", ()))
+        held = choice.take_bus(choice.Wanted("auto", None, "kills", ()))
         try:
             bus = str(held.bus)
             return case._asdict() | {"tries": tries, "bus": bus} | _disturbed(case, bus, tries)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
+from pcpc.executive.log.description import node_description
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live as nodes
@@ -63,7 +64,7 @@ class LiveNode:
             self._frames.add(frames)
             self._events.add(events)
         self.traffic.add(frames)
-        about = self.live.block.description
+        about = node_description(self.live.block.description)
         return [(int(row[1]), *entry_of(row, about)) for row in events]
 
     def clear(self) -> None:

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers.regular import opened
+from pcpc.drivers.regular_files import open_regular
 
 PORT = 8642  # the first that is tried
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -137,7 +137,7 @@ def token_of(environment: Mapping[str, str], anew: bool = False) -> str:
     path = Path(home) / "pcpc" / "host-token"
     try:
         if not anew:
-            with opened(path, os.O_NOFOLLOW) as file:
+            with open_regular(path, os.O_NOFOLLOW) as file:
                 about = os.fstat(file.fileno())
                 text = file.read(MOST_TOKEN).decode().strip()
             if about.st_uid == os.geteuid() and not about.st_mode & 0o077 and len(text) >= 32:

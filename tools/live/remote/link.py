@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from pcpc.drivers import regular
+from pcpc.drivers import regular_files
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.nodes.live import LiveError
 from pcpc.tools.live.remote import answers, guard
@@ -147,7 +147,7 @@ def token_of(options: argparse.Namespace) -> str:
                 raise UserError(f"--token-file {path}: is a folder; give the file")
             if path.stat().st_mode & 0o077:
                 raise UserError(f"{path}: others can read it; chmod 600 {path}")
-            text = regular.text_of(path)
+            text = regular_files.read_text(path)
         except (OSError, UnicodeError) as error:
             said = getattr(error, "strerror", None) or "no text"
             raise UserError(f"--token-file {path}: {said}") from None

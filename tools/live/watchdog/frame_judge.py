@@ -60,7 +60,7 @@ class FrameJudge:
         config = rig.config
         self.settings, self.clocked = config.watchdog or Watchdog(), clocked
         database = messages.database_of(rig)
-        here = messages.on_buses(rig, database)[0]
+        here = messages.frames_by_bus(rig, database)[0]
         self.rows = [
             _Frame(frame, role, frame.every_n(config.rate_hz), {})
             for role, node in config.sections.items()

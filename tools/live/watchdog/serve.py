@@ -26,7 +26,7 @@ from pcpc.drivers.errors import BusError, Exit
 from pcpc.drivers.jit import i8, loop, types
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, WIRE
-from pcpc.executive.rig.buses import bus_wanted
+from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.live.watchdog.frame_judge import FrameJudge
 
@@ -142,6 +142,6 @@ def serve(rig: Rig, bus: buses.Bus, pacing: str, feed: str | None, ready: int = 
 def command(options: argparse.Namespace) -> int:
     """FrameJudge the runs of a rig from outside of them, until Ctrl-C."""
     rig = load_rig(options.rig, options.controller, options.set)
-    wanted = replace(bus_wanted(rig, (), options.bus), roles=("watchdog",), two=False)
-    held = choice.take(wanted)
+    wanted = replace(wanted_bus(rig, (), options.bus), roles=("watchdog",), two=False)
+    held = choice.take_bus(wanted)
     return serve(rig, held.bus, options.pacing or rig.config.pacing, options.feed)

@@ -57,9 +57,11 @@ class Behaviour:
     def json(self) -> dict[str, Any]:
         """Return it as summary.json has it."""
         return {
-            "frames": self.frames, "timing": self.timing, "late_cycles": self.late_cycles,
+            "frames": self.frames,
+            "timing": self.timing,
+            "late_cycles": self.late_cycles,
             "problems": self.problems,
-        }  # fmt: skip
+        }
 
 
 def behaviour(rig: Rig, log: Log, pacing: str, counts: Counts | None = None) -> Behaviour:
@@ -86,7 +88,7 @@ def behaviour(rig: Rig, log: Log, pacing: str, counts: Counts | None = None) -> 
                 )
         if frame.has_sequence:
             found.problems += _rate(found, rig, own, pacing)
-        elif messages.awaited(frame):
+        elif messages.is_awaited(frame):
             found.problems += _lateness(found, rig, frame.name, own, plant.cycle, pacing)
             _reaction(found, own, plant.frames, pacing)
     found.problems += _restarts(rig, came)

@@ -14,15 +14,23 @@ def slcan(add: Add) -> None:
     add("bus", metavar="BUS", help="as --bus: vcan0, udp_multicast:GROUP[:PORT]")
     add("port", type=Path, nargs="?", metavar="PORT", help="a serial line: /dev/ttyACM0")
     add("--baud", type=take.positive, default=115200, metavar="N", help="default: %(default)s")
-    add("--bitrate", type=bits_per_s, metavar="RATE",
-        help="that the adapter has to set: 500k, 1M; default: as it is")  # fmt: skip
+    add(
+        "--bitrate",
+        type=bits_per_s,
+        metavar="RATE",
+        help="that the adapter has to set: 500k, 1M; default: as it is",
+    )
 
 
 def in_place(add: Add) -> None:
     """Take a device in the executive's place."""
-    add("--device", nargs=argparse.REMAINDER, metavar="COMMAND",
+    add(
+        "--device",
+        nargs=argparse.REMAINDER,
+        metavar="COMMAND",
         help="record and judge a device in the executive's place: the rest of the line starts it, "
-        "{bus} is the bus; without one it is waited for")  # fmt: skip
+        "{bus} is the bus; without one it is waited for",
+    )
 
 
 BESIDE_PLANT = in_place

@@ -64,9 +64,13 @@ class Device:
         try:
             with self.output.open("wb") as output:
                 self.process = subprocess.Popen(
-                    self.words, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                    preexec_fn=lambda: end_with(host), start_new_session=True,
-                )  # fmt: skip
+                    self.words,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=output,
+                    preexec_fn=lambda: end_with(host),
+                    start_new_session=True,
+                )
         except OSError as error:
             raise UserError(f"--device {self.words[0]}: {error.strerror}") from None
 

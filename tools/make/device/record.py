@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import cycles_of, describe, plan
 from pcpc.executive.rig.reading import Rig
-from pcpc.executive.rig.requirements import text_of, timed
+from pcpc.executive.rig.requirements import text_of, timed_requirement
 from pcpc.tools.after.verdict.judge import EvaluationError, Judge
 from pcpc.tools.after.verdict.requirements import Names
 
@@ -81,7 +81,7 @@ def told_by(judge: Judge, log: logs.Log) -> tuple[Judge, dict[str, str]]:
 def _asks_for_more(judge: Judge, log: logs.Log, known: Names, entry: Any) -> bool:
     """Return whether a requirement asks for a value that no cycle of the log has."""
     run = judge.judged(log).run()
-    for name in timed(entry, known.unit).names:
+    for name in timed_requirement(entry, known.unit).names:
         node, variable = known.place(name)
         values = run.get(f"{node}:{variable}" if node else name)
         if not np.isfinite(values).any():

@@ -41,7 +41,7 @@ class DeviceComparison:
         self.replay = Replay(rig, "executive", "lockstep", [])
         heard = dbc.frames(messages.database_of(rig), rig.config.plant.node, "rx")
         self._heard = [frame.can_id for frame in heard]
-        self._beats = [frame.can_id for frame in heard if messages.heartbeat(frame)]
+        self._beats = [frame.can_id for frame in heard if messages.is_heartbeat(frame)]
         self.verdict = Verdict(ROLE, rig.config.rate_hz)
         self._answers = self._computed = np.empty(0, logs.FRAME)
         self._cycles = cycles_of(rig)

@@ -74,9 +74,12 @@ class Udp:
     def put(self, word: int, data: bytes) -> None:
         """Send a frame."""
         said = {
-            "arbitration_id": word & can_id.ID, "is_extended_id": bool(word & can_id.EXTENDED),
-            "dlc": len(data), "data": data, **_SAID,
-        }  # fmt: skip
+            "arbitration_id": word & can_id.ID,
+            "is_extended_id": bool(word & can_id.EXTENDED),
+            "dlc": len(data),
+            "data": data,
+            **_SAID,
+        }
         self._tx.send(msgpack.packb(said))
 
     def frames(self) -> Iterator[Frame]:
@@ -233,7 +236,7 @@ def _leave(_number: int, _frame: FrameType | None) -> None:
 
 def open_bus(text: str) -> Udp | Can:
     """Open a bus by its name; BusError."""
-    bus = buses.choose(*buses.parse(text))
+    bus = buses.bus_named(*buses.parse(text))
     if bus.interface == "udp_multicast":
         return Udp(bus.channel)
     if bus.interface == "socketcan":

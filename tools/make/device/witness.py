@@ -51,9 +51,11 @@ class Arrivals:
         database, plant = messages.database_of(rig), rig.config.plant.node
         heard, sent = (dbc.frames(database, plant, way) for way in ("rx", "tx"))
         sync = next(frame.word for frame in heard if frame.has_sequence)
-        commands = [one.word for one in heard if messages.awaited(one) and one.word != sync]
+        commands = [one.word for one in heard if messages.is_awaited(one) and one.word != sync]
         period_ns = round(1e9 / rig.config.rate_hz)
-        return cls(sync, commands, [one.word for one in sent if messages.awaited(one)], period_ns)
+        return cls(
+            sync, commands, [one.word for one in sent if messages.is_awaited(one)], period_ns
+        )
 
     def came(self, word: int, stamp_ns: int) -> None:
         """Take a frame."""

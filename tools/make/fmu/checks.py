@@ -36,15 +36,21 @@ def report(made: Plan) -> list[dict[str, Any]]:
 def _report(made: Plan, spec: BlockSpec) -> dict[str, Any]:
     model, period_s = fmus.step_of(spec).model, 1.0 / made.rig.config.rate_hz
     about = {
-        "block": spec.name, "model": model.name, "fmi": model.fmi, "made_by": model.made_by,
-        "sha256": model.sha256, "variables": msgspec.to_builtins(model.variables),
-    }  # fmt: skip
+        "block": spec.name,
+        "model": model.name,
+        "fmi": model.fmi,
+        "made_by": model.made_by,
+        "sha256": model.sha256,
+        "variables": msgspec.to_builtins(model.variables),
+    }
     steps = _in_a_child(spec, period_s)
     return about | {
-        "steps": len(steps), "median_us": 1e-3 * float(np.median(steps)),
-        "worst_us": 1e-3 * float(np.max(steps)), "period_us": 1e6 * period_s,
+        "steps": len(steps),
+        "median_us": 1e-3 * float(np.median(steps)),
+        "worst_us": 1e-3 * float(np.max(steps)),
+        "period_us": 1e6 * period_s,
         "real_time_capable": bool(1e-9 * np.max(steps) < period_s),
-    }  # fmt: skip
+    }
 
 
 def lines(about: dict[str, Any]) -> list[str]:
@@ -126,6 +132,9 @@ def _stepped(spec: BlockSpec, period_s: float, there: Connection) -> None:
         if time.monotonic() > end:
             break
     failed = one.failure()
-    there.send(json.dumps({"error": f"{spec.where('law')}: {failed}"} if failed else
-                          {"steps": took[1:] or took}))  # fmt: skip
+    there.send(
+        json.dumps(
+            {"error": f"{spec.where('law')}: {failed}"} if failed else {"steps": took[1:] or took}
+        )
+    )
     one.close()

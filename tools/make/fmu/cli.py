@@ -98,8 +98,22 @@ def write(made: Plan, spec: BlockSpec, output: Path) -> None:
         library = folder / f"{name}.so"
         parts = [folder / file for file in sorted(texts) if file.endswith(".c")]
         warnings = (*WARNINGS, "-Wno-unused-but-set-variable")
-        run([compiler(), *elementary.FLAGS, *warnings, *PLAIN, "-shared", "-fPIC",
-             "-fvisibility=hidden", "-isystem", headers, "-o", library, *parts])  # fmt: skip
+        run(
+            [
+                compiler(),
+                *elementary.FLAGS,
+                *warnings,
+                *PLAIN,
+                "-shared",
+                "-fPIC",
+                "-fvisibility=hidden",
+                "-isystem",
+                headers,
+                "-o",
+                library,
+                *parts,
+            ]
+        )
         draft = folder / output.name
         with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
             _put(archive, "modelDescription.xml", about.encode())
@@ -145,19 +159,30 @@ def _sources(made: Plan, spec: BlockSpec, values: list[_Value]) -> dict[str, str
     texts["fmu_block.h"] = "\n".join(
         [
             "/* The values of the block, its calls, and which of them a user may see or set. */",
-            '#include "plant.h"', "", "typedef struct {",
-            *(f"    plant_{role} {LETTERS[role]};" for role in has), "} plant_values;", "",
-            "static inline void plant_begin(plant_values *values)", "{",
-            "    (void)values;", f"    plant_init({initial});", "}", "",
-            "static inline void plant_call(double t, double dt, plant_values *values)", "{",
-            f"    plant_step(t, dt{given});", "}", "",
+            '#include "plant.h"',
+            "",
+            "typedef struct {",
+            *(f"    plant_{role} {LETTERS[role]};" for role in has),
+            "} plant_values;",
+            "",
+            "static inline void plant_begin(plant_values *values)",
+            "{",
+            "    (void)values;",
+            f"    plant_init({initial});",
+            "}",
+            "",
+            "static inline void plant_call(double t, double dt, plant_values *values)",
+            "{",
+            f"    plant_step(t, dt{given});",
+            "}",
+            "",
             f"#define PLANT_PERIOD_S {number_text(period_s)}",
             f'#define PLANT_PERIOD_TEXT "{period_s!r}"',
             f"#define PLANT_VALUES {len(values)}U",
             f"#define PLANT_ROLES {{{', '.join(str(_role(one)) for one in values)}}}",
             "",
         ]
-    )  # fmt: skip
+    )
     texts["fmu2.c"] = _AROUND.read_text(encoding="utf-8")
     return texts
 
@@ -189,19 +214,32 @@ def _description(
             'generationTool="pcpc" variableNamingConvention="flat">',
             f'  <CoSimulation modelIdentifier="{name}" canGetAndSetFMUstate="true" '
             'canSerializeFMUstate="true">',
-            "    <SourceFiles>", *(f'      <File name="{file}"/>' for file in sources),
-            "    </SourceFiles>", "  </CoSimulation>",
-            *(["  <UnitDefinitions>", *(f"    <Unit name={quoteattr(unit)}/>" for unit in units),
-               "  </UnitDefinitions>"] if units else []),
+            "    <SourceFiles>",
+            *(f'      <File name="{file}"/>' for file in sources),
+            "    </SourceFiles>",
+            "  </CoSimulation>",
+            *(
+                [
+                    "  <UnitDefinitions>",
+                    *(f"    <Unit name={quoteattr(unit)}/>" for unit in units),
+                    "  </UnitDefinitions>",
+                ]
+                if units
+                else []
+            ),
             f'  <DefaultExperiment startTime="0" stopTime="{config.duration_s!r}" '
             f'stepSize="{period}"/>',
-            "  <ModelVariables>", *(line for one in shown for line in _variable(one)),
-            "  </ModelVariables>", "  <ModelStructure>",
+            "  <ModelVariables>",
+            *(line for one in shown for line in _variable(one)),
+            "  </ModelVariables>",
+            "  <ModelStructure>",
             *(["    <Outputs>", *unknowns, "    </Outputs>"] if outputs else []),
             *(["    <InitialUnknowns>", *unknowns, "    </InitialUnknowns>"] if outputs else []),
-            "  </ModelStructure>", "</fmiModelDescription>", "",
+            "  </ModelStructure>",
+            "</fmiModelDescription>",
+            "",
         ]
-    )  # fmt: skip
+    )
 
 
 _CAUSALITY = {

@@ -75,22 +75,39 @@ def builds() -> list[Build]:
     zig = _zig()
     native = ("-O3", "-march=native")
     return [
-        *(Build(f"gcc {level}", gcc, (level,), (), GCC)
-          for level in ("-O0", "-O2", "-O3")),
+        *(Build(f"gcc {level}", gcc, (level,), (), GCC) for level in ("-O0", "-O2", "-O3")),
         Build("gcc -O3 native", gcc, native, (), GCC),
-        Build("gcc -O3 native, joining", gcc, (*native, "-ffp-contract=fast"), (), GCC,
-              refuses=True),
-        Build("clang -O3 native", clang, native, (), "apt install clang") if clang or not zig else
-        Build("zig cc -O3 native", (*zig, "cc"), (*native, "-fno-sanitize=all"), (), ZIG),
+        Build(
+            "gcc -O3 native, joining", gcc, (*native, "-ffp-contract=fast"), (), GCC, refuses=True
+        ),
+        Build("clang -O3 native", clang, native, (), "apt install clang")
+        if clang or not zig
+        else Build("zig cc -O3 native", (*zig, "cc"), (*native, "-fno-sanitize=all"), (), ZIG),
         Build("AArch64 -O2", aarch64, ("-O2", "-static"), user or None, AARCH64),
-        Build("Cortex-M7 -O2", arm, ("-O2", *_BARE, *_M7),
-              (*machine, "-M", "mps2-an500", *_QEMU) if machine else None, ARM, ("-lgcc",)),
-        Build("Cortex-M4 -O2", arm, ("-O2", *_BARE, *_M4),
-              (*machine, "-M", "mps2-an386", *_QEMU) if machine else None, ARM, ("-lgcc",)),
-        Build("wasm32 -O2", (*zig, "cc") if zig else (),
-              ("-target", "wasm32-wasi", "-O2", "-fno-sanitize=all"), _wasmtime(),
-              f"{ZIG}; pip install wasmtime"),
-    ]  # fmt: skip
+        Build(
+            "Cortex-M7 -O2",
+            arm,
+            ("-O2", *_BARE, *_M7),
+            (*machine, "-M", "mps2-an500", *_QEMU) if machine else None,
+            ARM,
+            ("-lgcc",),
+        ),
+        Build(
+            "Cortex-M4 -O2",
+            arm,
+            ("-O2", *_BARE, *_M4),
+            (*machine, "-M", "mps2-an386", *_QEMU) if machine else None,
+            ARM,
+            ("-lgcc",),
+        ),
+        Build(
+            "wasm32 -O2",
+            (*zig, "cc") if zig else (),
+            ("-target", "wasm32-wasi", "-O2", "-fno-sanitize=all"),
+            _wasmtime(),
+            f"{ZIG}; pip install wasmtime",
+        ),
+    ]
 
 
 def with_runner(build: Build, runner: tuple[str, ...], flags: tuple[str, ...]) -> Build:
@@ -130,9 +147,10 @@ class Row(NamedTuple):
 
 
 def table(
-    folder: Path, own: Sequence[tuple[str, Callable[[], str]]],
+    folder: Path,
+    own: Sequence[tuple[str, Callable[[], str]]],
     say: Callable[[str], None] = lambda line: None,
-) -> tuple[list[Row], list[Row]]:  # fmt: skip
+) -> tuple[list[Row], list[Row]]:
     """Return what became of those in Python, `own`, and of those in C.
 
     The first that gives a digest, and need not refuse, is what all others are compared with.

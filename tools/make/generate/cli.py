@@ -13,7 +13,7 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.laws.block import Block
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import in_memory
-from pcpc.executive.rig import resolve
+from pcpc.executive.rig import law_lookup
 from pcpc.executive.rig.modules import module_of
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.make.generate import builds, cost, precision, single
@@ -78,7 +78,7 @@ def _rig(text: str) -> Path:
     try:
         return Path(rigs.find(text))
     except UserError as error:
-        hint = did_you_mean(text, list(resolve.shipped()))
+        hint = did_you_mean(text, list(law_lookup.shipped_laws()))
         raise UserError(f"{error}; no law either{hint}", error.code) from None
 
 
@@ -86,7 +86,7 @@ def is_law(text: str) -> bool:
     """Return whether this names a law, not a rig."""
     module = text.partition(":")[0]
     dotted = "." in module and "/" not in module and not module.endswith((".yaml", ".yml"))
-    return module.endswith(".py") or module in resolve.shipped() or (dotted and ":" in text)
+    return module.endswith(".py") or module in law_lookup.shipped_laws() or (dotted and ":" in text)
 
 
 def block_of(text: str) -> tuple[Block, str]:
@@ -96,8 +96,8 @@ def block_of(text: str) -> tuple[Block, str]:
     if module.endswith(".py") and not path.is_file():
         raise UserError(f"{module}: no such file")
     try:
-        found = module_of("" if module.endswith(".py") else resolve.shipped().get(module, module),
-                          path)  # fmt: skip
+        dotted = "" if module.endswith(".py") else law_lookup.shipped_laws().get(module, module)
+        found = module_of(dotted, path)
     except ImportError as error:
         raise UserError(f"{module}: {error}") from error
     block = getattr(found, name or "BLOCK", None)

@@ -54,8 +54,9 @@ class Closed:
             places = [p for _, views in wiring.blocks for p in (*views.states, *views.outputs)]
             found[role] = [
                 (variables[p].name, wiring.places[p].replace("rig->", f"{role}_node.", 1))
-                for p in places if variables[p].recorded
-            ]  # fmt: skip
+                for p in places
+                if variables[p].recorded
+            ]
         return found
 
     def files(self, cycles: int) -> dict[str, str]:
@@ -64,9 +65,10 @@ class Closed:
         used = list(sent.values())
         return {
             **self.texts,
-            "frames.h": frames.header(used, used), "frames.c": frames.source(used, used),
+            "frames.h": frames.header(used, used),
+            "frames.c": frames.source(used, used),
             "main.c": "\n".join(self._main(cycles)),
-        }  # fmt: skip
+        }
 
     def _main(self, cycles: int) -> Iterator[str]:
         yield "/* The closed loop of a rig; prints the digest of what its nodes record. */"
@@ -138,7 +140,7 @@ class Closed:
         yield "    uint32_t clamped = 0U;\n    uint8_t data[8];\n"
         yield "    (void)k;\n    (void)data;"
         for frame in wiring.plan.tx_frames:
-            if not frame.signals or messages.emergency(frame):
+            if not frame.signals or messages.is_emergency(frame):
                 continue
             name, every = identifier(frame.name), frame.every_n(rate)
             yield f"    if ((k % {every}U) == 0U) {{" if every > 1 else "    {"

@@ -35,9 +35,13 @@ _Row = tuple[str, str, str, str, str, str, str]
 
 
 def told(
-    rig: Rig, names: Sequence[str], settings: Sequence[str], cycles: int, in_single: bool,
+    rig: Rig,
+    names: Sequence[str],
+    settings: Sequence[str],
+    cycles: int,
+    in_single: bool,
     progress: Progress,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Return the table of some of a rig's controllers; `in_single`: also with floats."""
     rows = [_head(rig.config.rate_hz)]
     for name in names:
@@ -101,9 +105,11 @@ def _counted(files: dict[str, str], core: str, in_single: bool) -> tuple[int, in
 def _alone(block: Block, name: str, cycles: int, in_single: bool) -> dict[str, str]:
     """Return the files of a program that steps a law alone."""
     law = translated(block, name)
-    files = singles.single(law) | singles.files() | elementary.files() if in_single else (
-        law | elementary.files()
-    )  # fmt: skip
+    files = (
+        singles.single(law) | singles.files() | elementary.files()
+        if in_single
+        else (law | elementary.files())
+    )
     number, has = "float" if in_single else "double", signature(block)
     given = "".join(f", &{LETTERS[role]}" for role in has)
     begun = ", ".join(f"&{LETTERS[role]}" for role in has if role in ("parameters", "states"))
@@ -115,14 +121,18 @@ def _alone(block: Block, name: str, cycles: int, in_single: bool) -> dict[str, s
         "        }\n"
     )
     main = [
-        f'#include "{name}.h"', '#include "pcpc_math.h"', PORT.read_text(encoding="utf-8"),
+        f'#include "{name}.h"',
+        '#include "pcpc_math.h"',
+        PORT.read_text(encoding="utf-8"),
         *(f"static {name}_{role} {LETTERS[role]};" for role in has),
         "int main(void)\n{\n    uint32_t seed = 1U;\n    (void)seed;\n    (void)mix;",
         f"    {name}_init({begun});",
         f"    for (uint32_t k = 0U; k < {cycles}U; k += 1U) {{",
-        draw if "inputs" in has else "", "        cost_begin();",
+        draw if "inputs" in has else "",
+        "        cost_begin();",
         f"        {name}_step(({number})k * ({number})1e-3, ({number})1e-3{given});",
-        "        cost_end();\n    }", "    say_hex(0U);\n    cost_say();\n    finish();",
+        "        cost_end();\n    }",
+        "    say_hex(0U);\n    cost_say();\n    finish();",
         "    return 0;\n}\n",
-    ]  # fmt: skip
+    ]
     return {**files, "main.c": "\n".join(main)}

@@ -45,9 +45,11 @@ def info(frame: dbc.Frame, rate_hz: float) -> str:
     kind, crc_byte, data_id = frame.crc
     byte, shift, mask = frame.counter
     flags = (
-        frame.has_sequence, messages.awaited(frame), messages.heartbeat(frame),
-        messages.emergency(frame),
-    )  # fmt: skip
+        frame.has_sequence,
+        messages.is_awaited(frame),
+        messages.is_heartbeat(frame),
+        messages.is_emergency(frame),
+    )
     word = f"0x{frame.can_id:03X}u" + (" | FRAME_EXTENDED" if frame.extended else "")
     told = ", ".join("true" if flag else "false" for flag in flags)
     return (

@@ -52,8 +52,9 @@ def adapter(block: Block, name: str) -> str:
     has = signature(block)
     given = ", ".join(
         f"({'const ' if role in ('parameters', 'inputs') else ''}{name}_{role} *){LETTERS[role]}"
-        for role in ROLES if role in has
-    )  # fmt: skip
+        for role in ROLES
+        if role in has
+    )
     unused = " ".join(f"(void){LETTERS[role]};" for role in ROLES if role not in has)
     return (
         f'#include "{name}.h"\n'
@@ -70,9 +71,13 @@ class Library:
     """Blocks in C, compiled and loaded: `entry(name)` for `Plan.external`."""
 
     def __init__(
-        self, blocks: Mapping[str, Block], folder: Path, flags: Sequence[str] = PLAIN,
-        in_single: bool = False, entry: Entry | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        blocks: Mapping[str, Block],
+        folder: Path,
+        flags: Sequence[str] = PLAIN,
+        in_single: bool = False,
+        entry: Entry | None = None,
+    ) -> None:
         """`in_single`: compute with floats, rounded on entry; the memory of the loop has doubles.
 
         `entry`: returns the C of `NAME_entry` in the place of the usual one.
@@ -88,8 +93,19 @@ class Library:
         self._selftest = "pcpc_selftestf" if in_single else "pcpc_selftest"
         sources = write(texts, folder)
         self.path = folder / "laws.so"
-        run([compiler(), *elementary.FLAGS, *WARNINGS, *flags, "-shared", "-fPIC", "-o",
-             self.path, *sources])  # fmt: skip
+        run(
+            [
+                compiler(),
+                *elementary.FLAGS,
+                *WARNINGS,
+                *flags,
+                "-shared",
+                "-fPIC",
+                "-o",
+                self.path,
+                *sources,
+            ]
+        )
         self._library = ctypes.CDLL(str(self.path))
 
     def entry(self, name: str) -> int:
@@ -117,9 +133,12 @@ def in_place(folder: Path, flags: Sequence[str] = PLAIN) -> Callable[[Plan], Non
 
 
 def put(
-    made: Plan, folder: Path, flags: Sequence[str] = PLAIN, in_single: bool = False,
+    made: Plan,
+    folder: Path,
+    flags: Sequence[str] = PLAIN,
+    in_single: bool = False,
     entry: Entry | None = None,
-) -> Library:  # fmt: skip
+) -> Library:
     """Put C in the place of all steps of a plan; the arguments are those of Library."""
     names = {spec.name: f"{made.role}_{spec.name}" for spec in made.spec.blocks}
     blocks = {names[spec.name]: spec.block for spec in made.spec.blocks}

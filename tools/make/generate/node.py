@@ -75,8 +75,9 @@ class Wiring:
         """Return the members of NAME_rig that are doubles."""
         return [
             f"{self.block_name(spec.name)}_{role} {identifier(spec.name)}_{LETTERS[role]};"
-            for spec, _ in self.blocks for role in signature(spec.block)
-        ]  # fmt: skip
+            for spec, _ in self.blocks
+            for role in signature(spec.block)
+        ]
 
 
 def rig_files(
@@ -92,13 +93,15 @@ def rig_files(
     values = wiring.plan.values
     for spec, views in wiring.blocks:
         pairs = [
-            [(text, values.get(place, 0.0)) for text, place in
-             zip(port_names, getattr(views, kind), strict=True)]
+            [
+                (text, values.get(place, 0.0))
+                for text, place in zip(port_names, getattr(views, kind), strict=True)
+            ]
             for kind, port_names in (
                 (kind, [n for port in getattr(spec.block, kind) for n in port.names()])
                 for kind in ("parameters", "states")
             )
-        ]  # fmt: skip
+        ]
         files |= translated(spec.block, wiring.block_name(spec.name), (pairs[0], pairs[1]))
     steps = list(_steps(wiring))  # first: it finds out what of the loop is needed
     files[f"{name}_rig.h"] = "\n".join(p for line in _header(wiring) for p in wrapped(line))

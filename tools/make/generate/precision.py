@@ -78,9 +78,17 @@ def difference(rig: Rig, others: Sequence[Rig] = ()) -> Difference:
     values = [judge.metrics(log).get(metric, math.nan) for log in further]
     cycles = [len(log.node["plant"].cycle) for log in (double, single)]
     return Difference(
-        command, rms, most, metric, values[1], values[0], (min(values[1:]), max(values[1:])),
-        cycles[1], cycles[1] < cycles[0], lost,
-    )  # fmt: skip
+        command,
+        rms,
+        most,
+        metric,
+        values[1],
+        values[0],
+        (min(values[1:]), max(values[1:])),
+        cycles[1],
+        cycles[1] < cycles[0],
+        lost,
+    )
 
 
 def told(rig: Rig, names: Sequence[str], settings: Sequence[str], progress: Progress) -> list[str]:
@@ -100,16 +108,18 @@ def told(rig: Rig, names: Sequence[str], settings: Sequence[str], progress: Prog
         rows.append((name, *shares, f"{found.in_double:.4g}", last, nudged))
         lost += [
             f"{name}: a float loses {share:.0%} of the changes of {state}"
-            for state, share in found.lost.items() if share >= TOLD
-        ]  # fmt: skip
+            for state, share in found.lost.items()
+            if share >= TOLD
+        ]
     progress.close()
     about = (
         f"{rig.config.rig} in float: the change of the command as a share of its rms; the metric"
     )
     return [
         *screen.wrapped(f"{about} ({', '.join(asked)})"),
-        *screen.table(rows, right=(1, 2, 3, 4)), *lost,
-    ]  # fmt: skip
+        *screen.table(rows, right=(1, 2, 3, 4)),
+        *lost,
+    ]
 
 
 def _run(rig: Rig, put_in: Callable[[Plan], object] = id) -> tuple[Log, list[Plan]]:
@@ -133,9 +143,10 @@ def _commands(double: Log, single: Log, made: list[Plan]) -> Iterator[tuple[str,
     plant = made[-1]
     names = {
         plant.table.variables[source].name
-        for copies in plant.copies[:-1] for source, _ in copies
+        for copies in plant.copies[:-1]
+        for source, _ in copies
         if plant.table.variables[source].kind == "received"
-    }  # fmt: skip
+    }
     for name in sorted(names):
         a, b = (log.node["plant"].columns[name] for log in (double, single))
         count = min(len(a), len(b))

@@ -85,7 +85,7 @@ def _own(name: str) -> str:
 def header(made: Plan) -> str:
     """Return rig.h: what device.c needs of the rig."""
     rig, heard, sent = made.rig, made.rx_frames, made.tx_frames
-    config, awaited = rig.config, sum(map(messages.awaited, made.rx_frames))
+    config, awaited = rig.config, sum(map(messages.is_awaited, made.rx_frames))
     period_s = round(1e9 / config.rate_hz) * 1e-9
     stop = config.supervisor.stop_frame
     names = [frame.name for frame in heard]
@@ -93,7 +93,12 @@ def header(made: Plan) -> str:
     waits = "true" if config.supervisor.on_fault == "wait" else "false"
     lines = [
         f"/* The rig {comment(config.rig)}: {comment(config.title)}. */",
-        "#ifndef RIG_H", "#define RIG_H", "", '#include "frames.h"', '#include "rig_parts.h"', "",
+        "#ifndef RIG_H",
+        "#define RIG_H",
+        "",
+        '#include "frames.h"',
+        '#include "rig_parts.h"',
+        "",
         f"#define RIG_PERIOD_S {number(period_s)}",
         f"#define RIG_PERIOD_NS {round(1e9 / config.rate_hz)}u",
         "#ifndef RIG_CYCLES",
@@ -104,19 +109,28 @@ def header(made: Plan) -> str:
         f"#define RIG_RAMP_STEP {number(period_s / config.supervisor.ramp_s)} /* a cycle */",
         f"#define RIG_QUICK_STEP {number(period_s / quick_s)}",
         f"#define RIG_WAITS_IN_FAULT {waits}",
-        f"#define RIG_SENT {len(sent)}u", f"#define RIG_HEARD {len(heard)}u",
+        f"#define RIG_SENT {len(sent)}u",
+        f"#define RIG_HEARD {len(heard)}u",
         f"#define RIG_AWAITED {awaited}u",
         f"#define RIG_STOP_ROW {names.index(stop) if stop in names else len(heard)}u",
-        f"#define RIG_LIMITS {len(made.limits)}u", "",
-        *_struct("received_t", heard), *_struct("sent_t", sent),
+        f"#define RIG_LIMITS {len(made.limits)}u",
+        "",
+        *_struct("received_t", heard),
+        *_struct("sent_t", sent),
         "typedef struct {",
         "    double t_s; /* time of the cycle */",
-        "    supervisor_t supervisor;", "    health_t health;", "    counts_t counts;",
-        "    received_t rx;", "    sent_t tx;", "} rig_t;", "",
+        "    supervisor_t supervisor;",
+        "    health_t health;",
+        "    counts_t counts;",
+        "    received_t rx;",
+        "    sent_t tx;",
+        "} rig_t;",
+        "",
         "extern rig_t rig;",
         "extern const frame_info rig_sent[RIG_SENT]; /* in the order of sending */",
         "extern const frame_info rig_heard[RIG_HEARD];",
-        "extern const limit_t rig_limits[RIG_LIMITS + 1u];", "",
+        "extern const limit_t rig_limits[RIG_LIMITS + 1u];",
+        "",
         "int32_t rig_init(void);",
         "void rig_tune(uint32_t k);",
         "void rig_step(double t_s);",
@@ -125,8 +139,11 @@ def header(made: Plan) -> str:
         "bool rig_estop(void);",
         "void rig_publish(uint32_t passes);",
         "uint32_t rig_pack(uint32_t row, uint8_t data[8]);",
-        "void rig_unpack(uint32_t row, const uint8_t data[8]);", "", "#endif", "",
-    ]  # fmt: skip
+        "void rig_unpack(uint32_t row, const uint8_t data[8]);",
+        "",
+        "#endif",
+        "",
+    ]
     return "\n".join(lines)
 
 

@@ -72,7 +72,7 @@ def command(options: argparse.Namespace) -> int:
     if options.bitrate and options.bitrate > MOST_CLASSIC:
         raise RigError(f"--bitrate {rate_of(options.bitrate)}: classic CAN ends at 1 Mbit/s")
     sides = _sides(options.words[1:])
-    held = [choice.take(choice.Wanted(*one, rig="", roles=())) for one in sides]
+    held = [choice.take_bus(choice.Wanted(*one, rig="", roles=())) for one in sides]
     gateway = Gateway(
         options.bitrate or MOST_CLASSIC,
         options.queue,
@@ -153,7 +153,7 @@ def serve(rig: Rig, bus: buses.Bus, report: Path, ready: int) -> int:
 
     Writes `result` to `report`. BusError goes to stderr.
     """
-    config, sides = rig.config.bus, [bus, buses.beside(bus)]
+    config, sides = rig.config.bus, [bus, buses.neighbour_of(bus)]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     gateway = Gateway(config.bits_per_s or MOST_CLASSIC, config.queue, **line_options(rig))
     try:

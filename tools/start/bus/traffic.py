@@ -90,7 +90,7 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[SentFrame]]:
     """Return the frames on each of a rig's buses by priority, the executive's bus first."""
     database = messages.database_of(rig)
     role_of = {node.node: role for role, node in rig.config.sections.items()}
-    phases = {node: rig.config.realtime.of(role).phase for node, role in role_of.items()}
+    phases = {node: rig.config.realtime.of_node(role).phase for node, role in role_of.items()}
     kept = rig.config.pacing == "real" and not any_phase
 
     def sent(message: dbc.Message) -> SentFrame:
@@ -109,7 +109,7 @@ def buses(rig: Rig, any_phase: bool = False) -> list[list[SentFrame]]:
                 (sent(message) for message in database.messages if message.name in names),
                 key=lambda entry: entry.priority,
             )
-            for names in messages.on_buses(rig, database)
+            for names in messages.frames_by_bus(rig, database)
         ]
 
 

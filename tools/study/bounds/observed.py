@@ -23,8 +23,8 @@ from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.nodes.replay import HEAD, Assembler, K, Replay
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig import yamlfile
-from pcpc.executive.rig.alike import take_over
-from pcpc.executive.rig.options import rename
+from pcpc.executive.rig.inheritance import inherit_controllers
+from pcpc.executive.rig.options import rename_earlier_keys
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.yamlfile import Keys
@@ -72,8 +72,8 @@ def given_rates(log: logs.Log, keys: Keys, names: Sequence[str]) -> dict[str, fl
             linked = re.sub(r"(?m)^base:.*$", f"base: {i + 1}.yaml", text)
             Path(folder, f"{i}.yaml").write_text(linked, encoding="utf-8")
         document = yamlfile.load(Path(folder, "0.yaml"))
-        rename(document)
-        take_over(document)
+        rename_earlier_keys(document)
+        inherit_controllers(document)
     found: Any = document.data
     for key in (*keys, "parameters"):
         found = found.get(key, {}) if isinstance(found, dict) else {}

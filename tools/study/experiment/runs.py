@@ -141,7 +141,7 @@ def _may_differ(name: str, value: Any) -> bool:
 def _value(text: str) -> Any:
     """Return what the rig will read; None for what it refuses."""
     try:
-        return yamlfile.value(text, yamlfile.Place(Path()))
+        return yamlfile.parse_value(text, yamlfile.Place(Path()))
     except RigError:
         return None
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pcpc.executive.rig.units import of_name
+from pcpc.executive.rig.units import unit_of_name
 from pcpc.plants import pages
 from pcpc.tools.after.log.drawing import shown
 from pcpc.tools.study.arrays import Vector
@@ -48,7 +48,7 @@ def style_of(results: Results, controller: str) -> dict[str, Any]:
 
 def label_of(name: str) -> str:
     """Return the label of a column's axis, with its unit where the name ends in one."""
-    unit = of_name(name.removeprefix(METRIC).removeprefix(MARGIN).removeprefix(VARY))
+    unit = unit_of_name(name.removeprefix(METRIC).removeprefix(MARGIN).removeprefix(VARY))
     bare = name.removeprefix(METRIC).replace(MARGIN, "margin of ").removeprefix(VARY)
     return shown(f"{bare} [{unit.text}]" if unit else bare)
 

@@ -15,10 +15,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 from pcpc.executive.errors import RigError
-from pcpc.executive.log.facts import facts
+from pcpc.executive.log.provenance import facts
 from pcpc.executive.nodes.plan import plan
-from pcpc.executive.rig import carried, modules
-from pcpc.executive.rig.buses import without_bus
+from pcpc.executive.rig import carried_files, modules
+from pcpc.executive.rig.buses import virtual_pacing
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.after.verdict.judge import Judge
 
@@ -32,7 +32,7 @@ def origin(rigs: Sequence[Rig]) -> dict[str, str]:
     found |= {"python": facts()["python"], f"{_VERSION}scipy": version("scipy")}
     found |= {"project": _project(), "rig": _digest(rig.resolved().encode() for rig in rigs)}
     for rig in rigs:
-        found[os.path.relpath(rig.dbc, rig.path.parent)] = carried.sha256(rig.dbc)
+        found[os.path.relpath(rig.dbc, rig.path.parent)] = carried_files.sha256(rig.dbc)
         found |= {f"table {name}": _digest([text.encode()]) for name, text in rig.tables().items()}
         found |= {str(entry["name"]): str(entry["sha256"]) for entry in _files(rig)}
     return found
@@ -44,18 +44,18 @@ def difference(one: Mapping[str, str], other: Mapping[str, str]) -> str:
     return ", ".join(name.replace(_VERSION, "version of ") for name in names)
 
 
-def _files(rig: Rig) -> list[dict[str, object]]:
+def _files(rig: Rig) -> list[carried_files.CarriedFile]:
     """Return the files that a log of the rig would carry, but not its drawing."""
-    reads = carried.Reads()
+    reads = carried_files.Reads()
     if rig.evaluation is not None:
         Judge.of(rig)  # reads what it is made of
-        module = modules.outside(Path(rig.evaluation.file))
-        carried.merge(reads, modules.read_by(module) if module else {})
+        module = modules.outside_module(Path(rig.evaluation.file))
+        carried_files.add_reads(reads, modules.reads_of(module) if module else {})
     for role in rig.roles:
-        carried.merge(reads, plan(rig, role, without_bus(rig)).read)
-    found = [entry for entry in rig.carried(reads) if not entry["draws"]]
+        carried_files.add_reads(reads, plan(rig, role, virtual_pacing(rig)).read)
+    found = [entry for entry in rig.carried_files(reads) if not entry["draws"]]
     for entry in found:
-        if modules.imported(Path(entry["path"])) not in (None, entry["sha256"]):
+        if modules.digest_at_import(Path(entry["path"])) not in (None, entry["sha256"]):
             what = "has changed since this process imported it; start a new one"
             raise RigError(f"{entry['path']}: {what}")
     return found
@@ -63,7 +63,7 @@ def _files(rig: Rig) -> list[dict[str, object]]:
 
 def _project() -> str:
     """Return the digest of the project's own modules, with their places."""
-    files = (file for area in carried.AREAS for file in (_PROJECT / area).rglob("*.py"))
+    files = (file for area in carried_files.AREAS for file in (_PROJECT / area).rglob("*.py"))
     about = ((str(file.relative_to(_PROJECT)).encode(), file) for file in files)
     return _digest(part for name, file in sorted(about) for part in (name, file.read_bytes()))
 

@@ -224,7 +224,7 @@ def parse(text: str) -> Statement:
 
 def _number(text: str, word: str) -> float:
     try:
-        number = yamlfile.scalar(word)
+        number = yamlfile.parse_scalar(word)
     except ValueError:
         number = None
     if type(number) not in (int, float):

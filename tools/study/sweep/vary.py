@@ -115,7 +115,7 @@ def parse(option: str) -> Variation:
 
 def _number(variation: Variation, word: str) -> float:
     try:
-        number = yamlfile.scalar(word)
+        number = yamlfile.parse_scalar(word)
     except ValueError as error:
         raise variation.error(str(error)) from None
     if type(number) not in (int, float) or not math.isfinite(number):

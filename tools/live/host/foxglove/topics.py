@@ -4,9 +4,6 @@ So a layout for a log works on the run, and the other way round. `/log` is what 
 events and tunings once more, as foxglove.Log.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import foxglove
 import numpy as np
 from foxglove.channels import LogChannel
@@ -14,6 +11,7 @@ from foxglove.messages import Log, LogLevel, Timestamp
 from numpy.typing import NDArray
 
 from pcpc.executive.log.channels import Channels
+from pcpc.executive.log.description import node_description
 from pcpc.executive.log.event_entries import entry_of
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.nodes.live import Live
@@ -39,7 +37,7 @@ class NodeTopics:
     ) -> None:
         self._context, self._log = context, log
         self._open: dict[int, foxglove.Channel] = {}
-        about: Mapping[str, Any] = live.block.description
+        about = node_description(live.block.description)
         facts = about["metadata"]
         if facts.get("pacing") in WITHOUT_CLOCK:  # its stamps count from 0, as its log's do
             facts = facts | {"clock_monotonic_ns": "0", "clock_wall_ns": wall_ns}

@@ -197,8 +197,10 @@ def files() -> dict[str, str]:
     unit.constant("ROUND", emath.ROUND)
     for name in NAMES:
         unit.elementary(getattr(getattr(emath, name), "py_func", getattr(emath, name)))
-    functions = [line.replace("static ", "static inline ", 1) if line.startswith("static ") else
-                 line for line in unit.function_lines([emath.__name__])]  # fmt: skip
+    functions = [
+        line.replace("static ", "static inline ", 1) if line.startswith("static ") else line
+        for line in unit.function_lines([emath.__name__])
+    ]
     test = _Math("pcpc")
     evaluate = getattr(points.evaluate, "py_func", points.evaluate)
     called = test.function(evaluate, (FLOAT, Cells((points.VALUES,))), None, None)  # type: ignore[arg-type]
@@ -207,13 +209,26 @@ def files() -> dict[str, str]:
     own = [line for line in test.constant_lines() if line not in constants]
     head, _, primitives = _HEAD.partition("/* A double and its bits")
     header = [
-        *comment(doc), head, *constants, "", f"/* A double and its bits{primitives}", *functions,
-        "#endif /* PCPC_MATH_H */", "",
-    ]  # fmt: skip
+        *comment(doc),
+        head,
+        *constants,
+        "",
+        f"/* A double and its bits{primitives}",
+        *functions,
+        "#endif /* PCPC_MATH_H */",
+        "",
+    ]
     fill = {"points": points.POINTS, "values": points.VALUES, "name": called.name}
     body = [
-        "/* The square root without a libm, and the self-test of the elementary functions. */", "",
-        '#include "pcpc_math.h"', "", *own, "", *(p for n in called.lines for p in wrapped(n)), "",
-        _SOFT_SQRT, _SELFTEST.format(digest=hex(points.DIGEST), **fill),
-    ]  # fmt: skip
+        "/* The square root without a libm, and the self-test of the elementary functions. */",
+        "",
+        '#include "pcpc_math.h"',
+        "",
+        *own,
+        "",
+        *(p for n in called.lines for p in wrapped(n)),
+        "",
+        _SOFT_SQRT,
+        _SELFTEST.format(digest=hex(points.DIGEST), **fill),
+    ]
     return {"pcpc_math.h": "\n".join(header), "pcpc_math.c": "\n".join(body)}

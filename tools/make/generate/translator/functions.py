@@ -88,9 +88,10 @@ class Function(Statements):
         doc = comment(ast.get_docstring(self.node) or f"{self.node.name}.")
         said = set(_WORD.findall("\n".join(lines)))
         unused = [
-            f"{INDENT}(void){safe(one)};" for one, kind in zip(self.given, kinds, strict=True)
+            f"{INDENT}(void){safe(one)};"
+            for one, kind in zip(self.given, kinds, strict=True)
             if safe(one) not in said and not isinstance(kind, Callee) and not _nothing(kind)
-        ]  # fmt: skip
+        ]
         text = [*doc, head, "{", *unused, *lines, "}"]
         return Called(name, kinds, changes, results, tuple(text), head, self.module)
 
@@ -153,9 +154,10 @@ class Function(Statements):
         compound = isinstance(stmt, ast.If | ast.For | ast.While)
         last = stmt.lineno if compound else (stmt.end_lineno or stmt.lineno)
         words = [
-            said for at, (said, own) in self.file.comments.items()
+            said
+            for at, (said, own) in self.file.comments.items()
             if stmt.lineno <= at <= last and not own
-        ]  # fmt: skip
+        ]
         if words and lines:
             at = next((i for i, line in enumerate(lines) if line.endswith("{")), len(lines) - 1)
             at = at if compound else len(lines) - 1

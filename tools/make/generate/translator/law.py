@@ -15,7 +15,7 @@ from typing import Any
 
 from pcpc.drivers.views import Layout
 from pcpc.executive.laws.block import Block, Port
-from pcpc.executive.rig.prepare import Values, prepared
+from pcpc.executive.rig.preparation import Values, prepared_values
 from pcpc.tools.make.generate.translator.functions import Function
 from pcpc.tools.make.generate.translator.kinds import (
     FLOAT,
@@ -38,7 +38,7 @@ def translated(
 ) -> dict[str, str]:
     """Return the texts of `NAME.h` and `NAME.c`, by file name.
 
-    `values`: parameters and states of `executive.rig.prepare.prepared`, for NAME_init; else the
+    `values`: parameters and states of `executive.rig.preparation.prepared`, for NAME_init; else the
     law's defaults. Raises Untranslatable with the line of the source.
     """
     if not name.isidentifier() or not name.isascii() or safe(name) != name:
@@ -110,9 +110,13 @@ def _init_head(name: str, roles: Mapping[str, Layout]) -> str:
 
 
 def _header(
-    name: str, unit: Unit, block: Block, roles: Mapping[str, Layout], aliases: Sequence[str],
+    name: str,
+    unit: Unit,
+    block: Block,
+    roles: Mapping[str, Layout],
+    aliases: Sequence[str],
     origin: str,
-) -> str:  # fmt: skip
+) -> str:
     guard = f"PCPC_{name.upper()}_H"
     given = list(inspect.signature(block.step.py_func).parameters)
     ports: dict[Layout, Sequence[Port]] = {}
@@ -120,18 +124,28 @@ def _header(
         _about(roles[role], getattr(block, role), ports)
     lines = [
         f"/* {name}: interface of the law in {origin}, from which `pcpc generate c` made it. */",
-        f"#ifndef {guard}", f"#define {guard}", "", "#include <stdint.h>", "",
-    ]  # fmt: skip
+        f"#ifndef {guard}",
+        f"#define {guard}",
+        "",
+        "#include <stdint.h>",
+        "",
+    ]
     for layout, struct in unit.structs.items():
         lines += [*_struct(unit, layout, struct, ports[layout]), ""]
     lines += [*aliases, ""] if aliases else []
     lines += [
-        "/* Set the values that the law starts with. */", f"{_init_head(name, roles)};", "",
+        "/* Set the values that the law starts with. */",
+        f"{_init_head(name, roles)};",
+        "",
         "/* One period: t the time and dt the period in s, from inputs to outputs. */",
-        f"{_step_head(name, given, roles)};", "",
+        f"{_step_head(name, given, roles)};",
+        "",
         "/* Return 0 if this file was compiled to give the bits of every other machine. */",
-        f"int32_t {name}_selftest(void);", "", f"#endif /* {guard} */", "",
-    ]  # fmt: skip
+        f"int32_t {name}_selftest(void);",
+        "",
+        f"#endif /* {guard} */",
+        "",
+    ]
     return "\n".join(part for line in lines for part in wrapped(line))
 
 
@@ -171,9 +185,13 @@ def _words(port: Port) -> str:
 
 
 def _body(
-    name: str, unit: Unit, step: Sequence[str], roles: Mapping[str, Layout],
-    values: tuple[Values, Values], function: Any,
-) -> str:  # fmt: skip
+    name: str,
+    unit: Unit,
+    step: Sequence[str],
+    roles: Mapping[str, Layout],
+    values: tuple[Values, Values],
+    function: Any,
+) -> str:
     doc = inspect.cleandoc(getattr(sys.modules.get(function.__module__), "__doc__", None) or name)
     lines = comment(f"{doc}\n\nMade by `pcpc generate c` from {located(function)[0].shown}.")
     lines += ["", f'#include "{name}.h"', "", "#include <stdbool.h>", '#include "pcpc_math.h"', ""]
@@ -183,9 +201,12 @@ def _body(
     lines += [*(part for line in step for part in wrapped(line)), ""]
     lines += [*_init(name, unit, roles, values), ""]
     lines += [
-        f"int32_t {name}_selftest(void)", "{",
-        "    return pcpc_contracts() ? 1 : pcpc_selftest();", "}", "",
-    ]  # fmt: skip
+        f"int32_t {name}_selftest(void)",
+        "{",
+        "    return pcpc_contracts() ? 1 : pcpc_selftest();",
+        "}",
+        "",
+    ]
     return "\n".join(lines)
 
 
@@ -251,12 +272,14 @@ def _loops(place: str, shape: Sequence[int], source: str) -> list[str]:
 def _defaults(block: Block) -> tuple[Values, Values]:
     """Return what the law starts with where no rig says more; 0 for what only a rig knows."""
     settings = {
-        name: port.default for port in block.settings for name in port.names()
+        name: port.default
+        for port in block.settings
+        for name in port.names()
         if port.default is not None
-    }  # fmt: skip
+    }
     wanted = {name for port in block.settings for name in port.names()}
     if wanted == set(settings):
-        return prepared(block, settings, 1000.0, 1)
+        return prepared_values(block, settings, 1000.0, 1)
     plain = [
         [(name, port.default or 0.0) for port in ports for name in port.names()]
         for ports in (block.parameters, block.states)

@@ -15,14 +15,16 @@ class Places:
         self.by: dict[int, set[str]] = defaultdict(set)
         loops = {
             node.target.id
-            for stmt in body for node in ast.walk(stmt)
+            for stmt in body
+            for node in ast.walk(stmt)
             if isinstance(node, ast.For) and isinstance(node.target, ast.Name)
-        }  # fmt: skip
+        }
         stored = [
             node.id
-            for stmt in body for node in ast.walk(stmt)
+            for stmt in body
+            for node in ast.walk(stmt)
             if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-        ]  # fmt: skip
+        ]
         for name in dict.fromkeys(stored):
             if name not in given and name not in loops and name != "_":
                 self._place(name, body)

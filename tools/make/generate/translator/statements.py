@@ -197,9 +197,11 @@ class Statements(Calls):
 
     def _stored_once(self, name: str) -> bool:
         stores = [
-            one for stmt in self.body for one in ast.walk(stmt)
+            one
+            for stmt in self.body
+            for one in ast.walk(stmt)
             if isinstance(one, ast.Name) and one.id == name and isinstance(one.ctx, ast.Store)
-        ]  # fmt: skip
+        ]
         return len(stores) == 1
 
     def _do_augassign(self, stmt: ast.AugAssign) -> None:
@@ -321,9 +323,11 @@ class Statements(Calls):
 def _stored(body: Sequence[ast.stmt]) -> set[str]:
     """Return the names that statements set."""
     return {
-        one.id for stmt in body for one in ast.walk(stmt)
+        one.id
+        for stmt in body
+        for one in ast.walk(stmt)
         if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)
-    }  # fmt: skip
+    }
 
 
 def _changes(target: ast.expr, value: ast.expr) -> bool:

@@ -34,7 +34,7 @@ def check_size(block: "Block") -> None:
                 raise ValueError(f"{what}; one node holds {MAX_VARIABLES}")
 
 
-def prepared(
+def prepared_values(
     block: "Block", settings: Mapping[str, float], rate_hz: float, seed: int
 ) -> tuple[Values, Values]:
     """Return parameters and initial states, from `prepare` where there is one; ValueError."""
@@ -50,7 +50,7 @@ def prepared(
         except (Exception, SystemExit) as error:
             raise ValueError(f"prepare: {cause(error)}") from error
         if not isinstance(made, Prepared):
-            raise ValueError(f"prepare returned {_shown(made)}; expected Prepared(parameters)")
+            raise ValueError(f"prepare returned {_short_text(made)}; expected Prepared(parameters)")
         parameters, states = made.parameters, made.states
     ports = block.parameters
     computed = block.prepare is not None
@@ -90,7 +90,7 @@ def _elements(port: "Port", given: Mapping[str, Any], computed: bool) -> Values:
         try:
             values = np.asarray(given[port.name], float)
         except (TypeError, ValueError):
-            raise ValueError(f"{port.name}: prepare gave {_shown(given[port.name])}") from None
+            raise ValueError(f"{port.name}: prepare gave {_short_text(given[port.name])}") from None
         if values.shape != (port.size,):
             raise ValueError(
                 f"{port.name}: prepare gave shape {values.shape}, expected ({port.size},)"
@@ -123,7 +123,7 @@ def _number(name: str, value: Any) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: prepare gave {_shown(value)}; expected a number") from None
+        raise ValueError(f"{name}: prepare gave {_short_text(value)}; expected a number") from None
     if math.isnan(number):
         raise ValueError(f"{name}: prepare gave nan; expected a number")
     return _in_12_digits(number) if number else number  # 0 and -0 would be the same to a cache
@@ -134,6 +134,6 @@ def _in_12_digits(value: float) -> float:
     return float(f"{value:.12g}")
 
 
-def _shown(value: Any) -> str:
+def _short_text(value: Any) -> str:
     text = " ".join(repr(value).split())
     return text if len(text) <= 40 else f"{text[:37]}..."

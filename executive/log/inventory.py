@@ -36,7 +36,7 @@ def topic(node: str, kind: str) -> str:
 TOPICS = {topic(node, kind): (node, kind) for node in ROLES for kind in KINDS}
 
 
-class Account:
+class Inventory:
     """Counts the messages of a log by topic and leaves out those that stand twice."""
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ class Account:
             del self._chunks[next(iter(self._chunks))]
         return False
 
-    def fresh(self, name: str, rows: Rows) -> Rows:
+    def new_rows(self, name: str, rows: Rows) -> Rows:
         """Return the messages of a topic that are neither there already nor out of order."""
         kind = TOPICS.get(name, ("", ""))[1]
         if kind in _LEAST:
@@ -118,9 +118,10 @@ class Account:
             meant = sum(columns.values()) - gone
             return _differs("cycles and frames", total, meant, meant) + entries
         return [
-            line for name, count in columns.items()
+            line
+            for name, count in columns.items()
             for line in _differs(name, self.kept[name], count, count)
-        ] + entries  # fmt: skip
+        ] + entries
 
 
 def _numbers(counts: Mapping[str, str]) -> dict[str, int]:

@@ -1,7 +1,7 @@
 """Plain YAML data to typed values; what does not fit is an error at its line and column."""
 
 import re
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 from msgspec import Struct
@@ -10,17 +10,19 @@ from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.yamlfile import Document, Keys
 
+T = TypeVar("T")
 
-def convert(document: Document, data: Any, kind: Any, keys: Keys) -> Any:
+
+def convert(document: Document, data: Any, kind: type[T], keys: Keys) -> T:
     """Return `data` as a `kind`; on failure descend, because msgspec does not name mapping keys."""
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
-        _descend(document, data, kind, keys)
-        raise document.error(keys, _reworded(str(error), data)) from None
+        _raise_at_part(document, data, kind, keys)
+        raise document.error(keys, _message(str(error), data)) from None
 
 
-def _descend(document: Document, data: Any, kind: Any, keys: Keys) -> None:
+def _raise_at_part(document: Document, data: Any, kind: Any, keys: Keys) -> None:
     """Raise the error of the first part of `data` that is not what `kind` says, if it is a part."""
     origin, arguments = get_origin(kind), get_args(kind)
     if isinstance(kind, type) and issubclass(kind, Struct) and isinstance(data, dict):
@@ -54,7 +56,7 @@ _WORDS = {
 }  # fmt: skip
 
 
-def _reworded(message: str, data: Any) -> str:
+def _message(message: str, data: Any) -> str:
     """Return msgspec's message in YAML's words, with the value that came."""
     expected = re.sub(r"(, got .*)?( - at .*)?\Z", "", message)
     expected = re.sub(r"matching regex '(.*)'\Z", r"of the form \1", expected)

@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING
 
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.rig import trial
-from pcpc.executive.rig.carried import Reads
-from pcpc.executive.rig.law_errors import cause, is_numbas, is_users
+from pcpc.executive.rig.carried_files import Reads
+from pcpc.executive.rig.law_errors import cause, is_numba_error, is_users
 from pcpc.executive.rig.modules import (
     OURS,
     PROJECT,
     module_of,
-    outside,
+    outside_module,
     own_streams,
     project_name,
-    read_by,
+    reads_of,
 )
-from pcpc.executive.rig.prepare import check_size
+from pcpc.executive.rig.preparation import check_size
 from pcpc.executive.rig.yamlfile import Document, Keys
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class Use:
     seed: int
 
 
-def resolve(document: Document, keys: Keys, law: str, use: Use) -> "Block":
+def law_block(document: Document, keys: Keys, law: str, use: Use) -> "Block":
     """Return the block that `law` names; any failure of its module is an error of the rig file.
 
     A law that is not of the project is tried first (`executive.rig.trial`), unless it passed
@@ -58,15 +58,15 @@ def resolve(document: Document, keys: Keys, law: str, use: Use) -> "Block":
     from pcpc.executive.laws.block import Block  # here, because it imports numba
 
     at = (*keys, "law")
-    found = re.fullmatch(r"([^:]+)(?::(\w+))?", today(law))
+    found = re.fullmatch(r"([^:]+)(?::(\w+))?", present_name(law))
     if not found:
         raise document.error(at, f"'{law}' is no law; expected NAME, pkg.mod:NAME or file.py:NAME")
     module_name, name = found[1], found[2] or "BLOCK"
     is_file, is_bare = module_name.endswith(".py"), "." not in module_name
-    full_name = shipped().get(module_name, module_name) if is_bare else module_name
+    full_name = shipped_laws().get(module_name, module_name) if is_bare else module_name
     file = document.file(at, module_name) if is_file else Path()
     case = users_case(law, file, use)
-    if case is not None and (problem := trial.ensure(case)):
+    if case is not None and (problem := trial.law_problem(case)):
         raise document.error(at, problem)
     try:
         with own_streams():
@@ -74,10 +74,10 @@ def resolve(document: Document, keys: Keys, law: str, use: Use) -> "Block":
     except (Exception, SystemExit) as error:
         absent = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
         if absent and f"{full_name}.".startswith(f"{absent}."):
-            cure = did_you_mean(module_name, shipped()) if is_bare else ""
+            cure = did_you_mean(module_name, shipped_laws()) if is_bare else ""
             what = "law" if is_bare else "module"
             raise document.error(at, f"no {what} {full_name}{cure}") from None
-        what = "" if is_numbas(error) else f"{module_name} cannot be imported: "
+        what = "" if is_numba_error(error) else f"{module_name} cannot be imported: "
         raise document.error(at, f"{what}{cause(error)}") from error
     block = getattr(module, name, None)
     if isinstance(block, Block):
@@ -95,7 +95,7 @@ def resolve(document: Document, keys: Keys, law: str, use: Use) -> "Block":
 
 def users_case(law: str, file: Path, use: Use) -> trial.Case | None:
     """Return what a trial of `law` needs, None for a law of the project; `file` is its module's."""
-    module, _, name = today(law).partition(":")
+    module, _, name = present_name(law).partition(":")
     if module.endswith(".py"):
         if _is_projects(file):
             return None
@@ -118,31 +118,31 @@ def _is_projects(file: Path) -> bool:
     return own != [] and (own[0] != "plants" or len(own) == 2 or own[1] in _PLANTS)
 
 
-def today(law: str) -> str:
+def present_name(law: str) -> str:
     """Return the present name of a law of the project that a log calls by an earlier one."""
     module, colon, name = law.partition(":")
     parts = module.split(".")
-    if [*parts, ""][OURS[:-1] == parts[0]] == "executive" and parts[-1] in shipped():
+    if [*parts, ""][OURS[:-1] == parts[0]] == "executive" and parts[-1] in shipped_laws():
         return parts[-1] + colon + name
     return OURS + law if parts[0] == "plants" and parts[1:2] and parts[1] in _PLANTS else law
 
 
 @cache
-def shipped() -> dict[str, str]:
+def shipped_laws() -> dict[str, str]:
     """Return the dotted names of the modules of laws that a rig may name bare."""
     files = [file for pattern in (*_LAWS, *_READY) for file in PROJECT.glob(pattern)]
     names = {file.stem: file.relative_to(PROJECT).with_suffix("").parts for file in files}
     return {stem: OURS + ".".join(parts) for stem, parts in names.items() if stem != "__init__"}
 
 
-def source(document: Document, keys: Keys, law: str) -> tuple[Path | None, Reads]:
+def law_source(document: Document, keys: Keys, law: str) -> tuple[Path | None, Reads]:
     """Return the file of an imported law, and what its import opened; None for the project's."""
     name = law.partition(":")[0]
     if name.endswith(".py"):
-        module = outside(document.file(keys, name))
+        module = outside_module(document.file(keys, name))
     else:
         module = sys.modules.get(name) if "." in name else None
     file = getattr(module, "__file__", None)
     if module is None or file is None or module.__name__.startswith(OURS):
         return None, {}
-    return Path(file).resolve(), read_by(module)
+    return Path(file).resolve(), reads_of(module)

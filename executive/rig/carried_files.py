@@ -1,13 +1,7 @@
 """The files that a log carries, so that it can be recomputed and drawn where they do not lie.
 
 A law from outside the project may import modules beside it and read tables, also in `prepare`. What
-it opens then is noted (Python's audit event `open`), and goes into the log with where it lay:
-
-    name     from the rig's folder             sha256, bytes   of the content
-    path     absolute                          given           relative texts that it was opened by
-    laws     the laws of the rig that it is    left_out        true: more than the log carries
-    judges   true: no law needs it; the first is the rig's evaluation, others are imported by it
-    draws    true: the first is the rig's drawing, others are imported by it
+it opens then is noted (Python's audit event `open`), and goes into the log with where it lay.
 
 Not noted: Python's and the project's own files, what is installed, and devices.
 """
@@ -25,7 +19,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from pcpc.drivers.compile_cache import cache_folder
 
@@ -40,7 +34,7 @@ _hooked: list[bool] = []
 
 
 @contextmanager
-def noted() -> Iterator[Reads]:
+def noted_reads() -> Iterator[Reads]:
     """Yield what this thread opens for reading until the end, as far as it is to be carried."""
     if not _hooked:  # a hook stays for good
         _hooked.append(True)
@@ -52,10 +46,10 @@ def noted() -> Iterator[Reads]:
         yield found
     finally:
         _listening.pop()
-        merge(found, {file: texts for file, texts in opened.items() if is_outside(file)})
+        add_reads(found, {file: texts for file, texts in opened.items() if is_outside(file)})
 
 
-def merge(into: Reads, more: Mapping[Path, set[str]]) -> None:
+def add_reads(into: Reads, more: Mapping[Path, set[str]]) -> None:
     """Add `more` to `into`."""
     for file, texts in more.items():
         into.setdefault(file, set()).update(texts)
@@ -86,8 +80,8 @@ def is_outside(file: Path) -> bool:
 
     What pip notes of a package, beside its source if that is editable, is read by many an import.
     """
-    noted = any(part.endswith((".egg-info", ".dist-info")) for part in file.parts)
-    return not noted and not str(file).startswith(_inside()) and is_ordinary(file)
+    is_pips = any(part.endswith((".egg-info", ".dist-info")) for part in file.parts)
+    return not is_pips and not str(file).startswith(_inside()) and is_ordinary(file)
 
 
 def is_ordinary(file: Path) -> bool:
@@ -113,7 +107,7 @@ def _installed() -> list[str]:
 
 
 @lru_cache(maxsize=64)  # a campaign asks of the same few texts for every run
-def imported(text: bytes) -> tuple[str, ...]:
+def imported_names(text: bytes) -> tuple[str, ...]:
     """Return the outermost names of the modules that a Python text imports; SyntaxError."""
     tree = list(ast.walk(ast.parse(text)))
     names = [name.name for node in tree if isinstance(node, ast.Import) for name in node.names]
@@ -121,12 +115,12 @@ def imported(text: bytes) -> tuple[str, ...]:
     return tuple(name.partition(".")[0] for name in names)
 
 
-def beside(file: Path) -> list[Path]:
+def with_local_imports(file: Path) -> list[Path]:
     """Return a Python file and the modules in its folder that it imports, and they in turn."""
     found = {file: None}
     for one in (todo := [file]):
         try:
-            names = imported(one.read_bytes())
+            names = imported_names(one.read_bytes())
         except (OSError, SyntaxError, ValueError):
             continue
         paths = [file.with_name(f"{name}.py") for name in names]
@@ -135,16 +129,34 @@ def beside(file: Path) -> list[Path]:
     return list(found)
 
 
-def listed(
-    reads: Mapping[Path, set[str]], laws: Mapping[Path, set[str]], judges: Sequence[Path],
-    draws: Sequence[Path], rig: Path,
-) -> list[Any]:  # fmt: skip
+class CarriedFile(TypedDict):
+    """What a description says of a file.
+
+    The first of those that judge is the rig's evaluation, the first that draws its drawing; others
+    are imported by it.
+    """
+
+    name: str  # from the rig's folder
+    path: str  # absolute
+    given: list[str]  # relative texts that it was opened by
+    laws: list[str]  # the laws of the rig that it is
+    sha256: str
+    bytes: int
+    left_out: bool  # more than the log carries
+    judges: bool  # no law needs it
+    draws: bool
+
+
+def file_entries(
+    reads: Reads, laws: Reads, judges: Sequence[Path], draws: Sequence[Path], rig: Path
+) -> list[CarriedFile]:
     """Return the entries of a description: `reads`, `laws` by their texts, `judges`, `draws`."""
-    entries: list[dict[str, Any]] = []
+    entries: list[CarriedFile] = []
     total, needed = 0, sorted({*reads, *laws}, key=lambda f: (f not in laws, str(f)))
-    others = [file for file in judges if file not in needed]
-    for file, kind in (*((f, "") for f in needed), *((f, "judges") for f in others),
-                       *((f, "draws") for f in draws)):  # fmt: skip
+    purposes = [(file, "") for file in needed]
+    purposes += [(file, "judges") for file in judges if file not in needed]
+    purposes += [(file, "draws") for file in draws]
+    for file, purpose in purposes:
         try:
             size, digest = file.stat().st_size, sha256(file)
         except OSError:
@@ -152,12 +164,17 @@ def listed(
         total += size
         entries.append(
             {
-                "name": Path(os.path.relpath(file, rig.parent)).as_posix(), "path": str(file),
-                "given": sorted(reads.get(file, ())), "laws": sorted(laws.get(file, ())),
-                "sha256": digest, "bytes": size, "left_out": total > MOST_BYTES,
-                "judges": kind == "judges", "draws": kind == "draws",
+                "name": Path(os.path.relpath(file, rig.parent)).as_posix(),
+                "path": str(file),
+                "given": sorted(reads.get(file, ())),
+                "laws": sorted(laws.get(file, ())),
+                "sha256": digest,
+                "bytes": size,
+                "left_out": total > MOST_BYTES,
+                "judges": purpose == "judges",
+                "draws": purpose == "draws",
             }
-        )  # fmt: skip
+        )
         total -= size if total > MOST_BYTES else 0
     return entries
 
@@ -185,7 +202,7 @@ def attachments(
                 yield attachment_name(entry), data, digest
 
 
-def warning(entries: list[Any]) -> str:
+def missing_warning(entries: Sequence[CarriedFile]) -> str:
     """Return what the log will lack, in a line; "" if it is whole."""
     names = [f"{entry['path']} ({entry['bytes']} bytes)" for entry in entries if entry["left_out"]]
     if not names:
@@ -196,7 +213,7 @@ def warning(entries: list[Any]) -> str:
     )
 
 
-def attachment_name(entry: Mapping[str, Any]) -> str:
+def attachment_name(entry: CarriedFile) -> str:
     """Return the name under which a log holds the content of a file."""
-    parts = ["up" if part == ".." else part for part in str(entry["name"]).split("/")]
-    return f"files/{str(entry['sha256'])[:12]}/{'/'.join(parts)}"
+    parts = ["up" if part == ".." else part for part in entry["name"].split("/")]
+    return f"files/{entry['sha256'][:12]}/{'/'.join(parts)}"

@@ -20,15 +20,15 @@ from pcpc.executive.rig.yamlfile import Document, Keys
 _SECTION = "controllers"
 
 
-def take_over(document: Document) -> None:
+def inherit_controllers(document: Document) -> None:
     """Carry out every `like` in the document's controllers; RigError with its place."""
     controllers = document.data.get(_SECTION)
     if isinstance(controllers, dict):
         for name in controllers:
-            _take_over(document, controllers, name, ())
+            _inherit(document, controllers, name, ())
 
 
-def _take_over(
+def _inherit(
     document: Document, controllers: dict[str, Any], name: str, above: tuple[str, ...]
 ) -> None:
     entry, keys = controllers[name], (_SECTION, name, "like")
@@ -45,15 +45,15 @@ def _take_over(
         if other not in controllers:
             what = f"no controller {other}{did_you_mean(other, controllers)}"
             raise document.error(keys, what)
-        _take_over(document, controllers, other, (*above, name))
+        _inherit(document, controllers, other, (*above, name))
     del entry["like"]
     for other in reversed(likes):
         if isinstance(controllers[other], dict):
-            _fill(document, (_SECTION, name), entry, (_SECTION, other), controllers[other])
+            _copy_absent(document, (_SECTION, name), entry, (_SECTION, other), controllers[other])
     _drop_nulls(entry)
 
 
-def _fill(
+def _copy_absent(
     document: Document, to: Keys, mine: dict[str, Any], source: Keys, theirs: dict[str, Any]
 ) -> None:
     """Copy what `mine` lacks from `theirs`, with its places."""
@@ -66,7 +66,7 @@ def _fill(
         if key in absent:
             mine[key] = copy.deepcopy(value)
         elif isinstance(mine[key], dict) and isinstance(value, dict):
-            _fill(document, (*to, key), mine[key], (*source, key), value)
+            _copy_absent(document, (*to, key), mine[key], (*source, key), value)
 
 
 def _drop_nulls(entry: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 
-def opened(path: Path, flags: int = 0) -> BinaryIO:
+def open_regular(path: Path, flags: int = 0) -> BinaryIO:
     """Return an open regular file; OSError with the reason where it is none, or cannot be read.
 
     `flags`: of os.open, besides those for reading.
@@ -22,7 +22,7 @@ def opened(path: Path, flags: int = 0) -> BinaryIO:
         raise
 
 
-def text_of(path: Path) -> str:
+def read_text(path: Path) -> str:
     """Return the text of a regular file; OSError, UnicodeDecodeError."""
-    with opened(path) as file:
+    with open_regular(path) as file:
         return file.read().decode("utf-8")

@@ -6,14 +6,14 @@ table     the columns that the run is judged by, where the log keeps a part: `lo
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.e2e_states import OK_SOME_LOST
+from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.long_logs import Table, sidecar
 from pcpc.executive.loop import shared
 
@@ -32,11 +32,11 @@ class Absences:
         self._last: dict[int, int] = {}
         self._longest: dict[int, int] = {}
 
-    def ran(self, cycles: NDArray[np.int64]) -> None:
+    def add_cycles(self, cycles: NDArray[np.int64]) -> None:
         """Take the cycles of records."""
         self._ran = np.concatenate((self._ran, cycles))
 
-    def came(self, rows: NDArray[np.int64]) -> None:
+    def add_frames(self, rows: NDArray[np.int64]) -> None:
         """Take rows of frames."""
         word = rows[:, 3]
         used = (word >> 40 & 0xFF != 0) & (word >> 48 & 0xFF <= OK_SOME_LOST)
@@ -62,24 +62,24 @@ class Absences:
             self._longest[number] = max(self._longest.get(number, 0), most)
             self._last[number] = place
 
-    def told(self) -> dict[int, int]:
+    def longest(self) -> dict[int, int]:
         """Return the longest absence up to now by id."""
         self._count()
         cycles, last = self._first + len(self._ran), self._last.items()
         return {number: max(self._longest[number], cycles - at) for number, at in last}
 
 
-class Beside:
+class RunCounts:
     """Counts and table of one node, of which `about` is the description of its block."""
 
-    def __init__(self, about: Mapping[str, Any]) -> None:
+    def __init__(self, about: NodeDescription) -> None:
         self._about = about
         self._frames: Counter[int] = Counter()
         self._absences = Absences()
         self._table: Table | None = None
         self._cells: list[int] = []
 
-    def judge_by(self, log: Path, columns: Sequence[str]) -> None:
+    def open_table(self, log: Path, columns: Sequence[str]) -> None:
         """Write `columns` of the whole run to a table beside the log."""
         about = self._about
         cells = {name: shared.RECORD_HEAD + i for i, name in enumerate(about["state_columns"])}
@@ -89,14 +89,14 @@ class Beside:
         self._table = Table(file, [name for name in columns if name in cells])
         self._cells = [0, 1, *(cells[name] for name in self._table.names)]
 
-    def note(self, ring: str, rows: NDArray[np.int64]) -> None:
+    def add(self, ring: str, rows: NDArray[np.int64]) -> None:
         """Take rows of a ring."""
         if ring == "frame":
             keys, counts = np.unique(rows[:, 3] & _ID_DIRECTION_E2E, return_counts=True)
             self._frames.update(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
-            self._absences.came(rows)
+            self._absences.add_frames(rows)
         elif ring == "record":
-            self._absences.ran(rows[:, 0])
+            self._absences.add_cycles(rows[:, 0])
             if self._table is not None:
                 self._table.append(rows[:, self._cells])
 
@@ -109,10 +109,10 @@ class Beside:
             found[f"{self._about['node']}.{what}"] = count
         return found
 
-    def away(self) -> dict[str, int]:
+    def absences(self) -> dict[str, int]:
         """Return the longest absences in cycles by `node.ID`, the id in hex."""
-        told = sorted(self._absences.told().items())
-        return {f"{self._about['node']}.{number:X}": cycles for number, cycles in told}
+        longest = sorted(self._absences.longest().items())
+        return {f"{self._about['node']}.{number:X}": cycles for number, cycles in longest}
 
     def close(self) -> None:
         """End the table."""

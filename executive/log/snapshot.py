@@ -41,14 +41,14 @@ class Sink:
         """Take the messages of one batch."""
         self._writer.add(messages)
 
-    def pass_on(self, messages: Sequence[NDArray[Any]]) -> None:
+    def write(self, messages: Sequence[NDArray[Any]]) -> None:
         """Take messages that are never held back."""
         self._writer.add(messages)
 
-    def happened(self, code: int, when_ns: int) -> None:
+    def note_event(self, code: int, when_ns: int) -> None:
         """Take note of an event and its log time."""
 
-    def died(self) -> None:
+    def note_death(self) -> None:
         """Take note of a node's death, just after its last message."""
 
     def close(self) -> None:
@@ -80,7 +80,7 @@ class SnapshotRing(Sink):
             self._held.append(messages[~inside])
         return messages[inside]
 
-    def happened(self, code: int, when_ns: int) -> None:
+    def note_event(self, code: int, when_ns: int) -> None:
         """Open the stretch around `when_ns` if `code` is one of those waited for."""
         if code not in self._codes:
             return
@@ -92,9 +92,9 @@ class SnapshotRing(Sink):
         for messages in held:
             self._writer.add([self._split(messages)])
 
-    def died(self) -> None:
+    def note_death(self) -> None:
         """As a fault at the newest log time."""
-        self.happened(CODES["fault"], self._newest_ns)
+        self.note_event(CODES["fault"], self._newest_ns)
 
     def close(self) -> None:
         """Count what is still held: nothing happened since."""

@@ -1,0 +1,187 @@
+"""What contradicts itself between the keys of a rig, and what no key may hold.
+
+Each part yields paths and what is wrong there; the first one is the error.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from itertools import chain
+from typing import Any
+
+import msgspec
+
+from pcpc.executive.errors import did_you_mean
+from pcpc.executive.rig import fmu, standby, tables
+from pcpc.executive.rig.conversion import convert
+from pcpc.executive.rig.effective import file_keys, value_at
+from pcpc.executive.rig.modules import project_file
+from pcpc.executive.rig.schema import FALLBACK, Config, Evaluation
+from pcpc.executive.rig.yamlfile import Document, Keys
+
+Problems = Iterator[tuple[Keys, str]]
+
+_STEERS = re.compile(  # a terminal, or the direction of writing
+    "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+_CURES: dict[Keys, str] = {("dbc",): "; `pcpc dbc` writes one from the wiring"}
+_LONGEST_KEEP_NS = 10**15  # the longest run
+_TAKEN = {*Config.__struct_fields__, FALLBACK, "rx", "tx", "timing"} - {"controller"}
+
+
+def check_characters(document: Document) -> None:
+    """Raise RigError for a character that no file's name, no log and no terminal takes."""
+    for keys, text in _texts(document.data, ()):
+        if found := _STEERS.search(text):
+            raise document.error(keys, f"character {found[0]!a} is not allowed")
+
+
+def _texts(data: Any, keys: Keys) -> Iterator[tuple[Keys, str]]:
+    """Yield all keys and values that are texts."""
+    if isinstance(data, dict | list):
+        for key, child in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _texts(key, (*keys, key))
+            yield from _texts(child, (*keys, key))
+    elif isinstance(data, str):
+        yield keys, data
+
+
+def check(document: Document, config: Config) -> None:
+    """Raise the first contradiction between the keys of a rig; RigError."""
+    problems = chain(
+        _controller(config),
+        _blocks(document, config),
+        _overrun(config),
+        standby.problems(config),
+        _keep(config),
+        _limits(config),
+        _patience(config),
+        _expectations(config),
+        _requirements(config),
+    )
+    for keys, what in problems:
+        raise document.error(keys, what)
+    evaluation(document, config)
+    for keys in file_keys(msgspec.to_builtins(config)):
+        if keys[-1] != "law" and keys[0] != "evaluation":  # which was looked for just now
+            document.file(keys, value_at(document.data, keys), _CURES.get(keys, ""))
+
+
+def _controller(config: Config) -> Problems:
+    if config.controller not in config.controllers:
+        yield ("controller",), config.no_controller(config.controller)
+
+
+def _blocks(document: Document, config: Config) -> Problems:
+    first: dict[str, str] = {}
+    for role, node in config.sections.items():
+        for name, entry in node.blocks.items():
+            keys: Keys = (role, "blocks", name)
+            if name in _TAKEN:
+                yield keys, "this name is taken; rename the block"
+            if name in first:
+                where = document.where((first[name], "blocks", name))
+                yield keys, f"the {first[name]} has this block, {where}; rename one"
+            first[name] = role
+            has_file = entry.file is not None and entry.law != fmu.LAW
+            if entry.law != tables.LAW and (has_file or entry.signal or entry.interpolation):
+                yield keys, "only `law: table` takes file, signal, interpolation"
+            if (role, name) == ("executive", "controller"):
+                for key in ("law", "parameters"):
+                    if getattr(entry, key):
+                        yield (*keys, key), f"belongs at controllers.{config.controller}.{key}"
+            elif entry.law is None:
+                yield keys, "key law is missing"
+    if "controller" not in config.executive.blocks:
+        yield ("executive", "blocks"), "block controller is missing"
+
+
+def _overrun(config: Config) -> Problems:
+    fallback, at = config.overrun.fallback, ("overrun", "fallback")
+    if fallback is None:
+        return
+    if config.overrun.fault_after is not None:
+        yield at, "fault_after is given too; choose one of the two"
+    if fallback not in config.controllers:
+        yield at, config.no_controller(fallback)
+    if fallback == config.controller:
+        yield at, f"{fallback} is the controller itself; name another one"
+
+
+def _keep(config: Config) -> Problems:
+    if config.record.keep is not None and not 0 < config.record.keep_ns <= _LONGEST_KEEP_NS:
+        what = f"{config.record.keep}: expected more than 0 and no more than 12 days"
+        yield ("record", "keep"), what
+
+
+def _limits(config: Config) -> Problems:
+    """Refuse bounds without a value between them, and safe values that cannot be sent."""
+    for role, node in config.sections.items():
+        for name, limit in node.limits.items():
+            keys: Keys = (role, "limits", name)
+            if not limit.low < limit.high:
+                yield keys, f"low {limit.low:g} is not below high {limit.high:g}"
+            if limit.rate_per_s is not None and not math.isfinite(limit.rate_per_s):
+                what = f"{_not_finite(limit.rate_per_s)}; null is no rate limit"
+                yield (*keys, "rate_per_s"), what
+            if limit.safe is not None and not limit.low <= limit.safe <= limit.high:
+                yield (*keys, "safe"), f"{limit.safe:g} is outside {limit.low:g}..{limit.high:g}"
+            if limit.safe is not None and not math.isfinite(limit.safe):
+                yield (*keys, "safe"), _not_finite(limit.safe)
+        for name, value in getattr(node, "safe", {}).items():
+            if not math.isfinite(value):
+                yield (role, "safe", name), _not_finite(value)
+
+
+def _not_finite(value: float) -> str:
+    return f"expected a finite number, got {value:g}"
+
+
+def _patience(config: Config) -> Problems:
+    patience_s = config.supervisor.peer_timeout_s
+    if patience_s * config.rate_hz < 2.0:
+        what = f"{patience_s:g} s is less than 2 periods, {2.0 / config.rate_hz:g} s"
+        yield ("supervisor", "peer_timeout_s"), what
+
+
+def _expectations(config: Config) -> Problems:
+    for name, figures in config.expect.items():
+        if name not in config.controllers:
+            yield ("expect", name), f"no such controller{did_you_mean(name, config.controllers)}"
+        for figure, (low, high) in figures.items():
+            if not low <= high or -low == high == math.inf:
+                what = f"{low:g} is above {high:g}" if high < low else "all is within that"
+                yield ("expect", name, figure), what
+
+
+def _requirements(config: Config) -> Problems:
+    """Refuse requirements that say nothing, whatever the names in them stand for."""
+    from pcpc.executive.rig.requirements import (  # here: few rigs have some
+        RequirementError,
+        timed_requirement,
+    )
+
+    for i, entry in enumerate(config.require):
+        for name in entry.controllers or ():
+            if name not in config.controllers:
+                yield ("require", i, "controllers"), config.no_controller(name)
+        try:
+            timed_requirement(entry, lambda name: None)
+        except RequirementError as error:
+            yield ("require", i, *error.keys), error.what
+
+
+def evaluation(document: Document, config: Config) -> Evaluation | None:
+    """Return how a run is judged, its file found; RigError."""
+    if config.evaluation is None:
+        return None
+    numbers = dict(config.evaluation)
+    named = {key: numbers.pop(key) for key in ("file", "window_s") if key in numbers}
+    named.setdefault("window_s", [0.0, config.duration_s])
+    found = convert(document, named, Evaluation, ("evaluation",))
+    if not 0 <= found.window_s[0] < found.window_s[1]:
+        raise document.error(("evaluation", "window_s"), "expected 0 <= begin < end")
+    own = project_file(found.file)
+    file = document.file(("evaluation", "file"), found.file) if own is None else own
+    own_numbers = convert(document, numbers, dict[str, float], ("evaluation",))
+    return msgspec.structs.replace(found, file=str(file), numbers=own_numbers)

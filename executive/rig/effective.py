@@ -1,0 +1,76 @@
+"""The effective rig: plain data that stands for itself, as a log holds it.
+
+Every default and every setting is written out, the parameters file and the settings of `prepare`'s
+tables among them; a file or law is named as the rig file's own folder names it.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pcpc.executive.rig import fmu
+from pcpc.executive.rig.blocks import BlockSpec, law_keys
+from pcpc.executive.rig.modules import project_name
+from pcpc.executive.rig.roles import ROLES, Role
+from pcpc.executive.rig.schema import Config
+from pcpc.executive.rig.yamlfile import Document, Keys
+
+
+def data(
+    document: Document, config: Config, specs: Mapping[Role, Sequence[BlockSpec]]
+) -> dict[str, Any]:
+    """Return a rig's data with all values of its blocks."""
+    whole: dict[str, Any] = msgspec.to_builtins(config)
+    for keys in file_keys(whole):
+        value_at(whole, keys[:-1])[keys[-1]] = rebased(document, keys, value_at(whole, keys))
+    for role, blocks in specs.items():
+        for block in blocks:
+            entry = value_at(whole, law_keys(config, role, block.name))
+            entry["parameters"] = dict(block.settings)
+            if block.table:
+                entry["file"] = table_name(role, block, config)
+            if block.table and not _is_fmu(role, block, config):
+                entry["signal"] = None
+                entry["interpolation"] = entry["interpolation"] or "hold"
+    whole["plant"]["parameters_file"] = None
+    return whole
+
+
+def table_name(role: Role, block: BlockSpec, config: Config) -> str:
+    """Return the name of the file that holds a block's table."""
+    return f"{role}-{block.name}.{'json' if _is_fmu(role, block, config) else 'csv'}"
+
+
+def _is_fmu(role: Role, block: BlockSpec, config: Config) -> bool:
+    return config.sections[role].blocks[block.name].law == fmu.LAW
+
+
+def file_keys(whole: Mapping[str, Any]) -> list[Keys]:
+    """Return the paths of all values of a rig that name a file or a law."""
+    keys: list[Keys] = [("dbc",), ("plant", "parameters_file"), ("evaluation", "file")]
+    keys += [("controllers", name, "law") for name in whole["controllers"]]
+    for role in (role for role in ROLES if whole[role] is not None):
+        keys += [(role, "blocks", name, "law") for name in whole[role]["blocks"]]
+    return [key for key in keys if value_at(whole, key) is not None]
+
+
+def rebased(document: Document, keys: Keys, text: str) -> str:
+    """Return a file or law as the rig file's own folder names it."""
+    is_code = keys[-1] == "law" or keys[0] == "evaluation"
+    name, colon, attribute = text.partition(":") if keys[-1] == "law" else (text, "", "")
+    if is_code and not name.endswith(".py"):
+        return text
+    file = os.path.normpath(document.place(keys).folder / name)
+    if is_code and (own := project_name(Path(file))) is not None:
+        return f"{own}{colon}{attribute}"
+    return Path(os.path.relpath(file, document.path.parent)).as_posix() + colon + attribute
+
+
+def value_at(whole: Any, keys: Keys) -> Any:
+    """Return the value at a path; None where there is none."""
+    for key in keys:
+        whole = whole.get(key) if isinstance(whole, Mapping) else None
+    return whole
