@@ -345,17 +345,9 @@ def table(
             signals.append(_signal_row(signal, place))
             scales.append([signal.factor, signal.offset, *_float_codes(signal)])
         rows[row] = [
-            entry.can_id,
-            entry.extended,
-            entry.dlc,
-            first,
-            len(signals),
-            entry.every_n(rate_hz),
-            entry.crc[0],
-            entry.has_sequence,
-            *entry.counter,
-            *entry.crc[1:],
-        ]
+            entry.can_id, entry.extended, entry.dlc, first, len(signals), entry.every_n(rate_hz),
+            entry.crc[0], entry.has_sequence, *entry.counter, *entry.crc[1:],
+        ]  # fmt: skip
     return Table(
         rows,
         np.array(signals, np.int64).reshape(-1, SIGNAL_COLUMNS),
@@ -372,16 +364,10 @@ def _signal_row(signal: Signal, place: int) -> list[int]:
     wide = signal.kind == WIDE
     bits = [0, 0] if signal.is_float else [_wrap(int(code) & mask) for code in signal.codes]
     return [
-        signal.big_endian,
-        shift,
-        _wrap(mask),
-        1 << (signal.nbits - 1) if extends else 0,
-        signal.kind,
-        place,
-        int(signal.factor) if wide else 0,
-        int(signal.offset) if wide else 0,
+        signal.big_endian, shift, _wrap(mask), 1 << (signal.nbits - 1) if extends else 0,
+        signal.kind, place, int(signal.factor) if wide else 0, int(signal.offset) if wide else 0,
         *bits,
-    ]
+    ]  # fmt: skip
 
 
 def _wrap(word: int) -> int:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import cantools
 from cantools.database.can import Database
+from cantools.database.errors import Error
 
 from pcpc.drivers.errors import DbcError, printable
 from pcpc.drivers.patience import StalledError, patience
@@ -167,5 +168,5 @@ def _explain(path: str | Path, error: Exception) -> str:
         line, column, near = found.groups()
         return f"{path}:{line}:{column}: not DBC syntax at >>!<<: {printable(near[:200])}"
     kind = f"cantools: {type(cause).__name__} "
-    kind = "" if isinstance(cause, cantools.database.Error) else kind
+    kind = "" if isinstance(cause, Error) else kind
     return f"{path}: {kind}{printable(said[:300])}; correct the DBC file"

@@ -101,14 +101,14 @@ def _unpack_lz4(data: bytes, size: int) -> bytes:
 
 def read_schema(body: bytes) -> Schema:
     """Return a schema record; one of UNREADABLE."""
-    schema = Schema.read(ReadDataStream(BytesIO(body)))
+    schema: Schema = Schema.read(ReadDataStream(BytesIO(body)))
     schema.name, schema.encoding = printable(schema.name), printable(schema.encoding)
     return schema
 
 
 def read_channel(body: bytes) -> Channel:
     """Return a channel record; one of UNREADABLE."""
-    channel = Channel.read(ReadDataStream(BytesIO(body)))
+    channel: Channel = Channel.read(ReadDataStream(BytesIO(body)))
     channel.topic = printable(channel.topic)
     channel.message_encoding = printable(channel.message_encoding)
     return channel
@@ -117,7 +117,7 @@ def read_channel(body: bytes) -> Channel:
 def _read_attachment(body: bytes) -> Attachment:
     if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
         raise ValueError("its checksum does not match")
-    file = Attachment.read(ReadDataStream(BytesIO(body)))
+    file: Attachment = Attachment.read(ReadDataStream(BytesIO(body)))
     file.name, file.media_type = printable(file.name), printable(file.media_type)
     return file
 

@@ -21,6 +21,7 @@ C is a condition, V a value of `rig.expressions`; D, T are as 200ms, 1.5s, 2min.
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -31,6 +32,10 @@ from pcpc.executive.rig import schema
 from pcpc.executive.rig.expressions import Condition, ExpressionError, Units, Value
 from pcpc.executive.rig.units import NONE, Unit
 
+_SPOKEN = (  # the order of the keys in a sentence
+    "when", "always", "never", "settles", "overshoot", "rate", "to", "into", "over", "at_most",
+    "until", "within", "then", "for", "after", "before",
+)  # fmt: skip
 _ALSO = ("after", "before", "name", "controllers")
 _FORMS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # needs, and may have
     "always": ((), ("until", "within")),
@@ -105,27 +110,9 @@ def text_of(entry: schema.Requirement) -> str:
     """Return a requirement's name, or what it says."""
     if entry.name:
         return entry.name
-    given = msgspec.to_builtins(entry)
-    order = (
-        "when",
-        "always",
-        "never",
-        "settles",
-        "overshoot",
-        "rate",
-        "to",
-        "into",
-        "over",
-        "at_most",
-        "until",
-        "within",
-        "then",
-        "for",
-        "after",
-        "before",
-    )
-    told = ", ".join(f"{key.replace('_', ' ')} {given[key]}" for key in order if key in given)
-    return told.removeprefix("then ")
+    given: dict[str, Any] = msgspec.to_builtins(entry)
+    words = ", ".join(f"{key.replace('_', ' ')} {given[key]}" for key in _SPOKEN if key in given)
+    return words.removeprefix("then ")
 
 
 def timed_requirement(entry: schema.Requirement, units: Units) -> TimedRequirement:

@@ -95,9 +95,8 @@ class Document:
     def error(self, path: str | Keys, what: str) -> RigError:
         """Return the error `file:line:column: path: what`; an option needs no path beside it."""
         place, name = self.place(path), dotted_path(path) if isinstance(path, tuple) else path
-        return RigError(
-            f"{place}: {what}" if place.option or not name else f"{place}: {name}: {what}"
-        )
+        whole = what if place.option or not name else f"{name}: {what}"
+        return RigError(f"{place}: {whole}")
 
     def file(self, keys: Keys, text: str, cure: str = "") -> Path:
         """Return the file that the value `text` at `keys` names, from where it was written."""

@@ -14,7 +14,7 @@ from pcpc.executive.log import reader
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.evidence.expected import crc16
-from pcpc.tools.make.dbc import frames_of, rigs_of, written
+from pcpc.tools.make.dbc import dbc_text, frames_of, rigs_of
 
 ROOT = Path(__file__).resolve().parents[2]
 FROM, TO = 30, 40  # cycles whose frames are disturbed
@@ -30,7 +30,7 @@ def run(folder: Path, fault: str, *settings: str, crc_bits: int = 8) -> reader.L
         if crc_bits == 16:
             rigs = rigs_of(motor / "rig.yaml")
             frames = frames_of(rigs, crc_bits)
-            (motor / "motor.dbc").write_text(written(frames, ["EXEC", "PLANT"], 1000.0))
+            (motor / "motor.dbc").write_text(dbc_text(frames, ["EXEC", "PLANT"], 1000.0))
     text = (ROOT / "tools/make/template/rig.yaml").read_text().partition("watch:")[0]
     text = text.replace("duration_s: 1.0", "duration_s: 0.1")
     path, log = motor / "wrong.yaml", folder / "log.mcap"

@@ -29,7 +29,7 @@ HULL = PROBE.parent / "atb1000" / "rigs" / "hull.yaml"
 def written(rig: Rig, file: Path) -> str:
     """Write the FMU of a rig's plant; return the block's name."""
     made = plan(rig, "plant", "lockstep")
-    spec = fmu.chosen(made, None)
+    spec = fmu.chosen_block(made, None)
     fmu.write(made, spec, file)
     return spec.name
 
@@ -176,5 +176,5 @@ def test_a_plant_of_several_blocks_says_which(tmp_path: Path) -> None:
     (tmp_path / "rig.yaml").write_text(text.replace("probe.dbc", f"{PROBE}/probe.dbc"))
     made = plan(load_rig(tmp_path / "rig.yaml"), "plant", "lockstep")
     with pytest.raises(RigError, match="say which with --block; the plant has other, lag"):
-        fmu.chosen(made, None)
-    assert fmu.chosen(made, "lag").name == "lag"
+        fmu.chosen_block(made, None)
+    assert fmu.chosen_block(made, "lag").name == "lag"

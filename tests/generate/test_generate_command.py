@@ -12,7 +12,7 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 from pcpc.tools.make.generate import builds
 from pcpc.tools.make.generate.closed import Closed, digest_of
-from pcpc.tools.make.generate.cost import measured
+from pcpc.tools.make.generate.cost import step_cost
 from pcpc.tools.make.generate.library import WARNINGS, run, write
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.start.rigs import find, shipped_rigs
@@ -170,7 +170,7 @@ def test_the_cost_of_a_step_is_counted() -> None:
     if not build.possible:
         pytest.skip(f"no Cortex-M7 here: {build.cure}")
     rig = load_rig(Path(find("probe")), None)
-    instructions, stack = measured(rig, "Cortex-M7", 20)
+    instructions, stack = step_cost(rig, "Cortex-M7", 20)
     assert 10 <= instructions <= 60, instructions  # three loads, a product, a store; twice a call
     assert 0 < stack <= 256, stack
 

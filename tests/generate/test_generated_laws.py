@@ -21,7 +21,7 @@ from pcpc.executive.rig.roles import Role
 from pcpc.tools.make.generate.library import Library, in_place, run, write
 from pcpc.tools.make.generate.translator import elementary, points
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
-from pcpc.tools.make.generate.translator.law import signature, translated
+from pcpc.tools.make.generate.translator.law import law_files, signature
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
 
@@ -237,7 +237,7 @@ def _least(t: float, dt: float, p: Nothing, x: Nothing, u: _Row, y: _Row) -> Non
 )
 def test_what_has_no_c_is_told_with_line_and_cure(step: Any, cure: str) -> None:
     with pytest.raises(Untranslatable) as raised:
-        translated(_block(step), "law")
+        law_files(_block(step), "law")
     said = str(raised.value)
     assert cure in said and "\n" not in said, said
     assert said.startswith("tests/generate/test_generated_laws.py:"), said

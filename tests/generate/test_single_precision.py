@@ -16,11 +16,11 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
 from pcpc.tools.make.generate import builds, precision, single
 from pcpc.tools.make.generate.cli import block_of
-from pcpc.tools.make.generate.cost import measured
+from pcpc.tools.make.generate.cost import step_cost
 from pcpc.tools.make.generate.library import WARNINGS, Library, run, write
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
-from pcpc.tools.make.generate.translator.law import translated
+from pcpc.tools.make.generate.translator.law import law_files
 from pcpc.tools.start.rigs import find
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
@@ -79,7 +79,7 @@ def _laws(folder: Path) -> list[Path]:
     for law in law_lookup.shipped_laws():
         if law not in ("tracking_network", "boundary_layer", "network_inputs", "sequences"):
             block, name = block_of("references:sine" if law == "references" else law)
-            found |= single.single(translated(block, name))
+            found |= single.single_precision(law_files(block, name))
     return write(found, folder)
 
 
@@ -147,7 +147,7 @@ def _creep(t: float, dt: float, p: Nothing, x: _Slow, u: Nothing, y: _Slow) -> N
 
 def test_changes_that_a_float_cannot_take_are_counted(tmp_path: Path) -> None:
     block = Block(stage(_creep))
-    library = Library({"law": block}, tmp_path, entry=precision.counting)
+    library = Library({"law": block}, tmp_path, entry=precision.counting_adapter)
     kinds = [ctypes.c_void_p] * 2 + [ctypes.c_double] * 2 + [ctypes.c_void_p] * 4
     step = ctypes.CFUNCTYPE(ctypes.c_int32, *kinds)(library.entry("law"))
     none, x, y = np.zeros(1), np.array([0.0, 1e9, np.nan]), np.zeros(3)
@@ -163,7 +163,7 @@ def test_floats_cost_a_cortex_m4_what_a_cortex_m7_pays(capsys: pytest.CaptureFix
     if not build.possible:
         pytest.skip(f"no Cortex-M4 here: {build.cure}")
     rig = load_rig(Path(find("probe")), None)
-    instructions, _ = measured(rig, "Cortex-M4", 20, True)
+    instructions, _ = step_cost(rig, "Cortex-M4", 20, True)
     assert 10 <= instructions <= 60, instructions
     assert main(["generate", "c", "pid", "--cost", "--cycles", "5", "-q"]) == 0
     told = capsys.readouterr().out
@@ -175,7 +175,7 @@ def test_floats_cost_a_cortex_m4_what_a_cortex_m7_pays(capsys: pytest.CaptureFix
 
 def test_numbers_beyond_a_float_are_the_largest_or_refused() -> None:
     assert single.literal("1e300", "law.c") == "3.4028235e+38f"
-    assert single.single({"law.c": "x /* 0.5 double */ = 0.5 * pcpc_exp(y);"}) == {
+    assert single.single_precision({"law.c": "x /* 0.5 double */ = 0.5 * pcpc_exp(y);"}) == {
         "law.c": "x /* 0.5 double */ = 0.5f * pcpc_expf(y);"
     }
     with pytest.raises(Untranslatable, match=r"law\.c: 1e-60 is 0 in single precision"):

@@ -14,7 +14,7 @@ import pcpc as api
 from pcpc.drivers import dbc
 from pcpc.executive.errors import RigError
 from pcpc.tools.dev.evidence.expected import crc16
-from pcpc.tools.make.dbc import Frame, Signal, frames_of, resolution, rigs_of, written
+from pcpc.tools.make.dbc import Frame, Signal, dbc_text, frames_of, resolution, rigs_of
 from pcpc.tools.make.new import TEMPLATE
 
 COUNT_RAD = 2.0 * np.pi / 2000.0
@@ -120,7 +120,7 @@ def test_every_value_of_a_range_comes_back_within_half_a_quantum(
     factor = resolution(low, high, nbits)
     signal = Signal("value", "", "", low, high, nbits, factor=factor)
     frame = Frame(0x120, "FB", "PLANT", "EXEC", 8, 0, (signal,))
-    database = cantools.database.load_string(written([frame], ["EXEC", "PLANT"], 1000.0))
+    database = cantools.database.load_string(dbc_text([frame], ["EXEC", "PLANT"], 1000.0))
     data = database.encode_message("FB", {"value": value, "counter": 0, "crc": 0}, strict=False)  # type: ignore[union-attr]
     back = database.decode_message("FB", data)["value"]  # type: ignore[union-attr]
     rounding = 1e-12 * max(abs(low), abs(high))

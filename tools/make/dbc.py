@@ -112,7 +112,7 @@ def command(options: argparse.Namespace) -> int:
     rigs = rigs_of(options.rig)
     frames = frames_of(rigs, options.crc)
     nodes = [node.name for node in rigs[0].nodes().values()]
-    text = written(frames, nodes, rigs[0].config.rate_hz)
+    text = dbc_text(frames, nodes, rigs[0].config.rate_hz)
     dbc.parse(target, text, strict=True)
     with new_file(target, force=False, cure="-o FILE writes another one") as unfinished:
         unfinished.write_text(text, encoding="utf-8")
@@ -125,7 +125,7 @@ def command(options: argparse.Namespace) -> int:
                         f"  0x{frame.can_id:03X}",
                         frame.name,
                         frame.sender,
-                        ", ".join(map(_shown, frame.signals)),
+                        ", ".join(map(_signal_text, frame.signals)),
                     )
                     for frame in frames
                 ]
@@ -135,7 +135,7 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def _shown(signal: Signal) -> str:
+def _signal_text(signal: Signal) -> str:
     if signal.codes or signal.name in _OWN:
         return signal.name
     return f"{signal.name} {signal.factor:g} {signal.unit}".rstrip()
@@ -171,14 +171,14 @@ def frames_of(rigs: list[Rig], crc_bits: int = 8) -> list[Frame]:
     for role, other in ends:
         sent: dict[str, Signal] = {}
         for one in rigs:
-            _add(sent, one, role)
+            _add_sent(sent, one, role)
         for one in rigs:
             _check_received(one, other, sent)
         frames += _frames(rig, role, sent, names[role], names[other], crc_bits)
     return sorted(frames, key=lambda frame: frame.can_id)
 
 
-def _add(sent: dict[str, Signal], rig: Rig, role: Role) -> None:
+def _add_sent(sent: dict[str, Signal], rig: Rig, role: Role) -> None:
     """Add the signals that a node sends under a controller; of equal names the wider range."""
     node = rig.nodes()[role]
     for name, source in node.transmit.items():
@@ -269,12 +269,14 @@ def _frames(
                 raise rig.error(f"{role}.transmit", "a node has one heartbeat, of one signal")
             yield Frame(_HEARTBEAT[role], name, sender, receiver, 1, 100, tuple(signals))
             continue
-        placed = _placed(rig, f"{role}.transmit.{name}.{signals[0].name}", signals, crc_bits)
+        placed = _placed_signals(
+            rig, f"{role}.transmit.{name}.{signals[0].name}", signals, crc_bits
+        )
         yield Frame(_FIRST_ID[role] + number, name, sender, receiver, 8, 0, placed, crc_bits)
         number += 1
 
 
-def _placed(rig: Rig, at: str, signals: list[Signal], crc_bits: int) -> tuple[Signal, ...]:
+def _placed_signals(rig: Rig, at: str, signals: list[Signal], crc_bits: int) -> tuple[Signal, ...]:
     """Return the signals of a frame with bits and resolution, those with codes last."""
     start, most, widths = _PAYLOAD[crc_bits]
     free = most - sum(signal.nbits for signal in signals)
@@ -305,7 +307,7 @@ def resolution(low: float, high: float, nbits: int) -> float:
     )
 
 
-def written(frames: list[Frame], nodes: list[str], rate_hz: float) -> str:
+def dbc_text(frames: list[Frame], nodes: list[str], rate_hz: float) -> str:
     """Return the text of a DBC file."""
     lines = [_HEAD, f"BU_: {' '.join(nodes)}", ""]
     for frame in frames:

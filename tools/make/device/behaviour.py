@@ -94,11 +94,11 @@ def behaviour(rig: Rig, log: Log, pacing: str, counts: Counts | None = None) -> 
     found.problems += _restarts(rig, came)
     for name, of in (counts or {}).items():
         if of.total() >= FEWEST:
-            _told(found, name, partial(share, of))
+            _note_quantiles(found, name, partial(share, of))
     return found
 
 
-def _told(found: Behaviour, name: str, value_at: Callable[[float], float]) -> None:
+def _note_quantiles(found: Behaviour, name: str, value_at: Callable[[float], float]) -> None:
     """Note the median, the 99th percentile and the largest of a time, us."""
     for word, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0)):
         found.timing[f"{name}_{word}_us"] = round(value_at(percent), 1)
@@ -119,7 +119,7 @@ def _counts(own: Frames) -> dict[str, int]:
     return {"received": len(own), **{name: n for name, n in counts.items() if n}}
 
 
-def _used(own: Frames) -> Frames:
+def _used_frames(own: Frames) -> Frames:
     return own[(own["e2e"] == OK) | (own["e2e"] == OK_SOME_LOST)]
 
 
@@ -128,7 +128,7 @@ def _lateness(
 ) -> Iterator[str]:
     """Yield what is wrong with the cycles that had no valid frame `name`; cycle 0 has none ever."""
     ran = cycle[cycle > 0]
-    without = ~np.isin(ran, _used(own)["cycle"])
+    without = ~np.isin(ran, _used_frames(own)["cycle"])
     edge = np.flatnonzero(np.diff(np.concatenate([[0], without.astype(np.int8), [0]])))
     late, silent = 0, list[str]()
     for first, past in edge.reshape(-1, 2).tolist():
@@ -159,7 +159,7 @@ def _rate(found: Behaviour, rig: Rig, own: Frames, pacing: str) -> Iterator[str]
     found.timing["rate_hz"] = round(rate_hz, 3)
     if pacing == "sync":
         off_us = 1e-3 * np.abs(np.diff(own["stamp_ns"]) - 1e9 / rig.config.rate_hz)
-        _told(found, "jitter", lambda percent: float(np.percentile(off_us, percent)))
+        _note_quantiles(found, "jitter", lambda percent: float(np.percentile(off_us, percent)))
     if abs(rate_hz / rig.config.rate_hz - 1.0) > RATE_ERROR:
         yield f"device: its cycle is {rate_hz:.4g} Hz, the rig's is {rig.config.rate_hz:g} Hz"
 
@@ -182,7 +182,7 @@ def _reaction(found: Behaviour, own: Frames, frames: Frames, pacing: str) -> Non
         return
     before = np.searchsorted(sent, own["stamp_ns"]) - 1
     took_us = 1e-3 * (own["stamp_ns"] - sent[np.maximum(before, 0)])[before >= 0]
-    _told(found, "reaction", lambda percent: float(np.percentile(took_us, percent)))
+    _note_quantiles(found, "reaction", lambda percent: float(np.percentile(took_us, percent)))
 
 
 def _restarts(rig: Rig, came: Frames) -> Iterator[str]:

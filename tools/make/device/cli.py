@@ -43,14 +43,14 @@ def _conclude(host: DeviceHost, rig: Rig, folder: Path, options: argparse.Namesp
     from pcpc.tools.after.verdict.conclude import publish, unreadable
     from pcpc.tools.after.verdict.judge import EvaluationError
     from pcpc.tools.make.device.behaviour import behaviour
-    from pcpc.tools.make.device.record import as_run, told_by
+    from pcpc.tools.make.device.record import judge_of_device, run_of_device
 
     outcome = host.outcome
     try:
-        log = as_run(rig, logs.read(folder / LOG), outcome.pacing)
+        log = run_of_device(rig, logs.read(folder / LOG), outcome.pacing)
     except logs.LogError as error:
         return unreadable(outcome, error)
-    judge, left = told_by(host.judge, log)
+    judge, left = judge_of_device(host.judge, log)
     found = behaviour(rig, log, outcome.pacing, host.counts)
     summary = summaries.summarise(judge.rig, log, outcome, judge)
     summary.controller = "device"

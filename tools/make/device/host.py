@@ -128,7 +128,7 @@ class _WaitingForDevice(PeerWait):
             return True
         over = super().too_long(blocks, under_way)
         if over:
-            self.heard = heard_of(self.rig, blocks["plant"])
+            self.heard = heard_frames(self.rig, blocks["plant"])
         return over
 
     def told(self, leader: str, bus: str, rig_file: str) -> str:
@@ -148,7 +148,7 @@ def _frames(rig: Rig) -> tuple[dbc.Frame, ...]:
     return dbc.frames(database_of(rig), rig.config.executive.node, "tx")
 
 
-def heard_of(rig: Rig, block: sh.Shared) -> str:
+def heard_frames(rig: Rig, block: sh.Shared) -> str:
     """Return which frames of the device a plant has heard, and what was wrong with them."""
     rows, _ = rows_of(block, "frame", 0)
     frames = np.ascontiguousarray(rows[:, 1:]).view(FRAME)[:, 0]
@@ -177,13 +177,13 @@ class DeviceHost(Host):
     def run(self) -> int:
         """Run all to the end, as `Host.run`; whatever happens, the device and its witness end."""
         by_clock = self.pacing == "real" and self.bus.compiled
-        ear = witness.started(self.rig, self.bus, self.folder) if by_clock else None
+        ear = witness.start_witness(self.rig, self.bus, self.folder) if by_clock else None
         try:
             code = super().run()
         finally:
             if ear is not None:
                 ear.end(0.0)
-                self.counts = witness.read(self.folder)
+                self.counts = witness.read_counts(self.folder)
             self.device.end()
             self.device.tidy()
         if code < 0:
@@ -211,7 +211,7 @@ class DeviceHost(Host):
     def _state(self) -> str:
         if "plant" in self.nodes and self.nodes["plant"].ready and not self._under_way():
             waited = 1e-9 * (time.monotonic_ns() - self.begin_ns)
-            heard = heard_of(self.rig, self.nodes["plant"].block)
+            heard = heard_frames(self.rig, self.nodes["plant"].block)
             came = f", which sent {heard} so far" if heard else ""
             return f"waiting for the device on {self.bus}{came}, {waited:.0f} s"
         return super()._state()

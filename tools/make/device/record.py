@@ -25,7 +25,7 @@ WHY = "it asks for what only an executive of pcpc records"
 Vector = NDArray[np.float64]
 
 
-def as_run(rig: Rig, log: logs.Log, pacing: str) -> logs.Log:
+def run_of_device(rig: Rig, log: logs.Log, pacing: str) -> logs.Log:
     """Return `log`, of a plant, with the record of an executive; RigError, BusError as `plan`."""
     plant = log.node["plant"]
     kept = plant.cycle < cycles_of(rig)
@@ -57,7 +57,7 @@ def _references(rig: Rig, about: Mapping[str, Any], cycle: NDArray[np.int64]) ->
     return {name: np.asarray(known.columns[name])[row] for name in names}
 
 
-def told_by(judge: Judge, log: logs.Log) -> tuple[Judge, dict[str, str]]:
+def judge_of_device(judge: Judge, log: logs.Log) -> tuple[Judge, dict[str, str]]:
     """Return a judge of what the log of a plant tells, and why the rest is not judged, by name."""
     config, left = judge.rig.config, dict[str, str]()
     expected = config.expect.get(config.controller, {})

@@ -89,11 +89,11 @@ class Udp:
                 text, sender = self._rx.recvfrom(2048, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 return
-            if sender != self._own and (frame := _told(text)) is not None:
+            if sender != self._own and (frame := _frame_of_datagram(text)) is not None:
                 yield frame
 
 
-def _told(text: bytes) -> Frame | None:
+def _frame_of_datagram(text: bytes) -> Frame | None:
     """Return the classic data frame of a datagram."""
     try:
         said = msgpack.unpackb(text)

@@ -83,7 +83,7 @@ def share(counts: Counter[int], percent: float) -> float:
     return float(value)
 
 
-def started(rig: Rig, bus: Bus, folder: Path) -> Child:
+def start_witness(rig: Rig, bus: Bus, folder: Path) -> Child:
     """Start to listen; it writes FILE into `folder` when it is asked to end. BusError."""
     heard, ear = Arrivals.of(rig), listener(bus)
 
@@ -100,7 +100,7 @@ def started(rig: Rig, bus: Bus, folder: Path) -> Child:
         return Child.forked("witness", main, ())
 
 
-def read(folder: Path) -> Counts:
+def read_counts(folder: Path) -> Counts:
     """Return what was counted, and remove the file; nothing where there is none."""
     file, counts = folder / FILE, Counts()
     with contextlib.suppress(OSError, ValueError):

@@ -86,7 +86,7 @@ def _in_a_child(spec: BlockSpec, period_s: float) -> list[int]:
     """Return how long each step took, ns; RigError."""
     context = multiprocessing.get_context("fork")
     here, there = context.Pipe(duplex=False)
-    child = context.Process(target=_stepped, args=(spec, period_s, there))
+    child = context.Process(target=_step_fmu, args=(spec, period_s, there))
     child.start()
     there.close()
     try:
@@ -106,7 +106,7 @@ def _in_a_child(spec: BlockSpec, period_s: float) -> list[int]:
     return list(answer["steps"])
 
 
-def _stepped(spec: BlockSpec, period_s: float, there: Connection) -> None:
+def _step_fmu(spec: BlockSpec, period_s: float, there: Connection) -> None:
     from pcpc.drivers import fmi
 
     faulthandler.disable()  # its end is told by how it ended

@@ -29,7 +29,7 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.make.generate.library import PLAIN, WARNINGS, compiler, run
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.make.generate.translator.kinds import number_text
-from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, signature, translated
+from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, law_files, signature
 from pcpc.tools.make.generate.words import identifier
 from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.outfile import new_file
@@ -57,7 +57,7 @@ def command(options: argparse.Namespace) -> int:
     output = options.output and Path(options.output)
     rig = load_rig(options.rig, None, options.set)
     made = plan(rig, "plant", "lockstep")
-    spec = chosen(made, options.block)
+    spec = chosen_block(made, options.block)
     output = output or Path(f"{identifier(spec.name)}.fmu")
     write(made, spec, output)
     print(f"{output}: FMI 2.0, co-simulation, step {1.0 / rig.config.rate_hz:g} s")
@@ -65,7 +65,7 @@ def command(options: argparse.Namespace) -> int:
     return Exit.OK
 
 
-def chosen(made: Plan, name: str | None) -> BlockSpec:
+def chosen_block(made: Plan, name: str | None) -> BlockSpec:
     """Return the block of a plant, by name where there are several; RigError."""
     blocks = {spec.name: spec for spec in made.spec.blocks}
     if name is None and len(blocks) == 1:
@@ -151,7 +151,7 @@ def _sources(made: Plan, spec: BlockSpec, values: list[_Value]) -> dict[str, str
         [(one.name, one.start) for one in values if one.kind == kind]
         for kind in ("parameters", "states")
     )
-    texts = elementary.files() | translated(spec.block, "plant", (starts[0], starts[1]))
+    texts = elementary.files() | law_files(spec.block, "plant", (starts[0], starts[1]))
     has = signature(spec.block)
     given = "".join(f", &values->{LETTERS[role]}" for role in has)
     initial = ", ".join(f"&values->{LETTERS[role]}" for role in ROLES[:2] if role in has)

@@ -159,19 +159,19 @@ def table(
     expected = ""
     for name, work in own:
         say(name)
-        python.append(_judged(name, work, expected, False))
+        python.append(_row(name, work, expected, False))
         expected = expected or python[-1].digest.strip("-")
     for one in builds():
         if one.possible:
             say(one.name)
-            c.append(_judged(one.name, partial(one.digest, folder), expected, one.refuses))
+            c.append(_row(one.name, partial(one.digest, folder), expected, one.refuses))
             expected = expected or c[-1].digest.strip("-")
         else:
             c.append(Row(one.name, "-", f"not here: {one.cure}"))
     return python, c
 
 
-def _judged(name: str, work: Callable[[], str], expected: str, refuses: bool) -> Row:
+def _row(name: str, work: Callable[[], str], expected: str, refuses: bool) -> Row:
     """Return what a build gives and what that means, without an expected digest as the first."""
     try:
         digest = work()

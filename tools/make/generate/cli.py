@@ -22,7 +22,7 @@ from pcpc.tools.make.generate.device import device
 from pcpc.tools.make.generate.library import write
 from pcpc.tools.make.generate.node import rig_files
 from pcpc.tools.make.generate.translator import elementary
-from pcpc.tools.make.generate.translator.law import translated
+from pcpc.tools.make.generate.translator.law import law_files
 from pcpc.tools.make.generate.words import identifier
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal import screen
@@ -47,16 +47,16 @@ def command(options: argparse.Namespace) -> int:
     files = device(rig) if options.device else rig_files(rig, in_single=options.single)
     folder = options.output or Path(f"{identifier(rig.config.rig)}_c")
     if options.output or options.device or not (options.check or options.cost):
-        _written(files, folder)
+        _write_files(files, folder)
     names = [options.controller] if options.controller else list(rig.config.controllers)
     if options.cost:
         given = options.set, options.cycles, options.single, progress
-        print("\n".join(cost.told(rig, names, *given)))
+        print("\n".join(cost.cost_table(rig, names, *given)))
     if not options.check:
         return Exit.OK
     code = check(rig, options, progress)
     if options.single:
-        print("\n".join(["", *precision.told(rig, names, options.set, progress)]))
+        print("\n".join(["", *precision.precision_table(rig, names, options.set, progress)]))
     return code
 
 
@@ -65,12 +65,16 @@ def _of_law(options: argparse.Namespace, progress: Progress) -> int:
     if options.check or options.device or options.controller or options.set:
         raise UserError(f"{options.what} is a law; for that name a rig that uses it")
     block, name = block_of(options.what)
-    law = translated(block, name)
-    files = single.single(law) | single.files() if options.single else law | elementary.files()
+    law = law_files(block, name)
+    files = (
+        single.single_precision(law) | single.files()
+        if options.single
+        else law | elementary.files()
+    )
     if options.output or not options.cost:
-        _written(files, options.output or Path(f"{name}_c"))
+        _write_files(files, options.output or Path(f"{name}_c"))
     if options.cost:
-        print("\n".join(cost.told_of_law(block, name, options.cycles, progress)))
+        print("\n".join(cost.law_cost_table(block, name, options.cycles, progress)))
     return Exit.OK
 
 
@@ -109,7 +113,7 @@ def block_of(text: str) -> tuple[Block, str]:
     return block, identifier(own if not name or name == "BLOCK" else name)
 
 
-def _written(files: dict[str, str], folder: Path) -> None:
+def _write_files(files: dict[str, str], folder: Path) -> None:
     try:
         write(files, folder)
     except OSError as error:
@@ -126,7 +130,7 @@ def python_digest(rig: str, controller: str | None, settings: list[str], cycles:
     """Return the digest of a rig's virtual run."""
     shorter = [
         *settings,
-        *_shorter(load_rig(Path(rig), controller, settings, resolve=False), cycles),
+        *_shorter_duration(load_rig(Path(rig), controller, settings, resolve=False), cycles),
     ]
     return _digest(load_rig(Path(rig), controller, shorter), cycles)
 
@@ -135,7 +139,7 @@ def _digest(rig: Rig, cycles: int) -> str:
     return digest_of(in_memory(rig), Closed(rig).columns(), cycles)
 
 
-def _shorter(rig: Rig, cycles: int) -> list[str]:
+def _shorter_duration(rig: Rig, cycles: int) -> list[str]:
     """Return settings that end a run behind its first cycles."""
     wanted = (cycles + 10) / rig.config.rate_hz
     return [f"duration_s={wanted!r}"] if wanted < rig.config.duration_s else []
@@ -157,7 +161,7 @@ def check(rig: Rig, options: argparse.Namespace, progress: Progress) -> int:
             progress.show("Python, compiled by numba")
             expected = _digest(rig, cycles)
             own = [("Python, numba", lambda: expected)]
-            own += [("Python, interpreted", lambda: _interpreted(words))]
+            own += [("Python, interpreted", lambda: _interpreted_digest(words))]
         python, c = builds.table(folder, own, progress.show)
     progress.close()
     kind = ", laws in float" if options.single else ""
@@ -172,7 +176,7 @@ def check(rig: Rig, options: argparse.Namespace, progress: Progress) -> int:
     return Exit.OK
 
 
-def _interpreted(words: list[str]) -> str:
+def _interpreted_digest(words: list[str]) -> str:
     """Return the digest of a rig's virtual run without numba, in a process of its own."""
     code = [sys.executable, "-c", _INTERPRETED, *words]
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}

@@ -23,7 +23,7 @@ from pcpc.tools.make.generate import single as singles
 from pcpc.tools.make.generate.closed import PORT, Closed
 from pcpc.tools.make.generate.library import write
 from pcpc.tools.make.generate.translator import elementary
-from pcpc.tools.make.generate.translator.law import LETTERS, signature, translated
+from pcpc.tools.make.generate.translator.law import LETTERS, law_files, signature
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.progress import Progress
 
@@ -34,7 +34,7 @@ _SHIFT = 6  # 2^6 ns an instruction: a step of ten million fits into SysTick
 _Row = tuple[str, str, str, str, str, str, str]
 
 
-def told(
+def cost_table(
     rig: Rig,
     names: Sequence[str],
     settings: Sequence[str],
@@ -49,20 +49,20 @@ def told(
         for core in CORES:
             for single in (False, True)[: 1 + in_single]:
                 progress.show(f"{name} on a {core}")
-                most = measured(law, core, min(cycles, cycles_of(law)), single)
+                most = step_cost(law, core, min(cycles, cycles_of(law)), single)
                 rows.append(_row(name, core, single, *most, law.config.rate_hz))
     progress.close()
     return screen.table(rows, right=(3, 4, 5))
 
 
-def told_of_law(block: Block, name: str, cycles: int, progress: Progress) -> list[str]:
+def law_cost_table(block: Block, name: str, cycles: int, progress: Progress) -> list[str]:
     """Return the table of a law, with the values that it begins with and inputs within +-1."""
     rows = [_head(1000.0)]
     for core in CORES:
         for single in (False, True):
             progress.show(f"{name} on a {core}")
-            files = _alone(block, name, cycles, single)
-            rows.append(_row(name, core, single, *_counted(files, core, single), 1000.0))
+            files = _law_program(block, name, cycles, single)
+            rows.append(_row(name, core, single, *_cost(files, core, single), 1000.0))
     progress.close()
     return screen.table(rows, right=(3, 4, 5))
 
@@ -78,12 +78,12 @@ def _row(name: str, core: str, single: bool, most: int, stack: int, rate_hz: flo
     return name, core, kind, f"{most:,}", f"{stack:,} B", f"{share:.1%}", fits
 
 
-def measured(rig: Rig, core: str, cycles: int, in_single: bool = False) -> tuple[int, int]:
+def step_cost(rig: Rig, core: str, cycles: int, in_single: bool = False) -> tuple[int, int]:
     """Return the most instructions and bytes of stack of the executive's step; UserError."""
-    return _counted(Closed(rig, in_single).files(cycles), core, in_single)
+    return _cost(Closed(rig, in_single).files(cycles), core, in_single)
 
 
-def _counted(files: dict[str, str], core: str, in_single: bool) -> tuple[int, int]:
+def _cost(files: dict[str, str], core: str, in_single: bool) -> tuple[int, int]:
     build = next(one for one in builds.builds() if one.name.startswith(core))
     if not build.possible:
         raise UserError(f"{core}: {build.cure}", Exit.ENVIRONMENT)
@@ -102,11 +102,11 @@ def _counted(files: dict[str, str], core: str, in_single: bool) -> tuple[int, in
     return round((most - empty) * _KNOWN / (known - empty)), stack
 
 
-def _alone(block: Block, name: str, cycles: int, in_single: bool) -> dict[str, str]:
+def _law_program(block: Block, name: str, cycles: int, in_single: bool) -> dict[str, str]:
     """Return the files of a program that steps a law alone."""
-    law = translated(block, name)
+    law = law_files(block, name)
     files = (
-        singles.single(law) | singles.files() | elementary.files()
+        singles.single_precision(law) | singles.files() | elementary.files()
         if in_single
         else (law | elementary.files())
     )

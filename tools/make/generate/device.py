@@ -20,7 +20,7 @@ from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.make.generate import frames, wiring
 from pcpc.tools.make.generate.translator import elementary
-from pcpc.tools.make.generate.translator.law import translated
+from pcpc.tools.make.generate.translator.law import law_files
 from pcpc.tools.make.generate.words import identifier
 
 _FIXED = resources.files("pcpc.tools.make.generate") / "c"
@@ -53,7 +53,7 @@ def _law(made: Plan, spec: BlockSpec, views: Views) -> dict[str, str]:
         [(made.table.variables[i].name, made.values.get(i, 0.0)) for i in places]
         for places in (views.parameters, views.states)
     )
-    return translated(spec.block, identifier(spec.name), (parameters, states))
+    return law_files(spec.block, identifier(spec.name), (parameters, states))
 
 
 def _undisturbed(rig: Rig) -> Rig:

@@ -15,7 +15,7 @@ from pcpc.executive.laws.block import Block
 from pcpc.executive.nodes.plan import Plan
 from pcpc.tools.make.generate import single
 from pcpc.tools.make.generate.translator import elementary
-from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, signature, translated
+from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, law_files, signature
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")
 PLAIN = ("-O2",)
@@ -85,8 +85,12 @@ class Library:
         entry = entry or (single.adapter if in_single else adapter)
         texts: dict[str, str] = {}
         for name, block in blocks.items():
-            texts |= translated(block, name)
-        texts = single.single(texts) | single.files() if in_single else texts | elementary.files()
+            texts |= law_files(block, name)
+        texts = (
+            single.single_precision(texts) | single.files()
+            if in_single
+            else texts | elementary.files()
+        )
         for name, block in blocks.items():
             texts[f"{name}_entry.c"] = entry(block, name)
         self.blocks = dict(blocks)

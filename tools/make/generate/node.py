@@ -21,9 +21,9 @@ from pcpc.executive.rig.schema import FALLBACK
 from pcpc.tools.make.generate import single
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.make.generate.translator.kinds import Untranslatable, number_text
-from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, elements, signature, translated
-from pcpc.tools.make.generate.translator.source import commented
-from pcpc.tools.make.generate.translator.unit import wrapped
+from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, elements, law_files, signature
+from pcpc.tools.make.generate.translator.source import comment_text
+from pcpc.tools.make.generate.translator.unit import wrapped_lines
 from pcpc.tools.make.generate.words import identifier
 
 
@@ -102,18 +102,22 @@ def rig_files(
                 for kind in ("parameters", "states")
             )
         ]
-        files |= translated(spec.block, wiring.block_name(spec.name), (pairs[0], pairs[1]))
+        files |= law_files(spec.block, wiring.block_name(spec.name), (pairs[0], pairs[1]))
     steps = list(_steps(wiring))  # first: it finds out what of the loop is needed
-    files[f"{name}_rig.h"] = "\n".join(p for line in _header(wiring) for p in wrapped(line))
-    files[f"{name}_rig.c"] = "\n".join(p for line in _body(wiring, steps) for p in wrapped(line))
-    return single.single(files) | single.files() if in_single else files | elementary.files()
+    files[f"{name}_rig.h"] = "\n".join(p for line in _header(wiring) for p in wrapped_lines(line))
+    files[f"{name}_rig.c"] = "\n".join(
+        p for line in _body(wiring, steps) for p in wrapped_lines(line)
+    )
+    return (
+        single.single_precision(files) | single.files() if in_single else files | elementary.files()
+    )
 
 
 def _header(wiring: Wiring) -> Iterator[str]:
     name, rig = wiring.name, wiring.rig
     guard = f"PCPC_{name.upper()}_RIG_H"
     about = f"{rig.config.rig}: {rig.config.title}. Node {wiring.plan.spec.name} of the rig"
-    yield f"/* {commented(about)}, made by `pcpc generate c`. */"
+    yield f"/* {comment_text(about)}, made by `pcpc generate c`. */"
     yield from (f"#ifndef {guard}", f"#define {guard}", "", "#include <stdbool.h>")
     yield from ("#include <stdint.h>", "")
     yield from (f'#include "{wiring.block_name(spec.name)}.h"' for spec, _ in wiring.blocks)
@@ -126,13 +130,13 @@ def _header(wiring: Wiring) -> Iterator[str]:
         for variable in wiring.plan.table.variables:
             if variable.kind == kind:
                 its = identifier(variable.name.partition(".")[2])
-                words = commented(f"[{variable.unit or '1'}] {variable.help}")
+                words = comment_text(f"[{variable.unit or '1'}] {variable.help}")
                 yield f"    double {its}; /* {words} */"
         yield from (f"}} {name}_{kind};", "")
     if wiring.loop:
         yield "/* What is sent of the loop itself; who calls sets it before each step. */"
         yield "typedef struct {"
-        yield from (f"    double {its}; /* {commented(h)} */" for its, h in wiring.loop.items())
+        yield from (f"    double {its}; /* {comment_text(h)} */" for its, h in wiring.loop.items())
         yield from (f"}} {name}_loop;", "")
     yield "/* All blocks: p parameters, x states, u inputs, y outputs. */"
     yield "typedef struct {"
@@ -166,7 +170,7 @@ def _limit_head(name: str) -> str:
 
 def _body(wiring: Wiring, steps: Sequence[str]) -> Iterator[str]:
     name = wiring.name
-    yield f"/* The blocks of {commented(wiring.plan.spec.name)}, wired as the rig says. */"
+    yield f"/* The blocks of {comment_text(wiring.plan.spec.name)}, wired as the rig says. */"
     yield from ("", f'#include "{name}_rig.h"', "", '#include "pcpc_math.h"', "")
     yield from _init(wiring)
     yield from steps

@@ -65,11 +65,11 @@ def difference(rig: Rig, others: Sequence[Rig] = ()) -> Difference:
     libraries: list[Library] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        watched = partial(put, folder=folder / "double", entry=counting)
+        watched = partial(put, folder=folder / "double", entry=counting_adapter)
         double, made = _run(rig, lambda one: libraries.append(watched(one)))
-        lost = _lost(libraries)
+        lost = _lost_shares(libraries)
         single, _ = _run(rig, partial(put, folder=folder / "single", in_single=True))
-        rounded, _ = _run(rig, partial(put, folder=folder / "rounded", entry=_rounding))
+        rounded, _ = _run(rig, partial(put, folder=folder / "rounded", entry=_rounding_adapter))
     command, rms, most = max(_commands(double, single, made), key=lambda row: row[1])
     judge = Judge.of(rig)
     first = judge.metrics(double)
@@ -91,7 +91,9 @@ def difference(rig: Rig, others: Sequence[Rig] = ()) -> Difference:
     )
 
 
-def told(rig: Rig, names: Sequence[str], settings: Sequence[str], progress: Progress) -> list[str]:
+def precision_table(
+    rig: Rig, names: Sequence[str], settings: Sequence[str], progress: Progress
+) -> list[str]:
     """Return the table of some of a rig's controllers, and what of their states is lost."""
     rows = [("law", "rms", "most", "double", "float", "double, nudged")]
     lost: list[str] = []
@@ -154,7 +156,7 @@ def _commands(double: Log, single: Log, made: list[Plan]) -> Iterator[tuple[str,
         yield name, float(np.sqrt(np.mean(error**2))) / size, float(np.max(np.abs(error))) / size
 
 
-def _lost(libraries: Sequence[Library]) -> dict[str, float]:
+def _lost_shares(libraries: Sequence[Library]) -> dict[str, float]:
     """Return the share of lost changes of each port of states that changed; worst first."""
     found: dict[str, float] = {}
     for library in libraries:
@@ -189,7 +191,7 @@ static void NAME_count(const double *x)
 """
 
 
-def counting(block: Block, name: str) -> str:
+def counting_adapter(block: Block, name: str) -> str:
     """Return the C of `NAME_entry` that counts changes of states."""
     size, text = block.size(block.states), adapter(block, name)
     if not size:
@@ -198,17 +200,17 @@ def counting(block: Block, name: str) -> str:
     head, mark, call = rest.partition(f"    {name}_step(")
     call, _, end = call.partition("\n")
     counts = _COUNTS.replace("NAME", name).replace("SIZE", str(size))
-    keep = _each(size, f"{name}_before[i] = x[i];")
+    keep = _loop_text(size, f"{name}_before[i] = x[i];")
     return f"{first}\n{counts}{head}{keep}{mark}{call}\n    {name}_count(x);\n{end}"
 
 
-def _rounding(block: Block, name: str) -> str:
+def _rounding_adapter(block: Block, name: str) -> str:
     """Return the C of `NAME_entry` that rounds parameters and inputs to floats."""
     head, mark, rest = adapter(block, name).partition(f"    {name}_step(")
     both = (("p", block.size(block.parameters)), ("u", block.size(block.inputs)))
-    rounded = [_each(n, f"{its}[i] = (double)(float){its}[i];") for its, n in both if n]
+    rounded = [_loop_text(n, f"{its}[i] = (double)(float){its}[i];") for its, n in both if n]
     return f"{head}{''.join(rounded)}{mark}{rest}"
 
 
-def _each(size: int, statement: str) -> str:
+def _loop_text(size: int, statement: str) -> str:
     return f"    for (uint32_t i = 0U; i < {size}U; i += 1U) {{\n        {statement}\n    }}\n"

@@ -35,7 +35,7 @@ def files() -> dict[str, str]:
     return {name: (folder / name).read_text(encoding="utf-8") for name in MATH}
 
 
-def single(texts: Mapping[str, str]) -> dict[str, str]:
+def single_precision(texts: Mapping[str, str]) -> dict[str, str]:
     """Return generated files in single precision; Untranslatable for a number that would be 0."""
 
     def token(found: re.Match[str], file: str) -> str:

@@ -3,13 +3,13 @@
 import math
 import re
 
-from pcpc.tools.make.generate.translator.kinds import safe
+from pcpc.tools.make.generate.translator.kinds import c_name
 
 
 def identifier(name: str) -> str:
     """Return a name of a rig or a DBC file as C takes it."""
     word = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return safe(f"_{word}" if word[:1].isdigit() else word)
+    return c_name(f"_{word}" if word[:1].isdigit() else word)
 
 
 def number(value: float) -> str:

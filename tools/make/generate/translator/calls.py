@@ -20,7 +20,7 @@ from pcpc.tools.make.generate.translator.kinds import (
     number_text,
     size,
 )
-from pcpc.tools.make.generate.translator.source import is_function, plain
+from pcpc.tools.make.generate.translator.source import is_function, python_function
 
 _ADVICE = {
     "min": "where(a < b, a, b)", "max": "where(a > b, a, b)", "round": "floor(x + 0.5)",
@@ -41,9 +41,9 @@ class Calls(Expressions):
             return self._builtin(node, function)
         if not is_function(function):
             raise self.error(node, f"{ast.unparse(node.func)}: no function that C could have")
-        if plain(function).__module__ == emath.__name__:
-            return self._elementary(node, plain(function))
-        return self._own(node, plain(function))
+        if python_function(function).__module__ == emath.__name__:
+            return self._elementary(node, python_function(function))
+        return self._own(node, python_function(function))
 
     def _callee(self, node: ast.Call) -> Any:
         if isinstance(node.func, ast.Name) and node.func.id in self.kinds:

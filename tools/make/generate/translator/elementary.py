@@ -10,7 +10,7 @@ from pcpc.executive.laws import emath
 from pcpc.tools.make.generate.translator import points
 from pcpc.tools.make.generate.translator.kinds import FLOAT, Cells, Number
 from pcpc.tools.make.generate.translator.source import comment
-from pcpc.tools.make.generate.translator.unit import Unit, wrapped
+from pcpc.tools.make.generate.translator.unit import Unit, wrapped_lines
 
 NAMES = ("floor", "clip", "sign", "exp", "expmsq", "tanh", "logistic", "sincos", "sin", "cos")
 FLAGS = ("-std=c99", "-ffp-contract=off")
@@ -226,7 +226,7 @@ def files() -> dict[str, str]:
         "",
         *own,
         "",
-        *(p for n in called.lines for p in wrapped(n)),
+        *(p for n in called.lines for p in wrapped_lines(n)),
         "",
         _SOFT_SQRT,
         _SELFTEST.format(digest=hex(points.DIGEST), **fill),

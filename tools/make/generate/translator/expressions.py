@@ -24,11 +24,11 @@ from pcpc.tools.make.generate.translator.kinds import (
     Untranslatable,
     Value,
     View,
-    joined,
+    c_name,
+    common_kind,
     number_text,
-    safe,
 )
-from pcpc.tools.make.generate.translator.source import File, Meaning, is_function, plain
+from pcpc.tools.make.generate.translator.source import File, Meaning, is_function, python_function
 
 _LEVELS = {ast.Add: (12, "+"), ast.Sub: (12, "-"), ast.Mult: (13, "*"), ast.Div: (13, "/")}
 _COMPARED = {
@@ -138,13 +138,13 @@ class Expressions:
         if node.id in self.kinds:
             kind = self.kinds[node.id]
             root = node.id if isinstance(kind, View | Cells) else ""
-            return Value(safe(node.id), kind, root=root, fixed=isinstance(kind, Number))
+            return Value(c_name(node.id), kind, root=root, fixed=isinstance(kind, Number))
         return self._global(node, node.id)
 
     def _global(self, node: ast.expr, name: str) -> Value:
         found = self.meaning.of(node)
         if is_function(found):
-            return Value("", Callee(plain(found)))
+            return Value("", Callee(python_function(found)))
         if isinstance(found, bool | int | float | np.number | np.bool_):
             text, kind = self.unit.constant(name, found)
             return Value(text, kind, fixed=True)
@@ -163,7 +163,7 @@ class Expressions:
         if field is None:
             known = ", ".join(one.name for one in base.kind.layout.fields[:8])
             raise self.error(node, f"no port {node.attr}; known: {known}")
-        text = f"{base.text}{'->' if base.pointer else '.'}{safe(field.name)}"
+        text = f"{base.text}{'->' if base.pointer else '.'}{c_name(field.name)}"
         if field.group is not None:
             return Value(text, View(field.group), root=base.root, pointer=False)
         kind: Kind = Cells(field.shape) if field.shape else FLOAT
@@ -206,7 +206,7 @@ class Expressions:
         for side, value in ((node.left, left), (node.right, right)):
             if value.kind not in (WHOLE, FLOAT):
                 raise self.error(side, f"{ast.unparse(side)} is no number to calculate with")
-        kind = joined(left.kind, right.kind)
+        kind = common_kind(left.kind, right.kind)
         if isinstance(node.op, ast.FloorDiv | ast.Mod):
             return self._whole(node, left, right)
         if type(node.op) not in _LEVELS:
@@ -248,7 +248,7 @@ class Expressions:
         for a, op, b in zip(values, node.ops, values[1:], strict=False):
             if type(op) not in _COMPARED:
                 raise self.error(node, f"{ast.unparse(node)}: compare with <, <=, ==, != >= or >")
-            a, b = (as_kind(one, joined(a.kind, b.kind)) for one in (a, b))
+            a, b = (as_kind(one, common_kind(a.kind, b.kind)) for one in (a, b))
             text = f"{a.at(11)} {_COMPARED[type(op)]} {b.at(11)}"
             parts.append(Value(text, TRUTH, 9, fixed=a.fixed and b.fixed))
         return parts[0] if len(parts) == 1 else self._both("&&", parts)
@@ -271,7 +271,7 @@ class Expressions:
 
     def _chosen(self, node: ast.AST, values: Sequence[Value]) -> Value:
         condition, a, b = values
-        kind = joined(a.kind, b.kind)
+        kind = common_kind(a.kind, b.kind)
         if condition.kind != TRUTH or not isinstance(kind, Number):
             raise self.error(node, "choose between two numbers by a comparison")
         a, b = as_kind(a, kind), as_kind(b, kind)

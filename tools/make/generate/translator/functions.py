@@ -14,10 +14,10 @@ from pcpc.tools.make.generate.translator.kinds import (
     Number,
     Value,
     View,
-    safe,
+    c_name,
 )
 from pcpc.tools.make.generate.translator.places import Places
-from pcpc.tools.make.generate.translator.source import Meaning, comment, commented, located
+from pcpc.tools.make.generate.translator.source import Meaning, comment, comment_text, source_of
 from pcpc.tools.make.generate.translator.statements import Statements
 
 _WORD = re.compile(r"\w+")
@@ -55,7 +55,7 @@ class Function(Statements):
     """Translates one function."""
 
     def __init__(self, unit: Any, function: Callable[..., Any], kinds: Sequence[Kind]) -> None:
-        file, self.node = located(function)
+        file, self.node = source_of(function)
         super().__init__(unit, file, Meaning(function))
         arguments = self.node.args
         if arguments.vararg or arguments.kwarg or arguments.kwonlyargs:
@@ -88,9 +88,9 @@ class Function(Statements):
         doc = comment(ast.get_docstring(self.node) or f"{self.node.name}.")
         said = set(_WORD.findall("\n".join(lines)))
         unused = [
-            f"{INDENT}(void){safe(one)};"
+            f"{INDENT}(void){c_name(one)};"
             for one, kind in zip(self.given, kinds, strict=True)
-            if safe(one) not in said and not isinstance(kind, Callee) and not _nothing(kind)
+            if c_name(one) not in said and not isinstance(kind, Callee) and not _nothing(kind)
         ]
         text = [*doc, head, "{", *unused, *lines, "}"]
         return Called(name, kinds, changes, results, tuple(text), head, self.module)
@@ -103,7 +103,7 @@ class Function(Statements):
         self, name: str, kinds: Sequence[Kind], changes: Sequence[bool], results: Sequence[Number]
     ) -> str:
         parts = [
-            self.declared(safe(one), kind, changed)
+            self.declared(c_name(one), kind, changed)
             for one, kind, changed in zip(self.given, kinds, changes, strict=True)
             if not isinstance(kind, Callee) and not _nothing(kind)
         ]
@@ -135,7 +135,7 @@ class Function(Statements):
             outer, self.lines = self.lines, []
             for name in self.places.before.get(id(stmt), ()):
                 kind = self.kinds.get(name)
-                self.lines.append(f"{(kind or FLOAT).name} {safe(name)};")  # type: ignore[union-attr]
+                self.lines.append(f"{(kind or FLOAT).name} {c_name(name)};")  # type: ignore[union-attr]
             self.statement(stmt)
             lines, self.lines = self.lines, outer
             found += self._trailing(stmt, [f"{INDENT}{line}" for line in lines])
@@ -144,7 +144,7 @@ class Function(Statements):
 
     def _own_comments(self, after: int, line: int) -> list[str]:
         return [
-            f"{INDENT}/* {commented(words)} */"
+            f"{INDENT}/* {comment_text(words)} */"
             for at, (words, own) in self.file.comments.items()
             if after < at < line and own
         ]
@@ -161,7 +161,7 @@ class Function(Statements):
         if words and lines:
             at = next((i for i, line in enumerate(lines) if line.endswith("{")), len(lines) - 1)
             at = at if compound else len(lines) - 1
-            lines[at] += f" /* {commented('; '.join(words))} */"
+            lines[at] += f" /* {comment_text('; '.join(words))} */"
         return lines
 
 

@@ -93,7 +93,7 @@ class Value:
         return self.text if self.pointer else f"&{self.text}"
 
 
-def joined(a: Kind, b: Kind) -> Kind:
+def common_kind(a: Kind, b: Kind) -> Kind:
     """Return the kind that holds both; None if there is none."""
     if a == b or b is None:
         return a
@@ -119,7 +119,7 @@ def field_size(field: Field) -> int:
     return count
 
 
-def safe(name: str) -> str:
+def c_name(name: str) -> str:
     """Return a name that C does not keep for itself."""
     return f"{name}_" if name in _RESERVED else name
 

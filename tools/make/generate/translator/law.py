@@ -21,27 +21,27 @@ from pcpc.tools.make.generate.translator.kinds import (
     FLOAT,
     Untranslatable,
     View,
+    c_name,
     field_size,
     number_text,
-    safe,
     size,
 )
-from pcpc.tools.make.generate.translator.source import comment, commented, located, read
-from pcpc.tools.make.generate.translator.unit import ROLES, Unit, wrapped
+from pcpc.tools.make.generate.translator.source import comment, comment_text, read, source_of
+from pcpc.tools.make.generate.translator.unit import ROLES, Unit, wrapped_lines
 
 GIVEN = ("parameters", "inputs")  # a step reads them only
 LETTERS = dict(zip(ROLES, "pxuy", strict=True))
 
 
-def translated(
+def law_files(
     block: Block, name: str, values: tuple[Values, Values] | None = None
 ) -> dict[str, str]:
     """Return the texts of `NAME.h` and `NAME.c`, by file name.
 
-    `values`: parameters and states of `executive.rig.preparation.prepared`, for NAME_init; else the
+    `values`: parameters and states of `executive.rig.preparation`, for NAME_init; else the
     law's defaults. Raises Untranslatable with the line of the source.
     """
-    if not name.isidentifier() or not name.isascii() or safe(name) != name:
+    if not name.isidentifier() or not name.isascii() or c_name(name) != name:
         raise Untranslatable(f"{name}: no name for C; letters, digits and _ only")
     unit = Unit(name)
     roles = {role: ports.layout for role, ports in zip(ROLES, block.step.declared, strict=True)}
@@ -56,7 +56,7 @@ def translated(
     for role, letter, changed in zip(ROLES, made.given[2:], step.changes[2:], strict=True):
         if changed and role in GIVEN:
             raise made.error(made.node, f"the step sets {letter}: write states and outputs only")
-    origin = read(located(function)[0].path)
+    origin = read(source_of(function)[0].path)
     values = _defaults(block) if values is None else values
     return {
         f"{name}.h": _header(name, unit, block, roles, aliases, origin.shown),
@@ -67,7 +67,7 @@ def translated(
 def elements(layout: Layout) -> Iterator[str]:
     """Yield the expression of each double of a structure, in the order of memory."""
     for field in layout.fields:
-        name = safe(field.name)
+        name = c_name(field.name)
         if field.group is not None:
             yield from (f"{name}.{rest}" for rest in elements(field.group))
             continue
@@ -94,11 +94,11 @@ def _aliases(unit: Unit, name: str, roles: Mapping[str, Layout]) -> list[str]:
 
 
 def _step_head(name: str, given: Sequence[str], roles: Mapping[str, Layout]) -> str:
-    parts = [f"double {safe(given[0])}", f"double {safe(given[1])}"]
+    parts = [f"double {c_name(given[0])}", f"double {c_name(given[1])}"]
     for role, letter in zip(ROLES, given[2:], strict=True):
         if roles[role].fields:
             const = "const " if role in GIVEN else ""
-            parts.append(f"{const}{name}_{role} *{safe(letter)}")
+            parts.append(f"{const}{name}_{role} *{c_name(letter)}")
     return f"void {name}_step({', '.join(parts)})"
 
 
@@ -146,7 +146,7 @@ def _header(
         f"#endif /* {guard} */",
         "",
     ]
-    return "\n".join(part for line in lines for part in wrapped(line))
+    return "\n".join(part for line in lines for part in wrapped_lines(line))
 
 
 def _about(layout: Layout, ports: Sequence[Port], found: dict[Layout, Sequence[Port]]) -> None:
@@ -172,16 +172,16 @@ def _struct(unit: Unit, layout: Layout, struct: str, ports: Sequence[Port]) -> I
             left -= ports[at].size
             at += 1
         if field.group is not None:
-            yield f"    {unit.structs[field.group]} {safe(field.name)};"
+            yield f"    {unit.structs[field.group]} {c_name(field.name)};"
             continue
         shape = "".join(f"[{extent}]" for extent in field.shape)
-        yield f"    double {safe(field.name)}{shape};{words}"
+        yield f"    double {c_name(field.name)}{shape};{words}"
     yield f"}} {struct};"
 
 
 def _words(port: Port) -> str:
     text = f"[{port.unit}] {port.help}" if port.unit else port.help
-    return f" /* {commented(text)} */" if text else ""
+    return f" /* {comment_text(text)} */" if text else ""
 
 
 def _body(
@@ -193,12 +193,12 @@ def _body(
     function: Any,
 ) -> str:
     doc = inspect.cleandoc(getattr(sys.modules.get(function.__module__), "__doc__", None) or name)
-    lines = comment(f"{doc}\n\nMade by `pcpc generate c` from {located(function)[0].shown}.")
+    lines = comment(f"{doc}\n\nMade by `pcpc generate c` from {source_of(function)[0].shown}.")
     lines += ["", f'#include "{name}.h"', "", "#include <stdbool.h>", '#include "pcpc_math.h"', ""]
     constants = unit.constant_lines()
     lines += [*constants, ""] if constants else []
     lines += unit.function_lines([function.__module__])
-    lines += [*(part for line in step for part in wrapped(line)), ""]
+    lines += [*(part for line in step for part in wrapped_lines(line)), ""]
     lines += [*_init(name, unit, roles, values), ""]
     lines += [
         f"int32_t {name}_selftest(void)",
@@ -218,12 +218,12 @@ def _init(
     for role, given in zip(("parameters", "states"), values, strict=True):
         numbers = iter([value for _, value in given])
         body += _set(f"{LETTERS[role]}->", roles[role], numbers, tables, f"{role}_")
-    yield from (part for line in tables for part in wrapped(line))
+    yield from (part for line in tables for part in wrapped_lines(line))
     if tables:
         yield ""
     yield _init_head(name, roles)
     yield "{"
-    yield from (part for line in body for part in wrapped(f"    {line}"))
+    yield from (part for line in body for part in wrapped_lines(f"    {line}"))
     yield "}"
 
 
@@ -233,7 +233,7 @@ def _set(
     """Return the statements that set the ports of a layout; arrays that are not 0 go to tables."""
     found: list[str] = []
     for field in layout.fields:
-        place = f"{at}{safe(field.name)}"
+        place = f"{at}{c_name(field.name)}"
         if field.group is not None:
             found += _set(f"{place}.", field.group, numbers, tables, f"{stem}{field.name}_")
             continue
@@ -287,4 +287,4 @@ def _defaults(block: Block) -> tuple[Values, Values]:
     return plain[0], plain[1]
 
 
-__all__ = ["ROLES", "signature", "size", "translated"]
+__all__ = ["ROLES", "law_files", "signature", "size"]

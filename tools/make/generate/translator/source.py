@@ -36,14 +36,14 @@ class File:
         return self.path.is_relative_to(PROJECT)
 
 
-def plain(function: Any) -> Any:
+def python_function(function: Any) -> Any:
     """Return the Python function under a decorator."""
     return getattr(function, "py_func", function)
 
 
 def is_function(what: Any) -> bool:
     """Return whether this is a function whose source can be read."""
-    return inspect.isfunction(plain(what)) and not isinstance(what, Stage)
+    return inspect.isfunction(python_function(what)) and not isinstance(what, Stage)
 
 
 @cache
@@ -59,7 +59,7 @@ def read(path: Path) -> File:
     return File(path, ast.parse(text), text, found)
 
 
-def located(function: Callable[..., Any]) -> tuple[File, ast.FunctionDef]:
+def source_of(function: Callable[..., Any]) -> tuple[File, ast.FunctionDef]:
     """Return the file of a function and its tree; Untranslatable without a source."""
     code = function.__code__
     try:
@@ -103,14 +103,14 @@ def names(node: ast.AST) -> set[str]:
     return {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
 
 
-def commented(text: str) -> str:
+def comment_text(text: str) -> str:
     """Return a text that can stand in a comment of C."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
 
 
 def comment(text: str, indent: str = "") -> list[str]:
     """Return the lines of a comment."""
-    lines = commented(inspect.cleandoc(text)).splitlines()
+    lines = comment_text(inspect.cleandoc(text)).splitlines()
     if len(lines) == 1:
         return [f"{indent}/* {lines[0]} */"]
     rest = [f"{indent} * {line}".rstrip() for line in lines[1:]]

@@ -16,8 +16,8 @@ from pcpc.tools.make.generate.translator.kinds import (
     Several,
     Value,
     View,
-    joined,
-    safe,
+    c_name,
+    common_kind,
 )
 from pcpc.tools.make.generate.translator.places import Places
 from pcpc.tools.make.generate.translator.source import names
@@ -133,9 +133,9 @@ class Statements(Calls):
             return False
         for name, kind in zip(ids, call.kind.kinds, strict=True):
             if name in self.places.by[id(stmt)]:
-                self.lines.append(f"{kind.name} {safe(name)};")
+                self.lines.append(f"{kind.name} {c_name(name)};")
         given = call.text if call.text.endswith("(") else f"{call.text}, "
-        self.lines.append(given + ", ".join(f"&{safe(name)}" for name in ids) + ");")
+        self.lines.append(given + ", ".join(f"&{c_name(name)}" for name in ids) + ");")
         return True
 
     @staticmethod
@@ -146,7 +146,7 @@ class Statements(Calls):
         )
 
     def _join(self, stmt: ast.AST, name: str, kind: Kind) -> None:
-        both = joined(self.kinds.get(name), kind)
+        both = common_kind(self.kinds.get(name), kind)
         if both is None and self.kinds.get(name) is not None:
             raise self.error(stmt, f"{name} is of another kind before; take another name")
         if name in self.counted:
@@ -178,7 +178,7 @@ class Statements(Calls):
             kind = self.kinds[name]
             assert isinstance(kind, Number)
             const = "const " if fresh and self._stored_once(name) else ""
-            begin = f"{const}{kind.name} {safe(name)}" if fresh else safe(name)
+            begin = f"{const}{kind.name} {c_name(name)}" if fresh else c_name(name)
             self.lines.append(f"{begin} = {as_kind(value, kind).text};")
             return
         if not fresh or not self._stored_once(name) or isinstance(value.kind, Callee):
@@ -186,7 +186,7 @@ class Statements(Calls):
         self.roots[name] = value.root
         if name in self.written:
             self.wrote(value.root)
-        begin = self.declared(safe(name), value.kind, name in self.written)
+        begin = self.declared(c_name(name), value.kind, name in self.written)
         text = value.address() if isinstance(value.kind, View) else value.text
         if isinstance(value.kind, Cells) and text.startswith("(") and name in self.written:
             text = text.replace("(const double *)", "(double *)", 1)
@@ -211,8 +211,10 @@ class Statements(Calls):
         local = isinstance(stmt.target, ast.Name)
         value = self._direct(stmt.value) if local else self.value(stmt.value)
         if isinstance(stmt.target, ast.Name):
-            self._join(stmt, stmt.target.id, joined(self.kinds.get(stmt.target.id), value.kind))
-            text, kind = safe(stmt.target.id), self.kinds[stmt.target.id]
+            self._join(
+                stmt, stmt.target.id, common_kind(self.kinds.get(stmt.target.id), value.kind)
+            )
+            text, kind = c_name(stmt.target.id), self.kinds[stmt.target.id]
         else:
             if len(self.lines) > before:
                 raise self.error(stmt, "a call that changes states; give it a line of its own")
@@ -249,7 +251,7 @@ class Statements(Calls):
         if self.results and len(self.results) != len(kinds):
             raise self.error(stmt, "return as many values everywhere")
         old = self.results or (None,) * len(kinds)
-        self.results = tuple(joined(a, b) for a, b in zip(old, kinds, strict=True))
+        self.results = tuple(common_kind(a, b) for a, b in zip(old, kinds, strict=True))
         if not self.result_names:
             self.result_names = [
                 f"{name}_out" if name else f"out_{i + 1}" for i, name in enumerate(given)
@@ -293,7 +295,7 @@ class Statements(Calls):
             raise self.error(stmt, "loops count: write `for i in range(n)`")
         assert isinstance(call, ast.Call)
         begin, end, step = self._range(call, _stored(stmt.body))
-        name = self.fresh("round") if stmt.target.id == "_" else safe(stmt.target.id)
+        name = self.fresh("round") if stmt.target.id == "_" else c_name(stmt.target.id)
         known = self.kinds.get(stmt.target.id)
         if stmt.target.id in self.counted or (known is not None and known != WHOLE):
             raise self.error(stmt, f"{stmt.target.id} is in use; take another name")

@@ -21,7 +21,7 @@ from pcpc.tools.make.generate.translator.kinds import (
     Untranslatable,
     number_text,
 )
-from pcpc.tools.make.generate.translator.source import commented, located
+from pcpc.tools.make.generate.translator.source import source_of
 
 COLUMNS = 100
 ROLES = ("parameters", "states", "inputs", "outputs")
@@ -105,7 +105,7 @@ class Unit:
         return self.called[key]
 
     def _function_name(self, function: Callable[..., Any]) -> str:
-        file, _ = located(function)
+        file, _ = source_of(function)
         name = function.__name__.strip("_")
         stem = file.path.stem
         stem = file.path.parent.name if stem == "model" else stem
@@ -123,7 +123,7 @@ class Unit:
 
     def constant_lines(self) -> list[str]:
         """Return the definitions of the constants."""
-        return [line for _, text in self.constants.values() for line in wrapped(text)]
+        return [line for _, text in self.constants.values() for line in wrapped_lines(text)]
 
     def function_lines(self, seen: Sequence[str]) -> list[str]:
         """Return the functions in order, each module's header before its first one."""
@@ -133,7 +133,7 @@ class Unit:
             if called.module not in known:
                 known.add(called.module)
                 found += [*module_comment(called.module), ""]
-            found += [*(part for line in called.lines for part in wrapped(line)), ""]
+            found += [*(part for line in called.lines for part in wrapped_lines(line)), ""]
         return found
 
 
@@ -159,7 +159,7 @@ def snake(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
-def wrapped(line: str) -> list[str]:
+def wrapped_lines(line: str) -> list[str]:
     """Return a line of C in lines of at most COLUMNS, where it can be broken."""
     if len(line) <= COLUMNS:
         return [line]
@@ -215,4 +215,4 @@ def _braced(array: Any) -> str:
     return "{" + ", ".join(number_text(float(value)) for value in array) + "}"
 
 
-__all__ = ["ROLES", "Unit", "commented", "module_comment", "snake", "wrapped"]
+__all__ = ["ROLES", "Unit", "module_comment", "snake", "wrapped_lines"]
