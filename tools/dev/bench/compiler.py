@@ -26,7 +26,7 @@ from pcpc.drivers.compile_cache import made
 from pcpc.executive.laws.block import Block
 from pcpc.tools.machine.jitter.compiler import compile_to, find
 from pcpc.tools.make.generate.translator import elementary
-from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, signature, translated
+from pcpc.tools.make.generate.translator.law import LETTERS, ROLES, law_files, signature
 
 C_NAMES = {"errno": "errno_"}  # a macro of C
 C_TYPES = {"<i8": "int64_t", "<f8": "double", "|u1": "uint8_t"}
@@ -72,7 +72,7 @@ def step_sources(blocks: Mapping[str, Block], libm: bool = False) -> dict[str, s
         texts["pcpc_math.h"] += LIBM
     for name, block in blocks.items():
         given = "".join(f", (void *){LETTERS[role]}" for role in signature(block))
-        texts |= translated(block, name)
+        texts |= law_files(block, name)
         texts[f"{name}_views.c"] = ADAPTER.format(name=name, views=VIEWS, given=given)
     return texts
 
