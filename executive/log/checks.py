@@ -31,7 +31,9 @@ from pcpc.executive.log.description import (
 _Int = Annotated[int, Meta(ge=-LATEST, le=LATEST)]
 _Word = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]  # what somebody asked for, whatever it was
 _KINDS: dict[str, Any] = get_type_hints(CheckedDescription, include_extras=True) | {
-    "files": list[dict[str, str | bool | int | list[str]]]  # earlier versions had fewer keys
+    "files": list[dict[str, str | bool | int | list[str]]],  # earlier versions had fewer keys
+    "variables": list[tuple[str, str, str, str, str]],
+    "ranges": dict[str, tuple[Number, Number]],
 }
 _ENTRY: dict[str, Any] = {
     "cycle": _Int, "stamp_ns": _Int, "name": str, "event": str, "argument": _Word,

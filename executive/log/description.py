@@ -27,8 +27,8 @@ class CheckedDescription(TypedDict, total=False):
     files: list[CarriedFile]
     period_ns: Annotated[int, Meta(ge=1, le=LONGEST_PERIOD_NS)]
     cycles: Count
-    variables: list[tuple[str, str, str, str, str]]  # name, unit, kind, writer, help
-    ranges: dict[str, tuple[Number, Number]]
+    variables: list[list[str]]  # name, unit, kind, writer, help
+    ranges: dict[str, list[Number]]  # low and high
     state_columns: list[str]
     timing_columns: list[str]
     frames: dict[Id, str]

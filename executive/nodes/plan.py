@@ -362,8 +362,8 @@ def describe(made: Plan, metadata: dict[str, str], kept: bool = True) -> NodeDes
         "timing": {"warn": rig.config.timing.warn, "error": rig.config.timing.error},
         "keep_ns": rig.config.record.keep_ns,
         "keep_on": rig.config.record.events,
-        "variables": [(v.name, v.unit, v.kind, v.writer, v.help) for v in table.variables],
-        "ranges": {v.name: (v.low, v.high) for v in table.variables if v.kind == "parameter"},
+        "variables": [[v.name, v.unit, v.kind, v.writer, v.help] for v in table.variables],
+        "ranges": {v.name: [v.low, v.high] for v in table.variables if v.kind == "parameter"},
         "state_columns": [table.variables[i].name for i in made.columns(False)],
         "timing_columns": [table.variables[i].name for i in made.columns(True)],
         "sources": {
