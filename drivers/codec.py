@@ -9,6 +9,8 @@ Motorola signals, in which a signal is a shift and a mask. Bytes behind the fram
 no signal and are written as 0.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,11 +23,11 @@ _TOP_BIT = -(2**63)
 
 
 @inline
-def frame_of(word: int, frames: NDArray[np.int64], n_frames: int) -> int:
+def frame_of(word: int, frames: NDArray[Any], n_frames: int) -> int:
     """Return which of the first `n_frames` has this id, a word of `drivers.can_id`; -1 for none."""
     number, extended = word & can_id.ID, word >> can_id.EXTENDED_BIT
     for row in range(n_frames):
-        if frames[row, dbc.CAN_ID] == number and frames[row, dbc.EXTENDED] == extended:
+        if frames[row].can_id == number and frames[row].extended == extended:
             return row
     return -1
 
@@ -56,11 +58,9 @@ def _round(x: float) -> float:
 
 
 @inline
-def _unscale(
-    raw: np.int64, row: int, signals: NDArray[np.int64], scales: NDArray[np.float64]
-) -> float:
+def _unscale(raw: np.int64, signal: Any) -> float:
     """Return the physical value of a raw word, already masked and sign-extended."""
-    kind, factor, offset = signals[row, dbc.KIND], scales[row, dbc.FACTOR], scales[row, dbc.OFFSET]
+    kind, factor, offset = signal.kind, signal.factor, signal.offset
     if kind == dbc.SCALED:
         return np.float64(raw) * factor + offset
     if kind == dbc.UNSIGNED_64:
@@ -70,7 +70,7 @@ def _unscale(
     elif kind == dbc.FLOAT_64:
         code = np.int64(raw).view(np.float64)
     else:
-        return np.float64(raw * signals[row, dbc.INT_FACTOR] + signals[row, dbc.INT_OFFSET])
+        return np.float64(raw * signal.int_factor + signal.int_offset)
     if factor == 1.0 and offset == 0.0:
         return code  # keeps the sign of -0.0
     return code * factor + offset
@@ -80,19 +80,18 @@ def _unscale(
 def unpack(
     data: NDArray[np.uint8],
     frame: int,
-    frames: NDArray[np.int64],
-    signals: NDArray[np.int64],
-    scales: NDArray[np.float64],
+    frames: NDArray[Any],
+    signals: NDArray[Any],
     values: NDArray[np.float64],
 ) -> None:
     """Decode `data` (8 bytes) by row `frame` of the tables into the signals' places in `values`."""
     little, big = _little(data), _big(data)
-    for row in range(frames[frame, dbc.FIRST], frames[frame, dbc.END]):
-        word = big if signals[row, dbc.BIG_ENDIAN] != 0 else little
-        raw = (word >> signals[row, dbc.SHIFT]) & signals[row, dbc.MASK]
-        sign = signals[row, dbc.SIGN]
-        raw = (raw ^ sign) - sign
-        values[signals[row, dbc.VARIABLE]] = _unscale(raw, row, signals, scales)
+    for row in range(frames[frame].first, frames[frame].end):
+        signal = signals[row]
+        word = big if signal.big_endian != 0 else little
+        raw = (word >> signal.shift) & signal.mask
+        raw = (raw ^ signal.sign) - signal.sign
+        values[signal.variable] = _unscale(raw, signal)
 
 
 @inline
@@ -111,9 +110,8 @@ def _bits(code: float, kind: int) -> np.int64:
 def pack(
     data: NDArray[np.uint8],
     frame: int,
-    frames: NDArray[np.int64],
-    signals: NDArray[np.int64],
-    scales: NDArray[np.float64],
+    frames: NDArray[Any],
+    signals: NDArray[Any],
     values: NDArray[np.float64],
 ) -> np.int64:
     """Encode the signals of row `frame` from `values` into `data` (8 bytes, all written).
@@ -121,27 +119,28 @@ def pack(
     Returns how many signals saturated: the nearest raw value lies outside of its limits, or NaN.
     """
     little, big, saturated = np.int64(0), np.int64(0), np.int64(0)
-    for row in range(frames[frame, dbc.FIRST], frames[frame, dbc.END]):
-        kind = signals[row, dbc.KIND]
+    for row in range(frames[frame].first, frames[frame].end):
+        signal = signals[row]
+        kind = signal.kind
         is_float = kind == dbc.FLOAT_32 or kind == dbc.FLOAT_64
-        low, high = scales[row, dbc.CODE_LOW], scales[row, dbc.CODE_HIGH]
-        value = values[signals[row, dbc.VARIABLE]]
-        code = (value - scales[row, dbc.OFFSET]) / scales[row, dbc.FACTOR]
+        low, high = signal.code_low, signal.code_high
+        value = values[signal.variable]
+        code = (value - signal.offset) / signal.factor
         if not is_float:
             code = _round(code)
         if code != code:
             bits = np.int64(0)
             saturated += 1
         elif code < low:
-            bits = _bits(low, kind) if is_float else signals[row, dbc.BITS_LOW]
+            bits = _bits(low, kind) if is_float else signal.bits_low
             saturated += 1
         elif code > high:
-            bits = _bits(high, kind) if is_float else signals[row, dbc.BITS_HIGH]
+            bits = _bits(high, kind) if is_float else signal.bits_high
             saturated += 1
         else:
             bits = _bits(code, kind)
-        placed = (bits & signals[row, dbc.MASK]) << signals[row, dbc.SHIFT]
-        if signals[row, dbc.BIG_ENDIAN] != 0:
+        placed = (bits & signal.mask) << signal.shift
+        if signal.big_endian != 0:
             big |= placed
         else:
             little |= placed

@@ -17,7 +17,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from cantools.database.can import Database, Message
@@ -28,6 +28,7 @@ from pcpc.drivers import can_id
 from pcpc.drivers.dbc_file import load, parse, place, text
 from pcpc.drivers.errors import BusError, DbcError, printable
 from pcpc.drivers.frame_bits import classic_bits
+from pcpc.drivers.rows import FRAME, SIGNAL
 
 __all__ = [
     "BusError",
@@ -46,22 +47,11 @@ __all__ = [
     "text",
 ]
 
-# Columns of Table.frames, int64, a row per frame. Its signals are rows FIRST to END - 1.
-(CAN_ID, EXTENDED, DLC, FIRST, END, EVERY_N, PROTECTED, SEQUENCE, COUNTER_BYTE, COUNTER_SHIFT,
- COUNTER_MASK, CRC_BYTE, DATA_ID) = range(13)  # fmt: skip
-FRAME_COLUMNS = 13
-
-# Values of PROTECTED.
+# Values of `protected` in a row of frames.
 UNPROTECTED, CRC_8, CRC_16 = range(3)
 
-# Columns of Table.signals, int64, and of Table.scales, float64, a row per signal.
-(BIG_ENDIAN, SHIFT, MASK, SIGN, KIND, VARIABLE, INT_FACTOR, INT_OFFSET, BITS_LOW,
- BITS_HIGH) = range(10)  # fmt: skip
-SIGNAL_COLUMNS = 10
-FACTOR, OFFSET, CODE_LOW, CODE_HIGH = range(4)
-SCALE_COLUMNS = 4
-
-# Values of KIND: integer computed in float64, integer computed in int64, IEEE 754 on the wire.
+# Values of `kind` in a row of signals: integer computed in float64, integer computed in int64,
+# IEEE 754 on the wire.
 SCALED, WIDE, UNSIGNED_64, FLOAT_32, FLOAT_64 = range(5)
 
 _BREAKS = "\n\xa0"  # kept in comments
@@ -139,9 +129,8 @@ class Frame:
 class Table:
     """What the compiled loop walks; `variables` are "FRAME.signal" in order of the signal rows."""
 
-    frames: NDArray[np.int64]
-    signals: NDArray[np.int64]
-    scales: NDArray[np.float64]
+    frames: NDArray[Any]  # FRAME and SIGNAL of drivers.rows
+    signals: NDArray[Any]
     variables: tuple[str, ...]
 
 
@@ -333,41 +322,35 @@ def table(
 
     `index` gives the place of each variable "FRAME.signal"; without, they are counted from 0.
     """
-    rows = np.zeros((len(selected), FRAME_COLUMNS), np.int64)
-    signals: list[list[int]] = []
-    scales: list[list[float]] = []
+    rows: list[tuple[int, ...]] = []
+    signals: list[tuple[float, ...]] = []
     names: list[str] = []
-    for row, entry in enumerate(selected):
+    for entry in selected:
         first = len(signals)
         for signal in entry.signals:
             names.append(f"{entry.name}.{signal.name}")
             place = len(signals) if index is None else index[names[-1]]
             signals.append(_signal_row(signal, place))
-            scales.append([signal.factor, signal.offset, *_float_codes(signal)])
-        rows[row] = [
+        rows.append((
             entry.can_id, entry.extended, entry.dlc, first, len(signals), entry.every_n(rate_hz),
             entry.crc[0], entry.has_sequence, *entry.counter, *entry.crc[1:],
-        ]  # fmt: skip
-    return Table(
-        rows,
-        np.array(signals, np.int64).reshape(-1, SIGNAL_COLUMNS),
-        np.array(scales, np.float64).reshape(-1, SCALE_COLUMNS),
-        tuple(names),
-    )
+        ))  # fmt: skip
+    return Table(np.array(rows, FRAME), np.array(signals, SIGNAL), tuple(names))
 
 
-def _signal_row(signal: Signal, place: int) -> list[int]:
+def _signal_row(signal: Signal, place: int) -> tuple[float, ...]:
     mask = (1 << signal.nbits) - 1
     from_top = signal.start // 8 * 8 + 7 - signal.start % 8
     shift = 64 - from_top - signal.nbits if signal.big_endian else signal.start
     extends = (signal.signed or signal.is_float) and signal.nbits < 64
     wide = signal.kind == WIDE
     bits = [0, 0] if signal.is_float else [_wrap(int(code) & mask) for code in signal.codes]
-    return [
-        signal.big_endian, shift, _wrap(mask), 1 << (signal.nbits - 1) if extends else 0,
-        signal.kind, place, int(signal.factor) if wide else 0, int(signal.offset) if wide else 0,
-        *bits,
-    ]  # fmt: skip
+    return (
+        signal.big_endian, shift, _wrap(mask),
+        1 << (signal.nbits - 1) if extends else 0, signal.kind, place,
+        int(signal.factor) if wide else 0, int(signal.offset) if wide else 0, *bits,
+        signal.factor, signal.offset, *_float_codes(signal),
+    )  # fmt: skip
 
 
 def _wrap(word: int) -> int:

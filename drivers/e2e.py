@@ -12,6 +12,10 @@
     ERROR            wrong length or CRC               no     errors
     NOT_AVAILABLE    no frame yet                      -      -
 
+In a receiver's row `last_counter` is -1 before the first frame; `state` judges the latest one; the
+next five count since the start; `age_cycles` is since the last used frame, or the start; `fresh` is
+1 if one was used in this cycle; `still_cycles` is since the counter moved.
+
 ERROR leaves the counter as it was; WRONG_SEQUENCE takes it over, so that the next frame is OK.
 `missing` is delta - 1, but no more than the cycles since the counter last moved had frames: a burst
 that is lost is counted in full, a counter that jumps at will is not believed. A frame without
@@ -21,6 +25,8 @@ bits in 8 bytes. The CRC-16, with a counter of 8 bits, is that of AUTOSAR's E2E 
 polynomial 0x1021, start 0xFFFF, not reflected; "123456789" gives 0x29B1. It detects every error of
 1 to 3 bits, and of any odd number. Source: SAE J1850; AUTOSAR, E2E protocol specification.
 """
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,18 +41,9 @@ from pcpc.drivers.e2e_states import (
     WRONG_SEQUENCE,
 )
 from pcpc.drivers.jit import compiled, inline
+from pcpc.drivers.rows import RECEIVER
 
 MAX_DELTA = 4  # 3 frames lost in a row: as many as trip the plant's watchdog
-
-# Columns of the receiver's state, int64, a row per frame. LAST_COUNTER is -1 before the first;
-# STATE judges the latest one; N_... count since the start; AGE_CYCLES is since the last used frame,
-# or the start; FRESH is 1 if one was used in this cycle; STILL_CYCLES is since the counter moved.
-(LAST_COUNTER, STATE, N_RECEIVED, N_LOST, N_REPEATED, N_WRONG_SEQUENCE, N_ERRORS, AGE_CYCLES,
- FRESH, STILL_CYCLES) = range(10)  # fmt: skip
-STATE_COLUMNS = (
-    "last_counter", "state", "received", "lost", "repeated", "wrong_sequence", "errors",
-    "age_cycles", "fresh", "still_cycles",
-)  # fmt: skip
 
 
 def _crc_table(polynomial: int, bits: int) -> NDArray[np.uint64]:
@@ -64,11 +61,10 @@ _CRC_TABLE = _crc_table(0x1D, 8)
 _CRC_16_TABLE = _crc_table(0x1021, 16)
 
 
-def new_state(n_frames: int) -> NDArray[np.int64]:
-    """Return the state of a receiver that has heard nothing, (n_frames, len(STATE_COLUMNS))."""
-    state = np.zeros((n_frames, len(STATE_COLUMNS)), np.int64)
-    state[:, LAST_COUNTER] = -1
-    state[:, STATE] = NOT_AVAILABLE
+def new_state(n_frames: int) -> NDArray[Any]:
+    """Return the state of a receiver that has heard nothing, a row of RECEIVER for each frame."""
+    state = np.zeros(n_frames, RECEIVER)
+    state["last_counter"], state["state"] = -1, NOT_AVAILABLE
     return state
 
 
@@ -95,73 +91,73 @@ def crc16(data_id: int, data: NDArray[np.uint8], place: int, n_bytes: int) -> np
 
 
 @compiled()
-def right_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64]) -> np.int64:
+def right_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.int64:
     """Return the CRC that belongs to the data of a protected frame."""
-    place = frames[frame, dbc.CRC_BYTE]
-    if frames[frame, dbc.PROTECTED] == dbc.CRC_16:
-        return crc16(frames[frame, dbc.DATA_ID], data, place, frames[frame, dbc.DLC])
-    return crc8(frames[frame, dbc.CAN_ID], data, place)
+    place = frames[frame].crc_byte
+    if frames[frame].protected == dbc.CRC_16:
+        return crc16(frames[frame].data_id, data, place, frames[frame].dlc)
+    return crc8(frames[frame].can_id, data, place)
 
 
 @compiled()
-def crc_of(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64]) -> np.int64:
+def crc_of(data: NDArray[np.uint8], frame: int, frames: NDArray[Any]) -> np.int64:
     """Return the CRC that stands in the data of a protected frame."""
-    place = frames[frame, dbc.CRC_BYTE]
+    place = frames[frame].crc_byte
     crc = np.int64(data[place])
-    if frames[frame, dbc.PROTECTED] == dbc.CRC_16:
+    if frames[frame].protected == dbc.CRC_16:
         crc |= np.int64(data[place + 1]) << 8
     return crc
 
 
 @compiled()
-def put_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64], crc: int) -> None:
+def put_crc(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], crc: int) -> None:
     """Write a CRC into the data of a protected frame, as many bits of it as it has."""
-    place = frames[frame, dbc.CRC_BYTE]
+    place = frames[frame].crc_byte
     data[place] = crc & 0xFF
-    if frames[frame, dbc.PROTECTED] == dbc.CRC_16:
+    if frames[frame].protected == dbc.CRC_16:
         data[place + 1] = crc >> 8 & 0xFF
 
 
 @inline
-def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[np.int64], counter: int) -> None:
+def protect(data: NDArray[np.uint8], frame: int, frames: NDArray[Any], counter: int) -> None:
     """Write counter (modulo its width) and CRC into packed `data`; does nothing to a frame without.
 
     `counter` is the SYNC sequence in a frame of every cycle, the transmission's number in others.
     """
-    if frames[frame, dbc.PROTECTED] == 0:
+    if frames[frame].protected == 0:
         return
-    byte, shift = frames[frame, dbc.COUNTER_BYTE], frames[frame, dbc.COUNTER_SHIFT]
-    mask = frames[frame, dbc.COUNTER_MASK]
+    byte, shift = frames[frame].counter_byte, frames[frame].counter_shift
+    mask = frames[frame].counter_mask
     kept = np.int64(data[byte]) & ~(mask << shift)
     data[byte] = kept | ((counter & mask) << shift)
-    if frames[frame, dbc.PROTECTED] == dbc.CRC_8:
-        last = frames[frame, dbc.CRC_BYTE]
-        data[last] = crc8(frames[frame, dbc.CAN_ID], data, last)
+    if frames[frame].protected == dbc.CRC_8:
+        last = frames[frame].crc_byte
+        data[last] = crc8(frames[frame].can_id, data, last)
     else:
         put_crc(data, frame, frames, right_crc(data, frame, frames))
 
 
 @inline
-def begin_cycle(state: NDArray[np.int64], n_frames: int) -> None:
+def begin_cycle(state: NDArray[Any], n_frames: int) -> None:
     """Age the first frames by one cycle; call it once per cycle before the frames are drained."""
     for row in range(n_frames):
         age(state, row)
 
 
 @inline
-def age(state: NDArray[np.int64], row: int) -> None:
+def age(state: NDArray[Any], row: int) -> None:
     """Age a frame by one cycle."""
-    state[row, AGE_CYCLES] += 1
-    state[row, STILL_CYCLES] += 1
-    state[row, FRESH] = 0
+    state[row].age_cycles += 1
+    state[row].still_cycles += 1
+    state[row].fresh = 0
 
 
 @inline
-def _use(state: NDArray[np.int64], frame: int, outcome: int) -> None:
-    state[frame, STATE] = outcome
-    state[frame, N_RECEIVED] += 1
-    state[frame, AGE_CYCLES] = 0
-    state[frame, FRESH] = 1
+def _use(state: NDArray[Any], frame: int, outcome: int) -> None:
+    state[frame].state = outcome
+    state[frame].received += 1
+    state[frame].age_cycles = 0
+    state[frame].fresh = 1
 
 
 @inline
@@ -169,46 +165,44 @@ def check(
     data: NDArray[np.uint8],
     length: int,
     frame: int,
-    frames: NDArray[np.int64],
-    state: NDArray[np.int64],
+    frames: NDArray[Any],
+    state: NDArray[Any],
 ) -> tuple[int, int]:
     """Judge a received frame of `length` bytes and update its row of `state`.
 
     Returns the receiver state and the number of frames lost before this one. Decode the frame only
     if the state is OK or OK_SOME_LOST.
     """
-    last, protected = frames[frame, dbc.CRC_BYTE], frames[frame, dbc.PROTECTED]
-    if length != frames[frame, dbc.DLC] or (
-        crc8(frames[frame, dbc.CAN_ID], data, last) != np.int64(data[last])
+    last, protected = frames[frame].crc_byte, frames[frame].protected
+    if length != frames[frame].dlc or (
+        crc8(frames[frame].can_id, data, last) != np.int64(data[last])
         if protected == dbc.CRC_8
         else protected != 0 and right_crc(data, frame, frames) != crc_of(data, frame, frames)
     ):
-        state[frame, STATE] = ERROR
-        state[frame, N_ERRORS] += 1
+        state[frame].state = ERROR
+        state[frame].errors += 1
         return ERROR, 0
     if protected == 0:
         _use(state, frame, OK)
         return OK, 0
-    mask = frames[frame, dbc.COUNTER_MASK]
-    counter = (
-        np.int64(data[frames[frame, dbc.COUNTER_BYTE]]) >> frames[frame, dbc.COUNTER_SHIFT]
-    ) & mask
-    before = state[frame, LAST_COUNTER]
+    mask = frames[frame].counter_mask
+    counter = (np.int64(data[frames[frame].counter_byte]) >> frames[frame].counter_shift) & mask
+    before = state[frame].last_counter
     delta = (counter - before) & mask if before >= 0 else 1
     if delta == 0:
-        state[frame, STATE] = REPEATED
-        state[frame, N_REPEATED] += 1
+        state[frame].state = REPEATED
+        state[frame].repeated += 1
         return REPEATED, 0
     missing = delta - 1
     if delta > MAX_DELTA:
-        turns = state[frame, STILL_CYCLES] // frames[frame, dbc.EVERY_N]
+        turns = state[frame].still_cycles // frames[frame].every_n
         missing = min(missing, max(turns - 1, np.int64(0)))
-    state[frame, LAST_COUNTER] = counter
-    state[frame, STILL_CYCLES] = 0
-    state[frame, N_LOST] += missing
+    state[frame].last_counter = counter
+    state[frame].still_cycles = 0
+    state[frame].lost += missing
     if delta > MAX_DELTA:
-        state[frame, STATE] = WRONG_SEQUENCE
-        state[frame, N_WRONG_SEQUENCE] += 1
+        state[frame].state = WRONG_SEQUENCE
+        state[frame].wrong_sequence += 1
         return WRONG_SEQUENCE, missing
     outcome = OK if delta == 1 else OK_SOME_LOST
     _use(state, frame, outcome)

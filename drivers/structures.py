@@ -1,14 +1,16 @@
-"""Structures: what `n.k`, `n.wire.errno` and `n.v[i]` are in compiled code.
+"""Structures: what `n.k`, `n.wire.errno`, `n.v[i]` and `n.rx.frames[i].dlc` are in compiled code.
 
 A Structure is a pointer to one element of a structured numpy array. Its fields are numbers, Cells
-(`drivers.views`) and further Structures, so that every access is a load or store at an address that
-the compiler knows, up to the index. numba's own record makes an array of each field and takes a
-negative index from its end: that was a quarter of the loop's cycle.
+(`drivers.views`), further Structures and Cells of them, so that every access is a load or store at
+an address that the compiler knows, up to the index. numba's own record makes an array of each field
+and takes a negative index from its end: that was a quarter of the loop's cycle. A name of a
+`Numbered` class is its number.
 
     structure(dtype)       the type of `array[0]` for functions with a signature; without one it is
                            known once the dtype was named here
     data_of(frame)         the data bytes of a frame, Cells
     copy(target, source)   a frame's bytes into another's place
+    words(structure)       its int64, Cells; `words_of` outside of the loop
 """
 
 import hashlib
@@ -18,9 +20,20 @@ import numpy as np
 
 # ruff: isort: off
 from pcpc.drivers.jit import LOOP_INTERPRETED, numba, types
+from pcpc.drivers.numbered import Numbered, NumberedKind
 from pcpc.drivers.views import Cells, Fields, Pointer, data
 from llvmlite import ir  # after ours, which set numba's environment
-from numba.extending import NativeValue, intrinsic, register_model, typeof_impl, unbox
+from numba.core.imputils import lower_constant, lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    intrinsic,
+    models,
+    register_model,
+    typeof_impl,
+    unbox,
+)
 # ruff: isort: on
 
 _I64 = ir.IntType(64)
@@ -31,9 +44,10 @@ class Structure(Fields):
 
     element = types.uint8
 
-    def __init__(self, fields: tuple[tuple[str, Any, int], ...]) -> None:
+    def __init__(self, fields: tuple[tuple[str, Any, int], ...], size: int) -> None:
         self.fields = {name: (kind, place) for name, kind, place in fields}
-        mark = hashlib.sha256(repr(fields).encode()).hexdigest()[:12]
+        self.size = size
+        mark = hashlib.sha256(repr((fields, size)).encode()).hexdigest()[:12]
         super().__init__(f"Structure({mark})")
 
     def field(self, name: str) -> tuple[Any, int] | None:
@@ -51,7 +65,7 @@ def structure(dtype: np.dtype[Any]) -> Any:
     if plain not in _known:
         places: Any = plain.fields
         fields = ((name, _kind(places[name][0]), places[name][1]) for name in places)
-        _known[plain] = Structure(tuple(fields))
+        _known[plain] = Structure(tuple(fields), plain.itemsize)
     return _known[plain]
 
 
@@ -64,7 +78,7 @@ def _kind(dtype: np.dtype[Any]) -> Any:
     if dtype.fields is not None:
         return structure(dtype)
     base, shape = dtype.subdtype or (dtype, ())
-    number = numba.from_dtype(base)
+    number = numba.from_dtype(base) if base.fields is None else structure(base)
     return Cells(shape, number) if shape else number
 
 
@@ -80,6 +94,37 @@ def _unbox(kind: Any, value: Any, c: Any) -> Any:
     failed = c.builder.icmp_unsigned("==", pointer, ir.Constant(pointer.type, None))
     pointer = c.builder.bitcast(pointer, c.context.get_value_type(kind))
     return NativeValue(pointer, failed, lambda: c.pyapi.release_buffer(buffer))
+
+
+class Names(types.Type):
+    """The type of a Numbered class, whose members are int64."""
+
+    def __init__(self, numbered: NumberedKind) -> None:
+        self.numbered = numbered
+        super().__init__(f"Names({numbered.__module__}.{numbered.__qualname__})")
+
+
+register_model(Names)(models.OpaqueModel)
+typeof_impl.register(NumberedKind)(lambda numbered, context: Names(numbered))
+typeof_impl.register(Numbered)(lambda member, context: types.int64)
+
+
+@infer_getattr
+class _Members(AttributeTemplate):
+    key = Names
+
+    def generic_resolve(self, kind: Names, name: str) -> Any:  # type: ignore[override]
+        return types.int64 if name in kind.numbered.__members__ else None
+
+
+@lower_constant(Names)
+def _no_value(context: Any, builder: Any, kind: Any, numbered: Any) -> Any:
+    return context.get_dummy_value()
+
+
+@lower_getattr_generic(Names)
+def _member(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+    return context.get_constant(types.int64, int(kind.numbered[name]))
 
 
 @intrinsic
@@ -106,6 +151,19 @@ def _copy(typing: Any, target: Any, source: Any) -> Any:
     return types.void(target, source), generate
 
 
+@intrinsic
+def _words(typing: Any, structure: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], _I64.as_pointer())
+
+    return Cells((structure.size // 8,), types.int64)(structure), generate
+
+
+def words_of(structure: Any) -> Any:
+    """Return the int64 of a structure that has nothing else, as an array on its memory."""
+    return np.asarray(structure).reshape(1).view(np.int64)
+
+
 def _data_interpreted(frame: Any) -> Any:
     return frame[8:16]
 
@@ -115,4 +173,5 @@ def _copy_interpreted(target: Any, source: Any) -> None:
 
 
 data_of: Any = _data_interpreted if LOOP_INTERPRETED else _data_of
+words: Any = words_of if LOOP_INTERPRETED else _words
 copy: Any = _copy_interpreted if LOOP_INTERPRETED else _copy

@@ -64,6 +64,7 @@ class Fields(types.Type):
     """The type of a pointer to memory whose parts have names: a View or a Structure."""
 
     element: Any
+    size: int  # bytes, where there are Cells of them
 
     def field(self, name: str) -> tuple[Any, int] | None:
         """Return the type of a part and its place in bytes; None if there is none."""
@@ -90,10 +91,11 @@ class View(Fields):
 
 
 class Cells(types.Type):
-    """The type of a pointer to an array of a fixed shape, row by row."""
+    """The type of a pointer to an array of a fixed shape, row by row: of numbers or structures."""
 
     def __init__(self, shape: tuple[int, ...], element: Any) -> None:
         self.extents, self.element = shape, element
+        self.stride = element.size if isinstance(element, Fields) else 1  # a structure: bytes
         super().__init__(f"Cells({shape}, {element})")
 
 
@@ -105,7 +107,9 @@ class Pointer(models.PrimitiveModel):
     """How Cells and Fields are passed."""
 
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, manager[kind.element].get_data_type().as_pointer())
+        element = manager[kind.element].get_data_type()
+        pointers = isinstance(kind.element, Fields)
+        super().__init__(manager, kind, element if pointers else element.as_pointer())
 
 
 register_model(View)(Pointer)
@@ -166,7 +170,7 @@ def _type_of_item(context: Any) -> Any:
 def _type_of_assignment(context: Any) -> Any:
     def typer(cells: Any, index: Any, value: Any) -> Any:
         whole = isinstance(cells, Cells) and len(_indices(index)) == len(cells.extents)
-        return types.none if whole else None
+        return types.none if whole and not isinstance(cells.element, Fields) else None
 
     return typer
 
@@ -184,9 +188,7 @@ def _element(context: Any, builder: Any, kind: Cells, pointer: Any, index: Any, 
     values = [index] if single else [builder.extract_value(index, i) for i in range(len(of))]
     at = ir.Constant(_I64, 0)
     for i, (value, its) in enumerate(zip(values, _indices(of), strict=True)):
-        stride = 1
-        for extent in kind.extents[i + 1 :]:
-            stride *= extent
+        stride = kind.stride * math.prod(kind.extents[i + 1 :])
         step = builder.mul(
             context.cast(builder, value, its, types.int64), ir.Constant(_I64, stride), flags=["nsw"]
         )
@@ -197,7 +199,8 @@ def _element(context: Any, builder: Any, kind: Cells, pointer: Any, index: Any, 
 def _item(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     cells, index = signature.args
     address = _element(context, builder, cells, arguments[0], arguments[1], index)
-    return address if isinstance(signature.return_type, Cells) else builder.load(address)
+    part = isinstance(signature.return_type, Cells | Fields)
+    return address if part else builder.load(address)
 
 
 def _assign(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

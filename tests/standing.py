@@ -72,7 +72,7 @@ def granting(*blocks: sh.Shared) -> Iterator[list[tuple[str, dict[str, float]]]]
                     answer[sh.REFUSAL], answer[sh.ACK] = sh.ACCEPTED, request
 
     for block in blocks:
-        block["control"][sh.PASSES] = 1
+        block.control.passes = 1
     thread = threading.Thread(target=loop, daemon=True)
     thread.start()
     try:

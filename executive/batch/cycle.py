@@ -11,6 +11,12 @@ since nothing disturbs the bytes; a frame is the rounded codes of its signals.
     transmit    the frames that are due: encode, draw the loss, decode at the other node
     keep        the traces that somebody wants
 
+What lanes share with a single run is what has no branch by run: the LOOP record with its tables and
+wiring, the declarations of states and counters, the stages of the blocks, the constants of losses.
+The steps above stand here a second time because in a single run they branch: `if` skips work there
+and is `where` here, for which values of all runs are computed; written as `where` for both, a
+single run would do all of it in every cycle.
+
 A run that leaves this path (a fault, a value that is no finite number, a command that is not yet
 safe at the end, a counter that wraps) is marked ODD: its numbers are void from there on, and
 `executive.batch.runs` does it alone. So no reaction to a fault stands here a second time.
@@ -33,20 +39,30 @@ from pcpc.drivers.views import lane_rows
 from pcpc.executive.laws.emath import ROUND, where
 from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.limits import FINITE
-from pcpc.executive.loop.timing import COUNTERS
-from pcpc.executive.loop.variables import CLAMPED, MISSING, NMT, STATE, T_S, TIMING_AT, WALL
+from pcpc.executive.loop.states import HEARTBEATS, State
+from pcpc.executive.loop.variables import (
+    CLAMPED,
+    COUNTERS,
+    COUNTERS_AT,
+    MISSING,
+    NMT,
+    STATE,
+    T_S,
+    WALL,
+)
 
 ODD, COMPLETE, SENT, RECEIVED, LOST, SATURATED, ON_PURPOSE, HELD, STALE = range(9)
 SEED, IN_LOSS, GAP, HEARD = range(4)
 EXTRA, OF_FRAME = 9, 4  # how many there are of each; of a limit, one: the value sent
-_COUNTED = np.array(  # the row of EXTRA for each of timing.COUNTERS; -1: none is ever counted
-    [{sh.SENT: SENT, sh.RECEIVED: RECEIVED, sh.LOST: LOST, sh.SATURATED: SATURATED,
-      sh.LOST_ON_PURPOSE: ON_PURPOSE, sh.HELD: HELD, sh.STALE: STALE}.get(code, -1)
-     for code in COUNTERS.tolist()]
-)  # fmt: skip
-_PASSES_AT = TIMING_AT + 5 + COUNTERS.tolist().index(sh.PASSES)
+_ROW_OF = {
+    "sent": SENT, "received": RECEIVED, "lost": LOST, "saturated": SATURATED,
+    "lost_on_purpose": ON_PURPOSE, "held": HELD, "stale": STALE,
+}  # fmt: skip
+_COUNTED = np.array(  # the row of EXTRA for each of COUNTERS; -1: none is ever counted
+    [_ROW_OF.get(word, -1) for word, *_ in COUNTERS]
+)
+_PASSES_AT = COUNTERS_AT + [word for word, *_ in COUNTERS].index("passes")
 _TWO_52 = 2.0**52
 _OPTIONS = OPTIONS | {"_nrt": False}  # nothing is allocated: counting references is 4 % of a run
 _PRIME, _FACTOR = float(losses.PRIME), float(losses.FACTOR)
@@ -99,18 +115,18 @@ def add(n: Any, w: Any, which: Any, amount: Any) -> None:
 def supervise(n: Any, w: Any) -> None:
     """Count what is missing and advance the states; a fault is odd."""
     own, before = n.n_variables, w[STATE]
-    complete, running = w[own + COMPLETE] > 0.5, w[STATE] >= float(sv.RUN)
+    complete, running = w[own + COMPLETE] > 0.5, w[STATE] >= float(State.RUN)
     w[own + COMPLETE] = 1.0
     missing = where(complete, 0.0, w[MISSING] + 1.0)
     held = running & ~complete
     add(n, w, HELD, number(held))
     add(n, w, STALE, number(held & (missing > float(n.guard.hold_cycles))))
-    silent = (before != float(sv.INIT)) & (missing >= float(n.guard.fault_after))
+    silent = (before != float(State.INIT)) & (missing >= float(n.guard.fault_after))
     add(n, w, ODD, number(silent))
-    forth = where(before == float(sv.INIT), float(sv.READY), float(sv.RUN))
-    state = where(complete, forth, where(running, float(sv.HOLD), before))
+    forth = where(before == float(State.INIT), float(State.READY), float(State.RUN))
+    state = where(complete, forth, where(running, float(State.HOLD), before))
     w[STATE], w[MISSING] = state, missing
-    w[NMT] = where(state < float(sv.RUN), sv.NMT[sv.INIT], sv.NMT[sv.RUN])
+    w[NMT] = where(state < float(State.RUN), HEARTBEATS[State.INIT], HEARTBEATS[State.RUN])
 
 
 @inline
@@ -146,9 +162,9 @@ def step(n: Any, w: Any, values: Any, steps: Any, k: Any) -> None:
         at = n.blocks.views[b]
         p, x = part(values, WIDTH * at[0]), part(values, WIDTH * at[2])
         u, y = part(values, WIDTH * at[4]), part(values, WIDTH * at[6])
-        n.control[sh.STEPPING] = b + 1  # for `executive.nodes.watched`
+        n.control.stepping = b + 1  # for `executive.nodes.watched`
         call(steps[b], t, dt, p, x, u, y)
-    n.control[sh.STEPPING] = 0
+    n.control.stepping = 0
 
 
 # -------------------------------------------------------------------------------------------- limit
@@ -171,11 +187,11 @@ def limit(n: Any, w: Any) -> None:
         look_for_odd(n, w, n.blocks.views[b, 6], n.blocks.views[b, 7])
     look_for_odd(n, w, n.tx.first, n.tx.past)
     w[CLAMPED] = 0.0
-    table, waits = n.limits.table, w[STATE] == float(sv.INIT)
+    table, waits = n.limits.table, w[STATE] == float(State.INIT)
     for i in range(n.limits.n):
         j, own = n.limits.place[i], of_limit(n, i)
-        wanted, sent, rate = where(waits, table[i, sh.SAFE], w[j]), w[own], table[i, sh.RATE]
-        value = within(wanted, table[i, sh.LOW], table[i, sh.HIGH])
+        wanted, sent, rate = where(waits, table[i].safe, w[j]), w[own], table[i].rate
+        value = within(wanted, table[i].low, table[i].high)
         value = within(value, sent - rate, sent + rate)
         clamped = value != wanted
         w[CLAMPED] = where(clamped, 1.0, w[CLAMPED])
@@ -194,17 +210,17 @@ def within(value: Any, low: Any, high: Any) -> Any:
 def mark_unsettled(n: Any, w: Any) -> None:
     """Mark runs at whose end a command may not be safe at once: they go on for a ramp."""
     for i in range(n.limits.n):
-        way = abs(w[of_limit(n, i)] - n.limits.table[i, sh.SAFE])
-        add(n, w, ODD, number(way > n.limits.table[i, sh.RATE]))
+        way = abs(w[of_limit(n, i)] - n.limits.table[i].safe)
+        add(n, w, ODD, number(way > n.limits.table[i].rate))
 
 
 @inline
 def end(n: Any, w: Any) -> None:
     """Be in STOP, every command safe."""
-    w[STATE], w[NMT] = float(sv.STOP), sv.NMT[sv.STOP]
+    w[STATE], w[NMT] = float(State.STOP), HEARTBEATS[State.STOP]
     carry(n, w, sh.MAX_BLOCKS)
     for i in range(n.limits.n):
-        w[n.limits.place[i]] = n.limits.table[i, sh.SAFE]
+        w[n.limits.place[i]] = n.limits.table[i].safe
 
 
 # ----------------------------------------------------------------------------------------- transmit
@@ -225,10 +241,10 @@ def survives(m: Any, z: Any, row: Any) -> Any:
     lost = (lost & ~turns) | (turns & ~lost)
     gap = where(z[own + HEARD] > 0.5, z[own + GAP] + 1.0, 1.0)  # since the last one
     z[own + SEED], z[own + IN_LOSS] = s, number(lost)
-    used, protected = ~lost, m.rx.frames[row, dbc.PROTECTED] != 0
+    used, protected = ~lost, m.rx.frames[row].protected != 0
     if protected:
         used = used & (gap <= float(e2e.MAX_DELTA))
-        add(m, z, ODD, number(gap > float(m.rx.frames[row, dbc.COUNTER_MASK])))
+        add(m, z, ODD, number(gap > float(m.rx.frames[row].counter_mask)))
         add(m, z, LOST, where(lost, 0.0, gap - 1.0))
     z[own + GAP], z[own + HEARD] = where(lost, gap, 0.0), where(lost, z[own + HEARD], 1.0)
     add(m, z, RECEIVED, number(used))
@@ -239,10 +255,10 @@ def survives(m: Any, z: Any, row: Any) -> Any:
 @inline
 def encoded(n: Any, w: Any, i: Any) -> Any:
     """Return the raw value of signal `i` of what is sent, and where it saturated."""
-    scales, kind = n.tx.scales, n.tx.signals[i, dbc.KIND]
-    low, high = scales[i, dbc.CODE_LOW], scales[i, dbc.CODE_HIGH]
-    code = w[n.tx.signals[i, dbc.VARIABLE]]
-    code = (code - scales[i, dbc.OFFSET]) / scales[i, dbc.FACTOR]
+    signal = n.tx.signals[i]
+    kind, low, high = signal.kind, signal.code_low, signal.code_high
+    code = w[signal.variable]
+    code = (code - signal.offset) / signal.factor
     if kind < dbc.FLOAT_32:
         size = abs(code)
         size = where(size < _TWO_52, (size + _TWO_52) - _TWO_52, size)
@@ -258,8 +274,8 @@ def encoded(n: Any, w: Any, i: Any) -> Any:
 @inline
 def decoded(m: Any, i: Any, code: Any) -> Any:
     """Return the value of signal `i` of what is received."""
-    factor, offset = m.rx.scales[i, dbc.FACTOR], m.rx.scales[i, dbc.OFFSET]
-    whole = m.rx.signals[i, dbc.KIND] < dbc.FLOAT_32
+    signal = m.rx.signals[i]
+    factor, offset, whole = signal.factor, signal.offset, signal.kind < dbc.FLOAT_32
     return code * factor + offset if whole or factor != 1.0 or offset != 0.0 else code
 
 
@@ -269,16 +285,16 @@ def send(n: Any, w: Any, row: Any, m: Any, z: Any, to: Any) -> None:
     used = z[m.n_variables + ODD] == z[m.n_variables + ODD]
     if to >= 0:
         used = survives(m, z, to)
-        if m.rx.role[to, sh.AWAITED] != 0:
+        if m.rx.role[to].awaited != 0:
             z[m.n_variables + COMPLETE] = where(used, z[m.n_variables + COMPLETE], 0.0)
-    first = n.tx.frames[row, dbc.FIRST]
-    for i in range(first, n.tx.frames[row, dbc.END]):
+    first = n.tx.frames[row].first
+    for i in range(first, n.tx.frames[row].end):
         code, outside = encoded(n, w, i)
         w[CLAMPED] = where(outside, 1.0, w[CLAMPED])
         add(n, w, SATURATED, number(outside))
         if to >= 0:
-            j = m.rx.frames[to, dbc.FIRST] + i - first
-            place = m.rx.signals[j, dbc.VARIABLE]
+            j = m.rx.frames[to].first + i - first
+            place = m.rx.signals[j].variable
             z[place] = where(used, decoded(m, j, code), z[place])
     add(n, w, SENT, 1.0)
 
@@ -287,7 +303,7 @@ def send(n: Any, w: Any, row: Any, m: Any, z: Any, to: Any) -> None:
 def transmit(n: Any, w: Any, heard_as: Any, m: Any, z: Any, k: Any) -> None:
     """Send what is due, in the order of the rows."""
     for row in range(n.tx.n):
-        if k % n.tx.frames[row, dbc.EVERY_N] == 0:
+        if k % n.tx.frames[row].every_n == 0:
             send(n, w, row, m, z, heard_as[row])
 
 
@@ -299,7 +315,7 @@ def keep(n: Any, w: Any, seat: Any, k: Any) -> None:
     """Write the counters to the table, and the traces of this cycle."""
     for i in range(_COUNTED.shape[0]):
         if _COUNTED[i] >= 0:
-            w[TIMING_AT + 5 + i] = w[n.n_variables + _COUNTED[i]]
+            w[COUNTERS_AT + i] = w[n.n_variables + _COUNTED[i]]
     w[_PASSES_AT] = float(k)
     w[WALL] = 1e-9 * (k * n.clock.period_ns)
     trace = lane_rows(seat.trace)
@@ -312,7 +328,7 @@ def keep(n: Any, w: Any, seat: Any, k: Any) -> None:
 def one_pass(seat: Any, k: Any, other: Any) -> None:
     """Do cycle `k` of a node, whose frames go to the other one."""
     n, w = seat.n, lane_rows(seat.values)
-    n.control[sh.PASSES] = k
+    n.control.passes = k
     supervise(n, w)
     tune(n, w, k)
     step(n, w, seat.values, seat.steps, k)
@@ -339,5 +355,5 @@ def finish(top: Any, low: Any, cycles: Any) -> None:
     mark_unsettled(n, w)
     end(n, w)
     transmit(n, w, top.heard_as, m, z, cycles)
-    told = z[m.guard.mode_index] == float(sv.STOP)
+    told = z[m.guard.mode_index] == float(State.STOP)
     add(m, z, ODD, where(told, 0.0, 1.0))

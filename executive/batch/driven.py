@@ -42,7 +42,7 @@ def _in_lanes(
     """Do the rows of `given` from cycle `first` on, all lanes at once."""
     w, kept = lane_rows(values), lane_rows(trace)
     for row in range(given.shape[0]):
-        n.control[sh.PASSES] += 1  # for `watched`
+        n.control.passes += 1  # for `watched`
         for i in range(places.shape[0]):
             w[places[i]] = given[row, i]
         cycle.step(n, w, values, steps, first + row)
@@ -58,19 +58,19 @@ def _alone(
     """Do the same for one: `values` (rows,), `trace` (rows * wanted,)."""
     dt = n.clock.period_ns * 1e-9
     for row in range(given.shape[0]):
-        n.control[sh.PASSES] += 1
+        n.control.passes += 1
         for i in range(places.shape[0]):
             values[places[i]] = given[row, i]
         values[T_S] = t = (first + row) * dt
         for b in range(n.blocks.n):
             cycle.carry(n, values, b)
             at = n.blocks.views[b]
-            n.control[sh.STEPPING] = b + 1
+            n.control.stepping = b + 1
             call(
                 steps[b], t, dt, part(values, at[0]), part(values, at[2]), part(values, at[4]),
                 part(values, at[6]),
             )  # fmt: skip
-        n.control[sh.STEPPING] = 0
+        n.control.stepping = 0
         cycle.carry(n, values, sh.MAX_BLOCKS)
         for i in range(wanted.shape[0]):
             trace[row * wanted.shape[0] + i] = values[wanted[i]]
@@ -230,7 +230,7 @@ class Driven:
             watched(do, [self._block.loop])
         except StepError:
             names = list(self._specs)
-            at = int(self._block.loop.control[sh.STEPPING]) - 1
+            at = int(self._block.loop.control.stepping) - 1
             raise StepError(f"the step of {names[at]} does not return") from None
 
 

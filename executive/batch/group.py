@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e
 from pcpc.drivers.jit import LOOP_INTERPRETED
 from pcpc.drivers.lanes import WIDTH, LanesDiffer, table
 from pcpc.drivers.stage import Stage
@@ -20,9 +19,10 @@ from pcpc.executive.batch import cycle
 from pcpc.executive.log.description import NodeDescription, node_description
 from pcpc.executive.loop import exchange, losses, reception
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
-from pcpc.executive.loop.timing import COUNTERS
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.variables import (
+    COUNTERS,
+    COUNTERS_AT,
     DISARMED,
     ERROR_REGISTER,
     GAIN,
@@ -46,7 +46,6 @@ Traces = dict[Role, NDArray[np.float64]]
 _AT_ONCE = 256  # rows of a trace turned at once: they fit the nearest memory
 PIECE = 4000  # cycles between two looks at whether the user wants the end; each takes a thread
 _WHOLE = 2.0**53  # the largest code that float64 counts exactly
-_COUNTERS_AT = range(TIMING_AT + 5, TIMING_AT + 5 + len(COUNTERS))
 
 
 class NotInLanes(Exception):
@@ -119,7 +118,7 @@ class Group:
         for role, seat in self.seats.items():
             seat.values[:] = self._begin[role][:, None]
             seat.n.tuning.done = 0
-            seat.n.control[sh.STEPPING] = seat.n.control[sh.FAULT] = 0
+            seat.n.control.stepping = seat.n.control.fault = 0
 
     def put(self, lane: int, role: Role, values: Mapping[int, float]) -> None:
         """Give a run values by their places in the table of a node."""
@@ -181,16 +180,16 @@ class Group:
 
 def hung(description: Mapping[str, Any], control: Any) -> str:
     """Return which step of a node does not return; "" for none."""
-    if control[sh.FAULT] != sv.STEP_HANGS:
+    if control.fault != Fault.STEP_HANGS:
         return ""
-    return f"the step of {description['blocks'][control[sh.STEPPING] - 1]} does not return"
+    return f"the step of {description['blocks'][control.stepping - 1]} does not return"
 
 
 def _check_wires(made: Plan) -> None:
     names, n_clock = made.names, len(TIMING)
     if any(frame.on_event for frame in made.tx_frames):
         raise NotInLanes("it has an emergency frame")
-    known = {_COUNTERS_AT[i] for i in range(len(COUNTERS))} | {WALL}
+    known = {*range(COUNTERS_AT, COUNTERS_AT + len(COUNTERS)), WALL}
     for source, _ in (pair for copies in made.copies for pair in copies):
         if TIMING_AT <= source < TIMING_AT + n_clock and source not in known:
             raise NotInLanes(f"{names[source]} is wired, which only a clock knows")
@@ -238,12 +237,12 @@ def _beginning(role: Role, seat: cycle.Seat) -> NDArray[np.float64]:
     values[GAIN] = 1.0
     values[n + cycle.COMPLETE] = role == "executive"  # the plant's first cycle has no command
     control = loop.control
-    for row, word in ((cycle.SENT, sh.SENT), (cycle.RECEIVED, sh.RECEIVED)):
+    for row, word in ((cycle.SENT, "sent"), (cycle.RECEIVED, "received")):
         values[n + row] = control[word]
     for i in range(loop.limits.n):
-        values[n + cycle.EXTRA + i] = loop.limits.table[i, sh.SENT_VALUE]
+        values[n + cycle.EXTRA + i] = loop.limits.table[i].sent
     for row in range(loop.rx.n):
         at = n + cycle.EXTRA + loop.limits.n + cycle.OF_FRAME * row
         values[at + cycle.SEED] = loop.rx.loss_state[row, losses.STATE]
-        values[at + cycle.HEARD] = loop.rx.state[row, e2e.LAST_COUNTER] >= 0
+        values[at + cycle.HEARD] = loop.rx.state[row].last_counter >= 0
     return values

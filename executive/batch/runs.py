@@ -21,8 +21,7 @@ from pcpc.executive.batch.group import Group, NotInLanes, Traces, hung
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.long_logs import Columns
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.supervisor import FAULT_NAMES
+from pcpc.executive.loop.faults import FAULT_NAMES
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
@@ -231,9 +230,9 @@ class Runs:
                 pass
         except StepError:  # one that raises is a fault of this run; one that hangs goes on hanging
             for block in run.blocks:
-                if what := hung(block.description, block["control"]):
+                if what := hung(block.description, block.control):
                     raise StepError(what) from None
-        codes = [int(block["control"][sh.FAULT]) for block in run.blocks]
+        codes = [int(block.control.fault) for block in run.blocks]
         fault = next((FAULT_NAMES[code] for code in codes if code), "")
         return Done(run.memory.log(), fault, why)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.schemas import EVENTS, OF_A_FRAME, VALUE_EVENTS
-from pcpc.executive.loop import shared
+from pcpc.executive.loop.events import Event
 
 
 def entry_of(row: NDArray[np.int64], about: NodeDescription) -> tuple[str, dict[str, Any]]:
@@ -20,7 +20,7 @@ def entry_of(row: NDArray[np.int64], about: NodeDescription) -> tuple[str, dict[
     number = float(row[4:].view(np.float64)[0])
     value = number if math.isfinite(number) else repr(number)  # JSON has no nan, inf
     variables = about["variables"]
-    if code == shared.TUNING_EVENT:
+    if code == Event.TUNING:
         return "tunings", {"name": variables[argument][0], "value": value}
     if code in VALUE_EVENTS:
         name = variables[argument][0]

@@ -49,7 +49,7 @@ class _Node:
     def is_over(self) -> bool:
         """Return whether the loop has ended, in good order or by death: it puts no more rows."""
         alive = self.block.alive()  # before the look at DONE: its last word counts
-        return bool(self.block["control"][shared.DONE]) or not alive
+        return bool(self.block.control.done) or not alive
 
     def is_empty(self) -> bool:
         """Return whether all that was put is taken."""
@@ -57,7 +57,7 @@ class _Node:
 
     def has_died(self) -> bool:
         """Return whether the loop ended without good order."""
-        return bool(self.block["control"][shared.PID]) and not self.block["control"][shared.DONE]
+        return bool(self.block.control.pid) and not self.block.control.done
 
     def drain(self, sink: Sink) -> bool:
         """Move the rows that are now in the rings on; return whether one was 1/8 full."""
@@ -173,7 +173,7 @@ class Recorder:
         for name in list(self.late):
             with suppress(SharedError):
                 block = sharing.attach(name, sharing.RECORDER)
-                if not block["control"][shared.DONE] or self._in_this_run(block):
+                if not block.control.done or self._in_this_run(block):
                     self._add(block)
                     self.late.remove(name)
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from pcpc.executive.loop import shared
+from pcpc.executive.loop.events import FRAME, VARIABLE, Event
 
 FRAME_SCHEMA = """int64 stamp_ns  # monotonic
 int64 cycle
@@ -21,26 +21,10 @@ JSON_SCHEMAS = {
     "Tuning": {"type": "object", "properties": _ENTRY},
 }
 
-VALUE_EVENTS = {  # kinds of events about a variable and its value, by code
-    shared.CHANGE_EVENT: "change",
-    shared.NOT_FINITE_EVENT: "not finite",
-    shared.IMPLAUSIBLE_EVENT: "implausible",
-}
-OF_A_FRAME = {  # kinds of events about an id, by code
-    shared.FOREIGN_EVENT: "foreign",
-    shared.TWO_SENDERS_EVENT: "two senders",
-    shared.AHEAD_EVENT: "counter ahead",
-    shared.TWO_PLACES_EVENT: "heartbeat from two places",
-}
-EVENTS = {  # kinds of events without a variable, by code
-    shared.FAULT_EVENT: "fault",
-    shared.STATE_EVENT: "state",
-    shared.SKIP_EVENT: "skip",
-    shared.LATE_EVENT: "late",
-    shared.FALLBACK_EVENT: "fallback",
-    shared.REFUSED_EVENT: "refused",
-    **OF_A_FRAME,
-}
+# kinds of events by code: about a variable and its value; about an id; all without a variable
+VALUE_EVENTS = {int(kind): kind.says for kind in Event if kind.about == VARIABLE}
+OF_A_FRAME = {int(kind): kind.says for kind in Event if kind.about == FRAME}
+EVENTS = {int(kind): kind.says for kind in Event if kind.about != VARIABLE and kind != Event.TUNING}
 
 
 def field_names(names: Sequence[str]) -> list[str]:

@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.log.mcap_writer import BulkWriter
-from pcpc.executive.loop import shared
+from pcpc.executive.loop.events import Event
 
 CODES = {
-    "fault": shared.FAULT_EVENT,
-    "change": shared.CHANGE_EVENT,
-    "skip": shared.SKIP_EVENT,
-    "tuning": shared.TUNING_EVENT,
+    "fault": Event.FAULT,
+    "change": Event.CHANGE,
+    "skip": Event.SKIP,
+    "tuning": Event.TUNING,
 }
 
 

@@ -15,12 +15,12 @@ from pcpc.executive.loop import shared as sh
 
 EVERY_S = 1.0
 KINDS = {  # a key of the rig's `alarms` but for its end; word of `control`, what it counts
-    "lost": (sh.LOST, "frame lost"),
-    "crc": (sh.CRC_ERRORS, "frame with a wrong CRC or length"),
-    "held": (sh.HELD, "cycle on a held input"),
-    "skipped": (sh.SKIPPED, "period skipped"),
-    "send": (sh.SEND_ERRORS, "frame that the bus did not take"),
-    "bus": (sh.BUS_ERRORS, "error told by the CAN controller"),
+    "lost": ("lost", "frame lost"),
+    "crc": ("crc_errors", "frame with a wrong CRC or length"),
+    "held": ("held", "cycle on a held input"),
+    "skipped": ("skipped", "period skipped"),
+    "send": ("send_errors", "frame that the bus did not take"),
+    "bus": ("bus_errors", "error told by the CAN controller"),
 }
 
 
@@ -58,13 +58,13 @@ class Alarms:
 
     def look(self, now_s: float | None = None) -> Iterator[Alarm]:
         """Yield what is an alarm now; `now_s` is monotonic."""
-        control, now_s = self._block["control"], time.monotonic() if now_s is None else now_s
-        if self._limits and control[sh.PASSES] and not control[sh.DONE]:
+        control, now_s = self._block.control, time.monotonic() if now_s is None else now_s
+        if self._limits and control.passes and not control.done:
             counts = {kind: (int(control[word]), what) for kind, (word, what) in KINDS.items()}
             late = int(self._block["histogram"][0, self._past :].sum())
             for kind, (count, what) in ({"late": (late, self._late)} | counts).items():
                 if rose := self._rose(kind, count, now_s):
-                    k = int(control[sh.CYCLE])
+                    k = int(control.cycle)
                     yield Alarm(self._node, kind, k, 1e-9 * k * self._period_ns, rose, what)
 
     def _rose(self, kind: str, count: int, now_s: float) -> int:

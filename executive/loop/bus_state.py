@@ -11,10 +11,13 @@ import numpy as np
 from pcpc.drivers import error_frames as told
 from pcpc.drivers.e2e_states import BUS_ERROR
 from pcpc.drivers.jit import loop_function
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.drivers.structures import words
+from pcpc.executive.loop import control
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.rings import push_frame
-from pcpc.executive.loop.variables import BUS_AT
+from pcpc.executive.loop.variables import BUS_AT, BUS_COUNTERS
+
+COUNTER_WORDS = np.array([control.place(word) for word, *_ in BUS_COUNTERS])
 
 
 @loop_function
@@ -25,7 +28,7 @@ def note_bus_error(n: Any) -> None:
     changed = kind & told.STATE != 0
     push_frame(n, n.wire.rx, 1, BUS_ERROR)
     back = kind & told.RESTARTED != 0 or (changed and detail & told.ACTIVE != 0)
-    n.control[sh.BUS_ERRORS] += 0 if back else 1
+    n.control.bus_errors += 0 if back else 1
     _count(n, 0, changed and detail & told.WARNED != 0)
     _count(n, 1, changed and detail & told.TURNED_PASSIVE != 0)
     _count(n, 2, kind & told.OFF != 0)
@@ -40,12 +43,13 @@ def note_bus_error(n: Any) -> None:
 
 @loop_function
 def _count(n: Any, i: Any, happened: Any) -> None:
-    n.control[sh.BUS_WARNINGS + i] += 1 if happened else 0
-    n.v[BUS_AT + i] = np.float64(n.control[sh.BUS_WARNINGS + i])
+    counts, at = words(n.control), COUNTER_WORDS[i]
+    counts[at] += 1 if happened else 0
+    n.v[BUS_AT + i] = np.float64(counts[at])
 
 
 @loop_function
 def fault_while_off(n: Any) -> None:
     """Let a controller that is off be a fault, and stay one until it is back."""
-    if n.guard.faulted == sv.NO_FAULT:
-        n.guard.faulted = sv.BUS_OFF
+    if n.guard.faulted == Fault.NONE:
+        n.guard.faulted = Fault.BUS_OFF

@@ -13,10 +13,12 @@ from typing import Any
 
 from pcpc.drivers import libc
 from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.executive.loop import shared as sh
+from pcpc.drivers.structures import words
+from pcpc.executive.loop import control
 
 REAL, LOCKSTEP, VIRTUAL, GIVEN = range(4)
 CLOCKED, ON_FRAMES = 0, 1
+STOP = control.place("stop")
 
 
 @loop_inline
@@ -47,7 +49,7 @@ def stamp(clock: Any) -> Any:
 @loop_inline
 def stopping(n: Any) -> Any:
     """Return True once the host asked this node to stop."""
-    return libc.load_acquire(n.control, sh.STOP) != 0
+    return libc.load_acquire(words(n.control), STOP) != 0
 
 
 @loop_inline
@@ -102,8 +104,8 @@ def _sleep(n: Any) -> None:
     clock.wake = now(clock)
     late = clock.wake - clock.deadline
     if late > clock.late_ns:
-        n.control[sh.LATE] += 1
-    n.control[sh.WAKE_MAX_NS] = max(n.control[sh.WAKE_MAX_NS], late)
+        n.control.late += 1
+    n.control.wake_max_ns = max(n.control.wake_max_ns, late)
 
 
 @loop_inline
@@ -118,4 +120,4 @@ def next_period(n: Any) -> None:
         clock.behind = (n.timing.done - clock.deadline) // clock.period_ns + 1
         n.k += clock.behind
         clock.deadline += clock.behind * clock.period_ns
-        n.control[sh.SKIPPED] += clock.behind
+        n.control.skipped += clock.behind

@@ -15,9 +15,9 @@ code and register; it is sent when the code changes.
 from typing import Any
 
 from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import ERROR_CODES, ERROR_REGISTERS
 from pcpc.executive.loop.limits import settled
+from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import CLAMPED, ERROR_CODE, ERROR_REGISTER, STATUS_WORD
 
 NOT_READY_TO_SWITCH_ON, SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON = 0, 0x40, 0x21, 0x23
@@ -29,18 +29,18 @@ WARNING, LIMIT_ACTIVE = 0x80, 0x800
 def drive_state(n: Any, state: Any) -> Any:
     """Return the word of CiA 402's state in `state` of the supervisor."""
     guard = n.guard
-    if state == sv.STOP:
+    if state == State.STOP:
         return SWITCH_ON_DISABLED
-    if state == sv.FAULT:
+    if state == State.FAULT:
         safe = guard.gain <= 0.0 and settled(n.limits)
         return FAULT if safe else FAULT_REACTION_ACTIVE
-    if state == sv.INIT:
-        return NOT_READY_TO_SWITCH_ON if n.control[sh.FAULT] == 0 else SWITCH_ON_DISABLED
-    if state == sv.READY and guard.disarmed != 0:
+    if state == State.INIT:
+        return NOT_READY_TO_SWITCH_ON if n.control.fault == 0 else SWITCH_ON_DISABLED
+    if state == State.READY and guard.disarmed != 0:
         return SWITCHED_ON if guard.gain > 0.0 else READY_TO_SWITCH_ON
     if guard.pace > 0.0:
         return QUICK_STOP_ACTIVE
-    if state == sv.READY:
+    if state == State.READY:
         return READY_TO_SWITCH_ON
     return OPERATION_ENABLED if guard.gain >= 1.0 else SWITCHED_ON
 
@@ -49,8 +49,8 @@ def drive_state(n: Any, state: Any) -> Any:
 def tell_drive(n: Any, state: Any) -> None:
     """Write status word, error code and error register."""
     word = drive_state(n, state)
-    word |= WARNING if state == sv.HOLD else 0
+    word |= WARNING if state == State.HOLD else 0
     word |= LIMIT_ACTIVE if n.v[CLAMPED] != 0.0 else 0
     n.v[STATUS_WORD] = word
-    n.v[ERROR_CODE] = sv.ERROR_CODES[n.guard.faulted]
-    n.v[ERROR_REGISTER] = sv.ERROR_REGISTERS[n.guard.faulted]
+    n.v[ERROR_CODE] = ERROR_CODES[n.guard.faulted]
+    n.v[ERROR_REGISTER] = ERROR_REGISTERS[n.guard.faulted]

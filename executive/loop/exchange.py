@@ -15,7 +15,6 @@ from typing import Any
 
 from pcpc.drivers import wire
 from pcpc.drivers.jit import i8, loop, loop_function, types
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish
 from pcpc.executive.loop.reception import wait_for_peer
 from pcpc.executive.loop.sending import announce, request_first_sample
@@ -61,13 +60,13 @@ def end_run(nodes: Any, steps: Any) -> None:
     pass_on(nodes, 0)
     work_below(nodes, steps)
     for i in range(1, lowest):
-        while nodes[i].control[sh.DONE] == 0 and nodes[i].guard.pace > 0.0:
+        while nodes[i].control.done == 0 and nodes[i].guard.pace > 0.0:
             work_below(nodes, steps)
-        if nodes[i].control[sh.DONE] == 0:
+        if nodes[i].control.done == 0:
             finish(nodes[i])
             pass_on(nodes, i)
         pass_or_finish(nodes[i + 1], steps[i + 1])
-    if nodes[lowest].control[sh.DONE] == 0:
+    if nodes[lowest].control.done == 0:
         finish(nodes[lowest])
 
 

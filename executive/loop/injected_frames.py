@@ -29,7 +29,6 @@ from pcpc.drivers import dbc, e2e
 from pcpc.drivers.e2e_states import INJECTED, ON_PURPOSE
 from pcpc.drivers.jit import loop_function
 from pcpc.drivers.structures import copy, data_of
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH
 from pcpc.executive.loop.intrusion import suspect
@@ -70,7 +69,7 @@ def inject(n: Any, row: Any) -> Any:
             copy(faults.waiting[f, 0], faults.raw)
     if done != 0:
         faults.acted[row] = n.passes + 1
-        n.control[sh.LOST_ON_PURPOSE] += 1
+        n.control.lost_on_purpose += 1
         push_frame(n, faults.raw, 1, ON_PURPOSE)
     return done
 
@@ -143,14 +142,14 @@ def rewrite(n: Any, row: Any, f: Any) -> None:
     """Change data, counter or CRC of the frame in `wire.rx`, and make the rest right."""
     faults, frames, data = n.faults, n.rx.frames, data_of(n.wire.rx)
     kind, how, crc = faults.kind[f], faults.how[f], e2e.crc_of(data, row, frames)
-    byte, shift = frames[row, dbc.COUNTER_BYTE], frames[row, dbc.COUNTER_SHIFT]
-    counter = np.int64(data[byte]) >> shift & frames[row, dbc.COUNTER_MASK]
+    byte, shift = frames[row].counter_byte, frames[row].counter_shift
+    counter = np.int64(data[byte]) >> shift & frames[row].counter_mask
     if faults.count[f] == 0:
         faults.count[f] = 1
         copy(faults.waiting[f, 0], n.wire.rx)
         faults.first[f] = crc if kind == CHECKSUM else counter
     if kind == CHECKSUM:
-        span = 65536.0 if frames[row, dbc.PROTECTED] == dbc.CRC_16 else 256.0
+        span = 65536.0 if frames[row].protected == dbc.CRC_16 else 256.0
         e2e.put_crc(data, row, frames, altered(n, f, how, crc, span))
         return
     if kind == COUNTER and is_on(n, f):
@@ -182,10 +181,10 @@ def judge(n: Any, row: Any) -> Any:
     frame = n.wire.rx
     state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
     push_frame(n, frame, 1, INJECTED + state)
-    n.control[sh.LOST] += lost
+    n.control.lost += lost
     if state != e2e.OK and state != e2e.OK_SOME_LOST:
         suspect(n, row, state, lost)
-    if state == e2e.REPEATED and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
+    if state == e2e.REPEATED and n.rx.role[row].starts + n.rx.role[row].awaited > 0:
         note_repeat(n, word_of(frame))
     return state
 

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from pcpc.drivers.rows import RECEIVER
 from pcpc.drivers.wire_layout import FRAME_BYTES
 
 MAX_FAULTS = 32
@@ -41,7 +42,7 @@ def faults(frames: int) -> list[Any]:
         ("another", "u1", (FRAME_BYTES,)),
         ("shown", "<i8"),  # 1: what is wrong with the frame at hand was done on purpose
         ("spoiled", "<i8", (frames,)),  # 1: losses or faults may act on them
-        ("on_wire", "<i8", (frames, 10)),  # receivers of these as they came
+        ("on_wire", RECEIVER, (frames,)),  # receivers of these as they came
         ("missed", "<i8"),  # cycles in a row without input that nothing took on purpose
         ("acted", "<i8", (frames,)),  # pass + 1 in which a fault last acted on frames of a row
     ]

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import can_id, codec, dbc, e2e
+from pcpc.drivers import can_id, codec, e2e
 from pcpc.drivers.jit import loop_function
 from pcpc.drivers.structures import copy, data_of
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.plausibility import take_plausible
 from pcpc.executive.loop.rings import push_event
 from pcpc.executive.loop.strangers import blame, word_of
@@ -37,24 +37,24 @@ EVENT_CYCLES = 100  # a frame is told at most this often
 @loop_function
 def suspect(n: Any, row: Any, state: Any, lost: Any) -> None:
     """Look for a second sender in a frame that is not used; `lost` before it, as of its check."""
-    rx, every, before = n.rx, n.rx.frames[row, dbc.EVERY_N], n.intrusion.counted_frame[row]
+    rx, every, before = n.rx, n.rx.frames[row].every_n, n.intrusion.counted_frame[row]
     if state == e2e.ERROR:
-        if rx.state[row, e2e.FRESH] != 0:
-            note_sign(n, row, sh.TWO_SENDERS_EVENT, 1)
+        if rx.state[row].fresh != 0:
+            note_sign(n, row, Event.TWO_SENDERS, 1)
     elif state == e2e.REPEATED:
-        if rx.state[row, e2e.STILL_CYCLES] <= every and differs(n, row):
-            note_sign(n, row, sh.TWO_SENDERS_EVENT, HINTS)
+        if rx.state[row].still_cycles <= every and differs(n, row):
+            note_sign(n, row, Event.TWO_SENDERS, HINTS)
     else:
-        mask = rx.frames[row, dbc.COUNTER_MASK]
-        heard = np.int64(before[8 + rx.frames[row, dbc.COUNTER_BYTE]])
-        ahead = rx.state[row, e2e.LAST_COUNTER] - (heard >> rx.frames[row, dbc.COUNTER_SHIFT])
+        mask = rx.frames[row].counter_mask
+        heard = np.int64(before[8 + rx.frames[row].counter_byte])
+        ahead = rx.state[row].last_counter - (heard >> rx.frames[row].counter_shift)
         ahead &= mask
         turns = lost + 1  # since the counter moved, or more than it did
         if ahead > mask >> 1:
             if turns == 1:
-                note_sign(n, row, sh.TWO_SENDERS_EVENT, 1)
+                note_sign(n, row, Event.TWO_SENDERS, 1)
         elif ahead >= turns + n.clock.behind // every + e2e.MAX_DELTA:
-            note_sign(n, row, sh.AHEAD_EVENT, HINTS)
+            note_sign(n, row, Event.AHEAD, HINTS)
         copy(before, n.wire.rx)
 
 
@@ -62,7 +62,7 @@ def suspect(n: Any, row: Any, state: Any, lost: Any) -> None:
 def differs(n: Any, row: Any) -> Any:
     """Return whether the frame in `wire.rx` is another than the one that had its counter."""
     other = False
-    for i in range(8, 8 + n.rx.frames[row, dbc.DLC]):
+    for i in range(8, 8 + n.rx.frames[row].dlc):
         other |= n.wire.rx[i] != n.intrusion.counted_frame[row, i]
     return other
 
@@ -75,7 +75,7 @@ def watch_beat(n: Any, row: Any) -> None:
     watch.beat_at[row] = n.k
     if before > 0 and n.clock.behind == 0 and 4 * (n.k - before) < 3 * every:
         if n.k - watch.early_at[row] <= HINT_TURNS * every:
-            note_sign(n, row, sh.TWO_PLACES_EVENT, 1)
+            note_sign(n, row, Event.TWO_PLACES, 1)
         watch.early_at[row] = n.k
 
 
@@ -83,18 +83,18 @@ def watch_beat(n: Any, row: Any) -> None:
 def note_sign(n: Any, row: Any, event: Any, weight: Any) -> None:
     """Count and tell a sign of a second sender of a frame; believe it, or HINTS of them."""
     watch, word = n.intrusion, word_of(n.wire.rx)
-    n.control[sh.INTRUSIONS] += 1
-    n.control[sh.SIGNS_ON_PURPOSE] += n.faults.shown
-    if n.passes - watch.hint_since[row] >= HINT_TURNS * n.rx.frames[row, dbc.EVERY_N]:
+    n.control.intrusions += 1
+    n.control.signs_on_purpose += n.faults.shown
+    if n.passes - watch.hint_since[row] >= HINT_TURNS * n.rx.frames[row].every_n:
         watch.hint_since[row], watch.hints[row] = n.passes, 0
     watch.hints[row] += weight
     if n.k >= watch.told_until[row]:
         watch.told_until[row] = n.k + EVENT_CYCLES
-        push_event(n, event, word & can_id.ID, n.control[sh.INTRUSIONS])
+        push_event(n, event, word & can_id.ID, n.control.intrusions)
     if watch.hints[row] >= HINTS and watch.reaction != COUNT:
         take_back(n, row)
         if watch.reaction == FAULT:
-            blame(n, sv.INTRUSION, word)
+            blame(n, Fault.INTRUSION, word)
 
 
 @loop_function
@@ -106,8 +106,8 @@ def take_back(n: Any, row: Any) -> None:
         return
     watch.kept[row] = 0
     rx.fresh -= watch.fresh[row]
-    for i in range(rx.frames[row, dbc.FIRST], rx.frames[row, dbc.END]):
-        n.v[rx.signals[i, dbc.VARIABLE]] = watch.before[i]
+    for i in range(rx.frames[row].first, rx.frames[row].end):
+        n.v[rx.signals[i].variable] = watch.before[i]
     for i in range(n.plausible.n):
         if n.plausible.row[i] == row:
             n.plausible.taken[i] = n.v[n.plausible.place[i]]
@@ -117,7 +117,7 @@ def take_back(n: Any, row: Any) -> None:
 def unpack_with_care(n: Any, row: Any, new: Any) -> None:
     """Decode `wire.rx`, of a row whose frames or values are doubted; what is no input is none."""
     rx, watch, cycle = n.rx, n.intrusion, n.passes + 1
-    awaited = rx.role[row, sh.AWAITED] * new
+    awaited = rx.role[row].awaited * new
     if watch.beat_every[row] > 0:
         watch_beat(n, row)
     if watch.doubted[row] == cycle:
@@ -125,9 +125,9 @@ def unpack_with_care(n: Any, row: Any, new: Any) -> None:
         return
     if new and watch.reaction != COUNT:
         watch.kept[row] = cycle
-        for i in range(rx.frames[row, dbc.FIRST], rx.frames[row, dbc.END]):
-            watch.before[i] = n.v[rx.signals[i, dbc.VARIABLE]]
-    codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, rx.scales, n.v)
+        for i in range(rx.frames[row].first, rx.frames[row].end):
+            watch.before[i] = n.v[rx.signals[i].variable]
+    codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, n.v)
     known = take_plausible(n, row)
     if new:
         watch.fresh[row] = awaited * known

@@ -17,8 +17,10 @@ import numpy as np
 
 from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.rings import bits_of, push_event
+from pcpc.executive.loop.states import RAMPS, SENDS
 from pcpc.executive.loop.variables import CLAMPED, STATE
 
 FINITE = 1e300  # from here on, and as NaN, a value counts as not finite
@@ -46,11 +48,11 @@ def check_finite(n: Any) -> Any:
             place = find_not_finite(n.v, n.blocks.views[b, 6], n.blocks.views[b, 7])
     if place < 0:
         place = find_not_finite(n.v, n.tx.first, n.tx.past)
-    if place >= 0 and n.control[sh.ODD_PLACE] == 0:
-        n.control[sh.ODD_PLACE] = place + 1
-        n.control[sh.ODD_CYCLE] = n.k
-        n.control[sh.ODD_BITS] = bits_of(n.v[place])
-        push_event(n, sh.NOT_FINITE_EVENT, place, n.v[place])
+    if place >= 0 and n.control.odd_place == 0:
+        n.control.odd_place = place + 1
+        n.control.odd_cycle = n.k
+        n.control.odd_bits = bits_of(n.v[place])
+        push_event(n, Event.NOT_FINITE, place, n.v[place])
     return place >= 0
 
 
@@ -61,16 +63,16 @@ def limit_commands(n: Any) -> None:
     odd = check_finite(n)
     n.v[CLAMPED] = 0.0
     state = np.int64(n.v[STATE])
-    waits = guard.safe_start != 0 and sv.DOES[state, sv.SENDS] == 0
-    ramping = sv.DOES[state, sv.RAMPS] != 0 or guard.pace > 0.0
+    waits = guard.safe_start != 0 and SENDS[state] == 0
+    ramping = RAMPS[state] != 0 or guard.pace > 0.0
     rising = guard.gain < 1.0
     for i in range(n.limits.n):
         j = n.limits.place[i]
-        wanted, last, safe = n.v[j], table[i, sh.LAST], table[i, sh.SAFE]
-        rate, sent = table[i, sh.RATE], table[i, sh.SENT_VALUE]
+        wanted, last, safe = n.v[j], table[i].last, table[i].safe
+        rate, sent = table[i].rate, table[i].sent
         if not abs(wanted) < FINITE:
-            if guard.faulted == sv.NO_FAULT:
-                guard.faulted = sv.COMMAND_NOT_FINITE
+            if guard.faulted == Fault.NONE:
+                guard.faulted = Fault.COMMAND_NOT_FINITE
             wanted = last
         if waits:
             wanted = safe
@@ -78,18 +80,18 @@ def limit_commands(n: Any) -> None:
             wanted = guard.gain * last if safe == 0.0 else safe + guard.gain * (last - safe)
         elif rising:
             wanted = safe + guard.gain * (wanted - safe)
-        value = min(max(wanted, table[i, sh.LOW]), table[i, sh.HIGH])
+        value = min(max(wanted, table[i].low), table[i].high)
         value = min(max(value, sent - rate), sent + rate)
-        table[i, sh.SENT_VALUE] = n.v[j] = value
+        table[i].sent = n.v[j] = value
         if ramping:
             continue
         if value != wanted:
             n.v[CLAMPED] = 1.0
-            n.control[sh.SATURATED] += 1
-        table[i, sh.LAST] = value
+            n.control.saturated += 1
+        table[i].last = value
         if rising and guard.gain > 0.0:
-            table[i, sh.LAST] = safe + (value - safe) / guard.gain
-    if odd and guard.faulted == sv.NO_FAULT:
+            table[i].last = safe + (value - safe) / guard.gain
+    if odd and guard.faulted == Fault.NONE:
         guard.faulted = guard.odd_output
 
 
@@ -97,8 +99,8 @@ def limit_commands(n: Any) -> None:
 def settled(limits: Any) -> Any:
     """Return whether every command may be its safe value in the next frame."""
     table = limits.table
-    for i in range(limits.n):
-        if abs(table[i, sh.SENT_VALUE] - table[i, sh.SAFE]) > table[i, sh.RATE]:
+    for i in range(limits.n):  # noqa: SIM110  compiled
+        if abs(table[i].sent - table[i].safe) > table[i].rate:
             return False
     return True
 
@@ -106,7 +108,7 @@ def settled(limits: Any) -> Any:
 @loop_inline
 def quick_stop(n: Any, fault: Any) -> None:
     """Note a fault whose ramp is a quick stop, also if another fault came first."""
-    if n.guard.faulted == sv.NO_FAULT:
+    if n.guard.faulted == Fault.NONE:
         n.guard.faulted = fault
     if n.guard.quick == 0:
         n.guard.quick = sh.ASKED
@@ -120,12 +122,12 @@ def begin_ramp(n: Any, asked: Any) -> None:
     if guard.quick != 0:
         guard.pace, guard.quick = guard.quick_step, sh.BEGUN
     for i in range(n.limits.n):
-        way = abs(table[i, sh.LAST] - table[i, sh.SAFE])
-        if way * guard.pace > table[i, sh.RATE]:
-            guard.pace = table[i, sh.RATE] / way
+        way = abs(table[i].last - table[i].safe)
+        if way * guard.pace > table[i].rate:
+            guard.pace = table[i].rate / way
     if asked:
         rx.starters = 0
         rx.awaited = 0
         for row in range(rx.n):
-            rx.starters += rx.role[row, sh.STARTS] * rx.role[row, sh.PEER]
-            rx.awaited += rx.role[row, sh.AWAITED] * rx.role[row, sh.PEER]
+            rx.starters += rx.role[row].starts * rx.role[row].peer
+            rx.awaited += rx.role[row].awaited * rx.role[row].peer

@@ -27,8 +27,7 @@ from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire import put_frame
 from pcpc.drivers.wire_layout import FRAME_BYTES
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.strangers import blame, word_of
 
 _ROLES = 0x1F  # its bits that say whose it is
@@ -39,7 +38,7 @@ TAKE, LEAVE, HELD_FIRST = range(3)
 @loop_function
 def sorted_out(n: Any, row: Any) -> Any:
     """Return what to do with `wire.rx`, a frame of `row` that came before the first cycle ended."""
-    part = n.rx.role[row, sh.MEETING]
+    part = n.rx.role[row].meeting
     if part in (FROM_ABOVE, FROM_BELOW):
         if n.meeting.met[row] == 0 or (part == FROM_BELOW and n.meeting.sampled != 0):
             n.meeting.met[row] = 1
@@ -59,7 +58,7 @@ def sorted_out(n: Any, row: Any) -> Any:
 def asks(n: Any) -> Any:
     """Return whether `wire.rx` is the heartbeat of the node above, which waits for one."""
     row = codec.frame_of(word_of(n.wire.rx), n.rx.frames, n.rx.n)
-    return row >= 0 and n.rx.role[row, sh.MEETING] == FROM_ABOVE
+    return row >= 0 and n.rx.role[row].meeting == FROM_ABOVE
 
 
 @loop_inline
@@ -103,4 +102,4 @@ def compare_greeting(n: Any, word: Any) -> None:
     for i in range(8, 16):
         differs |= n.wire.rx[i] != n.meeting.greeting[i]
     if differs:
-        blame(n, sv.ANOTHER_SENDER, word)
+        blame(n, Fault.ANOTHER_SENDER, word)

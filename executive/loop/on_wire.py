@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import dbc, e2e
+from pcpc.drivers import e2e
 from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.structures import data_of
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.injected_frames import EXCUSED_CYCLES
 from pcpc.executive.loop.injection import peer_stalled
 
@@ -46,17 +45,17 @@ def _note(n: Any, row: Any) -> None:
     state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, rx.frames, n.faults.on_wire)
     count(n, state, lost)
     acted, right = n.faults.acted[row], state == e2e.OK or state == e2e.OK_SOME_LOST
-    lasts = max(np.int64(EXCUSED_CYCLES), 2 * rx.frames[row, dbc.EVERY_N])
+    lasts = max(np.int64(EXCUSED_CYCLES), 2 * rx.frames[row].every_n)
     n.faults.shown = np.int64(right and acted > 0 and n.passes + 1 - acted <= lasts)
 
 
 @loop_inline
 def count(n: Any, state: Any, lost: Any) -> None:
     """Count what is wrong with a frame of this state, before which `lost` are missing."""
-    n.control[sh.MISSED] += lost
-    n.control[sh.CRC_ERRORS] += 1 if state == e2e.ERROR else 0
-    n.control[sh.REPEATED] += 1 if state == e2e.REPEATED else 0
-    n.control[sh.WRONG_SEQUENCE] += 1 if state == e2e.WRONG_SEQUENCE else 0
+    n.control.missed += lost
+    n.control.crc_errors += 1 if state == e2e.ERROR else 0
+    n.control.repeated += 1 if state == e2e.REPEATED else 0
+    n.control.wrong_sequence += 1 if state == e2e.WRONG_SEQUENCE else 0
 
 
 @loop_function
@@ -66,7 +65,7 @@ def taken_on_purpose(n: Any) -> Any:
         return True
     short = n.rx.awaited - n.rx.fresh
     for row in range(n.rx.n):
-        unused = n.rx.state[row, e2e.FRESH] == 0 or n.intrusion.doubted[row] == n.passes + 1
-        if n.faults.spoiled[row] != 0 and n.faults.on_wire[row, e2e.FRESH] != 0 and unused:
-            short -= n.rx.role[row, sh.AWAITED]
+        unused = n.rx.state[row].fresh == 0 or n.intrusion.doubted[row] == n.passes + 1
+        if n.faults.spoiled[row] != 0 and n.faults.on_wire[row].fresh != 0 and unused:
+            short -= n.rx.role[row].awaited
     return short <= 0

@@ -15,8 +15,8 @@ Until each of its limited signals has been taken once, a frame is not the input 
 from typing import Any
 
 from pcpc.drivers.jit import loop_function
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import FINITE
 from pcpc.executive.loop.rings import bits_of, push_event
 
@@ -51,10 +51,10 @@ def judged(n: Any, i: Any, x: Any) -> Any:
         these.came[i], these.came_at[i] = x, n.k
     if not abs(x) < FINITE:
         return NO_NUMBER
-    if x < bounds[sh.LOW] or x > bounds[sh.HIGH]:
+    if x < bounds.low or x > bounds.high:
         return OUTSIDE
     periods = max(n.k - these.taken_at[i], 1)
-    if these.taken_at[i] >= 0 and abs(x - these.taken[i]) > bounds[sh.RATE] * periods:
+    if these.taken_at[i] >= 0 and abs(x - these.taken[i]) > bounds.rate * periods:
         return TOO_FAST
     return STILL if n.k - these.came_at[i] > these.still_cycles[i] else GOOD
 
@@ -63,14 +63,14 @@ def judged(n: Any, i: Any, x: Any) -> Any:
 def note_implausible(n: Any, i: Any, x: Any, why: Any) -> None:
     """Count a value that was not taken, tell it, and be a fault in the end."""
     these, place = n.plausible, n.plausible.place[i]
-    n.control[sh.IMPLAUSIBLE] += 1
+    n.control.implausible += 1
     n.v[these.count_place[i]] += 1.0
     these.in_a_row[i] += 1
     if n.k >= these.told_until[i]:
         these.told_until[i] = n.k + EVENT_CYCLES
-        push_event(n, sh.IMPLAUSIBLE_EVENT, place, x)
-    if these.in_a_row[i] >= these.fault_after[i] and n.guard.faulted == sv.NO_FAULT:
-        n.guard.faulted = sv.NOT_PLAUSIBLE
-        n.control[sh.CULPRIT] = why
-        n.control[sh.ODD_PLACE], n.control[sh.ODD_CYCLE] = place + 1, n.k
-        n.control[sh.ODD_BITS] = bits_of(x)
+        push_event(n, Event.IMPLAUSIBLE, place, x)
+    if these.in_a_row[i] >= these.fault_after[i] and n.guard.faulted == Fault.NONE:
+        n.guard.faulted = Fault.NOT_PLAUSIBLE
+        n.control.culprit = why
+        n.control.odd_place, n.control.odd_cycle = place + 1, n.k
+        n.control.odd_bits = bits_of(x)

@@ -18,9 +18,9 @@ from pcpc.drivers.structures import copy, data_of
 from pcpc.drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
 from pcpc.executive.loop import losses, meeting, on_wire
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
 from pcpc.executive.loop.clock import now, paced, runs, start, stopping
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.injected_frames import AND_ANOTHER, GONE, excused, inject, judge
 from pcpc.executive.loop.injection import peer_stalled
 from pcpc.executive.loop.intrusion import suspect, unpack_with_care
@@ -86,7 +86,7 @@ def gather(n: Any) -> None:
                     announce_again(n)
                 waits = 0
             elif waits >= patience(n) or not runs(n.clock):
-                n.guard.faulted = sv.PEER_SILENT
+                n.guard.faulted = Fault.PEER_SILENT
                 break
 
 
@@ -94,7 +94,7 @@ def gather(n: Any) -> None:
 def patience(n: Any) -> Any:
     """Return how many time-outs are silence: more while the recorder lags."""
     lags = n.record_ends[sh.PUT] != libc.load_acquire(n.record_taken, 0)
-    waits = n.rings.wait_recorder != 0 and n.control[sh.RECORDED] != 0 and lags
+    waits = n.rings.wait_recorder != 0 and n.control.recorded != 0 and lags
     return n.rx.patience * (sh.RECORDER_PATIENCE if waits else 1)
 
 
@@ -105,8 +105,8 @@ def take(n: Any, block: Any) -> Any:
     if result == FRAME:
         take_frame(n)
     elif result == FAILED:
-        n.control[sh.BUS_ERRNO] = n.wire.errno
-        n.guard.faulted = sv.BUS_FAILED
+        n.control.bus_errno = n.wire.errno
+        n.guard.faulted = Fault.BUS_FAILED
     elif result == BUS_ERROR:
         note_bus_error(n)
     return result
@@ -119,19 +119,19 @@ def wait_for_peer(n: Any) -> Any:
     Without a clock a local node turns to the node above only then.
     """
     n.wire.muted = n.meeting.ordered
-    while not stopping(n) and n.guard.faulted == sv.NO_FAULT:
+    while not stopping(n) and n.guard.faulted == Fault.NONE:
         result = get_frame(n.wire, True)
         if result == FRAME:
             row = take_frame(n)
-            if row >= 0 and n.rx.role[row, sh.PEER] != 0:
+            if row >= 0 and n.rx.role[row].peer != 0:
                 n.wire.muted = 0
                 announce(n)
                 return True
         if result == NOTHING and (n.meeting.ordered == 0 or n.wire.n_second == 0):
             announce_again(n)
         if result == FAILED:
-            n.control[sh.BUS_ERRNO] = n.wire.errno
-            n.guard.faulted = sv.BUS_FAILED
+            n.control.bus_errno = n.wire.errno
+            n.guard.faulted = Fault.BUS_FAILED
             return False
     return False
 
@@ -170,7 +170,7 @@ def use_frame(n: Any, row: Any) -> Any:
         if done != 0:
             put_in_place(n, row, done)
             return row
-    new = n.rx.state[row, e2e.FRESH] == 0
+    new = n.rx.state[row].fresh == 0
     state, lost = accept(n, row)
     if state == e2e.OK or state == e2e.OK_SOME_LOST:
         decode(n, row, new)
@@ -183,14 +183,14 @@ def use_frame(n: Any, row: Any) -> Any:
 @loop_function
 def put_in_place(n: Any, row: Any, done: Any) -> None:
     """Accept what faults put in the place of a frame, and the one that comes after it."""
-    new, used = n.rx.state[row, e2e.FRESH] == 0, False
+    new, used = n.rx.state[row].fresh == 0, False
     n.faults.shown = 1
     if done & GONE == 0:
         state = judge(n, row)
         used = state == e2e.OK or state == e2e.OK_SOME_LOST
         if used:
             decode(n, row, new)
-            n.control[sh.LOST_ON_PURPOSE] -= 1
+            n.control.lost_on_purpose -= 1
     if done & AND_ANOTHER != 0:
         copy(n.wire.rx, n.faults.another)
         state = judge(n, row)
@@ -198,7 +198,7 @@ def put_in_place(n: Any, row: Any, done: Any) -> None:
             decode(n, row, new and not used)
             used = True
     if not used:
-        n.rx.started += n.rx.role[row, sh.STARTS]  # nobody waits for it
+        n.rx.started += n.rx.role[row].starts  # nobody waits for it
 
 
 @loop_inline
@@ -206,9 +206,9 @@ def disturbed(n: Any, row: Any) -> Any:
     """Do to the frame what the rig wants of its bus; return True if nothing is left of it."""
     if not is_lost(n, row):
         return False
-    n.control[sh.LOST_ON_PURPOSE] += 1
-    n.faults.on_wire[row, e2e.FRESH] = n.rx.state[row, e2e.FRESH]  # losses excuse no stale cycle
-    n.rx.started += n.rx.role[row, sh.STARTS]  # nobody waits for it
+    n.control.lost_on_purpose += 1
+    n.faults.on_wire[row].fresh = n.rx.state[row].fresh  # losses excuse no stale cycle
+    n.rx.started += n.rx.role[row].starts  # nobody waits for it
     push_frame(n, n.wire.rx, 1, ON_PURPOSE)
     return True
 
@@ -219,7 +219,7 @@ def accept(n: Any, row: Any) -> Any:
     frame = n.wire.rx
     state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
     push_frame(n, frame, 1, state)
-    n.control[sh.LOST] += lost
+    n.control.lost += lost
     if n.faults.spoiled[row] == 0:
         on_wire.count(n, state, lost)
     return state, lost
@@ -232,15 +232,15 @@ def decode(n: Any, row: Any, new: Any) -> None:
     if n.intrusion.care[row] != 0:
         unpack_with_care(n, row, new)
     else:
-        codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, rx.scales, n.v)
+        codec.unpack(data_of(n.wire.rx), row, rx.frames, rx.signals, n.v)
     copy(n.intrusion.counted_frame[row], n.wire.rx)
-    n.control[sh.RECEIVED] += 1
+    n.control.received += 1
     if row == n.guard.stop_row:
-        quick_stop(n, sv.STOP_FRAME)
+        quick_stop(n, Fault.STOP_FRAME)
     if new:
-        n.rx.started += n.rx.role[row, sh.STARTS]
-        n.rx.fresh += n.rx.role[row, sh.AWAITED]
-        if n.wire.n_second > 0 and n.rx.role[row, sh.STARTS] > n.rx.role[row, sh.AWAITED]:
+        n.rx.started += n.rx.role[row].starts
+        n.rx.fresh += n.rx.role[row].awaited
+        if n.wire.n_second > 0 and n.rx.role[row].starts > n.rx.role[row].awaited:
             n.wire.muted = 1  # what follows this SYNC belongs to the next cycle
 
 
@@ -248,14 +248,14 @@ def decode(n: Any, row: Any, new: Any) -> None:
 def refuse(n: Any, row: Any, state: Any, after_loss: Any) -> None:
     """Do what follows from a frame that is not used; what was on purpose is no mistake."""
     if excused(n, row):
-        n.rx.started += n.rx.role[row, sh.STARTS]
-        if state == e2e.REPEATED and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
+        n.rx.started += n.rx.role[row].starts
+        if state == e2e.REPEATED and n.rx.role[row].starts + n.rx.role[row].awaited > 0:
             note_repeat(n, word_of(n.wire.rx))
     elif state == e2e.REPEATED:
-        n.rx.started += n.rx.role[row, sh.STARTS] * after_loss  # of a whole turn of the counter
-        if after_loss == 0 and n.rx.role[row, sh.STARTS] + n.rx.role[row, sh.AWAITED] > 0:
+        n.rx.started += n.rx.role[row].starts * after_loss  # of a whole turn of the counter
+        if after_loss == 0 and n.rx.role[row].starts + n.rx.role[row].awaited > 0:
             note_repeat(n, word_of(n.wire.rx))
     elif state == e2e.WRONG_SEQUENCE:
-        if n.rx.role[row, sh.STARTS] > n.rx.role[row, sh.AWAITED]:
+        if n.rx.role[row].starts > n.rx.role[row].awaited:
             n.wire.muted = 1
-        n.rx.started += n.rx.role[row, sh.STARTS]  # it came; the next one will be trusted
+        n.rx.started += n.rx.role[row].starts  # it came; the next one will be trusted

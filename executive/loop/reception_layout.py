@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from pcpc.drivers.rows import row_of
 from pcpc.drivers.wire_layout import FRAME_BYTES
 
 
@@ -14,7 +15,7 @@ def plausible(limits: int) -> list[Any]:
         ("count_place", "<i8", (limits,)),
         ("still_cycles", "<i8", (limits,)),
         ("fault_after", "<i8", (limits,)),
-        ("bounds", "<f8", (limits, 3)),  # LOW, HIGH, RATE a cycle
+        ("bounds", row_of("", "low high rate"), (limits,)),  # rate: a cycle
         ("taken", "<f8", (limits,)),
         ("taken_at", "<i8", (limits,)),
         ("came", "<f8", (limits,)),

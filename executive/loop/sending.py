@@ -4,15 +4,17 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import can_id, codec, dbc, e2e
+from pcpc.drivers import can_id, codec, e2e
 from pcpc.drivers.jit import loop_function, loop_inline
 from pcpc.drivers.structures import data_of
 from pcpc.drivers.wire import put_frame
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.clock import now
+from pcpc.executive.loop.floods import flood
 from pcpc.executive.loop.meeting import greet
 from pcpc.executive.loop.rings import push_frame
-from pcpc.executive.loop.variables import CLAMPED, NMT, STATE
+from pcpc.executive.loop.states import HEARTBEATS
+from pcpc.executive.loop.variables import CLAMPED, ERROR_CODE, NMT, STATE
 
 
 @loop_inline
@@ -27,12 +29,12 @@ def copy_inputs(n: Any, block: Any) -> None:
 def encode(n: Any, row: Any, counter: Any) -> Any:
     """Encode and protect the frame of one row of the transmit table; return the values clamped."""
     frame = n.wire.tx
-    word = n.tx.frames[row, dbc.CAN_ID] | n.tx.frames[row, dbc.EXTENDED] << can_id.EXTENDED_BIT
+    word = n.tx.frames[row].can_id | n.tx.frames[row].extended << can_id.EXTENDED_BIT
     for i in range(4):
         frame[i] = (word >> (8 * i)) & 255
-    frame[4] = n.tx.frames[row, dbc.DLC]
+    frame[4] = n.tx.frames[row].dlc
     data = data_of(frame)
-    clamped = codec.pack(data, row, n.tx.frames, n.tx.signals, n.tx.scales, n.v)
+    clamped = codec.pack(data, row, n.tx.frames, n.tx.signals, n.v)
     e2e.protect(data, row, n.tx.frames, counter)
     return clamped
 
@@ -43,13 +45,31 @@ def send_frame(n: Any, row: Any, counter: Any) -> None:
     clamped = encode(n, row, counter)
     if clamped > 0:
         n.v[CLAMPED] = 1.0
-        n.control[sh.SATURATED] += clamped
+        n.control.saturated += clamped
     if put_frame(n.wire):
-        n.control[sh.SENT] += 1
+        n.control.sent += 1
     else:
-        n.control[sh.SEND_ERRORS] += 1
-        n.control[sh.BUS_ERRNO] = n.wire.errno
+        n.control.send_errors += 1
+        n.control.bus_errno = n.wire.errno
     push_frame(n, n.wire.tx, 0, 0)
+
+
+@loop_function
+def transmit(n: Any) -> None:
+    """Send what is due: slow frames, frames of every cycle, SYNC last (the rows' order)."""
+    tx = n.tx
+    if n.faults.n_floods > 0:
+        flood(n)
+    for row in range(tx.n):
+        every = tx.frames[row].every_n
+        if tx.kind[row].is_emergency != 0:
+            code = np.int64(n.v[ERROR_CODE])
+            if code != tx.kind[row].told and n.guard.off == 0:
+                tx.kind[row].told = code
+                send_frame(n, row, 0)
+        elif n.passes % every == 0:
+            send_frame(n, row, n.passes // every + tx.kind[row].is_sync)
+    n.timing.sent = now(n.clock)
 
 
 @loop_function
@@ -67,10 +87,10 @@ def announce_again(n: Any) -> None:
 @loop_function
 def _send_heartbeat(n: Any, recorded: Any) -> None:
     greet(n)
-    n.v[NMT] = sv.NMT[np.int64(n.v[STATE])]
+    n.v[NMT] = HEARTBEATS[np.int64(n.v[STATE])]
     copy_inputs(n, sh.MAX_BLOCKS)
     for row in range(n.tx.n):
-        if n.tx.role[row, sh.IS_HEARTBEAT] != 0:
+        if n.tx.kind[row].is_heartbeat != 0:
             if recorded:
                 send_frame(n, row, 0)
             else:
@@ -82,5 +102,5 @@ def _send_heartbeat(n: Any, recorded: Any) -> None:
 def request_first_sample(n: Any) -> None:
     """Send SYNC(0): the plant answers with its sample of t = 0."""
     for row in range(n.tx.n):
-        if n.tx.role[row, sh.IS_SYNC] != 0:
+        if n.tx.kind[row].is_sync != 0:
             send_frame(n, row, 0)

@@ -31,28 +31,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.rows import FRAME, RECEIVER, SIGNAL, row_of
 from pcpc.drivers.wire_layout import WIRE
+from pcpc.executive.loop.control import CONTROL
 from pcpc.executive.loop.injection_layout import faults
 from pcpc.executive.loop.reception_layout import intrusion, meeting, plausible
 
 CDR_HEADER = 1 << 40  # as int64, little-endian: four bytes of padding, then 00 01 00 00
 
-# words of `control`, one cache line (8 words) apart where two processes write
-STOP, STATE, CYCLE, DONE, FAULT = 0, 8, 9, 10, 11
-PASSES, LATE, SKIPPED, HELD, STALE = 12, 13, 14, 15, 16
-SENT, RECEIVED, LOST, CRC_ERRORS, REPEATED = 17, 18, 19, 20, 21
-SATURATED, SEND_ERRORS, BUS_ERRNO, FOREIGN, WAKE_MAX_NS = 22, 23, 24, 25, 26
-PID, READY, REALTIME, LOST_ON_PURPOSE, REFUSED, RECORDED = range(27, 33)  # last: by a recorder
-BUS_WARNINGS, BUS_PASSIVES, BUS_OFFS, BUS_RESTARTS, NO_ACKS, TX_TIMEOUTS = range(33, 39)
-RECORDER_PATIENCE = 12  # times the patience with a node that may wait for the recorder
-STEPPING = 51  # the block that is being stepped, + 1
-WRONG_SEQUENCE, BUS_ERRORS, CULPRIT, IMPLAUSIBLE, INTRUSIONS = range(52, 57)  # CULPRIT: id, why
-MISSED, STARVED, SIGNS_ON_PURPOSE = range(57, 60)  # see `executive.loop.on_wire`
-ODD_PLACE, ODD_CYCLE, ODD_BITS = 48, 49, 50  # the first value not finite: its variable + 1, when
-CONTROL_WORDS = 64
-
 PUT, DROPPED = 0, 8  # words of a ring's `ends`; its `taken` is one word of the mailbox
 END_WORDS = 16
+RECORDER_PATIENCE = 12  # times the patience with a node that may wait for the recorder
 LINE_WORDS = 8  # what two processes write lies on lines of its own
 PAGE_BYTES = mmap.PAGESIZE
 
@@ -68,10 +57,6 @@ RECORD_HEAD = 3  # cycle, stamp, CDR header
 FRAME_WORDS = 5
 EVENT_WORDS = 5
 
-FAULT_EVENT, STATE_EVENT, TUNING_EVENT, SKIP_EVENT, CHANGE_EVENT = 1, 2, 3, 4, 5
-LATE_EVENT, FALLBACK_EVENT, REFUSED_EVENT, NOT_FINITE_EVENT = 6, 7, 8, 9
-FOREIGN_EVENT, IMPLAUSIBLE_EVENT, TWO_SENDERS_EVENT, AHEAD_EVENT, TWO_PLACES_EVENT = range(12, 17)
-
 # Sizes are fixed, so that one compiled loop serves every rig; `nodes.plan` checks the fit.
 MAX_VARIABLES = 8192
 MAX_BLOCKS = 8
@@ -84,11 +69,6 @@ RECORD_RING_WORDS = 1 << 20  # 8 MiB: ten seconds of a 100-column record at 1 kH
 FRAME_RING_ROWS = 1 << 16  # six seconds of ten frames a cycle at 1 kHz
 EVENT_RING_ROWS = 1 << 10
 
-# columns of `limits.table` (low, high, change a cycle, last value before a ramp, safe value, value
-# sent) and of `guard.safe` (last value, safe value)
-LOW, HIGH, RATE, LAST, SAFE, SENT_VALUE = range(6)
-STARTS, AWAITED, PEER = 0, 1, 2  # columns of `rx.role`; PEER: of the node that is waited for
-MEETING = 3  # a further one: what the frame is to `executive.loop.meeting`
 ASKED, BEGUN = 1, 2  # values of `guard.quick`
 SKIP, FAULT_AFTER, FALL_BACK = range(3)  # `guard.overrun_policy`
 STAGES, BUCKETS, LATEST, STAGE_FIGURES = 6, 320, 8, 4  # sizes of `executive.loop.timing`
@@ -96,11 +76,14 @@ COUNTED, TOTAL, LEAST, MOST = range(4)  # columns of `stages`
 LATE_CYCLE, LATE_NS, LATE_USAGE = 0, 1, 1 + STAGES  # columns of `latest`
 LATE_FIGURES = LATE_USAGE + 4
 HEARTBEAT, ALL_FRAMES = 0, 1  # `tx.last_word`
-IS_SYNC, IS_HEARTBEAT, IS_EMERGENCY, TOLD = range(4)  # columns of `tx.role`; TOLD: its last code
+
+_ROLE = row_of("starts awaited peer meeting")  # of a received frame; peer: of the node waited for
+_KIND = row_of("is_sync is_heartbeat is_emergency told")  # of a sent frame; told: its last code
+_LIMIT = row_of("", "low high rate last safe sent")  # rate: a cycle; last: before a ramp
 
 # The record of a node, ordered by who may write it; each part begins on a page of its own.
 _PUBLISHED = [  # written by the node, read by all
-    ("control", "<i8", (CONTROL_WORDS,)),
+    ("control", CONTROL),
     ("seq", "<i8", (LINE_WORDS,)),
     ("answer", "<i8", (LINE_WORDS,)),
     ("record_ends", "<i8", (END_WORDS,)),
@@ -139,10 +122,9 @@ _CLOCK = [
 ]
 _RX = [
     ("n", "<i8"),
-    ("frames", "<i8", (MAX_FRAMES, 13)),  # tables of drivers.dbc
-    ("signals", "<i8", (MAX_SIGNALS, 10)),
-    ("scales", "<f8", (MAX_SIGNALS, 4)),
-    ("role", "<i8", (MAX_FRAMES, 4)),
+    ("frames", FRAME, (MAX_FRAMES,)),  # tables of drivers.dbc
+    ("signals", SIGNAL, (MAX_SIGNALS,)),
+    ("role", _ROLE, (MAX_FRAMES,)),
     ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.loop.losses`
     ("listen_ns", "<i8"),  # before the first word on a bus
     ("patience", "<i8"),  # receive time-outs until the other node counts as silent
@@ -150,7 +132,7 @@ _RX = [
     ("awaited", "<i8"),
     ("started", "<i8"),  # those of this cycle so far
     ("fresh", "<i8"),
-    ("state", "<i8", (MAX_FRAMES, 10)),  # receivers, see drivers.e2e
+    ("state", RECEIVER, (MAX_FRAMES,)),  # see drivers.e2e
     ("source", "<i8", (MAX_FRAMES,)),  # who sends them, see `executive.loop.strangers`
     ("strange", "<i8", (2, 2)),
     ("loss_state", "<i8", (MAX_FRAMES, 2)),
@@ -173,7 +155,7 @@ _GUARD = [  # the supervisor
     ("quick_step", "<f8"),  # the same of a quick stop
     ("n_safe", "<i8"),
     ("safe_index", "<i8", (MAX_LIMITS,)),
-    ("safe", "<f8", (MAX_LIMITS, 5)),
+    ("safe", row_of("", "last safe"), (MAX_LIMITS,)),
     *((name, "<i8") for name in ("missing", "overruns")),  # cycles in a row: no valid input, late
     *((name, "<i8") for name in ("faulted", "disarmed")),
     ("reset", "<i8"),  # 1: asked for in the cycle before
@@ -208,14 +190,13 @@ _BLOCKS = [
 _LIMITS = [
     ("n", "<i8"),
     ("place", "<i8", (MAX_LIMITS,)),
-    ("table", "<f8", (MAX_LIMITS, 6)),
+    ("table", _LIMIT, (MAX_LIMITS,)),
 ]
 _TX = [
     ("n", "<i8"),
-    ("frames", "<i8", (MAX_FRAMES, 13)),  # in the order of sending
-    ("signals", "<i8", (MAX_SIGNALS, 10)),
-    ("scales", "<f8", (MAX_SIGNALS, 4)),
-    ("role", "<i8", (MAX_FRAMES, 4)),
+    ("frames", FRAME, (MAX_FRAMES,)),  # in the order of sending
+    ("signals", SIGNAL, (MAX_SIGNALS,)),
+    ("kind", _KIND, (MAX_FRAMES,)),
     ("last_word", "<i8"),  # what is sent at the end: ALL_FRAMES, or the HEARTBEAT alone
     ("first", "<i8"),  # places of what is sent
     ("past", "<i8"),
@@ -312,6 +293,11 @@ class Shared:
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.arrays[name]
 
+    @property
+    def control(self) -> Any:
+        """The control words, by name."""
+        return self["control"]
+
     def alive(self) -> bool:
         """Return whether the process of the node is there."""
         if self.client is None:
@@ -342,9 +328,10 @@ def blank() -> mmap.mmap:
 
 
 def fields(memory: mmap.mmap, kind: np.dtype[Any]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a structure that begins `memory`, by name."""
+    """Return the arrays of a structure that begins `memory`, and its control words, by name."""
     record = np.frombuffer(memory, kind, 1)
-    return {name: record[name][0] for name in kind.names or () if kind[name].shape}
+    names = [name for name in kind.names or () if kind[name].shape or name == "control"]
+    return {name: record[name][0] for name in names}
 
 
 def private(description: Mapping[str, Any]) -> Shared:

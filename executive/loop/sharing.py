@@ -235,7 +235,7 @@ class Served:
             words = b""
         self.told |= {words[i : i + 1] for i in range(len(words))}
         if RECORDER in words:
-            self.block["control"][sh.RECORDED] = 1
+            self.block.control.recorded = 1
         self._clients[client] = words[-1:] if words else b""
         if not words or LEAVE in words:
             del self._clients[client]

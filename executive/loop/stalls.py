@@ -7,10 +7,9 @@ periods, as after a stall of the machine.
 
 from typing import Any
 
-from pcpc.drivers import e2e
 from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN, paced
+from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injection import any_on
 from pcpc.executive.loop.reception import receive
 from pcpc.executive.loop.rings import push_event
@@ -37,7 +36,7 @@ def stand_still(n: Any) -> None:
     n.clock.behind = 0
     n.k += 1
     n.clock.deadline += n.clock.period_ns
-    n.control[sh.SKIPPED] += 1
+    n.control.skipped += 1
 
 
 @loop_inline
@@ -45,7 +44,7 @@ def forget(n: Any) -> None:
     """Take nothing that came in this period for new in the next."""
     n.rx.started = 0
     for row in range(n.rx.n):
-        n.rx.state[row, e2e.FRESH] = n.faults.on_wire[row, e2e.FRESH] = 0
+        n.rx.state[row].fresh = n.faults.on_wire[row].fresh = 0
 
 
 @loop_inline
@@ -53,4 +52,4 @@ def own_up(n: Any) -> None:
     """After a stall on purpose, have skipped its periods."""
     if n.faults.stalled > 0:
         n.clock.behind = n.faults.stalled
-        push_event(n, sh.SKIP_EVENT, n.faults.stalled, 0.0)
+        push_event(n, Event.SKIP, n.faults.stalled, 0.0)

@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import can_id, codec, dbc, e2e, e2e_states
+from pcpc.drivers import can_id, codec, e2e_states
 from pcpc.drivers.jit import loop_function
 from pcpc.drivers.wire import FAILED, FRAME, get_frame
 from pcpc.drivers.wire_layout import STRANGER
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import now, runs, stopping
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.rings import push_event, push_frame
 
 FLOOD_NS = 200_000_000  # of a bus that is never empty
@@ -55,7 +55,7 @@ def is_foreign(n: Any, row: Any, word: Any) -> Any:
         return codec.frame_of(word, n.tx.frames, n.tx.n) >= 0
     if source == n.rx.source[row] or row == n.guard.stop_row:  # which anybody may send
         return False
-    silent = n.rx.state[row, e2e.AGE_CYCLES] > SILENT_TURNS * n.rx.frames[row, dbc.EVERY_N]
+    silent = n.rx.state[row].age_cycles > SILENT_TURNS * n.rx.frames[row].every_n
     if source != STRANGER and (n.rx.source[row] == 0 or n.passes == 0 or silent):
         n.rx.source[row] = source
         return False
@@ -65,19 +65,19 @@ def is_foreign(n: Any, row: Any, word: Any) -> Any:
 @loop_function
 def note_foreign(n: Any, word: Any) -> None:
     """Count and record the foreign frame in `wire.rx`; too many are a fault."""
-    n.control[sh.FOREIGN] += 1
+    n.control.foreign += 1
     push_frame(n, n.wire.rx, 1, e2e_states.FOREIGN)
     if _note(n, FOREIGN, FOREIGN_CYCLES) == 1:
-        push_event(n, sh.FOREIGN_EVENT, word & can_id.ID, n.control[sh.FOREIGN])
+        push_event(n, Event.FOREIGN, word & can_id.ID, n.control.foreign)
     if n.rx.strange[FOREIGN, COUNT] >= FOREIGN_FRAMES or n.passes == 0:
-        blame(n, sv.ANOTHER_SENDER, word)
+        blame(n, Fault.ANOTHER_SENDER, word)
 
 
 @loop_function
 def note_repeat(n: Any, word: Any) -> None:
     """Count a repeated awaited frame; too many are a fault."""
     if _note(n, REPEATED, REPEATED_CYCLES) >= REPEATED_FRAMES:
-        blame(n, sv.REPEATED_INPUT, word)
+        blame(n, Fault.REPEATED_INPUT, word)
 
 
 @loop_function
@@ -93,15 +93,15 @@ def _note(n: Any, kind: Any, cycles: Any) -> Any:
 @loop_function
 def blame(n: Any, fault: Any, word: Any) -> None:
     """Fault because of a frame, if nothing else was wrong before."""
-    if n.guard.faulted == sv.NO_FAULT:
+    if n.guard.faulted == Fault.NONE:
         n.guard.faulted = fault
-        n.control[sh.CULPRIT] = word
+        n.control.culprit = word
 
 
 @loop_function
 def refused(n: Any) -> Any:
     """Return True if this node must not begin: another one of its kind is on the bus."""
-    return n.passes == 0 and n.guard.faulted == sv.ANOTHER_SENDER
+    return n.passes == 0 and n.guard.faulted == Fault.ANOTHER_SENDER
 
 
 @loop_function
@@ -116,7 +116,7 @@ def listen(n: Any) -> None:
     time, result = now(n.clock), np.int64(FRAME)
     until = time + n.rx.listen_ns
     while time < until or (result == FRAME and time < until + FLOOD_NS):
-        if stopping(n) or n.guard.faulted != sv.NO_FAULT:
+        if stopping(n) or n.guard.faulted != Fault.NONE:
             break
         result = np.int64(get_frame(n.wire, time < until))
         time = now(n.clock)
@@ -126,5 +126,5 @@ def listen(n: Any) -> None:
             if row < 0 and is_foreign(n, row, word):
                 note_foreign(n, word)
         elif result == FAILED:
-            n.control[sh.BUS_ERRNO] = n.wire.errno
-            n.guard.faulted = sv.BUS_FAILED
+            n.control.bus_errno = n.wire.errno
+            n.guard.faulted = Fault.BUS_FAILED

@@ -1,31 +1,7 @@
-"""The supervisor of a node: six states, one pure transition table, one ramp.
+"""The supervisor of a node: counts what is missing, advances its state, sets the pace of ramps.
 
-    INIT   waiting for the other node          READY  the other node is there; armed?
-    RUN    the loop is closed                  HOLD   a cycle ran on the last valid sample
-    FAULT  the command ramps to its safe value STOP   the command is safe, the node ends
-
-               NONE   FRESH  MISSED  LOSS   STOP_REQUEST  RAMPED  RESET  DISARMED
-      INIT     INIT   READY  INIT    FAULT  STOP          INIT    INIT   INIT
-      READY    READY  RUN    READY   FAULT  STOP          READY   READY  READY
-      RUN      RUN    RUN    HOLD    FAULT  STOP          RUN     RUN    READY
-      HOLD     HOLD   RUN    HOLD    FAULT  STOP          HOLD    HOLD   READY
-      FAULT    FAULT  FAULT  FAULT   FAULT  STOP          STOP    INIT   FAULT
-      STOP     STOP   STOP   STOP    STOP   STOP          STOP    STOP   STOP
-
-What a state does stands beside it (`DOES`), and the loop reads it there:
-
-      state   runs  expects  ramps  sends  NMT
-      INIT    0     0        0      0      pre-operational
-      READY   0     1        0      1      pre-operational
-      RUN     1     1        0      1      operational
-      HOLD    1     1        0      1      operational
-      FAULT   0     1        1      1      stopped
-      STOP    0     1        1      1      stopped
-
-runs: the loop is closed, a cycle without input is a held one. expects: the other node is known, so
-that its silence is a fault. ramps: commands go from their last value to the safe one. sends: what
-the law wants may be a command; without, commands are safe (but a local node's, which already acts
-on what it hears from below). Its state as a drive of CiA 402 stands in `executive.loop.drive`.
+The states and the table between them stand in `executive.loop.states`, the faults in
+`executive.loop.faults`. What they mean for what is sent: `executive.loop.limits`.
 
 A run is over when its duration is, when the host asks, or when a frame of the node above says STOP.
 While a command with a rate limit is then farther from its safe value than one cycle may move it,
@@ -42,118 +18,180 @@ An executive that is disarmed, by its operator or from its start (`arm: manual`,
 disarms, too), is in READY at most: commands go the way of FAULT to their safe values and stay
 there, without a fault. Time, references and laws go on, with the measured feedback. Armed, it is in
 RUN with the next complete input, and `gain` rises as after a reset.
-
-The same table serves the executive (fresh = a complete valid set of feedback) and the emulator
-(fresh = a valid command), whose FAULT is its watchdog.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import loop_inline
-
-INIT, READY, RUN, HOLD, FAULT, STOP = range(6)
-STATE_NAMES = ("INIT", "READY", "RUN", "HOLD", "FAULT", "STOP")
-
-NONE, FRESH, MISSED, LOSS, STOP_REQUEST, RAMPED, RESET, DISARMED = range(8)
-
-NEXT = np.array(
-    [
-        [INIT, READY, INIT, FAULT, STOP, INIT, INIT, INIT],
-        [READY, RUN, READY, FAULT, STOP, READY, READY, READY],
-        [RUN, RUN, HOLD, FAULT, STOP, RUN, RUN, READY],
-        [HOLD, RUN, HOLD, FAULT, STOP, HOLD, HOLD, READY],
-        [FAULT, FAULT, FAULT, FAULT, STOP, STOP, INIT, FAULT],
-        [STOP, STOP, STOP, STOP, STOP, STOP, STOP, STOP],
-    ],
-    np.int64,
+from pcpc.drivers import e2e
+from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.executive.loop import on_wire
+from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.clock import CLOCKED, stopping
+from pcpc.executive.loop.drive import tell_drive
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.limits import begin_ramp, quick_stop, settled
+from pcpc.executive.loop.rings import push_event
+from pcpc.executive.loop.states import EXPECTS, HEARTBEATS, RAMPS, RUNS, SENDS, State, next_state
+from pcpc.executive.loop.variables import (
+    DISARMED,
+    FALLBACK,
+    FAULT,
+    GAIN,
+    MISSING,
+    NMT,
+    RESET_ASKED,
+    STATE,
+    STOP_ASKED,
 )
 
-# What each state does: a row a state; NMT is its CANopen heartbeat.
-RUNS, EXPECTS, RAMPS, SENDS = range(4)
-DOES = np.array(
-    [[0, 0, 0, 0], [0, 1, 0, 1], [1, 1, 0, 1], [1, 1, 0, 1], [0, 1, 1, 1], [0, 1, 1, 1]], np.int64
-)
-NMT = np.array([127.0, 127.0, 5.0, 5.0, 4.0, 4.0])
+
+@loop_function
+def judge_overrun(n: Any) -> None:
+    """Count cycles in a row that ran past their end; do what the rig says about too many."""
+    guard, behind = n.guard, n.clock.behind
+    guard.overruns = guard.overruns + 1 if behind > 0 and n.passes > guard.grace_passes else 0
+    if guard.overrun_policy == sh.SKIP or guard.overruns < guard.overrun_after:
+        return
+    if guard.overrun_policy == sh.FAULT_AFTER:
+        if guard.faulted == Fault.NONE:
+            guard.faulted = Fault.OVERRUN
+    elif n.v[FALLBACK] == 0.0:
+        n.v[FALLBACK] = 1.0
+        push_event(n, Event.FALLBACK, behind, 0.0)
 
 
-SOFTWARE, LAW, EXTERNAL, BUS, HEARTBEAT, BACK_FROM_OFF, COLLISION, PROTOCOL, SENSOR = (
-    0x6100, 0x6200, 0x9000, 0x8100, 0x8130, 0x8140, 0x8150, 0x8200, 0x7300
-)  # fmt: skip
-GENERIC, COMMUNICATION = 0x01, 0x11
-
-
-class Fault(NamedTuple):
-    """A named fault: what it says, the cycles in which it is noticed, what follows.
-
-    `within` may be a key of the rig; without one, a time of its own is in `why`. `code` and
-    `register` are those of CiA 301's emergency frame.
-    """
-
-    says: str
-    within: int | str | None
-    reaction: str
-    why: str = ""
-    code: int = SOFTWARE
-    register: int = GENERIC
-
-
-RAMP = "ramp to safe values"
-QUICK = "quick stop"
-END = "the node ends with its safe values"
-DIES = "the node ends; the watchdog of the other one acts"
-FAULTS = (
-    Fault("none", None, "none", code=0, register=0),
-    Fault("no valid input frame for the rig's limit of cycles",
-          "supervisor.fault_after_cycles", RAMP, "", HEARTBEAT, COMMUNICATION),
-    Fault("a command was not a finite number", 1, RAMP, "its last value is sent in that cycle"),
-    Fault("the other node fell silent", None, END, "without a clock, after 5 s", HEARTBEAT,
-          COMMUNICATION),
-    Fault("the bus failed", 1, RAMP, "as told by the system", BUS, COMMUNICATION),
-    Fault("cycles ran past their end, more in a row than the rig allows",
-          "overrun.fault_after", RAMP),
-    Fault("another sender of one of its frames is on the bus", 3, RAMP, "3 frames in 10 cycles",
-          COLLISION, COMMUNICATION),
-    Fault("an awaited frame was repeated again and again: somebody else sends it", 10, RAMP,
-          "10 frames in 100 cycles", PROTOCOL, COMMUNICATION),
-    Fault("an output was not a finite number", 1, RAMP),
-    Fault("the plant diverged: an output was not a finite number", 1, RAMP),
-    Fault("a step ended with an exception", 1, DIES, "", LAW),
-    Fault("a step does not return", None, DIES, "after 3 s or 20 periods", LAW),
-    Fault("the emergency stop is pressed", 1, QUICK, "", EXTERNAL),
-    Fault("a stop frame came", 1, QUICK, "", EXTERNAL),
-    Fault("received values were not plausible", "supervisor.fault_after_cycles", RAMP,
-          "or the signal's fault_after, in a row", SENSOR),
-    Fault("a frame comes from two senders", 3, RAMP,
-          "1 or 3 signs, if `supervisor.intrusion` says so", COLLISION, COMMUNICATION),
-    Fault("the CAN controller went bus-off", 1, RAMP, "as told by an error frame", BACK_FROM_OFF,
-          COMMUNICATION),
-)  # fmt: skip
-FAULT_NAMES = tuple(fault.says for fault in FAULTS)
-ERROR_CODES = np.array([float(fault.code) for fault in FAULTS])
-ERROR_REGISTERS = np.array([float(fault.register) for fault in FAULTS])
-NO_FAULT, INPUT_MISSING, COMMAND_NOT_FINITE, PEER_SILENT, BUS_FAILED, OVERRUN = range(6)
-ANOTHER_SENDER, REPEATED_INPUT = 6, 7
-OUTPUT_NOT_FINITE, PLANT_NOT_FINITE, STEP_RAISED, STEP_HANGS = 8, 9, 10, 11
-EMERGENCY_STOP, STOP_FRAME, NOT_PLAUSIBLE, INTRUSION, BUS_OFF = range(12, 17)
+@loop_function
+def over(n: Any) -> Any:
+    """Return True once the run is over, by its duration, its host or the node above."""
+    guard = n.guard
+    told = guard.mode_index >= 0 and n.v[guard.mode_index] == State.STOP
+    return n.k >= guard.cycles or stopping(n) or told or guard.stop != 0
 
 
 @loop_inline
-def advance(state: Any, fresh: Any, fault: Any, stopping: Any, ramped: Any, disarmed: Any) -> Any:
-    """Return the next state. `fresh`: this cycle's input is complete; `fault`: a fault code.
+def count_missing(n: Any, running: Any) -> None:
+    """Count cycles without complete valid input; turn to the input of the next one."""
+    guard, rx = n.guard, n.rx
+    if rx.fresh >= rx.awaited:
+        guard.missing = n.faults.missed = 0
+    else:
+        guard.missing += 1
+        n.faults.missed = 0 if on_wire.taken_on_purpose(n) else n.faults.missed + 1
+        n.control.held += running
+        n.control.stale += running if guard.missing > guard.hold_cycles else 0
+        n.control.starved += running if n.faults.missed > guard.hold_cycles else 0
+    rx.started = 0
+    rx.fresh = 0
+    n.wire.muted = 0
+    e2e.begin_cycle(rx.state, rx.n)
+    on_wire.age_frames(n)
 
-    In FAULT no fault code means that a reset was granted. Being disarmed keeps no node in INIT.
+
+@loop_function
+def supervise(n: Any) -> None:
+    """Advance the state machine by what is missing; ramp the gain in FAULT and at the end."""
+    guard, before, asked = n.guard, np.int64(n.v[STATE]), over(n)
+    count_missing(n, RUNS[before])
+    silent = EXPECTS[before] != 0 and guard.missing >= guard.fault_after
+    if silent and guard.faulted == Fault.NONE and not asked:
+        guard.faulted = Fault.INPUT_MISSING
+    watch_estop(n)
+    safe = settled(n.limits)
+    listens = n.clock.trigger == CLOCKED or not silent  # the node above, to what is sent
+    leave = asked and (safe or not listens)
+    fresh, ramped = guard.missing == 0, guard.gain <= 0.0 and safe
+    if guard.reset != 0:
+        judge_reset(n, fresh and ramped)
+    disarmed = guard.disarmed != 0
+    state = next_state(before, fresh, guard.faulted, leave, ramped and guard.waits == 0, disarmed)
+    waits = disarmed and state == State.READY
+    ramps = RAMPS[state] != 0 or asked or waits
+    if before == State.READY and not ramps:
+        guard.pace = 0.0
+    if ramps and (guard.pace == 0.0 or guard.quick == sh.ASKED):
+        begin_ramp(n, asked)
+    if RAMPS[before] != 0 or (asked and not leave) or (waits and before == state):
+        guard.gain = max(guard.gain - guard.pace, 0.0)
+    elif not ramps and SENDS[state] != 0:
+        guard.gain = min(guard.gain + guard.ramp_step, 1.0)
+    enter(n, before, state)
+    watch_input(n, state)
+
+
+@loop_inline
+def watch_estop(n: Any) -> None:
+    """Let an emergency stop be a fault, whatever else is wrong, and the ramp a quick stop."""
+    guard = n.guard
+    if guard.estop_index >= 0 and n.v[guard.estop_index] != 0.0:
+        quick_stop(n, Fault.EMERGENCY_STOP)
+
+
+@loop_function
+def hear_requests(n: Any) -> None:
+    """Note what was asked of the supervisor, for its next cycle; a request is heard once.
+
+    Being disarmed is no request: it lasts.
+
+    A reset forgets the fault, so that a detector that still sees one tells it until then.
     """
-    event = MISSED
-    if stopping:
-        event = STOP_REQUEST
-    elif state == FAULT:
-        event = RESET if fault == NO_FAULT else RAMPED if ramped else NONE
-    elif fault != NO_FAULT:
-        event = LOSS
-    elif disarmed and state != INIT:
-        event = DISARMED
-    elif fresh:
-        event = FRESH
-    return NEXT[state, event]
+    guard, safe = n.guard, n.guard.gain <= 0.0 and settled(n.limits)
+    guard.disarmed = np.int64(n.v[DISARMED] != 0.0)
+    if n.v[RESET_ASKED] != 0.0:
+        n.v[RESET_ASKED] = 0.0
+        if n.v[STATE] == State.FAULT and guard.waits != 0 and safe:
+            guard.reset, guard.faulted, guard.quick = 1, Fault.NONE, 0
+    if n.v[STOP_ASKED] != 0.0:
+        guard.stop = 1
+        if n.v[STOP_ASKED] > 1.0 and guard.quick == 0:
+            guard.quick = sh.ASKED
+
+
+@loop_inline
+def judge_reset(n: Any, possible: Any) -> None:
+    """Leave no fault, if that is possible and none was seen since; else tell which one is there."""
+    guard = n.guard
+    guard.reset = 0
+    if guard.faulted == Fault.NONE and possible:
+        guard.pace = 0.0
+        return
+    if guard.faulted == Fault.NONE:
+        guard.faulted = n.control.fault
+    n.control.fault = guard.faulted
+    push_event(n, Event.FAULT, guard.faulted, 0.0)
+
+
+@loop_inline
+def enter(n: Any, before: Any, state: Any) -> None:
+    """Tell the state, and the fault with which it was entered."""
+    guard = n.guard
+    if state != before:
+        push_event(n, Event.STATE, state, 0.0)
+        if state == State.FAULT:
+            n.control.fault = guard.faulted
+            push_event(n, Event.FAULT, guard.faulted, 0.0)
+            if guard.manual != 0:
+                n.v[DISARMED] = 1.0
+    n.control.state = state
+    n.v[STATE] = state
+    n.v[FAULT] = guard.faulted
+    n.v[GAIN] = guard.gain
+    n.v[MISSING] = guard.missing
+    n.v[NMT] = HEARTBEATS[state]
+    tell_drive(n, state)
+
+
+@loop_inline
+def watch_input(n: Any, state: Any) -> None:
+    """Be the watchdog: hold the input, in FAULT ramp it to the safe value, after a reset back."""
+    guard, safe = n.guard, n.guard.safe
+    ramps = RAMPS[state] != 0
+    rises = not ramps and guard.gain < 1.0 and guard.pace == 0.0
+    for i in range(guard.n_safe):
+        j = guard.safe_index[i]
+        if not ramps and (not rises or guard.missing == 0):
+            safe[i].last = n.v[j]
+        if ramps or rises:
+            n.v[j] = safe[i].safe + guard.gain * (safe[i].last - safe[i].safe)

@@ -17,9 +17,20 @@ import numpy as np
 
 from pcpc.drivers import libc
 from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.structures import words
+from pcpc.executive.loop import control
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.rings import push_event
-from pcpc.executive.loop.variables import REFUSED, RESET, STATISTICS_AT, TIMING_AT, WALL
+from pcpc.executive.loop.variables import (
+    COUNTERS,
+    COUNTERS_AT,
+    REFUSED,
+    RESET,
+    STATISTICS_AT,
+    TIMING_AT,
+    WALL,
+)
 
 WAKE_LATE, RECEIVE, STEP, SEND, PUBLISH, WORK = range(sh.STAGES)
 UPDATE_PASSES = 128  # the table's percentiles are renewed this often
@@ -29,12 +40,7 @@ POINTS = np.array([0.5, 0.99, 0.999])
 USAGE = np.array([8, 9, 16, 17])  # of struct rusage: minor, major faults, switches asked, forced
 
 
-COUNTERS = np.array(
-    [sh.PASSES, sh.LATE, sh.SKIPPED, sh.HELD, sh.STALE, sh.SENT, sh.RECEIVED, sh.LOST,
-     sh.CRC_ERRORS, sh.REPEATED, sh.SATURATED, sh.LOST_ON_PURPOSE, sh.WRONG_SEQUENCE, sh.FOREIGN,
-     sh.SEND_ERRORS, sh.BUS_ERRORS, sh.INTRUSIONS, sh.MISSED, sh.STARVED,
-     sh.SIGNS_ON_PURPOSE]
-)  # fmt: skip
+COUNTER_WORDS = np.array([control.place(word) for word, *_ in COUNTERS])
 
 
 @loop_inline
@@ -46,9 +52,10 @@ def note(n: Any) -> None:
     v[TIMING_AT + 2] = 0.001 * (timing.stepped - timing.received)
     v[TIMING_AT + 3] = 0.001 * (timing.sent - timing.stepped)
     v[TIMING_AT + 4] = 0.001 * timing.publish_ns
-    for i in range(COUNTERS.shape[0]):
-        v[TIMING_AT + 5 + i] = n.control[COUNTERS[i]]
-    v[REFUSED] = n.control[sh.REFUSED]
+    counts = words(n.control)
+    for i in range(COUNTER_WORDS.shape[0]):
+        v[COUNTERS_AT + i] = counts[COUNTER_WORDS[i]]
+    v[REFUSED] = n.control.refused
     v[WALL] = 1e-9 * (n.clock.wake + n.clock.wall_offset_ns)
 
 
@@ -129,7 +136,7 @@ def _note_latest(n: Any) -> None:
         n.latest[row, sh.LATE_NS + s] = timing.stage_ns[s]
     for i in range(USAGE.shape[0]):
         n.latest[row, sh.LATE_USAGE + i] = timing.usage[USAGE[i]] - timing.usage_before[i]
-    push_event(n, sh.LATE_EVENT, late, 0.0)
+    push_event(n, Event.LATE, late, 0.0)
 
 
 @loop_function

@@ -13,9 +13,10 @@ from pcpc.drivers import libc
 from pcpc.drivers.jit import loop_function
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN
+from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injection import count_down
 from pcpc.executive.loop.rings import push_event
-from pcpc.executive.loop.supervisor import FAULT
+from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import RESET_ASKED, STATE, STOP_ASKED
 
 INFINITE = float("inf")
@@ -30,7 +31,7 @@ def tune(n: Any) -> None:
     while tuning.done < tuning.n and tuning.schedule[tuning.done, 0] <= n.k:
         j, value = tuning.schedule[tuning.done, 1], tuning.value[tuning.done]
         n.v[j] = value
-        push_event(n, sh.TUNING_EVENT, j, value)
+        push_event(n, Event.TUNING, j, value)
         tuning.done += 1
     request = libc.load_acquire(n.mail, sh.REQUEST)
     if request != n.answer[sh.ACK]:
@@ -54,10 +55,10 @@ def answer(n: Any, request: Any) -> None:
     if refusal == sh.ACCEPTED:
         for i in range(count):
             n.v[index[i]] = value[i]
-            push_event(n, sh.TUNING_EVENT, index[i], value[i])
+            push_event(n, Event.TUNING, index[i], value[i])
     else:
-        n.control[sh.REFUSED] += 1
-        push_event(n, sh.REFUSED_EVENT, index[entry], value[entry])
+        n.control.refused += 1
+        push_event(n, Event.REFUSED, index[entry], value[entry])
     n.answer[sh.ACK_CYCLE] = n.k
     n.answer[sh.REFUSAL] = refusal
     n.answer[sh.REFUSED_ENTRY] = entry
@@ -79,6 +80,8 @@ def judge_request(n: Any, count: Any, lock: Any) -> Any:
             return sh.NO_PARAMETER, np.int64(i)
         if not (abs(value) < INFINITE and tuning.low[j] <= value <= tuning.high[j]):
             return sh.OUT_OF_RANGE, np.int64(i)
-        if j == RESET_ASKED and (n.v[STATE] != FAULT or n.guard.waits == 0 or n.guard.gain > 0.0):
+        if j == RESET_ASKED and (
+            n.v[STATE] != State.FAULT or n.guard.waits == 0 or n.guard.gain > 0.0
+        ):
             return sh.NO_RESET, np.int64(i)
     return sh.ACCEPTED, first

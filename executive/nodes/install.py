@@ -13,8 +13,8 @@ from pcpc.drivers.bus import RECEIVE_TIMEOUT_US
 from pcpc.drivers.wire_layout import MEMORY
 from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, LOCKSTEP, ON_FRAMES, REAL, VIRTUAL
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.intrusion import REACTIONS
 from pcpc.executive.loop.timing import reset
 from pcpc.executive.loop.variables import DISARMED
@@ -92,7 +92,7 @@ def install(made: Plan, loop: Any) -> None:
         limits.table[i] = (limit.low, limit.high, rate, safe, safe, safe)
     for i, (name, value) in enumerate(made.spec.safe.items()):
         guard.safe_index[i] = made.table.index[f"rx.{name}"]
-        guard.safe[i] = (0.0, 0.0, 0.0, 0.0, value)
+        guard.safe[i] = (0.0, value)
     limits.n, guard.n_safe = len(made.limits), len(made.spec.safe)
     sent = [i for i, variable in enumerate(made.table.variables) if variable.kind == "sent"]
     loop.tx.first, loop.tx.past = (sent[0], sent[-1] + 1) if sent else (0, 0)
@@ -130,7 +130,7 @@ def _install_part(made: Plan, loop: Any) -> None:
     loop.meeting.seeks_below = not is_plant
     loop.blocks.owe_periods = is_plant
     loop.guard.safe_start = made.role == "executive"
-    loop.guard.odd_output = sv.PLANT_NOT_FINITE if is_plant else sv.OUTPUT_NOT_FINITE
+    loop.guard.odd_output = Fault.PLANT_NOT_FINITE if is_plant else Fault.OUTPUT_NOT_FINITE
     loop.tx.last_word = sh.HEARTBEAT if is_plant else sh.ALL_FRAMES
 
 
@@ -163,21 +163,20 @@ def _install_frames(made: Plan, loop: Any) -> None:
         into = loop[prefix]
         into.frames[: len(frames)] = table.frames
         into.signals[: len(table.signals)] = table.signals
-        into.scales[: len(table.scales)] = table.scales
     rx.n, tx.n = len(made.rx_frames), len(made.tx_frames)
     rx.state[: rx.n] = loop.faults.on_wire[: rx.n] = e2e.new_state(rx.n)
     part = parts_in_meeting(made.rx_frames, made.below, leads=made.role == "executive")
     for i, frame in enumerate(made.rx_frames):
         peer = made.role != "local" or frame.name in made.below
         rx.role[i] = (starts_cycle(made.role, frame, made.below), is_awaited(frame), peer, part[i])
-    rx.starters, rx.awaited, *_ = rx.role[: rx.n].sum(axis=0)
+    rx.starters, rx.awaited = rx.role["starts"].sum(), rx.role["awaited"].sum()
     lost = {name: (loss.share, loss.burst) for name, loss in made.rig.config.losses.items()}
     losses.install(loop, made.rx_frames, lost, made.rig.config.seed)
     second = [f.word for f in made.tx_frames if f.name in made.below]
     loop.wire.n_second = len(second)
     loop.wire.second[: len(second)] = second
     for i, frame in enumerate(made.tx_frames):
-        tx.role[i, :3] = (frame.has_sequence, is_heartbeat(frame), is_emergency(frame))
+        tx.kind[i] = (frame.has_sequence, is_heartbeat(frame), is_emergency(frame), 0)
 
 
 def _install_intrusion(made: Plan, loop: Any) -> None:

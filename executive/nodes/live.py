@@ -103,22 +103,22 @@ class Live:
     @property
     def ended(self) -> bool:
         """Whether its loop has ended, in good order; its process stays until it is let go."""
-        return bool(self.block["control"][sh.DONE])
+        return bool(self.block.control.done)
 
     @property
     def ready(self) -> bool:
         """Whether it is set up, and looks for the other node."""
-        return bool(self.block["control"][sh.READY])
+        return bool(self.block.control.ready)
 
     @property
     def under_way(self) -> bool:
         """Whether it has done a cycle."""
-        return bool(self.block["control"][sh.PASSES])
+        return bool(self.block.control.passes)
 
     @property
     def recorded(self) -> bool:
         """Whether a recorder has its memory."""
-        return bool(self.block["control"][sh.RECORDED])
+        return bool(self.block.control.recorded)
 
     @property
     def run(self) -> str:
@@ -138,7 +138,7 @@ class Live:
     @property
     def pid(self) -> int:
         """Its process."""
-        return int(self.block["control"][sh.PID])
+        return int(self.block.control.pid)
 
     def __getitem__(self, name: str) -> float:
         return self.read()[name]

@@ -54,7 +54,7 @@ class Mailbox:
             level = level_of(block)
             if level != "none" and [*places] != [STOP]:
                 raise LiveError(f"{block.name}: locked ({level}); `pcpc lock none` allows tunings")
-            if not block["control"][sh.PASSES]:
+            if not block.control.passes:
                 what = "no cycle yet, it waits for the other node"
                 raise LiveError(f"{block.name}: {what}", Exit.ENVIRONMENT)
             self._acknowledged(int(mail[sh.REQUEST]))  # of a client that died waiting
@@ -84,16 +84,16 @@ class Mailbox:
             if self._heard(place):
                 return cycle
         except LiveError:
-            if not self._runs() or not block["control"][sh.PASSES]:
+            if not self._runs() or not block.control.passes:
                 raise
-        pid = int(block["control"][sh.PID])
+        pid = int(block.control.pid)
         with suppress(OSError):
             if pid > 1:  # not a group
                 os.kill(pid, signal.SIGTERM)
         if not self._heard(place):
             what = f"no request and no signal reaches it; kill -9 {pid} ends it"
             raise LiveError(f"{block.name}: {what}", Exit.ENVIRONMENT)
-        return int(block["control"][sh.CYCLE])
+        return int(block.control.cycle)
 
     def lock(self, level: str) -> None:
         """Write a lock level, one of LEVELS."""
@@ -101,13 +101,13 @@ class Mailbox:
             self._block["mail"][sh.LOCK] = LEVELS.index(level)
 
     def _runs(self) -> bool:
-        return self._block.alive() and not self._block["control"][sh.DONE]
+        return self._block.alive() and not self._block.control.done
 
     def _heard(self, place: int) -> bool:
         """Wait until a request to stop was heard; return whether it was."""
         deadline_s = time.monotonic() + PATIENCE_S
-        control, values = self._block["control"], self._block["snapshot"]
-        while self._runs() and not control[sh.STOP] and not values[place]:
+        control, values = self._block.control, self._block["snapshot"]
+        while self._runs() and not control.stop and not values[place]:
             if time.monotonic() > deadline_s:
                 return False
             pause(self._block, POLL_S)

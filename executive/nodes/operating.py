@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import faults
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.executive.rig.standby import IN_CHARGE, TO
 
@@ -23,10 +23,10 @@ def arm(live: Live) -> int:
     """
     now = live.read()
     state = int(now["supervisor.state"])
-    if state == sv.FAULT:
-        why = faults.reason(live.block.description, live.block["control"])
+    if state == State.FAULT:
+        why = faults.reason(live.block.description, live.block.control)
         raise LiveError(f"{live.name}: FAULT, {why}; `pcpc reset` first", Exit.NOT_MET)
-    if state == sv.INIT:
+    if state == State.INIT:
         raise LiveError(f"{live.name}: waits for the other node; later", Exit.NOT_MET)
     if now[DISARMED] == 0.0:
         raise LiveError(f"{live.name}: armed already")

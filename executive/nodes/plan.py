@@ -18,7 +18,8 @@ from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a log
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
+from pcpc.executive.loop.faults import FAULT_NAMES
+from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.executive.loop.table import Table, Variable, Views
 from pcpc.executive.loop.variables import BUS, DRIVE, HEAD, REFUSALS, REQUESTS, RESETS, TIMING
 from pcpc.executive.nodes import planned_controllers, planned_faults, planned_plausible

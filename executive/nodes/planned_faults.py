@@ -283,7 +283,7 @@ def _seam(
 def _other(rig: Rig, key: str, fault: Fault, rx: list[dbc.Frame], row: int) -> int:
     """Return the row of the frame whose data come instead, -1 for none; check counter and CRC."""
     table = dbc.table(rx, rig.config.rate_hz)
-    protected = table.frames[row, dbc.PROTECTED] != 0
+    protected = table.frames[row].protected != 0
     if fault.kind in PROTECTED and not protected:
         raise rig.error(f"{key}.frame", f"{fault.frame} has no counter and CRC")
     if fault.data_of is None:

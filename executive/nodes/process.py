@@ -37,9 +37,9 @@ from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import faults, sharing
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED
 from pcpc.executive.loop.cycle import finish, run
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes import fmus, greeting, plausible
 from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import (
@@ -144,7 +144,7 @@ class Process:
         self.report = realtime.prepare_process(self._paced)
         wall_ns, clock_ns = (int(metadata[f"clock_{name}_ns"]) for name in ("wall", "monotonic"))
         block.loop.clock.wall_offset_ns = wall_ns - clock_ns
-        block["control"][sh.PID] = os.getpid()
+        block.control.pid = os.getpid()
         block["snapshot"][:] = block.loop.v[: len(block["snapshot"])]  # until the first cycle
         served.open()
         try:
@@ -155,16 +155,16 @@ class Process:
         for line in fmus.failures(self.plan):
             print(f"{self.role}: {line}", file=sys.stderr, flush=True)
         fmus.close(self.plan)
-        fault, passes = block["control"][sh.FAULT], block["control"][sh.PASSES]
-        refused = fault == sv.ANOTHER_SENDER and not passes
+        fault, passes = block.control.fault, block.control.passes
+        refused = fault == Fault.ANOTHER_SENDER and not passes
         if not refused:
             self._linger(served)
         served.close()
         held.close()
         if refused:
-            why = faults.reason(block.description, block["control"])
+            why = faults.reason(block.description, block.control)
             raise BusError(f"{self.bus}: {why}; end it or choose another with --bus")
-        return Exit.SAFETY_STOP if block["control"][sh.FAULT] else Exit.OK
+        return Exit.SAFETY_STOP if block.control.fault else Exit.OK
 
     def _watch(
         self, call: Callable[[], Any], loop: Any, served: sharing.Served | None = None
@@ -182,7 +182,7 @@ class Process:
                 if self._asked_to_end():
                     if served is None:
                         os._exit(Exit.OK)
-                    loop.control[sh.STOP] = 1
+                    loop.control.stop = 1
                 if time.monotonic() >= look_s:
                     look_s = time.monotonic() + POLL_S
                     if watch.stands() is not None:
@@ -193,9 +193,9 @@ class Process:
 
     def _hangs(self, loop: Any, served: sharing.Served | None) -> NoReturn:
         """End the process, whose loop stands in a step; its host reads the fault in the block."""
-        loop.control[sh.FAULT] = sv.STEP_HANGS
+        loop.control.fault = Fault.STEP_HANGS
         if served is None:
-            name = self.plan.spec.blocks[int(loop.control[sh.STEPPING]) - 1].name
+            name = self.plan.spec.blocks[int(loop.control.stepping) - 1].name
             what = f"the step of {name} does not return, in cycle {int(loop.k)} of the warm-up"
             print(f"{self.role}: {what}", file=sys.stderr, flush=True)
         else:
@@ -284,8 +284,8 @@ class Process:
         warning = self.report.warning()
         if warning and self._paced:
             print(f"{self.role}: {warning}", file=sys.stderr, flush=True)
-        block["control"][sh.REALTIME] = self.report.is_realtime
-        block["control"][sh.READY] = 1
+        block.control.realtime = self.report.is_realtime
+        block.control.ready = 1
         heard_ns = time.monotonic_ns() - opened_ns
         block.loop.rx.listen_ns = max(block.loop.rx.listen_ns - heard_ns, 1)
         run(block.loop, self.plan.steps)

@@ -29,14 +29,15 @@ from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.bus_state import note_bus_error
 from pcpc.executive.loop.clock import GIVEN, paced
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.injection import any_on, count_down, peer_stalled
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.sending import request_first_sample
 from pcpc.executive.loop.stalls import forget
+from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import COUNTED, STATE
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.install import install_in_memory
@@ -190,10 +191,10 @@ def recompute(
         for j in range(clocks.shape[0]):
             n.v[clocks[j]] = clocked[i, j]
         if rows[i, BUS_FAILED] != 0:
-            n.guard.faulted = sv.BUS_FAILED
-        waits = n.guard.disarmed != 0 and n.v[STATE] == sv.READY  # else its end was asked for
+            n.guard.faulted = Fault.BUS_FAILED
+        waits = n.guard.disarmed != 0 and n.v[STATE] == State.READY  # else its end was asked for
         if rows[i, ENDS] != 0 and not waits:
-            n.control[sh.STOP] = 1
+            n.control.stop = 1
         one_pass(n, steps)
         n.wire.outbox_put = 0
         if n.passes == rows[i, PASSES]:
@@ -261,14 +262,14 @@ class Replay:
         rows = np.zeros((len(part.rows), 7), np.int64)
         rows[:, :HEAD] = part.rows[:, :HEAD]
         fault = part.rows[:, HEAD + names.index("supervisor.fault")].view(np.float64)
-        rows[:, BUS_FAILED] = fault == sv.BUS_FAILED
+        rows[:, BUS_FAILED] = fault == Fault.BUS_FAILED
         gain, state = (
             part.rows[:, HEAD + names.index(f"supervisor.{name}")].view(np.float64)
             for name in ("gain", "state")
         )
         before = np.concatenate((self._gain, gain[:-1]))
         self._gain = gain[-1:]
-        rows[:, ENDS] = (gain < before) & (state < sv.FAULT)  # after a reset it rises
+        rows[:, ENDS] = (gain < before) & (state < State.FAULT)  # after a reset it rises
         times = np.array([t[0] for t in tunings], np.int64)
         for column, ends in ((FRAMES_END, received["cycle"]), (TUNINGS_END, times)):
             rows[:, column] = np.searchsorted(ends, rows[:, K], side="right")

@@ -107,7 +107,7 @@ class VirtualRun:
         for p in made:
             block = sh.private(describe(p, metadata, kept=log is not None))
             install_in_memory(p, block.loop)
-            block["control"][sh.PID] = os.getpid()
+            block.control.pid = os.getpid()
             self.blocks.append(block)
         self.steps = tuple(p.steps for p in made)
         self.plans = made
@@ -139,7 +139,7 @@ class VirtualRun:
     def stop(self) -> None:
         """Ask the executive to end, and the others by it."""
         self._stopped = True
-        self.blocks[0]["control"][sh.STOP] = 1
+        self.blocks[0].control.stop = 1
 
     def close(self) -> None:
         """Finish the log file, and what blocks have opened."""

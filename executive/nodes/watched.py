@@ -11,8 +11,7 @@ from concurrent.futures import Future
 from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.variables import T_S
 from pcpc.executive.rig.law_errors import cause
 
@@ -69,8 +68,7 @@ class Watch:
     def stands(self, hurry: bool = False) -> Any:
         """Return the record of the node that hangs in a step, None if none does."""
         now = [
-            (int(n.control[sh.PASSES]), int(n.control[sh.STEPPING]), float(n.v[T_S]))
-            for n in self._loops
+            (int(n.control.passes), int(n.control.stepping), float(n.v[T_S])) for n in self._loops
         ]
         inside = [n for n, (_, step, _) in zip(self._loops, now, strict=True) if step]
         same = repr(now) == repr(self._seen)  # a time that is NaN stays the same too
@@ -90,7 +88,7 @@ def watched(
     while work.is_alive():
         found = watch.stands(hurry())
         if found is not None:
-            found.control[sh.FAULT] = sv.STEP_HANGS
+            found.control.fault = Fault.STEP_HANGS
             raise StepError
         work.join(POLL_S)
     if work.error is not None:
@@ -100,8 +98,8 @@ def watched(
 
 def failed(error: BaseException, loops: Sequence[Any]) -> BaseException:
     """Return what to raise for an exception out of the loop: of a step, StepError with its line."""
-    inside = [n for n in loops if n.control[sh.STEPPING]]
+    inside = [n for n in loops if n.control.stepping]
     if not inside or not isinstance(error, Exception):
         return error
-    inside[0].control[sh.FAULT] = sv.STEP_RAISED
+    inside[0].control.fault = Fault.STEP_RAISED
     return StepError(cause(error))

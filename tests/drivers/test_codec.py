@@ -83,19 +83,19 @@ def tables(message: Message) -> dbc.Table:
 def unpack(data: bytes, frame: int, table: dbc.Table) -> dict[str, float]:
     values = np.full(len(table.variables), np.nan)
     array = np.frombuffer(data.ljust(8, b"\xa5"), np.uint8).copy()
-    codec.unpack(array, frame, table.frames, table.signals, table.scales, values)
-    first, end = table.frames[frame, dbc.FIRST], table.frames[frame, dbc.END]
+    codec.unpack(array, frame, table.frames, table.signals, values)
+    first, end = table.frames[frame].first, table.frames[frame].end
     names = [name.split(".")[1] for name in table.variables[first:end]]
     return dict(zip(names, values[first:end].tolist(), strict=True))
 
 
 def pack(values: dict[str, float], frame: int, table: dbc.Table) -> tuple[bytes, int]:
-    first, end = table.frames[frame, dbc.FIRST], table.frames[frame, dbc.END]
+    first, end = table.frames[frame].first, table.frames[frame].end
     array, data = np.zeros(len(table.variables)), np.full(8, 0xA5, np.uint8)
     for i in range(first, end):
         array[i] = values[table.variables[i].split(".")[1]]
-    saturated = codec.pack(data, frame, table.frames, table.signals, table.scales, array)
-    dlc = int(table.frames[frame, dbc.DLC])
+    saturated = codec.pack(data, frame, table.frames, table.signals, array)
+    dlc = int(table.frames[frame].dlc)
     assert not data[dlc:].any(), f"bytes behind dlc {dlc}: {data.tobytes().hex(' ')}"
     return data[:dlc].tobytes(), int(saturated)
 
@@ -189,7 +189,7 @@ def test_a_signal_of_any_start_and_length_agrees_with_cantools_both_ways(order: 
         assert_same_values(value, expected, data)
         got = pack(value, 0, table)
         assert got == reference(message, value), f"{value} {signal} {got[0].hex(' ')}"
-        n_wide += int(table.signals[0, dbc.KIND] != dbc.SCALED)
+        n_wide += int(table.signals[0].kind != dbc.SCALED)
     assert n_wide > 20, f"only {n_wide} signals needed integer arithmetic"
 
 

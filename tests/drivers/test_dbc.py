@@ -136,11 +136,11 @@ def test_a_protected_frame_has_its_tail_in_the_frame_row_only(tmp_path: Path) ->
     entries = dbc.frames(dbc.load(written(tmp_path, body)), "A", "tx")
     table = dbc.table(entries, 1000.0, {"M.a": 5})
     row = table.frames[0].tolist()
-    assert row == [352, 1, 4, 0, 1, 10, 1, 0, 0, 4, 15, 3, 352], f"{row}"
+    assert row == (352, 1, 4, 0, 1, 10, 1, 0, 0, 4, 15, 3, 352), f"{row}"
     assert table.variables == ("M.a",), f"{table.variables}"
-    assert table.signals[0, dbc.VARIABLE] == 5, f"{table.signals}"
-    scales = table.scales[0].tolist()
-    assert scales == [0.5, 1.0, -22.0, 18.0], f"{scales}"
+    assert table.signals[0].variable == 5, f"{table.signals}"
+    scales = table.signals[0].tolist()[-4:]
+    assert scales == (0.5, 1.0, -22.0, 18.0), f"{scales}"
 
 
 @pytest.mark.parametrize(

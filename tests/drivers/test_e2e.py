@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pcpc.drivers import dbc, e2e, e2e_states
+from pcpc.drivers.rows import RECEIVER
 
 DBC = dbc.load(Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc")
 WIDE_DBC = """VERSION ""
@@ -53,13 +54,13 @@ def check(state: NDArray[np.int64], name: str, data: NDArray[np.uint8]) -> tuple
 
 def let_pass(state: np.ndarray, name: str, turns: int) -> None:
     """Let as many cycles pass as `turns` of a frame take."""
-    for _ in range(turns * int(TABLE.frames[ROWS[name], dbc.EVERY_N])):
+    for _ in range(turns * int(TABLE.frames[ROWS[name]].every_n)):
         e2e.begin_cycle(state, len(state))
 
 
 def counts(state: NDArray[np.int64], name: str) -> dict[str, int]:
     values = state[ROWS[name]].tolist()
-    return dict(zip(e2e.STATE_COLUMNS, values, strict=True))
+    return dict(zip(RECEIVER.names or (), values, strict=True))
 
 
 @pytest.mark.parametrize(

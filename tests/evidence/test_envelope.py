@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcpc.drivers.jit import LOOP_INTERPRETED
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.tools.dev.evidence import cli, envelope, report
 from pcpc.tools.dev.evidence.envelope import CYCLES, LOW, ODD, RATE, REQUESTS, SAFE, Law
 
@@ -54,7 +54,7 @@ def test_drawn_laws_meet_every_state_and_are_counted() -> None:
 def test_what_is_out_of_it_is_told(sent: list[float], state: list[int], told: list[str]) -> None:
     cycles = np.arange(len(sent))
     assert [*envelope.commands(cycles, np.array(state), np.array(sent))] == told
-    assert sv.STATE_NAMES[4] == "FAULT"
+    assert STATE_NAMES[4] == "FAULT"
 
 
 def test_a_limit_that_the_rig_has_not_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,11 +19,11 @@ from pcpc.drivers.jit import i8, loop, loop_function, types, u1
 from pcpc.drivers.structures import copy
 from pcpc.drivers.wire_layout import FRAME_BYTES, QUEUE_FRAMES
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import stopping
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.exchange import meet, pass_on
 from pcpc.executive.loop.rings import publish_table
+from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.reading import Rig
@@ -186,7 +186,7 @@ class Node:
     @property
     def state(self) -> str:
         """Name of the supervisor's state."""
-        return sv.STATE_NAMES[int(self["supervisor.state"])]
+        return STATE_NAMES[int(self["supervisor.state"])]
 
     def count(self, word: int) -> int:
         """Return one word of `control`."""

@@ -21,7 +21,7 @@ def block(folder: Path, *lines: str, pacing: str = "real") -> Any:
     """Return the memory of an executive that has done 1,000 cycles of 1 ms."""
     plan = both(load_rig(puppet_rig(folder, *lines)), pacing)[0]
     made = sh.private(describe(plan, {"pacing": pacing}))
-    made["control"][sh.PASSES], made["control"][sh.CYCLE] = 1000, 999
+    made.control.passes, made.control.cycle = 1000, 999
     return made
 
 
@@ -34,11 +34,11 @@ def test_a_node_without_trouble_has_no_alarm(tmp_path: Path) -> None:
 
 def test_what_happens_again_and_again_is_told_once_a_second_with_its_count(tmp_path: Path) -> None:
     made = block(tmp_path)
-    alarms, control = Alarms(made), made["control"]
+    alarms, control = Alarms(made), made.control
     lines = []
     for tick in range(250):
-        control[sh.LOST] += 2 if tick >= 10 else 0
-        control[sh.CYCLE] += 10
+        control.lost += 2 if tick >= 10 else 0
+        control.cycle += 10
         lines += [(tick, str(one)) for one in alarms.look(100.0 + 0.01 * tick)]
     assert [tick for tick, _ in lines] == [10, 110, 210], lines
     assert lines[0][1] == "1.109 s cycle 1109: alarm: executive: 2 x frame lost"
@@ -51,29 +51,29 @@ def test_each_counter_has_an_alarm(tmp_path: Path, kind: str) -> None:
     alarms = Alarms(made)
     assert not list(alarms.look(1.0))
     word, what = told.KINDS[kind]
-    made["control"][word] += 3
+    made.control[word] += 3
     (alarm,) = alarms.look(1.5)
     assert (alarm.kind, alarm.count, alarm.what) == (kind, 3, what)
 
 
 def test_single_held_cycles_are_no_alarm_by_default(tmp_path: Path) -> None:
     made = block(tmp_path)
-    alarms, control = Alarms(made), made["control"]
-    control[sh.HELD] += 10
+    alarms, control = Alarms(made), made.control
+    control.held += 10
     assert not list(alarms.look(1.0))
-    control[sh.HELD] += 11
+    control.held += 11
     assert [(one.kind, one.count) for one in alarms.look(2.5)] == [("held", 11)]
 
 
 def test_a_rate_is_allowed_and_none_is_none(tmp_path: Path) -> None:
     lines = "alarms: {lost_per_s: 5, crc_per_s: null}"
     made = block(tmp_path, lines)
-    alarms, control = Alarms(made), made["control"]
-    control[sh.CRC_ERRORS] = 99
+    alarms, control = Alarms(made), made.control
+    control.crc_errors = 99
     for second in range(5):
-        control[sh.LOST] += 5
+        control.lost += 5
         assert not list(alarms.look(float(second))), second
-    control[sh.LOST] += 6
+    control.lost += 6
     (alarm,) = alarms.look(5.5)
     assert alarm.kind == "lost" and alarm.count == 6
 
@@ -94,7 +94,7 @@ def test_a_late_cycle_is_one_beyond_the_limit_and_a_reset_is_no_alarm(tmp_path: 
 
 def test_without_a_clock_nothing_is_an_alarm(tmp_path: Path) -> None:
     made = block(tmp_path, pacing="lockstep")
-    made["control"][sh.LOST] = 9
+    made.control.lost = 9
     assert not list(Alarms(made).look(1.0))
 
 
@@ -104,8 +104,8 @@ def test_alarms_are_events_of_the_log(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "log.mcap", [made])
     for cycle in range(8):
         put_cycle(made, cycle)
-    made["control"][sh.PASSES], made["control"][sh.CYCLE] = 8, 7
-    made["control"][sh.CRC_ERRORS] = 2
+    made.control.passes, made.control.cycle = 8, 7
+    made.control.crc_errors = 2
     recorder.drain()
     recorder.finish()
     (event,) = read(tmp_path / "log.mcap").node["executive"].events

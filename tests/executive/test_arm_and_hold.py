@@ -11,7 +11,9 @@ from engine import LOST, Bench, both, puppet_rig
 from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.loop import drive
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.replay import replay
@@ -58,7 +60,7 @@ def test_with_arm_manual_it_waits_in_READY_with_safe_commands(made: Made) -> Non
     assert node.state == "RUN" and node.loop.answer[sh.REFUSAL] == sh.ACCEPTED
     assert np.abs(np.diff([0.25, *found])).max() <= 0.75 / RAMP_CYCLES + 1e-12, found
     assert found[0] == 0.25 and found[-1] == 1.0, "from the cycle behind the one that took it"
-    ready, run = [at for at, to, _ in node.events(sh.STATE_EVENT) if to in (sv.READY, sv.RUN)]
+    ready, run = [at for at, to, _ in node.events(Event.STATE) if to in (State.READY, State.RUN)]
     assert (ready, run) == (0, 21)
 
 
@@ -68,7 +70,7 @@ def test_a_hold_ramps_to_safe_values_and_what_follows_is_a_closed_loop_again(mad
     assert node.state == "RUN" and node[SENT] == 1.0
     node.post({DISARMED: 1.0})
     down = np.array(course(bench, 30))
-    assert node.state == "READY" and node["supervisor.fault"] == sv.NO_FAULT
+    assert node.state == "READY" and node["supervisor.fault"] == Fault.NONE
     assert np.abs(np.diff([1.0, *down])).max() <= 1.0 / RAMP_CYCLES + 1e-12
     assert down[0] == 1.0 and down[12:].tolist() == [0.0] * 18, down
     assert node["controller.steps"] == 50.0 and node["time.t_s"] == 0.049, "all goes on"
@@ -76,7 +78,7 @@ def test_a_hold_ramps_to_safe_values_and_what_follows_is_a_closed_loop_again(mad
     up = np.array(course(bench, 30))
     assert node.state == "RUN" and up[-1] == 1.0
     assert np.abs(np.diff([0.0, *up])).max() <= 1.0 / RAMP_CYCLES + 1e-12
-    assert node.count(sh.HELD) == 0 and not node.events(sh.FAULT_EVENT)
+    assert node.count("held") == 0 and not node.events(Event.FAULT)
 
 
 def test_a_hold_that_is_taken_back_on_its_way_has_no_step(made: Made) -> None:
@@ -122,7 +124,7 @@ def test_silence_is_a_fault_also_of_who_waits(made: Made) -> None:
     bench = made(MANUAL)
     bench.run(5, {"FB_A": LOST})
     node = bench.executive
-    assert (node.state, node["supervisor.fault"]) == ("FAULT", sv.INPUT_MISSING)
+    assert (node.state, node["supervisor.fault"]) == ("FAULT", Fault.INPUT_MISSING)
     assert node[SENT] == 0.0
 
 
@@ -133,10 +135,10 @@ def test_a_run_that_is_held_ends_in_order(made: Made, held: int) -> None:
     node = bench.executive
     node.post({DISARMED: 1.0})
     bench.run(held)
-    node.loop.control[sh.STOP] = 1
+    node.loop.control.stop = 1
     bench.run(80)
     assert node.state == "STOP" and abs(node[SENT]) <= 0.02, "safe in the next frame"
-    assert node.count(sh.FAULT) == sv.NO_FAULT
+    assert node.count("fault") == Fault.NONE
 
 
 def test_as_a_drive_it_is_ready_and_switched_on_on_its_way(made: Made) -> None:

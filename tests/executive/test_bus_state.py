@@ -11,9 +11,10 @@ from engine import ROOT, Bench, both, puppet_rig
 from pcpc.drivers import e2e_states, error_frames, line, wire
 from pcpc.drivers.wire_layout import MEMORY, WIRE
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.bus_state import note_bus_error
+from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.states import State
+from pcpc.executive.loop.variables import BUS_COUNTERS
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.replay import replay
@@ -44,7 +45,7 @@ def test_an_error_frame_is_counted_by_its_kind(
     tell(node.loop, *told)
     counted = {name: node[f"health.bus_{name}"] for name in KINDS}
     assert counted == {name: float(name == kind) for name in KINDS}
-    assert node.count(sh.BUS_ERRORS) == (told not in ((0x004, 0x40), (0x100, 0x00)))
+    assert node.count("bus_errors") == (told not in ((0x004, 0x40), (0x100, 0x00)))
 
 
 def test_bus_off_is_a_fault_that_no_reset_leaves_until_the_bus_is_back(tmp_path: Path) -> None:
@@ -54,11 +55,11 @@ def test_bus_off_is_a_fault_that_no_reset_leaves_until_the_bus_is_back(tmp_path:
     made.run(10)
     tell(node.loop, error_frames.OFF)
     made.run(1)
-    assert (node.state, node["supervisor.fault"]) == ("FAULT", sv.BUS_OFF)
+    assert (node.state, node["supervisor.fault"]) == ("FAULT", Fault.BUS_OFF)
     made.run(15)
     node.post({"supervisor.reset": 1.0})
     made.run(5)
-    assert (node.state, node["supervisor.fault"]) == ("FAULT", sv.BUS_OFF), "it is off"
+    assert (node.state, node["supervisor.fault"]) == ("FAULT", Fault.BUS_OFF), "it is off"
     tell(node.loop, error_frames.RESTARTED)
     made.run(5)
     assert node.state == "FAULT", "latched"
@@ -78,9 +79,9 @@ def test_a_node_that_goes_bus_off_on_the_line_faults_and_is_recomputed(tmp_path:
     log = logs.read(tmp_path / "log.mcap")
     name = ("executive", "plant")[off]
     block = run.blocks[off]
-    assert block["control"][sh.FAULT] == sv.BUS_OFF, block["control"]
-    assert block["control"][sh.BUS_OFFS] == run.over[0].times_off[off], "each time"
-    assert block["control"][sh.BUS_PASSIVES] >= 1
+    assert block.control.fault == Fault.BUS_OFF, block.control
+    assert block.control.bus_offs == run.over[0].times_off[off], "each time"
+    assert block.control.bus_passives >= 1
     frames = log.node[name].frames
     told = frames[frames["e2e"] == e2e_states.BUS_ERROR]
     assert 0x20000040 in told["id"], told
@@ -100,21 +101,21 @@ def test_a_rough_line_takes_a_node_off_and_a_reset_lets_it_go_on(tmp_path: Path)
         ) + "]\n"
     )  # fmt: skip
     run = simulate(load_rig(path), tmp_path / "log.mcap")
-    control = run.blocks[0]["control"]
-    offs, restarts = int(control[sh.BUS_OFFS]), int(control[sh.BUS_RESTARTS])
+    control = run.blocks[0].control
+    offs, restarts = int(control.bus_offs), int(control.bus_restarts)
     assert offs >= 1 and offs - 1 <= restarts <= offs, (offs, restarts)
     node = logs.read(tmp_path / "log.mcap").node["executive"].columns
     state, fault = node["supervisor.state"], node["supervisor.fault"]
-    first = int(np.argmax(fault == sv.BUS_OFF))
-    assert fault[first] == sv.BUS_OFF and state[first] == sv.FAULT
-    assert (state[first:] == sv.RUN).any(), "behind a reset it runs"
+    first = int(np.argmax(fault == Fault.BUS_OFF))
+    assert fault[first] == Fault.BUS_OFF and state[first] == State.FAULT
+    assert (state[first:] == State.RUN).any(), "behind a reset it runs"
 
 
 def test_a_clean_line_tells_nothing(tmp_path: Path) -> None:
     run = simulate(emulated("duration_s=0.5"), tmp_path / "log.mcap")
     for block in run.blocks:
-        words = block["control"][sh.BUS_WARNINGS : sh.TX_TIMEOUTS + 1]
-        assert not words.any() and not block["control"][sh.BUS_ERRORS]
+        words = [block.control[word] for word, *_ in BUS_COUNTERS]
+        assert not any(words) and not block.control.bus_errors
 
 
 def test_an_error_frame_in_memory_is_none_that_is_decoded() -> None:

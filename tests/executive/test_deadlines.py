@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, arm
 from pcpc.executive.loop.cycle import next_cycle
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.plan import Plan
 
 PERIOD_NS = 1_000_000
@@ -39,13 +39,13 @@ def test_after_a_stall_whole_periods_are_skipped_and_counted(
 ) -> None:
     n = clock
     n.clock.deadline, n.timing.done, n.k, n.passes = deadline, deadline + PERIOD_NS + late, k, 7
-    n.control[sh.SKIPPED] = skipped
+    n.control.skipped = skipped
     next_cycle(n)
     after, cycle, behind = int(n.clock.deadline), int(n.k), int(n.clock.behind)
     done = deadline + PERIOD_NS + late
     assert (after - deadline) % PERIOD_NS == 0, "the phase is lost"
     assert after - deadline == (cycle - k) * PERIOD_NS, "k and deadline disagree"
-    assert behind == cycle - k - 1 == int(n.control[sh.SKIPPED]) - skipped, f"{behind} skipped"
+    assert behind == cycle - k - 1 == int(n.control.skipped) - skipped, f"{behind} skipped"
     assert after >= done, f"the next deadline is over already by {done - after} ns"
     assert behind == 0 or after - done <= PERIOD_NS, f"{after - done} ns: a period too many"
     assert int(n.passes) == 8
@@ -85,8 +85,8 @@ def test_under_random_stalls_no_period_has_two_cycles_and_none_is_uncounted(
     assert len(set((wake[1:] // PERIOD_NS).tolist())) == len(wake) - 1, "two cycles in a period"
     passes = np.arange(len(cycle))
     assert (node.series("health.skipped_cycles")[1:] == (cycle - passes)[1:]).all()
-    assert node.count(sh.LATE) == sum(ns > PERIOD_NS // 10 for ns in late)
-    assert sum(n for _, n, _ in node.events(sh.SKIP_EVENT)) == cycle[-1] - passes[-1]
+    assert node.count("late") == sum(ns > PERIOD_NS // 10 for ns in late)
+    assert sum(n for _, n, _ in node.events(Event.SKIP)) == cycle[-1] - passes[-1]
 
 
 def test_the_plant_makes_up_the_periods_it_owes_and_the_executive_does_not(
@@ -97,8 +97,8 @@ def test_the_plant_makes_up_the_periods_it_owes_and_the_executive_does_not(
     stalled.run(20)
     stalled.run(13, late_ns=[7_100_000])
     a, b = steady.plant, stalled.plant
-    skipped = b.count(sh.SKIPPED)
-    assert skipped == stalled.executive.count(sh.SKIPPED) == 7, f"{skipped} periods"
+    skipped = b.count("skipped")
+    assert skipped == stalled.executive.count("skipped") == 7, f"{skipped} periods"
     both_have, rows, others = np.intersect1d(
         a.records()[:, 0], b.records()[:, 0], return_indices=True
     )
@@ -121,5 +121,5 @@ def test_an_executive_that_dies_after_its_first_command_does_not_leave_the_plant
     bench.run(1)
     assert (bench.plant.state, bench.plant["rx.CMD.motor_torque"]) == ("READY", 1.5)
     bench.run(60, {"CMD": LOST})
-    held, fault = bench.plant["barrel.x_held_Nm"], bench.plant.count(sh.FAULT)
-    assert fault == sv.INPUT_MISSING and held == 0.0, f"fault {fault}, {held} N m held"
+    held, fault = bench.plant["barrel.x_held_Nm"], bench.plant.count("fault")
+    assert fault == Fault.INPUT_MISSING and held == 0.0, f"fault {fault}, {held} N m held"

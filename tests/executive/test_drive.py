@@ -10,7 +10,7 @@ from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import drive
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import COMMUNICATION, ERROR_CODES, ERROR_REGISTERS, Fault
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import load_rig
 
@@ -101,7 +101,7 @@ def test_an_emergency_frame_is_sent_once_for_a_fault_and_once_for_its_end(driven
     assert emergencies(driven) == []
     node["controller.other_Nm"] = np.nan
     driven.run(15)
-    fault = sv.FAULTS[sv.OUTPUT_NOT_FINITE]
+    fault = Fault.OUTPUT_NOT_FINITE
     assert emergencies(driven) == [(21, fault.code, fault.register)]
     assert driven.plant["rx.EMCY.error_code"] == fault.code
     node.post({"supervisor.reset": 1.0})
@@ -132,10 +132,10 @@ def test_a_rig_with_a_status_word_runs_alone_not_in_lanes(tmp_path: Path) -> Non
 
 
 def test_every_fault_has_an_error_code_of_CiA_301(tmp_path: Path) -> None:
-    assert sv.ERROR_CODES[0] == sv.ERROR_REGISTERS[0] == 0.0
-    for fault in sv.FAULTS[1:]:
+    assert ERROR_CODES[0] == ERROR_REGISTERS[0] == 0.0
+    for fault in list(Fault)[1:]:
         assert 0x1000 <= fault.code <= 0xFFFF and fault.register & 1, fault
-        assert (fault.code >> 8 in (0x81, 0x82)) == (fault.register == sv.COMMUNICATION), fault
+        assert (fault.code >> 8 in (0x81, 0x82)) == (fault.register == COMMUNICATION), fault
 
 
 def test_an_emergency_frame_waits_until_the_controller_is_back_on_the_bus(driven: Bench) -> None:
@@ -143,8 +143,8 @@ def test_an_emergency_frame_waits_until_the_controller_is_back_on_the_bus(driven
     driven.run(20)
     node.loop.guard.off = 1
     driven.run(15)
-    fault = sv.FAULTS[sv.BUS_OFF]
-    assert node["supervisor.fault"] == sv.BUS_OFF and emergencies(driven) == []
+    fault = Fault.BUS_OFF
+    assert node["supervisor.fault"] == Fault.BUS_OFF and emergencies(driven) == []
     node.loop.guard.off = 0
     driven.run(3)
     assert [what[1:] for what in emergencies(driven)] == [(fault.code, fault.register)]

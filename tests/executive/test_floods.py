@@ -11,7 +11,7 @@ from two_processes import differing, lockstep, virtual
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.replay import replay
@@ -58,7 +58,7 @@ def test_on_a_bus_that_knows_its_bits_the_others_wait(tmp_path: Path) -> None:
     assert held(many) >= set(range(FROM + 2, TO)) and min(held(many)) >= FROM
     assert TO <= max(held(many)) <= TO + 12, "it is over, the queue empties"
     stopped = run(tmp_path, 10, "1M", "supervisor.hold_cycles=2", "supervisor.fault_after_cycles=3")
-    assert stopped.node["executive"].columns["supervisor.state"].max() >= sv.FAULT
+    assert stopped.node["executive"].columns["supervisor.state"].max() >= State.FAULT
     options = argparse.Namespace(controller=None, set=[], node="all")
     for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):
         assert verdict.identical, verdict

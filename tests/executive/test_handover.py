@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.reader import Node
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.plan import check_pacing, plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
@@ -165,7 +165,7 @@ def test_who_says_no_number_stands_by_without_harm_and_cannot_take_over(tmp_path
     assert node.state == "RUN", "the rig's own controller stands by, too"
     node["second.void"] = 1.0
     made.run(2)
-    assert (node.state, node["supervisor.fault"]) == ("FAULT", sv.COMMAND_NOT_FINITE)
+    assert (node.state, node["supervisor.fault"]) == ("FAULT", Fault.COMMAND_NOT_FINITE)
 
 
 def executive(controller: str, *settings: str) -> Node:

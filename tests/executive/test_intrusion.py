@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from engine import ATB1000, Bench, Node, both
 
-from pcpc.drivers import dbc, e2e
+from pcpc.drivers import e2e
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import faults
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.intrusion import HINT_TURNS, REACTIONS
 from pcpc.executive.loop.reception import take_frame
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.replay import replay
@@ -23,7 +24,7 @@ from pcpc.tools.terminal.progress import Progress
 
 HULL = ATB1000 / "rigs/hull.yaml"
 FB_A, HB_PLANT = 0x120, 0x702
-TWO, AHEAD, PLACES = sh.TWO_SENDERS_EVENT, sh.AHEAD_EVENT, sh.TWO_PLACES_EVENT
+TWO, AHEAD, PLACES = Event.TWO_SENDERS, Event.AHEAD, Event.TWO_PLACES
 
 
 def rig_with(intrusion: str, more: str = "") -> Rig:
@@ -52,9 +53,9 @@ def hear(node: Node, ahead: int = 1, byte: int = 0, wrong_crc: bool = False) -> 
     n.wire.rx[:] = 0
     n.wire.rx[:2] = FB_A & 0xFF, FB_A >> 8
     n.wire.rx[8:12] = byte
-    n.wire.rx[4] = n.rx.frames[0, dbc.DLC]
-    assert n.rx.frames[0, dbc.CAN_ID] == FB_A
-    counter = int(n.rx.state[0, e2e.LAST_COUNTER]) + ahead
+    n.wire.rx[4] = n.rx.frames[0].dlc
+    assert n.rx.frames[0].can_id == FB_A
+    counter = int(n.rx.state[0].last_counter) + ahead
     e2e.protect(n.wire.rx[8:16], 0, n.rx.frames, counter)
     n.wire.rx[15] ^= wrong_crc
     take_frame(n)
@@ -78,18 +79,18 @@ def signs(node: Node) -> list[int]:
 def received(node: Node) -> list[float]:
     """Return the values of the frame that `hear` gives."""
     n = node.loop
-    first, past = n.rx.frames[0, [dbc.FIRST, dbc.END]]
-    return [float(n.v[place]) for place in n.rx.signals[first:past, dbc.VARIABLE]]
+    first, past = n.rx.frames[0].first, n.rx.frames[0].end
+    return [float(n.v[place]) for place in n.rx.signals["variable"][first:past]]
 
 
 def test_a_frame_with_a_wrong_crc_is_not_decoded_and_no_input(node: Node) -> None:
     turn(node)
-    before, used = received(node), int(node.loop.control[sh.RECEIVED])
+    before, used = received(node), int(node.loop.control.received)
     hear(node, 1, 200, wrong_crc=True)
     assert received(node) == before and node.loop.rx.fresh == 0
-    assert node.loop.control[sh.RECEIVED] == used
+    assert node.loop.control.received == used
     hear(node, 1, 3)  # the same but for its CRC is input
-    assert received(node) != before and node.loop.control[sh.RECEIVED] == used + 1
+    assert received(node) != before and node.loop.control.received == used + 1
 
 
 def before_the_true_one(node: Node) -> None:
@@ -126,16 +127,16 @@ def test_an_attack_each_cycle_ends_in_the_chosen_reaction_within_3_cycles(
     for cycle in range(1, 6):
         turn(node)
         attack(node)
-        assert node.count(sh.INTRUSIONS) >= cycle
+        assert node.count("intrusions") >= cycle
         believed = cycle >= cycles and reaction != "count"
         if believed:
             assert node.loop.rx.fresh == 0, "no input in this cycle"
-        wanted = sv.INTRUSION if believed and reaction == "fault" else sv.NO_FAULT
+        wanted = Fault.INTRUSION if believed and reaction == "fault" else Fault.NONE
         assert node.loop.guard.faulted == wanted, (cycle, reaction)
     assert sum(signs(node)) >= 1
     if reaction == "fault":
         control = node.loop.control.copy()
-        control[sh.FAULT] = node.loop.guard.faulted
+        control.fault = node.loop.guard.faulted
         told = faults.reason({"frames": {str(FB_A): "FB_A"}}, control)
         assert told == "0x120 (FB_A) comes from two senders"
 
@@ -209,8 +210,8 @@ def test_what_a_bad_bus_does_is_no_intrusion(event: Callable[[Node], None], node
     for _ in range(5):
         turn(node)
         event(node)
-    assert node.count(sh.INTRUSIONS) == 0 and signs(node) == [0, 0, 0]
-    assert node.loop.guard.faulted == sv.NO_FAULT
+    assert node.count("intrusions") == 0 and signs(node) == [0, 0, 0]
+    assert node.loop.guard.faulted == Fault.NONE
 
 
 def test_a_single_swap_is_a_hint_and_no_more(node: Node) -> None:
@@ -218,18 +219,18 @@ def test_a_single_swap_is_a_hint_and_no_more(node: Node) -> None:
         hear(node, 2, 3)
         hear(node, -1, 4)
         turn(node, HINT_TURNS)
-    assert node.count(sh.INTRUSIONS) == 4 and node.loop.guard.faulted == sv.NO_FAULT
+    assert node.count("intrusions") == 4 and node.loop.guard.faulted == Fault.NONE
 
 
 def beat(node: Node, every: int, of: int) -> None:
     """Hear a heartbeat `every` so many of the cycles of its turn, `of` times."""
     n = node.loop
-    (row,) = [i for i in range(n.rx.n) if n.rx.frames[i, dbc.CAN_ID] == HB_PLANT]
+    (row,) = [i for i in range(n.rx.n) if n.rx.frames[i].can_id == HB_PLANT]
     for _ in range(of):
         turn(node, every)
         n.wire.rx[:] = 0
         n.wire.rx[:2], n.wire.rx[4], n.wire.rx[8] = (HB_PLANT & 0xFF, HB_PLANT >> 8), 1, 5
-        assert n.rx.frames[row, dbc.DLC] == 1 and take_frame(n) == row
+        assert n.rx.frames[row].dlc == 1 and take_frame(n) == row
 
 
 def test_a_heartbeat_from_two_places_is_told(node: Node) -> None:
@@ -243,8 +244,8 @@ def test_a_heartbeat_from_two_places_is_told(node: Node) -> None:
     for _ in range(5):
         beat(node, 30, 1)
         beat(node, 70, 1)
-    assert signs(node)[2] > 0 and node.count(sh.INTRUSIONS) == 9
-    wanted = sv.INTRUSION if node.loop.intrusion.reaction == 2 else sv.NO_FAULT
+    assert signs(node)[2] > 0 and node.count("intrusions") == 9
+    wanted = Fault.INTRUSION if node.loop.intrusion.reaction == 2 else Fault.NONE
     assert node.loop.guard.faulted == wanted
 
 
@@ -258,21 +259,21 @@ def plant_after(rig: Rig) -> Any:
 def test_forged_commands_are_a_fault_in_their_first_cycle_and_never_act() -> None:
     columns = plant_after(rig_with("fault", fault("forgery")))
     assert np.flatnonzero(columns["supervisor.fault"])[0] <= 101
-    assert columns["supervisor.fault"].max() == sv.INTRUSION
+    assert columns["supervisor.fault"].max() == Fault.INTRUSION
     assert abs(columns["rx.CMD.motor_torque"]).max() < 0.5, "drawn torques are up to 30 N m"
 
 
 def test_with_hold_forged_commands_are_missing_input() -> None:
     columns = plant_after(rig_with("hold", fault("forgery")))
     states = columns["supervisor.state"]
-    assert set(states[98:100]) == {2.0} and sv.FAULT in states[100:106]
-    assert columns["supervisor.fault"].max() == sv.INPUT_MISSING
+    assert set(states[98:100]) == {2.0} and State.FAULT in states[100:106]
+    assert columns["supervisor.fault"].max() == Fault.INPUT_MISSING
     assert abs(columns["rx.CMD.motor_torque"]).max() < 0.5
 
 
 def test_with_count_they_act_as_ever_and_one_that_says_STOP_ends_the_plant() -> None:
     columns = plant_after(rig_with("count", fault("forgery")))
-    assert columns["supervisor.fault"].max() == sv.NO_FAULT and len(columns["time.t_s"]) < 150
+    assert columns["supervisor.fault"].max() == Fault.NONE and len(columns["time.t_s"]) < 150
     assert abs(columns["rx.CMD.motor_torque"]).max() > 1.0
 
 
@@ -312,11 +313,11 @@ def test_the_run_is_told_and_replayed_to_the_bit(tmp_path: Path) -> None:
 def test_one_forged_behind_each_true_frame_is_known_a_cycle_later(node: Node) -> None:
     hear(node, 1, 3)
     hear(node, 1, 200)  # what the sender will say in the next cycle, as the counter has it
-    assert node.count(sh.INTRUSIONS) == 0
+    assert node.count("intrusions") == 0
     turn(node)
     hear(node, 0, 3)
-    assert node.count(sh.INTRUSIONS) == 1
+    assert node.count("intrusions") == 1
     hear(node, 1, 200)
     reaction = node.loop.intrusion.reaction
     assert (node.loop.rx.fresh == 0) == (reaction > 0)
-    assert node.loop.guard.faulted == (sv.INTRUSION if reaction == 2 else sv.NO_FAULT)
+    assert node.loop.guard.faulted == (Fault.INTRUSION if reaction == 2 else Fault.NONE)

@@ -11,14 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcpc.drivers.jit import i8, loop
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.cycle import N, finish
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import FAULT_NAMES, Fault
 from pcpc.executive.loop.losses import ENTER
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.reading import load_rig
 
-RUN, FAULT = sv.RUN, sv.FAULT
+RUN, FAULT = State.RUN, State.FAULT
 RAMP_CYCLES = 50  # 50 ms
 DETERMINISTIC = settings(max_examples=40, derandomize=True, deadline=None)
 
@@ -43,7 +44,7 @@ def test_a_command_that_is_not_finite_is_replaced_by_the_last_one_and_a_FAULT(
     bench.run(1)
     assert node["tx.CMD.motor_torque"] == 1.0, node["tx.CMD.motor_torque"]
     bench.run(1)
-    assert node.state == "FAULT" and node.count(sh.FAULT) == sv.COMMAND_NOT_FINITE
+    assert node.state == "FAULT" and node.count("fault") == Fault.COMMAND_NOT_FINITE
     assert bench.run(100) == RAMP_CYCLES
     sent = node.series("tx.CMD.motor_torque")[10:]
     assert np.isfinite(sent).all() and (np.diff(sent) <= 0.0).all() and sent[-1] == 0.0, sent
@@ -69,8 +70,8 @@ def test_a_signal_without_limits_that_is_not_finite_is_a_FAULT_that_names_it(
     bench.run(1)
     assert node.state == "RUN" and node["tx.CMD.motor_torque"] == 1.0
     bench.run(1)
-    assert node.state == "FAULT" and node.count(sh.FAULT) == sv.OUTPUT_NOT_FINITE
-    ((cycle, place, seen),) = node.events(sh.NOT_FINITE_EVENT)
+    assert node.state == "FAULT" and node.count("fault") == Fault.OUTPUT_NOT_FINITE
+    ((cycle, place, seen),) = node.events(Event.NOT_FINITE)
     assert (cycle, place) == (10, node.place("controller.tau_Nm"))
     assert seen == value or (math.isnan(seen) and math.isnan(value))
     assert bench.run(100) == RAMP_CYCLES, "the command's ramp to its safe value"
@@ -82,8 +83,8 @@ def test_a_plant_that_diverges_is_a_fault_of_the_plant(bench: Bench) -> None:
     for name in (v.name for v in plant.plan.table.variables if v.name.startswith("barrel.x_")):
         plant[name] = math.nan
     bench.run(RAMP_CYCLES + 5)
-    assert plant.count(sh.FAULT) == sv.PLANT_NOT_FINITE, sv.FAULT_NAMES[plant.count(sh.FAULT)]
-    place = plant.events(sh.NOT_FINITE_EVENT)[0][1]
+    assert plant.count("fault") == Fault.PLANT_NOT_FINITE, FAULT_NAMES[plant.count("fault")]
+    place = plant.events(Event.NOT_FINITE)[0][1]
     assert plant.plan.names[place].startswith("barrel."), plant.plan.names[place]
 
 
@@ -96,7 +97,7 @@ def test_a_value_that_is_not_finite_in_the_last_cycle_is_a_fault_too(
     node.loop.guard.cycles = 1
     assert bench.run(5) == 0, "the run is over with the first cycle"
     end(node)
-    assert node.count(sh.FAULT) == sv.OUTPUT_NOT_FINITE
+    assert node.count("fault") == Fault.OUTPUT_NOT_FINITE
 
 
 @pytest.mark.parametrize(("wanted", "sent"), [(5.0, 2.0), (-5.0, -2.0), (2.0, 2.0), (1.5, 1.5)])
@@ -107,7 +108,7 @@ def test_a_command_is_clamped_flagged_and_counted(bench: Bench, wanted: float, s
     assert node["tx.CMD.motor_torque"] == sent and node["supervisor.saturated"] == clamped
     bench.run(1)
     assert bench.plant["rx.CMD.flags"] == clamped and bench.plant["rx.CMD.motor_torque"] == sent
-    assert node.count(sh.SATURATED) == 2 * clamped
+    assert node.count("saturated") == 2 * clamped
     node["controller.torque_Nm"] = 0.5
     bench.run(2)
     assert node["supervisor.saturated"] == 0 and bench.plant["rx.CMD.flags"] == 0
@@ -127,7 +128,7 @@ def test_what_is_sent_is_the_nearest_value_within_range_and_rate(
 ) -> None:
     bench = Bench(rate_limited)
     node, last = bench.executive, 0.0
-    change = float(node.loop.limits.table[0, sh.RATE])
+    change = float(node.loop.limits.table[0].rate)
     assert math.isclose(change, 0.125, rel_tol=1e-12), change
     for value in wanted[:8]:
         node["controller.torque_Nm"] = value
@@ -165,7 +166,7 @@ def test_a_command_goes_to_its_safe_value_within_range_and_rate(
     text = f"executive: {{limits: {{CMD.motor_torque: {{{limits}}}}}}}"
     made = Bench(both(load_rig(puppet_rig(tmp_path, text, "supervisor: {ramp_s: 0.002}"))))
     node = made.executive
-    low, high, rate = (float(node.loop.limits.table[0, c]) for c in (sh.LOW, sh.HIGH, sh.RATE))
+    low, high, rate = map(float, node.loop.limits.table[0].tolist()[:3])
     node["controller.torque_Nm"] = -5.0 if safe < 0.0 and low < safe - 1.0 else 1.9
     made.run(40)
     before = node["tx.CMD.motor_torque"]
@@ -175,7 +176,7 @@ def test_a_command_goes_to_its_safe_value_within_range_and_rate(
         node.loop.guard.cycles = done
         node.loop.k = done
     elif why == "stop":
-        node.loop.control[sh.STOP] = 1
+        node.loop.control.stop = 1
     else:
         node["controller.torque_Nm"] = math.nan
     made.run(100)
@@ -188,7 +189,7 @@ def test_a_command_goes_to_its_safe_value_within_range_and_rate(
     assert (change <= rate * (1.0 + 1e-12)).all(), f"{change.max()} a cycle, limit {rate}"
     states = set(node.series("supervisor.state")[done:].astype(int).tolist())
     assert states <= ({RUN, FAULT} if why == "fault" else {RUN}), states
-    assert (node.count(sh.FAULT) == sv.NO_FAULT) == (why != "fault")
+    assert (node.count("fault") == Fault.NONE) == (why != "fault")
     assert why == "fault" or math.isfinite(rate) or len(sent) == done + 1, "cycles more"
 
 

@@ -21,7 +21,7 @@ from rings import PERIOD_NS, block_of, put_cycle, put_event
 from pcpc.executive.log import mcap_writer
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import FLUSH_NS, Recorder
-from pcpc.executive.loop import shared
+from pcpc.executive.loop.events import Event
 
 PLACES = 500  # of each kind of log and damage
 RECOVERED = 10  # every tenth is also recovered and read with mcap's own readers
@@ -47,8 +47,8 @@ def record(path: Path, name: str) -> Iterator[bytes]:
         for node in nodes:
             put_cycle(node, cycle, frames=1)
         if cycle % 7 == 3:
-            put_event(nodes[0], cycle, shared.TUNING_EVENT, 1, cycle / 3)
-            put_event(nodes[1], cycle, shared.STATE_EVENT, 2, 0.0)
+            put_event(nodes[0], cycle, Event.TUNING, 1, cycle / 3)
+            put_event(nodes[1], cycle, Event.STATE, 2, 0.0)
         if now_ns - recorder.flushed_ns >= FLUSH_NS:
             recorder.drain()
     yield path.read_bytes()

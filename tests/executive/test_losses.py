@@ -9,12 +9,13 @@ from engine import ARRIVES, CORRUPT, LOST, SHORT, TWICE, Bench, Node, both, pupp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.states import STATE_NAMES, State
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.reading import load_rig
 
-RUN, HOLD, FAULT, STOP = sv.RUN, sv.HOLD, sv.FAULT, sv.STOP
+RUN, HOLD, FAULT, STOP = State.RUN, State.HOLD, State.FAULT, State.STOP
 FEEDBACK = ("FB_A", "FB_B", "FB_C")
 PERIOD_NS = 1_000_000
 RAMP_CYCLES = 50  # 50 ms
@@ -33,7 +34,7 @@ class Receiver:
     """What a node must count and do, written without looking at the engine's code."""
 
     awaited: tuple[str, ...]
-    state: int = sv.INIT
+    state: int = State.INIT
     missing: int = 0
     gain: float = 1.0
     count: dict[str, int] = field(default_factory=lambda: dict.fromkeys(HEALTH, 0))
@@ -230,16 +231,16 @@ def test_two_samples_of_one_frame_do_not_stand_in_for_another_frame(
 def test_three_missing_cycles_are_a_FAULT_that_ramps_to_zero_in_50_ms(bench: Bench) -> None:
     assert bench.run(3, {"FB_B": LOST}) == 3
     node = bench.executive
-    assert node.state == "FAULT" and node.count(sh.FAULT) == sv.INPUT_MISSING
-    assert node.events(sh.FAULT_EVENT) == [(12, sv.INPUT_MISSING, 0.0)]
+    assert node.state == "FAULT" and node.count("fault") == Fault.INPUT_MISSING
+    assert node.events(Event.FAULT) == [(12, Fault.INPUT_MISSING, 0.0)]
     done = bench.run(100)
     assert done == RAMP_CYCLES, f"{done} cycles after FAULT"
-    assert node.count(sh.STATE) == STOP and not bench.alive[0]
+    assert node.count("state") == STOP and not bench.alive[0]
     sent = node.series("tx.CMD.motor_torque")[12:]
     steps = -np.diff(sent)
     assert sent[0] == 1.0 and sent[-1] == 0.0, sent
     assert np.abs(steps - 1 / RAMP_CYCLES).max() < 1e-12, f"steps {steps.min()}..{steps.max()}"
-    states = [sv.STATE_NAMES[to] for _, to, _ in node.events(sh.STATE_EVENT)]
+    states = [STATE_NAMES[to] for _, to, _ in node.events(Event.STATE)]
     assert states == ["READY", "RUN", "HOLD", "FAULT", "STOP"], states
 
 
@@ -260,7 +261,7 @@ def test_the_plant_holds_then_ramps_to_the_safe_value_when_commands_stay_away(be
     steps = -np.diff(held[first + 2 : first + 3 + RAMP_CYCLES])
     assert np.abs(steps - 1 / RAMP_CYCLES).max() < 1e-12, f"steps {steps.min()}..{steps.max()}"
     assert held[-1] == 0.0 and len(held) == first + 3 + RAMP_CYCLES, len(held)
-    assert node.count(sh.FAULT) == sv.INPUT_MISSING and node.count(sh.STATE) == STOP
+    assert node.count("fault") == Fault.INPUT_MISSING and node.count("state") == STOP
     assert not bench.alive[1]
 
 
@@ -275,23 +276,23 @@ def test_a_command_that_comes_back_too_late_does_not_move_the_plant(bench: Bench
 def test_a_plant_that_is_gone_is_noticed(bench: Bench) -> None:
     bench.alive[1] = 0
     bench.run(4)
-    assert bench.executive.count(sh.FAULT) == sv.INPUT_MISSING
+    assert bench.executive.count("fault") == Fault.INPUT_MISSING
 
 
 def test_in_lockstep_a_missing_frame_means_a_silent_peer(tmp_path: Path) -> None:
     bench = Bench(both(load_rig(puppet_rig(tmp_path)), "lockstep"))
     assert bench.run(10) == 10
     assert bench.run(5, {"FB_A": LOST}) == 0
-    assert bench.executive.count(sh.FAULT) == sv.PEER_SILENT
-    assert bench.executive.count(sh.STATE) == FAULT
+    assert bench.executive.count("fault") == Fault.PEER_SILENT
+    assert bench.executive.count("state") == FAULT
 
 
 @pytest.mark.parametrize("role", ["executive", "plant"])
 def test_each_node_stops_on_request(bench: Bench, role: str) -> None:
     node = getattr(bench, role)
-    node.loop.control[sh.STOP] = 1
+    node.loop.control.stop = 1
     bench.run(1)
-    assert node.count(sh.STATE) == STOP and bench.alive.tolist() == [
+    assert node.count("state") == STOP and bench.alive.tolist() == [
         role != "executive",
         role != "plant",
     ]

@@ -225,7 +225,7 @@ def test_frames_are_sent_slow_ones_first_and_SYNC_last(plans: tuple[Plan, Plan])
     assert names[-2:] == ["CMD", "SYNC"], names
     assert [frame.name for frame in plant.tx_frames][-3:] == ["FB_A", "FB_B", "FB_C"]
     for made in plans:
-        rows = Node(made).loop.tx.frames[: len(made.tx_frames), 0]
+        rows = Node(made).loop.tx.frames["can_id"][: len(made.tx_frames)]
         assert rows.tolist() == [frame.can_id for frame in made.tx_frames]
 
 
@@ -268,7 +268,9 @@ def test_limits_ramp_and_counts_come_from_the_rig(tmp_path: Path) -> None:
     assert (int(n.guard.hold_cycles), int(n.guard.fault_after), int(n.guard.cycles)) == (4, 7, 1250)
     assert cycles_of(rig) == 1250 and int(n.clock.period_ns) == 2_000_000
     assert math.isclose(float(n.guard.ramp_step), 0.02) and float(n.guard.gain) == 1.0
-    assert np.allclose(n.limits.table[0, :3], (-1.0, 1.5, 0.2), rtol=1e-12), n.limits.table[0]
+    assert np.allclose(n.limits.table[0].tolist()[:3], (-1.0, 1.5, 0.2), rtol=1e-12), (
+        n.limits.table[0]
+    )
 
 
 def test_the_description_is_json_and_explains_the_record(plans: tuple[Plan, Plan]) -> None:

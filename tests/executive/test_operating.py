@@ -9,7 +9,7 @@ import standing
 from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes import operating
 from pcpc.executive.nodes.live import Live, LiveError
 
@@ -42,16 +42,16 @@ def saying(block: sh.Shared, **values: float) -> Live:
 @pytest.mark.parametrize(
     ("state", "disarmed", "says", "code"),
     [
-        (sv.FAULT, 1.0, "FAULT, no valid input; `pcpc reset` first", Exit.NOT_MET),
-        (sv.INIT, 1.0, "waits for the other node; later", Exit.NOT_MET),
-        (sv.RUN, 0.0, "armed already", Exit.WRONG_INPUT),
+        (State.FAULT, 1.0, "FAULT, no valid input; `pcpc reset` first", Exit.NOT_MET),
+        (State.INIT, 1.0, "waits for the other node; later", Exit.NOT_MET),
+        (State.RUN, 0.0, "armed already", Exit.WRONG_INPUT),
     ],
 )
 def test_who_cannot_be_armed_says_why(
     block: sh.Shared, state: int, disarmed: float, says: str, code: Exit
 ) -> None:
     node = saying(block, state=state, disarmed=disarmed)
-    block["control"][sh.FAULT] = 1
+    block.control.fault = 1
     with pytest.raises(LiveError) as refused:
         operating.arm(node)
     assert (str(refused.value), refused.value.code) == (f"{node.name}: {says}", code)
@@ -59,14 +59,14 @@ def test_who_cannot_be_armed_says_why(
 
 
 def test_who_is_disarmed_is_not_held_again(block: sh.Shared) -> None:
-    node = saying(block, state=sv.READY, disarmed=1.0)
+    node = saying(block, state=State.READY, disarmed=1.0)
     with pytest.raises(LiveError, match="disarmed already"):
         operating.hold(node)
     assert node.block["mail"][sh.REQUEST] == 0
 
 
 def test_a_law_that_says_no_number_is_not_asked_for(block: sh.Shared) -> None:
-    node = saying(block, state=sv.RUN, usable_pd=1.0)
+    node = saying(block, state=State.RUN, usable_pd=1.0)
     with pytest.raises(LiveError) as refused:
         operating.hand_over(node, "pid")
     says = "pid cannot take over: an output of it is no finite number; pd stays in charge"
@@ -75,7 +75,7 @@ def test_a_law_that_says_no_number_is_not_asked_for(block: sh.Shared) -> None:
 
 
 def test_a_hand_over_that_the_loop_refuses_takes_its_wish_back(block: sh.Shared) -> None:
-    node = saying(block, state=sv.RUN, usable_pd=1.0, usable_pid=1.0)
+    node = saying(block, state=State.RUN, usable_pd=1.0, usable_pid=1.0)
     with standing.granting(block) as granted, pytest.raises(LiveError) as refused:
         operating.hand_over(node, "pid")  # whose outputs are no numbers from the next cycle on
     assert "pid cannot take over" in str(refused.value) and refused.value.code == Exit.NOT_MET
@@ -83,7 +83,7 @@ def test_a_hand_over_that_the_loop_refuses_takes_its_wish_back(block: sh.Shared)
 
 
 def test_a_wish_of_before_is_taken_back_to_be_asked_again(block: sh.Shared) -> None:
-    node = saying(block, state=sv.RUN, usable_pd=1.0, usable_pid=1.0, to=1.0)
+    node = saying(block, state=State.RUN, usable_pd=1.0, usable_pid=1.0, to=1.0)
     with standing.granting(block) as granted, pytest.raises(LiveError):
         operating.hand_over(node, "pid")
     wishes = [values["handover.to"] for _, values in granted]

@@ -10,7 +10,7 @@ from engine import ROOT
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.after.replay import replay
@@ -133,7 +133,7 @@ def test_a_node_that_is_off_says_so_and_one_that_is_not_misses_the_other(tmp_pat
     assert line.times_off.sum() >= 1
     assert line.sent.sum() == 0
     faults = {name: set(node.columns["supervisor.fault"]) for name, node in log.node.items()}
-    named = [sv.BUS_OFF if off else sv.INPUT_MISSING for off in line.times_off[:2]]
+    named = [Fault.BUS_OFF if off else Fault.INPUT_MISSING for off in line.times_off[:2]]
     assert [faults["executive"], faults["plant"]] == [{0, named[0]}, {0, named[1]}], faults
 
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop import timing
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import FAULT_NAMES, Fault
 from pcpc.executive.rig.reading import load_rig
 
 PERIOD_NS = 1_000_000
@@ -33,8 +34,8 @@ def test_fault_after_three_overruns_in_a_row(tmp_path: Path) -> None:
     made.run(5, late_ns=[0, 0, STALL, STALL, STALL])
     made.run(2)
     assert made.executive.state == "FAULT"
-    assert made.executive["supervisor.fault"] == sv.OVERRUN
-    assert "ran past their end" in sv.FAULT_NAMES[sv.OVERRUN]
+    assert made.executive["supervisor.fault"] == Fault.OVERRUN
+    assert "ran past their end" in FAULT_NAMES[Fault.OVERRUN]
 
 
 def test_overruns_of_the_start_are_forgiven(tmp_path: Path) -> None:
@@ -42,7 +43,7 @@ def test_overruns_of_the_start_are_forgiven(tmp_path: Path) -> None:
     made.run(10, late_ns=[0, *[STALL] * 9])
     made.run(5)
     assert made.executive.state == "RUN", made.executive.state
-    assert made.executive.count(sh.SKIPPED) == 9
+    assert made.executive.count("skipped") == 9
 
 
 @pytest.mark.parametrize(("stalled", "state"), [(9, "RUN"), (10, "FAULT")])
@@ -54,7 +55,7 @@ def test_the_grace_period_ends_with_its_last_cycle(
     late[stalled] = STALL
     made.run(len(late), late_ns=late)
     assert made.executive.state == state, f"a stall in cycle {stalled} with grace for 0 to 9"
-    assert made.executive.count(sh.SKIPPED) == 1
+    assert made.executive.count("skipped") == 1
 
 
 @pytest.mark.parametrize(("stalls", "state"), [(2, "RUN"), (3, "FAULT")])
@@ -72,7 +73,7 @@ def test_without_a_policy_periods_are_skipped_and_nothing_else_happens(tmp_path:
     made.run(200)
     made.run(50, late_ns=[STALL] * 49)
     assert made.executive.state in ("RUN", "HOLD")
-    assert made.executive.count(sh.SKIPPED) == 49
+    assert made.executive.count("skipped") == 49
     assert made.executive["supervisor.fallback"] == 0.0
 
 
@@ -92,8 +93,8 @@ def test_the_fallback_takes_over_in_the_cycle_after_the_overrun_and_for_good(
     assert node["controller.steps"] == steps, "the controller that is too slow is stepped no more"
     assert abs(node["tx.CMD.motor_torque"]) < 0.6, "the command is still the puppet's"
     assert node["controller.motor_torque_Nm"] == node["tx.CMD.motor_torque"]
-    (cycle, behind, _), *others = node.events(sh.FALLBACK_EVENT)
-    assert not others and behind == 1, node.events(sh.FALLBACK_EVENT)
+    (cycle, behind, _), *others = node.events(Event.FALLBACK)
+    assert not others and behind == 1, node.events(Event.FALLBACK)
     assert node.state == "RUN"
     assert cycle == 24, f"cycle {cycle}: two overruns after 20 cycles"
 

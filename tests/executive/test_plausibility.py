@@ -11,8 +11,7 @@ from engine import ATB1000, Bench, Node, both
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.plausibility import WHYS, take_plausible
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import in_memory, simulate
@@ -48,7 +47,7 @@ def taken(node: Node, values: Sequence[float], first: int = 0) -> list[float]:
     n, place, found = node.loop, node.place(f"rx.{ENCODER}"), []
     row = int(n.plausible.row[0])
     n.plausible.taken_at[0], n.plausible.came[0], n.plausible.in_a_row[0] = -1, math.nan, 0
-    n.guard.faulted, n.v[node.place(COUNT)] = sv.NO_FAULT, 0.0
+    n.guard.faulted, n.v[node.place(COUNT)] = Fault.NONE, 0.0
     for n.k, value in enumerate(values, first):
         n.v[place] = value
         take_plausible(n, row)
@@ -93,7 +92,7 @@ def test_the_second_frame_of_a_cycle_may_move_as_far_as_in_a_cycle(node: Node) -
 
 def test_a_value_may_stand_still_for_as_long_as_the_rig_says(node: Node) -> None:
     taken(node, [0.25] * 6)
-    assert node[COUNT] == 0 and node.loop.guard.faulted == sv.NO_FAULT
+    assert node[COUNT] == 0 and node.loop.guard.faulted == Fault.NONE
     taken(node, [0.25] * 7)
     assert node[COUNT] == 1
     taken(node, [0.25] * 7 + [0.2578125] * 6)
@@ -102,13 +101,13 @@ def test_a_value_may_stand_still_for_as_long_as_the_rig_says(node: Node) -> None
 
 def test_only_values_in_a_row_are_a_fault_that_says_which_and_why(node: Node) -> None:
     taken(node, [0.0, 2.0, 2.0, 2.0, 0.0, 2.0, 2.0, 2.0])
-    assert node.loop.guard.faulted == sv.NO_FAULT and node[COUNT] == 6
+    assert node.loop.guard.faulted == Fault.NONE and node[COUNT] == 6
     taken(node, [0.0, 2.0, 2.0, 2.0, -3.0], first=20)
     control = node.loop.control
-    assert node.loop.guard.faulted == sv.NOT_PLAUSIBLE
-    assert WHYS[control[sh.CULPRIT]] == "outside of its bounds"
-    assert control[sh.ODD_PLACE] == node.place(f"rx.{ENCODER}") + 1 and control[sh.ODD_CYCLE] == 24
-    assert control[sh.ODD_BITS : sh.ODD_BITS + 1].view(np.float64)[0] == -3.0
+    assert node.loop.guard.faulted == Fault.NOT_PLAUSIBLE
+    assert WHYS[control.culprit] == "outside of its bounds"
+    assert control.odd_place == node.place(f"rx.{ENCODER}") + 1 and control.odd_cycle == 24
+    assert control.odd_bits.view(np.float64) == -3.0
 
 
 def test_a_frame_is_no_input_until_its_limited_signals_were_taken_once(node: Node) -> None:
@@ -136,7 +135,7 @@ def test_a_wrong_sensor_is_held_off_in_the_cycle_in_which_it_is_wrong(
     heard, counts = columns[f"rx.{ENCODER}"], columns[COUNT]
     assert abs(heard).max() < 0.05, "nothing of it was taken"
     assert list(counts[98:104]) == [0, 0, 1, 2, 2, 2], counts[98:104]
-    assert columns["supervisor.fault"].max() == sv.NO_FAULT
+    assert columns["supervisor.fault"].max() == Fault.NONE
 
 
 def test_without_the_limits_the_same_sensor_is_believed() -> None:
@@ -156,7 +155,7 @@ def test_the_fault_is_recorded_told_and_replayed_to_the_bit(tmp_path: Path) -> N
     rig = rig_with("rate_per_s: 2", fault("kind: bias, value: 0.6").replace("2ms", "50ms"))
     path = tmp_path / "log.mcap"
     run = simulate(rig, path)
-    assert run.blocks[0]["control"][sh.FAULT] == sv.NOT_PLAUSIBLE
+    assert run.blocks[0].control.fault == Fault.NOT_PLAUSIBLE
     options = argparse.Namespace(controller=None, set=[], node="all")
     seen = list(replay(path, options, Progress(quiet=True)))
     assert len(seen) == 2 and all(one.identical for one in seen), seen

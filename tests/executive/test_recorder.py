@@ -27,6 +27,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.log.recorder import Recorder
 from pcpc.executive.log.schemas import field_names
 from pcpc.executive.loop import shared
+from pcpc.executive.loop.events import Event
 
 
 def test_state_payload_is_the_ring_row_byte_for_byte(block: shared.Shared, tmp_path: Path) -> None:
@@ -100,10 +101,10 @@ def test_events_and_tunings_keep_name_cycle_and_exact_value(
     block: shared.Shared, tmp_path: Path
 ) -> None:
     log = Recorder(tmp_path / "log.mcap", [block])
-    put_event(block, 3, shared.TUNING_EVENT, 1, 0.1 + 0.2)
-    put_event(block, 4, shared.STATE_EVENT, 2, 0.0)
-    put_event(block, 4, shared.FAULT_EVENT, 1, float("inf"))
-    put_event(block, 6, shared.SKIP_EVENT, 2, 0.0)
+    put_event(block, 3, Event.TUNING, 1, 0.1 + 0.2)
+    put_event(block, 4, Event.STATE, 2, 0.0)
+    put_event(block, 4, Event.FAULT, 1, float("inf"))
+    put_event(block, 6, Event.SKIP, 2, 0.0)
     put_event(block, 6, 77, 9, -0.0)
     log.finish()
     node = logs.read(tmp_path / "log.mcap").node["executive"]
@@ -226,7 +227,7 @@ def test_two_nodes_share_a_file_and_the_plant_may_come_later(name: str, tmp_path
     plant = block_of(f"{name}-plant", "plant", ["barrel.angle"])
     for cycle in range(40, 150):
         put_cycle(plant, cycle)
-    put_event(plant, 149, shared.FAULT_EVENT, 1, 0.0)
+    put_event(plant, 149, Event.FAULT, 1, 0.0)
     log.drain()
     log.finish()
     read = logs.read(tmp_path / "log.mcap")

@@ -51,7 +51,7 @@ def test_process_records_until_the_nodes_are_done_also_a_late_plant(
     plant = block_of(f"{name}-plant", "plant")
     for cycle in range(100):
         put_cycle(plant, cycle)
-    plant["control"][shared.DONE] = block["control"][shared.DONE] = 1
+    plant.control.done = block.control.done = 1
     code, errors = end(process)
     assert (code, errors) == (0, ""), errors
     read = logs.read(tmp_path / "log.mcap")
@@ -83,7 +83,7 @@ def test_a_recorder_lets_the_executive_go_once_it_has_the_other_nodes(
         select.select(plant.sockets(), [], [])
         plant.serve()
     for served in (executive, plant):
-        served.block["control"][shared.DONE] = 1
+        served.block.control.done = 1
     assert process.wait(20.0) == 0
 
 
@@ -126,7 +126,7 @@ def test_process_takes_what_is_there_and_ends_when_its_node_was_killed(
 
 def test_late_node_that_ended_in_this_run_is_recorded(name: str, tmp_path: Path) -> None:
     block, plant = block_of(name), block_of(f"{name}-plant", "plant")
-    plant["control"][shared.DONE] = 1
+    plant.control.done = 1
     put_cycle(plant, 1)
     log = Recorder(tmp_path / "log.mcap", [block], late=[f"{name}-plant"])
     log.finish()
@@ -137,7 +137,7 @@ def test_late_node_that_an_earlier_run_is_leaving_is_not_recorded(
     name: str, tmp_path: Path
 ) -> None:
     block, old = block_of(name), block_of(f"{name}-plant", "plant")
-    old["control"][shared.DONE] = 1
+    old.control.done = 1
     put_cycle(old, 1)
     old["record"][0, 1] = MONOTONIC_NS - 1  # before the executive came
     log = Recorder(tmp_path / "log.mcap", [block], late=[f"{name}-plant"])
@@ -174,7 +174,7 @@ def test_dropped_rows_make_the_process_end_with_loss(name: str, tmp_path: Path) 
     block = block_of(name, states=WIDE)
     for cycle in range(len(block["record"]) + 4):
         put_cycle(block, cycle, frames=0)
-    block["control"][shared.DONE] = 1
+    block.control.done = 1
     code, errors = end(start(tmp_path / "log.mcap", name))
     assert code == Exit.LOSS and "'executive.record': 4" in errors, errors
 
@@ -196,7 +196,7 @@ def run(path: Path, *names: str, file_bytes: int = -1) -> tuple[int, str]:
 def test_what_cannot_be_written_is_one_clear_line(
     block: shared.Shared, name: str, tmp_path: Path
 ) -> None:
-    block["control"][shared.DONE] = 1
+    block.control.done = 1
     for path, why, expected in (
         (tmp_path / "none" / "log.mcap", "No such file or directory", Exit.ENVIRONMENT),
         (Path("/dev/full"), "No space left on device", Exit.LOSS),
@@ -215,7 +215,7 @@ def test_disk_that_fills_up_leaves_a_readable_log(name: str, tmp_path: Path) -> 
     for cycle in range(2000):
         put_cycle(block, cycle, frames=0)
     block["record"][:2000, 3 : 3 + len(states)] = noise
-    block["control"][shared.DONE] = 1
+    block.control.done = 1
     code, errors = run(tmp_path / "log.mcap", name, file_bytes=2_000_000)
     assert code == Exit.LOSS and errors.count("\n") == 1 and "File too large" in errors, errors
     log = logs.read(tmp_path / "log.mcap")

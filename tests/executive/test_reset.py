@@ -11,8 +11,10 @@ from engine import ATB1000, LOST, Bench, both, puppet_rig
 from pcpc.drivers.wire_layout import STRANGER
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.reception import take_frame
+from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
@@ -56,12 +58,12 @@ def test_a_reset_leads_back_to_RUN_and_the_command_rises_from_its_safe_value(
     assert node.loop.answer[sh.REFUSAL] == sh.ACCEPTED
     assert node.state == "FAULT" and node[RESET] == 0.0, "heard once, for the next cycle"
     waiting.run(RAMP_CYCLES + 5)
-    states = [sv.STATE_NAMES[to] for _, to, _ in node.events(sh.STATE_EVENT)]
+    states = [STATE_NAMES[to] for _, to, _ in node.events(Event.STATE)]
     assert states[-4:] == ["FAULT", "INIT", "READY", "RUN"], states
-    assert node["supervisor.fault"] == sv.NO_FAULT
+    assert node["supervisor.fault"] == Fault.NONE
     sent = node.series("tx.CMD.motor_torque")[-RAMP_CYCLES - 6 :]
     assert np.allclose(np.diff(sent)[2:11], 0.1) and sent[-1] == 1.0, sent
-    assert node.count(sh.FAULT) == sv.INPUT_MISSING, "a run that faulted stays one"
+    assert node.count("fault") == Fault.INPUT_MISSING, "a run that faulted stays one"
 
 
 def test_a_reset_is_refused_while_the_ramp_lasts_and_without_a_fault(waiting: Bench) -> None:
@@ -80,12 +82,12 @@ def test_a_reset_with_the_cause_still_there_is_the_same_fault_again(waiting: Ben
     node = waiting.executive
     node["controller.other_Nm"] = np.nan
     waiting.run(RAMP_CYCLES + 5)
-    assert node["supervisor.fault"] == sv.OUTPUT_NOT_FINITE
+    assert node["supervisor.fault"] == Fault.OUTPUT_NOT_FINITE
     node.post({RESET: 1.0})
     waiting.run(5)
-    assert node.state == "FAULT" and node["supervisor.fault"] == sv.OUTPUT_NOT_FINITE
-    told = [code for _, code, _ in node.events(sh.FAULT_EVENT)]
-    assert told == [sv.OUTPUT_NOT_FINITE] * 2, "the reset that failed is told"
+    assert node.state == "FAULT" and node["supervisor.fault"] == Fault.OUTPUT_NOT_FINITE
+    told = [code for _, code, _ in node.events(Event.FAULT)]
+    assert told == [Fault.OUTPUT_NOT_FINITE] * 2, "the reset that failed is told"
     node["controller.other_Nm"] = 0.0
     waiting.run(3)
     assert node.state == "FAULT", "a reset is an edge: what was asked before is over"
@@ -101,7 +103,7 @@ def test_a_reset_without_input_leaves_the_fault_as_it_was(waiting: Bench) -> Non
     node.post({RESET: 1.0})
     waiting.run(3, {"FB_A": LOST})
     waiting.run(5)
-    assert node.state == "FAULT" and node["supervisor.fault"] == sv.INPUT_MISSING
+    assert node.state == "FAULT" and node["supervisor.fault"] == Fault.INPUT_MISSING
 
 
 def test_the_plants_watchdog_is_reset_and_its_input_rises_from_the_safe_value(
@@ -151,7 +153,7 @@ def test_a_stop_ramps_the_command_down_and_is_no_fault(
     assert done == cycles
     sent = node.series("tx.CMD.motor_torque")[-done:]
     assert np.abs(np.diff(sent)).max() <= 0.5 + 1e-12 and sent[-1] <= 0.5, sent
-    assert node.count(sh.FAULT) == sv.NO_FAULT
+    assert node.count("fault") == Fault.NONE
 
 
 def estop_rig(folder: Path, *keys: str) -> Path:
@@ -175,11 +177,11 @@ def test_an_emergency_stop_is_a_fault_and_a_quick_stop_also_in_the_ramp_of_anoth
     made.run(10)
     node["rx.ESTOP.pressed"] = 1.0
     made.run(QUICK_CYCLES + 1)
-    assert node.state == "FAULT" and node["supervisor.fault"] == sv.EMERGENCY_STOP
+    assert node.state == "FAULT" and node["supervisor.fault"] == Fault.EMERGENCY_STOP
     assert node["tx.CMD.motor_torque"] == 0.0
     node.post({RESET: 1.0})
     made.run(3)
-    assert node["supervisor.fault"] == sv.EMERGENCY_STOP, "it is still pressed"
+    assert node["supervisor.fault"] == Fault.EMERGENCY_STOP, "it is still pressed"
     node["rx.ESTOP.pressed"] = 0.0
     node.post({RESET: 1.0})
     made.run(RAMP_CYCLES + 4)
@@ -190,7 +192,7 @@ def test_an_emergency_stop_is_a_fault_and_a_quick_stop_also_in_the_ramp_of_anoth
     node["rx.ESTOP.pressed"] = 1.0
     made.run(QUICK_CYCLES)
     assert node["tx.CMD.motor_torque"] == 0.0, "hurried"
-    assert node["supervisor.fault"] == sv.INPUT_MISSING, "the first fault is told"
+    assert node["supervisor.fault"] == Fault.INPUT_MISSING, "the first fault is told"
 
 
 def test_a_stop_frame_of_anybody_is_latched(tmp_path: Path) -> None:
@@ -204,8 +206,8 @@ def test_a_stop_frame_of_anybody_is_latched(tmp_path: Path) -> None:
         take_frame(node.loop)
     node.loop.wire.source = 0
     made.run(QUICK_CYCLES + 1)
-    assert (node.state, node["supervisor.fault"]) == ("FAULT", sv.STOP_FRAME)
-    assert node["tx.CMD.motor_torque"] == 0.0 and node.count(sh.FOREIGN) == 0
+    assert (node.state, node["supervisor.fault"]) == ("FAULT", Fault.STOP_FRAME)
+    assert node["tx.CMD.motor_torque"] == 0.0 and node.count("foreign") == 0
     made.run(20)
     assert node.state == "FAULT"
     node.post({RESET: 1.0})

@@ -15,6 +15,7 @@ from engine import ROOT, SLEW10, Bench, both
 
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
+from pcpc.executive.loop.events import Event
 from pcpc.executive.nodes.plan import Plan, describe
 from pcpc.executive.rig.reading import load_rig
 
@@ -32,7 +33,7 @@ block = standing.stand(sys.argv[1], describe(both(load_rig(SLEW10))[0], {}))
 block.loop.n_variables = shared.MAX_VARIABLES
 def stop():
     sys.stdin.read()
-    block["control"][shared.STOP] = 1
+    block.control.stop = 1
 threading.Thread(target=stop, daemon=True).start()
 print("ready", flush=True)
 print(write_until_stopped(block.loop, int(sys.argv[2])))
@@ -106,7 +107,7 @@ def test_a_full_mailbox_is_applied_and_more_than_that_refused(plans: tuple[Plan,
     for count, applied in ((10**6, 0), (sh.MAIL_SLOTS, sh.MAIL_SLOTS)):
         node.loop.mail[sh.COUNT] = count
         bench.run(1)
-        assert len(node.events(sh.TUNING_EVENT)) == applied, count
+        assert len(node.events(Event.TUNING)) == applied, count
         node.loop.mail[sh.REQUEST] += 1
 
 
@@ -134,7 +135,7 @@ def test_a_loop_that_waits_for_a_dead_recorder_still_stops(plans: tuple[Plan, Pl
     ends, give_up = bench.executive.loop.record_ends, time.monotonic() + PATIENCE_S
     while int(ends[sh.PUT]) < ROWS and time.monotonic() < give_up:
         os.sched_yield()
-    bench.executive.loop.control[sh.STOP] = 1
+    bench.executive.loop.control.stop = 1
     driver.join(PATIENCE_S)
     assert not driver.is_alive(), "it waits for ever"
     assert int(ends[sh.PUT]) == ROWS and int(ends[sh.DROPPED]) <= 1, ends

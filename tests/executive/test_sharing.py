@@ -88,8 +88,8 @@ def test_nobody_can_map_for_writing_what_a_node_publishes(block: sh.Shared, name
     libc, at = ctypes.CDLL(None, use_errno=True), ctypes.c_size_t
     begin = sh.np.frombuffer(reading, sh.np.uint8).ctypes.data
     assert libc.mprotect(ctypes.c_void_p(begin), at(mmap.PAGESIZE), 3) == -1, "made writable"
-    block["control"][sh.PASSES] = 7
-    assert int(sharing.attach(name)["control"][sh.PASSES]) == 7, "the node itself writes"
+    block.control.passes = 7
+    assert int(sharing.attach(name).control.passes) == 7, "the node itself writes"
     for descriptor in (published, again, mailbox):
         os.close(descriptor)
     line.close()
@@ -317,8 +317,8 @@ def test_a_name_that_another_user_squats_is_no_obstacle(name: str, how: str) -> 
             sharing.attach(name)
         with sharing.lock(name):
             block = standing.stand(name, HEAD)
-            block["control"][sh.PASSES] = 12
-            assert int(sharing.attach(name)["control"][sh.PASSES]) == 12
+            block.control.passes = 12
+            assert int(sharing.attach(name).control.passes) == 12
             assert [one.name for one in sharing.running()].count(name) == 1
             with pytest.raises(sh.SharedError, match="already in use"):
                 sharing.lock(name)
@@ -326,7 +326,7 @@ def test_a_name_that_another_user_squats_is_no_obstacle(name: str, how: str) -> 
             squatter.wait()
             with pytest.raises(sh.SharedError, match="already in use"):
                 sharing.lock(name)
-            assert int(sharing.attach(name)["control"][sh.PASSES]) == 12
+            assert int(sharing.attach(name).control.passes) == 12
 
 
 OTHER_USER = """

@@ -10,11 +10,12 @@ from engine import ATB1000, Bench, Node, both
 from free_bus import own_bus
 
 from pcpc.drivers import bus as buses
-from pcpc.drivers import dbc, e2e, e2e_states, wire, wire_layout
+from pcpc.drivers import e2e, e2e_states, wire, wire_layout
 from pcpc.drivers.bus import Bus
 from pcpc.executive.loop import faults, strangers
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.rig.reading import load_rig
 
@@ -43,10 +44,10 @@ def hear(node: Node, can_id: int, source: int = 0, counter: int | None = None) -
     n = node.loop
     n.wire.rx[:] = 0
     n.wire.rx[:4] = np.frombuffer(can_id.to_bytes(4, "little"), np.uint8)
-    rows = [i for i in range(n.rx.n) if n.rx.frames[i, dbc.CAN_ID] == can_id]
+    rows = [i for i in range(n.rx.n) if n.rx.frames[i].can_id == can_id]
     if rows:
-        n.wire.rx[4] = n.rx.frames[rows[0], dbc.DLC]
-        after = int(n.rx.state[rows[0], e2e.LAST_COUNTER]) + 1 if counter is None else counter
+        n.wire.rx[4] = n.rx.frames[rows[0]].dlc
+        after = int(n.rx.state[rows[0]].last_counter) + 1 if counter is None else counter
         e2e.protect(n.wire.rx[8:16], rows[0], n.rx.frames, after)
     n.wire.source = source
     return int(take_frame(n))
@@ -99,20 +100,20 @@ def test_on_udp_an_end_knows_its_own_frames_and_tells_senders_apart(
 
 def test_one_frame_of_our_own_id_is_counted_named_and_recorded(node: Node) -> None:
     assert hear(node, SYNC) == -1
-    assert (node.count(sh.FOREIGN), int(node.loop.guard.faulted)) == (1, sv.NO_FAULT)
-    assert [event[1] for event in node.events(sh.FOREIGN_EVENT)] == [SYNC]
+    assert (node.count("foreign"), int(node.loop.guard.faulted)) == (1, Fault.NONE)
+    assert [event[1] for event in node.events(Event.FOREIGN)] == [SYNC]
     last = node.loop.frame[int(node.loop.frame_ends[sh.PUT]) - 1]
     assert (last[3] & 0xFFF, last[3] >> 48) == (SYNC, e2e_states.FOREIGN)
 
 
 def test_three_within_ten_cycles_are_a_fault_that_names_the_id(node: Node) -> None:
     for wait in (0, 4, 5):
-        assert int(node.loop.guard.faulted) == sv.NO_FAULT
+        assert int(node.loop.guard.faulted) == Fault.NONE
         cycles(node, wait)
         hear(node, CMD)
-    assert int(node.loop.guard.faulted) == sv.ANOTHER_SENDER
+    assert int(node.loop.guard.faulted) == Fault.ANOTHER_SENDER
     control = node.loop.control.copy()
-    control[sh.FAULT] = node.loop.guard.faulted
+    control.fault = node.loop.guard.faulted
     told = faults.reason({"frames": {str(CMD): "CMD"}}, control)
     assert told == "another sender of 0x0A0 (CMD) is on this bus"
 
@@ -122,22 +123,22 @@ def test_two_now_and_then_are_no_fault_but_count(node: Node) -> None:
         hear(node, CMD)
         hear(node, CMD)
         cycles(node, strangers.FOREIGN_CYCLES)
-    assert (node.count(sh.FOREIGN), int(node.loop.guard.faulted)) == (20, sv.NO_FAULT)
+    assert (node.count("foreign"), int(node.loop.guard.faulted)) == (20, Fault.NONE)
 
 
 def test_ids_of_nobody_are_no_concern(node: Node) -> None:
     for can_id in range(0x7FF):
         if can_id not in node.frames.values():
             assert hear(node, can_id) == -1
-    assert (node.count(sh.FOREIGN), int(node.loop.guard.faulted)) == (0, sv.NO_FAULT)
+    assert (node.count("foreign"), int(node.loop.guard.faulted)) == (0, Fault.NONE)
 
 
 def test_a_frame_from_another_address_is_not_taken(node: Node) -> None:
     assert hear(node, FB_A, TRUE) >= 0
-    received = node.count(sh.RECEIVED)
+    received = node.count("received")
     assert hear(node, FB_A, FORGED) == -1
-    assert (node.count(sh.FOREIGN), node.count(sh.RECEIVED)) == (1, received)
-    assert hear(node, FB_A, TRUE) >= 0 and node.count(sh.RECEIVED) == received + 1
+    assert (node.count("foreign"), node.count("received")) == (1, received)
+    assert hear(node, FB_A, TRUE) >= 0 and node.count("received") == received + 1
 
 
 def test_a_sender_that_fell_silent_may_be_replaced(node: Node) -> None:
@@ -146,29 +147,31 @@ def test_a_sender_that_fell_silent_may_be_replaced(node: Node) -> None:
     assert hear(node, FB_A, FORGED) == -1
     cycles(node, 1)
     assert hear(node, FB_A, FORGED) >= 0
-    assert hear(node, FB_A, TRUE) == -1 and node.count(sh.FOREIGN) == 2
+    assert hear(node, FB_A, TRUE) == -1 and node.count("foreign") == 2
 
 
 def test_the_true_frames_behind_forged_ones_are_a_fault_also_without_addresses(node: Node) -> None:
     needed = 0
-    while int(node.loop.guard.faulted) == sv.NO_FAULT:
+    while int(node.loop.guard.faulted) == Fault.NONE:
         hear(node, FB_A)  # forged, with the next counter
-        hear(node, FB_A, counter=int(node.loop.rx.state[0, e2e.LAST_COUNTER]))  # the true one
+        hear(node, FB_A, counter=int(node.loop.rx.state[0].last_counter))  # the true one
         cycles(node, 1)
         needed += 1
         assert needed <= strangers.REPEATED_CYCLES
-    assert int(node.loop.guard.faulted) == sv.REPEATED_INPUT and needed == strangers.REPEATED_FRAMES
-    assert node.count(sh.REPEATED) == needed and int(node.loop.control[sh.CULPRIT]) == FB_A
+    assert (
+        int(node.loop.guard.faulted) == Fault.REPEATED_INPUT and needed == strangers.REPEATED_FRAMES
+    )
+    assert node.count("repeated") == needed and int(node.loop.control.culprit) == FB_A
 
 
 def test_forged_counters_are_a_wrong_sequence_not_thousands_of_losses(node: Node) -> None:
     for _ in range(1000):
-        hear(node, FB_A, counter=int(node.loop.rx.state[0, e2e.LAST_COUNTER]) + 9)
-    assert node.count(sh.WRONG_SEQUENCE) == 1000
-    assert node.count(sh.LOST) == 0, node.count(sh.LOST)
+        hear(node, FB_A, counter=int(node.loop.rx.state[0].last_counter) + 9)
+    assert node.count("wrong_sequence") == 1000
+    assert node.count("lost") == 0, node.count("lost")
 
 
 def test_before_its_first_cycle_a_node_does_not_begin_beside_another(node: Node) -> None:
     node.loop.passes = 0
     hear(node, SYNC)
-    assert int(node.loop.guard.faulted) == sv.ANOTHER_SENDER and strangers.refused(node.loop)
+    assert int(node.loop.guard.faulted) == Fault.ANOTHER_SENDER and strangers.refused(node.loop)

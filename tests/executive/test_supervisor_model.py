@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
 from pcpc.drivers.jit import i8, loop
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.cycle import N, hear_requests, supervise
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import limit_commands, settled
+from pcpc.executive.loop.states import NEXT, RAMPS, RUNS, STATE_NAMES, Condition, State
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.reading import load_rig
 
@@ -58,7 +58,7 @@ class Supervised(RuleBasedStateMachine):
         super().__init__()
         self.node = Node(executive())
         self.n = self.node.loop
-        self.state, self.gain, self.sent = sv.INIT, 1.0, SAFE
+        self.state, self.gain, self.sent = State.INIT, 1.0, SAFE
         self.asked = self.reset = self.due = self.was_reset = self.pressed = False
         self.disarmed = False
         self.n.guard.estop_index = self.node.place(ESTOP)
@@ -76,7 +76,7 @@ class Supervised(RuleBasedStateMachine):
     @property
     def over(self) -> bool:
         """Whether it has stopped, so that no cycle follows."""
-        return self.state == sv.STOP
+        return self.state == State.STOP
 
     @precondition(lambda self: not self.over)
     @rule(fresh=st.booleans(), wish=WISHES)
@@ -101,16 +101,16 @@ class Supervised(RuleBasedStateMachine):
             if not self.over:
                 self.cycle(False, wish)
 
-    @rule(fault=st.integers(1, len(sv.FAULTS) - 1))
+    @rule(fault=st.integers(1, len(Fault) - 1))
     def detect(self, fault: int) -> None:
         """Let a detector of the loop see a fault; the first one counts."""
-        if self.n.guard.faulted == sv.NO_FAULT:
+        if self.n.guard.faulted == Fault.NONE:
             self.n.guard.faulted = fault
 
     @rule()
     def ask_to_stop(self) -> None:
         """Let the host ask for the end."""
-        self.n.control[sh.STOP] = 1
+        self.n.control.stop = 1
         self.asked = True
 
     @rule(disarmed=st.booleans())
@@ -146,57 +146,57 @@ class Supervised(RuleBasedStateMachine):
         before, gain, sent = self.state, self.gain, self.sent
         self.state = state = int(self.node["supervisor.state"])
         self.gain, self.sent = float(self.n.guard.gain), self.node[COMMAND]
-        told = f"{sv.STATE_NAMES[before]} to {sv.STATE_NAMES[state]}, {sent} to {self.sent}"
-        assert state in sv.NEXT[before], told
-        if before == sv.FAULT and state not in (sv.FAULT, sv.STOP):
-            assert state == sv.INIT and self.due, f"{told}: FAULT is latched"
+        told = f"{STATE_NAMES[before]} to {STATE_NAMES[state]}, {sent} to {self.sent}"
+        assert state in NEXT[before], told
+        if before == State.FAULT and state not in (State.FAULT, State.STOP):
+            assert state == State.INIT and self.due, f"{told}: FAULT is latched"
             assert fresh and not self.pressed and gain == 0.0 and abs(sent - SAFE) <= RATE, told
             self.was_reset = True
-        assert not self.pressed or sv.DOES[state, sv.RAMPS], f"{told}: pressed"
-        if state == sv.RUN and state != before:
+        assert not self.pressed or RAMPS[state], f"{told}: pressed"
+        if state == State.RUN and state != before:
             assert fresh or self.asked, f"{told}: nothing fresh"
         if self.disarmed:
-            assert not sv.DOES[state, sv.RUNS], f"{told}: disarmed"
-        waits = self.disarmed and state == sv.READY
-        if state == sv.HOLD:
+            assert not RUNS[state], f"{told}: disarmed"
+        waits = self.disarmed and state == State.READY
+        if state == State.HOLD:
             assert not fresh, told
-        assert state != sv.FAULT or self.node["supervisor.fault"] != sv.NO_FAULT, told
-        ramps = self.asked or bool(sv.DOES[state, sv.RAMPS]) or waits
+        assert state != State.FAULT or self.node["supervisor.fault"] != Fault.NONE, told
+        ramps = self.asked or bool(RAMPS[state]) or waits
         self.was_reset = self.was_reset or waits
-        step = 1.0 / RAMP_CYCLES if self.was_reset and not ramps and state != sv.INIT else 0.0
+        step = 1.0 / RAMP_CYCLES if self.was_reset and not ramps and state != State.INIT else 0.0
         assert self.gain <= gain + step, f"{told}: the gain rises from {gain} to {self.gain}"
         assert self.gain == 1.0 or ramps or self.was_reset, told
         self.hold_command(state, sent, told)
-        assert self.n.control[sh.STATE] == state
-        assert self.n.guard.reset == 0 or state == sv.FAULT, f"{told}: a reset of no fault"
+        assert self.n.control.state == state
+        assert self.n.guard.reset == 0 or state == State.FAULT, f"{told}: a reset of no fault"
 
     def hold_command(self, state: int, sent: float, told: str) -> None:
         """Check what is sent: in range and rate in any case; safe before input, else on its way."""
         assert LOW <= self.sent <= HIGH, told
         assert abs(self.sent - sent) <= RATE * (1 + 1e-12), told
-        if state == sv.INIT:
+        if state == State.INIT:
             assert self.sent == SAFE, told
-        if self.asked or sv.DOES[state, sv.RAMPS] or (self.disarmed and state == sv.READY):
+        if self.asked or RAMPS[state] or (self.disarmed and state == State.READY):
             assert abs(self.sent - SAFE) <= abs(sent - SAFE) + 1e-12, f"{told}: away from safe"
 
     def teardown(self) -> None:
         """Let it end: a fault stops in its time, with a safe command; STOP is final."""
         self.n.guard.waits = 0
-        if self.state == sv.FAULT:
+        if self.state == State.FAULT:
             self.node["supervisor.reset"] = 0.0
             self.n.guard.reset = 0
-            if self.n.guard.faulted == sv.NO_FAULT:
-                self.n.guard.faulted = sv.OVERRUN
+            if self.n.guard.faulted == Fault.NONE:
+                self.n.guard.faulted = Fault.OVERRUN
             for _ in range(RAMP_CYCLES + WAY_CYCLES + 2):
                 if not self.over:
                     self.cycle(True, HIGH)
             assert self.over, f"still in FAULT, sent {self.sent}"
         if self.over:
             assert abs(self.sent - SAFE) <= RATE, f"stopped with a command of {self.sent}"
-            self.n.guard.faulted = sv.NO_FAULT
+            self.n.guard.faulted = Fault.NONE
             for fresh in (True, False):
                 _cycle(self.n)
-                assert self.node["supervisor.state"] == sv.STOP, f"STOP is left, {fresh=}"
+                assert self.node["supervisor.state"] == State.STOP, f"STOP is left, {fresh=}"
 
 
 Supervised.TestCase.settings = settings(
@@ -205,19 +205,19 @@ Supervised.TestCase.settings = settings(
 TestSupervised = Supervised.TestCase
 
 
-@pytest.mark.parametrize("state", range(6), ids=sv.STATE_NAMES)
+@pytest.mark.parametrize("state", range(6), ids=STATE_NAMES)
 def test_every_way_through_the_table_is_a_safe_one(state: int) -> None:
     """All ways of four events from each state: what each does on its way, from the table alone."""
-    for events in product(range(sv.NEXT.shape[1]), repeat=4):
-        at, faulted, stopped = state, state == sv.FAULT, state == sv.STOP
+    for events in product(range(NEXT.shape[1]), repeat=4):
+        at, faulted, stopped = state, state == State.FAULT, state == State.STOP
         for event in events:
-            before, at = at, int(sv.NEXT[at, event])
-            closes = sv.DOES[at, sv.RUNS] > sv.DOES[before, sv.RUNS]
-            faulted = faulted and not (before == sv.FAULT and event == sv.RESET)
-            way = f"{sv.STATE_NAMES[state]} by {events}: {sv.STATE_NAMES[before]} to {at}"
-            assert not closes or (event == sv.FRESH and not faulted), way
-            assert not stopped or at == sv.STOP, way
-            assert not faulted or sv.DOES[at, sv.RAMPS], way
-            assert event != sv.LOSS or sv.DOES[at, sv.RAMPS], way
-            assert event != sv.STOP_REQUEST or at == sv.STOP, way
-            faulted, stopped = faulted or at == sv.FAULT, stopped or at == sv.STOP
+            before, at = at, int(NEXT[at, event])
+            closes = RUNS[at] > RUNS[before]
+            faulted = faulted and not (before == State.FAULT and event == Condition.RESET)
+            way = f"{STATE_NAMES[state]} by {events}: {STATE_NAMES[before]} to {at}"
+            assert not closes or (event == Condition.FRESH and not faulted), way
+            assert not stopped or at == State.STOP, way
+            assert not faulted or RAMPS[at], way
+            assert event != Condition.LOSS or RAMPS[at], way
+            assert event != Condition.STOP_REQUEST or at == State.STOP, way
+            faulted, stopped = faulted or at == State.FAULT, stopped or at == State.STOP

@@ -5,6 +5,7 @@ import pytest
 from rings import STATES, TIMINGS, WIDE, block_of, put_cycle, put_event, values_of
 
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.events import Event
 from pcpc.executive.nodes import rings
 from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.executive.nodes.tap import Tap
@@ -27,7 +28,7 @@ def test_a_tap_gives_what_was_put_since_the_last_look(block: sh.Shared) -> None:
     assert len(tap.rows()) == 0 and len(tap.frames()) == 0
     for cycle in range(2, 7):
         put_cycle(block, cycle)
-    put_event(block, 4, sh.TUNING_EVENT, 2, 0.5)
+    put_event(block, 4, Event.TUNING, 2, 0.5)
     rows = tap.rows()
     assert rows.cycle.tolist() == [2, 3, 4, 5, 6]
     every = np.array([values_of(cycle, len(STATES) + 1 + len(TIMINGS)) for cycle in range(2, 7)])

@@ -8,10 +8,11 @@ import pytest
 from engine import Bench, both, puppet_rig
 
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.states import State
 from pcpc.executive.rig.reading import load_rig
 
-RUN = sv.RUN
+RUN = State.RUN
 
 
 def test_tunings_of_one_request_take_effect_in_one_cycle(bench: Bench) -> None:
@@ -24,7 +25,7 @@ def test_tunings_of_one_request_take_effect_in_one_cycle(bench: Bench) -> None:
     assert (torque[9], torque[10], other[9], other[10]) == (1.0, 1.25, 0.0, 40.0)
     assert node.loop.answer[:3].tolist() == [1, 10, sh.ACCEPTED], node.loop.answer
     places = [node.place(f"controller.{name}_Nm") for name in ("torque", "other")]
-    assert node.events(sh.TUNING_EVENT) == [(10, places[0], 1.25), (10, places[1], 40.0)]
+    assert node.events(Event.TUNING) == [(10, places[0], 1.25), (10, places[1], 40.0)]
 
 
 def test_values_in_the_mailbox_wait_for_the_request(bench: Bench) -> None:
@@ -32,7 +33,7 @@ def test_values_in_the_mailbox_wait_for_the_request(bench: Bench) -> None:
     node.post({"controller.torque_Nm": 1.25})
     node.loop.mail[sh.REQUEST] -= 1
     bench.run(3)
-    assert node["controller.torque_Nm"] == 1.0 and not node.events(sh.TUNING_EVENT)
+    assert node["controller.torque_Nm"] == 1.0 and not node.events(Event.TUNING)
     node.loop.mail[sh.REQUEST] += 1
     bench.run(3)
     assert node["controller.torque_Nm"] == 1.25
@@ -45,7 +46,7 @@ def test_a_request_is_carried_out_once(bench: Bench) -> None:
     bench.run(1)
     node["controller.torque_Nm"] = 0.5
     bench.run(5)
-    assert node["controller.torque_Nm"] == 0.5 and len(node.events(sh.TUNING_EVENT)) == 1
+    assert node["controller.torque_Nm"] == 0.5 and len(node.events(Event.TUNING)) == 1
 
 
 GAIN, OTHER = "controller.torque_Nm", "controller.other_Nm"  # both -1e9 to 1e9
@@ -55,7 +56,7 @@ BEYOND = (-1, -(2**63), 2**63 - 1, sh.MAX_VARIABLES, 10**12)
 def refused(bench: Bench, places: list[int], values: list[float], **words: int) -> int:
     """Post a request as any client may; check that nothing came of it; return the reason."""
     node = bench.executive
-    n, before, told = node.loop, node.loop.v.copy(), len(node.events(sh.REFUSED_EVENT))
+    n, before, told = node.loop, node.loop.v.copy(), len(node.events(Event.REFUSED))
     n.mail_index[: len(places)], n.mail_value[: len(values)] = places, values
     n.mail[sh.COUNT], n.mail[sh.LOCK] = words.get("count", len(places)), words.get("lock", 0)
     n.mail[sh.REQUEST] += 1
@@ -64,9 +65,9 @@ def refused(bench: Bench, places: list[int], values: list[float], **words: int) 
     parameters = [node.place(v.name) for v in node.plan.table.variables if v.kind == "parameter"]
     assert (n.v[parameters] == before[parameters]).all(), "something was set"
     assert (n.v[int(n.n_variables) :] == 0.0).all(), "written outside of the table"
-    assert not node.events(sh.TUNING_EVENT) and node.state == "RUN", node.state
-    assert len(node.events(sh.REFUSED_EVENT)) == told + 1, node.events(sh.REFUSED_EVENT)
-    assert node.count(sh.REFUSED) == told + 1 == node["health.requests_refused"]
+    assert not node.events(Event.TUNING) and node.state == "RUN", node.state
+    assert len(node.events(Event.REFUSED)) == told + 1, node.events(Event.REFUSED)
+    assert node.count("refused") == told + 1 == node["health.requests_refused"]
     return int(n.answer[sh.REFUSAL])
 
 
@@ -136,7 +137,7 @@ def test_a_request_that_was_withdrawn_sets_nothing_and_is_no_refusal(bench: Benc
     node.loop.mail[sh.COUNT] = 0
     bench.run(1)
     assert node.loop.answer[[sh.ACK, sh.REFUSAL]].tolist() == [1, sh.ACCEPTED], node.loop.answer
-    assert node[GAIN] == 1.0 and node.count(sh.REFUSED) == 0
+    assert node[GAIN] == 1.0 and node.count("refused") == 0
 
 
 def test_garbage_in_the_mailbox_changes_neither_outputs_nor_private_memory(
@@ -162,4 +163,4 @@ def test_garbage_in_the_mailbox_changes_neither_outputs_nor_private_memory(
     theirs.loop.v[counted] = 0.0
     different = [x for x in names if ours.loop[x].tobytes() != theirs.loop[x].tobytes()]
     assert not different, different
-    assert theirs.count(sh.REFUSED) > 300, theirs.count(sh.REFUSED)
+    assert theirs.count("refused") > 300, theirs.count("refused")

@@ -15,7 +15,7 @@ from engine import ATB1000, ROOT, SLEW10, puppet_rig
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import VirtualRun, simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.replay import replay
@@ -197,7 +197,7 @@ def test_a_run_that_is_asked_to_stop_ends_with_a_whole_log(tmp_path: Path) -> No
     run.close()
     log = logs.read(path)
     assert not log.missing and len(log.node["executive"].cycle) == done, log.missing
-    assert all(block["control"][sh.STATE] == sv.STOP for block in run.blocks)
+    assert all(block.control.state == State.STOP for block in run.blocks)
 
 
 def test_a_fault_ends_with_STOP_and_no_torque_on_the_bus_and_all_of_it_in_the_log(
@@ -225,8 +225,8 @@ def test_a_fault_ends_with_STOP_and_no_torque_on_the_bus_and_all_of_it_in_the_lo
     assert torque[-1] == 0.0 and node.cycle[-1] == 1051, (torque[-1], node.cycle[-1])
     data = node.frames[(node.frames["id"] == COMMAND_ID) & (node.frames["direction"] == 0)]["data"]
     raw, mode = int(data[-1, 0]) | int(data[-1, 1]) << 8, int(data[-1, 5]) >> 4
-    assert (raw, mode) == (0, sv.STOP), f"last command {raw}, mode {mode}"
-    assert run.blocks[1]["control"][sh.STATE] == sv.STOP, "the plant was not told"
+    assert (raw, mode) == (0, State.STOP), f"last command {raw}, mode {mode}"
+    assert run.blocks[1].control.state == State.STOP, "the plant was not told"
 
 
 # ------------------------------------------------------------------------------------------ results

@@ -107,4 +107,4 @@ def test_any_request_in_the_mailbox_is_refused_or_within_the_ranges(
     assert not (refused and changed.any()), np.flatnonzero(changed)
     assert ((now >= low) & (now <= high) & (abs(now) < math.inf))[changed].all()
     bench.advance(20)
-    assert n.control[sh.PASSES] >= 20 or n.control[sh.DONE], "the loop stands still"
+    assert n.control.passes >= 20 or n.control.done, "the loop stands still"

@@ -56,7 +56,7 @@ def going_on(folder: Path) -> Iterator[Run]:
     def is_up() -> bool:
         assert host.poll() is None, f"the run ended: {host.communicate()}"
         try:
-            return int(sharing.attach(node)["control"][sh.PASSES]) > 0
+            return int(sharing.attach(node).control.passes) > 0
         except sh.SharedError:
             return False
 

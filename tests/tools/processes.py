@@ -160,7 +160,7 @@ class Running:
             self.over()
             with suppress(sh.SharedError):
                 block = sharing.attach(name)
-                return block if int(block["control"][sh.PID]) == pid else None
+                return block if int(block.control.pid) == pid else None
             return None
 
         return until(attached, f"the block of {role} {pid}\n{self}")

@@ -6,7 +6,8 @@ import numpy as np
 import standing
 
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
+from pcpc.executive.loop.faults import FAULT_NAMES
+from pcpc.executive.loop.states import STATE_NAMES
 
 FACTS = {"clock_wall_ns": "9000", "clock_monotonic_ns": "0", "pacing": "real", "bus": "none",
          "controller": "none", "rate_hz": "1000"}  # fmt: skip
@@ -40,7 +41,7 @@ def stepping(name: str, jump: int = 0, first: int = 0) -> tuple[sh.Shared, Calla
         for k in range(put, put + ROWS):
             x = np.float64(k % ROWS > 25).view(np.int64)
             ring[k % len(ring)] = first + k, 1000 * k, sh.CDR_HEADER, x, sh.CDR_HEADER
-        block["control"][sh.CYCLE] = first + put + ROWS - 1
+        block.control.cycle = first + put + ROWS - 1
         block["record_ends"][sh.PUT] = put + ROWS + (jump if put == ROWS else 0)
 
     go_on(0.0)

@@ -198,7 +198,7 @@ def left_behind() -> Iterator[list[int]]:
 def family(live: pcpc.Live) -> list[int]:
     """Return the pids of a run: of its command and of its nodes."""
     blocks = [node.block for node in live._nodes.values()]
-    return [live._command.process.pid, *(int(block["control"][27]) for block in blocks)]
+    return [live._command.process.pid, *(int(block.control.pid) for block in blocks)]
 
 
 LONG = {
@@ -243,7 +243,7 @@ def test_a_python_that_is_killed_leaves_nothing_behind() -> None:
     code = (
         "import pcpc, sys, signal\n"
         f"with pcpc.running('slew10', pacing='real', set={LONG!r}, bus={own_bus()!r}) as live:\n"
-        "    nodes = [int(node.block['control'][27]) for node in live._nodes.values()]\n"
+        "    nodes = [int(node.block.control.pid) for node in live._nodes.values()]\n"
         "    print(live._command.process.pid, *nodes, flush=True)\n"
         "    signal.pause()\n"
     )

@@ -18,7 +18,7 @@ from test_scope import own
 from websockets.sync.server import ServerConnection, serve
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.events import Event
 from pcpc.executive.nodes import live
 from pcpc.tools.cli import main
 from pcpc.tools.live.remote.link import Link
@@ -108,7 +108,7 @@ def test_what_is_set_there_holds_here_from_the_cycle_that_is_told(
     assert (node[KV], node[LAM]) == (121.0, 13.125)
     rows, _ = node.rows("event", 0)
     tuned = [(int(row[1]), float(row[4:].view(float)[0])) for row in rows
-             if row[2] == sh.TUNING_EVENT][-2:]  # fmt: skip
+             if row[2] == Event.TUNING][-2:]  # fmt: skip
     assert tuned == [(told["cycle"], 121.0), (told["cycle"], 13.125)]
     assert there(capsys, host, "save", str(file))[0] == 0
     undone = there(capsys, host, "undo")

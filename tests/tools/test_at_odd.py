@@ -47,7 +47,8 @@ class Odd:
         about = describe(made, facts | {"pacing": "real"})
         self.about = sh.completed("probe.b.executive", json.loads(json.dumps(about)))
         self.block = sh.private(about)
-        self.block["control"][[sh.READY, sh.PASSES, sh.CYCLE, sh.STATE]] = 1, 9, 9, 2
+        control = self.block.control
+        control.ready, control.passes, control.cycle, control.state = 1, 9, 9, 2
         self.odd: Callable[[str, Any], Any] = lambda what, found: found
 
     def serve(self, line: ServerConnection) -> None:

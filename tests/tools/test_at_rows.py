@@ -48,7 +48,7 @@ def test_many_rows_come_in_several_answers_and_none_is_missing(
     rows = block["record"][:count]
     rows[:, 0] = rows[:, 1] = np.arange(count)
     rows[:, 3] = np.where(np.arange(count) == count - 1, 1.0, 0.0).view(np.int64)
-    block["control"][sh.CYCLE], block["record_ends"][sh.PUT] = count - 1, count
+    block.control.cycle, block["record_ends"][sh.PUT] = count - 1, count
     file = tmp_path / "burst.mcap"
     words = ["scope", "a.x", "--trigger", "a.x > 0.5 rad", "--pre", "95s", "--post", "0s", "--past",
              "-o", str(file), "--quiet"]  # fmt: skip

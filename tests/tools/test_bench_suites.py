@@ -63,8 +63,8 @@ def test_a_cycle_in_c_leaves_the_bytes_of_a_cycle_in_python(recording: cycle.Rec
     cycle.drive_memory(ours, made.steps, frames, ends, 1)
     views = address(frames), address(ends)
     c.drive_memory(at, table, *views, ctypes.c_int64(CYCLES), ctypes.c_int64(1))
-    assert ours.control[sh.RECEIVED] == len(frames) and ours.control[sh.PASSES] == CYCLES
-    assert ours.control[sh.SENT] > 2 * CYCLES and not ours.control[sh.CRC_ERRORS]
+    assert ours.control.received == len(frames) and ours.control.passes == CYCLES
+    assert ours.control.sent > 2 * CYCLES and not ours.control.crc_errors
     differ = differing(ours, theirs)
     assert not differ, f"after {CYCLES} cycles C differs in {differ}"
 
@@ -73,7 +73,7 @@ def test_a_virtual_run_in_c_leaves_the_bytes_of_one_in_python() -> None:
     ours, theirs = simulate.nodes(0.3), simulate.nodes(0.3)
     simulate.in_python(ours)
     simulate.in_plain_c(theirs, cycle.library())
-    assert ours.loops[0].control[sh.DONE] == 1 and ours.loops[0].k == CYCLES
+    assert ours.loops[0].control.done == 1 and ours.loops[0].k == CYCLES
     for node, our, their in zip(("executive", "plant"), ours.loops, theirs.loops, strict=True):
         differ = differing(our, their)
         assert not differ, f"the {node} in C differs in {differ}"

@@ -100,7 +100,7 @@ def test_pack_and_unpack_give_the_bits_of_the_loop(built: tuple[list[dbc.Frame],
             continue
         table, n = dbc.table([frame], 1000.0), len(frame.signals)
         kinds |= {signal.kind for signal in frame.signals}
-        where = table.frames, table.signals, table.scales
+        where = table.frames, table.signals
         name = identifier(frame.name)
         for _ in range(30):
             values = np.array([a_value(signal, draw) for signal in frame.signals])
@@ -164,6 +164,6 @@ def test_protection_and_judgement_are_those_of_the_loop(
             assert ours == outcome, (frame.name, counter)
             assert lost.value - before == missing, frame.name
             last, _, fresh = struct.unpack("=iI?3x", buffer.raw[:12])
-            assert (last, fresh) == (state[0, e2e.LAST_COUNTER], state[0, e2e.FRESH] == 1)
-            judged.add((outcome, int(table.frames[0, dbc.PROTECTED])))
+            assert (last, fresh) == (state[0].last_counter, state[0].fresh == 1)
+            judged.add((outcome, int(table.frames[0].protected)))
     assert len(judged) == 10, judged  # each of five outcomes with both CRCs

@@ -14,7 +14,7 @@ import pcpc
 from pcpc.drivers.errors import UserError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.live import Live
 from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.host.actions import Actions
@@ -53,7 +53,7 @@ def test_nodes_in_fault_are_reset_from_the_lowest_up(
     blocks: dict[str, sh.Shared], faulted: tuple[str, ...]
 ) -> None:
     for role in faulted:
-        blocks[role]["snapshot"][0] = sv.FAULT
+        blocks[role]["snapshot"][0] = State.FAULT
     with standing.granting(*blocks.values()) as granted:
         actions(blocks).do(messages.Act(1, "reset"))
     order = [role for role in ("plant", "local", "executive") if role in faulted]

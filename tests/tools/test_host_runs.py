@@ -12,7 +12,6 @@ from processes import RIGS, own_bus
 from scoped import HEAD
 
 import pcpc
-from pcpc.executive.loop import shared as sh
 from pcpc.tools.live.host import runs
 
 GAIN, ANGLE = "controller.kv_Nms_rad", "plant:barrel.theta_rad"
@@ -133,7 +132,7 @@ def test_the_next_run_of_a_name_takes_the_place_of_the_one_before(
     shown = runs.Runs(run=runs.run_of(name))
     try:
         for process in (1, 2):
-            standing.stand(name, HEAD)["control"][sh.PID] = process
+            standing.stand(name, HEAD).control.pid = process
             (live,) = shown.nodes().values()
             assert live.pid == process and shown.nodes()[name] is live, "attached anew"
     finally:

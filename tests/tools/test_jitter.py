@@ -349,7 +349,7 @@ def test_ctrl_c_ends_with_the_statistics_so_far(sigint: None) -> None:
         start_new_session=True,
     ) as process:  # fmt: skip
         block = until(lambda: _block(bus) or process.poll(), "the executive's block")
-        until(lambda: block["control"][sh.PASSES] > 50 or process.poll(), "fifty cycles")
+        until(lambda: block.control.passes > 50 or process.poll(), "fifty cycles")
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60.0)
     found = LINE.search(out)

@@ -42,7 +42,7 @@ def nonsense(block: sh.Shared, random: np.random.Generator) -> None:
     block["mail"][sh.COUNT] = random.integers(1, 80)
     block["mail"][sh.LOCK] = random.integers(0, 2)
     request = int(block["mail"][sh.REQUEST])
-    while int(block["answer"][sh.ACK]) != request and not block["control"][sh.DONE]:
+    while int(block["answer"][sh.ACK]) != request and not block.control.done:
         assert block.alive(), "it died of it"  # what changes meanwhile is not judged
         os.sched_yield()
 
@@ -53,7 +53,7 @@ def test_garbage_in_the_mailbox_changes_no_bit_of_a_run(tmp_path: Path) -> None:
     with Running("run", SLEW10, "-o", str(tmp_path / "run"), "--bus", bus, *USUAL, *long) as run:
         block = run.block("slew10", bus, "executive")
         plant = run.block("slew10", bus, "plant")
-        while run.process.poll() is None and not block["control"][sh.DONE]:
+        while run.process.poll() is None and not block.control.done:
             nonsense(block, random)
             nonsense(plant, random)
         done = run.done()
@@ -75,12 +75,12 @@ def test_garbage_in_all_that_clients_write_neither_ends_a_node_nor_hangs_it(
     with Running(*words) as run:
         block = run.in_the_middle("slew10", bus)
         fields = [block[name].view(np.uint8) for name in sh.MAILBOX_FIELDS]
-        first = int(block["control"][sh.CYCLE])
+        first = int(block.control.cycle)
         for _ in range(2000):
             for words in fields:
                 words[:] = random.integers(0, 256, len(words), np.uint8)
-        seen = int(block["control"][sh.CYCLE])
-        goes_on = lambda: int(block["control"][sh.CYCLE]) > seen + 100 or run.over()  # noqa: E731
+        seen = int(block.control.cycle)
+        goes_on = lambda: int(block.control.cycle) > seen + 100 or run.over()  # noqa: E731
         until(goes_on, f"it goes on after cycle {first} to {seen}\n{run}")
         run.process.send_signal(signal.SIGINT)
         done = run.done(30.0)
@@ -109,7 +109,7 @@ def test_nothing_is_left_when_everything_is_killed(tmp_path: Path) -> None:
         for pid in (run.process.pid, *run.children.values()):
             os.kill(pid, signal.SIGKILL)
         until(lambda: not any(map(alive, (run.process.pid, *run.children.values()))), "all dead")
-        cycles = int(block["control"][sh.CYCLE])
+        cycles = int(block.control.cycle)
         assert cycles > 50 and int(block["record_ends"][sh.PUT]) > 50, "read after its death"
         assert not block.alive()
     assert blocks_left(bus) == [], blocks_left(bus)

@@ -15,7 +15,6 @@ from pcpc.drivers import bus as buses
 from pcpc.drivers import wire
 from pcpc.drivers.wire_layout import WIRE
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verdict.frames import LIMITS, too_many
 
@@ -54,8 +53,8 @@ def beside(folder: Path, times: int, duration_s: int) -> Done:
     ):
         recorder = running.pid("recorder")
         os.kill(recorder, signal.SIGSTOP)
-        control = running.block("slew10", bus, "executive")["control"]
-        until(lambda: control[sh.PASSES] > 100 or running.over(), "it runs")
+        control = running.block("slew10", bus, "executive").control
+        until(lambda: control.passes > 100 or running.over(), "it runs")
         send(end, SYNC, times)
         os.kill(recorder, signal.SIGCONT)
         return running.done()

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pcpc.executive.loop import control
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.start import pace
 
@@ -94,23 +95,31 @@ def test_a_processor_that_others_use_as_well_is_not_taken_for_an_emulated_one() 
     assert pace.is_emulated(crowded, PC) == pace.is_emulated(alone, PC), (crowded, alone)
 
 
+class Block(dict[str, Any]):
+    """What is asked of a node's memory."""
+
+    control = control.blank()
+
+
 def node(fault: int, stall_ns: int) -> Any:
     """Return a node's block in a ring of 8 records that has gone round; one cycle was late."""
     stamps = np.cumsum([200_000 + (stall_ns if k == 17 else 0) for k in range(20)])
-    record, control, ends = np.zeros((8, 3), np.int64), np.zeros(64, np.int64), np.zeros(8, int)
+    record, ends = np.zeros((8, 3), np.int64), np.zeros(8, int)
     record[np.arange(20) % 8, 1] = stamps
-    control[sh.FAULT], ends[sh.PUT] = fault, 20
-    return {"control": control, "record": record, "record_ends": ends}
+    block = Block(record=record, record_ends=ends)
+    block.control = control.blank()
+    block.control.fault, ends[sh.PUT] = fault, 20
+    return block
 
 
 def test_a_fault_for_silence_names_limit_stall_and_setting() -> None:
     settings = ["rate_hz=5000", "supervisor.fault_after_cycles=3", "supervisor.hold_cycles=2"]
     rig = load_rig(RIG, None, settings, resolve=False)
-    stalled = {"executive": node(sv.INPUT_MISSING, 90_000), "plant": node(0, 2_200_000)}
+    stalled = {"executive": node(Fault.INPUT_MISSING, 90_000), "plant": node(0, 2_200_000)}
     assert pace.silence(stalled, rig) == (
         "3 cycles are 0.6 ms, and here a cycle began 2.2 ms late: "
         "--set supervisor.fault_after_cycles=18, a lower rate_hz, or --pacing lockstep"
     )
-    lost = {"executive": node(sv.INPUT_MISSING, 90_000), "plant": node(0, 100_000)}
+    lost = {"executive": node(Fault.INPUT_MISSING, 90_000), "plant": node(0, 100_000)}
     assert pace.silence(lost, rig) == "3 cycles are 0.6 ms"
     assert pace.silence({"executive": node(0, 2_200_000)}, rig) == ""

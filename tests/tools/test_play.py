@@ -15,7 +15,7 @@ from processes import RIGS, Running, blocks_left, own_bus
 
 from pcpc.drivers import bus as buses
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop.supervisor import HOLD, RUN
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.log import frames as play_frames
@@ -284,8 +284,8 @@ def test_a_recorded_plant_drives_a_live_executive(long_path: Path, tmp_path: Pat
     counted = done.summary["frames"]
     assert (counted["crc_errors"], counted["lost"]) == (0, 0), counted
     states = logs.read(folder / "log.mcap").node["executive"].columns["supervisor.state"]
-    assert states[-1] in (RUN, HOLD), f"the executive ended in state {states[-1]:g}"
-    assert (states == RUN).mean() > 0.5, "it holds where the machine stands still"
+    assert states[-1] in (State.RUN, State.HOLD), f"the executive ended in state {states[-1]:g}"
+    assert (states == State.RUN).mean() > 0.5, "it holds where the machine stands still"
     assert len(states) > 900, f"{len(states)} cycles of 1000"
     assert result["send_errors"] == 0 and not blocks_left(bus)
 

@@ -6,7 +6,6 @@ import pytest
 from processes import own_bus
 
 import pcpc
-from pcpc.executive.loop import shared as sh
 
 LONG = {
     "duration_s": 1e5, "supervisor.hold_cycles": 10**6, "supervisor.fault_after_cycles": 10**6,
@@ -19,5 +18,5 @@ def test_only_a_loop_that_keeps_time_goes_before_other_programs(pacing: str) -> 
         for node in (live._node("executive"), live._node("plant")):
             threads = os.listdir(f"/proc/{node.pid}/task")
             policies = {os.sched_getscheduler(int(thread)) for thread in threads}
-            assert (os.SCHED_FIFO in policies) == bool(node.block["control"][sh.REALTIME])
+            assert (os.SCHED_FIFO in policies) == bool(node.block.control.realtime)
             assert pacing == "real" or policies == {os.SCHED_OTHER}

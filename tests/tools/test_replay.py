@@ -90,7 +90,7 @@ def test_a_run_on_a_bus_is_recomputed_with_tunings_that_came_while_it_ran(
         tuned = pcpc("set", *changes, "--node", block.name)
         assert tuned.code == 0, tuned
         acknowledged = int(block["answer"][sh.ACK_CYCLE])
-        until(lambda: block["control"][sh.CYCLE] > acknowledged + 300, "300 cycles more")
+        until(lambda: block.control.cycle > acknowledged + 300, "300 cycles more")
         os.kill(run.process.pid, signal.SIGINT)
         assert run.done().code == 130
     tunings = {t["name"]: t["value"] for t in logs.read(log).node["executive"].tunings}

@@ -9,7 +9,7 @@ import pytest
 from logcommand import PLANT, barrel_log
 
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after import replay as replaying
@@ -87,11 +87,11 @@ def test_a_bus_that_failed_fails_again_in_its_cycle(role: int, tmp_path: Path) -
     run = VirtualRun(load_rig(PLANT / "rigs" / "slew10.yaml"), tmp_path / "log.mcap")
     for cycles in run.advance():
         if cycles == 1000:
-            run.blocks[role].loop.guard.faulted = sv.BUS_FAILED
+            run.blocks[role].loop.guard.faulted = Fault.BUS_FAILED
     run.close()
     log = logs.read(tmp_path / "log.mcap")
     fault = log.node[("executive", "plant")[role]].columns["supervisor.fault"]
-    assert sv.BUS_FAILED in fault, np.unique(fault)
+    assert Fault.BUS_FAILED in fault, np.unique(fault)
     for verdict in told(tmp_path / "log.mcap").values():
         assert verdict.identical, (verdict.role, verdict.incomplete, verdict.first())
 

@@ -16,7 +16,6 @@ from processes import DEADLINE_S, RIGS, Running, blocks_left, own_bus, pcpc, unt
 from pcpc.drivers import claim
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.schemas import field_names
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import load_rig
 
@@ -124,7 +123,7 @@ def test_two_terminals_give_the_bytes_of_one(order: tuple[str, str], tmp_path: P
     with Running(*words[order[0]]) as first:
         role = {"exec": "executive", "plant": "plant"}[order[0]]
         block = first.block("slew10", bus, role)
-        until(lambda: block["control"][sh.READY] or first.over(), f"{role} is ready\n{first}")
+        until(lambda: block.control.ready or first.over(), f"{role} is ready\n{first}")
         with Running(*words[order[1]]) as second:
             done = [second.done(), first.done()]
     assert [one.code for one in done] == [0, 0], "\n".join(map(str, done))

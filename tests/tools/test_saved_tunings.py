@@ -12,6 +12,7 @@ from live_run import ANSWER_S, KV, LAM, Run, Screen, said
 from processes import until
 
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.events import Event
 from pcpc.executive.nodes import live
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main
@@ -102,12 +103,12 @@ def stand() -> Iterator[tuple[live.Live, Put]]:
     block = standing.stand(name, HEAD)
     block["snapshot"][:] = 5.0, 0.0, 0.0
 
-    def put(cycle: int, place: int, value: float, code: int = sh.TUNING_EVENT) -> None:
+    def put(cycle: int, place: int, value: float, code: int = Event.TUNING) -> None:
         row = int(block["event_ends"][sh.PUT]) % sh.EVENT_RING_ROWS
         bits = int(np.float64(value).view(np.int64))
         block["event"][row] = 1000 * cycle, cycle, code, place, bits
         block["event_ends"][sh.PUT] += 1
-        if code == sh.TUNING_EVENT:
+        if code == Event.TUNING:
             block["snapshot"][place] = value
 
     yield live.find(name), put
@@ -121,7 +122,7 @@ def test_a_return_to_an_earlier_state_shortens_the_history(stand: tuple[live.Liv
     put(7, 2, 1.0)
     put(8, 1, 1.0)  # a reset
     put(9, 0, 7.0)
-    put(9, 0, 1.0, sh.STATE_EVENT)
+    put(9, 0, 1.0, Event.STATE)
     path = [{"a.gain": 5.0, "a.b": 0.0}, {"a.gain": 6.0, "a.b": 1.0}, {"a.gain": 7.0, "a.b": 1.0}]
     assert states(node) == path
     put(12, 0, 6.0)
@@ -142,7 +143,7 @@ def test_a_history_that_is_cut_tells_what_it_does_not_know(
     assert len(path) == sh.EVENT_RING_ROWS and path[0] == {}, (len(path), path[0])
     assert main(["undo", str(sh.EVENT_RING_ROWS - 1), "--node", node.name]) == 2
     assert "a.gain: its value before is no longer known" in capsys.readouterr().err
-    put(9999, 0, 8.0, sh.LATE_EVENT)
+    put(9999, 0, 8.0, Event.LATE)
     standing._standing[node.name].block["snapshot"][0] = 77.0  # a tuning that was dropped
     assert main(["undo", "--node", node.name]) == 2
     assert "no longer tell what it was tuned to" in capsys.readouterr().err

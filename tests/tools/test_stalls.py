@@ -107,10 +107,8 @@ def test_after_being_stopped_and_continued_the_cycles_are_exact_and_in_phase(
         plant, pid = process.block("slew10", bus, "plant"), process.pid("executive")
 
         def passed(node: sh.Shared, cycles: int) -> None:
-            begin = int(node["control"][sh.CYCLE])
-            until(
-                lambda: node["control"][sh.CYCLE] > begin + cycles or process.over(), "it goes on"
-            )
+            begin = int(node.control.cycle)
+            until(lambda: node.control.cycle > begin + cycles or process.over(), "it goes on")
 
         for _ in range(3):
             os.kill(pid, signal.SIGSTOP)
@@ -144,7 +142,7 @@ def test_statistics_of_a_running_node_are_in_its_table_and_reset(node: str, tmp_
     with Running("run", rig, *words) as process:
         process.in_the_middle("hull", bus)
         block = process.block("hull", bus, node)
-        until(lambda: block["control"][sh.CYCLE] > 400, "400 cycles")
+        until(lambda: block.control.cycle > 400, "400 cycles")
         names = ("timing.wake_late_p99_us", "timing.work_max_us")
         got = pcpc("get", *names, "--node", block.name, "--json")
         assert got.code == 0, got
@@ -152,7 +150,7 @@ def test_statistics_of_a_running_node_are_in_its_table_and_reset(node: str, tmp_
         assert pcpc("set", "timing.reset=1", "--node", block.name).code == 0
 
         def fewer_than_passed() -> bool:
-            passes = int(block["control"][sh.PASSES])
+            passes = int(block.control.passes)
             return bool(block["stages"][0, sh.COUNTED] < passes - 300)
 
         until(lambda: fewer_than_passed() or process.over(), "counting starts anew")

@@ -6,7 +6,6 @@ import os
 import standing
 from scoped import HEAD
 
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes.live import Live
 from pcpc.tools.live.host import client_messages as messages
@@ -20,7 +19,7 @@ def test_a_later_run_of_a_name_is_another_node_and_the_one_before_still_answers(
     try:
         for process in (1, 2):
             about = HEAD | {"cycles": process}
-            standing.stand(name, about)["control"][sh.PID] = process
+            standing.stand(name, about).control.pid = process
             there[name] = Live(sharing.attach(name))
             assert json.loads(terminal.answer(messages.Nodes(1)))["nodes"] == [f"{name}@{process}"]
     finally:

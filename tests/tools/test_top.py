@@ -20,7 +20,8 @@ from pcpc.drivers.e2e_states import ERROR as BAD_CRC
 from pcpc.drivers.e2e_states import OK, OK_SOME_LOST, REPEATED
 from pcpc.executive.loop import drive
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import FAULT_NAMES, Fault
+from pcpc.executive.loop.states import STATE_NAMES, State
 from pcpc.executive.nodes import live
 from pcpc.tools.cli import main
 from pcpc.tools.live.top.meter import Meter
@@ -147,7 +148,7 @@ HEAD = {
     "state_columns": ["a.e_rad"], "timing_columns": [], "period_ns": 1_000_000, "rig": "stand",
     "node": "executive", "watch": None, "cycles": 5000, "frames": {"16": "FB", "32": "CMD"},
     "metadata": {"controller": "pd", "pacing": "real", "bus": "vcan9"},
-    "state_names": list(sv.STATE_NAMES), "fault_names": list(sv.FAULT_NAMES),
+    "state_names": list(STATE_NAMES), "fault_names": list(FAULT_NAMES),
     "attachments": {"rig-resolved.yaml": "bus: {bitrate: 1000000}\n"},
 }  # fmt: skip
 
@@ -160,9 +161,9 @@ def stand() -> Iterator[str]:
 
 def begin(name: str) -> sh.Shared:
     block = standing.stand(name, HEAD)
-    block["control"][sh.PASSES] = 1
+    block.control.passes = 1
     block["snapshot"][0] = drive.OPERATION_ENABLED | drive.WARNING
-    block["control"][sh.STATE] = sv.RUN
+    block.control.state = State.RUN
     return block
 
 
@@ -187,7 +188,7 @@ def test_frames_are_counted_by_what_the_check_made_of_them(stand: str) -> None:
 
 def test_a_fault_is_told_in_its_words(stand: str) -> None:
     block = begin(stand)
-    block["control"][[sh.STATE, sh.FAULT]] = sv.FAULT, sv.BUS_FAILED
+    block.control.state, block.control.fault = State.FAULT, Fault.BUS_FAILED
     block["snapshot"][0] = drive.FAULT_REACTION_ACTIVE
     meter = Meter({stand: live.find(stand)})
     meter.look()

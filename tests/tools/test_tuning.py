@@ -35,7 +35,7 @@ def test_a_tuning_is_acknowledged_with_its_cycle(run: Run, capsys: Screen) -> No
     assert code == 0, err
     answer = json.loads(out)
     block = live.find(run.node).block
-    assert 0 < answer["cycle"] <= int(block["control"][sh.CYCLE]) + 1, out
+    assert 0 < answer["cycle"] <= int(block.control.cycle) + 1, out
     assert answer["values"] == {KV: 121.5}
     assert answer["before"] == {KV: before}
     until(lambda: value(capsys, run, KV) == 121.5, "the value is in the table", ANSWER_S)
@@ -124,7 +124,7 @@ def test_the_node_refuses_what_a_client_did_not_check(run: Run, capsys: Screen) 
     after = node.read()
     parameters = [name for name, one in node.variables.items() if one.kind == "parameter"]
     assert parameters and all(after[name] == before[name] for name in parameters)
-    assert node.running and not block["control"][sh.FAULT]
+    assert node.running and not block.control.fault
 
 
 def test_a_refusal_by_the_node_is_told_in_one_line(run: Run, capsys: Screen) -> None:

@@ -13,11 +13,9 @@ import numpy as np
 import pytest
 from processes import RIGS, Done, Running, own_bus, pcpc
 
-from pcpc.drivers import dbc
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.run_counts import Absences
-from pcpc.executive.loop.shared import IS_HEARTBEAT
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verdict import judge as judging
@@ -206,7 +204,7 @@ def with_a_heartbeat_that_ends(path: Path, *settings: str) -> logs.Log:
     for cycles in made.advance():
         if cycles == 1000:
             sent = made.blocks[1].loop.tx
-            sent.frames[np.flatnonzero(sent.role[:, IS_HEARTBEAT]), dbc.EVERY_N] = 10**9
+            sent.frames["every_n"][np.flatnonzero(sent.kind["is_heartbeat"])] = 10**9
     made.close()
     return logs.read(path)
 

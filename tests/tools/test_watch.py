@@ -290,7 +290,7 @@ def test_a_role_that_several_nodes_have_is_refused_with_their_names(
 
 def test_a_node_that_has_ended_is_no_node(stand: Callable[[str], sh.Shared]) -> None:
     name = f"dead.{os.getpid()}.plant"
-    stand(name)["control"][sh.DONE] = 1
+    stand(name).control.done = 1
     for what in ("is leaving", "has left"):
         with pytest.raises(live.LiveError, match="no such node is running") as caught:
             live.find(name)
@@ -303,7 +303,7 @@ def test_a_node_that_takes_no_tunings_keeps_none_of_them(
 ) -> None:
     name = f"stuck.{os.getpid()}.executive"
     block = stand(name)
-    block["control"][[sh.PID, sh.PASSES]] = os.getpid(), 1
+    block.control.pid, block.control.passes = os.getpid(), 1
     with pytest.raises(live.LiveError, match="took no tunings for 2 s; nothing was set"):
         live.find(name).tune({"a.gain": 1.0})
     assert int(block["mail"][sh.COUNT]) == 0, "the request would still apply later"
@@ -313,7 +313,7 @@ def test_a_node_that_dies_meanwhile_is_told_to_have_ended(
     stand: Callable[[str], sh.Shared],
 ) -> None:
     name = f"dying.{os.getpid()}.executive"
-    stand(name)["control"][sh.PASSES] = 1
+    stand(name).control.passes = 1
     found = live.find(name)
     standing.end(name)
     with pytest.raises(live.LiveError, match="ended"):

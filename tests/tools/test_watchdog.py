@@ -17,7 +17,7 @@ from pcpc.drivers import can_id, codec, e2e
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.reader import read
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.nodes.live import find
 from pcpc.executive.nodes.virtual import simulate
 from pcpc.executive.rig.reading import Rig, load_rig
@@ -141,11 +141,11 @@ def changed(rig: Rig, can: int, change: Callable[[int, Any], None], seal: bool =
 
     def spoil(k: int, came: NDArray[np.uint8]) -> NDArray[np.uint8]:
         for frame in came[of(can, came)] if k >= 100 else ():
-            codec.unpack(frame[8:], row, frames, table.signals, table.scales, values)
+            codec.unpack(frame[8:], row, frames, table.signals, values)
             counter = int(frame[14] & 15)
             change(k, (frame, values, watch.places))
             if seal:
-                codec.pack(frame[8:], row, frames, table.signals, table.scales, values)
+                codec.pack(frame[8:], row, frames, table.signals, values)
                 e2e.protect(frame[8:], row, frames, counter)
             came[of(can, came)] = frame
         return came
@@ -264,7 +264,7 @@ def test_an_executive_that_stands_still_is_stopped_by_its_frame_alone(
         plant, executive = (find(role, f"watched-{os.getpid()}") for role in ("plant", "executive"))
         until(lambda: all_of(fed), "the first food")
         os.kill(executive.pid, signal.SIGSTOP)
-        plant.wait_until(lambda now: now["supervisor.fault"] == sv.STOP_FRAME, 60.0)
+        plant.wait_until(lambda now: now["supervisor.fault"] == Fault.STOP_FRAME, 60.0)
         plant.wait_until(lambda now: now["supervisor.gain"] == 0.0, 60.0)
         all_of(fed)
         os.kill(executive.pid, signal.SIGCONT)

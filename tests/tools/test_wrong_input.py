@@ -14,7 +14,6 @@ import pytest
 from processes import RIGS, Done, Running, blocks_left, own_bus, pcpc
 
 from pcpc.drivers.errors import Exit
-from pcpc.executive.loop import shared as sh
 
 SLEW10 = RIGS / "slew10.yaml"
 NO_PRIVILEGE = (
@@ -178,7 +177,7 @@ def test_second_executive_on_a_bus_is_refused_and_the_first_undisturbed(folder: 
         said = f"already in use by process {first.pid('executive')}; end it first"
         assert second.code == Exit.ENVIRONMENT and said in second.err, str(second)
         assert len(second.err.splitlines()) == 1 and not second.out, str(second)
-        assert first.process.poll() is None and not block["control"][sh.FAULT], str(first)
+        assert first.process.poll() is None and not block.control.fault, str(first)
         assert block.alive(), "the first one is gone"
         first.process.send_signal(signal.SIGINT)
         assert first.done(20.0).code == Exit.INTERRUPTED, str(first)

@@ -9,7 +9,7 @@ import pytest
 from conftest import SLOW
 from live import CMD, FB_A, PATIENCE_S, Command, Done, crc8_j1850, python_can
 
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 
 pytestmark = pytest.mark.vcan
 
@@ -85,7 +85,7 @@ def test_the_true_sender_hears_the_frames_too(attack: Attack) -> None:
 def test_the_reaction_is_the_one_that_the_rig_chose(attack: Attack) -> None:
     run, fault = attack.run, attack.node(RECEIVER[attack.can_id]).columns["supervisor.fault"]
     if attack.reaction == "fault":
-        assert run.code == 5 and float(sv.INTRUSION) in fault, f"{run}"
+        assert run.code == 5 and float(Fault.INTRUSION) in fault, f"{run}"
         return
     assert run.code == 3 and run.summary["verdict"] == "loss", f"{run}"
     assert not fault.any() and run.summary["cycles"] == 125, f"{run}"

@@ -12,7 +12,6 @@ from typing import Any
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes import live as nodes
 from pcpc.executive.rig.reading import load_rig
@@ -69,7 +68,7 @@ class Live:
     def state(self) -> str:
         """The executive's state, with a device the plant's: INIT, READY, RUN, HOLD, FAULT, STOP."""
         block = self._node(self._leader).block
-        return str(block.description["state_names"][int(block["control"][sh.STATE])])
+        return str(block.description["state_names"][int(block.control.state)])
 
     def __getitem__(self, name: str) -> float:
         node, variable = self._split(name)

@@ -7,7 +7,7 @@ from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.faults import reason
-from pcpc.executive.loop.supervisor import FAULT
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes import operating
 from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.tools.live.remote.nodes import leader, nodes_of, rig_of
@@ -64,7 +64,7 @@ def _reset(options: argparse.Namespace) -> dict[str, int]:
 
 def nodes_in_fault(nodes: Iterable[Live]) -> list[Live]:
     """Return those in FAULT in the order in which they are reset, the lowest first."""
-    found = [node for node in nodes if node["supervisor.state"] == FAULT]
+    found = [node for node in nodes if node["supervisor.state"] == State.FAULT]
     order = ("plant", "local", "executive")
     return sorted(found, key=lambda node: order.index(node.block.description["node"]))
 
@@ -72,8 +72,8 @@ def nodes_in_fault(nodes: Iterable[Live]) -> list[Live]:
 def _reset_one(node: Live) -> int:
     node.tune({"supervisor.reset": 1.0})
     try:
-        now = node.wait_until(lambda now: now["supervisor.state"] != FAULT, _WITHIN_S)
+        now = node.wait_until(lambda now: now["supervisor.state"] != State.FAULT, _WITHIN_S)
     except LiveError:
-        why = reason(node.block.description, node.block["control"])
+        why = reason(node.block.description, node.block.control)
         raise LiveError(f"{node.name}: still there: {why}", Exit.NOT_MET) from None
     return now.cycle

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.live import Live, LiveError
 from pcpc.executive.nodes.tap import Rows, Tap
 from pcpc.executive.rig import expressions as ex
@@ -137,7 +136,7 @@ class Scope:
         self.count = 1 if options.mode == "single" else options.count
         seen = {*self.names, *map(_bare, condition.names)}
         self.tap = Tap(self.live, past=True, names=seen)
-        armed = 0 if options.past else int(self.live.block["control"][sh.CYCLE]) + 1
+        armed = 0 if options.past else int(self.live.block.control.cycle) + 1
         auto = options.mode == "auto"
         self.trigger = Trigger(condition, 1e-9 * period_ns, pre, post, armed, auto)
         self.bursts: list[dict[str, Any]] = []

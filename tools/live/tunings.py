@@ -21,6 +21,7 @@ import numpy as np
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.events import Event
 from pcpc.executive.nodes.live import Live, LiveError, known
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.live.remote.nodes import nodes_of
@@ -50,7 +51,7 @@ def states(live: Live) -> list[State]:
     """
     rows, first = live.rows("event", 0)
     whole = first == 0 and not live.block["event_ends"][sh.DROPPED]
-    rows = rows[rows[:, 2] == sh.TUNING_EVENT]
+    rows = rows[rows[:, 2] == Event.TUNING]
     names, own = list(live.variables), set(live.block.description.get("blocks", ()))
     given = live.block.description.get("initial", {}) if whole else {}
     state: State = {name: given[name] for at in rows[:, 3] if (name := names[at]) in given}

@@ -26,7 +26,7 @@ from pcpc.drivers import dbc
 from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.block import Port
-from pcpc.executive.loop.supervisor import STATE_NAMES
+from pcpc.executive.loop.states import Heartbeat, State
 from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import NodeSpec, Rig, load_rig
 from pcpc.executive.rig.roles import Role
@@ -34,10 +34,9 @@ from pcpc.tools.start.settings import settings
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.outfile import new_file
 
-_NMT = {0: "BOOT_UP", 4: "STOPPED", 5: "OPERATIONAL", 127: "PRE_OPERATIONAL"}
 _CODES: dict[str, tuple[int, dict[int, str]]] = {  # bits and names of what the loop has to say
-    "supervisor.state": (4, dict(enumerate(STATE_NAMES))),
-    "supervisor.nmt": (8, _NMT),
+    "supervisor.state": (4, {int(one): one.name for one in State}),
+    "supervisor.nmt": (8, {int(one): one.name for one in Heartbeat}),
     "supervisor.status_word": (16, {}),
     "supervisor.error_code": (16, {}),
     "supervisor.error_register": (8, {}),

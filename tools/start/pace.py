@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.rig.reading import Rig
 
 CYCLE_S = 20e-6
@@ -94,7 +94,7 @@ def silence(blocks: Mapping[str, sh.Shared], rig: Rig) -> str:
 
     "" where no node has this fault.
     """
-    faulted = [b for b in blocks.values() if int(b["control"][sh.FAULT]) == sv.INPUT_MISSING]
+    faulted = [b for b in blocks.values() if int(b.control.fault) == Fault.INPUT_MISSING]
     if not faulted:
         return ""
     limit, period_ns = rig.config.supervisor.fault_after_cycles, round(1e9 / rig.config.rate_hz)

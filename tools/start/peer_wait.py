@@ -23,7 +23,7 @@ class PeerWait:
 
     def too_long(self, blocks: Mapping[str, sh.Shared], under_way: bool) -> bool:
         """Return whether the nodes, all ready, have waited for longer than they should."""
-        ready = [block for block in blocks.values() if block["control"][sh.READY]]
+        ready = [block for block in blocks.values() if block.control.ready]
         if len(ready) < len(self.roles) or under_way:
             self._ready_ns = 0
             return False

@@ -123,9 +123,9 @@ class Compiling:
 
 def node_line(block: sh.Shared, total: str) -> str:
     """Return state, cycle, rate and the rig's watched variable of a running node, in one line."""
-    control = block["control"]
-    state = block.description["state_names"][int(control[sh.STATE])]
-    done, late = int(control[sh.CYCLE]) + 1, int(control[sh.LATE])
+    control = block.control
+    state = block.description["state_names"][int(control.state)]
+    done, late = int(control.cycle) + 1, int(control.late)
     rate = _rate_hz(block)
     return f"{state:5} cycle {done}{total}  {rate:.0f} Hz{_watched(block)}  late {late}"
 

@@ -59,7 +59,7 @@ def load(path: Path) -> Database:
 
 @compiled()
 def _walk(
-    data: Any, length: Any, frames: Any, signals: Any, scales: Any, state: Any, values: Any,
+    data: Any, length: Any, frames: Any, signals: Any, state: Any, values: Any,
     outcome: Any, check: Any,
 ) -> int:  # fmt: skip
     lost = 0
@@ -68,7 +68,7 @@ def _walk(
         if check:
             outcome[i], before = e2e.check(data[i], length[i], 0, frames, state)
             lost += before
-        codec.unpack(data[i], 0, frames, signals, scales, values[i])
+        codec.unpack(data[i], 0, frames, signals, values[i])
     return lost
 
 
@@ -88,7 +88,7 @@ def decode(
     data, length = np.ascontiguousarray(frames["data"]), frames["dlc"].astype(np.int64)
 
     def walk(check: bool) -> int:
-        rows = (table.frames, table.signals, table.scales, e2e.new_state(1))
+        rows = (table.frames, table.signals, e2e.new_state(1))
         return int(_walk(data, length, *rows, values, outcome, check))
 
     progress.show("decoding; the first time compiles, some seconds")

@@ -13,46 +13,46 @@ import numpy as np
 from pcpc.drivers.errors import Exit
 from pcpc.executive.loop import faults
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.plausibility import WHYS
 from pcpc.tools.after.verdict.latest import latest_cycles
 
 _UNJUDGED_KEYS = {"seed", "title", "bus", "record", "watch", "note", "pacing", "realtime"}
 
 _OF_A_VALUE = (
-    sv.COMMAND_NOT_FINITE,
-    sv.OUTPUT_NOT_FINITE,
-    sv.PLANT_NOT_FINITE,
-    sv.NOT_PLAUSIBLE,
+    Fault.COMMAND_NOT_FINITE,
+    Fault.OUTPUT_NOT_FINITE,
+    Fault.PLANT_NOT_FINITE,
+    Fault.NOT_PLAUSIBLE,
 )
 
 HEALTH = {  # key of the summary -> word of `control`, variable of the log
-    "late_cycles": (sh.LATE, "late_cycles"),
-    "skipped_cycles": (sh.SKIPPED, "skipped_cycles"),
-    "held_cycles": (sh.HELD, "held_cycles"),
-    "sent": (sh.SENT, "frames_sent"),
-    "received": (sh.RECEIVED, "frames_received"),
-    "lost": (sh.LOST, "frames_lost"),
-    "stale": (sh.STALE, "stale_cycles"),
-    "crc_errors": (sh.CRC_ERRORS, "crc_errors"),
-    "repeated": (sh.REPEATED, "frames_repeated"),
-    "saturated_values": (sh.SATURATED, "saturated_values"),
-    "lost_on_purpose": (sh.LOST_ON_PURPOSE, "frames_lost_on_purpose"),
-    "wrong_sequence": (sh.WRONG_SEQUENCE, "wrong_sequence"),
-    "implausible": (sh.IMPLAUSIBLE, "implausible"),
-    "intrusions": (sh.INTRUSIONS, "intrusions"),
-    "signs_on_purpose": (sh.SIGNS_ON_PURPOSE, "signs_on_purpose"),
-    "missed": (sh.MISSED, "frames_missed"),
-    "starved": (sh.STARVED, "starved_cycles"),
-    "foreign": (sh.FOREIGN, "frames_foreign"),
-    "send_errors": (sh.SEND_ERRORS, "send_errors"),
-    "bus_errors": (sh.BUS_ERRORS, "bus_errors"),
-    "bus_warnings": (sh.BUS_WARNINGS, "bus_warnings"),
-    "bus_passives": (sh.BUS_PASSIVES, "bus_passives"),
-    "bus_offs": (sh.BUS_OFFS, "bus_offs"),
-    "bus_restarts": (sh.BUS_RESTARTS, "bus_restarts"),
-    "bus_no_acks": (sh.NO_ACKS, "bus_no_acks"),
-    "bus_tx_timeouts": (sh.TX_TIMEOUTS, "bus_tx_timeouts"),
+    "late_cycles": ("late", "late_cycles"),
+    "skipped_cycles": ("skipped", "skipped_cycles"),
+    "held_cycles": ("held", "held_cycles"),
+    "sent": ("sent", "frames_sent"),
+    "received": ("received", "frames_received"),
+    "lost": ("lost", "frames_lost"),
+    "stale": ("stale", "stale_cycles"),
+    "crc_errors": ("crc_errors", "crc_errors"),
+    "repeated": ("repeated", "frames_repeated"),
+    "saturated_values": ("saturated", "saturated_values"),
+    "lost_on_purpose": ("lost_on_purpose", "frames_lost_on_purpose"),
+    "wrong_sequence": ("wrong_sequence", "wrong_sequence"),
+    "implausible": ("implausible", "implausible"),
+    "intrusions": ("intrusions", "intrusions"),
+    "signs_on_purpose": ("signs_on_purpose", "signs_on_purpose"),
+    "missed": ("missed", "frames_missed"),
+    "starved": ("starved", "starved_cycles"),
+    "foreign": ("foreign", "frames_foreign"),
+    "send_errors": ("send_errors", "send_errors"),
+    "bus_errors": ("bus_errors", "bus_errors"),
+    "bus_warnings": ("bus_warnings", "bus_warnings"),
+    "bus_passives": ("bus_passives", "bus_passives"),
+    "bus_offs": ("bus_offs", "bus_offs"),
+    "bus_restarts": ("bus_restarts", "bus_restarts"),
+    "bus_no_acks": ("bus_no_acks", "bus_no_acks"),
+    "bus_tx_timeouts": ("bus_tx_timeouts", "bus_tx_timeouts"),
 }
 
 
@@ -79,8 +79,8 @@ class Outcome:
 
     def judge(self, name: str, code: int, block: sh.Shared | None) -> None:
         """Note the fault or death of process `name`, and what a node's rings dropped."""
-        cycle = "" if block is None else f"cycle {int(block['control'][sh.CYCLE])}"
-        if block is not None and block["control"][sh.FAULT]:
+        cycle = "" if block is None else f"cycle {int(block.control.cycle)}"
+        if block is not None and block.control.fault:
             self.faults.append(f"{name}: {_fault(block)}")
         elif code < 0:
             killer = f"{name}: ended by {signal.Signals(-code).name}{cycle and f' in {cycle}'}"
@@ -94,47 +94,47 @@ class Outcome:
             self.nodes.append(name)
             rings = [block[f"{ring}_ends"] for ring in ("record", "frame", "event")]
             self.dropped += sum(int(ends[sh.DROPPED]) for ends in rings)
-            counters = block["control"]
+            counters = block.control
             self.health[name] = {key: int(counters[word]) for key, (word, _) in HEALTH.items()}
             if name == "executive":
                 self.short = _short(block)
                 self.latest = latest_cycles(block)
-                self.cycles = int(block["control"][sh.CYCLE]) + 1
+                self.cycles = int(block.control.cycle) + 1
                 if self.pacing != "lockstep":
-                    self.realtime = bool(block["control"][sh.REALTIME])
+                    self.realtime = bool(block.control.realtime)
 
 
 def _short(block: sh.Shared) -> str:
     """Return how far a run came that ended before its last cycle; "" if it did not."""
-    control, wanted = block["control"], int(block.description["cycles"])
-    if int(control[sh.PASSES]) + int(control[sh.SKIPPED]) >= wanted:
+    control, wanted = block.control, int(block.description["cycles"])
+    if int(control.passes) + int(control.skipped) >= wanted:
         return ""
-    done = int(control[sh.CYCLE]) + 1 if control[sh.PASSES] else 0
-    asked = " asked to end (SIGTERM or SIGINT)" if control[sh.STOP] else " ended"
+    done = int(control.cycle) + 1 if control.passes else 0
+    asked = " asked to end (SIGTERM or SIGINT)" if control.stop else " ended"
     return f"{done:,} of {wanted:,} cycles: the executive was{asked} before"
 
 
 def follows(block: sh.Shared | None) -> bool:
     """Return whether a node's fault may be no more than the end of another one."""
-    fault = 0 if block is None else int(block["control"][sh.FAULT])
-    return fault in (sv.INPUT_MISSING, sv.PEER_SILENT)
+    fault = 0 if block is None else int(block.control.fault)
+    return fault in (Fault.INPUT_MISSING, Fault.PEER_SILENT)
 
 
 def _fault(block: sh.Shared) -> str:
     """Return a node's fault, with the variable or block that it comes from, and its cycle."""
-    control = block["control"]
-    fault, step = int(control[sh.FAULT]), int(control[sh.STEPPING])
-    if fault in (sv.STEP_HANGS, sv.STEP_RAISED) and step:
-        did = "does not return" if fault == sv.STEP_HANGS else "ended with an exception"
-        at = int(control[sh.CYCLE]) + 1 if control[sh.PASSES] else 0
+    control = block.control
+    fault, step = int(control.fault), int(control.stepping)
+    if fault in (Fault.STEP_HANGS, Fault.STEP_RAISED) and step:
+        did = "does not return" if fault == Fault.STEP_HANGS else "ended with an exception"
+        at = int(control.cycle) + 1 if control.passes else 0
         return f"the step of {block.description['blocks'][step - 1]} {did}, in cycle {at}"
     if fault not in _OF_A_VALUE:
-        return f"{faults.reason(block.description, control)}, cycle {int(control[sh.CYCLE])}"
-    name = block.description["variables"][int(control[sh.ODD_PLACE]) - 1][0]
-    value = float(control[sh.ODD_BITS : sh.ODD_BITS + 1].view(np.float64)[0])
-    what = _of_an_fmu(block, name) or "the plant diverged: " * (fault == sv.PLANT_NOT_FINITE)
-    why = f", {WHYS[int(control[sh.CULPRIT])]}" if fault == sv.NOT_PLAUSIBLE else ""
-    return f"{what}{name} was {value:g} in cycle {int(control[sh.ODD_CYCLE])}{why}"
+        return f"{faults.reason(block.description, control)}, cycle {int(control.cycle)}"
+    name = block.description["variables"][int(control.odd_place) - 1][0]
+    value = float(control.odd_bits.view(np.float64))
+    what = _of_an_fmu(block, name) or "the plant diverged: " * (fault == Fault.PLANT_NOT_FINITE)
+    why = f", {WHYS[int(control.culprit)]}" if fault == Fault.NOT_PLAUSIBLE else ""
+    return f"{what}{name} was {value:g} in cycle {int(control.odd_cycle)}{why}"
 
 
 def _of_an_fmu(block: sh.Shared, name: str) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import dbc
 from pcpc.drivers.codec import pack, unpack
-from pcpc.drivers.jit import compiled, f8, i8, types, u1
+from pcpc.drivers.jit import compiled
 from pcpc.plants.atb1000 import model
 from pcpc.tools.dev.bench.compiler import address
 from pcpc.tools.dev.bench.cycle import library
@@ -66,21 +66,19 @@ def frames_of(path: str = DBC, seed: int = SEED) -> Frames:
     return Frames(database, names, table, data, values, np.zeros_like(values))
 
 
-@compiled(types.void(i8, i8[:, ::1], i8[:, ::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1]))
-def drive(
-    repeats: Any, frames: Any, signals: Any, scales: Any, data: Any, values: Any, found: Any
-) -> None:
+@compiled()
+def drive(repeats: Any, frames: Any, signals: Any, data: Any, values: Any, found: Any) -> None:
     """Pack and unpack all frames `repeats` times; `drive_codec` of frame.c does the same."""
     for _ in range(repeats):
         for f in range(frames.shape[0]):
-            pack(data[f], f, frames, signals, scales, values)
+            pack(data[f], f, frames, signals, values)
         for f in range(frames.shape[0]):
-            unpack(data[f], f, frames, signals, scales, found)
+            unpack(data[f], f, frames, signals, found)
 
 
 def in_python(f: Frames, repeats: int) -> None:
     """Pack and unpack compiled."""
-    drive(repeats, f.table.frames, f.table.signals, f.table.scales, f.data, f.values, f.found)
+    drive(repeats, f.table.frames, f.table.signals, f.data, f.values, f.found)
 
 
 def in_c(f: Frames, repeats: int, c: ctypes.CDLL) -> None:
@@ -88,7 +86,6 @@ def in_c(f: Frames, repeats: int, c: ctypes.CDLL) -> None:
     arrays: tuple[NDArray[Any], ...] = (
         f.table.frames,
         f.table.signals,
-        f.table.scales,
         f.data,
         f.values,
         f.found,

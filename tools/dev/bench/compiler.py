@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.compile_cache import made
+from pcpc.drivers.numbered import NumberedKind
 from pcpc.executive.laws.block import Block
 from pcpc.tools.machine.jitter.compiler import compile_to, find
 from pcpc.tools.make.generate.translator import elementary
@@ -104,21 +105,26 @@ def library(
     return ctypes.CDLL(str(path))
 
 
-def address(array: NDArray[Any]) -> ctypes.c_void_p:
-    """Return the address of an array's first element."""
-    return ctypes.c_void_p(array.ctypes.data)
+def address(array: NDArray[Any] | np.record) -> ctypes.c_void_p:
+    """Return the address of a record, or of an array's first element."""
+    return ctypes.c_void_p(np.asarray(array).ctypes.data)
 
 
 def struct(name: str, dtype: np.dtype) -> str:
     """Return `struct name` for a record type; a field of record type F is a `struct F`."""
     assert dtype.fields is not None, f"{dtype} is no record type"
-    lines, checks = [], []
+    lines, checks, end = [], [], 0
     for field, (kind, offset, *_) in dtype.fields.items():
+        if offset > end:
+            lines.append(f"    char before_{field}[{offset - end}];")
+        end = offset + kind.itemsize
         named = C_NAMES.get(field, field)
         base, shape = kind.subdtype or (kind, ())
         text = f"struct {field}" if base.fields else C_TYPES[base.str]
         lines.append(f"    {text} {named}{''.join(f'[{n}]' for n in shape)};")
         checks.append(f"offsetof(struct {name}, {named}) == {offset}")
+    if dtype.itemsize > end:
+        lines.append(f"    char rest[{dtype.itemsize - end}];")
     checks.append(f"sizeof(struct {name}) == {dtype.itemsize}")
     asserts = [f'_Static_assert({check}, "struct {name}");' for check in checks]
     return "\n".join([f"struct {name} {{", *lines, "};", *asserts, ""])
@@ -128,6 +134,12 @@ def macros(prefix: str, module: ModuleType) -> str:
     """Return `#define PREFIX_NAME value` for each whole number in capitals of `module`."""
     found = {k: v for k, v in vars(module).items() if k.isupper() and type(v) is int}
     return "".join(f"#define {prefix}_{k} {v}LL\n" for k, v in found.items() if k[0] != "_")
+
+
+def numbers(kind: NumberedKind) -> str:
+    """Return `#define KIND_NAME number` for each member of a declaration."""
+    every: Any = kind
+    return "".join(f"#define {kind.__name__.upper()}_{one.name} {one}LL\n" for one in every)
 
 
 def array(name: str, c_type: str, values: np.ndarray) -> str:

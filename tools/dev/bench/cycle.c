@@ -17,7 +17,7 @@ typedef struct loop loop;
 
 static int stopping(loop *n)
 {
-    return __atomic_load_n(&n->control[SH_STOP], __ATOMIC_ACQUIRE) != 0;
+    return __atomic_load_n(&n->control.stop, __ATOMIC_ACQUIRE) != 0;
 }
 
 /* ------------------------------------------------------------------ executive/loop/clock.py -------- */
@@ -149,9 +149,9 @@ static void wait(loop *n)
             ;
     n->clock.wake = now(n);
     int64_t late = n->clock.wake - n->clock.deadline;
-    n->control[SH_LATE] += late > n->clock.late_ns;
-    if (late > n->control[SH_WAKE_MAX_NS])
-        n->control[SH_WAKE_MAX_NS] = late;
+    n->control.late += late > n->clock.late_ns;
+    if (late > n->control.wake_max_ns)
+        n->control.wake_max_ns = late;
 }
 
 static void arm(loop *n)
@@ -170,8 +170,8 @@ static void next_cycle(loop *n)
         n->clock.behind = (n->timing.done - n->clock.deadline) / n->clock.period_ns + 1;
         n->k += n->clock.behind;
         n->clock.deadline += n->clock.behind * n->clock.period_ns;
-        n->control[SH_SKIPPED] += n->clock.behind;
-        push_event(n, SH_SKIP_EVENT, n->clock.behind, 0.0);
+        n->control.skipped += n->clock.behind;
+        push_event(n, EVENT_SKIP, n->clock.behind, 0.0);
     }
 }
 
@@ -180,7 +180,7 @@ static void next_cycle(loop *n)
 static int64_t frame_of(uint32_t word, frame_row *table, int64_t rows)
 {
     for (int64_t row = 0; row < rows; row++)
-        if (table[row][DBC_CAN_ID] == (word & 0x1FFFFFFF) && table[row][DBC_EXTENDED] == word >> 31)
+        if (table[row].can_id == (word & 0x1FFFFFFF) && table[row].extended == word >> 31)
             return row;
     return -1;
 }
@@ -192,9 +192,9 @@ static int is_foreign(loop *n, int64_t row, uint32_t word)
         return frame_of(word, n->tx.frames, n->tx.n) >= 0;
     if (source == n->rx.source[row])
         return 0;
-    int64_t silent = STRANGERS_SILENT_TURNS * n->rx.frames[row][DBC_EVERY_N];
+    int64_t silent = STRANGERS_SILENT_TURNS * n->rx.frames[row].every_n;
     if (source == WIRE_STRANGER || (n->rx.source[row] != 0 && n->passes != 0
-                                    && n->rx.state[row][E2E_AGE_CYCLES] <= silent))
+                                    && n->rx.state[row].age_cycles <= silent))
         return 1;
     n->rx.source[row] = source;
     return 0;
@@ -212,28 +212,28 @@ static int64_t note(loop *n, int64_t kind, int64_t cycles)
 
 static void blame(loop *n, int64_t fault, uint32_t word)
 {
-    if (n->guard.faulted == SV_NO_FAULT) {
+    if (n->guard.faulted == FAULT_NONE) {
         n->guard.faulted = fault;
-        n->control[SH_CULPRIT] = word;
+        n->control.culprit = word;
     }
 }
 
 static void note_foreign(loop *n, uint32_t word)
 {
-    n->control[SH_FOREIGN]++;
+    n->control.foreign++;
     push_frame(n, n->wire.rx, 1, STATES_FOREIGN);
     int64_t found = note(n, STRANGERS_FOREIGN, STRANGERS_FOREIGN_CYCLES);
     if (found == 1)
-        push_event(n, SH_FOREIGN_EVENT, word & 0x1FFFFFFF, n->control[SH_FOREIGN]);
+        push_event(n, EVENT_FOREIGN, word & 0x1FFFFFFF, n->control.foreign);
     if (found >= STRANGERS_FOREIGN_FRAMES || n->passes == 0)
-        blame(n, SV_ANOTHER_SENDER, word);
+        blame(n, FAULT_ANOTHER_SENDER, word);
 }
 
 /* ---------------------------------------------------------------- executive/loop/meeting.py -------- */
 
 static int64_t sorted_out(loop *n, int64_t row)
 {
-    int64_t part = n->rx.role[row][SH_MEETING];
+    int64_t part = n->rx.role[row].meeting;
     if (part == MEETING_FROM_ABOVE || part == MEETING_FROM_BELOW) {
         if (!n->meeting.met[row] || (part == MEETING_FROM_BELOW && n->meeting.sampled)) {
             n->meeting.met[row] = 1;
@@ -304,30 +304,31 @@ static int64_t use_frame(loop *n, int64_t row)
     uint32_t word;
     int64_t lost;
     memcpy(&word, frame, sizeof word);
-    int64_t *receiver = n->rx.state[row], fresh = receiver[E2E_FRESH];
-    int64_t state = check(frame + 8, frame[4], n->rx.frames[row], receiver, &lost);
+    receiver_row *receiver = &n->rx.state[row];
+    int64_t fresh = receiver->fresh;
+    int64_t state = check(frame + 8, frame[4], &n->rx.frames[row], receiver, &lost);
     push_frame(n, frame, 1, state);
-    n->control[SH_LOST] += lost;
+    n->control.lost += lost;
     if (state == E2E_OK || state == E2E_OK_SOME_LOST) {
-        unpack(frame + 8, n->rx.frames[row], n->rx.signals, n->rx.scales, n->v);
+        unpack(frame + 8, &n->rx.frames[row], n->rx.signals, n->v);
         memcpy(n->intrusion.counted_frame[row], frame, WIRE_FRAME_BYTES);
         if (n->intrusion.care[row] && n->intrusion.beat_every[row] > 0)
             watch_beat(n, row);
-        n->control[SH_RECEIVED]++;
+        n->control.received++;
         if (!fresh) {
-            n->rx.started += n->rx.role[row][SH_STARTS];
-            n->rx.fresh += n->rx.role[row][SH_AWAITED];
+            n->rx.started += n->rx.role[row].starts;
+            n->rx.fresh += n->rx.role[row].awaited;
         }
     } else if (state == E2E_ERROR) {
-        n->control[SH_CRC_ERRORS]++;
+        n->control.crc_errors++;
     } else if (state == E2E_REPEATED) {
-        n->control[SH_REPEATED]++;
-        if (n->rx.role[row][SH_STARTS] + n->rx.role[row][SH_AWAITED] > 0
+        n->control.repeated++;
+        if (n->rx.role[row].starts + n->rx.role[row].awaited > 0
             && note(n, STRANGERS_REPEATED, STRANGERS_REPEATED_CYCLES) >= STRANGERS_REPEATED_FRAMES)
-            blame(n, SV_REPEATED_INPUT, word);
+            blame(n, FAULT_REPEATED_INPUT, word);
     } else if (state == E2E_WRONG_SEQUENCE) {
-        n->control[SH_WRONG_SEQUENCE]++;
-        n->rx.started += n->rx.role[row][SH_STARTS];
+        n->control.wrong_sequence++;
+        n->rx.started += n->rx.role[row].starts;
     }
     return row;
 }
@@ -354,58 +355,59 @@ static void receive(loop *n)
                 announce(n);
                 waits = 0;
             } else if (waits >= n->rx.patience || !runs(n)) {
-                n->guard.faulted = SV_PEER_SILENT;
+                n->guard.faulted = FAULT_PEER_SILENT;
                 break;
             }
         } else if (result == WIRE_FAILED) {
-            n->control[SH_BUS_ERRNO] = n->wire.errno_;
-            n->guard.faulted = SV_BUS_FAILED;
+            n->control.bus_errno = n->wire.errno_;
+            n->guard.faulted = FAULT_BUS_FAILED;
             break;
         } else if (result == WIRE_BUS_ERROR) {
-            n->control[SH_BUS_ERRORS]++;
+            n->control.bus_errors++;
         }
     }
-    if (n->guard.off && n->guard.faulted == SV_NO_FAULT)
-        n->guard.faulted = SV_BUS_OFF;
+    if (n->guard.off && n->guard.faulted == FAULT_NONE)
+        n->guard.faulted = FAULT_BUS_OFF;
     n->timing.received = now(n);
 }
 
 static int64_t advance(int64_t state, int fresh, int64_t fault, int asked, int ramped, int disarmed)
 {
-    int64_t event = fresh ? SV_FRESH : SV_MISSED;
+    int64_t event = fresh ? CONDITION_FRESH : CONDITION_MISSED;
     if (asked)
-        event = SV_STOP_REQUEST;
-    else if (state == SV_FAULT)
-        event = ramped ? SV_RAMPED : SV_NONE;
-    else if (fault != SV_NO_FAULT)
-        event = SV_LOSS;
-    else if (disarmed && state != SV_INIT)
-        event = SV_DISARMED;
+        event = CONDITION_STOP_REQUEST;
+    else if (state == STATE_FAULT)
+        event = ramped ? CONDITION_RAMPED : CONDITION_NONE;
+    else if (fault != FAULT_NONE)
+        event = CONDITION_LOSS;
+    else if (disarmed && state != STATE_INIT)
+        event = CONDITION_DISARMED;
     return NEXT[state][event];
 }
 
 static void watchdog(loop *n, int64_t state)
 {
     for (int64_t i = 0; i < n->guard.n_safe; i++) {
-        double *value = &n->v[n->guard.safe_index[i]], *safe = n->guard.safe[i];
-        if (state < SV_FAULT)
-            safe[SH_LAST] = *value;
+        double *value = &n->v[n->guard.safe_index[i]];
+        struct safe *safe = &n->guard.safe[i];
+        if (state < STATE_FAULT)
+            safe->last = *value;
         else
-            *value = safe[SH_SAFE] + n->guard.gain * (safe[SH_LAST] - safe[SH_SAFE]);
+            *value = safe->safe + n->guard.gain * (safe->last - safe->safe);
     }
 }
 
 static int over(loop *n)
 {
     return n->k >= n->guard.cycles || stopping(n)
-           || (n->guard.mode_index >= 0 && n->v[n->guard.mode_index] == SV_STOP);
+           || (n->guard.mode_index >= 0 && n->v[n->guard.mode_index] == STATE_STOP);
 }
 
 static int settled(loop *n)
 {
     for (int64_t i = 0; i < n->limits.n; i++) {
-        const double *limits = n->limits.table[i];
-        if (__builtin_fabs(limits[SH_SENT_VALUE] - limits[SH_SAFE]) > limits[SH_RATE])
+        const struct table *limits = &n->limits.table[i];
+        if (__builtin_fabs(limits->sent - limits->safe) > limits->rate)
             return 0;
     }
     return 1;
@@ -415,32 +417,32 @@ static void begin_ramp(loop *n, int asked)
 {
     n->guard.pace = n->guard.ramp_step;
     for (int64_t i = 0; i < n->limits.n; i++) {
-        const double *limits = n->limits.table[i];
-        double way = __builtin_fabs(limits[SH_LAST] - limits[SH_SAFE]);
-        if (way * n->guard.pace > limits[SH_RATE])
-            n->guard.pace = limits[SH_RATE] / way;
+        const struct table *limits = &n->limits.table[i];
+        double way = __builtin_fabs(limits->last - limits->safe);
+        if (way * n->guard.pace > limits->rate)
+            n->guard.pace = limits->rate / way;
     }
     if (!asked)
         return;
     n->rx.starters = n->rx.awaited = 0;
     for (int64_t row = 0; row < n->rx.n; row++) {
-        const int64_t *role = n->rx.role[row];
-        n->rx.starters += role[SH_STARTS] * role[SH_PEER];
-        n->rx.awaited += role[SH_AWAITED] * role[SH_PEER];
+        const struct role *role = &n->rx.role[row];
+        n->rx.starters += role->starts * role->peer;
+        n->rx.awaited += role->awaited * role->peer;
     }
 }
 
 static int64_t drive_state(loop *n, int64_t state)
 {
-    if (state == SV_STOP)
+    if (state == STATE_STOP)
         return DRIVE_SWITCH_ON_DISABLED;
-    if (state == SV_FAULT)
+    if (state == STATE_FAULT)
         return n->guard.gain <= 0.0 && settled(n) ? DRIVE_FAULT : DRIVE_FAULT_REACTION_ACTIVE;
-    if (state == SV_INIT)
-        return n->control[SH_FAULT] == 0 ? DRIVE_NOT_READY_TO_SWITCH_ON : DRIVE_SWITCH_ON_DISABLED;
+    if (state == STATE_INIT)
+        return n->control.fault == 0 ? DRIVE_NOT_READY_TO_SWITCH_ON : DRIVE_SWITCH_ON_DISABLED;
     if (n->guard.pace > 0.0)
         return DRIVE_QUICK_STOP_ACTIVE;
-    if (state == SV_READY)
+    if (state == STATE_READY)
         return DRIVE_READY_TO_SWITCH_ON;
     return n->guard.gain >= 1.0 ? DRIVE_OPERATION_ENABLED : DRIVE_SWITCHED_ON;
 }
@@ -448,7 +450,7 @@ static int64_t drive_state(loop *n, int64_t state)
 static void tell_drive(loop *n, int64_t state)
 {
     int64_t word = drive_state(n, state);
-    word |= state == SV_HOLD ? DRIVE_WARNING : 0;
+    word |= state == STATE_HOLD ? DRIVE_WARNING : 0;
     word |= n->v[V_CLAMPED] != 0.0 ? DRIVE_LIMIT_ACTIVE : 0;
     n->v[V_STATUS_WORD] = word;
     n->v[V_ERROR_CODE] = ERROR_CODES[n->guard.faulted];
@@ -459,42 +461,42 @@ static void supervise(loop *n)
 {
     int64_t before = (int64_t)n->v[V_STATE];
     int asked = over(n);
-    int running = before == SV_RUN || before == SV_HOLD;
+    int running = before == STATE_RUN || before == STATE_HOLD;
     if (n->rx.fresh >= n->rx.awaited) {
         n->guard.missing = 0;
     } else {
         n->guard.missing++;
-        n->control[SH_HELD] += running;
-        n->control[SH_STALE] += running && n->guard.missing > n->guard.hold_cycles;
+        n->control.held += running;
+        n->control.stale += running && n->guard.missing > n->guard.hold_cycles;
     }
     n->rx.started = n->rx.fresh = 0;
     for (int64_t i = 0; i < n->rx.n; i++) {
-        n->rx.state[i][E2E_AGE_CYCLES]++;
-        n->rx.state[i][E2E_STILL_CYCLES]++;
-        n->rx.state[i][E2E_FRESH] = 0;
+        n->rx.state[i].age_cycles++;
+        n->rx.state[i].still_cycles++;
+        n->rx.state[i].fresh = 0;
     }
-    int silent = before != SV_INIT && n->guard.missing >= n->guard.fault_after;
-    if (silent && n->guard.faulted == SV_NO_FAULT && !asked)
-        n->guard.faulted = SV_INPUT_MISSING;
+    int silent = before != STATE_INIT && n->guard.missing >= n->guard.fault_after;
+    if (silent && n->guard.faulted == FAULT_NONE && !asked)
+        n->guard.faulted = FAULT_INPUT_MISSING;
     int safe = settled(n), leave = asked && (safe || (silent && n->clock.trigger != CLK_CLOCKED));
     int disarmed = n->guard.disarmed != 0;
     int64_t state = advance(before, n->guard.missing == 0, n->guard.faulted, leave, n->guard.gain <= 0.0 && safe,
                             disarmed);
-    int waits = disarmed && state == SV_READY;
-    if (before == SV_READY && !waits && !asked && state != SV_FAULT)
+    int waits = disarmed && state == STATE_READY;
+    if (before == STATE_READY && !waits && !asked && state != STATE_FAULT)
         n->guard.pace = 0.0;
-    if (n->guard.pace == 0.0 && (state == SV_FAULT || asked || waits))
+    if (n->guard.pace == 0.0 && (state == STATE_FAULT || asked || waits))
         begin_ramp(n, asked);
-    if (before == SV_FAULT || (asked && !leave) || (waits && before == state))
+    if (before == STATE_FAULT || (asked && !leave) || (waits && before == state))
         n->guard.gain = n->guard.gain > n->guard.pace ? n->guard.gain - n->guard.pace : 0.0;
     if (state != before) {
-        push_event(n, SH_STATE_EVENT, state, 0.0);
-        if (state == SV_FAULT) {
-            n->control[SH_FAULT] = n->guard.faulted;
-            push_event(n, SH_FAULT_EVENT, n->guard.faulted, 0.0);
+        push_event(n, EVENT_STATE, state, 0.0);
+        if (state == STATE_FAULT) {
+            n->control.fault = n->guard.faulted;
+            push_event(n, EVENT_FAULT, n->guard.faulted, 0.0);
         }
     }
-    n->control[SH_STATE] = state;
+    n->control.state = state;
     n->v[V_STATE] = state;
     n->v[V_FAULT] = n->guard.faulted;
     n->v[V_GAIN] = n->guard.gain;
@@ -510,11 +512,11 @@ static void judge_overrun(loop *n)
     if (n->guard.overrun_policy == SH_SKIP || n->guard.overruns < n->guard.overrun_after)
         return;
     if (n->guard.overrun_policy == SH_FAULT_AFTER) {
-        if (n->guard.faulted == SV_NO_FAULT)
-            n->guard.faulted = SV_OVERRUN;
+        if (n->guard.faulted == FAULT_NONE)
+            n->guard.faulted = FAULT_OVERRUN;
     } else if (n->v[V_FALLBACK] == 0.0) {
         n->v[V_FALLBACK] = 1.0;
-        push_event(n, SH_FALLBACK_EVENT, n->clock.behind, 0.0);
+        push_event(n, EVENT_FALLBACK, n->clock.behind, 0.0);
     }
 }
 
@@ -550,11 +552,11 @@ static void answer(loop *n, int64_t request)
     if (refusal == SH_ACCEPTED) {
         for (int64_t i = 0; i < count; i++) {
             n->v[n->tuning.asked_index[i]] = n->tuning.asked_value[i];
-            push_event(n, SH_TUNING_EVENT, n->tuning.asked_index[i], n->tuning.asked_value[i]);
+            push_event(n, EVENT_TUNING, n->tuning.asked_index[i], n->tuning.asked_value[i]);
         }
     } else {
-        n->control[SH_REFUSED]++;
-        push_event(n, SH_REFUSED_EVENT, n->tuning.asked_index[entry], n->tuning.asked_value[entry]);
+        n->control.refused++;
+        push_event(n, EVENT_REFUSED, n->tuning.asked_index[entry], n->tuning.asked_value[entry]);
     }
     n->answer[SH_ACK_CYCLE] = n->k;
     n->answer[SH_REFUSAL] = refusal;
@@ -567,7 +569,7 @@ static void tune(loop *n)
     while (n->tuning.done < n->tuning.n && n->tuning.schedule[n->tuning.done][0] <= n->k) {
         int64_t j = n->tuning.schedule[n->tuning.done][1];
         n->v[j] = n->tuning.value[n->tuning.done++];
-        push_event(n, SH_TUNING_EVENT, j, n->v[j]);
+        push_event(n, EVENT_TUNING, j, n->v[j]);
     }
     int64_t request = __atomic_load_n(&n->mail[SH_REQUEST], __ATOMIC_ACQUIRE);
     if (request != n->answer[SH_ACK])
@@ -592,15 +594,15 @@ static void step_blocks(loop *n, step_function **steps)
                 continue;
             copy_inputs(n, b);
             const int64_t *at = n->blocks.views[b];
-            n->control[SH_STEPPING] = b + 1;
+            n->control.stepping = b + 1;
             steps[b](v[V_T_S], dt, v + at[0], v + at[2], v + at[4], v + at[6]);
         }
     }
-    n->control[SH_STEPPING] = 0;
+    n->control.stepping = 0;
     for (int64_t i = 0; i < n->blocks.n_noted; i++) {
         double value = v[n->blocks.noted_index[i]];
         if (value != n->blocks.noted[i]) {
-            push_event(n, SH_CHANGE_EVENT, n->blocks.noted_index[i], value);
+            push_event(n, EVENT_CHANGE, n->blocks.noted_index[i], value);
             n->blocks.noted[i] = value;
         }
     }
@@ -632,11 +634,11 @@ static int check_finite(loop *n)
         place = find_not_finite(n, n->blocks.views[b][6], n->blocks.views[b][7]);
     if (place < 0)
         place = find_not_finite(n, n->tx.first, n->tx.past);
-    if (place >= 0 && n->control[SH_ODD_PLACE] == 0) {
-        n->control[SH_ODD_PLACE] = place + 1;
-        n->control[SH_ODD_CYCLE] = n->k;
-        n->control[SH_ODD_BITS] = bits_of(n->v[place]);
-        push_event(n, SH_NOT_FINITE_EVENT, place, n->v[place]);
+    if (place >= 0 && n->control.odd_place == 0) {
+        n->control.odd_place = place + 1;
+        n->control.odd_cycle = n->k;
+        n->control.odd_bits = bits_of(n->v[place]);
+        push_event(n, EVENT_NOT_FINITE, place, n->v[place]);
     }
     return place >= 0;
 }
@@ -644,52 +646,53 @@ static int check_finite(loop *n)
 static void limit(loop *n)
 {
     copy_inputs(n, SH_MAX_BLOCKS);
-    int odd = check_finite(n), ramping = n->v[V_STATE] >= SV_FAULT || n->guard.pace > 0.0;
+    int odd = check_finite(n), ramping = n->v[V_STATE] >= STATE_FAULT || n->guard.pace > 0.0;
     n->v[V_CLAMPED] = 0.0;
     for (int64_t i = 0; i < n->limits.n; i++) {
-        double *limits = n->limits.table[i], *v = &n->v[n->limits.place[i]];
-        double wanted = *v, last = limits[SH_LAST], safe = limits[SH_SAFE];
-        double rate = limits[SH_RATE], sent = limits[SH_SENT_VALUE];
+        struct table *limits = &n->limits.table[i];
+        double *v = &n->v[n->limits.place[i]];
+        double wanted = *v, last = limits->last, safe = limits->safe;
+        double rate = limits->rate, sent = limits->sent;
         if (!(__builtin_fabs(wanted) < 1e300)) {
-            if (n->guard.faulted == SV_NO_FAULT)
-                n->guard.faulted = SV_COMMAND_NOT_FINITE;
+            if (n->guard.faulted == FAULT_NONE)
+                n->guard.faulted = FAULT_COMMAND_NOT_FINITE;
             wanted = last;
         }
         if (ramping)
             wanted = safe == 0.0 ? n->guard.gain * last : safe + n->guard.gain * (last - safe);
-        double value = within(wanted, limits[SH_LOW], limits[SH_HIGH]);
+        double value = within(wanted, limits->low, limits->high);
         value = within(value, sent - rate, sent + rate);
-        limits[SH_SENT_VALUE] = *v = value;
+        limits->sent = *v = value;
         if (ramping)
             continue;
         if (value != wanted) {
             n->v[V_CLAMPED] = 1.0;
-            n->control[SH_SATURATED]++;
+            n->control.saturated++;
         }
-        limits[SH_LAST] = value;
+        limits->last = value;
     }
-    if (odd && n->guard.faulted == SV_NO_FAULT)
+    if (odd && n->guard.faulted == FAULT_NONE)
         n->guard.faulted = n->guard.odd_output;
 }
 
 static void send_frame(loop *n, int64_t row, int64_t counter)
 {
     uint8_t *frame = n->wire.tx;
-    const int64_t *about = n->tx.frames[row];
-    uint32_t word = about[DBC_CAN_ID] | about[DBC_EXTENDED] << 31;
+    const frame_row *about = &n->tx.frames[row];
+    uint32_t word = about->can_id | about->extended << 31;
     memcpy(frame, &word, sizeof word);
-    frame[4] = about[DBC_DLC];
-    int64_t clamped = pack(frame + 8, about, n->tx.signals, n->tx.scales, n->v);
+    frame[4] = about->dlc;
+    int64_t clamped = pack(frame + 8, about, n->tx.signals, n->v);
     if (clamped > 0) {
         n->v[V_CLAMPED] = 1.0;
-        n->control[SH_SATURATED] += clamped;
+        n->control.saturated += clamped;
     }
     protect(frame + 8, about, counter);
     if (put_frame(&n->wire)) {
-        n->control[SH_SENT]++;
+        n->control.sent++;
     } else {
-        n->control[SH_SEND_ERRORS]++;
-        n->control[SH_BUS_ERRNO] = n->wire.errno_;
+        n->control.send_errors++;
+        n->control.bus_errno = n->wire.errno_;
     }
     push_frame(n, frame, 0, 0);
 }
@@ -697,9 +700,9 @@ static void send_frame(loop *n, int64_t row, int64_t counter)
 static void transmit(loop *n)
 {
     for (int64_t row = 0; row < n->tx.n; row++) {
-        int64_t every = n->tx.frames[row][DBC_EVERY_N];
+        int64_t every = n->tx.frames[row].every_n;
         if (n->passes % every == 0)
-            send_frame(n, row, n->passes / every + n->tx.role[row][SH_IS_SYNC]);
+            send_frame(n, row, n->passes / every + n->tx.kind[row].is_sync);
     }
     n->timing.sent = now(n);
 }
@@ -709,14 +712,14 @@ static void announce(loop *n)
     n->v[V_NMT] = NMT[(int64_t)n->v[V_STATE]];
     copy_inputs(n, SH_MAX_BLOCKS);
     for (int64_t row = 0; row < n->tx.n; row++)
-        if (n->tx.role[row][SH_IS_HEARTBEAT])
+        if (n->tx.kind[row].is_heartbeat)
             send_frame(n, row, 0);
 }
 
 static void request_first_sample(loop *n)
 {
     for (int64_t row = 0; row < n->tx.n; row++)
-        if (n->tx.role[row][SH_IS_SYNC])
+        if (n->tx.kind[row].is_sync)
             send_frame(n, row, 0);
 }
 
@@ -729,8 +732,8 @@ static void note_timing(loop *n)
     v[3] = 0.001 * (n->timing.sent - n->timing.stepped);
     v[4] = 0.001 * n->timing.publish_ns;
     for (size_t i = 0; i < sizeof COUNTERS / sizeof *COUNTERS; i++)
-        v[5 + i] = n->control[COUNTERS[i]];
-    n->v[V_REFUSED] = n->control[SH_REFUSED];
+        v[5 + i] = ((const int64_t *)&n->control)[COUNTERS[i]];
+    n->v[V_REFUSED] = n->control.refused;
     n->v[V_WALL] = 1e-9 * (n->clock.wake + n->clock.wall_offset_ns);
 }
 
@@ -764,7 +767,7 @@ static void note_latest(loop *n)
     memcpy(latest + SH_LATE_NS, n->timing.stage_ns, sizeof n->timing.stage_ns);
     for (int i = 0; i < 4; i++)
         latest[SH_LATE_USAGE + i] = n->timing.usage[USAGE[i]] - n->timing.usage_before[i];
-    push_event(n, SH_LATE_EVENT, late, 0.0);
+    push_event(n, EVENT_LATE, late, 0.0);
 }
 
 static int64_t percentile(loop *n, int64_t stage, double share)
@@ -844,7 +847,7 @@ static int one_pass(loop *n, step_function **steps)
     }
     judge_overrun(n);
     supervise(n);
-    if (n->v[V_STATE] == SV_STOP || n->guard.faulted == SV_PEER_SILENT)
+    if (n->v[V_STATE] == STATE_STOP || n->guard.faulted == FAULT_PEER_SILENT)
         return 0;
     tune(n);
     step_blocks(n, steps);
@@ -853,8 +856,8 @@ static int one_pass(loop *n, step_function **steps)
     note_timing(n);
     publish(n);
     push_record(n);
-    n->control[SH_PASSES] = n->passes + 1;
-    n->control[SH_CYCLE] = n->k;
+    n->control.passes = n->passes + 1;
+    n->control.cycle = n->k;
     n->timing.done = now(n);
     n->timing.publish_ns = n->timing.done - n->timing.sent;
     if (runs(n))
@@ -866,30 +869,30 @@ static int one_pass(loop *n, step_function **steps)
 static void finish(loop *n)
 {
     set_time(n);
-    if (n->v[V_STATE] != SV_STOP)
-        push_event(n, SH_STATE_EVENT, SV_STOP, 0.0);
-    n->v[V_STATE] = SV_STOP;
-    n->v[V_NMT] = NMT[SV_STOP];
+    if (n->v[V_STATE] != STATE_STOP)
+        push_event(n, EVENT_STATE, STATE_STOP, 0.0);
+    n->v[V_STATE] = STATE_STOP;
+    n->v[V_NMT] = NMT[STATE_STOP];
     n->guard.gain = 0.0;
-    tell_drive(n, SV_STOP);
-    n->control[SH_STATE] = SV_STOP;
+    tell_drive(n, STATE_STOP);
+    n->control.state = STATE_STOP;
     if (n->tx.last_word == SH_ALL_FRAMES) {
         limit(n);
         transmit(n);
     } else {
         announce(n);
     }
-    if (n->guard.faulted != SV_NO_FAULT && n->control[SH_FAULT] == SV_NO_FAULT) {
-        n->control[SH_FAULT] = n->guard.faulted;
-        push_event(n, SH_FAULT_EVENT, n->guard.faulted, 0.0);
+    if (n->guard.faulted != FAULT_NONE && n->control.fault == FAULT_NONE) {
+        n->control.fault = n->guard.faulted;
+        push_event(n, EVENT_FAULT, n->guard.faulted, 0.0);
     }
     publish(n);
-    __atomic_store_n(&n->control[SH_DONE], 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&n->control.done, 1, __ATOMIC_RELEASE);
 }
 
 static int n_done(loop *n)
 {
-    return n->control[SH_DONE] != 0;
+    return n->control.done != 0;
 }
 
 static void pass_or_finish(loop *n, step_function **steps)
@@ -904,8 +907,8 @@ static int wait_for_peer(loop *n)
     while (!stopping(n)) {
         int result = get_frame(&n->wire, 1);
         if (result == WIRE_FAILED) {
-            n->control[SH_BUS_ERRNO] = n->wire.errno_;
-            n->guard.faulted = SV_BUS_FAILED;
+            n->control.bus_errno = n->wire.errno_;
+            n->guard.faulted = FAULT_BUS_FAILED;
             return 0;
         }
         int known = result == WIRE_FRAME && take_frame(n) >= 0;

@@ -38,16 +38,18 @@ from pcpc.executive.laws.idle import idle
 from pcpc.executive.loop import (
     clock,
     drive,
+    faults,
     meeting,
     reception,
+    states,
     strangers,
-    supervisor,
     timing,
     variables,
 )
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import CLOCKED, LOCKSTEP, now
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
+from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.rings import publish_table
 from pcpc.executive.nodes.install import install_in_memory
 from pcpc.executive.nodes.plan import Plan, plan
@@ -70,7 +72,7 @@ REPEATS = 40  # of the recording, in a round in memory: the call itself takes 1 
 PUBLISHED = 256
 PUBLICATIONS = 20_000
 _MODULES = {
-    "SH": sh, "SV": supervisor, "V": variables, "DBC": dbc, "E2E": e2e, "CLK": clock,
+    "SH": sh, "V": variables, "DBC": dbc, "E2E": e2e, "CLK": clock,
     "WIRE": wire_layout, "TIMING": timing, "STRANGERS": strangers, "MEETING": meeting,
     "RECEPTION": reception, "STATES": e2e_states, "DRIVE": drive,
 }  # fmt: skip
@@ -92,19 +94,31 @@ def loop_header() -> str:
     texts = [compiler.macros(prefix, module) for prefix, module in _MODULES.items()]
     texts += [
         "".join(f"#define WIRE_{name} {getattr(wire, name)}\n" for name in RESULTS),
+        *map(compiler.numbers, (states.State, states.Condition, faults.Fault, Event)),
         "#include <stddef.h>\n#include <stdint.h>\n",
+        *(compiler.struct(name, kind) for name, kind in _rows(sh.LOOP).items()),
         *(compiler.struct(name, kind) for name, (kind, *_) in fields.items() if kind.fields),
         compiler.struct("loop", sh.LOOP),
         compiler.array("CRC_TABLE", "uint8_t", e2e._CRC_TABLE),
         compiler.array("CRC_16_TABLE", "uint16_t", e2e._CRC_16_TABLE),
-        compiler.array("NEXT", "int64_t", supervisor.NEXT),
-        compiler.array("NMT", "double", supervisor.NMT),
-        compiler.array("ERROR_CODES", "double", supervisor.ERROR_CODES),
-        compiler.array("ERROR_REGISTERS", "double", supervisor.ERROR_REGISTERS),
+        compiler.array("NEXT", "int64_t", states.NEXT),
+        compiler.array("NMT", "double", states.HEARTBEATS),
+        compiler.array("ERROR_CODES", "double", faults.ERROR_CODES),
+        compiler.array("ERROR_REGISTERS", "double", faults.ERROR_REGISTERS),
         compiler.array("USAGE", "int64_t", timing.USAGE),
-        compiler.array("COUNTERS", "int64_t", timing.COUNTERS),
+        compiler.array("COUNTERS", "int64_t", timing.COUNTER_WORDS),
     ]
     return "".join(texts)
+
+
+def _rows(kind: Any) -> dict[str, np.dtype[Any]]:
+    """Return the types of rows in the parts of a record, by the name of the table."""
+    found: dict[str, np.dtype[Any]] = {}
+    for part, *_ in kind.fields.values():
+        for name, (table, *_) in (part.fields or {}).items():
+            if table.base.fields:
+                found[name] = table.base
+    return found
 
 
 @dataclass(frozen=True)

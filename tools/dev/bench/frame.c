@@ -14,20 +14,20 @@
 
 #include "loop.h"
 
-typedef int64_t frame_row[DBC_FRAME_COLUMNS];
-typedef int64_t signal_row[DBC_SIGNAL_COLUMNS];
-typedef double scale_row[DBC_SCALE_COLUMNS];
+typedef struct frames frame_row;
+typedef struct signals signal_row;
+typedef struct state receiver_row;
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "for little-endian machines");
 
 /* -------------------------------------------------------------------- drivers/codec.py -------- */
 
-static inline double unscale(int64_t raw, const int64_t *signal, const double *scale)
+static inline double unscale(int64_t raw, const signal_row *signal)
 {
-    double factor = scale[DBC_FACTOR], offset = scale[DBC_OFFSET], code;
+    double factor = signal->factor, offset = signal->offset, code;
     float single;
     int32_t half = (int32_t)raw;
-    switch (signal[DBC_KIND]) {
+    switch (signal->kind) {
     case DBC_SCALED:
         return (double)raw * factor + offset;
     case DBC_UNSIGNED_64:
@@ -40,22 +40,21 @@ static inline double unscale(int64_t raw, const int64_t *signal, const double *s
         memcpy(&code, &raw, sizeof code);
         break;
     default:
-        return (double)(raw * signal[DBC_INT_FACTOR] + signal[DBC_INT_OFFSET]);
+        return (double)(raw * signal->int_factor + signal->int_offset);
     }
     return factor == 1.0 && offset == 0.0 ? code : code * factor + offset;
 }
 
-static inline void unpack(const uint8_t *data, const int64_t *frame, const signal_row *signals,
-                          const scale_row *scales, double *values)
+static inline void unpack(const uint8_t *data, const frame_row *frame, const signal_row *signals, double *values)
 {
     uint64_t little, big;
     memcpy(&little, data, sizeof little);
     big = __builtin_bswap64(little);
-    for (int64_t row = frame[DBC_FIRST]; row < frame[DBC_END]; row++) {
-        const int64_t *signal = signals[row];
-        int64_t word = (int64_t)(signal[DBC_BIG_ENDIAN] ? big : little);
-        int64_t raw = (word >> signal[DBC_SHIFT]) & signal[DBC_MASK], sign = signal[DBC_SIGN];
-        values[signal[DBC_VARIABLE]] = unscale((raw ^ sign) - sign, signal, scales[row]);
+    for (int64_t row = frame->first; row < frame->end; row++) {
+        const signal_row *signal = &signals[row];
+        int64_t word = (int64_t)(signal->big_endian ? big : little);
+        int64_t raw = (word >> signal->shift) & signal->mask, sign = signal->sign;
+        values[signal->variable] = unscale((raw ^ sign) - sign, signal);
     }
 }
 
@@ -85,30 +84,29 @@ static inline int64_t code_bits(double code, int64_t kind)
     return (int64_t)code;
 }
 
-static inline int64_t pack(uint8_t *data, const int64_t *frame, const signal_row *signals,
-                           const scale_row *scales, const double *values)
+static inline int64_t pack(uint8_t *data, const frame_row *frame, const signal_row *signals, const double *values)
 {
     uint64_t little = 0, big = 0;
     int64_t saturated = 0;
-    for (int64_t row = frame[DBC_FIRST]; row < frame[DBC_END]; row++) {
-        const int64_t *signal = signals[row], kind = signal[DBC_KIND];
-        const double *scale = scales[row];
+    for (int64_t row = frame->first; row < frame->end; row++) {
+        const signal_row *signal = &signals[row];
+        int64_t kind = signal->kind;
         int is_float = kind == DBC_FLOAT_32 || kind == DBC_FLOAT_64;
-        double low = scale[DBC_CODE_LOW], high = scale[DBC_CODE_HIGH];
-        double code = (values[signal[DBC_VARIABLE]] - scale[DBC_OFFSET]) / scale[DBC_FACTOR];
+        double low = signal->code_low, high = signal->code_high;
+        double code = (values[signal->variable] - signal->offset) / signal->factor;
         int64_t bits;
         if (!is_float)
             code = round_even(code);
         if (code != code)
             bits = 0, saturated++;
         else if (code < low)
-            bits = is_float ? code_bits(low, kind) : signal[DBC_BITS_LOW], saturated++;
+            bits = is_float ? code_bits(low, kind) : signal->bits_low, saturated++;
         else if (code > high)
-            bits = is_float ? code_bits(high, kind) : signal[DBC_BITS_HIGH], saturated++;
+            bits = is_float ? code_bits(high, kind) : signal->bits_high, saturated++;
         else
             bits = code_bits(code, kind);
-        uint64_t placed = (uint64_t)(bits & signal[DBC_MASK]) << signal[DBC_SHIFT];
-        if (signal[DBC_BIG_ENDIAN])
+        uint64_t placed = (uint64_t)(bits & signal->mask) << signal->shift;
+        if (signal->big_endian)
             big |= placed;
         else
             little |= placed;
@@ -119,14 +117,13 @@ static inline int64_t pack(uint8_t *data, const int64_t *frame, const signal_row
 }
 
 /* `repeats` times: pack all frames from `values`, unpack all into `found`; tools/dev/bench/codec.py. */
-void drive_codec(int64_t repeats, int64_t n, const frame_row *frames, const signal_row *signals,
-                 const scale_row *scales, uint8_t (*data)[8], const double *values, double *found)
+void drive_codec(int64_t repeats, int64_t n, const frame_row *frames, const signal_row *signals, uint8_t (*data)[8], const double *values, double *found)
 {
     for (int64_t i = 0; i < repeats; i++) {
         for (int64_t f = 0; f < n; f++)
-            pack(data[f], frames[f], signals, scales, values);
+            pack(data[f], &frames[f], signals, values);
         for (int64_t f = 0; f < n; f++)
-            unpack(data[f], frames[f], signals, scales, found);
+            unpack(data[f], &frames[f], signals, found);
     }
 }
 
@@ -152,75 +149,75 @@ static uint16_t crc16(int64_t id, const uint8_t *data, int64_t place, int64_t n)
     return crc;
 }
 
-static inline uint16_t right_crc(const uint8_t *data, const int64_t *frame)
+static inline uint16_t right_crc(const uint8_t *data, const frame_row *frame)
 {
-    if (frame[DBC_PROTECTED] == DBC_CRC_16)
-        return crc16(frame[DBC_DATA_ID], data, frame[DBC_CRC_BYTE], frame[DBC_DLC]);
-    return crc8(frame[DBC_CAN_ID], data, frame[DBC_CRC_BYTE]);
+    if (frame->protected == DBC_CRC_16)
+        return crc16(frame->data_id, data, frame->crc_byte, frame->dlc);
+    return crc8(frame->can_id, data, frame->crc_byte);
 }
 
-static inline uint16_t crc_of(const uint8_t *data, const int64_t *frame)
+static inline uint16_t crc_of(const uint8_t *data, const frame_row *frame)
 {
-    int64_t place = frame[DBC_CRC_BYTE];
-    return data[place] | (frame[DBC_PROTECTED] == DBC_CRC_16 ? data[place + 1] << 8 : 0);
+    int64_t place = frame->crc_byte;
+    return data[place] | (frame->protected == DBC_CRC_16 ? data[place + 1] << 8 : 0);
 }
 
-static inline void protect(uint8_t *data, const int64_t *frame, int64_t counter)
+static inline void protect(uint8_t *data, const frame_row *frame, int64_t counter)
 {
-    if (!frame[DBC_PROTECTED])
+    if (!frame->protected)
         return;
-    uint8_t *byte = data + frame[DBC_COUNTER_BYTE];
-    int64_t shift = frame[DBC_COUNTER_SHIFT], mask = frame[DBC_COUNTER_MASK];
+    uint8_t *byte = data + frame->counter_byte;
+    int64_t shift = frame->counter_shift, mask = frame->counter_mask;
     *byte = (*byte & ~(mask << shift)) | (counter & mask) << shift;
-    int64_t place = frame[DBC_CRC_BYTE], crc = right_crc(data, frame);
+    int64_t place = frame->crc_byte, crc = right_crc(data, frame);
     data[place] = crc;
-    if (frame[DBC_PROTECTED] == DBC_CRC_16)
+    if (frame->protected == DBC_CRC_16)
         data[place + 1] = crc >> 8;
 }
 
-static inline void use(int64_t *state, int64_t outcome)
+static inline void use(receiver_row *state, int64_t outcome)
 {
-    state[E2E_STATE] = outcome;
-    state[E2E_N_RECEIVED]++;
-    state[E2E_AGE_CYCLES] = 0;
-    state[E2E_FRESH] = 1;
+    state->state = outcome;
+    state->received++;
+    state->age_cycles = 0;
+    state->fresh = 1;
 }
 
-static inline int64_t check(const uint8_t *data, int64_t length, const int64_t *frame,
-                            int64_t *state, int64_t *lost)
+static inline int64_t check(const uint8_t *data, int64_t length, const frame_row *frame,
+                            receiver_row *state, int64_t *lost)
 {
-    int64_t protected = frame[DBC_PROTECTED];
+    int64_t protected = frame->protected;
     *lost = 0;
-    if (length != frame[DBC_DLC] || (protected && right_crc(data, frame) != crc_of(data, frame))) {
-        state[E2E_N_ERRORS]++;
-        return state[E2E_STATE] = E2E_ERROR;
+    if (length != frame->dlc || (protected && right_crc(data, frame) != crc_of(data, frame))) {
+        state->errors++;
+        return state->state = E2E_ERROR;
     }
     if (!protected) {
         use(state, E2E_OK);
         return E2E_OK;
     }
-    int64_t mask = frame[DBC_COUNTER_MASK], before = state[E2E_LAST_COUNTER];
-    int64_t counter = (data[frame[DBC_COUNTER_BYTE]] >> frame[DBC_COUNTER_SHIFT]) & mask;
+    int64_t mask = frame->counter_mask, before = state->last_counter;
+    int64_t counter = (data[frame->counter_byte] >> frame->counter_shift) & mask;
     int64_t delta = before >= 0 ? (counter - before) & mask : 1;
     if (delta == 0) {
-        state[E2E_N_REPEATED]++;
-        return state[E2E_STATE] = E2E_REPEATED;
+        state->repeated++;
+        return state->state = E2E_REPEATED;
     }
     *lost = delta - 1;
     if (delta > E2E_MAX_DELTA) {
-        int64_t turns = state[E2E_STILL_CYCLES] / frame[DBC_EVERY_N];
+        int64_t turns = state->still_cycles / frame->every_n;
         int64_t most = turns > 1 ? turns - 1 : 0;
         *lost = *lost < most ? *lost : most;
     }
-    state[E2E_LAST_COUNTER] = counter;
-    state[E2E_STILL_CYCLES] = 0;
-    state[E2E_N_LOST] += *lost;
+    state->last_counter = counter;
+    state->still_cycles = 0;
+    state->lost += *lost;
     if (delta > E2E_MAX_DELTA) {
-        state[E2E_N_WRONG_SEQUENCE]++;
-        return state[E2E_STATE] = E2E_WRONG_SEQUENCE;
+        state->wrong_sequence++;
+        return state->state = E2E_WRONG_SEQUENCE;
     }
     use(state, delta == 1 ? E2E_OK : E2E_OK_SOME_LOST);
-    return state[E2E_STATE];
+    return state->state;
 }
 
 /* --------------------------------------------------------------------- drivers/wire.py -------- */

@@ -30,7 +30,7 @@ import numpy as np
 from pcpc.drivers import bus as buses
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
-from pcpc.executive.loop.supervisor import FAULT_NAMES, PEER_SILENT
+from pcpc.executive.loop.faults import FAULT_NAMES, Fault
 from pcpc.executive.nodes import process
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.bench.compiler import address
@@ -150,7 +150,7 @@ def _watch(
 
 
 def _is_over(child: Child, block: sh.Shared | None) -> bool:
-    return child.ended or (block is not None and bool(block["control"][sh.DONE]))
+    return child.ended or (block is not None and bool(block.control.done))
 
 
 def _attach(role: str, child: Child, blocks: dict[str, sh.Shared], names: dict[str, str]) -> None:
@@ -158,7 +158,7 @@ def _attach(role: str, child: Child, blocks: dict[str, sh.Shared], names: dict[s
         block = sharing.attach(names[role], sharing.HOST)
     except sh.SharedError:
         return
-    if int(block["control"][sh.PID]) == child.process.pid:
+    if int(block.control.pid) == child.process.pid:
         blocks[role] = block
 
 
@@ -179,10 +179,10 @@ def _judge(blocks: dict[str, sh.Shared], records: Any, rate_hz: int) -> Held:
     busy = columns["timing.wake_late_us"] + sum(columns[f"timing.{s}_us"] for s in STAGES)
     busy[:-1] += columns["timing.publish_us"][1:]  # each row holds that of the cycle before
     skipped = columns["health.skipped_cycles"]
-    lost = sum(int(block["control"][sh.LOST]) for block in blocks.values())
-    fault = int(blocks["executive"]["control"][sh.FAULT])
+    lost = sum(int(block.control.lost) for block in blocks.values())
+    fault = int(blocks["executive"].control.fault)
     if len(busy) <= settled:  # it ended before that
-        return Held(rate_hz, float(busy.max()), lost, int(skipped[-1]), fault or PEER_SILENT)
+        return Held(rate_hz, float(busy.max()), lost, int(skipped[-1]), fault or Fault.PEER_SILENT)
     p999 = float(np.percentile(busy[settled:], 99.9))
     return Held(rate_hz, p999, lost, int(skipped[-1] - skipped[settled]), fault)
 

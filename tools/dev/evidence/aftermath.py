@@ -16,7 +16,7 @@ from pcpc.drivers import can_id, claim
 from pcpc.drivers.e2e_states import OK, OK_SOME_LOST
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.supervisor import FAULT, HOLD, STATE_NAMES, STOP
+from pcpc.executive.loop.states import STATE_NAMES, State
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.messages import database_of
@@ -47,12 +47,12 @@ def node_run(node: Live, rig: str, role: Any) -> Seen:
     column = {name: sh.RECORD_HEAD + i for i, name in enumerate(names)}
     state = values[:, column["supervisor.state"]]
     away = np.any([values[:, column[name]] != value for name, value in safe.items()], axis=0)
-    exposed = _longest(away & np.isin(state, (HOLD, FAULT, STOP)))
+    exposed = _longest(away & np.isin(state, (State.HOLD, State.FAULT, State.STOP)))
     last = dict(node.read()) if node.ended else {n: values[-1, at] for n, at in column.items()}
     held = {name: last[name] for name in safe}
     told = held | _received(block, made)
-    fault = block.description["fault_names"][int(block["control"][sh.FAULT])]
-    asked = role == "plant" and bool(block["control"][sh.STOP])
+    fault = block.description["fault_names"][int(block.control.fault)]
+    asked = role == "plant" and bool(block.control.stop)
     return Seen(
         rows[:, 0], STATE_NAMES[int(last["supervisor.state"])], fault, exposed,
         asked or safe in (held, told),

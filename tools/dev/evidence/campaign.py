@@ -15,8 +15,10 @@ from pcpc.drivers.e2e_states import INJECTED, OK_SOME_LOST
 from pcpc.executive.log.reader import FRAME
 from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh
+from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.exchange import run_of
-from pcpc.executive.loop.supervisor import FAULT, HOLD, NO_FAULT
+from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import Rig
 
@@ -24,9 +26,9 @@ WARM = 1000  # cycles before all that is compared
 SPREAD = 100  # cycles over which the begin of a fault is drawn
 AFTER = 60  # cycles that are looked at after it
 NOTICED_BY = {  # what is told of a received value, and of a frame
-    sh.IMPLAUSIBLE_EVENT: "plausibility",
-    sh.TWO_SENDERS_EVENT: "two senders",
-    sh.AHEAD_EVENT: "counter ahead",
+    Event.IMPLAUSIBLE: "plausibility",
+    Event.TWO_SENDERS: "two senders",
+    Event.AHEAD: "counter ahead",
 }
 _RINGS = {*sh.RINGS, "histogram", "snapshot"}  # what is not written back
 
@@ -143,15 +145,15 @@ class Bench:
             )
             after = cycle >= begin
             for rank, who, found in (
-                (1, "missing input", after & (missing > 0) & (state < FAULT)),
-                (2, "fault", after & (code != NO_FAULT)),
+                (1, "missing input", after & (missing > 0) & (state < State.FAULT)),
+                (2, "fault", after & (code != Fault.NONE)),
             ):
                 if found.any():
                     first.append((int(cycle[found][0]), rank, who))
-            if (state[after] == FAULT).any():
-                number = int(block["control"][sh.FAULT])
+            if (state[after] == State.FAULT).any():
+                number = int(block.control.fault)
                 answer, fault = "FAULT", block.description["fault_names"][number]
-            elif (state[after] == HOLD).any() and answer == "none":
+            elif (state[after] == State.HOLD).any() and answer == "none":
                 answer = "HOLD"
             told = block["event"][: int(block["event_ends"][sh.PUT])]
             for event, who in NOTICED_BY.items():
@@ -180,7 +182,7 @@ class Bench:
 def _to_set_back(loop: Any) -> Iterator[NDArray[np.uint8]]:
     """Yield the bytes of a node's memory that lie between its rings, each stretch as a whole."""
     places: dict[str, Any] = dict(sh.LOOP.fields or {})
-    address = loop["control"].ctypes.data - places["control"][1]
+    address = loop["seq"].ctypes.data - places["seq"][1]
     raw = np.ctypeslib.as_array((ctypes.c_uint8 * sh.LOOP.itemsize).from_address(address))
     first = 0
     for kind, place, *_ in sorted((places[name] for name in _RINGS), key=lambda it: it[1]):

@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers import dbc, e2e
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.drivers.rows import FRAME
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, ON_FRAMES
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.tools.dev.evidence import expected
 from pcpc.tools.dev.evidence.episodes import Episodes
 
 AT, OUTPUTS, WATCHED, ESTOP, MODE = 100, 102, 105, 106, 107  # places in the table
-NOT_FINITE = sh.NOT_FINITE_EVENT  # the event that carries a value
+NOT_FINITE = Event.NOT_FINITE  # the event that carries a value
 SEED = 16
 EPISODES, CYCLES, FRAMES = 200, 80, 10_000
 FEW = 30  # episodes of code that is not compiled
@@ -39,9 +40,9 @@ def supervised(_m, n, whole, values, told):
         n.wire.muted = 1
         if n.guard.faulted == 0:
             n.guard.faulted = whole[s, 2]
-        n.control[sh.STOP] = max(n.control[sh.STOP], whole[s, 3])
+        n.control.stop = max(n.control.stop, whole[s, 3])
         for i in range(2):  # a fault on purpose took both
-            n.faults.spoiled[i] = n.faults.on_wire[i, 8] = whole[s, 7]
+            n.faults.spoiled[i] = n.faults.on_wire[i].fresh = whole[s, 7]
         for i in range(3):
             if i > 0 or whole[s, 1] > 0:
                 n.v[105 + i] = values[s, 4 + i]
@@ -58,30 +59,30 @@ def supervised(_m, n, whole, values, told):
         last = n.event[(put - 1) % sh.EVENT_RING_ROWS]
         t[0], t[1], t[2], t[3] = n.v[1], n.v[3], n.v[4], n.v[5]
         t[4], t[5], t[6] = guard.pace, n.v[100], n.v[101]
-        t[7], t[8] = n.limits.table[0, sh.LAST], n.limits.table[1, sh.LAST]
+        t[7], t[8] = n.limits.table[0].last, n.limits.table[1].last
         t[9], t[10] = n.v[7], n.v[105]
-        t[11], t[12], t[13] = control[sh.HELD], control[sh.STALE], control[sh.SATURATED]
-        t[14], t[15] = guard.faulted, control[sh.FAULT]
-        t[16], t[17], t[18] = control[sh.ODD_PLACE], control[sh.ODD_CYCLE], put
+        t[11], t[12], t[13] = control.held, control.stale, control.saturated
+        t[14], t[15] = guard.faulted, control.fault
+        t[16], t[17], t[18] = control.odd_place, control.odd_cycle, put
         t[19], t[20] = last[2] if put > 0 else 0, last[3] if put > 0 else 0
         t[21], t[22], t[23] = n.rx.awaited, guard.reset, guard.stop
         t[24], t[25], t[26] = n.rx.fresh, n.rx.started, n.wire.muted
-        t[27], t[28] = control[sh.STATE], n.rx.starters
-        t[29], t[30] = n.v[RESET_ASKED], n.rx.state[0, 7]
-        t[31], t[32], t[33] = control[sh.ODD_BITS], n.v[FAULT], n.v[ERROR_CODE]
+        t[27], t[28] = control.state, n.rx.starters
+        t[29], t[30] = n.v[RESET_ASKED], n.rx.state[0].age_cycles
+        t[31], t[32], t[33] = control.odd_bits, n.v[FAULT], n.v[ERROR_CODE]
         t[34], t[35] = last[4] if put > 0 else 0, n.v[DISARMED]
-        t[36], t[37], t[38] = control[sh.STARVED], n.faults.missed, n.faults.on_wire[1, 7]
+        t[36], t[37], t[38] = control.starved, n.faults.missed, n.faults.on_wire[1].age_cycles
 
 
 @loop_function
-def received(_m, data, about, frames, state, told):
+def received(_m, data, about, frames, state, seen, told):
     for s in range(about.shape[0]):
         if about[s, 0] != 0:
             m_begin_cycle(_m, state, frames.shape[0])
         row = about[s, 1]
         told[s, 0], told[s, 1] = m_check(_m, data[s], about[s, 2], row, frames, state)
         for i in range(10):
-            told[s, 2 + i] = state[row, i]
+            told[s, 2 + i] = seen[row, i]
 
 
 @loop_function
@@ -93,7 +94,7 @@ def sent(_m, data, about, frames):
 @loop_function
 def coded(_m, data, rows, tables, told):
     for s in range(rows.shape[0]):
-        told[s] = m_pack(_m, data[s], rows[s], tables[0], tables[1], tables[2], tables[3][s])
+        told[s] = m_pack(_m, data[s], rows[s], tables[0], tables[1], tables[2][s])
 """
 Compare = Callable[[int], bool]  # whether a mutant is noticed; 0: the code as it is
 
@@ -144,9 +145,9 @@ def _install(n: Any, has: expected.Settings, commands: Sequence[expected.Command
     guard.waits, guard.safe_start, guard.odd_output = has.waits, has.safe_start, has.odd_output
     guard.estop_index, guard.mode_index, guard.stop_row = ESTOP, MODE, -1
     guard.n_safe, guard.safe_index[0] = 1, WATCHED
-    guard.safe[0, sh.SAFE] = has.substitute
+    guard.safe[0].safe = has.substitute
     n.rx.n, n.rx.starters, n.rx.awaited = 2, 2, 2
-    n.rx.role[:2, :3] = [[1, 1, 1], [1, 1, 0]]
+    n.rx.role[:2] = [(1, 1, 1, 0), (1, 1, 0, 0)]
     n.tx.first, n.tx.past = AT, OUTPUTS
     n.blocks.n, n.blocks.views[0, 6], n.blocks.views[0, 7] = 1, OUTPUTS, OUTPUTS + 2
     n.limits.n = len(commands)
@@ -165,7 +166,7 @@ def _events(
     bursts = np.repeat(draw.random(CYCLES // 4) < 0.2, 4)
     whole[:, 1] = np.where(bursts | (draw.random(CYCLES) < 0.1), draw.integers(0, 2, CYCLES), 2)
     rare = draw.random((CYCLES, 4))
-    whole[:, 2] = np.where(rare[:, 0] < 0.02, draw.integers(1, len(sv.FAULTS), CYCLES), 0)
+    whole[:, 2] = np.where(rare[:, 0] < 0.02, draw.integers(1, len(Fault), CYCLES), 0)
     whole[:, 3] = (rare[:, 1] < 0.005) * (number % 2)
     whole[:, 4] = rare[:, 2] < 0.25
     whole[:, 5] = np.where(rare[:, 3] < 0.03, draw.integers(1, 3, CYCLES), 0) * (number % 4 == 3)
@@ -203,7 +204,7 @@ def _expected(
         model.hear(reset, stop, given[7] if arm >= 0 else None)
         model.limit(k, given[2:4], given[:2], AT)
         seen = model.told()
-        rest = (fault, sv.FAULTS[fault].code, model.odd_bits if seen[19] == NOT_FINITE else 0)
+        rest = (fault, list(Fault)[fault].code, model.odd_bits if seen[19] == NOT_FINITE else 0)
         more = 0, 0, 0, seen[0], model.awaited, 0, age, model.odd_bits
         aged += taken  # frames that may be taken alone
         took = model.starved, model.untaken, aged
@@ -223,8 +224,8 @@ ROWS = (
 )
 
 
-def _frames() -> NDArray[np.int64]:
-    table = np.zeros((len(ROWS), dbc.FRAME_COLUMNS), np.int64)
+def _frames() -> NDArray[Any]:
+    table = np.zeros(len(ROWS), FRAME)
     for row, one in enumerate(ROWS):
         crc = (one.mask != 0) + one.wide
         table[row] = (one.can_id, 0, one.dlc, 0, 0, one.every, crc, 0, one.byte,
@@ -259,7 +260,8 @@ def receiver(driver: Any, draw: np.random.Generator) -> Compare:
 
     def compare(number: int) -> bool:
         told, state = np.zeros_like(wanted), e2e.new_state(len(ROWS))
-        driver.received(np.array([number]), data, about, frames, state, told)
+        seen = state.view(np.int64).reshape(len(ROWS), -1)
+        driver.received(np.array([number]), data, about, frames, state, seen, told)
         return not np.array_equal(told, wanted)
 
     return compare
@@ -327,7 +329,7 @@ def codec(driver: Any, draw: np.random.Generator) -> Compare:
             values[s, places[f"{frame.name}.{signal.name}"]] = value
         content, counts[s] = expected.packed(frame, given)
         wanted[s, :8] = np.frombuffer(content, np.uint8)
-    tables = table.frames, table.signals, table.scales, values
+    tables = table.frames, table.signals, values
 
     def compare(number: int) -> bool:
         data, told = np.zeros_like(wanted), np.zeros_like(counts)

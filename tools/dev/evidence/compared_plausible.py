@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.loop import plausibility
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.tools.dev.evidence.episodes import Episodes
 
 EPISODES, STEPS = 60, 150
@@ -32,8 +32,8 @@ def plausible(_m, n, about, values, told, kept):
                 n.v[these.place[i]] = values[s, i]
         n.event_taken[0] = n.event_ends[0]
         t[0] = m_take_plausible(_m, n, a[1])
-        t[1], t[2], t[3] = n.control[55], n.guard.faulted, n.control[54]
-        t[4], t[5], t[6] = n.control[48], n.control[49], n.control[50]
+        t[1], t[2], t[3] = n.control.implausible, n.guard.faulted, n.control.culprit
+        t[4], t[5], t[6] = n.control.odd_place, n.control.odd_cycle, n.control.odd_bits
         event = n.event[(n.event_ends[0] - 1) % 1024]
         t[7], t[8], t[9], t[10] = n.event_ends[0], event[2], event[3], event[4]
         for i in range(these.n):
@@ -113,9 +113,9 @@ class Receiver:
         signal.in_a_row += 1
         if k >= signal.told_until:
             signal.told_until = k + plausibility.EVENT_CYCLES
-            self.event, self.events = (sh.IMPLAUSIBLE_EVENT, PLACES[i], _bits(x)), self.events + 1
+            self.event, self.events = (Event.IMPLAUSIBLE, PLACES[i], _bits(x)), self.events + 1
         if signal.in_a_row >= signal.after and self.fault == 0:
-            self.fault, self.why = sv.NOT_PLAUSIBLE, why
+            self.fault, self.why = Fault.NOT_PLAUSIBLE, why
             self.odd = PLACES[i] + 1, k, _bits(x)
 
 
@@ -157,9 +157,6 @@ def install(these: Any, signals: list[Signal]) -> None:
 
 def receiver(driver: Any, draw: np.random.Generator, count: int) -> Any:
     """Feed what judges values with `count` episodes."""
-    assert (sh.IMPLAUSIBLE, sh.CULPRIT, sh.ODD_PLACE, sh.ODD_CYCLE, sh.ODD_BITS) == (
-        55, 54, 48, 49, 50,
-    )  # fmt: skip
     episodes = Episodes(driver.plausible)
     for number in range(count):
         signals = _signals(number, draw)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers import dbc
+from pcpc.executive.loop import control
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.variables import BUS_AT
 from pcpc.tools.dev.evidence import compared_plausible
@@ -93,17 +94,19 @@ def reception(_m, n, about, frames, told, kept):
             last = n.frame[(n.frame_ends[0] - 1 - i) % 65536]
             t[12 + 2 * i], t[13 + 2 * i] = last[3], last[4]
         for i in range(len(COUNTED)):
-            t[16 + i] = n.control[COUNTED[i]]
+            t[16 + i] = words(n.control)[COUNTED[i]]
         for i in range(10):
-            t[32 + i] = rx.state[max(a[3], 0), i]
-            t[42 + i] = n.faults.on_wire[max(a[3], 0), i]
+            t[32 + i] = words(rx.state[max(a[3], 0)])[i]
+            t[42 + i] = words(n.faults.on_wire[max(a[3], 0)])[i]
         t[52], t[53], t[54] = n.faults.shown, rx.strange[0, 1], rx.strange[1, 1]
         t[55], t[56] = n.meeting.sampled, n.meeting.holding
         for i in range(4):
             kept[s, i] = n.v[20 + i]
             kept[s, 4 + i] = n.v[30 + i]
 """
-DRIVER = DRIVER.replace("COUNTED", repr(COUNTED)).replace("BUS_AT", str(BUS_AT))
+DRIVER = DRIVER.replace("COUNTED", repr(tuple(map(control.place, COUNTED)))).replace(
+    "BUS_AT", str(BUS_AT)
+)
 
 
 def _frame(word: int, length: int, data: bytes) -> bytes:
@@ -175,12 +178,12 @@ def _drawn(draw: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.uin
 def _install(n: Any, has: Settings) -> None:
     n.clock.kind = GIVEN
     n.rx.n, n.tx.n, n.rx.awaited = len(ROWS), len(OWN), 2
-    n.tx.frames[: len(OWN), dbc.CAN_ID] = OWN
+    n.tx.frames["can_id"][: len(OWN)] = OWN
     n.guard.stop_row, n.v[51], n.faults.n_peer_stalls = STOP, 1.0, 1
     n.faults.n, n.meeting.greets, n.meeting.ordered = has.faults, has.greets, has.ordered
     n.meeting.greeting[:] = np.frombuffer(_frame(GREETING, 1, b""), np.uint8)
-    n.rx.state[:, 0] = n.faults.on_wire[:, 0] = -1
-    n.rx.state[:, 1] = n.faults.on_wire[:, 1] = 5
+    n.rx.state["last_counter"] = n.faults.on_wire["last_counter"] = -1
+    n.rx.state["state"] = n.faults.on_wire["state"] = 5
     n.intrusion.reaction, n.intrusion.beat_every[BEAT] = has.reaction, has.turn
     for row, one in enumerate(ROWS):
         crc = (one.mask != 0) + one.wide
@@ -193,8 +196,7 @@ def _install(n: Any, has: Settings) -> None:
         if row in LOSS:
             n.rx.loss[row], n.rx.loss_state[row] = LOSS[row], (7 + row, 0)
     for i, (_, byte, place) in enumerate(SIGNALS):
-        n.rx.signals[i] = (0, 8 * byte, 255, 0, dbc.SCALED, place, 0, 0, 0, 0)
-        n.rx.scales[i, dbc.FACTOR] = SCALE
+        n.rx.signals[i] = (0, 8 * byte, 255, 0, dbc.SCALED, place, 0, 0, 0, 0, SCALE, 0, 0, 0)
     compared_plausible.install(n.plausible, has.signals)
 
 

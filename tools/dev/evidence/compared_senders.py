@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc, e2e, e2e_states
+from pcpc.drivers import e2e_states
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import GIVEN
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.variables import FALLBACK
 from pcpc.tools.dev.evidence.episodes import Episodes
 
@@ -34,7 +35,7 @@ def senders(_m, n, about, told):
         for i in range(4):
             n.wire.rx[i] = word >> 8 * i & 255
         if row >= 0:
-            n.rx.state[row, 7] = a[7]
+            n.rx.state[row].age_cycles = a[7]
         n.frame_taken[0] = n.frame_ends[0]
         n.event_taken[0] = n.event_ends[0]
         t[0] = m_is_foreign(_m, n, row, word)
@@ -44,7 +45,7 @@ def senders(_m, n, about, told):
             m_note_repeat(_m, n, word)
         m_judge_overrun(_m, n)
         t[1] = m_refused(_m, n)
-        t[2], t[3], t[4] = n.control[25], n.guard.faulted, n.control[54]
+        t[2], t[3], t[4] = n.control.foreign, n.guard.faulted, n.control.culprit
         t[5], t[6], t[7] = n.guard.overruns, n.v[6], n.frame_ends[0]
         for i in range(3):
             t[8 + i] = n.rx.source[i]
@@ -76,7 +77,7 @@ class Senders:
         elif repeated:
             self.note_repeat(passes, word)
         self.judge(passes, behind)
-        refused = passes == 0 and self.fault == sv.ANOTHER_SENDER
+        refused = passes == 0 and self.fault == Fault.ANOTHER_SENDER
         return [foreign, refused, self.foreign, self.fault, self.culprit, self.overruns,
                 self.fallback, self.frames, *self.source, self.frame, self.events,
                 *self.event]  # fmt: skip
@@ -98,14 +99,14 @@ class Senders:
         self.foreign += 1
         count = self.counted(FOREIGN_LIMIT, passes)
         if count == 1:
-            self.tell(sh.FOREIGN_EVENT, word & 0x1FFFFFFF, self.foreign)
+            self.tell(Event.FOREIGN, word & 0x1FFFFFFF, self.foreign)
         if count >= FOREIGN_LIMIT[0] or passes == 0:
-            self.blame(sv.ANOTHER_SENDER, word)
+            self.blame(Fault.ANOTHER_SENDER, word)
 
     def note_repeat(self, passes: int, word: int) -> None:
         """Count a repeated frame; fault after too many."""
         if self.counted(REPEAT_LIMIT, passes) >= REPEAT_LIMIT[0]:
-            self.blame(sv.REPEATED_INPUT, word)
+            self.blame(Fault.REPEATED_INPUT, word)
 
     def counted(self, limit: tuple[int, int], passes: int) -> int:
         """Return how many there were in this window."""
@@ -132,9 +133,9 @@ class Senders:
             return
         if self.policy == sh.FALL_BACK and not self.fallback:
             self.fallback = 1
-            self.tell(sh.FALLBACK_EVENT, behind, 0.0)
+            self.tell(Event.FALLBACK, behind, 0.0)
         elif self.policy == sh.FAULT_AFTER and self.fault == 0:
-            self.fault = sv.OVERRUN
+            self.fault = Fault.OVERRUN
 
 
 def _drawn(draw: np.random.Generator) -> NDArray[np.int64]:
@@ -162,15 +163,15 @@ def _install(n: Any, policy: int, after: int, grace: int, stop_row: int) -> None
     n.clock.kind = GIVEN
     n.rx.n, n.tx.n = len(IDS), len(OWN)
     for row, (can_id, every) in enumerate(zip(IDS, EVERY, strict=True)):
-        n.rx.frames[row, dbc.CAN_ID], n.rx.frames[row, dbc.EVERY_N] = can_id, every
-    n.tx.frames[: len(OWN), dbc.CAN_ID] = OWN
+        n.rx.frames[row].can_id, n.rx.frames[row].every_n = can_id, every
+    n.tx.frames["can_id"][: len(OWN)] = OWN
     n.guard.overrun_policy, n.guard.overrun_after = policy, after
     n.guard.grace_passes, n.guard.stop_row = grace, stop_row
 
 
 def senders(driver: Any, draw: np.random.Generator, count: int) -> Any:
     """Feed what judges other senders and late cycles with `count` episodes."""
-    assert (e2e.AGE_CYCLES, sh.FOREIGN, sh.CULPRIT, FALLBACK) == (7, 25, 54, 6)
+    assert FALLBACK == 6
     episodes = Episodes(driver.senders)
     for number in range(count):
         has = number % 3, int(draw.integers(1, 4)), int(draw.integers(0, 9)), number % 4 - 2

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.clock import GIVEN, REAL
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import RESET_ASKED, STATE, STOP_ASKED
 from pcpc.tools.dev.evidence.episodes import Episodes
 
@@ -53,7 +54,7 @@ def tuned(_m, n, about, gain, index, value, told, kept):
             t[i] = n.answer[i]
         event = n.event[(n.event_ends[0] - 1) % 1024]
         t[4], t[5], t[6], t[7] = n.event_ends[0], event[2], event[3], event[4]
-        t[8], t[9] = n.control[31], n.tuning.done
+        t[8], t[9] = n.control.refused, n.tuning.done
         for i in range(201):
             kept[s, i] = n.v[i]
 """
@@ -83,7 +84,7 @@ class Tuned:
             self.set(*SCHEDULE[self.done][1:])
             self.done += 1
         if request != self.answer[0]:
-            may_reset = state == sv.FAULT and waits and gain <= 0.0
+            may_reset = state == State.FAULT and waits and gain <= 0.0
             asked = list(zip(index, value, strict=True))
             why, entry = self.refusal(asked, count, lock, bool(may_reset))
             if why == sh.ACCEPTED:
@@ -91,7 +92,7 @@ class Tuned:
                     self.set(*one)
             else:
                 self.refused += 1
-                self.tell(sh.REFUSED_EVENT, *asked[entry])
+                self.tell(Event.REFUSED, *asked[entry])
             self.answer = [request, k, why, entry]
         return [*self.answer, self.events, *self.event, self.refused, self.done], [*self.v]
 
@@ -116,7 +117,7 @@ class Tuned:
     def set(self, place: int, value: float) -> None:
         """Apply a tuning."""
         self.v[place] = value
-        self.tell(sh.TUNING_EVENT, place, value)
+        self.tell(Event.TUNING, place, value)
 
     def tell(self, code: int, place: int, value: float) -> None:
         """Note an event."""
@@ -134,7 +135,7 @@ def _drawn(draw: np.random.Generator) -> tuple[NDArray[Any], ...]:
     counts, weights = [-1, 0, 1, 2, 63, 64, 65], [0.1, 0.1, 0.3, 0.3, 0.05, 0.1, 0.05]
     about[:, 5] = draw.choice(counts, STEPS, p=weights)
     about[:, 6] = draw.choice([0, 0, 1, 2], STEPS)
-    about[:, 7] = np.where(draw.random(STEPS) < 0.7, sv.FAULT, draw.integers(0, 6, STEPS))
+    about[:, 7] = np.where(draw.random(STEPS) < 0.7, State.FAULT, draw.integers(0, 6, STEPS))
     about[:, 8], about[:, 9] = draw.random(STEPS) < 0.7, draw.random(STEPS) < 0.5
     good = [place for place in RANGES if place < VARIABLES]
     index = draw.choice([150, 151, 199, 0], (STEPS, 64))
@@ -153,7 +154,6 @@ def _drawn(draw: np.random.Generator) -> tuple[NDArray[Any], ...]:
 
 def tuning(driver: Any, draw: np.random.Generator, count: int) -> Any:
     """Feed tune with `count` episodes."""
-    assert sh.REFUSED == 31
     episodes = Episodes(driver.tuned)
     n = episodes.new_loop()
     n.n_variables, n.faults.every_place[0], n.v[FAULT_AT] = VARIABLES, FAULT_AT, 100.0

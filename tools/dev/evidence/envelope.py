@@ -21,8 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.states import STATE_NAMES, State
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.evidence.any_law import COUNT
 from pcpc.tools.dev.evidence.campaign import Bench
@@ -95,7 +94,7 @@ def run(law: Law) -> list[str]:
     state = one.column(0, "supervisor.state")
     found = [*commands(one.rows(0)[:, 0], state, one.column(0, "tx.CMD.command"))]
     heard = n.guard.missing < n.guard.fault_after
-    if heard and n.control[sh.STATE] == sv.STOP and n.v[places["tx.CMD.command"]] != SAFE:
+    if heard and n.control.state == State.STOP and n.v[places["tx.CMD.command"]] != SAFE:
         found.append("not safe at the end")
     driven = one.column(1, "rx.CMD.command")
     if not ((driven >= LOW - QUANTUM) & (driven <= HIGH + QUANTUM)).all():
@@ -111,9 +110,9 @@ def commands(cycle: NDArray[Any], state: NDArray[Any], sent: NDArray[Any]) -> It
     if (steps > RATE * np.diff(cycle, prepend=-1) * (1.0 + 1e-12)).any():
         yield "rate"
     away = np.abs(sent - SAFE)
-    if (away[state == sv.INIT] != 0.0).any():
+    if (away[state == State.INIT] != 0.0).any():
         yield "not safe in INIT"
-    faulty = (state[1:] == sv.FAULT) & (state[:-1] == sv.FAULT)
+    faulty = (state[1:] == State.FAULT) & (state[:-1] == State.FAULT)
     if (np.diff(away)[faulty] > 1e-12).any():
         yield "away from safe in FAULT"
 
@@ -127,16 +126,16 @@ def envelope(laws: int, seed: int, progress: Progress, jobs: int | None) -> dict
     met = np.sum([one["met"] for one in found], axis=0)
     broken = {seed: wrong for one in found for seed, wrong in one["broken"].items()}
     return {"laws": laws, "broken": broken,
-            "met": dict(zip(sv.STATE_NAMES, met.tolist(), strict=True)),
+            "met": dict(zip(STATE_NAMES, met.tolist(), strict=True)),
             "kept": not broken and bool((met > 0).all())}  # fmt: skip
 
 
 def runs_of(task: tuple[int, int]) -> dict[str, Any]:
     """Return how many runs from one seed to another left their envelope, and what they met."""
-    known, broken, met = faults(), dict[str, list[str]](), np.zeros(len(sv.STATE_NAMES), np.int64)
+    known, broken, met = faults(), dict[str, list[str]](), np.zeros(len(STATE_NAMES), np.int64)
     for seed in range(*task):
         if wrong := run(drawn(seed, known)):
             broken[str(seed)] = wrong
         met += np.isin(np.arange(len(met)), bench().column(0, "supervisor.state"))
-        met[sv.STOP] += bench().loops[0].control[sh.STATE] == sv.STOP
+        met[State.STOP] += bench().loops[0].control.state == State.STOP
     return {"runs": task[1] - task[0], "broken": broken, "met": met.tolist()}

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 from pcpc.drivers import e2e_states
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.events import Event
+from pcpc.executive.loop.faults import Fault
 from pcpc.tools.dev.evidence import compared_plausible, expected
 from pcpc.tools.dev.evidence.compared_senders import FOREIGN_LIMIT, REPEAT_LIMIT, Senders
 
@@ -32,9 +33,9 @@ GONE, CHANGED, ANOTHER = 1, 2, 4
 COUNT, HOLD = 0, 1
 GREETING = sh.GREETING | 1 << 31
 COUNTED = (
-    sh.MISSED, sh.LOST, sh.CRC_ERRORS, sh.REPEATED, sh.WRONG_SEQUENCE, sh.RECEIVED, sh.FOREIGN,
-    sh.LOST_ON_PURPOSE, sh.INTRUSIONS, sh.SIGNS_ON_PURPOSE, sh.CULPRIT, sh.IMPLAUSIBLE,
-    sh.BUS_ERRORS,
+    "missed", "lost", "crc_errors", "repeated", "wrong_sequence", "received", "foreign",
+    "lost_on_purpose", "intrusions", "signs_on_purpose", "culprit", "implausible",
+    "bus_errors",
 )  # fmt: skip
 
 
@@ -92,8 +93,8 @@ class Node(Senders):
         taken = self.bus_error(frame) if error else self.take(row, source, frame)
         short = sum(AWAITED[i] for i in SPOILED if self.came[i].fresh and self.unused(i))
         on_purpose = still == 51 or 2 - self.fresh - short <= 0
-        said = dict(self.n) | {sh.FOREIGN: self.foreign, sh.CULPRIT: self.culprit}
-        said[sh.IMPLAUSIBLE] = self.judge_of.count
+        said = dict(self.n) | {"foreign": self.foreign, "culprit": self.culprit}
+        said["implausible"] = self.judge_of.count
         last = [*self.log[:-3:-1], (0, 0), (0, 0)]
         told = [taken, on_purpose, self.started, self.fresh, self.muted, self.fault, self.quick,
                 self.events, len(self.log), *self.event, *last[0], *last[1], *said.values(),
@@ -109,12 +110,12 @@ class Node(Senders):
         kind, detail = int.from_bytes(frame[:2], "little"), frame[9]
         self.push(frame, e2e_states.BUS_ERROR)
         state, restarted = kind & 0x4, kind & 0x100
-        self.n[sh.BUS_ERRORS] += not (restarted or (state and detail & 0x40))
+        self.n["bus_errors"] += not (restarted or (state and detail & 0x40))
         happened = (state and detail & 0x0C, state and detail & 0x30, kind & 0x40, restarted,
                     kind & 0x20, kind & 0x1)  # fmt: skip
         self.bus = [count + bool(one) for count, one in zip(self.bus, happened, strict=True)]
         self.off = 1 if kind & 0x40 else 0 if restarted else self.off
-        self.fault = self.fault or sv.BUS_OFF * self.off
+        self.fault = self.fault or Fault.BUS_OFF * self.off
         return 0
 
     def unused(self, row: int) -> bool:
@@ -141,7 +142,7 @@ class Node(Senders):
             greets = word | 31 == GREETING | 31 and word != GREETING
             differs = greets and frame[4:] != b"\1" + bytes(11)
             if differs and self.has.greets and self.passes == 0:
-                self.blame(sv.ANOTHER_SENDER, word)
+                self.blame(Fault.ANOTHER_SENDER, word)
             return -1
         if self.has.ordered and self.passes == 0:
             if not self.sort(row, frame):
@@ -174,7 +175,7 @@ class Node(Senders):
             since = self.passes + 1 - self.acted[row]
             self.shown = int(state < 2 and self.acted[row] > 0 and since <= lasts)
         if self.is_lost(row):
-            self.n[sh.LOST_ON_PURPOSE] += 1
+            self.n["lost_on_purpose"] += 1
             self.came[row].fresh = self.receivers[row].fresh
             self.started += STARTS[row]
             self.push(frame, e2e_states.ON_PURPOSE)
@@ -184,7 +185,7 @@ class Node(Senders):
             return row
         state, lost = self.receivers[row].check(frame[8:], frame[4])
         self.push(frame, state)
-        self.n[sh.LOST] += lost
+        self.n["lost"] += lost
         if row not in SPOILED:
             self.count(state, lost)
         if state < 2:
@@ -196,8 +197,8 @@ class Node(Senders):
 
     def count(self, state: int, lost: int) -> None:
         """Count what the wire did."""
-        self.n[sh.MISSED] += lost
-        for its, word in ((4, sh.CRC_ERRORS), (2, sh.REPEATED), (3, sh.WRONG_SEQUENCE)):
+        self.n["missed"] += lost
+        for its, word in ((4, "crc_errors"), (2, "repeated"), (3, "wrong_sequence")):
             self.n[word] += state == its
 
     def is_lost(self, row: int) -> bool:
@@ -216,7 +217,7 @@ class Node(Senders):
             used = self.injected(row, frame)
             if used:
                 self.decode(row, frame, new)
-                self.n[sh.LOST_ON_PURPOSE] -= 1
+                self.n["lost_on_purpose"] -= 1
         if self.done & ANOTHER and self.injected(row, self.other):
             self.decode(row, self.other, new and not used)
             used = True
@@ -226,7 +227,7 @@ class Node(Senders):
         """Return whether an injected frame is accepted."""
         state, lost = self.receivers[row].check(frame[8:], frame[4])
         self.push(frame, e2e_states.INJECTED + state)
-        self.n[sh.LOST] += lost
+        self.n["lost"] += lost
         if state >= 2:
             self.suspect(row, frame, state, lost)
         if state == 2 and STARTS[row] + AWAITED[row]:
@@ -252,9 +253,9 @@ class Node(Senders):
                 gives *= self.plausible(row)
                 self.added[row] = gives if new else self.added[row]
         self.counted_frame[row] = frame
-        self.n[sh.RECEIVED] += 1
+        self.n["received"] += 1
         if row == STOP:
-            self.fault, self.quick = self.fault or sv.STOP_FRAME, 1
+            self.fault, self.quick = self.fault or Fault.STOP_FRAME, 1
         if new:
             self.started += STARTS[row]
             self.fresh += gives
@@ -293,38 +294,38 @@ class Node(Senders):
         its, before, has = self.receivers[row], self.counted_frame[row], ROWS[row]
         if state == 4:
             if its.fresh:
-                self.sign(row, frame, sh.TWO_SENDERS_EVENT, 1)
+                self.sign(row, frame, Event.TWO_SENDERS, 1)
         elif state == 2:
             if its.still <= has.every and frame[8 : 8 + has.dlc] != before[8 : 8 + has.dlc]:
-                self.sign(row, frame, sh.TWO_SENDERS_EVENT, 3)
+                self.sign(row, frame, Event.TWO_SENDERS, 3)
         else:
             self.counted_frame[row] = frame
             ahead = (its.last - (before[8 + has.byte] >> has.shift)) & has.mask
             if ahead > has.mask // 2:
                 if lost == 0:
-                    self.sign(row, frame, sh.TWO_SENDERS_EVENT, 1)
+                    self.sign(row, frame, Event.TWO_SENDERS, 1)
             elif ahead >= lost + 1 + self.behind // has.every + 4:
-                self.sign(row, frame, sh.AHEAD_EVENT, 3)
+                self.sign(row, frame, Event.AHEAD, 3)
 
     def beat(self, frame: bytes) -> None:
         """Look at the time between two heartbeats."""
         before, self.beat_at = self.beat_at, self.k
         if before > 0 and self.behind == 0 and self.k - before < 0.75 * self.has.turn:
             if self.k - self.early_at <= 10 * self.has.turn:
-                self.sign(BEAT, frame, sh.TWO_PLACES_EVENT, 1)
+                self.sign(BEAT, frame, Event.TWO_PLACES, 1)
             self.early_at = self.k
 
     def sign(self, row: int, frame: bytes, event: int, weight: int) -> None:
         """Count a sign; do what the rig chose where it is believed."""
-        self.n[sh.INTRUSIONS] += 1
-        self.n[sh.SIGNS_ON_PURPOSE] += self.shown
+        self.n["intrusions"] += 1
+        self.n["signs_on_purpose"] += self.shown
         hints = self.hints[row]
         if self.passes - hints[0] >= 10 * ROWS[row].every:
             hints[:] = self.passes, 0
         hints[1] += weight
         if self.k >= self.told_until[row]:
             self.told_until[row] = self.k + 100
-            self.tell(event, self.word(frame) & 0x1FFFFFFF, self.n[sh.INTRUSIONS])
+            self.tell(event, self.word(frame) & 0x1FFFFFFF, self.n["intrusions"])
         if hints[1] < 3 or self.reaction == COUNT:
             return
         self.doubted[row] = self.passes + 1
@@ -337,4 +338,4 @@ class Node(Senders):
                     if i < len(compared_plausible.ROWS):
                         self.judge_of.signals[i].taken = self.v[i]
         if self.reaction != HOLD:
-            self.blame(sv.INTRUSION, self.word(frame))
+            self.blame(Fault.INTRUSION, self.word(frame))

@@ -20,10 +20,11 @@ import numpy as np
 from can.interfaces.udp_multicast.utils import pack_message
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc, e2e, libc, wire
+from pcpc.drivers import e2e, libc, wire
 from pcpc.drivers.jit import loop_function
+from pcpc.drivers.structures import words
 from pcpc.drivers.wire_layout import FRAME_BYTES, PACKET_BYTES, SOCKETCAN, UDP
-from pcpc.executive.loop import reception
+from pcpc.executive.loop import control, reception
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
@@ -35,7 +36,8 @@ FATES = ("lost", "used", "no data frame", "bus error", "another id", "own id", "
 LOST, USED, NO_FRAME, TOLD, OTHER, OWN, WRONG, AGAIN, AHEAD, TWICE = range(len(FATES))
 LAST, NEXT, DLC = 7, 8, 8  # the counter heard, the next one; bytes of the frame
 _AT_ONCE, _SAMPLE, _WAIT_S = 20_000, 100, 1.0  # one in _SAMPLE of the others is judged again
-_COUNTS = np.array([sh.RECEIVED, sh.CRC_ERRORS, sh.REPEATED, sh.WRONG_SEQUENCE, sh.FOREIGN])
+_COUNTED = "received", "crc_errors", "repeated", "wrong_sequence", "foreign"
+_COUNTS = np.array([control.place(word) for word in _COUNTED])
 _FATE_OF = np.array([USED, WRONG, AGAIN, AHEAD, OWN])
 Draw = Callable[[random.Random, "Good"], bytes]
 
@@ -47,20 +49,20 @@ def fed(n: Any, fd: Any, packets: Any, lengths: Any, state: Any, counts: Any, to
         for row in range(state.shape[0]):
             n.rx.source[row] = 0
             for i in range(state.shape[1]):
-                n.rx.state[row, i] = state[row, i]
+                words(n.rx.state[row])[i] = state[row, i]
         for kind in range(2):
             n.rx.strange[kind, 0] = 0
             n.rx.strange[kind, 1] = 0
         n.guard.faulted = 0
         for i in range(counts.shape[0]):
-            n.control[counts[i]] = 0
+            words(n.control)[counts[i]] = 0
         for i in range(FRAME_BYTES):
             n.wire.rx[i] = 0
         n.frame_taken[0], n.event_taken[0] = n.frame_ends[sh.PUT], n.event_ends[sh.PUT]
         libc.send(fd, libc.address(packets[s]), lengths[s], libc.MSG_DONTWAIT)
         told[s, 0] = reception.take(n, True)
         for i in range(counts.shape[0]):
-            told[s, 1 + i] = n.control[counts[i]]
+            told[s, 1 + i] = words(n.control)[counts[i]]
         for i in range(FRAME_BYTES):
             told[s, 1 + counts.shape[0] + i] = n.wire.rx[i]
 
@@ -229,12 +231,10 @@ def _on(one: Format) -> Iterator[tuple[Any, int]]:
 def _known(n: Any) -> Good:
     """Return the frames that the executive knows, as the rules in plain Python have them."""
     known = {}
-    for row in n.rx.frames[: n.rx.n].tolist():
-        mask = row[dbc.COUNTER_MASK] if row[dbc.PROTECTED] else 0
-        known[row[dbc.CAN_ID]] = expected.Protected(
-            row[dbc.CAN_ID], row[dbc.DLC], row[dbc.EVERY_N],
-            row[dbc.COUNTER_BYTE], row[dbc.COUNTER_SHIFT], mask,
-        )  # fmt: skip
+    for row in n.rx.frames[: n.rx.n]:
+        mask = row.counter_mask if row.protected else 0
+        its = row.can_id, row.dlc, row.every_n, row.counter_byte, row.counter_shift, mask
+        known[int(row.can_id)] = expected.Protected(*map(int, its))
     can_id = next(one.can_id for one in known.values() if one.mask and one.dlc == DLC)
     return Good(can_id, known, [one for one in range(0x800) if one != can_id])
 
@@ -248,7 +248,8 @@ def fates_of_kind(name: str, kind: str, count: int, seed: int) -> dict[str, Any]
     with _on(one) as (n, fd):
         good = _known(n)
         state = e2e.new_state(len(n.rx.state))
-        state[:, e2e.LAST_COUNTER], state[:, e2e.STILL_CYCLES] = LAST, 1
+        state["last_counter"], state["still_cycles"] = LAST, 1
+        receivers = state.view(np.int64).reshape(len(state), -1)
         for first in range(0, count, _AT_ONCE):
             sent = [make(draw, good) for _ in range(min(_AT_ONCE, count - first))]
             packets = np.zeros((len(sent), PACKET_BYTES), np.uint8)
@@ -256,7 +257,7 @@ def fates_of_kind(name: str, kind: str, count: int, seed: int) -> dict[str, Any]
                 row[: len(packet)] = np.frombuffer(packet, np.uint8)
             lengths = np.array([*map(len, sent)], np.int64)
             told = np.zeros((len(sent), 1 + len(_COUNTS) + FRAME_BYTES), np.int64)
-            fed(n, fd, packets, lengths, state, _COUNTS, told)
+            fed(n, fd, packets, lengths, receivers, _COUNTS, told)
             found = _fates(told)
             fates += np.bincount(found, minlength=len(FATES))
             misjudged += _misjudged(good, found, told[:, 1 + len(_COUNTS) :])

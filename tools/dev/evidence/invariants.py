@@ -18,7 +18,7 @@ import numpy as np
 
 from pcpc.executive.log import long_logs
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop.supervisor import FAULT, INIT
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.dev.evidence.aftermath import left_behind
@@ -58,8 +58,8 @@ def commands(rig: Rig, role: Any, node: logs.Node) -> Iterator[str]:
             most = limit.rate_per_s / rig.config.rate_hz * (1.0 + 1e-9)
             if (np.abs(np.diff(sent)) > most * np.diff(node.cycle)).any():
                 yield f"{name} was faster than its rate"
-        if (sent[state == INIT] != safe).any():
+        if (sent[state == State.INIT] != safe).any():
             yield f"{name} was not safe in INIT"
-        ramps = (state[1:] == FAULT) & (state[:-1] == FAULT)
+        ramps = (state[1:] == State.FAULT) & (state[:-1] == State.FAULT)
         if (np.diff(np.abs(sent - safe))[ramps] > 0.0).any():
             yield f"{name} rose in FAULT"

@@ -189,7 +189,7 @@ def _disturbed(case: Case, bus: str, tries: int) -> dict[str, Any]:
                 process.nodes["executive"].wait_until(lambda now: now.cycle >= case.cycle, _START_S)
         except LiveError as error:
             raise Ended(str(error)) from None
-        at = {role: int(node.block["control"][sh.CYCLE]) for role, node in process.nodes.items()}
+        at = {role: int(node.block.control.cycle) for role, node in process.nodes.items()}
         if not born:
             _act(process, case)
         left = process.left(_END_S)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.executive import loop
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.states import NEXT, State
 from pcpc.tools.dev.evidence import (
     compared,
     compared_plausible,
@@ -34,7 +34,7 @@ TARGETS: Mapping[str, Sequence[str]] = {
     "drivers.codec": ("_round", "_bits", "pack"),
     "drivers.e2e": ("crc8", "crc16", "right_crc", "crc_of", "put_crc", "protect", "begin_cycle",
                     "age", "_use", "check"),
-    "executive.loop.supervisor": ("advance",),
+    "executive.loop.states": ("next_state",),
     "executive.loop.limits": ("find_not_finite", "check_finite", "limit_commands", "settled",
                               "quick_stop", "begin_ramp"),
     "executive.loop.strangers": ("_note", "blame", "refused", "is_foreign", "note_foreign",
@@ -49,14 +49,15 @@ TARGETS: Mapping[str, Sequence[str]] = {
     "executive.loop.reception": ("take_frame", "use_frame", "put_in_place", "disturbed", "accept",
                                  "decode", "refuse"),
     "executive.loop.tuning": ("tune", "answer", "judge_request"),
-    "executive.loop.cycle": ("judge_overrun", "over", "count_missing", "watch_estop",
-                             "hear_requests", "judge_reset", "enter", "watch_input", "supervise"),
+    "executive.loop.supervisor": ("judge_overrun", "over", "count_missing", "watch_estop",
+                                  "hear_requests", "judge_reset", "enter", "watch_input",
+                                  "supervise"),
 }  # fmt: skip
 PARTS = compared_senders, compared_plausible, compared_reception, compared_tuning
 RECEPTION = ("bus_state", "losses", "on_wire", "intrusion", "meeting", "reception")
 TABLES = {
-    "NEXT": (*sv.NEXT.shape, len(sv.STATE_NAMES)),
-    "DOES": (*sv.DOES.shape, 2),
+    "NEXT": (*NEXT.shape, len(State)),
+    **dict.fromkeys(("RUNS", "EXPECTS", "RAMPS", "SENDS"), (len(State), 1, 2)),
 }
 BESIDE = {  # an index beyond the table finds what is wrong there, not another's memory
     "drivers.e2e": "_CRC_TABLE = np.resize((_CRC_TABLE + 77) % 256, 1 << 16)\n"
@@ -97,7 +98,8 @@ ON_PURPOSE = "injects what a rig asks for; judges nothing that comes"
 ELSEWHERE = {  # modules of the loop without mutants, and why
     **dict.fromkeys(("floods", "injected_frames", "injected_values", "injection", "stalls"),
                     ON_PURPOSE),
-    "clock": "what late cycles lead to is judged in cycle, which has mutants",
+    "clock": "what late cycles lead to is judged in supervisor, which has mutants",
+    "cycle": "the order of its stages alone", "stepping": "calls the blocks",
     "drive": "a word for others; no command depends on it",
     "exchange": "the order of virtual time alone", "over_line": "the order of virtual time alone",
     "rings": "carries to the recorder", "timing": "measures",

@@ -36,9 +36,11 @@ _BINARY: Mapping[type[ast.operator], type[ast.operator]] = {
 }  # fmt: skip
 _CALLS = {"min": "max", "max": "min"}
 _INTERPRETED = """
+import numpy as np
 def loop_function(function): return function
 def data_of(frame): return frame[8:16]
 def copy(target, source): target[:] = source
+def words(structure): return np.asarray(structure).reshape(1).view(np.int64)
 """  # what cannot be called but by compiled functions
 
 
@@ -152,7 +154,10 @@ class _Change(ast.NodeTransformer):
         shape = self._tables.get(name)
         if shape is None or not isinstance(node.ctx, ast.Load):
             return self.generic_visit(node)  # type: ignore[return-value]
-        row, column = (ast.unparse(one) for one in node.slice.elts)  # type: ignore[attr-defined]
+        index = (
+            node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice, ast.Constant(0)]
+        )
+        row, column = map(ast.unparse, index)
         try:  # a column that stands there by its name
             columns = [int(eval(column, vars(self._source)))]
         except NameError:
@@ -244,7 +249,9 @@ def build(
     found: list[Mutant] = []
     every = [name for names in targets.values() for name in names]
     texts: dict[str, str] = {}
-    decorator = "from pcpc.drivers.jit import loop_function"
+    decorator = (
+        "from pcpc.drivers.jit import loop_function\nfrom pcpc.drivers.structures import words"
+    )
     if not compiled:
         decorator = _INTERPRETED
 

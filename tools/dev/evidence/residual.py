@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers import dbc, e2e
 from pcpc.drivers.jit import LOOP_INTERPRETED, numba
+from pcpc.drivers.rows import FRAME
 
 BITS, CAN_ID = 64, 0x120
 WEIGHTS = (1, 2, 3, 4, 5, 6, 8, 16, 32)
@@ -38,13 +39,14 @@ class Code:
     times: int = 1
 
     @property
-    def rows(self) -> NDArray[np.int64]:
+    def rows(self) -> NDArray[Any]:
         """The table of the one frame."""
-        rows = np.zeros((1, dbc.FRAME_COLUMNS), np.int64)
-        rows[0, dbc.CAN_ID] = rows[0, dbc.DATA_ID] = CAN_ID
-        rows[0, dbc.DLC], rows[0, dbc.EVERY_N] = BITS // 8, 1
-        rows[0, [dbc.PROTECTED, dbc.CRC_BYTE]] = self.crc
-        rows[0, [dbc.COUNTER_BYTE, dbc.COUNTER_SHIFT, dbc.COUNTER_MASK]] = self.counter
+        rows = np.zeros(1, FRAME)
+        row = rows[0]
+        row.can_id = row.data_id = CAN_ID
+        row.dlc, row.every_n = BITS // 8, 1
+        row.protected, row.crc_byte = self.crc
+        row.counter_byte, row.counter_shift, row.counter_mask = self.counter
         return rows
 
     @property

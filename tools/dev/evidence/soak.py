@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.loop.supervisor import FAULT
+from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.injecting import faults_of, inject
 from pcpc.executive.nodes.live import Live, LiveError, running
 from pcpc.executive.nodes.plan import plan
@@ -195,7 +195,7 @@ def _nodes(child: Child, name: str) -> list[Live]:
 
 def _change(nodes: Sequence[Live], draw: random.Random, row: dict[str, Any]) -> None:
     for node in nodes:
-        if node["supervisor.state"] == FAULT:
+        if node["supervisor.state"] == State.FAULT:
             with suppress(LiveError):  # its ramp is not over, its cause is still there
                 node.tune({"supervisor.reset": 1.0})
                 row["resets"] += 1

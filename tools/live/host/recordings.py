@@ -113,7 +113,7 @@ class Recordings:
                 raise UserError(f"{self._recording.path} is being recorded already")
             self._check_room()
             path = self._new(source.rig, "")
-            cycles = [int(node.live.block["control"][sh.CYCLE]) for node in source.nodes.values()]
+            cycles = [int(node.live.block.control.cycle) for node in source.nodes.values()]
             try:
                 self._recording = Recording(source, path, self._left)
             except OSError as error:

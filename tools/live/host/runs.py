@@ -7,7 +7,6 @@ from contextlib import suppress
 from typing import Any
 
 from pcpc.drivers.bystander import keep_off
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live as nodes
 
 AGAIN_S = 0.3  # what was found holds as long
@@ -45,7 +44,7 @@ def run_list(found: Mapping[str, nodes.Live]) -> list[dict[str, Any]]:
     for name, live in sorted(found.items()):
         run, about = run_of(name), live.block.description
         with suppress(KeyError, TypeError, ValueError, IndexError):  # it says nothing sensible
-            state = str(about["state_names"][int(live.block["control"][sh.STATE])])
+            state = str(about["state_names"][int(live.block.control.state)])
             since_s = 1e-9 * int(about["metadata"]["clock_wall_ns"])
             new = {"run": run, "rig": str(about["rig"]), "since_s": since_s, "nodes": {}}
             runs.setdefault(run, new)["nodes"][str(about["node"])] = state

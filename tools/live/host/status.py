@@ -13,10 +13,10 @@ from pcpc.tools.live.host.sources import Source, full
 from pcpc.tools.live.host.traffic import load
 
 _COUNTERS = {
-    "late": sh.LATE, "skipped": sh.SKIPPED, "held": sh.HELD, "lost": sh.LOST,
-    "crc": sh.CRC_ERRORS, "repeated": sh.REPEATED, "sequence": sh.WRONG_SEQUENCE,
-    "foreign": sh.FOREIGN, "intrusions": sh.INTRUSIONS, "send errors": sh.SEND_ERRORS,
-    "bus errors": sh.BUS_ERRORS, "refused": sh.REFUSED,
+    "late": "late", "skipped": "skipped", "held": "held", "lost": "lost",
+    "crc": "crc_errors", "repeated": "repeated", "sequence": "wrong_sequence",
+    "foreign": "foreign", "intrusions": "intrusions", "send errors": "send_errors",
+    "bus errors": "bus_errors", "refused": "refused",
 }  # fmt: skip
 _TIMES = ("wake_late_p50_us", "wake_late_p99_us", "wake_late_max_us", "work_p99_us")
 _PERIODS = 8  # of the histogram: buckets to an octave
@@ -83,13 +83,13 @@ class Status:
 
     def _node(self, key: tuple[int, str], live: Live, now: Values) -> dict[str, Any]:
         block, about = live.block, live.block.description
-        control = block["control"]
-        state = str(about["state_names"][int(control[sh.STATE])])
+        control = block.control
+        state = str(about["state_names"][int(control.state)])
         return {
             "state": state if live.running else "ended",
-            "fault": reason(about, control) if control[sh.FAULT] else "",
+            "fault": reason(about, control) if control.fault else "",
             "cycle": now.cycle, "t_s": now.cycle * 1e-9 * live.period_ns,
-            "rate_hz": self._rate(key, int(control[sh.PASSES])),
+            "rate_hz": self._rate(key, int(control.passes)),
             "pacing": about["metadata"].get("pacing", ""),
             "counters": {name: int(control[word]) for name, word in _COUNTERS.items()},
             "times": {name: _number(now[f"timing.{name}"]) for name in _TIMES},

@@ -48,7 +48,7 @@ class Traffic:
         self.kinds = _frame_kinds(live)
         self._live, self._new = live, list[NDArray[np.int64]]()
         self._lately = np.zeros((0, sh.FRAME_WORDS), np.int64)
-        self._since_s, self._cycle = time.monotonic(), int(live.block["control"][sh.CYCLE])
+        self._since_s, self._cycle = time.monotonic(), int(live.block.control.cycle)
         facts = live.block.description["metadata"]
         self._clocked = facts.get("pacing") not in WITHOUT_CLOCK
         self.seen, self.sent, self.over_s = bus_load.Kinds(), bus_load.Kinds(), 0.0
@@ -62,7 +62,7 @@ class Traffic:
             self._look(now_s)
 
     def _look(self, now_s: float) -> None:
-        cycle = int(self._live.block["control"][sh.CYCLE])
+        cycle = int(self._live.block.control.cycle)
         cycles_s = 1e-9 * self._live.period_ns * (cycle - self._cycle)
         self.over_s = now_s - self._since_s if self._clocked else cycles_s
         self._since_s, self._cycle = now_s, cycle

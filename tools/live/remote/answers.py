@@ -14,7 +14,8 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop.supervisor import FAULT_NAMES, STATE_NAMES
+from pcpc.executive.loop.faults import FAULT_NAMES
+from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.tools.terminal import screen
 
 Word = Annotated[str, Meta(max_length=1000)]
@@ -87,11 +88,11 @@ def description_in(told: Any) -> dict[str, Any]:
 
 def check_values(found: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) -> None:
     """Raise ValueError where published values are none that a node of this kind has."""
-    control = found["control"]
-    for word, names in ((sh.STATE, "state_names"), (sh.FAULT, "fault_names")):
+    control: Any = found.control
+    for word, names in (("state", "state_names"), ("fault", "fault_names")):
         if not 0 <= int(control[word]) < len(about[names]):
             raise ValueError("a state that there is not")
-    if int(control[[sh.CYCLE, sh.PASSES]].min()) < -1 or int(control[sh.CYCLE]) > 2**62:
+    if min(int(control.cycle), int(control.passes)) < -1 or int(control.cycle) > 2**62:
         raise ValueError("a cycle that there is not")
     if "snapshot" in found:
         kinds = [(row[0], row[2]) for row in about["variables"]]

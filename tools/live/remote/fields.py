@@ -43,7 +43,7 @@ def fields_of(
         kind, shape = sh.PUBLISHED[name].subdtype or (sh.PUBLISHED[name], ())
         shape = (len(about["variables"]),) if name == "snapshot" else shape
         count = int(np.prod(shape))
-        found[name] = np.frombuffer(body, kind, count, at).reshape(shape)
+        found[name] = np.frombuffer(body, kind, count, at).reshape(shape)[()]  # of control a record
         at += count * kind.itemsize
     return bool(alive), found
 

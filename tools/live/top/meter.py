@@ -16,7 +16,6 @@ import numpy as np
 from pcpc.drivers import can_id
 from pcpc.drivers.e2e_states import OK
 from pcpc.executive.loop import faults
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes.live import Live, Values
 from pcpc.executive.nodes.tap import Tap, columns_of
@@ -57,7 +56,7 @@ class NodeMeter:
             dict.fromkeys(self.errors, 0.0),
             dict.fromkeys(self.errors, 0.0),
         )
-        self.passes, self.rate_hz = int(live.block["control"][sh.PASSES]), 0.0
+        self.passes, self.rate_hz = int(live.block.control.passes), 0.0
         self.received: dict[int, Counter[int]] = {}  # by id and state, of all looks
         self.seen = bus_load.Kinds()  # of the last one
         self.arrivals: Counter[int] = Counter()
@@ -66,7 +65,7 @@ class NodeMeter:
     def look(self, over_s: float) -> None:
         """Take what came in the last `over_s` seconds."""
         self.now = self.live.read()
-        passes = int(self.live.block["control"][sh.PASSES])
+        passes = int(self.live.block.control.passes)
         self.rate_hz, self.passes = (passes - self.passes) / over_s, passes
         rows = self.tap.rows()
         for name in self.errors if len(rows) else ():
@@ -80,8 +79,8 @@ class NodeMeter:
 
     def fault(self) -> str:
         """Return the reason of its fault, "" for none."""
-        control = self.live.block["control"]
-        return faults.reason(self.live.block.description, control) if control[sh.FAULT] else ""
+        control = self.live.block.control
+        return faults.reason(self.live.block.description, control) if control.fault else ""
 
 
 class Meter:

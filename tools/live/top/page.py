@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 from pcpc.drivers.e2e_states import ERROR, OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE
 from pcpc.executive.loop import drive
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.operating import in_charge, laws
 from pcpc.tools.live.top.meter import Meter, NodeMeter
 
@@ -60,15 +59,15 @@ def _nodes(meter: Meter) -> list[str]:
         f"{'skip':>6}{'held':>6}"
     ]
     for one in meter.nodes:
-        control, about = one.live.block["control"], one.live.block.description
-        state = about["state_names"][int(control[sh.STATE])]
+        control, about = one.live.block.control, one.live.block.description
+        state = about["state_names"][int(control.state)]
         word = int(one.now["supervisor.status_word"]) & _OF_THE_DRIVE
         clocked = about["metadata"].get("pacing") != "lockstep"
         times = [one.now[f"timing.wake_late_{what}_us"] for what in ("p50", "p99", "max")]
         shown = [f"{time:.1f}" if clocked else "-" for time in times]
         found.append(
             f"{one.role:10}{state:6}{_DRIVE.get(word, f'0x{word:02X}'):15}{one.rate_hz:8.1f}"
-            f"{shown[0]:>13}{shown[1]:>8}{shown[2]:>8}{control[sh.SKIPPED]:6}{control[sh.HELD]:6}"
+            f"{shown[0]:>13}{shown[1]:>8}{shown[2]:>8}{control.skipped:6}{control.held:6}"
         )
     return found
 
@@ -82,7 +81,7 @@ def _trouble(meter: Meter) -> list[str]:
 def _load(meter: Meter) -> str:
     bits = meter.bits_per_s()
     share = f", {100 * bits / meter.bitrate:.0f} % of the bus" if meter.bitrate else ""
-    lost = sum(int(one.live.block["control"][sh.LOST]) for one in meter.nodes)
+    lost = sum(int(one.live.block.control.lost) for one in meter.nodes)
     return f"load {1e-3 * bits:.0f} kbit/s at most{share}; frames lost since the start: {lost}"
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pcpc.drivers import codec, dbc, e2e
 from pcpc.drivers.e2e_states import ERROR, OK, OK_SOME_LOST, name_of
 from pcpc.drivers.wire_layout import FRAME_BYTES
-from pcpc.executive.loop.supervisor import INIT, NMT, STOP
+from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
@@ -71,7 +71,7 @@ class FrameJudge:
         names = [f"{f.name}.{s.name}" for f in frames for s in f.signals]
         self.places = {name: place for place, name in enumerate(names)}
         self.table = dbc.table(frames, config.rate_hz, self.places)
-        self.tables = self.table.frames, self.table.signals, self.table.scales
+        self.tables = self.table.frames, self.table.signals
         self.by_word = {frame.word: row for row, frame in enumerate(frames)}
         self.values, self.state = np.zeros(len(names)), e2e.new_state(len(frames))
         self._take_limits(rig)
@@ -80,7 +80,10 @@ class FrameJudge:
         codec.unpack(blank[8:], 0, *self.tables, self.values)
         self.ends = {  # place of the value in which a node tells its end, and that value
             role: [
-                (self.places[name], float(STOP) if source == "supervisor.state" else NMT[STOP])
+                (
+                    self.places[name],
+                    float(State.STOP) if source == "supervisor.state" else HEARTBEATS[State.STOP],
+                )
                 for source in ("supervisor.state", "supervisor.nmt")
                 for name, given in rig.nodes()[role].transmit.items()
                 if given == source and name in self.places
@@ -152,7 +155,7 @@ class FrameJudge:
         for place, _ in self.ends[role]:
             self.stated[role] = float(self.values[place])
         if role == "executive":
-            runs = self.stated[role] not in (INIT, STOP)
+            runs = self.stated[role] not in (State.INIT, State.STOP)
             if runs and not self.armed:
                 self.state[:] = e2e.new_state(len(self.rows))
                 self.begun = self.cycle

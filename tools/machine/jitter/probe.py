@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.machine.jitter.loops import JitterError, Setup
 from pcpc.tools.run.run import LOG, Host
@@ -127,7 +126,7 @@ def run(setup: Setup, folder: Path, progress: Progress, label: str) -> Probe:
         if outcome.interrupted:
             return Probe({}, False, True, bus)
         raise JitterError(str(error), Exit.LOSS) from None
-    fifo = all(bool(block["control"][sh.REALTIME]) for block in host.blocks.values())
+    fifo = all(bool(block.control.realtime) for block in host.blocks.values())
     return Probe(nodes, fifo, outcome.interrupted, bus, metadata)
 
 

@@ -121,7 +121,7 @@ class _WaitingForDevice(PeerWait):
     def too_long(self, blocks: Any, under_way: bool) -> bool:
         """Return whether the node has waited for too long, or waits for nobody any more."""
         if self.device.process is None and self.device.words:
-            if "plant" in blocks and blocks["plant"]["control"][sh.READY]:
+            if "plant" in blocks and blocks["plant"].control.ready:
                 self.device.start()
             return False
         if self.device.ended:
@@ -222,10 +222,10 @@ class DeviceHost(Host):
         outcome.begin_ns = None
         done = 0
         if block is not None:
-            control = block["control"]
-            done = min(int(control[sh.CYCLE]) + 1, wanted) if control[sh.PASSES] else 0
-            outcome.cycles, outcome.realtime = done, bool(control[sh.REALTIME])
-            if done < wanted and int(control[sh.PASSES] + control[sh.SKIPPED]) < wanted:
+            control = block.control
+            done = min(int(control.cycle) + 1, wanted) if control.passes else 0
+            outcome.cycles, outcome.realtime = done, bool(control.realtime)
+            if done < wanted and int(control.passes + control.skipped) < wanted:
                 outcome.short = f"{done:,} of {wanted:,} cycles: the run ended before"
         if complaint := self.device.complaint():
             cause = 0 if self.children["plant"].code >= 0 else len(outcome.faults)

@@ -3,6 +3,7 @@
 NAME.h, NAME.c        the law of each block, as `laws` gives it
 rig.h, rig.c          blocks, wiring, limits, frames of this rig
 frames.h, frames.c    pack and unpack, from the DBC file
+supervisor.h, .c      states, table, faults, as `executive.loop` declares them
 codec, device, run    the same for all rigs: CRC and counters, supervisor, the order of a run
 main_linux.c, ...     for a machine: Linux with CAN; a Cortex-M with a UART
 Makefile              `make linux m7 m4`
@@ -18,7 +19,7 @@ from pcpc.executive.loop.table import Views
 from pcpc.executive.nodes.plan import Plan, plan
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig
-from pcpc.tools.make.generate import frames, wiring
+from pcpc.tools.make.generate import declared, frames, wiring
 from pcpc.tools.make.generate.translator import elementary
 from pcpc.tools.make.generate.translator.law import law_files
 from pcpc.tools.make.generate.words import identifier
@@ -35,7 +36,11 @@ def device(rig: Rig) -> dict[str, str]:
     """Return the files of a rig's device by name; RigError for what a device in C cannot do."""
     _check(rig)
     made = plan(_undisturbed(rig), "executive", "lockstep")
-    files = {name: (_FIXED / name).read_text() for name in _SAME} | elementary.files()
+    files = (
+        {name: (_FIXED / name).read_text() for name in _SAME}
+        | elementary.files()
+        | declared.files()
+    )
     files["frames.h"] = frames.header(made.tx_frames, made.rx_frames)
     files["frames.c"] = frames.source(made.tx_frames, made.rx_frames)
     files["rig.h"], files["rig.c"] = wiring.header(made), wiring.source(made)

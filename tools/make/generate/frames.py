@@ -91,8 +91,9 @@ def _pack(frame: dbc.Frame) -> Iterator[str]:
     yield _pack_head(frame)
     yield "{"
     for i, signal in enumerate(frame.signals):
-        row, scale = table.signals[i], [float(x) for x in table.scales[i]]
-        bits = _hex(int(row[dbc.BITS_LOW])), _hex(int(row[dbc.BITS_HIGH]))
+        row = table.signals[i]
+        scale = map(float, (row.factor, row.offset, row.code_low, row.code_high))
+        bits = _hex(int(row.bits_low)), _hex(int(row.bits_high))
         fields = ", ".join([*map(number, scale), *bits])
         yield f"    static const scale_t {identifier(signal.name)}_scale = {{{fields}}};"
     yield "    uint64_t little = 0u;"
@@ -102,7 +103,7 @@ def _pack(frame: dbc.Frame) -> Iterator[str]:
         row, name = table.signals[i], identifier(signal.name)
         raw = f"{_RAW_OF.get(signal.kind, 'raw_of')}(s->{name}, &{name}_scale, &clamped)"
         word = "big" if signal.big_endian else "little"
-        shift, mask = int(row[dbc.SHIFT]), int(row[dbc.MASK])
+        shift, mask = int(row.shift), int(row.mask)
         yield f"    {word} |= ({raw} & {_hex(mask)}) << {shift};"
     yield "    put_words(data, little, big);"
     yield "    return clamped;"
@@ -119,8 +120,8 @@ def _unpack(frame: dbc.Frame) -> Iterator[str]:
     for i, signal in enumerate(frame.signals):
         row = table.signals[i]
         word = "big" if signal.big_endian else "little"
-        raw = f"({word} >> {int(row[dbc.SHIFT])}) & {_hex(int(row[dbc.MASK]))}"
-        factors = int(row[dbc.INT_FACTOR]), int(row[dbc.INT_OFFSET])
+        raw = f"({word} >> {int(row.shift)}) & {_hex(int(row.mask))}"
+        factors = int(row.int_factor), int(row.int_offset)
         yield f"    s->{identifier(signal.name)} = {_value(signal, raw, factors)};"
     yield "}"
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from pcpc.drivers.errors import UserError
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
+from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.loop.variables import GAIN, NMT, STATE, T_S
 from pcpc.executive.nodes.fmus import step_of
 from pcpc.executive.nodes.plan import Plan
@@ -56,8 +56,8 @@ class CycleMap:
             first = self.first[role]
             for place, value in plans[role].values.items():
                 self.v[first + place] = value
-            self.v[first + STATE], self.v[first + GAIN] = sv.RUN, 1.0
-            self.v[first + NMT] = sv.NMT[sv.RUN]
+            self.v[first + STATE], self.v[first + GAIN] = State.RUN, 1.0
+            self.v[first + NMT] = HEARTBEATS[State.RUN]
 
     def place(self, role: Role, name: str) -> int:
         """Return where a variable of a node stands in `v`."""

@@ -25,11 +25,11 @@ import numpy as np
 from pcpc.drivers.errors import UserError
 from pcpc.drivers.jit import VIEW, i8, loop, types
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.loop import supervisor as sv
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.exchange import meet, pass_on, work_below
 from pcpc.executive.loop.faults import reason
 from pcpc.executive.loop.injection import VALUE
+from pcpc.executive.loop.states import State
 from pcpc.executive.loop.variables import STATE
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import watched
@@ -240,7 +240,7 @@ def _run(run: VirtualRun, cut: Loop, d: Vector) -> tuple[Vector, int]:
     at = [made.role for made in run.plans].index(cut.role)
     table, loops = run.plans[at].table.index, tuple(block.loop for block in run.blocks)
     places = np.array([at, table[f"fault.{INJECTED}.left"] + VALUE, table[cut.source]])
-    control, drive, u, begin = run.blocks[at]["control"], _drive_of(len(loops)), np.empty(len(d)), 0
+    control, drive, u, begin = run.blocks[at].control, _drive_of(len(loops)), np.empty(len(d)), 0
     for first in range(0, len(d), _PIECE):
         part = slice(first, first + _PIECE)
         wanted = d[part].copy()
@@ -248,11 +248,11 @@ def _run(run: VirtualRun, cut: Loop, d: Vector) -> tuple[Vector, int]:
         done = watched(partial(drive, loops, run.steps, places, wanted, answer), loops)
         u[part] = answer
         _drop_records(run)
-        if done < len(wanted) or any(block.loop.v[STATE] == sv.FAULT for block in run.blocks):
+        if done < len(wanted) or any(block.loop.v[STATE] == State.FAULT for block in run.blocks):
             raise UserError(_why(run, first + done))
         if first == 0:
-            begin = int(control[sh.SATURATED])
-    return u, int(control[sh.SATURATED]) - begin
+            begin = int(control.saturated)
+    return u, int(control.saturated) - begin
 
 
 def _drive(nodes: Any, steps: Any, places: Any, d: Any, u: Any) -> Any:
@@ -287,8 +287,8 @@ def _drop_records(run: VirtualRun) -> None:
 
 def _why(run: VirtualRun, k: int) -> str:
     faults = [
-        f"{block.description['node']}: {reason(block.description, block['control'])}"
-        for block in run.blocks if block["control"][sh.FAULT]
+        f"{block.description['node']}: {reason(block.description, block.control)}"
+        for block in run.blocks if block.control.fault
     ]  # fmt: skip
     what = f"the measured run ended after {k} cycles: {next(iter(faults), 'no fault')}"
     return f"{what}; a smaller --amplitude or another --at or --set may keep it in bounds"

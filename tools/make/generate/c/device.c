@@ -1,36 +1,9 @@
 #include "device.h"
 
 #include "rig.h"
-
-typedef enum { NONE, FRESH, MISSED, LOSS, STOP_REQUEST, RAMPED } event_t;
-typedef enum { INIT, READY, RUN, HOLD, FAULT, STOP } state_t;
-
-static const state_t NEXT[6][6] = {
-    {INIT, READY, INIT, FAULT, STOP, INIT},   {READY, RUN, READY, FAULT, STOP, READY},
-    {RUN, RUN, HOLD, FAULT, STOP, RUN},       {HOLD, RUN, HOLD, FAULT, STOP, HOLD},
-    {FAULT, FAULT, FAULT, FAULT, STOP, STOP}, {STOP, STOP, STOP, STOP, STOP, STOP},
-};
-
-/* What a state does; `expects`: the silence of the plant is a fault; `sends`: what the law wants. */
-static const struct {
-    bool runs, expects, ramps, sends;
-    double nmt;
-} DOES[6] = {
-    {false, false, false, false, 127.0}, {false, true, false, true, 127.0},
-    {true, true, false, true, 5.0},      {true, true, false, true, 5.0},
-    {false, true, true, true, 4.0},      {false, true, true, true, 4.0},
-};
-
-/* Faults, numbered as in pcpc, with CiA 301's error code and register. */
-enum { NO_FAULT = 0, INPUT_MISSING = 1, COMMAND_NOT_FINITE = 2, PLANT_SILENT = 3, REPEATED_INPUT = 7,
-       OUTPUT_NOT_FINITE = 8, EMERGENCY_STOP = 12, STOP_FRAME = 13, FAULTS = 14 };
-static const double ERROR_CODE[FAULTS] = {
-    0.0, 33072.0, 24832.0, 33072.0, 0.0, 0.0, 0.0, 33280.0, 24832.0, 0.0, 0.0, 0.0, 36864.0, 36864.0};
-static const double ERROR_REGISTER[FAULTS] = {
-    0.0, 17.0, 1.0, 17.0, 0.0, 0.0, 0.0, 17.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0};
+#include "supervisor.h"
 
 enum { NOT_ASKED, ASKED, BEGUN }; /* a quick stop */
-static const uint8_t STOPPED = 4u; /* of a heartbeat */
 static const double FINITE = 1e300;
 static const uint32_t MOST_REPEATS = 10u, REPEAT_PASSES = 100u;
 
@@ -80,7 +53,7 @@ static void send_row(uint32_t row, uint32_t counter)
 
 static void send_heartbeat(void)
 {
-    rig.supervisor.nmt = DOES[d.state].nmt;
+    rig.supervisor.nmt = DOES[d.state].heartbeat;
     rig_send();
     for (uint32_t row = 0u; row < RIG_SENT; row++) {
         if (rig_sent[row].heartbeat) {
@@ -160,7 +133,7 @@ static void begin_ramp(void)
 
 static void quick_stop(uint32_t fault)
 {
-    if (d.fault == (uint32_t)NO_FAULT) {
+    if (d.fault == (uint32_t)FAULT_NONE) {
         d.fault = fault;
     }
     if (d.quick == (uint32_t)NOT_ASKED) {
@@ -176,8 +149,8 @@ static void limit_one(uint32_t i, bool waits, bool ramping)
     double wanted = *limit->value;
     bool rising = d.gain < 1.0;
     if (!(size_of(wanted) < FINITE)) {
-        if (d.fault == (uint32_t)NO_FAULT) {
-            d.fault = (uint32_t)COMMAND_NOT_FINITE;
+        if (d.fault == (uint32_t)FAULT_NONE) {
+            d.fault = (uint32_t)FAULT_COMMAND_NOT_FINITE;
         }
         wanted = last;
     }
@@ -219,8 +192,8 @@ static void limit_commands(void)
     for (uint32_t i = 0u; i < n; i++) {
         limit_one(i, waits, ramping);
     }
-    if (odd && (d.fault == (uint32_t)NO_FAULT)) {
-        d.fault = (uint32_t)OUTPUT_NOT_FINITE;
+    if (odd && (d.fault == (uint32_t)FAULT_NONE)) {
+        d.fault = (uint32_t)FAULT_OUTPUT_NOT_FINITE;
     }
 }
 
@@ -228,19 +201,19 @@ static void limit_commands(void)
 
 static state_t advance(bool fresh, bool leave, bool ramped)
 {
-    event_t event = MISSED;
+    condition_t condition = CONDITION_MISSED;
     if (leave) {
-        event = STOP_REQUEST;
-    } else if (d.state == FAULT) {
-        event = ramped ? RAMPED : NONE;
-    } else if (d.fault != (uint32_t)NO_FAULT) {
-        event = LOSS;
+        condition = CONDITION_STOP_REQUEST;
+    } else if (d.state == STATE_FAULT) {
+        condition = ramped ? CONDITION_RAMPED : CONDITION_NONE;
+    } else if (d.fault != (uint32_t)FAULT_NONE) {
+        condition = CONDITION_LOSS;
     } else if (fresh) {
-        event = FRESH;
+        condition = CONDITION_FRESH;
     } else {
         /* missed */
     }
-    return NEXT[d.state][event];
+    return NEXT[d.state][condition];
 }
 
 static void count_missing(void)
@@ -264,19 +237,19 @@ static void count_missing(void)
 /* The word of CiA 402's state. */
 static uint32_t drive_state(void)
 {
-    if (d.state == STOP) {
+    if (d.state == STATE_STOP) {
         return 0x40u;
     }
-    if (d.state == FAULT) {
+    if (d.state == STATE_FAULT) {
         return ((d.gain <= 0.0) && settled()) ? 0x08u : 0x0Fu;
     }
-    if (d.state == INIT) {
+    if (d.state == STATE_INIT) {
         return 0u;
     }
     if (d.pace > 0.0) {
         return 0x07u;
     }
-    if (d.state == READY) {
+    if (d.state == STATE_READY) {
         return 0x21u;
     }
     return (d.gain >= 1.0) ? 0x27u : 0x23u;
@@ -285,16 +258,16 @@ static uint32_t drive_state(void)
 static void tell(void)
 {
     uint32_t word = drive_state();
-    word |= (d.state == HOLD) ? 0x80u : 0u;
+    word |= (d.state == STATE_HOLD) ? 0x80u : 0u;
     word |= (rig.supervisor.saturated != 0.0) ? 0x800u : 0u;
     rig.supervisor.state = (double)(uint32_t)d.state;
     rig.supervisor.fault = (double)d.fault;
     rig.supervisor.gain = d.gain;
     rig.supervisor.missing_cycles = (double)d.missing;
-    rig.supervisor.nmt = DOES[d.state].nmt;
+    rig.supervisor.nmt = DOES[d.state].heartbeat;
     rig.supervisor.status_word = (double)word;
-    rig.supervisor.error_code = ERROR_CODE[d.fault];
-    rig.supervisor.error_register = ERROR_REGISTER[d.fault];
+    rig.supervisor.error_code = ERRORS[d.fault].code;
+    rig.supervisor.error_register = ERRORS[d.fault].error_register;
 }
 
 static void supervise(void)
@@ -303,18 +276,18 @@ static void supervise(void)
     bool asked = (d.cycles != 0u) && (d.k >= d.cycles);
     count_missing();
     bool silent = DOES[before].expects && (d.missing >= RIG_FAULT_AFTER);
-    if (silent && (d.fault == (uint32_t)NO_FAULT) && !asked) {
-        d.fault = (uint32_t)INPUT_MISSING;
+    if (silent && (d.fault == (uint32_t)FAULT_NONE) && !asked) {
+        d.fault = (uint32_t)FAULT_INPUT_MISSING;
     }
     if (rig_estop()) {
-        quick_stop((uint32_t)EMERGENCY_STOP);
+        quick_stop((uint32_t)FAULT_EMERGENCY_STOP);
     }
     bool safe = settled();
     bool leave = asked && safe;
     bool ramped = (d.gain <= 0.0) && safe && !RIG_WAITS_IN_FAULT;
     d.state = advance(d.missing == 0u, leave, ramped);
     bool ramps = DOES[d.state].ramps || asked;
-    if ((before == READY) && !ramps) {
+    if ((before == STATE_READY) && !ramps) {
         d.pace = 0.0;
     }
     if (ramps && ((d.pace == 0.0) || (d.quick == (uint32_t)ASKED))) {
@@ -339,8 +312,8 @@ static void note_repeat(void)
         d.repeats = 0u;
     }
     d.repeats += 1u;
-    if ((d.repeats >= MOST_REPEATS) && (d.fault == (uint32_t)NO_FAULT)) {
-        d.fault = (uint32_t)REPEATED_INPUT;
+    if ((d.repeats >= MOST_REPEATS) && (d.fault == (uint32_t)FAULT_NONE)) {
+        d.fault = (uint32_t)FAULT_REPEATED_INPUT;
     }
 }
 
@@ -355,7 +328,7 @@ static void take(uint32_t row, const uint8_t data[8], uint8_t n)
         rig_unpack(row, data);
         rig.counts.frames_received += 1u;
         if (row == RIG_STOP_ROW) {
-            quick_stop((uint32_t)STOP_FRAME);
+            quick_stop((uint32_t)FAULT_STOP_FRAME);
         }
         if (!before) {
             d.came += awaited;
@@ -389,8 +362,8 @@ void device_frame(uint32_t id, const uint8_t data[8], uint8_t n)
         if (rig_heard[row].id == id) {
             take(row, whole, n);
             if (rig_heard[row].heartbeat && (n > 0u)) { /* one with 4 may be an earlier run's end */
-                d.stopped = d.stopped || (d.met && (whole[0] == STOPPED));
-                d.met = d.met || (whole[0] != STOPPED);
+                d.stopped = d.stopped || (d.met && (whole[0] == (uint8_t)HEARTBEAT_STOPPED));
+                d.met = d.met || (whole[0] != (uint8_t)HEARTBEAT_STOPPED);
             }
         }
     }
@@ -400,7 +373,7 @@ void device_frame(uint32_t id, const uint8_t data[8], uint8_t n)
 
 static void finish(void)
 {
-    d.state = STOP;
+    d.state = STATE_STOP;
     d.gain = 0.0;
     tell();
     limit_commands();
@@ -461,7 +434,7 @@ void device_cycle(uint32_t periods)
         d.k += periods;
     }
     supervise();
-    if ((d.state == STOP) || d.silent) {
+    if ((d.state == STATE_STOP) || d.silent) {
         finish();
         return;
     }
@@ -479,8 +452,8 @@ void device_cycle(uint32_t periods)
 
 void device_alone(void)
 {
-    if (d.fault == (uint32_t)NO_FAULT) {
-        d.fault = (uint32_t)PLANT_SILENT;
+    if (d.fault == (uint32_t)FAULT_NONE) {
+        d.fault = (uint32_t)FAULT_PEER_SILENT;
     }
     d.silent = true;
     device_cycle(1u);

@@ -4,13 +4,7 @@
        RUN    the loop is closed                    HOLD   a cycle ran on the last valid sample
        FAULT  commands ramp to their safe values    STOP   commands are safe, the device ends
 
-               NONE   FRESH  MISSED  LOSS   STOP_REQUEST  RAMPED
-       INIT    INIT   READY  INIT    FAULT  STOP          INIT
-       READY   READY  RUN    READY   FAULT  STOP          READY
-       RUN     RUN    RUN    HOLD    FAULT  STOP          RUN
-       HOLD    HOLD   RUN    HOLD    FAULT  STOP          HOLD
-       FAULT   FAULT  FAULT  FAULT   FAULT  STOP          STOP
-       STOP    STOP   STOP   STOP    STOP   STOP          STOP
+   Which follows which, and the faults: supervisor.h.
 
    A run, for who drives it (run.c does):
 

@@ -2,6 +2,7 @@
 
 #include "device.h"
 #include "port.h"
+#include "supervisor.h"
 
 #define GREET_MS 20u
 #define PATIENCE_MS 5000u
@@ -69,8 +70,8 @@ run_end run(uint32_t cycles, bool clocked)
             device_cycle(periods);
         }
     }
-    if (device_fault() == 0u) {
+    if (device_fault() == (uint32_t)FAULT_NONE) {
         return RUN_ENDED;
     }
-    return (device_fault() == 3u) ? RUN_ALONE : RUN_FAULTED;
+    return (device_fault() == (uint32_t)FAULT_PEER_SILENT) ? RUN_ALONE : RUN_FAULTED;
 }

@@ -1,0 +1,23 @@
+"""Numbers with names, declared once: states, faults, kinds of events (no numba in here).
+
+    class Pace(Numbered):
+        SLOW, FAST = range(2)
+
+A member is its number everywhere: in logs, in C (`tools.make.generate.words`), and in compiled
+code, where `Pace.FAST` is a constant (`drivers.structures`).
+"""
+
+from enum import EnumMeta, IntEnum
+
+
+class NumberedKind(EnumMeta):
+    """The class of such classes, by which numba knows them."""
+
+
+class Numbered(IntEnum, metaclass=NumberedKind):
+    """A declaration: names and their numbers."""
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names in the order of their numbers."""
+        return tuple(cls.__members__)

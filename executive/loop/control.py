@@ -1,0 +1,63 @@
+"""The control words of a node: what it tells of its state, and counts; an int64 each, by name.
+
+Each group of names begins on a cache line of its own, since its words have another writer: whoever
+wants the end; the loop; the process around it. A further word is a further name here.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pcpc.drivers.structures import words_of
+
+LINE_BYTES = 64
+GROUPS = (
+    ("stop",),  # 1: the end is asked for
+    (
+        "state", "cycle", "done", "fault",
+        "passes", "late", "skipped", "held", "stale",
+        "sent", "received", "lost", "crc_errors", "repeated",
+        "saturated", "send_errors", "bus_errno", "foreign", "wake_max_ns",
+        "lost_on_purpose", "refused",
+        "bus_warnings", "bus_passives", "bus_offs",
+        "bus_restarts", "bus_no_acks", "bus_tx_timeouts",
+        "odd_place", "odd_cycle", "odd_bits",  # the first value not finite: variable + 1, when
+        "stepping",  # the block that is being stepped, + 1
+        "wrong_sequence", "bus_errors",
+        "culprit",  # of the fault: an id, or why a value was not plausible
+        "implausible", "intrusions",
+        "missed", "starved", "signs_on_purpose",  # see `executive.loop.on_wire`
+    ),
+    ("pid", "ready", "realtime", "recorded"),
+)  # fmt: skip
+
+
+def _dtype() -> np.dtype[Any]:
+    places: dict[str, int] = {}
+    end = 0
+    for group in GROUPS:
+        places |= {name: end + 8 * i for i, name in enumerate(group)}
+        end += -(-8 * len(group) // LINE_BYTES) * LINE_BYTES
+    return np.dtype((np.record, {
+        "names": list(places), "formats": ["<i8"] * len(places), "offsets": list(places.values()),
+        "itemsize": end, "aligned": True,
+    }))  # fmt: skip
+
+
+CONTROL = _dtype()
+CONTROL_WORDS = CONTROL.itemsize // 8
+
+
+def place(name: str) -> int:
+    """Return which of the words is that one, for what takes words by number."""
+    fields: Any = CONTROL.fields
+    return int(fields[name][1]) // 8
+
+
+def blank() -> np.record:
+    """Return control words that are all 0."""
+    record: np.record = np.zeros(1, CONTROL)[0]
+    return record
+
+
+__all__ = ["CONTROL", "CONTROL_WORDS", "GROUPS", "blank", "place", "words_of"]

@@ -1,0 +1,44 @@
+"""What the executive declares stands so in every DBC file, in the docs and in a device's C."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.states import NEXT, Condition, State
+from pcpc.tools.dev import declarations
+from pcpc.tools.make.generate import declared
+
+FILES = dict(declarations.rewritten())
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
+def test_a_file_has_the_table_that_is_declared(file: Path) -> None:
+    assert file.read_text(encoding="utf-8") == FILES[file], (
+        "write it: python -m pcpc.tools.dev.declarations"
+    )
+
+
+def test_the_tables_are_found() -> None:
+    texts = [text for file, text in FILES.items() if file.suffix == ".dbc"]
+    assert sum('mode 0 "INIT"' in text for text in texts) > 10
+    assert FILES[declarations.PAGE].count("| ramp to safe values |") == 11
+
+
+def test_a_changed_table_is_written_anew() -> None:
+    row = declarations.fault_row(Fault.BUS_OFF)
+    page = FILES[declarations.PAGE].replace(row, row.replace("1 cycle", "9 cycles"))
+    rows = "".join(map(declarations.fault_row, list(Fault)[1:]))
+    assert declarations._ROWS.sub(rows, page) == FILES[declarations.PAGE]
+
+
+def test_the_C_of_a_device_numbers_everything_as_declared() -> None:
+    files = declared.files()
+    told = dict(re.findall(r"^    (\w+) = (\d+),$", files["supervisor.h"], re.MULTILINE))
+    for kind in (State, Condition, Fault):
+        for one in kind:
+            assert told[f"{kind.__name__.upper()}_{one.name}"] == str(int(one))
+    rows = re.findall(r"^    \{((?:STATE_\w+(?:, )?)+)\},$", files["supervisor.c"], re.MULTILINE)
+    table = [[State[name.removeprefix("STATE_")] for name in row.split(", ")] for row in rows]
+    assert table == NEXT.tolist()
