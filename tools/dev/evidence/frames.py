@@ -233,8 +233,9 @@ def _known(n: Any) -> Good:
     known = {}
     for row in n.rx.frames[: n.rx.n]:
         mask = row.counter_mask if row.protected else 0
-        its = row.can_id, row.dlc, row.every_n, row.counter_byte, row.counter_shift, mask
-        known[int(row.can_id)] = expected.Protected(*map(int, its))
+        can_id, dlc, every_n = int(row.can_id), int(row.dlc), int(row.every_n)
+        byte, shift = int(row.counter_byte), int(row.counter_shift)
+        known[can_id] = expected.Protected(can_id, dlc, every_n, byte, shift, int(mask))
     can_id = next(one.can_id for one in known.values() if one.mask and one.dlc == DLC)
     return Good(can_id, known, [one for one in range(0x800) if one != can_id])
 

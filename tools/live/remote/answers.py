@@ -88,7 +88,7 @@ def description_in(told: Any) -> dict[str, Any]:
 
 def check_values(found: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) -> None:
     """Raise ValueError where published values are none that a node of this kind has."""
-    control: Any = found.control
+    control: Any = found["control"]
     for word, names in (("state", "state_names"), ("fault", "fault_names")):
         if not 0 <= int(control[word]) < len(about[names]):
             raise ValueError("a state that there is not")
