@@ -106,7 +106,7 @@ def test_versions_and_the_project_itself_are_of_a_campaign(
     whole: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one = campaign(copy(tmp_path / "motor"))
-    for area in origins.carried.AREAS:
+    for area in origins.carried_files.AREAS:
         (tmp_path / area).mkdir()
     law = tmp_path / "plants" / "law.py"
     law.write_text("GAIN = 1.0\n")
@@ -231,4 +231,4 @@ def test_what_pip_notes_of_an_editable_package_is_no_file_of_a_law(tmp_path: Pat
         file = tmp_path / name
         file.parent.mkdir()
         file.touch()
-        assert origins.carried.is_outside(file) is outside
+        assert origins.carried_files.is_outside(file) is outside

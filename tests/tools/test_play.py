@@ -22,6 +22,7 @@ from pcpc.tools.after.log import frames as play_frames
 from pcpc.tools.after.log.frames import PEER
 from pcpc.tools.cli import main, parsed
 from pcpc.tools.dev.bench import play as bench
+from pcpc.tools.machine.jitter.compiler import CompilerError
 from pcpc.tools.terminal.progress import Progress
 
 SLEW10 = str(RIGS / "slew10.yaml")
@@ -313,7 +314,7 @@ def test_the_c_player_sends_the_same_frames(
     frames: play_frames.Frames, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     if shutil.which("cc") is None:
-        request.applymarker(pytest.mark.xfail(reason="no C compiler", raises=bench.CompilerError))
+        request.applymarker(pytest.mark.xfail(reason="no C compiler", raises=CompilerError))
     program, text, bus = bench.build(tmp_path), tmp_path / "candump.log", own_bus()
     few = chosen(frames, "--start", "0.28")
     text.write_text(bench.candump_text(few))
@@ -329,7 +330,7 @@ def test_our_timing_is_that_of_c_in_the_same_rounds(
     path: Path, request: pytest.FixtureRequest
 ) -> None:
     if shutil.which("cc") is None:
-        request.applymarker(pytest.mark.xfail(reason="no C compiler", raises=bench.CompilerError))
+        request.applymarker(pytest.mark.xfail(reason="no C compiler", raises=CompilerError))
     for attempt in ("first", "retry"):  # the other tests take processors away
         rounds = bench.compare(
             path, buses.bus_named(*buses.parse(own_bus())), 5, Progress(quiet=True)
