@@ -19,7 +19,10 @@ extension API".
 import hashlib
 import math
 import operator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 # ruff: isort: off
 from pcpc.drivers.jit import JIT_OFF, f8, types
@@ -37,6 +40,7 @@ from numba.extending import (
 from pcpc.drivers.lanes import LANE, WIDTH, Lane
 # ruff: isort: on
 
+Array: TypeAlias = NDArray[np.float64]  # what Cells are, interpreted
 _I64 = ir.IntType(64)
 
 

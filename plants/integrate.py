@@ -7,7 +7,7 @@
 `f` writes the derivative of one declaration of states into another of the same kind:
 
     @inline
-    def slope(t: float, p: Any, w: Any, x: Any, d: Any) -> None:
+    def slope(t: float, p: Parameters, w: Inputs, x: Motion, d: Motion) -> None:
         d.q_rad = x.rate_rad_s
         d.rate_rad_s = (w.torque_Nm - p.viscous_Nms_rad * x.rate_rad_s) / p.inertia_kgm2
 
@@ -20,6 +20,7 @@
 `w` is handed through beside the parameters: what is held over the step, such as torques.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 from pcpc.executive.laws.block import Ports, flat, group, inline
@@ -38,7 +39,9 @@ def scratch(motion: type[Ports]) -> type[Ports]:
 
 
 @inline
-def runge_kutta(f: Any, t: float, h: float, p: Any, w: Any, x: Any, scratch: Any) -> None:
+def runge_kutta(
+    f: Callable[..., None], t: float, h: float, p: Ports, w: Any, x: Ports, scratch: Ports
+) -> None:
     """Advance `x` from t to t + h (1); f(t, p, w, x, d) writes dx/dt to `d`."""
     start, at = flat(x), flat(scratch.stage)
     k, total = flat(scratch.slope), flat(scratch.total)

@@ -13,9 +13,8 @@ Source: L'Ecuyer, Good parameters and implementations for combined multiple recu
 generators, Operations Research 47 (1999), 159-164.
 """
 
-from typing import Any
-
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import ROUND, where
 
 STREAM_SIZE = 6
@@ -44,7 +43,7 @@ def _splitmix(value: int) -> int:
 
 
 @inline
-def uniform(s: Any) -> float:
+def uniform(s: Array) -> float:
     """Advance the stream `s` and return its next number in (0, 1)."""
     a = 1403580.0 * s[1] - 810728.0 * s[0]
     a = a - (a * (1.0 / M1) + ROUND - ROUND) * M1
@@ -58,7 +57,7 @@ def uniform(s: Any) -> float:
 
 
 @inline
-def normal(s: Any) -> float:
+def normal(s: Array) -> float:
     """Advance the stream `s` and return its next standard deviate, (4)."""
     total = -6.0
     for _ in range(_SUMMANDS):

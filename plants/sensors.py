@@ -7,9 +7,8 @@
 Where the scale of the CAN signal is the sensor's resolution, the codec rounds instead of (3).
 """
 
-from typing import Any
-
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import floor
 from pcpc.plants.noise import normal
 
@@ -23,7 +22,7 @@ def lag_rate(lagged: float, signal: float, bandwidth_hz: float) -> float:
 
 
 @inline
-def noisy(value: float, std: float, stream: Any) -> float:
+def noisy(value: float, std: float, stream: Array) -> float:
     """Return the sample of (2), drawing once from a stream of plants.noise."""
     return value + std * normal(stream)
 

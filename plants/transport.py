@@ -7,15 +7,14 @@ sample at its beginning, as book simulations do; with d = 1 a command acts from 
 as with real hardware. Further samples stand for gateways and slow drives.
 """
 
-from typing import Any
-
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 
 DELAY_SIZE = 8
 
 
 @inline
-def delayed(u: float, samples: float, sent: Any) -> float:
+def delayed(u: float, samples: float, sent: Array) -> float:
     """Put `u` into the register `sent` and return what was put `samples` calls before."""
     for i in range(len(sent) - 1, 0, -1):
         sent[i] = sent[i - 1]

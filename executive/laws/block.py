@@ -21,12 +21,12 @@ from typing import Any
 
 from pcpc.drivers.jit import inline
 from pcpc.drivers.stage import Stage, stage
-from pcpc.drivers.views import flat
+from pcpc.drivers.views import Array, flat
 from pcpc.executive.laws.ports import Nothing, Port, Ports, group, port, required
 
 __all__ = [
-    "Block", "Nothing", "Port", "Ports", "Prepared", "flat", "group", "inline", "port", "required",
-    "stage",
+    "Array", "Block", "Nothing", "Port", "Ports", "Prepared", "flat", "group", "inline", "port",
+    "required", "stage",
 ]  # fmt: skip
 
 

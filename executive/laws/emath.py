@@ -29,11 +29,14 @@ Western Joint Computer Conference (1960), 33-40.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
 from numba import types
+from numba.core.base import BaseContext
 from numba.core.errors import TypingError
+from numba.core.typing.templates import Signature
 from numba.extending import lower_builtin, type_callable
 
 from pcpc.drivers.jit import inline
@@ -72,7 +75,7 @@ def sqrt(x: float) -> float:
 
 @type_callable(where)
 def _type_where(context: Any) -> Any:
-    def typer(c: Any, a: Any, b: Any) -> Any:
+    def typer(c: types.Type, a: types.Type, b: types.Type) -> types.Type:
         if isinstance(c, types.Boolean) and a == b == types.float64:
             return types.float64
         if isinstance(c, types.Boolean | Mask) and {a, b} <= {LANE, types.float64}:
@@ -92,7 +95,9 @@ def _type_where(context: Any) -> Any:
 @lower_builtin(where, Mask, types.Number, Lane)
 @lower_builtin(where, Mask, Lane, types.Number)
 @lower_builtin(where, Mask, Lane, Lane)
-def _lower_where(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+def _lower_where(
+    context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+) -> ir.Value:
     result, kinds = signature.return_type, signature.args[1:]
     chosen = zip(args[1:], kinds, strict=True)
     a, b = (context.cast(builder, value, kind, result) for value, kind in chosen)
@@ -102,7 +107,7 @@ def _lower_where(context: Any, builder: Any, signature: Any, args: Any) -> Any:
 @type_callable(pow2)
 @type_callable(sqrt)
 def _type_float(context: Any) -> Any:
-    def typer(x: Any) -> Any:
+    def typer(x: types.Type) -> types.Type | None:
         return x if x in (types.float64, LANE) else None
 
     return typer
@@ -110,12 +115,14 @@ def _type_float(context: Any) -> Any:
 
 @lower_builtin(pow2, types.float64)
 @lower_builtin(pow2, Lane)
-def _lower_pow2(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+def _lower_pow2(
+    context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+) -> ir.Value:
     double, word = args[0].type, ir.IntType(64)
     is_lane = signature.args[0] == LANE
     words = ir.VectorType(word, WIDTH) if is_lane else word
 
-    def constant(kind: Any, value: Any) -> Any:
+    def constant(kind: ir.Type, value: float) -> ir.Constant:
         return ir.Constant(kind, [value] * WIDTH if is_lane else value)
 
     shifted = builder.fadd(args[0], constant(double, ROUND))
@@ -125,7 +132,9 @@ def _lower_pow2(context: Any, builder: Any, signature: Any, args: Any) -> Any:
 
 @lower_builtin(sqrt, types.float64)
 @lower_builtin(sqrt, Lane)
-def _lower_sqrt(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+def _lower_sqrt(
+    context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+) -> ir.Value:
     return called("llvm.sqrt")(context, builder, signature, args)
 
 

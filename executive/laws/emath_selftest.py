@@ -7,11 +7,11 @@ Both modes belong to a thread: call `selftest` at the start of the thread that r
 
 import hashlib
 import sys
-from typing import Any
 
 import numpy as np
 
 from pcpc.drivers.jit import compiled
+from pcpc.drivers.views import Array
 from pcpc.executive.laws import emath
 
 POINTS = 1000
@@ -33,7 +33,7 @@ FINGERPRINTS = {
 
 
 @compiled()
-def evaluate(out: Any) -> None:
+def evaluate(out: Array) -> None:
     """Write each function of FINGERPRINTS at spread points to its row of `out` (11, n).
 
     The results of exp, expmsq and logistic and the arguments of sqrt are in part subnormal.

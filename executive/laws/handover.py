@@ -45,25 +45,28 @@ class States(Ports):
     pace = port("", "its change a cycle", recorded=False)
 
 
-def given(outputs: Sequence[Output], laws: Sequence[str], held: Sequence[Port]) -> list[Port]:
+def input_ports(outputs: Sequence[Output], laws: Sequence[str], held: Sequence[Port]) -> list[Port]:
     """Return the inputs: the outputs of each law in turn, then what each law adapted."""
     own = [
         Port(f"{one.name}_of_{law}", one.unit, f"{one.name} as {law} wants it")
-        for law in laws for one in outputs
-    ]  # fmt: skip
+        for law in laws
+        for one in outputs
+    ]
     return own + [Port(f"adapted_{i}", one.unit, one.help) for i, one in enumerate(held)]
 
 
-def told(laws: Sequence[str], held: Sequence[Port]) -> list[Port]:
+def output_ports(laws: Sequence[str], held: Sequence[Port]) -> list[Port]:
     """Return the outputs behind the controller's own."""
     numbers = ", ".join(f"{j} {law}" for j, law in enumerate(laws))
     return [
         Port("in_charge", "", f"whose outputs are the controller's: {numbers}"),
         Port("refused", "", "requests that were refused"),
-        *(Port(f"usable_{law}", "", f"1 while {law} can take over: all it says is finite")
-          for law in laws),
+        *(
+            Port(f"usable_{law}", "", f"1 while {law} can take over: all it says is finite")
+            for law in laws
+        ),
         *(Port(f"kept_{i}", one.unit, one.help, recorded=False) for i, one in enumerate(held)),
-    ]  # fmt: skip
+    ]
 
 
 def block(
@@ -72,16 +75,24 @@ def block(
     """Return the block behind the last of `laws`; `owners` (held,): the law of each of `held`."""
     numbers = ", ".join(f"{j} {law}" for j, law in enumerate(laws))
     last = float(len(laws) - 1)
-    parameters = _declared("Parameters", {
-        "to": port("", f"who is in charge: {numbers}", 0.0, 0.0, last),
-        "over_s": port("s", "time in which the step fades", None, 0.0, 3600.0),
-    })  # fmt: skip
-    states = type("States", (States,), {
-        "__doc__": States.__doc__, "step": port("", "y_o - y_n (1)", shape=len(outputs)),
-    })  # fmt: skip
-    inputs = _declared("Inputs", _ports(given(outputs, laws, held)))
+    parameters = _declared(
+        "Parameters",
+        {
+            "to": port("", f"who is in charge: {numbers}", 0.0, 0.0, last),
+            "over_s": port("s", "time in which the step fades", None, 0.0, 3600.0),
+        },
+    )
+    states = type(
+        "States",
+        (States,),
+        {
+            "__doc__": States.__doc__,
+            "step": port("", "y_o - y_n (1)", shape=len(outputs)),
+        },
+    )
+    inputs = _declared("Inputs", _ports(input_ports(outputs, laws, held)))
     before = [Port(f"out_{i}", one.unit, one.name) for i, one in enumerate(outputs)]
-    ends = _declared("Outputs", _ports([*before, *told(laws, held)]))
+    ends = _declared("Outputs", _ports([*before, *output_ports(laws, held)]))
     return Block(_step(parameters, states, inputs, ends, outputs, owners))
 
 
@@ -94,9 +105,13 @@ def _ports(ports: Sequence[Port]) -> dict[str, Any]:
 
 
 def _step(
-    parameters: Any, states: Any, inputs: Any, ends: Any, outputs: Sequence[Output],
+    parameters: Any,
+    states: Any,
+    inputs: Any,
+    ends: Any,
+    outputs: Sequence[Output],
     owners: Sequence[int],
-) -> Any:  # fmt: skip
+) -> Any:
     has = np.array([one.has for one in outputs], np.bool_).T.copy()
     fades = np.array([one.fades for one in outputs], np.bool_)
     owner = np.array([*owners, -1], np.float64)

@@ -221,11 +221,14 @@ def _elements(name: str, what: _Declared) -> list[Port]:
     defaults = what.defaults or (about.default,) * about.size
     return [
         replace(
-            about, name=what.named.replace("#", str(i + 1)), default=defaults[i], size=1,
+            about,
+            name=what.named.replace("#", str(i + 1)),
+            default=defaults[i],
+            size=1,
             help=about.help.replace("#", str(i + 1)),
         )
         for i in range(about.size)
-    ]  # fmt: skip
+    ]
 
 
 class _Access:

@@ -12,8 +12,6 @@ rad, rad/s, rad/s^2, s. All are closed forms of t, so that a skipped cycle or a 
 nothing.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
 from pcpc.executive.laws.emath import floor, sincos, where
 
@@ -89,7 +87,7 @@ def _within(s: float) -> float:
 
 
 @inline
-def _rise(s: float) -> Any:
+def _rise(s: float) -> tuple[float, float, float]:
     """Quintic from 0 to 1 for s in 0..1, clamped outside: value, first, second derivative."""
     s = _within(s)
     s2 = s * s

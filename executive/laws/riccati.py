@@ -105,8 +105,10 @@ def riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
         if not largest < LARGEST:
             break
         if max(abs(value) for row in grown for value in row) <= CLOSE * largest:
-            return [[0.5 * (x + y) for x, y in zip(*rows, strict=True)]
-                    for rows in zip(h, turned(h), strict=True)]  # fmt: skip
+            return [
+                [0.5 * (x + y) for x, y in zip(*rows, strict=True)]
+                for rows in zip(h, turned(h), strict=True)
+            ]
     raise ValueError("the Riccati equation has no stabilising solution; change the weights")
 
 

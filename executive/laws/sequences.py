@@ -7,8 +7,6 @@ Without unit; W in rad/s, T the period in s. A closed form of t, so that a skipp
 changes nothing.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
 from pcpc.executive.laws.emath import sin
 
@@ -36,7 +34,7 @@ class Sine(Ports):
 
 
 @inline
-def neighbours(t: float, dt: float, p: Any, y: Any) -> None:
+def neighbours(t: float, dt: float, p: Sine, y: Neighbours) -> None:
     """Write (1)."""
     y.previous = p.amplitude * sin(p.omega_rad_s * (t - dt) + p.phase_rad)
     y.now = p.amplitude * sin(p.omega_rad_s * t + p.phase_rad)

@@ -55,9 +55,12 @@ def derivative(name: str, unit: str, order: int) -> tuple[str, str]:
 
 
 def block(
-    times_s: NDArray[np.float64], values: NDArray[np.float64], columns: dict[str, str],
-    linear: bool, repeat: bool,
-) -> Block:  # fmt: skip
+    times_s: NDArray[np.float64],
+    values: NDArray[np.float64],
+    columns: dict[str, str],
+    linear: bool,
+    repeat: bool,
+) -> Block:
     """Return the block of a table: `times_s` (rows,) rising, `values` (rows, columns).
 
     `columns`: names and units of the outputs. Each has its derivatives as further outputs, unless

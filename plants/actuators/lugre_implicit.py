@@ -52,8 +52,14 @@ def velocity(p: float, slope: float, offset: float, m: float, dt: float) -> floa
 
 @inline
 def velocities(
-    r1: float, r2: float, slope_1: float, slope_2: float,
-    m11: float, m12: float, m22: float, dt: float,
-) -> tuple[float, float]:  # fmt: skip
+    r1: float,
+    r2: float,
+    slope_1: float,
+    slope_2: float,
+    m11: float,
+    m12: float,
+    m22: float,
+    dt: float,
+) -> tuple[float, float]:
     """Return v+ of two axes (6); `r_i` = p_i - dt B_i, `slope_i` A_i."""
     return solved(m11 + dt * slope_1, m12, m22 + dt * slope_2, r1, r2)

@@ -24,17 +24,17 @@ T_s: gear.py, T_f: friction.py, tau_m: drive.py; T_c is added by rough.py, or 0.
 Source: assumed modes on a rotating clamped-free beam, with beam.py's modal data.
 """
 
-from typing import Any
-
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import sincos
 from pcpc.plants.actuators import drive, friction, gear
 from pcpc.plants.atb1000.beam import GRAVITY_M_S2
+from pcpc.plants.atb1000.ports import External, Motion, Parameters
 from pcpc.plants.sensors import lag_rate
 
 
 @inline
-def gear_state(p: Any, s: Any, w: Any) -> tuple[float, float]:
+def gear_state(p: Parameters, s: Motion, w: External) -> tuple[float, float]:
     """Return T_s (N m) and the flank penetration (rad)."""
     wind_up = s.motor_angle_rad / p.gear_ratio - (s.theta_rad - w.pitch_rad)
     wind_up_rate = s.motor_speed_rad_s / p.gear_ratio - (s.theta_rate_rad_s - w.pitch_rate_rad_s)
@@ -43,7 +43,7 @@ def gear_state(p: Any, s: Any, w: Any) -> tuple[float, float]:
 
 
 @inline
-def trunnion_friction(p: Any, s: Any, w: Any) -> tuple[float, float]:
+def trunnion_friction(p: Parameters, s: Motion, w: External) -> tuple[float, float]:
     """Return T_f (N m) and the bristle's rate (rad/s) in the chosen model."""
     v = s.theta_rate_rad_s - w.pitch_rate_rad_s
     torque, bristle_rate = 0.0, 0.0
@@ -67,13 +67,13 @@ def trunnion_friction(p: Any, s: Any, w: Any) -> tuple[float, float]:
 
 
 @inline
-def dot3(m: Any, a: float, b: float, c: float) -> float:
+def dot3(m: Array, a: float, b: float, c: float) -> float:
     """Return the product of three numbers of the modes with a vector of them."""
     return m[0] * a + m[1] * b + m[2] * c
 
 
 @inline
-def times_c(p: Any, a: float, b: float, c: float) -> tuple[float, float, float]:
+def times_c(p: Parameters, a: float, b: float, c: float) -> tuple[float, float, float]:
     """Return C (a, b, c); C is stored by its upper rows."""
     return (
         dot3(p.centrifugal, a, b, c),
@@ -83,14 +83,14 @@ def times_c(p: Any, a: float, b: float, c: float) -> tuple[float, float, float]:
 
 
 @inline
-def modal_force(i: int, spin: float, weight: float, p: Any, s: Any, w: Any) -> float:
+def modal_force(i: int, spin: float, weight: float, p: Parameters, s: Motion, w: External) -> float:
     """Return f of mode i (3); `spin` = theta'^2 (C q)_i, `weight` = g cos theta."""
     outside = spin + p.tip[i] * w.muzzle_force_N - p.gravity[i] * weight
     return outside - p.damping_per_s[i] * s.q_rate[i] - p.stiffness_per_s2[i] * s.q[i]
 
 
 @inline
-def barrel_acceleration(p: Any, s: Any, w: Any, torque: float, d: Any) -> None:
+def barrel_acceleration(p: Parameters, s: Motion, w: External, torque: float, d: Motion) -> None:
     """Write theta'' and q'' of (4) to `d`; `torque` is T_s - T_f."""
     q1, q2, q3 = s.q[0], s.q[1], s.q[2]
     v1, v2, v3 = s.q_rate[0], s.q_rate[1], s.q_rate[2]
@@ -116,7 +116,7 @@ def barrel_acceleration(p: Any, s: Any, w: Any, torque: float, d: Any) -> None:
 
 
 @inline
-def rotor_torque(p: Any, s: Any, w: Any, gear_torque: float) -> float:
+def rotor_torque(p: Parameters, s: Motion, w: External, gear_torque: float) -> float:
     """Return what turns the rotor in (5) but for T_c, N m."""
     load = gear_torque / p.gear_ratio
     coulomb = p.motor_coulomb_Nm + p.mesh_loss * abs(load)
@@ -127,25 +127,25 @@ def rotor_torque(p: Any, s: Any, w: Any, gear_torque: float) -> float:
 
 
 @inline
-def rotor_acceleration(p: Any, s: Any, w: Any, gear_torque: float) -> float:
+def rotor_acceleration(p: Parameters, s: Motion, w: External, gear_torque: float) -> float:
     """Return w_m' of (5) without T_c."""
     return rotor_torque(p, s, w, gear_torque) / p.motor_inertia_kg_m2 - w.pitch_acc_rad_s2
 
 
 @inline
-def muzzle_rate(p: Any, s: Any) -> float:
+def muzzle_rate(p: Parameters, s: Motion) -> float:
     """Return theta' + slope'q'."""
     return s.theta_rate_rad_s + dot3(p.slope, s.q_rate[0], s.q_rate[1], s.q_rate[2])
 
 
 @inline
-def root_strain(p: Any, s: Any) -> float:
+def root_strain(p: Parameters, s: Motion) -> float:
     """Return the bending strain at the root in ue."""
     return dot3(p.root_strain_ue, s.q[0], s.q[1], s.q[2])
 
 
 @inline
-def derivative(p: Any, s: Any, w: Any, d: Any) -> None:
+def derivative(p: Parameters, s: Motion, w: External, d: Motion) -> None:
     """Write dx/dt to `d` for the motion `s` under `w`: ports.py, Parameters, Motion, External."""
     torque, _ = gear_state(p, s, w)
     opposing, bristle_rate = trunnion_friction(p, s, w)
@@ -166,7 +166,7 @@ def derivative(p: Any, s: Any, w: Any, d: Any) -> None:
 
 
 @inline
-def energy(p: Any, s: Any, w: Any, pen: float) -> float:
+def energy(p: Parameters, s: Motion, w: External, pen: float) -> float:
     """Return E of (6) in J."""
     q1, q2, q3 = s.q[0], s.q[1], s.q[2]
     v1, v2, v3 = s.q_rate[0], s.q_rate[1], s.q_rate[2]

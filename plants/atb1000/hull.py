@@ -13,14 +13,14 @@ Record 1 has three given sines; record 2 has 24 with random frequencies and phas
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import sincos
-from pcpc.plants.atb1000.ports import HULL_COMPONENTS
+from pcpc.plants.atb1000.ports import HULL_COMPONENTS, Parameters
 
 NONE, THREE_SINES, RANDOM = 0.0, 1.0, 2.0
 
@@ -59,7 +59,7 @@ def _random_sea(settings: Mapping[str, float]) -> tuple[Vector, Vector, Vector]:
 
 
 @inline
-def start(t: float, p: Any, sines: Any) -> None:
+def start(t: float, p: Parameters, sines: Array) -> None:
     """Write sin(a_i), then cos(a_i), at time t to `sines` (2, 24)."""
     for i in range(int(p.hull_sines)):
         s, c = sincos(p.hull_omega_rad_s[i] * t + p.hull_phase_rad[i])
@@ -68,7 +68,7 @@ def start(t: float, p: Any, sines: Any) -> None:
 
 
 @inline
-def advance(p: Any, sines: Any) -> None:
+def advance(p: Parameters, sines: Array) -> None:
     """Turn `sines` (2, 24) on by half an integration step: eq. (4)."""
     for i in range(int(p.hull_sines)):
         s, c = sines[0, i], sines[1, i]
@@ -77,7 +77,7 @@ def advance(p: Any, sines: Any) -> None:
 
 
 @inline
-def motion(p: Any, sines: Any) -> tuple[float, float, float, float]:
+def motion(p: Parameters, sines: Array) -> tuple[float, float, float, float]:
     """Return pitch, its rate and acceleration, and the heave acceleration: eq. (1) to (3)."""
     pitch, rate, sine_sum, cosine_sum = 0.0, 0.0, 0.0, 0.0
     for i in range(int(p.hull_sines)):

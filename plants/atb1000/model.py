@@ -50,7 +50,7 @@ def half_sine(t: float, peak: float, start: float, lasts: float) -> float:
 
 
 @inline
-def external(t: float, p: Any, x: Any) -> None:
+def external(t: float, p: Parameters, x: States) -> None:
     """Write hull motion and firing at time t, where the sines stand at t."""
     w = x.external
     w.pitch_rad, w.pitch_rate_rad_s, w.pitch_acc_rad_s2, w.heave_acc_m_s2 = hull.motion(p, x.sines)
@@ -65,7 +65,7 @@ def external(t: float, p: Any, x: Any) -> None:
 def _integration(rougher: bool) -> Any:
     """Return the motion's integration, in the world of rough.py or without all of its code."""
 
-    def integrate(start: float, h: float, p: Any, x: Any) -> None:
+    def integrate(start: float, h: float, p: Parameters, x: States) -> None:
         """Advance the motion by steps of `h` from `start`, where the external inputs stand."""
         s, k, total, between = flat(x.motion), flat(x.slope), flat(x.total), flat(x.between)
         for n in range(int(p.substeps)):
@@ -74,10 +74,10 @@ def _integration(rougher: bool) -> Any:
                 between[i] = s[i]
             for j in range(4):
                 if rougher:
-                    rough.surround(n, j, h, WEIGHT[j], REACH[j], p, x)
+                    rough.set_stage(n, j, h, WEIGHT[j], REACH[j], p, x)
                 dyn.derivative(p, x.between, x.external, x.slope)
                 if rougher:
-                    rough.brake(p, x)
+                    rough.subtract_cogging(p, x)
                 for i in range(len(s)):
                     total[i] += WEIGHT[j] * k[i]
                     between[i] = s[i] + REACH[j] * h * k[i]
@@ -95,7 +95,7 @@ integrate_rougher = compiled()(_integration(True))  # a function apart: it costs
 
 
 @inline
-def sample_sensors(p: Any, x: Any, y: Any) -> None:
+def sample_sensors(p: Parameters, x: States, y: Outputs) -> None:
     """Write the ten sensor samples, one noise draw per noisy channel."""
     s, w, rng = x.motion, x.external, x.rng
     y.encoder_rad = s.theta_rad - w.pitch_rad
@@ -111,7 +111,7 @@ def sample_sensors(p: Any, x: Any, y: Any) -> None:
 
 
 @inline
-def report_truth(p: Any, x: Any, y: Any) -> None:
+def report_truth(p: Parameters, x: States, y: Outputs) -> None:
     """Write the noiseless outputs, after the ten sensors."""
     s, w = x.motion, x.external
     elastic = dyn.dot3(p.slope, s.q[0], s.q[1], s.q[2])
@@ -137,7 +137,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     x.external.command_Nm = x.held_Nm
     x.external.step_s = dt / p.substeps
     x.external.friction_rise, x.external.cogging_Nm = 0.0, 0.0
-    rougher = rough.switched(p)
+    rougher = rough.is_on(p)
     if t > 0.0:
         if rougher > 0.0:
             integrate_rougher(start, x.external.step_s, p, x)
@@ -145,12 +145,12 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
             integrate(start, x.external.step_s, p, x)
         x.held_Nm = delayed(u.motor_command_Nm, p.delay_samples, x.sent_Nm)
     if rougher > 0.0:
-        rough.situate(p, x.motion, x.world, x)
+        rough.set_external(p, x.motion, x.world, x)
     sample_sensors(p, x, y)
     report_truth(p, x, y)
     if rougher > 0.0:
-        rough.falsify(t, dt, p, x, y)
-        rough.account(p, x, y)
+        rough.add_errors(t, dt, p, x, y)
+        rough.write_truths(p, x, y)
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -233,7 +233,7 @@ def initial_state(settings: Mapping[str, float], beam: Beam, seed: int) -> dict[
     flank = 0.5 * settings["gap_rad"] if load >= 0.0 else -0.5 * settings["gap_rad"]
     wind_up = flank + load / settings["ks_Nm_rad"]
     ratio = settings["gear_ratio"]
-    yielded = rough.yielded(settings, load)
+    yielded = rough.resting_yield(settings, load)
     return {
         "x_theta_rad": settings["theta0_rad"],
         "x_q": q.tolist(),
@@ -246,7 +246,7 @@ def initial_state(settings: Mapping[str, float], beam: Beam, seed: int) -> dict[
         "rng": [v for channel in range(NOISY_CHANNELS) for v in seeded(seed, channel)],
         "sent_Nm": [load / ratio] * DELAY_SIZE,
         "world_hull_yield_rad": yielded,
-        **rough.begin(settings, seed, NOISY_CHANNELS),
+        **rough.initial_state(settings, seed, NOISY_CHANNELS),
     }
 
 

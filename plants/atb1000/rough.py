@@ -21,44 +21,46 @@ from collections.abc import Mapping
 from typing import Any
 
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.block import flat
 from pcpc.executive.laws.emath import clip, cos, exp, floor, sin, sqrt, where
 from pcpc.plants.atb1000 import dynamics as dyn
 from pcpc.plants.atb1000 import hull
-from pcpc.plants.atb1000.rough_ports import AGES, DEVICES, GYROS, PAST, SIGNALS, SWITCHES
+from pcpc.plants.atb1000.ports import External, Motion, Outputs, Parameters, States
+from pcpc.plants.atb1000.rough_ports import AGES, DEVICES, GYROS, PAST, SIGNALS, SWITCHES, World
 from pcpc.plants.noise import normal, seeded
 
 
 @inline
-def switched(p: Any) -> float:
+def is_on(p: Parameters) -> float:
     """Return whether any part is on: above 0."""
     sensors = p.rough_gyros + p.rough_encoder + p.rough_timing
     return p.rough + sensors + p.rough_motor + p.rough_bearing + p.rough_hull
 
 
 @inline
-def cogging(p: Any, angle: float, torque: float) -> float:
+def cogging(p: Parameters, angle: float, torque: float) -> float:
     """Return T_c of (3) at a motor angle in rad and a motor torque in N m."""
     own = p.cogging_Nm * sin(p.cogging_per_turn * angle + p.cogging_phase_rad)
     return own + torque * p.ripple * sin(p.ripple_per_turn * angle + p.ripple_phase_rad)
 
 
 @inline
-def cogging_energy(p: Any, angle: float) -> float:
+def cogging_energy(p: Parameters, angle: float) -> float:
     """Return the potential of the first term of (3), J."""
     turn = p.cogging_per_turn * angle + p.cogging_phase_rad
     return -p.cogging_Nm / p.cogging_per_turn * cos(turn)
 
 
 @inline
-def runout(p: Any, rel: float) -> float:
+def runout(p: Parameters, rel: float) -> float:
     """Return the encoder's error of (2), rad."""
     once = p.encoder_once_rad * sin(rel + p.encoder_once_phase_rad)
     return once + p.encoder_twice_rad * sin(2.0 * rel + p.encoder_twice_phase_rad)
 
 
 @inline
-def situate(p: Any, s: Any, world: Any, x: Any) -> None:
+def set_external(p: Parameters, s: Motion, world: World, x: States) -> None:
     """Put around the motion `s` what the state `world` makes of the world."""
     w = x.external
     if p.rough + p.rough_hull > 0.0:
@@ -72,7 +74,7 @@ def situate(p: Any, s: Any, world: Any, x: Any) -> None:
 
 
 @inline
-def carry(j: int, h: float, weight: float, reach: float, x: Any) -> None:
+def advance_stage(j: int, h: float, weight: float, reach: float, x: States) -> None:
     """Do stage `j` of Runge-Kutta with the rates of the world."""
     world, rates = flat(x.world), flat(x.world_slope)
     total, between = flat(x.world_total), flat(x.world_between)
@@ -84,16 +86,18 @@ def carry(j: int, h: float, weight: float, reach: float, x: Any) -> None:
 
 
 @inline
-def surround(n: int, j: int, h: float, weight: float, reach: float, p: Any, x: Any) -> None:
+def set_stage(
+    n: int, j: int, h: float, weight: float, reach: float, p: Parameters, x: States
+) -> None:
     """Put the world around stage `j` of step `n` of the barrel, and carry it on."""
     s, w, world, rates = x.between, x.external, x.world_between, x.world_slope
     if j == 0:
         start, now = flat(x.world_between), flat(x.world)
         for i in range(len(now)):
             start[i] = now[i]
-    situate(p, s, world, x)
+    set_external(p, s, world, x)
     if j == 0:
-        glance(n, p, s, x)
+        sample_signals(n, p, s, x)
     rates.hull_yield_rad, rates.hull_yield_rate_rad_s, rates.bearing_K = 0.0, 0.0, 0.0
     torque, _ = dyn.gear_state(p, s, w)
     opposing, bristle_rate = dyn.trunnion_friction(p, s, w)
@@ -110,24 +114,24 @@ def surround(n: int, j: int, h: float, weight: float, reach: float, p: Any, x: A
         heat = opposing * v - p.sig0_Nm_rad * s.bristle_rad * bristle_rate
         lost = p.bearing_W_K * (world.bearing_K - p.ambient_K)
         rates.bearing_K = (heat - lost) / p.bearing_J_K  # (5)
-    carry(j, h, weight, reach, x)
+    advance_stage(j, h, weight, reach, x)
 
 
 @inline
-def brake(p: Any, x: Any) -> None:
+def subtract_cogging(p: Parameters, x: States) -> None:
     """Take from the rotor's acceleration what T_c of (3) does."""
     x.slope.motor_speed_rad_s -= x.external.cogging_Nm / p.motor_inertia_kg_m2
 
 
 @inline
-def share(n: int, age: float, p: Any, period: float) -> float:
+def sample_weight(n: int, age: float, p: Parameters, period: float) -> float:
     """Return with which weight a sample of this age has the signals after `n` steps (7)."""
     place = p.substeps * (1.0 - (age / period - floor(age / period)))
     return clip(1.0 - abs(n - place), 0.0, 1.0)
 
 
 @inline
-def signals(weights: Any, s: Any, w: Any, seen: Any) -> None:
+def add_signals(weights: Array, s: Motion, w: External, seen: Array) -> None:
     """Add to `seen` the sensors' signals, each with its device's weight, in the order of AGES."""
     encoder, gyro, told = weights[0], weights[1], weights[2]
     strain, torque, motor = weights[3], weights[4], weights[5]
@@ -144,24 +148,24 @@ def signals(weights: Any, s: Any, w: Any, seen: Any) -> None:
 
 
 @inline
-def glance(n: int, p: Any, s: Any, x: Any) -> None:
+def sample_signals(n: int, p: Parameters, s: Motion, x: States) -> None:
     """Look at the signals after `n` steps of the period."""
     if p.rough + p.rough_timing > 0.0:
         if n == 0:
             for c in range(SIGNALS):
                 x.seen[c] = 0.0
         period = p.substeps * x.external.step_s
-        x.shares[0] = share(n, p.encoder_age_s, p, period)
-        x.shares[1] = share(n, p.gyro_age_s, p, period)
-        x.shares[2] = share(n, p.hull_age_s, p, period)
-        x.shares[3] = share(n, p.strain_age_s, p, period)
-        x.shares[4] = share(n, p.torque_age_s, p, period)
-        x.shares[5] = share(n, p.motor_age_s, p, period)
-        signals(x.shares, s, x.external, x.seen)
+        x.shares[0] = sample_weight(n, p.encoder_age_s, p, period)
+        x.shares[1] = sample_weight(n, p.gyro_age_s, p, period)
+        x.shares[2] = sample_weight(n, p.hull_age_s, p, period)
+        x.shares[3] = sample_weight(n, p.strain_age_s, p, period)
+        x.shares[4] = sample_weight(n, p.torque_age_s, p, period)
+        x.shares[5] = sample_weight(n, p.motor_age_s, p, period)
+        add_signals(x.shares, s, x.external, x.seen)
 
 
 @inline
-def late(c: int, age: float, period: float, x: Any) -> float:
+def lateness(c: int, age: float, period: float, x: States) -> float:
     """Return by how much signal `c` differs from now at this age (7)."""
     back, found = floor(age / period), 0.0
     for i in range(PAST):
@@ -170,7 +174,7 @@ def late(c: int, age: float, period: float, x: Any) -> float:
 
 
 @inline
-def show_late(t: float, dt: float, p: Any, x: Any, y: Any) -> None:
+def age_samples(t: float, dt: float, p: Parameters, x: States, y: Outputs) -> None:
     """Make the samples `y` as old as their devices are slow."""
     for c in range(SIGNALS):
         for i in range(PAST - 1, 0, -1):
@@ -179,30 +183,30 @@ def show_late(t: float, dt: float, p: Any, x: Any, y: Any) -> None:
         x.seen[c] = 0.0
     for i in range(DEVICES):
         x.shares[i] = 1.0
-    signals(x.shares, x.motion, x.external, x.seen)
+    add_signals(x.shares, x.motion, x.external, x.seen)
     if t <= 0.0 or t - x.seen_s > 1.5 * dt:  # there is no past yet
         for c in range(SIGNALS):
             for i in range(PAST):
                 x.past[c, i] = x.seen[c]
     x.seen_s = t
-    y.encoder_rad += late(0, p.encoder_age_s, dt, x)
-    y.hub_rate_rad_s += late(1, p.gyro_age_s, dt, x)
-    y.muzzle_rate_rad_s += late(2, p.gyro_age_s, dt, x)
-    y.hull_pitch_rad += late(3, p.hull_age_s, dt, x)
-    y.hull_rate_rad_s += late(4, p.hull_age_s, dt, x)
-    y.strain_ue += late(5, p.strain_age_s, dt, x)
-    y.shaft_torque_Nm += late(6, p.torque_age_s, dt, x)
-    y.motor_speed_rad_s += late(7, p.motor_age_s, dt, x)
-    y.motor_torque_Nm += late(8, p.motor_age_s, dt, x)
-    y.motor_angle_rad += late(9, p.motor_age_s, dt, x)
+    y.encoder_rad += lateness(0, p.encoder_age_s, dt, x)
+    y.hub_rate_rad_s += lateness(1, p.gyro_age_s, dt, x)
+    y.muzzle_rate_rad_s += lateness(2, p.gyro_age_s, dt, x)
+    y.hull_pitch_rad += lateness(3, p.hull_age_s, dt, x)
+    y.hull_rate_rad_s += lateness(4, p.hull_age_s, dt, x)
+    y.strain_ue += lateness(5, p.strain_age_s, dt, x)
+    y.shaft_torque_Nm += lateness(6, p.torque_age_s, dt, x)
+    y.motor_speed_rad_s += lateness(7, p.motor_age_s, dt, x)
+    y.motor_torque_Nm += lateness(8, p.motor_age_s, dt, x)
+    y.motor_angle_rad += lateness(9, p.motor_age_s, dt, x)
 
 
 @inline
-def falsify(t: float, dt: float, p: Any, x: Any, y: Any) -> None:
-    """Put the errors of clocks, encoder and gyros into the samples `y`, in this order."""
+def add_errors(t: float, dt: float, p: Parameters, x: States, y: Outputs) -> None:
+    """Add the errors of clocks, encoder and gyros to the samples `y`, in this order."""
     if p.rough + p.rough_timing > 0.0:
-        glance(int(p.substeps), p, x.motion, x)
-        show_late(t, dt, p, x, y)
+        sample_signals(int(p.substeps), p, x.motion, x)
+        age_samples(t, dt, p, x, y)
     if p.rough + p.rough_encoder > 0.0:
         y.encoder_error_rad = runout(p, y.encoder_rad)
         y.encoder_rad += y.encoder_error_rad
@@ -217,7 +221,7 @@ def falsify(t: float, dt: float, p: Any, x: Any, y: Any) -> None:
 
 
 @inline
-def account(p: Any, x: Any, y: Any) -> None:
+def write_truths(p: Parameters, x: States, y: Outputs) -> None:
     """Write the truths of the world, and add its energy to that of the barrel."""
     world, w = x.world, x.external
     y.bearing_K, y.cogging_torque_Nm = world.bearing_K, w.cogging_Nm
@@ -243,14 +247,14 @@ def check(settings: Mapping[str, float], rate_hz: float) -> None:
             )
 
 
-def yielded(settings: Mapping[str, float], load: float) -> float:
+def resting_yield(settings: Mapping[str, float], load: float) -> float:
     """Return how far the hull has yielded at rest to `load`, N m on the hub; 0 without a spring."""
     on = settings["rough"] + settings["rough_hull"] > 0.0
     spring = settings["hull_spring_Nm_rad"]
     return -load / spring if on and spring > 0.0 else 0.0
 
 
-def begin(settings: Mapping[str, float], seed: int, first_stream: int) -> dict[str, Any]:
+def initial_state(settings: Mapping[str, float], seed: int, first_stream: int) -> dict[str, Any]:
     """Return the initial states but for the hull's; noise streams from `first_stream` on."""
     gyros = ("hub", "muzzle", "hull")
     return {

@@ -20,8 +20,6 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 5.2; the right side of (2) is
 available copies and is chosen here from the parameters that the book names.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import cos, sin, where
 from pcpc.plants.actuators.backlash import backlash
@@ -86,20 +84,20 @@ class Outputs(Ports):
 
 
 @inline
-def weight(p: Any) -> float:
+def weight(p: Parameters) -> float:
     """Return m g a, N m."""
     return p.mass_kg * p.gravity_m_s2 * p.length_m
 
 
 @inline
-def slope(t: float, p: Any, tau: float, x: Any, d: Any) -> None:
+def slope(t: float, p: Parameters, tau: float, x: Motion, d: Motion) -> None:
     """Write x1' (1) and x2' (2) under the torque `tau`."""
     d.q_rad = x.rate_rad_s
     d.rate_rad_s = tau - x.rate_rad_s / p.time_constant_s - weight(p) * sin(x.q_rad)
 
 
 @inline
-def push(p: Any, x: Any, u: Any, y: Any) -> None:
+def push(p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Move the gap by the command that now acts (3)."""
     acting = rounded(delayed(u.command_Nm, p.delay_samples, x.sent_Nm), p.command_lsb_Nm)
     up, down = x.torque_Nm <= acting - p.d_plus_Nm, x.torque_Nm >= acting - p.d_minus_Nm

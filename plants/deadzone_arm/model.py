@@ -14,24 +14,18 @@ plants/families/two_link/arm.py. rad, rad/s, N m, kg, m, J; no gravity, friction
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.2; (1) as in executive/laws/models.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import cos
-from pcpc.executive.laws.models.two_link import inertia, motion, solved
+from pcpc.executive.laws.models.two_link import Links, inertia, motion, solved
 from pcpc.plants.actuators.deadzone import deadzone
 from pcpc.plants.families.two_link import arm as two_link_arm
 from pcpc.plants.families.two_link.arm import Held, Inputs, Interface, Motion
 from pcpc.plants.integrate import runge_kutta, scratch
 
 
-class Arm(Ports):
+class Arm(Links):
     """The arm and its deadzones."""
 
-    a1_m = port("m", "length of the first link", None, 1e-3, 100.0)
-    a2_m = port("m", "length of the second link", None, 1e-3, 100.0)
-    m1_kg = port("kg", "mass at the end of the first link", None, 1e-3, 1e4)
-    m2_kg = port("kg", "mass at the end of the second link", None, 1e-3, 1e4)
     d_plus_Nm = port("N m", "width of the deadzones on the positive side", None, 0.0, 1e3)
     d_minus_Nm = port("N m", "width on the negative side, a magnitude", None, 0.0, 1e3)
     m_plus = port("", "slope on the positive side", None, 1e-3, 1e3)
@@ -58,7 +52,7 @@ class Outputs(two_link_arm.Outputs):
 
 
 @inline
-def slope(t: float, p: Any, y: Any, x: Any, d: Any) -> None:
+def slope(t: float, p: Parameters, y: Outputs, x: Motion, d: Motion) -> None:
     """Write q' and v' of (1) under the torques in `y`."""
     m11, m12, m22, c1, c2 = motion(p, p.m2_kg, x.q_rad, x.rate_rad_s)
     d.q_rad[0], d.q_rad[1] = x.rate_rad_s[0], x.rate_rad_s[1]
@@ -67,7 +61,7 @@ def slope(t: float, p: Any, y: Any, x: Any, d: Any) -> None:
 
 
 @inline
-def kinetic_energy(p: Any, x: Any) -> float:
+def kinetic_energy(p: Parameters, x: Motion) -> float:
     """Return E of (3), J."""
     m11, m12, m22 = inertia(cos(x.q_rad[1]), p.a1_m, p.a2_m, p.m1_kg, p.m2_kg)
     v1, v2 = x.rate_rad_s[0], x.rate_rad_s[1]

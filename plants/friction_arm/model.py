@@ -19,10 +19,9 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
-from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
-from pcpc.executive.laws.models.two_link import gravity_torque, motion
+from pcpc.executive.laws.block import Array, Block, Ports, Prepared, group, inline, port, stage
+from pcpc.executive.laws.models.two_link import Links, gravity_torque, motion
 from pcpc.plants.actuators import lugre_implicit, sliding, stick_slip
 from pcpc.plants.families.two_link import arm as two_link_arm
 from pcpc.plants.families.two_link.arm import Held, Inputs, Interface
@@ -54,13 +53,9 @@ def _friction_of(joint: int) -> type[Ports]:
     return Friction
 
 
-class Arm(Ports):
+class Arm(Links):
     """Links, masses and friction."""
 
-    a1_m = port("m", "length of link 1", None, 1e-3, 100.0)
-    a2_m = port("m", "length of link 2", None, 1e-3, 100.0)
-    m1_kg = port("kg", "point mass at the end of link 1", None, 1e-3, 1e4)
-    m2_kg = port("kg", "point mass at the end of link 2", None, 1e-3, 1e4)
     gravity_m_s2 = port("m/s2", "g; 0 for an arm in a horizontal plane", None, -100.0, 100.0)
     friction_model = port("", "0 none, 1 exponential set-valued, 2 LuGre", None, 0.0, 2.0)
     joint_1 = group(_friction_of(1))
@@ -112,14 +107,14 @@ class Outputs(two_link_arm.Outputs):
 
 
 @inline
-def level(v: float, f: Any) -> float:
+def level(v: float, f: Ports) -> float:
     """Return the friction level (2) of a joint, N m."""
     return sliding.exponential(abs(v), f.a0_Nm, f.a1_Nm, f.a2_Nm, f.beta1_s_rad, f.beta2_s_rad)
 
 
 @inline
 def set_valued(
-    p1: float, p2: float, m11: float, m12: float, m22: float, dt: float, p: Any, x: Any
+    p1: float, p2: float, m11: float, m12: float, m22: float, dt: float, p: Parameters, x: Motion
 ) -> tuple[float, float]:
     """Return v+ of (2); without friction both levels are 0."""
     c1, c2 = 0.0, 0.0
@@ -129,20 +124,20 @@ def set_valued(
 
 
 @inline
-def bristle_rate(v: float, p: Any, f: Any) -> float:
+def bristle_rate(v: float, p: Parameters, f: Ports) -> float:
     """Return a of lugre_implicit.py for a joint, 1/s."""
     return lugre_implicit.bristle_rate(v, p.s0_Nm_rad, f.a0_Nm, f.a1_Nm, p.v0_rad_s)
 
 
 @inline
-def torque_line(z: float, rate: float, dt: float, p: Any, f: Any) -> tuple[float, float]:
+def torque_line(z: float, rate: float, dt: float, p: Parameters, f: Ports) -> tuple[float, float]:
     """Return A and B of lugre_implicit.py for a joint, N m s/rad and N m."""
     return lugre_implicit.torque_line(z, rate, p.s0_Nm_rad, p.s1_Nms_rad, f.a2_Nm, dt)
 
 
 @inline
 def lugre(
-    p1: float, p2: float, m11: float, m12: float, m22: float, dt: float, p: Any, x: Any
+    p1: float, p2: float, m11: float, m12: float, m22: float, dt: float, p: Parameters, x: Motion
 ) -> tuple[float, float]:
     """Return v+ of (3) and advance the bristles."""
     v, z = x.rate_rad_s, x.z_rad
@@ -158,7 +153,7 @@ def lugre(
 
 
 @inline
-def advance(tau: Any, dt: float, p: Any, x: Any) -> None:
+def advance(tau: Array, dt: float, p: Parameters, x: Motion) -> None:
     """One step (4) of positions, rates, bristles and friction torques under a constant torque."""
     q, v = x.q_rad, x.rate_rad_s
     m11, m12, m22, c1, c2 = motion(p, p.m2_kg, q, v)

@@ -16,8 +16,6 @@ Without units. Source: Lewis, Campos, Selmic (SIAM 2002), chapters 4.3 and 5.3, 
 inputs; order, coupling and widths are chosen.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.executive.laws.models.map_chain import chain_drift
@@ -91,16 +89,18 @@ class Outputs(Ports):
 
 
 @inline
-def driven(actuator: Any, acting: float, tau: float) -> float:
+def actuator_output(actuator: Actuator, acting: float, tau: float) -> float:
     """Return tau (2) for the command `acting` that comes after `tau`."""
     gap, m = actuator.gap, actuator.slope
     return backlash(tau, deadzone(acting, actuator.dead, actuator.dead), gap, -gap, m)
 
 
 @inline
-def moved(p: Any, ahead: float, acting: float, actuator: Any, other: float, x: Any) -> None:
+def advance_chain(
+    p: Parameters, ahead: float, acting: float, actuator: Actuator, other: float, x: Held
+) -> None:
     """Make the step (1) (2) of a chain; `other`: the newest state of the other, before it."""
-    tau = driven(actuator, acting, x.tau)
+    tau = actuator_output(actuator, acting, x.tau)
     used = where(ahead > 0.5, x.tau, tau)
     newest = chain_drift(x.x1, x.x2, x.x3, other, p.order, p.c, p.coupling) + used  # (1)
     x.x1, x.x2, x.x3 = x.x2, x.x3, newest
@@ -108,7 +108,7 @@ def moved(p: Any, ahead: float, acting: float, actuator: Any, other: float, x: A
 
 
 @inline
-def told(p: Any, x: Any, sample: Any, true: Any) -> None:
+def write_samples(p: Parameters, x: Held, sample: Chain, true: Chain) -> None:
     """Write sample and truth of a chain."""
     true.x1, true.x2, true.x3, true.tau = x.x1, x.x2, x.x3, x.tau
     sample.x1, sample.x2 = rounded(x.x1, p.x_lsb), rounded(x.x2, p.x_lsb)
@@ -122,10 +122,10 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
         y.acting_a = rounded(delayed(u.a_command, p.delay_samples, x.a.sent), p.command_lsb)
         y.acting_b = rounded(delayed(u.b_command, p.delay_samples, x.b.sent), p.command_lsb)
         a, b = x.a.x3, x.b.x3
-        moved(p, u.ahead, y.acting_a, p.a, b, x.a)
-        moved(p, u.ahead, y.acting_b, p.b, a, x.b)
-    told(p, x.a, y.sample_a, y.a)
-    told(p, x.b, y.sample_b, y.b)
+        advance_chain(p, u.ahead, y.acting_a, p.a, b, x.a)
+        advance_chain(p, u.ahead, y.acting_b, p.b, a, x.b)
+    write_samples(p, x.a, y.sample_a, y.a)
+    write_samples(p, x.b, y.sample_b, y.b)
 
 
 BLOCK = Block(step)

@@ -15,8 +15,6 @@ as they were, the momentum jumps. Samples and delay: plants/families/two_link/ar
 N m, kg, m, s; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.plants.families.two_link import arm as two_link_arm
@@ -60,7 +58,7 @@ class Outputs(two_link_arm.Outputs):
 
 
 @inline
-def slope(t: float, p: Any, y: Any, x: Any, d: Any) -> None:
+def slope(t: float, p: Parameters, y: Outputs, x: Motion, d: Motion) -> None:
     """Write q' and q'' of (1) (2) under the torques and the mass in `y`."""
     two_link_arm.rates(p, y.outer_mass_kg, p.smooth_rad_s, y.acting_Nm, x, d)
 

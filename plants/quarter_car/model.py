@@ -30,7 +30,6 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 6.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 from pcpc.executive.laws.block import (
     Block,
@@ -148,19 +147,19 @@ class Outputs(Ports):
 
 
 @inline
-def road(t: float, p: Any) -> float:
+def road(t: float, p: Parameters) -> float:
     """Return zr (1), m."""
     return p.road_m * sin(p.road_rad_s * t)
 
 
 @inline
-def friction(v3: float, p: Any) -> float:
+def friction(v3: float, p: Parameters) -> float:
     """Return Ff (2), N."""
     return p.fc_N * tanh(v3 / p.vfr_m_s)
 
 
 @inline
-def bump_stop(x3: float, v3: float, p: Any) -> float:
+def bump_stop(x3: float, v3: float, p: Parameters) -> float:
     """Return Fb (3), N."""
     upper = -p.kb_N_m * (x3 - p.stop_m) - p.cb_Ns_m * v3
     lower = -p.kb_N_m * (x3 + p.stop_m) - p.cb_Ns_m * v3
@@ -170,7 +169,7 @@ def bump_stop(x3: float, v3: float, p: Any) -> float:
 
 
 @inline
-def strut_force(command: float, p: Any, s: Any) -> float:
+def strut_force(command: float, p: Parameters, s: Motion) -> float:
     """Return F of the chosen strut (8), N."""
     if p.strut == PASSIVE:
         return -p.ks_N_m * s.x3_m - p.bs_Ns_m * (s.x2_m_s - s.x4_m_s)
@@ -180,7 +179,7 @@ def strut_force(command: float, p: Any, s: Any) -> float:
 
 
 @inline
-def rates(t: float, p: Any, command: float, s: Any, d: Any) -> None:
+def rates(t: float, p: Parameters, command: float, s: Motion, d: Motion) -> None:
     """Write the derivatives (5) to (7) at `s` to `d`."""
     x3, v3 = s.x3_m, s.x2_m_s - s.x4_m_s
     total = strut_force(command, p, s) - friction(v3, p) + bump_stop(x3, v3, p)  # (4)
@@ -205,7 +204,7 @@ def above_suction(pressure: float) -> float:
 
 
 @inline
-def advance(t: float, h: float, command: float, p: Any, x: Any) -> None:
+def advance(t: float, h: float, command: float, p: Parameters, x: States) -> None:
     """One Runge-Kutta step from t to t + h, and the limits."""
     s = x.car
     runge_kutta(rates, t, h, p, command, s, x.integrator)
@@ -215,7 +214,7 @@ def advance(t: float, h: float, command: float, p: Any, x: Any) -> None:
 
 
 @inline
-def sample(p: Any, s: Any, y: Any) -> None:
+def sample(p: Parameters, s: Motion, y: Outputs) -> None:
     """Write what the sensors say."""
     y.sample_body_rate_m_s = rounded(s.x2_m_s, p.rate_lsb_m_s)
     y.sample_extension_m = rounded(s.x3_m, p.extension_lsb_m)
@@ -226,7 +225,7 @@ def sample(p: Any, s: Any, y: Any) -> None:
 
 
 @inline
-def show(t: float, p: Any, s: Any, y: Any) -> None:
+def show(t: float, p: Parameters, s: Motion, y: Outputs) -> None:
     """Write the truths."""
     v3 = s.x2_m_s - s.x4_m_s
     y.body_rate_m_s, y.extension_m, y.wheel_rate_m_s = s.x2_m_s, s.x3_m, s.x4_m_s

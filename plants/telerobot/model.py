@@ -16,10 +16,10 @@ q2 relative to link 1; positive torque raises q. Source: Lewis, Campos, Selmic (
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import where
+from pcpc.executive.laws.models.two_link import Links
 from pcpc.plants.families.two_link import arm as two_link_arm
 from pcpc.plants.families.two_link.arm import Held, Inputs, Interface, Motion
 from pcpc.plants.integrate import runge_kutta, scratch
@@ -27,13 +27,9 @@ from pcpc.plants.integrate import runge_kutta, scratch
 STICTION_RAD_S = 0.05
 
 
-class Arm(Ports):
+class Arm(Links):
     """Links, friction, masses, the payload and the integration."""
 
-    a1_m = port("m", "length of link 1", None, 1e-3, 100.0)
-    a2_m = port("m", "length of link 2", None, 1e-3, 100.0)
-    m1_kg = port("kg", "point mass at the end of link 1", None, 1e-3, 1e4)
-    m2_kg = port("kg", "point mass at the end of link 2", None, 1e-3, 1e4)
     gravity_m_s2 = port("m/s2", "g", None, -100.0, 100.0)
     viscous_Nms_rad = port("N m s/rad", "fv of both joints", None, 0.0, 1e4)
     coulomb_Nm = port("N m", "fc of both joints", None, 0.0, 1e4)
@@ -50,8 +46,9 @@ class Parameters(Arm, Interface):
 class Settings(Parameters):
     """The parameters, and the start."""
 
-    start_rad = port("rad", "q# at the start, at rest", None, -10.0, 10.0,
-                     shape=2, named="start_#_rad")  # fmt: skip
+    start_rad = port(
+        "rad", "q# at the start, at rest", None, -10.0, 10.0, shape=2, named="start_#_rad"
+    )
 
 
 class States(Ports):
@@ -69,7 +66,7 @@ class Outputs(two_link_arm.Outputs):
 
 
 @inline
-def slope(t: float, p: Any, y: Any, x: Any, d: Any) -> None:
+def slope(t: float, p: Parameters, y: Outputs, x: Motion, d: Motion) -> None:
     """Write q' and q'' (4) under the torques and the mass in `y`."""
     two_link_arm.rates(p, y.mass_kg, STICTION_RAD_S, y.acting_Nm, x, d)
 

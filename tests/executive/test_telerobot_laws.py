@@ -10,6 +10,13 @@ from scipy.linalg import expm
 from pcpc.executive.laws.block import Block, Nothing, Port, Ports, port, stage
 from pcpc.executive.laws.models import double_pole, playout
 from pcpc.executive.laws.models.soft_sine import soft_sine
+from pcpc.plants.telerobot.laws import (
+    robot_node,
+    telerobot_cancel,
+    telerobot_model,
+    telerobot_network,
+    telerobot_robust,
+)
 from pcpc.plants.telerobot.laws import telerobot_local as local
 from pcpc.plants.telerobot.laws import telerobot_remote as remote
 
@@ -182,7 +189,7 @@ def test_the_ticks_of_the_robot_follow_an_operator_that_skipped_some() -> None:
             assert told["sample_tick"] == playout.wire_tick(operator - 1.0), told["sample_tick"]
         sent = {
             "u_1_rad_s2": float(operator), "tick": playout.wire_tick(float(operator)),
-            "law": local.NETWORK, "delay": 20.0,
+            "law": robot_node.NETWORK, "delay": 20.0,
         }  # fmt: skip
     assert told["held_u"] == 7.0, told["held_u"]
 
@@ -261,3 +268,20 @@ def test_a_joint_that_is_too_fast_is_braked_for_good() -> None:
     assert law.step(1, rate_2_rad_s=20.1)["tripped"] == 1.0
     out = law.step(2, rate_2_rad_s=3.0)
     assert (out["tripped"], out["torque_1_Nm"], out["torque_2_Nm"]) == (1.0, 0.0, -30.0), out
+
+
+NAMED = {1.0: telerobot_cancel, 2.0: telerobot_model, 3.0: telerobot_robust, 4.0: telerobot_network}
+
+
+@pytest.mark.parametrize("number", NAMED)
+def test_a_law_that_the_rig_names_has_the_bits_of_the_one_that_comes_with_u(number: float) -> None:
+    by_name, by_number = Law(NAMED[number], **ARM), Law(local, **ARM)
+    rng = np.random.default_rng(4)
+    for k in range(60):
+        seen = dict(zip(("q_1_rad", "q_2_rad", "rate_1_rad_s", "rate_2_rad_s"),
+                        rng.uniform(-1.0, 1.0, 4), strict=True))  # fmt: skip
+        seen |= {"u_1_rad_s2": rng.normal(), "u_2_rad_s2": rng.normal(), "delay": 5.0}
+        seen |= {"tick": playout.wire_tick(float(k)), "law": number}
+        ours, theirs = by_name.step(k, **seen), by_number.step(k, **seen)
+        assert ours == theirs, f"tick {k}: {ours} and {theirs}"
+    assert abs(ours["torque_1_Nm"]) > 1.0 and (number < 4.0 or ours["norm_w"] > 0.0), ours

@@ -1,5 +1,7 @@
 """The neural network: gradients, jump nodes, and the Lyapunov identity of its tuning laws."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,16 @@ from pcpc.executive.laws.approximators import two_layer
 
 N_IN, N, N_JUMP = 6, 10, 4
 N_PHI = 1 + N + N_JUMP
+
+
+class Network(NamedTuple):
+    """A network in arrays."""
+
+    x: np.ndarray
+    a: np.ndarray
+    phi: np.ndarray
+    w: np.ndarray
+    v: np.ndarray
 
 
 @compiled()
@@ -20,7 +32,8 @@ def forward(x, v, a, phi, w, v1, v2):  # type: ignore[no-untyped-def]
 
 @compiled()
 def tuned(r, kappa, f, fj, g, dt, x, a, phi, w, v):  # type: ignore[no-untyped-def]
-    two_layer.tune(r, kappa, f, fj, g, dt, x, a, phi, w, v)
+    net = Network(x, a, phi, w, v)
+    two_layer.tune(net, r, kappa * abs(r), dt * f, dt * fj, dt * g)
 
 
 def network(rng: np.random.Generator) -> dict[str, np.ndarray]:

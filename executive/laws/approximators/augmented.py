@@ -18,21 +18,32 @@ itself is a gain, and it is stable only for dt G < Kv, whatever M; a bound of G 
 
     G = S (s's - sum_j s_j s'_j z_j) + E |phi|^2 + T |x|^2 sum_j s'_j^2 |W1_j|^2             (9)
 
-`x` (n_in,); `net` is the law's view of the network: v (n_in, n), w1 (n + 1, m), w2 (k, m) and, of
-this period, z (n,), s (n + 1,), phi (k,); there may be room for more nodes than the `n` in use.
+`x` (n_in,); `n` is the number of nodes in use.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3: augmented network, tuning laws; (9) is this
 project's, by linearising the sampled loop (Jury's criterion).
 """
 
-from typing import Any
+from typing import Protocol
 
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.approximators.two_layer import nodes, square_sum
 from pcpc.executive.laws.emath import clip, exp, sqrt, where
 
 
+class Network(Protocol):
+    """A law's view of its network, with room for n nodes or more."""
+
+    v: Array  # (n_in, n)
+    w1: Array  # (n + 1, m)
+    w2: Array  # (k, m)
+    z: Array  # (n,)
+    s: Array  # (n + 1,)
+    phi: Array  # (k,)
+
+
 @inline
-def step_pair(v: float, phi: Any, at: int) -> None:
+def step_pair(v: float, phi: Array, at: int) -> None:
     """Write the two nodes (4) to phi[at] and phi[at + 1]; at v = 0 they are 1 and 0."""
     forward = v >= 0.0
     phi[at] = where(forward, 1.0, 0.0)
@@ -46,14 +57,14 @@ def ramp(v: float, v_eps: float) -> float:
 
 
 @inline
-def hidden(x: Any, net: Any, n: int) -> None:
+def hidden(x: Array, net: Network, n: int) -> None:
     """Write z (1) and s (2) of x."""
     net.s[0] = 1.0
     nodes(x, net.v, n, net.z, net.s, 1)
 
 
 @inline
-def output(net: Any, n: int, i: int) -> float:
+def output(net: Network, n: int, i: int) -> float:
     """Return fhat_i (3)."""
     y = 0.0
     for j in range(n + 1):
@@ -64,7 +75,7 @@ def output(net: Any, n: int, i: int) -> float:
 
 
 @inline
-def add_squares(total: float, w: Any, rows: int, columns: int) -> float:
+def add_squares(total: float, w: Array, rows: int, columns: int) -> float:
     """Return `total` plus the squares of the first rows and columns of a matrix, one by one."""
     for i in range(rows):
         for j in range(columns):
@@ -73,7 +84,7 @@ def add_squares(total: float, w: Any, rows: int, columns: int) -> float:
 
 
 @inline
-def norm(net: Any, n: int) -> float:
+def norm(net: Network, n: int) -> float:
     """Return the Frobenius norm of all weights."""
     total = add_squares(0.0, net.v, len(net.v), n)
     total = add_squares(total, net.w1, n + 1, len(net.w1[0]))
@@ -81,7 +92,9 @@ def norm(net: Any, n: int) -> float:
 
 
 @inline
-def tuning_gain(x: Any, net: Any, n: int, rate_s: float, rate_t: float, rate_e: float) -> float:
+def tuning_gain(
+    x: Array, net: Network, n: int, rate_s: float, rate_t: float, rate_e: float
+) -> float:
     """Return G (9)."""
     outer, inner = 1.0, 0.0  # of the threshold, s_0 = 1 and s'_0 = 0
     for j in range(n):
@@ -95,7 +108,14 @@ def tuning_gain(x: Any, net: Any, n: int, rate_s: float, rate_t: float, rate_e: 
 
 @inline
 def tune(
-    x: Any, net: Any, n: int, r: Any, leak: float, step_s: float, step_t: float, step_e: float
+    x: Array,
+    net: Network,
+    n: int,
+    r: Array,
+    leak: float,
+    step_s: float,
+    step_t: float,
+    step_e: float,
 ) -> None:
     """One Euler step of (6) to (8) in place.
 

@@ -22,15 +22,14 @@ unless asked to.
 No units but those of E and W. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 1.
 """
 
-from typing import Any
-
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.approximators.activations import activate
 from pcpc.executive.laws.emath import sqrt, where
 
 
 @inline
-def hidden(kind: int, x: Any, v: Any, z: Any, s: Any, slope: Any) -> None:
+def hidden(kind: int, x: Array, v: Array, z: Array, s: Array, slope: Array) -> None:
     """Write z (1), s (2) and sigma'(z)."""
     nodes = len(z)
     for j in range(nodes):
@@ -44,7 +43,7 @@ def hidden(kind: int, x: Any, v: Any, z: Any, s: Any, slope: Any) -> None:
 
 
 @inline
-def output(s: Any, w: Any, y: Any) -> None:
+def output(s: Array, w: Array, y: Array) -> None:
     """Write y = W's (3); for every net linear in W, of any number of nodes."""
     for i in range(len(y)):
         total = 0.0
@@ -54,7 +53,7 @@ def output(s: Any, w: Any, y: Any) -> None:
 
 
 @inline
-def tune_output(gain: float, s: Any, e: Any, w: Any) -> None:
+def tune_output(gain: float, s: Array, e: Array, w: Array) -> None:
     """W <- W + gain s E' in place, as in (5); for every net linear in W."""
     for j in range(len(w)):
         for i in range(len(e)):
@@ -62,7 +61,7 @@ def tune_output(gain: float, s: Any, e: Any, w: Any) -> None:
 
 
 @inline
-def back(slope: Any, w: Any, e: Any, b: Any) -> None:
+def back(slope: Array, w: Array, e: Array, b: Array) -> None:
     """Write b = s''W E (L,), the error as the hidden layer sees it; call it before `w` is tuned."""
     for j in range(len(b)):
         total = 0.0
@@ -72,7 +71,7 @@ def back(slope: Any, w: Any, e: Any, b: Any) -> None:
 
 
 @inline
-def tune_first(gain: float, x: Any, b: Any, v: Any) -> None:
+def tune_first(gain: float, x: Array, b: Array, v: Array) -> None:
     """V <- V + gain [1; x] b' in place, as in (5)."""
     for j in range(len(b)):
         v[0, j] += gain * b[j]
@@ -83,8 +82,8 @@ def tune_first(gain: float, x: Any, b: Any, v: Any) -> None:
 
 @inline
 def tune(
-    f: float, g: float, e: Any, x: Any, s: Any, slope: Any, b: Any, w: Any, v: Any
-) -> None:  # fmt: skip
+    f: float, g: float, e: Array, x: Array, s: Array, slope: Array, b: Array, w: Array, v: Array
+) -> None:
     """One step of (5) in place after `hidden`; for (6) give f T and g T. `b` (L,) is scratch."""
     back(slope, w, e, b)
     tune_output(f, s, e, w)
@@ -93,7 +92,7 @@ def tune(
 
 @inline
 def tune_hebbian(
-    f: float, g: float, leak: float, limit: float, e: Any, x: Any, s: Any, w: Any, v: Any
+    f: float, g: float, leak: float, limit: float, e: Array, x: Array, s: Array, w: Array, v: Array
 ) -> None:
     """One Euler step of (7) in place after `hidden`; `f`, `g` hold the step size already.
 

@@ -20,9 +20,8 @@ The general receptive field on knots t, of which (2) and (3) are uniform cases:
 x, low, d and t in the units of the input. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 1.
 """
 
-from typing import Any
-
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import clip, floor, where
 
 
@@ -35,7 +34,7 @@ def _cell(x: float, low: float, d: float, cells: int) -> tuple[int, float]:
 
 
 @inline
-def axis(order: int, x: float, low: float, d: float, count: int, out: Any, at: int) -> int:
+def axis(order: int, x: float, low: float, d: float, count: int, out: Array, at: int) -> int:
     """Write the `order` values of (2) or (3) to out[at..]; return the first node's index."""
     if order == 2:
         i, f = _cell(x, low, d, count - 1)
@@ -53,7 +52,14 @@ def axis(order: int, x: float, low: float, d: float, count: int, out: Any, at: i
 
 @inline
 def touched(
-    order: int, x: Any, low: Any, d: Any, counts: Any, index: Any, value: Any, work: Any
+    order: int,
+    x: Array,
+    low: Array,
+    d: Array,
+    counts: Array,
+    index: Array,
+    value: Array,
+    work: Array,
 ) -> int:
     """Write index and value of the nodes touched (4); return how many, order^n.
 
@@ -73,7 +79,7 @@ def touched(
 
 
 @inline
-def output(index: Any, value: Any, size: int, w: Any, y: Any) -> None:
+def output(index: Array, value: Array, size: int, w: Array, y: Array) -> None:
     """Write y (5) from the `size` nodes touched: `w` (nodes, m), `y` (m,)."""
     for i in range(len(y)):
         total = 0.0
@@ -83,7 +89,7 @@ def output(index: Any, value: Any, size: int, w: Any, y: Any) -> None:
 
 
 @inline
-def tune(gain: float, index: Any, value: Any, size: int, e: Any, w: Any) -> None:
+def tune(gain: float, index: Array, value: Array, size: int, e: Array, w: Array) -> None:
     """W <- W + gain phi E' in place, only the rows touched (5)."""
     for j in range(size):
         for i in range(len(e)):
@@ -91,7 +97,7 @@ def tune(gain: float, index: Any, value: Any, size: int, e: Any, w: Any) -> None
 
 
 @inline
-def recursion(order: int, x: float, t: Any, b: Any) -> None:
+def recursion(order: int, x: float, t: Array, b: Array) -> None:
     """Write all B_j,order (6) (7), j = 0..knots - order - 1, to `b` (knots - 1,); `t` rising."""
     knots = len(t)
     for j in range(knots - 1):

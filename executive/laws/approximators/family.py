@@ -104,9 +104,14 @@ class TwoLayer(Approximator):
     """backprop.py: V (n+1, L) drawn uniformly in +-spread, jac = ds/dz (L+1, L)."""
 
     def __init__(
-        self, inputs: int, nodes: int, outputs: int, seed: int, spread: float = 1.0,
+        self,
+        inputs: int,
+        nodes: int,
+        outputs: int,
+        seed: int,
+        spread: float = 1.0,
         kind: int = LOGISTIC,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(inputs, nodes + 1, outputs)
         self.kind = kind
         self._v = np.random.default_rng(seed).uniform(-spread, spread, (inputs + 1, nodes))
@@ -119,9 +124,14 @@ class TwoLayer(Approximator):
         return np.outer(np.concatenate(([1.0], self._checked(x))), back)
 
     def hebbian(
-        self, x: ArrayLike, error: ArrayLike, f: float, g: float, leak: float = 0.0,
+        self,
+        x: ArrayLike,
+        error: ArrayLike,
+        f: float,
+        g: float,
+        leak: float = 0.0,
         limit: float = math.inf,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """One step of Hebbian tuning, backprop.py (7); warns if there is no leak and no limit."""
         if leak == 0.0 and limit == math.inf:
             growth = "Hebbian tuning: |V| grows without bound; give a leak or a limit"
@@ -135,9 +145,16 @@ class Augmented(Approximator):
     """jumps.py (6): a two-layer network with jump nodes k < count at x_1 = c; W = [W_1; W_2]."""
 
     def __init__(
-        self, inputs: int, nodes: int, outputs: int, seed: int, spread: float = 1.0,
-        c: float = 0.0, count: int = 2, jump: int = jumps.SIGMOID,
-    ) -> None:  # fmt: skip
+        self,
+        inputs: int,
+        nodes: int,
+        outputs: int,
+        seed: int,
+        spread: float = 1.0,
+        c: float = 0.0,
+        count: int = 2,
+        jump: int = jumps.SIGMOID,
+    ) -> None:
         super().__init__(inputs, nodes + 1 + count, outputs)
         self.c, self.count, self.jump = c, count, jump
         self._v = np.random.default_rng(seed).uniform(-spread, spread, (inputs + 1, nodes))

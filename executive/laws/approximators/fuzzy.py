@@ -19,12 +19,12 @@ Selmic (SIAM 2002), chapter 1.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import clip, exp, where
 
 
@@ -36,7 +36,7 @@ def full_grid(counts: Sequence[int]) -> NDArray[np.float64]:
 
 
 @inline
-def triangles(x: Any, counts: Any, b: Any, member: Any) -> None:
+def triangles(x: Array, counts: Array, b: Array, member: Array) -> None:
     """Write the membership (4) of every set: `b`, `member` (sets,); `b` rising on each input."""
     at = 0
     for k in range(len(x)):
@@ -52,7 +52,7 @@ def triangles(x: Any, counts: Any, b: Any, member: Any) -> None:
 
 
 @inline
-def by_product(member: Any, rules: Any, phi: Any) -> None:
+def by_product(member: Array, rules: Array, phi: Array) -> None:
     """Write phi (1) (2) from memberships; all 0 where no rule fires. `rules` (rules, n) is r."""
     total = 0.0
     for rule in range(len(rules)):
@@ -66,7 +66,7 @@ def by_product(member: Any, rules: Any, phi: Any) -> None:
 
 
 @inline
-def by_logarithm(x: Any, rules: Any, a: Any, b: Any, phi: Any) -> None:
+def by_logarithm(x: Array, rules: Array, a: Array, b: Array, phi: Array) -> None:
     """Write phi (1) (2) of Gaussian sets (5) in the form (6): `x` (n,), `a`, `b` (sets,)."""
     largest = -1.0e300
     for rule in range(len(rules)):
@@ -87,7 +87,15 @@ def by_logarithm(x: Any, rules: Any, a: Any, b: Any, phi: Any) -> None:
 
 @inline
 def slopes(
-    x: Any, rules: Any, a: Any, b: Any, phi: Any, c: Any, c_mean: float, da: Any, db: Any
+    x: Array,
+    rules: Array,
+    a: Array,
+    b: Array,
+    phi: Array,
+    c: Array,
+    c_mean: float,
+    da: Array,
+    db: Array,
 ) -> None:
     """Write d/da, d/db of sum_l c_l phi_l, given its value `c_mean`: (8) (9) for c = a column of W.
 
@@ -106,7 +114,7 @@ def slopes(
 
 
 @inline
-def clamp(a: Any, a_min: float, a_max: float) -> None:
+def clamp(a: Array, a_min: float, a_max: float) -> None:
     """Keep |a| in a_min..a_max in place (10); the sign stays, a zero becomes a_min."""
     for r in range(len(a)):
         size = clip(abs(a[r]), a_min, a_max)

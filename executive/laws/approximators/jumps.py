@@ -18,9 +18,9 @@ nodes at the wrong c do nothing. Source: Lewis, Campos, Selmic (SIAM 2002), chap
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import tanh, where
 
 POLYNOMIAL, SIGMOID, TANH = range(3)
@@ -28,7 +28,7 @@ NAMES = ("polynomial", "sigmoid", "tanh")
 
 
 @inline
-def jump_nodes(kind: int, z: float, count: int, phi: Any, at: int) -> None:
+def jump_nodes(kind: int, z: float, count: int, phi: Array, at: int) -> None:
     """Write the basis functions k = 0 .. count - 1 of z, (2) to (5), to phi[at..]."""
     base = z
     if kind == SIGMOID:

@@ -11,16 +11,15 @@ x and mu in the units of the input, P in their squares. Source: Lewis, Campos, S
 chapter 1; (4) is chosen.
 """
 
-from typing import Any
-
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import exp, expmsq, where
 
 CROSSING = 1.6651092223153954  # sqrt(4 ln 2): (x/d CROSSING)^2 = x^2/(2 p) with (4)
 
 
 @inline
-def gaussian_axis(x: float, low: float, d: float, count: int, at: int, out: Any) -> None:
+def gaussian_axis(x: float, low: float, d: float, count: int, at: int, out: Array) -> None:
     """Write the factors (2) (3) (4) of one axis to out[at..]; centres low, low + d, ..."""
     for j in range(count):
         r = (x - (low + j * d)) / d
@@ -32,7 +31,7 @@ def gaussian_axis(x: float, low: float, d: float, count: int, at: int, out: Any)
 
 
 @inline
-def products(factors: Any, counts: Any, phi: Any) -> None:
+def products(factors: Array, counts: Array, phi: Array) -> None:
     """Write the product of one factor an axis for every node, first input slowest.
 
     `factors` (sum of counts,), `counts` (n,) whole numbers, `phi` (product of counts,).
@@ -50,7 +49,7 @@ def products(factors: Any, counts: Any, phi: Any) -> None:
 
 
 @inline
-def grid(x: Any, low: Any, d: Any, counts: Any, factors: Any, phi: Any) -> None:
+def grid(x: Array, low: Array, d: Array, counts: Array, factors: Array, phi: Array) -> None:
     """Write phi (2); `x`, `low`, `d`, `counts` (n,), `factors` (sum of counts,) is scratch."""
     at = 0
     for k in range(len(x)):
@@ -61,7 +60,7 @@ def grid(x: Any, low: Any, d: Any, counts: Any, factors: Any, phi: Any) -> None:
 
 
 @inline
-def scattered(x: Any, centres: Any, precisions: Any, phi: Any) -> None:
+def scattered(x: Array, centres: Array, precisions: Array, phi: Array) -> None:
     """Write phi (1): `centres` (nodes, n), `precisions` (nodes, n, n) the P_j^-1."""
     n = len(x)
     for j in range(len(phi)):

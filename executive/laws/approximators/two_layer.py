@@ -22,14 +22,25 @@ All right sides use the old W and V. Source: Lewis, Campos, Selmic (SIAM 2002), 
 neural network for jump functions, and the tuning laws with e-modification.
 """
 
-from typing import Any
+from typing import Protocol
 
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import clip, exp, logistic, sqrt, where
 
 
+class Network(Protocol):
+    """A law's view of its network."""
+
+    x: Array  # (n_in,)
+    a: Array  # (n,)
+    phi: Array  # (1 + n + n_jump,)
+    w: Array  # (1 + n + n_jump,)
+    v: Array  # (n_in, n)
+
+
 @inline
-def jump_pair(v: float, v_s: float, phi: Any, at: int) -> None:
+def jump_pair(v: float, v_s: float, phi: Array, at: int) -> None:
     """Write the two jump nodes (5) of `v` to phi[at] and phi[at + 1]."""
     rise = 1.0 - exp(-abs(v) / v_s)
     phi[at] = where(v > 0.0, rise, 0.0)
@@ -37,7 +48,7 @@ def jump_pair(v: float, v_s: float, phi: Any, at: int) -> None:
 
 
 @inline
-def nodes(x: Any, v: Any, n: int, a: Any, s: Any, first: int) -> None:
+def nodes(x: Array, v: Array, n: int, a: Array, s: Array, first: int) -> None:
     """Write a (1) of the first `n` nodes, and s (2) to s[first..]; `x` (n_in,), `v` (n_in, >= n).
 
     `a` may be `s` itself where `first` is 0.
@@ -51,20 +62,20 @@ def nodes(x: Any, v: Any, n: int, a: Any, s: Any, first: int) -> None:
 
 
 @inline
-def hidden(x: Any, v: Any, a: Any, phi: Any) -> None:
+def hidden(x: Array, v: Array, a: Array, phi: Array) -> None:
     """Write a (1), phi[0] = 1, phi[1..n] (2). `x` (n_in,), `v` (n_in, n), `a` (n,)."""
     phi[0] = 1.0
     nodes(x, v, len(a), a, phi, 1)
 
 
 @inline
-def output(phi: Any, w: Any) -> float:
+def output(phi: Array, w: Array) -> float:
     """Return y (4); `phi` and `w` (n_phi,)."""
     return output_from(0, phi, w)
 
 
 @inline
-def output_from(first: int, phi: Any, w: Any) -> float:
+def output_from(first: int, phi: Array, w: Array) -> float:
     """Return y (4) of the nodes from `first` on; `phi` (first + n,), `w` (n,)."""
     y = 0.0
     for j in range(len(w)):
@@ -73,7 +84,7 @@ def output_from(first: int, phi: Any, w: Any) -> float:
 
 
 @inline
-def square_sum(w: Any, first: int) -> float:
+def square_sum(w: Array, first: int) -> float:
     """Return the sum of squares of a vector from `first` on."""
     total = 0.0
     for j in range(first, len(w)):
@@ -82,7 +93,7 @@ def square_sum(w: Any, first: int) -> float:
 
 
 @inline
-def square_sum_of_rows(v: Any) -> float:
+def square_sum_of_rows(v: Array) -> float:
     """Return the sum of squares of a matrix."""
     total = 0.0
     for i in range(len(v)):
@@ -93,29 +104,29 @@ def square_sum_of_rows(v: Any) -> float:
 
 
 @inline
-def norm(w: Any, v: Any) -> float:
+def norm(w: Array, v: Array) -> float:
     """Return the Frobenius norm of all weights; `w` (n_phi,), `v` (n_in, n)."""
     return sqrt(square_sum(w, 0) + square_sum_of_rows(v))
 
 
 @inline
-def tune(
-    r: float, kappa: float, f: float, fj: float, g: float, dt: float,
-    x: Any, a: Any, phi: Any, w: Any, v: Any,
-) -> None:  # fmt: skip
-    """One Euler step of (6) to (9) in place: `w` (1 + n + n_jump,), `v` (n_in, n)."""
+def tune(net: Network, r: float, leak: float, step_f: float, step_fj: float, step_g: float) -> None:
+    """One Euler step of (6) to (9) in place.
+
+    `leak` = kappa |r|; `step_f`, `step_fj`, `step_g` are F, FJ, G times the period.
+    """
+    x, a, phi, w, v = net.x, net.a, net.phi, net.w, net.v
     n = len(a)
-    leak = kappa * abs(r)
     for j in range(n):
         s = phi[j + 1]
         slope = s * (1.0 - s)
         back = slope * w[j + 1] * r
         for i in range(len(x)):
-            v[i, j] += dt * g * (x[i] * back - leak * v[i, j])  # (9), W still old
-        w[j + 1] += dt * f * ((s - slope * a[j]) * r - leak * w[j + 1])  # (7)
-    w[0] += dt * f * (r - leak * w[0])  # (6)
+            v[i, j] += step_g * (x[i] * back - leak * v[i, j])  # (9), W still old
+        w[j + 1] += step_f * ((s - slope * a[j]) * r - leak * w[j + 1])  # (7)
+    w[0] += step_f * (r - leak * w[0])  # (6)
     for j in range(n + 1, len(w)):
-        w[j] += dt * fj * (phi[j] * r - leak * w[j])  # (8)
+        w[j] += step_fj * (phi[j] * r - leak * w[j])  # (8)
 
 
 @inline

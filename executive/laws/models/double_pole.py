@@ -9,9 +9,9 @@ x = (position, rate) of one joint, rad and rad/s; u in rad/s2. Source: Lewis, Ca
 """
 
 import math
-from typing import Any
 
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.ports import Ports, port
 
 POLE_PER_S = 5.0
@@ -47,7 +47,7 @@ def sampled(period_s: float) -> dict[str, float]:
 
 
 @inline
-def advance(m: Any, x: Any, u: Any) -> None:
+def advance(m: Sampled, x: Joints, u: Array) -> None:
     """Advance both joints (2); `m` is Sampled, `x` Joints, `u` has one value a joint."""
     for j in range(JOINTS):
         q, v = x.q[j], x.v[j]

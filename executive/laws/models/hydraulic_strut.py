@@ -22,7 +22,6 @@ and strut in both directions, as the book says, needs the three-way valve (5).
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 from pcpc.drivers.jit import inline
 from pcpc.executive.laws.emath import clip, sqrt, where
@@ -95,13 +94,13 @@ def nominal_gain(settings: Mapping[str, float], weight_N: float) -> float:
 
 
 @inline
-def force(p1: float, p2: float, h: Any) -> float:
+def force(p1: float, p2: float, h: Hydraulics) -> float:
     """Return F (1), N."""
     return h.bore_m2 * p1 - h.annulus_m2 * p2
 
 
 @inline
-def stiffness(volume: float, pressure: float, h: Any) -> float:
+def stiffness(volume: float, pressure: float, h: Hydraulics) -> float:
     """Return B/V of a chamber by (2) (3), Pa/m3."""
     least = VOLUME_FLOOR * h.volume_m3
     bulk = h.bulk_Pa + h.bulk_slope * where(pressure > P_MIN_PA, pressure, P_MIN_PA)
@@ -109,26 +108,26 @@ def stiffness(volume: float, pressure: float, h: Any) -> float:
 
 
 @inline
-def stiffness_1(x3: float, p1: float, h: Any) -> float:
+def stiffness_1(x3: float, p1: float, h: Hydraulics) -> float:
     """Return B1/V1 by (2) (3), Pa/m3."""
     return stiffness(h.volume_m3 + h.bore_m2 * x3, p1, h)
 
 
 @inline
-def stiffness_2(x3: float, p2: float, h: Any) -> float:
+def stiffness_2(x3: float, p2: float, h: Hydraulics) -> float:
     """Return B2/V2 by (2) (3), Pa/m3."""
     return stiffness(h.volume_m3 - h.annulus_m2 * x3, p2, h)
 
 
 @inline
-def orifice_flow(p1: float, p2: float, h: Any) -> float:
+def orifice_flow(p1: float, p2: float, h: Hydraulics) -> float:
     """Return QL (4), m3/s."""
     dp = p1 - p2
     return h.orifice * dp / sqrt(sqrt(dp * dp + DP_SMOOTH_PA * DP_SMOOTH_PA))
 
 
 @inline
-def valve_gain(xv: float, p1: float, h: Any) -> float:
+def valve_gain(xv: float, p1: float, h: Hydraulics) -> float:
     """Return Q/xv by (5) (6), m2/s."""
     half = 0.5 * h.supply_Pa
     psi = half + clip(xv / SPOOL_SMOOTH_M, -1.0, 1.0) * (half - p1)
@@ -136,13 +135,13 @@ def valve_gain(xv: float, p1: float, h: Any) -> float:
 
 
 @inline
-def input_gain(x3: float, p1: float, xv: float, h: Any) -> float:
+def input_gain(x3: float, p1: float, xv: float, h: Hydraulics) -> float:
     """Return G (8), N/(m s); of `xv` only the sign counts, beyond the smoothing."""
     return h.bore_m2 * stiffness_1(x3, p1, h) * valve_gain(xv, p1, h)
 
 
 @inline
-def drift(x3: float, v3: float, p1: float, p2: float, h: Any) -> float:
+def drift(x3: float, v3: float, p1: float, p2: float, h: Hydraulics) -> float:
     """Return f (9), N/s."""
     leak = orifice_flow(p1, p2, h)
     bore = h.bore_m2 * stiffness_1(x3, p1, h) * (-h.bore_m2 * v3 - leak)

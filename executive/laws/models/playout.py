@@ -8,9 +8,8 @@ Latency and jitter of the bus below N ticks disappear in it: the delay is N tick
 took. A ring holds 512 entries, EMPTY for none. Times are whole ticks; N = 0 needs no buffer.
 """
 
-from typing import Any
-
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import floor, where
 
 SLOTS = 512
@@ -46,14 +45,14 @@ def slot(tick: float) -> int:
 
 
 @inline
-def put(ring: Any, number: float, now: float, delay: float, value: float) -> None:
+def put(ring: Array, number: float, now: float, delay: float, value: float) -> None:
     """Put a value that came with wire tick `number` into the ring (2)."""
     at = slot(tick_of(number, now))
     ring[at] = where(in_time(number, now, delay), value, ring[at])
 
 
 @inline
-def take(ring: Any, tick: float, held: float) -> tuple[float, float]:
+def take(ring: Array, tick: float, held: float) -> tuple[float, float]:
     """Take the entry of `tick` out; return it and 0, or `held` and 1 if there is none (3)."""
     at = slot(tick)
     entry = ring[at]

@@ -11,10 +11,29 @@ N m. `a` are the link lengths, `m` the masses. Source: Lewis, Campos, Selmic (SI
 chapters 3, 4 and 7, in the usual textbook form.
 """
 
-from typing import Any
+from typing import Protocol
 
 from pcpc.drivers.jit import inline
+from pcpc.drivers.views import Array
 from pcpc.executive.laws.emath import cos, sincos
+from pcpc.executive.laws.ports import Ports, port
+
+
+class Links(Ports):
+    """Of an arm: lengths and masses."""
+
+    a1_m = port("m", "length of link 1", None, 1e-3, 100.0)
+    a2_m = port("m", "length of link 2", None, 1e-3, 100.0)
+    m1_kg = port("kg", "point mass at the end of link 1", None, 1e-3, 1e4)
+    m2_kg = port("kg", "point mass at the end of link 2", None, 1e-3, 1e4)
+
+
+class LinksLike(Protocol):
+    """What `motion` takes of an arm, whose outer mass may change."""
+
+    a1_m: float
+    a2_m: float
+    m1_kg: float
 
 
 @inline
@@ -42,12 +61,18 @@ def gravity_torque(
 
 
 @inline
-def motion(p: Any, m2: float, q: Any, v: Any) -> tuple[float, float, float, float, float]:
-    """Return M11, M12, M22 of (2) and Vm q' of (3); `p` names a1_m, a2_m, m1_kg, `v` is q'."""
+def motion(p: LinksLike, m2: float, q: Array, v: Array) -> tuple[float, float, float, float, float]:
+    """Return M11, M12, M22 of (2) and Vm q' of (3); `v` is q'."""
     sine, cosine = sincos(q[1])
     m11, m12, m22 = inertia(cosine, p.a1_m, p.a2_m, p.m1_kg, m2)
     c1, c2 = velocity_torque(m2 * p.a1_m * p.a2_m * sine, v[0], v[1])
     return m11, m12, m22, c1, c2
+
+
+@inline
+def inertia_times(m11: float, m12: float, m22: float, a1: float, a2: float) -> tuple[float, float]:
+    """Return M a."""
+    return m11 * a1 + m12 * a2, m12 * a1 + m22 * a2
 
 
 @inline

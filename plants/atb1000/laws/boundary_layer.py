@@ -18,20 +18,12 @@ approximate. Modal coordinate in sqrt(kg) m, rad/s, N m.
 Source: own design after the boundary-layer method of Lewis, Campos, Selmic (SIAM 2002), chapter 9.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Ports, inline, port
 from pcpc.executive.laws.emath import clip, cos, sincos
+from pcpc.plants.atb1000.laws.pd import FlexibleInputs
 
 NATURAL_DAMPING = 0.02  # z_n
 GATE_LAG_S, GATE_RAD_S = 0.03, 0.0015
-
-
-class Inputs(Ports):
-    """What the loop takes beside the inputs of PD."""
-
-    q_d_acc_rad_s2 = port("rad/s2", "desired acceleration")
-    strain_ue = port("ue", "bending strain at the barrel root")
 
 
 class Parameters(Ports):
@@ -59,8 +51,8 @@ class States(Ports):
 
 
 @inline
-def fast(dt: float, p: Any, x: Any, u: Any) -> float:
-    """Return u_F; `u` has these inputs and those of PD."""
+def fast(dt: float, p: Parameters, x: States, u: FlexibleInputs) -> float:
+    """Return u_F."""
     w_f, h_f = p.mode_rad_s, p.mode_gain
     gravity, inertia = p.gravity_mode * cos(u.q_d_rad), p.inertia_mode_s2_rad * u.q_d_acc_rad_s2
     eta = u.strain_ue / p.strain_ue_per_mode + gravity + inertia  # (2)

@@ -7,8 +7,8 @@
     y   = [encoder + hull pitch, hub rate, strain/S + c_g cos q_d]                           (5)
     x_f += L (y - y^)                     Kalman filter; then the step of (1) (2) with v     (6)
     u_e = J q_d'' + d                     torque along the reference                         (7)
-    tau_w = sat(u_e - K (x_c - [q_d, q_d', -c q_d''/w_c^2, 0, u_e, u_e]), tau_max)           (8)
-    motor as in pd.py (5) (6): the shaft damping stays
+    w = u_e - K (x_c - x_d),  x_d = [q_d, q_d', -c q_d''/w_c^2, 0, u_e, u_e]                 (8)
+        the rest as in pd.py (4) to (6): the shaft damping stays
 
 K minimises the sum of (theta/1 mrad)^2 + (w/W)^2 + (u/U)^2, L the error with sensor noise and with
 white noise on the torque (D, N m) and on d (E, N m in a second). The rotor is geared rigidly to the
@@ -23,9 +23,8 @@ Powell, Workman, Digital Control of Dynamic Systems (1998), section 8.5.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
-from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
+from pcpc.executive.laws.block import Array, Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import cos, where
 from pcpc.executive.laws.riccati import (
     Matrix,
@@ -101,14 +100,9 @@ class States(Ports):
     in_force_Nm = port("N m", "v, command in force from this sample on, at the output")
     innovation = port("", "y - y^", shape=MEASURED, recorded=False)
     now = port("", "x_f before its step", shape=N, recorded=False)
+    x_c = port("", "x_c of (3)", shape=N, recorded=False)
+    x_d = port("", "x_d of (8)", shape=N, recorded=False)
     begun = port("", "1 after the first period")
-
-
-class Inputs(pd.Inputs):
-    """Those of PD, the acceleration and the strain."""
-
-    q_d_acc_rad_s2 = port("rad/s2", "desired acceleration")
-    strain_ue = port("ue", "bending strain at the barrel root")
 
 
 class Outputs(pd.Outputs):
@@ -119,7 +113,7 @@ class Outputs(pd.Outputs):
 
 
 @inline
-def corrected(p: Any, x: Any, u: Any) -> None:
+def correct(p: Parameters, x: States, u: pd.FlexibleInputs) -> None:
     """Write x_f after its correction by the measurement (6) to x.now."""
     theta = u.encoder_rad + u.hull_pitch_rad
     mode = u.strain_ue / p.sensor.strain_ue_per_mode + p.sensor.gravity_mode * cos(u.q_d_rad)
@@ -138,7 +132,7 @@ def corrected(p: Any, x: Any, u: Any) -> None:
 
 
 @inline
-def predicted(p: Any, x: Any) -> None:
+def predict(p: Parameters, x: States) -> None:
     """Step x_f over a period, with the command in force (1) (2)."""
     for i in range(N - 1):
         total = p.gains.b[i] * x.in_force_Nm
@@ -148,21 +142,36 @@ def predicted(p: Any, x: Any) -> None:
     x.disturbance_Nm = x.now[N - 1]
 
 
+@inline
+def compare(u_e: float, s: Sensor, x: States, u: pd.FlexibleInputs) -> None:
+    """Write x_c (3), and x_d of (8)."""
+    for i in range(N - 1):
+        x.x_c[i] = x.now[i]
+    x.x_c[5] = x.in_force_Nm
+    x.x_d[0], x.x_d[1] = u.q_d_rad, u.q_d_rate_rad_s
+    x.x_d[2], x.x_d[3] = -s.deflection_s2_rad * u.q_d_acc_rad_s2, 0.0
+    x.x_d[4], x.x_d[5] = u_e, u_e
+
+
+@inline
+def feedback(k: Array, x_c: Array, x_d: Array) -> float:
+    """Return K (x_c - x_d) of (8), summed by pairs."""
+    total = 0.0
+    for i in range(0, N, 2):
+        total += k[i] * (x_c[i] - x_d[i]) + k[i + 1] * (x_c[i + 1] - x_d[i + 1])
+    return total
+
+
 @stage
-def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: pd.FlexibleInputs, y: Outputs) -> None:
     """One control period; see the module header."""
     pd.errors(p.pd, u, y)
-    corrected(p, x, u)
-    s, k, d = p.sensor, p.gains.k, x.now[N - 1]
-    along = s.inertia_kg_m2 * u.q_d_acc_rad_s2 + d  # (7)
-    bent = -s.deflection_s2_rad * u.q_d_acc_rad_s2
-    off = k[0] * (x.now[0] - u.q_d_rad) + k[1] * (x.now[1] - u.q_d_rate_rad_s)
-    off += k[2] * (x.now[2] - bent) + k[3] * x.now[3]
-    off += k[4] * (x.now[4] - along) + k[5] * (x.in_force_Nm - along)
-    y.tau_Nm = pd.limited(along - off, p.pd)  # (8)
-    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm, p.pd, u)
-    y.mode, y.compensated_Nm = x.now[2], d
-    predicted(p, x)
+    correct(p, x, u)  # (5) (6)
+    y.mode, y.compensated_Nm = x.now[2], x.now[N - 1]
+    u_e = p.sensor.inertia_kg_m2 * u.q_d_acc_rad_s2 + y.compensated_Nm  # (7)
+    compare(u_e, p.sensor, x, u)
+    pd.command(u_e - feedback(p.gains.k, x.x_c, x.x_d), p.pd, u, y)  # (8)
+    predict(p, x)
     x.in_force_Nm = y.motor_torque_Nm * p.pd.gear_ratio  # (4)
 
 

@@ -1,14 +1,13 @@
 """Neural backstepping: the composite law asks for a torque, an inner loop delivers it.
 
-    tau_d = sat(Kv r + y_NN + Kz (|Z| + Z_B) r + u_F, tau_max)     (4') of pd_nn_fast.py      (1)
+    tau_d = sat(w, tau_max)                                        w: pd_nn_fast.py (1)       (1)
     tt    = tau_d - tau,  ttc = clip(tt, +-2 N m)      torque error; tau: shaft torque        (2)
     tdd   = 60 (tau_d - tdf),  tdf += T tdd            wanted torque, smoothed, and its rate  (3)
     x_2   = [1, r/0.3, tt/20, tdf/20, tdd/1000, (q_d' - hull rate)/0.5]  2.. within +-3       (4)
     phi_2 = [1, s_1..s_10, j+-(q_d' - hull rate; 0.004), j+-(tdf; 3 N m)]                     (5)
     y_2   = clip(W_2'phi_2, +-8 N m),  tuned by two_layer.py with ttc, no dead band           (6)
-    u     = sat(tau_d + y_2 + I - Km (w_m/N - w), tau_max)                                    (7)
+    tau   = tau_d + y_2 + I                        from here on as tau in pd.py (5) (6)       (7)
     I    += T Kb ttc     frozen while |tau_d + y_2 + I| >= tau_max; (7) has I from before     (8)
-    motor = u/N                                                                               (9)
 
 Position form of the book's u_d = tau_d' + Kb tt - y_NN: no derivative of tau_d is needed, and W_2
 is tuned with + because y_2 is added. With T_a tau' = u - tau - d(x_2),
@@ -21,7 +20,6 @@ Campos, Selmic (SIAM 2002), chapter 5 (structure; numbers chosen).
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -66,6 +64,16 @@ class Settings(pd_nn_fast.Settings):
     inner = group(Gains)
 
 
+class Network(Ports):
+    """The inner network."""
+
+    w = port("N m", "W_2, its output weights", shape=PHI, adapts=True)
+    v = port("", "its first layer, row by row", shape=(INPUTS, NODES), adapts=True)
+    x = port("", "x_2, its inputs", shape=INPUTS)
+    a = port("", "inputs of its nodes", shape=NODES)
+    phi = port("", "phi_2, its hidden vector", shape=PHI)
+
+
 class InnerStates(Ports):
     """Integral, smoothed torque, health and weights of the inner loop."""
 
@@ -73,11 +81,7 @@ class InnerStates(Ports):
     tau_smooth_Nm = port("N m", "smoothed wanted torque tdf (3)")
     inner_fault = port("", "1 once the inner network was latched off")
     inner_faded_Nm = port("N m", "y_2 last sent, fading after a fault")
-    w2 = port("N m", "output weights of the inner network", shape=PHI, recorded=False, adapts=True)
-    v2 = port("", "its first layer, row by row", shape=(INPUTS, NODES), recorded=False, adapts=True)
-    x2 = port("", "its inputs", shape=INPUTS, recorded=False)
-    a2 = port("", "inputs of its nodes", shape=NODES, recorded=False)
-    phi2 = port("", "its hidden vector", shape=PHI, recorded=False)
+    network = group(Network, "inner_", recorded=False)
 
 
 class States(pd_nn_fast.States):
@@ -86,7 +90,7 @@ class States(pd_nn_fast.States):
     inner = group(InnerStates)
 
 
-class Inputs(pd_nn_fast.Inputs):
+class Inputs(pd.FlexibleInputs):
     """Those of the composite law, and the torque."""
 
     shaft_torque_Nm = port("N m", "measured shaft torque, tau")
@@ -100,38 +104,55 @@ class Outputs(pd_nn_fast.Outputs):
 
 
 @inline
-def inner_loop(dt: float, tau_d: float, p: Any, x: Any, u: Any, y: Any) -> float:
-    """Return y_2 + I of (7); `p` and `x` of the whole law."""
-    gains, s = p.inner, x.inner
-    v_j = u.q_d_rate_rad_s - u.hull_rate_rad_s
+def torque_error(dt: float, tau_d: float, r: float, x: InnerStates, u: Inputs) -> float:
+    """Return tt (2); smooth tau_d (3) and write x_2 (4)."""
     tt = tau_d - u.shaft_torque_Nm  # (2)
-    ttc = clip(tt, -ERROR_MAX_NM, ERROR_MAX_NM)
-    tdd = SMOOTHING_PER_S * (tau_d - s.tau_smooth_Nm)  # (3)
-    s.tau_smooth_Nm += dt * tdd
-    s.x2[0] = 1.0  # (4)
-    s.x2[1] = scaled(y.r_rad_s, 0.3)
-    s.x2[2] = scaled(tt, 20.0)
-    s.x2[3] = scaled(s.tau_smooth_Nm, 20.0)
-    s.x2[4] = scaled(tdd, 1000.0)
-    s.x2[5] = scaled(v_j, 0.5)
-    hidden(s.x2, s.v2, s.a2, s.phi2)  # (5)
-    jump_pair(v_j, JUMP_SPEED_RAD_S, s.phi2, 1 + NODES)
-    jump_pair(s.tau_smooth_Nm, JUMP_TORQUE_NM, s.phi2, 3 + NODES)
-    y_2 = clip(output(s.phi2, s.w2), -Y_MAX_NM, Y_MAX_NM)  # (6)
-    norm_z = norm(s.w2, s.v2)
+    tdd = SMOOTHING_PER_S * (tau_d - x.tau_smooth_Nm)  # (3)
+    x.tau_smooth_Nm += dt * tdd
+    seen = x.network.x  # (4)
+    seen[0] = 1.0
+    seen[1] = scaled(r, 0.3)
+    seen[2] = scaled(tt, 20.0)
+    seen[3] = scaled(x.tau_smooth_Nm, 20.0)
+    seen[4] = scaled(tdd, 1000.0)
+    seen[5] = scaled(u.q_d_rate_rad_s - u.hull_rate_rad_s, 0.5)
+    return tt
+
+
+@inline
+def network_torque(tau_smooth: float, v_j: float, net: Network) -> float:
+    """Return y_2 (6) and write phi_2 (5); `v_j` is the desired speed against the hull."""
+    hidden(net.x, net.v, net.a, net.phi)  # (5)
+    jump_pair(v_j, JUMP_SPEED_RAD_S, net.phi, 1 + NODES)
+    jump_pair(tau_smooth, JUMP_TORQUE_NM, net.phi, 3 + NODES)
+    return clip(output(net.phi, net.w), -Y_MAX_NM, Y_MAX_NM)  # (6)
+
+
+@inline
+def is_trusted(y_2: float, p: Parameters, x: States, y: Outputs) -> bool:
+    """Latch and return whether neither network was ever unsound; write |Z_2|."""
+    norm_z = norm(x.inner.network.w, x.inner.network.v)
     sound = (abs(y_2) <= Y_MAX_NM) & (norm_z <= p.network.z_max)  # false for NaN
-    s.inner_fault = where((x.network.network_fault < 0.5) & sound, s.inner_fault, 1.0)
-    trusted = s.inner_fault < 0.5
-    s.inner_faded_Nm = where(trusted, y_2, s.inner_faded_Nm * (1.0 - dt / FADE_S))
-    y.inner_Nm = s.inner_faded_Nm
+    healthy = (x.network.network_fault < 0.5) & sound
+    x.inner.inner_fault = where(healthy, x.inner.inner_fault, 1.0)
     y.norm_z2 = where(norm_z <= NORM_SHOWN, norm_z, NORM_SHOWN)
+    return x.inner.inner_fault < 0.5
+
+
+@inline
+def inner_loop(dt: float, tau_d: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> float:
+    """Return y_2 + I of (7), then tune (6) and integrate (8)."""
+    gains, s = p.inner, x.inner
+    tt = torque_error(dt, tau_d, y.r_rad_s, s, u)
+    y_2 = network_torque(s.tau_smooth_Nm, u.q_d_rate_rad_s - u.hull_rate_rad_s, s.network)
+    trusted = is_trusted(y_2, p, x, y)
+    s.inner_faded_Nm = where(trusted, y_2, s.inner_faded_Nm * (1.0 - dt / FADE_S))
+    y.inner_Nm, y.fallback = s.inner_faded_Nm, s.inner_fault
     added = s.inner_faded_Nm + s.integral_Nm
 
-    rate = where(trusted, dt, 0.0)
-    tune(
-        ttc, gains.kappa2, gains.f2_rate, gains.fj2_rate, gains.g2_rate, rate,
-        s.x2, s.a2, s.phi2, s.w2, s.v2,
-    )  # fmt: skip
+    ttc = clip(tt, -ERROR_MAX_NM, ERROR_MAX_NM)
+    leak, rate = gains.kappa2 * abs(ttc), where(trusted, dt, 0.0)
+    tune(s.network, ttc, leak, rate * gains.f2_rate, rate * gains.fj2_rate, rate * gains.g2_rate)
     free = abs(tau_d + added) < p.pd.tau_max_Nm
     grown = s.integral_Nm + where(free, dt * gains.kb_per_s * ttc, 0.0)  # (8)
     s.integral_Nm = where(trusted, grown, s.integral_Nm * (1.0 - dt / FADE_S))
@@ -146,8 +167,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     y.fast_Nm = boundary_layer.fast(dt, p.fast, x.fast, u)
     y.tau_Nm = pd.limited(p.pd.kv_Nms_rad * y.r_rad_s + learned + y.fast_Nm, p.pd)  # (1)
     added = inner_loop(dt, y.tau_Nm, p, x, u, y)
-    y.fallback = x.inner.inner_fault
-    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm + added, p.pd, u)  # (7) (9)
+    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm + added, p.pd, u)  # (7)
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -155,7 +175,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     draw = np.random.default_rng(int(settings["network_seed"])).uniform
     draw(-1.0, 1.0, (tracking_network.INPUTS, tracking_network.NODES))
     second = draw(-1.0, 1.0, (INPUTS, NODES)).ravel()
-    return Prepared(settings, first_layer(settings) | {"v2": second})
+    return Prepared(settings, first_layer(settings) | {"inner_v": second})
 
 
 BLOCK = Block(step, settings=Settings, prepare=prepare)

@@ -4,10 +4,9 @@
     s    = tanh(v/v_0)                       direction, smooth at zero                      (2)
     Y    = [q_d'' + Lam e', s, exp(-(v/v_s)^2) s, v, cos q_d]                               (3)
     a    = [inertia, Coulomb, breakaway less Coulomb, viscous, unbalance], estimates        (4)
-    tau  = sat(Y a + Kv r, tau_max)          r, e' of pd.py                                 (5)
+    w    = Y a + Kv r                        r, e' and the rest as in pd.py                 (5)
     a   <- clip(a + T G Y clip(r, +-0.3), low, high)     projection on a box                (6)
            only while |e| > 0.1 mrad or the reference accelerates
-    motor as in pd.py (5) (6)
 
 With J r' = Y a_true - tau, a_true in the box, and without the clip and the dead band of (6),
     V = J r^2/2 + (a - a_true)' G^-1 (a - a_true)/2,   V' = -Kv r^2 while nothing is projected,
@@ -19,8 +18,6 @@ it: all estimates begin at 0, or at the box's nearest point. rad, rad/s, N m at 
 torque raises q. Source: Slotine, Li, Applied Nonlinear Control (1991), sections 8.5 and 9.2;
 projection: Ioannou, Sun, Robust Adaptive Control (1996), section 4.4.
 """
-
-from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import clip, cos, expmsq, tanh, where
@@ -65,12 +62,6 @@ class States(Ports):
     y = port("", "Y (3) of this period", shape=TERMS, recorded=False)
 
 
-class Inputs(pd.Inputs):
-    """Those of PD, and the acceleration."""
-
-    q_d_acc_rad_s2 = port("rad/s2", "desired acceleration")
-
-
 class Outputs(pd.Outputs):
     """Those of PD, and the adaptive model's torque."""
 
@@ -78,7 +69,7 @@ class Outputs(pd.Outputs):
 
 
 @inline
-def adapt(gain: float, p: Any, x: Any) -> None:
+def adapt(gain: float, p: Regressor, x: States) -> None:
     """Step (6); `gain` = T clip(r), 0 in the dead band; Y of (3) is x.y."""
     inertia = x.inertia_kg_m2 + gain * p.inertia_rate * x.y[0]
     coulomb = x.coulomb_Nm + gain * p.coulomb_rate * x.y[1]
@@ -93,7 +84,7 @@ def adapt(gain: float, p: Any, x: Any) -> None:
 
 
 @stage
-def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: pd.TrackingInputs, y: Outputs) -> None:
     """One control period; see the module header."""
     pd.errors(p.pd, u, y)
     g = p.regressor
@@ -104,11 +95,10 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     x.y[4] = cos(u.q_d_rad)
     friction = x.coulomb_Nm * x.y[1] + x.breakaway_Nm * x.y[2] + x.viscous_Nms_rad * x.y[3]
     y.modelled_Nm = x.inertia_kg_m2 * x.y[0] + friction + x.unbalance_Nm * x.y[4]
-    y.tau_Nm = pd.limited(y.modelled_Nm + p.pd.kv_Nms_rad * y.r_rad_s, p.pd)  # (5)
+    pd.command(y.modelled_Nm + p.pd.kv_Nms_rad * y.r_rad_s, p.pd, u, y)  # (5)
     moving = (abs(y.e_rad) > DEAD_BAND_RAD) | (abs(u.q_d_acc_rad_s2) > 1e-6)
     gain = where(moving, dt, 0.0) * clip(y.r_rad_s, -R_MAX_RAD_S, R_MAX_RAD_S)
-    adapt(gain, g, x)
-    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm, p.pd, u)
+    adapt(gain, g, x)  # (6)
 
 
 BLOCK = Block(step)

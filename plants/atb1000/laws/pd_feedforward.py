@@ -6,8 +6,7 @@
     f    = k_f [(Fc + (Fs - Fc) exp(-(v/v_s)^2)) s + b v]      trunnion, Stribeck curve     (4)
     T_h  = J_h q_d'' + U cos q_d + f                   what the hub takes from the shaft    (5)
     T_m  = J_m (q_d'' - a_h) + k_f [(Fm + mu |T_h|) s + b_m v]     what the motor keeps     (6)
-    tau  = sat(Kv r + T_h + T_m, tau_max)              r of pd.py                           (7)
-    motor as in pd.py (5) (6)
+    w    = Kv r + T_h + T_m                            r and the rest as in pd.py           (7)
 
 Reads what PD reads, and q_d''. Knows the nominal inertias, unbalance and friction; all of (4) to
 (6) is on the desired motion, so that it cannot make the loop unstable. k_f < 1 compensates friction
@@ -17,8 +16,6 @@ torque raises q. Source: Armstrong-Helouvry, Dupont, Canudas de Wit, A survey of
 tools and compensation methods for the control of machines with friction, Automatica 30 (1994),
 1083-1138; friction curve as in their section 2.
 """
-
-from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import cos, expmsq, tanh, where
@@ -63,12 +60,6 @@ class States(Ports):
     begun = port("", "1 after the first period")
 
 
-class Inputs(pd.Inputs):
-    """Those of PD, and the acceleration."""
-
-    q_d_acc_rad_s2 = port("rad/s2", "desired acceleration")
-
-
 class Outputs(pd.Outputs):
     """Those of PD, and the parts of the feedforward."""
 
@@ -77,14 +68,14 @@ class Outputs(pd.Outputs):
 
 
 @inline
-def trunnion(v: float, s: float, p: Any) -> float:
+def trunnion(v: float, s: float, p: Model) -> float:
     """Return the Stribeck curve in brackets of (4)."""
     sliding = p.coulomb_Nm + (p.breakaway_Nm - p.coulomb_Nm) * expmsq(v / p.stribeck_rad_s)
     return sliding * s + p.viscous_Nms_rad * v
 
 
 @inline
-def hull_acceleration(dt: float, lag_s: float, x: Any, hull_rate: float) -> float:
+def hull_acceleration(dt: float, lag_s: float, x: States, hull_rate: float) -> float:
     """Return a_h and smooth the hull rate (2)."""
     x.smooth_rad_s = where(x.begun > 0.5, x.smooth_rad_s, hull_rate)
     x.begun = 1.0
@@ -94,8 +85,8 @@ def hull_acceleration(dt: float, lag_s: float, x: Any, hull_rate: float) -> floa
 
 
 @inline
-def feedforward(a_h: float, p: Any, u: Any, y: Any) -> float:
-    """Return T_h + T_m of (5) (6); `p` has `model` and `feed`."""
+def feedforward(a_h: float, p: Parameters, u: pd.TrackingInputs, y: Outputs) -> float:
+    """Return T_h + T_m of (5) (6)."""
     m = p.model
     v = u.q_d_rate_rad_s - u.hull_rate_rad_s  # (1)
     s = tanh(v / p.feed.reverse_rad_s)  # (3)
@@ -109,13 +100,12 @@ def feedforward(a_h: float, p: Any, u: Any, y: Any) -> float:
 
 
 @stage
-def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: pd.TrackingInputs, y: Outputs) -> None:
     """One control period; see the module header."""
     pd.errors(p.pd, u, y)
     a_h = hull_acceleration(dt, p.feed.hull_lag_s, x, u.hull_rate_rad_s)
     fed = feedforward(a_h, p, u, y)
-    y.tau_Nm = pd.limited(p.pd.kv_Nms_rad * y.r_rad_s + fed, p.pd)  # (7)
-    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm, p.pd, u)
+    pd.command(p.pd.kv_Nms_rad * y.r_rad_s + fed, p.pd, u, y)  # (7)
 
 
 BLOCK = Block(step)

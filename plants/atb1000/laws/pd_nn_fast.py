@@ -1,8 +1,6 @@
 """The composite law: PD, neural network for the slow part, boundary-layer loop for the fast part.
 
-Equations (1) (2) (3) (5) (6) of `pd.py` are the same.
-
-    tau   = sat(Kv r + y_NN + Kz (|Z| + Z_B) r + u_F, tau_max)                          (4')
+    w = Kv r + y_NN + Kz (|Z| + Z_B) r + u_F                              the rest as in pd.py  (1)
             y_NN, |Z|: tracking_network.py (1)-(6);  u_F: boundary_layer.py (1)-(7)
 
 rad, rad/s, N m; positive torque raises q. Source: singular-perturbation composite control with a
@@ -36,10 +34,6 @@ class States(Ports):
     fast = group(boundary_layer.States)
 
 
-class Inputs(pd.Inputs, boundary_layer.Inputs):
-    """What all take."""
-
-
 class Outputs(pd.Outputs, tracking_network.Outputs):
     """Those of PD and network, and the fast loop's torque."""
 
@@ -47,13 +41,12 @@ class Outputs(pd.Outputs, tracking_network.Outputs):
 
 
 @stage
-def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: pd.FlexibleInputs, y: Outputs) -> None:
     """One control period; see the module header."""
-    pd.errors(p.pd, u, y)  # (1) to (3)
+    pd.errors(p.pd, u, y)
     learned = tracking_network.learned_torque(dt, y.e_rad, y.r_rad_s, p.network, x.network, u, y)
     y.fast_Nm = boundary_layer.fast(dt, p.fast, x.fast, u)
-    y.tau_Nm = pd.limited(p.pd.kv_Nms_rad * y.r_rad_s + learned + y.fast_Nm, p.pd)  # (4')
-    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm, p.pd, u)  # (5) (6)
+    pd.command(p.pd.kv_Nms_rad * y.r_rad_s + learned + y.fast_Nm, p.pd, u, y)  # (1)
 
 
 BLOCK = Block(step, settings=Settings, prepare=tracking_network.prepare)

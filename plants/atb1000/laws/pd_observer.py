@@ -3,8 +3,7 @@
     P    = J_h w + J_m (w - w_h)              momentum: w hub rate, w_h hull rate           (1)
     J w' = u - d                              d: friction, weight, hull, what else acts     (2)
     d^  += L T (u_k-2 - d^) - L (P - P_k-1)   d^' = L (d - d^): time constant 1/L           (3)
-    tau  = sat(Kv r + (J_h + J_m) q_d'' + clip(d^, +-d_max), tau_max)    r of pd.py         (4)
-    motor as in pd.py (5) (6)
+    w    = Kv r + (J_h + J_m) q_d'' + clip(d^, +-d_max)     r and the rest as in pd.py      (4)
 
 (3) is L (integral of (u - d^) - P) in differences, with the command that was in force between the
 last two samples: what was computed two periods ago. d^ begins at 0. Beyond L = 1/(3 T) the noise of
@@ -17,8 +16,6 @@ and isolation using generalized momenta, Proc. IEEE ICRA (2003), 634-639; for fr
 Albu-Schaeffer, De Luca, Hirzinger, Friction observer and compensation for control of robots with
 joint torque measurement, Proc. IEEE/RSJ IROS (2008), 3789-3795.
 """
-
-from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import clip, where
@@ -51,12 +48,6 @@ class States(Ports):
     begun = port("", "1 after the first period")
 
 
-class Inputs(pd.Inputs):
-    """Those of PD, and the acceleration."""
-
-    q_d_acc_rad_s2 = port("rad/s2", "desired acceleration")
-
-
 class Outputs(pd.Outputs):
     """Those of PD, and what is compensated."""
 
@@ -64,7 +55,7 @@ class Outputs(pd.Outputs):
 
 
 @inline
-def observe(dt: float, p: Any, x: Any, u: Any) -> None:
+def observe(dt: float, p: Observer, x: States, u: pd.TrackingInputs) -> None:
     """Step (3)."""
     rotor_rate = u.hub_rate_rad_s - u.hull_rate_rad_s
     momentum = p.hub_inertia_kg_m2 * u.hub_rate_rad_s + p.rotor_inertia_kg_m2 * rotor_rate  # (1)
@@ -76,16 +67,14 @@ def observe(dt: float, p: Any, x: Any, u: Any) -> None:
 
 
 @stage
-def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+def step(t: float, dt: float, p: Parameters, x: States, u: pd.TrackingInputs, y: Outputs) -> None:
     """One control period; see the module header."""
     pd.errors(p.pd, u, y)
     o = p.observer
     observe(dt, o, x, u)
     y.compensated_Nm = clip(x.disturbance_Nm, -o.d_max_Nm, o.d_max_Nm)
     inertia = (o.hub_inertia_kg_m2 + o.rotor_inertia_kg_m2) * u.q_d_acc_rad_s2
-    wanted = p.pd.kv_Nms_rad * y.r_rad_s + inertia + y.compensated_Nm
-    y.tau_Nm = pd.limited(wanted, p.pd)  # (4)
-    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm, p.pd, u)
+    pd.command(p.pd.kv_Nms_rad * y.r_rad_s + inertia + y.compensated_Nm, p.pd, u, y)  # (4)
     x.in_force_Nm = x.sent_Nm
     x.sent_Nm = y.motor_torque_Nm * p.pd.gear_ratio
 

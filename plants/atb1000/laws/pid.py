@@ -1,9 +1,9 @@
-"""PD of `pd.py` with an integral of the filtered error; equations (1) (2) (3) (5) (6) are the same.
+"""PD of `pd.py` with an integral of the filtered error.
 
-    s    += T Ki r      while |Kv r + s| < tau_max and |r| < r_max   (else frozen)      (7)
-    tau   = sat(Kv r + s, tau_max)                                                      (4')
+    w   = Kv r + s                                                        the rest as in pd.py  (1)
+    s  += T Ki r        while |w| < tau_max and |r| < r_max   (else frozen)                     (2)
 
-(4') uses s from before (7). Not in the book: a neural network with a bias node acts largely as an
+(1) uses s from before (2). Not in the book: a neural network with a bias node acts largely as an
 integrator, and PD alone would be too easy to beat. rad, rad/s, N m; positive torque raises q.
 """
 
@@ -22,18 +22,17 @@ class Gains(pd.Gains):
 class States(Ports):
     """The integral."""
 
-    s_Nm = port("N m", "integral of the filtered error (7)", adapts=True)
+    s_Nm = port("N m", "integral of the filtered error (2)", adapts=True)
 
 
 @stage
 def step(t: float, dt: float, p: Gains, x: States, u: pd.Inputs, y: pd.Outputs) -> None:
     """One control period; see the module header."""
-    pd.errors(p, u, y)  # (1) to (3)
-    wanted = p.kv_Nms_rad * y.r_rad_s + x.s_Nm
-    y.tau_Nm = pd.limited(wanted, p)  # (4')
+    pd.errors(p, u, y)
+    wanted = p.kv_Nms_rad * y.r_rad_s + x.s_Nm  # (1)
+    pd.command(wanted, p, u, y)
     free = (abs(wanted) < p.tau_max_Nm) & (abs(y.r_rad_s) < p.r_max_rad_s)
-    x.s_Nm += where(free, dt * p.ki_Nm_rad * y.r_rad_s, 0.0)  # (7)
-    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm, p, u)  # (5) (6)
+    x.s_Nm += where(free, dt * p.ki_Nm_rad * y.r_rad_s, 0.0)  # (2)
 
 
 BLOCK = Block(step)

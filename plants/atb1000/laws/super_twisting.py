@@ -1,9 +1,8 @@
 """Super-twisting sliding mode on the filtered error of `pd.py`, with a linear term.
 
-    s    = r = e' + Lam e                                  the sliding variable             (1)
-    tau  = sat(J (q_d'' + Lam e') + Kv s + K1 sqrt|s| sgn s + z, tau_max)                   (2)
-    z   += T K2 sgn s,  |z| <= z_max                       not while (2) saturates          (3)
-    motor as in pd.py (5) (6)
+    s   = r                                                 the sliding variable             (1)
+    w   = J (q_d'' + Lam e') + Kv s + K1 sqrt|s| sgn s + z  the rest as in pd.py             (2)
+    z  += T K2 sgn s,  |z| <= z_max                         not while |w| >= tau_max         (3)
 
 With J s' = d - tau + J (q_d'' + Lam e') and |d'| <= D, Kv = 0, any K2 > D and K1^2 > 4 J K2
 (K2 + D)/(K2 - D) bring s and s' to 0 in finite time and hold them there; the linear term only
@@ -45,26 +44,21 @@ class States(Ports):
     z_Nm = port("N m", "integral of the sign (3)", adapts=True)
 
 
-class Inputs(pd.Inputs):
-    """Those of PD, and the acceleration."""
-
-    q_d_acc_rad_s2 = port("rad/s2", "desired acceleration")
-
-
 @stage
-def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: pd.Outputs) -> None:
+def step(
+    t: float, dt: float, p: Parameters, x: States, u: pd.TrackingInputs, y: pd.Outputs
+) -> None:
     """One control period; see the module header."""
-    pd.errors(p.pd, u, y)  # (1)
-    k, s = p.sliding, y.r_rad_s
+    pd.errors(p.pd, u, y)
+    k, s = p.sliding, y.r_rad_s  # (1)
     rate = u.q_d_rate_rad_s - u.hub_rate_rad_s
     inertia = k.inertia_kg_m2 * (u.q_d_acc_rad_s2 + p.pd.lam_per_s * rate)
     side = sign(s)
-    wanted = inertia + p.pd.kv_Nms_rad * s + k.k1_Nm * sqrt(abs(s)) * side + x.z_Nm
-    y.tau_Nm = pd.limited(wanted, p.pd)  # (2)
+    wanted = inertia + p.pd.kv_Nms_rad * s + k.k1_Nm * sqrt(abs(s)) * side + x.z_Nm  # (2)
+    pd.command(wanted, p.pd, u, y)
     free = abs(wanted) < p.pd.tau_max_Nm
     grown = clip(x.z_Nm + dt * k.k2_Nm_s * side, -k.z_max_Nm, k.z_max_Nm)
     x.z_Nm = where(free, grown, x.z_Nm)  # (3)
-    y.motor_torque_Nm = pd.motor_torque(y.tau_Nm, p.pd, u)
 
 
 BLOCK = Block(step)

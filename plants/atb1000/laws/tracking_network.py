@@ -37,6 +37,7 @@ from pcpc.executive.laws.approximators.two_layer import (
 )
 from pcpc.executive.laws.block import Ports, Prepared, inline, port
 from pcpc.executive.laws.emath import clip, where
+from pcpc.plants.atb1000.laws import pd
 
 INPUTS, NODES, JUMPS = 7, 10, 4
 PHI = 1 + NODES + JUMPS
@@ -71,9 +72,7 @@ class States(Ports):
     """Weights, health and the vectors of this period."""
 
     w = port("N m", "output weights W", shape=PHI, recorded=False, adapts=True)
-    v = port(
-        "", "first-layer weights V, row by row", shape=(INPUTS, NODES), recorded=False, adapts=True
-    )
+    v = port("", "V, row by row", shape=(INPUTS, NODES), recorded=False, adapts=True)
     network_fault = port("", "1 once the network was latched off")
     faded_Nm = port("N m", "torque of (4) and (5) as sent; fading after a fault")
     x = port("", "inputs of the network", shape=INPUTS, recorded=False)
@@ -101,11 +100,16 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 
 @inline
-def learned_torque(dt: float, e: float, r: float, p: Any, x: Any, u: Any, y: Any) -> float:
-    """Return network and robust torque (4) (5), fading once it is latched off, and tune (6).
-
-    `u` has the inputs of PD and q_d''; `p`, `x`, `y` are this file's.
-    """
+def learned_torque(
+    dt: float,
+    e: float,
+    r: float,
+    p: Parameters,
+    x: States,
+    u: pd.TrackingInputs,
+    y: Outputs,
+) -> float:
+    """Return network and robust torque (4) (5), fading once it is latched off, and tune (6)."""
     v_j = u.q_d_rate_rad_s - u.hull_rate_rad_s  # (2)
     x.x[0] = 1.0  # (1)
     x.x[1] = scaled(e, 0.02)
@@ -129,8 +133,9 @@ def learned_torque(dt: float, e: float, r: float, p: Any, x: Any, u: Any, y: Any
 
     moving = (abs(e) > DEAD_BAND_RAD) | (abs(u.q_d_acc_rad_s2) > 1e-6)
     rate = where(trusted & moving, dt, 0.0)
-    driven = clip(r, -R_MAX_RAD_S, R_MAX_RAD_S)
-    tune(driven, p.kappa, p.f_rate, p.fj_rate, p.g_rate, rate, x.x, x.a, x.phi, x.w, x.v)  # (6)
+    drive = clip(r, -R_MAX_RAD_S, R_MAX_RAD_S)
+    leak = p.kappa * abs(drive)
+    tune(x, drive, leak, rate * p.f_rate, rate * p.fj_rate, rate * p.g_rate)  # (6)
     y.network_Nm = where(trusted, network, x.faded_Nm)
     y.norm_z = where(norm_z <= NORM_SHOWN, norm_z, NORM_SHOWN)
     y.fallback = x.network_fault

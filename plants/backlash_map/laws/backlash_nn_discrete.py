@@ -23,12 +23,11 @@ of c_r are chosen.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from pcpc.executive.laws.approximators.two_layer import hidden, output_from, square_sum
-from pcpc.executive.laws.block import Block, Ports, Prepared, inline, port, stage
+from pcpc.executive.laws.block import Array, Block, Ports, Prepared, inline, port, stage
 from pcpc.executive.laws.emath import clip, sqrt, where
 from pcpc.plants.families.maps.laws import map_pd
 
@@ -79,13 +78,17 @@ class Inputs(map_pd.Inputs):
     tau = port("", "measured tau")
 
 
-class Outputs(map_pd.Outputs):
-    """Those of the PD law, and the network's."""
+class InversionOutputs(Ports):
+    """The inversion's and the network's."""
 
     tau_error = port("", "tt (1)")
     foretold = port("", "tau_d(k) + g, for tau_d(k+1)")
     network = port("", "W's")
     norm_w = port("", "|W|")
+
+
+class Outputs(map_pd.Outputs, InversionOutputs):
+    """Those of the PD law, the inversion's and the network's."""
 
 
 def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepared:
@@ -95,7 +98,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 
 @inline
-def tune(drive: float, alpha: float, gamma: float, s: Any, w: Any) -> None:
+def tune(drive: float, alpha: float, gamma: float, s: Array, w: Array) -> None:
     """Step (6) of `w` (12,) in place; `s` (13,) with the bias's place, `drive` = tt + c_r r."""
     norm = abs(1.0 - alpha * square_sum(s, 1))  # (7)
     leak = gamma * where(norm > 1.0, norm, 1.0)
@@ -104,7 +107,7 @@ def tune(drive: float, alpha: float, gamma: float, s: Any, w: Any) -> None:
 
 
 @inline
-def inverted(p: Any, going: bool, u: Any, x: Any, y: Any) -> float:
+def inverse_command(p: Ports, going: bool, u: Ports, x: States, y: Ports) -> float:
     """Return u(k+1) (3) for the tau_d and r in `y`; tune (6), and write all but the command."""
     tt = y.tau_d - u.tau  # (1)
     first = x.started < 0.5
@@ -132,8 +135,8 @@ def inverted(p: Any, going: bool, u: Any, x: Any, y: Any) -> float:
 def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One step of the map; see the module header."""
     map_pd.desired(p, u, y)
-    going = map_pd.sound(p, x, y)
-    command = inverted(p, going, u, x, y)
+    going = map_pd.is_sound(p, x, y)
+    command = inverse_command(p, going, u, x, y)
     y.command = where(going, command, 0.0)
     y.ahead = 1.0
 

@@ -30,7 +30,6 @@ T_V and kappa are the book's; a, Z_M, eps_0, rho and u_max are chosen.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -127,7 +126,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 
 @inline
-def decay(x: Any, of_w: float, of_v: float) -> None:
+def decay(x: States, of_w: float, of_v: float) -> None:
     """Divide the weights in place (10)."""
     for j in range(N_PHI):
         x.w[j] = x.w[j] / of_w
@@ -137,7 +136,7 @@ def decay(x: Any, of_w: float, of_v: float) -> None:
 
 
 @inline
-def desired_torque(p: Any, u: Any, y: Any) -> None:
+def desired_torque(p: Parameters, u: Inputs, y: Outputs) -> None:
     """Write e1, r (1) and tau_d (2)."""
     e2 = u.rate_rad_s - u.q_d_rate_rad_s
     y.e_rad = u.q_rad - u.q_d_rad
@@ -147,7 +146,7 @@ def desired_torque(p: Any, u: Any, y: Any) -> None:
 
 
 @inline
-def robust_term(dt: float, tt: float, norm: float, p: Any, y: Any) -> float:
+def robust_term(dt: float, tt: float, norm: float, p: Parameters, y: Outputs) -> float:
     """Return v2 and write eps (8); `norm` is that of all weights."""
     zs = norm + p.z_bound  # (7)
     gain = (p.kz1_per_s * zs + p.kz2_Nm_rad) * abs(y.r_rad_s) + p.kz3_Nm_s * zs * zs
@@ -183,7 +182,7 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     sound = x.latched < 0.5
 
     tuned_s = where((p.network_on > 0.5) & sound, dt, 0.0)
-    tune(-tt, 0.0, p.s_rate, 0.0, p.t_rate, tuned_s, x.x, x.a, x.phi, x.w, x.v)  # (9)
+    tune(x, -tt, 0.0, tuned_s * p.s_rate, 0.0, tuned_s * p.t_rate)  # (9)
     leak = tuned_s * p.kappa * abs(tt)
     decay(x, 1.0 + leak * p.s_rate, 1.0 + leak * p.t_rate)
 

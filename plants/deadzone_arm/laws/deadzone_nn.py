@@ -28,7 +28,6 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.2; signs and (11) are deriv
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -131,19 +130,13 @@ class States(Guard):
     v0 = port("", "v0", shape=(JOINTS, MOST_NODES), recorded=False)
     vi = port("1/(N m)", "Vi", shape=(JOINTS, MOST_NODES), recorded=False)
     v0i = port("", "v0i", shape=(JOINTS, MOST_NODES), recorded=False)
-    wi = port(
-        "N m",
-        "Wi, jump nodes behind the others",
-        shape=(JOINTS, COLUMN),
-        recorded=False,
-        adapts=True,
-    )
+    wi = port("N m", "Wi, jumps last", shape=(JOINTS, COLUMN), recorded=False, adapts=True)
     b = port("1/(N m)", "b of (8)", shape=(JOINTS, MOST_NODES), recorded=False)
     s = port("", "s of (4), alike", shape=(JOINTS, COLUMN), recorded=False)
 
 
 @inline
-def errors(i: int, lam: float, joint: Any, y: Any) -> tuple[float, float]:
+def errors(i: int, lam: float, joint: Ports, y: Outputs) -> tuple[float, float]:
     """Write e and r (1) of joint i, whose inputs are `joint`; return what (2) multiplies.
 
     That is q_d'' + Lam e' and q_d' + Lam e.
@@ -155,7 +148,7 @@ def errors(i: int, lam: float, joint: Any, y: Any) -> tuple[float, float]:
 
 
 @inline
-def follow(p: Any, u: Any, y: Any) -> float:
+def follow(p: Gains, u: Inputs, y: Outputs) -> float:
     """Write w (3), e and r (1) of both joints; return |r|, rad/s."""
     acc_1, rate_1 = errors(0, p.lam_per_s, u.joint_1, y)
     acc_2, rate_2 = errors(1, p.lam_per_s, u.joint_2, y)
@@ -172,7 +165,7 @@ def follow(p: Any, u: Any, y: Any) -> float:
 
 
 @inline
-def guard(healthy: bool, x: Any, y: Any) -> bool:
+def latch_guard(healthy: bool, x: Guard, y: Outputs) -> bool:
     """Latch the end of control; return whether it still goes on."""
     x.latched = where(healthy, x.latched, 1.0)
     y.diverged = x.latched
@@ -180,7 +173,7 @@ def guard(healthy: bool, x: Any, y: Any) -> bool:
 
 
 @inline
-def compensate(i: int, w: float, p: Any, x: Any) -> float:
+def compensator(i: int, w: float, p: Parameters, x: States) -> float:
     """Write s (4) (5) of joint i and return y (6), N m."""
     s, wi = x.s[i], x.wi[i]
     total = 0.0
@@ -194,7 +187,7 @@ def compensate(i: int, w: float, p: Any, x: Any) -> float:
 
 
 @inline
-def slope(i: int, u: float, p: Any, x: Any) -> float:
+def slope(i: int, u: float, p: Parameters, x: States) -> float:
     """Write b (8) of joint i and return J; `u` in N m, before the clip."""
     v, b = x.v[i], x.b[i]
     total = 0.0
@@ -206,7 +199,7 @@ def slope(i: int, u: float, p: Any, x: Any) -> float:
 
 
 @inline
-def tune(i: int, dt: float, norm_r: float, p: Any, x: Any, y: Any) -> None:
+def tune(i: int, dt: float, norm_r: float, p: Parameters, x: States, y: NetworkOutputs) -> None:
     """One step (11) of both networks of joint i."""
     r = y.r_rad_s[i]
     fall = 1.0 + dt * p.t_rate * (p.k1 * norm_r + p.k2 * norm_r * y.norm_wi)
@@ -222,7 +215,7 @@ def tune(i: int, dt: float, norm_r: float, p: Any, x: Any, y: Any) -> None:
 @stage
 def pd_step(t: float, dt: float, p: Gains, x: Guard, u: Inputs, y: Outputs) -> None:
     """One control period of (1) to (3) alone."""
-    good = guard(follow(p, u, y) <= p.r_max_rad_s, x, y)  # false for NaN
+    good = latch_guard(follow(p, u, y) <= p.r_max_rad_s, x, y)  # false for NaN
     for i in range(JOINTS):
         y.torque_Nm[i] = where(good, clip(y.tau_d_Nm[i], -p.u_max_Nm, p.u_max_Nm), 0.0)
 
@@ -234,11 +227,11 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: NetworkOut
     y.norm_wi = sqrt(square_sum_of_rows(x.wi))
     y.norm_w = sqrt(square_sum_of_rows(x.w))
     weights = sqrt(y.norm_wi * y.norm_wi + y.norm_w * y.norm_w)
-    good = guard((norm_r <= p.r_max_rad_s) & (weights <= p.norm_max), x, y)  # false for NaN
+    good = latch_guard((norm_r <= p.r_max_rad_s) & (weights <= p.norm_max), x, y)  # false for NaN
     engaged = p.network_on > 0.5
     tuned_s = where(good & engaged, dt, 0.0)
     for i in range(JOINTS):
-        y.y_Nm[i] = where(engaged, compensate(i, y.tau_d_Nm[i], p, x), 0.0)
+        y.y_Nm[i] = where(engaged, compensator(i, y.tau_d_Nm[i], p, x), 0.0)
         u_i = y.tau_d_Nm[i] + y.y_Nm[i]
         y.torque_Nm[i] = where(good, clip(u_i, -p.u_max_Nm, p.u_max_Nm), 0.0)  # (6)
         y.slope[i] = slope(i, u_i, p, x)

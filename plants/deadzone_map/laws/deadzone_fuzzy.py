@@ -23,11 +23,10 @@ good. Without units: neither rad nor N m.
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3; lam, Kv, alpha and Gam are this project's.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Ports, inline, port, stage
 from pcpc.executive.laws.emath import where
-from pcpc.plants.families.maps.laws.map_pd import desired, sound
+from pcpc.plants.families.maps.laws.map_pd import States as Guard
+from pcpc.plants.families.maps.laws.map_pd import desired, is_sound
 
 
 class Inputs(Ports):
@@ -73,12 +72,6 @@ class Parameters(Gains):
     gam = port("", "Gam, decay of the widths", None, 0.0, 1.0)
 
 
-class Guard(Ports):
-    """The guard."""
-
-    latched = port("", "1 once the guard has ended the control")
-
-
 class States(Guard):
     """The guard, the widths, and which rule fired."""
 
@@ -89,7 +82,7 @@ class States(Guard):
 
 
 @inline
-def tune(alpha: float, gam: float, r: float, x: Any) -> None:
+def tune(alpha: float, gam: float, r: float, x: States) -> None:
     """Step (7) of both widths, with X of the last tick."""
     size = abs(1.0 - alpha)
     leak = gam * where(size > 1.0, size, 1.0)  # (8)
@@ -98,7 +91,7 @@ def tune(alpha: float, gam: float, r: float, x: Any) -> None:
 
 
 @inline
-def compensated(p: Any, good: Any, x: Any, y: Any) -> float:
+def compensated_command(p: Ports, good: bool, x: States, y: Ports) -> float:
     """Tune (7), and return u (5) of the tau_d and r in `y`; write both widths."""
     tune(where(good, p.alpha, 0.0), where(good, p.gam, 0.0), y.r, x)
     x.fired_plus = where(y.tau_d >= 0.0, 1.0, 0.0)  # (4)
@@ -112,15 +105,15 @@ def compensated(p: Any, good: Any, x: Any, y: Any) -> float:
 def pd_step(t: float, dt: float, p: Gains, x: Guard, u: Inputs, y: Outputs) -> None:
     """One tick of (1) to (3) alone."""
     desired(p, u, y)  # (1) to (3), w for tau_d
-    y.command = where(sound(p, x, y), y.tau_d, 0.0)
+    y.command = where(is_sound(p, x, y), y.tau_d, 0.0)
 
 
 @stage
 def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: FuzzyOutputs) -> None:
     """One tick; see the module header."""
     desired(p, u, y)  # (1) to (3), w for tau_d
-    good = sound(p, x, y)
-    u_k = compensated(p, good, x, y)
+    good = is_sound(p, x, y)
+    u_k = compensated_command(p, good, x, y)
     y.command = where(good, u_k, 0.0)
 
 

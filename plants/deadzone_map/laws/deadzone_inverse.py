@@ -20,12 +20,10 @@ Trans. Automatic Control 39 (1994), 59-68; in discrete time: Discrete-time adapt
 systems with unknown deadzones, Int. J. Control 61 (1995), 1-17; gam and the box are this project's.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, inline, port, stage
 from pcpc.executive.laws.emath import clip, where
 from pcpc.plants.deadzone_map.laws.deadzone_fuzzy import FuzzyOutputs, Gains, Guard, Inputs
-from pcpc.plants.families.maps.laws.map_pd import desired, sound
+from pcpc.plants.families.maps.laws.map_pd import desired, is_sound
 
 
 class Parameters(Gains):
@@ -59,7 +57,7 @@ class Outputs(FuzzyOutputs):
 
 
 @inline
-def tune(p: Any, x: Any, eps: float) -> None:
+def tune(p: Parameters, x: States, eps: float) -> None:
     """Step (6), with v of the last tick."""
     plus, minus, u = x.fired_plus, x.fired_minus, x.sent
     size = (plus + minus) * (1.0 + u * u)
@@ -71,7 +69,7 @@ def tune(p: Any, x: Any, eps: float) -> None:
 
 
 @inline
-def inverse(w: float, x: Any) -> Any:
+def inverse(w: float, x: States) -> float:
     """Return u of (3); fired_plus and fired_minus are those of this tick."""
     right = (w + x.offset_plus) / x.slope_plus
     left = (w - x.offset_minus) / x.slope_minus
@@ -82,7 +80,7 @@ def inverse(w: float, x: Any) -> Any:
 def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One tick; see the module header."""
     desired(p, u, y)  # w for tau_d
-    good = sound(p, x, y)
+    good = is_sound(p, x, y)
     begun = x.fired_plus + x.fired_minus
     y.prediction_error = where(begun > 0.5, y.r - p.kv * x.r_before, 0.0)  # (5)
     tune(p, x, where(good, y.prediction_error, 0.0))  # (6)

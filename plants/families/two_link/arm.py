@@ -7,13 +7,21 @@ A sample is rounded to a multiple of its `..._lsb_...`, half up; so is the torqu
 not round. rad, rad/s, N m.
 """
 
-from typing import Any
+from typing import Protocol
 
-from pcpc.executive.laws.block import Ports, group, inline, port
+from pcpc.executive.laws.block import Array, Ports, group, inline, port
 from pcpc.executive.laws.emath import tanh
-from pcpc.executive.laws.models.two_link import gravity_torque, motion, solved
+from pcpc.executive.laws.models.two_link import LinksLike, gravity_torque, motion, solved
 from pcpc.plants.sensors import rounded
 from pcpc.plants.transport import DELAY_SIZE, delayed
+
+
+class Arm(LinksLike, Protocol):
+    """What (1) and (2) take of a plant's parameters."""
+
+    gravity_m_s2: float
+    viscous_Nms_rad: float
+    coulomb_Nm: float
 
 
 class Interface(Ports):
@@ -53,14 +61,14 @@ class Outputs(Ports):
 
 
 @inline
-def friction(p: Any, width: float, v: float) -> float:
+def friction(p: Arm, width: float, v: float) -> float:
     """Return Fr_i of (2), N m."""
     return p.viscous_Nms_rad * v + p.coulomb_Nm * tanh(v / width)
 
 
 @inline
-def rates(p: Any, m2: float, width: float, tau: Any, x: Any, d: Any) -> None:
-    """Write q' and q'' of (1) to `d`, with `width` = w; `x` and `d` have q_rad and rate_rad_s."""
+def rates(p: Arm, m2: float, width: float, tau: Array, x: Motion, d: Motion) -> None:
+    """Write q' and q'' of (1) to `d`, with `width` = w."""
     q, v = x.q_rad, x.rate_rad_s
     m11, m12, m22, c1, c2 = motion(p, m2, q, v)
     g1, g2 = gravity_torque(q[0], q[1], p.a1_m, p.a2_m, p.m1_kg, m2, p.gravity_m_s2)
@@ -71,16 +79,16 @@ def rates(p: Any, m2: float, width: float, tau: Any, x: Any, d: Any) -> None:
 
 
 @inline
-def receive(p: Any, held: Any, u: Any, y: Any) -> None:
-    """Write the torques that act in this period; `p` is an Interface."""
+def receive(p: Interface, held: Held, u: Inputs, y: Outputs) -> None:
+    """Write the torques that act in this period."""
     for j in range(len(u.torque_Nm)):
         due = delayed(u.torque_Nm[j], p.delay_samples, held.torque_Nm[j])
         y.acting_Nm[j] = rounded(due, p.torque_lsb_Nm)
 
 
 @inline
-def sample(p: Any, q: Any, v: Any, y: Any) -> None:
-    """Write samples and truths of angles and rates; `p` is an Interface."""
+def sample(p: Interface, q: Array, v: Array, y: Outputs) -> None:
+    """Write samples and truths of angles and rates."""
     for j in range(len(q)):
         y.sample.q_rad[j] = rounded(q[j], p.position_lsb_rad)
         y.sample.rate_rad_s[j] = rounded(v[j], p.rate_lsb_rad_s)

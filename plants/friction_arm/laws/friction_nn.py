@@ -25,7 +25,6 @@ chapter 3; 2 to 4 of (6) are this project's.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -39,7 +38,17 @@ from pcpc.executive.laws.approximators.augmented import (
     tuning_gain,
 )
 from pcpc.executive.laws.approximators.two_layer import square_sum
-from pcpc.executive.laws.block import Block, Ports, Prepared, flat, group, inline, port, stage
+from pcpc.executive.laws.block import (
+    Array,
+    Block,
+    Ports,
+    Prepared,
+    flat,
+    group,
+    inline,
+    port,
+    stage,
+)
 from pcpc.executive.laws.emath import sqrt, where
 from pcpc.plants.families.two_link.laws import arm_pd, network_inputs
 from pcpc.plants.families.two_link.laws.arm_pd import JOINTS
@@ -87,14 +96,16 @@ class Outputs(arm_pd.Outputs):
     network_Nm = port("N m", "network torque (3) of joint #", shape=JOINTS, named="network_#_Nm")
     norm_z = port("", "Frobenius norm of all weights")
     step_weight_Nm = port(
-        "N m", "weight of phi_0(q#') on joint #; ideally twice its friction",
-        shape=JOINTS, named="step_weight_#_Nm",
-    )  # fmt: skip
+        "N m",
+        "weight of phi_0(q#') on joint #; ideally twice its friction",
+        shape=JOINTS,
+        named="step_weight_#_Nm",
+    )
     tuning_gain_Nms_rad = port("N m s/rad", "dt G, gain of the tuning; unstable beyond Kv")
 
 
 @inline
-def jumps(rate: Any, v_eps: float, variant: float, phi: Any) -> None:
+def jumps(rate: Array, v_eps: float, variant: float, phi: Array) -> None:
     """Write phi (2) of the `variant` (6); `rate` of both joints."""
     for i in range(JOINTS):
         step_pair(rate[i], phi, 2 * i)
@@ -109,20 +120,12 @@ def jumps(rate: Any, v_eps: float, variant: float, phi: Any) -> None:
 
 
 @inline
-def learn(dt: float, p: Any, x: Any, u: Any, y: Any) -> None:
+def learn(dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Tune (5), and show the weights of the own steps."""
     rate = network_inputs.tuned_s(dt, u)
     leak = p.kappa * sqrt(square_sum(y.r_rad_s, 0))
-    tune(
-        flat(x.x),
-        x,
-        int(p.nodes),
-        y.r_rad_s,
-        leak,
-        rate * p.s_rate,
-        rate * p.t_rate,
-        rate * p.e_rate,
-    )
+    n, step_s, step_t, step_e = int(p.nodes), rate * p.s_rate, rate * p.t_rate, rate * p.e_rate
+    tune(flat(x.x), x, n, y.r_rad_s, leak, step_s, step_t, step_e)
     for i in range(JOINTS):
         own = x.w2[2 * i, i]
         if p.jump_nodes == PROJECT:

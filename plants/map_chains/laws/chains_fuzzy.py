@@ -8,12 +8,10 @@ tunes its own two. Without coupling of the chains either is the law of `deadzone
 Without units. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3, for m inputs.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.plants.deadzone_map.laws import deadzone_fuzzy
-from pcpc.plants.families.maps.laws.map_pd import sound
+from pcpc.plants.families.maps.laws.map_pd import is_sound
 from pcpc.plants.map_chains.laws import chains_pd
 
 
@@ -31,7 +29,7 @@ class States(Ports):
     b = group(deadzone_fuzzy.States, "b_")
 
 
-class Told(chains_pd.Told):
+class ChainOutputs(chains_pd.ChainOutputs):
     """Those of PD, and what was learned."""
 
     d_plus = port("", "width learned on the positive side")
@@ -41,25 +39,27 @@ class Told(chains_pd.Told):
 class Outputs(Ports):
     """Of both chains."""
 
-    a = group(Told, "a_")
-    b = group(Told, "b_")
+    a = group(ChainOutputs, "a_")
+    b = group(ChainOutputs, "b_")
     ahead = port("", "1: commands are for the step after the sample's")
 
 
 @inline
-def one(p: Any, u: Any, other: float, x: Any, y: Any) -> None:
+def step_chain(
+    p: Parameters, u: chains_pd.Chain, other: float, x: deadzone_fuzzy.States, y: ChainOutputs
+) -> None:
     """Make a tick of one chain."""
     chains_pd.desired(p, u, other, y)
-    good = sound(p, x, y)
-    u_k = deadzone_fuzzy.compensated(p, good, x, y)
+    good = is_sound(p, x, y)
+    u_k = deadzone_fuzzy.compensated_command(p, good, x, y)
     y.command = where(good, u_k, 0.0)
 
 
 @stage
 def step(t: float, dt: float, p: Parameters, x: States, u: chains_pd.Inputs, y: Outputs) -> None:
     """One tick; see the module header."""
-    one(p, u.a, u.b.x3, x.a, y.a)
-    one(p, u.b, u.a.x3, x.b, y.b)
+    step_chain(p, u.a, u.b.x3, x.a, y.a)
+    step_chain(p, u.b, u.a.x3, x.b, y.b)
     y.ahead = 0.0
 
 

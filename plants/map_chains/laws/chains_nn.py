@@ -10,12 +10,11 @@ Without units. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 5.3, for m inp
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.plants.backlash_map.laws import backlash_nn_discrete as single
-from pcpc.plants.families.maps.laws.map_pd import sound
+from pcpc.plants.families.maps.laws.map_pd import is_sound
 from pcpc.plants.map_chains.laws import chains_pd
 
 
@@ -49,20 +48,15 @@ class Inputs(Ports):
     b = group(Chain, "b_")
 
 
-class Told(chains_pd.Told):
-    """Those of PD, and the network's."""
-
-    tau_error = port("", "tt = tau_d - tau")
-    foretold = port("", "tau_d(k) + g, for tau_d(k+1)")
-    network = port("", "W's")
-    norm_w = port("", "|W|")
+class ChainOutputs(chains_pd.ChainOutputs, single.InversionOutputs):
+    """Those of PD, the inversion's and the network's."""
 
 
 class Outputs(Ports):
     """Of both chains."""
 
-    a = group(Told, "a_")
-    b = group(Told, "b_")
+    a = group(ChainOutputs, "a_")
+    b = group(ChainOutputs, "b_")
     ahead = port("", "1: commands are for the step after the sample's")
 
 
@@ -76,19 +70,19 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 
 @inline
-def one(p: Any, u: Any, other: float, x: Any, y: Any) -> None:
+def step_chain(p: Parameters, u: Chain, other: float, x: single.States, y: ChainOutputs) -> None:
     """Make a tick of one chain."""
     chains_pd.desired(p, u, other, y)
-    going = sound(p, x, y)
-    command = single.inverted(p, going, u, x, y)
+    going = is_sound(p, x, y)
+    command = single.inverse_command(p, going, u, x, y)
     y.command = where(going, command, 0.0)
 
 
 @stage
 def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One tick; see the module header."""
-    one(p, u.a, u.b.x3, x.a, y.a)
-    one(p, u.b, u.a.x3, x.b, y.b)
+    step_chain(p, u.a, u.b.x3, x.a, y.a)
+    step_chain(p, u.b, u.a.x3, x.b, y.b)
     y.ahead = 1.0
 
 

@@ -13,8 +13,6 @@ Beyond |r| = r_max a chain's law is latched off and sends 0: `a_diverged`, `b_di
 units. Source: Lewis, Campos, Selmic (SIAM 2002), chapters 4.3 and 5.3, for n states and m inputs.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Ports, group, inline, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.executive.laws.models.map_chain import chain_drift
@@ -55,7 +53,7 @@ class States(Ports):
     b = group(map_pd.States, "b_")
 
 
-class Told(Ports):
+class ChainOutputs(Ports):
     """Of one chain: the command and what led to it."""
 
     command = port("", "u, 0 once latched off")
@@ -68,13 +66,13 @@ class Told(Ports):
 class Outputs(Ports):
     """Of both chains."""
 
-    a = group(Told, "a_")
-    b = group(Told, "b_")
+    a = group(ChainOutputs, "a_")
+    b = group(ChainOutputs, "b_")
     ahead = port("", "1: commands are for the step after the sample's")
 
 
 @inline
-def desired(p: Any, u: Any, other: float, y: Any) -> None:
+def desired(p: Gains, u: Chain, other: float, y: ChainOutputs) -> None:
     """Write e3 (1), r (2) and tau_d (3) of one chain; `other`: the newest state of the other."""
     e2 = u.x2 - u.x_d_previous
     y.e = u.x3 - u.x_d
@@ -84,17 +82,17 @@ def desired(p: Any, u: Any, other: float, y: Any) -> None:
 
 
 @inline
-def one(p: Any, u: Any, other: float, x: Any, y: Any) -> None:
+def step_chain(p: Gains, u: Chain, other: float, x: map_pd.States, y: ChainOutputs) -> None:
     """Make a tick of one chain."""
     desired(p, u, other, y)
-    y.command = where(map_pd.sound(p, x, y), y.tau_d, 0.0)  # (4)
+    y.command = where(map_pd.is_sound(p, x, y), y.tau_d, 0.0)  # (4)
 
 
 @stage
 def step(t: float, dt: float, p: Gains, x: States, u: Inputs, y: Outputs) -> None:
     """One tick; see the module header."""
-    one(p, u.a, u.b.x3, x.a, y.a)
-    one(p, u.b, u.a.x3, x.b, y.b)
+    step_chain(p, u.a, u.b.x3, x.a, y.a)
+    step_chain(p, u.b, u.a.x3, x.b, y.b)
     y.ahead = 0.0
 
 

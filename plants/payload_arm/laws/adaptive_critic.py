@@ -31,12 +31,21 @@ torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from pcpc.executive.laws.approximators.two_layer import nodes, square_sum, square_sum_of_rows
-from pcpc.executive.laws.block import Block, Ports, Prepared, flat, group, inline, port, stage
+from pcpc.executive.laws.block import (
+    Array,
+    Block,
+    Ports,
+    Prepared,
+    flat,
+    group,
+    inline,
+    port,
+    stage,
+)
 from pcpc.executive.laws.emath import sqrt
 from pcpc.plants.families.two_link.laws import arm_pd, arm_pd_inertia, network_inputs
 from pcpc.plants.families.two_link.laws.arm_pd import JOINTS
@@ -93,7 +102,7 @@ class Outputs(arm_pd.Outputs):
 
 
 @inline
-def read_out(w: Any, s: Any, i: int) -> float:
+def read_out(w: Array, s: Array, i: int) -> float:
     """Return entry i of W's."""
     total = 0.0
     for j in range(NODES):
@@ -102,7 +111,7 @@ def read_out(w: Any, s: Any, i: int) -> float:
 
 
 @inline
-def criticise(p: Any, x: Any, y: Any) -> None:
+def criticise(p: Parameters, x: States, y: Outputs) -> None:
     """Write s1 (1), R (2) and sc (3)."""
     nodes(y.r_rad_s, x.v1, NODES, x.z1, x.s1, 0)  # (1)
     for i in range(JOINTS):
@@ -118,7 +127,7 @@ def criticise(p: Any, x: Any, y: Any) -> None:
 
 
 @inline
-def act(p: Any, x: Any, u: Any, y: Any) -> None:
+def act(p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Write ghat (4) (5) and -v (6)."""
     network_inputs.observe(u, x.x)
     nodes(flat(x.x), x.v2, NODES, x.s2, x.s2, 0)  # (4)
@@ -131,13 +140,13 @@ def act(p: Any, x: Any, u: Any, y: Any) -> None:
 
 
 @inline
-def wanted(i: int, p: Any, y: Any) -> float:
+def wanted_acceleration(i: int, p: Parameters, y: Outputs) -> float:
     """Return the acceleration that (7) wants of joint i, rad/s2."""
     return y.learned_rad_s2[i] + p.kv_per_s * y.r_rad_s[i] + y.robust_rad_s2[i]
 
 
 @inline
-def tune_critic(dt: float, p: Any, x: Any, y: Any) -> None:
+def tune_critic(dt: float, p: Parameters, x: States, y: Outputs) -> None:
     """One Euler step of (9), then of (8), which does not use rho."""
     for i in range(JOINTS):
         rate = p.beta * y.r_rad_s[i]
@@ -151,7 +160,7 @@ def tune_critic(dt: float, p: Any, x: Any, y: Any) -> None:
 
 
 @inline
-def tune_action(dt: float, p: Any, x: Any) -> None:
+def tune_action(dt: float, p: Parameters, x: States) -> None:
     """One Euler step of (10)."""
     for j in range(NODES):
         for i in range(JOINTS):
@@ -164,7 +173,8 @@ def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -
     arm_pd_inertia.errors(p, u, y)
     criticise(p, x, y)
     act(p, x, u, y)
-    arm_pd_inertia.torques(p, u.q_rad, wanted(0, p, y), wanted(1, p, y), y.torque_Nm)  # (7)
+    a_1, a_2 = wanted_acceleration(0, p, y), wanted_acceleration(1, p, y)
+    arm_pd_inertia.torques(p, u.q_rad, a_1, a_2, y.torque_Nm)  # (7)
     y.norm_w1 = sqrt(square_sum_of_rows(x.w1))
     y.norm_w2 = sqrt(square_sum_of_rows(x.w2))
     y.norm_rho = sqrt(square_sum(x.rho, 0))

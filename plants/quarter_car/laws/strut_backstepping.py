@@ -27,9 +27,8 @@ Selmic (SIAM 2002), chapter 6; rules and gains are this project's.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
-from pcpc.executive.laws.block import Block, Ports, Prepared, inline, port, stage
+from pcpc.executive.laws.block import Array, Block, Ports, Prepared, inline, port, stage
 from pcpc.executive.laws.emath import clip, expmsq, sqrt, where
 from pcpc.executive.laws.models import hydraulic_strut as hydraulic
 from pcpc.plants.quarter_car.laws import strut_outer as outer
@@ -91,7 +90,7 @@ class Outputs(outer.Outputs):
 
 
 @inline
-def memberships(value: float, width: float, mu: Any) -> None:
+def memberships(value: float, width: float, mu: Array) -> None:
     """Write the normalised memberships (8) of one scaled input."""
     clipped, total = clip(value, -RANGE, RANGE), 0.0
     for i in range(len(mu)):
@@ -103,7 +102,7 @@ def memberships(value: float, width: float, mu: Any) -> None:
 
 
 @inline
-def fire(x3: float, v3: float, dp: float, x: Any) -> None:
+def fire_rules(x3: float, v3: float, dp: float, x: States) -> None:
     """Write m(X) of (8); the sum of products is the product of the sums."""
     memberships(x3 / EXTENSION_M, EXTENSION_WIDTH, x.at_extension)
     memberships(v3 / SPEED_M_S, SPEED_WIDTH, x.at_speed)
@@ -118,7 +117,7 @@ def fire(x3: float, v3: float, dp: float, x: Any) -> None:
 
 
 @inline
-def learned(x: Any) -> float:
+def learned_drift(x: States) -> float:
     """Return Th'm (2)."""
     total = 0.0
     for i in range(RULES):
@@ -127,7 +126,7 @@ def learned(x: Any) -> float:
 
 
 @inline
-def tune(dt: float, drive: float, p: Any, x: Any, y: Any) -> None:
+def tune(dt: float, drive: float, p: Parameters, x: States, y: Outputs) -> None:
     """Advance (6) by `dt` under `drive` = G ef; write norm and largest entry from before."""
     squares, largest = 0.0, 0.0
     for i in range(RULES):
@@ -149,9 +148,9 @@ def step(t: float, dt: float, p: Parameters, x: States, u: outer.Inputs, y: Outp
     x.last_desired_N, x.desired_rate_N_s = fd, fd_rate
     gain = hydraulic.input_gain(x3, u.p1_Pa, x.last_spool_m, p.h)  # (1)
 
-    fire(x3, v3, u.p1_Pa - u.p2_Pa, x)
+    fire_rules(x3, v3, u.p1_Pa - u.p2_Pa, x)
     true = -hydraulic.drift(x3, v3, u.p1_Pa, u.p2_Pa, p.h) / gain
-    adaptive = where(p.fl_on > 0.5, learned(x), 0.0)
+    adaptive = where(p.fl_on > 0.5, learned_drift(x), 0.0)
     y.drift_m = where(p.exact_drift > 0.5, true, adaptive)  # (2)
     wanted = y.drift_m + (fd_rate + p.k1_per_s * ef) / gain
     x7d = clip(wanted, -p.spool_max_m, p.spool_max_m)  # (3)

@@ -21,7 +21,6 @@ this project's.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import exp, where
@@ -105,7 +104,7 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
 
 
 @inline
-def desired_force(p: Any, x: Any, u: Any, y: Any) -> None:
+def desired_force(p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """Write Fd (3), F and ef (4); xk starts at x3 (2)."""
     x3 = u.extension_m
     x.xk_m = where(x.started > 0.5, x.xk_m, x3)
@@ -116,7 +115,7 @@ def desired_force(p: Any, x: Any, u: Any, y: Any) -> None:
 
 
 @inline
-def advance(dt: float, p: Any, x: Any, u: Any) -> None:
+def advance(dt: float, p: Parameters, x: States, u: Inputs) -> None:
     """Advance (1) and (2), at the end of a tick."""
     v3 = u.body_rate_m_s - u.wheel_rate_m_s
     x.xb_m_s += (1.0 - exp(-p.wb_rad_s * dt)) * (v3 - x.xb_m_s)

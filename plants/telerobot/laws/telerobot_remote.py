@@ -16,6 +16,7 @@ While x is missing, it and its z are held.
 it drives (1), because the robot gets what the wire carries. `local_law` and N go to the robot's
 node with u, so that both sides always agree:
     1 double integrator (no As in (4))   2 As from a model   3 robust, without network   4 network
+each in a file of its own, see telerobot_local.py.
 
 rad, rad/s, rad/s2, s; u becomes a torque, N m, at the robot. The reference is soft_sine.py about
 the start, `aim` is it T ago: what the robot should do now. Source: Lewis, Campos, Selmic (SIAM
@@ -23,7 +24,6 @@ the start, `aim` is it T ago: what the robot should do now. Source: Lewis, Campo
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 from pcpc.executive.laws.block import Block, Ports, Prepared, group, inline, port, stage
 from pcpc.executive.laws.emath import clip, floor, where
@@ -38,11 +38,11 @@ from pcpc.executive.laws.models.double_pole import (
 )
 from pcpc.executive.laws.models.playout import EMPTY, LONGEST, SLOTS, put, take, tick_of, wire_tick
 from pcpc.executive.laws.models.soft_sine import soft_sine
+from pcpc.plants.telerobot.laws.robot_node import CANCEL
 
 HISTORY = 1100  # ticks of z: twice the longest delay, and the offsets
 OFFSET = 40.0
 U_LIMIT_RAD_S2 = 524.0  # of the wire
-CANCEL = 1.0  # the local law of a bare double integrator
 
 
 class Gains(Ports):
@@ -56,13 +56,34 @@ class Gains(Ports):
     use_echo = port("", "1 looks z up by the echo, 0 by the delay", 1.0, 0.0, 1.0)
     history_offset_ticks = port("", "error of the z that is looked up", 0.0, -OFFSET, OFFSET)
     u_lsb_rad_s2 = port("rad/s2", "quantum of u, 0 none", 0.001, 0.0, 10.0)
-    amplitude_rad = port("rad", "of the reference of joint #", (1.0, 0.8), -10.0, 10.0,
-                         shape=JOINTS, named="amplitude_#_rad")  # fmt: skip
-    omega_rad_s = port("rad/s", "of the reference of joint #", (1.0, 1.5), 0.0, 100.0,
-                       shape=JOINTS, named="omega_#_rad_s")  # fmt: skip
+    amplitude_rad = port(
+        "rad",
+        "of the reference of joint #",
+        (1.0, 0.8),
+        -10.0,
+        10.0,
+        shape=JOINTS,
+        named="amplitude_#_rad",
+    )
+    omega_rad_s = port(
+        "rad/s",
+        "of the reference of joint #",
+        (1.0, 1.5),
+        0.0,
+        100.0,
+        shape=JOINTS,
+        named="omega_#_rad_s",
+    )
     rise_s = port("s", "in which the reference begins", 3.0, 1e-3, 1e3)
-    start_rad = port("rad", "q# of the robot at rest", (-1.570796326794897, 0.0), -10.0, 10.0,
-                     shape=JOINTS, named="start_#_rad")  # fmt: skip
+    start_rad = port(
+        "rad",
+        "q# of the robot at rest",
+        (-1.570796326794897, 0.0),
+        -10.0,
+        10.0,
+        shape=JOINTS,
+        named="start_#_rad",
+    )
 
 
 class Settings(Gains):
@@ -96,15 +117,24 @@ class Outputs(Ports):
     tick = port("", "wire tick of u")
     law = port("", "local_law")
     delay = port("", "N")
-    aim_rad = port("rad", "q_d of joint #, T ago: what the robot should do now",
-                   shape=JOINTS, named="aim_#_rad")  # fmt: skip
+    aim_rad = port(
+        "rad",
+        "q_d of joint #, T ago: what the robot should do now",
+        shape=JOINTS,
+        named="aim_#_rad",
+    )
     e_rad = port("rad", "e of joint #", shape=JOINTS, named="e_#_rad")
     r_rad_s = port("rad/s", "r of joint #", shape=JOINTS, named="r_#_rad_s")
     seen_rad = port("rad", "q# in use, T old", shape=JOINTS, named="seen_#_rad")
-    off_rad = port("rad", "seen position of joint # against z of its time",
-                   shape=JOINTS, named="off_#_rad")  # fmt: skip
-    off_rate_rad_s = port("rad/s", "seen rate of joint # against z of its time",
-                          shape=JOINTS, named="off_rate_#_rad_s")  # fmt: skip
+    off_rad = port(
+        "rad", "seen position of joint # against z of its time", shape=JOINTS, named="off_#_rad"
+    )
+    off_rate_rad_s = port(
+        "rad/s",
+        "seen rate of joint # against z of its time",
+        shape=JOINTS,
+        named="off_rate_#_rad_s",
+    )
     z_rad = port("rad", "z of joint #", shape=JOINTS, named="z_#_rad")
     held_x = port("", "ticks without a new x, of the whole run")
     looked_up = port("", "ticks of age of the z that x is compared with")
@@ -130,13 +160,13 @@ class States(Ports):
 
 
 @inline
-def remembered(tick: float) -> int:
+def history_row(tick: float) -> int:
     """Return the place of z of a tick in the past; ticks below 0 are those before the run."""
     return int(tick - HISTORY * floor(tick / HISTORY))
 
 
 @inline
-def newest(now: float, x: Any, u: Any) -> None:
+def use_newest(now: float, x: States, u: Inputs) -> None:
     """Without a delay, use what came last, whatever its tick."""
     for j in range(JOINTS):
         x.used.q[j] = where(u.position_tick > 0.5, u.q_rad[j], x.used.q[j])
@@ -145,7 +175,7 @@ def newest(now: float, x: Any, u: Any) -> None:
 
 
 @inline
-def store(now: float, delay: float, x: Any, u: Any) -> None:
+def store_frames(now: float, delay: float, x: States, u: Inputs) -> None:
     """Put what came into the buffers."""
     for j in range(JOINTS):
         put(x.positions[j], u.position_tick, now, delay, u.q_rad[j])
@@ -155,7 +185,7 @@ def store(now: float, delay: float, x: Any, u: Any) -> None:
 
 
 @inline
-def play(due: float, x: Any) -> None:
+def use_due(due: float, x: States) -> None:
     """Take out what is due; hold x unless all of it is there."""
     missing = 0.0
     for j in range(JOINTS):
@@ -173,29 +203,29 @@ def play(due: float, x: Any) -> None:
 
 
 @inline
-def listen(now: float, delay: float, x: Any, u: Any) -> None:
+def receive(now: float, delay: float, x: States, u: Inputs) -> None:
     """Use the x of N ticks ago."""
     if delay < 0.5:
-        newest(now, x, u)
+        use_newest(now, x, u)
         return
-    store(now, delay, x, u)
-    play(now - delay, x)
+    store_frames(now, delay, x, u)
+    use_due(now - delay, x)
 
 
 @inline
-def keep_model(now: float, p: Any, x: Any) -> None:
+def advance_model(now: float, p: Parameters, x: States) -> None:
     """Bring z from the tick of the last call to `now` under the u of then (1), storing each."""
     for _ in range(int(now - x.z_tick)):
         advance(p.model, x.z, x.u_last)
         x.z_tick += 1.0
-        at = remembered(x.z_tick)
+        row = history_row(x.z_tick)
         for j in range(JOINTS):
-            x.past_z_q[at, j] = x.z.q[j]
-            x.past_z_v[at, j] = x.z.v[j]
+            x.past_z_q[row, j] = x.z.q[j]
+            x.past_z_v[row, j] = x.z.v[j]
 
 
 @inline
-def compared_tick(now: float, p: Any, x: Any) -> float:
+def compared_tick(now: float, p: Parameters, x: States) -> float:
     """Return the tick of the z that belongs to the x in use (2)."""
     age = where(p.use_echo > 0.5, x.used_age, p.delay_ticks)
     oldest = now - (HISTORY - 1.0)
@@ -203,36 +233,61 @@ def compared_tick(now: float, p: Any, x: Any) -> float:
 
 
 @inline
-def compare(tick: float, x: Any, y: Any) -> None:
+def compare_with_model(tick: float, x: States, y: Outputs) -> None:
     """Write how far the x in use is from the z of its tick."""
-    at = remembered(tick)
+    row = history_row(tick)
     for j in range(JOINTS):
-        y.off_rad[j] = x.used.q[j] - x.past_z_q[at, j]
-        y.off_rate_rad_s[j] = x.used.v[j] - x.past_z_v[at, j]
+        y.off_rad[j] = x.used.q[j] - x.past_z_q[row, j]
+        y.off_rate_rad_s[j] = x.used.v[j] - x.past_z_v[row, j]
 
 
 @inline
-def control(j: int, t: float, dt: float, p: Any, x: Any, y: Any) -> None:
-    """Write u of joint `j` by (2) to (4), with what is shown of it."""
-    size, omega, start = p.amplitude_rad[j], p.omega_rad_s[j], p.start_rad[j]
-    delay_s = p.delay_ticks * dt
-    q_d, v_d, a_d = soft_sine(t, size, omega, p.rise_s)
+def reference(j: int, t: float, p: Parameters) -> tuple[float, float, float]:
+    """Return q_d, q_d', q_d'' of joint `j`."""
+    q_d, rate, acceleration = soft_sine(t, p.amplitude_rad[j], p.omega_rad_s[j], p.rise_s)
+    return p.start_rad[j] + q_d, rate, acceleration
+
+
+@inline
+def desired(j: int, t: float, delay_s: float, p: Parameters) -> tuple[float, float, float]:
+    """Return q_d, q_d' that the robot is compared with, and q_d'' of now."""
+    q_d, rate, acceleration = reference(j, t, p)
     if p.match > 0.5:
-        q_d, v_d, _ = soft_sine(t - 2.0 * delay_s, size, omega, p.rise_s)
-    q, v = x.used.q[j], x.used.v[j]
-    if p.predictor > 0.5:  # (2)
-        q, v = x.z.q[j] + y.off_rad[j], x.z.v[j] + y.off_rate_rad_s[j]
-    e, e_rate = start + q_d - q, v_d - v
-    r = e_rate + p.lam_per_s * e  # (3)
-    u = a_d + p.lam_per_s * e_rate + p.kv_per_s * r  # (4)
-    if p.local_law > CANCEL:
-        u = u - A21 * q - A22 * v
+        q_d, rate, _ = reference(j, t - 2.0 * delay_s, p)
+    return q_d, rate, acceleration
+
+
+@inline
+def predicted(j: int, p: Parameters, x: States, y: Outputs) -> tuple[float, float]:
+    """Return xf (2): with the predictor, or the delayed robot."""
+    smith = p.predictor > 0.5
+    q = where(smith, x.z.q[j] + y.off_rad[j], x.used.q[j])
+    v = where(smith, x.z.v[j] + y.off_rate_rad_s[j], x.used.v[j])
+    return q, v
+
+
+@inline
+def wire_value(u: float, p: Parameters) -> float:
+    """Return u as the robot gets it: within the wire's range, in whole quanta."""
     u = clip(u, -U_LIMIT_RAD_S2, U_LIMIT_RAD_S2)
     if p.u_lsb_rad_s2 > 0.0:
         u = p.u_lsb_rad_s2 * floor(u / p.u_lsb_rad_s2 + 0.5)
-    aim, _, _ = soft_sine(t - delay_s, size, omega, p.rise_s)
+    return u
+
+
+@inline
+def command_joint(j: int, t: float, dt: float, p: Parameters, x: States, y: Outputs) -> None:
+    """Write u of joint `j` by (2) to (4), with what is shown of it."""
+    delay_s = p.delay_ticks * dt
+    q_d, v_d, a_d = desired(j, t, delay_s, p)
+    q, v = predicted(j, p, x, y)  # (2)
+    e, e_rate = q_d - q, v_d - v
+    r = e_rate + p.lam_per_s * e  # (3)
+    bare = a_d + p.lam_per_s * e_rate + p.kv_per_s * r
+    u = wire_value(where(p.local_law > CANCEL, bare - A21 * q - A22 * v, bare), p)  # (4)
+    aim, _, _ = reference(j, t - delay_s, p)
     y.u_rad_s2[j] = x.u_last[j] = u
-    y.aim_rad[j], y.e_rad[j], y.r_rad_s[j] = start + aim, e, r
+    y.aim_rad[j], y.e_rad[j], y.r_rad_s[j] = aim, e, r
     y.seen_rad[j], y.z_rad[j] = x.used.q[j], x.z.q[j]
 
 
@@ -240,12 +295,12 @@ def control(j: int, t: float, dt: float, p: Any, x: Any, y: Any) -> None:
 def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
     """One tick; see the module header."""
     now = floor(t / dt + 0.5)
-    keep_model(now, p, x)
-    listen(now, p.delay_ticks, x, u)
+    advance_model(now, p, x)
+    receive(now, p.delay_ticks, x, u)
     compared = compared_tick(now, p, x)
-    compare(compared, x, y)
+    compare_with_model(compared, x, y)
     for j in range(JOINTS):
-        control(j, t, dt, p, x, y)
+        command_joint(j, t, dt, p, x, y)
     y.tick, y.law, y.delay = wire_tick(now), p.local_law, p.delay_ticks
     y.held_x, y.looked_up = x.missed, now - compared
 
@@ -261,10 +316,15 @@ def prepare(settings: Mapping[str, float], rate_hz: float, seed: int) -> Prepare
     start = [settings["start_1_rad"], settings["start_2_rad"]]
     resting = 0.0 if settings["local_law"] == CANCEL else -A21
     states: dict[str, float | list[float]] = {
-        "z_q": start, "past_z_q": start * HISTORY, "u_last": [resting * q for q in start],
-        "used_q": start, "played_q": start, "used_tick": -ticks,
-        "used_age": ticks, "played_age": ticks,
-    }  # fmt: skip
+        "z_q": start,
+        "past_z_q": start * HISTORY,
+        "u_last": [resting * q for q in start],
+        "used_q": start,
+        "played_q": start,
+        "used_tick": -ticks,
+        "used_age": ticks,
+        "played_age": ticks,
+    }
     return Prepared({**own, "delay_ticks": ticks, **sampled(1.0 / rate_hz)}, states)
 
 

@@ -10,8 +10,6 @@ Beyond |r| = r_max the law is latched off and sends 0: `diverged`. Without units
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 5.3; lam and Kv are chosen.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Ports, inline, port, stage
 from pcpc.executive.laws.emath import where
 from pcpc.executive.laws.models.second_order_map import drift
@@ -54,16 +52,16 @@ class Outputs(Ports):
 
 
 @inline
-def desired(p: Any, u: Any, y: Any) -> None:
-    """Write e2, r (1) and tau_d (2)."""
+def desired(p: Ports, u: Ports, y: Ports) -> None:
+    """Write e2, r (1) and tau_d (2); the ports are named as here."""
     y.e = u.x2 - u.x_d
     y.r = y.e + p.lam * (u.x1 - u.x_d_previous)
     y.tau_d = u.x_d_next - p.lam * y.e - drift(u.x1, u.x2, p.model_c) + p.kv * y.r
 
 
 @inline
-def sound(p: Any, x: Any, y: Any) -> bool:
-    """Return whether the law was never latched off."""
+def is_sound(p: Ports, x: Ports, y: Ports) -> bool:
+    """Return whether the law was never latched off; `x` has States."""
     healthy = abs(y.r) <= p.r_max  # false for NaN
     x.latched = where(healthy, x.latched, 1.0)
     y.diverged = x.latched
@@ -74,7 +72,7 @@ def sound(p: Any, x: Any, y: Any) -> bool:
 def step(t: float, dt: float, p: Gains, x: States, u: Inputs, y: Outputs) -> None:
     """One step of the map; see the module header."""
     desired(p, u, y)
-    y.command = where(sound(p, x, y), y.tau_d, 0.0)  # (3)
+    y.command = where(is_sound(p, x, y), y.tau_d, 0.0)  # (3)
     y.ahead = 0.0
 
 

@@ -8,8 +8,6 @@ At rest |tau_i| <= |G_i| + friction: what is not compensated stays as e_i = tau_
 rad/s, N m; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 3.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
 
 JOINTS = 2
@@ -40,7 +38,7 @@ class Outputs(Ports):
 
 
 @inline
-def errors(i: int, lam: float, u: Any, y: Any) -> None:
+def errors(i: int, lam: float, u: Inputs, y: Outputs) -> None:
     """Write e and r of joint i: (1) (2)."""
     y.e_rad[i] = u.q_d_rad[i] - u.q_rad[i]
     y.r_rad_s[i] = u.q_d_rate_rad_s[i] - u.rate_rad_s[i] + lam * y.e_rad[i]

@@ -9,11 +9,9 @@ whatever is not compensated stays as about r = f/Kv. Scalar gains serve both joi
 N m; positive torque raises q. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 7.
 """
 
-from typing import Any
-
-from pcpc.executive.laws.block import Block, Nothing, Ports, inline, port, stage
+from pcpc.executive.laws.block import Array, Block, Nothing, Ports, inline, port, stage
 from pcpc.executive.laws.emath import cos
-from pcpc.executive.laws.models.two_link import inertia
+from pcpc.executive.laws.models.two_link import inertia, inertia_times
 from pcpc.plants.families.two_link.laws import arm_pd
 from pcpc.plants.families.two_link.laws.arm_pd import JOINTS, Inputs, Outputs
 
@@ -30,18 +28,17 @@ class Gains(Ports):
 
 
 @inline
-def errors(p: Any, u: Any, y: Any) -> None:
+def errors(p: Gains, u: Inputs, y: Outputs) -> None:
     """Write e and r (1)."""
     for i in range(JOINTS):
         arm_pd.errors(i, p.lam_per_s, u, y)
 
 
 @inline
-def torques(p: Any, q: Any, wanted_1: float, wanted_2: float, tau: Any) -> None:
+def torques(p: Gains, q: Array, wanted_1: float, wanted_2: float, tau: Array) -> None:
     """Write tau (3) for the wanted accelerations of both joints; `q`: both angles."""
     m11, m12, m22 = inertia(cos(q[1]), p.a1_m, p.a2_m, p.m1_kg, p.m2_kg)
-    tau[0] = m11 * wanted_1 + m12 * wanted_2
-    tau[1] = m12 * wanted_1 + m22 * wanted_2
+    tau[0], tau[1] = inertia_times(m11, m12, m22, wanted_1, wanted_2)
 
 
 @stage

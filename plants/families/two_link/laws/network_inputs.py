@@ -6,8 +6,6 @@ Weights rest in a cycle without new measurements. rad, rad/s. Source: Lewis, Cam
 2002), chapters 3 and 7.
 """
 
-from typing import Any
-
 from pcpc.executive.laws.block import Ports, inline, port
 from pcpc.executive.laws.emath import where
 from pcpc.plants.families.two_link.laws import arm_pd
@@ -35,7 +33,7 @@ class Inputs(arm_pd.Inputs):
 
 
 @inline
-def observe(u: Any, x: Any) -> None:
+def observe(u: Inputs, x: Vector) -> None:
     """Write x (1)."""
     x.one = 1.0
     for i in range(JOINTS):
@@ -47,6 +45,6 @@ def observe(u: Any, x: Any) -> None:
 
 
 @inline
-def tuned_s(dt: float, u: Any) -> float:
+def tuned_s(dt: float, u: Inputs) -> float:
     """Return for how long to tune in this cycle, s."""
     return where(u.missing_cycles > 0.0, 0.0, dt)

@@ -1,0 +1,28 @@
+"""The robot as a bare double integrator under u(t - T), as far as its nominal model is right.
+
+    tau = Mhat ul + Vm q' + G                                                                (8)
+
+Numbers, ul and limits: robot_node.py. rad, rad/s, N m. Source: Lewis, Campos, Selmic (SIAM 2002),
+chapter 8.
+"""
+
+from pcpc.executive.laws.block import Block, inline, stage
+from pcpc.plants.telerobot.laws import robot_node
+from pcpc.plants.telerobot.laws.robot_node import Inputs, Outputs, Parameters, States
+
+
+@inline
+def torque(p: Parameters, x: States, u: Inputs) -> tuple[float, float]:
+    """Return tau of both joints, before the limits (8)."""
+    return robot_node.computed_torque(x.ul[0], x.ul[1], p, x, u)
+
+
+@stage
+def step(t: float, dt: float, p: Parameters, x: States, u: Inputs, y: Outputs) -> None:
+    """One tick; see the module header."""
+    now = robot_node.receive(t, dt, True, p, x, u)
+    tau_1, tau_2 = torque(p, x, u)  # (8)
+    robot_node.send(now, tau_1, tau_2, p, x, u, y)
+
+
+BLOCK = Block(step, settings=robot_node.Settings, prepare=robot_node.prepare)
