@@ -90,15 +90,15 @@ def passes(p: float, known: list[int]) -> float:
     return sum(a * p**w * (1.0 - p) ** (BITS - w) for w, a in enumerate(known) if w)
 
 
-def _count(frames: Any, wrong: int, runs: int, seed: int, into: Any) -> None:
+def _count(frames: Any, state: Any, wrong: int, runs: int, seed: int, into: Any) -> None:
     """Count frames with `wrong` inverted bits (0: drawn data) by what the check makes of them."""
     np.random.seed(seed)
-    state = np.zeros((1, 10), np.int64)
     data, places = np.zeros(8, np.uint8), np.zeros(64, np.int64)
     for _ in range(runs):
         for i in range(8):
             data[i] = np.random.randint(0, 256)
-        state[0, :] = 0
+        state[0].last_counter = 0
+        state[0].still_cycles = 0
         if wrong > 0:
             e2e.protect(data, 0, frames, 1)
             for i in range(64):
@@ -114,7 +114,7 @@ def _count(frames: Any, wrong: int, runs: int, seed: int, into: Any) -> None:
 def measured(wrong: int, runs: int, seed: int, code: Code = CRC_8) -> NDArray[np.int64]:
     """Return how often the receiver came to each of its states."""
     into = np.zeros(6, np.int64)
-    _counted()(code.rows, wrong, runs, seed, into)
+    _counted()(code.rows, e2e.new_state(1), wrong, runs, seed, into)
     return into
 
 
