@@ -43,6 +43,11 @@ def compared(*words: str | Path, code: int) -> Done:
     return done
 
 
+def test_a_comparison_that_is_refused_leaves_no_folder(tmp_path: Path) -> None:
+    compared("one", "-o", tmp_path / "figures", code=2)
+    assert not list(tmp_path.iterdir())
+
+
 def pairs(*words: str | Path, code: int) -> dict[str, Any]:
     """Return the pairs that `--json` tells, by rig."""
     told = json.loads(compared(*words, "--json", "-", code=code).out)

@@ -8,6 +8,7 @@ from typing import Any
 from pcpc.drivers.errors import UserError
 from pcpc.executive.durations import duration_ns, duration_s
 from pcpc.tools.terminal.command import Add
+from pcpc.tools.terminal.option_notes import need_value
 from pcpc.tools.terminal.rooms import offers
 
 MOST_SEED = 2**53  # which a float holds, as JSON and logs have numbers
@@ -55,6 +56,7 @@ class _Standby(argparse.Action):
         self, parser: argparse.ArgumentParser, options: argparse.Namespace, text: Any, *_: Any
     ) -> None:
         """Append it to the settings."""
+        need_value(parser, "--standby", text)
         if not text.strip(", "):
             parser.error(f"--standby {text!r}: names no controller")
         options.set = [*options.set, f"standby=[{text}]"]

@@ -16,6 +16,7 @@ class _Store(argparse._StoreAction):
         values: Any,
         option_string: str | None = None,
     ) -> None:
+        need_value(parser, option_string, values)
         if option_string is not None and repr(_note(self, options, values)) != repr(values):
             parser.error(f"{option_string}: given twice, with two values")
         super().__call__(parser, options, values, option_string)
@@ -45,11 +46,18 @@ class _Append(argparse._AppendAction):
         values: Any,
         option_string: str | None = None,
     ) -> None:
+        need_value(parser, option_string, values)
         _note(self, options, True)
         super().__call__(parser, options, values, option_string)
 
 
 ACTIONS = {None: _Store, "store": _Store, "store_true": _StoreTrue, "append": _Append}
+
+
+def need_value(parser: argparse.ArgumentParser, option: str | None, value: Any) -> None:
+    """Refuse `--option=--`, which argparse takes for a list of nothing."""
+    if option is not None and value == []:
+        parser.error(f"{option} '--': expected a value")
 
 
 def note_options(parser: argparse.ArgumentParser) -> None:

@@ -3,6 +3,7 @@
 import argparse
 import math
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit, UserError
@@ -19,8 +20,15 @@ def command(options: argparse.Namespace) -> int:
     """Compare, print, write; NOT_MET for a difference that counts."""
     if not (math.isfinite(options.tolerance) and options.tolerance >= 0.0):
         raise UserError(f"--tolerance {options.tolerance:g}: expected 0 or more")
+    is_new = options.output is not None and not Path(options.output).exists()
     how = How(options.tolerance, _folder(options.output))
-    found = _compared(options, how, Progress(options.quiet))
+    try:
+        found = _compared(options, how, Progress(options.quiet))
+    except UserError:
+        if is_new and how.figures is not None:
+            with suppress(OSError):  # it holds figures already
+                how.figures.rmdir()
+        raise
     files = {options.markdown: found.markdown(), options.json: found.json()}
     for name in (name for name in files if name not in (None, "-")):
         _write(Path(name), files[name])

@@ -1,11 +1,13 @@
 """Commands: bench."""
 
+import argparse
 from pathlib import Path
 
 from pcpc.drivers.errors import Exit
 from pcpc.tools.terminal import arguments as take
 from pcpc.tools.terminal.command import BASIC_CODES, Add, Command
 
+MOST_ROUNDS = 10_000
 _SUITES = {  # by their modules, one of which may go with what it measures
     "steps": "one step of controllers and plant against C at -O2",
     "generated": "C that `pcpc generate c` makes of laws against C by hand",
@@ -25,10 +27,17 @@ SUITES = {
 }
 
 
+def _rounds(text: str) -> int:
+    """Return a number of rounds that ends this week."""
+    if (count := take.positive(text)) > MOST_ROUNDS:
+        raise argparse.ArgumentTypeError(f"expected at most {MOST_ROUNDS}, got {text!r}")
+    return count
+
+
 def bench(add: Add) -> None:
     """Take suites."""
     add("names", nargs="*", metavar="NAME", help="suites; default: all but batch, rate, startup")
-    add("--rounds", type=int, default=15, metavar="N", help="default 15")
+    add("--rounds", type=_rounds, default=15, metavar="N", help="default 15")
     add("--json", type=Path, metavar="FILE", help="write the ratios there too")
     take.quiet(add)
 
