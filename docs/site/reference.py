@@ -232,7 +232,12 @@ def _definition(node: Any, name: str, level: str) -> list[str]:
     told = _prose(ast.get_docstring(node) or "")
     if isinstance(node, ast.FunctionDef):
         return [f"\n{level} {name}\n", f"```text\n{_call(name, node)}\n```\n", told]
-    members = [one for one in node.body if isinstance(one, ast.FunctionDef) and one.name[0] != "_"]
+    body = node.body
+    if any(ast.unparse(base) == "Result" for base in node.bases):  # it makes text and files of them
+        result = _defined("tools.study.result")["Result"].body
+        makes = {"lines", "facts", "pictures"}
+        body = [one for one in [*body, *result] if getattr(one, "name", "") not in makes]
+    members = [one for one in body if isinstance(one, ast.FunctionDef) and one.name[0] != "_"]
     lines, values = [f"\n{level} {name}\n", told], [one for one in members if _is_value(one)]
     lines += ["\n| value | type | |", "|---|---|---|"] if values else []
     for one in values:

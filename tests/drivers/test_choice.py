@@ -16,9 +16,9 @@ ROOT = Path(__file__).resolve().parents[2]
 BOTH = ("executive", "plant")
 TAKE = """
 import sys
-from pcpc.drivers.choice import Wanted, take
+from pcpc.drivers.choice import Wanted, take_bus
 sys.stdin.read(1)
-taken = take(Wanted("auto", None, *sys.argv[1:2], tuple(sys.argv[2].split(","))))
+taken = take_bus(Wanted("auto", None, *sys.argv[1:2], tuple(sys.argv[2].split(","))))
 print(taken.bus, flush=True)
 sys.stdin.read()
 """

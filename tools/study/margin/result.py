@@ -41,16 +41,12 @@ class Response:
     spread: Vector | None = None
     coherence: Vector | None = None
 
-    def facts(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
-        measured = {"spread": self.spread, "coherence": self.coherence}
-        return {
-            "margins": self.margins.json(),
-            "f_hz": self.f_hz,
-            "real": self.response.real,
-            "imaginary": self.response.imag,
-            **(measured if self.spread is not None else {}),
-        }
+    def json(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        parts = {"f_hz": self.f_hz, "real": self.response.real, "imaginary": self.response.imag}
+        if self.spread is not None and self.coherence is not None:
+            parts |= {"spread": self.spread, "coherence": self.coherence}
+        return {"margins": self.margins.json()} | {k: v.tolist() for k, v in parts.items()}
 
 
 @dataclass(frozen=True)
@@ -114,7 +110,7 @@ class Margin(Result):
     def facts(self) -> dict[str, Any]:
         """Return all; of the poles the largest."""
         found = {name: value for name, value in vars(self).items() if name != "poles"}
-        found |= {method: one.facts() for method, one in self.responses.items()}
+        found |= {method: one.json() for method, one in self.responses.items()}
         return found | {"largest_pole": max(np.abs(self.poles).tolist(), default=None)}
 
     def pictures(self) -> Mapping[str, "Figure"]:
