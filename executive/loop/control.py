@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.structures import words_of
-
 LINE_BYTES = 64
 GROUPS = (
     ("stop",),  # 1: the end is asked for
@@ -58,6 +56,3 @@ def blank() -> np.record:
     """Return control words that are all 0."""
     record: np.record = np.zeros(1, CONTROL)[0]
     return record
-
-
-__all__ = ["CONTROL", "CONTROL_WORDS", "GROUPS", "blank", "place", "words_of"]
