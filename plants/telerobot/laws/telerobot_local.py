@@ -2,7 +2,7 @@
 
     4 network   telerobot_network.py      3 robust   telerobot_robust.py: W rests
     2 As        telerobot_model.py        1 cancel   telerobot_cancel.py
-    0 unknown   tau = 0, until the first frame tells                     robot_node.py (9)
+    0 unknown   tau = 0, until the first frame tells; robot_node.py                         (9)
 
 A rig whose operator never changes may name one of the four as its law instead.
 rad, rad/s, N m. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 8.

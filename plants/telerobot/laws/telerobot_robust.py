@@ -1,5 +1,7 @@
 """The law of telerobot_network.py without its tuning (6): W stays 0, the robust term is alone.
 
+    tau = Mhat (ul + A21 q + A22 q' - Kr st)                                             (3) (4)
+
 rad, rad/s, N m. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 8.
 """
 
