@@ -16,7 +16,8 @@ class _Store(argparse._StoreAction):
         values: Any,
         option_string: str | None = None,
     ) -> None:
-        need_value(parser, option_string, values)
+        if self.nargs is None:
+            need_value(parser, option_string, values)
         if option_string is not None and repr(_note(self, options, values)) != repr(values):
             parser.error(f"{option_string}: given twice, with two values")
         super().__call__(parser, options, values, option_string)
@@ -46,7 +47,8 @@ class _Append(argparse._AppendAction):
         values: Any,
         option_string: str | None = None,
     ) -> None:
-        need_value(parser, option_string, values)
+        if self.nargs is None:
+            need_value(parser, option_string, values)
         _note(self, options, True)
         super().__call__(parser, options, values, option_string)
 

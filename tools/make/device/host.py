@@ -131,7 +131,7 @@ class _WaitingForDevice(PeerWait):
             self.heard = heard_frames(self.rig, blocks["plant"])
         return over
 
-    def told(self, leader: str, bus: str, rig_file: str) -> str:
+    def message(self, leader: str, bus: str, rig_file: str) -> str:
         """Return what to say once it was too long: what came, and what did not."""
         kept = "no cycle was done, so no run is kept; docs/device.md"
         missing = ", ".join(frame.name for frame in _frames(self.rig) if frame.has_sequence)
