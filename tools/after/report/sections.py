@@ -94,7 +94,7 @@ def metrics(record: Record) -> Table | None:
             state = "met" if low <= value <= high else Strong("not met")
             state = "not judged" if name in summary.not_judged else state
         rows.append(
-            (name, f"{value:.4g}" if name in summary.metrics else "not summary", bounds, state)
+            (name, f"{value:.4g}" if name in summary.metrics else "not told", bounds, state)
         )
     return Table(("metric", "value", "limits", ""), rows, (1,))
 
