@@ -19,6 +19,8 @@ FAULTS = """\
   late: {kind: stall, node: executive, from: 215ms, for: 3ms}
   low: {kind: stall, node: plant, from: 240ms, for: 3ms}
   forged: {kind: masquerade, frame: FB, from: 260ms, for: 1ms}
+"""
+BY_HAND = """\
   spare: {kind: stuck, at: "plant:tx.FB.encoder"}
   break: {kind: stall, node: plant}
 """
@@ -35,7 +37,17 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = path.read_text().partition("evaluation:")[0]
     before, limits, after = text.partition("  limits:\n")
     text = f"{before}  plausible: {PLAUSIBLE}\n{limits}{after}"
-    path.write_text(f"{text}errors: {{implausible: 99}}\nfaults:\n{FAULTS}")
+    path.write_text(f"{text}errors: {{implausible: 99}}\nfaults:\n{FAULTS}{BY_HAND}")
+    return path
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the motor with faults that only a hand begins: no stall of the machine can end it."""
+    path = tmp_path_factory.mktemp("by_hand") / "motor" / "rig.yaml"
+    done = pcpc("new", str(path.parent))
+    assert done.code == 0, str(done)
+    path.write_text(f"{path.read_text().partition('evaluation:')[0]}faults:\n{BY_HAND}")
     return path
 
 
@@ -74,9 +86,9 @@ def test_a_paced_run_with_faults_is_replayed_bit_by_bit(rig: Path, tmp_path: Pat
         assert done.code == 0 and done.out.count("bit-identical") == 2, str(done)
 
 
-def test_a_fault_is_begun_and_ended_while_the_rig_runs(rig: Path) -> None:
+def test_a_fault_is_begun_and_ended_while_the_rig_runs(calm: Path) -> None:
     with package.running(
-        rig, pacing="real", set={"duration_s": 60.0, "supervisor.fault_after_cycles": 10000}
+        calm, pacing="real", set={"duration_s": 60.0, "supervisor.fault_after_cycles": 10000}
     ) as live:
         before = live.inject("spare")
         live.wait_until("plant:fault.spare.left", above=0.5, within_s=20)
@@ -96,10 +108,10 @@ def test_a_fault_is_begun_and_ended_while_the_rig_runs(rig: Path) -> None:
     assert all(node.identical for node in run.replay())
 
 
-def test_the_command_lists_begins_and_ends_them(rig: Path, tmp_path: Path) -> None:
+def test_the_command_lists_begins_and_ends_them(calm: Path, tmp_path: Path) -> None:
     bus = own_bus()
     lasts = "--set", "duration_s=120", "--set", "supervisor.fault_after_cycles=10000"
-    with Running("run", str(rig), "--pacing", "real", "--bus", bus, *lasts, "--set", "rig=faulty",
+    with Running("run", str(calm), "--pacing", "real", "--bus", bus, *lasts, "--set", "rig=faulty",
                  "--quiet", "-o", str(tmp_path / "run")) as run:  # fmt: skip
         run.in_the_middle("faulty", bus)
         name = run.block("faulty", bus, "plant").name
