@@ -8,7 +8,7 @@ PLANT ?= *
 WORKERS ?= 2
 # what another Python or numpy can change: types, bits, machine code, processes
 CHOICE = tests/golden tests/drivers tests/executive tests/batch tests/plants tests/fuzz \
-	$(addprefix tests/tools/test_,run.py replay.py device.py pytest_plugin.py api.py)
+	$(addprefix tests/tools/test_,run.py pytest_plugin.py api.py)
 
 PIP = @$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
 
