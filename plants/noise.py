@@ -13,8 +13,8 @@ Source: L'Ecuyer, Good parameters and implementations for combined multiple recu
 generators, Operations Research 47 (1999), 159-164.
 """
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import ROUND, where
 
 STREAM_SIZE = 6

@@ -7,8 +7,8 @@
 Where the scale of the CAN signal is the sensor's resolution, the codec rounds instead of (3).
 """
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import floor
 from pcpc.plants.noise import normal
 

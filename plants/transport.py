@@ -7,8 +7,8 @@ sample at its beginning, as book simulations do; with d = 1 a command acts from 
 as with real hardware. Further samples stand for gateways and slow drives.
 """
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 
 DELAY_SIZE = 8
 

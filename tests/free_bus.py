@@ -2,8 +2,8 @@
 
 import socket
 
-from pcpc.drivers import claim
-from pcpc.drivers.choice import used_ports
+from pcpc.drivers.can.choice import used_ports
+from pcpc.drivers.machine import claim
 
 GROUP = "239.74.163.11"
 _PORTS = range(20000, 32000, 2)  # below those that the kernel gives to sockets that ask for any

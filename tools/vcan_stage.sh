@@ -31,8 +31,8 @@ quietly "$bin/pcpc" play "$out/simulated/log.mcap" -r 0 --quiet --bus udp_multic
 quietly "$bin/pcpc" bus emulate udp_multicast:239.74.163.3:43119 udp_multicast:239.74.163.3:43120 \
     --for 50ms
 quietly "$bin/python" - <<'PY'
-from pcpc.drivers import wire, wire_layout
-from pcpc.drivers.jit import numba
+from pcpc.drivers.can import wire, wire_layout
+from pcpc.drivers.compiled.jit import numba
 import numpy as np
 
 end = np.zeros(1, wire_layout.WIRE).view(np.recarray)[0]

@@ -58,8 +58,8 @@ or a `Signal`; `Figures`, the figures of merit by name."""
 _BLOCKS = {  # module -> what a law takes of it, by way of laws.block
     "executive.laws.block": ("Block", "Prepared"),
     "executive.laws.ports": ("port", "Port", "group", "required", "Nothing"),
-    "drivers.stage": ("stage",),
-    "drivers.jit": ("inline",),
+    "drivers.compiled.stage": ("stage",),
+    "drivers.compiled.jit": ("inline",),
 }
 _PARTS = (
     "sensors", "noise", "integrate", "transport", "actuators.stick_slip", "actuators.friction",

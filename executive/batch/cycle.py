@@ -31,11 +31,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc, e2e
-from pcpc.drivers.jit import OPTIONS, inline, numba
-from pcpc.drivers.lanes import WIDTH, in_single
-from pcpc.drivers.stage import call, part
-from pcpc.drivers.views import lane_rows
+from pcpc.drivers.can import dbc, e2e
+from pcpc.drivers.compiled.jit import OPTIONS, inline, numba
+from pcpc.drivers.compiled.lanes import WIDTH, in_single
+from pcpc.drivers.compiled.stage import call, part
+from pcpc.drivers.compiled.views import lane_rows
 from pcpc.executive.laws.emath import ROUND, where
 from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh

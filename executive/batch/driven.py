@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import LOOP_INTERPRETED, OPTIONS, numba
-from pcpc.drivers.lanes import WIDTH, LanesDiffer, table
-from pcpc.drivers.stage import Stage, call, part
-from pcpc.drivers.views import lane_rows
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, OPTIONS, numba
+from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer, table
+from pcpc.drivers.compiled.stage import Stage, call, part
+from pcpc.drivers.compiled.views import lane_rows
 from pcpc.executive.batch import cycle
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.loop import shared as sh

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import LOOP_INTERPRETED
-from pcpc.drivers.lanes import WIDTH, LanesDiffer, table
-from pcpc.drivers.stage import Stage
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
+from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer, table
+from pcpc.drivers.compiled.stage import Stage
 from pcpc.executive.batch import cycle
 from pcpc.executive.log.description import NodeDescription, node_description
 from pcpc.executive.loop import exchange, losses, reception

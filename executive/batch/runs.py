@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
 from pcpc.drivers.errors import UserError
-from pcpc.drivers.lanes import WIDTH, LanesDiffer
 from pcpc.executive.batch.group import Group, NotInLanes, Traces, hung
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader as logs

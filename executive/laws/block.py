@@ -19,9 +19,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.stage import Stage, stage
-from pcpc.drivers.views import Array, flat
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.stage import Stage, stage
+from pcpc.drivers.compiled.views import Array, flat
 from pcpc.executive.laws.ports import Nothing, Port, Ports, group, port, required
 
 __all__ = [

@@ -20,7 +20,7 @@ fixes those of a libm. So stages call these functions, never `math` or numpy.
     floor, clip, sign, pow2     exact     all x; pow2: whole numbers -1022..1023
 
 NaN gives NaN (its bits are the processor's). Arguments are float64. `where`, `pow2` and `sqrt` are
-the only primitives, for a number of one run and for one of each lane (`drivers.lanes`).
+the only primitives, for a number of one run and for one of each lane (`drivers.compiled.lanes`).
 
 Polynomials: own Chebyshev fits, computed in 60 digits. Methods: Cody and Waite, Software Manual for
 the Elementary Functions (1980); Dekker, A floating-point technique for extending the available
@@ -39,8 +39,8 @@ from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import lower_builtin, type_callable
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.lanes import LANE, WIDTH, Lane, Mask, called
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.lanes import LANE, WIDTH, Lane, Mask, called
 
 ROUND = 6755399441055744.0  # 1.5 * 2^52: (x + ROUND) - ROUND is x rounded to whole, |x| < 2^51
 WHOLE = 4503599627370496.0  # 2^52: from here on every double is a whole number

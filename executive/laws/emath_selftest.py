@@ -10,8 +10,8 @@ import sys
 
 import numpy as np
 
-from pcpc.drivers.jit import compiled
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import compiled
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws import emath
 
 POINTS = 1000

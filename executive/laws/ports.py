@@ -13,8 +13,9 @@ its bases. In the table, elements of a port with a shape are `w_0`, `w_1`, ... r
 `named="position_#_rad"` they are `position_1_rad`, `position_2_rad`, .... Groups add no prefix of
 their own.
 
-Compiled, such an argument is a pointer whose type holds places and shapes (`drivers.views`).
-Interpreted, it is an object of the class over a float64 view of the table.
+Compiled, such an argument is a pointer whose type holds places and shapes
+(`drivers.compiled.views`). Interpreted, it is an object of the class over a float64 view of the
+table.
 """
 
 import math
@@ -23,7 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeVar, cast
 
-from pcpc.drivers.views import Field, Layout
+from pcpc.drivers.compiled.views import Field, Layout
 from pcpc.executive.errors import did_you_mean
 
 MOST_VALUES = 1_000_000  # of a declaration; a node holds far less, `executive.nodes.plan` says it

@@ -37,7 +37,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
-from pcpc.drivers.regular_files import open_regular
+from pcpc.drivers.machine.regular_files import open_regular
 from pcpc.executive.log.inventory import CHUNK_HEAD, Inventory
 from pcpc.executive.log.mcap_records import (
     CHECKED,

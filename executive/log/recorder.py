@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from pcpc.drivers import heap
 from pcpc.drivers.errors import Exit
+from pcpc.drivers.machine import heap
 from pcpc.executive.errors import code_of
 from pcpc.executive.log.channels import Channels, write_description
 from pcpc.executive.log.description import node_description

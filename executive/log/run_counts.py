@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.e2e_states import OK_SOME_LOST
+from pcpc.drivers.can.e2e_states import OK_SOME_LOST
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.long_logs import Table, sidecar
 from pcpc.executive.loop import shared

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import error_frames as told
-from pcpc.drivers.e2e_states import BUS_ERROR
-from pcpc.drivers.jit import loop_function
-from pcpc.drivers.structures import words
+from pcpc.drivers.can import error_frames as told
+from pcpc.drivers.can.e2e_states import BUS_ERROR
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import words
 from pcpc.executive.loop import control
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.rings import push_frame

@@ -11,9 +11,9 @@ met the other node (`arm_pass`); ON_FRAMES, and before, the frames awaited do.
 
 from typing import Any
 
-from pcpc.drivers import libc
-from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.structures import words
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.structures import words
 from pcpc.executive.loop import control
 
 REAL, LOCKSTEP, VIRTUAL, GIVEN = range(4)

@@ -22,10 +22,10 @@ Python object, no allocation, no lock, no file.
 
 from typing import Any
 
-from pcpc.drivers import libc
-from pcpc.drivers.jit import i8, loop, loop_function, types
-from pcpc.drivers.stage import ENTRY
-from pcpc.drivers.structures import structure, words
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
+from pcpc.drivers.compiled.stage import ENTRY
+from pcpc.drivers.compiled.structures import structure, words
 from pcpc.executive.loop import control, meeting, timing
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import next_period, now, runs, set_time, wait

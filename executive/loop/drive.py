@@ -14,7 +14,7 @@ code and register; it is sent when the code changes.
 
 from typing import Any
 
-from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop.faults import ERROR_CODES, ERROR_REGISTERS
 from pcpc.executive.loop.limits import settled
 from pcpc.executive.loop.states import State

@@ -1,6 +1,6 @@
 """The kinds of events in a node's ring: number, word in a log, what each is about."""
 
-from pcpc.drivers.numbered import Numbered
+from pcpc.drivers.compiled.numbered import Numbered
 
 VARIABLE, FRAME = "variable", "frame"  # whose place or id the argument is
 

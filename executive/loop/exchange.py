@@ -13,8 +13,8 @@ So each node does one cycle more than the one above it. That is the order of loc
 from functools import cache
 from typing import Any
 
-from pcpc.drivers import wire
-from pcpc.drivers.jit import i8, loop, loop_function, types
+from pcpc.drivers.can import wire
+from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
 from pcpc.executive.loop.cycle import STEPS, N, finish, one_pass, pass_or_finish
 from pcpc.executive.loop.reception import wait_for_peer
 from pcpc.executive.loop.sending import announce, request_first_sample

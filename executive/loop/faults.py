@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import can_id
-from pcpc.drivers.numbered import Numbered
+from pcpc.drivers.can import can_id
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.executive.loop.shared import GREETING
 
 # error codes and registers of CiA 301's emergency frame

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import loop_function
-from pcpc.drivers.structures import data_of
-from pcpc.drivers.wire import put_frame
+from pcpc.drivers.can.wire import put_frame
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop.injection import acts, is_on, size
 
 

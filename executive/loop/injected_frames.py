@@ -25,10 +25,10 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import dbc, e2e
-from pcpc.drivers.e2e_states import INJECTED, ON_PURPOSE
-from pcpc.drivers.jit import loop_function
-from pcpc.drivers.structures import copy, data_of
+from pcpc.drivers.can import dbc, e2e
+from pcpc.drivers.can.e2e_states import INJECTED, ON_PURPOSE
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH
 from pcpc.executive.loop.intrusion import suspect

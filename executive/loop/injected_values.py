@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.compiled.jit import loop_function
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
 from pcpc.executive.loop.injection_layout import FAULT_DEPTH

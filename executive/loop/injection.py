@@ -14,7 +14,7 @@ and seed give the same faults whatever the pacing and the bus.
 
 from typing import Any
 
-from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop.losses import FACTOR, PRIME
 
 LEFT, VALUE, SHARE, BURST = range(4)  # places from that of `fault.NAME.left` on

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from pcpc.drivers.rows import RECEIVER
-from pcpc.drivers.wire_layout import FRAME_BYTES
+from pcpc.drivers.can.wire_layout import FRAME_BYTES
+from pcpc.drivers.compiled.rows import RECEIVER
 
 MAX_FAULTS = 32
 FAULT_DEPTH = 64  # values or frames that a fault may hold back

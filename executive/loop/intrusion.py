@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import can_id, codec, e2e
-from pcpc.drivers.jit import loop_function
-from pcpc.drivers.structures import copy, data_of
+from pcpc.drivers.can import can_id, codec, e2e
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.plausibility import take_plausible

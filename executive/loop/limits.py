@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault

@@ -12,8 +12,8 @@ import zlib
 from collections.abc import Mapping
 from typing import Any
 
-from pcpc.drivers import dbc
-from pcpc.drivers.jit import loop_inline
+from pcpc.drivers.can import dbc
+from pcpc.drivers.compiled.jit import loop_inline
 
 ENTER, LEAVE = 0, 1  # columns of `loss`: p and q of (1)
 STATE, LOST = 0, 1  # columns of `loss_state`: s of (2), 1 in the lost state

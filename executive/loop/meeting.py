@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import codec
-from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.structures import copy
-from pcpc.drivers.wire import put_frame
-from pcpc.drivers.wire_layout import FRAME_BYTES
+from pcpc.drivers.can import codec
+from pcpc.drivers.can.wire import put_frame
+from pcpc.drivers.can.wire_layout import FRAME_BYTES
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.strangers import blame, word_of
 

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import e2e
-from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.structures import data_of
+from pcpc.drivers.can import e2e
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop.injected_frames import EXCUSED_CYCLES
 from pcpc.executive.loop.injection import peer_stalled
 

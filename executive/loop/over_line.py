@@ -4,18 +4,18 @@
     plant       its next cycle at k T + phi T, phi its phase behind the executive's, above 0 up
                 to 1: takes what is through by then, sends
 
-What is sent waits for the line (`drivers.line`) from that time on; a frame that is not through when
-its receiver's cycle begins is taken in a later one. What becomes of a node's controller, an error
-frame tells it. Nobody waits for frames: both nodes are as on a clock from their first cycle on. The
-meeting before it and the last words are carried at once.
+What is sent waits for the line (`drivers.can.line`) from that time on; a frame that is not through
+when its receiver's cycle begins is taken in a later one. What becomes of a node's controller, an
+error frame tells it. Nobody waits for frames: both nodes are as on a clock from their first cycle
+on. The meeting before it and the last words are carried at once.
 """
 
 from functools import cache
 from typing import Any
 
-from pcpc.drivers import error_frames, wire
-from pcpc.drivers import line as lines
-from pcpc.drivers.jit import i8, loop, loop_function, types
+from pcpc.drivers.can import error_frames, wire
+from pcpc.drivers.can import line as lines
+from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
 from pcpc.executive.loop.cycle import STEPS, N, one_pass, pass_or_finish
 from pcpc.executive.loop.exchange import end_run, meet, work_below
 

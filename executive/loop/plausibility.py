@@ -14,7 +14,7 @@ Until each of its limited signals has been taken once, a frame is not the input 
 
 from typing import Any
 
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.compiled.jit import loop_function
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import FINITE

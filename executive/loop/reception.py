@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import codec, e2e, libc
-from pcpc.drivers.e2e_states import ON_PURPOSE
-from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.structures import copy, data_of
-from pcpc.drivers.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
+from pcpc.drivers.can import codec, e2e
+from pcpc.drivers.can.e2e_states import ON_PURPOSE
+from pcpc.drivers.can.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop import losses, meeting, on_wire
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.bus_state import fault_while_off, note_bus_error
@@ -100,7 +101,7 @@ def patience(n: Any) -> Any:
 
 @loop_inline
 def take(n: Any, block: Any) -> Any:
-    """Take one frame, if one comes; return what came, see `drivers.wire.get_frame`."""
+    """Take one frame, if one comes; return what came, see `drivers.can.wire.get_frame`."""
     result = get_frame(n.wire, block)
     if result == FRAME:
         take_frame(n)

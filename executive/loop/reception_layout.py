@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from pcpc.drivers.rows import row_of
-from pcpc.drivers.wire_layout import FRAME_BYTES
+from pcpc.drivers.can.wire_layout import FRAME_BYTES
+from pcpc.drivers.compiled.rows import row_of
 
 
 def plausible(limits: int) -> list[Any]:

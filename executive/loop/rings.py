@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import libc
-from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import machine_ns, stamp, stopping
 

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import can_id, codec, e2e
-from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.structures import data_of
-from pcpc.drivers.wire import put_frame
+from pcpc.drivers.can import can_id, codec, e2e
+from pcpc.drivers.can.wire import put_frame
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import now
 from pcpc.executive.loop.floods import flood

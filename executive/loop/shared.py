@@ -30,9 +30,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.drivers.can.wire_layout import WIRE
+from pcpc.drivers.compiled.rows import FRAME, RECEIVER, SIGNAL, row_of
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.drivers.rows import FRAME, RECEIVER, SIGNAL, row_of
-from pcpc.drivers.wire_layout import WIRE
 from pcpc.executive.loop.control import CONTROL
 from pcpc.executive.loop.injection_layout import faults
 from pcpc.executive.loop.reception_layout import intrusion, meeting, plausible
@@ -122,7 +122,7 @@ _CLOCK = [
 ]
 _RX = [
     ("n", "<i8"),
-    ("frames", FRAME, (MAX_FRAMES,)),  # tables of drivers.dbc
+    ("frames", FRAME, (MAX_FRAMES,)),  # tables of drivers.can.dbc
     ("signals", SIGNAL, (MAX_SIGNALS,)),
     ("role", _ROLE, (MAX_FRAMES,)),
     ("loss", "<f8", (MAX_FRAMES, 2)),  # of `executive.loop.losses`
@@ -132,7 +132,7 @@ _RX = [
     ("awaited", "<i8"),
     ("started", "<i8"),  # those of this cycle so far
     ("fresh", "<i8"),
-    ("state", RECEIVER, (MAX_FRAMES,)),  # see drivers.e2e
+    ("state", RECEIVER, (MAX_FRAMES,)),  # see drivers.can.e2e
     ("source", "<i8", (MAX_FRAMES,)),  # who sends them, see `executive.loop.strangers`
     ("strange", "<i8", (2, 2)),
     ("loss_state", "<i8", (MAX_FRAMES, 2)),

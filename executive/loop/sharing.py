@@ -4,10 +4,10 @@
     mailbox     what clients write
 
 Both are sealed: nobody can shorten them under whom has mapped them. The rest of the LOOP record is
-private to the process. The socket has an abstract name (`drivers.claim`) with user, rig, bus and
-role; it gives both files to this user and root, tells by its end that the node is gone, and leaves
-nothing behind. A client may say what it is: HOST, for which the node stays after its end until it
-is told LEAVE, or RECORDER.
+private to the process. The socket has an abstract name (`drivers.machine.claim`) with user, rig,
+bus and role; it gives both files to this user and root, tells by its end that the node is gone, and
+leaves nothing behind. A client may say what it is: HOST, for which the node stays after its end
+until it is told LEAVE, or RECORDER.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import claim, kernel
+from pcpc.drivers.machine import claim, kernel
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.shared import (
     LOOP,

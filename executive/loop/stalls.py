@@ -7,7 +7,7 @@ periods, as after a stall of the machine.
 
 from typing import Any
 
-from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop.clock import GIVEN, paced
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.injection import any_on

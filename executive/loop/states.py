@@ -35,8 +35,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import loop_inline
-from pcpc.drivers.numbered import Numbered
+from pcpc.drivers.compiled.jit import loop_inline
+from pcpc.drivers.compiled.numbered import Numbered
 from pcpc.executive.loop.faults import Fault
 
 

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.stage import call, part
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.stage import call, part
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import now
 from pcpc.executive.loop.events import Event

@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import can_id, codec, e2e_states
-from pcpc.drivers.jit import loop_function
-from pcpc.drivers.wire import FAILED, FRAME, get_frame
-from pcpc.drivers.wire_layout import STRANGER
+from pcpc.drivers.can import can_id, codec, e2e_states
+from pcpc.drivers.can.wire import FAILED, FRAME, get_frame
+from pcpc.drivers.can.wire_layout import STRANGER
+from pcpc.drivers.compiled.jit import loop_function
 from pcpc.executive.loop.clock import now, runs, stopping
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault

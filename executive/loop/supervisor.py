@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import e2e
-from pcpc.drivers.jit import loop_function, loop_inline
+from pcpc.drivers.can import e2e
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop import on_wire
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import CLOCKED, stopping

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import libc
-from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.structures import words
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.structures import words
 from pcpc.executive.loop import control
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event

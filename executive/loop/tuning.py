@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import libc
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import loop_function
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.events import Event

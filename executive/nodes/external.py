@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import LOOP_INTERPRETED
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
 Vector = NDArray[np.float64]
 Step = Callable[[float, float, Vector, Vector, Vector, Vector], None]
@@ -25,7 +25,7 @@ _DONE = 0
 
 
 class External:
-    """What stands in for a step; `entry` as of `drivers.stage.Stage`, for as long as this lives.
+    """What stands in for a step; `entry` as of `compiled.stage.Stage`, for as long as this lives.
 
     `declared`: the ports of the step that it replaces. `step` may not raise.
     """

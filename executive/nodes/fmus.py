@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import compile_cache
+from pcpc.drivers.compiled import compile_cache
 from pcpc.executive.errors import RigError, one_line
 from pcpc.executive.rig.blocks import BlockSpec
 
@@ -76,10 +76,10 @@ def close(made: "Plan") -> None:
 
 
 class Instance:
-    """One instance, initialised for t = 0; RigError. `head` is what `drivers.fmi` reads."""
+    """One instance, initialised for t = 0; RigError. `head` is what `compiled.fmi` reads."""
 
     def __init__(self, spec: BlockSpec, where: str) -> None:
-        from pcpc.drivers import fmi
+        from pcpc.drivers.compiled import fmi
 
         self.name, self._where = spec.name, where
         self.words: list[str] = []
@@ -107,7 +107,7 @@ class Instance:
 
     def failure(self) -> str:
         """Return what became of it, with its own words; "" if it is well."""
-        from pcpc.drivers import fmi
+        from pcpc.drivers.compiled import fmi
 
         status = int(self.head[fmi.STATUS])
         if status <= fmi.WARNING:
@@ -183,7 +183,7 @@ class Instance:
 
     def _describe(self, spec: BlockSpec) -> None:
         """Fill `head` and the groups behind it."""
-        from pcpc.drivers import fmi
+        from pcpc.drivers.compiled import fmi
 
         step, outputs = self._step, self.model.of("output")
         rows = [
@@ -202,7 +202,7 @@ class Instance:
         self, role: int, variables: "list[Variable]", settings: Mapping[str, float]
     ) -> Iterator[list[int]]:
         """Yield a row of GROUP for the variables of each type."""
-        from pcpc.drivers import fmi
+        from pcpc.drivers.compiled import fmi
 
         for kind in dict.fromkeys(_method(one.kind, self._three) for one in variables):
             own = [
@@ -234,7 +234,7 @@ class Instance:
         return found
 
 
-_KINDS = {  # of a setter: the code of `drivers.fmi`
+_KINDS = {  # of a setter: the code of `drivers.compiled.fmi`
     kind: code
     for code, kind in enumerate(
         ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64",

@@ -1,4 +1,4 @@
-"""A gateway that makes one CAN line of two channels: the model of `drivers.line` on a clock.
+"""A gateway that makes one CAN line of two channels: the model of `drivers.can.line` on a clock.
 
 What comes on one side waits in that side's transmit queue, and goes out on the other at the time
 at which its last bit would be there. The model's bit 0 is the start of the gateway; a frame counts
@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import error_frames, libc, line, wire
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import error_frames, line, wire
+from pcpc.drivers.can.wire_layout import MEMORY, SOCKETCAN, WIRE
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import i8, loop, loop_function
+from pcpc.drivers.compiled.structures import copy, structure
 from pcpc.drivers.errors import BusError
-from pcpc.drivers.jit import i8, loop, loop_function
-from pcpc.drivers.structures import copy, structure
-from pcpc.drivers.wire_layout import MEMORY, SOCKETCAN, WIRE
 from pcpc.executive.nodes.player import (
     CONTROL_WORDS,
     DOUBLINGS,
@@ -139,7 +140,7 @@ class Gateway:
     """A gateway between two buses; `carry` runs in a thread of the caller until `stop`."""
 
     def __init__(self, bitrate: int, room: int, **options: Any) -> None:
-        """`options` are those of `drivers.line.prepare`."""
+        """`options` are those of `drivers.can.line.prepare`."""
         self.bitrate = bitrate
         self.n = self._block(bitrate, room, options)
         dry = self._block(bitrate, room, options)  # compiled, loaded, touched

@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from pcpc.drivers import can_id, dbc
+from pcpc.drivers.can import can_id, dbc
 from pcpc.executive.loop.shared import GREETING
 from pcpc.executive.rig.carried_files import with_local_imports
 from pcpc.executive.rig.law_lookup import law_source

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import dbc, e2e, wire
-from pcpc.drivers.bus import RECEIVE_TIMEOUT_US
-from pcpc.drivers.wire_layout import MEMORY
+from pcpc.drivers.can import dbc, e2e, wire
+from pcpc.drivers.can.bus import RECEIVE_TIMEOUT_US
+from pcpc.drivers.can.wire_layout import MEMORY
 from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, LOCKSTEP, ON_FRAMES, REAL, VIRTUAL

@@ -12,7 +12,7 @@ from typing import Any
 
 from msgspec.structs import asdict
 
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import signals  # noqa: F401  tables may be signals of a log
@@ -35,7 +35,7 @@ from pcpc.executive.rig.schema import Limit
 
 @dataclass
 class Plan:
-    """Everything that `install` writes; tables of frames are those of `drivers.dbc`."""
+    """Everything that `install` writes; tables of frames are those of `drivers.can.dbc`."""
 
     rig: Rig
     role: Role

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import injected_frames, injected_values, losses

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.table import Table, Variable

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import libc, wire
-from pcpc.drivers.jit import i8, loop, loop_function, types
-from pcpc.drivers.structures import copy, structure
-from pcpc.drivers.wire_layout import MEMORY, UDP, WIRE
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import wire
+from pcpc.drivers.can.wire_layout import MEMORY, UDP, WIRE
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
+from pcpc.drivers.compiled.structures import copy, structure
 
 WITHIN_NS = 200_000  # the share of frames with an error up to here is counted exactly
 FINE = 128  # bins to a doubling

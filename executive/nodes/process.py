@@ -30,9 +30,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import choice, claim, kernel, realtime
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import choice
 from pcpc.drivers.errors import BusError, Exit, UserError
+from pcpc.drivers.machine import claim, kernel, realtime
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log.provenance import facts
 from pcpc.executive.loop import faults, sharing

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e_states, error_frames
-from pcpc.drivers.jit import f8, i8, loop, loop_function, u1
-from pcpc.drivers.structures import copy
-from pcpc.drivers.wire_layout import FRAME_BYTES, STRANGER
+from pcpc.drivers.can import e2e_states, error_frames
+from pcpc.drivers.can.wire_layout import FRAME_BYTES, STRANGER
+from pcpc.drivers.compiled.jit import f8, i8, loop, loop_function, u1
+from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.log import reader as logs

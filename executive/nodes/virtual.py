@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import line as lines
+from pcpc.drivers.can import line as lines
 from pcpc.executive.laws.emath_selftest import selftest
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.description import node_description

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers.choice import Wanted
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can.choice import Wanted
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.roles import Role
 
@@ -11,7 +11,7 @@ OVER_LINE = "line"  # the pacing of a plan
 
 
 def wanted_bus(rig: Rig, roles: tuple[Role, ...], named: str | None) -> Wanted:
-    """Return what `drivers.choice` needs to know; `named` is a --bus option, before the rig's."""
+    """Return what `can.choice` needs to know; `named` is a --bus option, before the rig's."""
     config = rig.config
     channel = None if config.bus.channel is None else str(config.bus.channel)
     asked = (config.bus.interface, channel) if named is None else buses.parse(named)
@@ -40,6 +40,6 @@ def virtual_pacing(rig: Rig) -> str:
 
 
 def line_options(rig: Rig) -> dict[str, Any]:
-    """Return what the rig says of its emulated line, for `drivers.line.prepare`."""
+    """Return what the rig says of its emulated line, for `drivers.can.line.prepare`."""
     bus = rig.config.bus
     return {"p": bus.bit_error_rate, "burst": bus.error_burst, "seed": rig.config.seed}

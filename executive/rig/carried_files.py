@@ -21,7 +21,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypedDict
 
-from pcpc.drivers.compile_cache import cache_folder
+from pcpc.drivers.compiled.compile_cache import cache_folder
 
 MOST_BYTES = 64 << 20  # of all carried files of a node together
 AREAS = ("drivers", "executive", "plants", "tools")

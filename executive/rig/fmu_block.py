@@ -16,8 +16,8 @@ from typing import Any
 
 from msgspec import Struct
 
-from pcpc.drivers import fmi
-from pcpc.drivers.stage import Stage
+from pcpc.drivers.compiled import fmi
+from pcpc.drivers.compiled.stage import Stage
 from pcpc.executive.laws.block import Block, Ports, Prepared, port
 
 INPUT, OUTPUT, PARAMETER, START = "input", "output", "parameter", "start"  # roles
@@ -92,7 +92,7 @@ class FmuStep(Stage):
 
     @property
     def entry(self) -> Any:
-        """What `drivers.stage.call` takes."""
+        """What `drivers.compiled.stage.call` takes."""
         return fmi.entry()
 
     @property

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
-from pcpc.drivers.compile_cache import lies_at
+from pcpc.drivers.compiled.compile_cache import lies_at
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.yamlfile import shown
 
@@ -23,8 +23,8 @@ _PROJECT = Path(__file__).resolve().parents[2]
 _OWN = {  # how laws are read and stepped, evaluations read and asked
     _PROJECT / f"{name}.py"
     for name in (
-        "drivers/jit", "drivers/stage", "drivers/views", "executive/laws/block",
-        "executive/laws/ports",
+        "drivers/compiled/jit", "drivers/compiled/stage", "drivers/compiled/views",
+        "executive/laws/block", "executive/laws/ports",
         "executive/rig/modules", "executive/rig/preparation", "executive/rig/law_lookup",
         "executive/rig/trial", "plants/drawing", "plants/evaluation", "plants/judging",
         "plants/pages", "plants/scene", "plants/statistics", "plants/study",

@@ -8,7 +8,7 @@ heartbeat    ids 0x700 to 0x77F, as in CANopen
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import meeting
 from pcpc.executive.rig.reading import Rig

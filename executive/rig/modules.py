@@ -16,9 +16,9 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from types import ModuleType
 
-from pcpc.drivers import compile_cache
-from pcpc.drivers.compile_cache import cache_folder, keep_by
-from pcpc.drivers.patience import StalledError, patience
+from pcpc.drivers.compiled import compile_cache
+from pcpc.drivers.compiled.compile_cache import cache_folder, keep_by
+from pcpc.drivers.machine.patience import StalledError, patience
 from pcpc.executive.rig import carried_files
 from pcpc.executive.rig.carried_files import AREAS, Reads, add_reads
 

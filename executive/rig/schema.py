@@ -36,7 +36,7 @@ Condition = Annotated[str, Meta(max_length=300)]  # see `rig.expressions`
 class Bus(Keyed):
     """A bus as python-can names it; `bitrate` null means that its load is not checked.
 
-    `emulate`: a CAN line with this bit rate lies between the nodes, see `drivers.line`, with
+    `emulate`: a CAN line with this bit rate lies between the nodes, see `drivers.can.line`, with
     transmit queues of `queue` frames and errors of `bit_error_rate`, `error_burst` in a row.
     """
 

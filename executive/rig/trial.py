@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 import pcpc
-from pcpc.drivers import compile_cache
+from pcpc.drivers.compiled import compile_cache
 from pcpc.executive.rig.carried_files import Reads, add_reads, noted_reads, sha256
 from pcpc.executive.rig.law_errors import cause, is_users, located, users_place
 from pcpc.executive.rig.yamlfile import shown

@@ -23,7 +23,7 @@ from typing import Any
 
 import yaml
 
-from pcpc.drivers.regular_files import open_regular
+from pcpc.drivers.machine.regular_files import open_regular
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.yaml_parser import compose, reads_the_same
 

@@ -12,7 +12,7 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 2; (2) is the play operator o
 literature.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import where
 
 

@@ -15,7 +15,7 @@ for slopes other than 1, u - D(u) is not bounded, only the form (2) keeps a boun
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 2.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import clip, where
 
 

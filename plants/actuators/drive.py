@@ -7,7 +7,7 @@ N m, rad/s, s; `stall` is the torque at standstill on the full bus voltage, w_nl
 Above w_nl the voltage limit turns into a brake, itself limited to the peak torque.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import clip
 
 

@@ -13,7 +13,7 @@ with vd keeps (4) passive. Source: Canudas de Wit, Olsson, Astrom, Lischinsky, A
 control of systems with friction, IEEE Trans. Automatic Control 40 (1995).
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import expmsq, sign, tanh, where
 
 

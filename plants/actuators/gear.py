@@ -10,7 +10,7 @@ rad, N m. `gap` is the total play at the output. T acts + on the load and -T/N o
 factor min(1, |pen|/p0) lets the damper fade in over p0, so that T is continuous at touch.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import where
 
 

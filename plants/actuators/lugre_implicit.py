@@ -18,7 +18,7 @@ rad, rad/s, N m, s. Source: Canudas de Wit, Olsson, Astrom, Lischinsky, A new mo
 systems with friction, IEEE Trans. Automatic Control 40 (1995); the scheme is this project's.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import expmsq
 from pcpc.executive.laws.models.two_link import solved
 

@@ -15,7 +15,7 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 2; the formulas of (4) and (5
 available copies, (5) follows the book's list of symbols, the roles in (4) are chosen.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import exp
 
 

@@ -19,7 +19,7 @@ Units: dt times torque for p and c, e.g. N m s. Source: implicit time stepping o
 friction, as in J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988).
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import clip, where
 from pcpc.executive.laws.models.two_link import solved
 

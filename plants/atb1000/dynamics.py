@@ -24,8 +24,8 @@ T_s: gear.py, T_f: friction.py, tau_m: drive.py; T_c is added by rough.py, or 0.
 Source: assumed modes on a rotating clamped-free beam, with beam.py's modal data.
 """
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import sincos
 from pcpc.plants.actuators import drive, friction, gear
 from pcpc.plants.atb1000.beam import GRAVITY_M_S2

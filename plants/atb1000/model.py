@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import compiled
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.executive.laws.block import Block, Prepared, flat, inline, stage
 from pcpc.executive.laws.emath import clip, cos, sin, sincos, where
 from pcpc.plants.atb1000 import dynamics as dyn

@@ -20,8 +20,8 @@ at t = 0. The motion of the world is integrated with that of the barrel, by the 
 from collections.abc import Mapping
 from typing import Any
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.block import flat
 from pcpc.executive.laws.emath import clip, cos, exp, floor, sin, sqrt, where
 from pcpc.plants.atb1000 import dynamics as dyn

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pcpc.drivers.lanes import WIDTH, LanesDiffer
+from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer
 from pcpc.executive.batch.group import Group, NotInLanes
 from pcpc.executive.log.reader import Log
 from pcpc.executive.nodes.planned_controllers import put_back

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcpc.drivers.lanes import WIDTH
+from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.group import Group
 from pcpc.executive.batch.runs import Case, Runs
 from pcpc.executive.nodes.virtual import in_memory

@@ -18,7 +18,7 @@ import yaml
 from blocks import ROOT, blocks_of
 from wheel_file import wheel_file
 
-from pcpc.drivers.compile_cache import user_cache
+from pcpc.drivers.compiled.compile_cache import user_cache
 from pcpc.tools import cli
 
 (_TEXT,) = [b.text for b in blocks_of(ROOT / "docs/ci.md") if b.text.startswith("# .github/")]

@@ -16,10 +16,10 @@ from free_bus import own_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcpc.drivers import bus, choice, wire, wire_layout
-from pcpc.drivers.bus import Bus
-from pcpc.drivers.dbc import BusError
-from pcpc.drivers.jit import LOOP_INTERPRETED
+from pcpc.drivers.can import bus, choice, wire, wire_layout
+from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.dbc import BusError
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
 ROOT = Path(__file__).resolve().parents[2]
 OTHER_GROUP, THIRD_GROUP = "239.74.163.9", "239.74.163.10"

@@ -19,7 +19,7 @@ sys.stdin.read()
 """
 WATCHES = """\
 import json, os, threading
-from pcpc.drivers.bystander import keep_off
+from pcpc.drivers.machine.bystander import keep_off
 over = threading.Event()
 other = threading.Thread(target=over.wait, daemon=True)
 other.start()

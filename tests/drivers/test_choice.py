@@ -9,14 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from pcpc.drivers import bus, choice, claim
-from pcpc.drivers.choice import Choice, Wanted
+from pcpc.drivers.can import bus, choice
+from pcpc.drivers.can.choice import Choice, Wanted
+from pcpc.drivers.machine import claim
 
 ROOT = Path(__file__).resolve().parents[2]
 BOTH = ("executive", "plant")
 TAKE = """
 import sys
-from pcpc.drivers.choice import Wanted, take_bus
+from pcpc.drivers.can.choice import Wanted, take_bus
 sys.stdin.read(1)
 taken = take_bus(Wanted("auto", None, *sys.argv[1:2], tuple(sys.argv[2].split(","))))
 print(taken.bus, flush=True)

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import pytest
 
-from pcpc.drivers import claim
+from pcpc.drivers.machine import claim
 
 ROOT = Path(__file__).resolve().parents[2]
 HOLD = """
 import sys
-from pcpc.drivers import claim
+from pcpc.drivers.machine import claim
 held = claim.hold(sys.argv[1])
 print(held is not None, flush=True)
 sys.stdin.read()
 """
 TAKE = """
 import sys
-from pcpc.drivers import claim
+from pcpc.drivers.machine import claim
 sys.stdin.read(1)
 held = [claim.hold(f"{sys.argv[1]}/{i}") for i in range(200)]
 print(200 - held.count(None), flush=True)

@@ -17,8 +17,8 @@ from cantools.database.conversion import BaseConversion
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pcpc.drivers import can_id, codec, dbc
-from pcpc.drivers.jit import JIT_OFF
+from pcpc.drivers.can import can_id, codec, dbc
+from pcpc.drivers.compiled.jit import JIT_OFF
 
 ROOT = Path(__file__).resolve().parents[2]
 ATB1000 = dbc.load(ROOT / "plants/atb1000/atb1000.dbc")

@@ -6,8 +6,8 @@ from pathlib import Path
 import cantools
 import pytest
 
-from pcpc.drivers import dbc
-from pcpc.drivers.dbc import BusError, DbcError
+from pcpc.drivers.can import dbc
+from pcpc.drivers.can.dbc import BusError, DbcError
 
 HEAD = 'VERSION "1"\nBU_: A B\n'
 CYCLIC = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'

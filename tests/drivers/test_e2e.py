@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc, e2e, e2e_states
-from pcpc.drivers.rows import RECEIVER
+from pcpc.drivers.can import dbc, e2e, e2e_states
+from pcpc.drivers.compiled.rows import RECEIVER
 
 DBC = dbc.load(Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc")
 WIDE_DBC = """VERSION ""

@@ -9,7 +9,7 @@ BLOCKS, BLOCK_BYTES = 200, 100_000
 SCRIPT = f"""
 import sys
 import numpy as np
-from pcpc.drivers import heap
+from pcpc.drivers.machine import heap
 
 def resident():
     return int(open("/proc/self/statm").read().split()[1]) * 4096
@@ -37,4 +37,4 @@ def test_what_is_freed_goes_back_to_the_kernel(kept: str) -> None:
     if kept == "given back":
         assert left < 0.1 * held
     else:
-        assert left > 0.5 * held, "glibc gives it back by itself: drivers.heap is needless"
+        assert left > 0.5 * held, "glibc gives it back by itself: drivers.machine.heap is needless"

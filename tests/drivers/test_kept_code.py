@@ -11,16 +11,16 @@ from typing import Any
 
 import pytest
 
-from pcpc.drivers import compile_cache
+from pcpc.drivers.compiled import compile_cache
 from pcpc.executive.rig import law_errors
 from pcpc.executive.rig.modules import module_of
 
 ROOT = Path(__file__).resolve().parents[2]
-LAW = "from pcpc.drivers.jit import compiled, f8\n" + "".join(
+LAW = "from pcpc.drivers.compiled.jit import compiled, f8\n" + "".join(
     f"@compiled(f8(f8))\ndef times{i}(x):\n    return {i}.0 * x\n\n" for i in range(10)
 )
 MAIN = """
-from pcpc.drivers import compile_cache
+from pcpc.drivers.compiled import compile_cache
 import law
 print([getattr(law, f"times{i}")(1.5) / 1.5 for i in range(10)] == list(range(10)))
 print(compile_cache.watch.done)
@@ -142,8 +142,8 @@ def test_a_user_without_a_home_has_a_cache(
 def test_copies_of_the_project_with_equal_sources_share_code_and_others_do_not(
     tmp_path: Path,
 ) -> None:
-    main = "from pcpc.drivers.compile_cache import watch; import pcpc.executive.laws.idle as _; "
-    main += "print(watch.done)"
+    main = "from pcpc.drivers.compiled.compile_cache import watch; "
+    main += "import pcpc.executive.laws.idle as _; print(watch.done)"
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
 
     def compiled(root: Path) -> int:
@@ -175,7 +175,8 @@ def test_a_function_whose_file_was_edited_before_it_is_compiled_is_not_kept_unde
 ) -> None:
     """The cache of a function is set up when it is compiled, which may be long after its import."""
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
-    text = "from pcpc.drivers.jit import compiled\n\n@compiled()\ndef f(x):\n    return x + {}\n"
+    text = "from pcpc.drivers.compiled.jit import compiled\n\n"
+    text += "@compiled()\ndef f(x):\n    return x + {}\n"
     main = "import sys; sys.path.insert(0, '.'); import law; {} print(law.f(1.0))"
     (tmp_path / "law.py").write_text(text.format("1.0"))
     edit = f"open('law.py', 'w').write({text.format('20.0')!r});"
@@ -194,7 +195,7 @@ def test_a_function_whose_file_was_edited_before_it_is_compiled_is_not_kept_unde
 
 LAW_ALONE = """
 import math
-from pcpc.drivers.jit import compiled, f8
+from pcpc.drivers.compiled.jit import compiled, f8
 @compiled(f8(f8))
 def root(x):
     if x < 0.0:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcpc.drivers.jit import numba
-from pcpc.drivers.lanes import WIDTH, LanesDiffer, in_single, table
-from pcpc.drivers.views import lane_rows
+from pcpc.drivers.compiled.jit import numba
+from pcpc.drivers.compiled.lanes import WIDTH, LanesDiffer, in_single, table
+from pcpc.drivers.compiled.views import lane_rows
 from pcpc.executive.laws.emath import pow2, sqrt, where
 
 TINY, HUGE = 5e-324, 1.7976931348623157e308

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import libc
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import loop_function
 
 EBADF, EINVAL = 9, 22
 SECOND_NS = 1_000_000_000

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from test_frame_bits import arbitration, classic_frame, classic_stream
 
-from pcpc.drivers import line as lines
-from pcpc.drivers.line import BUS_OFF, ERROR, NOTHING, RECOVERED, SENT
+from pcpc.drivers.can import line as lines
+from pcpc.drivers.can.line import BUS_OFF, ERROR, NOTHING, RECOVERED, SENT
 from pcpc.tools.start.bus.response import Message, responses_ns
 
 A, B, C = range(3)

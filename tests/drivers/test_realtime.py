@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from pcpc.drivers.realtime import Report, Setting
+from pcpc.drivers.machine.realtime import Report, Setting
 
 ROOT = Path(__file__).resolve().parents[2]
 
 CHILD = """
 import ctypes, gc, json, os, resource, threading
-from pcpc.drivers import realtime
+from pcpc.drivers.machine import realtime
 
 prctl = ctypes.CDLL(None).prctl
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcpc.drivers.jit import loop_function, numba
-from pcpc.drivers.structures import copy, data_of, structure
+from pcpc.drivers.compiled.jit import loop_function, numba
+from pcpc.drivers.compiled.structures import copy, data_of, structure
 
 INNER = np.dtype([("flag", "<i8"), ("table", "<f8", (3, 4)), ("byte", "u1", (5,))], align=True)
 OUTER = np.dtype(

@@ -23,8 +23,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pcpc.drivers import libc, wire, wire_layout
-from pcpc.drivers.jit import LOOP_INTERPRETED
+from pcpc.drivers.can import wire, wire_layout
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
 ROOT = Path(__file__).resolve().parents[2]
 HOSTILE_BUFFERS = 500 if LOOP_INTERPRETED else 20_000

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcpc.drivers.jit import LOOP_INTERPRETED
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 from pcpc.executive.loop.states import STATE_NAMES
 from pcpc.tools.dev.evidence import cli, envelope, report
 from pcpc.tools.dev.evidence.envelope import CYCLES, LOW, ODD, RATE, REQUESTS, SAFE, Law

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcpc.drivers import e2e
-from pcpc.drivers.lanes import WIDTH
+from pcpc.drivers.can import e2e
+from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.runs import Case as One
 from pcpc.executive.batch.runs import Runs
 from pcpc.executive.nodes.virtual import in_memory

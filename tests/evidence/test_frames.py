@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcpc.drivers import wire
+from pcpc.drivers.can import wire
 from pcpc.tools.dev.evidence import cli, expected, frames, report
 
 COUNT = 400

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import libc
-from pcpc.drivers.jit import i8, loop, loop_function, types, u1
-from pcpc.drivers.structures import copy
-from pcpc.drivers.wire_layout import FRAME_BYTES, QUEUE_FRAMES
+from pcpc.drivers.can.wire_layout import FRAME_BYTES, QUEUE_FRAMES
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import i8, loop, loop_function, types, u1
+from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import stopping
 from pcpc.executive.loop.cycle import STEPS, N, one_pass

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import compiled
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.executive.laws.block import Block
 from pcpc.plants.backlash_map.laws import backlash_nn_discrete
 from pcpc.plants.backlash_pendulum.laws import backlash_nn

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from engine import ROOT, Bench, both, puppet_rig
 
-from pcpc.drivers import e2e_states, error_frames, line, wire
-from pcpc.drivers.wire_layout import MEMORY, WIRE
+from pcpc.drivers.can import e2e_states, error_frames, line, wire
+from pcpc.drivers.can.wire_layout import MEMORY, WIRE
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.bus_state import note_bus_error
 from pcpc.executive.loop.faults import Fault

@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 from numba.core.errors import TypingError
 from numba.core.registry import CPUDispatcher
 
-from pcpc.drivers.jit import JIT_OFF, compiled
+from pcpc.drivers.compiled.jit import JIT_OFF, compiled
 from pcpc.executive.laws import emath
 from pcpc.executive.laws.emath_selftest import selftest
 

@@ -12,9 +12,9 @@ from free_bus import own_bus
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import line, wire, wire_layout
-from pcpc.drivers.line import bit_at, ns_of
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import line, wire, wire_layout
+from pcpc.drivers.can.line import bit_at, ns_of
 from pcpc.executive.nodes.gateway import Gateway
 from pcpc.executive.nodes.player import STOP
 

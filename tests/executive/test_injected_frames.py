@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e_states as e2e
-from pcpc.drivers.e2e import crc8
+from pcpc.drivers.can import e2e_states as e2e
+from pcpc.drivers.can.e2e import crc8
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader
 from pcpc.executive.nodes.virtual import simulate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from engine import ATB1000, Bench, Node, both
 
-from pcpc.drivers import e2e
+from pcpc.drivers.can import e2e
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import faults
 from pcpc.executive.loop.events import Event

@@ -10,7 +10,7 @@ from engine import LOST, Bench, Node, both, puppet_rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcpc.drivers.jit import i8, loop
+from pcpc.drivers.compiled.jit import i8, loop
 from pcpc.executive.loop.cycle import N, finish
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcpc.drivers import wire
-from pcpc.drivers.wire_layout import SOCKETCAN
+from pcpc.drivers.can import wire
+from pcpc.drivers.can.wire_layout import SOCKETCAN
 from pcpc.executive.nodes import player
 from pcpc.executive.nodes.player import Player
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pcpc.drivers.stage import Stage
+from pcpc.drivers.compiled.stage import Stage
 from pcpc.executive.laws.block import (
     Block,
     Nothing,
@@ -160,7 +160,7 @@ def test_vectors_that_do_not_fit_are_refused_before_the_step() -> None:
 
 
 def test_a_changed_layout_is_another_type() -> None:
-    from pcpc.drivers.views import View
+    from pcpc.drivers.compiled.views import View
 
     class Same(Ports):
         a = port("", "", shape=3)

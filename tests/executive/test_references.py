@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import VIEW, compiled, types
-from pcpc.drivers.stage import ENTRY, call, part
+from pcpc.drivers.compiled.jit import VIEW, compiled, types
+from pcpc.drivers.compiled.stage import ENTRY, call, part
 from pcpc.executive.laws import references, sequences
 from pcpc.executive.laws.block import Block
 from pcpc.executive.rig.reading import load_rig

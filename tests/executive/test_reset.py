@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from engine import ATB1000, LOST, Bench, both, puppet_rig
 
-from pcpc.drivers.wire_layout import STRANGER
+from pcpc.drivers.can.wire_layout import STRANGER
 from pcpc.executive.errors import RigError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event

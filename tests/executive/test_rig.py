@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_rig import LAWS, MODEL, RIG, Write, message
 
-from pcpc.drivers.compile_cache import user_cache
+from pcpc.drivers.compiled.compile_cache import user_cache
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig import law_lookup, yamlfile
 from pcpc.executive.rig.modules import project_name

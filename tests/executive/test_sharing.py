@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 import standing
 
-from pcpc.drivers import claim
+from pcpc.drivers.machine import claim
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.nodes import live

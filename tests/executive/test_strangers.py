@@ -9,9 +9,9 @@ import pytest
 from engine import ATB1000, Bench, Node, both
 from free_bus import own_bus
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import e2e, e2e_states, wire, wire_layout
-from pcpc.drivers.bus import Bus
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import e2e, e2e_states, wire, wire_layout
+from pcpc.drivers.can.bus import Bus
 from pcpc.executive.loop import faults, strangers
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event

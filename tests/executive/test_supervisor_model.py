@@ -17,7 +17,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
-from pcpc.drivers.jit import i8, loop
+from pcpc.drivers.compiled.jit import i8, loop
 from pcpc.executive.loop.cycle import N, hear_requests, supervise
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.limits import limit_commands, settled

@@ -112,7 +112,7 @@ def trial_case(rig: Path) -> trial.Case:
 
 def in_this_process(case: trial.Case) -> str:
     """Return what the child finds, without a child; its step is interpreted."""
-    from pcpc.drivers import stage
+    from pcpc.drivers.compiled import stage
 
     before = stage.JIT_OFF
     stage.JIT_OFF = True

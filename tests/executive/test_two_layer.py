@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from pcpc.drivers.jit import compiled
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.executive.laws.approximators import two_layer
 
 N_IN, N, N_JUMP = 6, 10, 4

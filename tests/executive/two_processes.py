@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import bus as buses
+from pcpc.drivers.can import bus as buses
 from pcpc.executive.log.reader import Log
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing

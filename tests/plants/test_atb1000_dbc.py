@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 
 PATH = Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc"
 DATABASE = dbc.load(PATH)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcpc.drivers.jit import compiled
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.plants.actuators.backlash import backlash, backlash_inverse
 
 DETERMINISTIC = settings(max_examples=60, derandomize=True, deadline=None)

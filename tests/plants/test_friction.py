@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import compiled
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.plants.actuators import drive, friction, gear
 
 FC, FS, VS, SIG0, SIG1, SIG2, VD = 2.0, 3.0, 0.01, 2e4, 60.0, 0.8, 0.02

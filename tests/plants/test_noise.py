@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import compiled
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.plants.noise import M1, M2, STREAM_SIZE, normal, seeded, uniform
 
 COUNT = 100_000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from barrel_plant import AT, NAMES, NOMINAL, Plant, Vector
 
-from pcpc.drivers.jit import compiled
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.sensors import lag_rate
 

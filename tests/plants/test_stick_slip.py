@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import compiled
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.plants.actuators import lugre_implicit, sliding, stick_slip
 
 A0, A1, A2, B1, B2 = 35.0, 1.1, 0.9, 50.0, 65.0

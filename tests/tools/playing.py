@@ -13,8 +13,8 @@ import numpy as np
 from copies import program
 from processes import ROOT
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers.wire_layout import WIRE
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can.wire_layout import WIRE
 
 ENOUGH_S = 120.0
 

@@ -15,7 +15,7 @@ from typing import IO, Any
 from copies import PROGRAMS, Copy, copies, end_with_the_tests
 from free_bus import GROUP, own_port
 
-from pcpc.drivers import claim
+from pcpc.drivers.machine import claim
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 

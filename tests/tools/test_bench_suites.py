@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from free_bus import own_bus
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers.wire import FRAME, get_frame, put_frame
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can.wire import FRAME, get_frame, put_frame
 from pcpc.executive.loop import shared as sh
 from pcpc.tools.cli import main
 from pcpc.tools.dev.bench import batch, codec, cycle, frame, rate, recorder, simulate, startup

@@ -13,7 +13,7 @@ import can
 import pytest
 from processes import DEADLINE_S, PCPC, own_bus, until
 
-from pcpc.drivers import bus as buses
+from pcpc.drivers.can import bus as buses
 from pcpc.executive.errors import RigError
 from pcpc.tools.cli import main
 from pcpc.tools.start.bus import run_line as line

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from processes import own_bus, pcpc
 
-from pcpc.drivers import dbc
-from pcpc.drivers.frame_bits import fd_bits
+from pcpc.drivers.can import dbc
+from pcpc.drivers.can.frame_bits import fd_bits
 from pcpc.executive.rig.messages import bus_load
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.cli import main

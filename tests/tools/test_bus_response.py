@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import pytest
 
-from pcpc.drivers.frame_bits import classic_bits, transmission_ns
+from pcpc.drivers.can.frame_bits import classic_bits, transmission_ns
 from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire, bounds_ns
 from pcpc.tools.start.bus.response import Message, responses_ns
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcpc import simulate
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.purity import warnings
 from pcpc.executive.rig.reading import load_rig

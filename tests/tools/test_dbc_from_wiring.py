@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from processes import ROOT, pcpc
 
 import pcpc as api
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.executive.errors import RigError
 from pcpc.tools.dev.evidence.expected import crc16
 from pcpc.tools.make.dbc import Frame, Signal, dbc_text, frames_of, resolution, rigs_of

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from processes import PCPC, ROOT, Done, Running, own_bus, pcpc
 
-from pcpc.drivers import e2e, wire
+from pcpc.drivers.can import e2e, wire
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import diff
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcpc.drivers import dbc, e2e
+from pcpc.drivers.can import dbc, e2e
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.replay import HEAD, PASSES, STAMP, K, Replay, Slice
 from pcpc.executive.rig import messages

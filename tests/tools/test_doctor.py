@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from pcpc.drivers import bus, claim
+from pcpc.drivers.can import bus
+from pcpc.drivers.machine import claim
 from pcpc.tools.cli import main
 from pcpc.tools.machine.doctor import bus as doctor_bus
 from pcpc.tools.machine.doctor import cli as doctor
@@ -119,7 +120,7 @@ def test_an_empty_cache_is_cold_and_one_with_code_is_warm(
     cold = doctor.compile_cache_row()
     assert (cold.state, cold.cure[:14]) == ("warn", "pcpc simulate "), cold
     assert not any(tmp_path.iterdir()), "the doctor wrote into the cache"
-    from pcpc.drivers.compile_cache import cache_folder
+    from pcpc.drivers.compiled.compile_cache import cache_folder
 
     (cache_folder() / "cycle").mkdir(parents=True)
     (cache_folder() / "cycle" / "run.nbi").touch()

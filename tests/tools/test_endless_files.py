@@ -10,7 +10,7 @@ import pytest
 from logcommand import barrel_log, run, run_here
 from processes import RIGS, pcpc
 
-from pcpc.drivers.regular_files import open_regular
+from pcpc.drivers.machine.regular_files import open_regular
 from pcpc.executive.rig import modules
 from pcpc.tools.live.remote import guard
 

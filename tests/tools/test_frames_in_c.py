@@ -13,7 +13,7 @@ import pytest
 from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
 
-from pcpc.drivers import codec, dbc, e2e
+from pcpc.drivers.can import codec, dbc, e2e
 from pcpc.tools.make.generate import frames as in_c
 from pcpc.tools.make.generate.words import identifier
 

@@ -6,7 +6,7 @@ import can
 import pytest
 from processes import Running, own_bus, pcpc
 
-from pcpc.drivers import bus as buses
+from pcpc.drivers.can import bus as buses
 
 RIG = "telerobot-u0"
 EXECUTIVE, LOCAL = 0x701, 0x703  # heartbeats

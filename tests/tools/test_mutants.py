@@ -94,7 +94,7 @@ def test_code_that_is_broken_itself_is_told_and_not_met(
 
 
 def test_mutants_of_a_function_are_what_they_say() -> None:
-    every, _ = build({"drivers.codec": ("frame_of",)}, {}, "", {}, compiled=False)
+    every, _ = build({"drivers.can.codec": ("frame_of",)}, {}, "", {}, compiled=False)
     changes = {f"{one.was} -> {one.becomes}" for one in every}
     assert "frames[row].can_id == number -> frames[row].can_id != number" in changes
     assert "word & can_id.ID -> word | can_id.ID" in changes

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from processes import RIGS, Done, Running, own_bus, pcpc, until
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import wire
-from pcpc.drivers.wire_layout import WIRE
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import wire
+from pcpc.drivers.can.wire_layout import WIRE
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.verdict.frames import LIMITS, too_many

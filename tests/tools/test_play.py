@@ -13,7 +13,7 @@ import pytest
 from playing import Listener, Playing, Sent
 from processes import RIGS, Running, blocks_left, own_bus
 
-from pcpc.drivers import bus as buses
+from pcpc.drivers.can import bus as buses
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.virtual import simulate

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import pytest
 from copies import program
 
-from pcpc.drivers import compile_cache
+from pcpc.drivers.compiled import compile_cache
 
 pytest_plugins = ["pytester"]
 CACHES = compile_cache.user_cache()  # pytester's home is an empty one
@@ -107,7 +107,7 @@ def test_rigs_run_side_by_side_each_on_a_bus_of_its_own(pytester: pytest.Pyteste
 
 def test_a_bus_is_held_for_one_test_at_a_time(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
-        "from pcpc.drivers import choice\n"
+        "from pcpc.drivers.can import choice\n"
         "def test_it(bus):\n"
         "    other = choice.take_bus(choice.Wanted('auto', None, '', ()))\n"
         "    assert ':' in bus and str(other.bus) != bus\n"

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from processes import DEADLINE_S, RIGS, Running, blocks_left, own_bus, pcpc, until
 
-from pcpc.drivers import claim
+from pcpc.drivers.machine import claim
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.schemas import field_names
 from pcpc.executive.nodes.virtual import simulate

@@ -184,7 +184,7 @@ def test_frames_and_load_are_those_on_the_bus(folder: Path) -> None:
     for number in np.unique(frames["id"]):
         count = int((frames["id"] == number).sum())
         assert page.cells("Bus", names[int(number)])[2] == f"{count:,}", names[int(number)]
-    length = 34 + 8 * frames["dlc"].astype(int)  # as in `drivers.frame_bits`, of 11-bit ids
+    length = 34 + 8 * frames["dlc"].astype(int)  # as in `drivers.can.frame_bits`, of 11-bit ids
     bits = int((length + (length - 1) // 4 + 13).sum())
     seconds = 1e-9 * float(frames["stamp_ns"].max() - frames["stamp_ns"].min())
     assert f"Load: {bits / seconds / 1e6:.1%} of 1 Mbit/s" in page.text

@@ -16,8 +16,8 @@ from copies import program
 from live_run import ANSWER_S, ERROR, KV, Run, Screen, pcpc
 from processes import ROOT, until
 
-from pcpc.drivers.e2e_states import ERROR as BAD_CRC
-from pcpc.drivers.e2e_states import OK, OK_SOME_LOST, REPEATED
+from pcpc.drivers.can.e2e_states import ERROR as BAD_CRC
+from pcpc.drivers.can.e2e_states import OK, OK_SOME_LOST, REPEATED
 from pcpc.executive.loop import drive
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault

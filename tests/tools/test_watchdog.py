@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from processes import ATB1000, own_bus, until
 
 import pcpc
-from pcpc.drivers import can_id, codec, e2e
+from pcpc.drivers.can import can_id, codec, e2e
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError
 from pcpc.executive.log.reader import read

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from processes import ROOT, own_bus, pcpc
 
-from pcpc.drivers import bus as buses
+from pcpc.drivers.can import bus as buses
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.make.device.witness import FILE, FIRST, Arrivals, share
 

@@ -9,8 +9,8 @@ import can
 import numpy as np
 import pytest
 
-from pcpc.drivers import bus
-from pcpc.drivers.stuffing import INTERMISSION_BITS, RAW_BITS, WIRE_BITS, encode
+from pcpc.drivers.can import bus
+from pcpc.drivers.can.stuffing import INTERMISSION_BITS, RAW_BITS, WIRE_BITS, encode
 from pcpc.executive.nodes.gateway import Gateway
 
 pytestmark = pytest.mark.vcan

@@ -23,7 +23,7 @@ from live import (
     crc8_j1850,
 )
 
-from pcpc.drivers import e2e
+from pcpc.drivers.can import e2e
 from pcpc.executive.log import reader as logs
 
 pytestmark = pytest.mark.vcan

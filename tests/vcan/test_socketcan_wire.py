@@ -10,9 +10,9 @@ import can
 import numpy as np
 import pytest
 
-from pcpc.drivers import bus, wire, wire_layout
-from pcpc.drivers.bus import Bus
-from pcpc.drivers.dbc import BusError
+from pcpc.drivers.can import bus, wire, wire_layout
+from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.dbc import BusError
 
 pytestmark = pytest.mark.vcan
 

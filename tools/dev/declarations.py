@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers.numbered import NumberedKind
+from pcpc.drivers.compiled.numbered import NumberedKind
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.states import Heartbeat, State
 

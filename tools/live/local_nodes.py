@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Sequence
 
-from pcpc.drivers.bystander import keep_off
+from pcpc.drivers.machine.bystander import keep_off
 from pcpc.executive.nodes import live
 from pcpc.executive.nodes.live import Live
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pcpc.executive.log.signals  # noqa: F401  tables may be signals of a log
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.laws.block import Port
@@ -331,7 +331,7 @@ def dbc_text(frames: list[Frame], nodes: list[str], rate_hz: float) -> str:
 
 
 def _tail(frame: Frame) -> tuple[Signal, ...]:
-    """Return what `drivers.e2e` fills in; in SYNC the sequence is the counter."""
+    """Return what `drivers.can.e2e` fills in; in SYNC the sequence is the counter."""
     if frame.every_ms:
         return ()
     if frame.crc_bits == 8:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.log import names
 from pcpc.executive.loop import shared as sh

@@ -22,9 +22,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import can_id, choice, realtime
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import can_id, choice
 from pcpc.drivers.errors import BusError, Exit
+from pcpc.drivers.machine import realtime
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import frames as play_frames
 from pcpc.tools.after.log.frames import Frames, PlayError

@@ -16,7 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers import choice, compile_cache
+from pcpc.drivers.can import choice
+from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import recorder

@@ -1,6 +1,6 @@
 """What the frames that nodes saw took of their bus, at most, and how regularly they came.
 
-bits     of each frame as many as one of its length can have (`drivers.frame_bits`)
+bits     of each frame as many as one of its length can have (`drivers.can.frame_bits`)
 load     of a bus; a frame counts once, by the node that saw most of it
 sent     the part of it that is from one node
 period   mean time from a frame to the next of its kind
@@ -15,9 +15,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id
-from pcpc.drivers.e2e_states import BUS_ERROR
-from pcpc.drivers.frame_bits import classic_bits
+from pcpc.drivers.can import can_id
+from pcpc.drivers.can.e2e_states import BUS_ERROR
+from pcpc.drivers.can.frame_bits import classic_bits
 from pcpc.executive.rig import schema, yamlfile
 
 Kinds = Counter[tuple[int, int]]  # frames by id word and length
@@ -29,7 +29,9 @@ class Counted:
 
     def __init__(self, rows: NDArray[np.int64]) -> None:
         self.seen, self.sent = Kinds(), Kinds()
-        self.received: dict[int, Counter[int]] = {}  # by id word and state of `drivers.e2e_states`
+        self.received: dict[
+            int, Counter[int]
+        ] = {}  # by id word and state of `drivers.can.e2e_states`
         words, counts = np.unique(rows[:, 3], return_counts=True)
         for word, count in zip(words.tolist(), counts.tolist(), strict=True):
             number, state = word & _ID, word >> _STATE & 0xFF

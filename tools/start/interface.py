@@ -1,6 +1,6 @@
 """The bus that a command line or a rig names, checked before anything is started."""
 
-from pcpc.drivers import bus as buses
+from pcpc.drivers.can import bus as buses
 from pcpc.drivers.errors import BusError
 from pcpc.executive.errors import RigError
 

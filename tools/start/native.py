@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-CPU = "PCPC_CPU"  # of drivers/jit.py, which reads it once
+CPU = "PCPC_CPU"  # of drivers/compiled/jit.py, which reads it once
 
 
 @contextmanager

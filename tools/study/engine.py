@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers.lanes import WIDTH
+from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.group import Traces
 from pcpc.executive.batch.runs import Case, Done, Runs
 from pcpc.executive.errors import RigError

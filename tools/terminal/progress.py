@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from pcpc.drivers import compile_cache
+from pcpc.drivers.compiled import compile_cache
 from pcpc.executive.loop import shared as sh
 
 _IN_PLACE_S = 0.1

@@ -9,7 +9,7 @@
 Source: Lewis, Campos, Selmic (SIAM 2002), chapter 1.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import expmsq, logistic, tanh, where
 
 LOGISTIC, TANH, SYMMETRIC, GAUSSIAN, HARD_LIMIT = range(5)

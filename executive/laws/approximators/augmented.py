@@ -25,8 +25,8 @@ project's, by linearising the sampled loop (Jury's criterion).
 
 from typing import Protocol
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.approximators.two_layer import nodes, square_sum
 from pcpc.executive.laws.emath import clip, exp, sqrt, where
 

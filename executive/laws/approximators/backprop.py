@@ -22,8 +22,8 @@ unless asked to.
 No units but those of E and W. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 1.
 """
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.approximators.activations import activate
 from pcpc.executive.laws.emath import sqrt, where
 

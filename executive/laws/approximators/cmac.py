@@ -20,8 +20,8 @@ The general receptive field on knots t, of which (2) and (3) are uniform cases:
 x, low, d and t in the units of the input. Source: Lewis, Campos, Selmic (SIAM 2002), chapter 1.
 """
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import clip, floor, where
 
 

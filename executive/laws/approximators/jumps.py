@@ -19,8 +19,8 @@ nodes at the wrong c do nothing. Source: Lewis, Campos, Selmic (SIAM 2002), chap
 import math
 from collections.abc import Sequence
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import tanh, where
 
 POLYNOMIAL, SIGMOID, TANH = range(3)

@@ -11,8 +11,8 @@ x and mu in the units of the input, P in their squares. Source: Lewis, Campos, S
 chapter 1; (4) is chosen.
 """
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import exp, expmsq, where
 
 CROSSING = 1.6651092223153954  # sqrt(4 ln 2): (x/d CROSSING)^2 = x^2/(2 p) with (4)

@@ -24,8 +24,8 @@ neural network for jump functions, and the tuning laws with e-modification.
 
 from typing import Protocol
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import clip, exp, logistic, sqrt, where
 
 

@@ -10,8 +10,8 @@ x = (position, rate) of one joint, rad and rad/s; u in rad/s2. Source: Lewis, Ca
 
 import math
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.ports import Ports, port
 
 POLE_PER_S = 5.0

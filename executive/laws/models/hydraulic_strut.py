@@ -23,7 +23,7 @@ and strut in both directions, as the book says, needs the three-way valve (5).
 import math
 from collections.abc import Mapping
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import clip, sqrt, where
 from pcpc.executive.laws.ports import Ports, port
 

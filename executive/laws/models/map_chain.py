@@ -11,7 +11,7 @@ Without units. Source: Lewis, Campos, Selmic (SIAM 2002), chapters 4.3 and 5.3, 
 chains of m inputs and any order; F is chosen, for the book leaves it open.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import where
 from pcpc.executive.laws.models.second_order_map import drift
 

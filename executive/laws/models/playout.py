@@ -8,8 +8,8 @@ Latency and jitter of the bus below N ticks disappear in it: the delay is N tick
 took. A ring holds 512 entries, EMPTY for none. Times are whole ticks; N = 0 needs no buffer.
 """
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import floor, where
 
 SLOTS = 512

@@ -7,7 +7,7 @@ Without units; c = 3/16. Source: Lewis, Campos, Selmic (SIAM 2002), chapters 4.3
 itself is lost in the available copies and stands here as it is known from the literature.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 
 
 @inline

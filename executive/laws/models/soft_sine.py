@@ -5,7 +5,7 @@
 0 for t < 0. Chosen by this project for runs that start at rest.
 """
 
-from pcpc.drivers.jit import inline
+from pcpc.drivers.compiled.jit import inline
 from pcpc.executive.laws.emath import clip, sincos
 
 

@@ -13,8 +13,8 @@ chapters 3, 4 and 7, in the usual textbook form.
 
 from typing import Protocol
 
-from pcpc.drivers.jit import inline
-from pcpc.drivers.views import Array
+from pcpc.drivers.compiled.jit import inline
+from pcpc.drivers.compiled.views import Array
 from pcpc.executive.laws.emath import cos, sincos
 from pcpc.executive.laws.ports import Ports, port
 

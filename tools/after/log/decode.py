@@ -16,9 +16,9 @@ import numpy as np
 from cantools.database.can import Database, Message
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id, codec, dbc, e2e
+from pcpc.drivers.can import can_id, codec, dbc, e2e
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.drivers.errors import BusError
-from pcpc.drivers.jit import compiled
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress
 
@@ -33,7 +33,7 @@ class Decoded:
     """The frames of one id.
 
     `signals`: name, unit, help. `place` (n,): of the decoded ones among all frames; `values`
-    (n, signals). `state`: of all of this id, as in drivers.e2e. `lost`: by the counters.
+    (n, signals). `state`: of all of this id, as in drivers.can.e2e. `lost`: by the counters.
     """
 
     message: Message

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id
+from pcpc.drivers.can import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import series, source

@@ -11,7 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Header
 
 from pcpc.drivers.errors import printable
-from pcpc.drivers.regular_files import open_regular
+from pcpc.drivers.machine.regular_files import open_regular
 from pcpc.executive.log.mcap_reader import Scan, TooMuchError
 from pcpc.executive.log.mcap_records import (
     LARGEST_CHUNK,

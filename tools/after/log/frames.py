@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id
+from pcpc.drivers.can import can_id
+from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.drivers.errors import UserError
-from pcpc.drivers.wire_layout import FRAME_BYTES
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
 

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id
+from pcpc.drivers.can import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import reader as logs
@@ -123,7 +123,7 @@ class _Imported:
 
     def _explain(self, writer: BulkWriter) -> None:
         """Write metadata and attachments as the recorder does."""
-        from pcpc.drivers import dbc_file
+        from pcpc.drivers.can import dbc_file
 
         first_ns = int(self.frames["stamp_ns"][0])
         metadata = facts() | {

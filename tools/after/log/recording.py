@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id
+from pcpc.drivers.can import can_id
 from pcpc.drivers.errors import Exit, printable
-from pcpc.drivers.patience import StalledError, patience
+from pcpc.drivers.machine.patience import StalledError, patience
 from pcpc.executive.log import reader as logs
 from pcpc.tools.terminal.outfile import LogCommandError
 from pcpc.tools.terminal.progress import Progress

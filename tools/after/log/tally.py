@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id
-from pcpc.drivers.e2e_states import INJECTED, name_of
-from pcpc.drivers.frame_bits import classic_bits
+from pcpc.drivers.can import can_id
+from pcpc.drivers.can.e2e_states import INJECTED, name_of
+from pcpc.drivers.can.frame_bits import classic_bits
 from pcpc.executive.log import checks as log_checks
 from pcpc.executive.log import reader as logs
 from pcpc.executive.log.mcap_reader import Scan

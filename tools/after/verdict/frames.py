@@ -15,15 +15,15 @@ from typing import Literal
 
 import numpy as np
 
-from pcpc.drivers import dbc
-from pcpc.drivers.e2e_states import INJECTED
+from pcpc.drivers.can import dbc
+from pcpc.drivers.can.e2e_states import INJECTED
 from pcpc.drivers.errors import BusError
 from pcpc.executive.log.long_logs import LongLog
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig.reading import Rig
 from pcpc.executive.rig.schema import Limit
 
-STATES = {  # of drivers.e2e, which imports numba; lost frames are those between two that came
+STATES = {  # of drivers.can.e2e, which imports numba; lost frames are those between two that came
     0: "used", 1: "used", 2: "repeated", 3: "wrong_sequence", 4: "crc_errors", 6: "lost_on_purpose",
 }  # fmt: skip
 

@@ -13,7 +13,7 @@ import threading
 import time
 from functools import partial
 
-from pcpc.drivers.lanes import WIDTH
+from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.group import Group
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.dev.bench.cycle import RIG, library

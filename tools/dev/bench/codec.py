@@ -1,6 +1,6 @@
 """Packing and unpacking of all frames of the plant's DBC, against cantools and against C.
 
-    Python    drivers.codec: pack all frames from one array, unpack all into another
+    Python    drivers.can.codec: pack all frames from one array, unpack all into another
     C         the same tables and results, frame.c at -O2
     cantools  Message.encode and Message.decode, without checks and without names for values
 
@@ -16,9 +16,9 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc
-from pcpc.drivers.codec import pack, unpack
-from pcpc.drivers.jit import compiled
+from pcpc.drivers.can import dbc
+from pcpc.drivers.can.codec import pack, unpack
+from pcpc.drivers.compiled.jit import compiled
 from pcpc.plants.atb1000 import model
 from pcpc.tools.dev.bench.compiler import address
 from pcpc.tools.dev.bench.cycle import library
@@ -34,7 +34,7 @@ SEED = 1
 
 @dataclass(frozen=True)
 class Frames:
-    """All frames of a DBC with values: `table` of drivers.dbc, `values` and `found` (signals,)."""
+    """All frames of a DBC with values: `table` of can.dbc, `values` and `found` (signals,)."""
 
     database: Database
     names: list[str]

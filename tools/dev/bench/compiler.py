@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.compile_cache import made
-from pcpc.drivers.numbered import NumberedKind
+from pcpc.drivers.compiled.compile_cache import made
+from pcpc.drivers.compiled.numbered import NumberedKind
 from pcpc.executive.laws.block import Block
 from pcpc.tools.machine.jitter.compiler import compile_to, find
 from pcpc.tools.make.generate.translator import elementary

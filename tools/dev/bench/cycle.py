@@ -26,12 +26,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import dbc, e2e, e2e_states, wire, wire_layout
-from pcpc.drivers.jit import i8, loop, types, u1
-from pcpc.drivers.structures import copy
-from pcpc.drivers.wire import put_frame
-from pcpc.drivers.wire_layout import QUEUE_FRAMES, WIRE
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import dbc, e2e, e2e_states, wire, wire_layout
+from pcpc.drivers.can.wire import put_frame
+from pcpc.drivers.can.wire_layout import QUEUE_FRAMES, WIRE
+from pcpc.drivers.compiled.jit import i8, loop, types, u1
+from pcpc.drivers.compiled.structures import copy
 from pcpc.executive.laws import references
 from pcpc.executive.laws.block import Block
 from pcpc.executive.laws.idle import idle

@@ -1,6 +1,6 @@
 /* Wire, codec and end-to-end protection in plain C: the yardstick of `tools.dev.bench`.
  *
- * The same tables, structs and results as drivers/wire.py, codec.py and e2e.py; loop.h, made from
+ * The same tables, structs and results as drivers/can/wire.py, codec.py and e2e.py; loop.h, made from
  * the Python modules, gives layouts and constants. For little-endian machines: 8 data bytes are
  * loaded as one word. Buses in memory, SocketCAN and python-can's udp_multicast. By hand: what
  * `pcpc generate` writes of a codec is code for each frame, without tables, and it has no sockets.
@@ -20,7 +20,7 @@ typedef struct state receiver_row;
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "for little-endian machines");
 
-/* -------------------------------------------------------------------- drivers/codec.py -------- */
+/* -------------------------------------------------------------------- drivers/can/codec.py -------- */
 
 static inline double unscale(int64_t raw, const signal_row *signal)
 {
@@ -127,7 +127,7 @@ void drive_codec(int64_t repeats, int64_t n, const frame_row *frames, const sign
     }
 }
 
-/* ---------------------------------------------------------------------- drivers/e2e.py -------- */
+/* ---------------------------------------------------------------------- drivers/can/e2e.py -------- */
 
 static inline uint8_t crc8(int64_t id, const uint8_t *data, int64_t n)
 {
@@ -220,7 +220,7 @@ static inline int64_t check(const uint8_t *data, int64_t length, const frame_row
     return state->state;
 }
 
-/* --------------------------------------------------------------------- drivers/wire.py -------- */
+/* --------------------------------------------------------------------- drivers/can/wire.py -------- */
 
 #define NO "\xC2"
 #define TO_ID "\x8B" "\xA9" "timestamp" "\xCB\0\0\0\0\0\0\0\0" "\xAE" "arbitration_id" "\xCE"

@@ -1,6 +1,6 @@
 """One CAN frame sent and received by the same process, against C and python-can.
 
-    Python      drivers.wire: put_frame, then get_frame, in a compiled loop
+    Python      drivers.can.wire: put_frame, then get_frame, in a compiled loop
     C           the same two functions of frame.c at -O2, on the same sockets and buffers
     python-can  send, then recv, of one can.Bus that receives its own messages
 
@@ -16,11 +16,11 @@ from typing import Any
 import can
 import numpy as np
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers.bus import Bus
-from pcpc.drivers.jit import i8, loop
-from pcpc.drivers.wire import END, FRAME, get_frame, put_frame
-from pcpc.drivers.wire_layout import WIRE
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can.bus import Bus
+from pcpc.drivers.can.wire import END, FRAME, get_frame, put_frame
+from pcpc.drivers.can.wire_layout import WIRE
+from pcpc.drivers.compiled.jit import i8, loop
 from pcpc.tools.dev.bench.compiler import address
 from pcpc.tools.dev.bench.cycle import library
 from pcpc.tools.dev.bench.ratio import Ratio, interleave, processor_time

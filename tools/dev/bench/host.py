@@ -22,7 +22,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.bystander import keep_off
+from pcpc.drivers.machine.bystander import keep_off
 from pcpc.executive.nodes.live import Live, find
 from pcpc.executive.nodes.tap import Tap
 from pcpc.tools.api.live import running

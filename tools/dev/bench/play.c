@@ -4,7 +4,7 @@
  *                                 BUS: a SocketCAN interface, or GROUP:PORT for udp_multicast
  *
  * Absolute deadlines on CLOCK_MONOTONIC, one send a frame, no retry; the set-up is that of
- * drivers/realtime.py, the datagram that of drivers/wire.py. Prints one JSON object; the timing
+ * drivers/machine/realtime.py, the datagram that of drivers/can/wire.py. Prints one JSON object; the timing
  * error of a frame is the time at which the bus had taken it minus its deadline, ns. By hand: a
  * program of its own, of which nothing here could be generated.
  */

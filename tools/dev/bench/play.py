@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import can_id
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import can_id
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import frames as play_frames

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import bus as buses
+from pcpc.drivers.can import bus as buses
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault

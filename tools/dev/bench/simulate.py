@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.stage import stage
+from pcpc.drivers.compiled.stage import stage
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.exchange import run_of
 from pcpc.executive.nodes.plan import plan

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import VIEW, compiled, f8, from_dtype, i8, types
-from pcpc.drivers.stage import ENTRY, call, part
+from pcpc.drivers.compiled.jit import VIEW, compiled, f8, from_dtype, i8, types
+from pcpc.drivers.compiled.stage import ENTRY, call, part
 from pcpc.executive.laws.block import Block
 from pcpc.executive.laws.idle import idle
 from pcpc.executive.nodes.plan import plan

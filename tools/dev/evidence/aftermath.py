@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id, claim
-from pcpc.drivers.e2e_states import OK, OK_SOME_LOST
+from pcpc.drivers.can import can_id
+from pcpc.drivers.can.e2e_states import OK, OK_SOME_LOST
+from pcpc.drivers.machine import claim
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.states import STATE_NAMES, State

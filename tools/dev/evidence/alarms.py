@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pcpc.drivers.lanes import WIDTH
+from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.runs import Case, Done, Runs
 from pcpc.tools.start import rigs
 from pcpc.tools.start.pool import each

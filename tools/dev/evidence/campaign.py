@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.e2e_states import INJECTED, OK_SOME_LOST
+from pcpc.drivers.can.e2e_states import INJECTED, OK_SOME_LOST
 from pcpc.executive.log.reader import FRAME
 from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc, e2e
-from pcpc.drivers.rows import FRAME
+from pcpc.drivers.can import dbc, e2e
+from pcpc.drivers.compiled.rows import FRAME
 from pcpc.executive.loop.clock import CLOCKED, GIVEN, ON_FRAMES
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault

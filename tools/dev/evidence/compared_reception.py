@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.executive.loop import control
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.variables import BUS_AT
@@ -50,7 +50,7 @@ def _injected(n, row):
 inject = loop_function(_injected)
 """  # what a fault on purpose did stands in the step
 DRIVER = """
-from pcpc.drivers import e2e as _e2e
+from pcpc.drivers.can import e2e as _e2e
 
 
 @loop_function

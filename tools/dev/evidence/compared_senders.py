@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e_states
+from pcpc.drivers.can import e2e_states
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.events import Event

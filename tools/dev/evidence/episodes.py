@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.structures import words_of
+from pcpc.drivers.compiled.structures import words_of
 from pcpc.executive.loop import shared as sh
 
 FRAMES = 450  # of an episode in the ring, at most

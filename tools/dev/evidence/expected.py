@@ -1,7 +1,7 @@
 """What the safety code has to do, written a second time: in plain Python, from the documents.
 
     Supervised    supervisor, limits and watchdog of a node: docs/rig.md, docs/bus-safety.md
-    Receiver      the judgement of received frames: the table of drivers/e2e.py, bitwise CRC
+    Receiver      the judgement of received frames: the table of drivers/can/e2e.py, bitwise CRC
     packed        a frame's bytes: round half to even, saturate, place
 
 The mutants of the compiled code are run against this; so are the tests of it.
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 
 TABLE = {  # state: what follows by event
     "INIT": {"fresh": "READY", "fault": "FAULT"},
@@ -347,7 +347,7 @@ class Receiver:
         return self.state, gone
 
     def told(self) -> list[int]:
-        """Return its counters in the order of `drivers.e2e`."""
+        """Return its counters in the order of `drivers.can.e2e`."""
         return [self.last, self.state, self.received, self.lost, self.repeated, self.wrong,
                 self.errors, self.age, self.fresh, self.still]  # fmt: skip
 

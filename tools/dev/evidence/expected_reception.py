@@ -7,7 +7,7 @@ injected_frames, meeting). `compared_reception` feeds it and the mutants with th
 import struct
 from dataclasses import dataclass
 
-from pcpc.drivers import e2e_states
+from pcpc.drivers.can import e2e_states
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault

@@ -20,10 +20,11 @@ import numpy as np
 from can.interfaces.udp_multicast.utils import pack_message
 from numpy.typing import NDArray
 
-from pcpc.drivers import e2e, libc, wire
-from pcpc.drivers.jit import loop_function
-from pcpc.drivers.structures import words
-from pcpc.drivers.wire_layout import FRAME_BYTES, PACKET_BYTES, SOCKETCAN, UDP
+from pcpc.drivers.can import e2e, wire
+from pcpc.drivers.can.wire_layout import FRAME_BYTES, PACKET_BYTES, SOCKETCAN, UDP
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.structures import words
 from pcpc.executive.loop import control, reception
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.virtual import VirtualRun

@@ -31,8 +31,8 @@ from pcpc.tools.dev.evidence import (
 from pcpc.tools.dev.evidence.mutation import Mutant, build
 
 TARGETS: Mapping[str, Sequence[str]] = {
-    "drivers.codec": ("_round", "_bits", "pack"),
-    "drivers.e2e": ("crc8", "crc16", "right_crc", "crc_of", "put_crc", "protect", "begin_cycle",
+    "drivers.can.codec": ("_round", "_bits", "pack"),
+    "drivers.can.e2e": ("crc8", "crc16", "right_crc", "crc_of", "put_crc", "protect", "begin_cycle",
                     "age", "_use", "check"),
     "executive.loop.states": ("next_state",),
     "executive.loop.limits": ("find_not_finite", "check_finite", "limit_commands", "settled",
@@ -60,7 +60,7 @@ TABLES = {
     **dict.fromkeys(("RUNS", "EXPECTS", "RAMPS", "SENDS"), (len(State), 1, 2)),
 }
 BESIDE = {  # an index beyond the table finds what is wrong there, not another's memory
-    "drivers.e2e": "_CRC_TABLE = np.resize((_CRC_TABLE + 77) % 256, 1 << 16)\n"
+    "drivers.can.e2e": "_CRC_TABLE = np.resize((_CRC_TABLE + 77) % 256, 1 << 16)\n"
     "_CRC_TABLE[:256] = _source._CRC_TABLE\n"
     "_CRC_16_TABLE = np.resize((_CRC_16_TABLE + 77) % 65536, 1 << 16)\n"
     "_CRC_16_TABLE[:256] = _source._CRC_16_TABLE",
@@ -167,7 +167,7 @@ def score() -> tuple[list[Mutant], list[Mutant], list[str]]:
 def is_noticed(mutant: Mutant, compiled: bool = True) -> bool:
     """Return whether any comparison sees a mutant."""
     groups = {
-        "drivers.codec": ("codec",), "drivers.e2e": ("receiver", "sender"),
+        "drivers.can.codec": ("codec",), "drivers.can.e2e": ("receiver", "sender"),
         "executive.loop.strangers": ("senders",), "judge_overrun": ("senders",),
         "executive.loop.plausibility": ("values",), "executive.loop.tuning": ("tunings",),
         **{f"executive.loop.{name}": ("reception",) for name in RECEPTION},

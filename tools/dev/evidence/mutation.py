@@ -23,7 +23,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from pcpc.drivers.compile_cache import cache_folder
+from pcpc.drivers.compiled.compile_cache import cache_folder
 
 _COMPARE: Mapping[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE),
@@ -250,7 +250,8 @@ def build(
     every = [name for names in targets.values() for name in names]
     texts: dict[str, str] = {}
     decorator = (
-        "from pcpc.drivers.jit import loop_function\nfrom pcpc.drivers.structures import words"
+        "from pcpc.drivers.compiled.jit import loop_function\n"
+        "from pcpc.drivers.compiled.structures import words"
     )
     if not compiled:
         decorator = _INTERPRETED

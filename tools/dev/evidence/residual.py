@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc, e2e
-from pcpc.drivers.jit import LOOP_INTERPRETED, numba
-from pcpc.drivers.rows import FRAME
+from pcpc.drivers.can import dbc, e2e
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, numba
+from pcpc.drivers.compiled.rows import FRAME
 
 BITS, CAN_ID = 64, 0x120
 WEIGHTS = (1, 2, 3, 4, 5, 6, 8, 16, 32)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pcpc.drivers import compile_cache
+from pcpc.drivers.compiled import compile_cache
 from pcpc.drivers.errors import UserError
 from pcpc.tools.start.children import Child
 from pcpc.tools.start.page import SAID, NoPage

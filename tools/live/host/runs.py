@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-from pcpc.drivers.bystander import keep_off
+from pcpc.drivers.machine.bystander import keep_off
 from pcpc.executive.nodes import live as nodes
 
 AGAIN_S = 0.3  # what was found holds as long

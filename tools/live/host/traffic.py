@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id
+from pcpc.drivers.can import can_id
 from pcpc.executive.log.long_logs import WITHOUT_CLOCK
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.live import Live

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers.regular_files import open_regular
+from pcpc.drivers.machine.regular_files import open_regular
 
 PORT = 8642  # the first that is tried
 LOOPBACK = ("127.0.0.1", "localhost", "::1")

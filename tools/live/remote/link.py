@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from pcpc.drivers import regular_files
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine import regular_files
 from pcpc.executive.nodes.live import LiveError
 from pcpc.tools.live.remote import answers, guard
 from pcpc.tools.terminal import screen

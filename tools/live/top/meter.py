@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcpc.drivers import can_id
-from pcpc.drivers.e2e_states import OK
+from pcpc.drivers.can import can_id
+from pcpc.drivers.can.e2e_states import OK
 from pcpc.executive.loop import faults
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes.live import Live, Values
@@ -32,7 +32,7 @@ class FrameRow:
     name: str
     node: str
     rate_hz: float
-    counts: Mapping[int, int]  # by state of `drivers.e2e_states`
+    counts: Mapping[int, int]  # by state of `drivers.can.e2e_states`
 
     @property
     def wrong(self) -> int:

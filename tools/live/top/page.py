@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pcpc.drivers.e2e_states import ERROR, OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE
+from pcpc.drivers.can.e2e_states import ERROR, OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE
 from pcpc.executive.loop import drive
 from pcpc.executive.nodes.operating import in_charge, laws
 from pcpc.tools.live.top.meter import Meter, NodeMeter

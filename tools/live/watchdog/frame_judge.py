@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import codec, dbc, e2e
-from pcpc.drivers.e2e_states import ERROR, OK, OK_SOME_LOST, name_of
-from pcpc.drivers.wire_layout import FRAME_BYTES
+from pcpc.drivers.can import codec, dbc, e2e
+from pcpc.drivers.can.e2e_states import ERROR, OK, OK_SOME_LOST, name_of
+from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig

@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import choice, kernel, realtime, wire
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import choice, wire
+from pcpc.drivers.can.wire_layout import FRAME_BYTES, WIRE
+from pcpc.drivers.compiled.jit import i8, loop, types
+from pcpc.drivers.compiled.structures import copy
 from pcpc.drivers.errors import BusError, Exit
-from pcpc.drivers.jit import i8, loop, types
-from pcpc.drivers.structures import copy
-from pcpc.drivers.wire_layout import FRAME_BYTES, WIRE
+from pcpc.drivers.machine import kernel, realtime
 from pcpc.executive.rig.buses import wanted_bus
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.live.watchdog.frame_judge import FrameJudge

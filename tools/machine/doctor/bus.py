@@ -12,7 +12,7 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-from pcpc.drivers import bus
+from pcpc.drivers.can import bus
 from pcpc.drivers.errors import BusError
 from pcpc.tools.machine.doctor.machine import Row, text
 from pcpc.tools.machine.vm import APT_PACKAGES, VmError, accelerator, kernel, programs

@@ -147,7 +147,7 @@ def node_memory_row() -> Row:
 
 def compile_cache_row() -> Row:
     """Return whether the next start finds compiled code."""
-    from pcpc.drivers import compile_cache
+    from pcpc.drivers.compiled import compile_cache
 
     try:
         folder = compile_cache.cache_folder()

@@ -1,6 +1,6 @@
 """What `pcpc doctor` says about real time: kernel, permissions, CPUs, clocks, hypervisor.
 
-The costs are measured figures of `drivers.realtime`, or of the cause named.
+The costs are measured figures of `drivers.machine.realtime`, or of the cause named.
 """
 
 import json
@@ -19,7 +19,7 @@ _CLOCKS = Path("/sys/devices/system/clocksource/clocksource0")
 _IN_USER_SPACE = ("tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page")
 _TRY = """
 import json
-from pcpc.drivers import realtime
+from pcpc.drivers.machine import realtime
 report = realtime.prepare_process() + realtime.prepare_thread(80, None)
 print(json.dumps({s.name: [s.granted, s.detail] for s in report}))
 """

@@ -3,7 +3,7 @@
  *   wake INTERVAL_NS PERIODS PRIORITY CPU OUT       CPU: -1 for any
  *
  * Absolute deadlines on CLOCK_MONOTONIC; after a stall whole periods are skipped; the set-up is that
- * of drivers/realtime.py. Writes how late each cycle woke to OUT, ns, as int64; prints 1 if
+ * of drivers/machine/realtime.py. Writes how late each cycle woke to OUT, ns, as int64; prints 1 if
  * SCHED_FIFO was granted, else 0. SIGINT and SIGTERM end it early.
  */
 #define _GNU_SOURCE

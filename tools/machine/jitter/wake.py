@@ -14,7 +14,7 @@ import time
 from array import array
 from pathlib import Path
 
-from pcpc.drivers import realtime
+from pcpc.drivers.machine import realtime
 
 _CLOCK_MONOTONIC, _TIMER_ABSTIME = 1, 1
 

@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from pcpc.drivers.compile_cache import user_cache
+from pcpc.drivers.compiled.compile_cache import user_cache
 from pcpc.tools.machine.vm import initramfs
 from pcpc.tools.machine.vm.errors import VmError
 from pcpc.tools.machine.vm.programs import Programs

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc
-from pcpc.drivers.e2e_states import ERROR, FOREIGN, OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE
+from pcpc.drivers.can import dbc
+from pcpc.drivers.can.e2e_states import ERROR, FOREIGN, OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import dbc, e2e_states
+from pcpc.drivers.can import dbc, e2e_states
 from pcpc.drivers.errors import UserError
 from pcpc.executive.log import recorder
 from pcpc.executive.log.reader import FRAME

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc, e2e_states
+from pcpc.drivers.can import dbc, e2e_states
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay, Slice

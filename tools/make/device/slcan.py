@@ -25,8 +25,8 @@ from types import FrameType
 
 import msgpack
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import can_id
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import can_id
 from pcpc.drivers.errors import BusError, Exit, UserError
 
 OPENS_EVERY_MS = 50
@@ -37,7 +37,7 @@ _SAID = {
     "timestamp": 0.0, "is_remote_frame": False, "is_error_frame": False, "channel": None,
     "is_fd": False, "bitrate_switch": False, "error_state_indicator": False,
 }  # fmt: skip
-Frame = tuple[int, bytes]  # id as a word of `drivers.can_id`, data
+Frame = tuple[int, bytes]  # id as a word of `drivers.can.can_id`, data
 
 
 def line_of(word: int, data: bytes) -> bytes:

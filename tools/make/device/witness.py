@@ -20,9 +20,9 @@ from pathlib import Path
 
 import msgpack
 
-from pcpc.drivers import dbc
-from pcpc.drivers.bus import Bus, listener
-from pcpc.drivers.can_id import word_of
+from pcpc.drivers.can import dbc
+from pcpc.drivers.can.bus import Bus, listener
+from pcpc.drivers.can.can_id import word_of
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.children import Child

@@ -107,7 +107,7 @@ def _in_a_child(spec: BlockSpec, period_s: float) -> list[int]:
 
 
 def _step_fmu(spec: BlockSpec, period_s: float, there: Connection) -> None:
-    from pcpc.drivers import fmi
+    from pcpc.drivers.compiled import fmi
 
     faulthandler.disable()  # its end is told by how it ended
     try:

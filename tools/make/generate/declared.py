@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from pcpc.drivers.numbered import Numbered, NumberedKind
+from pcpc.drivers.compiled.numbered import Numbered, NumberedKind
 from pcpc.executive.loop.faults import Fault
 from pcpc.executive.loop.states import NEXT, Condition, Heartbeat, State
 

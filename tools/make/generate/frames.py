@@ -7,7 +7,7 @@ unpack_FB_A(data, s)           from eight bytes
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from pcpc.drivers import dbc
+from pcpc.drivers.can import dbc
 from pcpc.executive.rig import messages
 from pcpc.tools.make.generate.words import comment, identifier, number
 

@@ -1,7 +1,8 @@
 """Generated C as a shared library of this machine, in the place of a rig's own steps.
 
-The loop calls a step by an address (`drivers.stage`); an adapter of four lines gives the C step the
-same form. So a whole run in virtual time is computed with C laws, and its log must be the same.
+The loop calls a step by an address (`drivers.compiled.stage`); an adapter of four lines gives the C
+step the same form. So a whole run in virtual time is computed with C laws, and its log must be the
+same.
 """
 
 import ctypes

@@ -1,8 +1,8 @@
 """`pcpc bus emulate A B`: one CAN line with a bit rate, of two channels that have none.
 
 What is sent on A is there on B when its last bit would be, and the other way round; in between
-stands the model of `drivers.line`. At the end: what each side sent and lost, error counters, load,
-and how far behind its time the gateway handed the frames over.
+stands the model of `drivers.can.line`. At the end: what each side sent and lost, error counters,
+load, and how far behind its time the gateway handed the frames over.
 """
 
 import argparse
@@ -16,9 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers import bus as buses
-from pcpc.drivers import choice, line, realtime
+from pcpc.drivers.can import bus as buses
+from pcpc.drivers.can import choice, line
 from pcpc.drivers.errors import BusError, Exit
+from pcpc.drivers.machine import realtime
 from pcpc.executive.errors import RigError
 from pcpc.executive.nodes.gateway import Gateway
 from pcpc.executive.rig.buses import line_options

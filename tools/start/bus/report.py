@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pcpc.drivers.frame_bits import classic_bits, fd_bits
+from pcpc.drivers.can.frame_bits import classic_bits, fd_bits
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import traffic
 from pcpc.tools.start.bus.traffic import Good, Row, SentFrame, Setup

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from pcpc.drivers.bus import Bus
+from pcpc.drivers.can.bus import Bus
 from pcpc.executive.rig.buses import check_line
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus import line_report

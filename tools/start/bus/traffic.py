@@ -16,8 +16,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from pcpc.drivers import dbc
-from pcpc.drivers.frame_bits import transmission_ns
+from pcpc.drivers.can import dbc
+from pcpc.drivers.can.frame_bits import transmission_ns
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
 from pcpc.tools.start.bus.phase_bounds import QueuedFrame, Wire, bounds_ns

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.jit import compiled, inline
+from pcpc.drivers.compiled.jit import compiled, inline
 from pcpc.executive.laws.approximators import backprop, jumps
 from pcpc.executive.laws.approximators.activations import LOGISTIC
 

@@ -102,7 +102,7 @@ def _keeping(common: Common, cases: list[tuple[Own, int]]) -> Common:
 
 
 def _cut(cases: list[tuple[Own, int]], many: bool) -> Iterator[list[tuple[Own, int]]]:
-    from pcpc.drivers.lanes import WIDTH
+    from pcpc.drivers.compiled.lanes import WIDTH
 
     width = WIDTH if many and len(cases) >= LEAST else 1
     for first in range(0, len(cases), width):

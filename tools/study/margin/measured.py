@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.drivers.compiled.jit import VIEW, i8, loop, types
 from pcpc.drivers.errors import UserError
-from pcpc.drivers.jit import VIEW, i8, loop, types
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.cycle import STEPS, N, one_pass
 from pcpc.executive.loop.exchange import meet, pass_on, work_below

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from pcpc.drivers.compiled.views import Field, Layout
 from pcpc.drivers.errors import UserError
-from pcpc.drivers.views import Field, Layout
 
 _RESERVED = {
     "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else",

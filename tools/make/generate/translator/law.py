@@ -13,7 +13,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from pcpc.drivers.views import Layout
+from pcpc.drivers.compiled.views import Layout
 from pcpc.executive.laws.block import Block, Port
 from pcpc.executive.rig.preparation import Values, prepared_values
 from pcpc.tools.make.generate.translator.functions import Function

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pcpc.drivers.stage import Stage
+from pcpc.drivers.compiled.stage import Stage
 from pcpc.executive.rig.modules import PROJECT
 from pcpc.tools.make.generate.translator.kinds import Untranslatable
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.views import Field, Layout
+from pcpc.drivers.compiled.views import Field, Layout
 from pcpc.executive.laws import emath
 from pcpc.tools.make.generate.translator.functions import Called, Function
 from pcpc.tools.make.generate.translator.kinds import (

@@ -66,7 +66,7 @@ class Seeds:
 
 def pieces(seeds: Sequence[int] = SEEDS) -> list[Seeds]:
     """Return the seeds in pieces that fill the lanes."""
-    from pcpc.drivers.lanes import WIDTH
+    from pcpc.drivers.compiled.lanes import WIDTH
 
     return [Seeds(tuple(seeds[i : i + WIDTH])) for i in range(0, len(seeds), WIDTH)]
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # ruff: isort: off
-from pcpc.drivers.jit import f8, types
+from pcpc.drivers.compiled.jit import f8, types
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.core import cgutils
 from numba.core.typeconv import Conversion

@@ -4,7 +4,7 @@
         SLOW, FAST = range(2)
 
 A member is its number everywhere: in logs, in C (`tools.make.generate.words`), and in compiled
-code, where `Pace.FAST` is a constant (`drivers.structures`).
+code, where `Pace.FAST` is a constant (`drivers.compiled.structures`).
 """
 
 from enum import EnumMeta, IntEnum

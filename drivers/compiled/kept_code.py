@@ -20,7 +20,7 @@ from typing import Any
 from numba.core import caching, dispatcher
 from numba.core.runtime import rtsys
 
-from pcpc.drivers import compile_cache
+from pcpc.drivers.compiled import compile_cache
 
 _SEAL = hashlib.sha256().digest_size
 

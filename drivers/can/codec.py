@@ -1,4 +1,4 @@
-"""Signals in and out of 8 data bytes, by the tables of `drivers.dbc`; allocates nothing.
+"""Signals in and out of 8 data bytes, by the tables of `drivers.can.dbc`; allocates nothing.
 
     value = float(raw) factor + offset                                              decode
     raw   = round half even((value - offset) / factor), within the limits           encode
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id, dbc
-from pcpc.drivers.jit import inline
+from pcpc.drivers.can import can_id, dbc
+from pcpc.drivers.compiled.jit import inline
 
 _TWO_52 = 2.0**52  # float64 from here on are integers
 _TWO_63 = 2.0**63
@@ -24,7 +24,7 @@ _TOP_BIT = -(2**63)
 
 @inline
 def frame_of(word: int, frames: NDArray[Any], n_frames: int) -> int:
-    """Return which of the first `n_frames` has this id, a word of `drivers.can_id`; -1 for none."""
+    """Return which of the first `n_frames` has this id, a word of `can.can_id`; -1 for none."""
     number, extended = word & can_id.ID, word >> can_id.EXTENDED_BIT
     for row in range(n_frames):
         if frames[row].can_id == number and frames[row].extended == extended:

@@ -17,8 +17,7 @@ import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from pcpc.drivers import claim
-from pcpc.drivers.bus import (
+from pcpc.drivers.can.bus import (
     UDP_GROUP,
     UDP_PORT,
     Bus,
@@ -28,6 +27,7 @@ from pcpc.drivers.bus import (
     vcan_ready,
 )
 from pcpc.drivers.errors import BusError
+from pcpc.drivers.machine import claim
 
 _PORTS = 1000  # from the default one on; nobody runs so many rigs
 _VCANS = 64

@@ -22,7 +22,7 @@ import resource
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pcpc.drivers import locked_memory
+from pcpc.drivers.machine import locked_memory
 
 _CAP_IPC_LOCK = 14
 _CPU_DMA_LATENCY = "/dev/cpu_dma_latency"

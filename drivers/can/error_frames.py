@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers import line as lines
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.can import line as lines
+from pcpc.drivers.compiled.jit import loop_function
 
 FLAG = 0x20  # in the id's top byte
 TX_TIMEOUT, STATE, NO_ACK, OFF, RESTARTED = 0x001, 0x004, 0x020, 0x040, 0x100

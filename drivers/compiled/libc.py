@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import LOOP_INTERPRETED, carray, loop_inline, types
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, carray, loop_inline, types
 
 CLOCK_MONOTONIC = 1
 TIMER_ABSTIME = 1
@@ -41,7 +41,7 @@ def _untyped(function: Any) -> Any:
 if not LOOP_INTERPRETED:
     from numba import extending
 
-    from pcpc.drivers.views import data
+    from pcpc.drivers.compiled.views import data
 
     intrinsic: Any = extending.intrinsic  # its callers do not pass the typing context
 

@@ -19,8 +19,8 @@ from cantools.database.can import Database
 from cantools.database.errors import Error
 
 from pcpc.drivers.errors import DbcError, printable
-from pcpc.drivers.patience import StalledError, patience
-from pcpc.drivers.regular_files import open_regular
+from pcpc.drivers.machine.patience import StalledError, patience
+from pcpc.drivers.machine.regular_files import open_regular
 
 logging.getLogger("cantools").setLevel(logging.ERROR)  # equal ids are refused in one line here
 

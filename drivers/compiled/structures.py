@@ -1,10 +1,10 @@
 """Structures: what `n.k`, `n.wire.errno`, `n.v[i]` and `n.rx.frames[i].dlc` are in compiled code.
 
 A Structure is a pointer to one element of a structured numpy array. Its fields are numbers, Cells
-(`drivers.views`), further Structures and Cells of them, so that every access is a load or store at
-an address that the compiler knows, up to the index. numba's own record makes an array of each field
-and takes a negative index from its end: that was a quarter of the loop's cycle. A name of a
-`Numbered` class is its number.
+(`drivers.compiled.views`), further Structures and Cells of them, so that every access is a load or
+store at an address that the compiler knows, up to the index. numba's own record makes an array of
+each field and takes a negative index from its end: that was a quarter of the loop's cycle. A name
+of a `Numbered` class is its number.
 
     structure(dtype)       the type of `array[0]` for functions with a signature; without one it is
                            known once the dtype was named here
@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 # ruff: isort: off
-from pcpc.drivers.jit import LOOP_INTERPRETED, numba, types
-from pcpc.drivers.numbered import Numbered, NumberedKind
-from pcpc.drivers.views import Cells, Fields, Pointer, data
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, numba, types
+from pcpc.drivers.compiled.numbered import Numbered, NumberedKind
+from pcpc.drivers.compiled.views import Cells, Fields, Pointer, data
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.core.imputils import lower_constant, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate

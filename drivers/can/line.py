@@ -2,7 +2,7 @@
 
     start      at the first bit at which the line is idle and a frame waits; the lowest id of what
                waits then wins, and keeps the line to its end                                    (1)
-    length     of the frame's real bits (`drivers.stuffing`), then 3 bits of intermission        (2)
+    length     of the frame's real bits (`stuffing`), then 3 bits of intermission                (2)
     error      a bit is flipped: the sender's error flag begins at the next one. Receivers see the
                error at once (flag 6 bits), or after six equal bits of which m <= 5 were there
                (flags together 12 - m bits); then 8 bits of delimiter, 3 of intermission, and the
@@ -26,9 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import loop_function, loop_inline
-from pcpc.drivers.structures import copy, structure
-from pcpc.drivers.stuffing import (
+from pcpc.drivers.can.stuffing import (
     END_BITS,
     EOF_BITS,
     INTERMISSION_BITS,
@@ -36,6 +34,8 @@ from pcpc.drivers.stuffing import (
     WIRE_BITS,
     encode,
 )
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.structures import copy, structure
 
 SENDERS, MOST_ROOM = 4, 256
 NOTHING, SENT, ERROR, BUS_OFF, RECOVERED = range(5)  # what `advance` returns
@@ -74,7 +74,7 @@ LINE = np.dtype(
         ("receive_errors", "<i8", (SENDERS,)),
         ("worst", "<i8", (SENDERS,)),  # the highest TEC so far
         ("off", "<i8", (SENDERS,)),
-        ("told", "<i8", (SENDERS,)),  # the state that was told last, see `drivers.error_frames`
+        ("told", "<i8", (SENDERS,)),  # the state that was told last, see `drivers.can.error_frames`
         ("news", "u1", (16,)),
         ("runs_left", "<i8", (SENDERS,)),  # to recover
         ("not_before", "<i8", (SENDERS,)),  # of a passive sender

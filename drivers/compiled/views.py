@@ -2,7 +2,7 @@
 
 A View is a pointer to values whose names, places and shapes are part of its type; Cells are a
 pointer to an array of fixed shape in it. A value is a float64, or one of each run of a batch
-(`drivers.lanes`). So every access is a load or store at an address that
+(`drivers.compiled.lanes`). So every access is a load or store at an address that
 the compiler knows, up to the index. Nothing is checked at run time; `executive.rig.trial` does
 that.
 
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # ruff: isort: off
-from pcpc.drivers.jit import JIT_OFF, f8, types
+from pcpc.drivers.compiled.jit import JIT_OFF, f8, types
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.core.imputils import lower_getattr_generic, lower_setattr_generic
 from numba.core.typing.templates import AttributeTemplate
@@ -37,7 +37,7 @@ from numba.extending import (
     register_model,
     type_callable,
 )
-from pcpc.drivers.lanes import LANE, WIDTH, Lane
+from pcpc.drivers.compiled.lanes import LANE, WIDTH, Lane
 # ruff: isort: on
 
 Array: TypeAlias = NDArray[np.float64]  # what Cells are, interpreted
@@ -265,7 +265,7 @@ def pointer_at(typing: Any, values: Any, place: Any) -> Any:
 
 @intrinsic
 def _lane_rows(typing: Any, values: Any) -> Any:
-    """Return a `drivers.lanes.table` as Cells, a LANE for each of its rows (of any number)."""
+    """Return a `compiled.lanes.table` as Cells, a LANE for each of its rows (of any number)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         first = data(context, builder, signature.args[0], arguments[0])

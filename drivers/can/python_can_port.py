@@ -9,7 +9,7 @@ from typing import Any
 
 import can
 
-from pcpc.drivers import can_id
+from pcpc.drivers.can import can_id
 
 _open: dict[int, can.BusABC] = {}
 _BLOCK_S = 0.1  # as the sockets' receive time-out

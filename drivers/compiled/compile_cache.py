@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 
 FUNCTIONS = 180  # compiled by a first start of the barrel, in about half a minute
-_PROJECT = Path(__file__).resolve().parent.parent
+_PROJECT = Path(__file__).resolve().parents[2]
 _COMPILED_FOLDERS = ("drivers", "executive", "plants")
 _INTO_CODE = (".py", ".csv", ".txt", ".npy", ".npz", ".mat")  # modules, and tables they may read
 

@@ -1,7 +1,7 @@
 """How everything here is compiled: one set of numba options and a cache that cannot go stale.
 
-Compiled code is kept by `drivers.kept_code`. The processor is `generic`, so that the cache also
-serves another machine or an emulated one.
+Compiled code is kept by `drivers.compiled.kept_code`. The processor is `generic`, so that the cache
+also serves another machine or an emulated one.
 
 Everything else gets numba from here, because numba reads its environment when it is first imported.
 
@@ -39,7 +39,7 @@ import numba.np.arraymath  # noqa: E402  the environment above must stand before
 from numba import carray, from_dtype, types  # noqa: E402
 from numba.core.errors import NumbaExperimentalFeatureWarning  # noqa: E402
 
-from pcpc.drivers import kept_code  # noqa: E402
+from pcpc.drivers.compiled import kept_code  # noqa: E402
 
 __all__ = [
     "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "VIEW", "carray", "compiled", "f8", "from_dtype",

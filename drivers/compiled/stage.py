@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 # ruff: isort: off
-from pcpc.drivers.jit import JIT_OFF, LOOP_INTERPRETED, OPTIONS, f8, i8, numba, types
-from pcpc.drivers.lanes import LANE
-from pcpc.drivers.views import POINTER, Layout, View, pointer_at
+from pcpc.drivers.compiled.jit import JIT_OFF, LOOP_INTERPRETED, OPTIONS, f8, i8, numba, types
+from pcpc.drivers.compiled.lanes import LANE
+from pcpc.drivers.compiled.views import POINTER, Layout, View, pointer_at
 from llvmlite import ir
 from numba.core.compiler import Compiler  # after ours, which set numba's environment
 from numba.extending import intrinsic

@@ -1,7 +1,7 @@
 """The rows of the tables that the compiled loop walks: frames, signals, receivers (no numba here).
 
-int64 each, but of a signal what is no whole number. `drivers.dbc` makes frames and signals of a DBC
-file, `drivers.codec` and `drivers.e2e` go by them.
+int64 each, but of a signal what is no whole number. `drivers.can.dbc` makes frames and signals of a
+DBC file, `drivers.can.codec` and `drivers.can.e2e` go by them.
 """
 
 from typing import Any
@@ -15,14 +15,14 @@ def row_of(names: str, floats: str = "") -> np.dtype[Any]:
     return np.dtype((np.record, fields + [(name, "<f8") for name in floats.split()]))
 
 
-FRAME = row_of(  # its signals are rows `first` to `end` - 1; protected: of `drivers.dbc`
+FRAME = row_of(  # its signals are rows `first` to `end` - 1; protected: of `drivers.can.dbc`
     "can_id extended dlc first end every_n protected sequence"
     " counter_byte counter_shift counter_mask crc_byte data_id"
 )
-SIGNAL = row_of(  # kind: of `drivers.dbc`; bits and codes: of its limits, raw
+SIGNAL = row_of(  # kind: of `drivers.can.dbc`; bits and codes: of its limits, raw
     "big_endian shift mask sign kind variable int_factor int_offset bits_low bits_high",
     "factor offset code_low code_high",
 )
-RECEIVER = row_of(  # of one frame; see `drivers.e2e`
+RECEIVER = row_of(  # of one frame; see `drivers.can.e2e`
     "last_counter state received lost repeated wrong_sequence errors age_cycles fresh still_cycles"
 )

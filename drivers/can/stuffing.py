@@ -4,14 +4,15 @@
     CRC delimiter, ACK slot and delimiter, 7 EOF                              not stuffed
 
 0 is dominant. The ACK slot is dominant, as receivers make it. The interframe space is not part of
-it. `drivers.frame_bits` has the longest that such a frame can be. Source: ISO 11898-1:2015, 10.4.
+it. `drivers.can.frame_bits` has the longest that such a frame can be. Source: ISO 11898-1:2015,
+10.4.
 """
 
 from typing import Any
 
 import numpy as np
 
-from pcpc.drivers.jit import loop_function
+from pcpc.drivers.compiled.jit import loop_function
 
 RAW_BITS = 128  # SOF to CRC: 118 with a 29-bit id
 WIRE_BITS = 160  # with stuff bits and the end: 157 at most

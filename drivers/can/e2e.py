@@ -31,8 +31,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers import dbc
-from pcpc.drivers.e2e_states import (
+from pcpc.drivers.can import dbc
+from pcpc.drivers.can.e2e_states import (
     ERROR,
     NOT_AVAILABLE,
     OK,
@@ -40,8 +40,8 @@ from pcpc.drivers.e2e_states import (
     REPEATED,
     WRONG_SEQUENCE,
 )
-from pcpc.drivers.jit import compiled, inline
-from pcpc.drivers.rows import RECEIVER
+from pcpc.drivers.compiled.jit import compiled, inline
+from pcpc.drivers.compiled.rows import RECEIVER
 
 MAX_DELTA = 4  # 3 frames lost in a row: as many as trip the plant's watchdog
 

@@ -3,14 +3,14 @@
 A DBC is the wire contract of a plant. Beyond the format, four signal names have a meaning here:
 `crc` (8 bits, last byte) with `counter` or `sequence` (within one byte) make a frame protected; a
 `crc` of 16 bits (whole bytes, Intel), behind it the counter's whole byte, is that of AUTOSAR's E2E
-profile 5. They are filled and checked by `drivers.e2e` and are no variables. The id in a CRC is the
-frame's, in one of 16 bits E2EDataId where the message has it. `mode`, where a node receives it,
-tells the state of the node above, whose STOP is obeyed. GenMsgSendType "EveryCycle" means
-once per cycle of the loop, at any rate; any other send type means every GenMsgCycleTime ms, but
-"Event" without one a frame that comes when something happens.
+profile 5. They are filled and checked by `drivers.can.e2e` and are no variables. The id in a CRC is
+the frame's, in one of 16 bits E2EDataId where the message has it. `mode`, where a node receives it,
+tells the state of the node above, whose STOP is obeyed. GenMsgSendType "EveryCycle" means once per
+cycle of the loop, at any rate; any other send type means every GenMsgCycleTime ms, but "Event"
+without one a frame that comes when something happens.
 
     every_n  = max(1, round(GenMsgCycleTime rate))         cycles from one transmission to the next
-    bus load = sum over frames of bits * frames per s / bitrate           bits: `drivers.frame_bits`
+    bus load = sum over frames of bits * frames per s / bitrate           bits: `frame_bits`
 """
 
 import math
@@ -24,11 +24,11 @@ from cantools.database.can import Database, Message
 from cantools.database.can.signal import Signal as DbcSignal
 from numpy.typing import NDArray
 
-from pcpc.drivers import can_id
-from pcpc.drivers.dbc_file import load, parse, place, text
+from pcpc.drivers.can import can_id
+from pcpc.drivers.can.dbc_file import load, parse, place, text
+from pcpc.drivers.can.frame_bits import classic_bits
+from pcpc.drivers.compiled.rows import FRAME, SIGNAL
 from pcpc.drivers.errors import BusError, DbcError, printable
-from pcpc.drivers.frame_bits import classic_bits
-from pcpc.drivers.rows import FRAME, SIGNAL
 
 __all__ = [
     "BusError",
@@ -117,7 +117,7 @@ class Frame:
 
     @property
     def word(self) -> int:
-        """The id with its flag, see `drivers.can_id`."""
+        """The id with its flag, see `drivers.can.can_id`."""
         return can_id.word_of(self.can_id, self.extended)
 
     def every_n(self, rate_hz: float) -> int:
@@ -129,7 +129,7 @@ class Frame:
 class Table:
     """What the compiled loop walks; `variables` are "FRAME.signal" in order of the signal rows."""
 
-    frames: NDArray[Any]  # FRAME and SIGNAL of drivers.rows
+    frames: NDArray[Any]  # FRAME and SIGNAL of drivers.compiled.rows
     signals: NDArray[Any]
     variables: tuple[str, ...]
 

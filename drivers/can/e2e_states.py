@@ -1,4 +1,4 @@
-"""What a receiver makes of a frame, states and names without numba; see `drivers.e2e`."""
+"""What a receiver makes of a frame, states and names without numba; see `drivers.can.e2e`."""
 
 OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE, ERROR, NOT_AVAILABLE = range(6)
 ON_PURPOSE = 6  # not judged: a rig lets it be lost

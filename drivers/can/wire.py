@@ -19,10 +19,7 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from pcpc.drivers import libc
-from pcpc.drivers.jit import LOOP_INTERPRETED, loop_function
-from pcpc.drivers.structures import copy, structure
-from pcpc.drivers.wire_layout import (
+from pcpc.drivers.can.wire_layout import (
     ADDRESS_BYTES,
     FRAME_BYTES,
     MEMORY,
@@ -33,9 +30,12 @@ from pcpc.drivers.wire_layout import (
     UDP,
     WIRE,
 )
+from pcpc.drivers.compiled import libc
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, loop_function
+from pcpc.drivers.compiled.structures import copy, structure
 
 END = structure(WIRE)  # the type of what all functions here take
-WAIT_MS = 100  # as the receive time-out of drivers.bus
+WAIT_MS = 100  # as the receive time-out of drivers.can.bus
 ERROR_FLAG, ERROR_FLAGS = 0x20, 0x60  # in the id's top byte: error frame; that or a remote one
 NO_SUCH_KIND = errno.EPROTONOSUPPORT
 NOTHING, FRAME, FOREIGN, OWN, BUS_ERROR, FAILED = 0, 1, 2, 3, 4, -1
@@ -184,7 +184,7 @@ def _read_packet(b: Any, end: Any, frame: Any) -> Any:
 
 
 if LOOP_INTERPRETED:
-    from pcpc.drivers import python_can_port
+    from pcpc.drivers.can import python_can_port
 
     _put_python_can, _get_python_can = python_can_port.put, python_can_port.get
 else:
@@ -244,7 +244,7 @@ def get_frame(wire: Any, block: Any) -> Any:
     FRAME      a classic data frame; `wire.source` says who sent it, where that is known
     NOTHING    none came
     FOREIGN    no such frame
-    OWN        on UDP, from this end's own sender, if it knows that one (`drivers.bus.know_own`)
+    OWN        on UDP, from this end's own sender, if it knows that one (`drivers.can.bus.know_own`)
     BUS_ERROR  what the CAN controller had to tell
     FAILED     the bus failed
 

@@ -1,7 +1,7 @@
 """Opening a bus: SocketCAN, python-can's udp_multicast, or any other python-can interface.
 
 Names are python-can's: interface, channel. As text `interface[:channel]`; for udp_multicast the
-channel is `group[:port]`. `auto` is decided in `drivers.choice`.
+channel is `group[:port]`. `auto` is decided in `drivers.can.choice`.
 
 On the default group frames go out as loopback broadcasts, because python-can's default is an IPv6
 group: its socket takes IPv4 broadcasts, but no IPv4 multicast, and loopback has no IPv6 multicast.
@@ -19,7 +19,7 @@ import subprocess
 from dataclasses import dataclass
 from typing import Any
 
-from pcpc.drivers import wire_layout
+from pcpc.drivers.can import wire_layout
 from pcpc.drivers.errors import BusError
 
 UDP_GROUP = "239.74.163.2"  # python-can's default IPv4 group and port
@@ -128,8 +128,8 @@ def open_bus(bus: Bus, receive_ids: list[int] | None, end: Any) -> None:
     None stands for every frame.
     Raises BusError: what is missing and the cure.
     """
-    from pcpc.drivers import wire  # here, because it imports numba
-    from pcpc.drivers.jit import LOOP_INTERPRETED
+    from pcpc.drivers.can import wire  # here, because it imports numba
+    from pcpc.drivers.compiled.jit import LOOP_INTERPRETED
 
     if bus.interface == "socketcan":
         fd = _open_socketcan(bus.channel, receive_ids)
@@ -317,7 +317,7 @@ def _receive_options(sock: socket.socket) -> None:
 def _open_python_can(bus: Bus) -> int:
     import can
 
-    from pcpc.drivers import python_can_port
+    from pcpc.drivers.can import python_can_port
 
     try:
         port = can.Bus(interface=bus.interface, channel=bus.channel or None)

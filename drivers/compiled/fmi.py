@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 # ruff: isort: off
-from pcpc.drivers.jit import JIT_OFF, LOOP_INTERPRETED, OPTIONS, f8, i8, numba, types
-from pcpc.drivers.views import POINTER
+from pcpc.drivers.compiled.jit import JIT_OFF, LOOP_INTERPRETED, OPTIONS, f8, i8, numba, types
+from pcpc.drivers.compiled.views import POINTER
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.extending import intrinsic
 # ruff: isort: on
@@ -349,7 +349,7 @@ step: Any = _step if JIT_OFF else _function(types.void(f8, f8, *[POINTER] * 4))(
 
 
 def entry() -> Any:
-    """Return what `drivers.stage.call` takes for the step of an FMU."""
+    """Return what `drivers.compiled.stage.call` takes for the step of an FMU."""
     if LOOP_INTERPRETED:
         return stepped
     (found,) = step.overloads.values()

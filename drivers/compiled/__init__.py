@@ -1,0 +1,1 @@
+"""Python as machine code: how it is compiled and kept, and what compiled code can name."""
