@@ -12,16 +12,25 @@ import hashlib
 import os
 import pickle
 import sys
+import sysconfig
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import EnumMeta
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import numpy as np
 from numba.core import caching, dispatcher
 from numba.core.runtime import rtsys
 
 from pcpc.drivers.compiled import compile_cache
 
+_INSTALLED = [
+    Path(__file__).parents[2],
+    *(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")),
+]
+_CONSTANT = (bool, int, float, complex, str, bytes, tuple, np.generic)
 _SEAL = hashlib.sha256().digest_size
 
 
@@ -124,6 +133,9 @@ class Kept(caching.Cache):
         rtsys.initialize(context)
         return self._load_overload(signature, context)
 
+    def _index_key(self, signature: Any, codegen: Any) -> Any:
+        return (*super()._index_key(signature, codegen), constants(self._function))
+
     def _load_overload(self, signature: Any, context: Any) -> Any:
         key = self._index_key(signature, context.codegen())
         for place in self._places:
@@ -158,6 +170,38 @@ class Kept(caching.Cache):
     @contextmanager
     def _guard_against_spurious_io_errors(self) -> Iterator[None]:
         yield
+
+
+def constants(function: Any) -> str:
+    """Return a digest of the constants that a function from outside the project can name; "" else.
+
+    Compiled code keeps them as they were at the import, which may make them of the environment, of
+    a clock or by lot: no file tells. Those of the modules and functions that it names count, too.
+    """
+    digest, seen = hashlib.sha256(), set()
+    pending = [function.__globals__]
+    while pending:
+        names = pending.pop()
+        if id(names) in seen or not _is_outside(names.get("__file__")):
+            continue
+        seen.add(id(names))
+        for name, value in sorted(names.items()):
+            if isinstance(value, ModuleType):
+                pending.append(vars(value))
+            elif hasattr(inner := getattr(value, "py_func", value), "__globals__"):
+                pending.append(inner.__globals__)
+            elif isinstance(value, np.ndarray):
+                digest.update(f"{name} {value.dtype} {value.shape}".encode() + value.tobytes())
+            elif isinstance(value, _CONSTANT) and not name.startswith("__"):
+                digest.update(f"{name} {value!r}\n".encode())
+            elif isinstance(value, EnumMeta):
+                digest.update(f"{name} {list(value)}\n".encode())
+    return digest.hexdigest() if seen else ""
+
+
+def _is_outside(file: str | None) -> bool:
+    """Return whether a module's file belongs neither to the project nor to what is installed."""
+    return bool(file) and not any(Path(str(file)).is_relative_to(one) for one in _INSTALLED)
 
 
 def _state(function: Any) -> tuple[int, int] | None:

@@ -193,6 +193,38 @@ def test_a_function_whose_file_was_edited_before_it_is_compiled_is_not_kept_unde
     assert said("") == "21.0"
 
 
+def test_what_an_import_makes_of_the_environment_is_in_the_key(tmp_path: Path) -> None:
+    """Also where a module or a function beside the law made it, as a number or as a table."""
+    (tmp_path / "beside.py").write_text(
+        "import os\nimport numpy as np\nfrom pcpc.drivers.compiled.jit import inline\n"
+        "OFFSET = float(os.environ['OFFSET'])\nTABLE = np.array([float(os.environ['ENTRY'])])\n"
+        "@inline\ndef entry():\n    return TABLE[0]\n"
+    )
+    (tmp_path / "law.py").write_text(
+        "import os\nimport beside\nfrom beside import entry\n"
+        "from pcpc.drivers.compiled.jit import compiled\nGAINS = (float(os.environ['GAIN']), 0.0)\n"
+        "@compiled()\ndef f(x):\n    return GAINS[0] * x + beside.OFFSET + entry()\n"
+    )
+    main = "import sys; sys.path.insert(0, '.'); import law; print(law.f(1.0)); "
+    main += "from pcpc.drivers.compiled.compile_cache import watch; print(watch.done)"
+
+    def said(**constants: str) -> list[str]:
+        mine = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+        values = {"GAIN": "2", "OFFSET": "10", "ENTRY": "100"} | constants
+        done = subprocess.run(
+            [sys.executable, "-c", main], check=True, capture_output=True, text=True, cwd=tmp_path,
+            env=os.environ | mine | values,
+        )  # fmt: skip
+        return done.stdout.split()
+
+    assert said() == ["112.0", "2"]
+    assert said() == ["112.0", "0"], "equal constants: nothing is compiled again"
+    assert said(GAIN="3")[0] == "113.0"
+    assert said(OFFSET="20")[0] == "122.0"
+    assert said(ENTRY="200")[0] == "212.0"
+    assert said() == ["112.0", "0"]
+
+
 LAW_ALONE = """
 import math
 from pcpc.drivers.compiled.jit import compiled, f8
