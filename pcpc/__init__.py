@@ -34,20 +34,20 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pcpc.drivers.errors import UserError as Error
-    from pcpc.tools.study.bounds.api import bounds
-    from pcpc.tools.after.compare.api import compare
-    from pcpc.tools.study.fit.api import fit
-    from pcpc.tools.api.live import Live, NotMet, running
-    from pcpc.tools.api.loop import Loop, Sample, loop
-    from pcpc.tools.after.record import Figure, NotOk, Run, UnknownName
-    from pcpc.tools.api.simulate import open, simulate
-    from pcpc.tools.study.sweep.api import Sweep, sweep
-    from pcpc.tools.study.bounds.bounds import Bounds
-    from pcpc.tools.after.compare.comparison import Comparison
-    from pcpc.tools.study.fit.result import Fit
-    from pcpc.tools.study.margin.find import margin
-    from pcpc.tools.study.margin.margins import Margins
-    from pcpc.tools.study.margin.result import Margin, Response
+    from pcpc.tools.study.bounds.api import bounds as bounds
+    from pcpc.tools.after.compare.api import compare as compare
+    from pcpc.tools.study.fit.api import fit as fit
+    from pcpc.tools.api.live import Live as Live, NotMet as NotMet, running as running
+    from pcpc.tools.api.loop import Loop as Loop, Sample as Sample, loop as loop
+    from pcpc.tools.after.record import Figure as Figure, NotOk as NotOk, Run as Run, UnknownName as UnknownName
+    from pcpc.tools.api.simulate import open as open, simulate as simulate
+    from pcpc.tools.study.sweep.api import Sweep as Sweep, sweep as sweep
+    from pcpc.tools.study.bounds.bounds import Bounds as Bounds
+    from pcpc.tools.after.compare.comparison import Comparison as Comparison
+    from pcpc.tools.study.fit.result import Fit as Fit
+    from pcpc.tools.study.margin.find import margin as margin
+    from pcpc.tools.study.margin.margins import Margins as Margins
+    from pcpc.tools.study.margin.result import Margin as Margin, Response as Response
 
 _WHERE = {
     "Bounds": "tools.study.bounds.bounds", "bounds": "tools.study.bounds.api",

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.plants.judging import Run
-from pcpc.plants.lyapunov import Assumption, Proof, Vector
-from pcpc.plants.weights import Weights
+from pcpc.plants.lyapunov import Assumption, Proof
+from pcpc.plants.weights import Vector, Weights
 
 LEAST = 20  # cycles of a stretch
 Derived = Callable[[Mapping[str, float]], float]

@@ -36,8 +36,9 @@ _HIDDEN = "scipy" not in sys.modules
 if _HIDDEN:
     sys.modules["scipy"] = None  # type: ignore[assignment] # an import of it fails
 import numba.np.arraymath  # noqa: E402  the environment above must stand before numba reads it
-from numba import carray, from_dtype, types  # noqa: E402
+from numba import from_dtype, types  # noqa: E402
 from numba.core.errors import NumbaExperimentalFeatureWarning  # noqa: E402
+from numba.np.numpy_support import carray  # noqa: E402
 
 from pcpc.drivers.compiled import kept_code  # noqa: E402
 

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 from numba.core import caching, dispatcher
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 from pcpc.drivers.compiled import compile_cache
 

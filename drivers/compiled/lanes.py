@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.compiled.jit import f8, types
 from llvmlite import ir  # after ours, which set numba's environment
 from numba.core import cgutils
-from numba.core.typeconv import Conversion
+from numba.core.typeconv.castgraph import Conversion
 from numba.extending import (
     intrinsic,
     lower_builtin,

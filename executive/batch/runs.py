@@ -25,9 +25,9 @@ from pcpc.executive.loop.faults import FAULT_NAMES
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
-from pcpc.executive.rig.blocks import law_keys
+from pcpc.executive.rig.blocks import BlockSpec, law_keys
 from pcpc.executive.rig.preparation import prepared_values
-from pcpc.executive.rig.reading import BlockSpec, Rig, load_rig
+from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 
 _DIFFERS = "a step branches differently with these settings"

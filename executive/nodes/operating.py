@@ -9,7 +9,8 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.loop import faults
 from pcpc.executive.loop.states import State
-from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig.standby import IN_CHARGE, TO
 
 DISARMED = "supervisor.disarmed"

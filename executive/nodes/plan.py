@@ -25,10 +25,11 @@ from pcpc.executive.loop.variables import BUS, DRIVE, HEAD, REFUSALS, REQUESTS, 
 from pcpc.executive.nodes import planned_controllers, planned_faults, planned_plausible
 from pcpc.executive.rig import messages as protocol
 from pcpc.executive.rig import standby
+from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.carried_files import Reads, add_reads, noted_reads
 from pcpc.executive.rig.commands import commands
 from pcpc.executive.rig.preparation import prepared_values
-from pcpc.executive.rig.reading import BlockSpec, NodeSpec, Rig
+from pcpc.executive.rig.reading import NodeSpec, Rig
 from pcpc.executive.rig.roles import Role
 from pcpc.executive.rig.schema import Limit
 

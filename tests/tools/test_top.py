@@ -16,8 +16,7 @@ from copies import program
 from live_run import ANSWER_S, ERROR, KV, Run, Screen, pcpc
 from processes import ROOT, until
 
-from pcpc.drivers.can.e2e_states import ERROR as BAD_CRC
-from pcpc.drivers.can.e2e_states import OK, OK_SOME_LOST, REPEATED
+from pcpc.drivers.can.e2e_states import Received
 from pcpc.executive.loop import drive
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault
@@ -170,8 +169,14 @@ def begin(name: str) -> sh.Shared:
 def test_frames_are_counted_by_what_the_check_made_of_them(stand: str) -> None:
     block = begin(stand)
     meter = Meter({stand: live.find(stand)})
-    states = [(16, 1, OK)] * 7 + [(16, 1, OK_SOME_LOST), (16, 1, REPEATED), (16, 1, BAD_CRC)]
-    for i, (number, received, state) in enumerate([*states, (32, 0, OK), (32, 1, OK)]):
+    states = [(16, 1, Received.OK)] * 7 + [
+        (16, 1, Received.OK_SOME_LOST),
+        (16, 1, Received.REPEATED),
+        (16, 1, Received.ERROR),
+    ]
+    for i, (number, received, state) in enumerate(
+        [*states, (32, 0, Received.OK), (32, 1, Received.OK)]
+    ):
         block["frame"][i, 3] = number | 8 << 32 | received << 40 | state << 48
     block["frame_ends"][sh.PUT] = 12
     for i, x in enumerate((0.5, -3.0, 0.25)):

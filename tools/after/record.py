@@ -34,7 +34,7 @@ from pcpc.tools.terminal.rooms import part_of
 if TYPE_CHECKING:
     import pandas
 
-    from pcpc.tools.after.replay import Verdict as Replayed
+    from pcpc.tools.after.replayed import Verdict as Replayed
 
 Vector = NDArray[np.float64]
 FRAME = np.dtype(

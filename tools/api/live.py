@@ -14,6 +14,7 @@ from pcpc.drivers.errors import UserError
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes import injecting, operating
 from pcpc.executive.nodes import live as nodes
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after.record import Figure, Run, UnknownName
 from pcpc.tools.start.children import Child
@@ -259,7 +260,7 @@ class Live:
     def _wait(self, node: nodes.Live, holds: Any, within_s: float, what: str) -> nodes.Values:
         try:
             return node.wait_until(holds, within_s, what)
-        except nodes.LiveError as error:
+        except LiveError as error:
             raise NotMet(str(error)) from None
 
     def _begin(self, roles: tuple[str, ...]) -> None:

@@ -23,17 +23,18 @@ Words = Iterable[str]
 
 def command(options: argparse.Namespace) -> int:
     """Print the code by which a shell learns to complete `pcpc`."""
-    import argcomplete
+    from argcomplete.shell_integration import shellcode
 
-    print(argcomplete.shellcode(["pcpc"], shell=options.shell))
+    print(shellcode(["pcpc"], shell=options.shell))
     return Exit.OK
 
 
 def complete(parser: argparse.ArgumentParser) -> None:
     """Answer a shell and end, if it asks (_ARGCOMPLETE)."""
     import argcomplete
+    from argcomplete.finders import safe_actions
 
-    argcomplete.safe_actions.update(option_notes.ACTIONS.values())  # these only note what is typed
+    safe_actions.update(option_notes.ACTIONS.values())  # these only note what is typed
     argcomplete.autocomplete(parser)
 
 
@@ -141,7 +142,7 @@ def _laws(options: argparse.Namespace) -> Words:
 
 
 def _levels(options: argparse.Namespace) -> Words:
-    from pcpc.executive.nodes.live import LEVELS
+    from pcpc.executive.nodes.mailbox import LEVELS
 
     return LEVELS
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.injection import FOR_EVER
 from pcpc.executive.nodes.injecting import Injected, faults_of, inject
-from pcpc.executive.nodes.live import LiveError
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.remote.nodes import nodes_of
 from pcpc.tools.terminal import screen
 from pcpc.tools.terminal.option_notes import refuse

@@ -9,7 +9,8 @@ from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.faults import reason
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes import operating
-from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.remote.nodes import leader, nodes_of, rig_of
 
 _WITHIN_S = 2.0  # a node that runs needs a few cycles

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import did_you_mean
-from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.nodes.tap import Rows, Tap
 from pcpc.executive.rig import expressions as ex
 from pcpc.executive.rig.units import Unit, unit

@@ -22,7 +22,8 @@ import numpy as np
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
-from pcpc.executive.nodes.live import Live, LiveError, known
+from pcpc.executive.nodes.live import Live, known
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.rig import yamlfile
 from pcpc.tools.live.remote.nodes import nodes_of
 from pcpc.tools.live.variables import tune

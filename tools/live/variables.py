@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.alarms import Alarms
-from pcpc.executive.nodes.live import Live, LiveError, Variable, known
+from pcpc.executive.nodes.live import Live, Variable, known
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.remote.nodes import nodes_of
 from pcpc.tools.terminal import screen
 

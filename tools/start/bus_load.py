@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.e2e_states import BUS_ERROR
+from pcpc.drivers.can.e2e_states import Received
 from pcpc.drivers.can.frame_bits import classic_bits
 from pcpc.executive.rig import schema, yamlfile
 
@@ -29,14 +29,12 @@ class Counted:
 
     def __init__(self, rows: NDArray[np.int64]) -> None:
         self.seen, self.sent = Kinds(), Kinds()
-        self.received: dict[
-            int, Counter[int]
-        ] = {}  # by id word and state of `drivers.can.e2e_states`
+        self.received: dict[int, Counter[int]] = {}  # by id word and state
         words, counts = np.unique(rows[:, 3], return_counts=True)
         for word, count in zip(words.tolist(), counts.tolist(), strict=True):
             number, state = word & _ID, word >> _STATE & 0xFF
             kind = number, word >> _LENGTH & 0xFF
-            self.seen[kind] += count * (state != BUS_ERROR)
+            self.seen[kind] += count * (state != Received.BUS_ERROR)
             if word >> _RECEIVED & 0xFF:
                 self.received.setdefault(number, Counter())[state] += count
             else:

@@ -20,7 +20,7 @@ import math
 import numpy as np
 
 from pcpc.plants.families.two_link.book.theory import TwoLinks, motion, times
-from pcpc.plants.lyapunov import Constants, Proof, Vector
+from pcpc.plants.lyapunov import Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     Theorem,
@@ -34,7 +34,7 @@ from pcpc.plants.theorem import (
     size,
     switched_on,
 )
-from pcpc.plants.weights import Weights
+from pcpc.plants.weights import Vector, Weights
 
 JOINTS, ROOM, JUMPS = 2, 40, 2
 MARGIN = 1.25  # of the range that eps is looked for in, over that of the run

@@ -22,7 +22,8 @@ systems with unknown deadzones, Int. J. Control 61 (1995), 1-17; gam and the box
 
 from pcpc.executive.laws.block import Block, inline, port, stage
 from pcpc.executive.laws.emath import clip, where
-from pcpc.plants.deadzone_map.laws.deadzone_fuzzy import FuzzyOutputs, Gains, Guard, Inputs
+from pcpc.plants.deadzone_map.laws.deadzone_fuzzy import FuzzyOutputs, Gains, Inputs
+from pcpc.plants.families.maps.laws.map_pd import States as Guard
 from pcpc.plants.families.maps.laws.map_pd import desired, is_sound
 
 

@@ -23,7 +23,7 @@ import math
 import numpy as np
 
 from pcpc.plants.families.two_link.book.theory import Motion, TwoLinks, drawn, motion, times
-from pcpc.plants.lyapunov import Assumption, Constants, Proof, Vector
+from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     Theorem,
@@ -39,7 +39,7 @@ from pcpc.plants.theorem import (
     size,
     with_threshold,
 )
-from pcpc.plants.weights import Weights
+from pcpc.plants.weights import Vector, Weights
 
 INPUTS, ROOM, JUMPS = 11, 16, 4
 STANDARD, PROJECT, CONST = 0.0, 3.0, 4.0

@@ -8,7 +8,7 @@ Source: Lewis, Campos, Selmic (SIAM 2002), chapter 4.3, for m inputs.
 
 import numpy as np
 
-from pcpc.plants.lyapunov import Assumption, Constants, Proof, Vector
+from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     NoTheorem,
@@ -19,7 +19,7 @@ from pcpc.plants.theorem import (
     rates_positive,
     size,
 )
-from pcpc.plants.weights import Weights
+from pcpc.plants.weights import Vector, Weights
 
 MARGIN = 1.25  # of the range that w is looked for in, over that of the run
 CHAINS, LAW, PLANT = "ab", "executive:controller.", "plant:chains."

@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 
 from pcpc.plants.families.two_link.book.theory import Motion, TwoLinks, accelerated, drawn, motion
-from pcpc.plants.lyapunov import Assumption, Constants, Proof, Vector
+from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     Theorem,
@@ -38,7 +38,7 @@ from pcpc.plants.theorem import (
     switched_on,
     with_threshold,
 )
-from pcpc.plants.weights import Weights
+from pcpc.plants.weights import Vector, Weights
 
 INPUTS, NODES = 11, 10
 STATE = "executive:controller."

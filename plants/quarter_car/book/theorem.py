@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcpc.executive.laws.models.hydraulic_strut import nominal_gain
-from pcpc.plants.lyapunov import Assumption, Constants, Proof, Vector
+from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     NoTheorem,
@@ -31,7 +31,7 @@ from pcpc.plants.theorem import (
     positive,
     rates_positive,
 )
-from pcpc.plants.weights import Weights
+from pcpc.plants.weights import Vector, Weights
 
 P_MIN_PA, DP_SMOOTH_PA, SPOOL_SMOOTH_M, PSI_MIN_PA, FLOOR = 1e5, 1e5, 1e-5, 1e4, 0.05
 RANGE, SCALES = 1.2, (0.1, 2.0, 10e6)

@@ -16,7 +16,7 @@ without payload, and the payload's part of the run. rad, rad/s. Source: Lewis, C
 import numpy as np
 
 from pcpc.plants.families.two_link.book.theory import TwoLinks, accelerated
-from pcpc.plants.lyapunov import Assumption, Constants, Proof, Vector
+from pcpc.plants.lyapunov import Assumption, Constants, Proof
 from pcpc.plants.theorem import (
     Cycles,
     NoTheorem,
@@ -30,7 +30,7 @@ from pcpc.plants.theorem import (
     size,
     with_threshold,
 )
-from pcpc.plants.weights import Weights
+from pcpc.plants.weights import Vector, Weights
 
 INPUTS, NODES, ROBUST, NETWORK = 5, 20, 3.0, 4.0
 P, Q = np.array([[150.0, 10.0], [10.0, 2.0]]), np.diag([500.0, 20.0])

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cantools
 import numpy as np
 from cantools.database.can import Database, Message
+from cantools.database.errors import Error
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id, codec, dbc, e2e
+from pcpc.drivers.can.e2e_states import Received
 from pcpc.drivers.compiled.jit import compiled
 from pcpc.drivers.errors import BusError
 from pcpc.tools.terminal.outfile import LogCommandError
@@ -24,7 +25,7 @@ from pcpc.tools.terminal.progress import Progress
 
 _STEP = 20_000  # frames from one look at the progress to the next
 _NOT_DECODABLE = (  # what cantools raises for a frame that its message does not fit
-    cantools.database.Error, ValueError, TypeError, LookupError, AttributeError, ArithmeticError,
+    Error, ValueError, TypeError, LookupError, AttributeError, ArithmeticError,
 )  # fmt: skip
 
 
@@ -64,7 +65,7 @@ def _walk(
 ) -> int:  # fmt: skip
     lost = 0
     for i in range(data.shape[0]):
-        outcome[i] = e2e.OK
+        outcome[i] = Received.OK
         if check:
             outcome[i], before = e2e.check(data[i], length[i], 0, frames, state)
             lost += before
@@ -94,11 +95,13 @@ def decode(
     progress.show("decoding; the first time compiles, some seconds")
     lost = walk(True)
     right = length == frame.dlc
-    foreign = frame.protected and 2 * int((outcome[right] == e2e.ERROR).sum()) > int(right.sum())
+    foreign = frame.protected and 2 * int((outcome[right] == Received.ERROR).sum()) > int(
+        right.sum()
+    )
     if foreign:
         lost = walk(False)
-        outcome[:] = np.where(right, e2e.NOT_AVAILABLE, e2e.ERROR)
-    used = right if foreign else (outcome == e2e.OK) | (outcome == e2e.OK_SOME_LOST)
+        outcome[:] = np.where(right, Received.NOT_AVAILABLE, Received.ERROR)
+    used = right if foreign else (outcome == Received.OK) | (outcome == Received.OK_SOME_LOST)
     signals = [(s.name, s.unit, s.help) for s in frame.signals]
     return Decoded(
         message, signals, place[used], values[used], outcome, lost, not foreign, foreign
@@ -111,7 +114,7 @@ def _by_cantools(
     """As `decode`; a signal that is not in this layout of the frame keeps its value, first NaN."""
     index = {signal.name: i for i, signal in enumerate(message.signals)}
     values = np.full((len(frames), len(index)), np.nan)
-    state = np.full(len(frames), e2e.NOT_AVAILABLE, np.int64)
+    state = np.full(len(frames), Received.NOT_AVAILABLE, np.int64)
     last = np.full(len(index), np.nan)
     for i, row in enumerate(frames):
         if i and i % _STEP == 0:
@@ -121,9 +124,9 @@ def _by_cantools(
             for name, value in found.items():
                 last[index[name]] = value
         except _NOT_DECODABLE:
-            state[i] = e2e.ERROR
+            state[i] = Received.ERROR
         values[i] = last
-    used = state != e2e.ERROR
+    used = state != Received.ERROR
     signals = [(s.name, s.unit or "", s.comment or "") for s in message.signals]
     return Decoded(message, signals, place[used], values[used], state, 0, False, False)
 

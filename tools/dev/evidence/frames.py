@@ -21,6 +21,7 @@ from can.interfaces.udp_multicast.utils import pack_message
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import e2e, wire
+from pcpc.drivers.can.e2e_states import Received
 from pcpc.drivers.can.wire_layout import FRAME_BYTES, PACKET_BYTES, SOCKETCAN, UDP
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function
@@ -39,6 +40,9 @@ LAST, NEXT, DLC = 7, 8, 8  # the counter heard, the next one; bytes of the frame
 _AT_ONCE, _SAMPLE, _WAIT_S = 20_000, 100, 1.0  # one in _SAMPLE of the others is judged again
 _COUNTED = "received", "crc_errors", "repeated", "wrong_sequence", "foreign"
 _COUNTS = np.array([control.place(word) for word in _COUNTED])
+_FATE_OF_STATE: dict[int, int] = {
+    Received.ERROR: WRONG, Received.REPEATED: AGAIN, Received.WRONG_SEQUENCE: AHEAD,
+}  # fmt: skip
 _FATE_OF = np.array([USED, WRONG, AGAIN, AHEAD, OWN])
 Draw = Callable[[random.Random, "Good"], bytes]
 
@@ -303,9 +307,7 @@ def _misjudged(good: Good, fates: NDArray[np.int64], frames: NDArray[np.int64]) 
         receiver = expected.Receiver(known)
         receiver.last, receiver.still = LAST, 1
         state = receiver.check(bytes(frame[8:]), frame[4])[0]
-        wrong += fate != {e2e.ERROR: WRONG, e2e.REPEATED: AGAIN, e2e.WRONG_SEQUENCE: AHEAD}.get(
-            state, USED
-        )
+        wrong += fate != _FATE_OF_STATE.get(state, USED)
     return wrong
 
 

@@ -34,7 +34,8 @@ import numpy as np
 from pcpc.drivers.can import choice
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop import sharing
-from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.dev.evidence.aftermath import Seen, left_behind, log_losses, node_run
 from pcpc.tools.start import rigs
 from pcpc.tools.start.children import Child

@@ -28,7 +28,8 @@ import numpy as np
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.loop.states import State
 from pcpc.executive.nodes.injecting import faults_of, inject
-from pcpc.executive.nodes.live import Live, LiveError, running
+from pcpc.executive.nodes.live import Live, running
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.executive.nodes.plan import plan
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import ROLES

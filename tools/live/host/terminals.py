@@ -10,7 +10,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.host import client_messages as messages
 from pcpc.tools.live.remote import fields
 

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.drivers.machine import regular_files
-from pcpc.executive.nodes.live import LiveError
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.remote import answers, guard
 from pcpc.tools.terminal import screen
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes import live as here
 from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LEVELS
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.live.remote import answers, fields
 from pcpc.tools.live.remote.link import Link
@@ -116,7 +117,7 @@ class Remote(Live):
 
     def lock(self, level: str) -> None:
         """See Live."""
-        if level not in here.LEVELS:
+        if level not in LEVELS:
             super().lock(level)
         self._link.ask("lock", node=self._handle, level=level)
 

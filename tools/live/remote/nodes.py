@@ -6,7 +6,8 @@ What asks another machine is imported only then, as it takes time.
 import argparse
 
 from pcpc.drivers.errors import Exit
-from pcpc.executive.nodes.live import Live, LiveError
+from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.local_nodes import Nodes
 from pcpc.tools.start import rigs
 from pcpc.tools.terminal.option_notes import refuse

@@ -16,8 +16,10 @@ from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from pcpc.drivers.errors import Exit
-from pcpc.executive.nodes.live import Live, LiveError
-from pcpc.tools.live.remote.nodes import Nodes, leader, nodes_of, rig_of
+from pcpc.executive.nodes.live import Live
+from pcpc.executive.nodes.mailbox import LiveError
+from pcpc.tools.live.local_nodes import Nodes
+from pcpc.tools.live.remote.nodes import leader, nodes_of, rig_of
 from pcpc.tools.live.top.meter import Meter
 from pcpc.tools.live.top.page import lines
 from pcpc.tools.terminal.option_notes import refuse

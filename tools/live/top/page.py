@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pcpc.drivers.can.e2e_states import ERROR, OK, OK_SOME_LOST, REPEATED, WRONG_SEQUENCE
+from pcpc.drivers.can.e2e_states import Received
 from pcpc.executive.loop import drive
 from pcpc.executive.nodes.operating import in_charge, laws
 from pcpc.tools.live.top.meter import Meter, NodeMeter
@@ -16,9 +16,11 @@ _DRIVE = {  # CiA 402
 _OF_THE_DRIVE = 0x6F
 _LEAST = 3  # rows of frames and of parameters, however low the screen is
 _STATES = {
-    "used": (OK, OK_SOME_LOST), "gaps": (OK_SOME_LOST, WRONG_SEQUENCE), "repeated": (REPEATED,),
-    "crc": (ERROR,),
-}  # fmt: skip
+    "used": (Received.OK, Received.OK_SOME_LOST),
+    "gaps": (Received.OK_SOME_LOST, Received.WRONG_SEQUENCE),
+    "repeated": (Received.REPEATED,),
+    "crc": (Received.ERROR,),
+}
 
 
 def lines(meter: Meter, columns: int, rows: int) -> list[str]:

@@ -16,7 +16,8 @@ from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.machine.jitter.loops import JitterError, Setup
-from pcpc.tools.run.run import LOG, Host
+from pcpc.tools.run.run import Host
+from pcpc.tools.start.folder import LOG
 from pcpc.tools.terminal.progress import Progress
 
 RIG = Path(__file__).resolve().parents[3] / "plants" / "probe" / "rig.yaml"

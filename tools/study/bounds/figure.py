@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pcpc.plants.lyapunov import Account, Vector
+from pcpc.plants.lyapunov import Account
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, POINTS, VERMILION
+from pcpc.plants.weights import Vector
 
 SKY_WIDE = "#A9D5EE"  # below a thin line
 SMOOTH_S = 0.02  # of drawn derivatives: a mean over so long

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Mapping
 
-from pcpc.plants.lyapunov import Account, Vector
+from pcpc.plants.lyapunov import Account
+from pcpc.plants.weights import Vector
 from pcpc.tools.terminal import screen
 
 

@@ -13,9 +13,10 @@ from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.executive.rig.roles import Role
 from pcpc.tools.start.rigs import find
 from pcpc.tools.start.settings import settings
+from pcpc.tools.study.arrays import Vector
 from pcpc.tools.study.margin import linear, loops, measured, motion, notes, operating
 from pcpc.tools.study.margin.margins import margins
-from pcpc.tools.study.margin.result import Margin, Response, Vector
+from pcpc.tools.study.margin.result import Margin, Response
 from pcpc.tools.study.margin.visible import visible_margins
 
 Method = Literal["both", "linearised", "measured"]

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pcpc.executive.errors import RigError
+from pcpc.tools.study.engine import REFUSED
 from pcpc.tools.study.sweep import statements
-from pcpc.tools.study.sweep.results import HELD, REFUSED, Results, failures
+from pcpc.tools.study.sweep.results import HELD, Results, failures
 
 LOOK, LATER = 64, 16  # draws between two looks at the statement, or this part of those done
 

@@ -15,10 +15,9 @@ import numpy as np
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.tools.study.arrays import Vector
-from pcpc.tools.study.engine import Pieces, Row, pieces
+from pcpc.tools.study.engine import FAULT, REFUSED, Pieces, Row, pieces
 from pcpc.tools.study.sweep import rare, statements, worst
 from pcpc.tools.study.sweep.campaign import Campaign
-from pcpc.tools.study.sweep.results import FAULT, REFUSED
 from pcpc.tools.study.sweep.store import Store
 from pcpc.tools.study.sweep.vary import points_of_normal
 

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 from pcpc.drivers.errors import printable
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.carried_files import is_ordinary
+from pcpc.tools.study.engine import FAULT, RAN, REFUSED
 from pcpc.tools.study.sweep.campaign import SEARCHES, differences, read
-from pcpc.tools.study.sweep.results import COLUMNS, FAULT, RAN, REFUSED, VARY, kind_of
+from pcpc.tools.study.sweep.results import COLUMNS, VARY, kind_of
 from pcpc.tools.study.sweep.store import SPEC, complete_table
 
 if TYPE_CHECKING:

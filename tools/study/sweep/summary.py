@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from pcpc.tools.study.arrays import Vector
-from pcpc.tools.study.sweep.results import FAULT, REFUSED, Results
+from pcpc.tools.study.engine import FAULT, REFUSED
+from pcpc.tools.study.sweep.results import Results
 
 WORST, COLUMNS = 2, 80  # runs of a controller that are told
 _SHARES = (("5 %", 5.0), ("median", 50.0), ("95 %", 95.0))

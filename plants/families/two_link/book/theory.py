@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcpc.plants.lyapunov import Vector
 from pcpc.plants.theorem import Cycles
+from pcpc.plants.weights import Vector
 
 DRAWN = 4000  # points of the compact set
 MARGIN = 1.25  # of the compact set over the run
