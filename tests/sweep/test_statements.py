@@ -120,9 +120,11 @@ def test_expected_runs_where_every_run_fails_and_where_the_mean_stands_still() -
     assert alone.expected(0.1) == pytest.approx(10.0, rel=1e-6)
 
 
-def test_the_bound_is_where_the_test_turns() -> None:
-    statement = st.parse("p_fail < 0.01 at 95%")
-    for failures in (0, 1, 5):
+@pytest.mark.parametrize(("percent", "some"), [(80.0, 1), (95.0, 1), (99.9, 2)])
+def test_the_bound_is_where_the_test_turns(percent: float, some: int) -> None:
+    """At each confidence: only at 95 % is the share of false statements that of giving up."""
+    statement = st.parse(f"p_fail < 0.01 at {percent}%")
+    for failures in (0, some, 5):
         first = next(n for n in range(failures, 9000) if statement.bounds(failures, n)[1] < 0.01)
         assert statement.outcome(failures, first) == st.HOLDS
         assert statement.outcome(failures, first - 1) != st.HOLDS
@@ -133,8 +135,8 @@ def test_the_bound_is_where_the_test_turns() -> None:
             assert statement.outcome(failures, last) == st.REFUTED
             assert statement.outcome(failures, last + 1) != st.REFUTED
         upper = statement.bounds(failures, 400)[1]
-        turning = st.Statement(upper, 0.95, upper / 10).likelihood(failures, 400)
-        assert turning == pytest.approx(math.log(20.0))
+        turning = st.Statement(upper, percent / 100.0, upper / 10).likelihood(failures, 400)
+        assert turning == pytest.approx(-math.log(1.0 - percent / 100.0))
 
 
 @pytest.mark.parametrize("p0", [0.01, 0.1, 0.4])
