@@ -73,6 +73,17 @@ def test_a_fault_is_a_failure_and_what_was_refused_counts_neither_way() -> None:
     assert [part.failures(c)[1] for c in CONTROLLERS] == [49, 49]
 
 
+def test_what_a_run_told_until_its_fault_is_no_value_of_it() -> None:
+    rows = table(50).to_pylist()
+    (faulty,) = (row for row in rows if row["outcome"] == "fault")
+    faulty |= {ERROR: 1e-3, f"margin:{REQUIREMENT}": 13.999}  # of the part before
+    told, quiet = Results(pa.Table.from_pylist(rows), spec(50)), drawn(50)
+    for name in (ERROR, f"margin:{REQUIREMENT}"):
+        assert np.isnan(told.values(name, "pd")).tolist() == [i == 3 for i in range(49)]
+        found, wanted = (one.pairs(name, *CONTROLLERS) for one in (told, quiet))
+        assert np.array_equal(found, wanted), f"{name}: a fault made a pair"
+
+
 def test_pairs_are_the_same_draw_in_any_order_of_rows(written: Path, tmp_path: Path) -> None:
     rows = table(50).to_pylist()
     shuffled = [rows[i] for i in np.random.default_rng(1).permutation(len(rows))]
