@@ -69,15 +69,23 @@ def test_a_fault_excuses_what_it_takes_and_nothing_else(fault: str, tmp_path: Pa
     assert verdict == "loss" and against >= 0.9 * real > 30, (real, counts)
 
 
-@pytest.mark.parametrize(("cycle", "counts"), [(97, True), (98, False), (123, False), (124, True)])
+@pytest.mark.parametrize(
+    ("cycle", "ended", "counts"),
+    [
+        (97, 0, True), (98, 0, False), (123, 0, False), (124, 0, True),
+        (113, 110, False), (114, 110, True), (123, 110, True), (124, 180, True),
+    ],
+)  # fmt: skip
 def test_a_stall_of_another_node_excuses_its_cycles_and_two_beside_them(
-    cycle: int, counts: bool
+    cycle: int, ended: int, counts: bool
 ) -> None:
+    """It lasts for 20 cycles, or until somebody `ended` it."""
     names = [f"health.{HEALTH[key][1]}" for key in ("missed", "starved")]
     at = np.arange(300.0)
     columns = dict.fromkeys(names, np.where(at >= cycle, 1.0, 0.0))
     own = SimpleNamespace(cycle=at, timing=columns, description={"faults": {}}, tunings=[])
-    stall = {"name": "fault.halt.left", "cycle": 100, "value": 20.0}
-    other = SimpleNamespace(description={"faults": {"halt": {"kind": "stall"}}}, tunings=[stall])
+    stall = [{"name": "fault.halt.left", "cycle": 100, "value": 20.0}]
+    stall += [{"name": "fault.halt.left", "cycle": ended, "value": 0.0}] * (ended > 0)
+    other = SimpleNamespace(description={"faults": {"halt": {"kind": "stall"}}}, tunings=stall)
     log: Any = SimpleNamespace(node={"executive": own, "plant": other})
     assert is_input_missing(log, {"executive": {"starved": 1}}) == counts
