@@ -1,15 +1,19 @@
 """What counts as the same run: each part of each frame that was sent, and each variable."""
 
 import argparse
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from logcommand import PLANT, barrel_log
+from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.variables import COUNTED
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.rig.reading import load_rig
 from pcpc.tools.after import replay as replaying
@@ -80,6 +84,26 @@ def test_a_heartbeat_after_the_meeting_is_compared(
     for role, verdict in told(barrel_log("pd")).items():
         assert [(d.name, d.cycle) for d in verdict.ordered()] == [(SENT, 200)], (role, verdict)
         assert verdict.state == "DIFFERENT", verdict
+
+
+@pytest.mark.parametrize("role", ["executive", "plant"])
+def test_a_bit_of_each_state_and_of_each_counter_of_frames_is_compared(role: str) -> None:
+    def other(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+        made = {name: values.copy() for name, values in columns.items()}
+        for name in compared & made.keys():
+            made[name][-1:].view(np.int64)[0] ^= 1  # in the last cycle, so that nothing follows
+        return made
+
+    log = logs.read(barrel_log("pd"))
+    node = log.node[role]
+    compared = {*node.columns, *COUNTED}
+    changed = replace(node, columns=other(node.columns), timing=other(node.timing))
+    rig = load_rig(PLANT / "rigs" / "slew10.yaml", "pd", ["duration_s=0.3"])
+    comparison, last = replaying.Comparison(log, rig, role), int(node.cycle[-1])
+    comparison.take(replace(log, node={role: changed}), last, True)
+    verdict = comparison.verdict
+    assert verdict.differences.keys() == compared, compared ^ verdict.differences.keys()
+    assert {(one.cycle, one.ulp) for one in verdict.ordered()} == {(last, 1)}, verdict.ordered()
 
 
 @pytest.mark.parametrize("role", [0, 1])
