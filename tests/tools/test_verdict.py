@@ -98,7 +98,9 @@ def test_limits_without_their_window_are_named_and_fail_on_demand(
     ("settings", "judged"),
     [(("duration_s=6.0",), True), (("duration_s=5.999",), False), (("duration_s=3.5",), False),
      (("duration_s=3.0",), False), (("duration_s=9.0",), True),
-     (("duration_s=7.0", "evaluation.window_s=[1.0, 7.5]"), False)],
+     (("duration_s=7.0", "evaluation.window_s=[1.0, 7.5]"), False),
+     (("duration_s=7.0", "evaluation.rest_to_s=7.0"), True),
+     (("duration_s=7.0", "evaluation.rest_to_s=7.5"), False)],
 )  # fmt: skip
 def test_limits_are_judged_by_runs_that_reach_the_end_of_every_window(
     settings: tuple[str, ...], judged: bool
