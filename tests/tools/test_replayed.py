@@ -1,6 +1,7 @@
 """What counts as the same run: each part of each frame that was sent, and each variable."""
 
 import argparse
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from logcommand import PLANT, barrel_log
+from logcommand import PLANT, barrel_log, run_here
 from numpy.typing import NDArray
 
 from pcpc.executive.log import reader as logs
@@ -124,6 +125,17 @@ def told(log: Path) -> dict[str, Any]:
     """Replay in this process; return the verdicts by node."""
     options = argparse.Namespace(controller=None, set=[], node="all")
     return {one.role: one for one in replaying.replay(log, options, Progress(quiet=True))}
+
+
+@pytest.mark.parametrize(
+    ("setting", "which"),
+    [("controller.kv_Nms_rad=117", "executive"), ("barrel.gap_rad=0.003", "plant")],
+)
+def test_a_replay_with_one_node_that_differs_is_not_met(setting: str, which: str) -> None:
+    done = run_here("replay", barrel_log("pd"), "--json", "--quiet", "--set", setting)
+    identical = {one["node"]: one["identical"] for one in json.loads(done.out)}
+    assert identical == {role: role != which for role in ("executive", "plant")}, done
+    assert done.code == 1, done
 
 
 @pytest.mark.parametrize("missing", [[], ["/state: 1 of 300 messages"]])
