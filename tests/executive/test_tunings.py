@@ -131,6 +131,17 @@ def test_the_loop_itself_keeps_to_the_lock(bench: Bench, level: int) -> None:
     assert refused(bench, [bench.executive.place(GAIN)], [0.5], lock=level) == sh.LOCKED
 
 
+def test_a_stop_that_the_lock_lets_pass_takes_no_tuning_with_it(bench: Bench) -> None:
+    node = bench.executive
+    stop, gain = node.place("supervisor.stop"), node.place(GAIN)
+    for places in ([stop, gain], [gain, stop]):
+        assert refused(bench, places, [1.0, 1.0], lock=1) == sh.LOCKED, places
+    node.post({"supervisor.stop": 1.0})
+    bench.run(1)
+    assert node.loop.mail[sh.LOCK] == 1 and node.loop.answer[sh.REFUSAL] == sh.ACCEPTED
+    assert node.loop.guard.stop == 1
+
+
 def test_a_request_that_was_withdrawn_sets_nothing_and_is_no_refusal(bench: Bench) -> None:
     node = bench.executive
     node.post({GAIN: 0.5})
