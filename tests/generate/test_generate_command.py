@@ -77,6 +77,16 @@ def test_a_law_that_differs_in_the_13th_digit_is_another_digest(tmp_path: Path) 
     assert found[0] == expected != found[1], (expected, found)
 
 
+def test_a_digest_is_of_every_recorded_state_and_output_of_every_block() -> None:
+    closed = Closed(load_rig(Path(find("hull")), "pd_nn_fast"))
+    columns = closed.columns()
+    for role, wiring in closed.nodes.items():
+        kinds = {v.name: v.kind for v in wiring.plan.table.variables if v.recorded}
+        wanted = {name for name, kind in kinds.items() if kind in ("state", "output")}
+        assert {name for name, _ in columns[role]} == wanted
+        assert {kinds[name] for name in wanted} == {"state", "output"}, role
+
+
 def test_a_check_says_which_build_differs(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
