@@ -154,6 +154,7 @@ def test_a_log_that_excites_nothing_says_what_would(motor, tmp_path, capsys):
              "--parameter", "motor.inertia_kg_m2", "--quiet"]  # fmt: skip
     assert main(words) == 1
     assert "tells nothing" in capsys.readouterr().out
+    assert main([*words[:3], "-o", str(tmp_path / "all"), "--quiet"]) == 1, "nothing was estimated"
 
 
 def test_a_plant_that_was_tuned_in_the_log_is_refused(motor):

@@ -20,7 +20,8 @@ from pcpc.tools.terminal.progress import Progress
 def command(options: argparse.Namespace) -> int:
     """Fit, write the folder, tell; NOT_MET where the model leaves more than noise.
 
-    And where the log tells nothing of what was named. LOSS if a part of the log is missing.
+    And where the log tells nothing of what was named, or nothing at all. LOSS if a part of it is
+    missing.
     """
     need("a fit needs", "sweep", "scipy.optimize", FIGURE)
     rig = load_rig(options.rig, None, options.set)
@@ -44,7 +45,8 @@ def _fit(options: argparse.Namespace, model: Model, log: logs.Log, folder: Path)
         (folder / VALUES).write_text(found.settings(str(options.rig)), "utf-8")
         found.save(folder)
     named = {one.name for one in found.parameters if options.parameter and not one.excited}
-    if named or not found.arrived:
+    nothing = not any(one.excited for one in found.parameters)
+    if named or nothing or not found.arrived:
         return Exit.NOT_MET
     return Exit.LOSS if found.missing else Exit.OK
 

@@ -50,7 +50,7 @@ COMMANDS = (
         module="study.fit.cli",
         codes={
             Exit.OK: "",
-            Exit.NOT_MET: "the log tells nothing of a --parameter",
+            Exit.NOT_MET: "the log tells nothing of a --parameter, or of all",
             Exit.WRONG_INPUT: "",
             Exit.LOSS: "the log is damaged",
             Exit.ENVIRONMENT: "a package is missing",
