@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import json
+import math
 import os
 import signal
 import tempfile
@@ -33,6 +34,31 @@ PROBE = str(RIGS.parents[1] / "probe" / "rig.yaml")
 def virtual(folder: Path, *words: str, rig: str = SLEW10) -> Done:
     """Return what `pcpc simulate --json` came to."""
     return pcpc("simulate", rig, "-o", str(folder), "--json", "--quiet", "--no-figure", *words)
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf])
+def test_a_figure_that_leaves_out_what_is_no_number_is_not_met(wrong: float) -> None:
+    rig = load_rig(SLEW10)
+    log = in_memory(rig)
+    angle = log.node["plant"].columns["barrel.theta_rad"].copy()
+    angle[4000:4010] = wrong
+    columns = {**log.node["plant"].columns, "barrel.theta_rad": angle}
+    plant = dataclasses.replace(log.node["plant"], columns=columns)
+    log = dataclasses.replace(log, node=log.node | {"plant": plant})
+    found = summarise(rig, log, Outcome("virtual", "memory"))
+    assert found.verdict == "expectation not met", found.metrics
+    assert "barrel.theta_rad is no finite number at 4 s" in found.expectations_failed[0], found
+
+
+def test_a_log_that_was_replaced_while_the_run_went_on_is_a_loss() -> None:
+    rig, begin_ns = load_rig(PROBE, settings=["duration_s=0.2"]), 5_000_000_000
+    log = in_memory(rig)
+    for pacing, said in {"real": "real", "lockstep": "virtual"}.items():
+        facts = {**log.metadata["executive"], "pacing": said}
+        other = dataclasses.replace(log, metadata={**log.metadata, "executive": facts})
+        found = summarise(rig, other, Outcome(pacing, "memory", begin_ns=begin_ns))
+        assert found.verdict == "loss", pacing
+        assert "that of another run" in found.log_missing[0], found.log_missing
 
 
 # ------------------------------------------------------------------------- what was changed

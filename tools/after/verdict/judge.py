@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -231,6 +232,8 @@ class Judge:
                 known = "" if name in found.metrics else did_you_mean(name, found.metrics)
                 said = "is not told by this run" if math.isnan(value) else f"= {value:.4g}"
                 found.failed.append(f"{name} {said}, expected {low:g} to {high:g}{known}")
+            elif odd := guarded(partial(self.evaluation.left_out, judged, name)):
+                found.failed.append(f"{name} = {value:.4g} leaves out that {odd}")
 
 
 def changes(settings: Sequence[str]) -> str:

@@ -154,6 +154,7 @@ def summarise(rig: Rig, log: logs.Log, outcome: Outcome, judge: Judge | None = N
     absent = [f"{name}: not in the log" for name in outcome.nodes if name not in log.node]
     frames_wrong = [*too_many(rig, health), *stayed_away(rig, log), *unlike(log)]
     dropped = _dropped(log, outcome)
+    absent += _of_another_run(executive, log, outcome)
     missing = [*log.missing, *absent, *outcome.missing]
     verdict = "expectation not met" if failed else "ok"
     if on_purpose.is_input_missing(log, each) or dropped or frames_wrong or missing:
@@ -229,6 +230,16 @@ def _start_s(executive: logs.Node | None, outcome: Outcome) -> float | None:
         ahead_ns = time.time_ns() - time.monotonic_ns()
         first_ns = round(1e9 * float(executive.timing["timing.wall_s"][0])) - ahead_ns
     return round(1e-9 * (first_ns - outcome.begin_ns), 2)
+
+
+def _of_another_run(executive: logs.Node | None, log: logs.Log, outcome: Outcome) -> list[str]:
+    """Return a line if the log was replaced: by one from before the command, or paced otherwise."""
+    if executive is None or outcome.begin_ns is None or not len(executive.stamp_ns):
+        return []
+    paced = log.metadata.get(LEADER, {}).get("pacing", outcome.pacing)
+    before = outcome.pacing not in WITHOUT_CLOCK and executive.stamp_ns[0] < outcome.begin_ns
+    other = bool(paced != outcome.pacing or before)
+    return ["the log is that of another run: it was replaced while this one went on"] * other
 
 
 def _last(values: NDArray[np.float64] | None) -> int:
