@@ -14,6 +14,7 @@ from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import faults
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
+from pcpc.executive.loop.injected_frames import excused
 from pcpc.executive.loop.intrusion import HINT_TURNS, REACTIONS
 from pcpc.executive.loop.reception import take_frame
 from pcpc.executive.loop.states import State
@@ -156,6 +157,30 @@ def test_what_a_forged_frame_said_is_taken_back_in_its_cycle(node: Node) -> None
     turn(node)
     hear(node, 1, 5)
     assert node["rx.FB_A.encoder"] != true and node.loop.rx.fresh == 1, "another cycle, another try"
+
+
+def test_what_was_taken_back_is_no_reference_of_a_rate_limit() -> None:
+    rate = "executive: {plausible: {FB_A.encoder: {rate_per_s: 1.0e9}}}\n"
+    bench = Bench(both(rig_with("hold", rate)))
+    assert bench.run(20) == 20
+    node, taken = bench.executive, bench.executive.loop.plausible.taken
+    hear(node, 1, 3)
+    true = float(taken[0])
+    assert true == node["rx.FB_A.encoder"]
+    turn(node)
+    hear(node, 1, 200)
+    assert taken[0] == node["rx.FB_A.encoder"] != true
+    hear(node, 0, 3)
+    assert taken[0] == true
+
+
+def test_a_fault_on_purpose_excuses_what_follows_for_20_cycles_and_no_more(node: Node) -> None:
+    n = node.loop
+    assert not excused(n, 0)
+    for age, wanted in ((0, True), (20, True), (21, False), (1000, False)):
+        n.passes = 2000
+        n.faults.acted[0] = n.passes + 1 - age
+        assert bool(excused(n, 0)) == wanted, age
 
 
 def a_frame_twice(node: Node) -> None:

@@ -129,11 +129,11 @@ class Supervised(RuleBasedStateMachine):
         self.node["supervisor.reset"] = 1.0
         self.reset = True
 
-    @rule(pressed=st.booleans())
-    def press(self, pressed: bool) -> None:
-        """Press or release the emergency stop."""
-        self.node[ESTOP] = float(pressed)
-        self.pressed = pressed
+    @rule(value=st.sampled_from([0.0, 0.0, 1.0, 2.0, -0.5]))
+    def press(self, value: float) -> None:
+        """Press or release the emergency stop: whatever is not 0 presses it."""
+        self.node[ESTOP] = value
+        self.pressed = value != 0.0
 
     @rule()
     def be_over(self) -> None:
@@ -203,6 +203,20 @@ Supervised.TestCase.settings = settings(
     max_examples=300, stateful_step_count=40, derandomize=True, deadline=None
 )
 TestSupervised = Supervised.TestCase
+
+
+@pytest.mark.parametrize("value", [1.0, 2.0, -0.5, 1e-300, math.nan])
+@pytest.mark.parametrize("cycles", [0, 3])
+def test_an_emergency_stop_is_pressed_by_whatever_is_not_0(cycles: int, value: float) -> None:
+    node = Supervised()
+    node.begin(waits=False, manual=False)
+    for _ in range(cycles):
+        node.cycle(True, HIGH)
+    assert node.state == (State.RUN if cycles else State.INIT)
+    node.press(value)
+    node.cycle(True, HIGH)
+    assert node.state == State.FAULT
+    assert node.n.guard.faulted == Fault.EMERGENCY_STOP
 
 
 @pytest.mark.parametrize("state", range(6), ids=STATE_NAMES)
