@@ -3,7 +3,7 @@
 numba's own cache checks only the file of the compiled function, so an edit in a file that it calls
 would go unnoticed and the old code would run.
 
-    $NUMBA_CACHE_DIR, else $XDG_CACHE_HOME/pcpc/compiled/HASH, else ~/.cache/pcpc/compiled/HASH
+    $NUMBA_CACHE_DIR/HASH, else $XDG_CACHE_HOME/pcpc/compiled/HASH, else ~/.cache/...
     <temporary folder>/pcpc-UID/compiled/HASH    where the first one cannot be written
 
 Code in them is run, so neither may belong to anybody but this user or root.
@@ -98,7 +98,7 @@ def cache_folder() -> Path:
     """Return the folder of compiled code for the present sources (not created here)."""
     named = os.environ.get("NUMBA_CACHE_DIR")
     if named:
-        return Path(named)
+        return Path(named) / source_hash()
     base = user_cache()
     return temporary_folder() if base is None else base / "pcpc" / "compiled" / source_hash()
 

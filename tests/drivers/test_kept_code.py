@@ -225,6 +225,14 @@ def test_what_an_import_makes_of_the_environment_is_in_the_key(tmp_path: Path) -
     assert said() == ["112.0", "0"]
 
 
+def test_a_folder_of_the_environment_is_one_of_these_sources_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A user's law is kept by its path there, and has code of the project inlined."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert compile_cache.cache_folder() == tmp_path / compile_cache.source_hash()
+
+
 LAW_ALONE = """
 import math
 from pcpc.drivers.compiled.jit import compiled, f8

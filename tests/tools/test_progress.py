@@ -13,6 +13,7 @@ import pytest
 from live_run import Screen
 from logcommand import barrel_log
 
+from pcpc.drivers.compiled.compile_cache import source_hash
 from pcpc.executive.log import reader as logs
 from pcpc.tools.after.log import source
 from pcpc.tools.terminal import progress
@@ -42,8 +43,8 @@ def test_what_was_compiled_since_a_command_began_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def compiled(name: str, age_s: float) -> None:
-        file = tmp_path / "laws" / f"{name}.nbc"
-        file.parent.mkdir(exist_ok=True)
+        file = tmp_path / source_hash() / "laws" / f"{name}.nbc"
+        file.parent.mkdir(exist_ok=True, parents=True)
         file.touch()
         os.utime(file, times=(time.time() - age_s,) * 2)
 
