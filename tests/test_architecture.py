@@ -233,6 +233,24 @@ def test_what_can_be_installed_is_used() -> None:
     assert not needless, needless
 
 
+SHAPE = {"README.md", "rig.yaml", "model.py", "laws", "evaluation.py", "drawing.py", "layout.json"}
+MORE = {"parameters.yaml", "rigs", "identification.py", "device", "book", "figures"}  # not in each
+
+
+def test_what_pcpc_new_writes_and_the_shipped_systems_have_one_shape() -> None:
+    """A system's further modules are parts of its model; a rig of its own has tests beside it."""
+    written = {path.name for path in (ROOT / "tools/make/template").iterdir()} - {"__pycache__"}
+    assert written - MORE == SHAPE | {"motor.dbc", "test_motor.py"}
+    systems = [path.parent for path in (ROOT / "plants").glob("*/rig.yaml")]
+    shipped = [folder for folder in systems if folder.name != "probe"]  # which measures, no system
+    assert len(shipped) == 10
+    for folder in shipped:
+        names = {path.name for path in folder.iterdir()} - {"__pycache__", "__init__.py"}
+        assert SHAPE | {f"{folder.name}.dbc"} <= names, folder.name
+        others = names - SHAPE - MORE - {f"{folder.name}.dbc"}
+        assert all(one.endswith(".py") or one == "linear.yaml" for one in others), others
+
+
 def test_a_law_imports_nothing_but_numpy_beside_its_block() -> None:
     allowed = {"drivers", "executive", "plants", "numpy", "typing", "collections"}
     laws = {name: tree for name, tree in TREES.items() if area_of(name).endswith("/laws")}
