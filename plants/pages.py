@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.log.long_logs import LongLog
 from pcpc.plants.judging import (
     RUN,
@@ -76,7 +77,7 @@ def new_page(panels: Sequence[float], title: str, text: str) -> tuple[Any, Any]:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise ImportError("a figure needs matplotlib: pip install 'pcpc[plot]'") from None
+        raise ImportError(f"a figure needs matplotlib: {pip_install('matplotlib')}") from None
     page = Figure(figsize=(8.0, 10.0), dpi=150)
     axes = page.subplots(len(panels), 1, sharex=True, height_ratios=panels, squeeze=False)[:, 0]
     page.subplots_adjust(left=0.1, right=0.975, top=TOP, bottom=0.05, hspace=0.24)

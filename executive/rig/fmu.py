@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.executive.rig.schema import Entry
 from pcpc.executive.rig.yamlfile import Document, Keys, Place, shown
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from pcpc.executive.rig.fmu_block import Model, Variable
 
 LAW = "fmu"
-NEEDS = "FMUs need FMPy: pip install 'pcpc[fmu]'"
 _SHORT = ("fmu", "inputs", "parameters")  # keys of the plant that stand for a block
 _HEAD_BYTES = 10_000
 _MOST = 4096  # values of an array that are taken
@@ -37,6 +37,11 @@ _NUMBERS = {
     "Real", "Integer", "Boolean", "Enumeration", "Float64", "Float32", "Int8", "UInt8", "Int16",
     "UInt16", "Int32", "UInt32", "Int64", "UInt64",
 }  # fmt: skip
+
+
+def needs() -> str:
+    """Return what a rig with an FMU lacks without FMPy."""
+    return f"FMUs need FMPy: {pip_install('fmpy')}"
 
 
 def expand_shorthand(document: Document) -> None:
@@ -167,7 +172,7 @@ def _read(file: Path) -> Any:
         from fmpy import platform, platform_tuple
         from fmpy.model_description import read_model_description
     except ImportError:
-        raise RigError(f"{shown(file)}: {NEEDS}") from None
+        raise RigError(f"{shown(file)}: {needs()}") from None
     where = shown(file)
     try:
         with zipfile.ZipFile(file) as archive:

@@ -111,7 +111,7 @@ def test_without_fmpy_the_line_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "fmpy", None)
     path = rig(tmp_path, fmu("VanDerPol", 2), "fmu.x0")
-    assert "FMUs need FMPy: pip install 'pcpc[fmu]'" in refused(path)
+    assert f"FMUs need FMPy: {sys.executable} -m pip install 'fmpy~=" in refused(path)
 
 
 @pytest.mark.parametrize(

@@ -239,6 +239,7 @@ def test_an_experiment_without_matplotlib_runs_nothing(tmp_path: Path) -> None:
         "experiment", "chapter4", "-o", str(tmp_path / "out"),
         environment={"PYTHONPATH": str(tmp_path)},
     )  # fmt: skip
-    said = "chapter4: its figures need matplotlib: pip install 'pcpc[plot]' (no such thing)\n"
+    cure = f"{sys.executable} -m pip install 'matplotlib~=3.10'"
+    said = f"chapter4: its figures need matplotlib: {cure} (no such thing)\n"
     assert (done.code, done.out, done.err) == (4, "", said), str(done)
     assert not (tmp_path / "out").exists()

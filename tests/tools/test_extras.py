@@ -1,38 +1,42 @@
 """A package that is missing is named before any work is done, by every command that needs one."""
 
+import re
+import shlex
 import sys
 from pathlib import Path
 
 import pytest
-from processes import pcpc
+from processes import ROOT, pcpc
 
+from pcpc.drivers.machine import packages
 from pcpc.tools.cli import main
 
-SWEEP = "a sweep needs {}: pip install 'pcpc[sweep]'"
+PIP = f"{shlex.quote(sys.executable)} -m pip install"
+SWEEP = f"a sweep needs {{0}}: {PIP} '{{0}}"
 
 
 @pytest.mark.parametrize(
     ("module", "words", "said"),
     [
-        ("scipy.optimize", "fit hull log.mcap", "a fit needs scipy: pip install 'pcpc[sweep]'"),
-        ("matplotlib.figure", "fit hull log.mcap", "a fit needs matplotlib: pip install"),
+        ("scipy.optimize", "fit hull log.mcap", f"a fit needs scipy: {PIP} 'scipy~=1."),
+        ("matplotlib.figure", "fit hull log.mcap", f"a fit needs matplotlib: {PIP} 'matplot"),
         ("matplotlib.figure", "margin hull -o margins", "-o: a figure needs matplotlib: "),
         ("matplotlib.figure", "log plot log.mcap -o a.png", "a picture needs matplotlib: "),
         ("matplotlib.figure", "log animate log.mcap -o a.gif", "a film needs matplotlib: "),
-        ("PIL", "log animate log.mcap -o a.gif", "a film needs PIL: pip install 'pcpc[plot]'"),
-        ("pyarrow", "log export log.mcap -o a.parquet", "Parquet needs pyarrow: pip install"),
-        ("matplotlib.figure", "report log.mcap", "a report needs matplotlib: pip install"),
+        ("PIL", "log animate log.mcap -o a.gif", f"a film needs PIL: {PIP} pillow\n"),
+        ("pyarrow", "log export log.mcap -o a.parquet", f"Parquet needs pyarrow: {PIP} 'pyarrow>="),
+        ("matplotlib.figure", "report log.mcap", f"a report needs matplotlib: {PIP} 'matplotlib~="),
         ("matplotlib.figure", "bounds hull --plot a.png", "--plot a.png: a picture needs "),
         ("matplotlib.figure", "bus hull --plot a.png", "--plot a.png: a picture needs "),
         ("matplotlib.figure", "jitter --plot a.png", "--plot a.png: a picture needs "),
         ("matplotlib.figure", "experiment tuning", "tuning: its figures need matplotlib: "),
         ("matplotlib.figure", "compare --against HEAD -o a", "-o a: its figures need matplotlib"),
-        ("fmpy", "generate fmu hull", "an FMU needs fmpy: pip install 'pcpc[fmu]'"),
-        ("distributed", "sweep hull --scheduler local", "--scheduler needs distributed: pip "),
+        ("fmpy", "generate fmu hull", f"an FMU needs fmpy: {PIP} 'fmpy~="),
+        ("distributed", "sweep hull --scheduler local", f"--scheduler needs distributed: {PIP}"),
         ("cma", "sweep hull", SWEEP.format("cma")),
         ("pyarrow", "sweep merge a b", SWEEP.format("pyarrow")),
         ("scipy.special", "sweep rerun a 1 pd", SWEEP.format("scipy")),
-        ("uvicorn", "host", "the page needs uvicorn: pip install 'pcpc[web]'"),
+        ("uvicorn", "host", f"the page needs uvicorn: {PIP} 'uvicorn"),
     ],
 )  # fmt: skip
 def test_it_is_named_first(
@@ -53,5 +57,22 @@ def test_a_sweep_without_its_extra_loads_no_compiler(tmp_path: Path) -> None:
     (tmp_path / "numba.py").write_text("raise AssertionError('the compiler is loaded')\n")
     (tmp_path / "scipy.py").write_text("raise ImportError('nor this')\n")
     done = pcpc("sweep", "hull", environment={"PYTHONPATH": str(tmp_path)})
-    what = "a sweep needs scipy: pip install 'pcpc[sweep]' (nor this)\n"
+    what = f"a sweep needs scipy: {PIP} 'scipy~=1.15' (nor this)\n"
     assert (done.code, done.out, done.err) == (4, "", what), done
+
+
+def test_run_from_its_sources_it_names_the_packages_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(name: str) -> list[str]:
+        raise packages.PackageNotFoundError(name)
+
+    monkeypatch.setattr(packages, "requires", unknown)
+    assert packages.pip_install("PIL.Image", "scipy.special", "scipy").endswith(" pillow scipy")
+
+
+def test_no_hint_installs_a_package_of_the_projects_name() -> None:
+    """No index has it: whoever registers the name would get our users."""
+    areas = ("drivers", "executive", "plants", "tools", "docs")
+    texts = [ROOT / "README.md", *(p for area in areas for p in (ROOT / area).rglob("*.[pm][yd]"))]
+    ours = re.compile(r"pip install[^\n]*[ '\"]pcpc\b(?![-/])")
+    found = [str(p) for p in texts if ours.search(p.read_text(encoding="utf-8"))]
+    assert len(texts) > 700 and not found, found

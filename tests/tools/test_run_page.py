@@ -97,5 +97,5 @@ def test_what_is_missing_or_wrong_is_told_before_the_run(
     assert "0..65535" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "uvicorn", None)  # as where it is not installed
     assert main(["run", "hull", "--host", "-o", str(tmp_path / "c")]) == 4
-    assert "pip install 'pcpc[web]'" in capsys.readouterr().err
+    assert "-m pip install 'uvicorn" in capsys.readouterr().err
     assert [*tmp_path.iterdir()] == []

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.errors import UserError
+from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.log import names
 from pcpc.executive.log import reader as logs
@@ -291,7 +292,7 @@ class Run:
     def figure(self, *variables: str, path: str | Path | None = None) -> Figure:
         """Return the figure of the rig's evaluation, or of the `variables` over time.
 
-        `path`: also written there. ImportError without matplotlib (`pip install 'pcpc[plot]'`).
+        `path`: also written there. ImportError without matplotlib, with the cure.
         """
         with tempfile.TemporaryDirectory(prefix="pcpc-") as folder:
             place = Path(folder) / "figure.png"
@@ -332,7 +333,7 @@ class Run:
         try:
             import pandas
         except ImportError:
-            raise ImportError("pandas is not installed; pip install 'pcpc[pandas]'") from None
+            raise ImportError(f"pandas is not installed; {pip_install('pandas')}") from None
         index = pandas.Index(self.t_s, name="t_s")
         return pandas.DataFrame({name: self[name] for name in self.names}, index=index)
 

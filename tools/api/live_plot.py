@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.errors import did_you_mean
 from pcpc.executive.nodes.live import Live
 from pcpc.executive.nodes.tap import Tap
@@ -40,7 +41,7 @@ class LivePlot:
         try:
             from matplotlib.figure import Figure as Page
         except ImportError:
-            cure = "a plot needs matplotlib: pip install 'pcpc[plot]'"
+            cure = f"a plot needs matplotlib: {pip_install('matplotlib')}"
             raise UserError(cure, Exit.ENVIRONMENT) from None
         self._variables, self._window_s = asked, window_s
         nodes = {id(node): node for _, node, _ in asked}

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 
+from pcpc.drivers.machine.packages import pip_install
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -56,6 +58,6 @@ def new_page(
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise ImportError("a figure needs matplotlib: pip install 'pcpc[plot]'") from None
+        raise ImportError(f"a figure needs matplotlib: {pip_install('matplotlib')}") from None
     page = Figure(figsize=size_in, dpi=dpi, layout="constrained")
     return page, page.subplots(rows, columns, sharex=sharex, squeeze=False)

@@ -3,12 +3,13 @@
 from importlib.util import find_spec
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine.packages import pip_install
 
 FIGURE = "matplotlib.figure"
 
 
-def need(what: str, extra: str, *modules: str) -> None:
-    """Raise UserError, `what` needs it, unless all modules are there, which the `extra` brings.
+def need(what: str, *modules: str) -> None:
+    """Raise UserError, `what` needs it and how to install it, unless all modules are there.
 
     Packages around them are loaded.
     """
@@ -23,10 +24,10 @@ def need(what: str, extra: str, *modules: str) -> None:
             missing.append(name.partition(".")[0])
     if missing:
         why = f" ({'; '.join(reasons)})" if reasons else ""
-        cure = f"pip install 'pcpc[{extra}]'"
+        cure = pip_install(*missing)
         raise UserError(f"{what} {' and '.join(missing)}: {cure}{why}", Exit.ENVIRONMENT)
 
 
 def need_for_sweep() -> None:
     """Raise UserError unless a campaign has what it needs."""
-    need("a sweep needs", "sweep", "scipy.special", "pyarrow", FIGURE, "cma")
+    need("a sweep needs", "scipy.special", "pyarrow", FIGURE, "cma")

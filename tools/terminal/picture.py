@@ -12,4 +12,4 @@ def check_picture(option: str, path: Path) -> None:
         raise UserError(f"{option} {path}: no picture; expected FILE.png, .svg or .pdf")
     if not path.parent.is_dir():
         raise UserError(f"{option} {path}: there is no folder {path.parent}")
-    need(f"{option} {path}: a picture needs", "plot", FIGURE)
+    need(f"{option} {path}: a picture needs", FIGURE)

@@ -63,7 +63,7 @@ def _folder(name: str | None) -> Path | None:
     """Return an empty folder for figures; UserError if that cannot be."""
     if name is None:
         return None
-    need(f"-o {name}: its figures need", "plot", FIGURE)
+    need(f"-o {name}: its figures need", FIGURE)
     folder = Path(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -27,7 +27,7 @@ def command(options: argparse.Namespace) -> int:
     progress = Progress(options.quiet)
     if options.output.suffix.lower() != ".gif":
         raise LogCommandError(f"{options.output}: expected a name that ends in .gif")
-    need("a film needs", "plot", FIGURE, "PIL")
+    need("a film needs", FIGURE, "PIL")
     log = series.read_log(options.log, progress)
     begin_s = series.seconds(options.start, -np.inf, "--start")
     end_s = series.seconds(options.end, np.inf, "--end")

@@ -66,7 +66,7 @@ def page_of(
 
     One source: lines by variable. Several: by source, and the variable stands above its axis.
     """
-    need("a picture needs", "plot", FIGURE)
+    need("a picture needs", FIGURE)
     from matplotlib.figure import Figure
 
     height = _REST_IN + (_AXIS_IN if len(groups) > 1 else 2 * _AXIS_IN) * len(groups)

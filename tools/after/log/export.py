@@ -53,7 +53,7 @@ def command(options: argparse.Namespace) -> int:
         known = ", ".join(FORMATS)
         raise LogCommandError(f"{options.output}: no known suffix; use {known} or --format")
     if form == "parquet":
-        need("Parquet needs", "parquet", "pyarrow")
+        need("Parquet needs", "pyarrow")
     start_s = series.seconds(options.start, -math.inf, "--start")
     end_s = series.seconds(options.end, math.inf, "--end")
     log = series.read_log(options.log, progress)

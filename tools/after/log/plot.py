@@ -42,7 +42,7 @@ def plot(options: argparse.Namespace, progress: Progress) -> int:
     if options.output.suffix.lower() not in SUFFIXES:
         raise LogCommandError(f"{options.output}: no picture; expected {', '.join(SUFFIXES)}")
     paths, patterns = sorted_out(options.words)
-    need("a picture needs", "plot", FIGURE)
+    need("a picture needs", FIGURE)
     read = [series.read_log(path, progress) for path in paths]
     loss = Exit.LOSS if any(log.missing for log in read) else Exit.OK
     window = (options.start, options.end) != (None, None)

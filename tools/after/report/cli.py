@@ -47,7 +47,7 @@ def write(
     """
     if output.suffix.lower() not in SUFFIXES:
         raise LogCommandError(f"-o {output}: no page; expected FILE.html")
-    need("a report needs", "plot", FIGURE)
+    need("a report needs", FIGURE)
     from pcpc.tools.after.report import details, sections
     from pcpc.tools.after.report.record import gather
 

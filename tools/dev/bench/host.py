@@ -113,7 +113,7 @@ def _hosts(live: Live) -> Iterator[None]:
             for words in (("clients", url), ("reader", live.name)):
                 other = start("pcpc.tools.dev.bench.host", *words)
                 if not other.stdout or other.stdout.readline() != "ready\n":
-                    raise BenchError(f"the {words[0]} got nothing; is pcpc[web] installed?")
+                    raise BenchError(f"the {words[0]} got nothing; is websockets installed?")
             yield
         finally:
             for process in started:

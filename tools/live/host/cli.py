@@ -63,7 +63,7 @@ def command(options: argparse.Namespace) -> int:
 
 def check_packages() -> None:
     """Raise UserError where a package is missing; loads none."""
-    need("the page needs", "web", *PACKAGES)
+    need("the page needs", *PACKAGES)
 
 
 def open_door(options: argparse.Namespace) -> Door:

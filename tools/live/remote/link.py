@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 
 from pcpc.drivers.errors import Exit, UserError
 from pcpc.drivers.machine import regular_files
+from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.nodes.mailbox import LiveError
 from pcpc.tools.live.remote import answers, guard
 from pcpc.tools.terminal import screen
@@ -41,7 +42,7 @@ class Link:
             from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
             from websockets.sync.client import connect
         except ImportError:
-            what = "--at needs websockets: pip install 'pcpc[web]'"
+            what = f"--at needs websockets: {pip_install('websockets')}"
             raise UserError(what, Exit.ENVIRONMENT) from None
         host, port = _place(options.at)
         self.at = guard.place(host, port)

@@ -53,7 +53,7 @@ class _Value:
 
 def command(options: argparse.Namespace) -> int:
     """Write an FMU; say what it holds and how a rig takes it."""
-    need("an FMU needs", "fmu", "fmpy")
+    need("an FMU needs", "fmpy")
     output = options.output and Path(options.output)
     rig = load_rig(options.rig, None, options.set)
     made = plan(rig, "plant", "lockstep")
@@ -82,7 +82,7 @@ def write(made: Plan, spec: BlockSpec, output: Path) -> None:
         import fmpy
         from fmpy.validation import validate_fmu
     except ImportError:
-        raise UserError(fmu.NEEDS, Exit.ENVIRONMENT) from None
+        raise UserError(fmu.needs(), Exit.ENVIRONMENT) from None
     values = list(_values(made, spec))
     name = identifier(spec.name)
     texts = _sources(made, spec, values)

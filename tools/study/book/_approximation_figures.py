@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.laws.approximators import jumps
 from pcpc.executive.laws.approximators.family import Approximator, Cmac, Fuzzy, Grid, Rbf, Rvfl
 from pcpc.plants.pages import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
@@ -52,7 +53,7 @@ def page(rows: int, columns: int, size: tuple[float, float], **options: Any) -> 
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise ImportError("a figure needs matplotlib: pip install 'pcpc[plot]'") from None
+        raise ImportError(f"a figure needs matplotlib: {pip_install('matplotlib')}") from None
     figure = Figure(figsize=size, dpi=DPI, layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 

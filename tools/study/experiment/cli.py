@@ -125,7 +125,7 @@ def command(options: argparse.Namespace) -> int:
         raise StudyError(f"{name}: no such experiment; {cure}")
     if options.jobs is not None and options.jobs < 1:
         raise StudyError(f"--jobs {options.jobs}: expected 1 or more")
-    need(f"{name}: its figures need", "plot", FIGURE)
+    need(f"{name}: its figures need", FIGURE)
     parts = chosen(name)
     with folder_of(options.output, Path(name).stem) as folder:
         return _done_in(folder, name, parts, options)

@@ -23,7 +23,7 @@ def command(options: argparse.Namespace) -> int:
     And where the log tells nothing of what was named, or nothing at all. LOSS if a part of it is
     missing.
     """
-    need("a fit needs", "sweep", "scipy.optimize", FIGURE)
+    need("a fit needs", "scipy.optimize", FIGURE)
     rig = load_rig(options.rig, None, options.set)
     model = Model(rig, [parse_range(option) for option in options.parameter], options.sensor)
     log = logs.read(Path(options.log))

@@ -20,7 +20,7 @@ def command(options: argparse.Namespace) -> int:
     """Find the margins and print them."""
     _check(options)
     if options.output is not None:
-        need("-o: a figure needs", "plot", FIGURE)
+        need("-o: a figure needs", FIGURE)
     if options.limit_cycle is not None:
         return _print(options, _limit_cycle(options))
     rig = load_rig(options.rig, options.controller, options.set)

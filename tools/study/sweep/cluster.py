@@ -41,7 +41,7 @@ class Cluster:
 
     def __init__(self, scheduler: str, campaign: Campaign, into: "store.Store") -> None:
         """Connect to it. UserError: no package, no answer, no worker."""
-        need("--scheduler needs", "dask", "distributed")
+        need("--scheduler needs", "distributed")
         import distributed
 
         for name in logging.root.manager.loggerDict:  # what matters is told here

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine.packages import pip_install
 from pcpc.tools.study import binomial
 from pcpc.tools.study.sweep import decision, figures, reasons, statements
 from pcpc.tools.study.sweep.results import MARGIN, METRIC, Results, comparisons
@@ -43,7 +44,7 @@ def report(results: Results, folder: Path) -> Path:
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError:
-        cure = "a report needs matplotlib: pip install 'pcpc[sweep]'"
+        cure = f"a report needs matplotlib: {pip_install('matplotlib')}"
         raise UserError(cure, Exit.ENVIRONMENT) from None
     if not results.controllers:
         raise UserError(f"{folder}: no run to report on; start the campaign first")

@@ -13,7 +13,7 @@ def command(options: argparse.Namespace) -> int:
     """Carry out `pcpc sweep`; return the exit code."""
     need_for_sweep()
     if options.scheduler is not None:
-        need("--scheduler needs", "dask", "distributed")
+        need("--scheduler needs", "distributed")
     with native(options.words[0] != "rerun"):
         from pcpc.tools.study.sweep import cli  # which imports numba
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from urllib.parse import urlencode
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine.packages import pip_install
 from pcpc.tools.live.host.foxglove.names import TOKEN
 from pcpc.tools.live.host.sources import FollowedRun, Source
 from pcpc.tools.live.remote import guard
@@ -43,7 +44,7 @@ def command(
     try:
         from pcpc.tools.live.host.foxglove.server import Server
     except ImportError as error:
-        what = f"this needs {error.name}: pip install 'pcpc[foxglove]'"
+        what = f"this needs {error.name}: {pip_install(error.name or 'foxglove')}"
         raise UserError(what, Exit.ENVIRONMENT) from None
     cert, key = certificate or (None, None)
     pair = (Path(cert).read_bytes(), Path(key).read_bytes()) if cert and key else None

@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from pcpc.drivers.errors import Exit, UserError
+from pcpc.drivers.machine.packages import pip_install
 from pcpc.executive.rig.reading import load_rig
 from pcpc.plants.atb1000.book import tuning
 from pcpc.plants.atb1000.book.tuning import RANGES, Row
@@ -47,7 +48,7 @@ def needs_scipy(name: str) -> None:
     try:
         import scipy.stats  # noqa: F401
     except ImportError as error:
-        what = f"{name}: it needs scipy: pip install 'pcpc[sweep]' ({error})"
+        what = f"{name}: it needs scipy: {pip_install('scipy')} ({error})"
         raise UserError(what, Exit.ENVIRONMENT) from None
 
 
