@@ -1,6 +1,7 @@
 """Rows of one campaign are of one rig and one code: what else a run follows from has a digest."""
 
 import json
+import math
 import shutil
 import sys
 from collections.abc import Callable
@@ -140,31 +141,54 @@ def test_a_process_that_imported_another_law_than_now_lies_there_says_so(tmp_pat
         campaign(folder).spec()
 
 
-def kept(folder: Path, metric: float) -> Path:
+def kept(folder: Path, metric: float, ok: bool | None = True) -> Path:
     """Write the rows of a campaign of one draw."""
     spec = Campaign(str(TEMPLATE / "rig.yaml"), ("pid", "pd"), (), 1).spec()
     own = store.Store(folder, spec, Shard())
-    own.add(Row(0, name, 1, {}, RAN, True, metrics={"rms": metric}) for name in spec["controllers"])
+    found: dict[str, Any] = {"metrics": {"rms": metric}, "margins": {"it holds": 0.5}}
+    own.add(Row(0, name, 1, {}, RAN, ok, **found) for name in spec["controllers"])
     own.complete()
     own.close()
     return folder
 
 
-@pytest.mark.parametrize(("found", "code"), [(1.5, 0), (1.5000000000000002, 1), (None, 1)])
+@pytest.mark.parametrize(
+    ("row", "found", "ended", "other"),
+    [
+        ((1.5, True), (1.5, 0.5), 0, ""),
+        ((1.5, True), (1.5000000000000002, 0.5), 0, "rms"),
+        ((1.5, True), (None, 0.5), 0, "rms"),
+        ((1.5, True), (1.5, 0.25), 0, "it holds"),
+        ((1.5, True), (1.5, None), 0, "it holds"),
+        ((1.5, True), (1.5, 0.5), 1, "verdict"),
+        ((1.5, True), (1.0, 0.5), 5, "rms, verdict"),
+        ((1.5, False), (1.5, 0.5), 0, "verdict"),
+        ((1.5, False), (1.5, 0.5), 1, ""),
+        ((1.5, None), (1.5, 0.5), 0, ""),
+        ((math.inf, False), ("inf", 0.5), 1, ""),
+        ((math.inf, False), (1.5, 0.5), 1, "rms"),
+    ],
+)
 def test_a_run_again_is_that_of_the_table_or_says_so(
-    found: float | None, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    row: tuple[float, bool | None], found: tuple[float | str | None, float | None], ended: int,
+    other: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    folder = kept(tmp_path / "rows", 1.5)
+    folder = kept(tmp_path / "rows", *row)
 
     def simulated(*words: str) -> int:
         Path(words[-1]).mkdir()
-        (Path(words[-1]) / "summary.json").write_text(json.dumps({"metrics": {"rms": found}}))
-        return 0
+        rms, margin = found
+        summary = {
+            "metrics": {"rms": rms},
+            "requirements": [{"name": "it holds", "margin": margin}],
+        }
+        (Path(words[-1]) / "summary.json").write_text(json.dumps(summary))
+        return ended
 
     monkeypatch.setattr(rerun, "_pcpc", simulated)
-    assert main(["sweep", "rerun", str(folder), "0", "pd"]) == code
-    assert ("draw 0 of pd came to another rms" in capsys.readouterr().out) is bool(code)
+    assert main(["sweep", "rerun", str(folder), "0", "pd"]) == (1 if other else ended)
+    said = capsys.readouterr().out
+    assert said == (f"{folder}: draw 0 of pd came to another {other}\n" if other else "")
 
 
 def test_a_run_again_by_another_code_is_refused(

@@ -16,7 +16,7 @@ from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.tools.start.folder import check_name
 from pcpc.tools.study.sweep import shards
 from pcpc.tools.study.sweep.campaign import Campaign, differences
-from pcpc.tools.study.sweep.results import METRIC, Results
+from pcpc.tools.study.sweep.results import FAULT, MARGIN, METRIC, Results
 
 _RAN = (Exit.OK, Exit.NOT_MET, Exit.SAFETY_STOP)
 _MAIN = "from pcpc.tools.cli import main; raise SystemExit(main())"
@@ -45,7 +45,7 @@ def command(options: argparse.Namespace) -> int:
     _check_unchanged(results, folder, about)
     output = Path(options.output or folder / f"draw-{draw}-{controller}")
     code = _pcpc("simulate", *about, "-o", str(output))
-    if code in _RAN and (other := _other_metrics(output / "summary.json", results, row)):
+    if code in _RAN and (other := _others(output / "summary.json", code, results, row)):
         print(f"{folder}: draw {draw} of {controller} came to another {', '.join(other)}")
         return Exit.NOT_MET
     if not options.on_bus or code not in _RAN:
@@ -65,18 +65,23 @@ def _check_unchanged(results: Results, folder: Path, about: Sequence[str]) -> No
         raise RigError(f"{folder}: {what}: {shlex.join(['pcpc', 'simulate', *about])}")
 
 
-def _other_metrics(summary: Path, results: Results, row: int) -> list[str]:
-    """Return the metrics of a run that are others than those of a row."""
-    metrics = json.loads(summary.read_text(encoding="utf-8"))["metrics"]
+def _others(summary: Path, code: int, results: Results, row: int) -> list[str]:
+    """Return the metrics and margins of a run that are others than a row's, and the verdict."""
+    found = json.loads(summary.read_text(encoding="utf-8"))
+    now = {METRIC + name: value for name, value in found["metrics"].items()}
+    now |= {MARGIN + one["name"]: one["margin"] for one in found["requirements"]}
 
-    def number(value: float | None) -> float:
-        return math.nan if value is None else value
+    def number(value: float | str | None) -> float:
+        return math.nan if value is None else float(value)  # "inf" is text in JSON
 
     pairs = {
-        name: (float(results.column(METRIC + name)[row]), number(metrics.get(name)))
-        for name in results.metrics
+        name.partition(":")[2]: (float(results.column(name)[row]), number(now.get(name)))
+        for name in results.measures
     }
-    return [name for name, pair in pairs.items() if not np.array_equal(*pair, equal_nan=True)]
+    others = [name for name, pair in pairs.items() if not np.array_equal(*pair, equal_nan=True)]
+    ok, fault = results.column("ok")[row], results.column("outcome")[row] == FAULT
+    failed = fault or (ok is not None and not ok)
+    return others + ["verdict"] * (failed != (code != Exit.OK))
 
 
 def _pcpc(*words: str) -> int:
