@@ -95,7 +95,7 @@ def test_a_shard_that_was_killed_is_missing(tmp_path: Path) -> None:
 def test_a_table_that_lost_rows_is_not_whole(tmp_path: Path) -> None:
     for number in (1, 2):
         path = shard(tmp_path, number, 2)
-    pyarrow.parquet.write_table(pyarrow.parquet.read_table(path)[:-1], path)
+    pyarrow.parquet.write_table(store.sealed(pyarrow.parquet.read_table(path)[:-1]), path)
     assert "1 of 64 draws are missing, those of shard 2 of 2" in refused([tmp_path])
 
 
@@ -110,7 +110,8 @@ def test_the_same_shard_twice_counts_once_if_it_is_the_same(tmp_path: Path) -> N
     table = pyarrow.parquet.read_table(path)
     metric = pa.array([1.0, *table["metric:rms"].to_pylist()[1:]])
     place = table.column_names.index("metric:rms")
-    pyarrow.parquet.write_table(table.set_column(place, "metric:rms", metric), path)
+    other = store.sealed(table.set_column(place, "metric:rms", metric))
+    pyarrow.parquet.write_table(other, path)
     said = refused(folders)
     assert str(path) in said and "draw 1 of pid came to something else the second time" in said
 
@@ -165,6 +166,60 @@ def test_rows_that_no_campaign_writes_are_refused(wrong: dict[str, Any], tmp_pat
     rows[0] |= wrong
     pyarrow.parquet.write_table(pa.Table.from_pylist(rows, schema=table.schema), path)
     assert "rows that are not of shard 1 of 1" in refused([tmp_path])
+
+
+CHANGES: list[dict[str, Any]] = [
+    {"seed": 9}, {"vary:arm.m": 1.25}, {"metric:rms": 0.0}, {"metric:rms": float("nan")},
+    {"ok": False}, {"ok": None}, {"why": "x"}, {"alone": "x"},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=str)
+def test_a_table_with_a_changed_row_is_refused(change: dict[str, Any], tmp_path: Path) -> None:
+    for number in (1, 2):
+        path = shard(tmp_path, number, 2)
+    table = pyarrow.parquet.read_table(path)
+    rows = table.to_pylist()
+    rows[3] |= change
+    pyarrow.parquet.write_table(pa.Table.from_pylist(rows, schema=table.schema), path)
+    what = "its rows are not those that were written; remove it and do it again"
+    assert refused([tmp_path]) == f"{path}: {what}"
+
+
+def test_a_table_without_its_last_rows_or_with_one_twice_is_refused(tmp_path: Path) -> None:
+    path = shard(tmp_path, 1, 1)
+    table = pyarrow.parquet.read_table(path)
+    for wrong in (table[:-3], pa.concat_tables([table, table[:1]]), table[:0]):
+        pyarrow.parquet.write_table(wrong, path)
+        assert "its rows are not those that were written" in refused([tmp_path])
+    pyarrow.parquet.write_table(table, path, compression="zstd", row_group_size=7)
+    assert shards.merge([tmp_path])[0].equals(table), "rows in other groups are the same rows"
+
+
+@pytest.mark.parametrize("change", [("true", "false"), ("1.5", "1.6"), ('"ran"', '"fault"')])
+def test_a_changed_line_of_a_journal_is_done_again(change: tuple[str, str], tmp_path: Path) -> None:
+    own = store.Store(tmp_path, SPEC, Shard())
+    own.add(row(draw, "pid") for draw in range(4))
+    own.close()
+    lines = own.journal.read_text().splitlines(keepends=True)
+    changed = lines[2].replace(*change)
+    assert changed != lines[2]
+    own.journal.write_text("".join([*lines[:2], changed, *lines[3:]]))
+    again = store.Store(tmp_path, SPEC, Shard())
+    assert sorted(again.rows) == [(0, "pid"), (1, "pid")]
+    again.close()
+
+
+def test_what_was_merged_into_another_folder_is_a_campaign_too(tmp_path: Path) -> None:
+    for number in (1, 2):
+        shard(tmp_path / str(number), number, 2)
+    parts, whole = [str(tmp_path / "1"), str(tmp_path / "2")], tmp_path / "whole"
+    assert main(["sweep", "merge", *parts, "-o", str(whole)]) == 0
+    assert shards.merge([whole])[0].equals(shards.merge([Path(one) for one in parts])[0])
+    shard(tmp_path / "other", 1, 1, SPEC | {"seed": 2})
+    before = sorted((tmp_path / "other").iterdir())
+    assert main(["sweep", "merge", *parts, "-o", str(tmp_path / "other")]) == 2
+    assert sorted((tmp_path / "other").iterdir()) == before
 
 
 @pytest.mark.parametrize(

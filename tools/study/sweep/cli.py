@@ -10,7 +10,7 @@ from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.errors import RigError
 from pcpc.tools.start.folder import folder_of
 from pcpc.tools.start.rigs import find
-from pcpc.tools.study.sweep import decision, rerun, shards
+from pcpc.tools.study.sweep import decision, rerun, shards, store
 from pcpc.tools.study.sweep.campaign import SEARCHES, Shard
 from pcpc.tools.study.sweep.commands import sweep
 from pcpc.tools.study.sweep.report import report
@@ -69,7 +69,8 @@ def _run(work: Work, shard: Shard, progress: Progress) -> int:
     progress.close()
     if shard.of > 1:
         cure = f"when all shards are done: pcpc sweep merge {folder}"
-        print(f"{work.store.table}: {len(work.store.rows)} rows; {cure}")
+        rows = shards.shard_table(work.store.table).num_rows
+        print(f"{work.store.table}: {rows} rows; {cure}")
         return Exit.OK
     return _tell(*shards.merge([folder]), folder, outcome)
 
@@ -106,9 +107,10 @@ def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, outcome
         print(printable(f"{spec['title']}: {table.num_rows:,} runs"))
         print(_filled(outcome) or "pcpc sweep with its -o tells what came out", folder, sep="\n")
         return Exit.OK
+    store.claim_spec(folder, spec)
     if [path.name for path in shards.table_files(folder)] != [f"{Shard()}.parquet"]:
-        with new_file(folder / "sweep.parquet", force=True) as unfinished:
-            pyarrow.parquet.write_table(table, unfinished)
+        with new_file(folder / shards.WHOLE, force=True) as unfinished:
+            pyarrow.parquet.write_table(store.sealed(table), unfinished)
     results, until = Results(table, spec), spec.get("until")
     found = decision.decisions(results, until) if until is not None else []
     print(printable(summary(results, folder), "\n"))

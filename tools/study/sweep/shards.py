@@ -1,4 +1,7 @@
-"""The tables of a campaign's shards as one: of one campaign, each run once, and none missing."""
+"""The tables of a campaign's shards as one: of one campaign, each run once, and none missing.
+
+In a folder without a shard, `sweep.parquet` is the whole table, as a merge has made it.
+"""
 
 import bisect
 import itertools
@@ -14,19 +17,25 @@ from pcpc.executive.rig.carried_files import is_ordinary
 from pcpc.tools.study.engine import FAULT, RAN, REFUSED
 from pcpc.tools.study.sweep.campaign import SEARCHES, differences, read
 from pcpc.tools.study.sweep.results import COLUMNS, VARY, kind_of
-from pcpc.tools.study.sweep.store import SPEC, complete_table
+from pcpc.tools.study.sweep.store import SEAL, SPEC, complete_table, digest_of
 
 if TYPE_CHECKING:
     import pyarrow
 
 Run = tuple[int, str]  # draw and controller
 _KINDS = [name for name in COLUMNS if name.endswith(":")]
+WHOLE = "sweep.parquet"
 _NAME = re.compile(r"shard-(\d+)-of-(\d+)\.parquet")
 
 
 def table_files(folder: Path) -> Iterator[Path]:
     """Yield the Parquet files of a campaign's shards."""
     yield from sorted(path for path in folder.glob("shard-*.parquet") if _NAME.match(path.name))
+
+
+def _files(folder: Path) -> list[Path]:
+    merged = (path for path in (folder / WHOLE,) if path.exists())
+    return [*table_files(folder)] or [*merged]
 
 
 def merge(folders: Sequence[Path], whole: bool = True) -> tuple["pyarrow.Table", dict[str, Any]]:
@@ -37,7 +46,7 @@ def merge(folders: Sequence[Path], whole: bool = True) -> tuple["pyarrow.Table",
     import pyarrow as pa
 
     spec = _spec(folders)
-    files = [path for folder in dict.fromkeys(folders) for path in table_files(folder)]
+    files = [path for folder in dict.fromkeys(folders) for path in _files(folder)]
     if not files:
         raise RigError(f"{folders[0]}: no shard is complete; start its `pcpc sweep` again to go on")
     parts = [_part(path, spec) for path in files]
@@ -53,6 +62,11 @@ def merge(folders: Sequence[Path], whole: bool = True) -> tuple["pyarrow.Table",
     return table.take(pa.array([first[run] for run in runs], pa.int64())), spec
 
 
+def shard_table(path: Path) -> "pyarrow.Table":
+    """Return the table of a shard in the folder of its campaign; RigError as `merge`."""
+    return _part(path, read(path.with_name(SPEC)))
+
+
 def _spec(folders: Sequence[Path]) -> dict[str, Any]:
     """Return the spec that all folders have; RigError."""
     first, *others = folders
@@ -65,7 +79,7 @@ def _spec(folders: Sequence[Path]) -> dict[str, Any]:
 
 
 def _part(path: Path, spec: Mapping[str, Any]) -> "pyarrow.Table":
-    """Return the table of a shard; RigError for one of another campaign or of other runs."""
+    """Return the table of a shard; RigError for one of another campaign, of other runs, changed."""
     import pyarrow as pa
     import pyarrow.parquet
 
@@ -80,7 +94,8 @@ def _part(path: Path, spec: Mapping[str, Any]) -> "pyarrow.Table":
         raise RigError(f"{path}: no table of a shard: {what}") from None
     if differ := differences(about, spec):
         raise RigError(f"{path}: of another campaign than its folder; it differs in {differ}")
-    number, of = map(int, _NAME.match(path.name).groups())  # type: ignore[union-attr]
+    named = _NAME.match(path.name)
+    number, of = map(int, named.groups()) if named else (1, 1)
     last = spec["draws"] if spec["sampling"] not in SEARCHES else 2**63
     draws = table["draw"].to_pylist()
     known = {"controller": spec["controllers"], "outcome": (RAN, FAULT, REFUSED)}
@@ -91,6 +106,9 @@ def _part(path: Path, spec: Mapping[str, Any]) -> "pyarrow.Table":
         or not all(set(table[name].to_pylist()) <= set(values) for name, values in known.items())
     ):
         raise RigError(f"{path}: holds rows that are not of shard {number} of {of}; do it again")
+    if table.schema.metadata.get(SEAL.encode(), b"").decode("latin-1") != digest_of(table):
+        what = "its rows are not those that were written"
+        raise RigError(f"{path}: {what}; remove it and do it again")
     return table
 
 
@@ -138,7 +156,7 @@ def _check_whole(runs: Mapping[Run, int], spec: Mapping[str, Any], files: Sequen
     lacking = [i for i in range(asked) if any((i, name) not in runs for name in names)]
     if not lacking:
         return
-    parts = {int(_NAME.match(path.name)[2]) for path in files}  # type: ignore[index]
+    parts = {int(found[2]) for path in files if (found := _NAME.match(path.name))}
     which = ""
     if len(parts) == 1 and (of := parts.pop()) > 1:
         numbers = sorted({i % of + 1 for i in lacking})

@@ -7,11 +7,13 @@
 
 A process that is killed loses no finished row: a line that is not whole is dropped, and the draws
 that are there are not done again. A row stays on disk and is read when it is asked for: what a
-process holds of it is its place in the file.
+process holds of it is its place in the file. Each line has a seal, and so has a table: a line that
+was changed is dropped as one that is not whole, with all behind it, and a table is refused.
 """
 
 import dataclasses
 import fcntl
+import hashlib
 import itertools
 import json
 import math
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 SPEC = "sweep.json"
+SEAL = "seal"  # of a line of a journal, and of a table
 CHUNK = 4096  # rows of a table that are in memory at once, about 5 kB each
 
 
@@ -48,7 +51,7 @@ class Rows(Mapping[tuple[int, str], Row]):
     def __getitem__(self, of: tuple[int, str]) -> Row:
         draw, controller = of
         self._file.seek(self._places[controller][draw])
-        return row_of(json.loads(self._file.readline()))
+        return row_of(self._file.readline())
 
     def __contains__(self, of: object) -> bool:
         draw, controller = cast(tuple[int, str], of)
@@ -77,12 +80,12 @@ class Journal:
         self._read()
 
     def _read(self) -> None:
-        """Take the whole lines; cut off what a killed process left of another."""
+        """Take the whole lines; cut off what a killed process, or somebody else, left of others."""
         self._file.seek(0)
         whole = 0
         for line in iter(self._file.readline, b""):
             try:
-                row = row_of(json.loads(line)) if line.endswith(b"\n") else None
+                row = row_of(line) if line.endswith(b"\n") else None
             except (ValueError, TypeError, KeyError):
                 row = None
             if row is None:
@@ -96,7 +99,7 @@ class Journal:
         """Write rows; OSError."""
         place = self._file.seek(0, os.SEEK_END)
         for row in rows:
-            line = json.dumps(dataclasses.asdict(row)) + "\n"
+            line = _line_of(row)
             self._file.write(line.encode())
             self.rows.note_place(row, place)
             place += len(line)
@@ -119,7 +122,7 @@ class Store:
         self.folder, self.spec, self.shard = folder, dict(spec), shard
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._claim_spec()
+            self._is_new = claim_spec(folder, self.spec)
             self._journal = Journal(folder / f"{shard}.jsonl")
             self.journal, self.rows = self._journal.path, self._journal.rows
             self.add = self._journal.add
@@ -142,18 +145,6 @@ class Store:
         which = list(self.spec["controllers"]).index(controller)
         return self.folder / f"{self.shard}.{which}.{draw}.jsonl"
 
-    def _claim_spec(self) -> None:
-        path = self.folder / SPEC
-        text = json.dumps(self.spec, indent=1)
-        self._is_new = not path.exists()
-        if self._is_new:
-            with new_file(path, force=True) as unfinished:
-                unfinished.write_text(text + "\n", encoding="utf-8")
-        there, wanted = read(path), json.loads(text)
-        if differ := differences(there, wanted):
-            what = f"{self.folder} holds another campaign; it differs in {differ}"
-            raise RigError(f"{what}; choose another folder with -o")
-
     def _take_tasks(self) -> None:
         """Take the rows of tasks whose client was killed; one that goes on keeps its journal."""
         for path in self.folder.glob(f"{self.shard}.*.*.jsonl"):
@@ -170,7 +161,7 @@ class Store:
 
         table = table_of(self.rows, self.spec)
         with new_file(self.table, force=True) as unfinished:
-            pyarrow.parquet.write_table(table, unfinished)
+            pyarrow.parquet.write_table(sealed(table), unfinished)
         for path in (self.journal, *self.folder.glob(f"{self.shard}.*.*.jsonl")):
             path.unlink(missing_ok=True)
         return self.table
@@ -187,11 +178,59 @@ class Store:
             (self.folder / SPEC).unlink(missing_ok=True)
 
 
-def row_of(data: Mapping[str, Any]) -> Row:
-    """Return a row as a journal has it; TypeError, KeyError."""
+def claim_spec(folder: Path, spec: Mapping[str, Any]) -> bool:
+    """Write a campaign's spec if there is none; return whether; RigError for another campaign's."""
+    path = folder / SPEC
+    text = json.dumps(spec, indent=1)
+    is_new = not path.exists()
+    if is_new:
+        with new_file(path, force=True) as unfinished:
+            unfinished.write_text(text + "\n", encoding="utf-8")
+    if differ := differences(read(path), json.loads(text)):
+        what = f"{folder} holds another campaign; it differs in {differ}"
+        raise RigError(f"{what}; choose another folder with -o")
+    return is_new
+
+
+def row_of(line: bytes) -> Row:
+    """Return a row of a journal; ValueError, TypeError, KeyError where it is none, or changed."""
+    data = json.loads(line)
+    if data.pop(SEAL) != _seal_of(data):
+        raise ValueError("it is not as it was written")
     row = Row(**data)
     hash((row.draw, row.controller))
     return row
+
+
+def _line_of(row: Row) -> str:
+    data = dataclasses.asdict(row)
+    return json.dumps(data | {SEAL: _seal_of(data)}) + "\n"
+
+
+def _seal_of(data: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(data).encode()).hexdigest()[:16]
+
+
+def sealed(table: "pyarrow.Table") -> "pyarrow.Table":
+    """Return a table with its rows' digest beside its spec."""
+    about = {**(table.schema.metadata or {}), SEAL.encode(): digest_of(table)}
+    return table.replace_schema_metadata(about)
+
+
+def digest_of(table: "pyarrow.Table") -> str:
+    """Return a digest of all values of a table, by column, in their order."""
+    import pyarrow as pa
+
+    digest = hashlib.sha256()
+    for name, begin in itertools.product(table.column_names, range(0, table.num_rows, CHUNK)):
+        column = table[name].slice(begin, CHUNK)
+        digest.update(f"{name} {len(column)}\n".encode())
+        if pa.types.is_string(column.type):
+            digest.update(json.dumps(column.to_pylist()).encode())
+            continue
+        digest.update(column.is_null().to_numpy().tobytes())
+        digest.update(column.fill_null(False if pa.types.is_boolean(column.type) else 0).to_numpy())
+    return digest.hexdigest()
 
 
 def table_of(rows: Mapping[tuple[int, str], Row], spec: Mapping[str, Any]) -> "pyarrow.Table":

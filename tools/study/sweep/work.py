@@ -57,6 +57,7 @@ class Work:
         """Do what is not done; return what became of the statement or the search, "" of neither."""
         outcome = self.folder / "outcome.txt"
         if self.store.table.exists():
+            shards.shard_table(self.store.table)  # it refuses one that was changed
             progress.say(f"{self.store.table}: complete")
             return self._outcome_text(
                 outcome.read_text(encoding="utf-8") if outcome.exists() else ""
