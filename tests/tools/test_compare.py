@@ -138,6 +138,35 @@ def test_a_verdict_that_changed_says_why(folder: Path, tmp_path: Path) -> None:
     compared(folder / "old/gain", folder / "new/gain", "--fail-on", "verdict", code=0)
 
 
+def test_what_cannot_be_compared_does_not_pass_for_equal(folder: Path, tmp_path: Path) -> None:
+    for side in ("old", "new"):
+        shutil.copytree(folder / side / "gain", tmp_path / side)
+    file = tmp_path / "new" / summary_file.NAME
+    file.write_text(file.read_text().replace('"late_cycles": 0', '"late_cycles": 1'))
+    words = tmp_path / "old", tmp_path / "new", "--fail-on"
+    out = compared(*words, "verdict", code=1).out
+    what = f"no verdict: {tmp_path}/new/log.mcap: no summary.json of this run is beside it"
+    assert what.replace(" ", "") in "".join(out.split()), out
+    compared(*words, "metrics", "--tolerance", "1e9", code=0)
+    compared(*words, "never", code=0)
+    file.unlink()
+    compared(*words, "verdict", code=1)
+    compared(tmp_path / "new", tmp_path / "new", "--fail-on", "verdict", code=0)
+
+
+def test_a_run_that_nobody_can_judge_here_has_no_equal_metrics() -> None:
+    pair = Pair("rig", "pd", CHANGED, untold=["metrics"])
+    fails = {on: Comparison("a", "b", [pair]).fails(on) for on in ("any", "metrics", "verdict")}
+    assert fails == {"any": True, "metrics": True, "verdict": False}
+
+
+def test_where_nothing_has_a_partner_nothing_is_equal(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "old/gain", tmp_path / "old/gain")
+    shutil.copytree(folder / "new/same", tmp_path / "new/same")
+    for on, code in (("any", 1), ("metrics", 1), ("verdict", 1), ("never", 0)):
+        compared(tmp_path / "old", tmp_path / "new", "--fail-on", on, code=code)
+
+
 def test_margins_of_requirements_in_time_count_as_metrics(folder: Path, tmp_path: Path) -> None:
     for side, margin in (("old", 0.25), ("new", -0.5)):
         shutil.copytree(folder / "old/same", tmp_path / side)

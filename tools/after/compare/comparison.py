@@ -47,14 +47,18 @@ class Comparison:
         return bool(self.of(CHANGED, ALONE, FAILED))
 
     def fails(self, on: str = "any") -> bool:
-        """Return whether it differs in what counts: anything, a metric, a verdict."""
-        counts = {
-            "any": self.changed,
-            "metrics": any(pair.changed_metrics or pair.verdict.differs for pair in self.pairs),
-            "verdict": any(pair.verdict.differs for pair in self.pairs),
-            "never": False,
-        }
-        return counts[on] or (on != "never" and bool(self.of(FAILED)))
+        """Return whether it differs in what counts: anything, a metric, a verdict.
+
+        So does what differs and does not tell what counts, or nothing that was compared.
+        """
+        if on in ("any", "never"):
+            return on == "any" and self.changed
+        changed = self.of(CHANGED)
+        metrics = on == "metrics" and any(pair.changed_metrics for pair in changed)
+        verdict = any(pair.verdict.differs for pair in changed)
+        untold = any(on in pair.untold for pair in changed)
+        compared = self.of(CHANGED, EQUAL, UNCHANGED)
+        return metrics or verdict or untold or bool(self.of(FAILED)) or not compared
 
     @property
     def counts(self) -> str:

@@ -25,6 +25,7 @@ from pcpc.tools.after.verdict.summary import Summary
 
 EQUAL, CHANGED, UNCHANGED, ALONE, FAILED = "equal", "changed", "unchanged", "alone", "failed"
 _APART = ("title", "note", "watch")  # keys of a rig that no bit depends on
+_NONE = Summary(metrics={}, verdict="")  # of a run that cannot be judged here
 _UNTOLD = (logs.LogError, UserError, OSError, ValueError)
 
 
@@ -76,6 +77,7 @@ class Pair:
     judged: list[str] = field(default_factory=list)  # metrics that the rig limits
     verdict: Change = field(default_factory=lambda: Change("verdict", "", ""))
     settings: list[Change] = field(default_factory=list)  # of the rig
+    untold: list[str] = field(default_factory=list)  # metrics, verdict: of one side nobody knows it
     figure: str = ""
 
     @property
@@ -120,14 +122,21 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     ]
     limited = (name for s in summaries for name in (*s.judged, *_margins(s)))
     found.judged = list(dict.fromkeys(limited))
+    found.untold = ["metrics"] * any(summary is _NONE for summary in summaries)
     if old.judged_at_its_end and new.judged_at_its_end:
         found.verdict = Change("verdict", *(s.verdict for s in summaries))
+    else:
+        found.untold.append("verdict")
     for side, summary in zip(("old", "new"), summaries, strict=True):
         if found.verdict.differs:
             why = (*summary.faults, *summary.expectations_failed)
             found.said += [f"{side}: {reason}" for reason in why]
     if not report.equal or found.changed_metrics or found.verdict.differs:
         found.state = CHANGED
+        found.said += [
+            f"no verdict: {run.path}: no summary.json of this run is beside it"
+            for run in (old, new) if not run.judged_at_its_end
+        ]  # fmt: skip
     elif report.missing:
         found.state = FAILED
     return found
@@ -149,7 +158,7 @@ def _summary(run: Run, said: list[str]) -> Summary:
         return run.result
     except _UNTOLD as error:
         said.append(f"no metrics: {error}")
-        return Summary(metrics={}, verdict="")
+        return _NONE
 
 
 def _margins(summary: Summary) -> dict[str, float | None]:
