@@ -87,10 +87,11 @@ COMMANDS = (
         module="study.sweep.start",
         codes={
             Exit.OK: "done, whatever the runs came to",
-            Exit.NOT_MET: "--until: it does not hold; rerun: not as in the table",
+            Exit.NOT_MET: "--until: it does not hold; rerun: not ok, or not as in the table",
             Exit.WRONG_INPUT: "",
             Exit.LOSS: "the disk is full",
             Exit.ENVIRONMENT: "a package is missing",
+            Exit.SAFETY_STOP: "rerun: a node faulted",
             Exit.INTERRUPTED: "the same command with -o goes on",
         },
         first=True,
