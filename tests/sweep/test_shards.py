@@ -192,6 +192,9 @@ def test_a_table_without_its_last_rows_or_with_one_twice_is_refused(tmp_path: Pa
     for wrong in (table[:-3], pa.concat_tables([table, table[:1]]), table[:0]):
         pyarrow.parquet.write_table(wrong, path)
         assert "its rows are not those that were written" in refused([tmp_path])
+    other = table.replace_schema_metadata(table.schema.metadata | {b"outcome": b"p_fail = 0"})
+    pyarrow.parquet.write_table(other, path)
+    assert "its rows are not those that were written" in refused([tmp_path])
     pyarrow.parquet.write_table(table, path, compression="zstd", row_group_size=7)
     assert shards.merge([tmp_path])[0].equals(table), "rows in other groups are the same rows"
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 SPEC = "sweep.json"
 SEAL = "seal"  # of a line of a journal, and of a table
+OUTCOME = b"outcome"  # of a search, beside the spec in its table
 CHUNK = 4096  # rows of a table that are in memory at once, about 5 kB each
 
 
@@ -155,13 +156,13 @@ class Store:
             self._journal.add(task.rows[of] for of in task.rows if of not in self.rows)
             task.close(drop=True)
 
-    def complete(self) -> Path:
+    def complete(self, outcome: str = "") -> Path:
         """Write the Parquet file, drop the journal, return the file; OSError, LogCommandError."""
         import pyarrow.parquet
 
         table = table_of(self.rows, self.spec)
         with new_file(self.table, force=True) as unfinished:
-            pyarrow.parquet.write_table(sealed(table), unfinished)
+            pyarrow.parquet.write_table(sealed(table, outcome), unfinished)
         for path in (self.journal, *self.folder.glob(f"{self.shard}.*.*.jsonl")):
             path.unlink(missing_ok=True)
         return self.table
@@ -211,17 +212,23 @@ def _seal_of(data: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(data).encode()).hexdigest()[:16]
 
 
-def sealed(table: "pyarrow.Table") -> "pyarrow.Table":
-    """Return a table with its rows' digest beside its spec."""
-    about = {**(table.schema.metadata or {}), SEAL.encode(): digest_of(table)}
-    return table.replace_schema_metadata(about)
+def sealed(table: "pyarrow.Table", outcome: str = "") -> "pyarrow.Table":
+    """Return a table with the digest of its rows, and of what came out, beside its spec."""
+    about = {**(table.schema.metadata or {}), OUTCOME: outcome.encode()}
+    table = table.replace_schema_metadata(about)
+    return table.replace_schema_metadata({**about, SEAL.encode(): digest_of(table)})
+
+
+def outcome_of(table: "pyarrow.Table") -> str:
+    """Return what came out of a search, "" of none."""
+    return str((table.schema.metadata or {}).get(OUTCOME, b"").decode("utf-8", "replace"))
 
 
 def digest_of(table: "pyarrow.Table") -> str:
-    """Return a digest of all values of a table, by column, in their order."""
+    """Return a digest of all values of a table, by column, in their order, and of its outcome."""
     import pyarrow as pa
 
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(outcome_of(table).encode())
     for name, begin in itertools.product(table.column_names, range(0, table.num_rows, CHUNK)):
         column = table[name].slice(begin, CHUNK)
         digest.update(f"{name} {len(column)}\n".encode())

@@ -55,13 +55,10 @@ class Work:
 
     def to_end(self, progress: Progress) -> str:
         """Do what is not done; return what became of the statement or the search, "" of neither."""
-        outcome = self.folder / "outcome.txt"
         if self.store.table.exists():
-            shards.shard_table(self.store.table)  # it refuses one that was changed
+            table = shards.shard_table(self.store.table)
             progress.say(f"{self.store.table}: complete")
-            return self._outcome_text(
-                outcome.read_text(encoding="utf-8") if outcome.exists() else ""
-            )
+            return self._outcome_text(store.outcome_of(table))
         progress.show("compiling")
         campaign = self.campaign
         path = Path(campaign.rig).resolve()
@@ -74,8 +71,8 @@ class Work:
             outcome_text = self._run(runner.rows, progress)
         self.campaign.check_unchanged(self.store.spec)
         if outcome_text:
-            outcome.write_text(outcome_text, encoding="utf-8")
-        self.store.complete()
+            (self.folder / "outcome.txt").write_text(outcome_text, encoding="utf-8")
+        self.store.complete(outcome_text)
         return self._outcome_text(outcome_text)
 
     def _outcome_text(self, outcome: str) -> str:
