@@ -14,9 +14,10 @@ import numpy as np
 from pcpc.drivers.errors import Exit
 from pcpc.executive.errors import RigError, did_you_mean
 from pcpc.tools.start.folder import check_name
+from pcpc.tools.study.engine import FAULT
 from pcpc.tools.study.sweep import shards
 from pcpc.tools.study.sweep.campaign import Campaign, differences
-from pcpc.tools.study.sweep.results import FAULT, MARGIN, METRIC, Results
+from pcpc.tools.study.sweep.results import MARGIN, METRIC, Results
 
 _RAN = (Exit.OK, Exit.NOT_MET, Exit.SAFETY_STOP)
 _MAIN = "from pcpc.tools.cli import main; raise SystemExit(main())"
