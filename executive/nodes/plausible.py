@@ -19,6 +19,7 @@ from pcpc.executive.laws.block import Block, Port
 from pcpc.executive.nodes.plan import Plan
 from pcpc.executive.rig.blocks import BlockSpec
 from pcpc.executive.rig.reading import Rig
+from pcpc.executive.rig.yamlfile import shown
 
 _SWITCH_VALUES = 4  # a setting between whole numbers this close together chooses among cases
 
@@ -42,13 +43,24 @@ def _check_times(rig: Rig) -> None:
     if rig.evaluation is not None and rig.evaluation.window_s[1] > end_s:
         late["evaluation.window_s"] = rig.evaluation.window_s[1]
     if rig.evaluation is not None and config.expect:  # by whom a further window is judged
-        ends = {n: at_s for n, at_s in rig.evaluation.numbers.items() if n.endswith("_to_s")}
-        late |= {f"evaluation.{name}": at_s for name, at_s in ends.items() if at_s > end_s}
+        ends = {f"evaluation.{name}": at_s for name, at_s in rig.evaluation.numbers.items()}
+        bases = _file_of(rig, "duration_s") == shown(rig.path)  # windows of those may be unused
+        late |= {
+            name: at_s for name, at_s in ends.items()
+            if name.endswith("_to_s") and at_s > end_s
+            and not (bases and _file_of(rig, name) != shown(rig.path))
+        }  # fmt: skip
     shortened = rig.where("duration_s").startswith("--set ")
     given = f", duration_s in {rig.where('duration_s')}"
     for path, at_s in late.items():
         if not shortened or rig.where(path).startswith("--set "):
             raise rig.error(path, f"{at_s:g} s is behind the end of the run at {end_s:g} s{given}")
+
+
+def _file_of(rig: Rig, path: str) -> str:
+    """Return the file that gives a value; of one given with --set, the rig's own."""
+    place = rig.where(path)
+    return shown(rig.path) if place.startswith("--set ") else place.rsplit(":", 2)[0]
 
 
 def _check_watch(made: Plan) -> None:
