@@ -7,7 +7,8 @@ PLANT ?= *
 # processes of `make test`, 1 GB each; two leave a fifth of two processors idle
 WORKERS ?= 2
 # what another Python or numpy can change: types, bits, machine code, processes
-CHOICE = tests/golden tests/drivers tests/executive tests/batch tests/plants tests/fuzz \
+CHOICE = tests/golden tests/drivers tests/batch tests/fuzz \
+	$(addprefix tests/executive/test_,virtual.py every_rig.py intrusion.py supervisor_model.py) \
 	$(addprefix tests/tools/test_,run.py pytest_plugin.py api.py)
 
 PIP = @$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
@@ -26,7 +27,7 @@ test: tools ## all tests that need no CAN in the kernel
 	$(MAKE) --no-print-directory -j2 compiled lint
 	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
-test-choice: tools ## types and a third of the tests, for another PYTHON
+test-choice: tools ## types and a choice of the tests, for another PYTHON
 	$(MAKE) --no-print-directory -j2 compiled lint
 	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(CHOICE)
 
