@@ -210,10 +210,10 @@ class Evaluation:
                 found[name] = merit
         return found
 
-    def left_out(self, judged: Judged, name: str) -> str:
+    def non_finite(self, judged: Judged, name: str) -> str:
         """Return which recorded value of a figure is no finite number; "" for none."""
         merit = self._taken(judged.numbers).get(name)
-        return judged.left_out(merit) if isinstance(merit, Merit) else ""
+        return judged.non_finite(merit) if isinstance(merit, Merit) else ""
 
     def names(self, numbers: Mapping[str, float]) -> list[str]:
         """Return the names of all figures that a run may have."""

@@ -94,7 +94,9 @@ class Run:
     signals: Mapping[str, Signal] = field(default_factory=dict)
     windows: Windows = field(default_factory=dict)
     numbers: Mapping[str, float] = field(default_factory=dict)
-    odd: set[str] = field(default_factory=set, compare=False)  # what was asked for and not finite
+    suspects: set[str] = field(
+        default_factory=set, compare=False
+    )  # what was asked for and not finite
     _made: dict[str, Any] = field(default_factory=dict, init=False, compare=False)
 
     @cached_property
@@ -172,7 +174,7 @@ class Run:
             raise Mistake(names.unknown_name(log, name))
         found = (record.columns if variable in record.columns else record.timing)[variable]
         if variable in record.columns and not np.isfinite(found).all():
-            self.odd.add(name)
+            self.suspects.add(name)
         if self._in_step(node):
             return np.where(False, math.nan, found[: len(rows)])  # of the same type as below
         return np.where(rows < 0, math.nan, found[rows])
@@ -279,7 +281,7 @@ class Judged:
     windows: Windows = field(default_factory=lambda: {RUN: (-math.inf, math.inf)})
     numbers: Mapping[str, float] = field(default_factory=dict)
     signals: Mapping[str, Signal] = field(default_factory=dict)
-    odd: set[str] = field(default_factory=set, init=False, compare=False)  # as of a `Run`
+    suspects: set[str] = field(default_factory=set, init=False, compare=False)  # as of a `Run`
     _runs: dict[str, Run] = field(default_factory=dict, init=False, compare=False)
 
     def run(self, leader: str = "executive") -> Run:
@@ -292,7 +294,7 @@ class Judged:
 
     def _run(self, log: Log, leader: str, row: int = 0, whole: Log | None = None) -> Run:
         about = self.signals, self.windows, self.numbers
-        return Run(log, self.period_s, leader, row, whole, *about, self.odd)
+        return Run(log, self.period_s, leader, row, whole, *about, self.suspects)
 
     def stretches(self, leader: str) -> Iterator[tuple[Run, slice]]:
         """Yield the run, a long one in stretches, with the slice of their own cycles."""
@@ -329,15 +331,15 @@ class Judged:
             for name, one in merits.items()
         }
 
-    def left_out(self, one: Merit) -> str:
+    def non_finite(self, one: Merit) -> str:
         """Return which recorded value of a figure's window is no finite number; "" for none.
 
         Such a value does not count to a figure; unlike one that the log lacks, it was there.
         """
-        for run, own in self.stretches(one.leader) if self.odd else ():
+        for run, own in self.stretches(one.leader) if self.suspects else ():
             fresh = replace(run)  # it knows what this figure alone asks for
             fresh.values(one.source, one.place)
-            for name in sorted(self.odd.intersection(fresh._made)):
+            for name in sorted(self.suspects.intersection(fresh._made)):
                 node = (names.find_variable(self.log, name) or ("",))[0]
                 wrong = ~np.isfinite(fresh[name]) & fresh.told(node)
                 wrong &= True if one.over == RUN else fresh.window(one.over)

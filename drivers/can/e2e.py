@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import compiled, inline
 from pcpc.drivers.compiled.rows import RECEIVER
 
@@ -57,7 +57,7 @@ _CRC_16_TABLE = _crc_table(0x1021, 16)
 def new_state(n_frames: int) -> NDArray[Any]:
     """Return the state of a receiver that has heard nothing, a row of RECEIVER for each frame."""
     state = np.zeros(n_frames, RECEIVER)
-    state["last_counter"], state["state"] = -1, Received.NOT_AVAILABLE
+    state["last_counter"], state["state"] = -1, FrameState.NOT_AVAILABLE
     return state
 
 
@@ -172,20 +172,20 @@ def check(
         if protected == dbc.CRC_8
         else protected != 0 and right_crc(data, frame, frames) != crc_of(data, frame, frames)
     ):
-        state[frame].state = Received.ERROR
+        state[frame].state = FrameState.ERROR
         state[frame].errors += 1
-        return Received.ERROR, 0
+        return FrameState.ERROR, 0
     if protected == 0:
-        _use(state, frame, Received.OK)
-        return Received.OK, 0
+        _use(state, frame, FrameState.OK)
+        return FrameState.OK, 0
     mask = frames[frame].counter_mask
     counter = (np.int64(data[frames[frame].counter_byte]) >> frames[frame].counter_shift) & mask
     before = state[frame].last_counter
     delta = (counter - before) & mask if before >= 0 else 1
     if delta == 0:
-        state[frame].state = Received.REPEATED
+        state[frame].state = FrameState.REPEATED
         state[frame].repeated += 1
-        return Received.REPEATED, 0
+        return FrameState.REPEATED, 0
     missing = delta - 1
     if delta > MAX_DELTA:
         turns = state[frame].still_cycles // frames[frame].every_n
@@ -194,9 +194,9 @@ def check(
     state[frame].still_cycles = 0
     state[frame].lost += missing
     if delta > MAX_DELTA:
-        state[frame].state = Received.WRONG_SEQUENCE
+        state[frame].state = FrameState.WRONG_SEQUENCE
         state[frame].wrong_sequence += 1
-        return Received.WRONG_SEQUENCE, missing
-    outcome = Received.OK if delta == 1 else Received.OK_SOME_LOST
+        return FrameState.WRONG_SEQUENCE, missing
+    outcome = FrameState.OK if delta == 1 else FrameState.OK_SOME_LOST
     _use(state, frame, outcome)
     return outcome, missing

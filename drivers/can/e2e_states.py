@@ -3,7 +3,7 @@
 from pcpc.drivers.compiled.numbered import Numbered
 
 
-class Received(Numbered):
+class FrameState(Numbered):
     """The states of a received frame; the last three are not judged.
 
     LOST_ON_PURPOSE: a rig lets it be lost. FOREIGN: from another sender of a frame of ours.
@@ -15,7 +15,7 @@ class Received(Numbered):
 
 
 INJECTED = 16  # added to the state of a frame that a fault on purpose put on the way
-_NAMES = Received.names()
+_NAMES = FrameState.names()
 
 
 def name_of(state: int) -> str:

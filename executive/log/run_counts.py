@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log.description import NodeDescription
 from pcpc.executive.log.long_logs import Table, sidecar
 from pcpc.executive.loop import shared
@@ -39,7 +39,7 @@ class Absences:
     def add_frames(self, rows: NDArray[np.int64]) -> None:
         """Take rows of frames."""
         word = rows[:, 3]
-        used = (word >> 40 & 0xFF != 0) & (word >> 48 & 0xFF <= Received.OK_SOME_LOST)
+        used = (word >> 40 & 0xFF != 0) & (word >> 48 & 0xFF <= FrameState.OK_SOME_LOST)
         own = np.column_stack((rows[used, 2], word[used] & 0xFFFFFFFF))
         self._waiting = np.concatenate((self._waiting, own))
         self._count()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import error_frames as told
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.structures import words
 from pcpc.executive.loop import control
@@ -26,7 +26,7 @@ def note_bus_error(n: Any) -> None:
     frame = n.wire.rx
     kind, detail = np.int64(frame[0]) | np.int64(frame[1]) << 8, np.int64(frame[9])
     changed = kind & told.STATE != 0
-    push_frame(n, n.wire.rx, 1, Received.BUS_ERROR)
+    push_frame(n, n.wire.rx, 1, FrameState.BUS_ERROR)
     back = kind & told.RESTARTED != 0 or (changed and detail & told.ACTIVE != 0)
     n.control.bus_errors += 0 if back else 1
     _count(n, 0, changed and detail & told.WARNED != 0)

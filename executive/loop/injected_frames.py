@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import dbc, e2e
-from pcpc.drivers.can.e2e_states import INJECTED, Received
+from pcpc.drivers.can.e2e_states import INJECTED, FrameState
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.injection import acts, is_on, size, uniform
@@ -70,7 +70,7 @@ def inject(n: Any, row: Any) -> Any:
     if done != 0:
         faults.acted[row] = n.passes + 1
         n.control.lost_on_purpose += 1
-        push_frame(n, faults.raw, 1, Received.LOST_ON_PURPOSE)
+        push_frame(n, faults.raw, 1, FrameState.LOST_ON_PURPOSE)
     return done
 
 
@@ -182,9 +182,9 @@ def judge(n: Any, row: Any) -> Any:
     state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, n.rx.frames, n.rx.state)
     push_frame(n, frame, 1, INJECTED + state)
     n.control.lost += lost
-    if state != Received.OK and state != Received.OK_SOME_LOST:
+    if state != FrameState.OK and state != FrameState.OK_SOME_LOST:
         suspect(n, row, state, lost)
-    if state == Received.REPEATED and n.rx.role[row].starts + n.rx.role[row].awaited > 0:
+    if state == FrameState.REPEATED and n.rx.role[row].starts + n.rx.role[row].awaited > 0:
         note_repeat(n, word_of(frame))
     return state
 

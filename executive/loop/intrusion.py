@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import can_id, codec, e2e
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function
 from pcpc.drivers.compiled.structures import copy, data_of
 from pcpc.executive.loop.events import Event
@@ -39,10 +39,10 @@ EVENT_CYCLES = 100  # a frame is told at most this often
 def suspect(n: Any, row: Any, state: Any, lost: Any) -> None:
     """Look for a second sender in a frame that is not used; `lost` before it, as of its check."""
     rx, every, before = n.rx, n.rx.frames[row].every_n, n.intrusion.counted_frame[row]
-    if state == Received.ERROR:
+    if state == FrameState.ERROR:
         if rx.state[row].fresh != 0:
             note_sign(n, row, Event.TWO_SENDERS, 1)
-    elif state == Received.REPEATED:
+    elif state == FrameState.REPEATED:
         if rx.state[row].still_cycles <= every and differs(n, row):
             note_sign(n, row, Event.TWO_SENDERS, HINTS)
     else:

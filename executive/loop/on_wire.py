@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import e2e
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.drivers.compiled.structures import data_of
 from pcpc.executive.loop.injected_frames import EXCUSED_CYCLES
@@ -45,7 +45,7 @@ def _note(n: Any, row: Any) -> None:
     frame, rx = n.wire.rx, n.rx
     state, lost = e2e.check(data_of(frame), np.int64(frame[4]), row, rx.frames, n.faults.on_wire)
     count(n, state, lost)
-    acted, right = n.faults.acted[row], state == Received.OK or state == Received.OK_SOME_LOST
+    acted, right = n.faults.acted[row], state == FrameState.OK or state == FrameState.OK_SOME_LOST
     lasts = max(np.int64(EXCUSED_CYCLES), 2 * rx.frames[row].every_n)
     n.faults.shown = np.int64(right and acted > 0 and n.passes + 1 - acted <= lasts)
 
@@ -54,9 +54,9 @@ def _note(n: Any, row: Any) -> None:
 def count(n: Any, state: Any, lost: Any) -> None:
     """Count what is wrong with a frame of this state, before which `lost` are missing."""
     n.control.missed += lost
-    n.control.crc_errors += 1 if state == Received.ERROR else 0
-    n.control.repeated += 1 if state == Received.REPEATED else 0
-    n.control.wrong_sequence += 1 if state == Received.WRONG_SEQUENCE else 0
+    n.control.crc_errors += 1 if state == FrameState.ERROR else 0
+    n.control.repeated += 1 if state == FrameState.REPEATED else 0
+    n.control.wrong_sequence += 1 if state == FrameState.WRONG_SEQUENCE else 0
 
 
 @loop_function

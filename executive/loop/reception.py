@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import codec, e2e
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire import BUS_ERROR, FAILED, FRAME, NOTHING, get_frame
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
@@ -173,7 +173,7 @@ def use_frame(n: Any, row: Any) -> Any:
             return row
     new = n.rx.state[row].fresh == 0
     state, lost = accept(n, row)
-    if state == Received.OK or state == Received.OK_SOME_LOST:
+    if state == FrameState.OK or state == FrameState.OK_SOME_LOST:
         decode(n, row, new)
     else:
         suspect(n, row, state, lost)
@@ -188,14 +188,14 @@ def put_in_place(n: Any, row: Any, done: Any) -> None:
     n.faults.shown = 1
     if done & GONE == 0:
         state = judge(n, row)
-        used = state == Received.OK or state == Received.OK_SOME_LOST
+        used = state == FrameState.OK or state == FrameState.OK_SOME_LOST
         if used:
             decode(n, row, new)
             n.control.lost_on_purpose -= 1
     if done & AND_ANOTHER != 0:
         copy(n.wire.rx, n.faults.another)
         state = judge(n, row)
-        if state == Received.OK or state == Received.OK_SOME_LOST:
+        if state == FrameState.OK or state == FrameState.OK_SOME_LOST:
             decode(n, row, new and not used)
             used = True
     if not used:
@@ -210,7 +210,7 @@ def disturbed(n: Any, row: Any) -> Any:
     n.control.lost_on_purpose += 1
     n.faults.on_wire[row].fresh = n.rx.state[row].fresh  # losses excuse no stale cycle
     n.rx.started += n.rx.role[row].starts  # nobody waits for it
-    push_frame(n, n.wire.rx, 1, Received.LOST_ON_PURPOSE)
+    push_frame(n, n.wire.rx, 1, FrameState.LOST_ON_PURPOSE)
     return True
 
 
@@ -250,13 +250,13 @@ def refuse(n: Any, row: Any, state: Any, after_loss: Any) -> None:
     """Do what follows from a frame that is not used; what was on purpose is no mistake."""
     if excused(n, row):
         n.rx.started += n.rx.role[row].starts
-        if state == Received.REPEATED and n.rx.role[row].starts + n.rx.role[row].awaited > 0:
+        if state == FrameState.REPEATED and n.rx.role[row].starts + n.rx.role[row].awaited > 0:
             note_repeat(n, word_of(n.wire.rx))
-    elif state == Received.REPEATED:
+    elif state == FrameState.REPEATED:
         n.rx.started += n.rx.role[row].starts * after_loss  # of a whole turn of the counter
         if after_loss == 0 and n.rx.role[row].starts + n.rx.role[row].awaited > 0:
             note_repeat(n, word_of(n.wire.rx))
-    elif state == Received.WRONG_SEQUENCE:
+    elif state == FrameState.WRONG_SEQUENCE:
         if n.rx.role[row].starts > n.rx.role[row].awaited:
             n.wire.muted = 1
         n.rx.started += n.rx.role[row].starts  # it came; the next one will be trusted

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import can_id, codec
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire import FAILED, FRAME, get_frame
 from pcpc.drivers.can.wire_layout import STRANGER
 from pcpc.drivers.compiled.jit import loop_function
@@ -67,7 +67,7 @@ def is_foreign(n: Any, row: Any, word: Any) -> Any:
 def note_foreign(n: Any, word: Any) -> None:
     """Count and record the foreign frame in `wire.rx`; too many are a fault."""
     n.control.foreign += 1
-    push_frame(n, n.wire.rx, 1, Received.FOREIGN)
+    push_frame(n, n.wire.rx, 1, FrameState.FOREIGN)
     if _note(n, FOREIGN, FOREIGN_CYCLES) == 1:
         push_event(n, Event.FOREIGN, word & can_id.ID, n.control.foreign)
     if n.rx.strange[FOREIGN, COUNT] >= FOREIGN_FRAMES or n.passes == 0:

@@ -42,19 +42,22 @@ def _check_times(rig: Rig) -> None:
     late = {path: at_s for path, at_s in times.items() if at_s >= end_s}
     if rig.evaluation is not None and rig.evaluation.window_s[1] > end_s:
         late["evaluation.window_s"] = rig.evaluation.window_s[1]
-    if rig.evaluation is not None and config.expect:  # by whom a further window is judged
-        ends = {f"evaluation.{name}": at_s for name, at_s in rig.evaluation.numbers.items()}
-        bases = _file_of(rig, "duration_s") == shown(rig.path)  # windows of those may be unused
-        late |= {
-            name: at_s for name, at_s in ends.items()
-            if name.endswith("_to_s") and at_s > end_s
-            and not (bases and _file_of(rig, name) != shown(rig.path))
-        }  # fmt: skip
+    if rig.evaluation is not None and config.expect:  # a further window is that of a limit
+        for name, at_s in rig.evaluation.numbers.items():
+            path = f"evaluation.{name}"
+            if name.endswith("_to_s") and at_s > end_s and not _is_left_from_a_base(rig, path):
+                late[path] = at_s
     shortened = rig.where("duration_s").startswith("--set ")
     given = f", duration_s in {rig.where('duration_s')}"
     for path, at_s in late.items():
         if not shortened or rig.where(path).startswith("--set "):
             raise rig.error(path, f"{at_s:g} s is behind the end of the run at {end_s:g} s{given}")
+
+
+def _is_left_from_a_base(rig: Rig, path: str) -> bool:
+    """Return whether a value is of a base whose `duration_s` the rig's own file replaces."""
+    own = shown(rig.path)
+    return _file_of(rig, "duration_s") == own != _file_of(rig, path)
 
 
 def _file_of(rig: Rig, path: str) -> str:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import e2e_states, error_frames
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire_layout import FRAME_BYTES, STRANGER
 from pcpc.drivers.compiled.jit import f8, i8, loop, loop_function, u1
 from pcpc.drivers.compiled.structures import copy
@@ -253,7 +253,7 @@ class Replay:
         raw = np.zeros((len(received), FRAME_BYTES), np.uint8)
         raw[:, 0:4] = np.ascontiguousarray(received["id"]).view(np.uint8).reshape(-1, 4)
         raw[:, 4] = received["dlc"]
-        raw[:, 5] = received["e2e"] == Received.FOREIGN
+        raw[:, 5] = received["e2e"] == FrameState.FOREIGN
         raw[:, 8:16] = received["data"]
         tunings = [t for t in part.tunings if t[1] in self._index]
         for tuning in tunings:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc, e2e
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.rows import RECEIVER
 
 DBC = dbc.load(Path(__file__).resolve().parents[2] / "plants/atb1000/atb1000.dbc")
@@ -130,7 +130,7 @@ def test_every_flip_of_one_or_two_bits_is_an_error(name: str, n_flips: int) -> N
         data = good.copy()
         for bit in flips:
             data[bit // 8] ^= 1 << bit % 8
-        if check(e2e.new_state(len(FRAMES)), name, data) != (Received.ERROR, 0):
+        if check(e2e.new_state(len(FRAMES)), name, data) != (FrameState.ERROR, 0):
             missed.append(flips)
     assert not missed, f"{len(missed)} undetected, first {missed[0]}"
 
@@ -150,14 +150,14 @@ def test_a_frame_under_the_id_of_another_is_an_error() -> None:
     state = e2e.new_state(len(FRAMES))
     for name, other in (("FB_B", "FB_A"), ("WIDE", "WIDE_ID")):
         got = check(state, name, sent(other, 0))
-        assert got == (Received.ERROR, 0), f"{name}: {got}"
+        assert got == (FrameState.ERROR, 0), f"{name}: {got}"
 
 
 @pytest.mark.parametrize("length", [0, 1, 7])
 def test_a_frame_of_wrong_length_is_an_error(length: int) -> None:
     state, row = e2e.new_state(len(FRAMES)), ROWS["CMD"]
     outcome, _ = e2e.check(sent("CMD", 3), length, row, TABLE.frames, state)
-    assert outcome == Received.ERROR, f"{Received.names()[outcome]} with {length} bytes"
+    assert outcome == FrameState.ERROR, f"{FrameState.names()[outcome]} with {length} bytes"
 
 
 @pytest.mark.parametrize("name", PROTECTED)
@@ -179,7 +179,7 @@ def test_an_unprotected_frame_is_left_alone_and_always_ok() -> None:
     data = sent("HB_PLANT", 7, fill=5)
     got = [check(state, "HB_PLANT", data) for _ in range(3)]
     assert data[0] == 5, f"first byte {data[0]}"
-    assert got == [(Received.OK, 0)] * 3, f"{got}"
+    assert got == [(FrameState.OK, 0)] * 3, f"{got}"
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_states_follow_the_step_of_the_counter_and_losses_the_time(
     for counter in counters:
         let_pass(state, "CMD", turns)
         outcomes.append(check(state, "CMD", sent("CMD", counter)))
-    got = [(Received.names()[outcome], lost) for outcome, lost in outcomes]
+    got = [(FrameState.names()[outcome], lost) for outcome, lost in outcomes]
     assert got == expected, f"{got}"
 
 
@@ -212,10 +212,10 @@ def test_states_follow_the_step_of_the_counter_and_losses_the_time(
 def test_a_counter_of_a_byte_counts_to_256(name: str) -> None:
     state = e2e.new_state(len(FRAMES))
     outcomes = {check(state, name, sent(name, n)) for n in range(1000)}
-    assert outcomes == {(Received.OK, 0)}, f"{outcomes}"
+    assert outcomes == {(FrameState.OK, 0)}, f"{outcomes}"
     let_pass(state, name, 16)
     got = check(state, name, sent(name, 999 + 16))
-    assert got == (Received.WRONG_SEQUENCE, 15), f"{got}"
+    assert got == (FrameState.WRONG_SEQUENCE, 15), f"{got}"
 
 
 @given(st.lists(st.integers(0, 15), min_size=1, max_size=300), st.integers(0, 3))
@@ -238,7 +238,7 @@ def test_a_corrupt_frame_leaves_the_counter_as_it_was() -> None:
     bad = sent("CMD", 5)
     bad[0] ^= 1
     got = [check(state, "CMD", data) for data in (bad, sent("CMD", 5))]
-    assert got == [(Received.ERROR, 0), (Received.OK, 0)], f"{got}"
+    assert got == [(FrameState.ERROR, 0), (FrameState.OK, 0)], f"{got}"
 
 
 def test_nothing_heard_is_not_available_and_ages() -> None:
@@ -246,7 +246,7 @@ def test_nothing_heard_is_not_available_and_ages() -> None:
     for _ in range(3):
         e2e.begin_cycle(state, len(state))
     got = counts(state, "FB_A")
-    assert (got["state"], got["age_cycles"], got["fresh"]) == (Received.NOT_AVAILABLE, 3, 0), (
+    assert (got["state"], got["age_cycles"], got["fresh"]) == (FrameState.NOT_AVAILABLE, 3, 0), (
         f"{got}"
     )
 

@@ -9,7 +9,7 @@ import pytest
 from engine import ROOT, Bench, both, puppet_rig
 
 from pcpc.drivers.can import error_frames, line, wire
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire_layout import MEMORY, WIRE
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop.bus_state import note_bus_error
@@ -84,7 +84,7 @@ def test_a_node_that_goes_bus_off_on_the_line_faults_and_is_recomputed(tmp_path:
     assert block.control.bus_offs == run.over[0].times_off[off], "each time"
     assert block.control.bus_passives >= 1
     frames = log.node[name].frames
-    told = frames[frames["e2e"] == Received.BUS_ERROR]
+    told = frames[frames["e2e"] == FrameState.BUS_ERROR]
     assert 0x20000040 in told["id"], told
     options = argparse.Namespace(controller=None, set=[], node="all")
     for verdict in replay(tmp_path / "log.mcap", options, Progress(quiet=True)):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import e2e_states as e2e
 from pcpc.drivers.can.e2e import crc8
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.errors import RigError
 from pcpc.executive.log import reader
 from pcpc.executive.nodes.virtual import simulate
@@ -52,13 +52,13 @@ def come(log: reader.Log, name: str, node: str = "executive") -> tuple[Frames, F
     frames = log.node[node].frames
     own = frames[(frames["direction"] == 1) & (frames["id"] == frame_id(log, name))]
     state = own["e2e"]
-    taken = own[state == Received.LOST_ON_PURPOSE]
-    return own[state < Received.LOST_ON_PURPOSE], taken, own[state >= e2e.INJECTED]
+    taken = own[state == FrameState.LOST_ON_PURPOSE]
+    return own[state < FrameState.LOST_ON_PURPOSE], taken, own[state >= e2e.INJECTED]
 
 
 def states(frames: Frames) -> list[str]:
     """Return what the receiver made of injected frames."""
-    return [Received.names()[int(state) - e2e.INJECTED] for state in frames["e2e"]]
+    return [FrameState.names()[int(state) - e2e.INJECTED] for state in frames["e2e"]]
 
 
 def data(frames: Frames) -> NDArray[np.uint8]:
@@ -111,7 +111,7 @@ def test_a_delay_is_lost_first_then_late(tmp_path: Path) -> None:
     np.testing.assert_array_equal(data(put), data(taken)[:7])
     assert list(put["cycle"]) == list(range(FROM + 3, TO))
     assert states(put) == ["OK"] * 7, "a counter does not notice a delay that stays"
-    assert true["e2e"][true["cycle"] == TO][0] == Received.OK_SOME_LOST
+    assert true["e2e"][true["cycle"] == TO][0] == FrameState.OK_SOME_LOST
 
 
 def test_an_inserted_frame_has_no_right_crc(tmp_path: Path) -> None:
@@ -223,7 +223,7 @@ def test_a_counter_goes_on_from_where_the_fault_left_it(tmp_path: Path) -> None:
     assert states(put)[:3] == ["OK", "REPEATED", "REPEATED"] and set(states(put)[3:]) == {"OK"}
     assert max(true["cycle"]) == FROM - 1, "every later frame has another counter than was sent"
     plain = come(run(tmp_path, fault.replace("true", "false"), "faults.it.for=3ms"), "FB")
-    assert plain[0]["e2e"][plain[0]["cycle"] == FROM + 3][0] == Received.OK_SOME_LOST
+    assert plain[0]["e2e"][plain[0]["cycle"] == FROM + 3][0] == FrameState.OK_SOME_LOST
 
 
 def test_a_fault_that_the_rig_has_not_is_given_with_the_command(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from free_bus import own_bus
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import e2e, wire, wire_layout
 from pcpc.drivers.can.bus import Bus
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.loop import faults, strangers
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
@@ -104,7 +104,7 @@ def test_one_frame_of_our_own_id_is_counted_named_and_recorded(node: Node) -> No
     assert (node.count("foreign"), int(node.loop.guard.faulted)) == (1, Fault.NONE)
     assert [event[1] for event in node.events(Event.FOREIGN)] == [SYNC]
     last = node.loop.frame[int(node.loop.frame_ends[sh.PUT]) - 1]
-    assert (last[3] & 0xFFF, last[3] >> 48) == (SYNC, Received.FOREIGN)
+    assert (last[3] & 0xFFF, last[3] >> 48) == (SYNC, FrameState.FOREIGN)
 
 
 def test_three_within_ten_cycles_are_a_fault_that_names_the_id(node: Node) -> None:

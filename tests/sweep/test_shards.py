@@ -95,7 +95,7 @@ def test_a_shard_that_was_killed_is_missing(tmp_path: Path) -> None:
 def test_a_table_that_lost_rows_is_not_whole(tmp_path: Path) -> None:
     for number in (1, 2):
         path = shard(tmp_path, number, 2)
-    pyarrow.parquet.write_table(store.sealed(pyarrow.parquet.read_table(path)[:-1]), path)
+    pyarrow.parquet.write_table(store.with_seal(pyarrow.parquet.read_table(path)[:-1]), path)
     assert "1 of 64 draws are missing, those of shard 2 of 2" in refused([tmp_path])
 
 
@@ -110,7 +110,7 @@ def test_the_same_shard_twice_counts_once_if_it_is_the_same(tmp_path: Path) -> N
     table = pyarrow.parquet.read_table(path)
     metric = pa.array([1.0, *table["metric:rms"].to_pylist()[1:]])
     place = table.column_names.index("metric:rms")
-    other = store.sealed(table.set_column(place, "metric:rms", metric))
+    other = store.with_seal(table.set_column(place, "metric:rms", metric))
     pyarrow.parquet.write_table(other, path)
     said = refused(folders)
     assert str(path) in said and "draw 1 of pid came to something else the second time" in said

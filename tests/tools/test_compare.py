@@ -155,7 +155,7 @@ def test_what_cannot_be_compared_does_not_pass_for_equal(folder: Path, tmp_path:
 
 
 def test_a_run_that_nobody_can_judge_here_has_no_equal_metrics() -> None:
-    pair = Pair("rig", "pd", CHANGED, untold=["metrics"])
+    pair = Pair("rig", "pd", CHANGED, unknown=["metrics"])
     fails = {on: Comparison("a", "b", [pair]).fails(on) for on in ("any", "metrics", "verdict")}
     assert fails == {"any": True, "metrics": True, "verdict": False}
 

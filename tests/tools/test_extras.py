@@ -61,6 +61,20 @@ def test_a_sweep_without_its_extra_loads_no_compiler(tmp_path: Path) -> None:
     assert (done.code, done.out, done.err) == (4, "", what), done
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [("hull --draws 0", "--draws 0: expected"), ("nix", "nix: no file and no rig of this name"),
+     ("hull --threads 0", "--threads 0: expected"), ("hull --worst -1", "--worst -1: expected")],
+)  # fmt: skip
+def test_a_sweep_that_its_words_refuse_loads_no_compiler(
+    words: str, said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "numba.py").write_text("raise AssertionError('the compiler is loaded')\n")
+    done = pcpc("sweep", *words.split(), environment={"PYTHONPATH": str(tmp_path)})
+    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1), done
+    assert done.err.startswith(said), done
+
+
 def test_run_from_its_sources_it_names_the_packages_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     def unknown(name: str) -> list[str]:
         raise packages.PackageNotFoundError(name)

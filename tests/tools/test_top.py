@@ -16,7 +16,7 @@ from copies import program
 from live_run import ANSWER_S, ERROR, KV, Run, Screen, pcpc
 from processes import ROOT, until
 
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.loop import drive
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.faults import FAULT_NAMES, Fault
@@ -169,13 +169,13 @@ def begin(name: str) -> sh.Shared:
 def test_frames_are_counted_by_what_the_check_made_of_them(stand: str) -> None:
     block = begin(stand)
     meter = Meter({stand: live.find(stand)})
-    states = [(16, 1, Received.OK)] * 7 + [
-        (16, 1, Received.OK_SOME_LOST),
-        (16, 1, Received.REPEATED),
-        (16, 1, Received.ERROR),
+    states = [(16, 1, FrameState.OK)] * 7 + [
+        (16, 1, FrameState.OK_SOME_LOST),
+        (16, 1, FrameState.REPEATED),
+        (16, 1, FrameState.ERROR),
     ]
     for i, (number, received, state) in enumerate(
-        [*states, (32, 0, Received.OK), (32, 1, Received.OK)]
+        [*states, (32, 0, FrameState.OK), (32, 1, FrameState.OK)]
     ):
         block["frame"][i, 3] = number | 8 << 32 | received << 40 | state << 48
     block["frame_ends"][sh.PUT] = 12

@@ -23,7 +23,7 @@ from live import (
     crc8_j1850,
 )
 
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log import reader as logs
 
 pytestmark = pytest.mark.vcan
@@ -163,7 +163,7 @@ def test_a_clean_run_has_no_crc_errors(sync: Pair) -> None:
 
 def test_corrupt_feedback_is_counted_and_the_run_goes_on(real: Done) -> None:
     executive = real.log.node["executive"]
-    errors = executive.frames[executive.frames["e2e"] == Received.ERROR]
+    errors = executive.frames[executive.frames["e2e"] == FrameState.ERROR]
     assert set(errors["id"]) == {FB_A} and len(errors) == N_CORRUPT, f"{errors}"
     counted = real.summary["frames"]["crc_errors"]
     assert counted == N_CORRUPT, f"{counted} counted"

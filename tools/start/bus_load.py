@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.frame_bits import classic_bits
 from pcpc.executive.rig import schema, yamlfile
 
@@ -34,7 +34,7 @@ class Counted:
         for word, count in zip(words.tolist(), counts.tolist(), strict=True):
             number, state = word & _ID, word >> _STATE & 0xFF
             kind = number, word >> _LENGTH & 0xFF
-            self.seen[kind] += count * (state != Received.BUS_ERROR)
+            self.seen[kind] += count * (state != FrameState.BUS_ERROR)
             if word >> _RECEIVED & 0xFF:
                 self.received.setdefault(number, Counter())[state] += count
             else:

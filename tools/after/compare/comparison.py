@@ -56,9 +56,9 @@ class Comparison:
         changed = self.of(CHANGED)
         metrics = on == "metrics" and any(pair.changed_metrics for pair in changed)
         verdict = any(pair.verdict.differs for pair in changed)
-        untold = any(on in pair.untold for pair in changed)
+        unknown = any(on in pair.unknown for pair in changed)
         compared = self.of(CHANGED, EQUAL, UNCHANGED)
-        return metrics or verdict or untold or bool(self.of(FAILED)) or not compared
+        return metrics or verdict or unknown or bool(self.of(FAILED)) or not compared
 
     @property
     def counts(self) -> str:

@@ -77,7 +77,7 @@ class Pair:
     judged: list[str] = field(default_factory=list)  # metrics that the rig limits
     verdict: Change = field(default_factory=lambda: Change("verdict", "", ""))
     settings: list[Change] = field(default_factory=list)  # of the rig
-    untold: list[str] = field(default_factory=list)  # metrics, verdict: of one side nobody knows it
+    unknown: list[str] = field(default_factory=list)  # metrics, verdict: of one side
     figure: str = ""
 
     @property
@@ -122,11 +122,11 @@ def compare(old: Run, new: Run, tolerance: float = 0.0) -> Pair:
     ]
     limited = (name for s in summaries for name in (*s.judged, *_margins(s)))
     found.judged = list(dict.fromkeys(limited))
-    found.untold = ["metrics"] * any(summary is _NONE for summary in summaries)
+    found.unknown = ["metrics"] * any(summary is _NONE for summary in summaries)
     if old.judged_at_its_end and new.judged_at_its_end:
         found.verdict = Change("verdict", *(s.verdict for s in summaries))
     else:
-        found.untold.append("verdict")
+        found.unknown.append("verdict")
     for side, summary in zip(("old", "new"), summaries, strict=True):
         if found.verdict.differs:
             why = (*summary.faults, *summary.expectations_failed)

@@ -17,7 +17,7 @@ from cantools.database.errors import Error
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id, codec, dbc, e2e
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import compiled
 from pcpc.drivers.errors import BusError
 from pcpc.tools.terminal.outfile import LogCommandError
@@ -65,7 +65,7 @@ def _walk(
 ) -> int:  # fmt: skip
     lost = 0
     for i in range(data.shape[0]):
-        outcome[i] = Received.OK
+        outcome[i] = FrameState.OK
         if check:
             outcome[i], before = e2e.check(data[i], length[i], 0, frames, state)
             lost += before
@@ -95,13 +95,13 @@ def decode(
     progress.show("decoding; the first time compiles, some seconds")
     lost = walk(True)
     right = length == frame.dlc
-    foreign = frame.protected and 2 * int((outcome[right] == Received.ERROR).sum()) > int(
+    foreign = frame.protected and 2 * int((outcome[right] == FrameState.ERROR).sum()) > int(
         right.sum()
     )
     if foreign:
         lost = walk(False)
-        outcome[:] = np.where(right, Received.NOT_AVAILABLE, Received.ERROR)
-    used = right if foreign else (outcome == Received.OK) | (outcome == Received.OK_SOME_LOST)
+        outcome[:] = np.where(right, FrameState.NOT_AVAILABLE, FrameState.ERROR)
+    used = right if foreign else (outcome == FrameState.OK) | (outcome == FrameState.OK_SOME_LOST)
     signals = [(s.name, s.unit, s.help) for s in frame.signals]
     return Decoded(
         message, signals, place[used], values[used], outcome, lost, not foreign, foreign
@@ -114,7 +114,7 @@ def _by_cantools(
     """As `decode`; a signal that is not in this layout of the frame keeps its value, first NaN."""
     index = {signal.name: i for i, signal in enumerate(message.signals)}
     values = np.full((len(frames), len(index)), np.nan)
-    state = np.full(len(frames), Received.NOT_AVAILABLE, np.int64)
+    state = np.full(len(frames), FrameState.NOT_AVAILABLE, np.int64)
     last = np.full(len(index), np.nan)
     for i, row in enumerate(frames):
         if i and i % _STEP == 0:
@@ -124,9 +124,9 @@ def _by_cantools(
             for name, value in found.items():
                 last[index[name]] = value
         except _NOT_DECODABLE:
-            state[i] = Received.ERROR
+            state[i] = FrameState.ERROR
         values[i] = last
-    used = state != Received.ERROR
+    used = state != FrameState.ERROR
     signals = [(s.name, s.unit or "", s.comment or "") for s in message.signals]
     return Decoded(message, signals, place[used], values[used], state, 0, False, False)
 

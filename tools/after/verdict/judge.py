@@ -232,7 +232,7 @@ class Judge:
                 known = "" if name in found.metrics else did_you_mean(name, found.metrics)
                 said = "is not told by this run" if math.isnan(value) else f"= {value:.4g}"
                 found.failed.append(f"{name} {said}, expected {low:g} to {high:g}{known}")
-            elif odd := guarded(partial(self.evaluation.left_out, judged, name)):
+            elif odd := guarded(partial(self.evaluation.non_finite, judged, name)):
                 found.failed.append(f"{name} = {value:.4g} leaves out that {odd}")
 
 

@@ -221,7 +221,7 @@ static void blame(loop *n, int64_t fault, uint32_t word)
 static void note_foreign(loop *n, uint32_t word)
 {
     n->control.foreign++;
-    push_frame(n, n->wire.rx, 1, RECEIVED_FOREIGN);
+    push_frame(n, n->wire.rx, 1, FRAMESTATE_FOREIGN);
     int64_t found = note(n, STRANGERS_FOREIGN, STRANGERS_FOREIGN_CYCLES);
     if (found == 1)
         push_event(n, EVENT_FOREIGN, word & 0x1FFFFFFF, n->control.foreign);
@@ -309,7 +309,7 @@ static int64_t use_frame(loop *n, int64_t row)
     int64_t state = check(frame + 8, frame[4], &n->rx.frames[row], receiver, &lost);
     push_frame(n, frame, 1, state);
     n->control.lost += lost;
-    if (state == RECEIVED_OK || state == RECEIVED_OK_SOME_LOST) {
+    if (state == FRAMESTATE_OK || state == FRAMESTATE_OK_SOME_LOST) {
         unpack(frame + 8, &n->rx.frames[row], n->rx.signals, n->v);
         memcpy(n->intrusion.counted_frame[row], frame, WIRE_FRAME_BYTES);
         if (n->intrusion.care[row] && n->intrusion.beat_every[row] > 0)
@@ -319,14 +319,14 @@ static int64_t use_frame(loop *n, int64_t row)
             n->rx.started += n->rx.role[row].starts;
             n->rx.fresh += n->rx.role[row].awaited;
         }
-    } else if (state == RECEIVED_ERROR) {
+    } else if (state == FRAMESTATE_ERROR) {
         n->control.crc_errors++;
-    } else if (state == RECEIVED_REPEATED) {
+    } else if (state == FRAMESTATE_REPEATED) {
         n->control.repeated++;
         if (n->rx.role[row].starts + n->rx.role[row].awaited > 0
             && note(n, STRANGERS_REPEATED, STRANGERS_REPEATED_CYCLES) >= STRANGERS_REPEATED_FRAMES)
             blame(n, FAULT_REPEATED_INPUT, word);
-    } else if (state == RECEIVED_WRONG_SEQUENCE) {
+    } else if (state == FRAMESTATE_WRONG_SEQUENCE) {
         n->control.wrong_sequence++;
         n->rx.started += n->rx.role[row].starts;
     }

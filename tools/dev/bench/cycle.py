@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from pcpc.drivers.can import bus as buses
 from pcpc.drivers.can import dbc, e2e, wire, wire_layout
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire import put_frame
 from pcpc.drivers.can.wire_layout import QUEUE_FRAMES, WIRE
 from pcpc.drivers.compiled.jit import i8, loop, types, u1
@@ -95,7 +95,7 @@ def loop_header() -> str:
     texts = [compiler.macros(prefix, module) for prefix, module in _MODULES.items()]
     texts += [
         "".join(f"#define WIRE_{name} {getattr(wire, name)}\n" for name in RESULTS),
-        *map(compiler.numbers, (Received, states.State, states.Condition, faults.Fault, Event)),
+        *map(compiler.numbers, (FrameState, states.State, states.Condition, faults.Fault, Event)),
         "#include <stddef.h>\n#include <stdint.h>\n",
         *(compiler.struct(name, kind) for name, kind in _rows(sh.LOOP).items()),
         *(compiler.struct(name, kind) for name, (kind, *_) in fields.items() if kind.fields),

@@ -190,18 +190,18 @@ static inline int64_t check(const uint8_t *data, int64_t length, const frame_row
     *lost = 0;
     if (length != frame->dlc || (protected && right_crc(data, frame) != crc_of(data, frame))) {
         state->errors++;
-        return state->state = RECEIVED_ERROR;
+        return state->state = FRAMESTATE_ERROR;
     }
     if (!protected) {
-        use(state, RECEIVED_OK);
-        return RECEIVED_OK;
+        use(state, FRAMESTATE_OK);
+        return FRAMESTATE_OK;
     }
     int64_t mask = frame->counter_mask, before = state->last_counter;
     int64_t counter = (data[frame->counter_byte] >> frame->counter_shift) & mask;
     int64_t delta = before >= 0 ? (counter - before) & mask : 1;
     if (delta == 0) {
         state->repeated++;
-        return state->state = RECEIVED_REPEATED;
+        return state->state = FRAMESTATE_REPEATED;
     }
     *lost = delta - 1;
     if (delta > E2E_MAX_DELTA) {
@@ -214,9 +214,9 @@ static inline int64_t check(const uint8_t *data, int64_t length, const frame_row
     state->lost += *lost;
     if (delta > E2E_MAX_DELTA) {
         state->wrong_sequence++;
-        return state->state = RECEIVED_WRONG_SEQUENCE;
+        return state->state = FRAMESTATE_WRONG_SEQUENCE;
     }
-    use(state, delta == 1 ? RECEIVED_OK : RECEIVED_OK_SOME_LOST);
+    use(state, delta == 1 ? FRAMESTATE_OK : FRAMESTATE_OK_SOME_LOST);
     return state->state;
 }
 

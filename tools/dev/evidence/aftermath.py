@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.machine import claim
 from pcpc.executive.log import reader as logs
 from pcpc.executive.loop import shared as sh
@@ -67,7 +67,7 @@ def _received(block: sh.Shared, made: Plan) -> dict[str, float]:
     newest = np.arange(max(0, put - len(rows)), put) % len(rows)
     about, data = rows[newest, 3], rows[newest, 4]
     used = (about >> 40 & 0xFF == 1) & np.isin(
-        about >> 48 & 0xFF, (Received.OK, Received.OK_SOME_LOST)
+        about >> 48 & 0xFF, (FrameState.OK, FrameState.OK_SOME_LOST)
     )
     found: dict[str, float] = {}
     for message in database_of(made.rig).messages:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can.e2e_states import INJECTED, Received
+from pcpc.drivers.can.e2e_states import INJECTED, FrameState
 from pcpc.executive.log.reader import FRAME
 from pcpc.executive.loop import losses
 from pcpc.executive.loop import shared as sh
@@ -176,7 +176,7 @@ class Bench:
         put = int(block["frame_ends"][sh.PUT])
         frames = np.ascontiguousarray(block["frame"][:put, 1:]).view(FRAME)[:, 0]
         state = frames["e2e"].astype(np.int64) - INJECTED
-        return np.asarray(frames["cycle"][state >= Received.OK_SOME_LOST], np.int64)
+        return np.asarray(frames["cycle"][state >= FrameState.OK_SOME_LOST], np.int64)
 
 
 def _to_set_back(loop: Any) -> Iterator[NDArray[np.uint8]]:

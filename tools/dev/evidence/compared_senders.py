@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.events import Event
@@ -72,7 +72,7 @@ class Senders:
             self.fault, self.fallback = fault, 0
         foreign = self.is_foreign(passes, source, row, word, age)
         if foreign:
-            self.frames, self.frame = self.frames + 1, word | 1 << 40 | Received.FOREIGN << 48
+            self.frames, self.frame = self.frames + 1, word | 1 << 40 | FrameState.FOREIGN << 48
             self.note_foreign(passes, word)
         elif repeated:
             self.note_repeat(passes, word)

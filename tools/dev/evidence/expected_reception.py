@@ -8,7 +8,7 @@ import struct
 from dataclasses import dataclass
 
 from pcpc.drivers.can import e2e_states
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
@@ -109,7 +109,7 @@ class Node(Senders):
     def bus_error(self, frame: bytes) -> int:
         """Count what the controller told; bus-off is a fault until it is restarted."""
         kind, detail = int.from_bytes(frame[:2], "little"), frame[9]
-        self.push(frame, Received.BUS_ERROR)
+        self.push(frame, FrameState.BUS_ERROR)
         state, restarted = kind & 0x4, kind & 0x100
         self.n["bus_errors"] += not (restarted or (state and detail & 0x40))
         happened = (state and detail & 0x0C, state and detail & 0x30, kind & 0x40, restarted,
@@ -136,7 +136,7 @@ class Node(Senders):
         """Return the row of a frame that is ours."""
         word, age = self.word(frame), self.receivers[max(row, 0)].age
         if self.is_foreign(self.passes, source, row, word, age):
-            self.push(frame, Received.FOREIGN)
+            self.push(frame, FrameState.FOREIGN)
             self.note_foreign(self.passes, word)
             return -1
         if row < 0:
@@ -179,7 +179,7 @@ class Node(Senders):
             self.n["lost_on_purpose"] += 1
             self.came[row].fresh = self.receivers[row].fresh
             self.started += STARTS[row]
-            self.push(frame, Received.LOST_ON_PURPOSE)
+            self.push(frame, FrameState.LOST_ON_PURPOSE)
             return -1
         if self.done and self.has.faults:
             self.put_in_place(row, frame, new)

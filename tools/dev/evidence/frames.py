@@ -21,7 +21,7 @@ from can.interfaces.udp_multicast.utils import pack_message
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import e2e, wire
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire_layout import FRAME_BYTES, PACKET_BYTES, SOCKETCAN, UDP
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function
@@ -41,7 +41,7 @@ _AT_ONCE, _SAMPLE, _WAIT_S = 20_000, 100, 1.0  # one in _SAMPLE of the others is
 _COUNTED = "received", "crc_errors", "repeated", "wrong_sequence", "foreign"
 _COUNTS = np.array([control.place(word) for word in _COUNTED])
 _FATE_OF_STATE: dict[int, int] = {
-    Received.ERROR: WRONG, Received.REPEATED: AGAIN, Received.WRONG_SEQUENCE: AHEAD,
+    FrameState.ERROR: WRONG, FrameState.REPEATED: AGAIN, FrameState.WRONG_SEQUENCE: AHEAD,
 }  # fmt: skip
 _FATE_OF = np.array([USED, WRONG, AGAIN, AHEAD, OWN])
 Draw = Callable[[random.Random, "Good"], bytes]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc, e2e
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, numba
 from pcpc.drivers.compiled.rows import FRAME
 
@@ -168,7 +168,7 @@ def _unseen(code: Code, runs: int, found: Mapping[int, NDArray[np.int64]]) -> di
     for w in WEIGHTS:
         states = found[w]
         unseen, predicted = (
-            int(states.sum() - states[Received.ERROR]),
+            int(states.sum() - states[FrameState.ERROR]),
             known[w] / math.comb(BITS, w),
         )
         spread = math.sqrt(runs * predicted * (1.0 - predicted))
@@ -179,7 +179,7 @@ def _unseen(code: Code, runs: int, found: Mapping[int, NDArray[np.int64]]) -> di
         })  # fmt: skip
     runs *= code.times
     drawn, share = found[0], code.share
-    used = int(drawn[Received.OK] + drawn[Received.OK_SOME_LOST])
+    used = int(drawn[FrameState.OK] + drawn[FrameState.OK_SOME_LOST])
     spread = math.sqrt(runs * share * (1.0 - share))
     return {
         "distance": next(w for w in range(1, BITS + 1) if known[w]),
@@ -188,8 +188,8 @@ def _unseen(code: Code, runs: int, found: Mapping[int, NDArray[np.int64]]) -> di
         "drawn_frames": {
             "runs": runs, "used": used, "predicted": share, "measured": used / runs,
             "rejected": {e2e_name: int(drawn[i]) for i, e2e_name in
-                         ((Received.ERROR, "ERROR"), (Received.REPEATED, "REPEATED"),
-                          (Received.WRONG_SEQUENCE, "WRONG_SEQUENCE"))},
+                         ((FrameState.ERROR, "ERROR"), (FrameState.REPEATED, "REPEATED"),
+                          (FrameState.WRONG_SEQUENCE, "WRONG_SEQUENCE"))},
             "kept": abs(used - runs * share) <= 5.0 * spread,
         },
     }  # fmt: skip

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcpc.drivers.can import can_id
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.loop import faults
 from pcpc.executive.loop.alarms import Alarms
 from pcpc.executive.nodes.live import Live, Values
@@ -37,7 +37,7 @@ class FrameRow:
     @property
     def wrong(self) -> int:
         """How many were not as they should be."""
-        return sum(count for state, count in self.counts.items() if state != Received.OK)
+        return sum(count for state, count in self.counts.items() if state != FrameState.OK)
 
 
 class NodeMeter:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.loop import drive
 from pcpc.executive.nodes.operating import in_charge, laws
 from pcpc.tools.live.top.meter import Meter, NodeMeter
@@ -16,10 +16,10 @@ _DRIVE = {  # CiA 402
 _OF_THE_DRIVE = 0x6F
 _LEAST = 3  # rows of frames and of parameters, however low the screen is
 _STATES = {
-    "used": (Received.OK, Received.OK_SOME_LOST),
-    "gaps": (Received.OK_SOME_LOST, Received.WRONG_SEQUENCE),
-    "repeated": (Received.REPEATED,),
-    "crc": (Received.ERROR,),
+    "used": (FrameState.OK, FrameState.OK_SOME_LOST),
+    "gaps": (FrameState.OK_SOME_LOST, FrameState.WRONG_SEQUENCE),
+    "repeated": (FrameState.REPEATED,),
+    "crc": (FrameState.ERROR,),
 }
 
 

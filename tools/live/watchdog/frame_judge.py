@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import codec, dbc, e2e
-from pcpc.drivers.can.e2e_states import Received, name_of
+from pcpc.drivers.can.e2e_states import FrameState, name_of
 from pcpc.drivers.can.wire_layout import FRAME_BYTES
 from pcpc.executive.loop.states import HEARTBEATS, State
 from pcpc.executive.rig import messages
@@ -126,12 +126,12 @@ class FrameJudge:
         one = self.rows[row]
         state, missing = e2e.check(data[8:], int(data[4]), row, self.table.frames, self.state)
         one.last, why = self.cycle, ""
-        if state in (Received.OK, Received.OK_SOME_LOST) and row in self.read:
+        if state in (FrameState.OK, FrameState.OK_SOME_LOST) and row in self.read:
             codec.unpack(data[8:], row, *self.tables, self.values)
             why = self._value_trouble(one, int(missing) + 1)
             self._note_state(one.role)
-        elif state not in (Received.OK, Received.OK_SOME_LOST) and (
-            self.clocked or state == Received.ERROR
+        elif state not in (FrameState.OK, FrameState.OK_SOME_LOST) and (
+            self.clocked or state == FrameState.ERROR
         ):
             one.values.clear()
             why = f"is {name_of(state)}"

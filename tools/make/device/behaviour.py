@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log.reader import Log
 from pcpc.executive.rig import messages
 from pcpc.executive.rig.reading import Rig
@@ -36,11 +36,11 @@ LONGEST = 500  # frames of a stretch, in which a stamp that is a cycle off is a 
 SHOWN = 3  # silences by name, of one frame
 OPERATIONAL, GREETINGS = 5, (0, 127)  # of heartbeats: boot-up, pre-operational
 _WRONG = {
-    Received.ERROR: "with a wrong CRC or length",
-    Received.REPEATED: "sent twice: the counter stood still",
-    Received.WRONG_SEQUENCE: "with a jump of the counter",
-    Received.OK_SOME_LOST: "behind a gap of the counter",
-    Received.FOREIGN: "from another sender",
+    FrameState.ERROR: "with a wrong CRC or length",
+    FrameState.REPEATED: "sent twice: the counter stood still",
+    FrameState.WRONG_SEQUENCE: "with a jump of the counter",
+    FrameState.OK_SOME_LOST: "behind a gap of the counter",
+    FrameState.FOREIGN: "from another sender",
 }
 Frames = NDArray[Any]
 
@@ -114,18 +114,18 @@ def _frames(count: int) -> str:
 
 def _counts(own: Frames) -> dict[str, int]:
     names = {
-        Received.OK: "ok",
-        Received.OK_SOME_LOST: "gaps",
-        Received.WRONG_SEQUENCE: "jumps",
-        Received.REPEATED: "twice",
+        FrameState.OK: "ok",
+        FrameState.OK_SOME_LOST: "gaps",
+        FrameState.WRONG_SEQUENCE: "jumps",
+        FrameState.REPEATED: "twice",
     }
-    names |= {Received.ERROR: "wrong_crc", Received.FOREIGN: "foreign"}
+    names |= {FrameState.ERROR: "wrong_crc", FrameState.FOREIGN: "foreign"}
     counts = {name: int((own["e2e"] == state).sum()) for state, name in names.items()}
     return {"received": len(own), **{name: n for name, n in counts.items() if n}}
 
 
 def _used_frames(own: Frames) -> Frames:
-    return own[(own["e2e"] == Received.OK) | (own["e2e"] == Received.OK_SOME_LOST)]
+    return own[(own["e2e"] == FrameState.OK) | (own["e2e"] == FrameState.OK_SOME_LOST)]
 
 
 def _lateness(

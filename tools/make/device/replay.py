@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc
-from pcpc.drivers.can.e2e_states import Received
+from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.executive.log import reader as logs
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.replay import HEAD, PASSES, Assembler, K, Replay, Slice
@@ -62,13 +62,13 @@ class DeviceComparison:
     def _advance(self, part: Slice) -> None:
         """Let the law work on the samples of a slice."""
         frames = part.frames
-        answers = frames[(frames["direction"] == 1) & (frames["e2e"] != Received.FOREIGN)]
+        answers = frames[(frames["direction"] == 1) & (frames["e2e"] != FrameState.FOREIGN)]
         greeting = (answers["cycle"] <= 1) & np.isin(answers["id"], self._beats)
         self._answers = np.concatenate((self._answers, answers[~greeting]))
         if self._ended:
             return
         samples = frames[frames["direction"] == 0].copy()
-        samples["direction"], samples["e2e"] = 1, Received.OK
+        samples["direction"], samples["e2e"] = 1, FrameState.OK
         rows = np.zeros((len(part.rows), HEAD + len(_ASSUMED)), np.int64)
         rows[:, :HEAD] = part.rows[:, :HEAD]
         rows[:, PASSES] = rows[:, K]

@@ -20,7 +20,6 @@ from pcpc.tools.study.engine import Draw
 from pcpc.tools.study.sweep.origin import difference, origin
 from pcpc.tools.study.sweep.vary import Variation, parse_variations, points, run_seed
 
-MOST = 10_000_000  # draws of a campaign, and of one that ends by its statement
 SEARCHES = ("worst", "rare")  # samplings that depend on the rows: see `search`
 _BLOCK = 4096  # draws made at once
 
@@ -141,12 +140,6 @@ class Campaign:
     def own(self) -> dict[str, list[float]]:
         """The rig's own values of what is varied, by controller; RigError."""
         return {rig.config.controller: self._own(rig) for rig in self.rigs}
-
-
-def check_whole(option: str, value: object, least: int, most: int) -> None:
-    """Raise RigError for what is no whole number from `least` to `most`."""
-    if type(value) is not int or not least <= value <= most:
-        raise RigError(f"--{option} {value}: expected a whole number from {least} to {most}")
 
 
 def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:

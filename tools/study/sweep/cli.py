@@ -110,7 +110,7 @@ def _tell(table: "pyarrow.Table", spec: Mapping[str, Any], folder: Path, outcome
     store.claim_spec(folder, spec)
     if [path.name for path in shards.table_files(folder)] != [f"{Shard()}.parquet"]:
         with new_file(folder / shards.WHOLE, force=True) as unfinished:
-            pyarrow.parquet.write_table(store.sealed(table), unfinished)
+            pyarrow.parquet.write_table(store.with_seal(table), unfinished)
     results, until = Results(table, spec), spec.get("until")
     found = decision.decisions(results, until) if until is not None else []
     print(printable(summary(results, folder), "\n"))

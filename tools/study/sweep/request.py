@@ -6,7 +6,8 @@ from pathlib import Path
 
 from pcpc.executive.errors import RigError
 from pcpc.executive.rig.reading import load_rig
-from pcpc.tools.study.sweep.campaign import MOST, SEARCHES, Campaign, Shard, check_whole
+from pcpc.tools.study.sweep.campaign import SEARCHES, Campaign, Shard
+from pcpc.tools.study.sweep.numbers import MOST, check_whole
 from pcpc.tools.study.sweep.search import Search
 from pcpc.tools.study.sweep.vary import grid_size, parse_variations
 from pcpc.tools.study.sweep.work import Work

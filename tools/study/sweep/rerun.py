@@ -46,7 +46,7 @@ def command(options: argparse.Namespace) -> int:
     _check_unchanged(results, folder, about)
     output = Path(options.output or folder / f"draw-{draw}-{controller}")
     code = _pcpc("simulate", *about, "-o", str(output))
-    if code in _RAN and (other := _others(output / "summary.json", code, results, row)):
+    if code in _RAN and (other := _differences(output / "summary.json", code, results, row)):
         print(f"{folder}: draw {draw} of {controller} came to another {', '.join(other)}")
         return Exit.NOT_MET
     if not options.on_bus or code not in _RAN:
@@ -66,7 +66,7 @@ def _check_unchanged(results: Results, folder: Path, about: Sequence[str]) -> No
         raise RigError(f"{folder}: {what}: {shlex.join(['pcpc', 'simulate', *about])}")
 
 
-def _others(summary: Path, code: int, results: Results, row: int) -> list[str]:
+def _differences(summary: Path, code: int, results: Results, row: int) -> list[str]:
     """Return the metrics and margins of a run that are others than a row's, and the verdict."""
     found = json.loads(summary.read_text(encoding="utf-8"))
     now = {METRIC + name: value for name, value in found["metrics"].items()}

@@ -106,8 +106,9 @@ def _part(path: Path, spec: Mapping[str, Any]) -> "pyarrow.Table":
         or not all(set(table[name].to_pylist()) <= set(values) for name, values in known.items())
     ):
         raise RigError(f"{path}: holds rows that are not of shard {number} of {of}; do it again")
-    if table.schema.metadata.get(SEAL.encode(), b"").decode("latin-1") != digest_of(table):
-        what = "its rows are not those that were written"
+    digest = table.schema.metadata.get(SEAL.encode(), b"").decode("latin-1")
+    if digest != digest_of(table):
+        what = "its rows are not those that were written" if digest else "it has no digest"
         raise RigError(f"{path}: {what}; remove it and do it again")
     return table
 

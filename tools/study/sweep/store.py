@@ -162,7 +162,7 @@ class Store:
 
         table = table_of(self.rows, self.spec)
         with new_file(self.table, force=True) as unfinished:
-            pyarrow.parquet.write_table(sealed(table, outcome), unfinished)
+            pyarrow.parquet.write_table(with_seal(table, outcome), unfinished)
         for path in (self.journal, *self.folder.glob(f"{self.shard}.*.*.jsonl")):
             path.unlink(missing_ok=True)
         return self.table
@@ -212,7 +212,7 @@ def _seal_of(data: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(data).encode()).hexdigest()[:16]
 
 
-def sealed(table: "pyarrow.Table", outcome: str = "") -> "pyarrow.Table":
+def with_seal(table: "pyarrow.Table", outcome: str = "") -> "pyarrow.Table":
     """Return a table with the digest of its rows, and of what came out, beside its spec."""
     about = {**(table.schema.metadata or {}), OUTCOME: outcome.encode()}
     table = table.replace_schema_metadata(about)

@@ -11,13 +11,12 @@ from typing import Any
 from pcpc.executive.errors import RigError
 from pcpc.tools.study.engine import Engine, pieces
 from pcpc.tools.study.sweep import decision, shards, statements, store
-from pcpc.tools.study.sweep.campaign import Campaign, Shard, check_whole
+from pcpc.tools.study.sweep.campaign import Campaign, Shard
 from pcpc.tools.study.sweep.cluster import Cluster
+from pcpc.tools.study.sweep.numbers import MOST_THREADS, check_whole
 from pcpc.tools.study.sweep.results import Results, failures
 from pcpc.tools.study.sweep.search import Rows, Search
 from pcpc.tools.terminal.progress import Progress
-
-MOST_THREADS = 1024
 
 
 @dataclass
