@@ -1,7 +1,9 @@
 """Where compiled code is kept: a folder named after a hash of the sources (no numba in here).
 
 numba's own cache checks only the file of the compiled function, so an edit in a file that it calls
-would go unnoticed and the old code would run.
+would go unnoticed and the old code would run. HASH is that of drivers and executive, which call
+nothing of plants; the names in it of plants' code and of users' have a hash of plants, too: with
+an edit of a plant's law the loop need not be compiled again.
 
     $NUMBA_CACHE_DIR/HASH, else $XDG_CACHE_HOME/pcpc/compiled/HASH, else ~/.cache/...
     <temporary folder>/pcpc-UID/compiled/HASH    where the first one cannot be written
@@ -21,7 +23,8 @@ from pathlib import Path
 
 FUNCTIONS = 180  # compiled by a first start of the barrel, in about half a minute
 _PROJECT = Path(__file__).resolve().parents[2]
-_COMPILED_FOLDERS = ("drivers", "executive", "plants")
+_CORE = ("drivers", "executive")
+_COMPILED_FOLDERS = (*_CORE, "plants")
 _INTO_CODE = (".py", ".csv", ".txt", ".npy", ".npz", ".mat")  # modules, and tables they may read
 
 
@@ -36,12 +39,21 @@ class _Watch:
 watch = _Watch()
 
 
-@cache
 def source_hash() -> str:
-    """Return 16 hex digits over what gets into compiled code, numba's and Python's version."""
+    """Return 16 hex digits over what gets into the loop's code, numba's and Python's version."""
+    return _source_hash(_CORE)
+
+
+def full_hash() -> str:
+    """Return 16 hex digits over what gets into any code, plants' too."""
+    return _source_hash(_COMPILED_FOLDERS)
+
+
+@cache
+def _source_hash(areas: tuple[str, ...]) -> str:
     digest = hashlib.sha256(importlib.metadata.version("numba").encode())
     digest.update(sys.version.encode())
-    for folder in _COMPILED_FOLDERS:
+    for folder in areas:
         files = (os.path.join(at, name) for at, _, names in os.walk(_PROJECT / folder)
                  for name in names if name.endswith(_INTO_CODE))  # fmt: skip
         for file in filter(os.path.isfile, sorted(files)):
@@ -77,10 +89,11 @@ def place(file: str) -> str:
     """
     path = Path(file).resolve()
     if name := _by_content.get(str(path)):
-        return "_".join((name, source_hash()))
+        return "_".join((name, full_hash()))
     if not any(path.is_relative_to(_PROJECT / folder) for folder in _COMPILED_FOLDERS):
         return ""
-    return "_".join((*path.parent.relative_to(_PROJECT).parts, source_hash()))
+    parts = path.parent.relative_to(_PROJECT).parts
+    return "_".join((*parts, source_hash() if parts[0] in _CORE else full_hash()))
 
 
 def user_cache() -> Path | None:

@@ -40,15 +40,17 @@ from numba import from_dtype, types  # noqa: E402
 from numba.core.errors import NumbaExperimentalFeatureWarning  # noqa: E402
 from numba.np.numpy_support import carray  # noqa: E402
 
-from pcpc.drivers.compiled import kept_code  # noqa: E402
+from pcpc.drivers.compiled import inner, kept_code  # noqa: E402
 
 __all__ = [
     "JIT_OFF", "LOOP_INTERPRETED", "OPTIONS", "VIEW", "carray", "compiled", "f8", "from_dtype",
-    "i8", "inline", "loop", "loop_function", "loop_inline", "numba", "types", "u1",
+    "i8", "inline", "loop", "loop_function", "loop_inline", "loop_part", "numba", "types",
+    "u1",
 ]  # fmt: skip
 
 if _HIDDEN:
     del sys.modules["scipy"]  # from here on it can be imported
+inner.install()
 kept_code.install()
 numba.config.reload_config()  # should somebody have imported numba before us
 warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # blocks are first-class functions
@@ -88,6 +90,11 @@ def loop(*signature: Any) -> Callable[[Callable[..., Any]], Any]:
 def loop_function(function: Callable[..., Any]) -> Any:
     """As `loop`, on first call: the loop's larger parts, which stay functions (compile time)."""
     return function if LOOP_INTERPRETED else numba.njit(**OPTIONS)(function)
+
+
+def loop_part(function: Callable[..., Any]) -> Any:
+    """As `loop_function`, compiled and kept by itself: perhaps by another process meanwhile."""
+    return function if LOOP_INTERPRETED else inner.part(loop_function(function))
 
 
 def loop_inline(function: Callable[..., Any]) -> Any:

@@ -5,32 +5,37 @@
 
 `install` puts it in the place of numba's own cache, whose errors end the program. A file is the
 SHA-256 of the rest and the rest, which is numba's: an index (source stamp, signature -> name) or
-the code of one function and signature. The one place that uses private parts of numba's cache.
+the code of one function and signature. Of processes that want the same function at the
+same time one compiles it, the others wait for it. The one place that uses private parts of numba's
+cache.
 """
 
+import fcntl
 import hashlib
 import os
 import pickle
 import sys
 import sysconfig
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import EnumMeta
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numba.core import caching, dispatcher
 from numba.core.runtime.nrt import rtsys
 
-from pcpc.drivers.compiled import compile_cache
+from pcpc.drivers.compiled import compile_cache, inner
 
 _INSTALLED = [
     Path(__file__).parents[2],
     *(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")),
 ]
 _CONSTANT = (bool, int, float, complex, str, bytes, tuple, np.generic)
+_POLL_S = 0.05
 _SEAL = hashlib.sha256().digest_size
 
 
@@ -39,7 +44,8 @@ class _Place(caching.UserProvidedCacheLocator):
 
     def __init__(self, function: Any, file: str) -> None:
         self._py_file, self._lineno = file, function.__code__.co_firstlineno
-        self._cache_path = compile_cache.place(file) or self.get_suitable_cache_subpath(file)
+        by_path = f"{self.get_suitable_cache_subpath(file)}_{compile_cache.full_hash()}"
+        self._cache_path = compile_cache.place(file) or by_path
 
     @classmethod
     def from_function(cls, function: Any, file: str) -> "_Place | None":
@@ -115,6 +121,7 @@ class Kept(caching.Cache):
 
     def __init__(self, function: Any) -> None:
         self._function, self._read = function, _state(function)
+        self._claim: IO[bytes] | None = None
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or "_impl" in vars(self):
@@ -137,21 +144,49 @@ class Kept(caching.Cache):
         return (*super()._index_key(signature, codegen), constants(self._function))
 
     def _load_overload(self, signature: Any, context: Any) -> Any:
-        key = self._index_key(signature, context.codegen())
-        for place in self._places:
-            found = place.load(key)
-            if found is not None and self._enabled:
-                file, data = found
-                compile_cache.was_compiled(file, self._function.__code__.co_filename)
-                return self._impl.rebuild(context, data)
-        watch = compile_cache.watch
-        if watch.listener is not None:
-            watch.listener(watch.done)
+        while not inner.inside():
+            key = self._index_key(signature, context.codegen())
+            for place in self._places if self._enabled else ():
+                if found := place.load(key):
+                    file, data = found
+                    compile_cache.was_compiled(file, self._function.__code__.co_filename)
+                    self.release()
+                    return self._impl.rebuild(context, data)
+            if self._is_claimed():
+                break
+            if self._claim is None:
+                _tell_watch()
+                time.sleep(_POLL_S)
+        _tell_watch()
         return None
+
+    def _is_claimed(self) -> bool:
+        """Return whether it is on us to compile; False while another process does, or just did."""
+        if self._claim is not None or not self._folders:
+            return True
+        try:
+            compile_cache.make(self._folders[0])
+            claim = open(self._folders[0] / f"{self._impl.filename_base}.lock", "wb")  # noqa: SIM115
+        except OSError:
+            return True
+        self._claim = claim
+        try:
+            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.release()
+        except OSError:  # a disk that knows no locks
+            return True
+        return False  # look once more: who held it may have kept the code
+
+    def release(self) -> None:
+        """Let other processes compile this function."""
+        if self._claim is not None:
+            self._claim.close()
+            self._claim = None
 
     def _save_overload(self, signature: Any, data: Any) -> None:
         compile_cache.watch.done += 1
-        if not (self._enabled and self._impl.check_cachable(data)):
+        if inner.inside() or not (self._enabled and self._impl.check_cachable(data)):
             return
         key = self._index_key(signature, data.codegen)
         content = self._function.__code__.co_filename, self._impl.reduce(data)
@@ -211,6 +246,12 @@ def _state(function: Any) -> tuple[int, int] | None:
     except OSError:
         return None
     return found.st_mtime_ns, found.st_size
+
+
+def _tell_watch() -> None:
+    watch = compile_cache.watch
+    if watch.listener is not None:
+        watch.listener(watch.done)
 
 
 _told: list[str] = []  # once a process

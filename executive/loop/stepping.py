@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.jit import loop_function, loop_inline, loop_part
 from pcpc.drivers.compiled.stage import call, part
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import now
@@ -57,7 +57,7 @@ def note_changes(n: Any) -> None:
             blocks.noted[i] = value
 
 
-@loop_function
+@loop_part
 def limit(n: Any) -> None:
     """Carry the outputs into what is sent; clamp them, limit their rate, ramp them to safe."""
     copy_inputs(n, sh.MAX_BLOCKS)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.can import e2e
-from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.jit import loop_function, loop_inline, loop_part
 from pcpc.executive.loop import on_wire
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import CLOCKED, stopping
@@ -90,7 +90,7 @@ def count_missing(n: Any, running: Any) -> None:
     on_wire.age_frames(n)
 
 
-@loop_function
+@loop_part
 def supervise(n: Any) -> None:
     """Advance the state machine by what is missing; ramp the gain in FAULT and at the end."""
     guard, before, asked = n.guard, np.int64(n.v[STATE]), over(n)

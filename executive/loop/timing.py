@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled import libc
-from pcpc.drivers.compiled.jit import loop_function, loop_inline
+from pcpc.drivers.compiled.jit import loop_function, loop_inline, loop_part
 from pcpc.drivers.compiled.structures import words
 from pcpc.executive.loop import control
 from pcpc.executive.loop import shared as sh
@@ -93,7 +93,7 @@ def reset(n: Any) -> None:
             n.latest[row, i] = 0
 
 
-@loop_function
+@loop_part
 def count(n: Any) -> None:
     """Count the cycle that has just been done; renew the table's statistics now and then."""
     if n.v[RESET] >= 0.5:

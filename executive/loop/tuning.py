@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pcpc.drivers.compiled import libc
-from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.jit import loop_function, loop_part
 from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import GIVEN
 from pcpc.executive.loop.events import Event
@@ -22,7 +22,7 @@ from pcpc.executive.loop.variables import RESET_ASKED, STATE, STOP_ASKED
 INFINITE = float("inf")
 
 
-@loop_function
+@loop_part
 def tune(n: Any) -> None:
     """Apply the tunings whose time has come, and those in the mailbox, which are answered."""
     tuning = n.tuning

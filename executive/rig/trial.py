@@ -123,6 +123,10 @@ def trial_problem(case: Case) -> str:
 # What is remembered
 
 
+def _records() -> str:
+    return f"{_RECORDS}_{compile_cache.full_hash()}"
+
+
 def _record_name(case: Case) -> str:
     digest = hashlib.sha256(f"{case.module}:{case.name}\n".encode())
     with suppress(OSError):
@@ -135,7 +139,7 @@ def _has_passed(record: str, case: Case) -> bool:
     folder = Path(case.file).parent
     for kept in compile_cache.folders():
         with suppress(OSError, ValueError, AttributeError):
-            sources = json.loads((kept / _RECORDS / record).read_text(encoding="utf-8"))
+            sources = json.loads((kept / _records() / record).read_text(encoding="utf-8"))
             if all(sha256(folder / name) == found for name, found in sources.items()):
                 return True
     return False
@@ -151,7 +155,7 @@ def _note_pass(record: str, case: Case, sources: list[str]) -> None:
             else source: sha256(Path(source))
             for source in sources
         }
-        place = compile_cache.made(_RECORDS)
+        place = compile_cache.made(_records())
         draft = place / f"{record}.{os.getpid()}"
         draft.write_text(json.dumps(found), encoding="utf-8")
         draft.replace(place / record)

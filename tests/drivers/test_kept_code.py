@@ -165,7 +165,9 @@ def test_copies_of_the_project_with_equal_sources_share_code_and_others_do_not(
         os.utime(file, (1e9, 1e9))  # a clone has times of its own
     assert compiled(one) > 0
     assert compiled(two) == 0, "the folder's name is not in the key"
-    (two / "plants/table.csv").write_text("1.0\n")  # a module may read it at its import
+    (two / "plants/table.csv").write_text("1.0\n")
+    assert compiled(two) == 0, "nothing in the executive can know of a plant"
+    (two / "executive/table.csv").write_text("1.0\n")  # a module may read it at its import
     assert compiled(two) > 0
     assert compiled(one) == 0
 

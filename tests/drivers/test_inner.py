@@ -1,0 +1,176 @@
+"""Functions that only others call are no machine code of their own; yet all can be called."""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcpc.drivers.compiled import inner
+from pcpc.drivers.compiled.jit import JIT_OFF, f8, i8, numba, types
+
+pytestmark = pytest.mark.skipif(JIT_OFF, reason="numba is switched off")
+ROOT = Path(__file__).resolve().parents[2]
+LAW = """
+from pcpc.drivers.compiled.inner import part
+from pcpc.drivers.compiled.jit import compiled
+@compiled()
+def helper(x):
+    if x > 8.0:
+        raise ValueError("too large", x)
+    return 3.0 * x
+@part
+@compiled()
+def piece(x):
+    return helper(x) + 1.0
+@compiled()
+def root(x):
+    return piece(x) + helper(2.0 * x)
+"""
+MAIN = "import sys, law\nfrom pcpc.drivers.compiled.compile_cache import watch\n"
+
+
+def said(folder: Path, main: str) -> str:
+    """Return what a process says that has the law and a cache in `folder`."""
+    (folder / "law.py").write_text(LAW)
+    environment = {"PYTHONPATH": f"{ROOT}:{folder}", "XDG_CACHE_HOME": str(folder / "cache")}
+    words = [sys.executable, "-c", MAIN + main]
+    done = subprocess.run(
+        words, capture_output=True, text=True, cwd=folder, env=os.environ | environment
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def kept(folder: Path) -> set[str]:
+    return {file.name.split("-")[0] for file in (folder / "cache").rglob("*.nbc")}
+
+
+def test_only_what_python_calls_and_parts_are_kept(tmp_path: Path) -> None:
+    assert said(tmp_path, "print(law.root(1.0))") == "10.0"
+    assert kept(tmp_path) == {"law.root", "law.piece"}
+    assert said(tmp_path, "print(law.root(1.0), watch.done)") == "10.0 0"
+    assert said(tmp_path, "print(law.helper(1.0), watch.done)") == "3.0 1"
+    assert kept(tmp_path) == {"law.root", "law.piece", "law.helper"}
+
+
+def test_an_inner_function_that_python_calls_later_is_compiled_then(tmp_path: Path) -> None:
+    main = "print(law.root(1.0), law.helper(1.0), law.helper(2.0), law.root(2.0))"
+    assert said(tmp_path, main) == "10.0 3.0 6.0 19.0"
+
+
+@pytest.mark.parametrize("cold", [True, False])
+def test_an_inner_function_raises_what_it_says(tmp_path: Path, cold: bool) -> None:
+    if not cold:
+        said(tmp_path, "law.root(1.0)")
+    main = "\ntry:\n    law.root(5.0)\nexcept ValueError as e:\n    print(e.args)"
+    assert said(tmp_path, main) == "('too large', 10.0)"
+
+
+def test_an_address_of_an_inner_function_can_be_called() -> None:
+    kind = types.FunctionType(f8(f8))
+
+    @numba.njit
+    def third(x: float) -> float:
+        return x / 3.0
+
+    @numba.njit
+    def direct(x: float) -> float:
+        return third(x)
+
+    @numba.njit(f8(kind, f8))
+    def apply(function: object, x: float) -> float:
+        return function(x)  # type: ignore[operator]
+
+    @numba.njit
+    def of_third(x: float) -> float:
+        return apply(third, x)
+
+    assert (direct(6.0), of_third(9.0), apply(third, 12.0)) == (2.0, 3.0, 4.0)
+
+
+def test_threads_that_compile_at_the_same_time_get_what_they_call() -> None:
+    @numba.njit
+    def power(x: float, n: int) -> float:
+        value = 1.0
+        for _ in range(n):
+            value *= x
+        return value
+
+    makers = [numba.njit(lambda x, n=n: power(x, n)) for n in range(6)]
+    found: dict[int, float] = {}
+
+    def work(i: int) -> None:
+        found[i] = makers[i](2.0)
+        found[10 + i] = power(2.0, i)
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == {i + j: 2.0**i for i in range(6) for j in (0, 10)}
+
+
+def test_what_is_compiled_for_another_is_optimised_once() -> None:
+    """The library of an inner function is linked and no more: numba's engine never sees it."""
+
+    @numba.njit(f8(f8))
+    def never_called(x: float) -> float:
+        return x
+
+    @numba.njit
+    def small(x: float) -> float:
+        return x + 1.0
+
+    @numba.njit(f8(f8))
+    def large(x: float) -> float:
+        return small(x)
+
+    (one,), (two,) = small.overloads.values(), large.overloads.values()
+    assert one.library.inner and not two.library.inner
+    assert not isinstance(two.entry_point, inner._Entry)
+    assert large(1.0) == 2.0 and never_called(1.0) == 1.0
+
+
+def test_two_processes_do_not_compile_the_same_function(tmp_path: Path) -> None:
+    """The second one waits and takes what the first one has kept."""
+    main = "print(law.root(1.0), watch.done)"
+    (tmp_path / "law.py").write_text(LAW)
+    environment = os.environ | {
+        "PYTHONPATH": f"{ROOT}:{tmp_path}", "XDG_CACHE_HOME": str(tmp_path / "cache"),
+    }  # fmt: skip
+    words = [sys.executable, "-c", f"{MAIN}input(); {main}"]
+    both = [
+        subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=tmp_path,
+            env=environment,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    for process in both:
+        assert process.stdin
+        process.stdin.write("\n")
+        process.stdin.flush()
+    lines = [process.communicate()[0].split() for process in both]
+    assert [line[0] for line in lines] == ["10.0", "10.0"]
+    roots = [int(line[1]) for line in lines]
+    assert sum(roots) == 3, "three functions: root, piece, and helper as an inner one"
+
+
+def test_arrays_pass_through() -> None:
+    @numba.njit
+    def total(values: np.ndarray) -> float:
+        found = 0.0
+        for value in values:
+            found += value
+        return found
+
+    @numba.njit(f8(types.float64[::1], i8))
+    def mean(values: np.ndarray, n: int) -> float:
+        return total(values) / n
+
+    assert mean(np.arange(4.0), 4) == 1.5
