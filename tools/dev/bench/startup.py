@@ -41,7 +41,7 @@ def measure(progress: Progress, rounds: int = 15, cold: bool = True) -> list[Rat
         bare.append(bare_s())
     found = [Ratio.from_rounds(SUITE, "warm", f"python -c '{IMPORTS}'", own, bare, "s")]
     if cold:
-        progress.say("startup: cold, compiling in an empty cache, about a minute")
+        progress.say("startup: cold, compiling in an empty cache, about 20 s")
         with tempfile.TemporaryDirectory() as folder:
             first = first_cycle_s(Path(folder))
         base = found[0].own

@@ -165,7 +165,7 @@ def compile_cache_row() -> Row:
     if warm:
         return Row("compile cache", "ok", f"warm, {warm}")
     cure = "pcpc simulate slew10 --set duration_s=0.1 --no-figure -o $(mktemp -d)"
-    cost = "the first start compiles for about half a minute"
+    cost = "the first start compiles for about 20 s"
     return Row("compile cache", "warn", f"cold, {folder}", cost, cure)
 
 
