@@ -7,13 +7,15 @@ PLANT ?= *
 # processes of `make test`, 1 GB each; two leave a fifth of two processors idle
 WORKERS ?= 2
 # what another Python or numpy can change: types, bits, machine code, processes
-CHOICE = tests/golden tests/drivers tests/batch tests/fuzz \
-	$(addprefix tests/executive/test_,virtual.py every_rig.py intrusion.py supervisor_model.py) \
-	$(addprefix tests/tools/test_,run.py pytest_plugin.py api.py)
+CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
+	$(addprefix tests/executive/nodes/test_,virtual.py every_rig.py) \
+	$(addprefix tests/executive/loop/test_,intrusion.py supervisor_model.py) \
+	tests/tools/run/test_run.py tests/tools/test_pytest_plugin.py tests/tools/api/test_api.py
 
+PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 PIP = @$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
 
-.PHONY: run help test test-choice test-pythons test-quiet install lint loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
+.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet install lint loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -21,15 +23,21 @@ run: install ## the main job: a closed loop; picture, log and verdict in runs/
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-15s%s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
-test test-choice: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
-test test-choice: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
-test: tools ## all tests that need no CAN in the kernel
+test test-deep test-choice: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
+test test-deep test-choice: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
+test: tools ## the tests for every change, three minutes; CHANGED=main: those that it can reach
 	$(MAKE) --no-print-directory -j2 compiled lint
-	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+	$(PYTEST) $(if $(CHANGED),--changed $(CHANGED))
+
+test-deep: tools ## the other tests, half an hour
+	$(MAKE) --no-print-directory compiled
+	$(PYTEST) --deep only
+
+test-all: test test-deep ## all tests that need no CAN in the kernel
 
 test-choice: tools ## types and a choice of the tests, for another PYTHON
 	$(MAKE) --no-print-directory -j2 compiled lint
-	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(CHOICE)
+	$(PYTEST) --deep no $(CHOICE)
 
 test-pythons: tools ## test-choice with every other Python that is here
 	$(BIN)/python .ci/pythons.py $(MAKE) --no-print-directory test-choice

@@ -26,7 +26,7 @@ once=(--set duration_s=1.0 --no-figure --quiet)
 quietly "$bin/pcpc" simulate "$rig" "${once[@]}" -o "$out/simulated"
 quietly "$bin/pcpc" run "$rig" "${once[@]}" -o "$out/warm" --pacing lockstep \
     --bus udp_multicast:239.74.163.3:43119
-quietly "$bin/python" -m pytest tests/executive/test_every_rig.py -q -p no:cacheprovider
+quietly "$bin/python" -m pytest tests/executive/nodes/test_every_rig.py -q -p no:cacheprovider
 quietly "$bin/pcpc" play "$out/simulated/log.mcap" -r 0 --quiet --bus udp_multicast:239.74.163.3:43119
 quietly "$bin/pcpc" bus emulate udp_multicast:239.74.163.3:43119 udp_multicast:239.74.163.3:43120 \
     --for 50ms

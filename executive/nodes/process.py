@@ -41,7 +41,7 @@ from pcpc.executive.loop import shared as sh
 from pcpc.executive.loop.clock import CLOCKED
 from pcpc.executive.loop.cycle import finish, run
 from pcpc.executive.loop.faults import Fault
-from pcpc.executive.nodes import fmus, greeting, plausible
+from pcpc.executive.nodes import fmus, greeting, without_effect
 from pcpc.executive.nodes.install import install, install_in_memory
 from pcpc.executive.nodes.plan import (
     Plan,
@@ -111,7 +111,7 @@ class Process:
         self.choice = choice.take_bus(wanted_bus(self.rig, (self.role,), options.bus))
         self.bus = self.choice.bus
         self.plan: Plan = plan(self.rig, self.role, self.pacing)
-        plausible.check(self.plan)
+        without_effect.check(self.plan)
         self.report = realtime.Report(())
 
     def run(self) -> int:

@@ -1,7 +1,7 @@
 """A rig of every plant in lockstep on real vcan buses: the bits of virtual time.
 
-A rig of three nodes takes vcan0 and vcan1. `tests/executive/test_every_rig.py` does the same with
-all rigs and controllers on udp_multicast: an emulated processor would need an hour for them.
+A rig of three nodes takes vcan0 and vcan1. `tests/executive/nodes/test_every_rig.py` does the same
+with all rigs and controllers on udp_multicast: an emulated processor would need an hour for them.
 """
 
 import sys
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "executive"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "executive/nodes"))
 
 from test_every_rig import one_of_each
 from two_processes import differing, lockstep, virtual

@@ -89,14 +89,14 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
     if last and last in words:  # argparse would stop at a -- in it
         at = words.index(last) + 1
         words, behind = words[:at], list(words[at:])
-    options = parser().parse_args(words, argparse.Namespace(rest=rest))
+    options = parser(words[0]).parse_args(words, argparse.Namespace(rest=rest))
     if behind:
         setattr(options, last.removeprefix("--"), behind)
     return options
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands."""
+def parser(name: str = "") -> argparse.ArgumentParser:
+    """Return the parser of all commands, or of the one that is named: a twentieth of a start."""
     found = argparse.ArgumentParser(
         "pcpc",
         usage="pcpc COMMAND ...",
@@ -108,7 +108,7 @@ def parser() -> argparse.ArgumentParser:
     commands = found.add_subparsers(
         prog="pcpc", dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS
     )
-    for command in COMMANDS.values():
+    for command in [COMMANDS[name]] if name in COMMANDS else COMMANDS.values():
         command.add_to(commands, completion.attach)
     return found
 

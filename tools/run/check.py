@@ -15,7 +15,7 @@ from pcpc.drivers.can import dbc
 from pcpc.drivers.errors import Exit, printable
 from pcpc.executive.log import names
 from pcpc.executive.loop import shared as sh
-from pcpc.executive.nodes import plausible
+from pcpc.executive.nodes import without_effect
 from pcpc.executive.nodes.plan import Plan, check_pacing, check_rate, cycles_of, plan
 from pcpc.executive.rig import law_errors, purity, trial
 from pcpc.executive.rig.blocks import law_keys
@@ -43,7 +43,7 @@ def command(options: argparse.Namespace) -> int:
     check_pacing(rig, rig.config.pacing)
     check_rate(rig, rig.config.pacing)
     for made in plans:
-        plausible.check(made)
+        without_effect.check(made)
     judge = Judge.of(rig)
     report = describe(rig, plans)
     late = traffic.warning(rig, rig.config.pacing)

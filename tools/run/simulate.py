@@ -8,7 +8,7 @@ from typing import Any
 
 from pcpc.executive.log.long_logs import Wanted
 from pcpc.executive.log.mcap_writer import RecordError
-from pcpc.executive.nodes import fmus, plausible
+from pcpc.executive.nodes import fmus, without_effect
 from pcpc.executive.nodes.external import External
 from pcpc.executive.nodes.virtual import VirtualRun
 from pcpc.executive.nodes.watched import StepError
@@ -35,7 +35,7 @@ class Simulation:
     ) -> None:
         """`judged`: of the recorder; `controller`: of VirtualRun. RigError, BusError."""
         self.rig, self.outcome = rig, outcome
-        self.run = VirtualRun(rig, log, judged, controller, plausible.check)
+        self.run = VirtualRun(rig, log, judged, controller, without_effect.check)
         self.lacking = carried_files.missing_warning(self.run.blocks[0].description["files"])
 
     def interrupt(self, *_: Any) -> None:

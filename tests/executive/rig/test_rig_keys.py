@@ -1,0 +1,102 @@
+"""docs/rig.md tells every key of a rig file, with the default and the values of the schema."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+from msgspec import inspect
+
+from pcpc.executive.rig import schema
+
+ROOT = Path(__file__).resolve().parents[3]
+ROW = re.compile(r"^\| `([^`]+)` \| ([^|]*) \| ([^|]*) \| \S.* \|$", re.MULTILINE)
+
+
+def rows(
+    kind: type, above: str = "", told: dict[type, str] | None = None
+) -> Iterator[tuple[str, str, str]]:
+    """Yield (key, default, values) of a struct and of all below it, in the order of the schema.
+
+    What has been told already is referred to.
+    """
+    told = {} if told is None else told
+    for field in inspect.type_info(kind).fields:
+        key, found = f"{above}{field.encode_name}", field.type
+        below = struct_in(found)
+        key += ".NAME" if isinstance(found, inspect.DictType) and below else ""
+        key += "[]" if isinstance(found, inspect.ListType) and below else ""
+        if below is None:
+            yield key, default(field), values(found)
+        elif below in told:
+            yield key, "none", f"as `{told[below]}`"
+        else:
+            told[below] = key
+            yield from rows(below, f"{key}.", told)
+
+
+def struct_in(kind: inspect.Type) -> type | None:
+    """Return the struct that a type is, holds as entries, or may be."""
+    if isinstance(kind, inspect.StructType):
+        return kind.cls
+    if isinstance(kind, inspect.DictType):
+        return struct_in(kind.value_type)
+    if isinstance(kind, inspect.ListType):
+        return struct_in(kind.item_type)
+    if isinstance(kind, inspect.UnionType):
+        return next(filter(None, map(struct_in, kind.types)), None)
+    return None
+
+
+def default(field: inspect.Field) -> str:
+    if field.required:
+        return "required"
+    value = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    shown = f"{value:g}" if isinstance(value, float) else str(value)
+    return "none" if value in (None, "", {}, []) else f"`{shown}`"
+
+
+def values(kind: inspect.Type) -> str:
+    """Return in words which values a key takes."""
+    if isinstance(kind, inspect.UnionType):
+        return " or ".join(dict.fromkeys(map(values, kind.types)))
+    if isinstance(kind, inspect.LiteralType):
+        return ", ".join(f"`{value}`" for value in kind.values)
+    if isinstance(kind, inspect.DictType):
+        return f"by name: {values(kind.value_type)}"
+    if isinstance(kind, inspect.ListType):
+        return f"list: {values(kind.item_type)}"
+    if isinstance(kind, inspect.TupleType):
+        return f"[{', '.join(map(values, kind.item_types))}]"
+    if isinstance(kind, inspect.IntType | inspect.FloatType):
+        return f"{'whole ' * isinstance(kind, inspect.IntType)}number{span(kind)}"
+    names = {
+        inspect.NoneType: "null",
+        inspect.AnyType: "anything",
+        inspect.BoolType: "true or false",
+    }
+    return names.get(type(kind), "text")
+
+
+def span(kind: inspect.IntType | inspect.FloatType) -> str:
+    """Return the range of a number in words."""
+    low = "" if kind.ge is None else f" {kind.ge:g}"
+    low = low if kind.gt is None else f" above {kind.gt:g}"
+    if kind.lt is not None:
+        return f"{low} to below {kind.lt:g}"
+    if kind.le is not None and kind.le < 2**53:
+        return f"{low} to {kind.le:g}"
+    return f"{low} or more" if kind.ge is not None else low
+
+
+def test_the_document_tells_every_key_with_its_default_and_values() -> None:
+    told = ROW.findall((ROOT / "docs/rig.md").read_text(encoding="utf-8"))
+    wanted = [tuple(map(str.strip, row)) for row in rows(schema.Config)]
+    missing = [f"| `{key}` | {first} | {allowed} | ... |" for key, first, allowed in wanted
+               if (key, first, allowed) not in told]  # fmt: skip
+    assert not missing, "\n".join(["not in docs/rig.md:", *missing])
+    extra = [row for row in told if row not in wanted]
+    assert not extra, f"in docs/rig.md, but no keys: {extra}"
+    assert len(told) == len(wanted) > 60, len(told)

@@ -1,0 +1,331 @@
+"""The verdict speaks of the whole run: whatever was changed, kept, or ended before its time."""
+
+import argparse
+import dataclasses
+import json
+import math
+import os
+import signal
+import tempfile
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processes import RIGS, Done, Running, own_bus, pcpc
+
+from pcpc.executive.log import long_logs
+from pcpc.executive.log import reader as logs
+from pcpc.executive.log.run_counts import Absences
+from pcpc.executive.nodes.virtual import VirtualRun, in_memory, simulate
+from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.after.verdict import judge as judging
+from pcpc.tools.after.verdict import report, summary_file
+from pcpc.tools.after.verdict.conclude import conclude
+from pcpc.tools.after.verdict.judge import Judge
+from pcpc.tools.after.verdict.outcome import Outcome
+from pcpc.tools.after.verdict.summary import Summary, summarise
+
+SLEW10, HULL = str(RIGS / "slew10.yaml"), str(RIGS / "hull.yaml")
+RELAY = str(Path(__file__).resolve().parents[3] / "executive" / "relay" / "rig.yaml")
+PROBE = str(RIGS.parents[1] / "probe" / "rig.yaml")
+
+
+def virtual(folder: Path, *words: str, rig: str = SLEW10) -> Done:
+    """Return what `pcpc simulate --json` came to."""
+    return pcpc("simulate", rig, "-o", str(folder), "--json", "--quiet", "--no-figure", *words)
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf])
+def test_a_figure_that_leaves_out_what_is_no_number_is_not_met(wrong: float) -> None:
+    rig = load_rig(SLEW10)
+    log = in_memory(rig)
+    angle = log.node["plant"].columns["barrel.theta_rad"].copy()
+    angle[4000:4010] = wrong
+    columns = {**log.node["plant"].columns, "barrel.theta_rad": angle}
+    plant = dataclasses.replace(log.node["plant"], columns=columns)
+    log = dataclasses.replace(log, node=log.node | {"plant": plant})
+    found = summarise(rig, log, Outcome("virtual", "memory"))
+    assert found.verdict == "expectation not met", found.metrics
+    assert "barrel.theta_rad is no finite number at 4 s" in found.expectations_failed[0], found
+
+
+def test_a_log_that_was_replaced_while_the_run_went_on_is_a_loss() -> None:
+    rig, begin_ns = load_rig(PROBE, settings=["duration_s=0.2"]), 5_000_000_000
+    log = in_memory(rig)
+    for pacing, said in {"real": "real", "lockstep": "virtual"}.items():
+        facts = {**log.metadata["executive"], "pacing": said}
+        other = dataclasses.replace(log, metadata={**log.metadata, "executive": facts})
+        found = summarise(rig, other, Outcome(pacing, "memory", begin_ns=begin_ns))
+        assert found.verdict == "loss", pacing
+        assert "that of another run" in found.log_missing[0], found.log_missing
+
+
+# ------------------------------------------------------------------------- what was changed
+
+
+def judged(*settings: str, tunings: tuple[tuple[str, float], ...] = ()) -> Summary:
+    """Return the summary of a run of slew10 with settings and live tunings."""
+    rig = load_rig(SLEW10, settings=settings)
+    log = in_memory(rig)
+    done = [{"cycle": 5, "name": name, "value": value} for name, value in tunings]
+    executive = dataclasses.replace(log.node["executive"], tunings=done)
+    log = dataclasses.replace(log, node=log.node | {"executive": executive})
+    return summarise(rig, log, Outcome("virtual", "memory", changed=list(settings)))
+
+
+def test_a_changed_value_does_not_switch_the_limits_off() -> None:
+    worse = judged("controller.kv_Nms_rad=30.0")
+    assert worse.verdict == "expectation not met", worse
+    assert worse.changed == ["controller.kv_Nms_rad=30.0"] and worse.not_judged == {}
+    assert worse.expectations_failed[0].startswith("muzzle_error_rms_mrad = "), worse
+    assert worse.judged == ["muzzle_error_rms_mrad"], worse.judged
+
+
+@pytest.mark.parametrize("way", ["controller=pd", 'controller="pd"', "controller=Python"])
+def test_a_controller_that_the_rig_has_is_not_from_outside(way: str) -> None:
+    rig = load_rig(SLEW10, "pd", ["controller.kv_Nms_rad=10"])
+    found = summarise(rig, in_memory(rig), Outcome("virtual", "memory", changed=[way]))
+    assert found.verdict == "expectation not met" and not found.not_judged, found
+    if "Python" not in way:
+        again = judged(way, "controller.kv_Nms_rad=10")
+        assert again.expectations_failed == found.expectations_failed != [], again
+
+
+def test_a_live_tuning_is_named_like_a_setting_and_a_planned_one_is_not() -> None:
+    live = judged(tunings=(("controller.kv_Nms_rad", 120.0),))
+    assert live.changed == ["controller.kv_Nms_rad=120"] and live.judged, live
+    plan = "schedule=[{at_s: 0.005, set: {controller.kv_Nms_rad: 110.0}}]"
+    planned = judged(plan, tunings=(("controller.kv_Nms_rad", 110.0),))
+    assert planned.changed == [plan], planned.changed
+
+
+@pytest.mark.parametrize(
+    ("setting", "reason"),
+    [
+        ("duration_s=1.0", "the run ends at 1 s, before the window does at 6 s"),
+        ("evaluation.window_s=[1.0, 2.0]", "evaluation.window_s was changed"),
+    ],
+)
+def test_limits_without_their_window_are_named_and_fail_on_demand(
+    setting: str, reason: str, tmp_path: Path
+) -> None:
+    done = virtual(tmp_path / "a", "--set", setting)
+    assert (done.code, done.summary["verdict"]) == (0, "ok"), done
+    (why,) = done.summary["not_judged"].values()
+    assert why.startswith(reason) and why in report.verdict_text(
+        summary_file.from_json(done.summary)
+    ), why
+    strict = virtual(tmp_path / "b", "--set", setting, "--judge")
+    assert strict.code == 1 and reason in strict.summary["expectations_failed"][0], strict
+
+
+@pytest.mark.parametrize(
+    ("settings", "judged"),
+    [(("duration_s=6.0",), True), (("duration_s=5.999",), False), (("duration_s=3.5",), False),
+     (("duration_s=3.0",), False), (("duration_s=9.0",), True),
+     (("duration_s=7.0", "evaluation.window_s=[1.0, 7.5]"), False),
+     (("duration_s=7.0", "evaluation.rest_to_s=7.0"), True),
+     (("duration_s=7.0", "evaluation.rest_to_s=7.5"), False)],
+)  # fmt: skip
+def test_limits_are_judged_by_runs_that_reach_the_end_of_every_window(
+    settings: tuple[str, ...], judged: bool
+) -> None:
+    rig = load_rig(SLEW10, settings=settings)
+    assert (judging._beyond(rig, ["duration_s=1"]) == "") == judged, settings
+
+
+def test_a_run_with_nothing_to_judge_says_so(tmp_path: Path) -> None:
+    done = virtual(tmp_path / "a", "--set", "duration_s=0.1", rig=PROBE)
+    said = report.verdict_text(summary_file.from_json(done.summary))
+    assert done.code == 0 and said.startswith("ok (nothing judged: the rig states no limits"), said
+    strict = virtual(tmp_path / "b", "--set", "duration_s=0.1", "--judge", rig=PROBE)
+    assert strict.code == 1, strict
+
+
+# ------------------------------------------------------------------------- what was kept
+
+
+def test_what_is_judged_does_not_depend_on_what_is_kept(tmp_path: Path) -> None:
+    lossy = ("--set", "losses.TELL.share=0.1", "--set", "duration_s=2.0")
+    whole = virtual(tmp_path / "whole", *lossy, rig=RELAY).summary
+    kept = virtual(tmp_path / "kept", *lossy, "--set", "record.keep=100ms", rig=RELAY).summary
+    assert whole["frames"]["lost"] > 0, whole["frames"]
+    for key in ("frames", "frames_to", "verdict", "cycles"):
+        assert kept[key] == whole[key], f"{key}: {kept[key]} and {whole[key]}"
+    assert kept["records"]["written"] < whole["records"]["written"], kept["records"]
+
+
+def test_metrics_of_a_log_that_keeps_nothing_are_those_of_the_whole_run(tmp_path: Path) -> None:
+    whole = virtual(tmp_path / "whole").summary
+    kept = virtual(tmp_path / "kept", "--set", "record.keep=1s").summary
+    assert kept["records"]["written"] == 0 and kept["metrics"] == whole["metrics"], kept
+    assert kept["judged"] == whole["judged"] != [], kept
+    assert sorted(os.listdir(tmp_path / "kept")) == ["log.mcap", "summary.json"]
+
+
+# ------------------------------------------------------------------------- how long it was
+
+
+def test_a_run_that_somebody_ended_is_not_ok(tmp_path: Path) -> None:
+    bus = own_bus()
+    with Running(
+        "run", SLEW10, "-o", str(tmp_path / "run"), "--bus", bus, "--pacing", "lockstep",
+        "--set", "duration_s=3600", "--json", "--quiet", "--no-figure",
+    ) as running:  # fmt: skip
+        running.in_the_middle("slew10", bus)
+        os.kill(running.pid("executive"), signal.SIGTERM)
+        done = running.done()
+    assert done.code == 1 and done.summary["verdict"] == "expectation not met", done
+    (line,) = [
+        text for text in done.summary["expectations_failed"] if "of 3,600,000 cycles" in text
+    ]
+    assert f"{done.summary['cycles']:,} of" in line and "asked to end" in line, line
+
+
+def long_and_short(path: Path, part: int) -> list[tuple[dict[str, float], logs.Log]]:
+    """Return metrics and log of a run read as a long and as a short one."""
+    rig = load_rig(HULL, "pd_nn", ["duration_s=6.0", "evaluation.window_s=[1.5, 6.0]"])
+    simulate(rig, path)
+    judge = Judge.of(rig)
+    long = long_logs.read(path, lambda log: judge.needed_columns(log, True), short=1000, part=part)
+    short = long_logs.read(path)
+    return [(judge.metrics(log), log) for log in (long, short)]
+
+
+@pytest.mark.parametrize("part", [700, 1000])
+def test_a_log_of_any_length_has_the_metrics_of_the_whole(part: int, tmp_path: Path) -> None:
+    (found, long), (expected, short) = long_and_short(tmp_path / "log.mcap", part)
+    assert isinstance(long, long_logs.LongLog) and not isinstance(short, long_logs.LongLog)
+    assert found == pytest.approx(expected, rel=1e-12), (found, expected)
+    columns = long.node["executive"].columns
+    whole = short.node["executive"].columns["controller.norm_z"]
+    assert np.array_equal(columns["controller.norm_z"], whole), "a column nobody had foreseen"
+    rig, outcome = load_rig(HULL, "pd_nn"), Outcome("real", "")
+    timing = [summarise(rig, log, outcome, Judge(rig)).timing_us for log in (long, short)]
+    for stage, points in timing[1].items():
+        assert timing[0][stage]["max"] == points["max"], (stage, timing[0][stage], points)
+
+
+# ------------------------------------------------------------------------- where frames went
+
+
+def test_frames_add_up(tmp_path: Path) -> None:
+    for rig in (SLEW10, RELAY):
+        name = Path(rig).stem
+        done = virtual(tmp_path / name, "--set", "duration_s=0.5", rig=rig)
+        account = done.summary["frames_to"]
+        for role, row in account.items():
+            parts = sum(n for what, n in row.items() if what != "sent")
+            assert role == "nobody" or row["sent"] == parts, (rig, role, row)
+        heard = sum(row["sent"] for role, row in account.items() if role != "nobody")
+        assert heard + account["nobody"]["sent"] >= done.summary["frames"]["sent"], account
+        log = logs.read(tmp_path / name / "log.mcap")
+        frames = log.node["plant"].frames
+        used = np.count_nonzero((frames["direction"] == 1) & (frames["e2e"] <= 1))
+        assert account["plant"]["used"] == used, account
+
+
+def with_a_heartbeat_that_ends(path: Path, *settings: str) -> logs.Log:
+    """Return the log of a probe whose plant is told after 1000 cycles to send it no more."""
+    made = VirtualRun(load_rig(PROBE, settings=["duration_s=4.0", *settings]), path)
+    for cycles in made.advance():
+        if cycles == 1000:
+            sent = made.blocks[1].loop.tx
+            sent.frames["every_n"][np.flatnonzero(sent.kind["is_heartbeat"])] = 10**9
+    made.close()
+    return logs.read(path)
+
+
+@pytest.mark.parametrize("setting", ["record.keep=null", "record.keep=100ms"])
+def test_a_slow_frame_that_stays_away_is_a_loss(setting: str, tmp_path: Path) -> None:
+    log = with_a_heartbeat_that_ends(tmp_path / "log.mcap", setting)
+    for pacing in ("virtual", "lockstep", "sync", "real"):
+        found = summarise(load_rig(PROBE), log, Outcome(pacing, ""))
+        (line,) = found.frames_too_many
+        assert line == "HB_PLANT stayed away for 3 s; every 0.1 s was expected", line
+        assert found.verdict == "loss", found.verdict
+    never = dataclasses.replace(log, metadata={**log.metadata, "away": {}})
+    said = summarise(load_rig(PROBE), never, Outcome("virtual", "")).frames_too_many
+    assert sorted(line.split(";")[0] for line in said) == [
+        "HB_EXEC stayed away for 4.001 s", "HB_PLANT stayed away for 4 s",
+    ]  # fmt: skip
+
+
+def test_nodes_with_different_dbc_files_are_told() -> None:
+    log = in_memory(load_rig(PROBE, settings=["duration_s=0.1"]))
+    other = log.attachments["probe.dbc"].replace("(1e-06", "(1e-05")
+    two = dataclasses.replace(log, attachments={**log.attachments, "plant/probe.dbc": other})
+    found = [summarise(load_rig(PROBE), one, Outcome("real", "")) for one in (log, two)]
+    assert [one.verdict for one in found] == ["ok", "loss"]
+    (line,) = found[1].frames_too_many
+    assert line.startswith("the nodes have different DBC files, see probe.dbc, plant/probe"), line
+
+
+@pytest.mark.parametrize("ahead", [0, 2, 50])
+@pytest.mark.parametrize("part", [1, 3, 7, 100])
+def test_an_absence_is_counted_in_cycles_that_the_node_ran(part: int, ahead: int) -> None:
+    cycles = np.r_[0:20, 400:440]  # a stall of 380 periods
+    words = {k: [0x80] for k in cycles}  # sent
+    for k in (0, 10, 400, 410, 425):
+        words[k].append(0x202 | 1 << 40)
+    words[430].append(0x202 | 1 << 40 | 4 << 48)  # a wrong CRC: not used
+    rows = np.array([(0, 0, k, word, 0) for k, own in words.items() for word in own])
+    absences, seen = Absences(), -1
+    for own in np.array_split(cycles, range(part, len(cycles), part)):
+        absences.add_cycles(own)
+        new = rows[(rows[:, 2] > seen) & (rows[:, 2] <= own[-1] + ahead)]
+        if len(new):
+            absences.add_frames(new)
+            seen = new[-1, 2]
+    assert absences.longest() == {0x202: 15}, absences.longest()
+    absences.add_cycles(np.arange(440, 450))
+    assert absences.longest() == {0x202: 25}, "and at the end"
+
+
+# ------------------------------------------------------------------------- on the screen
+
+
+def summary_of(metrics: int, problems: int) -> Summary:
+    """Return a summary as a paced run gives it, with many metrics and problems."""
+    rig = load_rig(HULL, settings=["duration_s=0.05"])
+    found = summarise(rig, in_memory(rig), Outcome("real", "udp_multicast:239.74.163.2:43113"))
+    found.metrics = {f"error_transient_of_joint_{i}_mrad": 1.0 / (i + 1) for i in range(metrics)}
+    found.faults = ["executive: " + "a reason with many words " * 8] * problems
+    late = {"cycle": 81234, "wake_late_us": 6285.1, "cause": "another process took the processor"}
+    found.latest_cycles = [late] * 8
+    account = {"sent": 65409, "used": 62643, "lost": 2000, "repeated": 700, "unread": 66}
+    found.frames_to = dict.fromkeys(("executive", "local", "plant"), account)
+    return found
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 132])
+@pytest.mark.parametrize(("metrics", "problems"), [(6, 0), (18, 2), (40, 9)])
+def test_no_line_is_wider_than_the_terminal(width: int, metrics: int, problems: int) -> None:
+    shown = report.rows(summary_of(metrics, problems), Path("runs") / ("x" * 20), width)
+    lines = [f"{label:9}{line}" for label, own in shown.items() for line in own]
+    wide = [line for line in lines if len(line) > width]
+    assert not wide, "\n".join(wide)
+
+
+def test_metrics_and_verdict_are_seen_on_24_lines() -> None:
+    shown = report.fitted(report.rows(summary_of(18, 1), Path("runs/x"), 80), 22)
+    kinds = list(shown)
+    assert sum(map(len, shown.values())) <= 22, kinds
+    assert kinds[-2:] == ["verdict", "folder"] and "metrics" in kinds, kinds
+
+
+def test_no_space_for_the_columns_of_a_long_log_costs_no_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = load_rig(SLEW10, settings=["duration_s=0.3"])
+    simulate(rig, tmp_path / "log.mcap")
+    whole = (tmp_path / "log.mcap").read_bytes()
+    short = partial(long_logs.read, short=100)
+    monkeypatch.setattr(long_logs, "read", short)
+    monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_: open("/dev/full", "wb"))  # noqa: SIM115
+    options = argparse.Namespace(no_figure=True, json=True)
+    code = conclude(Judge.of(rig), tmp_path, Outcome("virtual", "memory"), options, {})
+    assert code == 3 and (tmp_path / "log.mcap").read_bytes() == whole
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert "No space left" in " ".join(summary["log_missing"]), summary["log_missing"]
