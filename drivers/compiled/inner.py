@@ -3,9 +3,10 @@
 numba optimises, assembles and keeps each function for itself, and does it once more in each of its
 callers, since a caller links in all that its callees linked in. Python calls some 20 of the 300
 functions of a rig. So a function that is compiled while another one is stays `inner`: typed,
-lowered and linked into its callers, neither optimised alone nor kept. When Python calls it, or
-somebody asks for its address, it becomes machine code, too: a root. A `part` is a root always, so
-that one process can compile it while another one is at something else (`executive.nodes.ahead`).
+lowered and linked into its callers, not optimised alone. When Python calls it, or somebody asks for
+its address, it becomes machine code, too: a root. What callers link in of a helper of laws and
+plants is kept for further ones (`kept_code.for_callers`). A `part` is a root always, so that one
+process can compile it while another one is at something else (`executive.nodes.ahead`).
 
 The bits and the speed are the same, a first start takes half as long. Uses private parts of numba:
 `install` names each of them.
@@ -17,9 +18,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from llvmlite import binding
 from numba.core import codegen, cpu, dispatcher, environment, sigutils
 
 _PATIENT = 50_000, 20, 100  # of the garbage collector: a tenth of the time goes to it else
+
+
+_set_environment = codegen.JITCPUCodegen.set_env
 
 
 class _Depth(threading.local):
@@ -59,6 +64,7 @@ class Library(codegen.JITCodeLibrary):
             for library in dict.fromkeys(self._linking_libraries):
                 self._reload_init.update(library._reload_init)
                 self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+            self._finalize_dynamic_globals()
             self._finalized = True
             return
         super().finalize()
@@ -74,12 +80,28 @@ class Library(codegen.JITCodeLibrary):
             self._set_environments()
         return int(super().get_pointer_to_function(name))
 
+    def serialize_using_object_code(self) -> Any:
+        """Return what is kept: of an inner function what its callers link in."""
+        return (
+            self.serialize_using_bitcode() if self.inner else super().serialize_using_object_code()
+        )
+
+    @classmethod
+    def _unserialize(cls, own: Any, state: Any) -> Any:
+        name, kind, content = state
+        if kind != "bitcode":
+            return super()._unserialize(own, state)
+        library = cls(own, name)
+        library._final_module = binding.parse_bitcode(content)
+        library.inner = library._finalized = True
+        return library
+
     def _set_environments(self) -> None:
         """Let inner functions find the constants that numba keeps as Python objects."""
         for name in [one.name for one in self._final_module.global_variables]:
             found = environment.lookup_environment(name)
             if found is not None:
-                self.codegen.set_env(name, found)
+                _set_environment(self.codegen, name, found)
 
 
 class _Entry:
@@ -149,6 +171,11 @@ def install() -> None:
         library.inner = True
         return _Entry()
 
+    def set_environment(self: Any, name: str, own: Any) -> None:
+        if not inside():  # an inner function's is set with that of its caller
+            _set_environment(self, name, own)
+
+    codegen.JITCPUCodegen.set_env = set_environment  # type: ignore[method-assign]
     made.compile, made.add_overload = compiled, add
     made.get_compile_result = with_address
     kinds._customize_flags = flags_of

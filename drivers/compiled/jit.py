@@ -72,12 +72,13 @@ VIEW = types.float64[::1]
 
 def inline(function: Callable[..., Any]) -> Any:
     """Compile a helper that stages and loops call; always inlined (worth 10 % in the stages)."""
-    return numba.njit(forceinline=True, **OPTIONS)(function)
+    return kept_code.for_callers(numba.njit(forceinline=True, **OPTIONS)(function))
 
 
 def compiled(*signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function with one explicit signature, or on first call when none is given."""
-    return numba.njit(*signature, **OPTIONS)
+    made = numba.njit(*signature, **OPTIONS)
+    return lambda function: kept_code.for_callers(made(function))
 
 
 def loop(*signature: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -99,4 +100,4 @@ def loop_part(function: Callable[..., Any]) -> Any:
 
 def loop_inline(function: Callable[..., Any]) -> Any:
     """As `inline`, for what must be plain Python when the loop runs interpreted."""
-    return function if LOOP_INTERPRETED else inline(function)
+    return function if LOOP_INTERPRETED else numba.njit(forceinline=True, **OPTIONS)(function)

@@ -16,7 +16,6 @@ import os
 import pickle
 import sys
 import sysconfig
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import EnumMeta
@@ -35,7 +34,6 @@ _INSTALLED = [
     *(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")),
 ]
 _CONSTANT = (bool, int, float, complex, str, bytes, tuple, np.generic)
-_POLL_S = 0.05
 _SEAL = hashlib.sha256().digest_size
 
 
@@ -118,6 +116,7 @@ class Kept(caching.Cache):
     """
 
     _impl_class: Any = _Files
+    keeps_inner = False  # also for those that call it, see `inner`
 
     def __init__(self, function: Any) -> None:
         self._function, self._read = function, _state(function)
@@ -144,39 +143,34 @@ class Kept(caching.Cache):
         return (*super()._index_key(signature, codegen), constants(self._function))
 
     def _load_overload(self, signature: Any, context: Any) -> Any:
-        while not inner.inside():
-            key = self._index_key(signature, context.codegen())
-            for place in self._places if self._enabled else ():
-                if found := place.load(key):
-                    file, data = found
-                    compile_cache.was_compiled(file, self._function.__code__.co_filename)
-                    self.release()
-                    return self._impl.rebuild(context, data)
-            if self._is_claimed():
-                break
-            if self._claim is None:
-                _tell_watch()
-                time.sleep(_POLL_S)
-        _tell_watch()
+        if not inner.inside():
+            return self._kept(signature, context) or self._wait(signature, context)
+        return self._kept(signature, context, "inner") if self.keeps_inner else None
+
+    def _kept(self, signature: Any, context: Any, *kind: str) -> Any:
+        """Return what a folder has; None, and the progress of compiling is told."""
+        key = (*self._index_key(signature, context.codegen()), *kind)
+        for place in self._places if self._enabled else ():
+            if found := place.load(key):
+                file, data = found
+                compile_cache.was_compiled(file, self._function.__code__.co_filename)
+                return self._impl.rebuild(context, data)
+        watch = compile_cache.watch
+        if watch.listener is not None:
+            watch.listener(watch.done)
         return None
 
-    def _is_claimed(self) -> bool:
-        """Return whether it is on us to compile; False while another process does, or just did."""
-        if self._claim is not None or not self._folders:
-            return True
+    def _wait(self, signature: Any, context: Any) -> Any:
+        """Wait for who compiles this function, return what it has kept; None: it is on us now."""
+        if not self._folders:
+            return None
         try:
             compile_cache.make(self._folders[0])
-            claim = open(self._folders[0] / f"{self._impl.filename_base}.lock", "wb")  # noqa: SIM115
-        except OSError:
-            return True
-        self._claim = claim
-        try:
-            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            self.release()
-        except OSError:  # a disk that knows no locks
-            return True
-        return False  # look once more: who held it may have kept the code
+            self._claim = open(self._folders[0] / f"{self._impl.filename_base}.lock", "wb")  # noqa: SIM115
+            fcntl.flock(self._claim, fcntl.LOCK_EX)
+        except OSError:  # no room, or a disk that knows no locks
+            return None
+        return self._kept(signature, context)
 
     def release(self) -> None:
         """Let other processes compile this function."""
@@ -186,9 +180,12 @@ class Kept(caching.Cache):
 
     def _save_overload(self, signature: Any, data: Any) -> None:
         compile_cache.watch.done += 1
-        if inner.inside() or not (self._enabled and self._impl.check_cachable(data)):
+        if not (self._enabled and self._impl.check_cachable(data)):
+            return
+        if data.library.inner and not self.keeps_inner:
             return
         key = self._index_key(signature, data.codegen)
+        key = (*key, "inner") if data.library.inner else key
         content = self._function.__code__.co_filename, self._impl.reduce(data)
         refused = ""
         for folder, place in zip(self._folders, self._places, strict=True):
@@ -205,6 +202,16 @@ class Kept(caching.Cache):
     @contextmanager
     def _guard_against_spurious_io_errors(self) -> Iterator[None]:
         yield
+
+
+def for_callers(function: Any) -> Any:
+    """Let what callers link in of a compiled function be kept for further ones; return it.
+
+    Laws and plants share such helpers; those of the loop are part of one function.
+    """
+    if isinstance(getattr(function, "_cache", None), Kept):
+        function._cache.keeps_inner = True
+    return function
 
 
 def constants(function: Any) -> str:
@@ -246,12 +253,6 @@ def _state(function: Any) -> tuple[int, int] | None:
     except OSError:
         return None
     return found.st_mtime_ns, found.st_size
-
-
-def _tell_watch() -> None:
-    watch = compile_cache.watch
-    if watch.listener is not None:
-        watch.listener(watch.done)
 
 
 _told: list[str] = []  # once a process

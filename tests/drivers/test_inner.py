@@ -16,19 +16,25 @@ pytestmark = pytest.mark.skipif(JIT_OFF, reason="numba is switched off")
 ROOT = Path(__file__).resolve().parents[2]
 LAW = """
 from pcpc.drivers.compiled.inner import part
-from pcpc.drivers.compiled.jit import compiled
+from pcpc.drivers.compiled.jit import compiled, loop_function
 @compiled()
 def helper(x):
     if x > 8.0:
         raise ValueError("too large", x)
     return 3.0 * x
+@loop_function
+def own(x):
+    return x
 @part
 @compiled()
 def piece(x):
     return helper(x) + 1.0
 @compiled()
 def root(x):
-    return piece(x) + helper(2.0 * x)
+    return piece(x) + own(helper(2.0 * x))
+@compiled()
+def other(x):
+    return helper(x) + 3.0 if x < 8.0 else helper(x - 2.0) + x
 """
 MAIN = "import sys, law\nfrom pcpc.drivers.compiled.compile_cache import watch\n"
 
@@ -49,12 +55,13 @@ def kept(folder: Path) -> set[str]:
     return {file.name.split("-")[0] for file in (folder / "cache").rglob("*.nbc")}
 
 
-def test_only_what_python_calls_and_parts_are_kept(tmp_path: Path) -> None:
+def test_of_an_inner_function_callers_find_what_they_link_in(tmp_path: Path) -> None:
     assert said(tmp_path, "print(law.root(1.0))") == "10.0"
-    assert kept(tmp_path) == {"law.root", "law.piece"}
+    assert kept(tmp_path) == {"law.root", "law.piece", "law.helper"}, "not what is the loop's own"
     assert said(tmp_path, "print(law.root(1.0), watch.done)") == "10.0 0"
-    assert said(tmp_path, "print(law.helper(1.0), watch.done)") == "3.0 1"
-    assert kept(tmp_path) == {"law.root", "law.piece", "law.helper"}
+    assert said(tmp_path, "print(law.helper(1.0), watch.done)") == "3.0 1", "Python cannot call it"
+    assert said(tmp_path, "print(law.other(1.0), watch.done)") == "6.0 1", "the helper is not"
+    assert said(tmp_path, "print(law.helper(1.0), law.other(9.0), watch.done)") == "3.0 30.0 0"
 
 
 def test_an_inner_function_that_python_calls_later_is_compiled_then(tmp_path: Path) -> None:
@@ -158,7 +165,7 @@ def test_two_processes_do_not_compile_the_same_function(tmp_path: Path) -> None:
     lines = [process.communicate()[0].split() for process in both]
     assert [line[0] for line in lines] == ["10.0", "10.0"]
     roots = [int(line[1]) for line in lines]
-    assert sum(roots) == 3, "three functions: root, piece, and helper as an inner one"
+    assert sorted(roots) == [0, 4], "root, piece, and two that they call"
 
 
 def test_arrays_pass_through() -> None:
