@@ -1,8 +1,8 @@
 """The site is the repository's own Markdown, under the same paths: every link holds in both.
 
-mkdocs takes pages from one folder; here it gets README.md, docs/ and the READMEs of the plants. A
-link to a source file or notebook leads to a page that shows it, mathematics becomes MathML, and the
-search needs no network.
+mkdocs takes pages from one folder; here it gets those of the top, docs/ and the READMEs of the
+plants. A link to a source file or notebook leads to a page that shows it, mathematics becomes
+MathML, and the search needs no network.
 """
 
 import json
@@ -36,7 +36,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Give mkdocs the files of the repository, and pages of the source files they link to."""
     below = (path for folder in FOLDERS for path in (ROOT / folder).rglob("*"))
     own = [path.relative_to(ROOT).as_posix() for path in below if path.suffix in KINDS]
-    own = ["README.md", *sorted(own)]
+    own = [*sorted(path.name for path in ROOT.glob("*.md")), *sorted(own)]
     found = [File(name, str(ROOT), config.site_dir, config.use_directory_urls) for name in own]
     theirs = [one for one in files if one.inclusion is not InclusionLevel.EXCLUDED]
     theme = [one for one in theirs if one.src_dir != config.docs_dir]

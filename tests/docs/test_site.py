@@ -25,7 +25,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_page_of_the_repository_is_in_it_and_every_link_leads_somewhere(site: Path) -> None:
-    pages = [*(ROOT / "docs").rglob("*.md"), *(ROOT / "plants").rglob("*.md")]
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "plants").rglob("*.md")]
     nav = (ROOT / "mkdocs.yml").read_text("utf-8")
     made = {path.relative_to(site).as_posix() for path in site.rglob("*.html")}
     for page in pages:

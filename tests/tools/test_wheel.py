@@ -70,6 +70,7 @@ def test_every_file_that_is_no_test_is_in_it(installed: Path) -> None:
     own -= {path for path in own if stays(path)}
     missing = sorted(str(path) for path in own if not (installed / "pcpc" / path).is_file())
     assert len(own) > 300 and not missing, missing
+    assert (installed / "pcpc/py.typed").is_file(), "else a user's mypy takes all for Any"
 
 
 def test_the_workshop_and_the_book_stay_in_the_repository(installed: Path, tmp_path: Path) -> None:
