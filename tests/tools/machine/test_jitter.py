@@ -4,6 +4,7 @@ Times are never asserted, only ratios of loops that ran in turn: the machine may
 """
 
 import contextlib
+import dataclasses
 import json
 import re
 import shutil
@@ -121,6 +122,42 @@ def test_the_first_lines_are_those_of_cyclictest() -> None:
         assert (cycles, low, act, high) == (node.cycles, us.min(), us[-1], us.max()), line
 
 
+def test_commands_and_responses_are_those_of_the_frames_in_the_log() -> None:
+    probe, log, setup = measured()
+    node, paths = log.node["executive"], probe.nodes["executive"].paths_us
+    own = node.frames[node.frames["direction"] == 0]
+    sent = [(int(f["cycle"]), int(f["id"]), int(f["stamp_ns"])) for f in own]
+    held = np.diff(node.timing["health.held_cycles"], prepend=0.0)
+    sync_ns, expected, seen = 0, [], list(node.cycle)
+    for cycle, word, stamp_ns in sent:
+        if word == 0xA0 and cycle in seen and not held[seen.index(cycle)]:
+            expected.append((cycle, 1e-3 * (stamp_ns - sync_ns)))
+        sync_ns = stamp_ns if word == 0x80 else sync_ns
+    fresh = held[1:] == 0
+    assert [us for _, us in expected[1:]] == pytest.approx(paths["response"][fresh])
+    assert len(paths["wake"]) == len(paths["command"]) == setup.periods
+    commands_ns = {cycle: stamp_ns for cycle, word, stamp_ns in sent if word == 0xA0}
+    late = node.timing["timing.wake_late_us"]
+    for i, cycle in enumerate(node.cycle):
+        deadline_us = 1e-3 * node.stamp_ns[i] - late[i]
+        assert paths["command"][i] == pytest.approx(1e-3 * commands_ns[int(cycle)] - deadline_us)
+
+
+def test_a_command_that_is_not_in_the_log_is_an_error_not_a_figure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def without_one(stamps: Any, part: logs.Node) -> None:
+        command = np.flatnonzero(part.frames["id"] == 0xA0)[5]
+        add(stamps, dataclasses.replace(part, frames=np.delete(part.frames, command)))
+
+    add = jitter_probe._add_stamps
+    _, _, setup = measured()
+    monkeypatch.setattr(jitter_probe, "_add_stamps", without_one)
+    with pytest.raises(JitterError, match="frames are not in the log") as caught:
+        jitter_probe.read(Path(_FOLDER.name) / "round" / "log.mcap", setup, {})
+    assert caught.value.code == 3
+
+
 def test_a_cycle_that_is_not_in_the_log_is_an_error_not_a_figure(tmp_path: Path) -> None:
     measured()
     whole = (Path(_FOLDER.name) / "round" / "log.mcap").read_bytes()
@@ -169,7 +206,7 @@ def test_json_holds_every_loop_round_and_count() -> None:
     assert {
         "interval_us", "periods_per_round", "rounds", "priority", "cpus", "bus", "interrupted",
         "fifo", "absent", "kernel", "clock_source", "machine", "nodes", "loops", "histogram_us",
-        "per_round", "ratio",
+        "per_round", "ratio", "nines_us", "limits",
     } == set(data)  # fmt: skip
     assert (data["interval_us"], data["periods_per_round"], data["rounds"]) == (1000.0, 500, 2)
     assert {*data["loops"], *data["absent"]} == {PCPC, *jitter_loops.NAMES}

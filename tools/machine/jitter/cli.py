@@ -22,7 +22,9 @@ from pcpc.executive.durations import duration_ns
 from pcpc.executive.errors import code_of
 from pcpc.tools.machine.jitter import loops, probe, report
 from pcpc.tools.machine.jitter.figures import LEAST_CYCLES, Result, as_json
+from pcpc.tools.machine.jitter.limits import read_limits
 from pcpc.tools.machine.jitter.loops import JitterError, Setup
+from pcpc.tools.machine.jitter.nines import HELD
 from pcpc.tools.terminal.outfile import check_file, whole_file
 from pcpc.tools.terminal.picture import check_picture
 from pcpc.tools.terminal.progress import Progress
@@ -36,9 +38,11 @@ def command(options: argparse.Namespace) -> int:
     """Measure."""
     progress = Progress(options.quiet)
     setup, rounds, names = parse(options)
+    limits = {} if options.limits is None else read_limits(options.limits)
     with tempfile.TemporaryDirectory(prefix="pcpc-jitter-") as folder:
         result = measure(setup, rounds, names, Path(folder), progress)
     progress.close()
+    result.limits, result.limits_of = limits, str(options.limits)
     return conclude(result, options)
 
 
@@ -157,4 +161,7 @@ def conclude(result: Result, options: argparse.Namespace) -> int:
     except OSError as error:
         what = f"{path}: cannot be written: {error.strerror}; choose another file"
         raise JitterError(what, code_of(error)) from None
-    return Exit.INTERRUPTED if result.interrupted else Exit.OK
+    if result.interrupted:
+        return Exit.INTERRUPTED
+    held = all(verdict == HELD for *_, verdict in result.verdicts)
+    return Exit.OK if held else Exit.NOT_MET

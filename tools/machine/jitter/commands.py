@@ -34,6 +34,7 @@ def jitter(add: Add) -> None:
     )
     add("--against", metavar="NAME,...", help="compare with cyclictest, c, python")
     add("--rounds", type=int, metavar="N", help="parts of the duration; 5 with --against")
+    add("--limits", type=Path, metavar="FILE", help="limits in YAML: 1 unless all hold")
     add("--json", type=Path, metavar="FILE", help="write all figures there")
     add("--plot", type=Path, metavar="FILE.png", help="draw the histograms of all loops")
 
@@ -43,10 +44,12 @@ COMMANDS = (
         "jitter",
         "measure the timing of the loop, beside cyclictest and C",
         "pcpc jitter -i 1000us -D 60s -p 80 -h 400 --json=jitter.json\n"
-        "pcpc jitter -D 25s --against cyclictest,c,python --plot jitter.png",
+        "pcpc jitter -D 25s --against cyclictest,c,python --plot jitter.png\n"
+        "pcpc jitter -D 60s --limits machine.yaml    # wake: {99.9: 100us}",
         jitter,
         codes={
-            Exit.OK: "measured",
+            Exit.OK: "measured, all limits held",
+            Exit.NOT_MET: "a limit not held, or not judged",
             Exit.WRONG_INPUT: "",
             Exit.LOSS: "the log is not whole",
             Exit.ENVIRONMENT: "",

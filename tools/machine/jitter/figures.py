@@ -9,12 +9,15 @@ Lateness is that of the executive's wake-up; times in us, percentiles as numpy's
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcpc.tools.machine.jitter import nines
 from pcpc.tools.machine.jitter.loops import Loop, Setup
 from pcpc.tools.machine.jitter.probe import STAGES, Node, Probe, join_rounds
 
@@ -37,6 +40,20 @@ class Result:
     yardsticks: dict[str, list[Loop]] = field(default_factory=dict)
     absent: dict[str, str] = field(default_factory=dict)
     interrupted: bool = False
+    limits: dict[tuple[str, Fraction], float] = field(default_factory=dict)  # us, by way and %
+    limits_of: str = ""  # the file
+
+    @cached_property
+    def sorted_paths(self) -> dict[str, Vector]:
+        """The times of `nines.WAYS`, once all rounds are measured; none without any."""
+        node = self.node("executive")
+        paths = {way: np.sort(times) for way, times in node.paths_us.items()} if node else {}
+        return paths if all(map(len, paths.values())) else {}
+
+    @cached_property
+    def verdicts(self) -> list[nines.Judged]:
+        """What became of each limit."""
+        return nines.verdicts(self.sorted_paths, self.limits)
 
     def node(self, name: str) -> Node | None:
         """Return all rounds of a node as one, None if there is none."""
@@ -118,6 +135,7 @@ def as_json(result: Result) -> dict[str, Any]:
             if len(values)
         },
         "histogram_us": {name: histogram(values) for name, values in loops.items()},
+        **nines.as_json(result.sorted_paths, result.verdicts),
         "per_round": [_round_json(result, i) for i in range(len(result.probes))],
         "ratio": {
             name: ratios(result.late_us(PCPC), result.late_us(name)) for name in result.loops[1:]

@@ -6,7 +6,7 @@ The figures are those of the log, every cycle of the nodes; nothing is timed fro
 import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pcpc.drivers.errors import Exit
 from pcpc.executive.log import reader as logs
 from pcpc.executive.rig.reading import load_rig
+from pcpc.tools.machine.jitter import nines
 from pcpc.tools.machine.jitter.loops import JitterError, Setup
 from pcpc.tools.run.run import Host
 from pcpc.tools.start.folder import LOG
@@ -24,6 +25,7 @@ RIG = Path(__file__).resolve().parents[3] / "plants" / "probe" / "rig.yaml"
 STAGES = ("wake_late", "receive", "step", "send", "publish")
 _PLANT_BELOW = 10  # of the executive's priority, as in every rig
 ROLES = ("executive", "plant")
+_COUNTERS = ("passes", "late_cycles", "skipped_cycles", "send_errors", "held_cycles")
 _UNPACED = {"executive": 0, "plant": 1}  # first cycles that a frame started, not the clock
 
 
@@ -32,6 +34,7 @@ class Node:
     """One node, one round or several: each stage of each cycle, (n,) us; pids and priority.
 
     `publish` has one value less a round: a cycle tells how long the previous one published.
+    `paths_us`: `nines.WAYS` of the executive.
     """
 
     stages_us: dict[str, NDArray[np.float64]]
@@ -39,6 +42,7 @@ class Node:
     late: int
     pid: int
     priority: int
+    paths_us: dict[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @property
     def cycles(self) -> int:
@@ -136,16 +140,19 @@ def read(
 ) -> tuple[dict[str, Node], dict[str, str]]:
     """Return the nodes of a log and the executive's metadata; LogError, JitterError for a loss."""
     names = [f"timing.{stage}_us" for stage in STAGES]
-    names += [f"health.{name}" for name in ("passes", "late_cycles", "skipped_cycles")]
+    names += [f"health.{name}" for name in _COUNTERS]
     parts: dict[str, dict[str, list[NDArray[np.float64]]]] = {
         node: {name: [] for name in names} for node in ROLES
     }
     missing: list[str] = []
     metadata: dict[str, str] = {}
+    stamps: dict[str, list[NDArray[np.int64]]] = {name: [] for name in ("wake", "CMD", "SYNC")}
     for piece, _ in logs.pieces(log):
         missing += piece.missing
         for name, part in piece.node.items():
-            metadata |= piece.metadata[name] if name == "executive" else {}
+            if name == "executive":
+                metadata |= piece.metadata[name]
+                _add_stamps(stamps, part)
             for column, rows in parts[name].items() if len(part.cycle) else ():
                 rows.append(part.timing[column])
     nodes = {}
@@ -156,9 +163,55 @@ def read(
             missing.append(f"{name}: cycles are not in the log")
             continue
         nodes[name] = _node(name, table, setup, pids.get(name, 0), interrupted)
+        if name == "executive":
+            paths = _paths(stamps, table, setup, interrupted)
+            missing += [] if paths else ["executive: frames are not in the log"]
+            nodes[name] = replace(nodes[name], paths_us=paths)
     if missing and not interrupted:
         raise JitterError(f"the log is not whole: {'; '.join(missing)}", Exit.LOSS)
     return nodes, metadata
+
+
+def _add_stamps(stamps: dict[str, list[NDArray[np.int64]]], part: logs.Node) -> None:
+    """Add cycle and stamp, ns, of each wake-up, command and SYNC."""
+    stamps["wake"].append(np.stack([part.cycle, part.stamp_ns]))
+    for word, name in part.description["frames"].items():
+        if name in stamps:
+            frames = part.frames[(part.frames["id"] == int(word)) & (part.frames["direction"] == 0)]
+            stamps[name].append(np.stack([frames["cycle"], frames["stamp_ns"]]))
+
+
+def _paths(
+    stamps: dict[str, list[NDArray[np.int64]]],
+    table: dict[str, NDArray[np.float64]],
+    setup: Setup,
+    interrupted: bool,
+) -> dict[str, NDArray[np.float64]]:
+    """Return the executive's `nines.WAYS`, none if a command or a SYNC of a cycle is not there."""
+    cycle, wakes_ns = np.concatenate(stamps["wake"], axis=1)
+    sent_ns = []
+    for name, wanted in (("CMD", cycle), ("SYNC", np.concatenate([cycle[:1], cycle]))):
+        rows = np.concatenate(stamps[name], axis=1)
+        rows = rows[:, rows[0] <= cycle[-1]]  # the frames of the end come after
+        if not np.array_equal(rows[0], wanted):
+            return {}
+        sent_ns.append(rows[1])
+    commands_ns, syncs_ns = sent_ns
+    refused, held = (
+        np.diff(table[f"health.{what}"], prepend=0.0) > 0.0
+        for what in ("send_errors", "held_cycles")
+    )
+    return nines.whole_path(
+        cycle,
+        table["timing.wake_late_us"],
+        wakes_ns,
+        commands_ns,
+        syncs_ns,
+        refused,
+        held,
+        setup.interval_ns / 1000.0,
+        int(cycle[-1]) + 1 if interrupted else setup.periods,
+    )
 
 
 def _node(
@@ -180,4 +233,8 @@ def join_rounds(rounds: Sequence[Node]) -> Node:
     """Return several rounds of a node as one; pid and priority are the last one's."""
     stages = {stage: np.concatenate([one.stages_us[stage] for one in rounds]) for stage in STAGES}
     missed, late = sum(one.missed for one in rounds), sum(one.late for one in rounds)
-    return Node(stages, missed, late, rounds[-1].pid, rounds[-1].priority)
+    paths = {
+        way: np.concatenate([one.paths_us[way] for one in rounds if one.paths_us])
+        for way in (nines.WAYS if any(one.paths_us for one in rounds) else ())
+    }
+    return Node(stages, missed, late, rounds[-1].pid, rounds[-1].priority, paths)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcpc.tools.machine.jitter import nines
 from pcpc.tools.machine.jitter.figures import (
     COMPARED,
     PCPC,
@@ -16,7 +17,7 @@ from pcpc.tools.machine.jitter.figures import (
 )
 from pcpc.tools.machine.jitter.probe import STAGES, Node
 
-_BAR = 50
+_BAR = 47  # the lines have 80 columns
 _STEPS = np.outer(10.0 ** np.arange(7), (1.0, 2.0, 5.0)).ravel()  # us, edges of the short histogram
 _LEAST_US = 0.1  # that the picture tells from 0
 _BINS_A_DECADE = 20
@@ -30,6 +31,8 @@ def text_of(result: Result, histogram_us: int | None) -> str:
     lines += [thread_line(i, n, result) for i, n in enumerate(nodes.values())]
     for name, node in nodes.items():
         lines += ["", *_stages(name, node)]
+    if paths := result.sorted_paths:
+        lines += ["", *nines.lines(paths, result.setup.interval_ns, result.rounds)]
     late = {name: node.stages_us["wake_late"] for name, node in nodes.items()}
     if histogram_us is not None and late:
         lines += ["", *full_histogram(late, histogram_us)]
@@ -37,6 +40,9 @@ def text_of(result: Result, histogram_us: int | None) -> str:
         lines += ["", *short_histogram(late["executive"])]
     if len(result.loops) > 1:
         lines += ["", *_comparison(result)]
+    if found := result.verdicts:
+        lines += ["", f"limits of {result.limits_of}"]
+        lines += nines.limit_lines(found, result.setup.interval_ns, result.rounds)
     return "\n".join(lines)
 
 
@@ -45,12 +51,12 @@ def _head(result: Result) -> Iterator[str]:
     bus = result.probes[0].bus if result.probes else setup.bus
     yield (
         f"# pcpc jitter: {setup.interval_ns // 1000} us, {len(result.probes)} of {result.rounds} "
-        f"rounds of {setup.periods} periods, {bus}"
+        f"rounds of {setup.periods} periods"
     )
     refused = [name for name, granted in result.fifo.items() if not granted]
     if refused:
         yield f"# without SCHED_FIFO: {', '.join(refused)}; `pcpc doctor` says what to do"
-    yield "# T: 0 executive, T: 1 plant; us"
+    yield f"# T: 0 executive, T: 1 plant; us; {bus}"
 
 
 def thread_line(number: int, node: Node, result: Result) -> str:
