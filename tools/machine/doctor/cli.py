@@ -36,6 +36,8 @@ _COLOURS = {"ok": 32, "warn": 33, "missing": 31}  # of ANSI
 
 def command(options: argparse.Namespace) -> int:
     """Print a row for each thing looked at; ENVIRONMENT if no rig can run."""
+    if options.tune:
+        return tune(options)
     found = list(rows())
     missing = [row for row in found if row.state == "missing"]
     if options.json:
@@ -48,6 +50,19 @@ def command(options: argparse.Namespace) -> int:
         names = ", ".join(row.name for row in missing)
         print(f"no rig can run on this machine: missing {names}", file=sys.stderr)
     return Exit.ENVIRONMENT if missing else Exit.OK
+
+
+def tune(options: argparse.Namespace) -> int:
+    """Print settings of this machine, whether they are set and what they are worth."""
+    from pcpc.tools.machine.doctor.tune import tune_rows  # here, because it needs the packages
+    from pcpc.tools.terminal.progress import Progress
+
+    found = list(tune_rows(_PROJECT, Progress(options.json)))
+    if options.json:
+        print(json.dumps({"rows": [asdict(row) for row in found]}, indent=2))
+    else:
+        show(found, "worth")
+    return Exit.OK
 
 
 def rows() -> Iterator[Row]:
@@ -68,14 +83,14 @@ def rows() -> Iterator[Row]:
     yield c_compiler_row()
 
 
-def show(found: list[Row]) -> None:
+def show(found: list[Row], price: str = "costs") -> None:
     """Print what was found and what it costs, and below it the commands to copy."""
     broad = max(len(row.name) for row in found)
     for row in found:
         ahead = f"{row.state:7}  {row.name:{broad}}  "
         lines = screen.wrapped(row.found, ahead)
         if row.cost:
-            lines += screen.wrapped(f"costs: {row.cost}", " " * len(ahead))
+            lines += screen.wrapped(f"{price}: {row.cost}", " " * len(ahead))
         if sys.stdout.isatty():
             lines[0] = f"\x1b[{_COLOURS[row.state]}m{row.state}\x1b[0m{lines[0][len(row.state) :]}"
         print("\n".join(lines))

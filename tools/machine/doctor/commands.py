@@ -6,7 +6,8 @@ from pcpc.tools.terminal.command import Add, Command
 
 
 def doctor(add: Add) -> None:
-    """Take only how to print."""
+    """Take what to look at and how to print."""
+    add("--tune", action="store_true", help="settings for real time, as commands, and their worth")
     take.json(add)
 
 
@@ -14,7 +15,7 @@ COMMANDS = (
     Command(
         "doctor",
         "what it offers, and how to get the rest",
-        "pcpc doctor",
+        "pcpc doctor\npcpc doctor --tune    # measures for 10 s",
         doctor,
         codes={Exit.OK: "a rig can run", Exit.ENVIRONMENT: "it cannot"},
         module="machine.doctor.cli",

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-_CPUS = Path("/sys/devices/system/cpu")
+CPUS = Path("/sys/devices/system/cpu")
 _CLOCKS = Path("/sys/devices/system/clocksource/clocksource0")
 _IN_USER_SPACE = ("tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page")
 _TRY = """
@@ -55,7 +55,7 @@ def machine_rows(project: Path) -> Iterator[Row]:
     yield kernel_row(platform.version(), text(Path("/sys/kernel/realtime")) == "1")
     yield from permission_rows(project)
     yield _isolated()
-    yield _governor()
+    yield governor(CPUS)
     yield clock_row(*(text(_CLOCKS / f"{which}_clocksource") for which in ("current", "available")))
     yield _hypervisor()
 
@@ -113,7 +113,7 @@ def permission_rows(project: Path) -> Iterator[Row]:
 
 
 def _isolated() -> Row:
-    isolated, count = text(_CPUS / "isolated"), os.cpu_count() or 1
+    isolated, count = text(CPUS / "isolated"), os.cpu_count() or 1
     if isolated:
         return Row("isolated CPUs", "ok", f"{isolated} (use with `taskset -c {isolated}`)")
     if count < 4:
@@ -121,21 +121,26 @@ def _isolated() -> Row:
     cpus = f"{count - 2},{count - 1}"
     cost = "other programs share the loops' CPUs"
     options = f"isolcpus={cpus} nohz_full={cpus} rcu_nocbs={cpus}"
-    cure = (
+    return Row("isolated CPUs", "warn", f"none of {count} CPUs", cost, boot_with(options, cpus))
+
+
+def boot_with(options: str, cpus: str) -> str:
+    """Return the command that adds `options` to the kernel line and boots."""
+    return (
         f"sudo sed -i 's/^GRUB_CMDLINE_LINUX=\"/&{options} /' /etc/default/grub && "
         f"sudo update-grub && sudo reboot    # then taskset -c {cpus} pcpc run RIG"
     )
-    return Row("isolated CPUs", "warn", f"none of {count} CPUs", cost, cure)
 
 
-def _governor() -> Row:
-    files = _CPUS.glob("cpu[0-9]*/cpufreq/scaling_governor")
+def governor(folder: Path) -> Row:
+    """Return the row for the frequency governors of the processors in `folder`."""
+    files = folder.glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = sorted({text(file) for file in files})
     if not governors:
         return Row("CPU governor", "ok", "no frequency scaling in the kernel's hands")
     if governors == ["performance"]:
         return Row("CPU governor", "ok", "performance")
-    cure = f"echo performance | sudo tee {_CPUS}/cpu*/cpufreq/scaling_governor"
+    cure = f"echo performance | sudo tee {CPUS}/cpu*/cpufreq/scaling_governor"
     cost = "a loop that sleeps a lot runs at a low clock"
     return Row("CPU governor", "warn", ", ".join(governors), cost, cure)
 
