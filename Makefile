@@ -25,7 +25,7 @@ help: ## this list
 
 test test-deep test-choice: export PYTHONDONTWRITEBYTECODE = # hundreds of processes: none compiles Python again
 test test-deep test-choice: export OPENBLAS_NUM_THREADS = 1# its threads spin where there is nothing for them
-test: tools ## the tests for every change, three minutes; CHANGED=main: those that it can reach
+test: tools ## what each change needs; CHANGED=main: what that can reach
 	$(MAKE) --no-print-directory -j2 compiled lint
 	$(PYTEST) $(if $(CHANGED),--changed $(CHANGED))
 
@@ -95,8 +95,7 @@ lint: tools ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-compiled: loop laws ## loop, laws and what tests import, compiled once for all of them
-	@$(BIN)/pytest --collect-only >/dev/null || true # the tests will tell
+compiled: loop laws ## loop and laws, compiled once for all tests
 
 loop: tools ## the loop alone, compiled
 	@$(BIN)/pcpc simulate plants/probe/rig.yaml --set duration_s=0.01 --no-figure -o build/compiled >/dev/null

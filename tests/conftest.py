@@ -1,8 +1,10 @@
 """Of all tests: what they import stays, and is not searched for garbage again and again.
 
-`deep` tests take long for what they find: `make test` leaves them out, `make test-all` has them,
-and so has pytest where it is given files. `deep(but=2)` is deep but for its first two cases. The
-files that took longest the last time come first: in the end no processor waits for one of them.
+A test that takes more than SHARE of the time of all is deep but for its first cases, see
+seconds.csv beside this file; so is what is marked `deep`, and what is marked `quick` is not.
+`make test` leaves the deep ones out, `make test-all` has them, and so has pytest where it is given
+files. The files that took longest the last time come first: in the end no processor waits for one
+of them.
 The tests of a file that starts programs as a user does are `paced`: such programs keep time by the
 machine's clock, and one that fails while the machine could not is repeated once, and named. Their
 commands are copies, which spares a second of processor time each. Hypothesis judges no test by the
@@ -31,7 +33,9 @@ STARTS_PROGRAMS = {
     "live", "blocks", "pcpc.tools.start.children",
 }  # fmt: skip
 
-_SECONDS = "pcpc/seconds"
+SHARE = 1 / 5000  # of the time of all tests, for one test with all its cases
+_SECONDS, _COSTS = "pcpc/seconds", Path(__file__).with_name("seconds.csv")
+_PROCESSORS = os.sched_getaffinity(0)
 _started = Child.started
 
 gc.disable()
@@ -41,7 +45,11 @@ settings.load_profile("any speed")
 
 @pytest.fixture(scope="module", autouse=True)
 def _commands_are_copies(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Let `pcpc.running` start copies, see `copies`, but in a file that says NEW_PROCESSES."""
+    """Let `pcpc.running` start copies, see `copies`, but in a file that says NEW_PROCESSES.
+
+    A command that watched in this process has kept off a loop's processor: that is over.
+    """
+    os.sched_setaffinity(0, _PROCESSORS)
     with pytest.MonkeyPatch.context() as patch:
         if not getattr(request.module, "NEW_PROCESSES", False):
             patch.setattr(Child, "started", _copied)
@@ -64,6 +72,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("tests of pcpc")
     group.addoption("--deep", choices=("no", "only", "too"), help="tests that take long; default: "
                     "no, but too where files are named")  # fmt: skip
+    group.addoption("--write-seconds", action="store_true", help="after a run of all tests: write "
+                    "tests/seconds.csv, which says what is deep")  # fmt: skip
     group.addoption("--changed", metavar="REF", help="only what a change since REF can reach")
 
 
@@ -74,17 +84,48 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class _Seconds:
-    """How long each file takes, for the order of the next run."""
+    """How long each test takes: for the order of the next run, and for what is deep."""
 
     def __init__(self, config: pytest.Config) -> None:
-        self.config, self.found = config, Counter[str]()
+        self.config, self.spent, self.cases = config, Counter[str](), Counter[str]()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.found[report.nodeid.partition("::")[0]] += report.duration
+        function = report.nodeid.partition("[")[0]
+        self.spent[function] += report.duration
+        self.cases[function] += report.when == "call"
 
     def pytest_sessionfinish(self) -> None:
-        if not hasattr(self.config, "workerinput") and self.config.cache is not None:
-            self.config.cache.set(_SECONDS, self.config.cache.get(_SECONDS, {}) | self.found)
+        cache = getattr(self.config, "cache", None)  # None in a worker, missing without its plugin
+        if hasattr(self.config, "workerinput") or cache is None:
+            return
+        files = Counter[str]()
+        for function, seconds in self.spent.items():
+            files[function.partition("::")[0]] += seconds
+        cache.set(_SECONDS, cache.get(_SECONDS, {}) | files)
+        if self.config.option.write_seconds:
+            rows = [f"all,{sum(self.spent.values()):.0f},{sum(self.cases.values())}"]
+            for function, seconds in self.spent.most_common():
+                if seconds > SHARE / 2 * sum(self.spent.values()):
+                    name = function.rpartition("/")[2]
+                    rows.append(f"{name},{seconds:.2f},{max(self.cases[function], 1)}")
+            _COSTS.write_text("\n".join(["test,seconds,cases", *rows, ""]))
+
+
+@cache
+def _costs() -> dict[str, tuple[float, int]]:
+    rows = [line.rsplit(",", 2) for line in _COSTS.read_text().splitlines()[1:]]
+    return {name: (float(seconds), int(cases)) for name, seconds, cases in rows}
+
+
+def _is_deep(item: pytest.Item, case: int) -> bool:
+    """Return whether a test, the case-th of its function, is one of those that take long."""
+    if item.get_closest_marker("quick"):
+        return False
+    if item.get_closest_marker("deep"):
+        return True
+    name = f"{item.path.name}::{item.nodeid.partition('::')[2].partition('[')[0]}"
+    seconds, cases = _costs().get(name, (0.0, 1))
+    return case * seconds / cases > SHARE * _costs()["all"][0]
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -93,7 +134,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if isinstance(item, pytest.Function) and _starts_programs(item.module):
             item.add_marker(pytest.mark.paced)
     _choose(config, items)
-    known = config.cache.get(_SECONDS, {}) if config.cache is not None else {}
+    cached = getattr(config, "cache", None)
+    known = cached.get(_SECONDS, {}) if cached is not None else {}
     items.sort(key=lambda item: -known.get(item.nodeid.partition("::")[0], 0.0))
 
 
@@ -105,9 +147,9 @@ def _choose(config: pytest.Config, items: list[pytest.Item]) -> None:
         changed = reach.changed_files(config.option.changed)
         reached = cache(lambda path: reach.reached(path, changed))
     for item in items:
-        mark, function = item.get_closest_marker("deep"), item.nodeid.partition("[")[0]
+        function = item.nodeid.partition("[")[0]
         cases[function] += 1
-        deep = mark is not None and cases[function] > mark.kwargs.get("but", 0)
+        deep = _is_deep(item, cases[function])
         wanted = config.option.deep == "too" or deep == (config.option.deep == "only")
         wanted = wanted and (not config.option.changed or reached(item.path))
         (chosen if wanted else left).append(item)

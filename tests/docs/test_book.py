@@ -11,6 +11,8 @@ from pcpc.executive.rig.reading import load_rig
 from pcpc.tools import cli
 from pcpc.tools.start.rigs import find
 
+pytestmark = pytest.mark.deep
+
 PAGES = sorted((ROOT / "docs" / "book").glob("chapter*.md"))
 LINK = re.compile(r"\]\(([^)]*\.py)\)")
 COMMAND = re.compile(r"`(pcpc (?:run|simulate|experiment) [^`]*)`")

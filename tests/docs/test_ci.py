@@ -21,6 +21,8 @@ from wheel_file import wheel_file
 from pcpc.drivers.compiled.compile_cache import user_cache
 from pcpc.tools import cli
 
+pytestmark = pytest.mark.deep
+
 (_TEXT,) = [b.text for b in blocks_of(ROOT / "docs/ci.md") if b.text.startswith("# .github/")]
 WORKFLOW, WORKFLOW_FILE = yaml.safe_load(_TEXT), _TEXT.split()[1]
 (REQUIREMENTS,) = [b.text for b in blocks_of(ROOT / "docs/ci.md") if b.language == "text"]

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from blocks import KNOWN, ROOT, Reader, blocks_of
 
+pytestmark = pytest.mark.deep
+
 PAGE = ROOT / "CONTRIBUTING.md"
 TITLES = ("A law", "A plant", "A command")
 PARTS = (

@@ -7,6 +7,8 @@ from typing import Any
 import nbformat
 import pytest
 
+pytestmark = pytest.mark.deep
+
 SITE = Path(__file__).resolve().parents[2] / "docs" / "site"
 SPEC = importlib.util.spec_from_file_location("notebook", SITE / "notebook.py")
 assert SPEC is not None and SPEC.loader is not None

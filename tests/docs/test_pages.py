@@ -9,6 +9,8 @@ from blocks import KNOWN, PAGES, ROOT, SHOWN, Block, Reader, blocks_of
 from pcpc.tools.make import new
 from pcpc.tools.terminal import screen
 
+pytestmark = pytest.mark.deep
+
 BLOCKS = {page.relative_to(ROOT).as_posix(): blocks_of(page) for page in PAGES}
 BOOK = "docs/book/"  # quotes laws: test_book.py
 RUN = [

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.deep
+
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir"]
 

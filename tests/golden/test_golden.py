@@ -27,6 +27,7 @@ def test_a_golden_log_is_recomputed_bit_for_bit(name: str, tmp_path: Path) -> No
         assert verdict.identical, f"{name}: {verdict.first()} {verdict.incomplete}; {BLESS}"
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("name", RUNS)
 def test_a_whole_run_has_the_blessed_bits(name: str) -> None:
     plant, _, rig = name.partition("/")

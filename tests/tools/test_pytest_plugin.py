@@ -9,6 +9,8 @@ from copies import program
 
 from pcpc.drivers.compiled import compile_cache
 
+pytestmark = pytest.mark.deep
+
 pytest_plugins = ["pytester"]
 CACHES = compile_cache.user_cache()  # pytester's home is an empty one
 SIMULATED = """

@@ -12,6 +12,8 @@ import pytest
 from processes import ROOT
 from wheel_file import PARTS, wheel_file
 
+pytestmark = pytest.mark.deep
+
 STUDY = """\
 CHAPTER, TITLE = 0, "A study of nothing"
 

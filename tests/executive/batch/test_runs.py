@@ -6,12 +6,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from pcpc.drivers.compiled.lanes import WIDTH
 from pcpc.executive.batch.group import Group
 from pcpc.executive.batch.runs import Case, Runs
 from pcpc.executive.nodes.virtual import in_memory
 from pcpc.executive.rig.reading import load_rig
+
+pytestmark = pytest.mark.deep
 
 ROOT = Path(__file__).resolve().parents[3]
 BARREL = ROOT / "plants/atb1000/rigs/firetrack.yaml"

@@ -202,7 +202,7 @@ class Supervised(RuleBasedStateMachine):
 Supervised.TestCase.settings = settings(
     max_examples=300, stateful_step_count=40, derandomize=True, deadline=None
 )
-TestSupervised = Supervised.TestCase
+TestSupervised = pytest.mark.quick(Supervised.TestCase)
 
 
 @pytest.mark.parametrize("value", [1.0, 2.0, -0.5, 1e-300, math.nan])

@@ -159,6 +159,7 @@ ERRORS: dict[str, tuple[str, str, str]] = {
 }
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("name", ERRORS)
 def test_an_error_in_the_wiring_begins_with_its_place(tmp_path: Path, name: str) -> None:
     text, words, there = ERRORS[name]

@@ -98,6 +98,7 @@ LAW_FAULTS = [
 ]  # fmt: skip
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("case", [*SCHEMA, *BLOCKS, *FILES, *LAW_FAULTS], ids=lambda case: case.new)
 def test_a_wrong_rig_is_refused_at_its_place(write: Write, case: Case) -> None:
     what = message(write(case.old, case.new))

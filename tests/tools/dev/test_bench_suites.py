@@ -22,6 +22,8 @@ from pcpc.tools.dev.bench.ratio import Ratio
 from pcpc.tools.machine.jitter.compiler import CompilerError
 from pcpc.tools.terminal.progress import Progress
 
+pytestmark = pytest.mark.deep
+
 QUIET = Progress(quiet=True)
 CYCLES = 300
 

@@ -29,6 +29,7 @@ def finished(run: Run) -> logs.Log:
 # Tuning
 
 
+@pytest.mark.quick  # another test looks for its value in the log
 def test_a_tuning_is_acknowledged_with_its_cycle(run: Run, capsys: Screen) -> None:
     before = value(capsys, run, KV)
     code, out, err = said(capsys, run, "set", f"{KV}=121.5", "--json")

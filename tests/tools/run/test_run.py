@@ -287,6 +287,7 @@ KILLS = [
 ]  # fmt: skip
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(("victim", "pacing"), KILLS)
 def test_killed_process_ends_the_others_and_is_named(
     victim: str, pacing: str, tmp_path: Path

@@ -17,6 +17,8 @@ from pcpc.tools.dev.evidence import alarms, campaign, cli, matrix, report, resid
 from pcpc.tools.dev.evidence.campaign import WARM, Bench
 from pcpc.tools.dev.evidence.cases import CASES, Case
 
+pytestmark = pytest.mark.deep
+
 SETTINGS = [f"duration_s={matrix.LONGEST_S}"]
 
 

@@ -10,6 +10,8 @@ import pytest
 from pcpc.drivers.can import wire
 from pcpc.tools.dev.evidence import cli, expected, frames, report
 
+pytestmark = pytest.mark.deep
+
 COUNT = 400
 
 

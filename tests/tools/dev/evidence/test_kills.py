@@ -6,6 +6,8 @@ import pytest
 
 from pcpc.tools.dev.evidence import kills
 
+pytestmark = pytest.mark.deep
+
 WELL: dict[str, Any] = {
     "process": "host", "signal": "KILL", "at": 5, "unsafe": [], "exposed": {"plant": 70},
     "limit": 70, "opens": True, "why": "", "missing_ms": 500.0, "holes": 0, "left": [], "next": 0,

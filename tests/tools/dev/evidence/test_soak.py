@@ -17,6 +17,8 @@ from pcpc.tools import cli
 from pcpc.tools.dev.evidence import invariants, soak
 from pcpc.tools.start.children import Child
 
+pytestmark = pytest.mark.deep
+
 RIGS = Path(__file__).resolve().parents[4] / "plants" / "atb1000" / "rigs"
 NAME = "tx.CMD.motor_torque"
 RIG = f"""\

@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "plants" / "probe" / "device"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[4] / "plants" / "probe" / "device"))
 
 import probe
 

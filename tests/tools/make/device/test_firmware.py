@@ -20,6 +20,8 @@ from pcpc.tools.after.log import diff
 from pcpc.tools.make.generate.device import device
 from pcpc.tools.start.rigs import find
 
+pytestmark = pytest.mark.deep
+
 CYCLES = 500
 SHORT = ("--set", f"duration_s={CYCLES / 1000}", "--no-figure")
 

@@ -8,7 +8,10 @@ import pytest
 from processes import own_bus, pcpc
 from reference_fmus import fmu, rig
 
-pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
+pytestmark = [
+    pytest.mark.deep,
+    pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc"),
+]
 
 MORE = "inputs: {Float64_continuous_input: rx.CMD.command}"
 OUTPUT = "fmu.Float64_continuous_output"

@@ -21,7 +21,10 @@ from pcpc.executive.rig import yamlfile
 from pcpc.executive.rig.reading import Rig, load_rig
 from pcpc.tools.make.fmu import cli as fmu
 
-pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
+pytestmark = [
+    pytest.mark.deep,
+    pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc"),
+]
 
 HULL = PROBE.parent / "atb1000" / "rigs" / "hull.yaml"
 

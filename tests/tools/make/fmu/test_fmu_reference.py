@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 from reference_fmus import columns, fmu, rig
 
-pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
+pytestmark = [
+    pytest.mark.deep,
+    pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc"),
+]
 
 RATE = 100.0
 

@@ -18,7 +18,10 @@ from pcpc.executive.nodes import fmus
 from pcpc.executive.nodes.virtual import VirtualRun, in_memory
 from pcpc.executive.rig.reading import load_rig
 
-pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc")
+pytestmark = [
+    pytest.mark.deep,
+    pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here: apt install gcc"),
+]
 
 RATE = 100.0
 

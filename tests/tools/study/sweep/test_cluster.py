@@ -22,6 +22,8 @@ from pcpc.tools.study.sweep.campaign import Campaign, Shard
 from pcpc.tools.study.sweep.work import Work
 from pcpc.tools.terminal.progress import Progress
 
+pytestmark = pytest.mark.deep
+
 RIG = str(Path(__file__).resolve().parents[4] / "tools/make/template/rig.yaml")
 SHORT = ("duration_s=0.6", "evaluation.window_s=[0.1, 0.6]", "evaluation.rest_from_s=0.4")
 VARY = ("motor.coulomb_Nm=x0.5:2",)

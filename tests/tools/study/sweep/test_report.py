@@ -20,6 +20,8 @@ from pcpc.tools.study.sweep.report import report as report_of
 from pcpc.tools.study.sweep.results import Results, comparisons
 from pcpc.tools.study.sweep.summary import summary
 
+pytestmark = pytest.mark.deep
+
 ERROR = "metric:error_rms_mrad"
 BARE = ["draw", "controller", "seed", "outcome", "ok", "why"]
 
