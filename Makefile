@@ -15,7 +15,7 @@ CHOICE = tests/golden tests/drivers tests/executive/batch tests/fuzz \
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 PIP = @$(PYTHON) -P tools/dev/installing.py $(BIN)/pip install --disable-pip-version-check --progress-bar off
 
-.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet install lint loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
+.PHONY: run help test test-deep test-all test-choice test-pythons test-quiet install lint release loop laws compiled size bless docs notebook reference test-vcan vcan-tools test-browser browser-tools firmware-tools clean tools
 
 run: install ## the main job: a closed loop; picture, log and verdict in runs/
 	$(BIN)/pcpc run $(RIG)
@@ -89,6 +89,9 @@ firmware-tools: ## compilers and QEMU for generated C; uses sudo
 
 size: install ## tokens and lines of each room; SINCE=main: and what was added
 	@$(BIN)/python tools/dev/size.py $(SINCE)
+
+release: tools ## sdist and wheel in dist/, tried in an empty environment
+	@$(BIN)/python tools/dev/release.py
 
 lint: tools ## ruff and mypy
 	$(BIN)/ruff check .

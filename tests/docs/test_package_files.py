@@ -1,10 +1,15 @@
 """What users of a package look for beside the code says the same as pyproject.toml."""
 
+import json
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 
+import pytest
 import yaml
+
+from pcpc.tools.dev import release
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -28,3 +33,60 @@ def test_the_package_is_typed_and_says_for_whom_it_is() -> None:
     assert (ROOT / "pcpc/py.typed").is_file() and "Typing :: Typed" in PROJECT["classifiers"]
     assert PROJECT["authors"] and PROJECT["keywords"]
     assert "*Report a vulnerability*" in (ROOT / "SECURITY.md").read_text("utf-8")
+
+
+def test_a_hosted_runner_does_what_a_submission_has_to_pass() -> None:
+    flow = yaml.safe_load((ROOT / ".github/workflows/tests.yaml").read_text("utf-8"))
+    (job,) = flow["jobs"].values()
+    assert [step["run"] for step in job["steps"] if "run" in step] == ["bash .ci/run"]
+    assert set(flow[True]) == {"push", "pull_request"}, "YAML 1.1 reads `on` as true"
+    python = next(step["with"] for step in job["steps"] if "python" in step.get("uses", ""))
+    assert PROJECT["requires-python"] == f">={python['python-version']}"
+
+
+def test_before_a_commit_runs_what_lint_runs() -> None:
+    (repo,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text("utf-8"))["repos"]
+    entries = [hook["entry"].replace(".venv/bin/", "") for hook in repo["hooks"]]
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    recipe = makefile.partition("\nlint:")[2].partition("\n\n")[0]
+    lines = [line.strip().removesuffix(" .") for line in recipe.splitlines()[1:]]
+    assert [f"$(BIN)/{entry}" for entry in entries] == lines
+
+
+@pytest.mark.parametrize("name", ["fault", "wish"])
+def test_who_opens_an_issue_is_asked_for_what_is_needed(name: str) -> None:
+    form = yaml.safe_load((ROOT / f".github/ISSUE_TEMPLATE/{name}.yaml").read_text("utf-8"))
+    assert form["name"] and form["description"], "the format demands them"
+    needed = [one["id"] for one in form["body"] if one.get("validations", {}).get("required")]
+    assert needed == {"fault": ["seen", "expected", "doctor"], "wish": ["task"]}[name]
+
+
+def test_the_container_has_what_a_fresh_machine_is_given() -> None:
+    docker = (ROOT / "Dockerfile").read_text("utf-8")
+    given = (ROOT / ".ci/run").read_text("utf-8").partition("--no-install-recommends ")[2]
+    for package in given.partition(" >")[0].split():
+        assert f" {package}" in docker or package == "python3-venv", "the image has Python"
+    assert "RUN make tools" in docker and 'CMD ["make", "run"]' in docker
+    container = json.loads((ROOT / ".devcontainer/devcontainer.json").read_text("utf-8"))
+    file = ROOT / ".devcontainer" / container["build"]["dockerfile"]
+    assert file.resolve() == ROOT / "Dockerfile"
+    ignored = (ROOT / ".dockerignore").read_text("utf-8").split()
+    assert {".venv", "runs"} <= set(ignored) and "tests" not in ignored
+
+
+def test_what_git_does_not_have_is_not_released(tmp_path: Path) -> None:
+    def git(*words: str) -> None:
+        own = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
+        subprocess.run(["git", *own, *words], cwd=tmp_path, check=True, capture_output=True)
+
+    git("init")
+    (tmp_path / ".gitignore").write_text("build\ndist\n")
+    git("add", ".")
+    git("commit", "-m", "all")
+    assert release.obstacles(tmp_path) == []
+    (tmp_path / "new.py").touch()
+    (tmp_path / "build/lib").mkdir(parents=True)
+    (tmp_path / "dist").mkdir()
+    (tmp_path / "dist/old.whl").touch()
+    found = " ".join(release.obstacles(tmp_path))
+    assert all(name in found for name in ("new.py", "build/lib", "old.whl")), found
