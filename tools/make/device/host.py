@@ -14,7 +14,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -113,10 +113,23 @@ class Device:
 
 
 class _WaitingForDevice(PeerWait):
-    """As `PeerWait`, and over once the device's command is."""
+    """As `PeerWait`, and over once the device's command is.
+
+    What is heard is noted while it comes: a device that sends fast fills the ring within seconds.
+    """
 
     device: Device
-    heard = ""  # what came of the device, once it was too long
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._heard: dict[str, set[str]] = {}
+
+    @property
+    def heard(self) -> str:
+        """Which frames of the device the plant has heard, and what was wrong with them."""
+        names = [frame.name for frame in _frames(self.rig) if frame.name in self._heard]
+        wrong = {name: f" ({', '.join(sorted(self._heard[name]))})" for name in names}
+        return ", ".join(name + wrong[name] * bool(self._heard[name]) for name in names)
 
     def too_long(self, blocks: Any, under_way: bool) -> bool:
         """Return whether the node has waited for too long, or waits for nobody any more."""
@@ -126,10 +139,10 @@ class _WaitingForDevice(PeerWait):
             return False
         if self.device.ended:
             return True
-        over = super().too_long(blocks, under_way)
-        if over:
-            self.heard = heard_frames(self.rig, blocks["plant"])
-        return over
+        if "plant" in blocks and not under_way:
+            for name, wrong in heard_frames(self.rig, blocks["plant"]):
+                self._heard.setdefault(name, set()).update(wrong)
+        return super().too_long(blocks, under_way)
 
     def message(self, leader: str, bus: str, rig_file: str) -> str:
         """Return what to say once it was too long: what came, and what did not."""
@@ -148,17 +161,15 @@ def _frames(rig: Rig) -> tuple[dbc.Frame, ...]:
     return dbc.frames(database_of(rig), rig.config.executive.node, "tx")
 
 
-def heard_frames(rig: Rig, block: sh.Shared) -> str:
-    """Return which frames of the device a plant has heard, and what was wrong with them."""
+def heard_frames(rig: Rig, block: sh.Shared) -> Iterator[tuple[str, list[str]]]:
+    """Yield which frames of the device stand in a plant's ring, and what was wrong with them."""
     rows, _ = rows_of(block, "frame", 0)
     frames = np.ascontiguousarray(rows[:, 1:]).view(FRAME)[:, 0]
-    found = []
     for frame in _frames(rig):
         came = frames[(frames["id"] == frame.word) & (frames["direction"] == 1)]
-        odd = [e2e_states.name_of(int(state)) for state in np.unique(came["e2e"]) if state > 1]
         if len(came):
-            found.append(frame.name + (f" ({', '.join(odd)})" if odd else ""))
-    return ", ".join(found)
+            states = [int(state) for state in np.unique(came["e2e"]) if state > 1]
+            yield frame.name, [e2e_states.name_of(state) for state in states]
 
 
 class DeviceHost(Host):
@@ -170,8 +181,8 @@ class DeviceHost(Host):
                 raise UserError(f"--device {program}: no such program, or it may not be run")
         super().__init__(options, rig, ("plant",), folder)
         self.device = Device(options.device, str(self.bus), folder / OUTPUT)
-        self.waiting = _WaitingForDevice(rig, ("plant",))
-        self.waiting.device = self.device
+        self.waiting = self.of_device = _WaitingForDevice(rig, ("plant",))
+        self.of_device.device = self.device
         self.counts: witness.Counts = {}
 
     def run(self) -> int:
@@ -211,7 +222,7 @@ class DeviceHost(Host):
     def _state(self) -> str:
         if "plant" in self.nodes and self.nodes["plant"].ready and not self._under_way():
             waited = 1e-9 * (time.monotonic_ns() - self.begin_ns)
-            heard = heard_frames(self.rig, self.nodes["plant"].block)
+            heard = self.of_device.heard
             came = f", which sent {heard} so far" if heard else ""
             return f"waiting for the device on {self.bus}{came}, {waited:.0f} s"
         return super()._state()
