@@ -2,7 +2,8 @@
 
 A test file reaches what it imports, at the top or inside a function, and what that imports; what
 the command does that it names ("run"); the plant whose rig or folder it names ("engage"). One that
-searches folders (`glob`) reaches all. It is an estimate from names: before a release all tests run.
+searches folders (`glob`) reaches all, one of the pages every page. It is an estimate from names:
+before a release all tests run.
 """
 
 import ast
@@ -14,8 +15,7 @@ from pathlib import Path
 import pcpc
 
 ROOT = Path(__file__).resolve().parents[1]
-FOR_ALL = ("pyproject.toml", "Makefile", "tests/conftest.py", "tests/reach.py")
-AREAS = ("drivers", "executive", "plants", "tools", "tests", "pcpc")
+FOR_ALL = ("pyproject.toml", "Makefile", "tests/conftest.py", "tests/reach.py", "tests/copies.py")
 
 
 def changed_files(reference: str) -> set[Path]:
@@ -34,6 +34,8 @@ def reached(test: Path, changed: set[Path]) -> bool:
         return True
     if "glob(" in text(test):
         return bool(changed)
+    if test.parent == ROOT / "tests/docs" and any(file.suffix == ".md" for file in changed):
+        return True
     files = closure(test)
     folders = {file.relative_to(ROOT).parts[:2] for file in files}
     plants = {folder for folder in folders if folder[0] == "plants" and len(folder) > 1}
@@ -70,6 +72,8 @@ def edges(file: Path) -> frozenset[Path]:
     names = [name for node in ast.walk(tree) for name in _imported(node)]
     found = {path for name in names for path in _modules(name)}
     if file.is_relative_to(ROOT / "tests"):
+        rooms = [one for one in file.parents if one.is_relative_to(ROOT / "tests")][:-1]
+        found |= {one / "conftest.py" for one in rooms if (one / "conftest.py").is_file()}
         words = {
             word
             for node in ast.walk(tree)
@@ -104,7 +108,7 @@ def _modules(name: str) -> tuple[Path, ...]:
     if parts[0] == "pcpc":
         places = [ROOT.joinpath(*parts[1:])] if parts[1:] else [ROOT / "pcpc"]
     else:
-        places = [file.with_suffix("") for file in test_helpers().get(parts[0], ())]
+        places = [file.with_suffix("") for file in files_of_tests().get(parts[0], ())]
     return tuple(
         file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")
         if file.is_file()
@@ -112,7 +116,7 @@ def _modules(name: str) -> tuple[Path, ...]:
 
 
 @cache
-def test_helpers() -> dict[str, list[Path]]:
+def files_of_tests() -> dict[str, list[Path]]:
     found: dict[str, list[Path]] = {}
     for file in (ROOT / "tests").rglob("*.py"):
         found.setdefault(file.stem, []).append(file)
@@ -133,10 +137,14 @@ def commands() -> dict[str, tuple[Path, ...]]:
 
 @cache
 def plants() -> dict[str, tuple[Path, ...]]:
-    """Return the Python files of the plant that a rig's or a folder's name stands for."""
+    """Return the files of the plant that a rig's or a folder's name stands for, and all laws.
+
+    A rig names laws of the executive by their bare names.
+    """
     found: dict[str, tuple[Path, ...]] = {}
+    laws = tuple((ROOT / "executive/laws").rglob("*.py"))
     for folder in (ROOT / "plants").iterdir():
-        files = tuple(folder.rglob("*.py"))
+        files = (*folder.rglob("*.py"), *laws)
         names: Iterable[str] = [rig.stem for rig in folder.glob("rigs/*.yaml")]
         found |= dict.fromkeys([folder.name, *names, *(f"{name}.yaml" for name in names)], files)
     return found

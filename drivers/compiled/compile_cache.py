@@ -34,6 +34,14 @@ class _Watch:
     def __init__(self) -> None:
         self.listener: Callable[[int], None] | None = None
         self.done = 0
+        self.helper = 0  # the process that compiles for this one
+        self._named: set[str] = set()
+
+    def tell_holder(self, process: str) -> None:
+        """Say for which process this one waits, once, but for its own helper."""
+        if self.listener is not None and process not in {*self._named, str(self.helper)}:
+            self._named.add(process)
+            print(f"waiting for process {process}, which compiles the same", file=sys.stderr)
 
 
 watch = _Watch()

@@ -6,10 +6,10 @@ functions of a rig. So a function that is compiled while another one is stays `i
 lowered and linked into its callers, not optimised alone. When Python calls it, or somebody asks for
 its address, it becomes machine code, too: a root. What callers link in of a helper of laws and
 plants is kept for further ones (`kept_code.for_callers`). A `part` is a root always, so that one
-process can compile it while another one is at something else (`executive.nodes.ahead`).
+process can compile it while another one is at something else (`executive.nodes.first_start`).
 
-The bits and the speed are the same, a first start takes half as long. Uses private parts of numba:
-`install` names each of them.
+The bits and the speed are the same, a first start takes half the processor time. Uses private
+parts of numba: `install` names each of them.
 """
 
 import gc
@@ -21,9 +21,7 @@ from typing import Any
 from llvmlite import binding
 from numba.core import codegen, cpu, dispatcher, environment, sigutils
 
-_PATIENT = 50_000, 20, 100  # of the garbage collector: a tenth of the time goes to it else
-
-
+_COLLECT = 50_000, 20, 100  # thresholds of the garbage collector, which took a tenth of the time
 _set_environment = codegen.JITCPUCodegen.set_env
 
 
@@ -108,16 +106,12 @@ class _Entry:
     """What the callers of an inner function know it by: nothing that Python could call."""
 
 
-def _nothing() -> None:
-    """Is what a function without a cache does for others."""
-
-
 @contextmanager
 def _deeper(root: bool) -> Iterator[None]:
     above, patience = _depth.now, gc.get_threshold()
     _depth.now = 1 if root else above + 1
     if above == 0:
-        gc.set_threshold(*_PATIENT)
+        gc.set_threshold(*_COLLECT)
     try:
         yield
     finally:
@@ -143,7 +137,8 @@ def install() -> None:
             try:
                 return compile_one(self, signature)
             finally:
-                getattr(self._cache, "release", _nothing)()
+                if hasattr(self._cache, "release"):  # not where a function is not kept
+                    self._cache.release()
 
     def with_address(self: Any, signature: Any) -> Any:
         above, _depth.now = _depth.now, 0

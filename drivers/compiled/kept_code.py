@@ -5,9 +5,8 @@
 
 `install` puts it in the place of numba's own cache, whose errors end the program. A file is the
 SHA-256 of the rest and the rest, which is numba's: an index (source stamp, signature -> name) or
-the code of one function and signature. Of processes that want the same function at the
-same time one compiles it, the others wait for it. The one place that uses private parts of numba's
-cache.
+the code of one function and signature. Of processes that want the same function one compiles it,
+the others wait. The one place that uses private parts of numba's cache.
 """
 
 import fcntl
@@ -17,10 +16,10 @@ import pickle
 import sys
 import sysconfig
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import EnumMeta
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import IO, Any
 
 import numpy as np
@@ -140,7 +139,7 @@ class Kept(caching.Cache):
         return self._load_overload(signature, context)
 
     def _index_key(self, signature: Any, codegen: Any) -> Any:
-        return (*super()._index_key(signature, codegen), constants(self._function))
+        return (*super()._index_key(signature, codegen), content(self._function))
 
     def _load_overload(self, signature: Any, context: Any) -> Any:
         if not inner.inside():
@@ -162,12 +161,19 @@ class Kept(caching.Cache):
 
     def _wait(self, signature: Any, context: Any) -> Any:
         """Wait for who compiles this function, return what it has kept; None: it is on us now."""
-        if not self._folders:
+        if not self._folders or self._claim is not None:
             return None
         try:
             compile_cache.make(self._folders[0])
-            self._claim = open(self._folders[0] / f"{self._impl.filename_base}.lock", "wb")  # noqa: SIM115
-            fcntl.flock(self._claim, fcntl.LOCK_EX)
+            lock = self._folders[0] / f"{self._impl.filename_base}.lock"
+            self._claim = open(lock, "a+b", 0)  # noqa: SIM115  closed by release
+            try:
+                fcntl.flock(self._claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                compile_cache.watch.tell_holder(lock.read_text(errors="replace"))
+                fcntl.flock(self._claim, fcntl.LOCK_EX)
+            self._claim.truncate(0)
+            self._claim.write(str(os.getpid()).encode())
         except OSError:  # no room, or a disk that knows no locks
             return None
         return self._kept(signature, context)
@@ -214,11 +220,12 @@ def for_callers(function: Any) -> Any:
     return function
 
 
-def constants(function: Any) -> str:
-    """Return a digest of the constants that a function from outside the project can name; "" else.
+def content(function: Any) -> str:
+    """Return a digest of the code and constants that a function from outside the project can name.
 
-    Compiled code keeps them as they were at the import, which may make them of the environment, of
-    a clock or by lot: no file tells. Those of the modules and functions that it names count, too.
+    "" for one of the project. Compiled code has in it what it calls, whose file may be another one,
+    and constants as they were at the import, which may make them of the environment, of a clock or
+    by lot: no file tells. Those of the modules and functions that it names count, too.
     """
     digest, seen = hashlib.sha256(), set()
     pending = [function.__globals__]
@@ -230,8 +237,10 @@ def constants(function: Any) -> str:
         for name, value in sorted(names.items()):
             if isinstance(value, ModuleType):
                 pending.append(vars(value))
-            elif hasattr(inner := getattr(value, "py_func", value), "__globals__"):
-                pending.append(inner.__globals__)
+            elif isinstance(plain := getattr(value, "py_func", value), FunctionType):
+                pending.append(plain.__globals__)
+                if _is_outside(plain.__globals__.get("__file__")):
+                    digest.update(f"{name} {_meaning(plain)}\n".encode())
             elif isinstance(value, np.ndarray):
                 digest.update(f"{name} {value.dtype} {value.shape}".encode() + value.tobytes())
             elif isinstance(value, _CONSTANT) and not name.startswith("__"):
@@ -239,6 +248,23 @@ def constants(function: Any) -> str:
             elif isinstance(value, EnumMeta):
                 digest.update(f"{name} {list(value)}\n".encode())
     return digest.hexdigest() if seen else ""
+
+
+def _meaning(function: FunctionType) -> str:
+    """Return code, defaults and closed-over constants of a function, whatever its file."""
+    fixed = []
+    for cell in function.__closure__ or ():
+        with suppress(ValueError):  # nothing is in it yet
+            fixed += [cell.cell_contents] if isinstance(cell.cell_contents, _CONSTANT) else []
+    return f"{_code(function.__code__)} {function.__defaults__} {fixed}"
+
+
+def _code(code: CodeType) -> str:
+    values = []
+    for value in code.co_consts:
+        of_code = _code(value) if isinstance(value, CodeType) else repr(value)
+        values.append(str(sorted(map(repr, value))) if isinstance(value, frozenset) else of_code)
+    return f"{code.co_code.hex()} {values} {code.co_names} {code.co_varnames} {code.co_freevars}"
 
 
 def _is_outside(file: str | None) -> bool:

@@ -227,6 +227,38 @@ def test_what_an_import_makes_of_the_environment_is_in_the_key(tmp_path: Path) -
     assert said() == ["112.0", "0"]
 
 
+def test_an_edit_two_files_below_a_law_is_noticed(tmp_path: Path) -> None:
+    """What a helper's callers link in has in it what that helper calls."""
+    head = "from pcpc.drivers.compiled.jit import compiled\n"
+    gain = "@compiled()\ndef gain(x):\n    return {} * x\n"
+    made = "def made(k):\n    @compiled()\n    def f(x):\n        return k * x\n    return f\n"
+    (tmp_path / "middle.py").write_text(
+        f"{head}from below import by_factory, gain\n"
+        "@compiled()\ndef helper(x):\n    return gain(x) + by_factory(x)\n"
+    )
+    (tmp_path / "law.py").write_text(
+        f"{head}from middle import helper\n@compiled()\ndef f(x):\n    return helper(x)\n"
+    )
+    main = "import sys; sys.path.insert(0, '.'); import law; print(law.f(1.0)); "
+    main += "from pcpc.drivers.compiled.compile_cache import watch; print(watch.done)"
+    mine = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+
+    def said(first: float, second: float) -> list[str]:
+        text = f"{head}{gain.format(first)}{made}by_factory = made({second})\n"
+        (tmp_path / "below.py").write_text(text)
+        words = [sys.executable, "-c", main]
+        done = subprocess.run(
+            words, check=True, capture_output=True, text=True, cwd=tmp_path, env=os.environ | mine
+        )
+        return done.stdout.split()
+
+    assert said(2.0, 10.0)[0] == "12.0"
+    assert said(2.0, 10.0) == ["12.0", "0"]
+    assert said(3.0, 10.0)[0] == "13.0", "other code"
+    assert said(3.0, 20.0)[0] == "23.0", "another constant of a closure"
+    assert said(2.0, 10.0)[0] == "12.0"
+
+
 def test_a_folder_of_the_environment_is_one_of_these_sources_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import Exit, UserError
-from pcpc.executive.nodes import ahead
 from pcpc.tools.cli import completion
 from pcpc.tools.cli.commands import COMMANDS, overview
 from pcpc.tools.terminal import screen
@@ -45,8 +44,10 @@ def _carry_out(words: Sequence[str]) -> int:
         from pcpc.tools.terminal.progress import Compiling
 
         Compiling().told(getattr(options, "quiet", False))
-        if getattr(options, "rig", None) is not None and getattr(options, "at", None) is None:
-            ahead.start(str(options.rig))
+    if command.compiles and command.module.startswith("run.") and hasattr(options, "rig"):
+        from pcpc.executive.nodes import first_start
+
+        first_start.start_helper(str(options.rig))
     module = import_module(f"pcpc.tools.{options.registered.module}")
     if not gc.isenabled():
         gc.freeze()

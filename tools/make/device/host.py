@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pcpc.drivers.can import dbc, e2e_states
 from pcpc.drivers.errors import UserError
 from pcpc.executive.log import recorder
 from pcpc.executive.log.reader import FRAME
-from pcpc.executive.loop import shared as sh
 from pcpc.executive.nodes.plan import cycles_of
 from pcpc.executive.nodes.rings import rows_of
 from pcpc.executive.rig.messages import database_of
@@ -123,6 +123,7 @@ class _WaitingForDevice(PeerWait):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self._heard: dict[str, set[str]] = {}
+        self._looked_at = 0  # rows of the ring
 
     @property
     def heard(self) -> str:
@@ -140,7 +141,9 @@ class _WaitingForDevice(PeerWait):
         if self.device.ended:
             return True
         if "plant" in blocks and not under_way:
-            for name, wrong in heard_frames(self.rig, blocks["plant"]):
+            rows, first = rows_of(blocks["plant"], "frame", self._looked_at)
+            self._looked_at = first + len(rows)
+            for name, wrong in heard_frames(self.rig, rows):
                 self._heard.setdefault(name, set()).update(wrong)
         return super().too_long(blocks, under_way)
 
@@ -161,9 +164,8 @@ def _frames(rig: Rig) -> tuple[dbc.Frame, ...]:
     return dbc.frames(database_of(rig), rig.config.executive.node, "tx")
 
 
-def heard_frames(rig: Rig, block: sh.Shared) -> Iterator[tuple[str, list[str]]]:
-    """Yield which frames of the device stand in a plant's ring, and what was wrong with them."""
-    rows, _ = rows_of(block, "frame", 0)
+def heard_frames(rig: Rig, rows: NDArray[np.int64]) -> Iterator[tuple[str, list[str]]]:
+    """Yield which frames of the device stand in rows of a ring, and what was wrong with them."""
     frames = np.ascontiguousarray(rows[:, 1:]).view(FRAME)[:, 0]
     for frame in _frames(rig):
         came = frames[(frames["id"] == frame.word) & (frames["direction"] == 1)]

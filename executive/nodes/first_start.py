@@ -4,7 +4,7 @@ A process of its own compiles the loop's parts that the command comes to late, t
 steps. The command waits for a function that is being compiled here, and finds those that are done
 (`drivers.compiled.kept_code`). Nothing depends on it: should it fail, the command compiles all.
 
-    executive.nodes.ahead RIG PID        ends with process PID
+    executive.nodes.first_start RIG PID        ends with process PID
 """
 
 import ctypes
@@ -15,19 +15,20 @@ import sys
 
 from pcpc.drivers.compiled import compile_cache
 
-_MODULE = "pcpc.executive.nodes.ahead"
+_MODULE = "pcpc.executive.nodes.first_start"
 _PR_SET_PDEATHSIG = 1
 
 
-def start(rig: str) -> None:
+def start_helper(rig: str) -> None:
     """Compile in a second process, where nothing is compiled and there is a processor for it."""
     if len(os.sched_getaffinity(0)) < 2 or not compile_cache.is_empty():
         return
     silent = subprocess.DEVNULL
-    subprocess.Popen(
+    helper = subprocess.Popen(
         [sys.executable, "-P", "-m", _MODULE, rig, str(os.getpid())],
         stdin=silent, stdout=silent, stderr=silent, start_new_session=True,
     )  # fmt: skip
+    compile_cache.watch.helper = helper.pid
 
 
 def main(rig: str, parent: int) -> None:
