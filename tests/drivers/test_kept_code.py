@@ -242,6 +242,7 @@ def test_an_edit_two_files_below_a_law_is_noticed(tmp_path: Path) -> None:
     main = "import sys; sys.path.insert(0, '.'); import law; print(law.f(1.0)); "
     main += "from pcpc.drivers.compiled.compile_cache import watch; print(watch.done)"
     mine = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+    mine["PYTHONDONTWRITEBYTECODE"] = "1"  # Python tells edits within a second by size only
 
     def said(first: float, second: float) -> list[str]:
         text = f"{head}{gain.format(first)}{made}by_factory = made({second})\n"
