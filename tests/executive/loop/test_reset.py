@@ -78,6 +78,20 @@ def test_a_reset_is_refused_while_the_ramp_lasts_and_without_a_fault(waiting: Be
     assert node.state == "FAULT"
 
 
+def test_a_reset_that_comes_past_the_refusal_is_not_heard_while_the_ramp_lasts(
+    waiting: Bench,
+) -> None:
+    """A schedule or a law may write it: nobody has judged that request."""
+    node = waiting.executive
+    waiting.run(3, {"FB_A": LOST})
+    node[RESET] = 1.0
+    waiting.run(1)
+    assert node["supervisor.gain"] > 0.0 and node[RESET] == 0.0, "it is over"
+    waiting.run(2 * RAMP_CYCLES)
+    told = [code for _, code, _ in node.events(Event.FAULT)]
+    assert told == [Fault.INPUT_MISSING] and node.state == "FAULT"
+
+
 def test_a_reset_with_the_cause_still_there_is_the_same_fault_again(waiting: Bench) -> None:
     node = waiting.executive
     node["controller.other_Nm"] = np.nan
