@@ -20,6 +20,7 @@ from pcpc.drivers.compiled.jit import inline
 _TWO_52 = 2.0**52  # float64 from here on are integers
 _TWO_63 = 2.0**63
 _TOP_BIT = -(2**63)
+_ODD_BYTES, _ODD_PAIRS, _LOW_HALF = 0x00FF_00FF_00FF_00FF, 0x0000_FFFF_0000_FFFF, 0xFFFF_FFFF
 
 
 @inline
@@ -33,19 +34,34 @@ def frame_of(word: int, frames: NDArray[Any], n_frames: int) -> int:
 
 
 @inline
-def _little(data: NDArray[np.uint8]) -> np.int64:
-    word = np.int64(0)
-    for i in range(8):
-        word |= np.int64(data[i]) << np.int64(8 * i)
-    return word
+def four_bytes(data: NDArray[np.uint8], at: int) -> np.int64:
+    """Return the little-endian word of the 4 bytes from `at` on: one load, where `at` is known."""
+    low = np.int64(data[at]) | np.int64(data[at + 1]) << np.int64(8)
+    high = np.int64(data[at + 2]) | np.int64(data[at + 3]) << np.int64(8)
+    return np.int64(low | high << np.int64(16))
 
 
 @inline
-def _big(data: NDArray[np.uint8]) -> np.int64:
-    word = np.int64(0)
-    for i in range(8):
-        word |= np.int64(data[i]) << np.int64(56 - 8 * i)
-    return word
+def eight_bytes(data: NDArray[np.uint8], at: int) -> np.int64:
+    """Return the little-endian word of the 8 bytes from `at` on."""
+    return np.int64(four_bytes(data, at) | four_bytes(data, at + 4) << np.int64(32))
+
+
+@inline
+def put_four_bytes(data: NDArray[np.uint8], at: int, word: int) -> None:
+    """Write a little-endian word into 4 bytes from `at` on."""
+    data[at] = word & 255
+    data[at + 1] = (word >> np.int64(8)) & 255
+    data[at + 2] = (word >> np.int64(16)) & 255
+    data[at + 3] = (word >> np.int64(24)) & 255
+
+
+@inline
+def _swapped(word: np.int64) -> np.int64:
+    """Return the word with its bytes in the other order."""
+    pairs = (word & _ODD_BYTES) << np.int64(8) | (word >> np.int64(8)) & _ODD_BYTES
+    fours = (pairs & _ODD_PAIRS) << np.int64(16) | (pairs >> np.int64(16)) & _ODD_PAIRS
+    return np.int64(fours << np.int64(32) | (fours >> np.int64(32)) & _LOW_HALF)
 
 
 @inline
@@ -85,25 +101,38 @@ def unpack(
     values: NDArray[np.float64],
 ) -> None:
     """Decode `data` (8 bytes) by row `frame` of the tables into the signals' places in `values`."""
-    little, big = _little(data), _big(data)
-    for row in range(frames[frame].first, frames[frame].end):
+    little = eight_bytes(data, 0)
+    big = _swapped(little)
+    for row in range(np.uint64(frames[frame].first), np.uint64(frames[frame].end)):
         signal = signals[row]
         word = big if signal.big_endian != 0 else little
         raw = (word >> signal.shift) & signal.mask
         raw = (raw ^ signal.sign) - signal.sign
-        values[signal.variable] = _unscale(raw, signal)
+        values[np.uint64(signal.variable)] = _unscale(raw, signal)
 
 
 @inline
-def _bits(code: float, kind: int) -> np.int64:
-    """Return the int64 that holds this raw value, which lies within the range of its signal."""
-    if kind == dbc.FLOAT_32:
+def _float_bits(code: float, signal: Any) -> np.int64:
+    """Return the int64 of the nearest number within the limits, as it is on the wire."""
+    if code < signal.code_low:
+        code = signal.code_low
+    elif code > signal.code_high:
+        code = signal.code_high
+    if signal.kind == dbc.FLOAT_32:
         return np.int64(np.float32(code).view(np.int32))
-    if kind == dbc.FLOAT_64:
-        return np.float64(code).view(np.int64)
-    if code >= _TWO_63:
-        return np.int64(code - _TWO_63) ^ np.int64(_TOP_BIT)
-    return np.int64(code)
+    return np.float64(code).view(np.int64)
+
+
+@inline
+def _bits(code: float, signal: Any) -> np.int64:
+    """Return the int64 of the nearest integer within the limits; `code` is an integer."""
+    if code < signal.code_low:
+        return signal.bits_low
+    if code > signal.code_high:
+        return signal.bits_high
+    if code < _TWO_63:
+        return np.int64(code)
+    return np.int64(code - _TWO_63) ^ np.int64(_TOP_BIT)
 
 
 @inline
@@ -119,32 +148,25 @@ def pack(
     Returns how many signals saturated: the nearest raw value lies outside of its limits, or NaN.
     """
     little, big, saturated = np.int64(0), np.int64(0), np.int64(0)
-    for row in range(frames[frame].first, frames[frame].end):
+    for row in range(np.uint64(frames[frame].first), np.uint64(frames[frame].end)):
         signal = signals[row]
-        kind = signal.kind
-        is_float = kind == dbc.FLOAT_32 or kind == dbc.FLOAT_64
-        low, high = signal.code_low, signal.code_high
-        value = values[signal.variable]
-        code = (value - signal.offset) / signal.factor
-        if not is_float:
-            code = _round(code)
-        if code != code:
-            bits = np.int64(0)
-            saturated += 1
-        elif code < low:
-            bits = _bits(low, kind) if is_float else signal.bits_low
-            saturated += 1
-        elif code > high:
-            bits = _bits(high, kind) if is_float else signal.bits_high
-            saturated += 1
+        code = (values[np.uint64(signal.variable)] - signal.offset) / signal.factor
+        kind, bits = signal.kind, np.int64(0)
+        if kind == dbc.FLOAT_32 or kind == dbc.FLOAT_64:
+            if code == code:
+                bits = _float_bits(code, signal)
         else:
-            bits = _bits(code, kind)
+            code = _round(code)
+            if code == code:
+                bits = _bits(code, signal)
+        if not signal.code_low <= code <= signal.code_high:
+            saturated += 1
         placed = (bits & signal.mask) << signal.shift
         if signal.big_endian != 0:
             big |= placed
         else:
             little |= placed
-    for i in range(8):
-        byte = (little >> np.int64(8 * i)) | (big >> np.int64(56 - 8 * i))
-        data[i] = byte & 255
+    word = little | _swapped(big)
+    put_four_bytes(data, 0, word)
+    put_four_bytes(data, 4, word >> np.int64(32))
     return saturated

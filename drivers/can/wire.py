@@ -31,7 +31,7 @@ from pcpc.drivers.can.wire_layout import (
     WIRE,
 )
 from pcpc.drivers.compiled import libc
-from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, loop_function
+from pcpc.drivers.compiled.jit import LOOP_INTERPRETED, loop_function, loop_inline
 from pcpc.drivers.compiled.structures import copy, structure
 
 END = structure(WIRE)  # the type of what all functions here take
@@ -212,15 +212,21 @@ def on_second(wire: Any, frame: Any) -> Any:
     return found
 
 
-@loop_function
+@loop_inline
 def put_frame(wire: Any) -> Any:
     """Send `wire.tx`; return True when the bus took it (never blocks)."""
-    if wire.kind == MEMORY:
-        if wire.outbox_put >= QUEUE_FRAMES:
-            return False
-        copy(wire.outbox[wire.outbox_put], wire.tx)
-        wire.outbox_put += 1
-        return True
+    if wire.kind != MEMORY:
+        return _send(wire)
+    if wire.outbox_put >= QUEUE_FRAMES:
+        return False
+    copy(wire.outbox[wire.outbox_put], wire.tx)
+    wire.outbox_put += 1
+    return True
+
+
+@loop_function
+def _send(wire: Any) -> Any:
+    """Send `wire.tx` by a system call; as `put_frame`."""
     if wire.kind == PYTHON_CAN:
         return _put_python_can(wire)
     if wire.kind == SOCKETCAN:
@@ -237,7 +243,7 @@ def put_frame(wire: Any) -> Any:
     return True
 
 
-@loop_function
+@loop_inline
 def get_frame(wire: Any, block: Any) -> Any:
     """Receive into `wire.rx`; return what came.
 
@@ -250,12 +256,18 @@ def get_frame(wire: Any, block: Any) -> Any:
 
     With `block` the call waits at most the socket's receive time-out (set when the bus was opened).
     """
-    if wire.kind == MEMORY:
-        if wire.inbox_taken == wire.inbox_put:
-            return NOTHING
-        copy(wire.rx, wire.inbox[wire.inbox_taken % QUEUE_FRAMES])
-        wire.inbox_taken += 1
-        return BUS_ERROR if wire.rx[3] & ERROR_FLAG != 0 else FRAME
+    if wire.kind != MEMORY:
+        return _receive(wire, block)
+    if wire.inbox_taken == wire.inbox_put:
+        return NOTHING
+    copy(wire.rx, wire.inbox[wire.inbox_taken % QUEUE_FRAMES])
+    wire.inbox_taken += 1
+    return BUS_ERROR if wire.rx[3] & ERROR_FLAG != 0 else FRAME
+
+
+@loop_function
+def _receive(wire: Any, block: Any) -> Any:
+    """Receive by system calls; as `get_frame`."""
     if wire.kind == PYTHON_CAN:
         return _get_python_can(wire, block)
     if wire.fd_rx2 < 0:

@@ -23,7 +23,7 @@ Python object, no allocation, no lock, no file.
 from typing import Any
 
 from pcpc.drivers.compiled import libc
-from pcpc.drivers.compiled.jit import i8, loop, loop_function, types
+from pcpc.drivers.compiled.jit import i8, loop, loop_function, loop_inline, types
 from pcpc.drivers.compiled.stage import ENTRY
 from pcpc.drivers.compiled.structures import structure, words
 from pcpc.executive.loop import control, meeting, timing
@@ -77,7 +77,7 @@ STEPS = types.UniTuple(ENTRY, sh.MAX_BLOCKS)
 DONE = control.place("done")
 
 
-@loop_function
+@loop_inline
 def publish(n: Any) -> None:
     """Publish the table and record the cycle; note when it was done."""
     timing.note(n)
@@ -91,7 +91,7 @@ def publish(n: Any) -> None:
         timing.count(n)
 
 
-@loop_function
+@loop_inline
 def next_cycle(n: Any) -> None:
     """Advance to the next cycle; tell how many periods were skipped."""
     next_period(n)

@@ -39,7 +39,7 @@ def find_not_finite(v: Any, first: Any, past: Any) -> Any:
     return np.int64(-1)
 
 
-@loop_function
+@loop_inline
 def check_finite(n: Any) -> Any:
     """Look at all outputs and at what is to be sent; note the first value that is not finite."""
     place = np.int64(-1)
@@ -56,7 +56,7 @@ def check_finite(n: Any) -> Any:
     return place >= 0
 
 
-@loop_function
+@loop_inline
 def limit_commands(n: Any) -> None:
     """Judge what is to be sent: finite or a fault; clamp, limit the rate, ramp to safe."""
     guard, table = n.guard, n.limits.table

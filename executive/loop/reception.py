@@ -34,7 +34,7 @@ from pcpc.executive.loop.strangers import is_foreign, note_foreign, note_repeat,
 DRAIN_FRAMES = 1024  # at most this many in one cycle
 
 
-@loop_function
+@loop_inline
 def receive(n: Any) -> None:
     """Drain what is there; before the clock runs, and in lockstep, block until all is here."""
     if paced(n):

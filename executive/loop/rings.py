@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from pcpc.drivers.can import codec
 from pcpc.drivers.compiled import libc
 from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop import shared as sh
@@ -26,23 +27,32 @@ def bits_of(value: Any) -> Any:
     return bits if value == value else NAN_BITS
 
 
-@loop_function
+@loop_inline
 def _free_row(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
     """Return the row to fill, or -1 when the ring is full and the row is dropped.
 
     The row follows from the loop's own words alone: `taken` may hold anything.
     """
-    put, until = ends[sh.PUT], np.int64(0)
-    while put - libc.load_acquire(taken, 0) >= rows:
+    put = ends[sh.PUT]
+    if put - libc.load_acquire(taken, 0) >= rows and not _room(n, ends, taken, rows):
+        ends[sh.DROPPED] += 1
+        return np.int64(-1)
+    return np.int64(np.uint64(put) % np.uint64(rows))
+
+
+@loop_function
+def _room(n: Any, ends: Any, taken: Any, rows: Any) -> Any:
+    """Wait for room in a full ring, where the rig says so; return whether there is any."""
+    until = np.int64(0)
+    while ends[sh.PUT] - libc.load_acquire(taken, 0) >= rows:
         over = n.rings.wait_recorder == 0
         if not over and stopping(n):
             until = machine_ns(n.clock) + LAST_WAIT_NS if until == 0 else until
             over = ends[sh.DROPPED] > 0 or machine_ns(n.clock) >= until
         if over:
-            ends[sh.DROPPED] += 1
-            return np.int64(-1)
+            return False
         libc.sched_yield()
-    return put % rows
+    return True
 
 
 @loop_function
@@ -51,16 +61,12 @@ def push_frame(n: Any, frame: Any, received: Any, state: Any) -> None:
     row = _free_row(n, n.frame_ends, n.frame_taken, sh.FRAME_RING_ROWS)
     if row < 0:
         return
-    word, data = np.int64(0), np.int64(0)
-    for i in range(4):
-        word |= np.int64(frame[i]) << (8 * i)
-    for i in range(8):
-        data |= np.int64(frame[8 + i]) << (8 * i)
+    word = codec.four_bytes(frame, 0) | np.int64(frame[4]) << 32
     n.frame[row, 0] = sh.CDR_HEADER
     n.frame[row, 1] = stamp(n.clock)
     n.frame[row, 2] = n.k
-    n.frame[row, 3] = word | np.int64(frame[4]) << 32 | received << 40 | state << 48
-    n.frame[row, 4] = data
+    n.frame[row, 3] = word | received << 40 | state << 48
+    n.frame[row, 4] = codec.eight_bytes(frame, 8)
     libc.store_release(n.frame_ends, sh.PUT, n.frame_ends[sh.PUT] + 1)
 
 
@@ -78,7 +84,7 @@ def push_event(n: Any, code: Any, argument: Any, value: Any) -> None:
     libc.store_release(n.event_ends, sh.PUT, n.event_ends[sh.PUT] + 1)
 
 
-@loop_function
+@loop_inline
 def push_record(n: Any) -> None:
     """Append the row of this cycle: the payloads of its state and timing messages."""
     rings, record = n.rings, n.record
@@ -100,7 +106,7 @@ def push_record(n: Any) -> None:
     libc.store_release(n.record_ends, sh.PUT, n.record_ends[sh.PUT] + 1)
 
 
-@loop_function
+@loop_inline
 def publish_table(n: Any) -> None:
     """Copy the table into the snapshot under the seqlock."""
     s = n.seq[0] | 1

@@ -30,8 +30,7 @@ def encode(n: Any, row: Any, counter: Any) -> Any:
     """Encode and protect the frame of one row of the transmit table; return the values clamped."""
     frame = n.wire.tx
     word = n.tx.frames[row].can_id | n.tx.frames[row].extended << can_id.EXTENDED_BIT
-    for i in range(4):
-        frame[i] = (word >> (8 * i)) & 255
+    codec.put_four_bytes(frame, 0, word)
     frame[4] = n.tx.frames[row].dlc
     data = data_of(frame)
     clamped = codec.pack(data, row, n.tx.frames, n.tx.signals, n.v)

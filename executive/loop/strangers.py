@@ -24,7 +24,7 @@ from pcpc.drivers.can import can_id, codec
 from pcpc.drivers.can.e2e_states import FrameState
 from pcpc.drivers.can.wire import FAILED, FRAME, get_frame
 from pcpc.drivers.can.wire_layout import STRANGER
-from pcpc.drivers.compiled.jit import loop_function
+from pcpc.drivers.compiled.jit import loop_function, loop_inline
 from pcpc.executive.loop.clock import now, runs, stopping
 from pcpc.executive.loop.events import Event
 from pcpc.executive.loop.faults import Fault
@@ -39,13 +39,10 @@ FOREIGN, REPEATED = 0, 1  # rows of `strange`
 SINCE, COUNT = 0, 1  # its columns: the pass in which the count began, and the count
 
 
-@loop_function
+@loop_inline
 def word_of(frame: Any) -> Any:
     """Return id and flags of a frame (16,)."""
-    word = np.int64(0)
-    for i in range(4):
-        word |= np.int64(frame[i]) << (8 * i)
-    return word
+    return codec.four_bytes(frame, 0)
 
 
 @loop_function
