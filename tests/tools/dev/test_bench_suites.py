@@ -1,6 +1,7 @@
 """The suites of `pcpc bench`: C does the work of Python; ratios are there; nothing is silent."""
 
 import ctypes
+import json
 import resource
 import sys
 from collections.abc import Callable
@@ -211,10 +212,31 @@ def test_suites_of_minutes_run_only_when_asked_by_name() -> None:
     assert set(ON_REQUEST) == {"batch", "host", "rate", "startup"} and set(ON_REQUEST) < set(SUITES)
 
 
-def test_without_scipy_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "scipy.integrate", None)
-    with pytest.raises(simulate.BenchError, match="no scipy; `pip install scipy`"):
-        simulate.by_scipy(simulate.segment(), "RK45", 1e-3)
+def test_what_is_missing_is_named_before_anything_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    assert main(["bench", "codec", "batch", "simulate", "--quiet"]) == 4
+    printed, told = capfd.readouterr()
+    assert printed == "" and len(told.splitlines()) == 1
+    assert told.startswith("not measured: codec batch simulate: cc: no C compiler on PATH; `apt")
+    monkeypatch.undo()
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    assert main(["bench", "batch", "simulate", "--quiet"]) == 4
+    told = capfd.readouterr().err
+    assert told.startswith("not measured: batch simulate: it needs scipy: ") and "pip" in told, told
+
+
+def test_each_of_several_suites_has_a_process_and_all_are_in_one_file(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "ratios.json"
+    words = ["bench", "codec", "steps", "--rounds", "1", "--quiet", "--json", str(table)]
+    assert main(words) == 0
+    suites = [row["suite"] for row in json.loads(table.read_text())]
+    assert suites[0] == "codec" and suites[-1] == "steps", f"{suites}"
+    assert capfd.readouterr().out.count("ratio") == len(suites)
 
 
 def test_the_lanes_of_the_suite_are_runs_of_their_own_and_fault_in_none() -> None:

@@ -1,14 +1,23 @@
-"""`pcpc bench [NAME...]`: ratios against a yardstick, measured interleaved in one run."""
+"""`pcpc bench [NAME...]`: ratios against a yardstick, measured interleaved in one run.
+
+Several suites are measured in a process each: what one compiles, and for which processor, is not
+what another one runs on. What is missing for a suite is named before the first one begins.
+"""
 
 import argparse
 import json
+import subprocess
 import sys
+import tempfile
 from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 from pcpc.drivers.errors import BusError, Exit, UserError
-from pcpc.tools.dev.bench.commands import SUITES
-from pcpc.tools.machine.jitter.compiler import BenchError
+from pcpc.tools.dev.bench.commands import NEEDS, SUITES
+from pcpc.tools.machine.jitter.compiler import BenchError, find
 from pcpc.tools.start.native import native
+from pcpc.tools.terminal.extras import need
 from pcpc.tools.terminal.outfile import check_file
 from pcpc.tools.terminal.progress import Progress
 
@@ -16,33 +25,71 @@ ON_REQUEST = ("rate", "host", "startup", "batch")  # one to three minutes each
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run suites and print their ratios; ENVIRONMENT where a yardstick is missing."""
+    """Measure suites and print their ratios; ENVIRONMENT where a yardstick is missing."""
     if unknown := [name for name in options.names if name not in SUITES]:
         raise UserError(f"{' '.join(unknown)}: no such suite; known: {', '.join(SUITES)}")
     if options.rounds < 1:
         raise UserError(f"--rounds {options.rounds}: expected 1 or more")
     check_file("--json", options.json)
-    with native(options.names == ["batch"]):  # as `pcpc sweep`
-        return _run_suites(options)
-
-
-def _run_suites(options: argparse.Namespace) -> int:
-    progress, found, code = Progress(options.quiet), [], Exit.OK
-    for name in options.names or [name for name in SUITES if name not in ON_REQUEST]:
+    names = options.names or [name for name in SUITES if name not in ON_REQUEST]
+    missing = {name: reason for name in names if (reason := _missing(name))}
+    for reason in sorted(set(missing.values())):
+        of = " ".join(name for name in missing if missing[name] == reason)
+        print(f"not measured: {of}: {reason}", file=sys.stderr)
+    names = [name for name in names if name not in missing]
+    if len(names) == 1:
+        found, code = _here(names[0], options)
+    else:
+        found, code = _in_processes(names, options)
+    if options.json:
         try:
-            ratios = import_module(f"pcpc.tools.dev.bench.{name}").measure(progress, options.rounds)
+            options.json.write_text(json.dumps(found, indent=1) + "\n")
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(options.json)) from None
+    return Exit.ENVIRONMENT if missing else code
+
+
+def _missing(name: str) -> str:
+    """Return which yardsticks of a suite are not here, and the cure; "" if all are."""
+    try:
+        for needed in NEEDS.get(name, ("cc",)):
+            if needed == "cc":
+                find()
+            else:
+                need("it needs", needed)
+    except UserError as error:
+        return str(error)
+    return ""
+
+
+def _here(name: str, options: argparse.Namespace) -> tuple[list[Any], int]:
+    """Measure one suite; return its ratios as JSON has them, and the exit code."""
+    progress = Progress(options.quiet)
+    with native(name == "batch"):  # as `pcpc sweep`
+        suite = import_module(f"pcpc.tools.dev.bench.{name}")
+        try:
+            ratios = suite.measure(progress, options.rounds)
         except (BenchError, BusError) as error:
             progress.close()
             print(f"{name}: {error}", file=sys.stderr)
-            code = Exit.ENVIRONMENT
-            continue
-        progress.close()
-        for ratio in ratios:
-            print(ratio)
-        found += ratios
-    if options.json:
-        try:
-            options.json.write_text(json.dumps([vars(r) for r in found], indent=1) + "\n")
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(options.json)) from None
-    return code
+            return [], Exit.ENVIRONMENT
+    progress.close()
+    for ratio in ratios:
+        print(ratio)
+    return [vars(ratio) for ratio in ratios], Exit.OK
+
+
+def _in_processes(names: list[str], options: argparse.Namespace) -> tuple[list[Any], int]:
+    """Measure suites one after the other, each in a process of its own; as `_here`."""
+    found, code = [], 0
+    with tempfile.TemporaryDirectory(prefix="pcpc-bench-") as folder:
+        for name in names:
+            table = Path(folder) / f"{name}.json"
+            words = ["bench", name, "--rounds", str(options.rounds), "--json", str(table)]
+            words += ["--quiet"] * options.quiet
+            command = [sys.executable, "-P", "-m", "pcpc.tools.cli", *words]
+            ended = subprocess.run(command, check=False).returncode
+            code = max(code, ended if ended >= 0 else Exit.ENVIRONMENT)
+            if table.is_file():
+                found += json.loads(table.read_text())
+    return found, code

@@ -22,6 +22,10 @@ _SUITES = {  # by their modules, one of which may go with what it measures
     "host": "lateness with the page of `pcpc host` and its clients against without",
     "startup": "the time from command to first cycle, warm and cold",
 }
+NEEDS = {  # yardsticks that a suite cannot do without, where C is not the only one
+    "recorder": (), "host": (), "startup": (), "simulate": ("cc", "scipy"),
+    "batch": ("cc", "scipy"),
+}  # fmt: skip
 SUITES = {
     name: text for name, text in _SUITES.items() if Path(__file__).with_name(f"{name}.py").is_file()
 }

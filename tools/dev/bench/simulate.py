@@ -130,11 +130,9 @@ def slopes(t: float, dt: float, p: Parameters, x: Motion, u: External, y: Motion
 
 
 def by_scipy(s: Segment, method: str, tolerance: float) -> NDArray[np.float64]:
-    """Return the muzzle angle, rad, after each period as solve_ivp finds it; BenchError."""
-    try:
-        from scipy.integrate import solve_ivp
-    except ImportError:
-        raise BenchError("no scipy; `pip install scipy` brings it") from None
+    """Return the muzzle angle, rad, after each period as solve_ivp finds it."""
+    from scipy.integrate import solve_ivp  # no other suite needs it
+
     w = States(s.x).external.values().copy()
     External(w).command_Nm = s.held
     out = np.empty(Motion.size)
