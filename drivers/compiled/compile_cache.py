@@ -7,8 +7,9 @@ an edit of a plant's law the loop need not be compiled again.
 
     $NUMBA_CACHE_DIR/HASH, else $XDG_CACHE_HOME/pcpc/compiled/HASH, else ~/.cache/...
     <temporary folder>/pcpc-UID/compiled/HASH    where the first one cannot be written
+    drivers/compiled/shipped/HASH                read only: what a released wheel brings
 
-Code in them is run, so neither may belong to anybody but this user or root.
+Code in them is run, so none may belong to anybody but this user or root.
 """
 
 import hashlib
@@ -23,6 +24,7 @@ from pathlib import Path
 
 FUNCTIONS = 180  # compiled by a first start of the barrel, in about 20 s on two processors
 _PROJECT = Path(__file__).resolve().parents[2]
+SHIPPED = Path(__file__).resolve().parent / "shipped"  # `make release` fills it
 _CORE = ("drivers", "executive")
 _COMPILED_FOLDERS = (*_CORE, "plants")
 _INTO_CODE = (".py", ".csv", ".txt", ".npy", ".npz", ".mat")  # modules, and tables they may read
@@ -60,7 +62,7 @@ def full_hash() -> str:
 @cache
 def _source_hash(areas: tuple[str, ...]) -> str:
     digest = hashlib.sha256(importlib.metadata.version("numba").encode())
-    digest.update(sys.version.encode())
+    digest.update(f"{sys.implementation.cache_tag} {sys.flags.optimize}".encode())
     for folder in areas:
         files = (os.path.join(at, name) for at, _, names in os.walk(_PROJECT / folder)
                  for name in names if name.endswith(_INTO_CODE))  # fmt: skip
@@ -138,6 +140,12 @@ def folders() -> list[Path]:
     return [f for f in dict.fromkeys((cache_folder(), temporary_folder())) if not distrust(f)]
 
 
+def shipped() -> list[Path]:
+    """Return the folder of code that came with the present sources, if there is one."""
+    folder = SHIPPED / source_hash()
+    return [folder] if folder.is_dir() and not distrust(folder) else []
+
+
 def distrust(folder: Path) -> str:
     """Return why code in `folder`, or in what will be made there, is not run; "" if it is."""
     for path in (folder, *folder.parents):
@@ -183,12 +191,12 @@ def count(since_s: float) -> int:
 
 
 def is_empty() -> bool:
-    """Return whether nothing is compiled for the present sources."""
-    return next(_compiled(), None) is None
+    """Return whether nothing is compiled for the present sources, here or in what was shipped."""
+    return not shipped() and next(_compiled(), None) is None
 
 
 def _compiled() -> Iterator[str]:
-    """Find the files with compiled functions."""
+    """Find the files with functions that were compiled here."""
     for folder in folders():
         for at, _, names in os.walk(folder):
             yield from (os.path.join(at, name) for name in names if name.endswith(".nbc"))

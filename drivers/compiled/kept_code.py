@@ -2,6 +2,7 @@
 
     truncated, damaged or of another user    compiled again
     cannot be kept (disk full, read-only)    kept in a temporary folder, else compiled at each start
+    shipped with a wheel                     read, where the user has none; never written
 
 `install` puts it in the place of numba's own cache, whose errors end the program. A file is the
 SHA-256 of the rest and the rest, which is numba's: an index (source stamp, signature -> name) or
@@ -131,6 +132,8 @@ class Kept(caching.Cache):
             stamp = f"{stamp} edited since {self._read}"
         self._folders = [folder / where for folder in compile_cache.folders()]
         self._places = [_Sealed(str(folder), base, stamp) for folder in self._folders]
+        brought = [folder / where for folder in compile_cache.shipped()]
+        self._readable = [*self._places, *(_Sealed(str(one), base, stamp) for one in brought)]
         return getattr(self, name)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
@@ -149,7 +152,7 @@ class Kept(caching.Cache):
     def _kept(self, signature: Any, context: Any, *kind: str) -> Any:
         """Return what a folder has; None, and the progress of compiling is told."""
         key = (*self._index_key(signature, context.codegen()), *kind)
-        for place in self._places if self._enabled else ():
+        for place in self._readable if self._enabled else ():
             if found := place.load(key):
                 file, data = found
                 compile_cache.was_compiled(file, self._function.__code__.co_filename)

@@ -20,7 +20,9 @@ LAW = "from pcpc.drivers.compiled.jit import compiled, f8\n" + "".join(
     f"@compiled(f8(f8))\ndef times{i}(x):\n    return {i}.0 * x\n\n" for i in range(10)
 )
 MAIN = """
+import pathlib, sys
 from pcpc.drivers.compiled import compile_cache
+compile_cache.SHIPPED = pathlib.Path(sys.argv[1])
 import law
 print([getattr(law, f"times{i}")(1.5) / 1.5 for i in range(10)] == list(range(10)))
 print(compile_cache.watch.done)
@@ -32,6 +34,7 @@ class Machine:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.cache, self.temporary = folder, folder / "cache", folder / "tmp"
+        self.shipped = folder / "shipped"
         self.temporary.mkdir()
         (folder / "law.py").write_text(LAW)
 
@@ -42,8 +45,8 @@ class Machine:
             "XDG_CACHE_HOME": str(self.cache), "TMPDIR": str(self.temporary),
         }  # fmt: skip
         done = subprocess.run(
-            [*before, sys.executable, "-c", MAIN], capture_output=True, text=True,
-            cwd=self.folder, env=environment,
+            [*before, sys.executable, "-c", MAIN, str(self.shipped)], cwd=self.folder,
+            env=environment, capture_output=True, text=True,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         right, compiled = done.stdout.split()
@@ -68,6 +71,23 @@ DAMAGE: tuple[Callable[[bytes], bytes], ...] = (
     lambda whole: b"", lambda whole: whole[: len(whole) // 2], lambda whole: whole + b"x",
     lambda whole: b"garbage" * 99, flipped,
 )  # fmt: skip
+
+
+def test_shipped_code_is_read_and_not_written(machine: Machine) -> None:
+    assert machine.run() == (10, "")
+    (machine.cache / "pcpc" / "compiled").rename(machine.shipped)
+    before = {file: file.read_bytes() for file in machine.shipped.rglob("*.nb?")}
+    assert machine.run() == (0, "") and not machine.files("*.nb?")
+    damaged = sorted(file for file in before if file.suffix == ".nbc")[3]
+    damaged.write_bytes(flipped(before[damaged]))
+    assert machine.run() == (1, "") and len(machine.files("*.nbc")) == 1
+    assert machine.run() == (0, ""), "what was compiled in its place is kept for this user"
+    damaged.write_bytes(before[damaged])
+    assert {file: file.read_bytes() for file in machine.shipped.rglob("*.nb?")} == before
+    machine.shipped.chmod(0o777)
+    (machine.shipped / compile_cache.source_hash()).chmod(0o777)
+    shutil.rmtree(machine.cache)
+    assert machine.run()[0] == 10, "code that everybody may write is not run"
 
 
 def test_damaged_files_are_compiled_again_and_mended(machine: Machine) -> None:

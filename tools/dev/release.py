@@ -2,6 +2,10 @@
 
 The sdist is made of what git has, the wheel of the sdist. In a new virtual environment without the
 repository the wheel then runs a shipped rig and the tutorial's first plant, with its test.
+
+The wheel brings what this Python compiles of loop, laws and plants, for any processor of this
+machine's kind: an environment with the plain wheel compiles it, the second wheel has it. Another
+Python, or an edited file, finds nothing there and compiles as ever.
 """
 
 import os
@@ -14,6 +18,14 @@ from shutil import copy
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = "drivers/compiled/shipped"
+ALL_LAWS = """
+import importlib, pkgutil
+import pcpc.executive.laws, pcpc.plants
+for package in (pcpc.executive.laws, pcpc.plants):
+    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+        importlib.import_module(found.name)
+"""
 SDIST = "from setuptools import build_meta; import sys; print(build_meta.build_sdist(sys.argv[1]))"
 
 
@@ -26,10 +38,11 @@ def obstacles(root: Path) -> list[str]:
     return found + [f"of an earlier build: {one}" for one in stale if one.exists()]
 
 
-def run(words: Sequence[str | Path], cwd: Path) -> str:
+def run(words: Sequence[str | Path], cwd: Path, **environment_too: str) -> str:
     """Run a program; return what it prints. Its failure is shown and ends the release."""
-    print("release:", *(str(word) for word in words[:6]), flush=True)
+    print("release:", *(str(word).strip().split("\n")[0] for word in words[:6]), flush=True)
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    environment |= environment_too
     done = subprocess.run(
         [str(word) for word in words], cwd=cwd, env=environment, capture_output=True, text=True
     )
@@ -39,7 +52,7 @@ def run(words: Sequence[str | Path], cwd: Path) -> str:
 
 
 def built(root: Path, folder: Path) -> tuple[Path, Path]:
-    """Return sdist and wheel of the version that git has."""
+    """Return sdist and wheel of the version that git has, the wheel with compiled code."""
     source = folder / "source"
     source.mkdir()
     run(["git", "archive", "-o", folder / "source.tar", "HEAD"], root)
@@ -48,17 +61,52 @@ def built(root: Path, folder: Path) -> tuple[Path, Path]:
     pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation"]
     run([*pip, "-w", folder, sdist], folder)
     (wheel,) = folder.glob("*.whl")
+    run(["tar", "xf", sdist], folder)
+    (unpacked,) = folder.glob("pcpc-*/")
+    compiled(wheel, folder, unpacked / SHIPPED)
+    wheel.unlink()
+    run([*pip, "-w", folder, unpacked], folder)
     return sdist, wheel
+
+
+def compiled(wheel: Path, folder: Path, target: Path) -> None:
+    """Write what a wheel compiles, in an environment of its own, to `target`."""
+    own, cache = environment_of(wheel, folder / "compiling"), folder / "cache"
+    first_starts: list[list[str | Path]] = [
+        [own / "python", "-c", ALL_LAWS],
+        [own / "pcpc", "run", "engage", "--set", "duration_s=0.5", "-o", "run"],
+        [own / "pcpc", "run", "engage", "--set", "duration_s=0.1", "--pacing", "lockstep",
+         "-o", "lockstep"],
+        *([own / "pcpc", "simulate", rig, "--set", "duration_s=0.1", "-o", rig]
+          for rig in ("engage", "telerobot-u0")),
+        [own / "pcpc", "replay", "run"],
+    ]  # fmt: skip
+    for words in first_starts:
+        run(words, folder / "compiling", XDG_CACHE_HOME=str(cache))
+    (made,) = (cache / "pcpc" / "compiled").iterdir()
+    for file in made.rglob("*.nb[ic]"):
+        place = target / made.name / file.relative_to(made)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        copy(file, place)
+
+
+def environment_of(wheel: Path, folder: Path) -> Path:
+    """Return the programs of a new environment with a wheel."""
+    venv.create(folder, with_pip=True)
+    run([folder / "bin/pip", "install", "-q", f"{wheel}[plot]", "pytest"], folder)
+    return folder / "bin"
 
 
 def tried(wheel: Path, folder: Path) -> None:
     """Use a wheel as a stranger does, in an environment of its own."""
-    venv.create(folder / "environment", with_pip=True)
-    own = folder / "environment" / "bin"
-    run([own / "pip", "install", "-q", f"{wheel}[plot]", "pytest"], folder)
+    own = environment_of(wheel, folder / "environment")
+    nothing = str(folder / "nothing")
+    run([own / "pcpc", "run", "engage", "-o", "first"], folder, XDG_CACHE_HOME=nothing)
+    if again := list(Path(nothing).rglob("*.nbc")):
+        sys.exit(f"release: {len(again)} functions were compiled though the wheel brings them")
     run([own / "pcpc", "simulate", "slew10", "--judge", "-o", "run"], folder)
     run([own / "pcpc", "new", "motor"], folder)
-    run([own / "pcpc", "simulate", "motor", "--judge", "-o", "first"], folder)
+    run([own / "pcpc", "simulate", "motor", "--judge", "-o", "motor-run"], folder)
     run([own / "python", "-m", "pytest", "-q", "motor"], folder)
 
 
