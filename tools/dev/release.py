@@ -18,7 +18,7 @@ from shutil import copy
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[2]
-SHIPPED = "drivers/compiled/shipped"
+SHIPPED = "pcpc/drivers/compiled/shipped"
 ALL_LAWS = """
 import importlib, pkgutil
 import pcpc.executive.laws, pcpc.plants
