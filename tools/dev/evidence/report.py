@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pcpc.drivers.errors import UserError
+from pcpc.executive.loop.faults import Fault
 from pcpc.tools.dev.evidence import kills
 from pcpc.tools.terminal.outfile import new_file
 
@@ -14,31 +15,49 @@ PAGE, NUMBERS, WIDTH = "faults.md", "faults.json", 120
 _HEAD = """\
 # What happens with each fault
 
-`pcpc evidence` wrote this page: every fault was injected, and here stands what noticed it
-and what followed. Each row can be seen by itself with the command in `faults.json` ([how to inject
-faults](howto/faults.md)); what the checks are stands in [what protects the frames](bus-safety.md).
+`pcpc evidence` injects every fault and writes this page. `faults.json` beside it has the command
+that repeats each row by itself ([how to inject faults](howto/faults.md)). [What protects the
+frames](bus-safety.md) explains the checks.
 """
 _MATRIX = """
 ## Fault against detector
 
-The barrel holds its target on a moving hull at 1 kHz, `pd_nn_fast`; {runs:,} runs a row, each with
-the fault at another moment and with other draws (seeds {seed} to {last}). Cycles count from the
-first one in which the fault acts; *within* says in how many runs something noticed it within the
-limit, *at least* is the lower bound of that share at 95 %. The error is the hub's largest angle off
-its target, in the plant, in the {after} cycles after; it is {clean:.2f} mrad without a fault. Rows
-without a limit are faults that nothing in this rig can notice: their rate is stated as it is. Rows
-named *limited* are in the same rig with limits of what its receivers take, and a fault where two
-senders of a frame are recognised (`plausible` and `supervisor.intrusion`); those named *CRC-16* in
-the same rig with CRC-16 and counters of 8 bits, as of AUTOSAR's E2E profile 5.
+The barrel holds its target on a moving hull at 1 kHz with `pd_nn_fast`. Each row stands for
+{runs:,} runs, with the fault at another moment and with other draws (seeds {seed} to {last}).
+
+- *noticed* counts the runs in which something noticed the fault within the limit. A number below
+{runs:,} is followed by the lower bound of its share at 95 %. All of {runs:,} means {least:.2f} %.
+- *after* gives the cycles from the first one in which the fault acts: median, maximum and limit.
+- *reaction* names the [numbered fault](bus-safety.md#the-named-faults), or HOLD.
+- *error* is the hub's largest angle off its target, in the plant, in the {after} cycles that
+follow. It is {clean:.2f} mrad without a fault.
+
+Rows named *limited* have limits of what a receiver takes, and a fault where two senders of a frame
+are recognised (`plausible` and `supervisor.intrusion`). Rows named *CRC-16* have CRC-16 and
+counters of 8 bits, as in AUTOSAR's E2E profile 5.
 
 """
+_QUIET = """
+These faults are noticed in all runs in their first cycle, and the error stays within 5 % of that
+without a fault. The reaction is HOLD, except where *none* stands beside the cycles on: {names}.
+"""
+_SAME = """
+With CRC-16 these faults are noticed in as many runs, after as many cycles and with the same
+reaction as with the CRC-8: {names}.
+"""
 _NOT = """
-What is not noticed is not safe. Without limits of what is received that is a forged frame with the
-right counter and CRC, data that stand still behind a counter that goes on, a sensor that lies, an
-actuator that does less than it is told. Limits and the signs of a second sender find most of the
-first three, as the rows named *limited* say. What they leave, a sensor that lies by little or
-slowly and the actuator, needs a second sensor or a model, which a law may have and the bus check
-has not. The column on the right says what they cost here.
+## What nothing notices
+
+Nothing in this rig notices these faults:
+
+"""
+_LEFT = """
+These are a forged frame with the right counter and CRC, data that stand still while the counter
+goes on, a lying sensor, and an actuator that does less than commanded. Limits and the signs of a
+second sender find most of the first three, as the rows named *limited* show. Two kinds of fault
+remain: a sensor that is wrong by little or drifts slowly, and the actuator. They need a second
+sensor or a model, which a law may have and the bus check has not. The column *error* shows what
+they cost here.
 """
 
 
@@ -67,18 +86,7 @@ def write(folder: Path, evidence: Mapping[str, Any]) -> Path:
 def _parts(evidence: Mapping[str, Any]) -> Iterator[str]:
     yield _filled(_HEAD)
     if matrix := evidence.get("matrix"):
-        rows = matrix["rows"]
-        text = _MATRIX.format(
-            runs=rows[0]["runs"], seed=matrix["seed"], last=matrix["seed"] + rows[0]["runs"] - 1,
-            after=matrix["after_cycles"], clean=matrix["clean_mrad"],
-        )  # fmt: skip
-        yield _filled(text) + "\n"
-        yield _table(
-            ("fault", "cycles on", "limit", "within", "at least", "p50", "max", "first noticed by",
-             "what followed", "error [mrad]"),
-            [_matrix_row(row) for row in rows],
-        )  # fmt: skip
-        yield _filled(_NOT)
+        yield from _matrix(matrix)
     if residual := evidence.get("residual"):
         yield from _residual(residual)
     for name, part in (
@@ -92,38 +100,104 @@ def _parts(evidence: Mapping[str, Any]) -> Iterator[str]:
             yield from part(evidence[name])
 
 
+def _matrix(matrix: Mapping[str, Any]) -> Iterator[str]:
+    rows = matrix["rows"]
+    yield _filled(
+        _MATRIX.format(
+            runs=rows[0]["runs"], seed=matrix["seed"], last=matrix["seed"] + rows[0]["runs"] - 1,
+            after=matrix["after_cycles"], clean=matrix["clean_mrad"],
+            least=100.0 * max(row["lower_bound"] for row in rows),
+        )
+    ) + "\n"  # fmt: skip
+    first = {(row["fault"], row["cycles"]): _outcome(row) for row in rows}
+    same = [row for row in rows if _outcome(row) == first.get(_with_crc_8(row))]
+    others = [row for row in rows if row["limit_cycles"] is not None and row not in same]
+    quiet = [row for row in others if _is_quiet(row, 1.05 * matrix["clean_mrad"])]
+    yield _table(
+        ("fault", "cycles on", "noticed", "after", "first noticed by", "reaction", "error [mrad]"),
+        [_matrix_row(row) for row in others if row not in quiet],
+    )
+    if quiet:
+        yield _filled(_QUIET.format(names=_listed([_quiet_name(row) for row in quiet])))
+    if same:
+        names = [row["fault"].rpartition(", ")[0] for row in same]
+        yield _filled(_SAME.format(names=_listed(names)))
+    if missed := [row for row in rows if row["limit_cycles"] is None and row not in same]:
+        yield _filled(_NOT) + "\n"
+        yield _table(
+            ("fault", "cycles on", "error [mrad]"),
+            [(row["fault"], str(row["cycles"]), f"{row['worst_mrad']:.3g}") for row in missed],
+        )
+        yield _filled(_LEFT)
+
+
+def _with_crc_8(row: Mapping[str, Any]) -> tuple[str, int]:
+    """Return name and cycles of the row with the CRC-8 beside one with the CRC-16."""
+    name, comma, rig = row["fault"].rpartition(", ")
+    return (name if comma and rig == "CRC-16" else "", row["cycles"])
+
+
+def _is_quiet(row: Mapping[str, Any], bound_mrad: float) -> bool:
+    """Return whether all runs noticed a fault at once and kept their error."""
+    at_once = row["within_limit"] == row["runs"] and row["max_cycles"] == 0
+    answer = [*row["answers"]] in (["HOLD"], ["none"])
+    return at_once and answer and float(row["worst_mrad"]) <= bound_mrad
+
+
+def _quiet_name(row: Mapping[str, Any]) -> str:
+    answer = ", none" * ("none" in row["answers"])
+    return f"{row['fault'].replace(', ', ' with ')} ({row['cycles']}{answer})"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _outcome(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return what the runs of a row came to, but for the error."""
+    keys = "limit_cycles", "noticed", "within_limit", "p50_cycles", "max_cycles"
+    return *(row[key] for key in keys), set(row["by"]), set(row["answers"]), set(row["faults"])
+
+
 def _frames(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield "\n## Random and mutated frames\n\n"
     yield _filled(
         f"{sum(row['frames'] for row in rows):,} frames went through a socket into the loop's own "
-        "parser and acceptance, as the `struct can_frame` of SocketCAN and as the msgpack datagram "
-        "of python-can's udp_multicast. The receiver had heard the counter before; it takes 4 of "
-        "16, and 1 of 256 CRCs is right by chance. Wire or counts tell of each what became of it; "
-        "all that were used and 1 % of the rest are judged again by the rules in plain Python: "
+        "parser and acceptance. They have two formats: the `struct can_frame` of SocketCAN and the "
+        "msgpack datagram of python-can's udp_multicast. The receiver had heard the counter "
+        "before. It takes 4 of 16 counters, and 1 of 256 CRCs is right by chance. All frames that "
+        "were used and 1 % of the rest are judged again by the rules in plain Python, and "
         f"{sum(row['misjudged'] for row in rows)} were judged otherwise. Where a wrong bit or byte "
-        "may fall on a time stamp or a name, no share is predicted. A rig speaks classic CAN: CAN "
-        "FD is refused, and a raw socket does not even get it."
+        "may fall on a time stamp or a name, no number is predicted. Classic CAN only: CAN FD is "
+        "refused, and a raw socket does not even receive it."
     )
-    yield "\n" + _table(
-        ("format", "sent", "frames", "predicted", "used", "the others"),
-        [(row["format"], row["kind"], f"{row['frames']:,}",
-          "" if row["predicted"] is None else f"{row['predicted'] * row['frames']:,.0f}",
-          f"{row['used']:,}",
-          ", ".join(f"{fate} {n:,}" for fate, n in row["fates"].items() if fate != "used"))
-         for row in rows],
-    )  # fmt: skip
+    for name in dict.fromkeys(row["format"] for row in rows):
+        some = [row for row in rows if row["format"] == name]
+        yield f"\n{name}, {some[0]['frames']:,} frames of each kind:\n\n"
+        plain = [row for row in some if not row["used"] and len(row["fates"]) == 1]
+        yield _table(
+            ("sent", "predicted", "used", "the others"),
+            [(row["kind"],
+              "" if row["predicted"] is None else f"{row['predicted'] * row['frames']:,.0f}",
+              f"{row['used']:,}",
+              ", ".join(f"{fate} {n:,}" for fate, n in row["fates"].items() if fate != "used"))
+             for row in some if row not in plain],
+        )  # fmt: skip
+        if plain:
+            refused = [f"{row['kind']} ({next(iter(row['fates']))})" for row in plain]
+            yield "\n" + _filled(f"None used, with one outcome for all: {', '.join(refused)}.")
 
 
 def _envelope(found: Mapping[str, Any]) -> Iterator[str]:
     yield "\n## No command leaves its envelope\n\n"
     met = ", ".join(f"{state} {n:,}" for state, n in found["met"].items())
     yield _filled(
-        f"{found['laws']:,} runs of a lag with a command of limited range and rate, each with "
-        "another law, faults of frames, blocks and nodes, resets and stops at drawn cycles. A law "
-        "is 64 answers in turn and a gain: numbers, NaN, infinities, 1e300, both zeros, denormals, "
-        f"limits in turn. {len(found['broken'])} of them sent a command beyond its range or rate, "
-        "that was no number, not safe in INIT or at the end, or rose again in FAULT. Met in so "
-        f"many runs: {met}."
+        f"{found['laws']:,} runs of a lag have a command of limited range and rate. Each has "
+        "another law, and faults of frames, blocks and nodes, resets and stops at drawn cycles. A "
+        "law gives 64 answers in turn, times a gain: numbers, NaN, infinities, 1e300, both zeros, "
+        f"denormals and limits. {len(found['broken'])} of them sent a command that was beyond its "
+        "range or rate, was not a number, was not safe in INIT or at the end, or rose again in "
+        f"FAULT. Number of runs that reached each state: {met}."
     )
 
 
@@ -133,16 +207,15 @@ def _alarms(alarms: Mapping[str, Any]) -> Iterator[str]:
     bound = alarms["upper_bound_per_h"]
     upper = "" if bound is None else f", so fewer than {bound:.3g} an hour at 95 %"
     yield _filled(
-        f"{alarms['hours']:.1f} h without a fault, in virtual time: {told} alarms{upper}. "
-        f"{alarms['runs']:,} runs of {alarms['run_s']:g} s, each with other noise or another mass. "
+        f"{alarms['hours']:.1f} h in virtual time without a fault gave {told} alarms{upper}. They "
+        f"are {alarms['runs']:,} runs of {alarms['run_s']:g} s with other noise or another mass. "
         "An alarm is a held or stale cycle, a lost frame, a fault, or a run that ends early."
     )
-    kinds = [*alarms["rigs"][0]["alarms"]]
-    words = {kind: kind.partition(".")[2].replace("_", " ") for kind in kinds if "." in kind}
     yield "\n" + _table(
-        ("rig", "controller", "drawn", "hours", "runs", *(words.get(kind, kind) for kind in kinds)),
+        ("rig", "controller", "drawn", "hours", "runs", "alarms"),
         [(row["rig"], row["controller"], row["drawn"], f"{row['hours']:.1f}", f"{row['runs']:,}",
-          *(str(row["alarms"][kind]) for kind in kinds)) for row in alarms["rigs"]],
+          ", ".join(f"{n} {kind}" for kind, n in row["alarms"].items() if n) or "0")
+         for row in alarms["rigs"]],
     )  # fmt: skip
 
 
@@ -150,88 +223,102 @@ def _mutants(found: Mapping[str, Any]) -> Iterator[str]:
     yield "\n## What the tests of the safety code are worth\n\n"
     argued = sum(found["argued"].values())
     yield _filled(
-        "Supervisor, limits, watchdog, the judgements of late cycles and of other senders, "
-        "reception, signs of a second sender, tunings, bus errors, end-to-end check and the "
-        "codec's saturation were changed in "
-        f"{found['mutants']:,} places, one at a time. {found['noticed']:,} changes were noticed, "
-        f"{argued} make no difference, {len(found['left'])} were neither. Why a change makes none:"
+        "The code under test is changed in one place at a time: supervisor, limits, watchdog, late "
+        "cycles, other senders, reception, signs of a second sender, tunings, bus errors, "
+        "end-to-end check and the codec's saturation. Of "
+        f"{found['mutants']:,} changes, {found['noticed']:,} were noticed, {argued} make no "
+        f"difference, and {len(found['left'])} were neither. `pcpc evidence mutants` and "
+        "`faults.json` give the reason of each change that makes no difference."
     )
-    yield "\n" + _table(("changes", "why"), [(str(n), why) for why, n in found["argued"].items()])
     if found.get("elsewhere"):
-        yield "\n" + _filled("Not changed, so that nothing is said of them:") + "\n"
-        yield _table(("module of the loop", "why"), [*found["elsewhere"].items()])
-        yield "\n" + _filled(f"Nor are these of the others: {', '.join(found['unchanged'])}.")
+        yield "\n" + _filled(
+            f"These modules of the loop have no mutants: {', '.join(found['elsewhere'])}. Nor have "
+            f"these functions of the others: {', '.join(found['unchanged'])}."
+        )
 
 
 def _kills(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield "\n## Processes killed, stopped and slowed down\n\n"
     yield _filled(
-        f"{len(rows)} "
-        "paced runs of the barrel at 1 kHz, each disturbed once at a drawn cycle. KILL is "
-        "kill -9, STOP a stop of 20 to 600 ms, SLOW many short ones, BORN kill -9 within 50 ms of "
-        "the recorder's start, which may leave no log. *cycles* is the longest "
-        "time in which a node that had noticed acted on a command neither fresh nor safe; "
-        "*log* in how many runs the log opens, with the ms that it lacks; *left* how often a "
-        "process or a claim stayed; *next ok* how often the next run on the same bus ended "
-        "well. These figures are of one machine and time: others give others."
+        f"{len(rows)} paced runs of the barrel at 1 kHz are disturbed once each, at a drawn cycle. "
+        "KILL is kill -9. STOP is a stop of 20 to 600 ms, SLOW many short ones. BORN is kill -9 "
+        "within 50 ms of the recorder's start, which may leave no log. *cycles* is the longest "
+        "time in which a node that had noticed acted on a command neither fresh nor safe. *log* is "
+        "the number of runs whose log opens, with the ms that it lacks. *left* is how often a "
+        "process or a claim stayed, *next ok* how often the next run on the same bus ended well. "
+        "The figures belong to one machine."
     )
     yield "\n```text\n" + "\n".join(kills.table(rows)) + "\n```\n"
 
 
 def _matrix_row(row: Mapping[str, Any]) -> Sequence[str]:
-    by = ", ".join(row["by"]) or "nothing"
-    answers = ", ".join(sorted(row["answers"], key="FAULT".__eq__)) + "".join(
-        f": {text}" for text in row["faults"]
-    )
-    limit = "none" if row["limit_cycles"] is None else str(row["limit_cycles"])
-    within = f"{row['within_limit'] if row['limit_cycles'] is not None else row['noticed']:,}"
-    least = "" if row["limit_cycles"] is None else f"{100.0 * row['lower_bound']:.2f} %"
-    cycles = ["" if row[key] is None else str(row[key]) for key in ("p50_cycles", "max_cycles")]
-    return (row["fault"], str(row["cycles"]), limit, within, least, *cycles, by, answers,
-            f"{row['worst_mrad']:.3g}")  # fmt: skip
+    within = f"{row['within_limit']:,}"
+    if row["within_limit"] < row["runs"]:
+        within += f" (>= {100.0 * row['lower_bound']:.2f} %)"
+    after = f"{row['p50_cycles']}/{row['max_cycles']}/{row['limit_cycles']}"
+    answers = [one for one in row["answers"] if one != "FAULT"]
+    numbered = [
+        f"FAULT {next(one for one in Fault if one.says == text):d}" for text in row["faults"]
+    ]
+    return (row["fault"], str(row["cycles"]), within, after, ", ".join(row["by"]),
+            ", ".join((*sorted(answers), *numbered)), f"{row['worst_mrad']:.3g}")  # fmt: skip
 
 
 def _residual(residual: Mapping[str, Any]) -> Iterator[str]:
-    yield "\n## What the CRC-8 lets pass\n\n"
-    yield from _unseen(residual, "4 of 16 counters, 1 of 256 CRCs", 8)
-    yield "\n## What the CRC-16 lets pass\n\n"
-    yield from _unseen(residual["crc_16"], "4 of 256 counters, 1 of 65,536 CRCs", 16)
-
-
-def _unseen(found: Mapping[str, Any], prediction: str, bits: int) -> Iterator[str]:
+    both = residual, residual["crc_16"]
+    yield "\n## What the CRC-8 and the CRC-16 let pass\n\n"
     yield _filled(
-        "By its weights, and as often as that was measured, over 64 bits of counter, data and "
-        f"CRC, of which {bits} are the CRC. Its Hamming distance there is {found['distance']}: "
-        f"all errors of up to {found['distance'] - 1} bits are seen."
+        "Shares are predicted from the weights of the code and measured, over 64 bits of counter, "
+        "data and CRC. Hamming distances are "
+        f"{both[0]['distance']} and {both[1]['distance']}, so the CRC-8 detects all errors of up "
+        f"to {both[0]['distance'] - 1} bits, the CRC-16 of up to {both[1]['distance'] - 1}."
     )
     yield "\n" + _table(
-        ("wrong bits", "patterns not seen", "of", "predicted", "measured"),
-        [
-            (str(row["bits"]), f"{row['unseen_patterns']:,}", f"{row['patterns']:,}",
-             f"{row['predicted']:.3g}", f"{row['measured']:.3g}")
-            for row in found["weights"] if row["bits"] <= 8
-        ],
+        ("wrong bits", "patterns", "CRC-8: undetected", "predicted", "measured",
+         "CRC-16: undetected", "predicted", "measured"),
+        [(str(row["bits"]), f"{row['patterns']:,}", *_unseen(row), *_unseen(wide))
+         for row, wide in zip(*(one["weights"] for one in both), strict=True) if row["bits"] <= 8],
     )  # fmt: skip
-    yield "\nWith each bit wrong by itself, of all frames this share is wrong and passes:\n\n"
+    yield "\nShare of all frames that are wrong and pass, with independent bit errors:\n\n"
     yield _table(
-        ("bit error rate", "share"),
-        [(f"{row['bit_error_rate']:g}", f"{row['predicted']:.3g}") for row in found["rates"]],
-    )
-    drawn = found["drawn_frames"]
+        ("bit error rate", "CRC-8", "CRC-16"),
+        [(f"{row['bit_error_rate']:g}", f"{row['predicted']:.3g}", f"{wide['predicted']:.3g}")
+         for row, wide in zip(*(one["rates"] for one in both), strict=True)],
+    )  # fmt: skip
     yield "\n" + _filled(
-        f"Of {drawn['runs']:,} frames with drawn data {drawn['used']:,} were used "
-        f"({drawn['measured']:.3g}; {drawn['predicted']:.3g} predicted: {prediction}). CAN's own "
-        "CRC-15 stands before all this.\n"
+        "Frames with drawn data that were used: "
+        f"{_drawn(both[0])}, 4 of 16 counters and 1 of 256 CRCs) with the CRC-8, "
+        f"{_drawn(both[1])}, 4 of 256 counters and 1 of 65,536 CRCs) with the CRC-16. "
+        "CAN's own CRC-15 checks each frame before this."
     )
+
+
+def _unseen(row: Mapping[str, Any]) -> Sequence[str]:
+    return f"{row['unseen_patterns']:,}", f"{row['predicted']:.3g}", f"{row['measured']:.3g}"
+
+
+def _drawn(found: Mapping[str, Any]) -> str:
+    drawn = found["drawn_frames"]
+    share = f"{drawn['measured']:.3g}, predicted {drawn['predicted']:.3g}"
+    return f"{drawn['used']:,} of {drawn['runs']:,} ({share}"
 
 
 def _filled(text: str) -> str:
     """Return text with its paragraphs as broad as those of other pages."""
     parts = [
-        part if part.startswith("#") else textwrap.fill(part, WIDTH, break_on_hyphens=False)
-        for part in text.strip().split("\n\n")
+        part if part.startswith("#") else _paragraph(part) for part in text.strip().split("\n\n")
     ]
     return "\n" * text.startswith("\n") + "\n\n".join(parts) + "\n"
+
+
+def _paragraph(text: str) -> str:
+    items = text.split("\n- ")
+    return "\n".join(
+        textwrap.fill(
+            one, WIDTH, break_on_hyphens=False, subsequent_indent="  " * one.startswith("- ")
+        )
+        for one in (items[0], *(f"- {item}" for item in items[1:]))
+    )
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -64,4 +64,5 @@ def test_what_became_of_a_frame_is_what_was_counted(told: tuple[int, ...], fate:
 
 def test_the_page_tells_every_kind(rows: list[dict[str, Any]]) -> None:
     page = "".join(report._parts({"frames": json.loads(json.dumps(rows))}))
-    assert page.count("\n| ") == len(rows) + 2 and f"{COUNT * len(rows):,} frames" in page
+    assert f"{COUNT * len(rows):,} frames" in page
+    assert all(row["kind"] in " ".join(page.split()) for row in rows)
