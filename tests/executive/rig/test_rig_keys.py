@@ -10,7 +10,8 @@ from msgspec import inspect
 from pcpc.executive.rig import schema
 
 ROOT = Path(__file__).resolve().parents[3]
-ROW = re.compile(r"^\| `([^`]+)` \| ([^|]*) \| ([^|]*) \| \S.* \|$", re.MULTILINE)
+ROW = re.compile(r"^\| (`[^|]+`) \| ([^|]*) \| \S.* \|$", re.MULTILINE)
+HEAD = "| key | values (default) | meaning |\n|---|---|---|\n"
 
 
 def rows(
@@ -18,7 +19,7 @@ def rows(
 ) -> Iterator[tuple[str, str, str]]:
     """Yield (key, default, values) of a struct and of all below it, in the order of the schema.
 
-    What has been told already is referred to.
+    What has been told already is referred to, and `null` is not said of a key without a default.
     """
     told = {} if told is None else told
     for field in inspect.type_info(kind).fields:
@@ -27,7 +28,9 @@ def rows(
         key += ".NAME" if isinstance(found, inspect.DictType) and below else ""
         key += "[]" if isinstance(found, inspect.ListType) and below else ""
         if below is None:
-            yield key, default(field), values(found)
+            first = default(field)
+            allowed = values(found)
+            yield key, first, allowed.removesuffix(" or null") if first == "none" else allowed
         elif below in told:
             yield key, "none", f"as `{told[below]}`"
         else:
@@ -71,7 +74,7 @@ def values(kind: inspect.Type) -> str:
     if isinstance(kind, inspect.TupleType):
         return f"[{', '.join(map(values, kind.item_types))}]"
     if isinstance(kind, inspect.IntType | inspect.FloatType):
-        return f"{'whole ' * isinstance(kind, inspect.IntType)}number{span(kind)}"
+        return f"{'integer' if isinstance(kind, inspect.IntType) else 'number'}{span(kind)}"
     names = {
         inspect.NoneType: "null",
         inspect.AnyType: "anything",
@@ -81,21 +84,29 @@ def values(kind: inspect.Type) -> str:
 
 
 def span(kind: inspect.IntType | inspect.FloatType) -> str:
-    """Return the range of a number in words."""
-    low = "" if kind.ge is None else f" {kind.ge:g}"
-    low = low if kind.gt is None else f" above {kind.gt:g}"
-    if kind.lt is not None:
-        return f"{low} to below {kind.lt:g}"
-    if kind.le is not None and kind.le < 2**53:
-        return f"{low} to {kind.le:g}"
-    return f"{low} or more" if kind.ge is not None else low
+    """Return the range of a number as an interval, or as its one bound."""
+    low = kind.gt if kind.ge is None else kind.ge
+    high = kind.lt if kind.le is None or kind.le >= 2**53 else kind.le
+    if high is not None:
+        return f" {'(' if kind.ge is None else '['}{low:g}, {high:g}{')' if kind.lt else ']'}"
+    return "" if low is None else f" {'>' if kind.ge is None else '>='} {low:g}"
+
+
+def cell(first: str, allowed: str) -> str:
+    """Return the words for values and default."""
+    return f"{allowed}, {first}" if first == "required" else (
+        allowed if first == "none" else f"{allowed} ({first})"
+    )  # fmt: skip
 
 
 def test_the_document_tells_every_key_with_its_default_and_values() -> None:
-    told = ROW.findall((ROOT / "docs/rig.md").read_text(encoding="utf-8"))
-    wanted = [tuple(map(str.strip, row)) for row in rows(schema.Config)]
-    missing = [f"| `{key}` | {first} | {allowed} | ... |" for key, first, allowed in wanted
-               if (key, first, allowed) not in told]  # fmt: skip
+    page = (ROOT / "docs/rig.md").read_text(encoding="utf-8")
+    tables = [part.partition("\n\n")[0] for part in page.split(HEAD)[1:]]
+    told = [(key, allowed) for table in tables for keys, allowed in ROW.findall(table + "\n")
+            for key in re.findall(r"`([^`]+)`", keys)]  # fmt: skip
+    wanted = [(key, cell(first, allowed)) for key, first, allowed in rows(schema.Config)]
+    missing = [f"| `{key}` | {allowed} | ... |" for key, allowed in wanted
+               if (key, allowed) not in told]  # fmt: skip
     assert not missing, "\n".join(["not in docs/rig.md:", *missing])
     extra = [row for row in told if row not in wanted]
     assert not extra, f"in docs/rig.md, but no keys: {extra}"
