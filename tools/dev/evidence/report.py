@@ -39,11 +39,15 @@ counters of 8 bits, as in AUTOSAR's E2E profile 5.
 """
 _QUIET = """
 These faults are noticed in all runs in their first cycle, and the error stays within 5 % of that
-without a fault. The reaction is HOLD, except where *none* stands beside the cycles on: {names}.
+without a fault (cycles on in brackets).
+
+{names}
 """
 _SAME = """
 With CRC-16 these faults are noticed in as many runs, after as many cycles and with the same
-reaction as with the CRC-8: {names}.
+reaction as with the CRC-8:
+
+- {names}
 """
 _NOT = """
 ## What nothing notices
@@ -118,7 +122,11 @@ def _matrix(matrix: Mapping[str, Any]) -> Iterator[str]:
         [_matrix_row(row) for row in others if row not in quiet],
     )
     if quiet:
-        yield _filled(_QUIET.format(names=_listed([_quiet_name(row) for row in quiet])))
+        both = (("HOLD follows", "HOLD"), ("No reaction", "none"))
+        listed = [(what, [_quiet_name(row) for row in quiet if answer in row["answers"]])
+                  for what, answer in both]  # fmt: skip
+        names = "\n".join(f"- {what}: {_listed(some)}" for what, some in listed if some)
+        yield _filled(_QUIET.format(names=names))
     if same:
         names = [row["fault"].rpartition(", ")[0] for row in same]
         yield _filled(_SAME.format(names=_listed(names)))
@@ -145,8 +153,7 @@ def _is_quiet(row: Mapping[str, Any], bound_mrad: float) -> bool:
 
 
 def _quiet_name(row: Mapping[str, Any]) -> str:
-    answer = ", none" * ("none" in row["answers"])
-    return f"{row['fault'].replace(', ', ' with ')} ({row['cycles']}{answer})"
+    return f"{row['fault'].replace(', ', ' with ')} ({row['cycles']})"
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -185,7 +192,7 @@ def _frames(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         )  # fmt: skip
         if plain:
             refused = [f"{row['kind']} ({next(iter(row['fates']))})" for row in plain]
-            yield "\n" + _filled(f"None used, with one outcome for all: {', '.join(refused)}.")
+            yield "\n" + _filled(f"None used, with one outcome for all:\n\n- {', '.join(refused)}")
 
 
 def _envelope(found: Mapping[str, Any]) -> Iterator[str]:
@@ -286,9 +293,8 @@ def _residual(residual: Mapping[str, Any]) -> Iterator[str]:
          for row, wide in zip(*(one["rates"] for one in both), strict=True)],
     )  # fmt: skip
     yield "\n" + _filled(
-        "Frames with drawn data that were used: "
-        f"{_drawn(both[0])}, 4 of 16 counters and 1 of 256 CRCs) with the CRC-8, "
-        f"{_drawn(both[1])}, 4 of 256 counters and 1 of 65,536 CRCs) with the CRC-16. "
+        f"Of frames with drawn data the CRC-8 lets {_drawn(both[0])}, 4 of 16 counters and 1 of "
+        f"256 CRCs). The CRC-16 lets {_drawn(both[1])}, 4 of 256 counters and 1 of 65,536 CRCs). "
         "CAN's own CRC-15 checks each frame before this."
     )
 
@@ -300,7 +306,7 @@ def _unseen(row: Mapping[str, Any]) -> Sequence[str]:
 def _drawn(found: Mapping[str, Any]) -> str:
     drawn = found["drawn_frames"]
     share = f"{drawn['measured']:.3g}, predicted {drawn['predicted']:.3g}"
-    return f"{drawn['used']:,} of {drawn['runs']:,} ({share}"
+    return f"{drawn['used']:,} of {drawn['runs']:,} pass ({share}"
 
 
 def _filled(text: str) -> str:
