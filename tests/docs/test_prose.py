@@ -47,7 +47,8 @@ PATTERNS = {  # of sentences; what they forbid, and an example that is found
         "Not run is what has equal inputs.",
     ),
     "the subject at the end": (
-        r"^(Which|What|That|Whether|How)\b[^,:?]* (says|tells|shows|decides) (the|a|an)\b[^,?]*$",
+        r"^(Which|What|That (the|an?|its?)|Whether|How)\b[^,:?]*"
+        r" (says|tells|shows|decides) (the|a|an)\b[^,?]*$",
         "Which frames there are says the rig's DBC file.",
     ),
     "a thing that tells": (
@@ -84,7 +85,7 @@ _BLOCK = re.compile(r"^```.*?^```$|<!--.*?-->", re.MULTILINE | re.DOTALL)
 _SKIPPED = re.compile(r"^(\||#|    |!\[|\[[^\]]+\]: )")  # tables, headings, code, pictures, links
 _ITEM = re.compile(r"^ *([-*]|\d+\.) ")
 _END = re.compile(
-    r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)(?<!et al\.)[\"*)\]]*\s+(?=[\"(\[]*(\*|[A-Z0-9_]))"
+    r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)(?<!et al\.)[\"*)\]]*\s+(?=[\"(\[]*(?:\*|[A-Z0-9_]))"
 )
 
 
@@ -157,7 +158,7 @@ def linted(text: str) -> list[str]:
 def test_long_sentences_are_the_exception() -> None:
     found = [f"{name}: {one}" for name, text in PAGES.items() for one in long_ones(text)]
     every = sum(len(sentences(text)) for text in PAGES.values())
-    assert every > 2000, "sentences are not found"
+    assert every > 1000, "sentences are not found"
     assert len(found) < LONG_SHARE * every, "\n".join([f"{len(found)} of {every}:", *found])
 
 
@@ -212,7 +213,8 @@ def test_each_rule_fires() -> None:
 
 def test_what_is_right_is_not_found() -> None:
     good = (
-        "Which frames a node sends is defined by the DBC file. Who tests it? Two are told apart. "
+        "Which frames a node sends is defined by the DBC file. Who tests it? "
+        "Two are told apart. That plot shows the error. "
         "What a log holds, `pcpc log info` lists. `CODE` `CODE` are two. Not every rig has one."
     )
     assert [*patterns(good), *seen_before(good), *linted(good)] == []
