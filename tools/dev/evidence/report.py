@@ -128,8 +128,8 @@ def _matrix(matrix: Mapping[str, Any]) -> Iterator[str]:
         names = "\n".join(f"- {what}: {_listed(some)}" for what, some in listed if some)
         yield _filled(_QUIET.format(names=names))
     if same:
-        names = [row["fault"].rpartition(", ")[0] for row in same]
-        yield _filled(_SAME.format(names=_listed(names)))
+        told = [row["fault"].rpartition(", ")[0] for row in same]
+        yield _filled(_SAME.format(names=_listed(told)))
     if missed := [row for row in rows if row["limit_cycles"] is None and row not in same]:
         yield _filled(_NOT) + "\n"
         yield _table(
