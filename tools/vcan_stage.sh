@@ -79,4 +79,4 @@ for log in "$out"/runs/*/*/log.mcap "$out"/runs/*/log.mcap; do
 done
 say "logs of vcan0 recomputed bit for bit"
 PCPC_CI_ON_VCAN=1 "$bin/python" -m pytest tests/docs/test_ci.py -q -p no:cacheprovider
-say "the workflow of docs/ci.md carried out, its step on vcan0 too"
+say "the workflow of docs/howto/ci.md carried out, its step on vcan0 too"

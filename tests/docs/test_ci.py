@@ -1,4 +1,4 @@
-"""The workflow of docs/ci.md: its steps are carried out in a clean environment.
+"""The workflow of docs/howto/ci.md: its steps are carried out in a clean environment.
 
 A fresh repository with a user's rig, an empty home, nothing of this environment. The step on vcan0
 boots a machine for minutes: tools/vcan_stage.sh runs this file with it, `make test` without.
@@ -23,9 +23,9 @@ from pcpc.tools import cli
 
 pytestmark = pytest.mark.deep
 
-(_TEXT,) = [b.text for b in blocks_of(ROOT / "docs/ci.md") if b.text.startswith("# .github/")]
+(_TEXT,) = [b.text for b in blocks_of(ROOT / "docs/howto/ci.md") if b.text.startswith("# .github/")]
 WORKFLOW, WORKFLOW_FILE = yaml.safe_load(_TEXT), _TEXT.split()[1]
-(REQUIREMENTS,) = [b.text for b in blocks_of(ROOT / "docs/ci.md") if b.language == "text"]
+(REQUIREMENTS,) = [b.text for b in blocks_of(ROOT / "docs/howto/ci.md") if b.language == "text"]
 JOB = WORKFLOW["jobs"]["rigs"]
 STEPS: dict[str, dict[str, Any]] = {s["name"]: s for s in JOB["steps"] if "run" in s}
 PACKAGES, ON_VCAN = "packages for a machine with CAN", "the same on a CAN interface of the kernel"
@@ -145,7 +145,7 @@ def test_the_comment_names_the_rig_the_metric_and_the_first_cycle(runner: Runner
 
 
 def test_the_table_of_the_page_is_the_one_that_comes(runner: Runner) -> None:
-    text = (ROOT / "docs/ci.md").read_text("utf-8").partition("## The table\n")[2]
+    text = (ROOT / "docs/howto/ci.md").read_text("utf-8").partition("## The table\n")[2]
     rows = [line for line in text.splitlines() if line.startswith("|")]
     comment = (runner.home / "comment.md").read_text().splitlines()
     assert rows == [line for line in comment if line.startswith("|")]

@@ -201,8 +201,9 @@ def test_the_title_of_a_rig_is_shown_and_not_obeyed(tmp_path: Path, capsys: Scre
                          shown.out + shown.err)  # fmt: skip
 
 
-def test_the_readme_tells_every_exit_code() -> None:
-    rows = re.findall(r"^\| (\d+) \| ([^|]*) \|", (ROOT / "README.md").read_text(), re.MULTILINE)
+def test_the_page_on_running_tells_every_exit_code() -> None:
+    text = (ROOT / "docs/howto/run.md").read_text()
+    rows = re.findall(r"^\| (\d+) \| ([^|]*) \|", text, re.MULTILINE)
     assert [(int(code), name) for code, name in rows] == [(int(c), c.meaning) for c in Exit], rows
 
 
