@@ -22,7 +22,7 @@ import yaml
 from copies import copies
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted([ROOT / "README.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("plants/*/README.md")])
+PAGES = sorted([ROOT / "README.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("plants/*/*.md")])
 SHOWN = {"text", "math", "dbc"}
 KNOWN = {"sh", "output", "python", "yaml", "diff", *SHOWN}
 _FENCE = re.compile(
